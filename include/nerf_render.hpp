@@ -150,6 +150,7 @@ public:
     bool empty() const noexcept { return data_ == nullptr; }
     /// Bytes from one to the next; 0 for side by side.
     std::size_t stride() const noexcept { return stride_; }
+    nerf_floats c() const noexcept { return {data_, stride_}; }
     /// Whether there are so many, and none beyond them.
     bool holds(std::size_t count) const noexcept { return whole_ && count_ == count; }
 
@@ -253,12 +254,52 @@ result<T> checked(T value, Call &&call) noexcept {
     return why.status == NERF_STATUS_OK ? result<T>(std::move(value)) : result<T>(why);
 }
 
+/// A call whose last argument before the message receives a value.
+template <class T, class Call, class... Arguments>
+result<T> made(Call &&call, Arguments... arguments) noexcept {
+    return checked(T(), [&](T &to, char *message, std::size_t capacity) {
+        return call(arguments..., &to, message, capacity);
+    });
+}
+
 template <class Call>
 result<void> checked(Call &&call) noexcept {
     error why;
     why.status = call(why.message, sizeof why.message);
     return why;
 }
+
+/// A structure of the C library: its size, else zeros.
+template <class C>
+struct sized : C {
+    sized() noexcept : C() { this->struct_size = sizeof(C); }
+};
+
+/// A value that is empty where it was moved from.
+template <class T>
+struct moved {
+    T value = {};
+
+    moved() noexcept = default;
+    moved(moved &&other) noexcept : value(std::exchange(other.value, T())) {}
+    moved &operator=(moved &&other) noexcept {
+        value = std::exchange(other.value, T());
+        return *this;
+    }
+};
+
+/// Ends what a pointer owns, if it owns it. A pointer to a function, so that a program that only lends links no heap.
+template <class T>
+struct ending {
+    void (*end)(T *, std::size_t align) noexcept = nullptr;
+    std::size_t align = 1;
+
+    void operator()(T *owned) const noexcept {
+        if (end != nullptr) {
+            end(owned, align);
+        }
+    }
+};
 
 template <std::size_t length>
 error failed(nerf_status status, const char (&message)[length]) noexcept {
@@ -287,16 +328,18 @@ public:
     /// Memory from the heap; NERF_STATUS_OUT_OF_MEMORY where there is not enough.
     static result<memory> allocate(const layout &needed) noexcept {
         memory owned;
-        owned.data_ = ::operator new(needed.size, std::align_val_t{needed.align}, std::nothrow);
+        owned.data_.reset(::operator new(needed.size, std::align_val_t{needed.align}, std::nothrow));
         if (owned.data_ == nullptr) {
             return detail::failed(NERF_STATUS_OUT_OF_MEMORY, "memory: the heap has not as much as is needed");
         }
-        owned.size_ = needed.size;
-        owned.align_ = needed.align;
-        owned.release_ = [](void *data, std::size_t align) noexcept {
-            ::operator delete(data, std::align_val_t{align});
-        };
+        owned.size_.value = needed.size;
+        const auto free = [](void *data, std::size_t align) noexcept { ::operator delete(data, std::align_val_t{align}); };
+        owned.data_.get_deleter() = {free, needed.align};
         return owned;
+    }
+    /// As much as was found to be needed, or why that is not known.
+    static result<memory> allocate(const result<layout> &needed) noexcept {
+        return needed ? allocate(*needed) : result<memory>(needed.error());
     }
 
     /// Memory of the caller's, which stays where it is for as long as it is used; never freed.
@@ -306,39 +349,17 @@ public:
         static_assert(std::is_trivially_copyable_v<element> && !std::is_const_v<element>);
         static_assert(detail::lends<C>, "a temporary takes its memory along");
         memory lent;
-        lent.data_ = std::data(container);
-        lent.size_ = std::size(container) * sizeof(element);
+        lent.data_.reset(std::data(container));
+        lent.size_.value = std::size(container) * sizeof(element);
         return lent;
     }
 
-    ~memory() {
-        if (release_ != nullptr) {
-            release_(data_, align_);
-        }
-    }
-    memory(memory &&other) noexcept { swap(other); }
-    memory &operator=(memory &&other) noexcept {
-        memory taken(std::move(other));
-        taken.swap(*this);
-        return *this;
-    }
-
-    void *data() const noexcept { return data_; }
-    std::size_t size() const noexcept { return size_; }
-
-    void swap(memory &other) noexcept {
-        std::swap(data_, other.data_);
-        std::swap(size_, other.size_);
-        std::swap(align_, other.align_);
-        std::swap(release_, other.release_);
-    }
+    void *data() const noexcept { return data_.get(); }
+    std::size_t size() const noexcept { return size_.value; }
 
 private:
-    void *data_ = nullptr;
-    std::size_t size_ = 0;
-    std::size_t align_ = 1;
-    // A pointer, so that a program that only lends links no heap.
-    void (*release_)(void *, std::size_t) noexcept = nullptr;
+    std::unique_ptr<void, detail::ending<void>> data_;
+    detail::moved<std::size_t> size_;
 };
 
 // --------------------------------------------------------------------------------------- camera
@@ -351,6 +372,7 @@ struct vec3 {
     friend vec3 operator-(vec3 a, vec3 b) noexcept { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
     friend vec3 operator*(float s, vec3 a) noexcept { return {s * a.x, s * a.y, s * a.z}; }
 };
+static_assert(sizeof(vec3) == 3 * sizeof(float));
 
 inline float dot(vec3 a, vec3 b) noexcept { return a.x * b.x + a.y * b.y + a.z * b.z; }
 inline vec3 cross(vec3 a, vec3 b) noexcept {
@@ -375,10 +397,9 @@ struct ray {
 };
 
 /// A pinhole camera; every field of nerf_camera is there, lens included. Looks down -Z, +Y up, +X right.
-struct camera : nerf_camera {
+struct camera : detail::sized<nerf_camera> {
     /// At the world's origin, with the principal point in the middle; `focal` in pixels.
-    camera(std::uint32_t columns, std::uint32_t rows, float focal) noexcept : nerf_camera() {
-        struct_size = sizeof(nerf_camera);
+    camera(std::uint32_t columns, std::uint32_t rows, float focal) noexcept {
         width = columns;
         height = rows;
         fx = fy = focal;
@@ -419,24 +440,19 @@ struct camera : nerf_camera {
         made.fy = half_height * p[5];
         made.cx = half_width * (1.0f - p[8]);
         made.cy = half_height * (1.0f + p[9]);
-        const vec3 axes[3] = {x, y, z};
-        const vec3 centre = -1.0f * (v[12] * x + v[13] * y + v[14] * z);
-        for (int i = 0; i < 3; ++i) {
-            made.c2w[i] = axes[i].x;
-            made.c2w[4 + i] = axes[i].y;
-            made.c2w[8 + i] = axes[i].z;
+        for (int row = 0; row < 3; ++row) {
+            const float *const r = v + 4 * row;
+            std::copy_n(r, 3, made.c2w + 4 * row);
+            made.c2w[4 * row + 3] = -(v[12] * r[0] + v[13] * r[1] + v[14] * r[2]);
         }
-        made.c2w[3] = centre.x;
-        made.c2w[7] = centre.y;
-        made.c2w[11] = centre.z;
         return made;
     }
 
     /// Puts it at `eye`, looking at `target`, with `up` upwards in its image. Where there is no such view
     /// (they coincide, or `up` is the line of sight), rendering says NERF_STATUS_CAMERA.
     camera &look_at(vec3 eye, vec3 target, vec3 up = {0.0f, 0.0f, 1.0f}) noexcept {
-        const float e[3] = {eye.x, eye.y, eye.z}, t[3] = {target.x, target.y, target.z}, u[3] = {up.x, up.y, up.z};
-        if (nerf_camera_look_at(this, e, t, u, nullptr, 0) != NERF_STATUS_OK) {
+        const auto three = [](const vec3 &of) { return detail::floats_at<const float>(&of); };
+        if (nerf_camera_look_at(this, three(eye), three(target), three(up), nullptr, 0) != NERF_STATUS_OK) {
             c2w[0] = std::numeric_limits<float>::quiet_NaN();
         }
         return *this;
@@ -454,12 +470,8 @@ struct camera : nerf_camera {
     /// The ray through an image point, pixels from the left and the top; a pixel's centre is at + 0.5.
     result<nerf::ray> ray(float x, float y) const noexcept {
         return detail::checked(nerf::ray(), [&](nerf::ray &to, char *message, std::size_t capacity) {
-            float from[3] = {}, along[3] = {};
-            const nerf_status status =
-                nerf_camera_ray(this, x, y, from, along, &to.z_per_distance, message, capacity);
-            to.origin = {from[0], from[1], from[2]};
-            to.dir = {along[0], along[1], along[2]};
-            return status;
+            float *const origin = detail::floats_at<float>(&to.origin), *const dir = detail::floats_at<float>(&to.dir);
+            return nerf_camera_ray(this, x, y, origin, dir, &to.z_per_distance, message, capacity);
         });
     }
 
@@ -588,8 +600,7 @@ struct target {
         if (!inside(part.x, part.width, all.x, all.width) || !inside(part.y, part.height, all.y, all.height)) {
             return detail::failed(NERF_STATUS_RECT, "rect: expected one inside the target's window");
         }
-        nerf_target to = {};
-        to.struct_size = sizeof to;
+        detail::sized<nerf_target> to;
         const plane *const from[8] = {&rgb,     &opacity, &ray_distance,       &z_depth, &median_distance,
                                       &normals, &limit_ray_distance, &limit_z_depth};
         nerf_plane *const into[8] = {&to.rgb,     &to.opacity, &to.ray_distance,       &to.z_depth, &to.median_distance,
@@ -600,7 +611,7 @@ struct target {
                 return wrong;
             }
         }
-        return to;
+        return result<nerf_target>(std::move(to));
     }
 
 private:
@@ -633,9 +644,10 @@ private:
 
 // ------------------------------------------------------------------------------ settings, figures
 
-/// How a frame is rendered: the fields of nerf_render_options by their names. As it is made it is the defaults, cuts that
-/// cost nothing visible; in C++20 `{.samples = 64}` says what is other.
+/// How a frame is rendered: the fields of nerf_render_options in their places. As it is made it is the defaults, cuts that
+/// cost nothing visible; in C++20 `{.samples = 64}` says what is other, which a base class would not allow.
 struct options {
+    std::size_t struct_size = sizeof(nerf_render_options);
     std::uint32_t samples = 0;
     float transmittance_cut = 0.0f;
     std::uint32_t ignore_occupancy = 0;
@@ -650,7 +662,12 @@ struct options {
     float near_distance = 0.0f;
     float far_distance = 0.0f;
     std::uint32_t own_bins = 0;
+    std::uint32_t reserved = 0;
     nerf_effects effects = {};
+
+    /// For calls of the C library, which reads and writes structures by copying them.
+    nerf_render_options *c() noexcept { return static_cast<nerf_render_options *>(static_cast<void *>(this)); }
+    const nerf_render_options *c() const noexcept { return const_cast<options *>(this)->c(); }
 
     /// No cut, no blur.
     static options uncut() noexcept {
@@ -658,63 +675,28 @@ struct options {
         all.transmittance_cut = all.colour_cut = all.normal_blur = NERF_NONE;
         return all;
     }
-
-    nerf_render_options to_c() const noexcept {
-        nerf_render_options c = {};
-        c.struct_size = sizeof c;
-        copy(*this, c);
-        return c;
-    }
-    void from_c(const nerf_render_options &c) noexcept { copy(c, *this); }
-
-private:
-    template <class From, class To>
-    static void copy(const From &from, To &to) noexcept {
-        to.samples = from.samples;
-        to.transmittance_cut = from.transmittance_cut;
-        to.ignore_occupancy = from.ignore_occupancy;
-        to.maths = from.maths;
-        to.background_set = from.background_set;
-        std::copy_n(from.background, 3, to.background);
-        to.batch_rays = from.batch_rays;
-        to.batch_samples = from.batch_samples;
-        to.colour_cut = from.colour_cut;
-        to.normal_blur = from.normal_blur;
-        to.ignore_proposal = from.ignore_proposal;
-        to.near_distance = from.near_distance;
-        to.far_distance = from.far_distance;
-        to.own_bins = from.own_bins;
-        to.effects = from.effects;
-    }
 };
+static_assert(sizeof(options) == sizeof(nerf_render_options) &&
+              offsetof(options, effects) == offsetof(nerf_render_options, effects));
 
 /// The work of a call, exact; += adds up tiles.
-struct counters : nerf_counters {
-    counters() noexcept : nerf_counters() { struct_size = sizeof(nerf_counters); }
-
+struct counters : detail::sized<nerf_counters> {
     counters &operator+=(const nerf_counters &other) noexcept {
-        rays += other.rays;
-        samples_kept += other.samples_kept;
-        samples_skipped += other.samples_skipped;
-        density_evaluations += other.density_evaluations;
-        colour_evaluations += other.colour_evaluations;
-        macs += other.macs;
-        invalid_samples += other.invalid_samples;
-        normal_evaluations += other.normal_evaluations;
-        proposal_evaluations += other.proposal_evaluations;
+        using work = nerf_counters;
+        for (const auto field : {&work::rays, &work::samples_kept, &work::samples_skipped, &work::density_evaluations,
+                                 &work::colour_evaluations, &work::macs, &work::invalid_samples,
+                                 &work::normal_evaluations, &work::proposal_evaluations}) {
+            this->*field += other.*field;
+        }
         return *this;
     }
 };
 
 /// The point of a scene's front that was chosen.
-struct choice : nerf_choice {
-    choice() noexcept : nerf_choice() { struct_size = sizeof(nerf_choice); }
-};
+using choice = detail::sized<nerf_choice>;
 
 /// What frames take on one thread of this host, point by point of the scene's front.
-struct pace : nerf_pace {
-    pace() noexcept : nerf_pace() { struct_size = sizeof(nerf_pace); }
-
+struct pace : detail::sized<nerf_pace> {
     /// The same where `threads` threads share a frame's tiles.
     pace shared_among(unsigned threads) const noexcept {
         pace all = *this;
@@ -752,12 +734,12 @@ int32_t progress(void *user, std::uint64_t done, std::uint64_t all) noexcept {
 
 /// A function as a pointer to it, which lies somewhere; any other callable as it is.
 template <class F>
-std::enable_if_t<std::is_function_v<F>, F *> object(F &f) noexcept {
-    return &f;
-}
-template <class F>
-std::enable_if_t<!std::is_function_v<F>, F &> object(F &f) noexcept {
-    return f;
+decltype(auto) object(F &f) noexcept {
+    if constexpr (std::is_function_v<F>) {
+        return &f;
+    } else {
+        return (f);
+    }
 }
 
 template <class F>
@@ -765,9 +747,7 @@ void *address(F &f) noexcept {
     return const_cast<void *>(static_cast<const void *>(std::addressof(f)));
 }
 
-inline result<layout> worker_layout(nerf_request asked, const options &how) noexcept {
-    const nerf_render_options c = how.to_c();
-    asked.options = &c;
+inline result<layout> worker_layout(const nerf_request &asked) noexcept {
     return checked(layout{}, [&](layout &to, char *message, std::size_t capacity) {
         return nerf_worker_size(&asked, &to.size, &to.align, message, capacity);
     });
@@ -807,20 +787,17 @@ public:
         scene opened;
         opened.home_ = std::move(home);
         return detail::checked(std::move(opened), [&](scene &to, char *message, std::size_t capacity) {
-            const nerf_status status = nerf_scene_open(blob.data(), blob.size(), &how, to.home_.data(),
-                                                       to.home_.size(), &to.handle_, message, capacity);
-            return status == NERF_STATUS_OK ? to.describe() : status;
+            const nerf_scene *handle = nullptr;
+            const nerf_status status = nerf_scene_open(blob.data(), blob.size(), &how, to.home_.data(), to.home_.size(),
+                                                       &handle, message, capacity);
+            return to.describe(status, handle);
         });
     }
 
     /// Opens a blob in memory from the heap. `blob` is borrowed, as above.
     static result<scene> open(bytes blob, nerf_kernel kernel = NERF_KERNEL_AUTO,
         nerf_storage storage = NERF_STORAGE_AUTO) noexcept {
-        const result<layout> needed = memory_layout(blob, kernel, storage);
-        if (!needed) {
-            return needed.error();
-        }
-        result<memory> home = memory::allocate(*needed);
+        result<memory> home = memory::allocate(memory_layout(blob, kernel, storage));
         return home ? open(blob, std::move(*home), kernel, storage) : result<scene>(home.error());
     }
 
@@ -829,11 +806,10 @@ public:
         nerf_storage storage = NERF_STORAGE_AUTO) noexcept {
         const nerf_open_options how = opening(kernel, storage);
         return detail::checked(scene(), [&](scene &to, char *message, std::size_t capacity) {
-            const nerf_status status = nerf_scene_open_file(path, &how, &to.handle_, message, capacity);
-            if (status == NERF_STATUS_OK) {
-                to.close_ = nerf_scene_close;
-            }
-            return status == NERF_STATUS_OK ? to.describe() : status;
+            const nerf_scene *handle = nullptr;
+            const nerf_status status = nerf_scene_open_file(path, &how, &handle, message, capacity);
+            to.handle_.get_deleter().end = [](const nerf_scene *opened, std::size_t) noexcept { nerf_scene_close(opened); };
+            return to.describe(status, handle);
         });
     }
 
@@ -844,43 +820,25 @@ public:
         return open_file(path.c_str(), kernel, storage);
     }
 
-    ~scene() {
-        if (close_ != nullptr) {
-            close_(handle_);
-        }
-    }
-    scene(scene &&other) noexcept { swap(other); }
-    scene &operator=(scene &&other) noexcept {
-        scene taken(std::move(other));
-        taken.swap(*this);
-        return *this;
-    }
-    void swap(scene &other) noexcept {
-        home_.swap(other.home_);
-        std::swap(handle_, other.handle_);
-        std::swap(close_, other.close_);
-        std::swap(info_, other.info_);
-    }
-
     /// For calls of the C library; null if empty.
-    const nerf_scene *get() const noexcept { return handle_; }
+    const nerf_scene *get() const noexcept { return handle_.get(); }
 
     /// What it says about itself; all zeros if empty.
-    const nerf_scene_info &info() const noexcept { return info_; }
-    bool is_picture() const noexcept { return info_.kind == NERF_KIND_PICTURE; }
+    const nerf_scene_info &info() const noexcept { return info_.value; }
+    bool is_picture() const noexcept { return info().kind == NERF_KIND_PICTURE; }
 
     /// Whether it says where somebody stood who took its photographs.
-    bool has_viewpoint() const noexcept { return info_.up[0] != 0.0f || info_.up[1] != 0.0f || info_.up[2] != 0.0f; }
+    bool has_viewpoint() const noexcept { return info().up[0] != 0.0f || info().up[1] != 0.0f || info().up[2] != 0.0f; }
 
     // Of an orbit through there; of a scene that does not say, around the middle of its box, half way between near and
     // far, with z up.
 
     vec3 centre() const noexcept {
-        return has_viewpoint() ? vector(info_.target) : 0.5f * (vector(info_.box_min) + vector(info_.box_max));
+        return has_viewpoint() ? vector(info().target) : 0.5f * (vector(info().box_min) + vector(info().box_max));
     }
-    vec3 up() const noexcept { return has_viewpoint() ? vector(info_.up) : vec3{0.0f, 0.0f, 1.0f}; }
+    vec3 up() const noexcept { return has_viewpoint() ? vector(info().up) : vec3{0.0f, 0.0f, 1.0f}; }
     float orbit_radius() const noexcept {
-        return has_viewpoint() ? std::sqrt(dot(eye(), eye())) : 0.5f * (info_.near_distance + info_.far_distance);
+        return has_viewpoint() ? std::sqrt(dot(eye(), eye())) : 0.5f * (info().near_distance + info().far_distance);
     }
     /// Where it begins, radians, as nerf::camera::orbit counts them.
     float start_azimuth() const noexcept {
@@ -906,7 +864,7 @@ public:
     result<nerf::worker> worker(std::uint32_t outputs, const options &how, memory home) const noexcept;
     /// How much memory that is.
     result<layout> worker_layout(std::uint32_t outputs, const options &how = {}) const noexcept {
-        return detail::worker_layout(request(outputs, nullptr), how);
+        return detail::worker_layout(request<nerf_request>(outputs, how));
     }
 
     // The five below set the shortcuts of `how` (samples, cuts, occupancy grid, maths, proposal); the rest of it
@@ -914,56 +872,36 @@ public:
 
     /// The cheapest settings that lose at most `loss_db` against the exact rendering.
     result<choice> within_loss(float loss_db, options &how) const noexcept {
-        return detail::checked(choice(), [&](choice &to, char *message, std::size_t capacity) {
-            return chosen(how, [&](nerf_render_options *c) {
-                return nerf_quality_within_loss(handle_, loss_db, c, &to, message, capacity);
-            });
-        });
+        return chosen(nerf_quality_within_loss, how, loss_db);
     }
     /// Those that lose least at `ratio` of the exact rendering's multiply-adds.
     result<choice> within_cost(float ratio, options &how) const noexcept {
-        return detail::checked(choice(), [&](choice &to, char *message, std::size_t capacity) {
-            return chosen(how, [&](nerf_render_options *c) {
-                return nerf_quality_within_cost(handle_, ratio, c, &to, message, capacity);
-            });
-        });
+        return chosen(nerf_quality_within_cost, how, ratio);
     }
     /// Those that lose least in `milliseconds` a frame, at a pace that was measured.
     result<choice> within_time(float milliseconds, const pace &at, options &how) const noexcept {
-        return detail::checked(choice(), [&](choice &to, char *message, std::size_t capacity) {
-            return chosen(how, [&](nerf_render_options *c) {
-                return nerf_quality_within_time(handle_, milliseconds, &at, c, &to, message, capacity);
-            });
-        });
+        return chosen(nerf_quality_within_time, how, milliseconds, &at);
     }
     /// Those of one point of the front, dearest first; info().front_points says how many there are.
     result<choice> point(std::uint32_t index, options &how) const noexcept {
-        return detail::checked(choice(), [&](choice &to, char *message, std::size_t capacity) {
-            return chosen(how, [&](nerf_render_options *c) {
-                return nerf_quality_point(handle_, index, c, &to, message, capacity);
-            });
-        });
+        return chosen(nerf_quality_point, how, index);
     }
     /// Those of a preset, which lose no more than it says.
     result<void> preset(nerf_preset wish, options &how) const noexcept {
         return detail::checked([&](char *message, std::size_t capacity) {
-            return chosen(how, [&](nerf_render_options *c) {
-                return nerf_quality_preset(handle_, wish, c, message, capacity);
-            });
+            return nerf_quality_preset(get(), wish, how.c(), message, capacity);
         });
     }
 
     /// How much workspace measuring the pace needs.
     result<layout> pace_layout(std::uint32_t outputs, const options &how = {}) const noexcept {
-        const nerf_render_options c = how.to_c();
-        const nerf_pace_request asked = pace_of(outputs, c);
+        const auto asked = request<nerf_pace_request>(outputs, how);
         return detail::checked(layout{}, [&](layout &to, char *message, std::size_t capacity) {
             return nerf_pace_workspace_size(&asked, &to.size, &to.align, message, capacity);
         });
     }
     result<memory> pace_workspace(std::uint32_t outputs, const options &how = {}) const noexcept {
-        const result<layout> needed = pace_layout(outputs, how);
-        return needed ? memory::allocate(*needed) : result<memory>(needed.error());
+        return memory::allocate(pace_layout(outputs, how));
     }
     /// Renders some pixels at each point of the front on this thread, cheapest first, until a frame would take
     /// more than `limit` milliseconds. `clock`: microseconds since any moment; the library's own if left out.
@@ -971,75 +909,55 @@ public:
     result<pace> measure_pace(const nerf_camera &camera, std::uint32_t outputs, float limit, memory &workspace,
                               const options &how = {}, F &&clock = {}) const noexcept {
         auto &&callable = detail::object(clock);
-        const nerf_render_options c = how.to_c();
-        nerf_pace_request asked = pace_of(outputs, c);
+        auto asked = request<nerf_pace_request>(outputs, how);
         asked.camera = &camera;
         asked.limit_milliseconds = limit;
         if constexpr (!std::is_same_v<std::decay_t<F>, detail::none>) {
             asked.clock = detail::clock<std::remove_reference_t<decltype(callable)>>;
             asked.user = detail::address(callable);
         }
-        return detail::checked(pace(), [&](pace &to, char *message, std::size_t capacity) {
-            return nerf_pace_measure(&asked, workspace.data(), workspace.size(), &to, message, capacity);
-        });
+        return detail::made<pace>(nerf_pace_measure, &asked, workspace.data(), workspace.size());
     }
 
 private:
-    nerf_request request(std::uint32_t outputs, const nerf_render_options *how) const noexcept {
-        nerf_request asked = {};
-        asked.struct_size = sizeof asked;
-        asked.scene = handle_;
-        asked.options = how;
+    template <class Request>
+    Request request(std::uint32_t outputs, const options &how) const noexcept {
+        detail::sized<Request> asked;
+        asked.scene = get();
+        asked.options = how.c();
         asked.outputs = outputs;
         return asked;
     }
-    nerf_pace_request pace_of(std::uint32_t outputs, const nerf_render_options &how) const noexcept {
-        nerf_pace_request asked = {};
-        asked.struct_size = sizeof asked;
-        asked.scene = handle_;
-        asked.options = &how;
-        asked.outputs = outputs;
-        return asked;
-    }
-    template <class Call>
-    static nerf_status chosen(options &how, Call &&call) noexcept {
-        nerf_render_options c = how.to_c();
-        const nerf_status status = call(&c);
-        if (status == NERF_STATUS_OK) {
-            how.from_c(c);
-        }
-        return status;
+    template <class Call, class... Limit>
+    result<choice> chosen(Call &&call, options &how, Limit... limit) const noexcept {
+        return detail::made<choice>(call, get(), limit..., how.c());
     }
     static nerf_open_options opening(nerf_kernel kernel, nerf_storage storage) noexcept {
-        nerf_open_options how = {};
-        how.struct_size = sizeof how;
+        detail::sized<nerf_open_options> how;
         how.kernel = kernel;
         how.storage = storage;
         return how;
     }
-    nerf_status describe() noexcept {
-        info_.struct_size = sizeof info_;
-        return nerf_scene_describe(handle_, &info_);
+    nerf_status describe(nerf_status opened, const nerf_scene *handle) noexcept {
+        handle_.reset(handle);
+        info_.value.struct_size = sizeof info_.value;
+        return opened == NERF_STATUS_OK ? nerf_scene_describe(handle, &info_.value) : opened;
     }
     static vec3 vector(const float (&of)[3]) noexcept { return {of[0], of[1], of[2]}; }
     /// From the centre of the orbit to where the photographs were taken.
-    vec3 eye() const noexcept { return vector(info_.eye) - vector(info_.target); }
+    vec3 eye() const noexcept { return vector(info().eye) - vector(info().target); }
 
     memory home_;
-    const nerf_scene *handle_ = nullptr;
-    void (*close_)(const nerf_scene *) = nullptr; // a pointer, as in nerf::memory
-    nerf_scene_info info_ = {};
+    std::unique_ptr<const nerf_scene, detail::ending<const nerf_scene>> handle_;
+    detail::moved<nerf_scene_info> info_;
 };
 
 // --------------------------------------------------------------------------------------- worker
 
 /// A scene that stands somewhere in a host's world: rotated, scaled alike along all axes, and moved.
-struct instance : nerf_instance {
+struct instance : detail::sized<nerf_instance> {
     /// Where it was.
-    explicit instance(const nerf::scene &of) noexcept : nerf_instance() {
-        struct_size = sizeof(nerf_instance);
-        scene = of.get();
-    }
+    explicit instance(const nerf::scene &of) noexcept { scene = of.get(); }
     /// `matrix`: 16 floats, column-major as in OpenGL and glTF, that take the scene's coordinates to the world's. Another
     /// number of them is no instance (`struct_size` 0), which is refused when a worker is opened.
     instance(const nerf::scene &of, span<const float> matrix) noexcept : instance(of) {
@@ -1071,33 +989,22 @@ public:
 
     /// Looks at several scenes at once, each where the host has placed it, or at one; the rest as in scene::worker.
     static result<worker> open(span<const instance> instances, std::uint32_t outputs, const options &how = {}) noexcept {
-        const result<nerf_request> asked = request(instances, outputs);
-        return asked ? open_on_heap(*asked, how) : result<worker>(asked.error());
+        const result<nerf_request> asked = request(instances, outputs, how);
+        return asked ? open_on_heap(*asked) : result<worker>(asked.error());
     }
     static result<worker> open(span<const instance> instances, std::uint32_t outputs, const options &how,
                                memory home) noexcept {
-        const result<nerf_request> asked = request(instances, outputs);
-        return asked ? open_in(*asked, how, std::move(home)) : result<worker>(asked.error());
+        const result<nerf_request> asked = request(instances, outputs, how);
+        return asked ? open_in(*asked, std::move(home)) : result<worker>(asked.error());
     }
     static result<layout> memory_layout(span<const instance> instances, std::uint32_t outputs,
                                         const options &how = {}) noexcept {
-        const result<nerf_request> asked = request(instances, outputs);
-        return asked ? detail::worker_layout(*asked, how) : result<layout>(asked.error());
-    }
-
-    worker(worker &&other) noexcept { swap(other); }
-    worker &operator=(worker &&other) noexcept {
-        worker taken(std::move(other));
-        taken.swap(*this);
-        return *this;
-    }
-    void swap(worker &other) noexcept {
-        home_.swap(other.home_);
-        std::swap(handle_, other.handle_);
+        const result<nerf_request> asked = request(instances, outputs, how);
+        return asked ? detail::worker_layout(*asked) : result<layout>(asked.error());
     }
 
     /// For calls of the C library; null if empty.
-    nerf_worker *get() const noexcept { return handle_; }
+    nerf_worker *get() const noexcept { return handle_.value; }
 
     /// Renders a camera's image, or a rectangle of it.
     ///
@@ -1107,7 +1014,7 @@ public:
     template <class F = detail::none>
     result<counters> render(const nerf_camera &camera, const target &to, const rect &part = whole,
                             F &&progress = {}) noexcept {
-        nerf_frame frame = {};
+        detail::sized<nerf_frame> frame;
         frame.camera = &camera;
         return draw(nerf_render, frame, camera.width, camera.height, to, part, progress);
     }
@@ -1116,7 +1023,7 @@ public:
     template <class F = detail::none>
     result<counters> render_picture(std::uint32_t width, std::uint32_t height, const target &to, const rect &part = whole,
                                     F &&progress = {}) noexcept {
-        nerf_frame frame = {};
+        detail::sized<nerf_frame> frame;
         frame.width = width;
         frame.height = height;
         return draw(nerf_render_picture, frame, width, height, to, part, progress);
@@ -1138,34 +1045,26 @@ public:
         if (!sigma.holds(n) || !positions.holds(n) || (coloured && (!dirs.holds(n) || !rgb.holds(n)))) {
             return detail::failed(NERF_STATUS_MEMORY, "query: expected views of one length");
         }
-        nerf_points asked = {};
-        asked.struct_size = sizeof asked;
+        detail::sized<nerf_points> asked;
         asked.count = n;
-        asked.positions = {positions.data(), positions.stride()};
-        asked.dirs = {dirs.data(), dirs.stride()};
-        asked.sigma.data = sigma.data();
-        asked.sigma.pixel_stride = sigma.stride();
-        asked.sigma.format = NERF_FORMAT_F32;
-        asked.rgb.data = rgb.data();
-        asked.rgb.pixel_stride = rgb.stride();
-        asked.rgb.format = NERF_FORMAT_RGB_F32;
-        return detail::checked(counters(), [&](counters &work, char *message, std::size_t capacity) {
-            return nerf_query(handle_, &asked, &work, message, capacity);
-        });
+        asked.positions = positions.c();
+        asked.dirs = dirs.c();
+        asked.sigma = {sigma.data(), sigma.stride(), 0, NERF_FORMAT_F32, 0};
+        asked.rgb = {rgb.data(), rgb.stride(), 0, NERF_FORMAT_RGB_F32, 0};
+        return detail::made<counters>(nerf_query, get(), &asked);
     }
 
     /// Says in English which stages a frame has and why; with counters, where its work went. Gives the bytes
     /// of the whole text with its NUL; `text` gets what fits.
     result<std::size_t> explain(span<char> text, const nerf_counters *work = nullptr) noexcept {
-        return detail::checked(std::size_t{0}, [&](std::size_t &needed, char *message, std::size_t capacity) {
-            return nerf_explain(handle_, work, text.data(), text.size(), &needed, message, capacity);
-        });
+        return detail::made<std::size_t>(nerf_explain, get(), work, text.data(), text.size());
     }
 
 private:
     friend class scene;
 
-    static result<nerf_request> request(span<const instance> instances, std::uint32_t outputs) noexcept {
+    static result<nerf_request> request(span<const instance> instances, std::uint32_t outputs,
+                                        const options &how) noexcept {
         static_assert(sizeof(instance) == sizeof(nerf_instance));
         for (std::size_t i = 0; i < instances.size(); ++i) {
             if (instances[i].struct_size == 0) {
@@ -1177,28 +1076,22 @@ private:
                 return why;
             }
         }
-        nerf_request asked = {};
-        asked.struct_size = sizeof asked;
+        detail::sized<nerf_request> asked;
         asked.instances = instances.data();
         asked.instance_count = instances.size();
+        asked.options = how.c();
         asked.outputs = outputs;
         return result<nerf_request>(std::move(asked));
     }
-    static result<worker> open_on_heap(const nerf_request &asked, const options &how) noexcept {
-        const result<layout> needed = detail::worker_layout(asked, how);
-        if (!needed) {
-            return needed.error();
-        }
-        result<memory> home = memory::allocate(*needed);
-        return home ? open_in(asked, how, *std::move(home)) : result<worker>(home.error());
+    static result<worker> open_on_heap(const nerf_request &asked) noexcept {
+        result<memory> home = memory::allocate(detail::worker_layout(asked));
+        return home ? open_in(asked, *std::move(home)) : result<worker>(home.error());
     }
-    static result<worker> open_in(nerf_request asked, const options &how, memory home) noexcept {
-        const nerf_render_options c = how.to_c();
-        asked.options = &c;
+    static result<worker> open_in(const nerf_request &asked, memory home) noexcept {
         worker opened;
         opened.home_ = std::move(home);
         return detail::checked(std::move(opened), [&](worker &to, char *message, std::size_t capacity) {
-            return nerf_worker_open(&asked, to.home_.data(), to.home_.size(), &to.handle_, message, capacity);
+            return nerf_worker_open(&asked, to.home_.data(), to.home_.size(), &to.handle_.value, message, capacity);
         });
     }
 
@@ -1212,16 +1105,13 @@ private:
             return planes.error();
         }
         auto &&callable = detail::object(progress);
-        frame.struct_size = sizeof frame;
         frame.rect = &asked;
         frame.target = &*planes;
         if constexpr (!std::is_same_v<std::decay_t<F>, detail::none>) {
             frame.progress = detail::progress<std::remove_reference_t<decltype(callable)>>;
             frame.user = detail::address(callable);
         }
-        return detail::checked(counters(), [&](counters &work, char *message, std::size_t capacity) {
-            return call(handle_, &frame, &work, message, capacity);
-        });
+        return detail::made<counters>(call, get(), &frame);
     }
 
     template <class Call>
@@ -1237,33 +1127,28 @@ private:
         if (!planes) {
             return planes.error();
         }
-        const float axis[3] = {of.axis ? of.axis->x : 0.0f, of.axis ? of.axis->y : 0.0f, of.axis ? of.axis->z : 0.0f};
-        const auto numbers_of = [](const auto &view) { return nerf_floats{view.data(), view.stride()}; };
-        nerf_rays asked = {};
-        asked.struct_size = sizeof asked;
+        detail::sized<nerf_rays> asked;
         asked.count = n;
-        asked.origins = numbers_of(of.origins);
-        asked.dirs = numbers_of(of.dirs);
-        asked.t_min = numbers_of(of.t_min);
-        asked.t_max = numbers_of(of.t_max);
-        asked.random = numbers_of(of.random);
-        asked.axis = of.axis ? axis : nullptr;
+        asked.origins = of.origins.c();
+        asked.dirs = of.dirs.c();
+        asked.t_min = of.t_min.c();
+        asked.t_max = of.t_max.c();
+        asked.random = of.random.c();
+        asked.axis = of.axis ? detail::floats_at<const float>(&*of.axis) : nullptr;
         asked.target = &*planes;
-        return detail::checked(counters(), [&](counters &work, char *message, std::size_t capacity) {
-            return call(handle_, &asked, &work, message, capacity);
-        });
+        return detail::made<counters>(call, get(), &asked);
     }
 
     memory home_;
-    nerf_worker *handle_ = nullptr;
+    detail::moved<nerf_worker *> handle_;
 };
 
 inline result<worker> scene::worker(std::uint32_t outputs, const options &how) const noexcept {
-    return nerf::worker::open_on_heap(request(outputs, nullptr), how);
+    return nerf::worker::open_on_heap(request<nerf_request>(outputs, how));
 }
 
 inline result<worker> scene::worker(std::uint32_t outputs, const options &how, memory home) const noexcept {
-    return nerf::worker::open_in(request(outputs, nullptr), how, std::move(home));
+    return nerf::worker::open_in(request<nerf_request>(outputs, how), std::move(home));
 }
 
 } // namespace nerf

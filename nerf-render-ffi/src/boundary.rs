@@ -2,7 +2,7 @@
 
 use crate::failure::Failure;
 use crate::span::{Span, check_aligned};
-use crate::status::Status;
+use crate::status::{Status, text_of};
 use core::ffi::c_char;
 use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
@@ -22,12 +22,30 @@ pub(crate) unsafe trait Versioned: Copy {
     const SIZE_V2: usize;
 }
 
+/// `versioned!(unsafe Camera, "camera", by_width(116, 120))`: name and size of a structure that is [`Versioned`].
+///
+/// `unsafe`: the structure is `repr(C)` and has numbers, pointers and optional functions alone, of which there are no bytes
+/// that C could write and that are no value.
+macro_rules! versioned {
+    (unsafe $type:ty, $name:literal, $size:expr) => {
+        // SAFETY: the caller's promise, but for the first field.
+        unsafe impl $crate::boundary::Versioned for $type {
+            const NAME: &'static str = $name;
+            const SIZE_V2: usize = {
+                assert!(core::mem::offset_of!($type, struct_size) == 0);
+                $size
+            };
+        }
+    };
+}
+pub(crate) use versioned;
+
 /// The size of a structure by the width of pointers.
 pub(crate) const fn by_width(bytes_32: usize, bytes_64: usize) -> usize {
     if size_of::<usize>() == 4 { bytes_32 } else { bytes_64 }
 }
 
-/// The caller's buffer for a sentence that says what was expected and found; NULL for none.
+/// The caller's buffer for a text, such as a sentence that says what was expected and found; NULL for none.
 #[derive(Clone, Copy)]
 pub(crate) struct Message {
     pub text: *mut c_char,
@@ -43,39 +61,45 @@ impl Message {
         Span::new("message", self.text.cast(), usize::from(!self.text.is_null() && self.capacity > 0))
     }
 
-    /// Writes the text, cut at the capacity, always with a NUL at its end.
-    fn write(&self, text: Option<&impl Reason>) {
-        if self.text.is_null() || self.capacity == 0 {
-            return;
+    /// Writes what `say` says, cut at the capacity, always with a NUL at its end; returns the bytes of the whole text with its
+    /// NUL.
+    pub fn write(&self, say: impl FnOnce(&mut Cut)) -> usize {
+        let there = !self.text.is_null() && self.capacity > 0;
+        let room = if there { self.capacity - 1 } else { 0 };
+        let mut cut = Cut { text: self.text, room, kept: 0, all: 0 };
+        say(&mut cut);
+        if there {
+            // SAFETY: `kept < capacity`, and the caller vouches for `capacity` bytes.
+            unsafe { self.text.add(cut.kept).write(0) };
         }
-        let mut writer = Writer { message: self, used: 0 };
-        if let Some(text) = text {
-            // An error means that the buffer is full: the text is cut.
-            let _ = text.say(&mut writer);
-        }
-        // SAFETY: `used < capacity`, and the caller vouches for `capacity` bytes.
-        unsafe { self.text.add(writer.used).write(0) };
+        cut.all + 1
     }
 }
 
-struct Writer<'a> {
-    message: &'a Message,
-    used: usize,
+/// Counts a text's bytes and keeps as many as there is room for, never half a character.
+pub(crate) struct Cut {
+    text: *mut c_char,
+    /// Bytes that may be written, without the NUL.
+    room: usize,
+    kept: usize,
+    all: usize,
 }
 
-impl Write for Writer<'_> {
+impl Write for Cut {
     fn write_str(&mut self, text: &str) -> fmt::Result {
-        let room = self.message.capacity - 1 - self.used;
+        // Once something was left out, nothing more is kept.
+        let room = if self.kept == self.all { self.room - self.kept } else { 0 };
         let mut cut = room.min(text.len());
         while !text.is_char_boundary(cut) {
             cut -= 1;
         }
         for &byte in text.as_bytes().iter().take(cut) {
-            // SAFETY: `used < capacity - 1`, and the caller vouches for `capacity` bytes.
-            unsafe { self.message.text.add(self.used).write(byte as c_char) };
-            self.used += 1;
+            // SAFETY: `kept < room`, and the caller vouches for `room + 1` bytes.
+            unsafe { self.text.add(self.kept).write(byte as c_char) };
+            self.kept += 1;
         }
-        if cut < text.len() { Err(fmt::Error) } else { Ok(()) }
+        self.all += text.len();
+        Ok(())
     }
 }
 
@@ -90,7 +114,8 @@ pub(crate) trait Reason: fmt::Display {
         if cfg!(feature = "messages") {
             write!(to, "{self}")
         } else {
-            to.write_str(self.status().text().to_str().unwrap_or_default())
+            let text = text_of(self.status() as i32).and_then(|text| text.to_str().ok());
+            to.write_str(text.unwrap_or_default())
         }
     }
 }
@@ -110,7 +135,12 @@ pub(crate) fn call_with_reason<R: Reason>(message: Message, body: impl FnOnce() 
     });
     #[cfg(not(feature = "std"))]
     let result = body();
-    message.write(result.as_ref().err());
+    message.write(|cut| {
+        if let Err(reason) = &result {
+            // Nothing fails: the text is cut.
+            let _ = reason.say(cut);
+        }
+    });
     result.err().map_or(Status::Ok, |reason| reason.status())
 }
 
@@ -171,6 +201,36 @@ pub(crate) unsafe fn read_versioned<T: Versioned>(at: *const T) -> Result<T, Fai
     }
 }
 
+/// The same of a structure that may be left out: NULL is all zeros.
+///
+/// # Safety
+/// As [`read_versioned`].
+pub(crate) unsafe fn read_or_zeros<T: Versioned>(at: *const T) -> Result<T, Failure> {
+    if at.is_null() {
+        // SAFETY: any bytes are a value (`Versioned`).
+        return Ok(unsafe { MaybeUninit::zeroed().assume_init() });
+    }
+    // SAFETY: the caller's promise.
+    unsafe { read_versioned(at) }
+}
+
+/// What a number names; `names`: those of a C enum.
+pub(crate) fn named<T: Copy>(
+    names: &[(u32, T)],
+    name: &'static str,
+    expected: &'static str,
+    found: u32,
+) -> Result<T, Failure> {
+    let known = names.iter().find(|(number, _)| *number == found);
+    known.map(|(_, value)| *value).ok_or(Failure::Setting { name, expected, found })
+}
+
+/// The number of a value; the first one's for a value that has no name.
+pub(crate) fn number_of<T: PartialEq>(names: &[(u32, T)], value: T) -> u32 {
+    let known = names.iter().find(|(_, named)| *named == value).or(names.first());
+    known.map_or(0, |(number, _)| *number)
+}
+
 /// A checked place for a structure of results.
 pub(crate) struct Out<T> {
     at: *mut T,
@@ -211,30 +271,26 @@ impl<T: Versioned> Out<T> {
     }
 }
 
-/// A checked pair of places for what a size query says: bytes, and the alignment of a line.
-pub(crate) struct LayoutOut {
-    size: *mut usize,
-    align: *mut usize,
-}
-
-impl LayoutOut {
-    /// Checks the places before any work is done.
-    ///
-    /// # Safety
-    /// Each is NULL, or may be written until the call ends.
-    pub unsafe fn new(size: *mut usize, align: *mut usize) -> Result<Self, Failure> {
+/// Runs the body of a size query: writes the bytes it returns, and the alignment of a line.
+///
+/// # Safety
+/// `size` and `align` are NULL, or may be written until the call ends.
+pub(crate) unsafe fn call_for_size(
+    (size, align): (*mut usize, *mut usize),
+    message: Message,
+    body: impl FnOnce() -> Result<usize, Failure>,
+) -> Status {
+    call(message, || {
         check_out("size", size)?;
         check_out("align", align)?;
-        Ok(Self { size, align })
-    }
-
-    pub fn write(self, bytes: usize) {
-        // SAFETY: `new` checked both, and its caller vouches for them.
+        let bytes = body()?;
+        // SAFETY: checked above, and writable by this function's `# Safety`.
         unsafe {
-            self.size.write(bytes);
-            self.align.write(align_of::<Line>());
+            size.write(bytes);
+            align.write(align_of::<Line>());
         }
-    }
+        Ok(())
+    })
 }
 
 /// An error unless a result can be written at `at`, as far as an address can tell.

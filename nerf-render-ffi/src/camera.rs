@@ -1,6 +1,6 @@
 //! Where a picture is taken from.
 
-use crate::boundary::{Message, Out, Versioned, by_width, call, check_out, read_versioned};
+use crate::boundary::{Message, Out, by_width, call, check_out, named, read_versioned, versioned};
 use crate::failure::Failure;
 use crate::span::Span;
 use crate::status::Status;
@@ -19,6 +19,11 @@ pub enum LensModel {
     /// k4 t^8)` focal lengths; `k5 k6 p1 p2` are 0.
     Fisheye = 1,
 }
+
+const PROJECTIONS: [(u32, Projection); 2] = [
+    (LensModel::RadialTangential as u32, Projection::Perspective),
+    (LensModel::Fisheye as u32, Projection::Fisheye),
+];
 
 /// A pinhole camera with an optional lens; looks down −Z, +Y is up, +X right, as in OpenGL.
 ///
@@ -65,11 +70,7 @@ pub struct Camera {
     pub reserved: u32,
 }
 
-// SAFETY: `repr(C)`, `struct_size` comes first, and numbers have no invalid bytes.
-unsafe impl Versioned for Camera {
-    const NAME: &'static str = "camera";
-    const SIZE_V2: usize = by_width(116, 120);
-}
+versioned!(unsafe Camera, "camera", by_width(116, 120));
 
 impl Camera {
     /// The camera behind a pointer, checked.
@@ -82,23 +83,13 @@ impl Camera {
         if c.reserved != 0 {
             return Err(Failure::Reserved("camera.reserved"));
         }
-        let projection = match c.lens_model {
-            x if x == LensModel::RadialTangential as u32 => Projection::Perspective,
-            x if x == LensModel::Fisheye as u32 => Projection::Fisheye,
-            found => {
-                return Err(Failure::Setting {
-                    name: "camera.lens_model",
-                    expected: "a nerf_lens_model",
-                    found,
-                });
-            }
-        };
+        let projection = named(&PROJECTIONS, "camera.lens_model", "a nerf_lens_model", c.lens_model)?;
         let Self { width, height, fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6, .. } = c;
         let row = |i: usize| core::array::from_fn(|j| c.c2w[4 * i + j]);
         let pose = Pose::from_rows([row(0), row(1), row(2)]);
         let intrinsics = Intrinsics { width, height, fx, fy, cx, cy };
         let lens = Lens { k1, k2, p1, p2, k3, k4, k5, k6, projection };
-        camera::Camera::new(intrinsics, lens, pose).map_err(Failure::Camera)
+        Ok(camera::Camera::new(intrinsics, lens, pose)?)
     }
 }
 
@@ -106,7 +97,7 @@ impl Camera {
 ///
 /// # Safety
 /// `at` is NULL or points to three floats.
-unsafe fn read_vec3(name: &'static str, at: *const f32) -> Result<Vec3, Failure> {
+pub(crate) unsafe fn read_vec3(name: &'static str, at: *const f32) -> Result<Vec3, Failure> {
     Span::of(name, at, 3)?;
     // SAFETY: not NULL, aligned, and readable by this function's `# Safety`.
     Ok(Vec3::from_array(unsafe { at.cast::<[f32; 3]>().read() }))

@@ -1,6 +1,6 @@
 //! What a call cost.
 
-use crate::boundary::{Versioned, by_width};
+use crate::boundary::{by_width, versioned};
 use nerf_core::render;
 
 /// The work a call did; exact, no clock readings. A picture (a 2D field) has no rays and no samples:
@@ -32,41 +32,33 @@ pub struct Counters {
     pub proposal_evaluations: u64,
 }
 
-// SAFETY: `repr(C)`, `struct_size` comes first, and integers have no invalid bytes.
-unsafe impl Versioned for Counters {
-    const NAME: &'static str = "counters";
-    const SIZE_V2: usize = by_width(if align_of::<u64>() == 4 { 76 } else { 80 }, 80);
+versioned!(unsafe Counters, "counters", by_width(if align_of::<u64>() == 4 { 76 } else { 80 }, 80));
+
+/// Conversions of the fields from and to the core's.
+macro_rules! convert {
+    ($($field:ident),+) => {
+        impl From<Counters> for render::Counters {
+            fn from(c: Counters) -> Self {
+                Self { $($field: c.$field),+ }
+            }
+        }
+
+        impl From<render::Counters> for Counters {
+            fn from(c: render::Counters) -> Self {
+                Self { struct_size: size_of::<Self>(), $($field: c.$field),+ }
+            }
+        }
+    };
 }
 
-impl From<Counters> for render::Counters {
-    fn from(c: Counters) -> Self {
-        Self {
-            rays: c.rays,
-            samples_kept: c.samples_kept,
-            samples_skipped: c.samples_skipped,
-            density_evaluations: c.density_evaluations,
-            colour_evaluations: c.colour_evaluations,
-            macs: c.macs,
-            invalid_samples: c.invalid_samples,
-            normal_evaluations: c.normal_evaluations,
-            proposal_evaluations: c.proposal_evaluations,
-        }
-    }
-}
-
-impl From<render::Counters> for Counters {
-    fn from(c: render::Counters) -> Self {
-        Self {
-            struct_size: size_of::<Self>(),
-            rays: c.rays,
-            samples_kept: c.samples_kept,
-            samples_skipped: c.samples_skipped,
-            density_evaluations: c.density_evaluations,
-            colour_evaluations: c.colour_evaluations,
-            macs: c.macs,
-            invalid_samples: c.invalid_samples,
-            normal_evaluations: c.normal_evaluations,
-            proposal_evaluations: c.proposal_evaluations,
-        }
-    }
-}
+convert!(
+    rays,
+    samples_kept,
+    samples_skipped,
+    density_evaluations,
+    colour_evaluations,
+    macs,
+    invalid_samples,
+    normal_evaluations,
+    proposal_evaluations
+);

@@ -1,5 +1,6 @@
 //! What a frame does beyond one ray through each pixel's centre.
 
+use crate::boundary::named;
 use crate::failure::Failure;
 use crate::render_options::{at_most, flag};
 use nerf_core::plan;
@@ -15,6 +16,12 @@ pub enum ToneMap {
     /// A film's shoulder and toe (Narkowicz 2016's fit to the ACES curve).
     Filmic = 2,
 }
+
+const TONE_MAPS: [(u32, plan::ToneMap); 3] = [
+    (ToneMap::None as u32, plan::ToneMap::None),
+    (ToneMap::Reinhard as u32, plan::ToneMap::Reinhard),
+    (ToneMap::Filmic as u32, plan::ToneMap::Filmic),
+];
 
 /// What a frame does beyond one ray through each pixel's centre. All zeros is nothing, and costs nothing.
 ///
@@ -45,19 +52,6 @@ pub struct Effects {
 }
 
 impl Effects {
-    /// Nothing.
-    pub(crate) const NONE: Self = Self {
-        jitter: 0,
-        anti_aliasing: 0,
-        seed: 0,
-        aperture_radius: 0.0,
-        focus_distance: 0.0,
-        exposure: 0.0,
-        tone_map: 0,
-        linear: 0,
-        reserved: [0; 5],
-    };
-
     /// The same for the renderer, which checks the ranges of what is no integer.
     pub(crate) fn read(&self) -> Result<plan::Effects, Failure> {
         if self.reserved != [0; 5] {
@@ -75,21 +69,9 @@ impl Effects {
             }),
             tone: plan::Tone {
                 exposure: self.exposure,
-                map: tone_map(self.tone_map)?,
+                map: named(&TONE_MAPS, "options.effects.tone_map", "a nerf_tone_map", self.tone_map)?,
                 linear: flag("options.effects.linear", self.linear)?,
             },
         })
-    }
-}
-
-fn tone_map(found: u32) -> Result<plan::ToneMap, Failure> {
-    const NONE: u32 = ToneMap::None as u32;
-    const REINHARD: u32 = ToneMap::Reinhard as u32;
-    const FILMIC: u32 = ToneMap::Filmic as u32;
-    match found {
-        NONE => Ok(plan::ToneMap::None),
-        REINHARD => Ok(plan::ToneMap::Reinhard),
-        FILMIC => Ok(plan::ToneMap::Filmic),
-        _ => Err(Failure::Setting { name: "options.effects.tone_map", expected: "a nerf_tone_map", found }),
     }
 }

@@ -2,39 +2,11 @@
 
 use crate::boundary::{Message, call, check_out, read_versioned};
 use crate::counters::Counters;
-use crate::failure::Failure;
 use crate::status::Status;
 use crate::worker::{State, Worker, with_worker};
 use core::ffi::c_char;
-use core::fmt::{self, Write};
+use core::fmt::Write;
 use nerf_core::render;
-
-/// Counts a text's bytes and keeps as many as there is room for, never half a character.
-struct Cut {
-    text: *mut c_char,
-    /// Bytes that may be written, without the NUL.
-    room: usize,
-    kept: usize,
-    all: usize,
-}
-
-impl Write for Cut {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        // Once something was left out, nothing more is kept.
-        let room = if self.kept == self.all { self.room - self.kept } else { 0 };
-        let mut cut = room.min(text.len());
-        while !text.is_char_boundary(cut) {
-            cut -= 1;
-        }
-        for &byte in &text.as_bytes()[..cut] {
-            // SAFETY: `kept < room`, and the caller vouches for `room + 1` bytes.
-            unsafe { self.text.add(self.kept).write(byte as c_char) };
-            self.kept += 1;
-        }
-        self.all += text.len();
-        Ok(())
-    }
-}
 
 /// Says in English which stages a worker's frames have, which not, and why; with counters, where its work went.
 ///
@@ -69,35 +41,29 @@ pub unsafe extern "C" fn nerf_explain(
                 Some(render::Counters::from(unsafe { read_versioned(counters)? }))
             };
             worker.fields()?;
-            let writes = !text.is_null() && capacity > 0;
-            let room = if writes { capacity - 1 } else { 0 };
-            let mut cut = Cut { text, room, kept: 0, all: 0 };
-            for (index, member) in worker.members.iter().enumerate() {
-                let Some(plan) = &member.plan else { continue };
-                let mut explanation = plan.explain(member.scene.renderer()).with_workspace(worker.size);
-                let alone = worker.members.len() == 1;
-                if let Some(work) = work.filter(|_| alone) {
-                    explanation = explanation.with_counters(work);
+            let alone = worker.members.len() == 1;
+            let all = Message { text, capacity }.write(|cut| {
+                for (index, member) in worker.members.iter().enumerate() {
+                    let Some(plan) = &member.plan else { continue };
+                    let mut explanation = plan.explain(member.scene.renderer()).with_workspace(worker.size);
+                    if let Some(work) = work.filter(|_| alone) {
+                        explanation = explanation.with_counters(work);
+                    }
+                    if cfg!(feature = "messages") {
+                        // Nothing fails: the text is cut.
+                        let _ = if alone {
+                            write!(cut, "{explanation}")
+                        } else {
+                            write!(cut, "instance {index}\n{explanation}\n")
+                        };
+                    }
                 }
-                if cfg!(feature = "messages") {
-                    // Nothing fails: the text is cut.
-                    let _ = if alone {
-                        write!(cut, "{explanation}")
-                    } else {
-                        write!(cut, "instance {index}\n{explanation}\n")
-                    };
-                }
+            });
+            if !needed.is_null() {
+                // SAFETY: checked above, and writable by this function's `# Safety`.
+                unsafe { needed.write(all) };
             }
-            // SAFETY: `kept < capacity`, `needed` was checked, and the rest is as this function's `# Safety` has it.
-            unsafe {
-                if writes {
-                    text.add(cut.kept).write(0);
-                }
-                if !needed.is_null() {
-                    needed.write(cut.all + 1);
-                }
-            }
-            Ok::<(), Failure>(())
+            Ok(())
         };
         // SAFETY: `worker` is as this function's `# Safety` has it.
         unsafe { with_worker(worker, say) }

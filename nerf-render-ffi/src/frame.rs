@@ -1,6 +1,6 @@
 //! A scene, seen by a camera; a 2D field, drawn at any size.
 
-use crate::boundary::{Message, Out, Versioned, by_width, call, read_versioned};
+use crate::boundary::{Message, by_width, call, versioned};
 use crate::camera::Camera;
 use crate::counters::Counters;
 use crate::failure::Failure;
@@ -8,7 +8,7 @@ use crate::progress::{self, Progress};
 use crate::span::check_aligned;
 use crate::status::Status;
 use crate::target::{Canvas, Target};
-use crate::worker::{State, Work, Worker, tile_size, with_worker};
+use crate::worker::{State, Work, Worker, tile_size, with_worker_and};
 use core::ffi::{c_char, c_void};
 use nerf_core::render::{self, Limit};
 use nerf_core::volume::Pixel;
@@ -43,7 +43,7 @@ impl Rect {
         if rect.fits(width, height) {
             Ok(rect)
         } else {
-            Err(Failure::Render(render::RenderError::Rect { rect, width, height }))
+            Err(render::RenderError::Rect { rect, width, height }.into())
         }
     }
 }
@@ -70,12 +70,7 @@ pub struct Frame {
     pub user: *mut c_void,
 }
 
-// SAFETY: `repr(C)`, `struct_size` comes first, and numbers, pointers and an optional function have no invalid bytes
-// that C could write.
-unsafe impl Versioned for Frame {
-    const NAME: &'static str = "frame";
-    const SIZE_V2: usize = by_width(32, 56);
-}
+versioned!(unsafe Frame, "frame", by_width(32, 56));
 
 /// Renders a rectangle of a camera's image into the planes of a target.
 ///
@@ -98,45 +93,35 @@ pub unsafe extern "C" fn nerf_render(
     message: *mut c_char,
     message_capacity: usize,
 ) -> Status {
+    let draw = |worker: &mut State, frame: Frame| {
+        worker.fields()?;
+        if [frame.width, frame.height] != [0; 2] {
+            return Err(Failure::Reserved("frame.width, frame.height"));
+        }
+        // SAFETY: `camera` is as this function's `# Safety` has it.
+        let camera = unsafe { Camera::read(frame.camera)? };
+        let image = camera.intrinsics();
+        // SAFETY: `rect` and `target` are as this function's `# Safety` has them.
+        let rect = unsafe { Rect::read(frame.rect, image.width, image.height)? };
+        // SAFETY: as above.
+        let canvas = unsafe { Canvas::of_image(frame.target, rect, worker)? };
+        canvas.set_up(worker)?;
+        let limit = canvas.limit();
+        render_tiles(worker, &frame, canvas, rect, |worker, tile| {
+            let State { work: Work::Fields(fields), pixels, .. } = worker else {
+                return Err(Failure::Null("worker"));
+            };
+            let mut put = |x: u32, y: u32, pixel: &Pixel| {
+                pixels.put(((y - tile.y) * tile.width + (x - tile.x)) as usize, pixel);
+            };
+            // One instance of the frame loop, whether there is a plane or not.
+            let limit = |x: u32, y: u32| limit.map_or(Limit::NONE, |limit| limit.at(x - rect.x, y - rect.y));
+            Ok(fields.render_limited(&camera, tile, limit, &mut put)?)
+        })
+    };
     call(Message { text: message, capacity: message_capacity }, || {
-        let draw = |worker: &mut State| {
-            // SAFETY: `frame` is as this function's `# Safety` has it.
-            let frame = unsafe { read_versioned(frame)? };
-            // SAFETY: `counters` is as this function's `# Safety` has it.
-            let out = unsafe { Out::new_or_none(counters)? };
-            worker.fields()?;
-            if [frame.width, frame.height] != [0; 2] {
-                return Err(Failure::Reserved("frame.width, frame.height"));
-            }
-            // SAFETY: `camera` is as this function's `# Safety` has it.
-            let camera = unsafe { Camera::read(frame.camera)? };
-            let image = camera.intrinsics();
-            // SAFETY: `rect` and `target` are as this function's `# Safety` has them.
-            let rect = unsafe { Rect::read(frame.rect, image.width, image.height)? };
-            // SAFETY: as above.
-            let canvas = unsafe { Canvas::of_frame(frame.target, rect, worker)? };
-            let all = (rect, Watcher { progress: frame.progress, user: frame.user });
-            let limit = canvas.limit();
-            let work = render_tiles(worker, canvas, all, |worker, tile| {
-                let State { work: Work::Fields(fields), pixels, .. } = worker else {
-                    return Err(Failure::Null("worker"));
-                };
-                let mut put = |x: u32, y: u32, pixel: &Pixel| {
-                    pixels.put(((y - tile.y) * tile.width + (x - tile.x)) as usize, pixel);
-                };
-                // One instance of the frame loop, whether there is a plane or not.
-                let limit =
-                    |x: u32, y: u32| limit.map_or(Limit::NONE, |limit| limit.at(x - rect.x, y - rect.y));
-                let drawn = fields.render_limited(&camera, tile, limit, &mut put);
-                drawn.map_err(Failure::Render)
-            })?;
-            if let Some(out) = out {
-                out.write(work.into());
-            }
-            Ok(())
-        };
-        // SAFETY: `worker` is as this function's `# Safety` has it.
-        unsafe { with_worker(worker, draw) }
+        // SAFETY: the arguments are as this function's `# Safety` has them.
+        unsafe { with_worker_and(worker, frame, counters, draw) }
     })
 }
 
@@ -159,81 +144,62 @@ pub unsafe extern "C" fn nerf_render_picture(
     message: *mut c_char,
     message_capacity: usize,
 ) -> Status {
-    call(Message { text: message, capacity: message_capacity }, || {
-        let draw = |worker: &mut State| {
-            // SAFETY: `frame` is as this function's `# Safety` has it.
-            let frame = unsafe { read_versioned(frame)? };
-            // SAFETY: `counters` is as this function's `# Safety` has it.
-            let out = unsafe { Out::new_or_none(counters)? };
-            let [member] = worker.members else {
-                return Err(Failure::Render(render::RenderError::NotAPicture));
-            };
-            let renderer = member.scene.renderer();
-            let (math, batch) = (worker.settings.quality.math, worker.settings.batch);
-            let size = [frame.width, frame.height];
-            let nothing = render::Rect { x: 0, y: 0, width: 0, height: 0 };
-            renderer.check_picture(batch, size, nothing).map_err(Failure::Render)?;
-            if !frame.camera.is_null() {
-                return Err(Failure::Reserved("frame.camera"));
-            }
-            // SAFETY: `rect` and `target` are as this function's `# Safety` has them.
-            let rect = unsafe { Rect::read(frame.rect, size[0], size[1])? };
-            // SAFETY: as above.
-            let canvas = unsafe { Canvas::of_picture(frame.target, rect, worker)? };
-            let all = (rect, Watcher { progress: frame.progress, user: frame.user });
-            let work = render_tiles(worker, canvas, all, |worker, tile| {
-                let State { work: Work::Picture(lines), pixels, .. } = worker else {
-                    return Err(Failure::Null("worker"));
-                };
-                let mut put = |x: u32, y: u32, rgb: [f32; 3]| {
-                    let pixel = Pixel { rgb, opacity: 1.0, ..Pixel::BLANK };
-                    pixels.put(((y - tile.y) * tile.width + (x - tile.x)) as usize, &pixel);
-                };
-                let drawn = renderer.render_picture(math, batch, size, tile, lines, &mut put);
-                drawn.map_err(Failure::Render)
-            })?;
-            if let Some(out) = out {
-                out.write(work.into());
-            }
-            Ok(())
+    let draw = |worker: &mut State, frame: Frame| {
+        let [member] = worker.members else {
+            return Err(render::RenderError::NotAPicture.into());
         };
-        // SAFETY: `worker` is as this function's `# Safety` has it.
-        unsafe { with_worker(worker, draw) }
+        let renderer = member.scene.renderer();
+        let (math, batch) = (worker.settings.quality.math, worker.settings.batch);
+        let size = [frame.width, frame.height];
+        let nothing = render::Rect { x: 0, y: 0, width: 0, height: 0 };
+        renderer.check_picture(batch, size, nothing)?;
+        if !frame.camera.is_null() {
+            return Err(Failure::Reserved("frame.camera"));
+        }
+        // SAFETY: `rect` and `target` are as this function's `# Safety` has them.
+        let rect = unsafe { Rect::read(frame.rect, size[0], size[1])? };
+        // SAFETY: as above.
+        let canvas = unsafe { Canvas::of_image(frame.target, rect, worker)? };
+        canvas.check_picture()?;
+        render_tiles(worker, &frame, canvas, rect, |worker, tile| {
+            let State { work: Work::Picture(lines), pixels, .. } = worker else {
+                return Err(Failure::Null("worker"));
+            };
+            let mut put = |x: u32, y: u32, rgb: [f32; 3]| {
+                let pixel = Pixel { rgb, opacity: 1.0, ..Pixel::BLANK };
+                pixels.put(((y - tile.y) * tile.width + (x - tile.x)) as usize, &pixel);
+            };
+            Ok(renderer.render_picture(math, batch, size, tile, lines, &mut put)?)
+        })
+    };
+    call(Message { text: message, capacity: message_capacity }, || {
+        // SAFETY: the arguments are as this function's `# Safety` has them.
+        unsafe { with_worker_and(worker, frame, counters, draw) }
     })
-}
-
-/// The caller's progress function with its argument.
-#[derive(Clone, Copy)]
-struct Watcher {
-    progress: Progress,
-    user: *mut c_void,
-}
-
-impl Watcher {
-    /// Calls the caller, who may cancel.
-    fn report(&self, done: u64, all: u64) -> Result<(), Failure> {
-        // SAFETY: the caller of `nerf_render` passed the function with this argument.
-        let on = unsafe { progress::call(self.progress, self.user, done, all) };
-        if on { Ok(()) } else { Err(Failure::Cancelled) }
-    }
 }
 
 /// Renders `rect`, the canvas' own, tile by tile: `draw` puts every pixel of one, row by row, into the worker's.
 fn render_tiles(
     worker: &mut State,
+    frame: &Frame,
     mut canvas: Canvas,
-    (rect, watcher): (render::Rect, Watcher),
+    rect: render::Rect,
     mut draw: impl FnMut(&mut State, render::Rect) -> Result<render::Counters, Failure>,
 ) -> Result<render::Counters, Failure> {
     let all = u64::from(rect.width) * u64::from(rect.height);
+    let report = |done: u64| {
+        // SAFETY: the caller of `nerf_render` passed the function with this argument.
+        let on = unsafe { progress::call(frame.progress, frame.user, done, all) };
+        if on { Ok(()) } else { Err(Failure::Cancelled) }
+    };
     let (mut done, mut work) = (0, render::Counters::default());
-    watcher.report(done, all)?;
+    report(done)?;
     let (width, height) = tile_size(worker.settings.batch);
     for tile in rect.tiles(width, height) {
         work += draw(worker, tile)?;
         canvas.write(tile, &worker.pixels);
         done += u64::from(tile.width * tile.height);
-        watcher.report(done, all)?;
+        report(done)?;
     }
     Ok(work)
 }

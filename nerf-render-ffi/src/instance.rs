@@ -1,17 +1,13 @@
 //! Fields that a host has placed in a world of its own.
 
 #[cfg(feature = "instances")]
-use crate::boundary::{Reason, read_versioned};
-use crate::boundary::{Versioned, by_width};
+use crate::boundary::read_versioned;
+use crate::boundary::{by_width, versioned};
 #[cfg(feature = "instances")]
-use crate::failure::Failure;
+use crate::failure::{Failure, reasons};
 use crate::scene::Scene;
 #[cfg(feature = "instances")]
 use crate::span::check_aligned;
-#[cfg(feature = "instances")]
-use crate::status::Status;
-#[cfg(feature = "instances")]
-use core::fmt;
 #[cfg(feature = "instances")]
 use nerf_core::camera::Placement;
 #[cfg(feature = "instances")]
@@ -30,66 +26,22 @@ pub struct Instance {
     pub to_world: [f32; 12],
 }
 
-// SAFETY: `repr(C)`, `struct_size` comes first, and numbers and pointers have no invalid bytes.
-unsafe impl Versioned for Instance {
-    const NAME: &'static str = "instances";
-    const SIZE_V2: usize = by_width(56, 64);
-}
-
-/// What is wrong with one instance, but for its transform.
-#[cfg(feature = "instances")]
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Problem {
-    StructSize {
-        expected: usize,
-        found: usize,
-    },
-    /// Another size than that of the first, which is the step from one to the next.
-    OtherSize {
-        expected: usize,
-        found: usize,
-    },
-    Reserved,
-    NullScene,
-    SceneAlignment {
-        expected: usize,
-        found: usize,
-    },
-    Plan(PlanError),
-}
+versioned!(unsafe Instance, "instances", by_width(56, 64));
 
 #[cfg(feature = "instances")]
-impl Problem {
-    pub(crate) fn status(self) -> Status {
-        match self {
-            Self::StructSize { .. } | Self::OtherSize { .. } => Status::StructSize,
-            Self::Reserved => Status::Reserved,
-            Self::NullScene => Status::NullPointer,
-            Self::SceneAlignment { .. } => Status::Alignment,
-            Self::Plan(error) => Failure::Plan(error).status(),
-        }
-    }
-}
-
-/// What follows `instances[i]` in a message.
-#[cfg(feature = "instances")]
-impl fmt::Display for Problem {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::StructSize { expected, found } => {
-                write!(f, ".struct_size: expected {expected} (to 4096 with a tail of zeros), found {found}")
-            }
-            Self::OtherSize { expected, found } => {
-                write!(f, ".struct_size: expected {expected}, as of the first, found {found}")
-            }
-            Self::Reserved => write!(f, ": expected zeros in unknown fields"),
-            Self::NullScene => write!(f, ".scene: expected an address, found NULL"),
-            Self::SceneAlignment { expected, found } => {
-                write!(f, ".scene: expected a multiple of {expected}, found {found:#x}")
-            }
-            Self::Plan(error) => write!(f, ".scene: {error}"),
-        }
-    }
+reasons! {
+    /// What is wrong with one instance, but for its transform: what follows `instances[i]` in a message.
+    Problem:
+    StructSize { expected: usize, found: usize } => StructSize,
+        ".struct_size: expected {expected} (to 4096 with a tail of zeros), found {found}";
+    // The first one's size is the step from one to the next.
+    OtherSize { expected: usize, found: usize } => StructSize,
+        ".struct_size: expected {expected}, as of the first, found {found}";
+    Reserved => Reserved, ": expected zeros in unknown fields";
+    NullScene => NullPointer, ".scene: expected an address, found NULL";
+    SceneAlignment { expected: usize, found: usize } => Alignment,
+        ".scene: expected a multiple of {expected}, found {found:#x}";
+    Plan(error: PlanError) => Failure::Plan(*error).status(), ".scene: {error}";
 }
 
 #[cfg(feature = "instances")]

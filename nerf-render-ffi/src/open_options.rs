@@ -1,6 +1,6 @@
 //! How a scene is opened.
 
-use crate::boundary::{Versioned, by_width, read_versioned};
+use crate::boundary::{by_width, named, number_of, read_or_zeros, versioned};
 use crate::failure::Failure;
 use nerf_core::Isa;
 
@@ -26,17 +26,13 @@ pub enum Kernel {
     Neon = 5,
 }
 
-impl Kernel {
-    pub(crate) fn of(isa: Isa) -> Self {
-        match isa {
-            Isa::Avx2 => Self::Avx2,
-            Isa::Avx512 => Self::Avx512,
-            Isa::Simd128 => Self::Simd128,
-            Isa::Neon => Self::Neon,
-            _ => Self::Portable,
-        }
-    }
-}
+const ISAS: [(u32, Isa); 5] = [
+    (Kernel::Portable as u32, Isa::Portable),
+    (Kernel::Avx2 as u32, Isa::Avx2),
+    (Kernel::Avx512 as u32, Isa::Avx512),
+    (Kernel::Simd128 as u32, Isa::Simd128),
+    (Kernel::Neon as u32, Isa::Neon),
+];
 
 /// How the weights of a scene lie in memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,14 +49,15 @@ pub enum Storage {
     Bf16 = 3,
 }
 
-impl Storage {
-    pub(crate) fn of(storage: nerf_core::Storage) -> Self {
-        match storage {
-            nerf_core::Storage::F32 => Self::F32,
-            nerf_core::Storage::Bf16 => Self::Bf16,
-            _ => Self::F16,
-        }
-    }
+const STORAGES: [(u32, nerf_core::Storage); 3] = [
+    (Storage::F16 as u32, nerf_core::Storage::F16),
+    (Storage::F32 as u32, nerf_core::Storage::F32),
+    (Storage::Bf16 as u32, nerf_core::Storage::Bf16),
+];
+
+/// The numbers of a kernel's instructions and storage.
+pub(crate) fn numbers_of(kernel: nerf_core::Kernel) -> (u32, u32) {
+    (number_of(&ISAS, kernel.isa), number_of(&STORAGES, kernel.storage))
 }
 
 /// How a scene is opened; NULL in its place means all zeros.
@@ -77,44 +74,25 @@ pub struct OpenOptions {
     pub reserved: [u32; 6],
 }
 
-// SAFETY: `repr(C)`, `struct_size` comes first, and integers have no invalid bytes.
-unsafe impl Versioned for OpenOptions {
-    const NAME: &'static str = "options";
-    const SIZE_V2: usize = by_width(36, 40);
-}
+versioned!(unsafe OpenOptions, "options", by_width(36, 40));
 
 /// What the caller asks for.
 ///
 /// # Safety
 /// `options` is NULL or points to `struct_size` readable bytes.
 pub(crate) unsafe fn read_kernel(options: *const OpenOptions) -> Result<nerf_core::Kernel, Failure> {
-    if options.is_null() {
-        return automatic();
-    }
     // SAFETY: `options` is as this function's `# Safety` has it.
-    let options = unsafe { read_versioned(options)? };
+    let options = unsafe { read_or_zeros(options)? };
     if options.reserved != [0; 6] {
         return Err(Failure::Reserved("options.reserved"));
     }
     let isa = match options.kernel {
         0 => None,
-        1 => Some(Isa::Portable),
-        2 => Some(Isa::Avx2),
-        3 => Some(Isa::Avx512),
-        4 => Some(Isa::Simd128),
-        5 => Some(Isa::Neon),
-        found => {
-            return Err(Failure::Setting { name: "options.kernel", expected: "a nerf_kernel", found });
-        }
+        found => Some(named(&ISAS, "options.kernel", "a nerf_kernel", found)?),
     };
     let storage = match options.storage {
         0 => None,
-        1 => Some(nerf_core::Storage::F16),
-        2 => Some(nerf_core::Storage::F32),
-        3 => Some(nerf_core::Storage::Bf16),
-        found => {
-            return Err(Failure::Setting { name: "options.storage", expected: "a nerf_storage", found });
-        }
+        found => Some(named(&STORAGES, "options.storage", "a nerf_storage", found)?),
     };
     // The environment speaks where the caller does not.
     let open = if isa.is_some() { nerf_core::Kernel::detect() } else { automatic()? };

@@ -1,6 +1,7 @@
 //! What is asked for of each pixel, ray or point.
 
 use crate::failure::Failure;
+use crate::render_options::at_most;
 use nerf_core::plan::Outputs;
 
 /// Colour is wanted.
@@ -17,21 +18,15 @@ pub const NERF_OUTPUT_MEDIAN_DISTANCE: u32 = 16;
 pub const NERF_OUTPUT_NORMALS: u32 = 32;
 
 pub(crate) fn read_outputs(name: &'static str, found: u32) -> Result<Outputs, Failure> {
-    let all = NERF_OUTPUT_RGB
-        | NERF_OUTPUT_OPACITY
-        | NERF_OUTPUT_RAY_DISTANCE
-        | NERF_OUTPUT_Z_DEPTH
-        | NERF_OUTPUT_MEDIAN_DISTANCE
-        | NERF_OUTPUT_NORMALS;
-    if found & !all != 0 {
-        return Err(Failure::Setting { name, expected: "NERF_OUTPUT_* or-ed", found });
-    }
+    // The last bit is that of normals.
+    at_most(name, "NERF_OUTPUT_* or-ed", found, 2 * NERF_OUTPUT_NORMALS - 1)?;
+    let has = |output: u32| found & output != 0;
     Ok(Outputs {
-        rgb: found & NERF_OUTPUT_RGB != 0,
-        opacity: found & NERF_OUTPUT_OPACITY != 0,
-        ray_distance: found & NERF_OUTPUT_RAY_DISTANCE != 0,
-        z_depth: found & NERF_OUTPUT_Z_DEPTH != 0,
-        median_distance: found & NERF_OUTPUT_MEDIAN_DISTANCE != 0,
-        normals: found & NERF_OUTPUT_NORMALS != 0,
+        rgb: has(NERF_OUTPUT_RGB),
+        opacity: has(NERF_OUTPUT_OPACITY),
+        ray_distance: has(NERF_OUTPUT_RAY_DISTANCE),
+        z_depth: has(NERF_OUTPUT_Z_DEPTH),
+        median_distance: has(NERF_OUTPUT_MEDIAN_DISTANCE),
+        normals: has(NERF_OUTPUT_NORMALS),
     })
 }

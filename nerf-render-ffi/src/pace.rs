@@ -1,6 +1,6 @@
 //! What a frame takes on this host, measured.
 
-use crate::boundary::{LayoutOut, Message, Out, Versioned, by_width, call, read_versioned};
+use crate::boundary::{Message, Out, by_width, call, call_for_size, read_versioned, versioned};
 use crate::camera::Camera;
 use crate::failure::Failure;
 use crate::outputs::read_outputs;
@@ -28,11 +28,7 @@ pub struct Pace {
 // The header spells the format's cap out.
 const _: () = assert!(MAX_FRONT == 16);
 
-// SAFETY: `repr(C)`, `struct_size` comes first, and numbers have no invalid bytes.
-unsafe impl Versioned for Pace {
-    const NAME: &'static str = "pace";
-    const SIZE_V2: usize = by_width(68, 72);
-}
+versioned!(unsafe Pace, "pace", by_width(68, 72));
 
 /// Microseconds since any moment, never falling.
 pub type Clock = Option<unsafe extern "C-unwind" fn(user: *mut c_void) -> u64>;
@@ -59,12 +55,7 @@ pub struct PaceRequest {
     pub user: *mut c_void,
 }
 
-// SAFETY: `repr(C)`, `struct_size` comes first, and numbers, pointers and an optional function have no invalid bytes
-// that C could write.
-unsafe impl Versioned for PaceRequest {
-    const NAME: &'static str = "request";
-    const SIZE_V2: usize = by_width(32, 56);
-}
+versioned!(unsafe PaceRequest, "request", by_width(32, 56));
 
 /// Says how much workspace `nerf_pace_measure` needs, and at which alignment.
 ///
@@ -80,16 +71,15 @@ pub unsafe extern "C" fn nerf_pace_workspace_size(
     message: *mut c_char,
     message_capacity: usize,
 ) -> Status {
-    call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: `size` and `align` are as this function's `# Safety` has it.
-        let layout = unsafe { LayoutOut::new(size, align)? };
+    let body = || {
         // SAFETY: `request` is as this function's `# Safety` has it.
         let (_, scene, plan) = unsafe { planned(request)? };
-        let bytes = scene.renderer().pace_lines(&plan).checked_mul(size_of::<Line>());
-        let bytes = bytes.ok_or(Failure::Overflow("workspace"))?;
-        layout.write(bytes);
-        Ok(())
-    })
+        let lines = scene.renderer().pace_lines(&plan);
+        lines.checked_mul(size_of::<Line>()).ok_or(Failure::Overflow("workspace"))
+    };
+    let message = Message { text: message, capacity: message_capacity };
+    // SAFETY: `size` and `align` are as this function's `# Safety` has it.
+    unsafe { call_for_size((size, align), message, body) }
 }
 
 /// Measures what a frame takes on this thread at each point of the scene's front.

@@ -1,6 +1,10 @@
 //! How a pixel lies in memory.
 
-use nerf_core::plan::Outputs;
+use crate::outputs::{
+    NERF_OUTPUT_MEDIAN_DISTANCE, NERF_OUTPUT_NORMALS, NERF_OUTPUT_OPACITY, NERF_OUTPUT_RAY_DISTANCE,
+    NERF_OUTPUT_RGB, NERF_OUTPUT_Z_DEPTH,
+};
+use core::fmt;
 use nerf_core::volume;
 
 /// How a pixel of a plane lies in memory; 8-bit channels are clamped and rounded half up.
@@ -27,25 +31,6 @@ pub enum PixelFormat {
 }
 
 impl PixelFormat {
-    /// The colour format of that number.
-    fn colour(number: u32) -> Option<Self> {
-        use PixelFormat::*;
-        [RgbU8, RgbF32, RgbaU8, RgbaF32].into_iter().find(|&format| format as u32 == number)
-    }
-
-    /// The name of that number's, for messages.
-    pub(crate) fn name_of(number: u32) -> Option<&'static str> {
-        let names = [
-            "NERF_FORMAT_RGB_U8",
-            "NERF_FORMAT_RGB_F32",
-            "NERF_FORMAT_RGBA_U8",
-            "NERF_FORMAT_RGBA_F32",
-            "NERF_FORMAT_F32",
-            "NERF_FORMAT_VEC3_F32",
-        ];
-        names.get((number as usize).wrapping_sub(1)).copied()
-    }
-
     pub(crate) fn has_alpha(self) -> bool {
         matches!(self, Self::RgbaU8 | Self::RgbaF32)
     }
@@ -60,9 +45,20 @@ impl PixelFormat {
     }
 
     pub(crate) fn align(self) -> usize {
-        match self {
-            Self::RgbU8 | Self::RgbaU8 => 1,
-            Self::RgbF32 | Self::RgbaF32 | Self::F32 | Self::Vec3F32 => 4,
+        if matches!(self, Self::RgbU8 | Self::RgbaU8) { 1 } else { 4 }
+    }
+}
+
+/// The number that a plane has for a format; as a message names it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct FormatNumber(pub u32);
+
+impl fmt::Display for FormatNumber {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names = ["RGB_U8", "RGB_F32", "RGBA_U8", "RGBA_F32", "F32", "VEC3_F32"];
+        match names.get((self.0 as usize).wrapping_sub(1)) {
+            Some(name) => write!(f, "NERF_FORMAT_{name}"),
+            None => write!(f, "{}, which is no nerf_format", self.0),
         }
     }
 }
@@ -85,33 +81,30 @@ pub(crate) enum Channel {
 }
 
 impl Channel {
-    /// The plane's name in messages.
-    pub fn name(self) -> &'static str {
+    /// The plane's name in messages, and its `NERF_OUTPUT_*`: 0 where none is needed.
+    fn about(self) -> (&'static str, u32) {
         match self {
-            Self::Colour => "target.rgb",
-            Self::Opacity => "target.opacity",
-            Self::RayDistance => "target.ray_distance",
-            Self::ZDepth => "target.z_depth",
-            Self::MedianDistance => "target.median_distance",
-            Self::Normal => "target.normals",
-            Self::Density => "points.sigma",
-            Self::PointColour => "points.rgb",
-            Self::LimitRayDistance => "target.limit_ray_distance",
-            Self::LimitZDepth => "target.limit_z_depth",
+            Self::Colour => ("target.rgb", NERF_OUTPUT_RGB),
+            Self::Opacity => ("target.opacity", NERF_OUTPUT_OPACITY),
+            Self::RayDistance => ("target.ray_distance", NERF_OUTPUT_RAY_DISTANCE),
+            Self::ZDepth => ("target.z_depth", NERF_OUTPUT_Z_DEPTH),
+            Self::MedianDistance => ("target.median_distance", NERF_OUTPUT_MEDIAN_DISTANCE),
+            Self::Normal => ("target.normals", NERF_OUTPUT_NORMALS),
+            Self::Density => ("points.sigma", 0),
+            Self::PointColour => ("points.rgb", NERF_OUTPUT_RGB),
+            Self::LimitRayDistance => ("target.limit_ray_distance", 0),
+            Self::LimitZDepth => ("target.limit_z_depth", 0),
         }
     }
 
+    /// The plane's name in messages.
+    pub fn name(self) -> &'static str {
+        self.about().0
+    }
+
     /// Whether these have it; what no output is needed for always is.
-    pub fn is_in(self, outputs: &Outputs) -> bool {
-        match self {
-            Self::Colour | Self::PointColour => outputs.rgb,
-            Self::Opacity => outputs.opacity,
-            Self::RayDistance => outputs.ray_distance,
-            Self::ZDepth => outputs.z_depth,
-            Self::MedianDistance => outputs.median_distance,
-            Self::Normal => outputs.normals,
-            Self::Density | Self::LimitRayDistance | Self::LimitZDepth => true,
-        }
+    pub fn is_in(self, outputs: u32) -> bool {
+        self.about().1 & !outputs == 0
     }
 
     /// The formats that suit, for messages.
@@ -126,13 +119,14 @@ impl Channel {
 
     /// The format of that number, if it suits.
     pub fn format(self, number: u32) -> Option<PixelFormat> {
-        let only = match self {
-            Self::Colour => return PixelFormat::colour(number),
-            Self::Normal => PixelFormat::Vec3F32,
-            Self::PointColour => PixelFormat::RgbF32,
-            _ => PixelFormat::F32,
+        use PixelFormat::*;
+        let suits: &[PixelFormat] = match self {
+            Self::Colour => &[RgbU8, RgbF32, RgbaU8, RgbaF32],
+            Self::Normal => &[Vec3F32],
+            Self::PointColour => &[RgbF32],
+            _ => &[F32],
         };
-        (number == only as u32).then_some(only)
+        suits.iter().copied().find(|&format| format as u32 == number)
     }
 }
 

@@ -1,12 +1,13 @@
 //! Settings by what they may lose, cost or take.
 
-use crate::boundary::{Message, Out, Versioned, by_width, call, read_versioned};
+use crate::boundary::{Message, Out, by_width, call, read_versioned, versioned};
 use crate::failure::Failure;
 use crate::pace::Pace;
 use crate::render_options::RenderOptions;
 use crate::scene::Scene;
 use crate::status::Status;
 use core::ffi::c_char;
+use nerf_core::blob::Blob;
 use nerf_core::plan::{self, Quality};
 use nerf_core::render;
 
@@ -42,13 +43,9 @@ pub struct Choice {
     pub within: u32,
 }
 
-// SAFETY: `repr(C)`, `struct_size` comes first, and numbers have no invalid bytes.
-unsafe impl Versioned for Choice {
-    const NAME: &'static str = "choice";
-    const SIZE_V2: usize = by_width(20, 24);
-}
+versioned!(unsafe Choice, "choice", by_width(20, 24));
 
-/// Writes the settings of a choice into the caller's options, and the choice itself.
+/// Writes the settings of a choice, and what a frame should take, into the caller's options, and the choice itself.
 ///
 /// # Safety
 /// Pointers are NULL or point to what the callers of this describe.
@@ -56,15 +53,15 @@ unsafe fn answer(
     scene: *const Scene,
     options: *mut RenderOptions,
     choice: *mut Choice,
-    choose: impl FnOnce(&Scene) -> Result<Option<(plan::Choice, f32)>, Failure>,
+    choose: impl FnOnce(&Blob<'_>) -> Result<Option<(plan::Choice, f32)>, Failure>,
 ) -> Result<(), Failure> {
     // SAFETY: `scene` is as this function's `# Safety` has it.
     let scene = unsafe { Scene::of(scene)? };
-    // SAFETY: `options` is NULL or readable and writable, as this function's `# Safety` has it.
+    // SAFETY: `options` and `choice` are NULL or readable and writable, as this function's `# Safety` has it.
     let (read, place) = unsafe { (read_versioned(options.cast_const())?, Out::new(options)?) };
-    // SAFETY: `choice` is as this function's `# Safety` has it.
-    let out = if choice.is_null() { None } else { Some(unsafe { Out::new(choice)? }) };
-    let Some((found, milliseconds)) = choose(scene)? else { return Err(Failure::NoFront) };
+    // SAFETY: as above.
+    let out = unsafe { Out::new_or_none(choice)? };
+    let (found, milliseconds) = choose(scene.renderer().blob())?.ok_or(Failure::NoFront)?;
     place.write(read.with(&found.quality));
     if let Some(out) = out {
         out.write(Choice {
@@ -76,6 +73,11 @@ unsafe fn answer(
         });
     }
     Ok(())
+}
+
+/// A choice that no time was asked for.
+fn without_time(choice: plan::Choice) -> (plan::Choice, f32) {
+    (choice, f32::NAN)
 }
 
 /// Sets the cheapest settings that lose at most `loss_db` against the exact rendering.
@@ -99,9 +101,7 @@ pub unsafe extern "C" fn nerf_quality_within_loss(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        let choose = |scene: &Scene| {
-            Ok(Quality::within_loss(scene.renderer().blob(), loss_db).map(|choice| (choice, f32::NAN)))
-        };
+        let choose = |blob: &Blob<'_>| Ok(Quality::within_loss(blob, loss_db).map(without_time));
         // SAFETY: `scene` and `options` are as this function's `# Safety` has it.
         unsafe { answer(scene, options, choice, choose) }
     })
@@ -124,9 +124,7 @@ pub unsafe extern "C" fn nerf_quality_within_cost(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        let choose = |scene: &Scene| {
-            Ok(Quality::within_cost(scene.renderer().blob(), ratio).map(|choice| (choice, f32::NAN)))
-        };
+        let choose = |blob: &Blob<'_>| Ok(Quality::within_cost(blob, ratio).map(without_time));
         // SAFETY: `scene` and `options` are as this function's `# Safety` has it.
         unsafe { answer(scene, options, choice, choose) }
     })
@@ -153,7 +151,7 @@ pub unsafe extern "C" fn nerf_quality_within_time(
     call(Message { text: message, capacity: message_capacity }, || {
         // SAFETY: `pace` is as this function's `# Safety` has it.
         let pace = render::Pace { milliseconds: unsafe { read_versioned(pace)? }.milliseconds };
-        let choose = |scene: &Scene| Ok(Quality::within_time(scene.renderer().blob(), milliseconds, &pace));
+        let choose = |blob: &Blob<'_>| Ok(Quality::within_time(blob, milliseconds, &pace));
         // SAFETY: `scene` and `options` are as this function's `# Safety` has it.
         unsafe { answer(scene, options, choice, choose) }
     })
@@ -177,14 +175,13 @@ pub unsafe extern "C" fn nerf_quality_point(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        let choose = |scene: &Scene| {
-            let blob = scene.renderer().blob();
+        let choose = |blob: &Blob<'_>| {
             if point as usize >= blob.front().len() {
                 let expected = "a number below nerf_scene_info.front_points";
                 return Err(Failure::Setting { name: "point", expected, found: point });
             }
             let found = Quality::front(blob).find(|(index, _)| *index == point as usize);
-            Ok(found.map(|(_, choice)| (plan::Choice { within: true, ..choice }, f32::NAN)))
+            Ok(found.map(|(_, choice)| without_time(plan::Choice { within: true, ..choice })))
         };
         // SAFETY: `scene` and `options` are as this function's `# Safety` has it.
         unsafe { answer(scene, options, choice, choose) }

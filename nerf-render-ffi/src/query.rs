@@ -1,13 +1,12 @@
 //! Density and colour at single points.
 
-use crate::boundary::{Message, Out, Versioned, by_width, call, read_versioned};
+use crate::boundary::{Message, by_width, call, versioned};
 use crate::counters::Counters;
-use crate::failure::Failure;
 use crate::rays::Floats;
 use crate::span::Pieces;
 use crate::status::Status;
 use crate::target::{Canvas, Plane};
-use crate::worker::{State, Worker, with_worker};
+use crate::worker::{State, Worker, with_worker_and};
 use core::ffi::c_char;
 use glam::Vec3;
 use nerf_core::camera::is_unit;
@@ -37,11 +36,7 @@ pub struct Points {
     pub rgb: Plane,
 }
 
-// SAFETY: `repr(C)`, `struct_size` comes first, and numbers and pointers have no invalid bytes.
-unsafe impl Versioned for Points {
-    const NAME: &'static str = "points";
-    const SIZE_V2: usize = by_width(64, 112);
-}
+versioned!(unsafe Points, "points", by_width(64, 112));
 
 /// Asks for density and colour at points seen along directions.
 ///
@@ -59,54 +54,45 @@ pub unsafe extern "C" fn nerf_query(
     message: *mut c_char,
     message_capacity: usize,
 ) -> Status {
+    let ask = |worker: &mut State, points: Points| {
+        worker.fields()?;
+        let n = points.count;
+        let colour = !points.rgb.data.is_null();
+        let (positions, of_positions) = points.positions.check("points.positions", n, 3)?;
+        let (dirs, of_dirs) =
+            if colour { points.dirs.check("points.dirs", n, 3)? } else { (positions, Pieces::NONE) };
+        let read = [("points.positions", of_positions), ("points.dirs", of_dirs)];
+        // SAFETY: the planes are as this function's `# Safety` has them.
+        let mut canvas = unsafe { Canvas::of_points(&points.sigma, &points.rgb, n, &read, worker)? };
+        // SAFETY: all of them were found inside of arrays that the caller vouches for.
+        let dir_at = |i: usize| unsafe { dirs.three(i) };
+        // All of them before the first result is written, and numbered as the caller has them.
+        if colour && let Some(index) = (0..n).find(|&i| !is_unit(Vec3::from(dir_at(i)))) {
+            return Err(RenderError::Direction { index, found: dir_at(index) }.into());
+        }
+        let fields = worker.fields()?;
+        let mut work = render::Counters::default();
+        for start in (0..n).step_by(CHUNK) {
+            let count = CHUNK.min(n - start);
+            let (mut p, mut d) = ([[0.0; 3]; CHUNK], [[0.0, 0.0, -1.0]; CHUNK]);
+            let (mut s, mut c) = ([0.0; CHUNK], [[0.0; 3]; CHUNK]);
+            for i in 0..count {
+                // SAFETY: as for `dir_at`.
+                p[i] = unsafe { positions.three(start + i) };
+                if colour {
+                    d[i] = dir_at(start + i);
+                }
+            }
+            let colours = if colour { &mut c[..count] } else { &mut [] };
+            work += fields.query(&p[..count], &d[..count], &mut s[..count], colours)?;
+            for i in 0..count {
+                canvas.put(start + i, &Pixel { rgb: c[i], opacity: s[i], ..Pixel::BLANK });
+            }
+        }
+        Ok(work)
+    };
     call(Message { text: message, capacity: message_capacity }, || {
-        let ask = |worker: &mut State| {
-            // SAFETY: `points` is as this function's `# Safety` has it.
-            let points = unsafe { read_versioned(points)? };
-            // SAFETY: `counters` is as this function's `# Safety` has it.
-            let out = unsafe { Out::new_or_none(counters)? };
-            worker.fields()?;
-            let n = points.count;
-            let colour = !points.rgb.data.is_null();
-            let (positions, of_positions) = points.positions.check("points.positions", n, 3)?;
-            let (dirs, of_dirs) =
-                if colour { points.dirs.check("points.dirs", n, 3)? } else { (positions, Pieces::NONE) };
-            let read = [("points.positions", of_positions), ("points.dirs", of_dirs)];
-            // SAFETY: the planes are as this function's `# Safety` has them.
-            let mut canvas = unsafe { Canvas::of_points(&points.sigma, &points.rgb, n, &read, worker)? };
-            // SAFETY: all of them were found inside of arrays that the caller vouches for.
-            let dir_at = |i: usize| unsafe { dirs.three(i) };
-            // All of them before the first result is written, and numbered as the caller has them.
-            if colour && let Some(index) = (0..n).find(|&i| !is_unit(Vec3::from(dir_at(i)))) {
-                return Err(Failure::Render(RenderError::Direction { index, found: dir_at(index) }));
-            }
-            let fields = worker.fields()?;
-            let mut work = render::Counters::default();
-            for start in (0..n).step_by(CHUNK) {
-                let count = CHUNK.min(n - start);
-                let (mut p, mut d) = ([[0.0; 3]; CHUNK], [[0.0, 0.0, -1.0]; CHUNK]);
-                let (mut s, mut c) = ([0.0; CHUNK], [[0.0; 3]; CHUNK]);
-                for i in 0..count {
-                    // SAFETY: as for `dir_at`.
-                    p[i] = unsafe { positions.three(start + i) };
-                    if colour {
-                        d[i] = dir_at(start + i);
-                    }
-                }
-                let colours = if colour { &mut c[..count] } else { &mut [] };
-                work += fields
-                    .query(&p[..count], &d[..count], &mut s[..count], colours)
-                    .map_err(Failure::Render)?;
-                for i in 0..count {
-                    canvas.put(start + i, &Pixel { rgb: c[i], opacity: s[i], ..Pixel::BLANK });
-                }
-            }
-            if let Some(out) = out {
-                out.write(work.into());
-            }
-            Ok(())
-        };
-        // SAFETY: `worker` is as this function's `# Safety` has it.
-        unsafe { with_worker(worker, ask) }
+        // SAFETY: the arguments are as this function's `# Safety` has them.
+        unsafe { with_worker_and(worker, points, counters, ask) }
     })
 }

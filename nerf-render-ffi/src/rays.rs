@@ -1,15 +1,15 @@
 //! Rays of the caller's own: what each sees, and where a photon on it collides.
 
-use crate::boundary::{Message, Out, Versioned, by_width, call, read_versioned};
+use crate::boundary::{Message, by_width, call, versioned};
+use crate::camera::read_vec3;
 use crate::counters::Counters;
 use crate::failure::Failure;
 use crate::pixel::Channel;
 use crate::span::{Pieces, Span, check_aligned};
 use crate::status::Status;
 use crate::target::{Canvas, Target};
-use crate::worker::{State, Worker, with_worker};
+use crate::worker::{State, Worker, with_worker_and};
 use core::ffi::c_char;
-use glam::Vec3;
 use nerf_core::camera::Ray;
 use nerf_core::render::RaySegment;
 use nerf_core::volume::Pixel;
@@ -109,11 +109,7 @@ pub struct Rays {
     pub target: *const Target,
 }
 
-// SAFETY: `repr(C)`, `struct_size` comes first, and numbers and pointers have no invalid bytes.
-unsafe impl Versioned for Rays {
-    const NAME: &'static str = "rays";
-    const SIZE_V2: usize = by_width(56, 112);
-}
+versioned!(unsafe Rays, "rays", by_width(56, 112));
 
 /// Renders rays of the caller's own: each is a pixel of the target.
 ///
@@ -214,10 +210,10 @@ impl Arrays {
     }
 }
 
-/// Both of them.
+/// Renders rays, or draws where photons on them collide.
 ///
 /// # Safety
-/// As theirs.
+/// As [`nerf_render_rays`].
 #[inline]
 unsafe fn trace(
     worker: *mut Worker,
@@ -225,22 +221,18 @@ unsafe fn trace(
     counters: *mut Counters,
     collide: bool,
 ) -> Result<(), Failure> {
-    let draw = |worker: &mut State| {
-        // SAFETY: `rays` is as this function's `# Safety` has it.
-        let rays = unsafe { read_versioned(rays)? };
-        // SAFETY: `counters` is as this function's `# Safety` has it.
-        let out = unsafe { Out::new_or_none(counters)? };
+    let draw = |worker: &mut State, rays: Rays| {
         worker.fields()?;
         let arrays = Arrays::of(&rays, collide)?;
         let axis = if rays.axis.is_null() {
             None
         } else {
-            Span::of("rays.axis", rays.axis, 3)?;
-            // SAFETY: not NULL, aligned, and readable by this function's `# Safety`.
-            Some(Vec3::from(unsafe { rays.axis.cast::<[f32; 3]>().read() }))
+            // SAFETY: the axis is as this function's `# Safety` has it.
+            Some(unsafe { read_vec3("rays.axis", rays.axis)? })
         };
         // SAFETY: `target` and its planes are as this function's `# Safety` has them.
         let mut canvas = unsafe { Canvas::of_rays(rays.target, rays.count, &arrays.read, worker)? };
+        canvas.set_up(worker)?;
         if canvas.has(Channel::ZDepth) && axis.is_none() {
             return Err(Failure::Null("rays.axis"));
         }
@@ -250,17 +242,12 @@ unsafe fn trace(
         let number = |i: usize| arrays.random.map_or(0.0, |random| unsafe { random.one(i) });
         let fields = worker.fields()?;
         let mut put = |i: usize, pixel: &Pixel| canvas.put(i, pixel);
-        let work = if collide {
-            fields.sample_rays_with(rays.count, &ray, &number, axis, &mut put)
+        Ok(if collide {
+            fields.sample_rays_with(rays.count, &ray, &number, axis, &mut put)?
         } else {
-            fields.render_rays_with(rays.count, &ray, axis, &mut put)
-        };
-        let work = work.map_err(Failure::Render)?;
-        if let Some(out) = out {
-            out.write(work.into());
-        }
-        Ok(())
+            fields.render_rays_with(rays.count, &ray, axis, &mut put)?
+        })
     };
-    // SAFETY: `worker` is as this function's `# Safety` has it.
-    unsafe { with_worker(worker, draw) }
+    // SAFETY: the caller's promise.
+    unsafe { with_worker_and(worker, rays, counters, draw) }
 }

@@ -1,11 +1,11 @@
 //! The shortcuts of a frame.
 
-use crate::boundary::{Versioned, by_width, read_versioned};
+use crate::boundary::{by_width, named, number_of, read_or_zeros, versioned};
 use crate::effects::Effects;
 use crate::failure::Failure;
 use nerf_core::MathBackend;
 use nerf_core::blob::{Blob, MAX_SAMPLES};
-use nerf_core::plan::{self, Batch, Outputs, Plan, PlanError, Quality, Tone, ToneMap};
+use nerf_core::plan::{self, Batch, Outputs, Plan, Quality, Tone, ToneMap};
 
 /// Most rays in flight: the pixels of one tile.
 const MAX_RAYS: u32 = 256;
@@ -32,6 +32,15 @@ pub enum Maths {
     /// Angle doubling from level to level of the encoding; errors grow with the level.
     Recurrence = 3,
 }
+
+const MATHS: &[(u32, MathBackend)] = &[
+    (Maths::Polynomial as u32, MathBackend::Polynomial),
+    #[cfg(feature = "libm")]
+    (Maths::Libm as u32, MathBackend::Libm),
+    #[cfg(feature = "micromath")]
+    (Maths::Micromath as u32, MathBackend::Micromath),
+    (Maths::Recurrence as u32, MathBackend::Recurrence),
+];
 
 /// The shortcuts of a frame.
 ///
@@ -86,49 +95,17 @@ pub struct RenderOptions {
     pub effects: Effects,
 }
 
-// SAFETY: `repr(C)`, `struct_size` comes first, and numbers have no invalid bytes.
-unsafe impl Versioned for RenderOptions {
-    const NAME: &'static str = "options";
-    const SIZE_V2: usize = by_width(128, 136);
-}
+versioned!(unsafe RenderOptions, "options", by_width(128, 136));
 
 impl RenderOptions {
-    const DEFAULT: Self = Self {
-        struct_size: size_of::<Self>(),
-        samples: 0,
-        transmittance_cut: 0.0,
-        ignore_occupancy: 0,
-        maths: 0,
-        background_set: 0,
-        background: [0.0; 3],
-        batch_rays: 0,
-        batch_samples: 0,
-        colour_cut: 0.0,
-        normal_blur: 0.0,
-        ignore_proposal: 0,
-        near_distance: 0.0,
-        far_distance: 0.0,
-        own_bins: 0,
-        reserved: 0,
-        effects: Effects::NONE,
-    };
-
     /// The same with other shortcuts.
     pub(crate) fn with(self, quality: &Quality) -> Self {
-        let maths = match quality.math {
-            #[cfg(feature = "libm")]
-            MathBackend::Libm => Maths::Libm,
-            #[cfg(feature = "micromath")]
-            MathBackend::Micromath => Maths::Micromath,
-            MathBackend::Recurrence => Maths::Recurrence,
-            _ => Maths::Polynomial,
-        };
         Self {
             samples: quality.samples.into(),
             transmittance_cut: or_none(quality.transmittance_cut),
             colour_cut: or_none(quality.colour_cut),
             ignore_occupancy: (!quality.occupancy).into(),
-            maths: maths as u32,
+            maths: number_of(MATHS, quality.math),
             ignore_proposal: (!quality.proposal).into(),
             ..self
         }
@@ -153,14 +130,8 @@ impl Settings {
     /// # Safety
     /// `at` is NULL or points to `struct_size` readable bytes.
     pub unsafe fn read(at: *const RenderOptions) -> Result<Self, Failure> {
-        if at.is_null() {
-            return Self::of(&RenderOptions::DEFAULT);
-        }
         // SAFETY: `at` is as this function's `# Safety` has it.
-        Self::of(&unsafe { read_versioned(at)? })
-    }
-
-    fn of(o: &RenderOptions) -> Result<Self, Failure> {
+        let o = unsafe { read_or_zeros(at)? };
         if o.reserved != 0 {
             return Err(Failure::Reserved("options.reserved"));
         }
@@ -175,7 +146,7 @@ impl Settings {
                 transmittance_cut: or_default(o.transmittance_cut, NERF_TRANSMITTANCE_CUT_DEFAULT),
                 colour_cut: or_default(o.colour_cut, NERF_COLOUR_CUT_DEFAULT),
                 occupancy: !flag("options.ignore_occupancy", o.ignore_occupancy)?,
-                math: backend(o.maths)?,
+                math: named(MATHS, "options.maths", "a nerf_maths of this build", o.maths)?,
                 proposal: !flag("options.ignore_proposal", o.ignore_proposal)?,
             },
             background: flag("options.background_set", o.background_set)?.then_some(o.background),
@@ -192,18 +163,6 @@ impl Settings {
 
     /// The frame these settings make of a scene, of whose units one is `scale` of the world's.
     pub fn plan<'a>(&self, blob: &Blob<'a>, outputs: Outputs, scale: f32) -> Result<Plan<'a>, Failure> {
-        self.plan_of(blob, outputs, scale).map_err(Failure::Plan)
-    }
-
-    /// An error unless the tone stage is none but that to linear light: what is premultiplied in display-encoded values is no
-    /// light, and a curve of what is premultiplied is not that of the colour.
-    pub fn check_tone_of_alpha(&self) -> Result<(), Failure> {
-        let tone = self.effects.tone;
-        let fits = tone == Tone::NONE || (tone.linear && tone.map == ToneMap::None);
-        if fits { Ok(()) } else { Err(Failure::ToneOfAlpha) }
-    }
-
-    fn plan_of<'a>(&self, blob: &Blob<'a>, outputs: Outputs, scale: f32) -> Result<Plan<'a>, PlanError> {
         let mut plan = Plan::new(blob, &self.quality, outputs, self.batch)?
             .with_normal_blur(self.normal_blur)?
             .with_range(self.range.0 / scale, self.range.1 / scale)?;
@@ -213,7 +172,15 @@ impl Settings {
         if let Some(background) = self.background {
             plan = plan.with_background(background)?;
         }
-        plan.with_effects(self.effects)
+        Ok(plan.with_effects(self.effects)?)
+    }
+
+    /// An error unless the tone stage is none but that to linear light: what is premultiplied in display-encoded values is no
+    /// light, and a curve of what is premultiplied is not that of the colour.
+    pub fn check_tone_of_alpha(&self) -> Result<(), Failure> {
+        let tone = self.effects.tone;
+        let fits = tone == Tone::NONE || (tone.linear && tone.map == ToneMap::None);
+        if fits { Ok(()) } else { Err(Failure::ToneOfAlpha) }
     }
 }
 
@@ -244,22 +211,4 @@ pub(crate) fn at_most(
 
 pub(crate) fn flag(name: &'static str, found: u32) -> Result<bool, Failure> {
     at_most(name, "0 or 1", found, 1).map(|value| value == 1)
-}
-
-fn backend(found: u32) -> Result<MathBackend, Failure> {
-    const POLYNOMIAL: u32 = Maths::Polynomial as u32;
-    #[cfg(feature = "libm")]
-    const LIBM: u32 = Maths::Libm as u32;
-    #[cfg(feature = "micromath")]
-    const MICROMATH: u32 = Maths::Micromath as u32;
-    const RECURRENCE: u32 = Maths::Recurrence as u32;
-    match found {
-        POLYNOMIAL => Ok(MathBackend::Polynomial),
-        #[cfg(feature = "libm")]
-        LIBM => Ok(MathBackend::Libm),
-        #[cfg(feature = "micromath")]
-        MICROMATH => Ok(MathBackend::Micromath),
-        RECURRENCE => Ok(MathBackend::Recurrence),
-        _ => Err(Failure::Setting { name: "options.maths", expected: "a nerf_maths of this build", found }),
-    }
 }

@@ -1,6 +1,6 @@
 //! An opened scene, in the caller's memory.
 
-use crate::boundary::{LayoutOut, Message, call, check_out};
+use crate::boundary::{Message, call, call_for_size, check_out};
 use crate::failure::Failure;
 use crate::open_options::{OpenOptions, read_kernel};
 use crate::span::{Span, check_aligned};
@@ -69,7 +69,7 @@ unsafe fn open_blob<'a>(blob: *const c_void, blob_size: usize) -> Result<Blob<'a
     Span::of("blob", blob.cast::<u8>(), blob_size)?;
     // SAFETY: not NULL, no longer than a slice may be, and readable by this function's `# Safety`.
     let bytes = unsafe { core::slice::from_raw_parts(blob.cast::<u8>(), blob_size) };
-    Blob::open_undecoded(bytes).map_err(Failure::Blob)
+    Ok(Blob::open_undecoded(bytes)?)
 }
 
 /// Says how much memory `nerf_scene_open` needs for a blob, and at which alignment.
@@ -90,18 +90,16 @@ pub unsafe extern "C" fn nerf_scene_memory(
     message: *mut c_char,
     message_capacity: usize,
 ) -> Status {
-    call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: `size` and `align` are as this function's `# Safety` has it.
-        let layout = unsafe { LayoutOut::new(size, align)? };
+    let body = || {
         // SAFETY: `options` is as this function's `# Safety` has it.
         let kernel = unsafe { read_kernel(options)? };
         // SAFETY: `blob` is as this function's `# Safety` has it; the view ends with this call.
         let blob = unsafe { open_blob(blob, blob_size)? };
-        let bytes = memory_lines(&blob, kernel).checked_mul(size_of::<Line>());
-        let bytes = bytes.ok_or(Failure::Overflow("size"))?;
-        layout.write(bytes);
-        Ok(())
-    })
+        memory_lines(&blob, kernel).checked_mul(size_of::<Line>()).ok_or(Failure::Overflow("size"))
+    };
+    let message = Message { text: message, capacity: message_capacity };
+    // SAFETY: `size` and `align` are as this function's `# Safety` has it.
+    unsafe { call_for_size((size, align), message, body) }
 }
 
 /// Opens a scene in the caller's memory; allocates nothing and owns nothing.
@@ -171,11 +169,10 @@ pub(crate) unsafe fn open_in(
     let (own, memory) = (lines_for::<Scene>(1), memory.cast::<Line>());
     // SAFETY: aligned, `lines` long, apart from the blob and lent; a line holds any bytes.
     let prepared = unsafe { core::slice::from_raw_parts_mut(memory.add(own), lines - own) };
-    let renderer = match Renderer::new(blob, kernel, prepared) {
-        Ok(renderer) => renderer,
-        Err(RenderError::Tables(error)) => return Err(Failure::Blob(error)),
-        Err(error) => return Err(Failure::Render(error)),
-    };
+    let renderer = Renderer::new(blob, kernel, prepared).map_err(|error| match error {
+        RenderError::Tables(error) => Failure::Blob(error),
+        error => Failure::Render(error),
+    })?;
     let handle = memory.cast::<Scene>();
     let scene = Scene {
         renderer,

@@ -1,7 +1,7 @@
 //! What a scene says about itself.
 
-use crate::boundary::{Message, Out, Versioned, by_width, call};
-use crate::open_options::{Kernel, Storage};
+use crate::boundary::{Message, Out, by_width, call, versioned};
+use crate::open_options::numbers_of;
 use crate::scene::Scene;
 use crate::status::Status;
 use core::ffi::c_char;
@@ -146,11 +146,7 @@ pub struct SceneInfo {
 // The header spells the format's caps out.
 const _: () = assert!(MAX_TRUNK == 16 && MAX_COLOUR == 4);
 
-// SAFETY: `repr(C)`, `struct_size` comes first, and numbers and pointers have no invalid bytes.
-unsafe impl Versioned for SceneInfo {
-    const NAME: &'static str = "info";
-    const SIZE_V2: usize = by_width(if align_of::<u64>() == 4 { 284 } else { 288 }, 320);
-}
+versioned!(unsafe SceneInfo, "info", by_width(if align_of::<u64>() == 4 { 284 } else { 288 }, 320));
 
 /// Says what a scene is: where to put a camera, what it costs, where it comes from.
 ///
@@ -177,12 +173,13 @@ fn describe(scene: &Scene) -> SceneInfo {
     let (blob, architecture) = (renderer.blob(), renderer.blob().architecture());
     let (facts, occupancy, provenance) = (blob.scene(), blob.occupancy(), blob.provenance());
     let contraction = facts.and_then(|facts| facts.contraction());
+    let (kernel, storage) = numbers_of(renderer.kernel());
     let nowhere = Viewpoint { eye: [0.0; 3], target: [0.0; 3], up: [0.0; 3], arc: 0.0 };
     let viewpoint = facts.and_then(|facts| facts.viewpoint).unwrap_or(nowhere);
     SceneInfo {
         struct_size: size_of::<SceneInfo>(),
         kind: if facts.is_some() { Kind::Scene } else { Kind::Picture } as u32,
-        kernel: Kernel::of(renderer.kernel().isa) as u32,
+        kernel,
         box_min: facts.map_or([0.0; 3], |facts| facts.min),
         box_max: facts.map_or([0.0; 3], |facts| facts.max),
         near_distance: facts.map_or(0.0, |facts| facts.near),
@@ -224,7 +221,7 @@ fn describe(scene: &Scene) -> SceneInfo {
         } as u32,
         contraction_radius: contraction.map_or(0.0, |contraction| contraction.radius()),
         contraction_power: contraction.map_or(0, |contraction| contraction.power().into()),
-        storage: Storage::of(renderer.kernel().storage) as u32,
+        storage,
         eye: viewpoint.eye,
         target: viewpoint.target,
         up: viewpoint.up,

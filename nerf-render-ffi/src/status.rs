@@ -76,90 +76,54 @@ pub enum Status {
 }
 
 impl Status {
-    /// Every status.
-    pub const ALL: [Self; 33] = {
+    /// Every status with what it means.
+    pub const ALL: [(Self, &'static CStr); 33] = {
         use Status::*;
         [
-            Ok,
-            NullPointer,
-            StructSize,
-            Reserved,
-            Alignment,
-            Memory,
-            Overlap,
-            Overflow,
-            Options,
-            Kernel,
-            Camera,
-            Rect,
-            Target,
-            NotAScene,
-            OccupancyRequired,
-            Direction,
-            Cancelled,
-            Panic,
-            NotAPicture,
-            NoFront,
-            File,
-            OutOfMemory,
-            Ray,
-            Transform,
-            Busy,
-            BlobMagic,
-            BlobTruncated,
-            BlobTrailing,
-            BlobVersion,
-            BlobEndian,
-            BlobFlags,
-            BlobChecksum,
-            BlobContent,
+            (Ok, c"done"),
+            (NullPointer, c"a pointer that must not be NULL is"),
+            (StructSize, c"struct_size is none this library knows"),
+            (Reserved, c"a reserved or unknown field is not zero"),
+            (Alignment, c"a pointer or stride is misaligned"),
+            (Memory, c"memory is smaller than the size query says"),
+            (Overlap, c"two pieces of memory overlap that must not"),
+            (Overflow, c"a size or a range of addresses overflows"),
+            (Options, c"a setting is outside its range"),
+            (Kernel, c"this machine lacks the instructions, or has none for that storage"),
+            (Camera, c"the camera makes no rays"),
+            (Rect, c"the rectangle is not inside the image"),
+            (Target, c"no plane is wanted, or a plane's format or stride is wrong"),
+            (NotAScene, c"the blob is a 2D field, not a scene: nerf_render_picture renders it"),
+            (OccupancyRequired, c"the scene's occupancy grid is part of its model and cannot be ignored"),
+            (Direction, c"a direction is not of unit length"),
+            (Cancelled, c"cancelled by the progress callback"),
+            (Panic, c"a defect of this library; the scene is unharmed"),
+            (NotAPicture, c"the blob is a scene, not a 2D field: nerf_render renders it"),
+            (NoFront, c"the scene has no front of accuracy against work"),
+            (File, c"the file cannot be read"),
+            (OutOfMemory, c"out of memory"),
+            (Ray, c"a ray has no unit direction, no finite origin, no range or no random number"),
+            (Transform, c"a transform is not a rotation, one scale and a translation"),
+            (Busy, c"another call works with the worker, or one of its calls has panicked"),
+            (BlobMagic, c"not a .nerf blob"),
+            (BlobTruncated, c"the blob ends early"),
+            (BlobTrailing, c"bytes follow the blob"),
+            (BlobVersion, c"the blob is of another version of the format"),
+            (BlobEndian, c"the blob has the other byte order"),
+            (BlobFlags, c"the blob has unknown flags or reserved bytes"),
+            (BlobChecksum, c"the blob is damaged: its checksum does not match"),
+            (BlobContent, c"the blob's content breaks a rule of the format"),
         ]
     };
+}
 
-    pub(crate) const fn text(self) -> &'static CStr {
-        match self {
-            Self::Ok => c"done",
-            Self::NullPointer => c"a pointer that must not be NULL is",
-            Self::StructSize => c"struct_size is none this library knows",
-            Self::Reserved => c"a reserved or unknown field is not zero",
-            Self::Alignment => c"a pointer or stride is misaligned",
-            Self::Memory => c"memory is smaller than the size query says",
-            Self::Overlap => c"two pieces of memory overlap that must not",
-            Self::Overflow => c"a size or a range of addresses overflows",
-            Self::Options => c"a setting is outside its range",
-            Self::Kernel => c"this machine lacks the instructions, or has none for that storage",
-            Self::Camera => c"the camera makes no rays",
-            Self::Rect => c"the rectangle is not inside the image",
-            Self::Target => c"no plane is wanted, or a plane's format or stride is wrong",
-            Self::NotAScene => c"the blob is a 2D field, not a scene: nerf_render_picture renders it",
-            Self::OccupancyRequired => {
-                c"the scene's occupancy grid is part of its model and cannot be ignored"
-            }
-            Self::Direction => c"a direction is not of unit length",
-            Self::Cancelled => c"cancelled by the progress callback",
-            Self::Panic => c"a defect of this library; the scene is unharmed",
-            Self::NotAPicture => c"the blob is a scene, not a 2D field: nerf_render renders it",
-            Self::NoFront => c"the scene has no front of accuracy against work",
-            Self::File => c"the file cannot be read",
-            Self::OutOfMemory => c"out of memory",
-            Self::Ray => c"a ray has no unit direction, no finite origin, no range or no random number",
-            Self::Transform => c"a transform is not a rotation, one scale and a translation",
-            Self::Busy => c"another call works with the worker, or one of its calls has panicked",
-            Self::BlobMagic => c"not a .nerf blob",
-            Self::BlobTruncated => c"the blob ends early",
-            Self::BlobTrailing => c"bytes follow the blob",
-            Self::BlobVersion => c"the blob is of another version of the format",
-            Self::BlobEndian => c"the blob has the other byte order",
-            Self::BlobFlags => c"the blob has unknown flags or reserved bytes",
-            Self::BlobChecksum => c"the blob is damaged: its checksum does not match",
-            Self::BlobContent => c"the blob's content breaks a rule of the format",
-        }
-    }
+/// What a number means as a status, if it is one.
+pub(crate) fn text_of(status: i32) -> Option<&'static CStr> {
+    Status::ALL.into_iter().find(|(known, _)| *known as i32 == status).map(|(_, text)| text)
 }
 
 /// What a status means, in English; static, never NULL, also for numbers that are no status.
 #[unsafe(no_mangle)]
 pub extern "C" fn nerf_status_text(status: i32) -> *const c_char {
-    let known = Status::ALL.into_iter().find(|known| *known as i32 == status);
-    known.map_or(c"unknown status", Status::text).as_ptr()
+    text_of(status).unwrap_or(c"unknown status").as_ptr()
 }

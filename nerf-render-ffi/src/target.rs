@@ -1,8 +1,8 @@
 //! Where a picture goes.
 
-use crate::boundary::{Versioned, by_width, read_versioned};
+use crate::boundary::{by_width, read_versioned, versioned};
 use crate::failure::Failure;
-use crate::pixel::{Channel, PixelFormat, put};
+use crate::pixel::{Channel, FormatNumber, PixelFormat, put};
 use crate::span::{Lattice, Pieces, Span, check_aligned};
 use crate::tile_pixels::TilePixels;
 use crate::worker::State;
@@ -59,11 +59,7 @@ pub struct Target {
     pub limit_z_depth: Plane,
 }
 
-// SAFETY: `repr(C)`, `struct_size` comes first, and numbers and pointers have no invalid bytes.
-unsafe impl Versioned for Target {
-    const NAME: &'static str = "target";
-    const SIZE_V2: usize = by_width(164, 264);
-}
+versioned!(unsafe Target, "target", by_width(164, 264));
 
 /// A plane that can be written to without a further check.
 #[derive(Clone, Copy)]
@@ -75,12 +71,8 @@ struct Surface {
     row_stride: isize,
 }
 
-/// What the planes are laid over: the pixels of a rectangle, or a row of them.
-#[derive(Clone, Copy)]
-struct Extent {
-    columns: usize,
-    rows: usize,
-}
+/// Columns and rows of what the planes are laid over: the pixels of a rectangle, or a row of them.
+type Extent = (usize, usize);
 
 /// A checked target.
 pub(crate) struct Canvas {
@@ -91,54 +83,43 @@ pub(crate) struct Canvas {
 }
 
 impl Canvas {
-    /// The planes of a rectangle of a scene's image.
+    /// The planes of a rectangle of an image.
     ///
     /// # Safety
     /// `at` is NULL or points to `struct_size` readable bytes; its planes are NULL or span memory that is writable while the
     /// canvas is used.
-    pub unsafe fn of_frame(at: *const Target, rect: Rect, worker: &mut State) -> Result<Self, Failure> {
-        let extent = Extent { columns: rect.width as usize, rows: rect.height as usize };
+    pub unsafe fn of_image(at: *const Target, rect: Rect, worker: &State) -> Result<Self, Failure> {
+        let extent = (rect.width as usize, rect.height as usize);
         // SAFETY: the caller's promise.
-        let mut canvas = unsafe { Self::of_target(at, extent, None, worker)? };
-        canvas.origin = [rect.x, rect.y];
-        canvas.set_up(worker)?;
-        Ok(canvas)
+        let canvas = unsafe { Self::of_target(at, extent, None, worker)? };
+        Ok(Self { origin: [rect.x, rect.y], ..canvas })
     }
 
-    /// The plane of a rectangle of a picture's image.
-    ///
-    /// # Safety
-    /// As [`Canvas::of_frame`].
-    pub unsafe fn of_picture(at: *const Target, rect: Rect, worker: &State) -> Result<Self, Failure> {
-        let extent = Extent { columns: rect.width as usize, rows: rect.height as usize };
-        // SAFETY: the caller's promise.
-        let mut canvas = unsafe { Self::of_target(at, extent, None, worker)? };
-        canvas.origin = [rect.x, rect.y];
-        let planes = canvas.surfaces.iter().chain([&canvas.limit]).flatten();
+    /// An error where there is a plane that a picture has not.
+    pub fn check_picture(&self) -> Result<(), Failure> {
+        let planes = self.surfaces.iter().chain([&self.limit]).flatten();
         let other = planes.map(|surface| surface.channel).find(|channel| *channel != Channel::Colour);
-        other.map_or(Ok(canvas), |channel| Err(Failure::ScenePlane(channel.name())))
+        other.map_or(Ok(()), |channel| Err(Failure::ScenePlane(channel.name())))
     }
 
     /// The planes of `count` rays; `read` is memory that they must not lie over.
     ///
     /// # Safety
-    /// As [`Canvas::of_frame`].
+    /// As [`Canvas::of_image`].
     pub unsafe fn of_rays(
         at: *const Target,
         count: usize,
         read: &[(&'static str, Pieces)],
-        worker: &mut State,
+        worker: &State,
     ) -> Result<Self, Failure> {
         // SAFETY: the caller's promise.
-        let canvas = unsafe { Self::of_target(at, Extent { columns: count, rows: 1 }, Some(read), worker)? };
-        canvas.set_up(worker)?;
-        Ok(canvas)
+        unsafe { Self::of_target(at, (count, 1), Some(read), worker) }
     }
 
     /// The planes of `count` points; `rgb` may be none.
     ///
     /// # Safety
-    /// As [`Canvas::of_frame`].
+    /// As [`Canvas::of_image`].
     pub unsafe fn of_points(
         sigma: &Plane,
         rgb: &Plane,
@@ -158,8 +139,7 @@ impl Canvas {
                 return Err(Failure::Reserved(channel.name()));
             }
             if !plane.data.is_null() {
-                let extent = Extent { columns: count, rows: 1 };
-                let (surface, pieces) = check(channel, plane, extent, worker)?;
+                let (surface, pieces) = check(channel, plane, (count, 1), worker)?;
                 for (name, read) in read {
                     pieces.check_apart(channel.name(), *read, name)?;
                 }
@@ -174,7 +154,7 @@ impl Canvas {
     /// read of the rays, too.
     ///
     /// # Safety
-    /// As [`Canvas::of_frame`].
+    /// As [`Canvas::of_image`].
     unsafe fn of_target(
         at: *const Target,
         extent: Extent,
@@ -221,14 +201,14 @@ impl Canvas {
             }
         }
         // What lies beside no rays at all may be nowhere.
-        if canvas.surfaces.iter().all(Option::is_none) && extent.columns > 0 {
+        if canvas.surfaces.iter().all(Option::is_none) && extent.0 > 0 {
             return Err(Failure::NoPlane);
         }
         Ok(canvas)
     }
 
     /// Lets the worker composite as the planes need it.
-    fn set_up(&self, worker: &mut State) -> Result<(), Failure> {
+    pub fn set_up(&self, worker: &mut State) -> Result<(), Failure> {
         let alpha = self.surfaces.iter().flatten().any(|surface| surface.format.has_alpha());
         if alpha {
             worker.settings.check_tone_of_alpha()?;
@@ -256,7 +236,7 @@ impl Canvas {
                     let pixel = pixels.get((row * tile.width + column) as usize);
                     let (x, y) = (tile.x - left + column, tile.y - top + row);
                     // SAFETY: the tile lies in the rectangle that `check` was given; the memory is writable by the promise
-                    // of `of_frame`.
+                    // of `of_image`.
                     unsafe {
                         put(surface.at(x as usize, y as usize), surface.format, surface.channel, &pixel)
                     };
@@ -284,7 +264,7 @@ impl LimitPlane {
     #[inline]
     pub fn at(&self, x: u32, y: u32) -> Limit {
         // SAFETY: the pixel lies in the rectangle that `check` was given; the memory is readable by the promise of
-        // `of_frame`.
+        // `of_image`.
         let t = unsafe { self.0.at(x as usize, y as usize).cast::<f32>().read() };
         if self.0.channel == Channel::LimitZDepth { Limit::ZDepth(t) } else { Limit::RayDistance(t) }
     }
@@ -293,12 +273,7 @@ impl LimitPlane {
 impl Surface {
     /// The bytes of its pixels.
     fn bytes(&self, extent: Extent) -> Lattice {
-        Lattice::new(
-            self.data as usize,
-            (extent.columns, extent.rows),
-            (self.pixel_stride, self.row_stride),
-            self.format.size(),
-        )
+        Lattice::new(self.data as usize, extent, (self.pixel_stride, self.row_stride), self.format.size())
     }
 
     /// A pixel's place.
@@ -320,12 +295,13 @@ fn check(
     worker: &State,
 ) -> Result<(Surface, Pieces), Failure> {
     let name = channel.name();
-    if !channel.is_in(&worker.outputs) {
+    if !channel.is_in(worker.outputs) {
         return Err(Failure::NotRequested(name));
     }
-    let format = channel.format(plane.format).ok_or(Failure::Format { channel, found: plane.format })?;
+    let (expected, found) = (channel.formats(), FormatNumber(plane.format));
+    let format = channel.format(plane.format).ok_or(Failure::Format { name, expected, found })?;
     let overflow = Failure::Overflow(name);
-    let (columns, rows) = (extent.columns.saturating_sub(1), extent.rows.saturating_sub(1));
+    let (columns, rows) = (extent.0.saturating_sub(1), extent.1.saturating_sub(1));
     let pixel_stride = if plane.pixel_stride == 0 { format.size() } else { plane.pixel_stride };
     if pixel_stride < format.size() {
         return Err(Failure::Stride { name, expected: format.size(), found: pixel_stride });
@@ -343,7 +319,7 @@ fn check(
         check_aligned(name, value, format.align())?;
     }
     let down = rows.checked_mul(row_stride.unsigned_abs()).ok_or(overflow)?;
-    let empty = extent.columns == 0 || extent.rows == 0;
+    let empty = extent.0 == 0 || extent.1 == 0;
     let length = if empty { 0 } else { down.checked_add(row).ok_or(overflow)? };
     let below = if row_stride < 0 { down } else { 0 };
     let first = (plane.data as usize).checked_sub(below).ok_or(overflow)?;

@@ -1,6 +1,9 @@
 //! Scenes, options, outputs and memory, checked once for any number of calls.
 
-use crate::boundary::{LayoutOut, Message, Versioned, by_width, call, check_out, read_versioned, span_of};
+use crate::boundary::{
+    Message, Out, Versioned, by_width, call, call_for_size, check_out, read_versioned, span_of, versioned,
+};
+use crate::counters::Counters;
 use crate::failure::Failure;
 #[cfg(feature = "instances")]
 use crate::instance::Instance;
@@ -41,11 +44,7 @@ pub struct Request {
     pub reserved: u32,
 }
 
-// SAFETY: `repr(C)`, `struct_size` comes first, and numbers and pointers have no invalid bytes.
-unsafe impl Versioned for Request {
-    const NAME: &'static str = "request";
-    const SIZE_V2: usize = by_width(28, 48);
-}
+versioned!(unsafe Request, "request", by_width(28, 48));
 
 /// A scene of a worker, with its plan.
 pub(crate) struct Member {
@@ -79,7 +78,8 @@ pub(crate) struct State {
     pub(crate) work: Work,
     pub(crate) members: &'static [Member],
     pub(crate) settings: Settings,
-    pub(crate) outputs: Outputs,
+    /// `NERF_OUTPUT_*`.
+    pub(crate) outputs: u32,
     /// A tile is finished aside and then copied, so that not even a panic leaves half of one.
     pub(crate) pixels: TilePixels<'static>,
     pub(crate) memory: Span,
@@ -131,6 +131,30 @@ pub(crate) unsafe fn with_worker(
     result
 }
 
+/// Runs the body of a call with a worker's state and what the caller asks of it; writes the work it was where the caller wants
+/// to know it.
+///
+/// # Safety
+/// `worker` as in [`with_worker`]; `asked` and `counters` are NULL or point to structures of their `struct_size`.
+pub(crate) unsafe fn with_worker_and<T: Versioned>(
+    worker: *mut Worker,
+    asked: *const T,
+    counters: *mut Counters,
+    body: impl FnOnce(&mut State, T) -> Result<render::Counters, Failure>,
+) -> Result<(), Failure> {
+    let count = |state: &mut State| {
+        // SAFETY: the caller's promise.
+        let (asked, out) = unsafe { (read_versioned(asked)?, Out::new_or_none(counters)?) };
+        let work = body(state, asked)?;
+        if let Some(out) = out {
+            out.write(work.into());
+        }
+        Ok(())
+    };
+    // SAFETY: the caller's promise.
+    unsafe { with_worker(worker, count) }
+}
+
 impl State {
     /// An error where memory that will be written to, or is read, holds part of a blob, a scene or the worker.
     pub(crate) fn check_apart(&self, name: &'static str, span: Span) -> Result<(), Failure> {
@@ -142,7 +166,7 @@ impl State {
     pub(crate) fn fields(&mut self) -> Result<&mut render::Worker<'static>, Failure> {
         match &mut self.work {
             Work::Fields(fields) => Ok(fields),
-            Work::Picture(_) => Err(Failure::Plan(PlanError::NotAScene)),
+            Work::Picture(_) => Err(PlanError::NotAScene.into()),
         }
     }
 }
@@ -163,22 +187,13 @@ struct Checked {
     placed: bool,
 }
 
-/// How the lines of a worker's memory are shared out.
+/// How the lines of a worker's memory are shared out, but for members and instances.
 struct Shares {
     own: usize,
-    members: usize,
-    /// 0 without the feature `instances`.
-    instances: usize,
     pixels: usize,
     rest: usize,
-}
-
-impl Shares {
-    fn bytes(&self) -> Result<usize, Failure> {
-        let own = self.own + self.members + self.instances + self.pixels;
-        let bytes = own.checked_add(self.rest).and_then(|lines| lines.checked_mul(size_of::<Line>()));
-        bytes.ok_or(Failure::Overflow("memory"))
-    }
+    /// Bytes of all.
+    bytes: usize,
 }
 
 impl Checked {
@@ -290,16 +305,14 @@ impl Checked {
             None => last.renderer().picture_workspace_lines(batch),
         };
         let (width, height) = tile_size(batch);
-        Ok(Shares {
-            own: lines_for::<Worker>(1),
-            members: lines_for::<Member>(self.count()),
-            #[cfg(feature = "instances")]
-            instances: if self.placed { lines_for::<render::Instance<'_>>(self.count()) } else { 0 },
-            #[cfg(not(feature = "instances"))]
-            instances: 0,
-            pixels: TilePixels::lines((width * height) as usize, self.outputs),
-            rest,
-        })
+        let (own, pixels) =
+            (lines_for::<Worker>(1), TilePixels::lines((width * height) as usize, self.outputs));
+        let members = lines_for::<Member>(self.count());
+        #[cfg(feature = "instances")]
+        let members = members + if self.placed { lines_for::<render::Instance<'_>>(self.count()) } else { 0 };
+        let lines = (own + members + pixels).checked_add(rest);
+        let bytes = lines.and_then(|lines| lines.checked_mul(size_of::<Line>()));
+        Ok(Shares { own, pixels, rest, bytes: bytes.ok_or(Failure::Overflow("memory"))? })
     }
 }
 
@@ -320,14 +333,9 @@ pub unsafe extern "C" fn nerf_worker_size(
     message: *mut c_char,
     message_capacity: usize,
 ) -> Status {
-    call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: `size` and `align` are as this function's `# Safety` has it.
-        let layout = unsafe { LayoutOut::new(size, align)? };
-        // SAFETY: `request` is as this function's `# Safety` has it.
-        let bytes = unsafe { Checked::read(request)?.shares()?.bytes()? };
-        layout.write(bytes);
-        Ok(())
-    })
+    let message = Message { text: message, capacity: message_capacity };
+    // SAFETY: the arguments are as this function's `# Safety` has them.
+    unsafe { call_for_size((size, align), message, || Ok(Checked::read(request)?.shares()?.bytes)) }
 }
 
 /// Opens a worker in the caller's memory: everything that a call of it does not change is checked and made ready here.
@@ -377,9 +385,8 @@ pub unsafe extern "C" fn nerf_worker_open(
             scene.check_apart("memory", span)?;
             scene.check_apart("worker", out)?;
         }
-        let expected = shares.bytes()?;
-        if memory_size < expected {
-            return Err(Failure::Memory { name: "memory", expected, found: memory_size });
+        if memory_size < shares.bytes {
+            return Err(Failure::Memory { name: "memory", expected: shares.bytes, found: memory_size });
         }
         // SAFETY: aligned, as large as it needs to be, apart from the scenes, and lent by this function's `# Safety`.
         let handle = unsafe { open_in(&checked, &shares, memory.cast(), span)? };
@@ -462,7 +469,7 @@ unsafe fn open_in(
     let instances = unsafe {
         lent.values(if checked.placed { members.len() } else { 0 }, |index| {
             let Member { scene, plan } = &members[index];
-            let plan = plan.as_ref().ok_or(Failure::Plan(PlanError::NotAScene))?;
+            let plan = plan.as_ref().ok_or(PlanError::NotAScene)?;
             let placement = checked.placement(index)?;
             Ok(render::Instance { renderer: scene.renderer(), plan, placement })
         })?
@@ -473,22 +480,18 @@ unsafe fn open_in(
     let pixels = TilePixels::lay_out(&mut Arena::new(pixels), (width * height) as usize, checked.outputs);
     let work = match members {
         #[cfg(feature = "instances")]
-        _ if checked.placed => {
-            Work::Fields(render::Worker::of_instances(instances, lines).map_err(Failure::Render)?)
-        }
-        [Member { scene, plan: Some(plan) }] => {
-            Work::Fields(scene.renderer().worker(plan, lines).map_err(Failure::Render)?)
-        }
+        _ if checked.placed => Work::Fields(render::Worker::of_instances(instances, lines)?),
+        [Member { scene, plan: Some(plan) }] => Work::Fields(scene.renderer().worker(plan, lines)?),
         _ => Work::Picture(lines),
     };
     let state = State {
         work,
         members,
         settings: checked.settings,
-        outputs: checked.outputs,
+        outputs: checked.request.outputs,
         pixels,
         memory: span,
-        size: shares.bytes()?,
+        size: shares.bytes,
     };
     let handle = memory.cast::<Worker>();
     // SAFETY: the first lines hold a worker, are aligned for it, and are in no slice.
