@@ -1,5 +1,5 @@
-//! Where a training step's time goes, at sizes of the grid's table from 2^14 to 2^19 entries a level; and how many times as long a step by dfdx's tape
-//! takes as one of the fused engine (`-- engines`: that alone).
+//! Where a training step's time goes, at sizes of the grid's table from 2^14 to 2^19 entries a level; and how many times
+//! as long a step by dfdx's tape takes as one of the fused engine (`-- engines`: that alone).
 //!
 //! `cargo bench -p nerf-train --bench steps`; `NERF_BENCH_DATA=FILE` trains on that data instead of the built-in
 //! scene, `NERF_BENCH_UNBOUNDED=1` as photographs of an unbounded scene, `NERF_BENCH_STEPS=N` times N steps after as many
