@@ -92,11 +92,12 @@ fn frame(renderer: &Renderer<'_>, plan: &Plan<'_>, side: u32, threads: usize) ->
     let (next, macs) = (AtomicUsize::new(0), Mutex::new(0));
     let work = || {
         let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(plan)];
+        let mut worker = renderer.worker(plan, &mut workspace).expect("a worker");
         let mut put = |_: u32, _: u32, pixel: &Pixel| {
             black_box(pixel);
         };
         while let Some(&tile) = tiles.get(next.fetch_add(1, Ordering::Relaxed)) {
-            let counters = renderer.render(plan, &camera, tile, &mut workspace, &mut put);
+            let counters = worker.render(&camera, tile, &mut put);
             *macs.lock().expect("no panic") += counters.expect("a tile").macs;
         }
     };

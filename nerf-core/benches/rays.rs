@@ -1,4 +1,5 @@
 //! Rays of a caller's own: what a ray costs in one call of many, in order and not, in calls of sixteen and of one.
+//! Collisions are those of the random number ½.
 //!
 //! `NERF_BENCH_BLOB=scene.nerf` takes another scene than the seed network. 16,384 rays of four cameras around it and one inside; every row is the same
 //! rays. A row's ratio is to the first, the rays of each camera in tiles as a frame has them.
@@ -16,7 +17,7 @@ use std::time::Instant;
 const SIDE: u32 = 64;
 /// How often each row is timed, in turns; the fastest counts.
 const ROUNDS: usize = 15;
-const ROWS: usize = 7;
+const ROWS: usize = 8;
 
 fn main() {
     let file = match std::env::var_os("NERF_BENCH_BLOB") {
@@ -45,6 +46,7 @@ fn main() {
             ("shuffled, 256 a call", &shuffled, 256),
             ("shuffled, 16 a call", &shuffled, 16),
             ("shuffled, 1 a call", &shuffled, 1),
+            ("collisions, shuffled, 1 a call", &shuffled, 1),
             ("as an instance, in tiles", &sorted, sorted.len()),
             ("as an instance, shuffled, 1 a call", &shuffled, 1),
         ];
@@ -61,7 +63,11 @@ fn main() {
                     let put = &mut |_: usize, pixel: &nerf_core::Pixel| {
                         black_box(pixel.opacity);
                     };
-                    worker.render_rays(rays, None, put).expect("rays");
+                    if name.starts_with("collisions") {
+                        worker.sample_rays(rays, &[0.5], None, put).expect("rays");
+                    } else {
+                        worker.render_rays(rays, None, put).expect("rays");
+                    }
                 }
                 *best = best.min(start.elapsed().as_secs_f64());
             }

@@ -5,7 +5,7 @@ use super::proposal::Proposal;
 use crate::camera::{Contraction, SceneBox};
 use crate::network::Architecture;
 use glam::Vec3;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
 
 /// Most samples per ray a blob may ask for.
 pub const MAX_SAMPLES: u16 = 4096;
@@ -34,29 +34,39 @@ pub struct Body<'a> {
     /// Where it comes from.
     pub provenance: Provenance<'a>,
     /// The parameters as little-endian f16, in the order of [`Architecture::layers`].
+    #[serde(serialize_with = "as_bytes")]
     pub weights: &'a [u8],
     /// The entries of the position's grid; present exactly if it is one.
     #[serde(borrow)]
     pub tables: Option<StoredTables<'a>>,
 }
 
+/// Serialises all bytes in one call, where serde would make one for each: the same form.
+pub(super) fn as_bytes<S: Serializer>(bytes: &&[u8], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_bytes(bytes)
+}
+
 /// The entries of a grid as a file has them: level by level, entry by entry, feature by feature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum StoredTables<'a> {
     /// Little-endian f16, finite.
-    F16(&'a [u8]),
+    F16(#[serde(serialize_with = "as_bytes")] &'a [u8]),
     /// Signed bytes; those of a level times its scale are its values.
     Int8 {
         /// A little-endian f32 a level; above 0, and 128 times it finite.
+        #[serde(serialize_with = "as_bytes")]
         scales: &'a [u8],
         /// The bytes.
+        #[serde(serialize_with = "as_bytes")]
         bytes: &'a [u8],
     },
     /// The values of [`StoredTables::Int8`], entropy-coded: a renderer has them decoded in memory of its own.
     Coded {
         /// What a step counts in each level, f32.
+        #[serde(serialize_with = "as_bytes")]
         scales: &'a [u8],
         /// What they are decoded from.
+        #[serde(serialize_with = "as_bytes")]
         bytes: &'a [u8],
     },
 }
@@ -222,6 +232,7 @@ pub struct StoredOccupancy<'a> {
     /// Cells along x, y, z.
     pub resolution: [u16; 3],
     /// Bit `(x * ny + y) * nz + z`, least significant bit of a byte first; padding bits are 0.
+    #[serde(serialize_with = "as_bytes")]
     pub bits: &'a [u8],
 }
 

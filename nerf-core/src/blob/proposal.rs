@@ -1,5 +1,6 @@
 //! The coarse network that says where on a ray the scene's own is worth asking.
 
+use super::body::as_bytes;
 use crate::encoding::SinusoidalEncoding;
 use crate::network::{Architecture, DensityActivation, MAX_TRUNK, Shading, TrunkLayer};
 use serde::{Deserialize, Serialize};
@@ -20,6 +21,7 @@ pub struct Proposal<'a> {
     /// Samples per ray the proposal is asked at, `near..far` cut into equal bins.
     pub samples: u16,
     /// The parameters as little-endian f16, in the order of [`Architecture::layers`]: trunk, density head.
+    #[serde(serialize_with = "as_bytes")]
     pub weights: &'a [u8],
 }
 

@@ -6,12 +6,14 @@ mod contraction;
 #[path = "contraction_off.rs"]
 mod contraction;
 mod lens;
+mod pinhole;
 #[cfg(feature = "instances")]
 mod placement;
 mod ray;
 
 pub use contraction::Contraction;
 pub use lens::{Lens, Projection};
+pub(crate) use pinhole::PinholeRays;
 #[cfg(feature = "instances")]
 pub use placement::{Placement, PlacementError};
 pub use ray::{BoundsError, Ray, SceneBox, is_unit};

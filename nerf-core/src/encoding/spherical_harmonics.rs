@@ -16,7 +16,7 @@ pub const MAX_HARMONICS_DEGREE: u8 = 4;
 ///
 /// `dirs`: `[3][stride]`, unit length. `out`: `[degree²][stride]`. Value `l² + l + m` is `Y_l^m`,
 /// orthonormal over the sphere, with the Condon–Shortley phase: `Y_0^0 = ½ √(1/π)`,
-/// `Y_1^{−1,0,1} = −√(3/4π) y, √(3/4π) z, −√(3/4π) x`. `stride` is a multiple of 16, or any number on the
+/// `Y_1^{−1,0,1} = −√(3/4π) y, √(3/4π) z, −√(3/4π) x`. `stride` is a multiple of [`Isa::columns`], or any number on the
 /// portable instructions.
 ///
 /// # Accuracy

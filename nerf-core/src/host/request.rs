@@ -85,7 +85,10 @@ impl<'s> Request<'s> {
     /// # Errors
     /// [`PlanError`] names the setting that does not go with the scene.
     pub fn plan<'b>(&self, blob: &Blob<'b>) -> Result<Plan<'b>, PlanError> {
-        let batch = Batch::FULL;
+        self.plan_of(blob, Batch::FULL)
+    }
+
+    fn plan_of<'b>(&self, blob: &Blob<'b>, batch: Batch) -> Result<Plan<'b>, PlanError> {
         let mut plan = Plan::new(blob, &self.quality, self.outputs, batch)?
             .with_range(self.range.0, self.range.1)?
             .with_normal_blur(self.normal_blur)?;
@@ -123,7 +126,9 @@ impl<'s> Request<'s> {
         axis: Option<Vec3>,
     ) -> Result<Vec<Pixel>, HostError> {
         let renderer = self.scene.renderer();
-        let plan = self.plan(renderer.blob())?;
+        // Memory is made ready for no more rays than there are.
+        let batch = Batch { rays: rays.len().clamp(1, Batch::FULL.rays), ..Batch::FULL };
+        let plan = self.plan_of(renderer.blob(), batch)?;
         Ok(threads::render_rays(&renderer, &plan, rays, axis, self.threads)?.0)
     }
 

@@ -66,6 +66,7 @@ pub fn render_rays(
     let mut found = vec![Pixel::BLANK; rays.len()];
     let lines = renderer.workspace_lines(plan);
     let chunks = (0..rays.len()).step_by(CHUNK as usize);
+    let threads = threads.min(NonZeroUsize::new(chunks.len()).unwrap_or(NonZeroUsize::MIN));
     let counters = in_parallel(
         threads,
         chunks,

@@ -7,7 +7,7 @@ use crate::simd::{Isa, Lanes, Op};
 pub struct Gemm {
     /// Rows of A and C.
     pub m: usize,
-    /// Columns of B and C: a multiple of 16.
+    /// Columns of B and C: a multiple of [`Isa::columns`].
     pub n: usize,
     /// Columns of A, rows of B.
     pub k: usize,
@@ -39,13 +39,13 @@ pub enum Init<'a> {
 /// A NaN stays a NaN through the ReLU.
 ///
 /// # Panics
-/// If `n` is no multiple of 16 or a slice is shorter than sizes and strides say.
+/// If `n` is no multiple of [`Isa::columns`] or a slice is shorter than sizes and strides say.
 #[inline]
 pub fn gemm(isa: Isa, g: Gemm, a: &[f32], b: &[f32], c: &mut [f32], init: Init<'_>, relu: bool) {
     if g.m == 0 || g.n == 0 {
         return;
     }
-    assert!(g.n.is_multiple_of(16), "gemm: n is a multiple of 16");
+    assert!(g.n.is_multiple_of(isa.columns()), "gemm: n is a multiple of {}", isa.columns());
     let (last_row, last_col) = (g.m - 1, g.k.saturating_sub(1));
     // Checked arithmetic: `tile` reads A and B by address, so a wrapped product must not pass.
     let reach =

@@ -5,7 +5,7 @@ use crate::memory::{at, tail, tail_mut};
 use crate::simd::{Isa, Lanes, Op};
 
 /// As [`super::gemm`], with A as little-endian f16 at any alignment, and any
-/// number of columns: where they are no multiple of 16, with portable instructions one by one. `c_row` is at least `n`.
+/// number of columns: where they are no multiple of [`Isa::columns`], with portable instructions one by one. `c_row` is at least `n`.
 ///
 /// # Panics
 /// With debug assertions, if a slice is shorter than sizes and strides say; without, what is not there is 0.

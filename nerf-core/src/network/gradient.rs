@@ -138,7 +138,7 @@ impl Network<'_> {
     /// Weight `i` of a layer of one output, whose inputs are all of one part.
     fn weight(&self, layer: &Layer, i: usize) -> f32 {
         match self.weights() {
-            Weights::Prepared(parameters) => parameters[layer.weights + i],
+            Weights::Prepared(parameters) | Weights::Transposed(parameters) => parameters[layer.weights + i],
             Weights::InPlace(bytes) => f16_at(bytes, layer.weights + i),
             Weights::Paired(words) => unpair(words[layer.weights + i / 2])[i % 2],
         }
@@ -161,7 +161,7 @@ impl Network<'_> {
         let g = Gemm { m, n: stride, k, a_row: 1, a_col, b_row: stride, c_row: stride };
         let at = layer.weights + inputs.start;
         match self.weights() {
-            Weights::Prepared(parameters) => {
+            Weights::Prepared(parameters) | Weights::Transposed(parameters) => {
                 let init = if accumulate { Init::Accumulate } else { Init::Zero };
                 gemm(self.isa, g, &parameters[at..], from, to, init, false);
             }
@@ -187,7 +187,7 @@ fn sign_words(layer: &Layer, samples: usize) -> usize {
 /// Sets the bits of the units that are on.
 ///
 /// `outputs`: `[rows][stride]` behind the ReLU, or pairs of rows if `paired`, where `stride` is a multiple
-/// of [`SIGNS`]. `signs`: sample after sample, row after row.
+/// of [`SIGNS`] then. `signs`: sample after sample, row after row.
 fn record(signs: &mut [u16], outputs: &[f32], rows: usize, stride: usize, paired: bool) {
     if !paired {
         for (sign, outputs) in signs.iter_mut().zip(head(outputs, rows * stride).chunks(SIGNS)) {

@@ -1,7 +1,7 @@
 //! A network at work: weights where they lie, samples in blocks.
 
 use super::architecture::{
-    Architecture, DensityActivation, EXPONENTIAL_LIMIT, Layer, Layers, PER_RAY_BUILT, Role,
+    Architecture, DensityActivation, EXPONENTIAL_LIMIT, Layer, Layers, PER_RAY_BUILT, Role, Shading,
 };
 use crate::encoding::{
     DirectionEncoding, GridTables, PositionEncoding, encode_block, encode_harmonics_block,
@@ -12,7 +12,7 @@ use crate::matrix::{
     pair, pair_rows, pairs, unpair,
 };
 use crate::memory::{at, head_mut, tail};
-use crate::simd::{Isa, Lanes, Op, VECTORS};
+use crate::simd::{Isa, Lanes, MAX_LANES, Op, VECTORS};
 use core::marker::PhantomData;
 
 /// Where the parameters lie.
@@ -22,6 +22,9 @@ pub enum Weights<'a> {
     InPlace(&'a [u8]),
     /// f32, for instructions with vectors.
     Prepared(&'a [f32]),
+    /// The same with transposed weights, `[inputs][outputs]`, in the colour branch's hidden layers: what
+    /// [`Weights::prepare`] makes of a field shaded once a ray, whose vectors are the outputs where there is one ray.
+    Transposed(&'a [f32]),
     /// Pairs of bf16, each layer where its f32 would be: [`Weights::prepare`] makes them.
     Paired(&'a [f32]),
 }
@@ -44,18 +47,25 @@ impl<'a> Weights<'a> {
             return Self::InPlace(bytes);
         }
         Self::unpack(architecture, storage, bytes, memory);
-        Self::unpacked(storage, memory)
+        Self::unpacked(architecture, storage, memory)
     }
 
     /// What [`Weights::unpack`] made for `storage`.
-    pub(crate) fn unpacked(storage: Storage, memory: &'a [f32]) -> Self {
-        if storage == Storage::Bf16 { Self::Paired(memory) } else { Self::Prepared(memory) }
+    pub(crate) fn unpacked(architecture: &Architecture, storage: Storage, memory: &'a [f32]) -> Self {
+        match (storage, architecture.shading) {
+            (Storage::Bf16, _) => Self::Paired(memory),
+            (_, Shading::PerRay) => Self::Transposed(memory),
+            (_, Shading::PerSample) => Self::Prepared(memory),
+        }
     }
 
     /// The first half of [`Weights::prepare`].
     pub(crate) fn unpack(architecture: &Architecture, storage: Storage, bytes: &[u8], memory: &mut [f32]) {
         unpack(bytes, memory);
         if storage != Storage::Bf16 {
+            if architecture.shading == Shading::PerRay {
+                transpose_colour(architecture, bytes, memory);
+            }
             return;
         }
         let parameters = memory.len();
@@ -72,6 +82,19 @@ impl<'a> Weights<'a> {
                     }
                 }
             }
+        }
+    }
+}
+
+/// Puts the weights of the colour branch's hidden layers into `memory` once more, transposed.
+fn transpose_colour(architecture: &Architecture, bytes: &[u8], memory: &mut [f32]) {
+    let parameters = memory.len();
+    let hidden =
+        |layer: &&Layer| matches!(layer.role, Role::Colour(_)) && layer.bias + layer.outputs <= parameters;
+    for layer in architecture.layers().iter().filter(hidden) {
+        for (output, input) in (0..layer.outputs).flat_map(|o| (0..layer.inputs()).map(move |i| (o, i))) {
+            let weight = f16_at(bytes, layer.weights + output * layer.inputs() + input);
+            memory[layer.weights + input * layer.outputs + output] = weight;
         }
     }
 }
@@ -159,8 +182,10 @@ impl<'a> Network<'a> {
         }
         let have = match weights {
             Weights::InPlace(bytes) => bytes.len() / 2,
-            Weights::Prepared(_) | Weights::Paired(_) if !VECTORS => return None,
-            Weights::Prepared(parameters) | Weights::Paired(parameters) => parameters.len(),
+            _ if !VECTORS => return None,
+            Weights::Prepared(parameters) | Weights::Transposed(parameters) | Weights::Paired(parameters) => {
+                parameters.len()
+            }
         };
         let needed = layers.last().map_or(0, |layer| layer.bias + layer.outputs);
         (have >= needed).then(|| Self { architecture: architecture.clone(), layers, weights, tables, isa })
@@ -175,7 +200,7 @@ impl<'a> Network<'a> {
     pub fn kernel(&self) -> Kernel {
         let storage = match self.weights() {
             Weights::InPlace(_) => Storage::F16,
-            Weights::Prepared(_) => Storage::F32,
+            Weights::Prepared(_) | Weights::Transposed(_) => Storage::F32,
             Weights::Paired(_) => Storage::Bf16,
         };
         Kernel::new(self.isa, storage)
@@ -191,13 +216,19 @@ impl<'a> Network<'a> {
         match self.weights {
             weights if VECTORS => weights,
             Weights::InPlace(bytes) => Weights::InPlace(bytes),
-            Weights::Prepared(_) | Weights::Paired(_) => Weights::InPlace(&[]),
+            _ => Weights::InPlace(&[]),
         }
     }
 
-    /// Whether [`Scratch::stride`] must be a multiple of 16: only portable instructions over weights read in place take any.
+    /// Whether [`Scratch::stride`] must be a multiple of [`Network::columns`]: only portable instructions over weights read in
+    /// place take any.
     pub fn whole_blocks(&self) -> bool {
         VECTORS && (self.isa != Isa::Portable || !matches!(self.weights, Weights::InPlace(_)))
+    }
+
+    /// What the columns of a block are a multiple of, where it takes [whole ones](Network::whole_blocks).
+    pub fn columns(&self) -> usize {
+        if let Weights::Paired(_) = self.weights() { MAX_LANES } else { self.isa.columns() }
     }
 
     /// Rows of [`Scratch::encoded`].
@@ -249,7 +280,7 @@ impl<'a> Network<'a> {
     ///
     /// # Panics
     /// If a slice is shorter than its rows times [`Scratch::stride`] (where weights are read in place, only with
-    /// debug assertions), or if the stride must be a multiple of 16 and is none
+    /// debug assertions), or if the stride must be a multiple of [`Network::columns`] and is none
     /// ([`Network::whole_blocks`]). So do the three methods beside it.
     pub fn trunk(&self, math: MathBackend, scratch: &mut Scratch<'_>, positions: &[f32]) {
         self.trunk_with(math, scratch, positions, |_, _| {});
@@ -346,8 +377,58 @@ impl<'a> Network<'a> {
                 core::mem::swap(&mut scratch.front, &mut scratch.back);
             }
         }
+        self.activate_rgb(math, stride, rgb);
+    }
+
+    fn activate_rgb(&self, math: MathBackend, stride: usize, rgb: &mut [f32]) {
         let values = head_mut(rgb, 3 * stride);
         with_math!(math, M => self.isa.run_columns(stride, Sigmoid::<M> { values, math: PhantomData }));
+    }
+
+    /// [`Network::direction`] and [`Network::colour`] of a block's first sample alone, with the same bits: vectors are a layer's
+    /// outputs. `false`, and nothing is done, where weights do not lie that way.
+    ///
+    /// `dirs`: `[3][stride]`; `rgb`: `[3][stride]`, of which the other columns are left without a meaning.
+    pub(crate) fn colour_of_one(
+        &self,
+        math: MathBackend,
+        scratch: &mut Scratch<'_>,
+        dirs: &[f32],
+        rgb: &mut [f32],
+    ) -> bool {
+        let Weights::Transposed(parameters) = self.weights() else { return false };
+        let (isa, stride) = (self.isa, scratch.stride);
+        let hidden = || self.layers.iter().filter(|layer| matches!(layer.role, Role::Colour(_)));
+        let Some(to_rgb) = self.layers.iter().find(|layer| layer.role == Role::Rgb) else { return false };
+        // The direction joins in a hidden layer.
+        if hidden().count() == 0 || hidden().any(|layer| !layer.outputs.is_multiple_of(isa.columns())) {
+            return false;
+        }
+        if let Some(encoding) = &self.architecture.direction {
+            self.encode_direction(math, encoding, scratch, dirs);
+        }
+        // From one input of a layer to the next.
+        let mut apart = stride;
+        for layer in hidden() {
+            let (m, to) = (layer.outputs, head_mut(scratch.back, layer.outputs));
+            to.copy_from_slice(&parameters[layer.bias..][..m]);
+            // In the order in which a block adds them.
+            let of_direction = (layer.main, layer.extra, &*scratch.encoded, stride);
+            for (first, k, from, a_col) in [of_direction, (0, layer.main, &*scratch.front, apart)] {
+                let g = Gemm { m: 1, n: m, k, a_row: 0, a_col, b_row: m, c_row: m };
+                let weights = &parameters[layer.weights + first * m..];
+                gemm(isa, g, from, weights, to, Init::Accumulate, first == 0);
+            }
+            core::mem::swap(&mut scratch.front, &mut scratch.back);
+            apart = 1;
+        }
+        // Three outputs fill no vector: its first lane is the sample's, the others begin with later inputs.
+        let (k, n) = (to_rgb.main, isa.columns());
+        let g = Gemm { m: 3, n, k, a_row: k, a_col: 1, b_row: 1, c_row: stride };
+        let bias = Init::Bias(&parameters[to_rgb.bias..]);
+        gemm(isa, g, &parameters[to_rgb.weights..], scratch.front, rgb, bias, false);
+        self.activate_rgb(math, stride, rgb);
+        true
     }
 
     /// Encodes a block of positions; `out`: `[outputs][stride]`.
@@ -404,16 +485,19 @@ impl<'a> Network<'a> {
         start: Start,
         hidden: bool,
     ) {
-        let (m, n, a_row) = (layer.outputs, stride, layer.inputs());
+        let (m, n) = (layer.outputs, stride);
+        let transposed =
+            matches!(self.weights(), Weights::Transposed(_)) && matches!(layer.role, Role::Colour(_));
+        let (a_row, a_col) = if transposed { (1, m) } else { (layer.inputs(), 1) };
         let mut start = start;
         let last_part = if inputs[1].is_some() { 1 } else { 0 };
         let parts = [(0, layer.main), (layer.main, layer.extra)].into_iter().zip(inputs);
         for (i, ((offset, k), from)) in parts.enumerate() {
             let Some(from) = from else { continue };
-            let g = Gemm { m, n, k, a_row, a_col: 1, b_row: stride, c_row: stride };
-            let (offset, last) = (layer.weights + offset, i == last_part);
+            let g = Gemm { m, n, k, a_row, a_col, b_row: stride, c_row: stride };
+            let (offset, last) = (layer.weights + offset * a_col, i == last_part);
             match self.weights() {
-                Weights::Prepared(parameters) => {
+                Weights::Prepared(parameters) | Weights::Transposed(parameters) => {
                     let init = start.of(&parameters[layer.bias..]);
                     gemm(self.isa, g, &parameters[offset..], from, to, init, hidden && last);
                 }

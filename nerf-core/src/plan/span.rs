@@ -97,6 +97,7 @@ impl Plan<'_> {
     }
 
     /// The distances that are seen of a ray whose own range is `t_min` to `t_max`.
+    #[inline]
     pub(crate) fn range_of(&self, t_min: f32, t_max: f32) -> [f32; 2] {
         [self.t_min.max(t_min), self.t_max.min(t_max)]
     }

@@ -5,6 +5,7 @@ use super::span::{Lattice, ROUNDING, Span};
 use crate::camera::{Ray, SceneBox};
 use crate::sampling::Ends;
 use crate::simd::{Lanes, MAX_LANES, Op};
+use glam::Vec3;
 
 #[cfg(test)]
 mod tests;
@@ -34,8 +35,10 @@ impl Spans {
     pub fn of(&self, i: usize, ray: &Ray) -> Option<Span> {
         let at = |row: &Row| row[i % MAX_LANES];
         let bins = at(&self.bins[0]) as u32..at(&self.bins[1]) as u32;
-        let ray = Ray { origin: self.origin.each_ref().map(at).into(), ..*ray };
-        let ends = Ends::of_parts(self.ends.each_ref().map(at));
+        // `map` of an array is a call.
+        let ([x, y, z], [start, low, high, far, stop]) = (&self.origin, &self.ends);
+        let ray = Ray { origin: Vec3::new(at(x), at(y), at(z)), ..*ray };
+        let ends = Ends::of_parts([at(start), at(low), at(high), at(far), at(stop)]);
         (bins.start < bins.end).then_some(Span { ray, start: at(&self.start), bins, ends })
     }
 }

@@ -140,14 +140,12 @@ impl<'w> RayNetworks<'w> {
             if n == 0 {
                 return;
             }
-            scratch.stride = columns_of(network, n);
-            for column in 0..scratch.stride {
-                // What only fills the block up is a copy of its last ray.
-                let ray = at(self.owner, column.min(n - 1)) as usize;
-                let mean_of = head(tail(sums, ray * row), rows);
-                let to = scratch.front.chunks_exact_mut(scratch.stride.max(1));
-                for (to, sum) in to.zip(mean_of) {
-                    put(to, column, sum / weight(ray));
+            let stride = columns_of(network, n);
+            scratch.stride = stride;
+            for (column, &ray) in head(self.owner, n).iter().enumerate() {
+                let (mean_of, weight) = (head(tail(sums, ray as usize * row), rows), weight(ray as usize));
+                for (to, sum) in scratch.front.chunks_exact_mut(stride.max(1)).zip(mean_of) {
+                    put(to, column, sum / weight);
                 }
             }
             network.take_h(scratch);
@@ -186,19 +184,21 @@ impl<'w> RayNetworks<'w> {
         counters: &mut Counters,
     ) {
         let stride = scratch.stride;
-        network.direction(plan.math, scratch, self.dirs, self.share);
-        let share = &*self.share;
-        let fill = |to: &mut [f32]| to.iter_mut().zip(share).for_each(|(to, &share)| *to = share);
-        network.colour(plan.math, scratch, fill, self.rgb);
+        if !(n == 1 && network.colour_of_one(plan.math, scratch, self.dirs, self.rgb)) {
+            network.direction(plan.math, scratch, self.dirs, self.share);
+            let share = &*self.share;
+            let fill = |to: &mut [f32]| to.iter_mut().zip(share).for_each(|(to, &share)| *to = share);
+            network.colour(plan.math, scratch, fill, self.rgb);
+        }
         tone::samples_to_light(&plan.effects.tone, plan.math, network.isa(), head_mut(self.rgb, 3 * stride));
         counters.add_colour(network, n);
         counters.macs += (n * network.direction_macs()) as u64;
     }
 }
 
-/// The directions of `n` columns; what only fills the block up has that of the last.
+/// The directions of `n` columns; what only fills the block up keeps any.
 fn put_dirs(dirs: &mut [f32], stride: usize, n: usize, dir: impl Fn(usize) -> Vec3) {
-    for column in 0..stride {
-        put_column(dirs, stride, column, dir(column.min(n.saturating_sub(1))).to_array());
+    for column in 0..n {
+        put_column(dirs, stride, column, dir(column).to_array());
     }
 }

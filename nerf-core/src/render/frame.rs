@@ -11,7 +11,7 @@ use super::surface::{Medians, Normals};
 use super::{Counters, Limit, RaySegment, Rect, Target};
 use crate::camera::{Camera, Ray, SceneBox};
 use crate::math::Math;
-use crate::memory::{Layout, head, head_mut, put};
+use crate::memory::{Layout, at, head, head_mut, put, tail_mut};
 use crate::network::{Network, Scratch};
 use crate::plan::{Plan, Span, SpanAll, Spans};
 use crate::render::anti_aliasing::{self, Sums};
@@ -20,9 +20,6 @@ use crate::sampling::SampleJitter;
 use crate::simd::{BLOCK, MAX_LANES, VECTORS};
 use crate::volume::{Accumulator, Pixel};
 use glam::Vec3;
-
-/// Columns of the widest vector: a block of prepared weights has a multiple of it.
-pub(super) const VECTOR: usize = 16;
 
 /// Rays that are looked up in the coarse occupancy grid together, across and down; of a row as many. No more than
 /// [`MAX_LANES`].
@@ -34,6 +31,8 @@ pub(super) struct Frame<'f, 'w> {
     pub(super) network: &'f Network<'f>,
     /// A box around what the occupancy grid has.
     occupied: Option<SceneBox>,
+    /// Whether no cell at a face of the scene box is occupied.
+    pub(super) inner: bool,
     packets: [Option<Packets<'f>>; VECTORS as usize],
     /// The tile's rays that meet something live; they stay where they are until the tile is done.
     pub(super) rays: &'w mut [RayState],
@@ -94,6 +93,9 @@ impl<'f, 'w> Frame<'f, 'w> {
             plan,
             network,
             occupied,
+            inner: occupied.is_some_and(|SceneBox { min, max }| {
+                min.cmpgt(plan.bounds.min).all() && max.cmplt(plan.bounds.max).all()
+            }),
             packets: [packets; VECTORS as usize],
             rays: layout.slice(rays, RayState::NONE),
             active: ActiveRays::new(layout.slice(rays, 0)),
@@ -206,7 +208,9 @@ impl<'f, 'w> Frame<'f, 'w> {
         target: &mut impl Target,
     ) -> usize {
         let (mut hits, tile) = (0, self.tile);
-        if let Some(&Some(packets)) = self.packets.first() {
+        if let Some(&Some(packets)) = self.packets.first()
+            && tile.width * tile.height > 1
+        {
             let (across, down) = if tile.height > 1 { PACKET } else { (PACKET.0 * PACKET.1, 1) };
             for part in tile.tiles(across, down) {
                 hits = self.start_packet::<M, COLLIDE>(&packets, part, hits, source, target);
@@ -231,15 +235,10 @@ impl<'f, 'w> Frame<'f, 'w> {
         source: &impl RaySource,
         target: &mut impl Target,
     ) -> usize {
-        let mut rays = [RayState::NONE.ray; MAX_LANES];
-        let columns = part.x..part.x + part.width;
-        let pixels = (part.y..part.y + part.height).flat_map(|y| columns.clone().map(move |x| (x, y)));
-        let mut count = 0;
-        for (ray, (x, y)) in rays.iter_mut().zip(pixels.clone()) {
-            *ray = source.ray(x, y);
-            count += 1;
-        }
-        let rays = head(&rays, count);
+        let (mut rays, pixels) = ([RayState::NONE.ray; MAX_LANES], part.pixels());
+        let rays = head_mut(&mut rays, (part.width * part.height) as usize);
+        source.rays(self.network.isa(), part, rays);
+        let rays = &*rays;
         let Some(intervals) = packets.intervals_of(self.network.isa(), rays) else {
             for (pixel, ray) in pixels.zip(rays) {
                 self.finish_missed::<M>(pixel, ray, source, target);
@@ -296,28 +295,34 @@ impl<'f, 'w> Frame<'f, 'w> {
         source: &impl RaySource,
         target: &mut impl Target,
     ) -> bool {
-        let (plan, turn) = (self.plan, self.turn);
+        let (plan, turn, isa) = (self.plan, self.turn, self.network.isa());
         let walk = plan.proposal.as_ref().unwrap_or(&plan.bins);
+        let mut intervals = Intervals::ALL;
+        if let Some(Some(packets)) = self.packets.first() {
+            let Some(found) = packets.intervals_of(isa, core::slice::from_ref(&ray)) else {
+                self.finish_missed::<M>(pixel, &ray, source, target);
+                return false;
+            };
+            intervals = found;
+        }
         self.counters.rays += 1;
         let around = if plan.occupancy.is_some() { self.occupied } else { Some(plan.bounds) };
         let [t_min, t_max] = source.range(pixel.0, pixel.1, &ray);
         let range = plan.range_of(t_min, t_max);
         // Nothing outside is live, so that most rays of most pictures end here.
         let span = around.and_then(|around| plan.span(&around, &ray, range));
-        let mut state = RayState::NONE;
-        ray_of::<COLLIDE>(plan, pixel, (ray, range, span), &Intervals::ALL, source, &mut state);
+        let Some(state) = self.rays.get_mut(hits) else { return false };
+        ray_of::<COLLIDE>(plan, pixel, (ray, range, span), &intervals, source, state);
         let (next, end) = (state.next, state.end);
         // A proposal is asked in the middle of its bins.
         let place = if self.drawn.is_on() { SampleJitter::MIDDLE } else { state.place(plan, turn) };
-        let live = state.march(self.network.isa(), plan, walk, place);
+        let live = state.march(isa, plan, walk, place);
         // Between the proposal's samples there may be drawn ones that are live.
-        if (live || (self.drawn.is_on() && next < end))
-            && let Some(place) = self.rays.get_mut(hits)
-        {
-            *place = state;
+        if live || (self.drawn.is_on() && next < end) {
             self.begin(hits, live);
             return true;
         }
+        let state = *state;
         self.finish::<M>(&state, None, source, target);
         false
     }
@@ -441,9 +446,20 @@ pub(super) fn block_samples(network: &Network<'_>, plan: &Plan<'_>) -> usize {
     if network.whole_blocks() { BLOCK } else { plan.batch.samples }
 }
 
-/// Columns that `n` samples take: as many as they are, or whole vectors for the kernels that need them.
+/// Columns that `n` samples take: as many as they are, or a multiple of [`Network::columns`] for the kernels that need it.
 ///
 /// A column's result does not depend on how many stand beside it.
 pub(super) fn columns_of(network: &Network<'_>, n: usize) -> usize {
-    if network.whole_blocks() { n.next_multiple_of(VECTOR) } else { n }
+    if network.whole_blocks() { n.next_multiple_of(network.columns()) } else { n }
+}
+
+/// Puts copies of column `n - 1` of a block, `[rows][stride]`, into the columns that only fill it up.
+pub(super) fn fill_up(block: &mut [f32], rows: usize, stride: usize, n: usize) {
+    // Without vectors there are none.
+    if VECTORS {
+        for row in block.chunks_exact_mut(stride.max(1)).take(rows) {
+            let last = at(row, n.saturating_sub(1));
+            tail_mut(row, n).fill(last);
+        }
+    }
 }

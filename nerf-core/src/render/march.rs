@@ -7,7 +7,7 @@
 
 use super::Counters;
 use super::coarse::CandidateBins;
-use super::frame::{Frame, VECTOR, columns_of};
+use super::frame::{Frame, columns_of, fill_up};
 use super::proposal::ProposalSamples;
 use super::surface::Medians;
 use super::window::{self, MarchAll, Window};
@@ -17,7 +17,7 @@ use crate::memory::{at, column, head, head_mut, put, put_column, tail, tail_mut}
 use crate::network::Scratch;
 use crate::plan::Plan;
 use crate::sampling::{Bins, Ends, OccupancyGrid, SampleJitter};
-use crate::simd::{Isa, Lanes, Op, VECTORS};
+use crate::simd::{Isa, Lanes, MAX_LANES, Op, VECTORS};
 use crate::volume::{Accumulator, alpha, light, thickness};
 use core::marker::PhantomData;
 use glam::Vec3;
@@ -90,7 +90,7 @@ impl RayState {
         match windows(isa, plan, bins) {
             Some(occupancy) => {
                 let (contraction, rays) = (plan.contraction.as_ref(), core::slice::from_mut(self));
-                isa.run(MarchAll { occupancy, contraction, bins, rays, list: &[0] });
+                isa.run(MarchAll { occupancy, contraction, bins, rays, list: &[0], inner: false });
             }
             None => {
                 let (bins, next, end) = (bins.with(self.ends), self.next, self.end);
@@ -179,7 +179,8 @@ impl Frame<'_, '_> {
         let (plan, isa) = (self.plan, self.network.isa());
         if let Some(occupancy) = windows(isa, plan, &plan.bins) {
             let (contraction, bins) = (plan.contraction.as_ref(), &plan.bins);
-            return isa.run(MarchAll { occupancy, contraction, bins, rays: &mut *self.rays, list });
+            let (rays, inner) = (&mut *self.rays, self.inner);
+            return isa.run(MarchAll { occupancy, contraction, bins, rays, list, inner });
         }
         for &ray in list {
             if let Some(state) = self.rays.get_mut(ray as usize) {
@@ -218,8 +219,7 @@ impl Frame<'_, '_> {
         let room = self.block.owner.len();
         let burst = match columns_of(self.network, 1) {
             _ if plan.transmittance_cut == 0.0 && !COLLIDE => room,
-            1 => 1,
-            _ => (VECTOR / self.active.count.max(1)).max(1),
+            columns => (columns / self.active.count.max(1)).max(1),
         };
         let mut n = 0;
         while n < room {
@@ -246,25 +246,25 @@ impl Frame<'_, '_> {
     pub(super) fn put_positions(&mut self, n: usize) {
         let stride = columns_of(self.network, n);
         if VECTORS && let Some(contraction) = &self.plan.contraction {
-            for column in 0..stride {
-                let from = column.min(n.saturating_sub(1));
-                let ray = at(self.rays, at(self.block.owner, from) as usize).ray;
+            for column in 0..n {
+                let ray = at(self.rays, at(self.block.owner, column) as usize).ray;
                 put_column(self.positions, stride, column, ray.origin.to_array());
                 put_column(self.triples, stride, column, ray.dir.to_array());
-                put(self.block.t, column, at(self.block.t, from));
             }
+            fill_up(self.positions, 3, stride, n);
+            fill_up(self.triples, 3, stride, n);
+            fill_up(self.block.t, 1, stride, n);
             let (positions, dirs, t) = (&mut *self.positions, &*self.triples, &*self.block.t);
             let points = ContractPoints { contraction, stride, dir_stride: stride, positions, dirs, t };
             self.network.isa().run_columns(stride, points);
             return;
         }
-        for column in 0..stride {
-            // What only fills the block up is a copy of its last sample.
-            let from = column.min(n.saturating_sub(1));
-            let owner = at(self.block.owner, from) as usize;
-            let p = self.plan.point(&at(self.rays, owner).ray, at(self.block.t, from));
+        for column in 0..n {
+            let Some(state) = self.rays.get(at(self.block.owner, column) as usize) else { break };
+            let p = self.plan.point(&state.ray, at(self.block.t, column));
             put_column(self.positions, stride, column, p.to_array());
         }
+        fill_up(self.positions, 3, stride, n);
     }
 
     /// Composites the densities of the block's `n` samples, picks those whose colour or normal is evaluated, and marches
@@ -369,7 +369,8 @@ impl Frame<'_, '_> {
             }
             put_column(self.triples, room, column, [before, tau, state.gathered.add_thickness(tau)]);
         }
-        let columns = columns_of(self.network, n);
+        // Portable lanes, of which there are as many with every instruction set.
+        let columns = columns_of(self.network, n).next_multiple_of(MAX_LANES).min(room);
         if let Some((alpha, light)) = tail_mut(self.triples, room).split_at_mut_checked(room) {
             let (alpha, light) = (head_mut(alpha, columns), head_mut(light, columns));
             isa.run_portable(columns, Absorb::<M> { alpha, light, math: PhantomData });

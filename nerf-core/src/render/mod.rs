@@ -182,7 +182,11 @@ impl<'a> Renderer<'a> {
             Some(_) => GridTables::widened(tables, blob.scene_box().as_ref()),
             None => in_file,
         };
-        (Weights::unpacked(kernel.storage, own), Proposer::of_unpacked(blob, kernel, proposal), tables)
+        (
+            Weights::unpacked(blob.architecture(), kernel.storage, own),
+            Proposer::of_unpacked(blob, kernel, proposal),
+            tables,
+        )
     }
 
     /// A scene over weights that were unpacked, tables that were decoded, and the box around its occupied cells.

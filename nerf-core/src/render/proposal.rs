@@ -56,9 +56,11 @@ impl<'a> Proposer<'a> {
 
     /// With what [`Proposer::unpack`] made.
     pub fn of_unpacked(blob: &Blob<'a>, kernel: Kernel, unpacked: &'a [f32]) -> Self {
-        let weights = Weights::unpacked(kernel.storage, unpacked);
-        let network =
-            blob.proposal().and_then(|it| Network::of_density(&it.architecture(), weights, kernel.isa));
+        let network = blob.proposal().and_then(|it| {
+            let architecture = it.architecture();
+            let weights = Weights::unpacked(&architecture, kernel.storage, unpacked);
+            Network::of_density(&architecture, weights, kernel.isa)
+        });
         Self { network }
     }
 

@@ -33,6 +33,12 @@ impl Rect {
         inside(self.x, self.width, width) && inside(self.y, self.height, height)
     }
 
+    /// x and y of its pixels, row by row.
+    pub(super) fn pixels(self) -> impl Iterator<Item = (u32, u32)> + Clone {
+        let columns = self.x..self.x + self.width;
+        (self.y..self.y + self.height).flat_map(move |y| columns.clone().map(move |x| (x, y)))
+    }
+
     /// Tiles of at most `width` × `height` pixels that cover it, row by row.
     ///
     /// A rectangle that reaches beyond the last `u32` is cut off there.

@@ -4,7 +4,7 @@
 //! active ray takes the column. When fewer rays are left than a vector has columns, `march.rs` goes on with them.
 
 use super::deferred::Deferred;
-use super::frame::{Frame, VECTOR, columns_of};
+use super::frame::Frame;
 use super::march::{ContractPoints, PartsInWorld, RayState};
 use crate::math::Math;
 use crate::matrix::Storage;
@@ -12,7 +12,7 @@ use crate::memory::{at, head, head_mut, put, tail, tail_mut};
 use crate::network::Network;
 use crate::plan::Plan;
 use crate::sampling::Ends;
-use crate::simd::{BLOCK, Lanes, Op, VECTORS};
+use crate::simd::{BLOCK, Lanes, MAX_LANES, Op, VECTORS};
 use crate::volume::side_by_side::{self, add_samples, left_of};
 use core::marker::PhantomData;
 
@@ -139,7 +139,7 @@ impl<'w> Columns<'w> {
 impl Frame<'_, '_> {
     /// Marches the active rays while they fill a vector; those that are left stay active.
     pub(super) fn march_side_by_side<M: Math>(&mut self) {
-        if !VECTORS || self.active.len() < VECTOR {
+        if !VECTORS || self.active.len() < MAX_LANES {
             return;
         }
         let memory = core::mem::take(&mut self.columns);
@@ -154,7 +154,7 @@ impl Frame<'_, '_> {
         while n < BLOCK && self.enter(columns, n) {
             n += 1;
         }
-        while n >= VECTOR {
+        while n >= MAX_LANES {
             self.counters.add_density(self.network, n);
             self.evaluate_columns(columns, n);
             self.absorb_columns::<M>(columns, n);
@@ -182,7 +182,7 @@ impl Frame<'_, '_> {
 
     /// Runs trunk and density head for the samples of the first `n` columns.
     fn evaluate_columns(&mut self, columns: &mut Columns<'_>, n: usize) {
-        let (stride, isa) = (columns_of(self.network, n), self.network.isa());
+        let (stride, isa) = (n.next_multiple_of(MAX_LANES), self.network.isa());
         let (dirs, t) = (columns.dirs.as_flattened(), &columns.t[..]);
         if let Some(contraction) = &self.plan.contraction {
             for (axis, origins) in columns.origins.iter().enumerate() {
@@ -201,7 +201,7 @@ impl Frame<'_, '_> {
 
     /// Composites the samples of the first `n` columns.
     fn absorb_columns<M: Math>(&mut self, columns: &mut Columns<'_>, n: usize) {
-        let stride = columns_of(self.network, n);
+        let stride = n.next_multiple_of(MAX_LANES);
         let h = head(self.scratch.front, self.network.trunk_rows() * stride);
         let (sigma, cut) = (&*self.block.sigma, self.plan.colour_cut);
         let absorb = Absorb::<M> { stride, sigma, h, columns, cut, math: PhantomData };

@@ -45,7 +45,7 @@ impl Window {
         (occupancy, lanes): (&OccupancyGrid<'_>, &OccupancyLanes<'_, V>),
         contraction: Option<&Contraction>,
         ray: &Ray,
-        (bins, candidates): (&Bins, &CandidateBins),
+        (bins, candidates, inner): (&Bins, &CandidateBins, bool),
         from: u32,
         end: u32,
     ) -> u32 {
@@ -56,7 +56,7 @@ impl Window {
         if from >= end {
             return end;
         }
-        *self = LookUp { occupancy, contraction, ray, bins, candidates, from, end }.first(lanes);
+        *self = LookUp { occupancy, contraction, ray, bins, candidates, inner, from, end }.first(lanes);
         end.min(self.end - WIDTH + self.live.trailing_zeros())
     }
 }
@@ -69,6 +69,8 @@ pub(super) struct MarchAll<'a> {
     pub rays: &'a mut [RayState],
     /// Which of the rays.
     pub list: &'a [u32],
+    /// Whether no occupied cell lies at a face of the box.
+    pub inner: bool,
 }
 
 impl Op for MarchAll<'_> {
@@ -76,11 +78,12 @@ impl Op for MarchAll<'_> {
 
     #[inline(always)]
     fn run<V: Lanes>(self) {
-        let (contraction, occupancy) = (self.contraction, (self.occupancy, &self.occupancy.lanes::<V>()));
+        let (contraction, inner) = (self.contraction, self.inner);
+        let occupancy = (self.occupancy, &self.occupancy.lanes::<V>());
         for &ray in self.list {
             let Some(state) = self.rays.get_mut(ray as usize) else { return };
             let candidates = state.candidates.first().unwrap_or(&CandidateBins::ALL);
-            let bins = (&self.bins.with(state.ends), candidates);
+            let bins = (&self.bins.with(state.ends), candidates, inner);
             let (next, end) = (state.next, state.end);
             state.next =
                 state.window.first_occupied::<V>(occupancy, contraction, &state.ray, bins, next, end);
@@ -95,6 +98,7 @@ struct LookUp<'a> {
     ray: &'a Ray,
     bins: &'a Bins,
     candidates: &'a CandidateBins,
+    inner: bool,
     from: u32,
     end: u32,
 }
@@ -136,8 +140,9 @@ impl LookUp<'_> {
             let points = points_at::<V>(ray, bins.middles(first + from, whole));
             live |= lanes.occupied(points) << from;
         }
-        if live == 0 {
-            return 0;
+        // Points outside of the box are looked up in cells at its faces.
+        if live == 0 || self.inner {
+            return live;
         }
         // Rounding keeps order: what lies between two points of the box is in it.
         let inside = |i: u32| occupancy.contains(ray.at(bins.at(first + i, 0.5)));

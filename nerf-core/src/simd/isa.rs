@@ -1,6 +1,7 @@
 //! Which instruction sets this machine has, and the one place where one becomes a function.
 
 use super::Op;
+use super::lanes::MAX_LANES;
 use super::portable::Portable;
 
 /// Which instructions the inner loops use.
@@ -83,10 +84,21 @@ impl Isa {
         }
     }
 
+    /// What the columns of a block are a multiple of: two or one of the vectors of [`Isa::run`].
+    #[inline]
+    pub fn columns(self) -> usize {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 if self.available() => 8,
+            Self::Simd128 | Self::Neon if self.available() => 8,
+            _ => MAX_LANES,
+        }
+    }
+
     /// As [`Isa::run`], for an op over `columns` samples: one by one where they fill no vector.
     #[inline]
     pub fn run_columns<O: Op>(self, columns: usize, op: O) -> O::Output {
-        if VECTORS && columns.is_multiple_of(16) { self.run(op) } else { op.run::<f32>() }
+        if VECTORS && columns.is_multiple_of(self.columns()) { self.run(op) } else { op.run::<f32>() }
     }
 
     /// Runs `op` over `columns` samples with the bits of [`Isa::Portable`], in the widest vectors that give them.
@@ -140,15 +152,22 @@ mod cpu {
     /// What `cpuid` and the OS say, asked once: bit 7 marks the answer as known.
     static KNOWN: AtomicU8 = AtomicU8::new(0);
 
+    #[inline]
     pub fn features() -> Features {
         let mut bits = KNOWN.load(Ordering::Relaxed);
         if bits == 0 {
-            let asked = ask();
-            bits =
-                0x80 | u8::from(asked.avx2) | u8::from(asked.avx512) << 1 | u8::from(asked.avx512_bf16) << 2;
-            KNOWN.store(bits, Ordering::Relaxed);
+            bits = ask_once();
         }
         Features { avx2: bits & 1 != 0, avx512: bits & 2 != 0, avx512_bf16: bits & 4 != 0 }
+    }
+
+    #[cold]
+    fn ask_once() -> u8 {
+        let asked = ask();
+        let bits =
+            0x80 | u8::from(asked.avx2) | u8::from(asked.avx512) << 1 | u8::from(asked.avx512_bf16) << 2;
+        KNOWN.store(bits, Ordering::Relaxed);
+        bits
     }
 
     fn ask() -> Features {

@@ -3,12 +3,12 @@
 use super::cell::{Cells, unit_positions};
 use super::{GridEncoding, GridLevel, GridTables, TableValues};
 use crate::memory::{head, head_mut, put, tail_mut};
-use crate::simd::{F16Table, F32Table, Indices, Int8Table, Isa, Lanes, Op, Table, VECTORS};
+use crate::simd::{F16Table, F32Table, Int8Table, Isa, Lanes, Op, Table, VECTORS};
 
 /// Encodes a block of samples by a grid.
 ///
 /// `x`: `[inputs][stride]`, in the box of the `tables`; `out`: `[levels · features][stride]`. `stride` is a
-/// multiple of 16, or any number with portable instructions. A position outside of the box is moved onto it, and one
+/// multiple of [`Isa::columns`], or any number with portable instructions. A position outside of the box is moved onto it, and one
 /// that is no number to its smallest corner.
 ///
 /// A sample's values do not depend on the others of its block. f16 and f32 tables of the same values give the
@@ -114,17 +114,14 @@ impl<T: Table> Encode<'_, T> {
     fn encode<V: Lanes, const ROWS: usize, const FEATURES: usize>(self) {
         let (stride, inputs) = (self.stride, usize::from(self.grid.inputs));
         for first in (0..stride).step_by(AT_ONCE * V::COUNT) {
-            let mut units = [[V::splat(0.0); 3]; AT_ONCE];
-            let columns = (first..stride).step_by(V::COUNT);
-            let mut count = 0;
-            for (unit, column) in units.iter_mut().zip(columns) {
-                *unit = unit_positions(self.tables, inputs, stride, self.x, column);
-                count += 1;
+            let mut units = heapless::Vec::<[V; 3], AT_ONCE>::new();
+            for column in (first..stride).step_by(V::COUNT).take(AT_ONCE) {
+                let _ = units.push(unit_positions(self.tables, inputs, stride, self.x, column));
             }
-            let (units, reads) = (head(&units, count), &mut [Read::none(); AT_ONCE]);
+            let reads = &mut heapless::Vec::new();
             for level in self.grid.levels() {
                 let to = (first, stride, &mut *self.out);
-                encode_level::<V, T, ROWS, FEATURES>(self.table, &level, units, reads, to);
+                encode_level::<V, T, ROWS, FEATURES>(self.table, &level, &units, reads, to);
             }
         }
     }
@@ -139,17 +136,18 @@ fn encode_level<V: Lanes, T: Table, const ROWS: usize, const FEATURES: usize>(
     table: T,
     level: &GridLevel,
     units: &[[V; 3]],
-    reads: &mut [Read<V, ROWS>; AT_ONCE],
+    reads: &mut heapless::Vec<Read<V, ROWS>, AT_ONCE>,
     (first, stride, out): (usize, usize, &mut [f32]),
 ) {
     // In two loops, each of which fits into the registers.
-    for (read, &unit) in reads.iter_mut().zip(units) {
-        *read = Read::of(level, unit);
+    reads.clear();
+    for &unit in units {
+        let _ = reads.push(Read::of(level, unit));
     }
     let mut rows = tail_mut(out, level.index * FEATURES * stride).chunks_exact_mut(stride);
     let mut to: [_; FEATURES] =
         core::array::from_fn(|_| tail_mut(rows.next().unwrap_or_default(), first).chunks_exact_mut(V::COUNT));
-    for read in reads.iter().take(units.len()) {
+    for read in &*reads {
         let values = read.interpolate(table, level, FEATURES);
         for (to, value) in to.iter_mut().zip(values) {
             if let Some(to) = to.next() {
@@ -169,12 +167,6 @@ struct Read<V: Lanes, const ROWS: usize> {
 }
 
 impl<V: Lanes, const ROWS: usize> Read<V, ROWS> {
-    #[inline(always)]
-    fn none() -> Self {
-        let zero = V::splat(0.0);
-        Self { rows: [V::Indices::splat(0); ROWS], weights: [zero; ROWS], far: zero }
-    }
-
     #[inline(always)]
     fn of(level: &GridLevel, unit: [V; 3]) -> Self {
         let cells = Cells::of(level, unit);

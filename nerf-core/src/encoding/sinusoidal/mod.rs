@@ -62,7 +62,7 @@ impl SinusoidalEncoding {
 /// Encodes a block of samples.
 ///
 /// `x`: `[inputs][stride]`, `out`: `[outputs][stride]`, both with `stride` samples to a channel, a
-/// multiple of 16 or any number with portable instructions.
+/// multiple of [`Isa::columns`] or any number with portable instructions.
 ///
 /// # Accuracy
 /// 1.2e-7 at every level with [`MathBackend::Polynomial`]: `2^k x` is exact, and the angle is
