@@ -84,7 +84,7 @@ impl Audit {
             table.write_csv(folder.join("audit.csv"))?;
             write(&summary, folder)?;
         }
-        global.finish(&summary, || {
+        global.finish_with(&summary, || {
             let Summary { views, split, background, .. } = &summary;
             outlines!(table.to_text());
             outln!(

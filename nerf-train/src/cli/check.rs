@@ -66,7 +66,7 @@ impl Check {
             write(&diagnosis, folder)?;
             lines.push(html.display().to_string());
         }
-        global.finish(&diagnosis, || print_lines(lines))?;
+        global.finish_with(&diagnosis, || print_lines(lines))?;
         Ok(ExitCode::SUCCESS)
     }
 

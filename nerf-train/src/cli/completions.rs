@@ -26,7 +26,7 @@ impl Completions {
         generate(self.shell, &mut cli, "nerf-train", &mut script);
         let script = String::from_utf8(script)?;
         let made = Script { shell: self.shell.to_string(), script };
-        global.finish(&made, || {
+        global.finish_with(&made, || {
             outlines!(made.script.trim_end());
             Ok(())
         })?;

@@ -96,7 +96,7 @@ impl Demo {
             ..Summary::of(&outcome, &config, options.kernel, seconds, data, &blob_path)
         };
         write(&summary, &self.out)?;
-        global.finish(&summary, || self.print(&summary, &views, &outcome, has_mp4))?;
+        global.finish_with(&summary, || self.print(&summary, &views, &outcome, has_mp4))?;
         Ok(ExitCode::SUCCESS)
     }
 

@@ -128,7 +128,7 @@ impl Eval {
             table.write_csv(folder.join("views.csv"))?;
             write(&found, folder)?;
         }
-        global.finish(&found, || self.print(&table, &found))?;
+        global.finish_with(&found, || self.print(&table, &found))?;
         Ok(ExitCode::SUCCESS)
     }
 

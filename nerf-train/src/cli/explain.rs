@@ -86,7 +86,7 @@ impl Explain {
         let explanation = plan.explain(&renderer).with_counters(counters);
 
         let summary = Summary::of(&explanation, &renderer, counters);
-        global.finish(&summary, || {
+        global.finish_with(&summary, || {
             outlines!(explanation.to_string().trim_end());
             Ok(())
         })?;

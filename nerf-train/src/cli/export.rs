@@ -122,7 +122,7 @@ impl Export {
         }
         summary.file_bytes = std::fs::metadata(&self.output).map_or(0, |file| file.len());
         summary.total_seconds = start.elapsed().as_secs_f64();
-        global.finish(&summary, || print(&summary))?;
+        global.finish_with(&summary, || print(&summary))?;
         Ok(ExitCode::SUCCESS)
     }
 

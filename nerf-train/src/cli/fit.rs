@@ -423,7 +423,7 @@ impl Fit {
             val_split: if on_test { "test" } else { "val" },
             ..Summary::of(&outcome, &config, options.kernel, seconds, data, &self.output)
         };
-        let printed = global.finish(&summary, || {
+        let printed = global.finish_with(&summary, || {
             print_lines(&found)?;
             outcome::print(&outcome, &self.output)
         });

@@ -19,7 +19,7 @@ impl Inspect {
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
-        global.finish(&Inspection::of(&self.file, &bytes, &blob), || {
+        global.finish_with(&Inspection::of(&self.file, &bytes, &blob), || {
             print_lines(lines(&self.file, &bytes, &blob))
         })?;
         Ok(ExitCode::SUCCESS)

@@ -13,6 +13,7 @@ mod fit;
 mod image;
 mod import;
 mod inspect;
+mod lines;
 mod options;
 mod outcome;
 mod places;

@@ -64,7 +64,7 @@ impl Poses {
         };
         let found = find(&request)?;
         let summary = Summary::of(&found, &output, begun.elapsed().as_secs_f64());
-        global.finish(&summary, || print(&found, &output))?;
+        global.finish_with(&summary, || print(&found, &output))?;
         Ok(ExitCode::SUCCESS)
     }
 }

@@ -119,7 +119,8 @@ impl Show {
         }
         let summary = Summary::of(&scene);
         let json = write(&summary, &self.output)?;
-        global.finish(&summary, || print_lines([&html, &json].map(|path| path.display().to_string())))?;
+        global
+            .finish_with(&summary, || print_lines([&html, &json].map(|path| path.display().to_string())))?;
         Ok(ExitCode::SUCCESS)
     }
 

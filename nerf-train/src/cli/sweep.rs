@@ -148,7 +148,7 @@ fn finish(folder: &Folder, global: &Global) -> anyhow::Result<()> {
     let records = write_report(folder)?;
     let report = folder.path().join("report.md");
     let summary = Summary::of(&records, &report);
-    global.finish(&summary, || {
+    global.finish_with(&summary, || {
         outlines!(table(&records).to_text().trim_end());
         outln!("report: {}", report.display());
         Ok(())

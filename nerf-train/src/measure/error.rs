@@ -2,8 +2,8 @@
 
 use crate::data::pictures::rgb::ReportError;
 use crate::data::system::output::OutputError;
+use crate::measure::import::ImportError;
 use crate::model::export::ExportError;
-use crate::model::import::ImportError;
 use nerf_core::blob::BlobError;
 use nerf_core::camera::CameraError;
 use nerf_core::plan::PlanError;

@@ -146,7 +146,6 @@ fn no_output_may_be_an_input_by_any_name() {
         &["image", "fit", "IN", "-o", "OUT"],
         &["import", "IN", "-o", "OUT"],
         &["import", "a", "--coarse", "IN", "-o", "OUT"],
-        &["import", "a", "--config", "IN", "-o", "OUT"],
         &["import", "a", "--occupancy", "IN", "-o", "OUT"],
         &["import", "a", "--check", "IN", "-o", "OUT"],
     ];

@@ -254,7 +254,7 @@ impl Fit {
             report(folder, &photo, &outcome, &self.snapshots, &summary)?;
             self.say_missed(outcome.steps, global);
         }
-        global.finish(&summary, || self.print(&outcome))?;
+        global.finish_with(&summary, || self.print(&outcome))?;
         Ok(ExitCode::SUCCESS)
     }
 

@@ -74,7 +74,7 @@ impl Render {
             macs: counters.macs,
             invalid_samples: counters.invalid_samples,
         };
-        global.finish(&summary, || {
+        global.finish_with(&summary, || {
             outln!("{} ({}x{} pixels)", self.output.display(), size[0], size[1]);
             Ok(())
         })?;

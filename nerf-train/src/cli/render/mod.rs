@@ -184,7 +184,7 @@ impl Render {
         let files = self.finish(writers, &target, global)?;
         let seconds = start.elapsed().as_secs_f64();
         let summary = Rendering::of(&files, &cameras, counters, &ranges, seconds);
-        global.finish(&summary, || print_lines(&summary.files))?;
+        global.finish_with(&summary, || print_lines(&summary.files))?;
         Ok(ExitCode::SUCCESS)
     }
 

@@ -139,7 +139,7 @@ impl Study {
         }
         let mut summary = findings.summary(&setting);
         summary.blob = output.map(|output| output.display().to_string());
-        global.finish(&summary, || self.print(&findings, output))?;
+        global.finish_with(&summary, || self.print(&findings, output))?;
         Ok(ExitCode::SUCCESS)
     }
 

@@ -124,7 +124,7 @@ impl StudyTrain {
         let folder = Folder::open(&self.report, header)?;
         self.fit(&dataset, &folder, &trials, global)?;
         let fits = report(&folder, &trials)?;
-        global.finish(&Summary::of(&fits), || {
+        global.finish_with(&Summary::of(&fits), || {
             outlines!(table(&fits).to_text().trim_end());
             outln!("report: {}", self.report.join("report.md").display());
             Ok(())
