@@ -65,13 +65,13 @@ pub struct Global {
     /// Print results only, no progress.
     #[arg(long, short, global = true)]
     pub quiet: bool,
-    /// Print the result as one JSON object; progress, on stderr, as one a line.
+    /// Print the result as JSON; progress on stderr as JSON lines.
     #[arg(long, global = true)]
     pub json: bool,
-    /// Threads, at most four for each core [default: all cores].
+    /// Number of threads [default: all cores].
     #[arg(long, global = true, value_name = "N")]
     pub threads: Option<usize>,
-    /// avx512, avx2, neon, portable; -f16: weights in place; -bf16: rounded [default: fastest].
+    /// Kernel: avx512, avx2, neon, portable, with -f16 or -bf16 [default: fastest].
     #[arg(long, global = true, value_name = "KERNEL", env = "NERF_KERNEL", hide_env_values = true, value_parser = parse_kernel)]
     pub kernel: Option<Kernel>,
 }

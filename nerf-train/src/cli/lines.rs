@@ -1,6 +1,7 @@
 //! A result for people: its fields as aligned lines, by the names that they have in the JSON.
 
 use crate::data::pictures::rgb::ReportError;
+use crate::data::system::printable;
 use crate::show::table::Table;
 use ciborium::Value;
 use serde::Serialize;
@@ -36,7 +37,8 @@ fn collect(name: &str, value: &Value, fields: &mut Vec<(String, String)>, tables
         value => {
             let text = text(value);
             if !text.is_empty() {
-                fields.push((name.to_owned(), text));
+                // It may be a name out of a file.
+                fields.push((name.to_owned(), printable::line(&text).into_owned()));
             }
         }
     }
@@ -102,6 +104,7 @@ mod tests {
             gain_db: Option<f64>,
             left_out: Vec<String>,
             size: [u32; 2],
+            name: &'static str,
             at: serde_json::Value,
             views: Vec<serde_json::Value>,
         }
@@ -112,10 +115,11 @@ mod tests {
             gain_db: None,
             left_out: Vec::new(),
             size: [4, 3],
+            name: "a\nb",
             at: json!({ "near": 0.25 }),
             views: vec![json!({ "view": "a", "ssim": 1.0 }), json!({ "view": "b" })],
         };
-        let expected = "psnr_db  27.512\nsteps    3\nflat     no\nsize     4, 3\nat.near  0.25\n\nviews\n";
+        let expected = "psnr_db  27.512\nsteps    3\nflat     no\nsize     4, 3\nname     a\\nb\nat.near  0.25\n\nviews\n";
         let text = lines(&found).expect("text");
         assert!(text.starts_with(expected), "{text}");
         let table = &text[expected.len()..];

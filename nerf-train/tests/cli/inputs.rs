@@ -219,8 +219,6 @@ fn derived_outputs_are_no_inputs_either() {
         ("r/points.csv", &["study", "IN", "data", "--report", "r"]),
         ("r/front.svg", &["study", "blob", "data", "--source", "IN", "--report", "r"]),
         ("r/difference_a_truth.png", &["study", "blob", "IN", "--report", "r"]),
-        ("r/table.csv", &["study", "train", "IN", "--report", "r"]),
-        ("r/psnr_over_time_width.svg", &["study", "train", "data", "--config", "IN", "--report", "r"]),
         ("r/picture.png", &["image", "fit", "IN", "-o", "a.nerf", "--report", "r"]),
         (
             "r/snapshots/step_000020.png",
@@ -283,7 +281,6 @@ fn nothing_is_written_into_a_data_set_that_is_a_folder() {
         &["eval", "blob", "scene", "--report"],
         &["audit", "blob", "scene", "--report"],
         &["study", "blob", "scene", "--report"],
-        &["study", "train", "scene", "--report"],
         &["show", "scene", "-o"],
         &["sweep", "scene", "scene", "--width", "8,16", "-o"],
         &["render", "blob", "--path", "scene", "-o"],

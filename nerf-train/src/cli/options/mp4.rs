@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 /// The program that makes MP4s.
 #[derive(Debug, Args)]
 pub struct Mp4Options {
-    /// The ffmpeg that makes MP4s [default: the one on PATH].
+    /// Path of ffmpeg [default: the one on PATH].
     #[arg(long, value_name = "PROGRAM", env = "NERF_FFMPEG", hide_env_values = true)]
     ffmpeg: Option<PathBuf>,
     /// Write no MP4 beside a GIF.

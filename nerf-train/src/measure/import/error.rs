@@ -9,28 +9,17 @@ use std::path::PathBuf;
 /// A network that cannot be imported.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
+#[allow(missing_docs, reason = "the names say what they are")]
 pub enum ImportError {
     /// A file that cannot be read, or an array of it.
     #[error(transparent)]
     File(#[from] DatasetError),
     /// A file or a setting that is not as an import needs it.
     #[error("{place}: expected {expected}, found {found}")]
-    Refused {
-        /// The file, and the tensor in it; or the flag.
-        place: String,
-        /// What would do.
-        expected: String,
-        /// What is there.
-        found: String,
-    },
+    Refused { place: String, expected: String, found: String },
     /// The network is outside the format's caps.
     #[error("{}: {error}", file.display())]
-    Architecture {
-        /// The checkpoint.
-        file: PathBuf,
-        /// What is beyond them.
-        error: ArchitectureError,
-    },
+    Architecture { file: PathBuf, error: ArchitectureError },
     /// The format refuses the network.
     #[error(transparent)]
     Export(#[from] ExportError),

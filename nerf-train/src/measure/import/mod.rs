@@ -60,26 +60,22 @@ pub const SUSPICIOUS_DB: f64 = 15.0;
 
 /// What to import, and how.
 #[derive(Clone, Copy)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Request<'a> {
-    /// The network.
     pub tensors: &'a Tensors,
     /// The coarse network whose densities say where on a ray it is asked.
     pub coarse: Option<&'a Tensors>,
-    /// What the files cannot say.
     pub settings: &'a Settings,
-    /// What renders the check.
     pub kernel: Kernel,
-    /// Display.
     pub style: ProgressStyle,
     /// View dependence that gains less than this on the check's views is left out, dB.
     pub effect_threshold_db: f64,
 }
 
 /// Views to check with, thinned to every [`STRIDE`]-th pixel.
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Views {
-    /// Name of the data set.
     pub name: String,
-    /// What is measured.
     pub views: Vec<View>,
     /// Views whose directions are averaged over: those of training, if there are any.
     pub rays: Vec<View>,

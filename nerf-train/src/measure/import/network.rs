@@ -14,8 +14,8 @@ use std::iter::once;
 
 /// A network in this project's shape and order, before its feature layer is folded.
 #[derive(Clone, Debug)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Imported {
-    /// Its shape.
     pub model: Model,
     /// Its parameters in the model's own order.
     pub parameters: Vec<f32>,
