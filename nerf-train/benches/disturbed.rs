@@ -10,12 +10,12 @@ use nerf_core::camera::{Camera, Pose};
 use nerf_train::cli::read_config;
 use nerf_train::data::demo::{DemoSpec, dataset};
 use nerf_train::data::pictures::rgb::Picture;
-use nerf_train::data::system::progress::ProgressStyle;
 use nerf_train::data::{Background, Dataset, View, over};
 use nerf_train::fit::run::{Ended, RunOptions, run};
 use nerf_train::measure::frame;
 use nerf_train::model::config::{Exposure, MovingObjects, PoseRefinement, Preset, Surroundings};
 use nerf_train::show::contact_sheet::{Cell, contact_sheet};
+use nerf_train::system::progress::ProgressStyle;
 use nerf_train::train::schedule::Budget;
 use std::path::Path;
 

@@ -9,13 +9,13 @@
 use nerf_core::Kernel;
 use nerf_train::cli::read_config;
 use nerf_train::data::pictures::rgb::Picture;
-use nerf_train::data::system::progress::ProgressStyle;
 use nerf_train::data::{Background, Cameras, Dataset, Downscale, ReadOptions, View, read};
 use nerf_train::fit::finish::{Outcome, Shown};
 use nerf_train::fit::run::{Ended, RunOptions, run};
 use nerf_train::measure::frame;
 use nerf_train::model::config::{Config, Preset, Surroundings};
 use nerf_train::show::contact_sheet::{Cell, contact_sheet};
+use nerf_train::system::progress::ProgressStyle;
 use nerf_train::train::schedule::Budget;
 use std::path::{Path, PathBuf};
 use std::time::Instant;

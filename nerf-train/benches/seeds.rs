@@ -9,11 +9,11 @@
 
 use nerf_core::Kernel;
 use nerf_core::plan::Quality;
-use nerf_train::data::system::progress::ProgressStyle;
 use nerf_train::data::{Dataset, ReadOptions, read};
 use nerf_train::fit::run::{Ended, RunOptions, run, spread};
 use nerf_train::measure::eval::measure;
 use nerf_train::model::config::{Config, Jitter, Preset};
+use nerf_train::system::progress::ProgressStyle;
 use nerf_train::train::Trainer;
 use nerf_train::train::schedule::Budget;
 use std::path::Path;

@@ -1,7 +1,7 @@
 //! Trains, evaluates and renders radiance fields on a CPU.
 //!
-//! The rooms in the order in which data flows: `data`, `model`, `train`, `measure`, `fit`, `lab`, `show`, `cli`. Each uses
-//! only those in front of it.
+//! The rooms in the order in which data flows: `system`, `data`, `capture`, `model`, `train`, `measure`, `fit`,
+//! `lab`, `show`, `cli`. Each uses only those in front of it.
 
 pub mod capture;
 pub mod cli;
@@ -11,6 +11,7 @@ pub mod lab;
 pub mod measure;
 pub mod model;
 pub mod show;
+pub mod system;
 pub mod train;
 
 #[cfg(test)]

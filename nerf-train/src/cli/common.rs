@@ -2,14 +2,14 @@
 
 use super::lines::lines;
 pub use crate::data::pictures::colour::{name as background_name, parse as parse_background};
-pub use crate::data::system::cpu::name as cpu_name;
-pub use crate::data::system::input::parse_numbers;
-use crate::data::system::input::{MAX_BLOB_BYTES, read_limited};
-use crate::data::system::output::claims::{Claims, Existing, is_device};
-use crate::data::system::printable;
-use crate::data::system::progress;
-use crate::data::system::progress::ProgressStyle;
-use crate::data::system::summary::to_json;
+pub use crate::system::cpu::name as cpu_name;
+pub use crate::system::input::parse_numbers;
+use crate::system::input::{MAX_BLOB_BYTES, read_limited};
+use crate::system::output::claims::{Claims, Existing, is_device};
+use crate::system::printable;
+use crate::system::progress;
+use crate::system::progress::ProgressStyle;
+use crate::system::summary::to_json;
 use anyhow::{Context, bail};
 use clap::Args;
 use nerf_core::Kernel;
@@ -27,7 +27,7 @@ const THREADS_PER_CORE: usize = 4;
 /// Prints a line of the result, which stays one line whatever is in it; returns from the function where that fails.
 macro_rules! outln {
     ($($arg:tt)*) => {
-        $crate::cli::common::print(&$crate::data::system::printable::line(&format!($($arg)*)))?
+        $crate::cli::common::print(&$crate::system::printable::line(&format!($($arg)*)))?
     };
 }
 

@@ -4,15 +4,15 @@ use super::common::{Global, check_counts, open_blob, parse_numbers, read_file};
 use super::eval::Split;
 use super::options::data::DataOptions;
 use super::places;
-use crate::data::system::memory;
-use crate::data::system::output::claims::Claims;
-use crate::data::system::progress::{Message, Progress, Total};
-use crate::data::system::summary::Short;
 use crate::data::{View, origin_in_name};
 use crate::show::export::{
     Field, Lattice, Mesh, Summary, Surface, mesh, points_of_surface, points_of_views, volume, write_glb,
     write_npz, write_obj, write_ply,
 };
+use crate::system::memory;
+use crate::system::output::claims::Claims;
+use crate::system::progress::{Message, Progress, Total};
+use crate::system::summary::Short;
 use anyhow::bail;
 use clap::{Args, ValueEnum};
 use glam::DVec3;

@@ -4,14 +4,14 @@ use super::audit::check_threshold;
 use super::common::{Global, tell};
 use super::options::data::DataOptions;
 use super::places;
-use crate::data::system::output::claims::Claims;
-use crate::data::system::output::write_atomic;
 use crate::data::{Axes, Cameras, Downscale, View};
 use crate::fit::run::spread;
 use crate::measure::audit::THRESHOLD_DB;
 use crate::measure::import::{
     self, Occupancy, Request, STRIDE, SUSPICIOUS_DB, Settings, Summary, Tensors, Views, occupancy,
 };
+use crate::system::output::claims::Claims;
+use crate::system::output::write_atomic;
 use anyhow::bail;
 use clap::Args;
 use std::path::PathBuf;

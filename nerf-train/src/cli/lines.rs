@@ -1,8 +1,8 @@
 //! A result for people: its fields as aligned lines, by the names that they have in the JSON.
 
 use crate::data::pictures::rgb::ReportError;
-use crate::data::system::printable;
 use crate::show::table::Table;
+use crate::system::printable;
 use ciborium::Value;
 use serde::Serialize;
 

@@ -26,7 +26,7 @@ mod sweep;
 
 pub use options::settings::read_config;
 
-use crate::data::system::summary::to_json;
+use crate::system::summary::to_json;
 use clap::{ArgAction, CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
 
@@ -100,7 +100,7 @@ fn print_error(message: &str) {
 
 /// Says on stderr that a signal ended the command, and what is left of its work.
 pub(crate) fn interrupted(message: &str) {
-    crate::data::system::progress::abandon();
+    crate::system::progress::abandon();
     common::tell(message);
 }
 
@@ -130,7 +130,7 @@ pub fn main() -> ExitCode {
     common::survive_file_size_limits();
     let cli = parse();
     let say = if cli.global.json { interrupted_json } else { interrupted };
-    if let Err(error) = crate::data::system::stop::watch(say) {
+    if let Err(error) = crate::system::stop::watch(say) {
         common::tell(&format!("warning: signals end this command without saving: {error}"));
     }
     let result = cli.global.apply().and_then(|()| match cli.command {
@@ -152,7 +152,7 @@ pub fn main() -> ExitCode {
         Command::Config(config) => config.run(&cli.global),
         Command::Completions(completions) => completions.run(Cli::command(), &cli.global),
     });
-    crate::data::system::stop::leave_to_signal();
+    crate::system::stop::leave_to_signal();
     match result {
         Ok(status) => status,
         Err(error) => {

@@ -11,7 +11,7 @@
 //!
 //! A name without an extension, and a device such as `/dev/null`, is taken for whatever the command writes.
 
-use crate::data::system::output::claims::{Contents, Pattern, is_device};
+use crate::system::output::claims::{Contents, Pattern, is_device};
 use anyhow::bail;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};

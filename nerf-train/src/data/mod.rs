@@ -25,7 +25,6 @@ pub mod names;
 pub mod pictures;
 pub mod poses;
 pub mod report;
-pub mod system;
 mod view;
 mod watch;
 

@@ -2,8 +2,8 @@
 
 use crate::data::cameras::geometry::bounds;
 use crate::data::layouts::transforms::listed;
-use crate::data::system::printable::line;
 use crate::data::{Axes, Background, Dataset, Format, LookAt};
+use crate::system::printable::line;
 use glam::DVec3;
 use nerf_core::camera::Camera;
 use serde::Serialize;

@@ -1,8 +1,8 @@
 //! The loop of every fit, of scenes and of pictures: budget, validation, checkpoints, Ctrl-C, progress.
 
-use crate::data::system::output::{OutputError, write_atomic};
-use crate::data::system::progress::{Message, Progress};
-use crate::data::system::stop::{Claim, Cover};
+use crate::system::output::{OutputError, write_atomic};
+use crate::system::progress::{Message, Progress};
+use crate::system::stop::{Claim, Cover};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 

@@ -8,11 +8,11 @@
 
 use crate::data::pictures::rgb::ReportError;
 use crate::data::pictures::thumbnail::Thumbnail;
-use crate::data::system::output::{OutputError, write_atomic};
 use crate::data::{Dataset, View};
 use crate::fit::finish::Outcome;
 use crate::fit::run::RunError;
 use crate::fit::validation::spread_indices;
+use crate::system::output::{OutputError, write_atomic};
 use nerf_core::camera::Projection;
 use serde::Serialize;
 use std::path::{Path, PathBuf};

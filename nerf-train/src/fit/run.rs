@@ -1,8 +1,6 @@
 //! One run from first step to blob: progress, validation, snapshots, checkpoints, Ctrl-C.
 
 use crate::data::pictures::rgb::ReportError;
-use crate::data::system::output::{OutputError, ensure_folder};
-use crate::data::system::progress::{Message, Progress, ProgressStyle};
 use crate::data::{Dataset, View};
 pub use crate::fit::drive::{Ended, interrupted};
 use crate::fit::drive::{File, Task, drive, nothing_done};
@@ -13,6 +11,8 @@ use crate::fit::snapshot::{SnapshotError, SnapshotOptions};
 use crate::fit::validation::{ASKED_VIEWS, Due, pixels_of, spread_indices, watched};
 use crate::measure::eval::EvalError;
 use crate::model::config::Config;
+use crate::system::output::{OutputError, ensure_folder};
+use crate::system::progress::{Message, Progress, ProgressStyle};
 use crate::train::candidate::About;
 use crate::train::checkpoint::{Checkpoint, CheckpointError};
 use crate::train::moving::in_words;

@@ -3,13 +3,13 @@
 use crate::capture::check::Diagnosis;
 use crate::capture::check::after::Fitted;
 use crate::data::pictures::colour;
-use crate::data::system::cpu;
-use crate::data::system::summary::Short;
 use crate::fit::finish::Outcome;
 use crate::measure::eval::Scores;
 use crate::measure::inspect::GridSummary;
 use crate::model::config::Config;
 use crate::model::engine::EngineKind;
+use crate::system::cpu;
+use crate::system::summary::Short;
 use crate::train::moving::Moved;
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;

@@ -1,9 +1,9 @@
 //! Why a study or an audit cannot be made.
 
 use crate::data::pictures::rgb::ReportError;
-use crate::data::system::output::OutputError;
 use crate::measure::import::ImportError;
 use crate::model::export::ExportError;
+use crate::system::output::OutputError;
 use nerf_core::blob::BlobError;
 use nerf_core::camera::CameraError;
 use nerf_core::plan::PlanError;

@@ -1,12 +1,12 @@
 //! How good a blob is on views it was not fitted to.
 
 use crate::data::pictures::colour;
-use crate::data::system::cpu;
 use crate::data::{SparsePoint, View};
 use crate::measure::frame;
 use crate::measure::frame::Frame;
 use crate::measure::metrics::{aligned_psnr_db, psnr_db, ssim_of};
 use crate::measure::surfaces::Surfaces;
+use crate::system::cpu;
 use nerf_core::Kernel;
 use nerf_core::blob::{Blob, BlobError};
 use nerf_core::encoding::{GridEncoding, GridTables, TableValues};

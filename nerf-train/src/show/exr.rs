@@ -1,8 +1,8 @@
 //! Floats as they are, in OpenEXR: for compositors and whoever measures.
 
 use crate::data::pictures::rgb::{ReportError, check_length};
-use crate::data::system::output::mark::MARK;
-use crate::data::system::output::write_atomic;
+use crate::system::output::mark::MARK;
+use crate::system::output::write_atomic;
 use exr::prelude::{
     AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, WritableImage,
 };

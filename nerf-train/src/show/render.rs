@@ -1,11 +1,11 @@
 //! Views of a scene, one after the other, to their files.
 
 use crate::data::pictures::rgb::ReportError;
-use crate::data::system::summary::Short;
 use crate::measure::frame;
 use crate::show::colour_map::robust_range;
 use crate::show::view::Output;
 use crate::show::writer::Writer;
+use crate::system::summary::Short;
 use nerf_core::camera::{Camera, CameraError, Intrinsics};
 use nerf_core::plan::Plan;
 use nerf_core::render::{Counters, RenderError, Renderer};

@@ -1,8 +1,8 @@
 //! Tables: CSV for programs, aligned text for the terminal, Markdown for reports.
 
 use crate::data::pictures::rgb::ReportError;
-use crate::data::system::output::write_atomic;
-use crate::data::system::printable;
+use crate::system::output::write_atomic;
+use crate::system::printable;
 use std::path::Path;
 
 /// Named columns and rows of texts; every row has as many cells as there are columns.

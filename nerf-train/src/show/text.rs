@@ -1,7 +1,7 @@
 //! Text in pictures, with the fonts that are compiled in: no system fonts are needed.
 
 use crate::data::pictures::rgb::Picture;
-use crate::data::system::printable;
+use crate::system::printable;
 use ab_glyph::{Font, FontRef, GlyphId, PxScale, ScaleFont, point};
 use std::sync::LazyLock;
 

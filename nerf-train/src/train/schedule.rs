@@ -1,7 +1,7 @@
 //! When to stop, and how fast to learn until then.
 
-use crate::data::system::progress::Total;
 use crate::model::config::OptimiserConfig;
+use crate::system::progress::Total;
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 

@@ -10,7 +10,7 @@ use nerf_core::blob::Blob;
 use nerf_core::sampling::{Purpose, uniform};
 use nerf_train::data::demo;
 use nerf_train::data::demo::DemoSpec;
-use nerf_train::data::system::stop;
+use nerf_train::system::stop;
 use nerf_train::train::checkpoint::Checkpoint;
 use nerf_train::train::field::FieldCheckpoint;
 use std::fs;

@@ -18,7 +18,6 @@ use nerf_core::Kernel;
 use nerf_train::data::Dataset;
 use nerf_train::data::demo;
 use nerf_train::data::demo::DemoSpec;
-use nerf_train::data::system::progress::ProgressStyle;
 use nerf_train::fit::finish::Outcome;
 use nerf_train::fit::run::Ended;
 use nerf_train::fit::run::RunError;
@@ -28,6 +27,7 @@ use nerf_train::model::config::Config;
 use nerf_train::model::config::PoseRefinement;
 use nerf_train::model::config::Preset;
 use nerf_train::model::engine::EngineKind;
+use nerf_train::system::progress::ProgressStyle;
 use nerf_train::train::schedule::Budget;
 use std::path::PathBuf;
 

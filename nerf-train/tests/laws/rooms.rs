@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 
 /// As in `lib.rs`.
-const ROOMS: [&str; 9] = ["data", "capture", "model", "train", "measure", "fit", "lab", "show", "cli"];
+const ROOMS: [&str; 10] =
+    ["system", "data", "capture", "model", "train", "measure", "fit", "lab", "show", "cli"];
 
 fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(folder).expect("a folder") {

@@ -1,7 +1,7 @@
 //! What the training photographs say of the capture once a field is fitted to them.
 
 use super::Diagnosis;
-use crate::data::system::summary::Short;
+use crate::system::summary::Short;
 use serde::Serialize;
 
 /// Distance below the median PSNR at which a photograph is far worse than the rest: dB, and median deviations.

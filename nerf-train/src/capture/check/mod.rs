@@ -18,8 +18,8 @@ mod tests;
 
 use crate::capture::exposure::LogGains;
 use crate::capture::sights::Sights;
-use crate::data::system::summary::Short;
 use crate::data::{Dataset, View};
+use crate::system::summary::Short;
 use grey::Grey;
 use groups::{Groups, few};
 use links::Links;

@@ -8,14 +8,14 @@ use crate::cli::common::{
 use crate::cli::options::grid::{self, TableSettings, check_memory, given, of_sinusoidal, parse_bytes};
 use crate::cli::places;
 use crate::data::pictures::photograph::{MAX_SIDE, Photo};
-use crate::data::system::output::claims::Claims;
-use crate::data::system::output::ensure_folder;
-use crate::data::system::stop;
 use crate::fit::drive::Ended;
 use crate::fit::picture::{Evaluation, RunOptions, Summary, kept, run};
 use crate::fit::size;
 use crate::model::picture_config::{FieldConfig, FieldPreset};
 use crate::show::reports::picture::{step_file, write as report};
+use crate::system::output::claims::Claims;
+use crate::system::output::ensure_folder;
+use crate::system::stop;
 use crate::train::schedule::{Budget, Clock};
 use clap::{Args, Subcommand};
 use render::Render;

@@ -3,10 +3,10 @@
 use crate::cli::common::{Global, open_blob, read_file};
 use crate::cli::options::quality::parse_math;
 use crate::cli::places;
-use crate::data::system::memory;
-use crate::data::system::output::claims::Claims;
-use crate::data::system::progress::{Message, Progress, Total};
 use crate::measure::frame::{PictureSummary, render_picture};
+use crate::system::memory;
+use crate::system::output::claims::Claims;
+use crate::system::progress::{Message, Progress, Total};
 use anyhow::{Context, bail};
 use clap::Args;
 use nerf_core::blob::PictureFacts;

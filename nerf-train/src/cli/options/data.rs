@@ -3,12 +3,12 @@
 use crate::cli::common::Global;
 use crate::data;
 use crate::data::refined::{self, RefinedPoses};
-use crate::data::system::progress::{self, Message, Progress, ProgressStyle, Total};
 use crate::data::{
     Axes, Background, Cameras, Dataset, Downscale, Layout, ReadOptions, Report, Watch, cameras_in_name,
     origin_in_name,
 };
 use crate::model::config::{Config, Surroundings};
+use crate::system::progress::{self, Message, Progress, ProgressStyle, Total};
 use clap::{Args, ValueEnum};
 use nerf_core::blob::Blob;
 use nerf_core::plan::{Plan, PlanError};

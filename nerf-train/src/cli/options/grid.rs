@@ -1,9 +1,9 @@
 //! A learned grid on the command line: its flags, and in words and as fields what a blob has.
 
-use crate::data::system::memory;
 use crate::fit::size::Chosen;
 use crate::model::config::TableConfig;
 use crate::model::quantise::TableStorage;
+use crate::system::memory;
 use clap::{Args, ValueEnum};
 use nerf_core::encoding::GridEncoding;
 

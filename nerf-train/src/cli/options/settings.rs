@@ -1,7 +1,7 @@
 //! Settings out of a TOML file.
 
-use crate::data::system::input;
 use crate::model::config::{Config, Preset, Surroundings};
+use crate::system::input;
 use anyhow::Context;
 use std::path::Path;
 

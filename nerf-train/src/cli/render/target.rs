@@ -3,12 +3,12 @@
 use super::Render;
 use crate::cli::common::Global;
 use crate::cli::places;
-use crate::data::system::output::claims::{Claims, Existing};
 use crate::lab::Shard;
 use crate::show::film::{Files, beside};
 use crate::show::video::Ffmpeg;
 use crate::show::view::{Output, is_exr};
 use crate::show::writer::Writer;
+use crate::system::output::claims::{Claims, Existing};
 use anyhow::bail;
 use std::path::{Path, PathBuf};
 

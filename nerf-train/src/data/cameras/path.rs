@@ -2,7 +2,7 @@
 
 use crate::data::DatasetError;
 use crate::data::cameras::pose::{BOTTOM_ROW, bottom_row_fault};
-use crate::data::system::input::{read_limited, without_mark};
+use crate::system::input::{read_limited, without_mark};
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use serde::Deserialize;
 use serde::de::IgnoredAny;

@@ -1,7 +1,7 @@
 //! Refined poses beside a blob: `FILE.poses.json`, a transforms.json of the photographs that the blob was fitted to.
 
-use crate::data::system::input::{MAX_JSON_BYTES, read_limited};
 use crate::data::{DatasetError, View};
+use crate::system::input::{MAX_JSON_BYTES, read_limited};
 use glam::{Mat3, Vec3};
 use nerf_core::camera::{Camera, Lens, Pose, Projection};
 use serde::{Deserialize, Serialize};

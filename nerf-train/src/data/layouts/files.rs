@@ -6,6 +6,7 @@ use crate::data::layouts::folders::entries;
 use crate::data::layouts::llff;
 use crate::data::layouts::nerfstudio;
 use crate::data::pictures::file::{self, Listings};
+use crate::system::output::claims::Claims;
 use serde::Deserialize;
 use std::fs::File;
 use std::io::Read;
@@ -24,6 +25,23 @@ struct Frame {
     file_path: Option<String>,
     mask_path: Option<String>,
     depth_file_path: Option<String>,
+}
+
+impl Claims {
+    /// Reads a data set: a file or folder, and the files that its lists name wherever they lie.
+    pub fn reads_data(self, path: &Path) -> Self {
+        let files = files(path);
+        let claims = self.reads("the data set", path);
+        files.iter().fold(claims, |claims, file| claims.reads("a file of the data set,", file))
+    }
+
+    /// As [`reads_data`](Self::reads_data), where a flag was given.
+    pub fn reads_data_if(self, path: Option<&Path>) -> Self {
+        match path {
+            Some(path) => self.reads_data(path),
+            None => self,
+        }
+    }
 }
 
 /// The data set's own file, its lists of views, and the files that they name, as far as they exist.

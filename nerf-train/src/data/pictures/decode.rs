@@ -1,6 +1,6 @@
 //! A picture file, decoded whole or refused.
 
-use crate::data::system::input::{MAX_PICTURE_BYTES, read_limited};
+use crate::system::input::{MAX_PICTURE_BYTES, read_limited};
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, metadata::Orientation};
 use std::io::{BufReader, Cursor, Read};
 use std::path::{Path, PathBuf};

@@ -1,7 +1,7 @@
 //! Why there are no poses.
 
 use crate::data::DatasetError;
-use crate::data::system::output::OutputError;
+use crate::system::output::OutputError;
 use std::path::PathBuf;
 
 /// Poses that could not be made.

@@ -14,9 +14,9 @@ pub use fault::Fault;
 use crate::data::layouts::bare::Bare;
 use crate::data::layouts::colmap::commands::{self, Place, Way};
 use crate::data::layouts::colmap::{Facts, facts};
-use crate::data::system::output::AtomicFolder;
-use crate::data::system::progress::{ProgressStyle, say_lines};
 use crate::data::{Dataset, ReadOptions, read};
+use crate::system::output::AtomicFolder;
+use crate::system::progress::{ProgressStyle, say_lines};
 use run::Runner;
 use std::fs;
 use std::io;
@@ -212,8 +212,8 @@ fn cannot_write(request: &Request<'_>, source: io::Error) -> PosesError {
 }
 
 fn cannot_write_at(path: &Path, source: io::Error) -> PosesError {
-    let attempt = crate::data::system::output::Attempt::Write;
-    crate::data::system::output::OutputError { path: path.into(), attempt, source }.into()
+    let attempt = crate::system::output::Attempt::Write;
+    crate::system::output::OutputError { path: path.into(), attempt, source }.into()
 }
 
 fn copy(bare: &Bare, images: &Path) -> io::Result<()> {

@@ -2,8 +2,8 @@
 
 use super::PosesError;
 use crate::data::layouts::colmap::commands::Stage;
-use crate::data::system::child::{Heard, Helper, last_lines};
-use crate::data::system::progress::{Message, Progress, ProgressStyle, Total};
+use crate::system::child::{Heard, Helper, last_lines};
+use crate::system::progress::{Message, Progress, ProgressStyle, Total};
 use std::io;
 use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};

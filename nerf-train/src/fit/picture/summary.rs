@@ -2,9 +2,9 @@
 
 use super::Outcome;
 use crate::data::pictures::photograph::Photo;
-use crate::data::system::cpu;
 use crate::measure::inspect::GridSummary;
 use crate::model::picture_config::FieldConfig;
+use crate::system::cpu;
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use serde::Serialize;

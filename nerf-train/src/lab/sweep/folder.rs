@@ -3,9 +3,9 @@
 use super::{Header, Point, Record};
 use crate::data::pictures::rgb::Picture;
 use crate::data::pictures::rgb::ReportError;
-use crate::data::system::input;
-use crate::data::system::output::{OutputError, ensure_folder, write_atomic, write_new};
-use crate::data::system::printable;
+use crate::system::input;
+use crate::system::output::{OutputError, ensure_folder, write_atomic, write_new};
+use crate::system::printable;
 use crate::train::checkpoint::difference;
 use serde::Serialize;
 use serde::de::DeserializeOwned;

@@ -3,7 +3,6 @@
 use super::{Header, Kind, Knob, Mode, Point, Record, Status};
 use crate::data::pictures::photograph::Photo;
 use crate::data::pictures::rgb::Picture;
-use crate::data::system::progress::ProgressStyle;
 use crate::data::{Dataset, View};
 use crate::fit::picture;
 use crate::fit::picture::FieldError;
@@ -17,6 +16,7 @@ use crate::measure::metrics::{flat_psnr_db, is_flat};
 use crate::model::config::{Config, ConfigError, TableConfig, rule};
 use crate::model::engine::EngineError;
 use crate::model::picture_config::FieldConfig;
+use crate::system::progress::ProgressStyle;
 use crate::train::TrainError;
 use crate::train::checkpoint::fingerprint;
 use crate::train::field::FieldTrainError;

@@ -1,10 +1,10 @@
 use super::*;
 use crate::data::pictures::photograph::Photo;
 use crate::data::pictures::rgb::Picture;
-use crate::data::system::progress::ProgressStyle;
 use crate::lab::Shard;
 use crate::model::picture_config::FieldPreset;
 use crate::show::reports::sweep::{table, write_report};
+use crate::system::progress::ProgressStyle;
 use nerf_core::Kernel;
 use std::path::Path;
 

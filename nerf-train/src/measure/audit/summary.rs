@@ -2,7 +2,7 @@
 
 use super::{Audit, Verdict, Worth};
 use crate::data::pictures::colour;
-use crate::data::system::cpu;
+use crate::system::cpu;
 use serde::Serialize;
 
 /// What an audit found, for scripts.

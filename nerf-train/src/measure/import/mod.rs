@@ -42,11 +42,11 @@ pub use tensors::{Tensor, Tensors};
 
 use crate::data::View;
 use crate::data::pictures::colour;
-use crate::data::system::progress::{Message, Progress, ProgressStyle, Total, say};
 use crate::measure::audit::{Verdict, flattened};
 use crate::measure::eval::{EvalError, OCCUPANCY_LOSS_DB, Scores, measure};
 use crate::measure::metrics::gain_db;
 use crate::model::export::{Coarse, Contents, Exported, Tables, export_with};
+use crate::system::progress::{Message, Progress, ProgressStyle, Total, say};
 use crate::train::occupancy::{Ask, LiveCells};
 use nerf_core::Kernel;
 use nerf_core::blob::{Content, Provenance};

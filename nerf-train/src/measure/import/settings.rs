@@ -3,7 +3,7 @@
 use super::error::ImportError;
 use super::order::{Identity, Order};
 use crate::data::pictures::colour;
-use crate::data::system::input::parse_numbers;
+use crate::system::input::parse_numbers;
 use nerf_core::blob::{MAX_OCCUPANCY_RESOLUTION, MAX_SAMPLES, SceneFacts, SceneSampling};
 use nerf_core::camera::SceneBox;
 use nerf_core::encoding::AngleScale;

@@ -2,9 +2,9 @@
 
 use super::{Check, Import};
 use crate::data::pictures::colour;
-use crate::data::system::summary::Short;
 use crate::measure::audit::Verdict;
 use crate::model::export::Exported;
+use crate::system::summary::Short;
 use clap::ValueEnum;
 use serde::Serialize;
 use std::path::Path;

@@ -3,7 +3,7 @@
 use super::error::ImportError;
 use crate::data::DatasetError;
 use crate::data::layouts::npz::Archive;
-use crate::data::system::input::read_limited;
+use crate::system::input::read_limited;
 use half::{bf16, f16};
 use nerf_core::network::{MAX_COLOUR, MAX_TRUNK};
 use safetensors::{Dtype, SafeTensors};

@@ -3,7 +3,7 @@
 mod grid;
 
 use crate::data::pictures::colour;
-use crate::data::system::summary::Short;
+use crate::system::summary::Short;
 pub use grid::GridSummary;
 use nerf_core::blob::{Blob, FrontPoint};
 use nerf_core::encoding::DirectionEncoding;

@@ -11,8 +11,8 @@ mod palette;
 
 use crate::data::pictures::rgb::Picture;
 use crate::data::pictures::rgb::{ReportError, check_length};
-use crate::data::system::output::AtomicFile;
-use crate::data::system::output::mark::MARK;
+use crate::system::output::AtomicFile;
+use crate::system::output::mark::MARK;
 use gif::{AnyExtension, Encoder, Extension, Frame, Repeat};
 use rayon::prelude::*;
 use std::path::Path;

@@ -1,7 +1,7 @@
 //! What is shown, for scripts.
 
 use super::scene::Scene;
-use crate::data::system::summary::Short;
+use crate::system::summary::Short;
 use glam::Vec3;
 use serde::Serialize;
 

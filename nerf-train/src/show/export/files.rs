@@ -3,7 +3,7 @@
 //! Own writers: each is a header and a loop.
 
 use super::{ExportError, Mesh};
-use crate::data::system::output::{AtomicFile, Attempt, OutputError};
+use crate::system::output::{AtomicFile, Attempt, OutputError};
 use std::io::{self, Write};
 use std::path::Path;
 

@@ -25,9 +25,9 @@ pub use surface::{Surface, mesh};
 pub use volume::{Volume, volume, write_npz};
 
 use crate::data::pictures::rgb::ReportError;
-use crate::data::system::memory::TooLarge;
-use crate::data::system::output::OutputError;
-use crate::data::system::summary::Short;
+use crate::system::memory::TooLarge;
+use crate::system::output::OutputError;
+use crate::system::summary::Short;
 use glam::Vec3;
 use nerf_core::camera::{CameraError, SceneBox};
 use nerf_core::render::RenderError;

@@ -5,7 +5,7 @@ use super::lattice::Lattice;
 use super::net::{NONE, Net};
 use super::optical_depth::{OpticalDepth, level};
 use super::{ExportError, Mesh, Vertex};
-use crate::data::system::memory;
+use crate::system::memory;
 use glam::Vec3;
 use half::f16;
 use nerf_core::camera::Ray;

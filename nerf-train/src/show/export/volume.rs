@@ -4,7 +4,7 @@ use super::ExportError;
 use super::field::Field;
 use super::lattice::cubes;
 use crate::data::pictures::rgb::ReportError;
-use crate::data::system::output::write_atomic;
+use crate::system::output::write_atomic;
 use glam::Vec3;
 use nerf_core::camera::SceneBox;
 use std::io::{Cursor, Write};

@@ -4,8 +4,6 @@ use crate::data::names::FileNames;
 use crate::data::pictures::colour;
 use crate::data::pictures::rgb::Picture;
 use crate::data::pictures::rgb::ReportError;
-use crate::data::system::output::{ensure_folder, write_atomic};
-use crate::data::system::{printable, summary};
 use crate::data::{Dataset, Report};
 use crate::fit::finish::{Outcome, Shown};
 use crate::fit::summary::Summary;
@@ -15,6 +13,8 @@ use crate::show::contact_sheet::{Cell, contact_sheet};
 use crate::show::plot::{LinePlot, Marker, Series};
 use crate::show::snapshots;
 use crate::show::table::Table;
+use crate::system::output::{ensure_folder, write_atomic};
+use crate::system::{printable, summary};
 use crate::train::CurvePoint;
 use std::path::Path;
 

@@ -3,11 +3,11 @@
 use crate::data::pictures::photograph::Photo;
 use crate::data::pictures::rgb::Picture;
 use crate::data::pictures::rgb::ReportError;
-use crate::data::system::summary;
 use crate::fit::picture::{Outcome, Summary};
 use crate::show::contact_sheet::{Cell, contact_sheet};
 use crate::show::plot::{LinePlot, Marker, Series};
 use crate::show::table::Table;
+use crate::system::summary;
 use crate::train::CurvePoint;
 use std::path::{Path, PathBuf};
 

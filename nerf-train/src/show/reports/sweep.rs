@@ -1,12 +1,12 @@
 //! What a sweep says: a table, plots of PSNR over each setting and over time, a sheet of pictures.
 
 use crate::data::pictures::rgb::Picture;
-use crate::data::system::output::write_atomic;
-use crate::data::system::printable::markdown as markdown_text;
 use crate::lab::sweep::{Folder, Kind, Knob, LabError, Record, Status, records};
 use crate::show::contact_sheet::{Cell, contact_sheet};
 use crate::show::plot::{LinePlot, Marker, Series};
 use crate::show::table::Table;
+use crate::system::output::write_atomic;
+use crate::system::printable::markdown as markdown_text;
 use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 use std::fmt::Write as _;
@@ -141,7 +141,7 @@ fn markdown(folder: &Folder, records: &[Record]) -> String {
     }
     let _ = writeln!(text, "![PSNR over time](psnr_over_time.png)\n\n![Pictures](sheet.png)\n");
     let settings = serde_json::to_string_pretty(&header.settings).unwrap_or_default();
-    let settings = crate::data::system::printable::json(&settings);
+    let settings = crate::system::printable::json(&settings);
     let _ = writeln!(text, "All other settings:\n\n```json\n{settings}\n```");
     text
 }

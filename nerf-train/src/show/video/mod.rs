@@ -8,9 +8,9 @@
 use super::animation::{check_rate, check_size};
 use crate::data::pictures::rgb::Picture;
 use crate::data::pictures::rgb::ReportError;
-use crate::data::system::child::{Heard, Helper, last_lines};
-use crate::data::system::output::AtomicFile;
-use crate::data::system::output::mark::MARK;
+use crate::system::child::{Heard, Helper, last_lines};
+use crate::system::output::AtomicFile;
+use crate::system::output::mark::MARK;
 use std::ffi::OsString;
 use std::fs;
 use std::io;

@@ -5,7 +5,7 @@
 use super::model::{Camera, Kind};
 use super::{Encoding, Model, NO_POINT, Points, Registered};
 use crate::data::DatasetError;
-use crate::data::system::input::open_regular;
+use crate::system::input::open_regular;
 use std::collections::HashMap;
 use std::fs::File;
 use std::io::{BufReader, Read, sink};

@@ -1,6 +1,6 @@
 //! What can go wrong in making and writing a report.
 
-use crate::data::system::output::OutputError;
+use crate::system::output::OutputError;
 use std::error::Error;
 
 /// A picture, plot, table or summary that could not be made or written.

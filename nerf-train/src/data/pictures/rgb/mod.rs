@@ -2,8 +2,8 @@
 
 mod error;
 
-use crate::data::system::output::mark::MARK;
-use crate::data::system::output::write_atomic;
+use crate::system::output::mark::MARK;
+use crate::system::output::write_atomic;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use std::path::Path;

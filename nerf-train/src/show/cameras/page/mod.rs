@@ -5,9 +5,9 @@
 use super::sampling::ShownRay;
 use super::scene::{Scene, ShowError, ShownCamera};
 use crate::data::pictures::thumbnail::Thumbnail;
-use crate::data::system::printable;
-use crate::data::system::printable::line;
 use crate::show::colour_map::ColourMap;
+use crate::system::printable;
+use crate::system::printable::line;
 use crate::train::Bounds;
 use glam::Vec3;
 use serde::Serialize;

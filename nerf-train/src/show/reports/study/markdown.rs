@@ -1,10 +1,10 @@
 //! report.md: the findings in words and tables.
 
 use super::{Findings, SPAN_LOSS_DB, Setting, whole, whole_f32};
-use crate::data::system::printable;
 use crate::lab::study::KNOBS;
 use crate::lab::study::{BLOB_LOSS_DB, TRAINED_STEP_LOSS_DB};
 use crate::measure::point::{Clock, Origin};
+use crate::system::printable;
 use nerf_core::blob::MAX_FRONT;
 use std::fmt::Write as _;
 

@@ -5,12 +5,12 @@ mod markdown;
 mod pictures;
 mod tables;
 
-use crate::data::system::output::write_atomic;
-use crate::data::system::summary;
 use crate::lab::study::Study;
 use crate::measure::error::StudyError;
 use crate::measure::point::{Clock, Point, Totals};
 use crate::show::plot::{Label, LinePlot, Marker, Reference, Series};
+use crate::system::output::write_atomic;
+use crate::system::summary;
 pub use beside::front_of;
 use serde::Serialize;
 use std::path::Path;

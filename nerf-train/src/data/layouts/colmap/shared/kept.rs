@@ -3,8 +3,8 @@
 use crate::data::DatasetError;
 use crate::data::layouts::colmap::model::{Camera, Kind};
 use crate::data::layouts::colmap::{Model, Points};
-use crate::data::system::input::read_limited;
-use crate::data::system::output::write_atomic;
+use crate::system::input::read_limited;
+use crate::system::output::write_atomic;
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -2,7 +2,7 @@
 //!
 //! [`AtomicFile`] writes beside the final name and renames over it on [`AtomicFile::commit`]; a
 //! reader, a crash or a full disk never meets half a file. Of two processes that write the same
-//! name one wins whole. A signal removes what is not committed ([`crate::data::system::stop`]); a process that is
+//! name one wins whole. A signal removes what is not committed ([`crate::system::stop`]); a process that is
 //! killed outright may leave a hidden `.nerf-*.tmp` behind, which is safe to delete.
 
 pub mod claims;

@@ -1,7 +1,7 @@
 //! Child processes: none outlives this one, and none keeps it waiting without end.
 //!
 //! On unix each is the leader of a process group of its own: a terminal's Ctrl-C reaches this process alone, which
-//! decides what is saved first ([`crate::data::system::stop`]), and what a wrapper script has started ends with the script.
+//! decides what is saved first ([`crate::system::stop`]), and what a wrapper script has started ends with the script.
 
 use std::io::{self, Read, Write};
 use std::process::{Child, ChildStderr, ChildStdin, ChildStdout, Command, ExitStatus};

@@ -5,7 +5,7 @@
 
 mod event;
 
-use crate::data::system::printable;
+use crate::system::printable;
 use event::Event;
 use indicatif::{ProgressBar, ProgressDrawTarget};
 use std::fmt::Write as _;

@@ -139,21 +139,6 @@ impl Claims {
         }
     }
 
-    /// Reads a data set: a file or folder, and the files that its lists name wherever they lie.
-    pub fn reads_data(self, path: &Path) -> Self {
-        let files = crate::data::files(path);
-        let claims = self.reads("the data set", path);
-        files.iter().fold(claims, |claims, file| claims.reads("a file of the data set,", file))
-    }
-
-    /// As [`reads_data`](Self::reads_data), where a flag was given.
-    pub fn reads_data_if(self, path: Option<&Path>) -> Self {
-        match path {
-            Some(path) => self.reads_data(path),
-            None => self,
-        }
-    }
-
     /// Writes the file that `flag` names.
     pub fn writes(self, flag: &str, path: &Path) -> Self {
         self.output(flag, path, Kind::File(Existing::Replace))

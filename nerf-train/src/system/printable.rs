@@ -6,14 +6,14 @@
 //!
 //! | way out | where | with |
 //! | --- | --- | --- |
-//! | a line of results, of progress, of an error | `outln!`, `cli::common::tell`, `data::system::progress` | [`line()`] |
-//! | lines of results, such as a table | `outlines!`, `data::system::progress::say_lines` | [`lines`] |
+//! | a line of results, of progress, of an error | `outln!`, `cli::common::tell`, `system::progress` | [`line()`] |
+//! | lines of results, such as a table | `outlines!`, `system::progress::say_lines` | [`lines`] |
 //! | names in such lines | `data::report::Report` | [`line()`] |
 //! | tables: CSV, Markdown, terminal | `show::table::Table` | [`lines`] |
 //! | prose of Markdown reports | `show::reports` | [`markdown`] |
 //! | pages and SVG plots | `show::cameras::page`, `show::plot` | [`line()`], [`lines`] |
 //! | text drawn into pictures | `show::text` | [`line()`] |
-//! | JSON | `data::system::summary`, `data::system::progress`, `lab::folder`, `show` | [`json`], the same values when read back |
+//! | JSON | `system::summary`, `system::progress`, `lab::folder`, `show` | [`json`], the same values when read back |
 //!
 //! Blobs, data sets and errors themselves keep the text as it is.
 
@@ -68,7 +68,7 @@ fn replaced(
 ///
 /// # Examples
 /// ```
-/// use nerf_train::data::system::printable::line;
+/// use nerf_train::system::printable::line;
 /// assert_eq!(line("a\x1b[2Jb\nc\u{202e}d"), r"a\u{1b}[2Jb\nc\u{202e}d");
 /// assert_eq!(line("照片/Ågq 👩‍🚀"), "照片/Ågq 👩‍🚀");
 /// ```
@@ -92,7 +92,7 @@ pub fn lines(text: &str) -> Cow<'_, str> {
 ///
 /// # Examples
 /// ```
-/// assert_eq!(nerf_train::data::system::printable::markdown("a[b](c)<i>\x1b"), r"a\[b\](c)&lt;i>\\u{1b}");
+/// assert_eq!(nerf_train::system::printable::markdown("a[b](c)<i>\x1b"), r"a\[b\](c)&lt;i>\\u{1b}");
 /// ```
 pub fn markdown(text: &str) -> String {
     let safe = line(text);

@@ -1,7 +1,7 @@
 //! Why an output cannot be.
 
 use super::MAX_NAME_BYTES;
-use crate::data::system::output::OutputError;
+use crate::system::output::OutputError;
 use std::path::PathBuf;
 
 /// An output that cannot be, in one sentence: which, why, and what to do.

@@ -3,16 +3,15 @@
 //! A result is any type that serialises; its fields carry their unit: `train_seconds`, `val_psnr_db`. JSON has no infinities
 //! and no NaN: such a number is `null`.
 
-use crate::data::pictures::rgb::ReportError;
-use crate::data::system::output::write_atomic;
-use crate::data::system::printable;
+use crate::system::output::{Attempt, OutputError, write_atomic};
+use crate::system::printable;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// The result as JSON, with a line end at its end.
 ///
 /// # Errors
-/// [`ReportError::Encode`], which no plain data is known to cause.
+/// The encoder's, which no plain data is known to cause.
 ///
 /// # Examples
 /// ```
@@ -23,22 +22,23 @@ use std::path::{Path, PathBuf};
 /// }
 /// let fit = Fit { val_psnr_db: 27.5, train_psnr_db: f64::INFINITY };
 /// assert_eq!(
-///     nerf_train::data::system::summary::to_json(&fit).unwrap(),
+///     nerf_train::system::summary::to_json(&fit).unwrap(),
 ///     "{\n  \"val_psnr_db\": 27.5,\n  \"train_psnr_db\": null\n}\n"
 /// );
 /// ```
-pub fn to_json(result: &impl Serialize) -> Result<String, ReportError> {
-    let text = serde_json::to_string_pretty(result).map_err(ReportError::encode("summary"))?;
+pub fn to_json(result: &impl Serialize) -> Result<String, serde_json::Error> {
+    let text = serde_json::to_string_pretty(result)?;
     Ok(printable::json(&text).into_owned() + "\n")
 }
 
 /// Writes `<folder>/summary.json` whole or not at all; returns its path.
 ///
 /// # Errors
-/// [`ReportError::Output`]; the folder must exist.
-pub fn write(result: &impl Serialize, folder: impl AsRef<Path>) -> Result<PathBuf, ReportError> {
+/// As [`write_atomic`]; the folder must exist.
+pub fn write(result: &impl Serialize, folder: impl AsRef<Path>) -> Result<PathBuf, OutputError> {
     let path = folder.as_ref().join("summary.json");
-    write_atomic(&path, to_json(result)?.as_bytes())?;
+    let json = to_json(result).map_err(|error| OutputError::new(Attempt::Write, &path, error.into()))?;
+    write_atomic(&path, json.as_bytes())?;
     Ok(path)
 }
 

@@ -35,7 +35,7 @@ impl Event<'_> {
     pub fn line(&self) -> String {
         // Strings and numbers alone: nothing that could fail.
         let json = serde_json::to_string(self).unwrap_or_default();
-        crate::data::system::printable::json(&json).into_owned()
+        crate::system::printable::json(&json).into_owned()
     }
 }
 

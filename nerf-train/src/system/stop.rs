@@ -12,10 +12,10 @@
 //! A further signal changes nothing: what the first has begun to save is saved. A signal that the process was
 //! started to ignore, such as SIGHUP under `nohup`, stays ignored.
 //!
-//! Child processes inherit that these signals are blocked, and do not see a terminal's Ctrl-C (`crate::data::system::child`): they
+//! Child processes inherit that these signals are blocked, and do not see a terminal's Ctrl-C (`crate::system::child`): they
 //! live until this process, or its thread here, ends them.
 
-use crate::data::system::output::{remove_temporaries, write_atomic};
+use crate::system::output::{remove_temporaries, write_atomic};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicI32, Ordering};
@@ -199,7 +199,7 @@ fn end(signal: i32, say: fn(&str)) -> ! {
         _ => noted(),
     };
     // Children first: they write into temporaries.
-    within(TIDYING, crate::data::system::child::end_all);
+    within(TIDYING, crate::system::child::end_all);
     within(REMOVING, remove_temporaries);
     within(TIDYING, move || say(&said));
     std::process::exit(128 + signal)
