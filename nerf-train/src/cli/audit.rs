@@ -19,33 +19,33 @@ use clap::Args;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Ask a scene what it calls for: leave out each of its effects, and say what that costs and spares.
+/// Ablation: quality and cost of each effect of a scene.
 ///
 /// The effects: view dependence, occupancy grid, background. Time and work (multiply-adds) are with the effect over
 /// without it.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: nerf-train audit lego.nerf lego_200x200.npz --effect-threshold 0.1")]
 pub struct Audit {
-    /// The blob.
+    /// Blob.
     file: PathBuf,
-    /// The data set.
+    /// Data set.
     data: PathBuf,
-    /// What an effect must gain to be kept, dB; one that spares a tenth of the work may lose as much.
+    /// Gain that keeps an effect, dB; one that saves 10 % of the work may lose as much.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
     effect_threshold: f64,
-    /// Which views.
+    /// Split to evaluate.
     #[arg(long, value_enum, default_value = "val")]
     split: Split,
-    /// At most so many views, spread over the split.
+    /// Number of views, spread over the split.
     #[arg(long, value_name = "N", default_value_t = 4)]
     views: usize,
-    /// Rounds of timing.
+    /// Timing rounds.
     #[arg(long, value_name = "N", default_value_t = 3)]
     repeats: usize,
-    /// Which clock: wall, or cpu (steadier on a machine that others use too).
+    /// Clock: wall, or cpu (steadier on a shared machine).
     #[arg(long, value_enum, default_value = "wall")]
     clock: Clock,
-    /// Folder for audit.csv and summary.json.
+    /// Report folder: audit.csv, summary.json.
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
     #[command(flatten)]
@@ -84,14 +84,7 @@ impl Audit {
             table.write_csv(folder.join("audit.csv"))?;
             write(&summary, folder)?;
         }
-        global.finish(&summary, || {
-            let Summary { views, split, background, .. } = &summary;
-            outlines!(table.to_text());
-            outln!(
-                "mean over {views} views ({split}) on {background}; time and MACs: with the effect over without it"
-            );
-            Ok(())
-        })?;
+        global.finish(&summary)?;
         Ok(ExitCode::SUCCESS)
     }
 

@@ -25,8 +25,7 @@ const COMPARED_PER_SECOND: u64 = 30;
 /// Bytes of picture files that a core decodes in a second.
 const DECODED_PER_SECOND: u64 = 15_000_000;
 
-/// Look a capture over before it is fitted: how photographs are spread, sharp, exposed and linked, and whether their
-/// poses can be right.
+/// Check a capture before training: coverage, blur, exposure, overlap, poses.
 ///
 /// `fit` says the same first. A model is folded where places that repeat laid two sides of an orbit on top of each other:
 /// photographs that share points then show different things there. That is judged where the poses come with tracks of
@@ -36,9 +35,9 @@ const DECODED_PER_SECOND: u64 = 15_000_000;
   nerf-train check holiday_poses
   nerf-train check holiday_poses -o out/check --json")]
 pub struct Check {
-    /// The data set.
+    /// Data set.
     data: PathBuf,
-    /// Folder for check.html, the cameras in 3D coloured by what is found, and summary.json.
+    /// Output folder: check.html (cameras in 3D, coloured by findings), summary.json.
     #[arg(long, short, value_name = "DIR")]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -66,7 +65,7 @@ impl Check {
             write(&diagnosis, folder)?;
             lines.push(html.display().to_string());
         }
-        global.finish(&diagnosis, || print_lines(lines))?;
+        global.finish_with(&diagnosis, || print_lines(lines))?;
         Ok(ExitCode::SUCCESS)
     }
 

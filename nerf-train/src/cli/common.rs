@@ -1,7 +1,9 @@
 //! What several commands share.
 
+use super::lines::lines;
 pub use crate::data::pictures::colour::{name as background_name, parse as parse_background};
 pub use crate::system::cpu::name as cpu_name;
+pub use crate::system::input::parse_numbers;
 use crate::system::input::{MAX_BLOB_BYTES, read_limited};
 use crate::system::output::claims::{Claims, Existing, is_device};
 use crate::system::printable;
@@ -15,7 +17,6 @@ use nerf_core::blob::Blob;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 /// What is said where a signal ends runs of which each has its own file.
 pub const GO_ON: &str = "interrupted: the run that was under way is lost, the finished ones are kept; go on with the same command";
@@ -64,13 +65,13 @@ pub struct Global {
     /// Print results only, no progress.
     #[arg(long, short, global = true)]
     pub quiet: bool,
-    /// Print the result as one JSON object; progress, on stderr, as one a line.
+    /// Print the result as JSON; progress on stderr as JSON lines.
     #[arg(long, global = true)]
     pub json: bool,
-    /// Threads, at most four for each core [default: all cores].
+    /// Number of threads [default: all cores].
     #[arg(long, global = true, value_name = "N")]
     pub threads: Option<usize>,
-    /// avx512, avx2, neon, portable; -f16: weights in place; -bf16: rounded [default: fastest].
+    /// Kernel: avx512, avx2, neon, portable, with -f16 or -bf16 [default: fastest].
     #[arg(long, global = true, value_name = "KERNEL", env = "NERF_KERNEL", hide_env_values = true, value_parser = parse_kernel)]
     pub kernel: Option<Kernel>,
 }
@@ -124,10 +125,15 @@ impl Global {
         if self.json { super::interrupted_json(message) } else { super::interrupted(message) }
     }
 
-    /// Prints the result, once and last: `result` as JSON where asked for, else what `human` prints.
+    /// Prints the result, once and last: as JSON where asked for, else its fields as lines.
     ///
     /// With `--json` nothing else goes to stdout, so a command prints results nowhere but here.
-    pub fn finish(
+    pub fn finish(&self, result: &impl Serialize) -> anyhow::Result<()> {
+        self.finish_with(result, || print(lines(result)?.trim_end()))
+    }
+
+    /// Prints the result, once and last: as JSON where asked for, else what `human` prints.
+    pub fn finish_with(
         &self,
         result: &impl Serialize,
         human: impl FnOnce() -> anyhow::Result<()>,
@@ -167,13 +173,6 @@ pub fn read_file(path: &Path) -> anyhow::Result<Vec<u8>> {
 /// Opens a blob, naming its file in the error.
 pub fn open_blob<'a>(path: &Path, bytes: &'a [u8]) -> anyhow::Result<Blob<'a>> {
     Blob::open(bytes).with_context(|| path.display().to_string())
-}
-
-/// `N` numbers with commas between them, as one argument.
-pub fn parse_numbers<const N: usize, T: FromStr>(text: &str) -> Result<[T; N], String> {
-    let numbers: Option<Vec<T>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
-    let numbers = numbers.and_then(|numbers| numbers.try_into().ok());
-    numbers.ok_or_else(|| format!("expected {N} numbers with commas between them"))
 }
 
 /// Refuses counts of nothing, each by its flag.

@@ -6,7 +6,7 @@ use clap_complete::{Shell, generate};
 use serde::Serialize;
 use std::process::ExitCode;
 
-/// Print a script that lets a shell complete commands and flags.
+/// Print a shell completion script.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples, each for the next shell that is opened:
   nerf-train completions bash > ~/.local/share/bash-completion/completions/nerf-train
@@ -14,7 +14,7 @@ use std::process::ExitCode;
   nerf-train completions fish > ~/.config/fish/completions/nerf-train.fish
   nerf-train completions powershell >> $PROFILE")]
 pub struct Completions {
-    /// The shell.
+    /// Shell.
     #[arg(value_enum)]
     shell: Shell,
 }
@@ -26,7 +26,7 @@ impl Completions {
         generate(self.shell, &mut cli, "nerf-train", &mut script);
         let script = String::from_utf8(script)?;
         let made = Script { shell: self.shell.to_string(), script };
-        global.finish(&made, || {
+        global.finish_with(&made, || {
             outlines!(made.script.trim_end());
             Ok(())
         })?;

@@ -1,6 +1,7 @@
 //! `nerf-train demo`
 
-use super::common::{Global, open_blob};
+use super::common::{Global, open_blob, print};
+use super::lines::lines;
 use super::options::data::print_report;
 use super::options::settings::read_config;
 use super::places;
@@ -8,7 +9,6 @@ use crate::data::Dataset;
 use crate::data::cameras::bundle::median;
 use crate::data::demo::{self, DemoSpec, Truth};
 use crate::data::pictures::rgb::Picture;
-use crate::fit::finish::Outcome;
 use crate::fit::run::{Ended, RunOptions, run_since};
 use crate::fit::snapshot::SnapshotOptions;
 use crate::fit::summary::Summary;
@@ -20,7 +20,6 @@ use crate::show::colour_map::z_depth_picture;
 use crate::show::contact_sheet::{Cell, contact_sheet};
 use crate::show::orbit::Orbit;
 use crate::show::reports;
-use crate::show::table::Table;
 use crate::system::output::claims::Claims;
 use crate::system::output::write_atomic;
 use crate::system::progress::{Message, Progress, Total};
@@ -39,22 +38,22 @@ const STEPS: u32 = 5000;
 /// Frames of the orbit.
 const ORBIT_FRAMES: usize = 36;
 
-/// The main job on a built-in scene: photograph, train, export, render, measure.
+/// Train, render and evaluate a built-in scene.
 ///
 /// The scene is ray-traced in code, so its true colours and distances are known.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: nerf-train demo --out out/demo")]
 pub struct Demo {
-    /// Folder for everything that is made.
+    /// Output folder.
     #[arg(long, value_name = "DIR", default_value = "out/demo")]
     out: PathBuf,
-    /// TOML file with settings that replace those of the preset `grid`.
+    /// TOML file of settings that override the preset `grid`.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Steps to train for.
+    /// Training steps.
     #[arg(long, value_name = "N", default_value_t = STEPS)]
     steps: u32,
-    /// Seed of everything random.
+    /// Random seed.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
 }
@@ -93,7 +92,7 @@ impl Demo {
             ..Summary::of(&outcome, &config, options.kernel, seconds, data, &blob_path)
         };
         write(&summary, &self.out)?;
-        global.finish(&summary, || self.print(&summary, &views, &outcome))?;
+        global.finish_with(&summary, || self.print(&summary))?;
         Ok(ExitCode::SUCCESS)
     }
 
@@ -131,28 +130,22 @@ impl Demo {
     ) -> anyhow::Result<Views> {
         let mut errors = Vec::new();
         let mut cells = Vec::new();
-        let mut table = Table::new(["view", "PSNR dB", "SSIM", "z_depth error, median"]);
+        let mut done = 0;
         let mut drawn = Ok(());
         let mut progress = Progress::new("eval", Total::Steps(dataset.val.len() as u64), global.style());
-        let scores = evaluate(renderer, plan, background, &dataset.val, |view, frame, truth, score| {
-            let of_view = z_depth_errors(frame, &demo::render_truth(&view.camera));
-            table.push([
-                view.name.clone(),
-                format!("{:.2}", score.psnr_db),
-                format!("{:.4}", score.ssim),
-                format!("{:.2} %", 100.0 * median(of_view.iter().copied())),
-            ]);
-            errors.extend(of_view);
+        let scores = evaluate(renderer, plan, background, &dataset.val, |view, frame, truth, _| {
+            errors.extend(z_depth_errors(frame, &demo::render_truth(&view.camera)));
             if cells.len() < 12 && drawn.is_ok() {
                 drawn = sheet_row(&mut cells, view.name.as_str(), frame, truth);
             }
-            progress.update(table.rows().len() as u64, &Message::default());
+            done += 1;
+            progress.update(done, &Message::default());
         })?;
         drawn?;
         progress.finish(format!("{} views", scores.views.len()));
         contact_sheet("Held-out views: rendered, truth, z_depth", &cells, 3)
             .write_png(self.out.join("views.png"))?;
-        Ok(Views { table, scores, z_depth_error: median(errors) })
+        Ok(Views { scores, z_depth_error: median(errors) })
     }
 
     /// A flight around the scene.
@@ -180,21 +173,8 @@ impl Demo {
         Ok(())
     }
 
-    fn print(&self, summary: &Summary, views: &Views, outcome: &Outcome) -> anyhow::Result<()> {
-        let (psnr, ssim) = (summary.val_psnr_db, summary.val_ssim);
-        outlines!(views.table.to_text());
-        outln!(
-            "mean over {} held-out views on {}: {psnr:.2} dB PSNR, {ssim:.4} SSIM",
-            views.scores.views.len(),
-            summary.background
-        );
-        outln!(
-            "z_depth of opaque pixels: {:.2} % off the true one at the median",
-            100.0 * views.z_depth_error
-        );
-        let Summary { steps, train_seconds, total_seconds, .. } = summary;
-        outln!("trained {steps} steps in {train_seconds:.1} s; {total_seconds:.1} s in all");
-        outln!("trend: {}", outcome.trend);
+    fn print(&self, summary: &Summary) -> anyhow::Result<()> {
+        print(lines(summary)?.trim_end())?;
         let files = [
             ("demo.nerf", "the scene: open it with nerf-core or the C ABI"),
             ("views.png", "held-out views, their truth, and z_depth"),
@@ -212,7 +192,6 @@ impl Demo {
 
 /// What the held-out views show.
 struct Views {
-    table: Table,
     scores: Scores,
     /// Median relative error of the z-depth of opaque pixels.
     z_depth_error: f64,

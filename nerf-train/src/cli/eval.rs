@@ -8,7 +8,7 @@ use crate::data::names::FileNames;
 use crate::data::{Dataset, RefinedPoses, View};
 use crate::measure::eval::{EvalOptions, Evaluation, own_background};
 use crate::measure::frame;
-use crate::measure::surfaces::{Surfaces, surfaces_in_words};
+use crate::measure::surfaces::Surfaces;
 use crate::show::table::Table;
 use crate::system::output::claims::Claims;
 use crate::system::progress::{Message, Progress, Total};
@@ -50,29 +50,29 @@ impl Split {
     }
 }
 
-/// Measure a blob on views of a data set: PSNR and SSIM per view and their means.
+/// Evaluate a scene on views of a data set: PSNR and SSIM.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: nerf-train eval lego.nerf lego_200x200.npz --background white --report out/eval"
 )]
 pub struct Eval {
-    /// The blob.
+    /// Blob.
     file: PathBuf,
-    /// The data set.
+    /// Data set.
     data: PathBuf,
-    /// Which views [default: val, or test where there is no val].
+    /// Split [default: val, or test where there is no val].
     #[arg(long, value_enum)]
     split: Option<Split>,
-    /// Take every N-th view of the split only.
+    /// Evaluate every N-th view only.
     #[arg(long, value_name = "N", default_value_t = 1)]
     every: usize,
-    /// PSNR over every N-th pixel of every N-th row, too, as many papers have it.
+    /// Also PSNR over every N-th pixel of every N-th row.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..))]
     lattice: Option<u32>,
-    /// Colour behind the scene: white, #RRGGBB or R,G,B [default: the blob's own].
+    /// Background: white, #RRGGBB or R,G,B [default: the blob's].
     #[arg(long, value_name = "COLOUR", value_parser = parse_background)]
     background: Option<[f32; 3]>,
-    /// Folder for summary.json, the table and the pictures.
+    /// Report folder: summary.json, table, images.
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
     #[command(flatten)]
@@ -128,7 +128,7 @@ impl Eval {
             table.write_csv(folder.join("views.csv"))?;
             write(&found, folder)?;
         }
-        global.finish(&found, || self.print(&table, &found))?;
+        global.finish(&found)?;
         Ok(ExitCode::SUCCESS)
     }
 
@@ -170,40 +170,5 @@ impl Eval {
                  --background says",
             );
         }
-    }
-
-    fn print(&self, table: &Table, found: &Evaluation) -> anyhow::Result<()> {
-        outlines!(table.to_text());
-        outln!(
-            "mean over {} views on {}: {:.3} dB PSNR ({:.3} with a gain of each photograph's own), the worst {:.3}; {:.4} SSIM",
-            found.views,
-            found.background,
-            found.val_psnr_db,
-            found.val_aligned_psnr_db,
-            found.val_worst_psnr_db,
-            found.val_ssim
-        );
-        if let (Some(psnr_db), Some(ssim)) = (found.val_refined_psnr_db, found.val_refined_ssim) {
-            outln!("from their refined poses: {psnr_db:.3} dB PSNR; {ssim:.4} SSIM");
-        }
-        if let (Some(error), Some(share)) = (found.val_depth_error, found.val_near_share) {
-            outln!("surfaces: {}", surfaces_in_words(error, share));
-        }
-        if let (Some(step), Some(mean)) = (self.lattice, found.lattice_psnr_db) {
-            outln!("over every pixel number 0, {step}, {}, … of such rows: {mean:.3} dB PSNR", 2 * step);
-        }
-        outln!(
-            "{:.3} s; a ray: {:.2} density and {:.2} colour evaluations",
-            found.render_seconds,
-            found.density_evaluations_per_ray,
-            found.colour_evaluations_per_ray
-        );
-        if found.proposal_evaluations_per_ray > 0.0 {
-            outln!("a ray: {:.2} evaluations of the proposal", found.proposal_evaluations_per_ray);
-        }
-        if found.invalid_samples > 0 {
-            outln!("{} samples were NaN and counted as empty", found.invalid_samples);
-        }
-        Ok(())
     }
 }

@@ -22,7 +22,7 @@ use std::process::ExitCode;
 /// Sides of the picture that is rendered without a data set, pixels, and its field of view, degrees.
 const ORBIT: (u32, u32, f32) = (200, 200, 40.0);
 
-/// Say what a frame does and what not, why, and where its work goes.
+/// Show which stages of a frame run, why, and where its work goes.
 ///
 /// Renders one view for its counters: the data set's, or one from an orbit around the scene.
 #[derive(Debug, Args)]
@@ -30,27 +30,27 @@ const ORBIT: (u32, u32, f32) = (200, 200, 40.0);
   nerf-train explain lego.nerf
   nerf-train explain lego.nerf --data lego_200x200.npz --view 3 --transmittance-cut 0 --no-colour")]
 pub struct Explain {
-    /// The blob.
+    /// Blob.
     file: PathBuf,
-    /// Data set whose camera --view is taken.
+    /// Data set that --view is a camera of.
     #[arg(long, value_name = "DATA")]
     data: Option<PathBuf>,
-    /// Split of the data set.
+    /// Split.
     #[arg(long, value_enum, default_value = "val", requires = "data")]
     split: Split,
-    /// View of the split, counted from 0.
+    /// View index in the split, from 0.
     #[arg(long, value_name = "I", default_value_t = 0, requires = "data")]
     view: usize,
-    /// Ask for opacity and distances only.
+    /// Render no colour.
     #[arg(long)]
     no_colour: bool,
-    /// Ask for the median distance, too.
+    /// Also render the median distance.
     #[arg(long)]
     median_distance: bool,
-    /// Ask for normals, too.
+    /// Also render normals.
     #[arg(long)]
     normals: bool,
-    /// Bins whose finer ripples normals do not show.
+    /// Smoothing of normals, in sample bins.
     #[arg(long, value_name = "BINS", default_value_t = Plan::NORMAL_BLUR)]
     normal_blur: f32,
     #[command(flatten)]
@@ -86,7 +86,7 @@ impl Explain {
         let explanation = plan.explain(&renderer).with_counters(counters);
 
         let summary = Summary::of(&explanation, &renderer, counters);
-        global.finish(&summary, || {
+        global.finish_with(&summary, || {
             outlines!(explanation.to_string().trim_end());
             Ok(())
         })?;

@@ -25,7 +25,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
 
-/// Write a scene as a triangle mesh, a point cloud or a volume, for other programs.
+/// Export a mesh, a point cloud or a volume.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train export lego.nerf -o lego.glb --resolution 256
@@ -33,18 +33,18 @@ use std::time::Instant;
   nerf-train export room.nerf -o room.obj --box -2,-2,-1,2,2,1
   nerf-train export lego.nerf -o lego.npz --resolution 128")]
 pub struct Export {
-    /// The blob.
+    /// Blob.
     file: PathBuf,
-    /// The file: a mesh (.ply, .obj, .glb), points (.ply with --as points) or a volume (.npz).
+    /// Output: mesh (.ply, .obj, .glb), points (.ply with --as points) or volume (.npz).
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
-    /// What to write [default: as the file's ending says; a .ply is a mesh].
+    /// Kind of export [default: by the file's ending; a .ply is a mesh].
     #[arg(long = "as", value_enum, value_name = "WHAT")]
     kind: Option<Kind>,
-    /// Cells along the longest side of the box [default: 256].
+    /// Grid resolution along the longest side of the box [default: 256].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=8192))]
     resolution: Option<u32>,
-    /// What is exported of the scene, in the data's own coordinates [default: the scene's box].
+    /// Region, in the data's coordinates [default: the scene box].
     #[arg(
         long = "box",
         value_name = "X0,Y0,Z0,X1,Y1,Z1",
@@ -52,16 +52,16 @@ pub struct Export {
         allow_hyphen_values = true
     )]
     bounds: Option<[f64; 6]>,
-    /// Take the surface at this density, a world unit, visible or not [default: where opacity crosses 1/2].
+    /// Density of the isosurface, per world unit [default: where opacity crosses 1/2].
     #[arg(long, value_name = "SIGMA")]
     threshold: Option<f32>,
-    /// Points of a cloud, about [default: 200000].
+    /// Number of points, about [default: 200000].
     #[arg(long, value_name = "N")]
     points: Option<usize>,
-    /// Take points where rays of these photographs meet something [default: evenly over the surface].
+    /// Back-project the depth of these photographs [default: sample the surface evenly].
     #[arg(long, value_name = "DATA")]
     data: Option<PathBuf>,
-    /// Views of the data set.
+    /// Split of the data set.
     #[arg(long, value_enum, default_value = "train", requires = "data")]
     split: Split,
     #[command(flatten)]
@@ -122,7 +122,7 @@ impl Export {
         }
         summary.file_bytes = std::fs::metadata(&self.output).map_or(0, |file| file.len());
         summary.total_seconds = start.elapsed().as_secs_f64();
-        global.finish(&summary, || print(&summary))?;
+        global.finish(&summary)?;
         Ok(ExitCode::SUCCESS)
     }
 
@@ -294,24 +294,4 @@ impl Kind {
             Self::Volume => ".npz",
         }
     }
-}
-
-fn print(summary: &Summary) -> anyhow::Result<()> {
-    if let Some(Short(cell)) = summary.cell_world_units {
-        let surface = match summary.threshold_per_world_unit {
-            Some(Short(threshold)) => format!("where the density is {threshold} a world unit"),
-            None => "where opacity crosses 1/2".to_owned(),
-        };
-        if summary.vertices.is_some() {
-            outln!("surface: {surface}, in cells of {cell}");
-        }
-    }
-    match (summary.vertices, summary.triangles, summary.cells) {
-        (Some(vertices), Some(triangles), _) => outln!("mesh: {vertices} vertices, {triangles} triangles"),
-        (Some(vertices), None, _) => outln!("points: {vertices}"),
-        (_, _, Some([x, y, z])) => outln!("volume: {x}x{y}x{z} cells"),
-        _ => {}
-    }
-    outln!("{} ({} bytes) in {:.1} s", summary.file, summary.file_bytes, summary.total_seconds);
-    Ok(())
 }

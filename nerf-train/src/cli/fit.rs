@@ -2,8 +2,9 @@
 
 use super::audit::check_threshold;
 use super::common::{
-    Global, check_checkpoint_every, check_max_seconds, claim_checkpoint, parse_numbers, print_lines,
+    Global, check_checkpoint_every, check_max_seconds, claim_checkpoint, parse_numbers, print, print_lines,
 };
+use super::lines::lines;
 use super::options::data::{DataOptions, Space, print_report};
 use super::options::grid::{TableSettings, check_memory, given, of_sinusoidal, parse_bytes, set};
 use super::options::settings::read_config;
@@ -36,7 +37,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// Fit a radiance field to posed photographs.
+/// Train a radiance field on posed photographs.
 ///
 /// DATA is a CS180-layout or tiny_nerf .npz, or a folder with Blender transforms_{train,val,test}.json, a
 /// nerfstudio / instant-ngp transforms.json, a COLMAP model or LLFF poses_bounds.npy.
@@ -45,51 +46,51 @@ use std::time::Duration;
     after_help = "Example: nerf-train fit lego_200x200.npz -o lego.nerf --report out/lego --max-seconds 60"
 )]
 pub struct Fit {
-    /// The data set: a .npz, or a folder of transforms.json, COLMAP, LLFF or Blender.
+    /// Data set: a .npz, or a folder of transforms.json, COLMAP, LLFF or Blender.
     data: PathBuf,
-    /// The blob to write (.nerf); FILE.checkpoint is written beside it.
+    /// Output blob (.nerf); FILE.checkpoint is written beside it.
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
-    /// Folder for summary.json, curves, plots and pictures.
+    /// Report folder: summary.json, curves, plots, images.
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
-    /// Named settings to start from.
+    /// Preset to start from.
     #[arg(long, value_enum, default_value = "grid")]
     preset: Preset,
-    /// TOML file with settings that replace the preset's.
+    /// TOML file of settings that override the preset (see `config`).
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// End the whole command after so much time, with --resume this one: runs that end so differ from each other.
+    /// Wall-clock limit of this command, seconds; such runs are not reproducible.
     #[arg(long, value_name = "S")]
     max_seconds: Option<f64>,
-    /// Steps [default: the preset's; with --max-seconds, time alone decides].
+    /// Training steps [default: the preset's; unlimited with --max-seconds].
     #[arg(long, value_name = "N")]
     steps: Option<u32>,
-    /// Go on from the checkpoint beside the output file.
+    /// Resume from the checkpoint beside the output file.
     #[arg(long)]
     resume: bool,
-    /// Begin anew and replace that checkpoint, which else is refused.
+    /// Start over and replace that checkpoint.
     #[arg(long, conflicts_with = "resume")]
     restart: bool,
     /// Seconds between checkpoints.
     #[arg(long, value_name = "S", default_value_t = 30.0)]
     checkpoint_every: f64,
-    /// Steps between validations [default: an eighth of the run, and a twentieth of the time].
+    /// Steps between validations [default: eight in a run, at most 5 % of its time].
     #[arg(long, value_name = "N")]
     validate_every: Option<u32>,
-    /// Leave view dependence out of the blob if it gains less on training views, dB.
+    /// Drop view dependence if it gains less than this on training views, dB.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
     effect_threshold: f64,
-    /// Folder for live.nerf, live.json and views.json: the newest blob about every second, for a page that shows it.
+    /// Folder for a live viewer: the newest blob about every second.
     #[arg(long, value_name = "DIR")]
     live: Option<PathBuf>,
-    /// Steps whose validation views are in the report [default: an eighth of the run apart].
+    /// Steps at which validation views are rendered for the report [default: eight].
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', requires = "report")]
     snapshots: Vec<u32>,
-    /// Which validation views, counted from 0 [default: the two that the run watches].
+    /// Indices of these validation views, from 0 [default: the two that training watches].
     #[arg(long, value_name = "I,J,…", value_delimiter = ',', requires = "report")]
     snapshot_views: Vec<usize>,
-    /// Fit one group of photographs alone, where `check` names several that contradict each other.
+    /// Train on one group of photographs, where `check` finds several that contradict.
     #[arg(long, value_name = "N")]
     group: Option<usize>,
     #[command(flatten)]
@@ -98,10 +99,10 @@ pub struct Fit {
     settings: Settings,
     #[command(flatten)]
     table: TableSettings,
-    /// Steps of a ray across the scene box, or across the ball that is not contracted.
+    /// Ray-march steps across the scene box (unbounded: across the uncontracted ball).
     #[arg(long, value_name = "N", help_heading = super::options::grid::HEADING)]
     steps_across: Option<u16>,
-    /// Choose table, levels, storage and occupancy so that the file is no larger: 256k, 1m.
+    /// Largest file, such as 256k or 1m: chooses table size, levels, storage, occupancy.
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes, help_heading = super::options::grid::HEADING)]
     max_bytes: Option<u64>,
 }
@@ -110,70 +111,67 @@ pub struct Fit {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Settings (replace the preset's)")]
 struct Settings {
-    /// Seed of everything random.
+    /// Random seed.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// What computes the gradients.
+    /// Gradient engine.
     #[arg(long, value_enum)]
     engine: Option<EngineKind>,
-    /// Trunk layers; 0 beside a grid only: its own values are composited.
+    /// Density layers; with a grid 0: density is read from the grid itself.
     #[arg(long, value_name = "N")]
     depth: Option<usize>,
-    /// Channels of the trunk.
+    /// Width of these layers.
     #[arg(long, value_name = "N")]
     width: Option<usize>,
-    /// Trunk layers in front of the one that takes the encoded position again; 0 for none. Of a sinusoidal network
-    /// only.
+    /// Layers before the skip connection; 0: none (sinusoidal networks).
     #[arg(long, value_name = "N")]
     skip_after: Option<usize>,
-    /// Levels of the position's encoding. Of a sinusoidal network only.
+    /// Frequencies of the position encoding (sinusoidal networks).
     #[arg(long, value_name = "L")]
     position_levels: Option<u8>,
-    /// Levels of the direction's encoding, beside a grid the degree of its spherical harmonics, at most 4; 0 for
-    /// colours that do not depend on it.
+    /// Frequencies of the direction encoding; with a grid its spherical-harmonics degree.
     #[arg(long, value_name = "L")]
     direction_levels: Option<u8>,
-    /// Channels of the colour branch's hidden layer; 0 for none.
+    /// Width of the colour network's hidden layer; 0: none.
     #[arg(long, value_name = "N")]
     colour_width: Option<usize>,
-    /// From raw density to sigma. Of a sinusoidal network only.
+    /// Density activation (sinusoidal networks).
     #[arg(long, value_enum)]
     density: Option<Density>,
-    /// Samples a ray. Of a sinusoidal network only: rays through a grid take --steps-across.
+    /// Samples per ray (sinusoidal networks; with a grid see --steps-across).
     #[arg(long, value_name = "N")]
     samples: Option<u16>,
-    /// Perturbation of samples in training: none, bin, or a width in world units such as 0.02. Of a sinusoidal
-    /// network only.
+    /// Sample jitter: none, bin, or a width in world units (sinusoidal networks).
     #[arg(long, value_name = "HOW", value_parser = parse_jitter)]
     jitter: Option<Jitter>,
-    /// Rays a step, at first; times --samples at most 2^27.
+    /// Rays per batch at the start; times --samples at most 2^27.
     #[arg(long, value_name = "N")]
     rays: Option<usize>,
-    /// Live samples a step, by which the number of rays follows; 0 keeps it.
+    /// Target batch size in samples, which the number of rays follows; 0: fixed rays.
     #[arg(long, value_name = "N")]
     live_samples: Option<usize>,
-    /// Images that the rays of a step are drawn from; 0 for all pixels of all.
+    /// Images per batch; 0: all of them.
     #[arg(long, value_name = "N")]
     images: Option<usize>,
-    /// Learning rate at the start.
+    /// Initial learning rate.
     #[arg(long, value_name = "RATE")]
     rate: Option<f64>,
-    /// Learning rate at the end, as a share of the one at the start; 1: constant.
+    /// Final learning rate, relative to the initial one; 1: constant.
     #[arg(long, value_name = "SHARE")]
     final_share: Option<f64>,
-    /// Carve no visual hull: the occupancy grid grows from the network alone.
+    /// Start the occupancy grid full, without a visual hull.
     #[arg(long)]
     no_hull: bool,
-    /// Do not skip empty space in training.
+    /// Train without an occupancy grid.
     #[arg(long)]
     dense: bool,
-    /// Cells of the occupancy grid along the longest side; 0: as suits the table.
+    /// Occupancy grid resolution; 0: as suits the table.
     #[arg(long, value_name = "N")]
     occupancy_resolution: Option<u16>,
-    /// Where the scene ends; auto says what it took and why.
+    /// Scene extent: box, contracted (unbounded), or auto.
     #[arg(long, value_enum, default_value_t)]
     space: Space,
-    /// The scene box, world units.
+    /// Scene box, world units.
     #[arg(
         long = "box",
         value_name = "X0,Y0,Z0,X1,Y1,Z1",
@@ -423,9 +421,10 @@ impl Fit {
             val_split: if on_test { "test" } else { "val" },
             ..Summary::of(&outcome, &config, options.kernel, seconds, data, &self.output)
         };
-        let printed = global.finish(&summary, || {
+        outcome::tell_flat(&outcome);
+        let printed = global.finish_with(&summary, || {
             print_lines(&found)?;
-            outcome::print(&outcome, &self.output)
+            print(lines(&summary)?.trim_end())
         });
         if let Some(folder) = &self.report {
             reports::fit::write(folder, &outcome, &dataset, &summary, &report)?;

@@ -1,16 +1,17 @@
 //! `nerf-train inspect`
 
-use super::common::{Global, open_blob, print_lines, read_file};
-use crate::measure::inspect::{Inspection, lines};
+use super::common::{Global, open_blob, print, read_file};
+use super::lines::lines;
+use crate::measure::inspect::Inspection;
 use clap::Args;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Print everything a blob says of itself.
+/// Show what a blob holds.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: nerf-train inspect lego.nerf")]
 pub struct Inspect {
-    /// The blob.
+    /// Blob.
     file: PathBuf,
 }
 
@@ -19,8 +20,12 @@ impl Inspect {
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
-        global.finish(&Inspection::of(&self.file, &bytes, &blob), || {
-            print_lines(lines(&self.file, &bytes, &blob))
+        let found = Inspection::of(&self.file, &bytes, &blob);
+        global.finish_with(&found, || {
+            if let Some(contraction) = blob.scene().and_then(|scene| scene.contraction()) {
+                outln!("an unbounded scene, contracted beyond {} of its middle", contraction.radius());
+            }
+            print(lines(&found)?.trim_end())
         })?;
         Ok(ExitCode::SUCCESS)
     }

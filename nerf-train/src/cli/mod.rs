@@ -5,6 +5,7 @@ mod common;
 mod audit;
 mod check;
 mod completions;
+mod config;
 mod demo;
 mod eval;
 mod explain;
@@ -13,6 +14,7 @@ mod fit;
 mod image;
 mod import;
 mod inspect;
+mod lines;
 mod options;
 mod outcome;
 mod places;
@@ -37,7 +39,7 @@ use std::process::ExitCode;
     disable_help_flag = true,
     after_help = "Example, and the place to start: nerf-train demo\n\n\
         Ctrl-C, SIGTERM and SIGHUP end a command at once, and leave no half-written file. `fit` writes its checkpoint \
-        first, `image fit` its blob, `sweep` and `study train` the report of the runs that are finished.\n\
+        first, `image fit` its blob, `sweep` the report of the runs that are finished.\n\
         Status: 0 success, 1 an error, 2 wrong usage, 128 + N the end by signal N (130 after Ctrl-C)."
 )]
 struct Cli {
@@ -71,6 +73,7 @@ enum Command {
     Inspect(inspect::Inspect),
     Explain(explain::Explain),
     Export(export::Export),
+    Config(config::PrintConfig),
     Completions(completions::Completions),
 }
 
@@ -146,6 +149,7 @@ pub fn main() -> ExitCode {
         Command::Inspect(inspect) => inspect.run(&cli.global),
         Command::Explain(explain) => explain.run(&cli.global),
         Command::Export(export) => export.run(&cli.global),
+        Command::Config(config) => config.run(&cli.global),
         Command::Completions(completions) => completions.run(Cli::command(), &cli.global),
     });
     crate::system::stop::leave_to_signal();

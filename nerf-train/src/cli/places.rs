@@ -133,12 +133,6 @@ pub const STUDY: Contents = Contents {
     patterns: &[any("", "difference_", "png")],
 };
 
-/// The report of `study train`.
-pub const STUDY_TRAIN: Contents = Contents {
-    files: &["study.json", "summary.json", "table.csv", "curves.csv", "report.md"],
-    patterns: &[any("", "psnr_over_", "png"), any("", "psnr_over_", "svg"), any("runs", "", "json")],
-};
-
 /// The folder of `show`.
 pub const SHOW: Contents = Contents { files: &["show.html", "summary.json"], patterns: &[] };
 

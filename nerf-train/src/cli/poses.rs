@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-/// Find the poses of bare photographs with an installed COLMAP, and write a folder to fit.
+/// Find camera poses with an installed COLMAP.
 ///
 /// The folder gets a COLMAP model in `sparse/0`, and copies of the photographs in `images`. Photographs of one device and
 /// size have one camera. A model that is torn is tried again in COLMAP's next ways: neighbours alone, another initial pair,
@@ -23,16 +23,15 @@ use std::time::{Duration, Instant};
   nerf-train poses holiday
   nerf-train fit holiday_poses -o holiday.nerf")]
 pub struct Poses {
-    /// The folder of photographs, or one with a folder `images` of them.
+    /// Folder of photographs, or one with a folder `images`.
     photographs: PathBuf,
-    /// The folder to make [default: PHOTOGRAPHS with `_poses` behind its name].
+    /// Output folder [default: PHOTOGRAPHS with `_poses` behind its name].
     #[arg(long, short, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Compare each photograph only with its neighbours in the order of names, as frames of a film: less work where
-    /// there are many.
+    /// Sequential matching, for video frames in the order of their names.
     #[arg(long)]
     sequential: bool,
-    /// End COLMAP after so many minutes without output.
+    /// Stop COLMAP after so many minutes without output.
     #[arg(long, value_name = "MINUTES", default_value_t = 30.0)]
     patience: f64,
 }
@@ -64,7 +63,7 @@ impl Poses {
         };
         let found = find(&request)?;
         let summary = Summary::of(&found, &output, begun.elapsed().as_secs_f64());
-        global.finish(&summary, || print(&found, &output))?;
+        global.finish(&summary)?;
         Ok(ExitCode::SUCCESS)
     }
 }
@@ -79,35 +78,7 @@ fn beside(photographs: &Path) -> PathBuf {
     path.with_file_name(name)
 }
 
-fn print(found: &Found, output: &Path) -> anyhow::Result<()> {
-    if !found.damaged.is_empty() {
-        outln!("skipped, as they are no whole pictures: {}", found.damaged.join(", "));
-    }
-    outln!(
-        "{} of {} photographs registered, mean reprojection error {:.2} px over {} points",
-        found.registered,
-        found.photographs,
-        found.mean_reprojection_error,
-        found.points
-    );
-    if !found.unregistered.is_empty() {
-        outln!("without a pose: {}", found.unregistered.join(", "));
-    }
-    if found.models > 1 {
-        outln!("{} separate models were found: the largest is kept", found.models);
-    }
-    if found.cameras > 1 {
-        outln!("{} sizes or devices: each has a camera of its own", found.cameras);
-    }
-    outln!("found with: {}", found.way);
-    if let Some(fault) = &found.fault {
-        outln!("warning: {fault}");
-    }
-    outln!("{}", output.display());
-    Ok(())
-}
-
-/// What was found, for scripts.
+/// What was found.
 #[derive(Debug, Serialize)]
 struct Summary<'f> {
     folder: String,

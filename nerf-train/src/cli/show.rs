@@ -28,39 +28,39 @@ use std::process::ExitCode;
   nerf-train show lego_200x200.npz -o out/camera3 --camera 3 --rays 40
   nerf-train show lego_200 --split val --step 500 --preset seed --up z")]
 pub struct Show {
-    /// The data set.
+    /// Data set.
     data: PathBuf,
-    /// The folder to write into.
+    /// Output folder.
     #[arg(long, short, value_name = "DIR", default_value = "out/show")]
     output: PathBuf,
-    /// Which views.
+    /// Split.
     #[arg(long, value_enum, default_value = "train")]
     split: Split,
-    /// One camera of the split alone: its frustum, its picture, and rays from it only.
+    /// Show one camera of the split alone.
     #[arg(long, value_name = "I")]
     camera: Option<usize>,
-    /// Rays to show, at most.
+    /// Number of rays, at most.
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = within(1, 5000))]
     rays: usize,
-    /// Samples a ray, of presets without a learned grid [default: the preset's].
+    /// Samples per ray (sinusoidal networks) [default: the preset's].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     samples: Option<u16>,
-    /// The training step whose rays are shown.
+    /// Training step whose rays are shown.
     #[arg(long, value_name = "N", default_value_t = 0)]
     step: u32,
-    /// Settings of the training whose rays are shown.
+    /// Preset whose rays are shown.
     #[arg(long, value_enum, default_value = "grid")]
     preset: Preset,
-    /// Seed of everything random.
+    /// Random seed.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Distance of the pictures from their cameras, world units [default: what leaves room for all].
+    /// Depth of the frusta, world units [default: what leaves room for all].
     #[arg(long, value_name = "SCALE", value_parser = parse_length)]
     frustum: Option<f32>,
-    /// World axis that is up [default: the one nearest to the cameras' own up].
+    /// Up axis [default: the one nearest to the cameras' own up].
     #[arg(long, value_enum, value_name = "AXIS", allow_hyphen_values = true)]
     up: Option<UpAxis>,
-    /// The scene box, world units [default: found from the data].
+    /// Scene box, world units [default: found from the data].
     #[arg(
         long = "box",
         value_name = "X0,Y0,Z0,X1,Y1,Z1",
@@ -68,7 +68,7 @@ pub struct Show {
         allow_hyphen_values = true
     )]
     scene_box: Option<[f32; 6]>,
-    /// Where the scene ends.
+    /// Scene extent: box, or contracted (unbounded).
     #[arg(long, value_enum, default_value_t)]
     space: Space,
     #[command(flatten)]
@@ -119,7 +119,8 @@ impl Show {
         }
         let summary = Summary::of(&scene);
         let json = write(&summary, &self.output)?;
-        global.finish(&summary, || print_lines([&html, &json].map(|path| path.display().to_string())))?;
+        global
+            .finish_with(&summary, || print_lines([&html, &json].map(|path| path.display().to_string())))?;
         Ok(ExitCode::SUCCESS)
     }
 

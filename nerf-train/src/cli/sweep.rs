@@ -7,10 +7,10 @@ use super::options::grid::of_sinusoidal;
 use super::options::settings::read_config;
 use super::options::shard::ShardOption;
 use super::places;
-use crate::lab::sweep::{Combinations, Folder, Job, Mode, Point, Runner};
+use crate::lab::sweep::{Combinations, Folder, Job, Knob, Mode, Point, Runner};
 use crate::model::config::Preset;
 use crate::model::picture_config::FieldPreset;
-use crate::show::reports::sweep::{Summary, table, write_report};
+use crate::show::reports::sweep::{Summary, write_report};
 use crate::system::output::claims::Claims;
 use crate::system::stop::Note;
 use anyhow::bail;
@@ -18,19 +18,20 @@ use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Fit many times with other settings, and compare.
+/// Train over lists of settings, and compare.
 #[derive(Debug, Subcommand)]
 #[command(after_help = "Examples:
   nerf-train sweep image fox.jpg -o out/sweep --levels 6,8,10,12,14 --layers 2,4,6,8,10 --scale 0.25 --steps 1000 --pixels 2500
   nerf-train sweep scene lego_200x200.npz -o out/tables --table 12,14,16 --features 2,4 --max-seconds 20
   nerf-train sweep scene lego_200x200.npz -o out/sweep --width 64,128 --layers 2,4 --max-seconds 30
+  nerf-train sweep scene lego_200x200.npz -o out/times --table 12,14,16 --max-seconds 10,20,60
   nerf-train sweep merge -o out/all out/machine1 out/machine2")]
 pub enum Sweep {
-    /// Fit 2D fields to one picture.
+    /// Sweep 2D fields of one image.
     Image(Box<ImageSweep>),
-    /// Fit radiance fields to one data set.
+    /// Sweep radiance fields of one data set.
     Scene(Box<SceneSweep>),
-    /// Put the finished runs of several folders together.
+    /// Merge the finished runs of several folders.
     Merge(Merge),
 }
 
@@ -48,35 +49,34 @@ impl Sweep {
 /// What is varied, and where it is kept.
 #[derive(Debug, Args)]
 struct Lists {
-    /// Folder of the sweep: one file a finished run, table, plots, contact sheet. Runs that are finished in it
-    /// are not repeated; lists may be extended later.
+    /// Folder of the sweep; finished runs in it are not repeated.
     #[arg(long, short, value_name = "DIR")]
     output: PathBuf,
-    /// Levels L of the sinusoidal encoding. Of each of these: a list to compare, or one value to keep to.
+    /// Frequencies of the position encoding (sinusoidal networks).
     #[arg(long, value_name = "L,L,…", value_delimiter = ',', num_args = 1)]
     levels: Vec<u8>,
     /// Hidden layers.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     layers: Vec<u16>,
-    /// Channels of every hidden layer.
+    /// Width of the hidden layers.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     width: Vec<u16>,
-    /// Of a learned grid: binary logarithm of the most entries a level has.
+    /// log2 of the hash table size (grids).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     table: Vec<u8>,
-    /// Levels of the grid.
+    /// Grid levels.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     grid_levels: Vec<u8>,
-    /// Features of an entry: 1, 2 or 4.
+    /// Features per level: 1, 2 or 4 (grids).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     features: Vec<u8>,
-    /// Cells of the finest level along the longest side [default: the preset's; a picture's pixels].
+    /// Resolution of the finest level (grids) [default: the preset's; an image's pixels].
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     finest: Vec<u16>,
-    /// Learning rates at the start.
+    /// Initial learning rates.
     #[arg(long, value_name = "RATE,…", value_delimiter = ',', num_args = 1)]
     rate: Vec<f64>,
-    /// Vary one list at a time around the preset, instead of every combination.
+    /// Vary one list at a time instead of every combination.
     #[arg(long)]
     one_at_a_time: bool,
     #[command(flatten)]
@@ -90,37 +90,36 @@ impl Lists {
         Ok(inputs.writes_folder("-o", &self.output, &places::SWEEP).check()?)
     }
 
-    /// Whether settings of a sinusoidal network are listed.
+    /// Whether a setting of a sinusoidal network, or one that small networks are compared by, is listed.
     fn of_sinusoidal(&self) -> bool {
         !(self.levels.is_empty() && self.layers.is_empty() && self.width.is_empty())
     }
 
-    fn combinations(&self, job: &Job<'_>) -> Combinations {
-        fn numbers<T: Copy + Into<f64>>(list: &[T]) -> Vec<f64> {
-            list.iter().map(|&value| value.into()).collect()
-        }
-        let lists = [
-            numbers(&self.levels),
-            numbers(&self.layers),
-            numbers(&self.width),
-            numbers(&self.table),
-            numbers(&self.grid_levels),
-            numbers(&self.features),
-            numbers(&self.finest),
-            self.rate.clone(),
+    /// The lists, with `more` of a scene.
+    fn combinations(&self, job: &Job<'_>, more: [(Knob, Vec<f64>); 3]) -> Combinations {
+        let own = [
+            (Knob::Levels, numbers(&self.levels)),
+            (Knob::Layers, numbers(&self.layers)),
+            (Knob::Width, numbers(&self.width)),
+            (Knob::Table, numbers(&self.table)),
+            (Knob::GridLevels, numbers(&self.grid_levels)),
+            (Knob::Features, numbers(&self.features)),
+            (Knob::Finest, numbers(&self.finest)),
+            (Knob::Rate, self.rate.clone()),
         ];
         let mode = if self.one_at_a_time { Mode::OneAtATime } else { Mode::Full };
-        Combinations { base: job.base_point(), lists, mode }
+        Combinations { base: job.base_point(), lists: own.into_iter().chain(more).collect(), mode }
     }
 
     /// Runs what is not finished, and reports on what is.
-    fn sweep(&self, job: &Job<'_>, global: &Global) -> anyhow::Result<ExitCode> {
-        let combinations = self.combinations(job);
+    fn sweep(&self, job: &Job<'_>, more: [(Knob, Vec<f64>); 3], global: &Global) -> anyhow::Result<ExitCode> {
+        let combinations = self.combinations(job, more);
         let points = combinations.points()?;
         points.iter().try_for_each(|point| job.check(point))?;
         let shard = self.shard.choose(global)?;
         let folder = Folder::open(&self.output, job.header(combinations.mode))?;
-        let mine = shard.of(&points, Point::name);
+        let mine = points.iter().enumerate().filter(|&(i, _)| shard.takes(i));
+        let mine: Vec<Point> = mine.map(|(_, &point)| point).collect();
         let cpu = cpu_name();
         let runner = Runner { kernel: global.kernel(), style: global.style(), cpu: &cpu };
         global.say(format!(
@@ -143,29 +142,28 @@ impl Lists {
     }
 }
 
+fn numbers<T: Copy + Into<f64>>(list: &[T]) -> Vec<f64> {
+    list.iter().map(|&value| value.into()).collect()
+}
+
 /// Writes the report of all that is finished in a folder, and prints its table.
 fn finish(folder: &Folder, global: &Global) -> anyhow::Result<()> {
     let records = write_report(folder)?;
     let report = folder.path().join("report.md");
-    let summary = Summary::of(&records, &report);
-    global.finish(&summary, || {
-        outlines!(table(&records).to_text().trim_end());
-        outln!("report: {}", report.display());
-        Ok(())
-    })
+    global.finish(&Summary::of(&records, &report))
 }
 
-/// Fit 2D fields to one picture.
+/// Sweep 2D fields of one image.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: nerf-train sweep image fox.jpg -o out/sweep --levels 6,8,10 --layers 2,4 --scale 0.25"
 )]
 pub struct ImageSweep {
-    /// The picture.
+    /// Image.
     photo: PathBuf,
     #[command(flatten)]
     lists: Lists,
-    /// Named settings to start from [default: grid; classic where --levels, --layers or --width is listed].
+    /// Preset [default: grid; classic with --levels, --layers or --width].
     #[arg(long, value_enum)]
     preset: Option<FieldPreset>,
     #[command(flatten)]
@@ -184,36 +182,43 @@ impl ImageSweep {
         if base.grid.is_some() && self.settings.epsilon.is_some() {
             return Err(of_sinusoidal("--epsilon", &preset, "classic"));
         }
-        self.lists.sweep(&Job::Image { photo: &photo, base }, global)
+        let none = [Knob::Samples, Knob::Turns, Knob::Seconds].map(|knob| (knob, Vec::new()));
+        self.lists.sweep(&Job::Image { photo: &photo, base }, none, global)
     }
 }
 
-/// Fit radiance fields to one data set.
+/// Sweep radiance fields of one data set.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: nerf-train sweep scene lego_200x200.npz -o out/sweep --levels 6,10 --width 64,128 --max-seconds 30"
 )]
 pub struct SceneSweep {
-    /// The data set.
+    /// Data set.
     data: PathBuf,
     #[command(flatten)]
     lists: Lists,
-    /// Named settings to start from [default: grid; small where --levels, --layers or --width is listed].
+    /// Preset [default: grid; small with --levels, --layers, --width or --samples].
     #[arg(long, value_enum)]
     preset: Option<Preset>,
-    /// TOML file with settings that replace the preset's.
+    /// TOML file of settings that override the preset (see `config`).
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Steps of a run [default: the preset's].
+    /// Training steps of a run [default: the preset's].
     #[arg(long, value_name = "N", conflicts_with = "max_seconds")]
     steps: Option<u32>,
-    /// Seconds a run may take, instead of a number of steps.
-    #[arg(long, value_name = "S")]
-    max_seconds: Option<f64>,
-    /// Seed of everything random.
+    /// Wall-clock limit of a run, seconds: one value, or a list to compare.
+    #[arg(long, value_name = "S,S,…", value_delimiter = ',', num_args = 1)]
+    max_seconds: Vec<f64>,
+    /// Samples per ray (sinusoidal networks).
+    #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
+    samples: Vec<u16>,
+    /// Steps between updates of a hashed level, over summed gradients (grids).
+    #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
+    turns: Vec<u32>,
+    /// Random seed.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Where the scene ends.
+    /// Scene extent: box, or contracted (unbounded).
     #[arg(long, value_enum, default_value_t)]
     space: Space,
     #[command(flatten)]
@@ -222,7 +227,7 @@ pub struct SceneSweep {
 
 impl SceneSweep {
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
-        check_max_seconds(self.max_seconds)?;
+        self.max_seconds.iter().try_for_each(|&seconds| check_max_seconds(Some(seconds)))?;
         let claims = Claims::new().reads_data(&self.data);
         self.lists.claim(claims.reads_if("the file of settings", self.config.as_deref()))?;
         let dataset = self.data_options.read(&self.data, global)?;
@@ -234,7 +239,8 @@ impl SceneSweep {
             );
         }
         let around = self.space.around(dataset.background, false);
-        let start = if self.lists.of_sinusoidal() { Preset::Small } else { Preset::Grid };
+        let of_small = self.lists.of_sinusoidal() || !self.samples.is_empty();
+        let start = if of_small { Preset::Small } else { Preset::Grid };
         let mut base = read_config(self.preset.unwrap_or(start), self.config.as_deref(), around)?;
         base.sampling.near = self.data_options.near.or(base.sampling.near);
         base.sampling.far = self.data_options.far.or(base.sampling.far);
@@ -243,19 +249,28 @@ impl SceneSweep {
         self.space.settle(&mut base);
         base.check()?;
         self.space.say(&base, dataset.background, global);
-        let job = Job::Scene { dataset: &dataset, base: Box::new(base), seconds: self.max_seconds };
-        self.lists.sweep(&job, global)
+        let (seconds, listed) = match self.max_seconds[..] {
+            [seconds] => (Some(seconds), Vec::new()),
+            _ => (None, self.max_seconds.clone()),
+        };
+        let job = Job::Scene { dataset: &dataset, base: Box::new(base), seconds };
+        let more = [
+            (Knob::Samples, numbers(&self.samples)),
+            (Knob::Turns, numbers(&self.turns)),
+            (Knob::Seconds, listed),
+        ];
+        self.lists.sweep(&job, more, global)
     }
 }
 
-/// Put the finished runs of several folders together.
+/// Merge the finished runs of several folders.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: nerf-train sweep merge -o out/all out/machine1 out/machine2")]
 pub struct Merge {
-    /// Folders of one sweep's parts.
+    /// Folders to merge.
     #[arg(required = true, value_name = "DIR")]
     folders: Vec<PathBuf>,
-    /// Folder to put them into; may hold finished runs of the same sweep.
+    /// Output folder; may hold finished runs of the same sweep.
     #[arg(long, short, value_name = "DIR")]
     output: PathBuf,
 }

@@ -4,7 +4,7 @@ use crate::data::{Dataset, RefinedPoses, View};
 use crate::fit::direction::ViewDependence;
 use crate::fit::pace::{FINAL_SHARE, Pace, QUESTION_SHARE, lattice_of};
 use crate::fit::run::{RunError, Session, spread};
-use crate::fit::trend::Trend;
+use crate::fit::trend::Stop;
 use crate::fit::validation::{ASKED_VIEWS, FINAL_VIEWS, pixels_of, spread_indices};
 use crate::measure::eval::{EvalError, OCCUPANCY_LOSS_DB, Scores, ViewScore, measure};
 use crate::measure::frame::Frame;
@@ -72,7 +72,7 @@ pub struct Outcome {
     /// The curve.
     pub curve: Vec<CurvePoint>,
     /// What the curve says of the end of the run.
-    pub trend: Trend,
+    pub overfitting: Option<Stop>,
     /// Names of the views that validation on the way was of.
     pub watched: Vec<String>,
     /// Pictures that were taken on the way.
@@ -173,7 +173,7 @@ impl Session<'_, '_> {
             occupancy_required,
             view_dependence,
             subnormal_weights: exported.subnormal_weights,
-            trend: Trend::of(&self.trainer.curve),
+            overfitting: Stop::of(&self.trainer.curve),
             watched: watched.map(|view| view.name.clone()).collect(),
             missed_snapshots: self.missed_snapshots(),
             steps: self.trainer.progressed().step,

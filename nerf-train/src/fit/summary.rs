@@ -1,4 +1,4 @@
-//! What a fit made, for scripts.
+//! What a fit made.
 
 use crate::capture::check::Diagnosis;
 use crate::capture::check::after::Fitted;
@@ -16,13 +16,13 @@ use nerf_core::blob::Blob;
 use serde::Serialize;
 use std::path::Path;
 
-/// `summary.json` of a fit; what there is none of is null, with a note, or left out.
+/// `summary.json` of a fit; what there is none of is null or left out.
 #[derive(Debug, Serialize)]
 #[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Summary {
     // Of test views where there are no others.
     pub val_split: &'static str,
-    // Without validation views null, with a note: scripts rely on the names.
+    // Without validation views null: scripts rely on the names.
     pub val_psnr_db: f64,
     pub val_worst_psnr_db: f64,
     pub val_aligned_psnr_db: f64,
@@ -64,8 +64,6 @@ pub struct Summary {
     pub view_dependence_left_out: Option<bool>,
     pub occupancy_loss_db: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub occupancy_loss_db_note: Option<&'static str>,
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub quantisation_loss_db: Option<f64>,
     #[serde(flatten)]
     pub grid: Option<GridSummary>,
@@ -90,7 +88,6 @@ impl Summary {
         blob: &Path,
     ) -> Self {
         let [evaluated_samples_per_second, trained_samples_per_second] = outcome.samples_per_second;
-        let asked = outcome.occupancy_loss_db.is_some();
         Self {
             val_split: "val",
             val_psnr_db: outcome.scores.psnr_db().unwrap_or(f64::NAN),
@@ -131,7 +128,6 @@ impl Summary {
             view_dependence_gain_db: outcome.view_dependence.map(|found| found.gain_db),
             view_dependence_left_out: outcome.view_dependence.map(|found| found.left_out),
             occupancy_loss_db: outcome.occupancy_loss_db,
-            occupancy_loss_db_note: (!asked).then_some("a grid field is not asked outside of its occupancy"),
             quantisation_loss_db: outcome.quantisation_loss_db,
             grid: Blob::open(&outcome.bytes).ok().and_then(|blob| GridSummary::of(&blob)),
             trend: TrendSummary::of(outcome),
@@ -183,33 +179,20 @@ pub struct TrendSummary {
     pub watched_views: usize,
     pub validations: usize,
     pub last_watched_psnr_db: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub last_watched_psnr_db_note: Option<String>,
     pub val_stopped_rising_step: Option<u32>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub val_stopped_rising_step_note: Option<String>,
     pub val_stopped_rising_seconds: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub val_stopped_rising_seconds_note: Option<String>,
 }
 
 impl TrendSummary {
     fn of(outcome: &Outcome) -> Self {
-        let none = "there are no validation views";
         let validations: Vec<f64> = outcome.curve.iter().filter_map(|point| point.val_psnr_db).collect();
-        let last = validations.last().copied();
-        let stop = if outcome.watched.is_empty() { Err(none.into()) } else { outcome.trend.overfitting() };
-        let why = stop.as_ref().err().cloned();
-        let stop = stop.ok();
+        let stop = outcome.overfitting.filter(|_| !outcome.watched.is_empty());
         Self {
             watched_views: outcome.watched.len(),
             validations: validations.len(),
-            last_watched_psnr_db: last,
-            last_watched_psnr_db_note: last.is_none().then(|| none.to_owned()),
-            val_stopped_rising_step: stop.as_ref().map(|stop| stop.step),
-            val_stopped_rising_step_note: why.clone(),
-            val_stopped_rising_seconds: stop.as_ref().map(|stop| stop.seconds),
-            val_stopped_rising_seconds_note: why,
+            last_watched_psnr_db: validations.last().copied(),
+            val_stopped_rising_step: stop.map(|stop| stop.step),
+            val_stopped_rising_seconds: stop.map(|stop| stop.seconds),
         }
     }
 }

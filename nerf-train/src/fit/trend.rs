@@ -27,27 +27,9 @@ pub struct Stop {
     pub last_train_psnr_db: f64,
 }
 
-/// What the validations say of a run.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Trend {
-    /// There were fewer than three.
-    TooFew {
-        /// How many there were.
-        validations: usize,
-    },
-    /// One of the last two validations is better than all before it.
-    Rising {
-        /// Whether it is the very last.
-        to_the_end: bool,
-    },
-    /// Validation stopped, and training rose by no more than 0.3 dB since.
-    Settled(Stop),
-    /// Validation stopped while training went on: what was learned since does not carry over to new views.
-    Overfitting(Stop),
-}
-
-impl Trend {
-    /// Reads it off a curve, oldest point first.
+impl Stop {
+    /// Where validation stopped while training went on, of a curve with its oldest point first: what was learned since does
+    /// not carry over to new views.
     ///
     /// Validation stopped at the first that no later one beats by more than 0.05 dB, if at least two
     /// followed; training went on if its smoothed PSNR rose by more than 0.3 dB from there to the last validation.
@@ -55,7 +37,7 @@ impl Trend {
     /// # Examples
     /// Validations of 20, 22, 21, 20 dB while training goes 20, 23, 26, 29: stopped at the second.
     /// ```
-    /// use nerf_train::fit::trend::Trend;
+    /// use nerf_train::fit::trend::Stop;
     /// use nerf_train::train::CurvePoint;
     /// let at = |i: u32, val| CurvePoint {
     ///     step: 100 * i,
@@ -64,28 +46,19 @@ impl Trend {
     ///     val_psnr_db: Some(val),
     ///     ..CurvePoint::default()
     /// };
-    /// let trend = Trend::of(&[at(1, 20.0), at(2, 22.0), at(3, 21.0), at(4, 20.0)]);
-    /// assert!(matches!(trend, Trend::Overfitting(stop) if stop.step == 200));
+    /// let stop = Stop::of(&[at(1, 20.0), at(2, 22.0), at(3, 21.0), at(4, 20.0)]);
+    /// assert_eq!(stop.map(|stop| stop.step), Some(200));
     /// ```
-    pub fn of(curve: &[CurvePoint]) -> Self {
+    pub fn of(curve: &[CurvePoint]) -> Option<Self> {
         let validated = |point: &CurvePoint| Some((*point, point.val_psnr_db.filter(|db| !db.is_nan())?));
         let validations: Vec<(CurvePoint, f64)> = curve.iter().filter_map(validated).collect();
-        let &[.., (last, last_val_psnr_db)] = validations.as_slice() else {
-            return Self::TooFew { validations: 0 };
-        };
-        if validations.len() <= VALIDATIONS_AFTER {
-            return Self::TooFew { validations: validations.len() };
-        }
+        let &(last, last_val_psnr_db) = validations.last()?;
         let best_after =
             |i: usize| validations[i + 1..].iter().map(|l| l.1).fold(f64::NEG_INFINITY, f64::max);
-        let stopped = (0..validations.len() - VALIDATIONS_AFTER)
+        let stopped = (0..validations.len().saturating_sub(VALIDATIONS_AFTER))
             .find(|&i| best_after(i) <= validations[i].1 + VAL_RISE_DB);
-        let Some((at, val_psnr_db)) = stopped.map(|i| validations[i]) else {
-            let before =
-                validations[..validations.len() - 1].iter().map(|l| l.1).fold(f64::NEG_INFINITY, f64::max);
-            return Self::Rising { to_the_end: last_val_psnr_db >= before };
-        };
-        let stop = Stop {
+        let (at, val_psnr_db) = validations[stopped?];
+        let stop = Self {
             step: at.step,
             seconds: at.seconds,
             val_psnr_db,
@@ -93,41 +66,23 @@ impl Trend {
             train_psnr_db: at.train_psnr_db,
             last_train_psnr_db: last.train_psnr_db,
         };
-        let went_on = stop.last_train_psnr_db - stop.train_psnr_db > TRAIN_RISE_DB;
-        if went_on { Self::Overfitting(stop) } else { Self::Settled(stop) }
-    }
-
-    /// Where validation stopped while training went on, or why there is no such place.
-    pub fn overfitting(&self) -> Result<Stop, String> {
-        match self {
-            Self::Overfitting(stop) => Ok(*stop),
-            other => Err(other.to_string()),
-        }
+        (stop.last_train_psnr_db - stop.train_psnr_db > TRAIN_RISE_DB).then_some(stop)
     }
 }
 
-impl fmt::Display for Trend {
+impl fmt::Display for Stop {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::TooFew { validations } => {
-                write!(f, "{validations} validations are too few to say whether PSNR stopped rising")
-            }
-            Self::Rising { to_the_end: true } => f.write_str("validation rose to the end"),
-            Self::Rising { to_the_end: false } => {
-                f.write_str("validation rose until the last validation but one; one is no trend")
-            }
-            Self::Settled(s) => write!(
-                f,
-                "validation stopped rising at step {} ({:.2} dB), and so did training",
-                s.step, s.val_psnr_db
-            ),
-            Self::Overfitting(s) => write!(
-                f,
-                "validation stopped rising at step {}, after {:.1} s ({:.2} dB; {:.2} dB in the end), while training \
-                 went on from {:.2} to {:.2} dB: overfitting",
-                s.step, s.seconds, s.val_psnr_db, s.last_val_psnr_db, s.train_psnr_db, s.last_train_psnr_db
-            ),
-        }
+        write!(
+            f,
+            "validation stopped rising at step {}, after {:.1} s ({:.2} dB; {:.2} dB in the end), while training \
+             went on from {:.2} to {:.2} dB: overfitting",
+            self.step,
+            self.seconds,
+            self.val_psnr_db,
+            self.last_val_psnr_db,
+            self.train_psnr_db,
+            self.last_train_psnr_db
+        )
     }
 }
 
@@ -153,38 +108,33 @@ mod tests {
     #[test]
     fn overfitting_needs_a_stop_and_training_that_goes_on() {
         let falling = curve(&[(20.0, 20.0), (22.0, 22.0), (25.0, 21.5), (28.0, 20.0)]);
-        let stop = Trend::of(&falling).overfitting().expect("overfitting");
+        let stop = Stop::of(&falling).expect("overfitting");
         assert_eq!((stop.step, stop.val_psnr_db, stop.last_val_psnr_db), (200, 22.0, 20.0));
         assert_eq!((stop.train_psnr_db, stop.last_train_psnr_db), (22.0, 28.0));
         // A flat end is a stop too, if training rises.
         let flat = curve(&[(20.0, 20.0), (22.0, 22.0), (23.0, 22.04), (24.0, 22.03)]);
-        assert_eq!(Trend::of(&flat).overfitting().map(|stop| stop.step), Ok(200));
+        assert_eq!(Stop::of(&flat).map(|stop| stop.step), Some(200));
         let settled = curve(&[(20.0, 20.0), (22.0, 22.0), (22.1, 22.0), (22.2, 21.9)]);
-        assert!(matches!(Trend::of(&settled), Trend::Settled(stop) if stop.step == 200));
+        assert_eq!(Stop::of(&settled), None);
     }
 
     #[test]
     fn a_rise_to_the_end_is_no_overfitting() {
         let rising = curve(&[(20.0, 20.0), (22.0, 21.0), (25.0, 21.5), (28.0, 21.6)]);
-        assert_eq!(Trend::of(&rising), Trend::Rising { to_the_end: true });
         // A dip on the way is overcome.
         let dip = curve(&[(20.0, 20.0), (22.0, 18.0), (25.0, 18.0), (28.0, 21.6)]);
-        assert_eq!(Trend::of(&dip), Trend::Rising { to_the_end: true });
         // One validation without a rise is no trend.
         let one = curve(&[(20.0, 20.0), (22.0, 21.0), (25.0, 22.0), (28.0, 21.0)]);
-        assert_eq!(Trend::of(&one), Trend::Rising { to_the_end: false });
-        assert!(Trend::of(&one).overfitting().is_err_and(|why| why.contains("no trend")));
+        assert_eq!([rising, dip, one].map(|curve| Stop::of(&curve)), [None; 3]);
     }
 
     #[test]
     fn few_validations_and_odd_figures_say_nothing_wrong() {
         for validations in 0..3 {
-            let points = curve(&vec![(20.0, 20.0); validations]);
-            assert_eq!(Trend::of(&points), Trend::TooFew { validations });
+            assert_eq!(Stop::of(&curve(&vec![(20.0, 20.0); validations])), None);
         }
         let nan = curve(&[(20.0, f64::NAN), (f64::NAN, 20.0), (21.0, f64::NAN)]);
-        assert_eq!(Trend::of(&nan), Trend::TooFew { validations: 1 });
         let perfect = curve(&[(20.0, f64::INFINITY); 4]);
-        assert!(matches!(Trend::of(&perfect), Trend::Settled(stop) if stop.step == 100));
+        assert_eq!([nan, perfect].map(|curve| Stop::of(&curve)), [None; 2]);
     }
 }

@@ -3,10 +3,8 @@
 //! lists of settings → one run each, kept as one small file in the experiment's folder → rows. What draws tables, plots and
 //! pages of them is in `show/reports`.
 
-mod folder;
 mod shard;
 pub mod study;
 pub mod sweep;
 
-pub use folder::{Folder, Header, LabError, Run};
-pub use shard::{ArrayError, Shard};
+pub use shard::Shard;

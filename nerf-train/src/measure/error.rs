@@ -1,8 +1,8 @@
 //! Why a study or an audit cannot be made.
 
 use crate::data::pictures::rgb::ReportError;
+use crate::measure::import::ImportError;
 use crate::model::export::ExportError;
-use crate::model::import::ImportError;
 use crate::system::output::OutputError;
 use nerf_core::blob::BlobError;
 use nerf_core::camera::CameraError;
@@ -13,6 +13,7 @@ use std::path::PathBuf;
 /// Why a study or an audit cannot be made.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
+#[allow(missing_docs, reason = "the names say what they are")]
 pub enum StudyError {
     /// The blob, or a variant of it, cannot be opened or written.
     #[error("{0}")]
@@ -40,18 +41,10 @@ pub enum StudyError {
     Source(#[from] ImportError),
     /// The unrounded network is another one.
     #[error("--source: expected the network that the blob was rounded from, found another: {found}")]
-    OtherSource {
-        /// What is different.
-        found: String,
-    },
+    OtherSource { found: String },
     /// What is to stand beside it is no table of a study.
     #[error("--beside: {}: expected the points.csv of a study, found {found}", path.display())]
-    Beside {
-        /// The file.
-        path: PathBuf,
-        /// What is there instead.
-        found: String,
-    },
+    Beside { path: PathBuf, found: String },
     /// A file cannot be written.
     #[error("{0}")]
     Output(#[from] OutputError),

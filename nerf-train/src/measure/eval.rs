@@ -22,23 +22,21 @@ pub const OCCUPANCY_LOSS_DB: f64 = 0.08;
 
 /// One view's figures.
 #[derive(Clone, Debug, Serialize)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct ViewScore {
-    /// The view.
     pub view: String,
     /// dB; infinite if every pixel is equal.
     pub psnr_db: f64,
     /// dB, after the photograph's own gain is fitted, one a channel.
     pub aligned_psnr_db: f64,
-    /// 0..=1.
     pub ssim: f64,
 }
 
 /// Figures of a set of views.
 #[derive(Clone, Debug)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Scores {
-    /// View by view.
     pub views: Vec<ViewScore>,
-    /// The work all of them took.
     pub counters: Counters,
 }
 

@@ -12,14 +12,12 @@ const SOLID: f32 = 0.5;
 
 /// How far one view is from the truth and from the exact rendering.
 #[derive(Clone, Copy, Debug)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct ViewErrors {
-    /// Against ground truth, dB.
     pub psnr_db: f64,
-    /// Against ground truth.
     pub ssim: f64,
     /// Mean squared error against the exact rendering.
     pub exact_mse: f64,
-    /// Largest difference of a colour channel from the exact rendering.
     pub exact_max: f64,
     /// Sum of |ray_distance| differences from the exact rendering over its solid pixels, world units.
     pub distance_sum: f64,
@@ -27,7 +25,6 @@ pub struct ViewErrors {
     pub distance_max: f64,
     /// How many there are.
     pub solid: u64,
-    /// The work it took.
     pub counters: Counters,
 }
 
@@ -73,10 +70,9 @@ pub enum Origin {
 
 /// One way to render, and what was measured of it.
 #[derive(Clone, Debug)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Point {
-    /// Where it comes from.
     pub origin: Origin,
-    /// Every knob's value.
     pub settings: Settings,
     /// What differs from the base, for people.
     pub label: String,
@@ -84,20 +80,18 @@ pub struct Point {
     pub views: Vec<Option<ViewErrors>>,
     /// By round and timing view; `None` where it was not rendered.
     pub rounds: Vec<Vec<Option<Clocked>>>,
-    /// What it needs.
     pub memory: Memory,
 }
 
 /// What a point comes to over the views it was rendered on.
 #[derive(Clone, Copy, Debug)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Totals {
-    /// Views it was rendered on.
     pub views: usize,
     /// Mean against ground truth, dB.
     pub psnr_db: f64,
     /// The exact rendering's mean over the same views less this, dB.
     pub loss_db: f64,
-    /// Mean against ground truth.
     pub ssim: f64,
     /// PSNR of the mean squared error against the exact rendering over all views, dB.
     pub exact_psnr_db: f64,
@@ -105,9 +99,7 @@ pub struct Totals {
     pub exact_max: f64,
     /// Mean |ray_distance| difference from the exact rendering where that is solid, world units.
     pub distance_mean: f64,
-    /// The largest.
     pub distance_max: f64,
-    /// The work on all these views.
     pub counters: Counters,
     /// Multiply-adds relative to the exact rendering's on the same views.
     pub relative_macs: f64,
@@ -115,14 +107,12 @@ pub struct Totals {
 
 /// Seconds of a view, from rounds that were interleaved with those of all other points.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Seconds {
-    /// Rounds.
     pub rounds: usize,
     /// Median over the rounds of the mean over the timing views.
     pub median: f64,
-    /// The fastest round.
     pub low: f64,
-    /// The slowest round.
     pub high: f64,
 }
 

@@ -85,14 +85,6 @@ impl Surfaces {
     }
 }
 
-/// `median distance off by 0.6 % at the key points; 0.1 % of the pixels nearer than any point`.
-pub fn surfaces_in_words(depth_error: f64, near_share: f64) -> String {
-    let (error, share) = (100.0 * depth_error, 100.0 * near_share);
-    format!(
-        "median distance off by {error:.1} % at the key points; {share:.1} % of the pixels nearer than any point"
-    )
-}
-
 /// Rays through a lattice of a view's pixels that count.
 fn lattice(view: &View) -> Vec<RaySegment> {
     let (width, height) = view.size();

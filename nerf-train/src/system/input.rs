@@ -7,6 +7,7 @@
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
+use std::str::FromStr;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
@@ -42,6 +43,13 @@ pub fn read_limited(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
         return Err(too_large(limit, &format!("{} bytes", metadata.len())));
     }
     read_to_limit(File::open(path)?, limit)
+}
+
+/// `N` numbers with commas between them, as one argument.
+pub fn parse_numbers<const N: usize, T: FromStr>(text: &str) -> Result<[T; N], String> {
+    let numbers: Option<Vec<T>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+    let numbers = numbers.and_then(|numbers| numbers.try_into().ok());
+    numbers.ok_or_else(|| format!("expected {N} numbers with commas between them"))
 }
 
 /// The text of a UTF-8 file, without the byte order mark that some editors put in front.

@@ -1,14 +1,11 @@
 //! Results as JSON: what `--json` prints and `summary.json` holds.
 //!
 //! A result is any type that serialises; its fields carry their unit: `train_seconds`, `val_psnr_db`. JSON has no infinities
-//! and no NaN: such a number is written as `null`, followed by a field `<name>_note` that says which it was, so that no reader
-//! mistakes an infinite PSNR for one that was not measured.
+//! and no NaN: such a number is `null`.
 
 use crate::system::output::{Attempt, OutputError, write_atomic};
 use crate::system::printable;
-use ciborium::Value;
-use serde::ser::{Error, SerializeMap};
-use serde::{Serialize, Serializer};
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// The result as JSON, with a line end at its end.
@@ -26,12 +23,11 @@ use std::path::{Path, PathBuf};
 /// let fit = Fit { val_psnr_db: 27.5, train_psnr_db: f64::INFINITY };
 /// assert_eq!(
 ///     nerf_train::system::summary::to_json(&fit).unwrap(),
-///     "{\n  \"val_psnr_db\": 27.5,\n  \"train_psnr_db\": null,\n  \"train_psnr_db_note\": \"+infinity\"\n}\n"
+///     "{\n  \"val_psnr_db\": 27.5,\n  \"train_psnr_db\": null\n}\n"
 /// );
 /// ```
 pub fn to_json(result: &impl Serialize) -> Result<String, serde_json::Error> {
-    let value = Value::serialized(result).map_err(serde_json::Error::custom)?;
-    let text = serde_json::to_string_pretty(&Noted(&value))?;
+    let text = serde_json::to_string_pretty(result)?;
     Ok(printable::json(&text).into_owned() + "\n")
 }
 
@@ -46,70 +42,9 @@ pub fn write(result: &impl Serialize, folder: impl AsRef<Path>) -> Result<PathBu
     Ok(path)
 }
 
-/// An f32, written with the few digits that it needs and not as its long f64 expansion.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// An f32.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Short(pub f32);
-
-impl Serialize for Short {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_f64(self.0.to_string().parse().unwrap_or(f64::from(self.0)))
-    }
-}
-
-/// A value with the notes of its numbers.
-struct Noted<'v>(&'v Value);
-
-impl Serialize for Noted<'_> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        match self.0 {
-            Value::Null => serializer.serialize_unit(),
-            Value::Bool(flag) => serializer.serialize_bool(*flag),
-            Value::Integer(number) => match u64::try_from(*number) {
-                Ok(number) => serializer.serialize_u64(number),
-                Err(_) => serializer.serialize_i64((*number).try_into().map_err(S::Error::custom)?),
-            },
-            // serde_json itself writes numbers that are not finite as null.
-            Value::Float(number) => serializer.serialize_f64(*number),
-            Value::Text(text) => serializer.serialize_str(text),
-            Value::Array(values) => serializer.collect_seq(values.iter().map(Noted)),
-            Value::Map(entries) => {
-                let mut map = serializer.serialize_map(None)?;
-                for (key, value) in entries {
-                    let name = key.as_text().ok_or_else(|| S::Error::custom("a name that is no text"))?;
-                    map.serialize_entry(name, &Noted(value))?;
-                    if let Some(note) = note(value) {
-                        map.serialize_entry(&format!("{name}_note"), &note)?;
-                    }
-                }
-                map.end()
-            }
-            _ => Err(S::Error::custom("what JSON has no word for")),
-        }
-    }
-}
-
-/// What a reader must know of numbers that JSON cannot hold.
-fn note(value: &Value) -> Option<String> {
-    match value {
-        Value::Float(value) => not_finite(*value).map(str::to_owned),
-        Value::Array(values) => {
-            let entry =
-                |(i, value): (usize, &Value)| Some(format!("[{i}] {}", not_finite(value.as_float()?)?));
-            let notes: Vec<String> = values.iter().enumerate().filter_map(entry).collect();
-            (!notes.is_empty()).then(|| notes.join(", "))
-        }
-        _ => None,
-    }
-}
-
-fn not_finite(value: f64) -> Option<&'static str> {
-    match value {
-        f64::INFINITY => Some("+infinity"),
-        f64::NEG_INFINITY => Some("-infinity"),
-        value if value.is_nan() => Some("not a number"),
-        _ => None,
-    }
-}
 
 #[cfg(test)]
 mod tests {
@@ -151,18 +86,7 @@ mod tests {
             views: vec![view()],
         })
         .unwrap();
-        let names = [
-            "scene",
-            "train_time_s",
-            "lr",
-            "box",
-            "resumed",
-            "psnr_db",
-            "psnr_db_note",
-            "gain_db",
-            "zebra",
-            "views",
-        ];
+        let names = ["scene", "train_time_s", "lr", "box", "resumed", "psnr_db", "gain_db", "zebra", "views"];
         let places: Vec<usize> =
             names.iter().map(|name| json.find(&format!("\"{name}\"")).unwrap()).collect();
         assert!(places.is_sorted(), "{json}");
@@ -170,8 +94,7 @@ mod tests {
         let value: serde_json::Value = serde_json::from_str(&json).unwrap();
         assert_eq!(value["box"], serde_json::json!([0.1, -0.2]));
         assert_eq!(value["psnr_db"], serde_json::json!([1.5, null, null]));
-        assert_eq!(value["psnr_db_note"], "[1] -infinity, [2] not a number");
-        assert!(value["gain_db"].is_null() && value["gain_db_note"].is_null());
+        assert!(value["gain_db"].is_null());
         assert_eq!(value["views"][0]["aardvark"], u64::MAX);
     }
 

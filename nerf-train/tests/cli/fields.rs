@@ -1,7 +1,7 @@
 //! 2D fields and sweeps.
 
 use crate::made::Folder;
-use crate::{blob, command, fails, json, ok, ran};
+use crate::{blob, command, fails, has, json, ok, ran};
 use std::path::Path;
 
 /// A network of 2×16 on small pictures: steps of a millisecond.
@@ -36,7 +36,7 @@ fn fitted_reported_and_rendered(preset: &str) {
     let (photo, file, report) = (photo(&folder), folder.path("a.nerf"), folder.path("report"));
     let more = ["--report", &report, "--snapshots", "0,20", "--preset", preset];
     let out = ok(image_fit(&photo, &file, &more));
-    assert!(out.contains("dB PSNR over the whole picture"), "{out}");
+    assert!(has(&out, "steps", "40") && has(&out, "blob", &file), "{out}");
     let summary = json(Path::new(&report).join("summary.json"));
     assert!(summary["psnr_db"].as_f64().is_some_and(|db| db > 10.0), "{summary}");
     assert_eq!((&summary["steps"], &summary["width_px"]), (&40.into(), &12.into()));
@@ -66,10 +66,17 @@ fn a_grid_is_the_default_and_its_flags_set_what_is_said_of_it() {
     let flags =
         ["--table", "5", "--grid-levels", "3", "--features", "4", "--coarsest", "2", "--finest", "10"];
     let said = ok([&image_fit(&photo, &file, &["--report", &report]), &flags[..]].concat());
-    let line = "3 levels of 2 to 10 cells, 4 features an entry, at most 2^5 entries a level";
-    assert!(said.contains(&format!("learned grid: {line}")), "{said}");
-    let inspected = ok(["inspect", &file]);
-    assert!(inspected.contains(&format!("learned grid  {line}")), "{inspected}");
+    for said in [said, ok(["inspect", &file])] {
+        for (field, expected) in [
+            ("grid_levels", "3"),
+            ("grid_coarsest_cells", "2"),
+            ("grid_finest_cells", "10"),
+            ("grid_features", "4"),
+            ("grid_log2_entries", "5"),
+        ] {
+            assert!(has(&said, field, expected), "{field}: {said}");
+        }
+    }
     let summary = json(Path::new(&report).join("summary.json"));
     for (field, expected) in
         [("grid_levels", 3), ("grid_features", 4), ("grid_finest_cells", 10), ("levels", 0)]
@@ -77,7 +84,7 @@ fn a_grid_is_the_default_and_its_flags_set_what_is_said_of_it() {
         assert_eq!(summary[field].as_u64(), Some(expected), "{field}");
     }
     // No finer than the picture, where nobody says how fine.
-    assert!(ok(image_fit(&photo, &file, &[])).contains("8 levels of 12 to 12 cells"));
+    assert!(has(&ok(image_fit(&photo, &file, &[])), "grid_finest_cells", "12"));
     // The same bytes on any number of threads.
     let bytes = |threads: &str| {
         let run = ["-q", "--steps", "20", "--pixels", "9000", "--threads", threads];
@@ -152,8 +159,15 @@ fn a_file_is_no_larger_than_it_was_asked_to_be() {
         (std::fs::read(&file).expect("a blob"), ok(["inspect", &file]))
     };
     let (_, said) = inspected(&[&flags[..], &["--max-bytes", "8k"]].concat());
-    assert!(said.contains("4 levels of 8 to 200 cells") && said.contains("at most 2^7 entries"), "{said}");
-    assert!(said.contains("as coded"), "{said}");
+    for (field, expected) in [
+        ("grid_levels", "4"),
+        ("grid_coarsest_cells", "8"),
+        ("grid_finest_cells", "200"),
+        ("grid_log2_entries", "7"),
+        ("grid_storage", "coded"),
+    ] {
+        assert!(has(&said, field, expected), "{field}: {said}");
+    }
     let (roomy, plain) = (inspected(&[&flags[..], &["--max-bytes", "1m"]].concat()), inspected(&flags));
     assert!(roomy.0 == plain.0, "{}", roomy.1);
     for wish in ["0", "1x", "k", "1.5k", "99999999999999999999", "20000000000000000m", ""] {
@@ -278,16 +292,10 @@ fn an_array_job_makes_the_table_of_one_process() {
             .env("SLURM_ARRAY_TASK_MIN", "1")
             .env("SLURM_ARRAY_TASK_COUNT", "2");
         assert_eq!(ran(&mut task).code, Some(0));
-        let mut other = command([&sweep(&photo, &part, &rates)[..], &["--shard", "2/3"]].concat());
-        other.env("SLURM_ARRAY_TASK_ID", id).env("SLURM_ARRAY_TASK_COUNT", "4");
-        let refused = ran(&mut other);
-        assert!(
-            refused.code != Some(0)
-                && refused.err.contains("--shard")
-                && refused.err.contains("SLURM_ARRAY_TASK_ID"),
-            "{}",
-            refused.err
-        );
+        let mut beyond = command(sweep(&photo, &part, &rates));
+        beyond.env("SLURM_ARRAY_TASK_ID", "5").env("SLURM_ARRAY_TASK_COUNT", "4");
+        let refused = ran(&mut beyond);
+        assert!(refused.code != Some(0) && refused.err.contains("SLURM_ARRAY_TASK_ID"), "{}", refused.err);
         part
     });
     let [merged, whole] = ["merged", "whole"].map(|name| folder.path(name));
@@ -342,4 +350,19 @@ fn scenes_are_swept_too() {
     for file in ["psnr_over_table.png", "psnr_over_features.png", "sheet.png"] {
         assert!(Path::new(&tables).join(file).exists(), "{file}");
     }
+    // Every time of a list is a run of its own, and samples are a setting of sinusoidal networks alone.
+    let times = folder.path("times");
+    let lists = ["--max-seconds", "0.3,0.6", "--samples", "8", "--turns", "1"];
+    let args = ["sweep", "scene", &data, "-o", &times, "-q"];
+    fails(args.into_iter().chain(lists), &["--turns", "a sinusoidal encoding"]);
+    ok(args.into_iter().chain(["--width", "8", "--layers", "1"]).chain(lists[..4].iter().copied()));
+    let table = std::fs::read_to_string(format!("{times}/table.csv")).expect("a table");
+    assert!(table.starts_with("rank,L,layers,width,rate,samples,max-seconds,"), "{table}");
+    assert_eq!(table.lines().count(), 3, "{table}");
+    assert!(Path::new(&times).join("psnr_over_max-seconds.png").exists());
+    // A layer in front of what a grid composites.
+    let lists = ["--preset", "grid", "--layers", "0,1", "--table", "9", "--turns", "2", "--steps", "5"];
+    ok(["sweep", "scene", &data, "-o", &folder.path("layers"), "-q"].into_iter().chain(lists));
+    let wide = ["sweep", "scene", &data, "-o", &folder.path("wide"), "--preset", "grid", "--width", "64"];
+    fails(wide, &["network.width"]);
 }

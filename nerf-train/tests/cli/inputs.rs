@@ -145,7 +145,6 @@ fn no_output_may_be_an_input_by_any_name() {
         &["image", "fit", "IN", "-o", "OUT"],
         &["import", "IN", "-o", "OUT"],
         &["import", "a", "--coarse", "IN", "-o", "OUT"],
-        &["import", "a", "--config", "IN", "-o", "OUT"],
         &["import", "a", "--occupancy", "IN", "-o", "OUT"],
         &["import", "a", "--check", "IN", "-o", "OUT"],
     ];
@@ -216,8 +215,6 @@ fn derived_outputs_are_no_inputs_either() {
         ("r/points.csv", &["study", "IN", "data", "--report", "r"]),
         ("r/front.svg", &["study", "blob", "data", "--source", "IN", "--report", "r"]),
         ("r/difference_a_truth.png", &["study", "blob", "IN", "--report", "r"]),
-        ("r/table.csv", &["study", "train", "IN", "--report", "r"]),
-        ("r/psnr_over_time_width.svg", &["study", "train", "data", "--config", "IN", "--report", "r"]),
         ("r/picture.png", &["image", "fit", "IN", "-o", "a.nerf", "--report", "r"]),
         (
             "r/snapshots/step_000020.png",
@@ -276,7 +273,6 @@ fn nothing_is_written_into_a_data_set_that_is_a_folder() {
         &["eval", "blob", "scene", "--report"],
         &["audit", "blob", "scene", "--report"],
         &["study", "blob", "scene", "--report"],
-        &["study", "train", "scene", "--report"],
         &["show", "scene", "-o"],
         &["sweep", "scene", "scene", "--width", "8,16", "-o"],
         &["render", "blob", "--path", "scene", "-o"],

@@ -182,6 +182,12 @@ fn blob() -> &'static (Folder, String) {
     })
 }
 
+/// Whether a result for people has this field with this value.
+fn has(text: &str, field: &str, value: &str) -> bool {
+    let fields = text.lines().filter_map(|line| line.split_once("  "));
+    fields.into_iter().any(|(name, text)| name == field && text.trim() == value)
+}
+
 fn json(path: impl AsRef<Path>) -> serde_json::Value {
     let text = std::fs::read_to_string(path.as_ref()).expect("a summary");
     serde_json::from_str(&text).expect("JSON")

@@ -75,10 +75,6 @@ fn every_commands_json_keeps_its_names_and_kinds() {
     add("audit", &["audit", small, &data, "--repeats", "1"]);
     add("study", &[&["study", small, &data, "-o", &front], &study[..]].concat());
     add("inspect with a front", &["inspect", &front]);
-    add(
-        "study train",
-        &["study", "train", &data, "--report", &path("st"), "--seconds", "0.5", "--width", "8"],
-    );
     add("sweep scene", &["sweep", "scene", &data, "-o", &path("s"), "--steps", "5", "--width", "8"]);
     add("sweep image", &["sweep", "image", &photo, "-o", &path("i"), "--steps", "5", "--table", "8"]);
     add("image fit", &image_fit);

@@ -130,10 +130,6 @@ const ROWS: &[Row] = &[
     ("study", 1.2, |i, o| {
         owned(&[&["study", &i.blob, &i.data, "--report", &o.path("report"), "-o", &o.path("a.nerf")]])
     }),
-    ("study train", 3.0, |i, o| {
-        let lists = ["--seconds", "0.6", "--width", "16,24,32,40,48", "--samples", "16,24"];
-        owned(&[&["study", "train", &i.large, "--report", &o.path("report")], &lists])
-    }),
     ("sweep scene", 3.0, |i, o| {
         let lists = ["--steps", "60", "--levels", "2,3,4,5,6,7,8", "--width", "16,24,32", "--layers", "2"];
         owned(&[&["sweep", "scene", &i.data, "-o", &o.path("sweep")], &lists])

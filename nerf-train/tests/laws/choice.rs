@@ -11,7 +11,6 @@ use nerf_train::fit::run::RunOptions;
 use nerf_train::fit::run::run;
 use nerf_train::fit::run::run_since;
 use nerf_train::fit::snapshot::SnapshotOptions;
-use nerf_train::fit::trend::Trend;
 use nerf_train::model::config::Config;
 use nerf_train::train::CurvePoint;
 use nerf_train::train::schedule::Budget;
@@ -51,7 +50,7 @@ fn a_run_that_overfits_says_so_and_exports_its_last_step_however_it_is_interrupt
     let steps: Vec<u32> = validated.iter().map(|point| point.step).collect();
     assert_eq!(steps, [100, 200, 300, 400, 500, 600, 700, 800]);
     assert!(validated.iter().all(|point| (point.val_views, point.val_lattice) == (2, 1)), "{validated:?}");
-    assert!(matches!(outcome.trend, Trend::Overfitting(stop) if stop.step < 800), "{}", outcome.trend);
+    assert!(outcome.overfitting.is_some_and(|stop| stop.step < 800), "{:?}", outcome.overfitting);
     assert_eq!(Blob::open(&outcome.bytes).expect("a blob").provenance().steps, 800);
     assert_eq!((outcome.scores.views.len(), outcome.lattice), (4, 1));
     let worst = outcome.scores.worst_psnr_db().expect("views");
@@ -89,7 +88,7 @@ fn without_validation_views_there_is_no_trend() {
     let config = tiny(30);
     let outcome = finished(&dataset, &config, &options(&config, None, false));
     assert!(outcome.watched.is_empty() && outcome.scores.psnr_db().is_none());
-    assert_eq!(outcome.trend, Trend::TooFew { validations: 0 });
+    assert_eq!(outcome.overfitting, None);
     assert_eq!(outcome.curve.iter().map(|point| point.step).collect::<Vec<_>>(), [20, 30]);
     assert_eq!(Blob::open(&outcome.bytes).expect("a blob").provenance().steps, 30);
 }

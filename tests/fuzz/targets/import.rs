@@ -9,13 +9,13 @@ use nerf_fuzz::values::any_f32;
 use nerf_train::model::export::Contents;
 use nerf_train::model::export::Tables;
 use nerf_train::model::export::export;
-use nerf_train::model::import::AngleFactor;
-use nerf_train::model::import::Identity;
-use nerf_train::model::import::Order;
-use nerf_train::model::import::RawDensity;
-use nerf_train::model::import::Settings;
-use nerf_train::model::import::Tensors;
-use nerf_train::model::import::network;
+use nerf_train::measure::import::AngleFactor;
+use nerf_train::measure::import::Identity;
+use nerf_train::measure::import::Order;
+use nerf_train::measure::import::RawDensity;
+use nerf_train::measure::import::Settings;
+use nerf_train::measure::import::Tensors;
+use nerf_train::measure::import::network;
 use std::path::Path;
 use std::sync::LazyLock;
 
@@ -48,7 +48,7 @@ fuzz_target!(|data: &[u8]| {
 fn settings(kind: u8) -> Settings {
     let bit = |i: u8| kind >> i & 1 == 1;
     Settings {
-        angle: if bit(3) { AngleFactor::Pi } else { AngleFactor::One },
+        angle_scale: if bit(3) { AngleFactor::Pi } else { AngleFactor::One },
         order: [Order::Level, Order::Pairs, Order::Input, Order::Halves][usize::from(kind >> 4 & 3)],
         identity: bit(6).then_some(Identity::Last),
         density: if bit(7) { RawDensity::Softplus } else { RawDensity::Relu },
@@ -57,7 +57,7 @@ fn settings(kind: u8) -> Settings {
 }
 
 fn check(
-    tensors: std::result::Result<Tensors, nerf_train::model::import::ImportError>,
+    tensors: std::result::Result<Tensors, nerf_train::measure::import::ImportError>,
     settings: &Settings,
     file: &Path,
 ) {
@@ -77,7 +77,7 @@ fn check(
         architecture,
         parameters: &imported.folded(),
         tables: Tables::None,
-        content: Content::Scene(settings.facts(false)),
+        content: Content::Scene(settings.facts(false, false)),
         occupancy: None,
         provenance: Provenance {
             data: "fuzz",

@@ -9,9 +9,8 @@ use crate::cli::options::grid::{self, TableSettings, check_memory, given, of_sin
 use crate::cli::places;
 use crate::data::pictures::photograph::{MAX_SIDE, Photo};
 use crate::fit::drive::Ended;
-use crate::fit::picture::{Evaluation, Outcome, RunOptions, Summary, kept, run};
+use crate::fit::picture::{Evaluation, RunOptions, Summary, kept, run};
 use crate::fit::size;
-use crate::measure::inspect;
 use crate::model::picture_config::{FieldConfig, FieldPreset};
 use crate::show::reports::picture::{step_file, write as report};
 use crate::system::output::claims::Claims;
@@ -19,19 +18,18 @@ use crate::system::output::ensure_folder;
 use crate::system::stop;
 use crate::train::schedule::{Budget, Clock};
 use clap::{Args, Subcommand};
-use nerf_core::blob::Blob;
 use render::Render;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// Fit a 2D neural field to a picture, and render one.
+/// Train and render 2D neural fields of images.
 #[derive(Debug, Subcommand)]
 #[command(after_help = "Examples:
   nerf-train image fit photo.jpg -o photo.nerf --report out/photo
   nerf-train image render photo.nerf -o large.png --width 2048")]
 pub enum Image {
-    /// Fit a 2D neural field to a picture.
+    /// Train a 2D neural field on an image.
     Fit(Box<Fit>),
     /// Render a 2D field at any size.
     Render(Render),
@@ -50,10 +48,10 @@ impl Image {
 /// How to read a photograph.
 #[derive(Debug, Args)]
 pub struct PhotoOptions {
-    /// Fit a reduced picture: this share of its width and height.
+    /// Scale factor of the image before training.
     #[arg(long, value_name = "SHARE", default_value_t = 1.0)]
     pub scale: f64,
-    /// What shows through transparent parts: black, white, red or R,G,B (0 to 255).
+    /// Background of transparent pixels: black, white, red or R,G,B (0 to 255).
     #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = parse_background)]
     pub background: [f32; 3],
 }
@@ -73,28 +71,28 @@ impl PhotoOptions {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Settings (replace the preset's)")]
 pub struct Settings {
-    /// Pixels a step, drawn at random: beside a grid one from each of so many equal parts of the picture.
+    /// Pixels per batch; with a grid stratified over the image.
     #[arg(long, value_name = "N")]
     pixels: Option<usize>,
-    /// Learning rate at the end, as a share of the one at the start; 1: constant.
+    /// Final learning rate, relative to the initial one; 1: constant.
     #[arg(long, value_name = "SHARE")]
     final_share: Option<f64>,
-    /// Steps over which the learning rate rises from 0.
+    /// Learning-rate warm-up steps.
     #[arg(long, value_name = "N")]
     warm_up: Option<u32>,
-    /// Adam's decay of the second moment.
+    /// Adam beta2.
     #[arg(long, value_name = "DECAY")]
     beta2: Option<f64>,
-    /// Adam's epsilon. Of a sinusoidal network only.
+    /// Adam epsilon (sinusoidal networks).
     #[arg(long, value_name = "EPSILON")]
     pub epsilon: Option<f64>,
-    /// Decay of the average of parameters that is exported; 0: the last step.
+    /// EMA decay of the exported parameters; 0: the last step's.
     #[arg(long, value_name = "DECAY")]
     average: Option<f64>,
-    /// Steps [default: the preset's].
+    /// Training steps [default: the preset's].
     #[arg(long, value_name = "N")]
     steps: Option<u32>,
-    /// Seed of everything random.
+    /// Random seed.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
 }
@@ -116,7 +114,7 @@ impl Settings {
     }
 }
 
-/// Fit a 2D neural field to a picture.
+/// Train a 2D neural field on an image.
 ///
 /// PHOTO is a PNG, JPEG, WebP, TIFF, BMP or GIF of any size, bit depth and number of channels.
 #[derive(Debug, Args)]
@@ -124,45 +122,45 @@ impl Settings {
   nerf-train image fit fox.jpg -o fox.nerf --report out/fox --snapshots 0,200,400,800,1600
   nerf-train image fit fox.jpg -o fox.nerf --preset sharp")]
 pub struct Fit {
-    /// The picture.
+    /// Image.
     photo: PathBuf,
-    /// The blob to write (.nerf).
+    /// Output blob (.nerf).
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
-    /// Folder for summary.json, curve, pictures and contact sheet.
+    /// Report folder: summary.json, curve, images, contact sheet.
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
-    /// Steps at which the whole picture is kept, as a picture and on the contact sheet.
+    /// Steps at which the image is rendered for the report.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', requires = "report")]
     snapshots: Vec<u32>,
-    /// Steps between evaluations of the whole picture, for the curve [default: a tenth of the run].
+    /// Steps between evaluations [default: a tenth of the run].
     #[arg(long, value_name = "N")]
     evaluate_every: Option<u32>,
-    /// Go on from the checkpoint beside the output file.
+    /// Resume from the checkpoint beside the output file.
     #[arg(long)]
     resume: bool,
-    /// Begin anew and replace that checkpoint, which else is refused.
+    /// Start over and replace that checkpoint.
     #[arg(long, conflicts_with = "resume")]
     restart: bool,
     /// Seconds between checkpoints.
     #[arg(long, value_name = "S", default_value_t = 30.0)]
     checkpoint_every: f64,
-    /// End the whole command after so much time, with --resume this one; with --steps, at whichever comes first.
+    /// Wall-clock limit of this command, seconds; with --steps whichever comes first.
     #[arg(long, value_name = "S")]
     max_seconds: Option<f64>,
-    /// Named settings to start from.
+    /// Preset to start from.
     #[arg(long, value_enum, default_value = "grid")]
     preset: FieldPreset,
-    /// Levels L of the position's encoding: 2 + 4 L inputs. Of a sinusoidal network only.
+    /// Frequencies of the position encoding (sinusoidal networks).
     #[arg(long, value_name = "L")]
     levels: Option<u8>,
     /// Hidden layers.
     #[arg(long, value_name = "N")]
     layers: Option<usize>,
-    /// Channels of every hidden layer.
+    /// Width of the hidden layers.
     #[arg(long, value_name = "N")]
     width: Option<usize>,
-    /// Learning rate at the start.
+    /// Initial learning rate.
     #[arg(long, value_name = "RATE")]
     rate: Option<f64>,
     #[command(flatten)]
@@ -171,7 +169,7 @@ pub struct Fit {
     settings: Settings,
     #[command(flatten)]
     table: TableSettings,
-    /// Choose table, levels and storage so that the file is no larger: 256k, 1m.
+    /// Largest file, such as 256k or 1m: chooses table size, levels and storage.
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes, help_heading = grid::HEADING)]
     max_bytes: Option<u64>,
 }
@@ -254,7 +252,7 @@ impl Fit {
             report(folder, &photo, &outcome, &self.snapshots, &summary)?;
             self.say_missed(outcome.steps, global);
         }
-        global.finish(&summary, || self.print(&outcome))?;
+        global.finish(&summary)?;
         Ok(ExitCode::SUCCESS)
     }
 
@@ -302,16 +300,5 @@ impl Fit {
         if !missed.is_empty() {
             global.say(format!("--snapshots: the run ended before step {}", missed.join(", ")));
         }
-    }
-
-    fn print(&self, outcome: &Outcome) -> anyhow::Result<()> {
-        outln!("{:.2} dB PSNR over the whole picture", outcome.psnr_db);
-        outln!("trained: {} steps in {:.1} s", outcome.steps, outcome.train_seconds);
-        let (bytes, parameters) = (outcome.bytes.len(), outcome.parameters);
-        outln!("blob: {} ({bytes} bytes, {parameters} parameters)", self.output.display());
-        if let Some(grid) = inspect::describe_grid(&Blob::open(&outcome.bytes)?) {
-            outln!("learned grid: {grid}");
-        }
-        Ok(())
     }
 }

@@ -24,18 +24,18 @@ use std::process::ExitCode;
   nerf-train image render fox.nerf -o fox.png
   nerf-train image render fox.nerf -o large.png --width 4096")]
 pub struct Render {
-    /// The blob.
+    /// Blob of an image.
     file: PathBuf,
-    /// The picture (.png) to write.
+    /// Output image (.png).
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
-    /// Width, pixels [default: the photograph's, or as the height asks].
+    /// Width, pixels [default: the image's, or in proportion].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_535))]
     width: Option<u32>,
-    /// Height, pixels [default: the photograph's, or as the width asks].
+    /// Height, pixels [default: the image's, or in proportion].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_535))]
     height: Option<u32>,
-    /// Elementary functions: polynomial, libm, micromath, recurrence.
+    /// Maths backend: polynomial, libm, micromath, recurrence.
     #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
     math: MathBackend,
 }
@@ -74,10 +74,7 @@ impl Render {
             macs: counters.macs,
             invalid_samples: counters.invalid_samples,
         };
-        global.finish(&summary, || {
-            outln!("{} ({}x{} pixels)", self.output.display(), size[0], size[1]);
-            Ok(())
-        })?;
+        global.finish(&summary)?;
         Ok(ExitCode::SUCCESS)
     }
 

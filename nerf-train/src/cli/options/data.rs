@@ -20,26 +20,25 @@ use std::time::Duration;
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Data set")]
 pub struct DataOptions {
-    /// Poses look down −Z (opengl) or +Z (opencv) [default: as is usual for the layout].
+    /// Camera convention: opengl (−Z) or opencv (+Z) [default: the layout's].
     #[arg(long, value_name = "CONVENTION")]
     pub axes: Option<Axes>,
-    /// Where rays begin, world units along the ray.
+    /// Near plane, world units along the ray.
     #[arg(long, value_name = "T")]
     pub near: Option<f32>,
-    /// Where rays end, world units; in an unbounded scene counted from its middle.
+    /// Far plane, world units; of an unbounded scene from its centre.
     #[arg(long, value_name = "T")]
     pub far: Option<f32>,
-    /// Read a folder as: transforms, colmap or llff [default: the first that fits].
+    /// Layout of a folder: transforms, colmap or llff [default: the first that fits].
     #[arg(long, value_name = "LAYOUT")]
     pub layout: Option<Layout>,
-    /// Reduce photographs so many times; auto: to about 800 pixels [default: auto; Blender 1].
+    /// Downscale factor; auto: to about 800 pixels [default: auto; Blender 1].
     #[arg(long, value_name = "N", default_value = "auto", hide_default_value = true)]
     pub downscale: Downscale,
-    /// Photographs of one device have one camera (shared), or those of their COLMAP model (own) [default: shared; for a
-    /// blob those that it was fitted with].
+    /// Intrinsics: shared by device, or own as in COLMAP [default: shared; a blob's own].
     #[arg(long, value_name = "WHICH")]
     pub cameras: Option<Cameras>,
-    /// Read pictures also where `file_path` leads out of the data set's folder.
+    /// Read images whose `file_path` leads out of the data set.
     #[arg(long)]
     pub outside_files: bool,
 }

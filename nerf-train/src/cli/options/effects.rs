@@ -8,7 +8,7 @@ use nerf_core::plan::{EffectError, Effects, Jitter, Plan, PlanError, ThinLens, T
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Effects")]
 pub struct EffectOptions {
-    /// Anti-aliasing: rays a pixel, 1 to 256.
+    /// Anti-aliasing: rays per pixel, 1 to 256.
     #[arg(
         long,
         value_name = "N",
@@ -17,16 +17,16 @@ pub struct EffectOptions {
         value_parser = value_parser!(u16).range(1..=256)
     )]
     antialias: u16,
-    /// Samples at random places in their bins: noise in place of bands.
+    /// Jitter samples: noise instead of banding.
     #[arg(long, value_name = "SEED")]
     jitter: Option<u64>,
-    /// Depth of field: radius of the aperture, world units; with --antialias 16 or more.
+    /// Depth of field: aperture radius, world units; with --antialias 16 or more.
     #[arg(long, value_name = "R", requires = "focus")]
     aperture: Option<f32>,
-    /// Distance of the plane of focus along the view axis, world units.
+    /// Focus distance, world units.
     #[arg(long, value_name = "T", requires = "aperture")]
     focus: Option<f32>,
-    /// Exposure: doublings of the light.
+    /// Exposure, stops.
     #[arg(
         long,
         value_name = "STOPS",
@@ -35,10 +35,10 @@ pub struct EffectOptions {
         allow_hyphen_values = true
     )]
     exposure: f32,
-    /// Curve that brings bright light back into the picture.
+    /// Tone curve.
     #[arg(long, value_enum, value_name = "NAME", default_value = "none")]
     tone_map: ToneMap,
-    /// Write linear light in place of sRGB; what is beyond 1 is cut off.
+    /// Write linear values instead of sRGB, clipped at 1.
     #[arg(long)]
     linear: bool,
 }

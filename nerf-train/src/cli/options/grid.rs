@@ -14,22 +14,22 @@ pub const HEADING: &str = "Learned grid (--preset grid)";
 #[derive(Debug, Args)]
 #[command(next_help_heading = HEADING)]
 pub struct TableSettings {
-    /// Binary logarithm of the most entries of a level: finer levels are hashed.
+    /// log2 of the hash table size.
     #[arg(long, value_name = "K")]
     pub table: Option<u8>,
-    /// Levels of the grid.
+    /// Grid levels.
     #[arg(long, value_name = "N")]
     pub grid_levels: Option<usize>,
-    /// Features of an entry: 1, 2 or 4.
+    /// Features per level: 1, 2 or 4.
     #[arg(long, value_name = "F")]
     pub features: Option<u8>,
-    /// Cells of the coarsest level along the longest side.
+    /// Resolution of the coarsest level.
     #[arg(long, value_name = "N")]
     pub coarsest: Option<u16>,
-    /// Cells of the finest level along the longest side.
+    /// Resolution of the finest level.
     #[arg(long, value_name = "N")]
     pub finest: Option<u16>,
-    /// What the blob stores the grid in; what int8 and coded lose is measured.
+    /// Storage of the tables in the blob.
     #[arg(long, value_enum, value_name = "STORAGE")]
     pub export: Option<TableStorage>,
 }

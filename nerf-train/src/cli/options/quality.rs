@@ -8,28 +8,28 @@ use nerf_core::plan::{Plan, Quality};
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Quality and speed")]
 pub struct QualityOptions {
-    /// Samples a ray [default: what the blob was made for].
+    /// Samples per ray [default: the blob's].
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     pub samples: u16,
-    /// A ray ends where its transmittance falls below this.
+    /// Early ray termination: transmittance threshold.
     #[arg(long, value_name = "T", default_value_t = Quality::default().transmittance_cut)]
     pub transmittance_cut: f32,
-    /// Samples of at most this weight take the colour of one behind them; 0: none do.
+    /// Weight up to which samples share the next one's colour; 0: none do.
     #[arg(long, value_name = "W", default_value_t = Quality::default().colour_cut)]
     pub colour_cut: f32,
-    /// Ask the network also where the occupancy grid says that nothing is.
+    /// Do not skip empty space.
     #[arg(long)]
     pub no_occupancy: bool,
-    /// Take even samples where a proposal network would draw them.
+    /// Uniform samples instead of the proposal network's.
     #[arg(long)]
     pub no_proposal: bool,
-    /// No shortcut at all: same as --no-occupancy --transmittance-cut 0 --colour-cut 0.
+    /// Exact rendering: --no-occupancy --transmittance-cut 0 --colour-cut 0.
     #[arg(long, conflicts_with_all = ["no_occupancy", "transmittance_cut", "colour_cut"])]
     pub exact: bool,
-    /// Elementary functions: polynomial, libm, micromath, recurrence.
+    /// Maths backend: polynomial, libm, micromath, recurrence.
     #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
     pub math: MathBackend,
-    /// Bins of a ray: own (near to far, as trained) or whole box [default: own in eval].
+    /// Sample range: own (near to far, as trained) or whole box [default: own in eval].
     #[arg(long, value_enum, value_name = "WHICH")]
     pub bins: Option<WhichBins>,
 }

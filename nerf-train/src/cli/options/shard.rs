@@ -7,18 +7,20 @@ use clap::Args;
 /// One part of the work of several machines.
 #[derive(Debug, Args)]
 pub struct ShardOption {
-    /// Only every N-th part of the work, beginning with the I-th (from 1) [default: that of a Slurm or Kubernetes array].
+    /// Part I of N of the work [default: that of a Slurm or Kubernetes array].
     #[arg(long, value_name = "I/N")]
     pub shard: Option<Shard>,
 }
 
 impl ShardOption {
-    /// The part that the flag or an array job names; says so where it is the array job.
+    /// The part that the flag names, or else an array job; says so where it is the array job.
     pub fn choose(&self, global: &Global) -> anyhow::Result<Shard> {
-        let (part, variable) = Shard::chosen(self.shard, |name| std::env::var(name).ok())?;
-        if let Some(variable) = variable {
-            global.say(format!("part {part} of the work, by {variable}"));
+        if let Some(part) = self.shard {
+            return Ok(part);
         }
+        let found = Shard::of_array(|name| std::env::var(name).ok()).map_err(anyhow::Error::msg)?;
+        let Some((variable, part)) = found else { return Ok(Shard::WHOLE) };
+        global.say(format!("part {part} of the work, by {variable}"));
         Ok(part)
     }
 }

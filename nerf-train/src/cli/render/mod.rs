@@ -28,7 +28,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
 
-/// Render a view of a blob, or a video: an orbit, or the cameras of a data set one after the other.
+/// Render a view or a video of a scene.
 ///
 /// A view becomes a PNG, or by its name an EXR: floats as they are, colour as linear light (with --transparent
 /// premultiplied, with A), z-depth as Z. A video becomes what the name says: `orbit.gif` a GIF,
@@ -46,12 +46,12 @@ use std::time::Instant;
   nerf-train render lego.nerf -o view.png --antialias 64 --aperture 0.1 --focus 4 --tone-map filmic
   nerf-train render lego.nerf -o view.png --pose 1,0,0,0,0,1,0,0,0,0,1,4 --focal 277")]
 pub struct Render {
-    /// The blob.
+    /// Blob.
     file: PathBuf,
-    /// The picture (.png, .exr), video (.gif, .mp4) or folder of frames.
+    /// Output: image (.png, .exr), video (.gif, .mp4) or folder of frames.
     #[arg(long, short, value_name = "PATH")]
     output: PathBuf,
-    /// Upper three rows of the camera-to-world matrix (looks down −Z, +Y up), in the data's own coordinates.
+    /// Camera-to-world matrix, 3×4 (OpenGL: looks down −Z, +Y up), in the data's coordinates.
     #[arg(
         long,
         value_name = "M,M,…",
@@ -60,37 +60,37 @@ pub struct Render {
         group = "what"
     )]
     pose: Option<[f64; 12]>,
-    /// Data set whose camera --view is taken.
+    /// Data set that --view is a camera of.
     #[arg(long, value_name = "DATA", groups = ["what", "dataset"])]
     data: Option<PathBuf>,
-    /// Video along a camera path (nerfstudio's .json, a list of matrices), or a data set's test poses or --split.
+    /// Video along a camera path (nerfstudio .json), or the poses of a data set.
     #[arg(long, value_name = "DATA", groups = ["what", "dataset"])]
     path: Option<PathBuf>,
-    /// Split of the data set [default: val with --data, test with --path].
+    /// Split [default: val with --data, test with --path].
     #[arg(long, value_enum, requires = "dataset")]
     split: Option<Split>,
-    /// View of the split, counted from 0.
+    /// View index in the split, from 0.
     #[arg(long, value_name = "I", default_value_t = 0, requires = "data")]
     view: usize,
-    /// Video through these views of --data, smoothly and at constant speed, as of an undistorted lens.
+    /// Video interpolated through these views of --data.
     #[arg(long, value_name = "I,J,…", value_delimiter = ',', requires = "data", conflicts_with = "view")]
     keyframes: Vec<usize>,
-    /// Frames of that video [default: 120]; with --path FILE.json fly through its views as smoothly, in so many.
+    /// Frames of an interpolated video [default: 120]; also with --path FILE.json.
     #[arg(long, value_name = "N")]
     frames: Option<usize>,
-    /// Video around the scene in so many frames: a full circle, or back and forth where photographs were taken from one side.
+    /// Orbit video of so many frames; back and forth where photographs are of one side.
     #[arg(long, value_name = "FRAMES", group = "what")]
     orbit: Option<usize>,
-    /// Height of the orbit above its middle, degrees [default: where the photographs were taken, or 25].
+    /// Elevation of the orbit, degrees [default: that of the photographs, or 25].
     #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
     elevation: Option<f32>,
-    /// Radius of the orbit, world units [default: where the photographs were taken, or half way between near and far].
+    /// Radius of the orbit, world units [default: that of the photographs, or half way from near to far].
     #[arg(long, value_name = "R")]
     radius: Option<f32>,
-    /// World axis that is up in an orbit [default: what was up for those who took the photographs, or z].
+    /// Up axis of the orbit [default: that of the photographs, or z].
     #[arg(long, value_enum, value_name = "AXIS", allow_hyphen_values = true)]
     up: Option<UpAxis>,
-    /// Frames a second of a video [default: the camera path's, or 20].
+    /// Frame rate [default: the camera path's, or 20].
     #[arg(long, value_name = "N")]
     fps: Option<f64>,
     /// Width, pixels [default: the view's or the path's, or 400].
@@ -102,16 +102,16 @@ pub struct Render {
     /// Focal length, pixels [default: the view's, or 40° across the width; 40° vertically for a path without `fov`].
     #[arg(long, value_name = "F")]
     focal: Option<f32>,
-    /// What to write.
+    /// Outputs.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "rgb")]
     outputs: Vec<Output>,
-    /// Colour behind the scene: white, #RRGGBB or R,G,B [default: the blob's own].
+    /// Background: white, #RRGGBB or R,G,B [default: the blob's].
     #[arg(long, value_name = "COLOUR", value_parser = parse_background)]
     background: Option<[f32; 3]>,
-    /// Colour with straight alpha: a view, or a folder of frames.
+    /// RGBA with straight alpha, for a view or a folder of frames.
     #[arg(long, conflicts_with_all = ["background", "exposure", "tone_map", "linear"])]
     transparent: bool,
-    /// Bins whose finer ripples normals do not show.
+    /// Smoothing of normals, in sample bins.
     #[arg(long, value_name = "BINS", default_value_t = Plan::NORMAL_BLUR)]
     normal_blur: f32,
     #[command(flatten)]
@@ -179,7 +179,7 @@ impl Render {
         }
         let seconds = start.elapsed().as_secs_f64();
         let summary = Rendering::of(&files, &cameras, counters, &ranges, seconds);
-        global.finish(&summary, || print_lines(&summary.files))?;
+        global.finish_with(&summary, || print_lines(&summary.files))?;
         Ok(ExitCode::SUCCESS)
     }
 

@@ -16,7 +16,6 @@ mod combine;
 mod front;
 mod knobs;
 mod run;
-pub mod training;
 
 pub use front::{Price, cheapest_within, pareto, thin};
 pub use knobs::{KNOBS, Knob};

@@ -53,27 +53,23 @@ pub struct Effort {
 
 /// What is going on, for a display.
 #[derive(Clone, Copy, Debug)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Progressed<'a> {
-    /// The pass.
     pub pass: &'a str,
-    /// Frames rendered in it.
     pub done: u64,
-    /// Frames it has.
     pub total: u64,
 }
 
 /// Everything that was measured.
 #[derive(Debug)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Study<'a, 'b> {
-    /// Blob and variants.
     pub lab: &'a Variants<'b>,
-    /// The views.
     pub views: Vec<&'a View>,
     /// Indices of the views that times are taken on.
     pub timing: Vec<usize>,
     /// What is behind the scene, display-encoded.
     pub background: [f32; 3],
-    /// How long was measured.
     pub effort: Effort,
     /// The exact rendering, the base, the knobs, the combinations.
     pub points: Vec<Point>,

@@ -4,30 +4,32 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::fmt;
 
+const SINUSOIDAL: &str = "a sinusoidal encoding";
+const LEARNED: &str = "a learned grid";
+
 /// A setting that sweeps vary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs, reason = "the names say what they are")]
 pub enum Knob {
-    /// Levels of the sinusoidal encoding.
     Levels,
-    /// Hidden layers beside it.
     Layers,
-    /// Channels of each.
     Width,
     /// Of a learned grid: binary logarithm of the most entries a level has.
     Table,
-    /// Its levels.
     GridLevels,
-    /// Features of an entry.
     Features,
-    /// Cells of its finest level.
+    /// Of a learned grid: cells of its finest level.
     Finest,
-    /// Learning rate at the start.
     Rate,
+    Samples,
+    /// Of a learned grid: steps between updates of a hashed level.
+    Turns,
+    Seconds,
 }
 
 impl Knob {
     /// All of them.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 11] = [
         Self::Levels,
         Self::Layers,
         Self::Width,
@@ -36,20 +38,31 @@ impl Knob {
         Self::Features,
         Self::Finest,
         Self::Rate,
+        Self::Samples,
+        Self::Turns,
+        Self::Seconds,
     ];
+
+    /// Its flag, its name on the axis of a plot, and the encoding that it is a setting of; `None` of what any field has.
+    fn row(self) -> (&'static str, &'static str, Option<&'static str>) {
+        match self {
+            Self::Levels => ("levels", "levels L of the encoding", Some(SINUSOIDAL)),
+            Self::Layers => ("layers", "hidden layers", None),
+            Self::Width => ("width", "channels of a layer", None),
+            Self::Table => ("table", "binary logarithm of a level's most entries", Some(LEARNED)),
+            Self::GridLevels => ("grid-levels", "levels of the grid", Some(LEARNED)),
+            Self::Features => ("features", "features of an entry", Some(LEARNED)),
+            Self::Finest => ("finest", "cells of the finest level", Some(LEARNED)),
+            Self::Rate => ("rate", "learning rate", None),
+            Self::Samples => ("samples", "samples a ray", Some(SINUSOIDAL)),
+            Self::Turns => ("turns", "steps between updates of a hashed level", Some(LEARNED)),
+            Self::Seconds => ("max-seconds", "seconds of a run", None),
+        }
+    }
 
     /// The flag that lists its values, without dashes.
     pub fn flag(self) -> &'static str {
-        match self {
-            Self::Levels => "levels",
-            Self::Layers => "layers",
-            Self::Width => "width",
-            Self::Table => "table",
-            Self::GridLevels => "grid-levels",
-            Self::Features => "features",
-            Self::Finest => "finest",
-            Self::Rate => "rate",
-        }
+        self.row().0
     }
 
     /// Its name in tables and names of files.
@@ -59,25 +72,7 @@ impl Knob {
 
     /// Its name on the axis of a plot.
     pub fn axis(self) -> &'static str {
-        match self {
-            Self::Levels => "levels L of the encoding",
-            Self::Layers => "hidden layers",
-            Self::Width => "channels of a layer",
-            Self::Table => "binary logarithm of a level's most entries",
-            Self::GridLevels => "levels of the grid",
-            Self::Features => "features of an entry",
-            Self::Finest => "cells of the finest level",
-            Self::Rate => "learning rate",
-        }
-    }
-
-    /// Which encoding it is a setting of; `None` of a rate, which is any field's.
-    fn encoding(self) -> Option<&'static str> {
-        match self {
-            Self::Levels | Self::Layers | Self::Width => Some("a sinusoidal encoding"),
-            Self::Table | Self::GridLevels | Self::Features | Self::Finest => Some("a learned grid"),
-            Self::Rate => None,
-        }
+        self.row().1
     }
 }
 
@@ -155,35 +150,28 @@ pub enum Mode {
 
 /// Lists of values around a base: an empty list keeps the base's value, a list of one value replaces it.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Combinations {
     /// What holds where a list is empty.
     pub base: Point,
-    /// Values of each [`Knob`], in the order of [`Knob::ALL`].
-    pub lists: [Vec<f64>; Knob::ALL.len()],
-    /// How they are combined.
+    pub lists: Vec<(Knob, Vec<f64>)>,
     pub mode: Mode,
 }
 
 /// Lists without points to compare.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
+#[allow(missing_docs, reason = "the names say what they are")]
 pub enum CombinationsError {
     /// No list at all.
     #[error(
-        "nothing to sweep: expected a list for at least one of --levels, --layers, --width, --rate, or of a learned grid \
-         --table, --grid-levels, --features, --finest, --rate"
+        "nothing to sweep: expected a list for at least one of --rate, --layers, --width, --levels, or of a learned grid \
+         --table, --grid-levels, --features, --finest"
     )]
     Empty,
     /// A list of what this field has not.
     #[error("--{flag}: expected settings with {wanted}, these have {found}")]
-    Other {
-        /// The list's.
-        flag: &'static str,
-        /// Whose setting it is.
-        wanted: &'static str,
-        /// What there is.
-        found: &'static str,
-    },
+    Other { flag: &'static str, wanted: &'static str, found: &'static str },
 }
 
 impl Combinations {
@@ -192,13 +180,14 @@ impl Combinations {
     /// # Errors
     /// [`CombinationsError::Empty`] without any list, [`CombinationsError::Other`] on a list of another encoding's.
     pub fn points(&self) -> Result<Vec<Point>, CombinationsError> {
-        if self.lists.iter().all(Vec::is_empty) {
+        if self.listed().next().is_none() {
             return Err(CombinationsError::Empty);
         }
-        if let Some((knob, _)) = self.listed().find(|&(knob, _)| self.base.get(knob).is_none()) {
-            let found = self.base.values().find_map(|(knob, _)| knob.encoding()).unwrap_or_default();
-            let wanted = knob.encoding().unwrap_or_default();
-            return Err(CombinationsError::Other { flag: knob.flag(), wanted, found });
+        let found = if self.base.get(Knob::Table).is_some() { LEARNED } else { SINUSOIDAL };
+        for (knob, _) in self.listed() {
+            if let Some(wanted) = knob.row().2.filter(|wanted| *wanted != found) {
+                return Err(CombinationsError::Other { flag: knob.flag(), wanted, found });
+            }
         }
         let all = match self.mode {
             Mode::Full => self.full(),
@@ -215,7 +204,7 @@ impl Combinations {
 
     /// The knobs with a list.
     fn listed(&self) -> impl Iterator<Item = (Knob, &[f64])> {
-        let lists = Knob::ALL.into_iter().zip(self.lists.iter().map(Vec::as_slice));
+        let lists = self.lists.iter().map(|(knob, list)| (*knob, list.as_slice()));
         lists.filter(|(_, list)| !list.is_empty())
     }
 

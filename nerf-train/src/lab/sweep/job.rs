@@ -13,7 +13,7 @@ use crate::measure::eval::measure;
 use crate::measure::frame;
 use crate::measure::frame::Frame;
 use crate::measure::metrics::{flat_psnr_db, is_flat};
-use crate::model::config::{Config, ConfigError, TableConfig};
+use crate::model::config::{Config, ConfigError, TableConfig, rule};
 use crate::model::engine::EngineError;
 use crate::model::picture_config::FieldConfig;
 use crate::system::progress::ProgressStyle;
@@ -43,19 +43,17 @@ pub enum Job<'a> {
         dataset: &'a Dataset,
         /// From these settings.
         base: Box<Config>,
-        /// Seconds a run may take, instead of the settings' steps.
+        /// Seconds of a run where no list says them, instead of the settings' steps.
         seconds: Option<f64>,
     },
 }
 
 /// How runs are made.
 #[derive(Clone, Copy, Debug)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Runner<'a> {
-    /// What to run with.
     pub kernel: Kernel,
-    /// Display.
     pub style: ProgressStyle,
-    /// The CPU's name, for the records.
     pub cpu: &'a str,
 }
 
@@ -118,7 +116,14 @@ impl Job<'_> {
     pub fn check(&self, point: &Point) -> Result<(), ConfigError> {
         match self {
             Self::Image { photo, base } => field_config(base, point).check_for(photo.size()),
-            Self::Scene { base, .. } => scene_config(base, point).check(),
+            Self::Scene { base, .. } => {
+                let config = scene_config(base, point);
+                let wide = point.get(Knob::Width).filter(|_| config.network.depth == 0);
+                wide.map_or(Ok(()), |width| {
+                    rule("network.width", false, "none without trunk layers", width)
+                })?;
+                config.check()
+            }
         }
     }
 
@@ -133,8 +138,9 @@ impl Job<'_> {
             Self::Image { photo, base } => run_image(photo, field_config(base, point), point, runner),
             Self::Scene { dataset, base, seconds } => {
                 let config = scene_config(base, point);
+                let seconds = point.get(Knob::Seconds).or(*seconds);
                 let steps = seconds.is_none().then_some(config.optimiser.steps);
-                let budget = Budget { steps, seconds: *seconds };
+                let budget = Budget { steps, seconds };
                 run_scene(dataset, config, budget, point, runner)
             }
         }
@@ -186,6 +192,8 @@ fn scene_config(base: &Config, point: &Point) -> Config {
     set(&mut n.depth, point.get(Knob::Layers));
     set(&mut n.width, point.get(Knob::Width));
     set_grid(n.grid.as_mut(), point);
+    set(&mut config.sampling.samples, point.get(Knob::Samples));
+    set(&mut config.optimiser.hashed_every, point.get(Knob::Turns));
     // The skip layer stays where it is, if the trunk reaches that far.
     if n.skip_after >= n.depth {
         n.skip_after = 0;

@@ -7,6 +7,7 @@
 //! over machines ([`Shard`](super::Shard)) into one folder or into several that are merged.
 
 mod combinations;
+mod folder;
 mod job;
 mod record;
 
@@ -14,13 +15,9 @@ mod record;
 mod tests;
 
 pub use combinations::{Combinations, CombinationsError, Knob, Mode, Point};
+pub use folder::{Folder, LabError};
 pub use job::{Job, JobError, Runner};
 pub use record::{Header, Kind, Record, Status};
-
-use super::LabError;
-
-/// The folder of a sweep.
-pub type Folder = super::Folder<Header, Record>;
 
 /// All finished runs, ordered by their settings.
 ///

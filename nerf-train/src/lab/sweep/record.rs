@@ -1,7 +1,6 @@
 //! What a sweep keeps: what its runs share, and what each came to.
 
 use super::{Mode, Point};
-use crate::lab::{self, Run};
 use serde::{Deserialize, Serialize};
 
 /// What is fitted.
@@ -16,22 +15,14 @@ pub enum Kind {
 
 /// What all runs of a folder share; `sweep.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Header {
-    /// What is fitted.
     pub kind: Kind,
-    /// Name of the data.
     pub data: String,
-    /// Checksum of the data.
     pub fingerprint: String,
-    /// How values are combined.
     pub mode: Mode,
     /// All settings of the base; those that are varied too, and they may be varied further later.
     pub settings: serde_json::Value,
-}
-
-impl lab::Header for Header {
-    const FILE: &'static str = "sweep.json";
-    const WHAT: &'static str = "sweep";
 }
 
 /// How a run ended.
@@ -48,39 +39,28 @@ pub enum Status {
 
 /// What one run came to; `runs/NAME.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Record {
-    /// Its settings.
     pub point: Point,
-    /// How it ended.
     pub status: Status,
     /// Why, where it did not end as it should.
     pub note: String,
     /// dB, as [`Kind`] says; absent where there is no picture.
     pub psnr_db: Option<f64>,
-    /// Steps done.
     pub steps: u32,
-    /// Trained parameters.
     pub parameters: usize,
     /// Multiply-adds of one pixel or sample.
     pub macs: u64,
-    /// Bytes of the blob.
     pub blob_bytes: usize,
-    /// Seconds of training.
     pub train_seconds: f64,
-    /// Threads it ran on.
     pub threads: usize,
-    /// What it ran with.
     pub kernel: String,
-    /// CPU it ran on.
     pub cpu: String,
 }
 
-impl Run for Record {
-    fn name(&self) -> String {
-        self.point.name()
-    }
-
-    fn result(&self) -> String {
+impl Record {
+    /// What it came to, in a few words.
+    pub(super) fn result(&self) -> String {
         match (self.status, self.psnr_db) {
             (Status::Ok, Some(db)) => format!("{db:.2} dB in {:.1} s", self.train_seconds),
             (Status::Flat, _) => format!("flat ({})", self.note),

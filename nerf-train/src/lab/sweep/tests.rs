@@ -1,7 +1,7 @@
 use super::*;
 use crate::data::pictures::photograph::Photo;
 use crate::data::pictures::rgb::Picture;
-use crate::lab::{LabError, Shard};
+use crate::lab::Shard;
 use crate::model::picture_config::FieldPreset;
 use crate::show::reports::sweep::{table, write_report};
 use crate::system::progress::ProgressStyle;
@@ -13,9 +13,12 @@ fn point(levels: f64, layers: f64, width: f64, rate: f64) -> Point {
 }
 
 fn combinations(mode: Mode) -> Combinations {
-    let mut lists: [Vec<f64>; Knob::ALL.len()] = Default::default();
-    (lists[Knob::Levels as usize], lists[Knob::Layers as usize], lists[Knob::Rate as usize]) =
-        (vec![6.0, 8.0], vec![2.0, 4.0, 6.0], vec![1e-3]);
+    let lists = vec![
+        (Knob::Levels, vec![6.0, 8.0]),
+        (Knob::Layers, vec![2.0, 4.0, 6.0]),
+        (Knob::Rate, vec![1e-3]),
+        (Knob::Width, Vec::new()),
+    ];
     Combinations { base: point(10.0, 3.0, 256.0, 1e-2), lists, mode }
 }
 
@@ -50,7 +53,7 @@ fn a_sweep_of_nothing_is_refused() {
 #[test]
 fn a_list_of_another_encoding_is_refused_by_its_flag() {
     let mut other = combinations(Mode::Full);
-    other.lists[Knob::Table as usize] = vec![12.0, 14.0];
+    other.lists.push((Knob::Table, vec![12.0, 14.0]));
     let error = other.points().unwrap_err().to_string();
     assert!(error.contains("--table") && error.contains("a sinusoidal encoding"), "{error}");
     let grid = Point::of(&[(Knob::Table, 14.0), (Knob::Rate, 1e-2)]);

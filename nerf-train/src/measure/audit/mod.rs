@@ -32,8 +32,8 @@ pub struct Without {
 pub type Asked = Result<Result<Without, &'static str>, StudyError>;
 
 /// An effect that a scene may have: one entry of the table.
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Effect {
-    /// Its name.
     pub name: &'static str,
     /// What stands in its place.
     pub instead: &'static str,
@@ -109,16 +109,13 @@ impl Verdict {
 
 /// An effect, and what it is worth.
 #[derive(Clone, Copy, Debug)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Worth {
-    /// Mean PSNR with it, dB.
     pub with_db: f64,
-    /// Mean PSNR without it, dB.
     pub without_db: f64,
     /// Its time over that without it: median of rounds.
     pub relative_time: f64,
-    /// Its multiply-adds over those without it.
     pub relative_macs: f64,
-    /// What is to become of it.
     pub verdict: Verdict,
 }
 
@@ -134,12 +131,10 @@ pub type Audit = Vec<(&'static Effect, Result<Worth, &'static str>)>;
 
 /// How an audit is made.
 #[derive(Clone, Copy, Debug)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct AuditOptions {
-    /// What an effect must gain, dB.
     pub threshold_db: f64,
-    /// Rounds of timing.
     pub repeats: usize,
-    /// Which clock.
     pub clock: Clock,
 }
 

@@ -1,7 +1,7 @@
 //! The weights a blob was rounded from, where their file is at hand.
 
 use crate::measure::error::StudyError;
-use crate::model::import::{AngleFactor, Order, RawDensity, Settings, Tensors, network};
+use crate::measure::import::{AngleFactor, Order, RawDensity, Settings, Tensors, network};
 use half::f16;
 use nerf_core::blob::Blob;
 use nerf_core::encoding::AngleScale;
@@ -29,7 +29,7 @@ pub fn unrounded(file: &Path, blob: &Blob<'_>) -> Result<Vec<f32>, StudyError> {
     let mut fault = None;
     for order in ORDERS {
         for density in DENSITIES {
-            let settings = Settings { angle, order, density, ..Settings::default() };
+            let settings = Settings { angle_scale: angle, order, density, ..Settings::default() };
             let found = match network(&tensors, &settings) {
                 Ok(imported) => same(blob, &imported.model.architecture, imported.folded()),
                 Err(error) => Err(StudyError::Source(error)),

@@ -1,27 +1,102 @@
-//! What an imported network shows of a data set: whether the guesses about it were right.
+//! Networks that were trained elsewhere, from files in nerf-pytorch's names.
+//!
+//! ```text
+//! .npz, .safetensors ─► Tensors ─► layers, columns permuted ─► Model + parameters ─► fold ─► blob
+//!                        names       Settings: what the            engine::Model    checked on views
+//!                                    file cannot say
+//! ```
+//!
+//! | tensor | shape | becomes |
+//! | --- | --- | --- |
+//! | `pts_linears.0.weight` | `[W, E]` | first trunk layer; `E`, width of PE(x), tells its levels |
+//! | `pts_linears.i.weight` | `[W, W]`, or `[W, E + W]` | trunk layer, or the one that takes `[PE(x), h]` |
+//! | `alpha_linear.weight` | `[1, W]` | density head |
+//! | `feature_linear.weight` | `[W, W]` | linear, so it is folded into what follows it |
+//! | `views_linears.0.weight` | `[V, W + D]` | first colour layer; `D`, width of PE(d), tells its levels |
+//! | `rgb_linear.weight` | `[3, V]` | rgb |
+//! | `output_linear.weight` | `[4, W]` | without view directions: rgb, then sigma, in place of all the four above |
+//!
+//! Of a coarse network (`--coarse`) the same is read, and what leads to its densities becomes the scene's proposal.
+//!
+//! Each has a `.bias` as long as its weight has rows. What stands in front of the names, such as `module.` or
+//! `network_fine.`, is passed over.
+//!
+//! # Source
+//! The names and the order of columns are those of github.com/yenchenlin/nerf-pytorch (`run_nerf_helpers.py`),
+//! which copies the original authors' TensorFlow code.
 
+mod error;
+mod network;
 pub mod occupancy;
-mod outcome;
-pub mod probe;
-pub mod work;
+mod order;
+mod settings;
+mod summary;
+mod tensors;
 
-use crate::data::{Dataset, View};
-use crate::measure::eval::OCCUPANCY_LOSS_DB;
-use crate::measure::eval::{EvalError, Scores, measure};
+pub use error::ImportError;
+pub use network::{Imported, network};
+pub use order::{Identity, Order};
+pub use settings::{AngleFactor, RawDensity, Settings};
+pub use summary::Summary;
+pub use tensors::{Tensor, Tensors};
+
+use crate::data::View;
+use crate::data::pictures::colour;
+use crate::measure::audit::{Verdict, flattened};
+use crate::measure::eval::{EvalError, OCCUPANCY_LOSS_DB, Scores, measure};
 use crate::measure::metrics::gain_db;
+use crate::model::export::{Coarse, Contents, Exported, Tables, export_with};
+use crate::system::progress::{Message, Progress, ProgressStyle, Total, say};
+use crate::train::occupancy::{Ask, LiveCells};
 use nerf_core::Kernel;
+use nerf_core::blob::{Content, Provenance};
+use nerf_core::network::Architecture;
 use nerf_core::plan::Quality;
 
 /// Every so many pixels of a row, and rows, are measured. Odd: the middle of a block of so many is a pixel's centre.
 pub const STRIDE: u32 = 3;
-/// Views that are measured where none are named.
-pub const VIEWS: usize = 10;
-/// Views whose directions are averaged over.
-pub const RAY_VIEWS: usize = 50;
 /// Below this something about the network was guessed wrong, dB.
 pub const SUSPICIOUS_DB: f64 = 15.0;
 
-/// Figures of some views, over every third pixel of every third row.
+/// What to import, and how.
+#[derive(Clone, Copy)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
+pub struct Request<'a> {
+    pub tensors: &'a Tensors,
+    /// The coarse network whose densities say where on a ray it is asked.
+    pub coarse: Option<&'a Tensors>,
+    pub settings: &'a Settings,
+    pub kernel: Kernel,
+    pub style: ProgressStyle,
+    /// View dependence that gains less than this on the check's views is left out, dB.
+    pub effect_threshold_db: f64,
+}
+
+/// Views to check with, thinned to every [`STRIDE`]-th pixel.
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
+pub struct Views {
+    pub name: String,
+    pub views: Vec<View>,
+    /// Views whose directions are averaged over: those of training, if there are any.
+    pub rays: Vec<View>,
+}
+
+/// The occupancy grid of an import.
+pub enum Occupancy {
+    /// The one that the network was trained with.
+    Given {
+        /// Its cells.
+        cells: LiveCells,
+        /// Whether it is no part of the model whatever the check says.
+        optional: bool,
+    },
+    /// Built from the network's densities.
+    Build,
+    /// There is to be none.
+    None,
+}
+
+/// Figures of the check's views.
 #[derive(Clone, Debug)]
 pub struct Check {
     /// Of the blob's own rounded weights.
@@ -39,7 +114,7 @@ impl Check {
     }
 
     /// Whether the picture is not the same without the occupancy grid.
-    pub fn occupancy_matters(&self) -> bool {
+    fn occupancy_matters(&self) -> bool {
         self.occupancy_gain_db.is_some_and(|gain| gain.is_nan() || gain.abs() > OCCUPANCY_LOSS_DB)
     }
 
@@ -55,58 +130,187 @@ impl Check {
     }
 }
 
-/// What a network is measured as.
-#[derive(Clone, Copy, Debug)]
-pub struct Draft<'a> {
-    /// Its blob, in which no occupancy grid is required.
-    pub blob: &'a [u8],
-    /// Its parameters before rounding, in export order.
-    pub parameters: &'a [f32],
-    /// Whether the blob has an occupancy grid.
-    pub has_occupancy: bool,
-    /// What the views are composited over, display-encoded.
-    pub background: [f32; 3],
+/// An import: networks, occupancy grid, and what the check found.
+pub struct Import<'a> {
+    request: Request<'a>,
+    network: Imported,
+    /// Of what is exported.
+    architecture: Architecture,
+    /// In export order.
+    parameters: Vec<f32>,
+    /// The coarse network, and its parameters in export order.
+    coarse: Option<(Imported, Vec<f32>)>,
+    /// The occupancy grid.
+    pub cells: Option<LiveCells>,
+    occupancy_required: bool,
+    /// What view dependence gains, dB, and what became of it; `None` if that was not asked.
+    direction: Option<(f64, Verdict)>,
+    /// What the views showed.
+    pub check: Option<Check>,
 }
 
-/// Renders `views` with rounded weights, with f32 weights, and without the occupancy grid if there is one.
-///
-/// `each` is called after every view that was rendered.
-///
-/// # Errors
-/// [`EvalError`] if the blob cannot be opened or rendered.
-pub fn check(
-    draft: &Draft<'_>,
-    kernel: Kernel,
-    views: &[View],
-    mut each: impl FnMut(),
-) -> Result<Check, EvalError> {
-    let mut score = |parameters, quality: &Quality| {
-        measure(draft.blob, parameters, kernel, quality, draft.background, views, |_, _, _, _| each())
-    };
-    let with_occupancy = Quality::default();
-    let scores = score(None, &with_occupancy)?;
-    let db = |scores: &Scores| scores.psnr_db().unwrap_or(f64::NAN);
-    let quantisation_loss_db = gain_db(db(&score(Some(draft.parameters), &with_occupancy)?), db(&scores));
-    let occupancy_gain_db = if draft.has_occupancy {
-        let without = score(None, &Quality { occupancy: false, ..with_occupancy })?;
-        Some(gain_db(db(&scores), db(&without)))
-    } else {
-        None
-    };
-    Ok(Check { scores, quantisation_loss_db, occupancy_gain_db })
-}
+impl<'a> Import<'a> {
+    /// Reads the networks out of the tensors.
+    ///
+    /// # Errors
+    /// [`ImportError`] if the tensors are no network of these settings, and on what the format refuses.
+    pub fn new(request: &Request<'a>) -> Result<Self, ImportError> {
+        let own = network(request.tensors, request.settings)?;
+        let coarse = request.coarse.map(|tensors| network(tensors, request.settings)).transpose()?;
+        let import = Self {
+            request: *request,
+            architecture: own.model.architecture.clone(),
+            parameters: own.folded(),
+            network: own,
+            coarse: coarse.map(|coarse| {
+                let parameters = coarse.folded();
+                (coarse, parameters)
+            }),
+            cells: None,
+            occupancy_required: false,
+            direction: None,
+            check: None,
+        };
+        // What the format refuses is found out before the work.
+        import.export(None)?;
+        Ok(import)
+    }
 
-/// Number of renderings [`check`] makes of each view.
-pub fn renderings(has_occupancy: bool) -> u64 {
-    if has_occupancy { 3 } else { 2 }
-}
+    /// Builds the occupancy grid, checks the network on `views`, decides what is part of the model, and exports.
+    ///
+    /// # Errors
+    /// If the network cannot be exported or rendered.
+    pub fn finish(&mut self, occupancy: Occupancy, views: Option<&Views>) -> Result<Exported, ImportError> {
+        let (given, optional) = match occupancy {
+            Occupancy::Given { cells, optional } => {
+                self.cells = Some(cells);
+                (true, optional)
+            }
+            Occupancy::Build => {
+                self.cells = self.built();
+                (false, false)
+            }
+            Occupancy::None => (false, false),
+        };
+        if let Some(views) = views {
+            self.check = Some(self.measured(views)?);
+            self.direction = self.ask_direction(views)?;
+            if self.direction.is_some_and(|(_, verdict)| verdict == Verdict::Drops) {
+                self.check = Some(self.measured(views)?);
+            }
+        }
+        self.occupancy_required = self.cells.is_some()
+            && !optional
+            && match &self.check {
+                // What a network that was trained without it loses by it is no reason to require it.
+                Some(check) => check.occupancy_matters() && (given || !check.occupancy_harms()),
+                None => given,
+            };
+        self.export(views.map(|views| &*views.name))
+    }
 
-/// The views that can be asked for: those of validation, or else of training.
-pub fn split(dataset: &Dataset) -> &[View] {
-    if dataset.val.is_empty() { &dataset.train } else { &dataset.val }
-}
+    /// The occupancy grid by the network's own densities; `None` if they are nowhere above the threshold.
+    fn built(&self) -> Option<LiveCells> {
+        let Request { settings, kernel, style, .. } = self.request;
+        say(style, "building the occupancy grid from the network's densities");
+        let (architecture, parameters) = (&self.architecture, self.parameters.as_slice());
+        let ask = Ask { isa: kernel.isa, architecture, parameters, seed: 0, contraction: None };
+        let coarse = self.coarse.as_ref().map_or(0, |_| settings.coarse_samples);
+        let samples = f32::from(settings.samples(self.coarse.is_some())) + f32::from(coarse);
+        let threshold = settings.occupancy_threshold * samples / (settings.far - settings.near);
+        occupancy::build(settings, &ask, threshold)
+    }
 
-/// A lattice of every [`STRIDE`]-th pixel of a view.
-pub fn thinned(view: &View) -> View {
-    view.thinned(STRIDE).into_owned()
+    /// The blob, for the data set of this name: all else follows from the network and its check.
+    fn export(&self, data: Option<&str>) -> Result<Exported, ImportError> {
+        let finite = |db: f64| Some(db as f32).filter(|db| db.is_finite());
+        let Request { tensors, settings, .. } = self.request;
+        let name = tensors.file.file_name().unwrap_or_default().to_string_lossy();
+        let stem = tensors.file.file_stem().unwrap_or_default().to_string_lossy();
+        let made_by = format!("nerf-train {}, imported from {name}", env!("CARGO_PKG_VERSION"));
+        let coarse = self.coarse.as_ref().map(|(coarse, parameters)| Coarse {
+            architecture: &coarse.model.architecture,
+            parameters,
+            samples: settings.coarse_samples,
+        });
+        let facts = settings.facts(coarse.is_some(), self.occupancy_required);
+        let check = self.check.as_ref().filter(|_| data.is_some());
+        let convention = check.map_or_else(String::new, |check| {
+            let drawn = coarse.as_ref().map_or_else(String::new, |coarse| format!("{} + ", coarse.samples));
+            format!(
+                "mean over {} views, every third pixel and row, background {}, {drawn}{} samples a ray",
+                check.scores.views.len(),
+                colour::name(settings.background),
+                settings.samples(coarse.is_some())
+            )
+        });
+        let contents = Contents {
+            tables: Tables::None,
+            architecture: &self.architecture,
+            parameters: &self.parameters,
+            content: Content::Scene(facts),
+            occupancy: self.cells.as_ref().map(|cells| (cells.resolution(), cells.bits())),
+            provenance: Provenance {
+                data: data.unwrap_or(&stem),
+                made_by: &made_by,
+                psnr_db: check.and_then(|check| finite(check.psnr_db())),
+                psnr_convention: &convention,
+                quantisation_loss_db: check.and_then(|check| finite(check.quantisation_loss_db)),
+                trained_parameters: self.network.parameters.len() as u32,
+                ..Provenance::NONE
+            },
+        };
+        Ok(export_with(&contents, coarse.as_ref())?)
+    }
+
+    /// Renders `views` with rounded weights, with f32 weights, and without the occupancy grid if there is one.
+    fn measured(&self, views: &Views) -> Result<Check, ImportError> {
+        let blob = self.export(None)?.bytes;
+        let Request { settings, kernel, style, .. } = self.request;
+        let renderings = if self.cells.is_some() { 3 } else { 2 };
+        let total = Total::Steps(renderings * views.views.len() as u64);
+        let (mut progress, mut done) = (Progress::new("check", total, style), 0);
+        let mut score = |parameters: Option<&[f32]>, occupancy| -> Result<Scores, EvalError> {
+            let quality = Quality { occupancy, ..Quality::default() };
+            measure(&blob, parameters, kernel, &quality, settings.background, &views.views, |_, _, _, _| {
+                done += 1;
+                progress.update(done, &Message::default());
+            })
+        };
+        let db = |scores: &Scores| scores.psnr_db().unwrap_or(f64::NAN);
+        let scores = score(None, true)?;
+        let quantisation_loss_db = gain_db(db(&score(Some(&self.parameters), true)?), db(&scores));
+        let occupancy_gain_db = match self.cells {
+            Some(_) => Some(gain_db(db(&scores), db(&score(None, false)?))),
+            None => None,
+        };
+        progress.finish(format!("{} views", views.views.len()));
+        Ok(Check { scores, quantisation_loss_db, occupancy_gain_db })
+    }
+
+    /// What view dependence gains over its mean, dB, and whether that is enough: if not, the mean takes its
+    /// place. `None` if colour does not depend on the direction, or the check shows no picture.
+    fn ask_direction(&mut self, views: &Views) -> Result<Option<(f64, Verdict)>, ImportError> {
+        let rays: Vec<&View> = views.rays.iter().collect();
+        let check = self.check.as_ref().filter(|check| !check.is_suspicious());
+        let flat = check.and_then(|_| flattened(&self.architecture, &self.parameters, &rays));
+        let (Some(check), Some(flat)) = (check, flat) else { return Ok(None) };
+        let with_db = check.psnr_db();
+        let whole = (
+            std::mem::replace(&mut self.architecture, flat.0),
+            std::mem::replace(&mut self.parameters, flat.1),
+        );
+        let draft = self.export(None)?.bytes;
+        let Request { settings, kernel, .. } = self.request;
+        let quality = Quality::default();
+        let scores =
+            measure(&draft, None, kernel, &quality, settings.background, &views.views, |_, _, _, _| {})?;
+        let gain_db = gain_db(with_db, scores.psnr_db().unwrap_or(f64::NAN));
+        // It takes work and spares none.
+        let verdict = Verdict::of(gain_db, 1.0, self.request.effect_threshold_db);
+        if verdict != Verdict::Drops {
+            (self.architecture, self.parameters) = whole;
+        }
+        Ok(Some((gain_db, verdict)))
+    }
 }

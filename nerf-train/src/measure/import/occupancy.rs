@@ -1,7 +1,8 @@
-//! The occupancy grid of an imported network: one it was trained with, or one asked of the network itself.
+//! The occupancy grid of an imported network: one it was trained with, or one built from its densities.
 
+use super::error::ImportError;
+use super::settings::Settings;
 use crate::data::layouts::npz::read_npy;
-use crate::model::import::{ImportError, Settings};
 use crate::train::occupancy::{Ask, LiveCells, Occupancy};
 use nerf_core::blob::MAX_OCCUPANCY_RESOLUTION;
 use nerf_core::camera::SceneBox;
@@ -17,11 +18,11 @@ fn scene_box(settings: &Settings) -> SceneBox {
 /// Reads an occupancy grid of the scene box: an array `[x, y, z]` of truths, or of zeros and ones, in a `.npy` file.
 ///
 /// # Errors
-/// [`ImportError`] on a file that is no such array, a side beyond the format's, another number, and on a
-/// occupancy grid without any live cell.
+/// [`ImportError`] on a file that is no such array, a side beyond the format's, another number, and on an
+/// occupancy grid without any occupied cell.
 pub fn read(file: &Path, settings: &Settings) -> Result<LiveCells, ImportError> {
-    let fail =
-        |expected: String, found: String| Err(ImportError::Occupancy { file: file.into(), expected, found });
+    let place = format!("{}: occupancy grid", file.display());
+    let fail = |expected: String, found: String| Err(ImportError::refused(&place, expected, found));
     let array = read_npy(file, MAX_ARRAY_BYTES)?;
     let sides = array.shape.iter().map(|&side| u16::try_from(side).ok());
     let sides: Option<Vec<u16>> =
@@ -37,14 +38,14 @@ pub fn read(file: &Path, settings: &Settings) -> Result<LiveCells, ImportError> 
     let live = numbers.iter().enumerate().filter(|&(_, &cell)| cell != 0.0).map(|(index, _)| index as u32);
     let cells = LiveCells::of(scene_box(settings), [*x, *y, *z], live);
     if cells.lookup().occupied_share() == 0.0 {
-        return fail("at least one live cell".into(), "none".into());
+        return fail("at least one occupied cell".into(), "none".into());
     }
     Ok(cells)
 }
 
-/// Asks the network which cells hold something; `None` if none does.
-pub fn build(settings: &Settings, ask: &Ask<'_>) -> Option<LiveCells> {
-    let (bounds, resolution) = (scene_box(settings), settings.occupancy_resolution);
-    let cells = Occupancy::asked(bounds, resolution, ask, settings.sigma_threshold()).into_live();
+/// Builds a grid of the cells where the network's density exceeds `threshold`, 1/world unit; `None` if it nowhere does.
+pub fn build(settings: &Settings, ask: &Ask<'_>, threshold: f32) -> Option<LiveCells> {
+    let cells =
+        Occupancy::asked(scene_box(settings), settings.occupancy_resolution, ask, threshold).into_live();
     (cells.lookup().occupied_share() > 0.0).then_some(cells)
 }

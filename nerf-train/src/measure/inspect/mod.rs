@@ -4,153 +4,14 @@ mod grid;
 
 use crate::data::pictures::colour;
 use crate::system::summary::Short;
-pub use grid::{GridSummary, describe as describe_grid};
-use nerf_core::blob::{Blob, FrontPoint, SceneFacts, SceneSampling, Viewpoint};
+pub use grid::GridSummary;
+use nerf_core::blob::{Blob, FrontPoint};
 use nerf_core::encoding::DirectionEncoding;
 use nerf_core::network::Layer;
 use serde::Serialize;
 use std::path::Path;
 
-/// Everything a blob says of itself, as lines for people; `bytes` is all of `file`.
-pub fn lines(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> Vec<String> {
-    let mut lines = network_lines(file, bytes, blob);
-    if let Some(scene) = blob.scene() {
-        lines.extend(space_lines(scene));
-        lines.extend(shortcut_lines(scene, blob));
-    }
-    lines.extend(provenance_lines(blob));
-    lines
-}
-
-/// The file, the network and its work.
-fn network_lines(file: &Path, bytes: &[u8], blob: &Blob<'_>) -> Vec<String> {
-    let mut lines = Vec::new();
-    let a = blob.architecture();
-    lines.push(format!(
-        "file          {} ({} bytes, format {})",
-        file.display(),
-        bytes.len(),
-        nerf_core::blob::FORMAT_VERSION
-    ));
-    match blob.picture() {
-        Some(picture) => {
-            lines.push(format!("kind          {} of {}x{} pixels", kind(blob), picture.width, picture.height))
-        }
-        None => lines.push(format!("kind          {}", kind(blob))),
-    }
-    match describe_grid(blob) {
-        Some(grid) => lines.push(format!("learned grid  {grid}")),
-        None => lines.push(format!("position      {:?}", a.position)),
-    }
-    match &a.direction {
-        Some(DirectionEncoding::SphericalHarmonics { degree }) => {
-            lines.push(format!("direction     spherical harmonics of degree {degree}"))
-        }
-        Some(direction) => lines.push(format!("direction     {direction:?}")),
-        None if blob.scene().is_some() => {
-            lines.push("direction     none: colour does not depend on it".to_owned())
-        }
-        None => {}
-    }
-    for layer in &blob.layers() {
-        lines.push(format!("layer         {}", describe(layer)));
-    }
-    if let Some(density) = a.density {
-        lines.push(format!("density       {density:?}"));
-    }
-    lines.push(format!("parameters    {} as f16 ({} bytes)", a.parameters(), blob.weights().len()));
-    let (density, colour) = (a.density_macs(), a.colour_macs());
-    match blob.picture() {
-        Some(_) => lines.push(format!("work          {} multiply-adds a pixel", density + colour)),
-        None => {
-            lines.push(format!("work          {density} multiply-adds for density, {colour} more for colour"))
-        }
-    }
-    lines
-}
-
-/// Where the scene is, and where its rays are sampled.
-fn space_lines(scene: &SceneFacts) -> Vec<String> {
-    let mut lines = Vec::new();
-    lines.push(format!("box           {:?} .. {:?}", scene.min, scene.max));
-    match scene.sampling {
-        SceneSampling::Bins(samples) => {
-            lines.push(format!("near, far     {} .. {}, {samples} samples a ray", scene.near, scene.far));
-        }
-        SceneSampling::Contracted { step, power } => {
-            let radius = scene.contraction().map_or(0.0, |contraction| contraction.radius());
-            lines.push(format!(
-                "space         unbounded, contracted around the middle of the box beyond {radius}"
-            ));
-            lines.push(format!("near, far     {} of the cameras, {} of the middle", scene.near, scene.far));
-            lines.push(format!(
-                "march         steps of {} there, growing with power {power} beyond",
-                step * radius
-            ));
-        }
-        SceneSampling::March(step) => {
-            lines.push(format!(
-                "near, far     {} .. {} of the cameras it was fitted to",
-                scene.near, scene.far
-            ));
-            lines.push(format!("march         steps of {step} in the box, {} at most", scene.samples()));
-        }
-    }
-    lines.push(format!("background    {}", colour::name(scene.background)));
-    if let Some(Viewpoint { eye, target, up, arc }) = scene.viewpoint {
-        let arc = arc.to_degrees();
-        lines
-            .push(format!("viewpoint     from {eye:?} to {target:?}, up {up:?}, an arc of {arc:.0} degrees"));
-    }
-    lines
-}
-
-/// What spares work: occupancy grid, proposal network, front.
-fn shortcut_lines(scene: &SceneFacts, blob: &Blob<'_>) -> Vec<String> {
-    let mut lines = Vec::new();
-    let role = if scene.occupancy_required { "part of the model" } else { "only skips what is empty" };
-    match blob.occupancy() {
-        Some(occupancy) => lines.push(format!(
-            "occupancy     {:?} cells, {:.2} % occupied; {role}",
-            occupancy.resolution(),
-            100.0 * occupancy.occupied_share()
-        )),
-        None => lines.push("occupancy     none".to_owned()),
-    }
-    if let Some(proposal) = blob.proposal() {
-        let a = proposal.architecture();
-        lines.push(format!(
-            "proposal      {} samples a ray, {} layers, {} multiply-adds for density ({} bytes)",
-            proposal.samples,
-            a.trunk.len(),
-            a.density_macs(),
-            proposal.weights.len()
-        ));
-    }
-    for point in blob.front() {
-        lines.push(format!("front         {}", front_point(point)));
-    }
-    lines
-}
-
-/// Where it comes from.
-fn provenance_lines(blob: &Blob<'_>) -> Vec<String> {
-    let mut lines = Vec::new();
-    let p = blob.provenance();
-    lines.push(format!("data          {}", p.data));
-    lines.push(format!("made by       {}, {} steps, seed {}", p.made_by, p.steps, p.seed));
-    lines.push(format!("trained       {} parameters before folding", p.trained_parameters));
-    match p.psnr_db {
-        Some(db) => lines.push(format!("PSNR          {db:.3} dB ({})", p.psnr_convention)),
-        None => lines.push("PSNR          not measured".to_owned()),
-    }
-    if let Some(db) = p.quantisation_loss_db {
-        lines.push(format!("rounding      {db:.4} dB lost"));
-    }
-    lines
-}
-
-/// The same for scripts; what a file has none of is left out.
+/// Everything a blob says of itself; what a file has none of is left out.
 #[derive(Debug, Serialize)]
 #[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Inspection<'b> {
@@ -291,23 +152,6 @@ impl<'b> Inspection<'b> {
     }
 }
 
-/// A point of the front in words.
-fn front_point(p: &FrontPoint) -> String {
-    let switch = |on: bool, name: &str| if on { format!(", {name}") } else { String::new() };
-    format!(
-        "{:+.3} dB lost at {:.4} of the work: {} samples, cuts {} and {}, maths {}{}{}",
-        p.loss_db,
-        p.cost,
-        p.samples,
-        p.transmittance_cut,
-        p.colour_cut,
-        p.math,
-        switch(p.occupancy, "occupancy"),
-        switch(p.proposal, "proposal")
-    )
-}
-
-/// The same for scripts.
 #[derive(Debug, Serialize)]
 #[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct PointSummary {
@@ -357,14 +201,5 @@ impl LayerSummary {
             extra_inputs: layer.extra,
             outputs: layer.outputs,
         }
-    }
-}
-
-fn describe(layer: &Layer) -> String {
-    let Layer { role, main, extra, outputs, .. } = layer;
-    if *extra > 0 {
-        format!("{role:?}: {main} + {extra} → {outputs}")
-    } else {
-        format!("{role:?}: {main} → {outputs}")
     }
 }

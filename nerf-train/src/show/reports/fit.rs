@@ -79,7 +79,7 @@ fn plot(outcome: &Outcome, x_label: &str, x: impl Fn(&CurvePoint) -> f64) -> Lin
     if !outcome.watched.is_empty() {
         let views = count(outcome.watched.len(), "validation view");
         plot.series.push(series(views, Marker::LineAndPoints, &|point| point.val_psnr_db));
-        plot.notes.push(format!("Trend: {}.", outcome.trend));
+        plot.notes.extend(outcome.overfitting.map(|stop| format!("Trend: {stop}.")));
     }
     plot
 }

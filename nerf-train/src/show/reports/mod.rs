@@ -5,4 +5,3 @@ pub mod fit;
 pub mod picture;
 pub mod study;
 pub mod sweep;
-pub mod training;

@@ -1,8 +1,7 @@
 //! What a sweep says: a table, plots of PSNR over each setting and over time, a sheet of pictures.
 
 use crate::data::pictures::rgb::Picture;
-use crate::lab::LabError;
-use crate::lab::sweep::{Folder, Kind, Knob, Record, Status, records};
+use crate::lab::sweep::{Folder, Kind, Knob, LabError, Record, Status, records};
 use crate::show::contact_sheet::{Cell, contact_sheet};
 use crate::show::plot::{LinePlot, Marker, Series};
 use crate::show::table::Table;
@@ -292,7 +291,7 @@ impl Serialize for RunSummary<'_> {
         for (knob, value) in record.point.values() {
             let name = knob.flag().replace('-', "_");
             match knob {
-                Knob::Rate => map.serialize_entry(&name, &value)?,
+                Knob::Rate | Knob::Seconds => map.serialize_entry(&name, &value)?,
                 _ => map.serialize_entry(&name, &(value as u64))?,
             }
         }

@@ -5,6 +5,9 @@ use super::{read, wide};
 use crate::tools::data;
 use nerf_core::blob::{Blob, Content, Provenance};
 use nerf_core::network::Role;
+use nerf_train::measure::import::Imported;
+use nerf_train::measure::import::Settings;
+use nerf_train::measure::import::Tensors;
 use nerf_train::model::export::Coarse;
 use nerf_train::model::export::Contents;
 use nerf_train::model::export::ExportError;
@@ -12,9 +15,6 @@ use nerf_train::model::export::Exported;
 use nerf_train::model::export::Tables;
 use nerf_train::model::export::export;
 use nerf_train::model::export::export_with;
-use nerf_train::model::import::Imported;
-use nerf_train::model::import::Settings;
-use nerf_train::model::import::Tensors;
 use safetensors::Dtype;
 use std::path::Path;
 
@@ -29,7 +29,7 @@ fn exported(
         architecture: &fine.model.architecture,
         parameters: &parameters,
         tables: Tables::None,
-        content: Content::Scene(settings.facts(false)),
+        content: Content::Scene(settings.facts(false, false)),
         occupancy: None,
         provenance: Provenance { data: "", made_by: "", ..Provenance::NONE },
     };

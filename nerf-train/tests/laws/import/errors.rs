@@ -2,13 +2,12 @@
 
 use super::made::{Checkpoint, Shape, npy};
 use super::wide;
+use nerf_train::measure::import::Identity;
+use nerf_train::measure::import::ImportError;
+use nerf_train::measure::import::Settings;
+use nerf_train::measure::import::Tensors;
+use nerf_train::measure::import::network;
 use nerf_train::measure::import::occupancy;
-use nerf_train::model::import::Fault;
-use nerf_train::model::import::Identity;
-use nerf_train::model::import::ImportError;
-use nerf_train::model::import::Settings;
-use nerf_train::model::import::Tensors;
-use nerf_train::model::import::network;
 use safetensors::Dtype;
 use std::path::Path;
 
@@ -161,9 +160,8 @@ fn numbers_that_are_none_are_refused_naming_their_place() {
     let file = whole.safetensors(&path("whole.safetensors"), Dtype::I32);
     assert_says(&error_of(&file, &wide()), &["whole.safetensors", "alpha_linear.bias", "BF16", "I32"]);
     let file = whole.npz_twice(&path("twice.npz"), "<f4", Some("rgb_linear.bias"));
-    let error = error_of(&file, &wide());
-    let twice = Fault::Duplicate { tensor: "rgb_linear.bias".into() };
-    assert!(matches!(&error, ImportError::Checkpoint { fault, .. } if *fault == twice), "{error}");
+    let words = ["twice.npz: rgb_linear.bias: expected one tensor of this name, found two"];
+    assert_says(&error_of(&file, &wide()), &words);
 }
 
 #[test]
@@ -226,7 +224,7 @@ fn occupancies_are_read_x_slowest_and_refused_naming_the_fault() {
         ("|b1", &[513, 1, 1], &vec![1.0; 513], ["sides of 1 to 512", "[513, 1, 1]"]),
         ("|u1", &[1, 1, 2], &vec![0.0, 2.0], ["zeros and ones", "2 at index 1"]),
         ("<f4", &[1, 1, 2], &vec![f64::NAN, 1.0], ["zeros and ones", "NaN at index 0"]),
-        ("|b1", &[1, 1, 2], &vec![0.0, 0.0], ["one live cell", "none"]),
+        ("|b1", &[1, 1, 2], &vec![0.0, 0.0], ["one occupied cell", "none"]),
     ] {
         let error = write(dtype, shape, values).expect_err("no occupancy grid");
         assert_says(&error, &["occupancy.npy", words[0], words[1]]);
@@ -247,16 +245,16 @@ fn settings_out_of_range_name_their_flag() {
         ("near, far", Settings { far: f32::INFINITY, ..base() }),
         ("box", Settings { scene_box: [1.0, 0.0, 0.0, -1.0, 1.0, 1.0], ..base() }),
         ("box", Settings { scene_box: [f32::NAN, 0.0, 0.0, 1.0, 1.0, 1.0], ..base() }),
-        ("samples", Settings { samples: 0, ..base() }),
-        ("samples", Settings { samples: 4097, ..base() }),
-        ("coarse_samples", Settings { coarse_samples: Some(0), ..base() }),
-        ("coarse_samples", Settings { coarse_samples: Some(4097), ..base() }),
+        ("samples", Settings { samples: Some(0), ..base() }),
+        ("samples", Settings { samples: Some(4097), ..base() }),
+        ("coarse_samples", Settings { coarse_samples: 0, ..base() }),
+        ("coarse_samples", Settings { coarse_samples: 4097, ..base() }),
         ("background", Settings { background: [0.0, 0.0, 1.5], ..base() }),
         ("occupancy_resolution", Settings { occupancy_resolution: 513, ..base() }),
         ("occupancy_threshold", Settings { occupancy_threshold: f32::NAN, ..base() }),
     ] {
         match wrong.check() {
-            Err(ImportError::Setting { field: found, .. }) => assert_eq!(found, field),
+            Err(ImportError::Refused { place, .. }) => assert_eq!(place, field),
             other => panic!("{field}: {other:?}"),
         }
     }

@@ -12,17 +12,17 @@ use nerf_core::blob::{Blob, Content, Provenance};
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::Renderer;
+use nerf_train::measure::import::AngleFactor;
+use nerf_train::measure::import::Identity;
+use nerf_train::measure::import::Imported;
+use nerf_train::measure::import::Order;
+use nerf_train::measure::import::RawDensity;
+use nerf_train::measure::import::Settings;
+use nerf_train::measure::import::Tensors;
+use nerf_train::measure::import::network;
 use nerf_train::model::export::Contents;
 use nerf_train::model::export::Tables;
 use nerf_train::model::export::export;
-use nerf_train::model::import::AngleFactor;
-use nerf_train::model::import::Identity;
-use nerf_train::model::import::Imported;
-use nerf_train::model::import::Order;
-use nerf_train::model::import::RawDensity;
-use nerf_train::model::import::Settings;
-use nerf_train::model::import::Tensors;
-use nerf_train::model::import::network;
 use oracle::Oracle;
 use safetensors::Dtype;
 use std::path::Path;
@@ -49,7 +49,7 @@ fn ask(
         architecture: &imported.model.architecture,
         parameters: &parameters,
         tables: Tables::None,
-        content: Content::Scene(settings.facts(false)),
+        content: Content::Scene(settings.facts(false, false)),
         occupancy: None,
         provenance,
     });
@@ -130,7 +130,7 @@ fn what_is_imported_is_the_function_that_was_trained() {
     for (seed, (what, shape)) in shapes.into_iter().enumerate() {
         let checkpoint = shape.checkpoint(seed as u64);
         for angle in [AngleFactor::One, AngleFactor::Pi] {
-            let settings = Settings { angle, ..wide() };
+            let settings = Settings { angle_scale: angle, ..wide() };
             let oracle = Oracle::of(&shape, &settings);
             let npz = checkpoint.npz(&path("a.npz"), "<f4");
             assert_same(&npz, &checkpoint, &oracle, &settings, what);

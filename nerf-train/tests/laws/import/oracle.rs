@@ -1,11 +1,11 @@
 //! nerf-pytorch's forward pass in f64, from its formulas.
 
 use super::made::{Checkpoint, Shape};
-use nerf_train::model::import::AngleFactor;
-use nerf_train::model::import::Identity;
-use nerf_train::model::import::Order;
-use nerf_train::model::import::RawDensity;
-use nerf_train::model::import::Settings;
+use nerf_train::measure::import::AngleFactor;
+use nerf_train::measure::import::Identity;
+use nerf_train::measure::import::Order;
+use nerf_train::measure::import::RawDensity;
+use nerf_train::measure::import::Settings;
 use std::f64::consts::PI;
 
 /// A network of a shape under settings.
@@ -62,7 +62,7 @@ impl Oracle {
     /// As the trainer of this order would, loop for loop.
     fn embed(&self, v: [f32; 3], columns: usize) -> Vec<f64> {
         let v = v.map(f64::from);
-        let s = if self.settings.angle == AngleFactor::Pi { PI } else { 1.0 };
+        let s = if self.settings.angle_scale == AngleFactor::Pi { PI } else { 1.0 };
         let identity = columns % 6 == 3;
         let levels = columns / 6;
         let wave = |cosine: usize, k: usize, i: usize| {

@@ -114,18 +114,14 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
         let within = self.span(|_| true);
         let [whole_size, whole_size_f32] =
             [self.span(whole), self.span(whole_f32)].map(|span| span.map(|(span, _)| span));
-        let none = |span: Option<f64>, why| if span.is_none() { Some(why) } else { None };
         let median = |i: usize, clock| study.points[i].seconds(clock).map_or(f64::NAN, |s| s.median);
         let points = |front: &[usize]| front.iter().map(|&i| self.point(i)).collect();
         Summary {
             front_span_within_1db: within.map(|(span, _)| span),
-            front_span_within_1db_note: none(within.map(|(span, _)| span), "no point within 1 dB"),
             front_span_point: within.map(|(_, point)| study.points[point].label.clone()),
             front_span_loss_db: within.map(|(_, point)| self.totals[point].loss_db),
             front_span_within_1db_whole_size: whole_size,
-            front_span_within_1db_whole_size_note: none(whole_size, "no such point within 1 dB"),
             front_span_within_1db_whole_size_f32: whole_size_f32,
-            front_span_within_1db_whole_size_f32_note: none(whole_size_f32, "no such point within 1 dB"),
             exact_psnr_db: self.totals[0].psnr_db,
             exact_wall_s_a_view: median(0, Clock::Wall),
             exact_cpu_s_a_view: median(0, Clock::Cpu),
@@ -174,23 +170,17 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
     }
 }
 
-/// What a study found, for scripts; what there is none of is null, with a note.
+/// What a study found.
 #[derive(Debug, Serialize)]
 #[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Summary {
     pub front_span_within_1db: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub front_span_within_1db_note: Option<&'static str>,
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub front_span_point: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub front_span_loss_db: Option<f64>,
     pub front_span_within_1db_whole_size: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub front_span_within_1db_whole_size_note: Option<&'static str>,
     pub front_span_within_1db_whole_size_f32: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub front_span_within_1db_whole_size_f32_note: Option<&'static str>,
     pub exact_psnr_db: f64,
     pub exact_wall_s_a_view: f64,
     pub exact_cpu_s_a_view: f64,

@@ -1,5 +1,6 @@
-//! An experiment on disk.
+//! A sweep on disk.
 
+use super::{Header, Point, Record};
 use crate::data::pictures::rgb::Picture;
 use crate::data::pictures::rgb::ReportError;
 use crate::system::input;
@@ -8,46 +9,25 @@ use crate::system::printable;
 use crate::train::checkpoint::difference;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use std::fmt::Display;
-use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 
-/// What all runs of an experiment share, as a file in its folder.
-pub trait Header: Clone + Serialize + DeserializeOwned {
-    /// The file.
-    const FILE: &'static str;
-    /// What it is of, for messages: "sweep".
-    const WHAT: &'static str;
-}
+/// What the runs share, as a file in the folder.
+const FILE: &str = "sweep.json";
 
-/// What one run came to, as a file in the folder `runs`.
-pub trait Run: Serialize + DeserializeOwned {
-    /// The stem of its file, which no other run's settings have.
-    fn name(&self) -> String;
-    /// What it came to, in a few words.
-    fn result(&self) -> String;
-}
-
-/// The folder of an experiment.
+/// The folder of a sweep.
 ///
 /// A run is one small file, and never made twice, whoever made it: runs can be spread over machines
-/// ([`Shard`](super::Shard)) into one folder or into several that are merged.
-#[derive(Debug)]
-pub struct Folder<H, R> {
+/// ([`Shard`](crate::lab::Shard)) into one folder or into several that are merged.
+#[derive(Clone, Debug)]
+pub struct Folder {
     path: PathBuf,
-    header: H,
-    runs: PhantomData<fn() -> R>,
-}
-
-impl<H: Clone, R> Clone for Folder<H, R> {
-    fn clone(&self) -> Self {
-        Self { path: self.path.clone(), header: self.header.clone(), runs: PhantomData }
-    }
+    header: Header,
 }
 
 /// Why a folder cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
+#[allow(missing_docs, reason = "the names say what they are")]
 pub enum LabError {
     /// A file cannot be written.
     #[error("{0}")]
@@ -57,60 +37,28 @@ pub enum LabError {
     Report(#[from] ReportError),
     /// A file cannot be read.
     #[error("cannot read {path}: {source}")]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
+    Read { path: PathBuf, source: std::io::Error },
     /// A file holds something else.
-    #[error("{path}: expected a {kind}'s {what}, found: {found}")]
-    Format {
-        /// The file.
-        path: PathBuf,
-        /// Of what.
-        kind: &'static str,
-        /// What belongs there.
-        what: &'static str,
-        /// What the reader said.
-        found: String,
-    },
-    /// A folder without an experiment, where one was expected.
-    #[error("{path}: expected the folder of a {kind}, found no {file} in it")]
-    Empty {
-        /// The folder.
-        path: PathBuf,
-        /// Of what.
-        kind: &'static str,
-        /// The file that is missing.
-        file: &'static str,
-    },
-    /// A folder with another experiment.
+    #[error("{path}: expected a sweep's {what}, found: {found}")]
+    Format { path: PathBuf, what: &'static str, found: String },
+    /// A folder without a sweep, where one was expected.
+    #[error("{path}: expected the folder of a sweep, found no sweep.json in it")]
+    Empty { path: PathBuf },
+    /// A folder with another sweep.
     #[error(
-        "{path}: the {kind} in this folder has another {field} (in the folder: {found}; now: {expected}); \
+        "{path}: the sweep in this folder has another {field} (in the folder: {found}; now: {expected}); \
          nothing was changed: take another folder, or the same settings"
     )]
-    Other {
-        /// The folder.
-        path: PathBuf,
-        /// Of what.
-        kind: &'static str,
-        /// What differs.
-        field: String,
-        /// What is asked for now.
-        expected: String,
-        /// What is there.
-        found: String,
-    },
+    Other { path: PathBuf, field: String, expected: String, found: String },
 }
 
-impl<H: Header, R: Run> Folder<H, R> {
-    /// Takes up the experiment in `path`, or begins one there.
+impl Folder {
+    /// Takes up the sweep in `path`, or begins one there.
     ///
     /// # Errors
     /// [`LabError::Other`] if the folder holds one with other settings; nothing is changed then.
-    pub fn open(path: &Path, header: H) -> Result<Self, LabError> {
-        let file = path.join(H::FILE);
+    pub fn open(path: &Path, header: Header) -> Result<Self, LabError> {
+        let file = path.join(FILE);
         if !file.exists() {
             ensure_folder(path.join("runs"))?;
             // Another process may begin one here at this very moment: then it is that one's.
@@ -122,21 +70,21 @@ impl<H: Header, R: Run> Folder<H, R> {
         Ok(folder)
     }
 
-    /// The experiment in `path`.
+    /// The sweep in `path`.
     ///
     /// # Errors
     /// [`LabError::Empty`] if there is none.
     pub fn existing(path: &Path) -> Result<Self, LabError> {
-        let file = path.join(H::FILE);
+        let file = path.join(FILE);
         if !file.exists() {
-            return Err(LabError::Empty { path: path.into(), kind: H::WHAT, file: H::FILE });
+            return Err(LabError::Empty { path: path.into() });
         }
-        let header = read_json(&file, H::WHAT, "description")?;
-        Ok(Self { path: path.into(), header, runs: PhantomData })
+        let header = read_json(&file, "description")?;
+        Ok(Self { path: path.into(), header })
     }
 
     /// What its runs share.
-    pub fn header(&self) -> &H {
+    pub fn header(&self) -> &Header {
         &self.header
     }
 
@@ -145,16 +93,16 @@ impl<H: Header, R: Run> Folder<H, R> {
         &self.path
     }
 
-    /// Refuses another experiment than `other` describes.
+    /// Refuses another sweep than `other` describes.
     ///
     /// # Errors
     /// [`LabError::Other`] names the first difference.
-    pub fn check_same(&self, other: &H) -> Result<(), LabError> {
-        let tree = |header: &H| serde_json::to_value(header).unwrap_or_default();
+    pub fn check_same(&self, other: &Header) -> Result<(), LabError> {
+        let tree = |header: &Header| serde_json::to_value(header).unwrap_or_default();
         match difference(&tree(other), &tree(&self.header)) {
             Some((field, expected, found)) => {
                 let field = field.trim_start_matches("settings.").to_owned();
-                Err(LabError::Other { path: self.path.clone(), kind: H::WHAT, field, expected, found })
+                Err(LabError::Other { path: self.path.clone(), field, expected, found })
             }
             None => Ok(()),
         }
@@ -173,27 +121,27 @@ impl<H: Header, R: Run> Folder<H, R> {
     ///
     /// # Errors
     /// [`LabError::Format`] if its file holds something else.
-    pub fn run(&self, name: &str) -> Result<Option<R>, LabError> {
+    pub fn run(&self, name: &str) -> Result<Option<Record>, LabError> {
         let path = self.run_path(name);
-        if path.exists() { read_json(&path, H::WHAT, "record").map(Some) } else { Ok(None) }
+        if path.exists() { read_json(&path, "record").map(Some) } else { Ok(None) }
     }
 
     /// Keeps a finished run: its picture first, so that a record never lacks one it should have.
     ///
     /// # Errors
     /// [`LabError::Output`].
-    pub fn keep(&self, run: &R, picture: Option<&Picture>) -> Result<(), LabError> {
+    pub fn keep(&self, run: &Record, picture: Option<&Picture>) -> Result<(), LabError> {
         if let Some(picture) = picture {
-            picture.write_png(self.picture_path(&run.name()))?;
+            picture.write_png(self.picture_path(&run.point.name()))?;
         }
-        write_json(&self.run_path(&run.name()), run)
+        write_json(&self.run_path(&run.point.name()), run)
     }
 
     /// All finished runs, by name.
     ///
     /// # Errors
     /// [`LabError::Format`] names the file that holds something else.
-    pub fn runs(&self) -> Result<Vec<R>, LabError> {
+    pub fn runs(&self) -> Result<Vec<Record>, LabError> {
         let runs = self.path.join("runs");
         let read = |source| LabError::Read { path: runs.clone(), source };
         let mut files: Vec<PathBuf> = Vec::new();
@@ -204,34 +152,34 @@ impl<H: Header, R: Run> Folder<H, R> {
             }
         }
         files.sort();
-        files.iter().map(|path| read_json(path, H::WHAT, "record")).collect()
+        files.iter().map(|path| read_json(path, "record")).collect()
     }
 
-    /// Makes those of `trials` that are not finished, each with its name, and says what each came to.
+    /// Makes those runs of `points` that are not finished, and says what each came to.
     ///
     /// # Errors
     /// What `make` says, and [`LabError`] on files.
-    pub fn conduct<'t, T: Display + 't, E: From<LabError>>(
+    pub fn conduct<E: From<LabError>>(
         &self,
-        trials: &[(&'t T, String)],
+        points: &[Point],
         say: impl Fn(String),
-        mut make: impl FnMut(&T) -> Result<(R, Option<Picture>), E>,
+        mut make: impl FnMut(&Point) -> Result<(Record, Option<Picture>), E>,
     ) -> Result<(), E> {
-        for (i, (trial, name)) in trials.iter().enumerate() {
-            let place = format!("[{}/{}] {trial}", i + 1, trials.len());
-            if let Some(run) = self.run(name)? {
+        for (i, point) in points.iter().enumerate() {
+            let place = format!("[{}/{}] {point}", i + 1, points.len());
+            if let Some(run) = self.run(&point.name())? {
                 say(format!("{place}: finished before, {}", run.result()));
                 continue;
             }
             say(format!("{place}: begins"));
-            let (run, picture) = make(trial)?;
+            let (run, picture) = make(point)?;
             self.keep(&run, picture.as_ref())?;
             say(format!("{place}: {}", run.result()));
         }
         Ok(())
     }
 
-    /// Takes in the finished runs of another folder of the same experiment; returns how many were new.
+    /// Takes in the finished runs of another folder of the same sweep; returns how many were new.
     ///
     /// # Errors
     /// [`LabError::Other`] if it is another one; [`LabError::Read`] and [`LabError::Output`] on files.
@@ -239,7 +187,7 @@ impl<H: Header, R: Run> Folder<H, R> {
         other.check_same(&self.header)?;
         let mut new = 0;
         for run in other.runs()? {
-            let name = run.name();
+            let name = run.point.name();
             if self.run(&name)?.is_some() {
                 continue;
             }
@@ -256,16 +204,11 @@ impl<H: Header, R: Run> Folder<H, R> {
     }
 }
 
-fn read_json<T: DeserializeOwned>(
-    path: &Path,
-    kind: &'static str,
-    what: &'static str,
-) -> Result<T, LabError> {
+fn read_json<T: DeserializeOwned>(path: &Path, what: &'static str) -> Result<T, LabError> {
     let text = input::read_text(path, input::MAX_JSON_BYTES)
         .map_err(|source| LabError::Read { path: path.into(), source })?;
     serde_json::from_str(&text).map_err(|error| LabError::Format {
         path: path.into(),
-        kind,
         what,
         found: error.to_string(),
     })

@@ -1,6 +1,6 @@
 //! Named tensors out of an untrusted file.
 
-use super::error::{Fault, ImportError};
+use super::error::ImportError;
 use crate::data::DatasetError;
 use crate::data::layouts::npz::Archive;
 use crate::system::input::read_limited;
@@ -22,32 +22,29 @@ const MAX_FILE_BYTES: u64 = 1 << 30;
 /// Names that a message lists.
 const LISTED: usize = 5;
 
-/// A tensor in C order.
+/// A tensor in C order; its values are finite.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tensor {
-    /// Its sides, outermost first.
+    /// Outermost first.
     pub shape: Vec<usize>,
-    /// Its elements, all finite.
-    pub values: Vec<f32>,
+    pub(super) values: Vec<f32>,
 }
 
 /// The tensors of one network by their names without prefix.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tensors {
-    /// The file they come from.
-    pub file: PathBuf,
+    pub(super) file: PathBuf,
     /// What stood in front of the names.
     pub prefix: String,
     /// Prefixes of other networks in the file, which are left out.
     pub others: Vec<String>,
-    /// By name.
-    pub tensors: BTreeMap<String, Tensor>,
+    pub(super) tensors: BTreeMap<String, Tensor>,
 }
 
-/// What a file offers before anything of it is unpacked.
-trait Source {
-    fn names(&mut self) -> Result<Vec<String>, ImportError>;
-    fn tensor(&mut self, name: &str) -> Result<(Vec<usize>, Vec<f32>), ImportError>;
+/// An open file, before anything of it is unpacked.
+enum Source<'d> {
+    Npz(Archive),
+    Safe(SafeTensors<'d>),
 }
 
 impl Tensors {
@@ -59,7 +56,7 @@ impl Tensors {
         Self::read_where(file, prefix, |prefix| prefix.contains("fine"))
     }
 
-    /// The same of a coarse network: without `prefix`, the file's only one, or its only one that is not fine.
+    /// Reads a coarse network: without `prefix`, the file's only network, or its only one that is not fine.
     ///
     /// # Errors
     /// As [`Tensors::read`].
@@ -68,50 +65,58 @@ impl Tensors {
     }
 
     fn read_where(file: &Path, prefix: Option<&str>, wanted: fn(&str) -> bool) -> Result<Self, ImportError> {
-        let fail = |fault| ImportError::Checkpoint { file: file.into(), fault };
-        let ending = file.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-        match ending.as_str() {
-            "npz" => Self::of(file, (prefix, wanted), &mut Npz(Archive::open(file, MAX_ARRAY_BYTES)?)),
-            "safetensors" => {
-                let io = |source| DatasetError::io(file, source);
-                let bytes = read_limited(file, MAX_FILE_BYTES).map_err(io)?;
-                let tensors = SafeTensors::deserialize(&bytes)
-                    .map_err(|error| fail(Fault::Format { found: format!("a damaged one ({error})") }))?;
-                Self::of(file, (prefix, wanted), &mut Safe { file, tensors })
+        let name = file.display();
+        let bytes: Vec<u8>;
+        let mut source = match file.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase() {
+            npz if npz == "npz" => Source::Npz(Archive::open(file, MAX_ARRAY_BYTES)?),
+            safe if safe == "safetensors" => {
+                bytes = read_limited(file, MAX_FILE_BYTES).map_err(|io| DatasetError::io(file, io))?;
+                Source::Safe(SafeTensors::deserialize(&bytes).map_err(|error| damaged(file, &error))?)
             }
-            "" => Err(fail(Fault::Format { found: "a name without ending".into() })),
-            other => Err(fail(Fault::Format { found: format!("a name that ends in .{other}") })),
-        }
-    }
-
-    fn of(
-        file: &Path,
-        (prefix, wanted): (Option<&str>, fn(&str) -> bool),
-        source: &mut dyn Source,
-    ) -> Result<Self, ImportError> {
-        let fail = |fault| ImportError::Checkpoint { file: file.into(), fault };
+            other => {
+                let found =
+                    if other.is_empty() { "no ending" } else { &format!("a name that ends in .{other}") };
+                return Err(ImportError::refused(name, "a .npz or .safetensors file", found));
+            }
+        };
         let mut names = source.names()?;
         names.sort_unstable();
-        let (prefix, others) = choose(&names, prefix, wanted).map_err(fail)?;
+        let (prefix, others) = choose(file, &names, prefix, wanted)?;
         let own = names.iter().filter(|name| prefix_of(name).is_none_or(|own| own == prefix));
         let named: Vec<(&str, &str)> =
             own.filter_map(|name| Some((name.as_str(), name.strip_prefix(&prefix)?))).collect();
         if named.len() > MAX_TENSORS {
-            return Err(fail(Fault::TooMany { most: MAX_TENSORS, found: named.len() }));
+            let expected = format!("at most {MAX_TENSORS} tensors of one network");
+            return Err(ImportError::refused(name, expected, named.len().to_string()));
         }
-        let mut tensors = BTreeMap::new();
+        let mut read = Self { file: file.into(), prefix, others, tensors: BTreeMap::new() };
         for (whole, name) in named {
-            let (shape, values) = source.tensor(whole)?;
-            if let Some(index) = values.iter().position(|value| !value.is_finite()) {
-                let (tensor, found) = (name.to_owned(), values[index]);
-                return Err(fail(Fault::NotFinite { tensor, index, found }));
+            let tensor = source.tensor(file, whole)?;
+            if let Some(index) = tensor.values.iter().position(|value| !value.is_finite()) {
+                let found = format!("{} at index {index}", tensor.values[index]);
+                return Err(read.refused(name, "finite numbers", found));
             }
-            if tensors.insert(name.to_owned(), Tensor { shape, values }).is_some() {
-                return Err(fail(Fault::Duplicate { tensor: name.to_owned() }));
+            if read.tensors.insert(name.to_owned(), tensor).is_some() {
+                return Err(read.refused(name, "one tensor of this name", "two"));
             }
         }
-        Ok(Self { file: file.into(), prefix, others, tensors })
+        Ok(read)
     }
+
+    /// An error about a tensor of the file.
+    pub(super) fn refused(
+        &self,
+        tensor: &str,
+        expected: impl Into<String>,
+        found: impl Into<String>,
+    ) -> ImportError {
+        ImportError::refused(format!("{}: {tensor}", self.file.display()), expected, found)
+    }
+}
+
+fn damaged(file: &Path, error: &dyn std::error::Error) -> ImportError {
+    let found = format!("a damaged one ({error})");
+    ImportError::refused(file.display(), "a .npz or .safetensors file", found)
 }
 
 /// What stands in front of a layer's name; `None` if no layer is named.
@@ -123,10 +128,11 @@ fn prefix_of(name: &str) -> Option<&str> {
 
 /// What stands in front of the names of the network that is asked for, or else `wanted`, and of the others.
 fn choose(
+    file: &Path,
     names: &[String],
     asked: Option<&str>,
     wanted: fn(&str) -> bool,
-) -> Result<(String, Vec<String>), Fault> {
+) -> Result<(String, Vec<String>), ImportError> {
     let found: BTreeSet<&str> = names.iter().filter_map(|name| prefix_of(name)).collect();
     let fitting: Vec<&str> = found.iter().copied().filter(|prefix| wanted(prefix)).collect();
     let chosen = match (asked, &fitting[..]) {
@@ -134,10 +140,15 @@ fn choose(
         (None, _) if found.len() <= 1 => found.first().copied(),
         (None, [only]) => Some(*only),
         (None, _) => {
-            return Err(Fault::SeveralNetworks { found: found.iter().map(|p| format!("`{p}`")).collect() });
+            let found: Vec<String> = found.iter().map(|prefix| format!("`{prefix}`")).collect();
+            let found = format!("{}: choose one with --prefix", found.join(", "));
+            return Err(ImportError::refused(file.display(), "one network", found));
         }
     };
-    let chosen = chosen.ok_or_else(|| Fault::NoNetwork { found: listed(names) })?;
+    let chosen = chosen.ok_or_else(|| {
+        let expected = "tensors named as nerf-pytorch does (pts_linears.0.weight, …)";
+        ImportError::refused(file.display(), expected, listed(names))
+    })?;
     let others = found.iter().filter(|&&prefix| prefix != chosen).map(|&prefix| prefix.to_owned());
     Ok((chosen.to_owned(), others.collect()))
 }
@@ -151,42 +162,33 @@ fn listed(names: &[String]) -> String {
     }
 }
 
-struct Npz(Archive);
-
-impl Source for Npz {
+impl Source<'_> {
     fn names(&mut self) -> Result<Vec<String>, ImportError> {
-        Ok(self.0.names()?)
+        match self {
+            Self::Npz(archive) => Ok(archive.names()?),
+            Self::Safe(tensors) => Ok(tensors.names().into_iter().map(str::to_owned).collect()),
+        }
     }
 
-    fn tensor(&mut self, name: &str) -> Result<(Vec<usize>, Vec<f32>), ImportError> {
-        let array = self.0.array(name)?;
-        let numbers = array.numbers().filter(|_| array.is_float());
-        let numbers = numbers.ok_or_else(|| self.0.dtype_error(name, "f2, f4 or f8", &array))?;
-        Ok((array.shape, numbers.into_iter().map(|value| value as f32).collect()))
-    }
-}
-
-struct Safe<'d> {
-    file: &'d Path,
-    tensors: SafeTensors<'d>,
-}
-
-impl Source for Safe<'_> {
-    fn names(&mut self) -> Result<Vec<String>, ImportError> {
-        Ok(self.tensors.names().into_iter().map(str::to_owned).collect())
-    }
-
-    fn tensor(&mut self, name: &str) -> Result<(Vec<usize>, Vec<f32>), ImportError> {
-        let fail = |fault| ImportError::Checkpoint { file: self.file.into(), fault };
-        let view = self
-            .tensors
-            .tensor(name)
-            .map_err(|error| fail(Fault::Format { found: format!("a damaged one ({name}: {error})") }))?;
-        let values = floats(view.dtype(), view.data()).ok_or_else(|| {
-            let found = format!("{:?}", view.dtype());
-            fail(Fault::Dtype { tensor: name.into(), expected: "F16, BF16, F32 or F64", found })
-        })?;
-        Ok((view.shape().to_vec(), values))
+    fn tensor(&mut self, file: &Path, name: &str) -> Result<Tensor, ImportError> {
+        match self {
+            Self::Npz(archive) => {
+                let array = archive.array(name)?;
+                let numbers = array.numbers().filter(|_| array.is_float());
+                let numbers = numbers.ok_or_else(|| archive.dtype_error(name, "f2, f4 or f8", &array))?;
+                let values = numbers.into_iter().map(|value| value as f32).collect();
+                Ok(Tensor { shape: array.shape, values })
+            }
+            Self::Safe(tensors) => {
+                let view = tensors.tensor(name).map_err(|error| damaged(file, &error))?;
+                let values = floats(view.dtype(), view.data()).ok_or_else(|| {
+                    let place = format!("{}: {name}", file.display());
+                    let found = format!("{:?}", view.dtype());
+                    ImportError::refused(place, "dtype F16, BF16, F32 or F64", found)
+                })?;
+                Ok(Tensor { shape: view.shape().to_vec(), values })
+            }
+        }
     }
 }
 

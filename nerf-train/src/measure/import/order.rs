@@ -1,16 +1,13 @@
 //! In which order an encoding lists its values: from the orders in use to this project's.
 
 use nerf_core::encoding::SinusoidalEncoding;
-use serde::{Deserialize, Serialize};
 
 /// Where sines and cosines stand in an encoded input; `k` counts levels, `x y z` are the inputs.
 ///
 /// A network that was trained with one order shows nothing with another: its columns are permuted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Order {
     /// Per level sin x y z, cos x y z: the original code, nerf-pytorch, and this project.
-    #[default]
     Level,
     /// Per level sin x, cos x, sin y, cos y, sin z, cos z.
     Pairs,
@@ -23,8 +20,7 @@ pub enum Order {
 }
 
 /// Where the inputs themselves stand.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Identity {
     /// In front.
     First,
@@ -39,7 +35,7 @@ impl Order {
     ///
     /// ```
     /// use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
-    /// use nerf_train::model::import::{Identity, Order};
+    /// use nerf_train::measure::import::{Identity, Order};
     /// let encoding = SinusoidalEncoding { inputs: 2, levels: 1, scale: AngleScale::One, identity: true };
     /// // x y, sin x, sin y, cos x, cos y out of: sin x, cos x, sin y, cos y, x y
     /// assert_eq!(Order::Pairs.columns(&encoding, Identity::Last), [4, 5, 0, 2, 1, 3]);

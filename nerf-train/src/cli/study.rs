@@ -1,7 +1,5 @@
 //! `nerf-train study`
 
-mod train;
-
 use super::common::{Global, background_name, check_counts, cpu_name, open_blob, read_file, tell};
 use super::eval::Split;
 use super::options::data::DataOptions;
@@ -12,12 +10,12 @@ use crate::lab::study::{Effort, Progressed, Study as Measured};
 use crate::measure::bench::Variants;
 use crate::measure::bench::source::unrounded;
 use crate::measure::point::Clock;
-use crate::show::reports::study::{Findings, SPAN_LOSS_DB, Setting, front_of};
+use crate::show::reports::study::{Findings, Setting, front_of};
 use crate::system::output::claims::Claims;
 use crate::system::output::write_atomic;
 use crate::system::progress::{Message, Progress, Total};
 use anyhow::bail;
-use clap::{Args, Subcommand};
+use clap::Args;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -25,7 +23,7 @@ use std::time::{Duration, Instant};
 /// Occupancy grids that the network is asked for: cells along the longest side, density times bin width.
 const OCCUPANCIES: [(u16, f32); 5] = [(32, 0.01), (64, 0.01), (96, 0.01), (96, 0.1), (128, 0.01)];
 
-/// Measure what accuracy costs in time: every shortcut on its own, combinations, and the Pareto front.
+/// Measure render time against accuracy: each shortcut, combinations, the Pareto front.
 ///
 /// Errors are against the pictures of DATA and against the exact rendering: every sample inside the scene
 /// box, no cuts, f32. The front can be written into the blob, so that a renderer can be asked for a loss.
@@ -33,97 +31,76 @@ const OCCUPANCIES: [(u16, f32); 5] = [(32, 0.01), (64, 0.01), (96, 0.01), (96, 0
 #[command(
     after_help = "Example: nerf-train study lego.nerf lego_200x200.npz --report out/study -o lego_front.nerf"
 )]
-#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct Study {
-    #[command(subcommand)]
-    of: Option<Of>,
-    /// The blob.
-    #[arg(required = true)]
-    file: Option<PathBuf>,
-    /// The data set.
-    #[arg(required = true)]
-    data: Option<PathBuf>,
-    /// Folder for points.csv, report.md, the plot of the front, pictures of its ends, summary.json.
+    /// Blob.
+    file: PathBuf,
+    /// Data set.
+    data: PathBuf,
+    /// Report folder: points.csv, report.md, plot, images, summary.json.
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
-    /// The points.csv of another study, for example of another network on the same data: its front is drawn beside.
+    /// points.csv of another study, to plot its front beside.
     #[arg(long, value_name = "CSV", requires = "report")]
     beside: Vec<PathBuf>,
-    /// Write the blob with its front here.
+    /// Output blob, with its Pareto front.
     #[arg(long, short, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Write the front into the blob itself.
+    /// Write the Pareto front into the blob itself.
     #[arg(long, conflicts_with = "output")]
     write: bool,
-    /// Which views.
+    /// Split to evaluate.
     #[arg(long, value_enum, default_value = "val")]
     split: Split,
-    /// At most so many views, spread over the split.
+    /// Number of views, spread over the split.
     #[arg(long, value_name = "N", default_value_t = 10)]
     views: usize,
-    /// Views that times are taken on, spread over those.
+    /// Number of views that are timed.
     #[arg(long, value_name = "N", default_value_t = 2)]
     timing_views: usize,
-    /// Rounds of timing, if time allows.
+    /// Timing rounds.
     #[arg(long, value_name = "N", default_value_t = 4)]
     repeats: usize,
-    /// No further round of timing begins that would end later than so many minutes from the start. What is
-    /// measured does not depend on it, only how often it is timed.
+    /// Time budget, minutes: no timing round begins that would end later.
     #[arg(long, value_name = "M", default_value_t = 15.0)]
     minutes: f64,
-    /// What the front over time goes by: wall, or cpu (steadier on a machine that others use too).
+    /// Clock of the front: wall, or cpu (steadier on a shared machine).
     #[arg(long, value_enum, default_value = "wall")]
     clock: Clock,
-    /// The checkpoint the blob was imported from: adds the row of f32 weights.
+    /// Checkpoint the blob was imported from, to compare f32 weights.
     #[arg(long, value_name = "CKPT")]
     source: Option<PathBuf>,
-    /// Ask the network for no other occupancy grids.
+    /// Compare no other occupancy grids.
     #[arg(long)]
     no_other_occupancy: bool,
     #[command(flatten)]
     data_options: DataOptions,
 }
 
-/// What else can be studied.
-#[derive(Debug, Subcommand)]
-enum Of {
-    Train(train::StudyTrain),
-}
-
 impl Study {
     /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
-        match (&self.of, &self.file, &self.data) {
-            (Some(Of::Train(train)), ..) => train.run(global),
-            (None, Some(file), Some(data)) => self.measure(file, data, global),
-            // The parser lets nothing else through.
-            _ => bail!("expected FILE and DATA, found neither"),
-        }
-    }
-
-    fn measure(&self, file: &Path, data: &Path, global: &Global) -> anyhow::Result<ExitCode> {
         let start = Instant::now();
         self.check(global)?;
-        let output = if self.write { Some(file) } else { self.output.as_deref() };
-        self.claims(file, data, output)?;
+        let output = if self.write { Some(self.file.as_path()) } else { self.output.as_deref() };
+        self.claims(output)?;
         let beside =
             self.beside.iter().map(|table| front_of(table, self.clock)).collect::<Result<Vec<_>, _>>()?;
-        let bytes = read_file(file)?;
-        let blob = open_blob(file, &bytes)?;
+        let bytes = read_file(&self.file)?;
+        let blob = open_blob(&self.file, &bytes)?;
         let mut lab = Variants::new(&bytes)?;
         if let Some(source) = &self.source {
             lab.set_source(unrounded(source, &blob)?);
         }
-        let dataset = self.data_options.read_for(data, (&blob, file), global)?;
+        let dataset = self.data_options.read_for(&self.data, (&blob, &self.file), global)?;
         let views: Vec<&View> = spread(self.split.of(&dataset), self.views);
         if views.is_empty() {
-            bail!("{}: the split `{}` has no views", data.display(), self.split.name());
+            bail!("{}: the split `{}` has no views", self.data.display(), self.split.name());
         }
         self.add_variants(&mut lab, global)?;
         let study = self.measured(&lab, views, start, global)?;
         let findings = Findings::of(&study);
         let setting = Setting {
-            blob: file.display().to_string(),
+            blob: self.file.display().to_string(),
             data: &dataset.name,
             split: self.split.name(),
             background: background_name(study.background),
@@ -139,7 +116,7 @@ impl Study {
         }
         let mut summary = findings.summary(&setting);
         summary.blob = output.map(|output| output.display().to_string());
-        global.finish(&summary, || self.print(&findings, output))?;
+        global.finish(&summary)?;
         Ok(ExitCode::SUCCESS)
     }
 
@@ -162,9 +139,9 @@ impl Study {
     }
 
     /// What it reads and writes.
-    fn claims(&self, file: &Path, data: &Path, output: Option<&Path>) -> anyhow::Result<()> {
+    fn claims(&self, output: Option<&Path>) -> anyhow::Result<()> {
         let mut claims = Claims::new()
-            .reads_data(data)
+            .reads_data(&self.data)
             .reads_if("the checkpoint", self.source.as_deref())
             .writes_folder_if("--report", self.report.as_deref(), &places::STUDY);
         if let Some(output) = output {
@@ -173,7 +150,7 @@ impl Study {
         // With --write the blob is meant to be replaced.
         if !self.write {
             output.map_or(Ok(()), |output| places::check_extension("-o", output, places::BLOB))?;
-            claims = claims.reads("the blob", file);
+            claims = claims.reads("the blob", &self.file);
         }
         for table in &self.beside {
             claims = claims.reads("the table", table);
@@ -223,20 +200,5 @@ impl Study {
             tell(&format!("note: {rounds} rounds of timing left out: --minutes {minutes}"));
         }
         Ok(study)
-    }
-
-    fn print(&self, findings: &Findings<'_, '_, '_>, output: Option<&Path>) -> anyhow::Result<()> {
-        outlines!(findings.short_table(&findings.front).to_text());
-        if let Some((span, point)) = findings.span(|_| true) {
-            let label = &findings.study.points[point].label;
-            outln!("within {SPAN_LOSS_DB} dB of exact, {span:.1} times faster: {label}");
-        }
-        if let Some(folder) = &self.report {
-            outln!("report: {}", folder.join("report.md").display());
-        }
-        if let Some(output) = output {
-            outln!("wrote {} with a front of {} points", output.display(), findings.blob_front.len());
-        }
-        Ok(())
     }
 }

@@ -1,6 +1,6 @@
 //! From named tensors to a model and its parameters.
 
-use super::error::{Fault, ImportError};
+use super::error::ImportError;
 use super::order::Identity;
 use super::settings::{RawDensity, Settings};
 use super::tensors::{Tensor, Tensors};
@@ -14,8 +14,8 @@ use std::iter::once;
 
 /// A network in this project's shape and order, before its feature layer is folded.
 #[derive(Clone, Debug)]
+#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Imported {
-    /// Its shape.
     pub model: Model,
     /// Its parameters in the model's own order.
     pub parameters: Vec<f32>,
@@ -33,12 +33,11 @@ impl Imported {
 /// Puts the tensors together.
 ///
 /// # Errors
-/// [`ImportError::Checkpoint`] names the tensor, and what was expected and found.
+/// [`ImportError::Refused`] names the tensor, and what was expected and found.
 pub fn network(tensors: &Tensors, settings: &Settings) -> Result<Imported, ImportError> {
-    let fail = |fault| ImportError::Checkpoint { file: tensors.file.clone(), fault };
     let left = tensors.tensors.keys().map(String::as_str).collect();
     let mut reader = Reader { tensors, settings, left, parameters: Vec::new() };
-    let (architecture, feature, unused) = reader.architecture().map_err(fail)?;
+    let (architecture, feature, unused) = reader.architecture()?;
     let model = Model { feature, ..Model::plain(architecture) };
     Ok(Imported { model, parameters: reader.parameters, unused })
 }
@@ -63,7 +62,7 @@ struct Linear<'t> {
 
 impl<'t> Reader<'t> {
     /// The whole network; its feature layer, if it has one; names of what it does not use.
-    fn architecture(&mut self) -> Result<(Architecture, bool, Vec<String>), Fault> {
+    fn architecture(&mut self) -> Result<(Architecture, bool, Vec<String>), ImportError> {
         let (position, trunk) = self.trunk()?;
         let width = trunk.last().map_or(0, |layer| usize::from(layer.width));
         let has = |layer| self.tensors.tensors.contains_key(layer);
@@ -76,8 +75,8 @@ impl<'t> Reader<'t> {
             self.left.remove(name);
         });
         if let Some(&tensor) = self.left.first() {
-            let found = self.tensors.tensors[tensor].shape.clone();
-            return Err(Fault::Unexpected { tensor: tensor.into(), found });
+            let found = format!("one of shape {:?}", self.tensors.tensors[tensor].shape);
+            return Err(self.tensors.refused(tensor, "no such tensor", found));
         }
         let density = Some(match self.settings.density {
             RawDensity::Relu => DensityActivation::Relu,
@@ -86,11 +85,12 @@ impl<'t> Reader<'t> {
         let (position, direction) = (position.into(), direction.map(Into::into));
         let architecture =
             Architecture { position, direction, trunk, density, colour, shading: Shading::PerSample };
-        architecture.check().map_err(Fault::Architecture)?;
+        let file = &self.tensors.file;
+        architecture.check().map_err(|error| ImportError::Architecture { file: file.clone(), error })?;
         Ok((architecture, directed, unused.into_iter().map(str::to_owned).collect()))
     }
 
-    fn trunk(&mut self) -> Result<(SinusoidalEncoding, heapless::Vec<TrunkLayer, MAX_TRUNK>), Fault> {
+    fn trunk(&mut self) -> Result<(SinusoidalEncoding, heapless::Vec<TrunkLayer, MAX_TRUNK>), ImportError> {
         let depth = self.count("pts_linears", MAX_TRUNK)?;
         let mut trunk = heapless::Vec::new();
         let first = self.linear("pts_linears.0", "[width, encoded position]", |_, _| true)?;
@@ -123,7 +123,7 @@ impl<'t> Reader<'t> {
     fn colour_branch(
         &mut self,
         width: usize,
-    ) -> Result<(Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>), Fault> {
+    ) -> Result<(Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>), ImportError> {
         let straight: Vec<usize> = (0..MAX_WIDTH).collect();
         let density = self.exactly("alpha_linear", &[1], width)?;
         self.put_density(density, 0, &straight[..width]);
@@ -164,7 +164,7 @@ impl<'t> Reader<'t> {
     fn output(
         &mut self,
         width: usize,
-    ) -> Result<(Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>), Fault> {
+    ) -> Result<(Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>), ImportError> {
         let straight: Vec<usize> = (0..width).collect();
         let output = self.exactly("output_linear", &[4, 5], width)?;
         self.put_density(output, 3, &straight);
@@ -173,17 +173,20 @@ impl<'t> Reader<'t> {
     }
 
     /// Number of layers `layers.0`, `layers.1`, …: one more than the largest index.
-    fn count(&self, layers: &'static str, most: usize) -> Result<usize, Fault> {
+    fn count(&self, layers: &'static str, most: usize) -> Result<usize, ImportError> {
         let index = |name: &String| -> Option<usize> {
             name.strip_prefix(layers)?.strip_prefix('.')?.split('.').next()?.parse().ok()
         };
         let found =
             self.tensors.tensors.keys().filter_map(index).max().map_or(0, |last| last.saturating_add(1));
-        if found > most { Err(Fault::Depth { layers, most, found }) } else { Ok(found) }
+        match found > most {
+            true => Err(self.tensors.refused(layers, format!("at most {most} layers"), found.to_string())),
+            false => Ok(found),
+        }
     }
 
     /// The layer of weight `[one of outputs][inputs]`.
-    fn exactly(&mut self, layer: &str, outputs: &[usize], inputs: usize) -> Result<Linear<'t>, Fault> {
+    fn exactly(&mut self, layer: &str, outputs: &[usize], inputs: usize) -> Result<Linear<'t>, ImportError> {
         let rows = outputs.iter().map(usize::to_string).collect::<Vec<_>>().join(" or ");
         let expected = format!("[{rows}, {inputs}]");
         self.linear(layer, &expected, |rows, found| outputs.contains(&rows) && found == inputs)
@@ -195,12 +198,11 @@ impl<'t> Reader<'t> {
         layer: &str,
         expected: &str,
         fits: impl Fn(usize, usize) -> bool,
-    ) -> Result<Linear<'t>, Fault> {
+    ) -> Result<Linear<'t>, ImportError> {
         let (name, weight) = self.tensor(layer, "weight", expected)?;
-        let shape = |tensor, expected: &str, found: &[usize]| Fault::Shape {
-            tensor,
-            expected: expected.into(),
-            found: found.into(),
+        let tensors = self.tensors;
+        let shape = |tensor: String, expected: &str, found: &[usize]| {
+            tensors.refused(&tensor, format!("shape {expected}"), format!("{found:?}"))
         };
         let (outputs, inputs) = match weight.shape[..] {
             [outputs, inputs] if fits(outputs, inputs) => (outputs, inputs),
@@ -217,12 +219,17 @@ impl<'t> Reader<'t> {
         Ok(Linear { weight: &weight.values, bias: &bias.values, inputs, outputs })
     }
 
-    fn tensor(&mut self, layer: &str, part: &str, expected: &str) -> Result<(String, &'t Tensor), Fault> {
+    fn tensor(
+        &mut self,
+        layer: &str,
+        part: &str,
+        expected: &str,
+    ) -> Result<(String, &'t Tensor), ImportError> {
         let tensor = format!("{layer}.{part}");
         self.left.remove(tensor.as_str());
         match self.tensors.tensors.get(&tensor) {
             Some(found) => Ok((tensor, found)),
-            None => Err(Fault::Missing { tensor, expected: expected.into() }),
+            None => Err(self.tensors.refused(&tensor, format!("shape {expected}"), "no such tensor")),
         }
     }
 
@@ -232,12 +239,15 @@ impl<'t> Reader<'t> {
         field: &'static str,
         tensor: &str,
         found: usize,
-    ) -> Result<(SinusoidalEncoding, Vec<usize>), Fault> {
+    ) -> Result<(SinusoidalEncoding, Vec<usize>), ImportError> {
         let settings = self.settings;
-        let fail = |expected| Err(Fault::Encoded { tensor: tensor.into(), field, expected, found });
+        let fail = |expected: String| {
+            let expected = format!("{expected} columns of encoded {field}");
+            Err(self.tensors.refused(tensor, expected, found.to_string()))
+        };
         // Three inputs: a level adds six values, the inputs themselves three.
-        let rest = found % 6;
-        let identity = match (rest, settings.identity) {
+        let own = found % 6;
+        let identity = match (own, settings.identity) {
             (3, None) => Identity::First,
             (3, Some(given @ (Identity::First | Identity::Last))) => given,
             (0, None | Some(Identity::None)) => Identity::None,
@@ -249,17 +259,15 @@ impl<'t> Reader<'t> {
             "position" => settings.position_levels,
             _ => settings.direction_levels,
         };
-        let own = if rest == 3 { 3 } else { 0 };
-        if let Some(levels) = levels
-            && own + 6 * usize::from(levels) != found
+        if let Some((levels, columns)) = levels.map(|levels| (levels, own + 6 * usize::from(levels)))
+            && columns != found
         {
-            let expected = format!("{} ({levels} levels)", own + 6 * usize::from(levels));
-            return fail(expected);
+            return fail(format!("{columns} ({levels} levels)"));
         }
         let encoding = SinusoidalEncoding {
             inputs: 3,
             levels: u8::try_from((found - own) / 6).unwrap_or(u8::MAX),
-            scale: settings.angle.scale(),
+            scale: settings.angle_scale.scale(),
             identity: own > 0,
         };
         Ok((encoding, settings.order.columns(&encoding, identity)))

@@ -1,0 +1,111 @@
+//! `nerf-train config`
+
+use super::common::{Global, print};
+use crate::model::config::Preset;
+use anyhow::Context;
+use clap::Args;
+use std::fmt::Write as _;
+use std::process::ExitCode;
+
+/// Print a preset as a commented TOML file for --config.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: nerf-train config --preset small > run.toml")]
+pub struct PrintConfig {
+    /// Preset to print.
+    #[arg(long, value_enum, default_value = "grid")]
+    preset: Preset,
+}
+
+/// The sources that declare the settings, whose comments say what they are.
+const SOURCES: &str = concat!(
+    include_str!("../model/config/mod.rs"),
+    include_str!("../model/config/table.rs"),
+    include_str!("../model/config/optimiser.rs")
+);
+
+/// The tables of the file, outermost first, and the types that declare them.
+const TABLES: [(&str, &str); 7] = [
+    ("", "Config"),
+    ("network", "NetworkConfig"),
+    ("network.grid", "TableConfig"),
+    ("sampling", "SamplingConfig"),
+    ("occupancy", "OccupancyConfig"),
+    ("capture", "CaptureConfig"),
+    ("optimiser", "OptimiserConfig"),
+];
+
+impl PrintConfig {
+    /// Runs the command.
+    pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        let config = self.preset.config();
+        let settings = toml::Table::try_from(&config)?;
+        global.finish_with(&config, || print(commented(&settings)?.trim_end()))?;
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+/// The settings as TOML, each behind its comment; one that is not set is a comment itself.
+fn commented(settings: &toml::Table) -> anyhow::Result<String> {
+    let mut text = String::new();
+    for (path, name) in TABLES {
+        let find = |table: Option<toml::Table>, key: &str| table?.get(key)?.as_table().cloned();
+        let keys = path.split('.').filter(|key| !key.is_empty());
+        let Some(table) = keys.fold(Some(settings.clone()), find) else { continue };
+        if !path.is_empty() {
+            writeln!(text, "\n[{path}]")?;
+        }
+        for (comments, key) in fields(name).with_context(|| name.to_owned())? {
+            let own = if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
+            if TABLES.iter().any(|(path, _)| *path == own) {
+                continue;
+            }
+            comments.iter().try_for_each(|comment| writeln!(text, "# {comment}"))?;
+            match table.get(key) {
+                Some(value) => writeln!(text, "{key} = {value}")?,
+                None => writeln!(text, "# {key} is not set")?,
+            }
+        }
+    }
+    Ok(text)
+}
+
+/// The fields of a type in the sources, each with the lines of its comment.
+fn fields(name: &str) -> Option<Vec<(Vec<&'static str>, &'static str)>> {
+    let (_, body) = SOURCES.split_once(&format!("pub struct {name} {{\n"))?;
+    let (body, _) = body.split_once("\n}")?;
+    let (mut fields, mut comments) = (Vec::new(), Vec::new());
+    for line in body.lines().map(str::trim) {
+        if let Some(comment) = line.strip_prefix("/// ") {
+            comments.push(comment);
+        } else if let Some((key, _)) = line.strip_prefix("pub ").and_then(|line| line.split_once(':')) {
+            fields.push((std::mem::take(&mut comments), key));
+        }
+    }
+    Some(fields)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::read_config;
+    use crate::model::config::Surroundings;
+    use clap::ValueEnum;
+
+    #[test]
+    fn what_is_printed_is_the_preset_with_a_comment_on_every_setting() {
+        let folder = tempfile::tempdir().expect("a folder");
+        for &preset in Preset::value_variants() {
+            let settings = toml::Table::try_from(preset.config()).expect("TOML");
+            let text = commented(&settings).expect("text");
+            let file = folder.path().join("run.toml");
+            std::fs::write(&file, &text).expect("written");
+            let read = read_config(Preset::Grid, Some(&file), Surroundings::Known).expect("settings");
+            assert_eq!(read, preset.config());
+            assert!(text.contains("# near is not set\n"), "{text}");
+            let lines: Vec<&str> = text.lines().collect();
+            for pair in lines.windows(2).filter(|pair| pair[1].contains(" = ")) {
+                assert!(pair[0].starts_with("# ") && !pair[0].ends_with("is not set"), "{}", pair[1]);
+            }
+        }
+    }
+}

@@ -1,0 +1,145 @@
+//! A result for people: its fields as aligned lines, by the names that they have in the JSON.
+
+use crate::data::pictures::rgb::ReportError;
+use crate::show::table::Table;
+use crate::system::printable;
+use ciborium::Value;
+use serde::Serialize;
+
+/// Significant digits of a number.
+const DIGITS: i32 = 5;
+
+/// The fields of a result, one a line, then its lists of objects as tables. What is null or empty is left out.
+///
+/// # Errors
+/// [`ReportError::Encode`], which no plain data is known to cause.
+pub fn lines(result: &impl Serialize) -> Result<String, ReportError> {
+    let value = Value::serialized(result).map_err(ReportError::encode("summary"))?;
+    let (mut fields, mut tables) = (Vec::new(), String::new());
+    collect("", &value, &mut fields, &mut tables);
+    let width = fields.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
+    let fields = fields.into_iter().map(|(name, text)| format!("{name:width$}  {text}\n"));
+    Ok(fields.collect::<String>() + &tables)
+}
+
+fn collect(name: &str, value: &Value, fields: &mut Vec<(String, String)>, tables: &mut String) {
+    match value {
+        Value::Map(entries) => {
+            for (key, value) in entries {
+                let key = key.as_text().unwrap_or_default();
+                let path = if name.is_empty() { key.to_owned() } else { format!("{name}.{key}") };
+                collect(&path, value, fields, tables);
+            }
+        }
+        Value::Array(rows) if rows.first().is_some_and(Value::is_map) => {
+            tables.push_str(&format!("\n{name}\n{}", table(rows).to_text()));
+        }
+        value => {
+            let text = text(value);
+            if !text.is_empty() {
+                // It may be a name out of a file.
+                fields.push((name.to_owned(), printable::line(&text).into_owned()));
+            }
+        }
+    }
+}
+
+/// Objects, one a row; a column is a field that any of them has.
+fn table(rows: &[Value]) -> Table {
+    let entries = |row: &Value| row.as_map().cloned().unwrap_or_default();
+    let mut columns: Vec<Value> = Vec::new();
+    for (key, _) in rows.iter().flat_map(entries) {
+        if !columns.contains(&key) {
+            columns.push(key);
+        }
+    }
+    let mut table = Table::new(columns.iter().map(text));
+    for row in rows {
+        let entries = entries(row);
+        let cell =
+            |column| entries.iter().find(|(key, _)| key == column).map_or_else(String::new, |(_, v)| text(v));
+        table.push(columns.iter().map(cell));
+    }
+    table
+}
+
+fn text(value: &Value) -> String {
+    match value {
+        Value::Bool(flag) => if *flag { "yes" } else { "no" }.to_owned(),
+        Value::Integer(number) => i128::from(*number).to_string(),
+        Value::Float(number) => number_text(*number),
+        Value::Text(text) => text.clone(),
+        Value::Array(values) => values.iter().map(text).collect::<Vec<_>>().join(", "),
+        _ => String::new(),
+    }
+}
+
+/// A number with [`DIGITS`] significant digits, without zeros at its end.
+fn number_text(number: f64) -> String {
+    let magnitude = number.abs().log10().floor();
+    if !(-7.0..15.0).contains(&magnitude) {
+        // 0 and what is not finite among it.
+        return format!("{number}");
+    }
+    let decimals = (DIGITS - 1 - magnitude as i32).max(0) as usize;
+    let text = format!("{number:.decimals$}");
+    match decimals {
+        0 => text,
+        _ => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn fields_are_aligned_and_lists_of_objects_are_tables() {
+        #[derive(Serialize)]
+        struct Found {
+            psnr_db: f64,
+            steps: u32,
+            flat: bool,
+            gain_db: Option<f64>,
+            left_out: Vec<String>,
+            size: [u32; 2],
+            name: &'static str,
+            at: serde_json::Value,
+            views: Vec<serde_json::Value>,
+        }
+        let found = Found {
+            psnr_db: 27.512_345,
+            steps: 3,
+            flat: false,
+            gain_db: None,
+            left_out: Vec::new(),
+            size: [4, 3],
+            name: "a\nb",
+            at: json!({ "near": 0.25 }),
+            views: vec![json!({ "view": "a", "ssim": 1.0 }), json!({ "view": "b" })],
+        };
+        let expected = "psnr_db  27.512\nsteps    3\nflat     no\nsize     4, 3\nname     a\\nb\nat.near  0.25\n\nviews\n";
+        let text = lines(&found).expect("text");
+        assert!(text.starts_with(expected), "{text}");
+        let table = &text[expected.len()..];
+        assert_eq!(table.lines().count(), 4, "{table}");
+        assert!(table.starts_with("ssim  view\n") || table.starts_with("view  ssim\n"), "{table}");
+    }
+
+    #[test]
+    fn numbers_have_five_digits_and_no_zeros_behind() {
+        for (number, text) in [
+            (0.0, "0"),
+            (1.0, "1"),
+            (-0.000_123_456, "-0.00012346"),
+            (123_456.7, "123457"),
+            (1e-9, "0.000000001"),
+            (0.1f32.into(), "0.1"),
+            (f64::INFINITY, "inf"),
+            (f64::NAN, "NaN"),
+        ] {
+            assert_eq!(number_text(number), text);
+        }
+    }
+}

@@ -1,0 +1,194 @@
+//! What a checkpoint cannot say of itself.
+
+use super::error::ImportError;
+use super::order::{Identity, Order};
+use crate::data::pictures::colour;
+use crate::system::input::parse_numbers;
+use nerf_core::blob::{MAX_OCCUPANCY_RESOLUTION, MAX_SAMPLES, SceneFacts, SceneSampling};
+use nerf_core::camera::SceneBox;
+use nerf_core::encoding::AngleScale;
+
+/// The factor `s` in `sin(2^k s x)`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum AngleFactor {
+    /// 1: the original code, nerf-pytorch.
+    #[value(name = "1")]
+    One,
+    /// π: the paper's formula.
+    Pi,
+}
+
+impl AngleFactor {
+    /// As an encoding has it.
+    pub fn scale(self) -> AngleScale {
+        match self {
+            Self::One => AngleScale::One,
+            Self::Pi => AngleScale::Pi,
+        }
+    }
+}
+
+/// From the density head's output to sigma.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum RawDensity {
+    /// max(0, raw): the original code, nerf-pytorch.
+    Relu,
+    /// ln(1 + exp(raw)).
+    Softplus,
+    /// ln(1 + exp(raw − 1)): mip-NeRF.
+    ShiftedSoftplus,
+}
+
+/// What a checkpoint cannot say of itself.
+///
+/// The default is what nerf-pytorch does for the synthetic scenes, on black.
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+#[command(next_help_heading = "What the file cannot say [defaults: as nerf-pytorch]")]
+pub struct Settings {
+    /// Factor s of the encoding sin(2^k s x).
+    #[arg(long, value_enum, value_name = "S", default_value = "1")]
+    pub angle_scale: AngleFactor,
+    /// Order of the sines and cosines.
+    #[arg(long, value_enum, default_value = "level")]
+    pub order: Order,
+    /// Where the inputs themselves stand among them [default: first, if the widths say that they are there].
+    #[arg(long, value_enum)]
+    pub identity: Option<Identity>,
+    /// Levels of the position encoding, checked against the file.
+    #[arg(long, value_name = "L")]
+    pub position_levels: Option<u8>,
+    /// Levels of the direction encoding, checked against the file.
+    #[arg(long, value_name = "L")]
+    pub direction_levels: Option<u8>,
+    /// Density activation.
+    #[arg(long, value_enum, default_value = "relu")]
+    pub density: RawDensity,
+    /// Background: black, white, red, #RRGGBB or R,G,B (0 to 255).
+    #[arg(long, value_name = "COLOUR", value_parser = colour::parse, default_value = "black")]
+    pub background: [f32; 3],
+    /// Near plane, world units along the ray.
+    #[arg(long, value_name = "T", default_value_t = 2.0)]
+    pub near: f32,
+    /// Far plane, world units along the ray.
+    #[arg(long, value_name = "T", default_value_t = 6.0)]
+    pub far: f32,
+    /// Scene box, world units; outside of it density is 0.
+    #[arg(
+        long = "box",
+        value_name = "X0,Y0,Z0,X1,Y1,Z1",
+        value_parser = parse_numbers::<6, f32>,
+        default_value = "-1.5,-1.5,-1.5,1.5,1.5,1.5",
+        allow_hyphen_values = true
+    )]
+    pub scene_box: [f32; 6],
+    /// Samples a ray [default: 192; with --coarse 128, which are drawn from it].
+    #[arg(long, value_name = "N")]
+    pub samples: Option<u16>,
+    /// Samples a ray of the coarse network.
+    #[arg(long, value_name = "N", requires = "coarse", default_value_t = 64)]
+    pub coarse_samples: u16,
+    /// Occupancy cells along the longest side of the box, where a grid is built.
+    #[arg(long, value_name = "N", default_value_t = 128)]
+    pub occupancy_resolution: u16,
+    /// A built cell is occupied where density times bin width exceeds this.
+    #[arg(long, value_name = "X", default_value_t = 0.01)]
+    pub occupancy_threshold: f32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            angle_scale: AngleFactor::One,
+            order: Order::Level,
+            identity: None,
+            position_levels: None,
+            direction_levels: None,
+            density: RawDensity::Relu,
+            background: [0.0; 3],
+            near: 2.0,
+            far: 6.0,
+            scene_box: [-1.5, -1.5, -1.5, 1.5, 1.5, 1.5],
+            samples: None,
+            coarse_samples: 64,
+            occupancy_resolution: 128,
+            occupancy_threshold: 0.01,
+        }
+    }
+}
+
+impl Settings {
+    /// Checks every setting; the blob's own rules are checked again when it is written.
+    ///
+    /// # Errors
+    /// [`ImportError::Refused`] names the flag.
+    pub fn check(&self) -> Result<(), ImportError> {
+        let Self { near, far, background, occupancy_threshold: threshold, .. } = *self;
+        let within = |most: u16| (move |n: u16| (1..=most).contains(&n), format!("1 to {most}"));
+        let (is_count, count) = within(MAX_SAMPLES);
+        let (is_side, side) = within(MAX_OCCUPANCY_RESOLUTION);
+        let samples = self.samples.unwrap_or(1);
+        let rules = [
+            (
+                "near, far",
+                near >= 0.0 && near < far && far.is_finite(),
+                "0 <= near < far, both finite",
+                format!("near {near}, far {far}"),
+            ),
+            (
+                "box",
+                SceneBox::new(self.min().into(), self.max().into()).is_ok(),
+                "finite corners, the smaller first, on every axis",
+                format!("{:?}", self.scene_box),
+            ),
+            ("samples", is_count(samples), &count, samples.to_string()),
+            ("coarse_samples", is_count(self.coarse_samples), &count, self.coarse_samples.to_string()),
+            (
+                "background",
+                background.iter().all(|channel| (0.0..=1.0).contains(channel)),
+                "channels in [0, 1]",
+                format!("{background:?}"),
+            ),
+            (
+                "occupancy_resolution",
+                is_side(self.occupancy_resolution),
+                &side,
+                self.occupancy_resolution.to_string(),
+            ),
+            (
+                "occupancy_threshold",
+                threshold.is_finite() && threshold >= 0.0,
+                "a finite number of at least 0",
+                threshold.to_string(),
+            ),
+        ];
+        match rules.into_iter().find(|(_, holds, ..)| !holds) {
+            Some((field, _, expected, found)) => Err(ImportError::refused(field, expected, found)),
+            None => Ok(()),
+        }
+    }
+
+    /// Smallest corner of the scene box.
+    pub fn min(&self) -> [f32; 3] {
+        let [x, y, z, ..] = self.scene_box;
+        [x, y, z]
+    }
+
+    /// Largest corner of the scene box.
+    pub fn max(&self) -> [f32; 3] {
+        let [.., x, y, z] = self.scene_box;
+        [x, y, z]
+    }
+
+    /// Samples a ray of the network, beside a coarse one those drawn from it.
+    pub fn samples(&self, has_coarse: bool) -> u16 {
+        self.samples.unwrap_or(if has_coarse { 128 } else { 192 })
+    }
+
+    /// What the blob says of the scene.
+    pub fn facts(&self, has_coarse: bool, occupancy_required: bool) -> SceneFacts {
+        let Self { near, far, background, .. } = *self;
+        let sampling = SceneSampling::Bins(self.samples(has_coarse));
+        let (min, max) = (self.min(), self.max());
+        SceneFacts { min, max, near, far, sampling, background, occupancy_required, viewpoint: None }
+    }
+}
