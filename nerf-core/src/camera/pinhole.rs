@@ -61,10 +61,8 @@ mod tests {
             let camera = Camera::new(intrinsics, Lens::NONE, pose).unwrap();
             for isa in Isa::ALL.into_iter().filter(|isa| isa.available()) {
                 for count in [1, 7, 8, 16] {
-                    let mut points = [[0.0; MAX_LANES]; 2];
-                    for i in 0..count {
-                        (points[0][i], points[1][i]) = (i as f32 + 0.5, (seed % 16) as f32 + 0.5);
-                    }
+                    let across = core::array::from_fn(|i| i as f32 + 0.5);
+                    let points: [[f32; MAX_LANES]; 2] = [across, [(seed % 16) as f32 + 0.5; MAX_LANES]];
                     let mut rays = [Ray { origin: Vec3::ZERO, dir: Vec3::X }; MAX_LANES];
                     let to = &mut rays[..count];
                     isa.run(PinholeRays { camera: &camera, points: &points, to });
