@@ -1517,8 +1517,8 @@ nerf_status nerf_scene_describe(const struct nerf_scene *scene,
  *
  * `camera`: `struct_size` set by the caller; its `c2w` is written, on success only, the rest stays. `eye`,
  * `target`, `up`: three floats each, world units; `up` of any length. Where `eye` is `target`, or `up` points along
- * the view, there is no such camera: `NERF_STATUS_CAMERA`. `message`: NULL, or `message_capacity` bytes for a
- * sentence about what was expected and found; empty on success.
+ * the view, there is no such camera: `NERF_STATUS_CAMERA`. `message`: as in
+ * `nerf_scene_memory`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here.
@@ -1556,8 +1556,7 @@ nerf_status nerf_camera_ray(const struct nerf_camera *camera,
  *
  * It depends on the scene's network, the outputs, the batch and the number of instances, not on the size of pictures.
  *
- * `size` and `align` are written on success only. `message`: NULL, or `message_capacity` bytes for a sentence about what
- * was expected and found; empty on success.
+ * `size` and `align` are written on success only. `message`: as in `nerf_scene_memory`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; scenes are intact.
@@ -1592,8 +1591,7 @@ nerf_status nerf_worker_open(const struct nerf_request *request,
  * The pixels do not depend on the rectangle, the batch, what the worker did before or on who else renders, bit for bit
  * within one kernel. `frame->target` may carry limits: what a depth buffer holds.
  *
- * `counters`: NULL, or written on success, with `struct_size` set by the caller. `message`: NULL, or `message_capacity`
- * bytes for a sentence about what was expected and found; empty on success.
+ * `counters`: NULL, or written on success, with `struct_size` set by the caller. `message`: as in `nerf_scene_memory`.
  *
  * Everything is checked before the first pixel is written. Pixels are written in whole tiles: after
  * `NERF_STATUS_CANCELLED` or `NERF_STATUS_PANIC` each tile is finished or untouched.
@@ -1702,8 +1700,8 @@ nerf_status nerf_pace_workspace_size(const struct nerf_pace_request *request,
  * frame would take more than the limit; dearer ones stay at infinity. Measure on an idle host.
  *
  * `workspace`: of the size and alignment that `nerf_pace_workspace_size` says, apart from scene and blob. `pace`:
- * `struct_size` set by the caller; written on success. A scene without a front is `NERF_STATUS_NO_FRONT`. `message`: NULL,
- * or `message_capacity` bytes for a sentence about what was expected and found; empty on success.
+ * `struct_size` set by the caller; written on success. A scene without a front is `NERF_STATUS_NO_FRONT`. `message`: as in
+ * `nerf_scene_memory`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; the scene is intact.
@@ -1722,8 +1720,7 @@ nerf_status nerf_pace_measure(const struct nerf_pace_request *request,
  * replaced, the rest stays. `choice`: NULL, or written. Where every point of the scene's front loses more, the
  * one that loses least is set, and `choice->within` is 0. A scene without a front, or with none that this build
  * can render, is `NERF_STATUS_NO_FRONT`, and nothing is written. A point may cut transmittance above one half,
- * which a frame with a median distance refuses. `message`: NULL, or `message_capacity` bytes for a sentence
- * about what was expected and found; empty on success.
+ * which a frame with a median distance refuses. `message`: as in `nerf_scene_memory`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `scene` is intact.
@@ -1810,8 +1807,8 @@ nerf_status nerf_quality_preset(const struct nerf_scene *scene,
  *
  * `counters`: NULL, or what a call of this worker wrote; of several instances it is not looked at. `text`: NULL, or
  * `capacity` bytes, which get the text, cut where it does not fit, always with a NUL. `needed`: NULL, or the bytes of the
- * whole text with its NUL. Text and `needed` are written on success only; a text that was cut is a success. `message`: NULL,
- * or `message_capacity` bytes for a sentence about what was expected and found; empty on success.
+ * whole text with its NUL. Text and `needed` are written on success only; a text that was cut is a success. `message`: as in
+ * `nerf_scene_memory`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `worker` and its scenes are intact.

@@ -1,10 +1,6 @@
 #![no_std]
 // The room `host` is not there.
 #![cfg_attr(target_os = "none", allow(rustdoc::broken_intra_doc_links))]
-#![cfg_attr(
-    not(feature = "train"),
-    allow(dead_code, unused_imports, reason = "parts that only trainers use")
-)]
 //! Radiance fields in fixed memory: open one small file, render any view of it, allocate nothing.
 //!
 //! Programs with an operating system open a `Scene` (feature `std`, module `host`), which owns its bytes and renders on all

@@ -2,7 +2,7 @@
 
 use crate::failure::Failure;
 use crate::span::{Span, check_aligned};
-use crate::status::{Status, text_of};
+use crate::status::Status;
 use core::ffi::c_char;
 use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
@@ -114,8 +114,7 @@ pub(crate) trait Reason: fmt::Display {
         if cfg!(feature = "messages") {
             write!(to, "{self}")
         } else {
-            let text = text_of(self.status() as i32).and_then(|text| text.to_str().ok());
-            to.write_str(text.unwrap_or_default())
+            to.write_str(self.status().text().to_str().unwrap_or_default())
         }
     }
 }
@@ -214,21 +213,20 @@ pub(crate) unsafe fn read_or_zeros<T: Versioned>(at: *const T) -> Result<T, Fail
     unsafe { read_versioned(at) }
 }
 
-/// What a number names; `names`: those of a C enum.
+/// What a number names; `names`: by the numbers of a C enum, `None` where one names nothing here.
 pub(crate) fn named<T: Copy>(
-    names: &[(u32, T)],
+    names: &[Option<T>],
     name: &'static str,
     expected: &'static str,
     found: u32,
 ) -> Result<T, Failure> {
-    let known = names.iter().find(|(number, _)| *number == found);
-    known.map(|(_, value)| *value).ok_or(Failure::Setting { name, expected, found })
+    let known = names.get(found as usize).copied().flatten();
+    known.ok_or(Failure::Setting { name, expected, found })
 }
 
-/// The number of a value; the first one's for a value that has no name.
-pub(crate) fn number_of<T: PartialEq>(names: &[(u32, T)], value: T) -> u32 {
-    let known = names.iter().find(|(_, named)| *named == value).or(names.first());
-    known.map_or(0, |(number, _)| *number)
+/// The number of a value that has one.
+pub(crate) fn number_of<T: PartialEq>(names: &[Option<T>], value: T) -> u32 {
+    names.iter().position(|named| named.as_ref() == Some(&value)).unwrap_or_default() as u32
 }
 
 /// A checked place for a structure of results.

@@ -20,10 +20,8 @@ pub enum LensModel {
     Fisheye = 1,
 }
 
-const PROJECTIONS: [(u32, Projection); 2] = [
-    (LensModel::RadialTangential as u32, Projection::Perspective),
-    (LensModel::Fisheye as u32, Projection::Fisheye),
-];
+/// By the numbers of [`LensModel`].
+const PROJECTIONS: [Option<Projection>; 2] = [Some(Projection::Perspective), Some(Projection::Fisheye)];
 
 /// A pinhole camera with an optional lens; looks down −Z, +Y is up, +X right, as in OpenGL.
 ///
@@ -107,8 +105,8 @@ pub(crate) unsafe fn read_vec3(name: &'static str, at: *const f32) -> Result<Vec
 ///
 /// `camera`: `struct_size` set by the caller; its `c2w` is written, on success only, the rest stays. `eye`,
 /// `target`, `up`: three floats each, world units; `up` of any length. Where `eye` is `target`, or `up` points along
-/// the view, there is no such camera: `NERF_STATUS_CAMERA`. `message`: NULL, or `message_capacity` bytes for a
-/// sentence about what was expected and found; empty on success.
+/// the view, there is no such camera: `NERF_STATUS_CAMERA`. `message`: as in
+/// `nerf_scene_memory`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.

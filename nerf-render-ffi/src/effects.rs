@@ -17,11 +17,9 @@ pub enum ToneMap {
     Filmic = 2,
 }
 
-const TONE_MAPS: [(u32, plan::ToneMap); 3] = [
-    (ToneMap::None as u32, plan::ToneMap::None),
-    (ToneMap::Reinhard as u32, plan::ToneMap::Reinhard),
-    (ToneMap::Filmic as u32, plan::ToneMap::Filmic),
-];
+/// By the numbers of [`ToneMap`].
+const TONE_MAPS: [Option<plan::ToneMap>; 3] =
+    [Some(plan::ToneMap::None), Some(plan::ToneMap::Reinhard), Some(plan::ToneMap::Filmic)];
 
 /// What a frame does beyond one ray through each pixel's centre. All zeros is nothing, and costs nothing.
 ///

@@ -14,8 +14,8 @@ use nerf_core::render;
 ///
 /// `counters`: NULL, or what a call of this worker wrote; of several instances it is not looked at. `text`: NULL, or
 /// `capacity` bytes, which get the text, cut where it does not fit, always with a NUL. `needed`: NULL, or the bytes of the
-/// whole text with its NUL. Text and `needed` are written on success only; a text that was cut is a success. `message`: NULL,
-/// or `message_capacity` bytes for a sentence about what was expected and found; empty on success.
+/// whole text with its NUL. Text and `needed` are written on success only; a text that was cut is a success. `message`: as in
+/// `nerf_scene_memory`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.

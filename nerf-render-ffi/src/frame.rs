@@ -77,8 +77,7 @@ versioned!(unsafe Frame, "frame", by_width(32, 56));
 /// The pixels do not depend on the rectangle, the batch, what the worker did before or on who else renders, bit for bit
 /// within one kernel. `frame->target` may carry limits: what a depth buffer holds.
 ///
-/// `counters`: NULL, or written on success, with `struct_size` set by the caller. `message`: NULL, or `message_capacity`
-/// bytes for a sentence about what was expected and found; empty on success.
+/// `counters`: NULL, or written on success, with `struct_size` set by the caller. `message`: as in `nerf_scene_memory`.
 ///
 /// Everything is checked before the first pixel is written. Pixels are written in whole tiles: after
 /// `NERF_STATUS_CANCELLED` or `NERF_STATUS_PANIC` each tile is finished or untouched.

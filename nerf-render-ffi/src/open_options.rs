@@ -26,13 +26,9 @@ pub enum Kernel {
     Neon = 5,
 }
 
-const ISAS: [(u32, Isa); 5] = [
-    (Kernel::Portable as u32, Isa::Portable),
-    (Kernel::Avx2 as u32, Isa::Avx2),
-    (Kernel::Avx512 as u32, Isa::Avx512),
-    (Kernel::Simd128 as u32, Isa::Simd128),
-    (Kernel::Neon as u32, Isa::Neon),
-];
+/// By the numbers of [`Kernel`].
+const ISAS: [Option<Isa>; 6] =
+    [None, Some(Isa::Portable), Some(Isa::Avx2), Some(Isa::Avx512), Some(Isa::Simd128), Some(Isa::Neon)];
 
 /// How the weights of a scene lie in memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,11 +45,9 @@ pub enum Storage {
     Bf16 = 3,
 }
 
-const STORAGES: [(u32, nerf_core::Storage); 3] = [
-    (Storage::F16 as u32, nerf_core::Storage::F16),
-    (Storage::F32 as u32, nerf_core::Storage::F32),
-    (Storage::Bf16 as u32, nerf_core::Storage::Bf16),
-];
+/// By the numbers of [`Storage`].
+const STORAGES: [Option<nerf_core::Storage>; 4] =
+    [None, Some(nerf_core::Storage::F16), Some(nerf_core::Storage::F32), Some(nerf_core::Storage::Bf16)];
 
 /// The numbers of a kernel's instructions and storage.
 pub(crate) fn numbers_of(kernel: nerf_core::Kernel) -> (u32, u32) {

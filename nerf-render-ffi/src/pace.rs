@@ -88,8 +88,8 @@ pub unsafe extern "C" fn nerf_pace_workspace_size(
 /// frame would take more than the limit; dearer ones stay at infinity. Measure on an idle host.
 ///
 /// `workspace`: of the size and alignment that `nerf_pace_workspace_size` says, apart from scene and blob. `pace`:
-/// `struct_size` set by the caller; written on success. A scene without a front is `NERF_STATUS_NO_FRONT`. `message`: NULL,
-/// or `message_capacity` bytes for a sentence about what was expected and found; empty on success.
+/// `struct_size` set by the caller; written on success. A scene without a front is `NERF_STATUS_NO_FRONT`. `message`: as in
+/// `nerf_scene_memory`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; the scene is intact.

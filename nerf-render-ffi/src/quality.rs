@@ -86,8 +86,7 @@ fn without_time(choice: plan::Choice) -> (plan::Choice, f32) {
 /// replaced, the rest stays. `choice`: NULL, or written. Where every point of the scene's front loses more, the
 /// one that loses least is set, and `choice->within` is 0. A scene without a front, or with none that this build
 /// can render, is `NERF_STATUS_NO_FRONT`, and nothing is written. A point may cut transmittance above one half,
-/// which a frame with a median distance refuses. `message`: NULL, or `message_capacity` bytes for a sentence
-/// about what was expected and found; empty on success.
+/// which a frame with a median distance refuses. `message`: as in `nerf_scene_memory`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `scene` is intact.

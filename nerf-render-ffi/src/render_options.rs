@@ -33,13 +33,18 @@ pub enum Maths {
     Recurrence = 3,
 }
 
-const MATHS: &[(u32, MathBackend)] = &[
-    (Maths::Polynomial as u32, MathBackend::Polynomial),
+/// By the numbers of [`Maths`].
+const MATHS: [Option<MathBackend>; 4] = [
+    Some(MathBackend::Polynomial),
     #[cfg(feature = "libm")]
-    (Maths::Libm as u32, MathBackend::Libm),
+    Some(MathBackend::Libm),
+    #[cfg(not(feature = "libm"))]
+    None,
     #[cfg(feature = "micromath")]
-    (Maths::Micromath as u32, MathBackend::Micromath),
-    (Maths::Recurrence as u32, MathBackend::Recurrence),
+    Some(MathBackend::Micromath),
+    #[cfg(not(feature = "micromath"))]
+    None,
+    Some(MathBackend::Recurrence),
 ];
 
 /// The shortcuts of a frame.
@@ -105,7 +110,7 @@ impl RenderOptions {
             transmittance_cut: or_none(quality.transmittance_cut),
             colour_cut: or_none(quality.colour_cut),
             ignore_occupancy: (!quality.occupancy).into(),
-            maths: number_of(MATHS, quality.math),
+            maths: number_of(&MATHS, quality.math),
             ignore_proposal: (!quality.proposal).into(),
             ..self
         }
@@ -146,7 +151,7 @@ impl Settings {
                 transmittance_cut: or_default(o.transmittance_cut, NERF_TRANSMITTANCE_CUT_DEFAULT),
                 colour_cut: or_default(o.colour_cut, NERF_COLOUR_CUT_DEFAULT),
                 occupancy: !flag("options.ignore_occupancy", o.ignore_occupancy)?,
-                math: named(MATHS, "options.maths", "a nerf_maths of this build", o.maths)?,
+                math: named(&MATHS, "options.maths", "a nerf_maths of this build", o.maths)?,
                 proposal: !flag("options.ignore_proposal", o.ignore_proposal)?,
             },
             background: flag("options.background_set", o.background_set)?.then_some(o.background),

@@ -75,55 +75,61 @@ pub enum Status {
     BlobContent = 39,
 }
 
-impl Status {
-    /// Every status with what it means.
-    pub const ALL: [(Self, &'static CStr); 33] = {
-        use Status::*;
-        [
-            (Ok, c"done"),
-            (NullPointer, c"a pointer that must not be NULL is"),
-            (StructSize, c"struct_size is none this library knows"),
-            (Reserved, c"a reserved or unknown field is not zero"),
-            (Alignment, c"a pointer or stride is misaligned"),
-            (Memory, c"memory is smaller than the size query says"),
-            (Overlap, c"two pieces of memory overlap that must not"),
-            (Overflow, c"a size or a range of addresses overflows"),
-            (Options, c"a setting is outside its range"),
-            (Kernel, c"this machine lacks the instructions, or has none for that storage"),
-            (Camera, c"the camera makes no rays"),
-            (Rect, c"the rectangle is not inside the image"),
-            (Target, c"no plane is wanted, or a plane's format or stride is wrong"),
-            (NotAScene, c"the blob is a 2D field, not a scene: nerf_render_picture renders it"),
-            (OccupancyRequired, c"the scene's occupancy grid is part of its model and cannot be ignored"),
-            (Direction, c"a direction is not of unit length"),
-            (Cancelled, c"cancelled by the progress callback"),
-            (Panic, c"a defect of this library; the scene is unharmed"),
-            (NotAPicture, c"the blob is a scene, not a 2D field: nerf_render renders it"),
-            (NoFront, c"the scene has no front of accuracy against work"),
-            (File, c"the file cannot be read"),
-            (OutOfMemory, c"out of memory"),
-            (Ray, c"a ray has no unit direction, no finite origin, no range or no random number"),
-            (Transform, c"a transform is not a rotation, one scale and a translation"),
-            (Busy, c"another call works with the worker, or one of its calls has panicked"),
-            (BlobMagic, c"not a .nerf blob"),
-            (BlobTruncated, c"the blob ends early"),
-            (BlobTrailing, c"bytes follow the blob"),
-            (BlobVersion, c"the blob is of another version of the format"),
-            (BlobEndian, c"the blob has the other byte order"),
-            (BlobFlags, c"the blob has unknown flags or reserved bytes"),
-            (BlobChecksum, c"the blob is damaged: its checksum does not match"),
-            (BlobContent, c"the blob's content breaks a rule of the format"),
-        ]
+/// Declares what the statuses mean.
+macro_rules! texts {
+    ($($status:ident: $text:literal;)+) => {
+        impl Status {
+            /// Every status.
+            pub const ALL: &[Self] = &[$(Self::$status),+];
+
+            pub(crate) const fn text(self) -> &'static CStr {
+                match self {
+                    $(Self::$status => $text,)+
+                }
+            }
+        }
     };
 }
 
-/// What a number means as a status, if it is one.
-pub(crate) fn text_of(status: i32) -> Option<&'static CStr> {
-    Status::ALL.into_iter().find(|(known, _)| *known as i32 == status).map(|(_, text)| text)
+texts! {
+    Ok: c"done";
+    NullPointer: c"a pointer that must not be NULL is";
+    StructSize: c"struct_size is none this library knows";
+    Reserved: c"a reserved or unknown field is not zero";
+    Alignment: c"a pointer or stride is misaligned";
+    Memory: c"memory is smaller than the size query says";
+    Overlap: c"two pieces of memory overlap that must not";
+    Overflow: c"a size or a range of addresses overflows";
+    Options: c"a setting is outside its range";
+    Kernel: c"this machine lacks the instructions, or has none for that storage";
+    Camera: c"the camera makes no rays";
+    Rect: c"the rectangle is not inside the image";
+    Target: c"no plane is wanted, or a plane's format or stride is wrong";
+    NotAScene: c"the blob is a 2D field, not a scene: nerf_render_picture renders it";
+    OccupancyRequired: c"the scene's occupancy grid is part of its model and cannot be ignored";
+    Direction: c"a direction is not of unit length";
+    Cancelled: c"cancelled by the progress callback";
+    Panic: c"a defect of this library; the scene is unharmed";
+    NotAPicture: c"the blob is a scene, not a 2D field: nerf_render renders it";
+    NoFront: c"the scene has no front of accuracy against work";
+    File: c"the file cannot be read";
+    OutOfMemory: c"out of memory";
+    Ray: c"a ray has no unit direction, no finite origin, no range or no random number";
+    Transform: c"a transform is not a rotation, one scale and a translation";
+    Busy: c"another call works with the worker, or one of its calls has panicked";
+    BlobMagic: c"not a .nerf blob";
+    BlobTruncated: c"the blob ends early";
+    BlobTrailing: c"bytes follow the blob";
+    BlobVersion: c"the blob is of another version of the format";
+    BlobEndian: c"the blob has the other byte order";
+    BlobFlags: c"the blob has unknown flags or reserved bytes";
+    BlobChecksum: c"the blob is damaged: its checksum does not match";
+    BlobContent: c"the blob's content breaks a rule of the format";
 }
 
 /// What a status means, in English; static, never NULL, also for numbers that are no status.
 #[unsafe(no_mangle)]
 pub extern "C" fn nerf_status_text(status: i32) -> *const c_char {
-    text_of(status).unwrap_or(c"unknown status").as_ptr()
+    let known = Status::ALL.iter().find(|known| **known as i32 == status);
+    known.map_or(c"unknown status", |known| known.text()).as_ptr()
 }

@@ -91,8 +91,9 @@ impl Canvas {
     pub unsafe fn of_image(at: *const Target, rect: Rect, worker: &State) -> Result<Self, Failure> {
         let extent = (rect.width as usize, rect.height as usize);
         // SAFETY: the caller's promise.
-        let canvas = unsafe { Self::of_target(at, extent, None, worker)? };
-        Ok(Self { origin: [rect.x, rect.y], ..canvas })
+        let mut canvas = unsafe { Self::of_target(at, extent, None, worker)? };
+        canvas.origin = [rect.x, rect.y];
+        Ok(canvas)
     }
 
     /// An error where there is a plane that a picture has not.

@@ -320,8 +320,7 @@ impl Checked {
 ///
 /// It depends on the scene's network, the outputs, the batch and the number of instances, not on the size of pictures.
 ///
-/// `size` and `align` are written on success only. `message`: NULL, or `message_capacity` bytes for a sentence about what
-/// was expected and found; empty on success.
+/// `size` and `align` are written on success only. `message`: as in `nerf_scene_memory`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; scenes are intact.

@@ -33,6 +33,7 @@ impl Math for Micromath {
         V::splat(0.0).max_of(x).add(Self::exp(x.abs().neg()).map(|e| F32Ext::ln(1.0 + e)))
     }
     /// The crate's own is off by 0.14 on the sRGB curve.
+    #[cfg(any(feature = "tone-map", feature = "train"))]
     #[inline(always)]
     fn pow<V: Lanes>(x: V, p: f32) -> V {
         Polynomial::pow(x, p)

@@ -99,6 +99,7 @@ pub trait Math {
     /// `ln(1 + e^x)`.
     fn softplus<V: Lanes>(x: V) -> V;
     /// `x^p` for a positive normal `x` and a result that is one, too.
+    #[cfg(any(feature = "tone-map", feature = "train"))]
     #[inline(always)]
     fn pow<V: Lanes>(x: V, p: f32) -> V {
         Self::exp(polynomial::ln(x).mul(V::splat(p)))

@@ -25,6 +25,7 @@ pub struct Gemm {
 #[derive(Clone, Copy, Debug)]
 pub enum Init<'a> {
     /// 0.
+    #[cfg_attr(not(any(feature = "normals", feature = "train")), allow(dead_code, reason = "of gradients"))]
     Zero,
     /// `bias[i]` in the whole row `i`; `[m]`.
     Bias(&'a [f32]),

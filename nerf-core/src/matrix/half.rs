@@ -19,6 +19,7 @@ pub enum HalfInit<'a> {
     /// `bias[i]` in the whole row `i`; `[2 m]` bytes.
     Bias(&'a [u8]),
     /// 0.
+    #[cfg_attr(not(any(feature = "normals", feature = "train")), allow(dead_code, reason = "of gradients"))]
     Zero,
     /// What C holds.
     Accumulate,

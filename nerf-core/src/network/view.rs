@@ -37,6 +37,7 @@ impl<'a> Weights<'a> {
     ///
     /// # Panics
     /// If `bytes` or `memory` is shorter than that.
+    #[cfg(feature = "train")]
     pub fn prepare(
         architecture: &Architecture,
         storage: Storage,
@@ -144,6 +145,7 @@ impl<'a> Network<'a> {
     /// `None` if the architecture breaks a cap or the parameters are too few, and where
     /// there are no [`VECTORS`] for any but those read in place; of an architecture whose position is a
     /// grid, too, which takes [`Network::with_grid`].
+    #[cfg(feature = "train")]
     pub fn new(architecture: &Architecture, weights: Weights<'a>, isa: Isa) -> Option<Self> {
         Self::with_grid(architecture, weights, GridTables::NONE, isa)
     }

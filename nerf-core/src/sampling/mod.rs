@@ -9,6 +9,7 @@ mod jitter;
 #[path = "jitter_off.rs"]
 mod jitter;
 mod occupancy;
+#[cfg_attr(not(feature = "train"), allow(dead_code, reason = "each effect draws its own part of it"))]
 mod random;
 
 #[cfg(test)]
@@ -25,6 +26,9 @@ pub use occupancy::OccupancyGrid;
 pub(crate) use occupancy::OccupancyLanes;
 #[cfg(any(feature = "jitter", feature = "depth-of-field"))]
 pub(crate) use random::pixel_stream;
+#[cfg(any(feature = "depth-of-field", feature = "train"))]
+pub use random::uniform_u32;
 #[cfg(any(feature = "anti-aliasing", feature = "depth-of-field"))]
 pub(crate) use random::{GOLDEN, rank};
-pub use random::{Purpose, uniform, uniform_u32};
+#[cfg(any(feature = "jitter", feature = "depth-of-field", feature = "train"))]
+pub use random::{Purpose, uniform};

@@ -22,6 +22,7 @@ mod portable;
 mod prefetch;
 #[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
 mod simd128;
+#[cfg_attr(not(feature = "grid"), allow(dead_code, reason = "grids are what has tables"))]
 mod table;
 
 #[cfg(test)]
@@ -32,7 +33,9 @@ pub(crate) use lanes::LANES;
 pub use lanes::{Lanes, MAX_LANES};
 #[cfg(feature = "train")]
 pub use prefetch::prefetch;
-pub use table::{F16Table, F32Table, Format, Indices, Int8Table, Table, bits_by_lane, weighted_rows_by_lane};
+#[cfg(any(feature = "grid", feature = "train"))]
+pub use table::{F16Table, F32Table, Int8Table};
+pub use table::{Format, Indices, Table, bits_by_lane, weighted_rows_by_lane};
 
 /// Samples that go through the network together, with every instruction set.
 pub const BLOCK: usize = 64;

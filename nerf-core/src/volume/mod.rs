@@ -1,8 +1,10 @@
 //! Volume rendering: densities and colours along a ray become one pixel.
 
-use crate::math::{Math, MathBackend, Sum, with_math};
+use crate::math::{Math, Sum};
 use crate::simd::Lanes;
 
+#[cfg(feature = "train")]
+mod composite;
 #[cfg(feature = "median")]
 mod median;
 #[cfg(feature = "normals")]
@@ -12,10 +14,12 @@ pub(crate) mod side_by_side;
 #[cfg(test)]
 mod tests;
 
+#[cfg(feature = "train")]
+pub use composite::{VolumeError, composite, composite_with};
 #[cfg(feature = "median")]
-pub use median::median_in_bin;
+pub(crate) use median::median_in_bin;
 #[cfg(feature = "normals")]
-pub use normal::NormalSum;
+pub(crate) use normal::NormalSum;
 
 /// At or below this opacity a pixel has no surface: its distances are `far`.
 pub const OPACITY_EPSILON: f32 = 1e-4;
@@ -108,7 +112,7 @@ impl Pixel {
 /// # Source
 /// Mildenhall et al. 2020, eq. 3; deviation: the last bin is finite.
 #[derive(Clone, Copy, Debug)]
-pub struct Accumulator {
+pub(crate) struct Accumulator {
     tau: Sum,
     rgb: [Sum; 3],
     opacity: Sum,
@@ -117,12 +121,6 @@ pub struct Accumulator {
     uncoloured: f32,
     /// What is left of the light, `exp(−tau)`.
     left: f32,
-}
-
-impl Default for Accumulator {
-    fn default() -> Self {
-        Self::NONE
-    }
 }
 
 impl Accumulator {
@@ -142,18 +140,6 @@ impl Accumulator {
     #[inline]
     pub fn transmittance(&self) -> f32 {
         self.left
-    }
-
-    /// Adds the sample at `t` behind everything gathered so far; returns its weight.
-    ///
-    /// [`Accumulator::add_density`] and [`Accumulator::add_colour`] in one, without a cut.
-    #[inline]
-    pub fn add<M: Math>(&mut self, sigma: f32, rgb: [f32; 3], t: f32, delta: f32) -> f32 {
-        let weight = self.add_density::<M>(sigma, t, delta);
-        if let Some(weight) = self.take_uncoloured(0.0) {
-            self.add_colour(weight, rgb);
-        }
-        weight
     }
 
     /// Adds the density of the sample at `t` behind everything gathered so far; returns its weight.
@@ -237,16 +223,12 @@ impl Accumulator {
         self.add_colour(self.opacity.value - self.uncoloured, rgb);
     }
 
-    /// The pixel, over `background`; `z_per_distance` is the cosine between ray and view axis.
+    /// The pixel, over `background`, of samples whose `t` were counted from `start` along the ray; `z_per_distance` is the
+    /// cosine between ray and view axis. No distance is beyond `far`. One that was `cut` is opaque: what is left of its light
+    /// takes its mean colour too.
     ///
-    /// Weight that is left without a colour takes the mean of the ray's colours, as long as it is the
-    /// smaller part. Median distance and normal are not its business: they stay 0.
-    pub fn finish(&self, background: [f32; 3], far: f32, z_per_distance: f32) -> Pixel {
-        self.finish_from(0.0, false, background, far, z_per_distance)
-    }
-
-    /// As [`Accumulator::finish`], of samples whose `t` were counted from `start` along the ray. No distance is beyond
-    /// `far`. One that was `cut` is opaque: what is left of its light takes its mean colour too.
+    /// Weight that is left without a colour takes the mean of the ray's colours, as long as it is the smaller part. Median
+    /// distance and normal are not its business: they stay 0.
     ///
     /// # Source
     /// Müller et al. 2022, their renderer.
@@ -272,98 +254,3 @@ impl Accumulator {
         Pixel { rgb, opacity, ray_distance, z_depth, ..Pixel::BLANK }
     }
 }
-
-/// Composites samples along one ray into colour, opacity and distance.
-///
-/// `sigma`: `[n]`, 1/world unit, >= 0.  `rgb`: `[n]`.  `t_edges`: `[n + 1]`, world units, ascending.
-/// Distances are taken at the middle of each bin. A sample whose density is NaN or whose colour is
-/// not finite is empty. `z_depth` equals `ray_distance`: one ray has no
-/// view axis. Median distance and normal stay 0. Exponentials are the project's own;
-/// [`composite_with`] takes another backend's.
-///
-/// # Errors
-/// [`VolumeError`] on lengths that do not fit and on edges that are not finite and ascending.
-/// # Examples
-/// ```
-/// use nerf_core::volume::composite;
-/// // A half-transparent red bin in front of an opaque green one.
-/// let sigma = [core::f32::consts::LN_2, 1e30, 0.0];
-/// let rgb = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0; 3]];
-/// let pixel = composite(&sigma, &rgb, &[2.0, 3.0, 4.0, 5.0], [0.0; 3])?;
-/// assert!((pixel.rgb[0] - 0.5).abs() < 1e-6 && (pixel.rgb[1] - 0.5).abs() < 1e-6);
-/// assert!((pixel.opacity - 1.0).abs() < 1e-6);
-/// assert!((pixel.ray_distance - (0.5 * 2.5 + 0.5 * 3.5)).abs() < 1e-5);
-/// # Ok::<(), nerf_core::volume::VolumeError>(())
-/// ```
-pub fn composite(
-    sigma: &[f32],
-    rgb: &[[f32; 3]],
-    t_edges: &[f32],
-    background: [f32; 3],
-) -> Result<Pixel, VolumeError> {
-    composite_with(MathBackend::Polynomial, sigma, rgb, t_edges, background)
-}
-
-/// As [`composite`], with the exponentials of a maths backend: what a frame of it does with a ray's samples.
-///
-/// # Errors
-/// As [`composite`].
-pub fn composite_with(
-    math: MathBackend,
-    sigma: &[f32],
-    rgb: &[[f32; 3]],
-    t_edges: &[f32],
-    background: [f32; 3],
-) -> Result<Pixel, VolumeError> {
-    let n = sigma.len();
-    if rgb.len() != n || t_edges.len() != n + 1 {
-        return Err(VolumeError::Lengths { sigma: n, rgb: rgb.len(), t_edges: t_edges.len() });
-    }
-    if let Some(bin) = t_edges.windows(2).position(|edge| !(edge[0] <= edge[1] && edge[1].is_finite())) {
-        return Err(VolumeError::Edges { bin });
-    }
-    if !t_edges[0].is_finite() {
-        return Err(VolumeError::Edges { bin: 0 });
-    }
-    let mut ray = Accumulator::default();
-    let bins = t_edges.iter().zip(t_edges.iter().skip(1));
-    with_math!(math, M => for ((&sigma, &rgb), (start, end)) in sigma.iter().zip(rgb).zip(bins) {
-        if !sigma.is_nan() && rgb.iter().all(|c| c.is_finite()) {
-            ray.add::<M>(sigma, rgb, 0.5 * start + 0.5 * end, end - start);
-        }
-    });
-    Ok(ray.finish(background, t_edges[n], 1.0))
-}
-
-/// Samples that make no ray.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum VolumeError {
-    /// `rgb` must be as long as `sigma`, `t_edges` one longer.
-    Lengths {
-        /// Length of `sigma`.
-        sigma: usize,
-        /// Length of `rgb`.
-        rgb: usize,
-        /// Length of `t_edges`.
-        t_edges: usize,
-    },
-    /// An edge is not finite or lies before the one in front of it.
-    Edges {
-        /// The bin that ends there.
-        bin: usize,
-    },
-}
-
-impl core::fmt::Display for VolumeError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Lengths { sigma, rgb, t_edges } => {
-                write!(f, "samples: expected n sigma, n rgb, n + 1 t_edges, found {sigma}, {rgb}, {t_edges}")
-            }
-            Self::Edges { bin } => write!(f, "t_edges: expected finite ascending values, bin {bin} has none"),
-        }
-    }
-}
-
-impl core::error::Error for VolumeError {}

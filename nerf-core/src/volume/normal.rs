@@ -8,7 +8,7 @@ use glam::Vec3;
 ///
 /// Every sample has a vote of its weight, however steep its density is.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct NormalSum([Sum; 3]);
+pub(crate) struct NormalSum([Sum; 3]);
 
 impl NormalSum {
     /// A ray that has met nothing.

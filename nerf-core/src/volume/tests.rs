@@ -132,7 +132,7 @@ fn thin_samples_keep_their_relative_precision() {
     for exponent in -30..0 {
         for mantissa in [1.0f32, 1.37, 2.9, 9.99] {
             let tau = mantissa * 10f32.powi(exponent);
-            let weight = Accumulator::default().add::<Polynomial>(tau, [0.0; 3], 1.0, 1.0);
+            let weight = Accumulator::NONE.add::<Polynomial>(tau, [0.0; 3], 1.0, 1.0);
             let truth = -(-f64::from(tau)).exp_m1();
             worst = worst.worse((f64::from(weight) / truth - 1.0).abs());
         }
@@ -288,4 +288,12 @@ fn no_backend_makes_light() {
         std::println!("{name}: Σw + T − 1 {worst:e}, Σw {most}");
         assert!(worst <= limit, "{name}: {worst:e}");
     }
+}
+
+#[cfg(feature = "median")]
+#[test]
+fn half_of_the_light_is_left_ln_2_behind_the_edge_of_a_medium_of_density_1() {
+    // It begins at 2, in bins of 0.5.
+    let t = super::median_in_bin(0.5, 1.0, 2.75, 0.5);
+    assert!((t - (2.0 + core::f32::consts::LN_2)).abs() < 1e-6);
 }

@@ -42,6 +42,7 @@ impl Contraction {
     }
 
     /// The cube of a contraction around a ball.
+    #[cfg(feature = "train")]
     pub fn cube(centre: Vec3, radius: f32) -> SceneBox {
         let reach = Vec3::splat(2.0 * radius);
         SceneBox { min: centre - reach, max: centre + reach }
@@ -175,6 +176,7 @@ impl Contraction {
 
     /// How many times as long as in the ball that stays as it is the steps of a ray through the centre are at `p` of the
     /// scene box.
+    #[cfg(feature = "train")]
     pub fn step_growth(&self, p: Vec3) -> f32 {
         let contracted = (p - self.centre).length() / self.radius;
         let radii = 1.0 / (2.0 - contracted.max(1.0)).max(1.0 / FARTHEST);
@@ -183,6 +185,7 @@ impl Contraction {
     }
 
     /// The point of the world that is at `p` of the scene box.
+    #[cfg(feature = "train")]
     pub fn in_world(&self, p: Vec3) -> Vec3 {
         let q = (p - self.centre) / self.radius;
         let contracted = q.length();

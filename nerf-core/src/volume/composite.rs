@@ -1,0 +1,118 @@
+//! Compositing of one ray's samples, for trainers and tests.
+
+use super::{Accumulator, Pixel};
+use crate::math::{Math, MathBackend, with_math};
+
+impl Accumulator {
+    /// Adds the sample at `t` behind everything gathered so far; returns its weight.
+    ///
+    /// [`Accumulator::add_density`] and [`Accumulator::add_colour`] in one, without a cut.
+    #[inline]
+    pub(crate) fn add<M: Math>(&mut self, sigma: f32, rgb: [f32; 3], t: f32, delta: f32) -> f32 {
+        let weight = self.add_density::<M>(sigma, t, delta);
+        if let Some(weight) = self.take_uncoloured(0.0) {
+            self.add_colour(weight, rgb);
+        }
+        weight
+    }
+
+    /// The pixel of all samples, over `background`.
+    pub(crate) fn finish(&self, background: [f32; 3], far: f32, z_per_distance: f32) -> Pixel {
+        self.finish_from(0.0, false, background, far, z_per_distance)
+    }
+}
+
+/// Composites samples along one ray into colour, opacity and distance.
+///
+/// `sigma`: `[n]`, 1/world unit, >= 0.  `rgb`: `[n]`.  `t_edges`: `[n + 1]`, world units, ascending.
+/// Distances are taken at the middle of each bin. A sample whose density is NaN or whose colour is
+/// not finite is empty. `z_depth` equals `ray_distance`: one ray has no
+/// view axis. Median distance and normal stay 0. Exponentials are the project's own;
+/// [`composite_with`] takes another backend's.
+///
+/// # Errors
+/// [`VolumeError`] on lengths that do not fit and on edges that are not finite and ascending.
+/// # Examples
+/// ```
+/// use nerf_core::volume::composite;
+/// // A half-transparent red bin in front of an opaque green one.
+/// let sigma = [core::f32::consts::LN_2, 1e30, 0.0];
+/// let rgb = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0; 3]];
+/// let pixel = composite(&sigma, &rgb, &[2.0, 3.0, 4.0, 5.0], [0.0; 3])?;
+/// assert!((pixel.rgb[0] - 0.5).abs() < 1e-6 && (pixel.rgb[1] - 0.5).abs() < 1e-6);
+/// assert!((pixel.opacity - 1.0).abs() < 1e-6);
+/// assert!((pixel.ray_distance - (0.5 * 2.5 + 0.5 * 3.5)).abs() < 1e-5);
+/// # Ok::<(), nerf_core::volume::VolumeError>(())
+/// ```
+pub fn composite(
+    sigma: &[f32],
+    rgb: &[[f32; 3]],
+    t_edges: &[f32],
+    background: [f32; 3],
+) -> Result<Pixel, VolumeError> {
+    composite_with(MathBackend::Polynomial, sigma, rgb, t_edges, background)
+}
+
+/// As [`composite`], with the exponentials of a maths backend: what a frame of it does with a ray's samples.
+///
+/// # Errors
+/// As [`composite`].
+pub fn composite_with(
+    math: MathBackend,
+    sigma: &[f32],
+    rgb: &[[f32; 3]],
+    t_edges: &[f32],
+    background: [f32; 3],
+) -> Result<Pixel, VolumeError> {
+    let n = sigma.len();
+    if rgb.len() != n || t_edges.len() != n + 1 {
+        return Err(VolumeError::Lengths { sigma: n, rgb: rgb.len(), t_edges: t_edges.len() });
+    }
+    if let Some(bin) = t_edges.windows(2).position(|edge| !(edge[0] <= edge[1] && edge[1].is_finite())) {
+        return Err(VolumeError::Edges { bin });
+    }
+    if !t_edges[0].is_finite() {
+        return Err(VolumeError::Edges { bin: 0 });
+    }
+    let mut ray = Accumulator::NONE;
+    let bins = t_edges.iter().zip(t_edges.iter().skip(1));
+    with_math!(math, M => for ((&sigma, &rgb), (start, end)) in sigma.iter().zip(rgb).zip(bins) {
+        if !sigma.is_nan() && rgb.iter().all(|c| c.is_finite()) {
+            ray.add::<M>(sigma, rgb, 0.5 * start + 0.5 * end, end - start);
+        }
+    });
+    Ok(ray.finish(background, t_edges[n], 1.0))
+}
+
+/// Samples that make no ray.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum VolumeError {
+    /// `rgb` must be as long as `sigma`, `t_edges` one longer.
+    Lengths {
+        /// Length of `sigma`.
+        sigma: usize,
+        /// Length of `rgb`.
+        rgb: usize,
+        /// Length of `t_edges`.
+        t_edges: usize,
+    },
+    /// An edge is not finite or lies before the one in front of it.
+    Edges {
+        /// The bin that ends there.
+        bin: usize,
+    },
+}
+
+impl core::fmt::Display for VolumeError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Lengths { sigma, rgb, t_edges } => {
+                write!(f, "samples: expected n sigma, n rgb, n + 1 t_edges, found {sigma}, {rgb}, {t_edges}")
+            }
+            Self::Edges { bin } => write!(f, "t_edges: expected finite ascending values, bin {bin} has none"),
+        }
+    }
+}
+
+impl core::error::Error for VolumeError {}
