@@ -110,7 +110,8 @@ impl Demo {
         let claims = Claims::new()
             .reads_if("the file of settings", self.config.as_deref())
             .reads_if("the program", self.mp4.program())
-            .writes_folder("--out", &self.out, &places::DEMO);
+            .writes_folder("--out", &self.out)
+            .writes("--out", &self.out.join("demo.nerf"));
         match &ffmpeg {
             Ok(_) => claims
                 .derives("the MP4 beside a GIF", &self.out.join("orbit.mp4"), Existing::ReplaceOwn)

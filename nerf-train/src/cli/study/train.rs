@@ -144,7 +144,7 @@ impl StudyTrain {
         Ok(Claims::new()
             .reads_data(&self.data)
             .reads_if("the file of settings", self.config.as_deref())
-            .writes_folder("--report", &self.report, &places::STUDY_TRAIN)
+            .writes_folder("--report", &self.report)
             .settle()?)
     }
 
