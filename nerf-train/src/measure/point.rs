@@ -25,9 +25,7 @@ pub struct ViewErrors {
     pub distance_sum: f64,
     /// The largest of them.
     pub distance_max: f64,
-    /// How many there are.
     pub solid: u64,
-    /// The work it took.
     pub counters: Counters,
 }
 
@@ -74,7 +72,6 @@ pub enum Origin {
 /// One way to render, and what was measured of it.
 #[derive(Clone, Debug)]
 pub struct Point {
-    /// Where it comes from.
     pub origin: Origin,
     /// Every knob's value.
     pub settings: Settings,
@@ -84,14 +81,12 @@ pub struct Point {
     pub views: Vec<Option<ViewErrors>>,
     /// By round and timing view; `None` where it was not rendered.
     pub rounds: Vec<Vec<Option<Clocked>>>,
-    /// What it needs.
     pub memory: Memory,
 }
 
 /// What a point comes to over the views it was rendered on.
 #[derive(Clone, Copy, Debug)]
 pub struct Totals {
-    /// Views it was rendered on.
     pub views: usize,
     /// Mean against ground truth, dB.
     pub psnr_db: f64,
@@ -105,9 +100,7 @@ pub struct Totals {
     pub exact_max: f64,
     /// Mean |ray_distance| difference from the exact rendering where that is solid, world units.
     pub distance_mean: f64,
-    /// The largest.
     pub distance_max: f64,
-    /// The work on all these views.
     pub counters: Counters,
     /// Multiply-adds relative to the exact rendering's on the same views.
     pub relative_macs: f64,
@@ -116,7 +109,6 @@ pub struct Totals {
 /// Seconds of a view, from rounds that were interleaved with those of all other points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Seconds {
-    /// Rounds.
     pub rounds: usize,
     /// Median over the rounds of the mean over the timing views.
     pub median: f64,

@@ -25,7 +25,6 @@ pub const SCENE_BOX: SceneBox = SceneBox { min: Vec3::NEG_ONE, max: Vec3::ONE };
 /// How the scene is photographed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DemoSpec {
-    /// Number of training views.
     pub train: u32,
     /// Number of validation views, between the training views.
     pub val: u32,

@@ -2,7 +2,8 @@
 
 use crate::data::layouts::found::Found;
 use crate::data::layouts::split::every_eighth;
-use crate::data::layouts::transforms::{Header, Transforms, listed};
+use crate::data::layouts::transforms::listed;
+use crate::data::layouts::transforms::{Header, Transforms};
 use crate::data::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, Watch, scene_name};
 use std::collections::HashSet;
 use std::path::Path;

@@ -33,7 +33,6 @@ pub type Asked = Result<Result<Without, &'static str>, StudyError>;
 
 /// An effect that a scene may have: one entry of the table.
 pub struct Effect {
-    /// Its name.
     pub name: &'static str,
     /// What stands in its place.
     pub instead: &'static str,
@@ -118,7 +117,6 @@ pub struct Worth {
     pub relative_time: f64,
     /// Its multiply-adds over those without it.
     pub relative_macs: f64,
-    /// What is to become of it.
     pub verdict: Verdict,
 }
 
@@ -137,9 +135,7 @@ pub type Audit = Vec<(&'static Effect, Result<Worth, &'static str>)>;
 pub struct AuditOptions {
     /// What an effect must gain, dB.
     pub threshold_db: f64,
-    /// Rounds of timing.
     pub repeats: usize,
-    /// Which clock.
     pub clock: Clock,
 }
 

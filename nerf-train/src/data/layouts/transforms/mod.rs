@@ -225,12 +225,8 @@ fn number_fault(file: &Path, bytes: &[u8], error: &serde_json::Error) -> Option<
         let name = frame.get("file_path").and_then(serde_json::Value::as_str).unwrap_or("?");
         Some(format!("view `{name}`, {field}"))
     })?;
-    Some(DatasetError::Value {
-        file: file.into(),
-        field: format!("line {}, {place}", error.line()),
-        expected: "finite numbers".into(),
-        found: "NaN or Infinity".into(),
-    })
+    let place = format!("line {}, {place}", error.line());
+    Some(DatasetError::value(file, place, "finite numbers", "NaN or Infinity"))
 }
 
 /// What stands for NaN and Infinity where they are looked for.

@@ -120,9 +120,7 @@ struct Task<'a> {
     model: &'a Model,
     /// With the cameras of the model.
     own: Bundle,
-    /// Its photographs' focal lengths.
     focals: Vec<f64>,
-    /// Numbers of the points.
     numbers: Vec<u64>,
     /// With one camera for each device.
     shared: Bundle,
