@@ -88,6 +88,26 @@ pub struct SparsePoint {
 }
 
 impl Dataset {
+    /// Without views.
+    pub(crate) fn empty(name: String, format: Format, axes: Axes) -> Self {
+        Self {
+            name,
+            format,
+            axes,
+            train: Vec::new(),
+            val: Vec::new(),
+            test: Vec::new(),
+            test_path: Vec::new(),
+            near: None,
+            far: None,
+            background: Background::Unknown,
+            points: Vec::new(),
+            origin: [0.0; 3],
+            notes: Vec::new(),
+            warnings: Vec::new(),
+        }
+    }
+
     /// Takes the test views for validation where there are none of that; whether it did. Nothing of a fit is chosen by
     /// validation views, so what is reported of these stays a test.
     pub fn validate_on_test(&mut self) -> bool {

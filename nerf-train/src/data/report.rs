@@ -1,7 +1,7 @@
 //! What is in a data set, and what looks wrong with it.
 
 use crate::data::cameras::geometry::bounds;
-use crate::data::layouts::transforms::listed;
+use crate::data::names::listed;
 use crate::data::{Axes, Background, Dataset, Format, LookAt};
 use crate::system::printable::line;
 use glam::DVec3;

@@ -1,7 +1,7 @@
 //! The CS180 course's `.npz`: splits by name, OpenCV poses, one focal length.
 
 use crate::data::layouts::npz::{self, Archive, Array};
-use crate::data::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, scene_name};
+use crate::data::{Axes, Dataset, DatasetError, Format, ReadOptions, View, scene_name};
 use glam::DVec3;
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use rayon::prelude::*;
@@ -49,20 +49,12 @@ pub(crate) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Datas
     let splits = [("images_train", &train), ("images_val", &val), ("images_test", &test)];
     warnings.extend(mixed_alpha(splits));
     Ok(Dataset {
-        name: scene_name(&archive.file),
-        format: Format::Cs180,
-        axes,
         train,
         val,
         test,
         test_path,
-        near: None,
-        far: None,
-        background: Background::Unknown,
-        points: Vec::new(),
-        origin: [0.0; 3],
-        notes: Vec::new(),
         warnings,
+        ..Dataset::empty(scene_name(&archive.file), Format::Cs180, axes)
     }
     .counted_from(origin))
 }

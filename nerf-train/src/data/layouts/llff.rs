@@ -2,13 +2,11 @@
 
 use crate::data::layouts::colmap;
 use crate::data::layouts::folders::{Folders, Located};
-use crate::data::layouts::found::Found;
 use crate::data::layouts::npz::{self, read_npy};
 use crate::data::layouts::split::every_eighth;
+use crate::data::pictures::found::Found;
 use crate::data::pictures::photo::{Fence, Optics, Photo, Source};
-use crate::data::{
-    Axes, Background, Dataset, DatasetError, Format, ReadOptions, SparsePoint, View, Watch, scene_name,
-};
+use crate::data::{Axes, Dataset, DatasetError, Format, ReadOptions, SparsePoint, View, Watch, scene_name};
 use glam::DVec3;
 use nerf_core::camera::{Lens, Pose};
 use std::path::Path;
@@ -117,20 +115,14 @@ fn dataset(
     let far = rows.iter().map(|row| row.bounds[1]).fold(0.0, f64::max);
     let (train, val) = every_eighth(views, options, &mut notes);
     Ok(Dataset {
-        name: scene_name(folder),
-        format: Format::Llff,
-        axes: options.axes.unwrap_or(Axes::Opengl),
         train,
         val,
-        test: Vec::new(),
-        test_path: Vec::new(),
         near: Some((NEAR_MARGIN * near) as f32),
         far: Some(far as f32),
-        background: Background::Unknown,
         points,
-        origin: [0.0; 3],
         notes,
         warnings,
+        ..Dataset::empty(scene_name(folder), Format::Llff, options.axes.unwrap_or(Axes::Opengl))
     }
     .counted_from(origin))
 }

@@ -1,7 +1,7 @@
 //! Photographs with their cameras: decoded one at a time, turned, made smaller, masked.
 
-use crate::data::layouts::found::Found;
 use crate::data::pictures::file::{self, Picture, StatedSize};
+use crate::data::pictures::found::Found;
 use crate::data::pictures::scale::{shrunk, shrunk_mask};
 use crate::data::{DatasetError, Downscale, ReadOptions, View, Watch};
 use image::DynamicImage;

@@ -45,20 +45,9 @@ fn dataset_of(poses: &[Pose], axes: Axes) -> Dataset {
         key_points: Vec::new(),
     };
     Dataset {
-        name: "made".into(),
-        format: Format::Nerfstudio,
-        axes,
         train: poses.iter().map(view).collect(),
-        val: Vec::new(),
-        test: Vec::new(),
-        test_path: Vec::new(),
-        near: None,
-        far: None,
         background: Background::Alpha,
-        points: Vec::new(),
-        origin: [0.0; 3],
-        notes: Vec::new(),
-        warnings: Vec::new(),
+        ..Dataset::empty("made".into(), Format::Nerfstudio, axes)
     }
 }
 

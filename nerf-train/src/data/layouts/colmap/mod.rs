@@ -7,13 +7,13 @@ mod shared;
 mod text;
 
 use crate::data::layouts::folders::Folders;
-use crate::data::layouts::found::Found;
 use crate::data::layouts::split::every_eighth;
-use crate::data::layouts::transforms::listed;
+use crate::data::names::listed;
+use crate::data::pictures::found::Found;
 use crate::data::pictures::photo::{Fence, Loaded, Photo, Source};
 use crate::data::{
-    Axes, Background, Cameras, Dataset, DatasetError, Format, KeyPoint, ReadOptions, SparsePoint, Watch,
-    scene_name, with_shared_cameras,
+    Axes, Cameras, Dataset, DatasetError, Format, KeyPoint, ReadOptions, SparsePoint, Watch, scene_name,
+    with_shared_cameras,
 };
 use glam::{DMat3, DQuat, DVec3};
 use model::Camera;
@@ -137,20 +137,16 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     let (mut notes, warnings) = found.into_sentences();
     let (train, val) = every_eighth(views, options, &mut notes);
     Ok(Dataset {
-        name: if shared { with_shared_cameras(scene_name(root)) } else { scene_name(root) },
-        format: Format::Colmap,
-        axes,
         train,
         val,
-        test: Vec::new(),
-        test_path: Vec::new(),
-        near: None,
-        far: None,
-        background: Background::Unknown,
         points,
-        origin: [0.0; 3],
         notes,
         warnings,
+        ..Dataset::empty(
+            if shared { with_shared_cameras(scene_name(root)) } else { scene_name(root) },
+            Format::Colmap,
+            axes,
+        )
     }
     .counted_from(origin))
 }

@@ -3,8 +3,9 @@
 mod camera;
 
 use crate::data::layouts::folders::smaller_copy;
-use crate::data::layouts::found::Found;
+use crate::data::names::listed;
 use crate::data::pictures::file::{self, Listings};
+use crate::data::pictures::found::Found;
 use crate::data::pictures::photo::{Fence, Loaded, Photo, Source};
 use crate::data::{Axes, DatasetError, Downscale, ReadOptions, View, Watch};
 use crate::system::input::{MAX_JSON_BYTES, read_limited, without_mark};
@@ -244,14 +245,6 @@ struct Folder<'a> {
     downscale: Option<Downscale>,
     /// What positions are counted from.
     origin: DVec3,
-}
-
-/// The first few names, and how many more there are.
-pub(crate) fn listed(names: &[impl AsRef<str>]) -> String {
-    const SHOWN: usize = 8;
-    let shown: Vec<&str> = names.iter().take(SHOWN).map(AsRef::as_ref).collect();
-    let more = if names.len() > SHOWN { format!(" and {} more", names.len() - SHOWN) } else { String::new() };
-    shown.join(", ") + &more
 }
 
 impl CameraFields {

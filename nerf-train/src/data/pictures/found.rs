@@ -1,7 +1,7 @@
 //! What the reading of pictures finds besides them.
 
 use crate::data::View;
-use crate::data::layouts::transforms::listed;
+use crate::data::names::listed;
 use std::collections::BTreeMap;
 use std::path::Path;
 
