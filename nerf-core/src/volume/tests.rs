@@ -132,7 +132,8 @@ fn thin_samples_keep_their_relative_precision() {
     for exponent in -30..0 {
         for mantissa in [1.0f32, 1.37, 2.9, 9.99] {
             let tau = mantissa * 10f32.powi(exponent);
-            let weight = Accumulator::NONE.add::<Polynomial>(tau, [0.0; 3], 1.0, 1.0);
+            let mut sum = Accumulator::NONE;
+            let weight = sum.add::<Polynomial>(tau, [0.0; 3], 1.0, 1.0);
             let truth = -(-f64::from(tau)).exp_m1();
             worst = worst.worse((f64::from(weight) / truth - 1.0).abs());
         }

@@ -31,7 +31,6 @@ pub struct Sight {
 /// The lines of sight of each of some views, and the key points that are none.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sights {
-    /// Lines of sight of each view.
     pub of_views: Vec<Vec<Sight>>,
     /// View by view, the number of key points whose 3D point is behind the camera or projects elsewhere.
     pub contradictory: Vec<usize>,

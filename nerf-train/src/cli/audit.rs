@@ -97,7 +97,7 @@ impl Audit {
         check_threshold(self.effect_threshold)?;
         places::check_report(self.report.as_ref())?;
         let claims = Claims::new().reads("the blob", &self.file).reads_data(&self.data);
-        Ok(claims.writes_folder_if("--report", self.report.as_deref(), &places::AUDIT).settle()?)
+        Ok(claims.writes_folder_if("--report", self.report.as_deref()).settle()?)
     }
 }
 

@@ -103,7 +103,8 @@ impl Demo {
         places::check_folder("--out", &self.out)?;
         Claims::new()
             .reads_if("the file of settings", self.config.as_deref())
-            .writes_folder("--out", &self.out, &places::DEMO)
+            .writes_folder("--out", &self.out)
+            .writes("--out", &self.out.join("demo.nerf"))
             .settle()?;
         config.seed = self.seed;
         config.optimiser.steps = self.steps.max(1);

@@ -89,7 +89,7 @@ impl Eval {
         Claims::new()
             .reads("the blob", &self.file)
             .reads_data(&self.data)
-            .writes_folder_if("--report", self.report.as_deref(), &places::EVAL)
+            .writes_folder_if("--report", self.report.as_deref())
             .settle()?;
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;

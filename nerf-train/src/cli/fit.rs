@@ -315,12 +315,17 @@ impl Fit {
 
     /// What it reads and writes.
     fn claims(&self) -> Claims {
-        Claims::new()
+        let claims = Claims::new()
             .reads_data(&self.data)
             .reads_if("the file of settings", self.config.as_deref())
             .writes("-o", &self.output)
-            .writes_folder_if("--report", self.report.as_deref(), &places::FIT)
-            .writes_folder_if("--live", self.live.as_deref(), &places::LIVE)
+            .writes_folder_if("--report", self.report.as_deref());
+        match &self.live {
+            Some(folder) => {
+                claims.writes_folder("--live", folder).writes("--live", &folder.join("live.nerf"))
+            }
+            None => claims,
+        }
     }
 
     /// Refuses what cannot be, before any data is read; where the checkpoint lies, if there is to be one.

@@ -1,4 +1,4 @@
-//! What outputs may be called, and what folders of results hold.
+//! What outputs may be called.
 //!
 //! | command | `-o` |
 //! | --- | --- |
@@ -11,7 +11,7 @@
 //!
 //! A name without an extension, and a device such as `/dev/null`, is taken for whatever the command writes.
 
-use crate::system::output::claims::{Contents, Pattern, is_device};
+use crate::system::output::claims::is_device;
 use anyhow::bail;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -79,73 +79,3 @@ pub fn check_report(path: Option<&PathBuf>) -> anyhow::Result<()> {
 pub fn extension(path: &Path) -> Option<String> {
     path.extension().map(OsStr::to_ascii_lowercase).map(|extension| extension.to_string_lossy().into_owned())
 }
-
-const fn any(folder: &'static str, prefix: &'static str, extension: &'static str) -> Pattern {
-    Pattern { folder, prefix, extension }
-}
-
-/// A numbered frame of a video.
-pub const FRAME: Pattern = any("", "frame_", "png");
-
-/// The report of `fit`.
-pub const FIT: Contents = Contents {
-    files: &["summary.json", "data.json", "curve.csv", "curve.svg", "curve_steps.svg"],
-    patterns: &[any("", "", "png"), any("snapshots", "step_", "png"), any("moved", "", "png")],
-};
-
-/// What `fit --live` keeps beside a page.
-pub const LIVE: Contents = Contents { files: &["live.nerf", "live.json", "views.json"], patterns: &[] };
-
-/// The folder of `demo`.
-pub const DEMO: Contents = Contents {
-    files: &[
-        "demo.nerf",
-        "orbit.gif",
-        "summary.json",
-        "data.json",
-        "curve.csv",
-        "curve.png",
-        "curve.svg",
-        "curve_steps.png",
-        "curve_steps.svg",
-        "snapshots.png",
-        "views.png",
-    ],
-    patterns: &[any("snapshots", "step_", "png")],
-};
-
-/// The report of `image fit`.
-pub const IMAGE_FIT: Contents = Contents {
-    files: &["summary.json", "curve.csv", "curve.png", "curve.svg", "sheet.png", "picture.png"],
-    patterns: &[any("snapshots", "step_", "png")],
-};
-
-/// The report of `eval`.
-pub const EVAL: Contents =
-    Contents { files: &["summary.json", "views.csv"], patterns: &[any("", "", "png")] };
-
-/// The report of `audit`.
-pub const AUDIT: Contents = Contents { files: &["summary.json", "audit.csv"], patterns: &[] };
-
-/// The report of `study`.
-pub const STUDY: Contents = Contents {
-    files: &["summary.json", "points.csv", "report.md", "front.png", "front.svg", "ends.png"],
-    patterns: &[any("", "difference_", "png")],
-};
-
-/// The folder of `show`.
-pub const SHOW: Contents = Contents { files: &["show.html", "summary.json"], patterns: &[] };
-
-/// The folder of `check`.
-pub const CHECK: Contents = Contents { files: &["check.html", "summary.json"], patterns: &[] };
-
-/// The folder of a sweep.
-pub const SWEEP: Contents = Contents {
-    files: &["sweep.json", "table.csv", "report.md", "sheet.png"],
-    patterns: &[
-        any("", "psnr_over_", "png"),
-        any("", "psnr_over_", "svg"),
-        any("runs", "", "json"),
-        any("runs", "", "png"),
-    ],
-};

@@ -4,7 +4,7 @@ use super::common::Global;
 use super::places;
 use crate::capture::check::Diagnosis;
 use crate::data::poses::{Found, Request, find};
-use crate::system::output::claims::{Claims, Contents};
+use crate::system::output::claims::Claims;
 use crate::system::stop::Note;
 use anyhow::anyhow;
 use clap::Args;
@@ -42,10 +42,9 @@ impl Poses {
         let begun = Instant::now();
         let output = self.output.clone().unwrap_or_else(|| beside(&self.photographs));
         places::check_folder("-o", &output)?;
-        let nothing = Contents { files: &[], patterns: &[] };
         Claims::new()
             .reads("the folder of photographs", &self.photographs)
-            .writes_folder("-o", &output, &nothing)
+            .writes_folder("-o", &output)
             .check()?;
         let _note = Note::new("interrupted; nothing is written");
         let request = Request {

@@ -143,7 +143,7 @@ impl Study {
         let mut claims = Claims::new()
             .reads_data(&self.data)
             .reads_if("the checkpoint", self.source.as_deref())
-            .writes_folder_if("--report", self.report.as_deref(), &places::STUDY);
+            .writes_folder_if("--report", self.report.as_deref());
         if let Some(output) = output {
             claims = claims.writes(if self.write { "--write" } else { "-o" }, output);
         }

@@ -87,7 +87,7 @@ impl Lists {
     /// Refuses a folder that holds what is read.
     fn claim(&self, inputs: Claims) -> anyhow::Result<()> {
         places::check_folder("-o", &self.output)?;
-        Ok(inputs.writes_folder("-o", &self.output, &places::SWEEP).check()?)
+        Ok(inputs.writes_folder("-o", &self.output).check()?)
     }
 
     /// Whether a setting of a sinusoidal network, or one that small networks are compared by, is listed.
@@ -279,7 +279,7 @@ impl Merge {
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         places::check_folder("-o", &self.output)?;
         let claims = self.folders.iter().fold(Claims::new(), |claims, part| claims.reads("the sweep", part));
-        claims.writes_folder("-o", &self.output, &places::SWEEP).check()?;
+        claims.writes_folder("-o", &self.output).check()?;
         let open = |path: &PathBuf| Folder::existing(Path::new(path));
         let parts = self.folders.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let Some(first) = parts.first() else { bail!("expected at least one folder") };

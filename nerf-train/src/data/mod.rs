@@ -51,7 +51,6 @@ use std::path::{Path, PathBuf};
 pub struct Dataset {
     /// What to call the scene: the file's or folder's name.
     pub name: String,
-    /// The layout it was read from.
     pub format: Format,
     /// The convention its poses were taken to be in; behind the reader they are all OpenGL.
     pub axes: Axes,
@@ -67,13 +66,11 @@ pub struct Dataset {
     pub near: Option<f32>,
     /// Where rays end, world units along the ray.
     pub far: Option<f32>,
-    /// What is behind the scene.
     pub background: Background,
     /// Points that are known to lie on surfaces: a reconstruction's sparse ones, or none.
     pub points: Vec<SparsePoint>,
     /// Where the origin of all its coordinates is in the file's own world, which may be too far from its own for f32.
     pub origin: [f64; 3],
-    /// What was read and how, in sentences.
     pub notes: Vec<String>,
     /// What was odd but could be read, in sentences.
     pub warnings: Vec<String>,
@@ -91,6 +88,26 @@ pub struct SparsePoint {
 }
 
 impl Dataset {
+    /// Without views.
+    pub(crate) fn empty(name: String, format: Format, axes: Axes) -> Self {
+        Self {
+            name,
+            format,
+            axes,
+            train: Vec::new(),
+            val: Vec::new(),
+            test: Vec::new(),
+            test_path: Vec::new(),
+            near: None,
+            far: None,
+            background: Background::Unknown,
+            points: Vec::new(),
+            origin: [0.0; 3],
+            notes: Vec::new(),
+            warnings: Vec::new(),
+        }
+    }
+
     /// Takes the test views for validation where there are none of that; whether it did. Nothing of a fit is chosen by
     /// validation views, so what is reported of these stays a test.
     pub fn validate_on_test(&mut self) -> bool {
@@ -249,7 +266,6 @@ pub struct ReadOptions {
     pub downscale: Downscale,
     /// Where no list says what is held out: which of every eight photographs, in the order of their names, is.
     pub hold_offset: usize,
-    /// Which cameras the photographs have.
     pub cameras: Cameras,
     /// A file of shared cameras: read where it is of this model, else written; `None`: found anew, and not kept.
     pub shared_cameras: Option<PathBuf>,
@@ -306,19 +322,17 @@ pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result
     let Some(first) =
         read.into_iter().take(if options.to_fit { 1 } else { 3 }).find(|views| !views.is_empty())
     else {
-        return Err(DatasetError::Empty { path: path.into(), warnings: dataset.warnings });
+        let warnings: String = dataset.warnings.iter().map(|warning| format!("; {warning}")).collect();
+        let fault = format!("expected at least one training view, found none{warnings}");
+        return Err(DatasetError::fault(path, fault));
     };
     let background = Background::of(first);
     dataset.near = options.near.or(dataset.near);
     dataset.far = options.far.or(dataset.far);
     if check_range(dataset.near, dataset.far).is_err() {
         let shown = |t: Option<f32>| t.map_or_else(|| "none".into(), |t| t.to_string());
-        return Err(DatasetError::Value {
-            file: path.into(),
-            field: "near, far".into(),
-            expected: "0 <= near < far, both finite".into(),
-            found: format!("near {}, far {}", shown(dataset.near), shown(dataset.far)),
-        });
+        let found = format!("near {}, far {}", shown(dataset.near), shown(dataset.far));
+        return Err(DatasetError::value(path, "near, far", "0 <= near < far, both finite", found));
     }
     let archive = matches!(dataset.format, Format::Cs180 | Format::TinyNerf);
     if archive && !matches!(options.downscale, Downscale::Auto | Downscale::By(1)) {

@@ -1,4 +1,4 @@
-//! Names of files that are made of views' names.
+//! Names of files that are made of views' names, and names in sentences.
 
 use crate::data::View;
 use std::collections::HashSet;
@@ -78,6 +78,14 @@ fn plain(name: &str) -> String {
         "" => "view".to_owned(),
         stem => stem.to_owned(),
     }
+}
+
+/// The first few names, and how many more there are.
+pub(crate) fn listed(names: &[impl AsRef<str>]) -> String {
+    const SHOWN: usize = 8;
+    let shown: Vec<&str> = names.iter().take(SHOWN).map(AsRef::as_ref).collect();
+    let more = if names.len() > SHOWN { format!(" and {} more", names.len() - SHOWN) } else { String::new() };
+    shown.join(", ") + &more
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! What is in a data set, and what looks wrong with it.
 
 use crate::data::cameras::geometry::bounds;
-use crate::data::layouts::transforms::listed;
+use crate::data::names::listed;
 use crate::data::{Axes, Background, Dataset, Format, LookAt};
 use crate::system::printable::line;
 use glam::DVec3;
@@ -16,21 +16,14 @@ const FEW: usize = 6;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Report {
-    /// The scene.
     pub name: String,
-    /// The layout it was read from.
     pub format: Format,
     /// The pose convention that its file was read in.
     pub axes: Axes,
-    /// Number of training views.
     pub train: usize,
-    /// Number of validation views.
     pub val: usize,
-    /// Number of test views.
     pub test: usize,
-    /// Number of poses without pictures.
     pub test_path: usize,
-    /// Distinct picture sizes.
     pub sizes: Vec<SizeCount>,
     /// Smallest and largest `fx` and `fy`, pixels.
     pub focal: [f32; 2],
@@ -42,15 +35,12 @@ pub struct Report {
     pub far: Option<f32>,
     /// Smallest and largest corner of the proposed scene box, world units.
     pub scene_box: Option<[[f32; 3]; 2]>,
-    /// What is behind the scene.
     pub background: Background,
-    /// Sparse points that came with it.
     pub points: usize,
     /// Cameras that differ in their intrinsics or lens.
     pub cameras: usize,
     /// Where the origin of all these coordinates is in the file's own world.
     pub origin: [f64; 3],
-    /// What was read and how.
     pub notes: Vec<String>,
     /// The reader's warnings, then those of this report.
     pub warnings: Vec<String>,
@@ -63,7 +53,6 @@ pub struct SizeCount {
     pub width: u32,
     /// Pixels.
     pub height: u32,
-    /// Pictures.
     pub count: usize,
 }
 

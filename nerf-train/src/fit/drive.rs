@@ -60,12 +60,7 @@ pub enum Ended<O> {
     /// With what it was to make.
     Finished(O),
     /// By Ctrl-C, with a checkpoint if there is a place for one.
-    Interrupted {
-        /// Steps done.
-        step: u32,
-        /// Where the checkpoint is.
-        checkpoint: Option<PathBuf>,
-    },
+    Interrupted { step: u32, checkpoint: Option<PathBuf> },
 }
 
 /// Runs until the budget is used or `stop` says so, which is asked between steps with the steps done.

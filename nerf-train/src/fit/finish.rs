@@ -69,7 +69,6 @@ pub struct Outcome {
     pub view_dependence: Option<ViewDependence>,
     /// Weights that became f16 subnormals.
     pub subnormal_weights: usize,
-    /// The curve.
     pub curve: Vec<CurvePoint>,
     /// What the curve says of the end of the run.
     pub overfitting: Option<Stop>,
@@ -79,11 +78,9 @@ pub struct Outcome {
     pub snapshots: Vec<Snapshot>,
     /// Steps that pictures were asked for and that the run did not come by.
     pub missed_snapshots: Vec<u32>,
-    /// Steps.
     pub steps: u32,
     /// Times the run was started anew with another seed because every density had become 0.
     pub reseeds: u32,
-    /// Parameters as trained.
     pub parameters: usize,
     /// Live share of the exported occupancy grid.
     pub occupied_share: f32,

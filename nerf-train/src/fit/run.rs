@@ -45,7 +45,6 @@ pub struct RunOptions {
     pub effect_threshold_db: Option<f64>,
     /// Folder that always has the newest blob, for a page to show.
     pub live: Option<PathBuf>,
-    /// What to run with.
     pub kernel: Kernel,
     /// Display.
     pub style: ProgressStyle,
@@ -75,25 +74,18 @@ impl RunOptions {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RunError {
-    /// Training.
     #[error("{0}")]
     Train(#[from] TrainError),
-    /// A limit in seconds.
     #[error("{0}")]
     TooShort(#[from] TooShort),
-    /// The blob cannot be measured.
     #[error("own blob: {0}")]
     Eval(#[from] EvalError),
-    /// Pictures that cannot be taken.
     #[error("{0}")]
     Snapshot(#[from] SnapshotError),
-    /// A checkpoint.
     #[error("{0}")]
     Checkpoint(#[from] CheckpointError),
-    /// A file.
     #[error("{0}")]
     Output(#[from] OutputError),
-    /// A picture.
     #[error("{0}")]
     Report(#[from] ReportError),
 }
@@ -196,7 +188,6 @@ pub(super) struct Session<'a, 'd> {
     pub(super) train_seconds: f64,
     /// Samples evaluated and samples trained on, a second of training.
     pub(super) samples_per_second: [f64; 2],
-    /// The folder that a page looks at.
     live: Option<Live>,
 }
 

@@ -45,17 +45,14 @@ const FINER_COARSEST: [f64; 7] = [1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0];
 pub struct Chosen {
     /// The most entries of a level.
     pub entries: bool,
-    /// The levels.
     pub levels: bool,
     /// Cells of the coarsest level.
     pub coarsest: bool,
     /// Cells of the finest level.
     pub finest: bool,
-    /// What values are stored in.
     pub storage: bool,
     /// The occupancy grid's resolution.
     pub occupancy: bool,
-    /// The steps of a ray.
     pub steps: bool,
 }
 
@@ -63,17 +60,10 @@ pub struct Chosen {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SizeError {
-    /// Even the smallest file is larger.
     #[error(
         "--max-bytes: expected at least {least}, bytes of the smallest file of these settings, found {found}"
     )]
-    TooSmall {
-        /// Bytes of the smallest file.
-        least: u64,
-        /// The wish.
-        found: u64,
-    },
-    /// Settings that make no file.
+    TooSmall { least: u64, found: u64 },
     #[error("{0}")]
     Blob(#[from] BlobError),
 }

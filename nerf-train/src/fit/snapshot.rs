@@ -20,24 +20,12 @@ pub struct SnapshotOptions {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SnapshotError {
-    /// There is nothing to take pictures of.
     #[error("--snapshots: expected validation views to show, found none in {data}")]
-    NoViews {
-        /// The data's name.
-        data: String,
-    },
-    /// A view that is not there.
+    NoViews { data: String },
     #[error(
         "--snapshot-views: expected indices below {views} (the validation views of {data}), found {found}"
     )]
-    View {
-        /// The data's name.
-        data: String,
-        /// How many there are.
-        views: usize,
-        /// What was asked for.
-        found: usize,
-    },
+    View { data: String, views: usize, found: usize },
 }
 
 impl SnapshotOptions {

@@ -111,7 +111,6 @@ pub struct EvalOptions {
 
 /// What an evaluation found: `summary.json` of `eval`.
 #[derive(Clone, Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Evaluation {
     pub val_psnr_db: f64,
     pub val_worst_psnr_db: f64,
@@ -244,23 +243,14 @@ fn lattice(picture: &[[f32; 3]], width: usize, step: usize) -> Vec<[f32; 3]> {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EvalError {
-    /// It cannot be opened.
     #[error("{0}")]
     Blob(#[from] BlobError),
-    /// It cannot be rendered as asked.
     #[error("{0}")]
     Plan(#[from] PlanError),
-    /// It could not be rendered.
     #[error("{0}")]
     Render(#[from] RenderError),
-    /// The parameters to measure in place of its own are too few.
     #[error("parameters: expected {expected}, found {found}")]
-    Parameters {
-        /// What its network has.
-        expected: usize,
-        /// What was given.
-        found: usize,
-    },
+    Parameters { expected: usize, found: usize },
 }
 
 /// Opens a blob and measures it on `views` over `background`.

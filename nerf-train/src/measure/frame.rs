@@ -52,7 +52,6 @@ fn threads() -> NonZeroUsize {
 
 /// What was rendered of a 2D field: what `image render --json` prints.
 #[derive(Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct PictureSummary {
     pub file: String,
     pub width_px: u32,

@@ -23,7 +23,6 @@ pub struct ViewErrors {
     pub distance_sum: f64,
     /// The largest of them.
     pub distance_max: f64,
-    /// How many there are.
     pub solid: u64,
     pub counters: Counters,
 }

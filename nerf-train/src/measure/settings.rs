@@ -17,13 +17,10 @@ pub enum Precision {
 /// Every knob at one value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// The shortcuts that a caller asks for.
     pub quality: Quality,
-    /// Instructions, and how weights lie.
     pub kernel: Kernel,
     /// Which of the bench's variants of the blob; 0 is the blob itself.
     pub variant: usize,
-    /// Whose weights.
     pub precision: Precision,
     /// Sides of the rendered picture in quarters of the view's own; what is smaller is enlarged again.
     pub quarters: u32,

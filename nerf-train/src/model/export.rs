@@ -10,17 +10,13 @@ use std::borrow::Cow;
 /// What a blob is made of besides its network.
 #[derive(Clone, Debug)]
 pub struct Contents<'a> {
-    /// The network's shape.
     pub architecture: &'a Architecture,
     /// Its parameters in export order.
     pub parameters: &'a [f32],
-    /// Its grid's tables.
     pub tables: Tables<'a>,
-    /// What the network is a field of.
     pub content: Content,
     /// Resolution and bits of the occupancy grid.
     pub occupancy: Option<([u16; 3], &'a [u8])>,
-    /// Where it comes from.
     pub provenance: Provenance<'a>,
 }
 
@@ -31,9 +27,7 @@ pub enum Tables<'a> {
     None,
     /// The values of all levels, to be rounded.
     Values {
-        /// Level by level.
         values: &'a [f32],
-        /// To what.
         rounding: Rounding,
         /// What a step of each level counts, where that is known; else empty.
         scales: &'a [f32],
@@ -49,14 +43,12 @@ pub struct Coarse<'a> {
     pub architecture: &'a Architecture,
     /// Its parameters in export order.
     pub parameters: &'a [f32],
-    /// Samples a ray.
     pub samples: u16,
 }
 
 /// A blob, and what rounding did to its weights.
 #[derive(Clone, Debug)]
 pub struct Exported {
-    /// The file.
     pub bytes: Vec<u8>,
     /// Weights that became f16 subnormals: they keep fewer digits.
     pub subnormal_weights: usize,
@@ -66,38 +58,15 @@ pub struct Exported {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ExportError {
-    /// A weight does not fit f16.
     #[error("layer {role:?}, parameter {index}: expected a finite number within ±65504 (f16), found {found}")]
-    Weight {
-        /// Layer.
-        role: Role,
-        /// Index among the layer's parameters, weights first.
-        index: usize,
-        /// The weight.
-        found: f32,
-    },
-    /// A value of the grid's tables does not fit f16.
+    Weight { role: Role, index: usize, found: f32 },
     #[error("grid: value {index} of its tables: expected a finite number within ±65504 (f16), found {found}")]
-    Table {
-        /// Index among the values of all levels.
-        index: usize,
-        /// The value.
-        found: f32,
-    },
-    /// A weight of the coarse network does not fit f16.
+    Table { index: usize, found: f32 },
     #[error(
         "coarse network: layer {role:?}, parameter {index}: expected a finite number within ±65504 (f16), found \
          {found}"
     )]
-    CoarseWeight {
-        /// Layer.
-        role: Role,
-        /// Index among the layer's parameters, weights first.
-        index: usize,
-        /// The weight.
-        found: f32,
-    },
-    /// Something else the format refuses.
+    CoarseWeight { role: Role, index: usize, found: f32 },
     #[error("{0}")]
     Blob(BlobError),
 }

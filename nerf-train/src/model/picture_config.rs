@@ -13,7 +13,6 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FieldConfig {
-    /// The preset it started from.
     pub preset: FieldPreset,
     /// The grid that encodes the position; the sinusoidal encoding if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -27,9 +26,7 @@ pub struct FieldConfig {
     /// Pixels a step, drawn at random: beside a grid one from each of so many equal parts of the picture, else each
     /// from all of it.
     pub pixels: usize,
-    /// The optimiser.
     pub optimiser: OptimiserConfig,
-    /// Seed of everything random.
     pub seed: u64,
 }
 

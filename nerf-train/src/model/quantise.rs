@@ -22,7 +22,6 @@ pub enum TableStorage {
 /// What tables are rounded to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rounding {
-    /// What they are stored in.
     pub storage: TableStorage,
     /// The most bytes that coded tables may take; their steps follow from it.
     pub most_bytes: Option<usize>,

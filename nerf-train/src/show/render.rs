@@ -1,12 +1,13 @@
 //! Views of a scene, one after the other, to their files.
 
+use crate::data::cameras::scaled;
 use crate::data::pictures::rgb::ReportError;
 use crate::measure::frame;
 use crate::show::colour_map::robust_range;
 use crate::show::view::Output;
 use crate::show::writer::Writer;
 use crate::system::summary::Short;
-use nerf_core::camera::{Camera, CameraError, Intrinsics};
+use nerf_core::camera::{Camera, CameraError};
 use nerf_core::plan::Plan;
 use nerf_core::render::{Counters, RenderError, Renderer};
 use serde::Serialize;
@@ -80,18 +81,6 @@ pub fn ranges(
     // Where nothing is solid no colour is shown, but the legend must not change from frame to frame.
     let range = |values: &Vec<f32>| robust_range(values, &opacity).unwrap_or((0.0, 1.0));
     Ok(distances.iter().copied().zip(values.iter().map(range)).collect())
-}
-
-/// The same view in another size, pixels.
-///
-/// # Errors
-/// A size without pixels.
-pub fn scaled(camera: &Camera, (width, height): (u32, u32)) -> Result<Camera, CameraError> {
-    let old = *camera.intrinsics();
-    let (sx, sy) = (width as f32 / old.width as f32, height as f32 / old.height as f32);
-    let new =
-        Intrinsics { width, height, fx: old.fx * sx, fy: old.fy * sy, cx: old.cx * sx, cy: old.cy * sy };
-    Camera::new(new, *camera.lens(), *camera.pose())
 }
 
 /// The same view in few pixels, as the range of a video's distances is taken from.

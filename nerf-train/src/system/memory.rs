@@ -11,13 +11,9 @@ const UNKNOWN: u64 = 8 << 30;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{what}: needs about {} of memory, and {} can be had; {advice}", Size(*needed), Size(*limit))]
 pub struct TooLarge {
-    /// The request.
     pub what: String,
-    /// Bytes it takes, saturated.
     pub needed: u64,
-    /// Bytes that can be had.
     pub limit: u64,
-    /// What to do.
     pub advice: &'static str,
 }
 

@@ -27,31 +27,21 @@ const MAGIC: [u8; 8] = *b"NERFCKP\x0b";
 /// A run, stopped between two steps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Checkpoint {
-    /// Its settings.
     pub config: Config,
-    /// Name of its data.
     pub data: String,
     /// [`fingerprint`] of its data.
     pub fingerprint: u64,
     /// Parameters and Adam's memory.
     pub optimiser: OptimiserState,
-    /// Exponential average of the parameters.
     pub average: Average,
-    /// The occupancy grid.
     pub occupancy: Option<Occupancy>,
-    /// Gains of the photographs.
     pub gains: Option<Gains>,
     /// Measured spread of the photographs' exposure, once it is known.
     pub exposure: Option<ExposureFound>,
-    /// Poses of the photographs.
     pub poses: Option<Poses>,
-    /// What was found of them, once it is known.
     pub poses_found: Option<PosesFound>,
-    /// What moved in the photographs.
     pub moving: Option<Moving>,
-    /// Counters of the loop.
     pub progressed: Progressed,
-    /// The curve so far.
     pub curve: Vec<CurvePoint>,
     /// Pictures taken so far; they themselves lie in the report's folder.
     pub snapshots: Vec<Snapshot>,
@@ -63,37 +53,15 @@ pub struct Checkpoint {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CheckpointError {
-    /// It cannot be read.
     #[error("checkpoint {path}: {source}")]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// It is no checkpoint of this version, or damaged.
+    Read { path: PathBuf, source: std::io::Error },
     #[error(
         "checkpoint {path}: expected a whole checkpoint of this version, found {found}; --restart in place of \
          --resume begins anew and replaces it"
     )]
-    Format {
-        /// The file.
-        path: PathBuf,
-        /// What was there.
-        found: String,
-    },
-    /// It belongs to another run.
+    Format { path: PathBuf, found: String },
     #[error("checkpoint {path}: {field} differs from this run's (in the file: {found}; now: {expected})")]
-    Other {
-        /// The file.
-        path: PathBuf,
-        /// Which setting.
-        field: String,
-        /// This run's.
-        expected: String,
-        /// The file's.
-        found: String,
-    },
+    Other { path: PathBuf, field: String, expected: String, found: String },
 }
 
 impl Checkpoint {

@@ -35,21 +35,14 @@ const MAGIC: [u8; 8] = *b"NERFPIC\x02";
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FieldTrainError {
-    /// A setting out of range.
     #[error("{0}")]
     Config(#[from] ConfigError),
-    /// The optimiser stopped.
     #[error("{0}")]
     Engine(#[from] EngineError),
-    /// The parameters make no blob.
     #[error("export: {0}")]
     Export(#[from] ExportError),
-    /// Parts of a checkpoint that do not belong together.
     #[error("{part} that do not fit the rest")]
-    Parts {
-        /// Which.
-        part: &'static str,
-    },
+    Parts { part: &'static str },
 }
 
 /// A fit of a picture, stopped between two steps.
@@ -57,19 +50,14 @@ pub enum FieldTrainError {
 pub struct FieldCheckpoint {
     /// Its settings, as JSON.
     pub config: String,
-    /// Name of its picture.
     pub photo: String,
-    /// The picture's checksum.
     pub fingerprint: u64,
     /// Parameters and Adam's memory.
     pub optimiser: OptimiserState,
-    /// Exponential average of the parameters.
     pub average: Average,
-    /// Steps done.
     pub step: u32,
     /// Smoothed mean squared error.
     pub mse: f64,
-    /// The curve so far.
     pub curve: Vec<CurvePoint>,
     /// Seconds used so far.
     pub seconds: f64,
@@ -85,7 +73,6 @@ pub struct FieldTrainer<'p> {
     batch: Batch,
     step: u32,
     mse: f64,
-    /// The curve so far.
     pub curve: Vec<CurvePoint>,
 }
 

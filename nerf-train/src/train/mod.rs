@@ -28,9 +28,7 @@ pub use trainer::{Trainer, candidate};
 /// Counters of the loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Progressed {
-    /// Steps done.
     pub step: u32,
-    /// Rays drawn.
     pub rays: u64,
     /// Samples whose density was evaluated; of a field without a grid as many as were trained on.
     pub evaluated: u64,
@@ -55,7 +53,6 @@ pub fn psnr_db_of_mse(mse: f64) -> f64 {
 /// One point of the training curve.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CurvePoint {
-    /// Steps done.
     pub step: u32,
     /// Seconds since the start, everything included.
     pub seconds: f64,
@@ -63,7 +60,6 @@ pub struct CurvePoint {
     pub train_psnr_db: f64,
     /// Mean PSNR of some validation views, dB; none where the run was not validated.
     pub val_psnr_db: Option<f64>,
-    /// How many views that is of.
     pub val_views: u32,
     /// Of every so many rows and columns of a view one pixel was measured: 1 is every pixel.
     pub val_lattice: u32,
@@ -72,7 +68,6 @@ pub struct CurvePoint {
 /// A picture that was taken.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Snapshot {
-    /// Steps done.
     pub step: u32,
     /// Seconds since the start.
     pub seconds: f64,
@@ -94,43 +89,25 @@ impl Snapshot {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TrainError {
-    /// A setting out of range.
     #[error("{0}")]
     Config(#[from] ConfigError),
-    /// Neither the data nor the flags say where the scene is.
     #[error(
         "scene bounds: the cameras of {data} do not look at a common place; say where rays begin and end \
          with --near and --far, or where the scene is with --space box and --box"
     )]
-    NoBounds {
-        /// The data's name.
-        data: String,
-    },
-    /// The bounds hold nothing.
+    NoBounds { data: String },
     #[error("{0}")]
     Bounds(#[from] BoundsError),
-    /// The optimiser stopped.
     #[error("{0}")]
     Engine(#[from] EngineError),
-    /// Every restart ended without density.
     #[error(
         "training died {restarts} times: every density became 0. Try {}a lower --rate, or check the cameras' \
          convention with --axes",
         if *relu { "--density softplus, " } else { "" }
     )]
-    Dead {
-        /// Times it was started.
-        restarts: u32,
-        /// Whether its density was a ReLU's.
-        relu: bool,
-    },
-    /// Parts of a checkpoint that do not belong together.
+    Dead { restarts: u32, relu: bool },
     #[error("{part} that do not fit the rest")]
-    Parts {
-        /// Which.
-        part: &'static str,
-    },
-    /// The parameters make no blob.
+    Parts { part: &'static str },
     #[error("export: {0}")]
     Export(#[from] ExportError),
 }

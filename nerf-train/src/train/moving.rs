@@ -11,7 +11,7 @@
 //! trimmed squared errors, which masked texture too; connected regions in place of fixed windows.
 
 use crate::data::View;
-use crate::data::layouts::transforms::listed;
+use crate::data::names::listed;
 use crate::model::config::MovingObjects;
 use crate::model::engine::Batch;
 use glam::Vec3;
@@ -96,7 +96,6 @@ pub struct Moving {
 
 /// A photograph that shows something which the others contradict.
 #[derive(Clone, Debug, PartialEq)]
-#[allow(missing_docs, reason = "the names say what they are")]
 pub struct Moved {
     /// Index and name of the training photograph.
     pub view: usize,

@@ -57,7 +57,6 @@ pub struct PosesFound {
     pub pixels: f64,
     /// Whether `pixels` was measured at a reconstruction's sparse points.
     pub by_tracks: bool,
-    /// Whether they are refined.
     pub refined: bool,
 }
 

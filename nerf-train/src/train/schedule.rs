@@ -25,17 +25,11 @@ pub struct Budget {
      --steps alone; no blob is written"
 )]
 pub struct TooShort {
-    /// The limit, seconds.
     pub limit: f64,
-    /// Fewest steps that a limit in seconds must leave time for.
     pub expected: u32,
-    /// Steps it made.
     pub found: u32,
-    /// Seconds before the first of them.
     pub prepared: f64,
-    /// Seconds kept for what follows the last.
     pub reserve: f64,
-    /// A limit that is expected to do, seconds.
     pub enough: f64,
 }
 
@@ -44,7 +38,6 @@ pub struct TooShort {
 pub struct Done {
     /// Steps that earlier runs did, which this command resumes.
     pub before: u32,
-    /// Steps in all.
     pub steps: u32,
     /// This command's seconds before its first step.
     pub prepared: f64,

@@ -108,7 +108,7 @@ fn options(config: &Config, checkpoint: Option<PathBuf>, resume: bool) -> RunOpt
         live: None,
         effect_threshold_db: None,
         kernel: Kernel::detect(),
-        style: ProgressStyle::from_quiet(true),
+        style: ProgressStyle::Quiet,
     }
 }
 

@@ -160,7 +160,7 @@ fn a_sweep_calls_flat_what_a_fit_calls_flat() {
         let fitted = fit(dataset, &config).expect("a blob");
         assert_eq!(fitted.flat, flat, "{name}: {:?}", fitted.scores.views);
         let job = Job::Scene { dataset, base: Box::new(config), seconds: None };
-        let style = ProgressStyle::from_quiet(true);
+        let style = ProgressStyle::Quiet;
         let runner = Runner { kernel: Kernel::detect(), style, cpu: "test" };
         let (record, _) = job.run(&job.base_point(), &runner).expect("a run");
         assert_eq!(record.status == Status::Flat, flat, "{name}: {record:?}");

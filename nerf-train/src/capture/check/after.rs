@@ -15,7 +15,6 @@ const A_WHILE: u32 = 2000;
 
 /// How well a field shows the photographs that it was fitted to.
 #[derive(Clone, Debug, Default, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Fitted {
     pub train_psnr_db: Option<Short>,
     /// The groups that the check found. Without tracks, a group begins where the viewing direction jumps.
@@ -28,7 +27,6 @@ pub struct Fitted {
 
 /// The mean over a group of training photographs.
 #[derive(Clone, Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Group {
     pub first: String,
     pub last: String,

@@ -36,7 +36,6 @@ const MISPLACED: (usize, usize) = (10, 2);
 
 /// What is in a capture and what is wrong with it; photographs by name, in the order of names.
 #[derive(Clone, Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Diagnosis {
     pub data: String,
     pub photographs: usize,
@@ -68,13 +67,11 @@ pub struct Diagnosis {
     tracks: bool,
     /// The figures, in a line.
     pub facts: String,
-    /// What is wrong and what to do, a sentence each.
     pub findings: Vec<String>,
 }
 
 /// A sector from which no photograph looks.
 #[derive(Clone, Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct NamedGap {
     pub degrees: Short,
     pub between: [String; 2],
@@ -82,7 +79,6 @@ pub struct NamedGap {
 
 /// Findings on one photograph.
 #[derive(Clone, Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Photograph {
     pub name: String,
     /// Its group, counted from 1; `None` where there are no groups, or it contradicts them.
@@ -98,28 +94,14 @@ pub struct Photograph {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GroupError {
-    /// There is no such group.
     #[error("--group: expected 1 to {groups}, a group of photographs that `check` names, found {found}")]
-    Missing {
-        /// Number of groups.
-        groups: usize,
-        /// The group that was asked for.
-        found: usize,
-    },
-    /// There are no groups.
+    Missing { groups: usize, found: usize },
     #[error(
         "--group: expected none, as `check` finds no groups in {data}: all photographs can be fitted together"
     )]
-    NoGroups {
-        /// The data set.
-        data: String,
-    },
-    /// All of the group is held out.
+    NoGroups { data: String },
     #[error("--group: expected a group with training photographs, found all of group {found} held out")]
-    HeldOut {
-        /// The group that was asked for.
-        found: usize,
-    },
+    HeldOut { found: usize },
 }
 
 /// Why photographs fall into groups.

@@ -267,7 +267,7 @@ impl Fit {
         let claims = Claims::new()
             .reads("the picture", &self.photo)
             .writes("-o", &self.output)
-            .writes_folder_if("--report", self.report.as_deref(), &places::IMAGE_FIT);
+            .writes_folder_if("--report", self.report.as_deref());
         let checkpoint = claim_checkpoint(claims, &self.output, self.resume, self.restart)?;
         let snapshots = match &self.report {
             Some(folder) if !self.snapshots.is_empty() => Some(folder.join("snapshots")),

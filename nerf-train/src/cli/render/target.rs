@@ -113,7 +113,7 @@ impl Render {
             let named = place == self.output;
             let flag = if named { "-o".to_owned() } else { format!("{} beside -o", output.suffix()) };
             match target {
-                Target::Frames => claims.writes_frames(&flag, &place, &places::FRAME),
+                Target::Frames => claims.writes_frames(&flag, &place),
                 _ if named => claims.writes(&flag, &place),
                 _ => claims.derives(&flag, &place, Existing::ReplaceOwn),
             }

@@ -26,9 +26,7 @@ pub struct LookAt {
     pub mean_residual: f32,
     /// Smallest distance of a camera from it, world units.
     pub min_distance: f32,
-    /// Mean distance.
     pub mean_distance: f32,
-    /// Largest distance.
     pub max_distance: f32,
     /// Share of the cameras that have the point behind them, 0..=1.
     pub behind: f32,

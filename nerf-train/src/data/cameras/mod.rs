@@ -9,3 +9,17 @@ pub mod path;
 pub(crate) mod pose;
 pub mod refined;
 pub(crate) mod viewpoint;
+
+use nerf_core::camera::{Camera, CameraError, Intrinsics};
+
+/// The same view in another size, pixels.
+///
+/// # Errors
+/// A size without pixels.
+pub(crate) fn scaled(camera: &Camera, (width, height): (u32, u32)) -> Result<Camera, CameraError> {
+    let old = *camera.intrinsics();
+    let (sx, sy) = (width as f32 / old.width as f32, height as f32 / old.height as f32);
+    let new =
+        Intrinsics { width, height, fx: old.fx * sx, fy: old.fy * sy, cx: old.cx * sx, cy: old.cy * sy };
+    Camera::new(new, *camera.lens(), *camera.pose())
+}

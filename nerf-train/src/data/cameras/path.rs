@@ -6,6 +6,7 @@ use crate::system::input::{read_limited, without_mark};
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
+use std::fmt::Display;
 use std::path::Path;
 
 /// A path of some 100,000 cameras.
@@ -76,9 +77,8 @@ impl Matrix {
 struct Place<'a>(&'a Path);
 
 impl Place<'_> {
-    fn fault(&self, field: impl Into<String>, expected: &str, found: impl ToString) -> DatasetError {
-        let (file, field) = (self.0.into(), field.into());
-        DatasetError::Value { file, field, expected: expected.into(), found: found.to_string() }
+    fn fault(&self, field: impl Display, expected: &str, found: impl Display) -> DatasetError {
+        DatasetError::value(self.0, field, expected, found)
     }
 
     /// The pose of a matrix whose position counts from `origin` then.

@@ -73,7 +73,7 @@ impl RefinedPoses {
     /// The refined camera of each of `views`, `None` for those it does not name. `blob`: names the file in errors.
     ///
     /// # Errors
-    /// [`DatasetError::Camera`] for a pose that is none.
+    /// [`DatasetError`] for a pose that is none.
     pub fn cameras<'v>(
         &self,
         blob: &Path,
@@ -82,9 +82,10 @@ impl RefinedPoses {
     ) -> Result<Vec<Option<Camera>>, DatasetError> {
         let frames: HashMap<&str, &Frame> = self.frames.iter().map(|f| (f.file_path.as_str(), f)).collect();
         let camera = |view: &View| match frames.get(view.name.as_str()) {
-            Some(frame) => view.camera.at(frame.pose(origin)).map(Some).map_err(|source| {
-                DatasetError::Camera { file: beside(blob), view: view.name.clone(), source }
-            }),
+            Some(frame) => {
+                let camera = view.camera.at(frame.pose(origin)).map(Some);
+                camera.map_err(|error| DatasetError::camera(&beside(blob), &view.name, &error))
+            }
             None => Ok(None),
         };
         views.into_iter().map(camera).collect()

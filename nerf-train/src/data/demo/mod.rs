@@ -25,7 +25,6 @@ pub const SCENE_BOX: SceneBox = SceneBox { min: Vec3::NEG_ONE, max: Vec3::ONE };
 /// How the scene is photographed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DemoSpec {
-    /// Number of training views.
     pub train: u32,
     /// Number of validation views, between the training views.
     pub val: u32,
@@ -90,20 +89,12 @@ pub fn dataset(spec: &DemoSpec) -> Result<Dataset, CameraError> {
     // Every corner of the box is between these from every camera.
     let reach = 3.0f32.sqrt();
     Ok(Dataset {
-        name: "demo".into(),
-        format: Format::Demo,
-        axes: Axes::Opengl,
         train: shoot("train", train),
         val: shoot("val", val),
-        test: Vec::new(),
-        test_path: Vec::new(),
         near: Some((spec.radius - reach).max(0.0)),
         far: Some(spec.radius + reach),
         background: Background::Alpha,
-        points: Vec::new(),
-        origin: [0.0; 3],
-        notes: Vec::new(),
-        warnings: Vec::new(),
+        ..Dataset::empty("demo".into(), Format::Demo, Axes::Opengl)
     })
 }
 

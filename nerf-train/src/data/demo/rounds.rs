@@ -82,19 +82,13 @@ pub fn two_rounds(folded: bool) -> Result<Dataset, CameraError> {
         }
     }
     Ok(Dataset {
-        name: if folded { "demo, folded".into() } else { "demo".into() },
-        format: Format::Demo,
-        axes: Axes::Opengl,
         train,
-        val: Vec::new(),
-        test: Vec::new(),
-        test_path: Vec::new(),
-        near: None,
-        far: None,
         background: Background::Alpha,
         points,
-        origin: [0.0; 3],
-        notes: Vec::new(),
-        warnings: Vec::new(),
+        ..Dataset::empty(
+            if folded { "demo, folded".into() } else { "demo".into() },
+            Format::Demo,
+            Axes::Opengl,
+        )
     })
 }

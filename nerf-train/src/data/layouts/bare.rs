@@ -1,18 +1,17 @@
 //! A folder of photographs alone: what poses are made of.
 
 use crate::data::DatasetError;
-use crate::data::layouts::colmap::commands;
+use crate::data::layouts::colmap::commands::{self, RENAMED, quoted};
 use crate::data::layouts::folders::{IMAGES, entries};
 use crate::data::pictures::decode::{DecodeError, dimensions};
 use crate::data::pictures::exif;
-use crate::data::pictures::file::is_picture_name;
+use crate::data::pictures::file::{heif, is_picture_name};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Photographs whose poses nobody knows yet.
 #[derive(Debug)]
 pub(crate) struct Bare {
-    /// Where they are.
     pub(crate) folder: PathBuf,
     /// Their files, sorted by the bytes of their names.
     pub(crate) photographs: Vec<PathBuf>,
@@ -26,7 +25,7 @@ impl Bare {
     /// Those of `folder`, or of `images` in it; `None` where there are none.
     ///
     /// # Errors
-    /// [`DatasetError::Heif`]; where a folder or file cannot be read.
+    /// On HEIF; where a folder or file cannot be read.
     pub(crate) fn of(folder: &Path) -> Result<Option<Self>, DatasetError> {
         let images = folder.join(IMAGES);
         let folder = if images.is_dir() { images } else { folder.to_owned() };
@@ -42,7 +41,7 @@ impl Bare {
                     cameras.entry((exif::device(&file), size)).or_default().push(name);
                     photographs.push(file);
                 }
-                Err(DecodeError::Heif { file }) => return Err(DatasetError::Heif { file }),
+                Err(DecodeError::Heif { file }) => return Err(heif(&file)),
                 Err(DecodeError::Read { file, source }) => return Err(DatasetError::io(&file, source)),
                 Err(_) => damaged.push(name),
             }
@@ -56,9 +55,18 @@ impl Bare {
         let sparse = folder.join("sparse");
         // Not among the photographs, where COLMAP would take it for one.
         let database = sparse.join("database.db");
-        let made = format!("mkdir -p {}", commands::quoted(&sparse));
+        let made = format!("mkdir -p {}", quoted(&sparse));
         let stages = commands::by_hand(&self.folder, &database, &sparse, self.cameras.len() == 1);
-        let commands = std::iter::once(made).chain(stages.iter().map(commands::Stage::line)).collect();
-        DatasetError::NoPoses { path: folder.into(), photographs: self.photographs.len(), commands }
+        let commands: Vec<String> =
+            std::iter::once(made).chain(stages.iter().map(commands::Stage::line)).collect();
+        let fault = format!(
+            "found {} photographs and no poses of them; `nerf-train poses {}` makes a folder with poses, by COLMAP. By \
+             hand: {} ({RENAMED}); then fit {} again",
+            self.photographs.len(),
+            quoted(folder),
+            commands.join(" && "),
+            folder.display()
+        );
+        DatasetError::fault(folder, fault)
     }
 }

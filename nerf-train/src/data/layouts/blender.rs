@@ -1,10 +1,8 @@
 //! A Blender (NeRF-synthetic) folder: one json for each split.
 
-use crate::data::layouts::found::Found;
 use crate::data::layouts::transforms::Transforms;
-use crate::data::{
-    Axes, Background, Dataset, DatasetError, Downscale, Format, ReadOptions, Watch, scene_name,
-};
+use crate::data::pictures::found::Found;
+use crate::data::{Axes, Dataset, DatasetError, Downscale, Format, ReadOptions, Watch, scene_name};
 use std::path::{Path, PathBuf};
 
 /// The file that makes a folder one of these.
@@ -54,20 +52,14 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
         warnings.push(format!("no pictures of {VAL}: no validation views"));
     }
     Ok(Dataset {
-        name: scene_name(folder),
-        format: Format::Blender,
-        axes,
         train,
         val,
         test,
-        test_path: Vec::new(),
         near,
         far,
-        background: Background::Unknown,
-        points: Vec::new(),
-        origin: [0.0; 3],
         notes,
         warnings,
+        ..Dataset::empty(scene_name(folder), Format::Blender, axes)
     }
     .counted_from(origin))
 }

@@ -79,8 +79,8 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
             Some(layout) => vec![layout.expected()],
             None => Layout::ALL.into_iter().map(Layout::expected).collect(),
         };
-        let expected = format!("a folder with {}", expected.join("; or "));
-        return Err(DatasetError::NotADataset { path: folder.into(), expected });
+        let fault = format!("not a data set: expected a folder with {}", expected.join("; or "));
+        return Err(DatasetError::fault(folder, fault));
     };
     let mut dataset = match layout {
         Layout::Transforms if folder.join(blender::TRAIN).is_file() => blender::read(folder, options, watch)?,

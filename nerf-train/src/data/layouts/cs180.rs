@@ -1,7 +1,7 @@
 //! The CS180 course's `.npz`: splits by name, OpenCV poses, one focal length.
 
-use crate::data::layouts::npz::{Archive, Array};
-use crate::data::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, scene_name};
+use crate::data::layouts::npz::{self, Archive, Array};
+use crate::data::{Axes, Dataset, DatasetError, Format, ReadOptions, View, scene_name};
 use glam::DVec3;
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use rayon::prelude::*;
@@ -49,20 +49,12 @@ pub(crate) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Datas
     let splits = [("images_train", &train), ("images_val", &val), ("images_test", &test)];
     warnings.extend(mixed_alpha(splits));
     Ok(Dataset {
-        name: scene_name(&archive.file),
-        format: Format::Cs180,
-        axes,
         train,
         val,
         test,
         test_path,
-        near: None,
-        far: None,
-        background: Background::Unknown,
-        points: Vec::new(),
-        origin: [0.0; 3],
-        notes: Vec::new(),
         warnings,
+        ..Dataset::empty(scene_name(&archive.file), Format::Cs180, axes)
     }
     .counted_from(origin))
 }
@@ -70,7 +62,6 @@ pub(crate) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Datas
 /// How matrices are read.
 #[derive(Clone, Copy)]
 pub(crate) struct World {
-    /// Their convention.
     pub(crate) axes: Axes,
     /// What positions are counted from.
     pub(crate) origin: DVec3,
@@ -103,12 +94,8 @@ pub(crate) fn views(
 ) -> Result<Vec<View>, DatasetError> {
     let (count, width, height, channels) = picture_shape(archive, images, array)?;
     if c2ws.len() != count {
-        return Err(DatasetError::Value {
-            file: archive.file.clone(),
-            field: format!("array `{poses}`"),
-            expected: format!("{count} poses, one for each picture of `{images}`"),
-            found: c2ws.len().to_string(),
-        });
+        let expected = format!("{count} poses, one for each picture of `{images}`");
+        return Err(npz::fault(&archive.file, poses, expected, c2ws.len()));
     }
     let cameras = cameras(archive, images, c2ws, (width, height, focal), world)?;
     let size = width as usize * height as usize * channels;
@@ -120,12 +107,7 @@ pub(crate) fn views(
             let bytes = match array.display_bytes(index * size, size) {
                 Some(Ok(bytes)) => bytes,
                 Some(Err(value)) => {
-                    return Err(DatasetError::Value {
-                        file: archive.file.clone(),
-                        field: name,
-                        expected: "colours in [0, 1]".into(),
-                        found: value.to_string(),
-                    });
+                    return Err(DatasetError::value(&archive.file, name, "colours in [0, 1]", value));
                 }
                 None => return Err(archive.dtype_error(images, "u1 (0..=255) or f4, f8 ([0, 1])", array)),
             };
@@ -165,11 +147,8 @@ fn cameras(
         let mut rows = *rows;
         (rows[0][3], rows[1][3], rows[2][3]) = (x, y, z);
         let pose = world.axes.to_opengl(Pose::from_rows(rows.map(|row| row.map(|v| v as f32))));
-        Camera::new(intrinsics, Lens::NONE, pose).map_err(|source| DatasetError::Camera {
-            file: archive.file.clone(),
-            view: format!("{key}[{index}]"),
-            source,
-        })
+        Camera::new(intrinsics, Lens::NONE, pose)
+            .map_err(|error| DatasetError::camera(&archive.file, &format!("{key}[{index}]"), &error))
     };
     c2ws.iter().enumerate().map(make).collect()
 }

@@ -84,12 +84,8 @@ impl Folders {
     ) -> Result<Vec<(String, Located)>, DatasetError> {
         let candidates = self.candidates(downscale, size);
         let Some(&(folder, downscale, reduced)) = candidates.first() else {
-            return Err(DatasetError::Value {
-                file: self.root.clone(),
-                field: "--downscale".into(),
-                expected: format!("one for which there are large enough pictures: {}", self.names()),
-                found: downscale.factor(size).to_string(),
-            });
+            let expected = format!("one for which there are large enough pictures: {}", self.names());
+            return Err(DatasetError::value(&self.root, "--downscale", expected, downscale.factor(size)));
         };
         let pictures = entries(folder)?.into_iter().filter(|path| is_picture_name(path));
         let named = pictures.map(|path| {

@@ -2,13 +2,11 @@
 
 use crate::data::layouts::colmap;
 use crate::data::layouts::folders::{Folders, Located};
-use crate::data::layouts::found::Found;
-use crate::data::layouts::npz::read_npy;
+use crate::data::layouts::npz::{self, read_npy};
 use crate::data::layouts::split::every_eighth;
+use crate::data::pictures::found::Found;
 use crate::data::pictures::photo::{Fence, Optics, Photo, Source};
-use crate::data::{
-    Axes, Background, Dataset, DatasetError, Format, ReadOptions, SparsePoint, View, Watch, scene_name,
-};
+use crate::data::{Axes, Dataset, DatasetError, Format, ReadOptions, SparsePoint, View, Watch, scene_name};
 use glam::DVec3;
 use nerf_core::camera::{Lens, Pose};
 use std::path::Path;
@@ -52,16 +50,10 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     let folders = Folders::of(folder)?;
     let size = rows.first().map_or((1.0, 1.0), |row| row.size);
     let pictures = folders.list(options.downscale, size)?;
-    let value = |field: &str, expected: String, found: String| DatasetError::Value {
-        file: file.clone(),
-        field: field.into(),
-        expected,
-        found,
-    };
     if pictures.len() != rows.len() {
         let place = folder_of(&pictures).unwrap_or_else(|| folders.names());
         let expected = format!("as many as there are photographs in {place}, {}", pictures.len());
-        return Err(value("number of poses", expected, rows.len().to_string()));
+        return Err(DatasetError::value(&file, "number of poses", expected, rows.len()));
     }
     let mut found = Found::default();
     watch.expect(pictures.len());
@@ -123,20 +115,14 @@ fn dataset(
     let far = rows.iter().map(|row| row.bounds[1]).fold(0.0, f64::max);
     let (train, val) = every_eighth(views, options, &mut notes);
     Ok(Dataset {
-        name: scene_name(folder),
-        format: Format::Llff,
-        axes: options.axes.unwrap_or(Axes::Opengl),
         train,
         val,
-        test: Vec::new(),
-        test_path: Vec::new(),
         near: Some((NEAR_MARGIN * near) as f32),
         far: Some(far as f32),
-        background: Background::Unknown,
         points,
-        origin: [0.0; 3],
         notes,
         warnings,
+        ..Dataset::empty(scene_name(folder), Format::Llff, options.axes.unwrap_or(Axes::Opengl))
     }
     .counted_from(origin))
 }
@@ -149,25 +135,17 @@ fn folder_of(pictures: &[(String, Located)]) -> Option<String> {
 
 fn rows(file: &Path, options: &ReadOptions) -> Result<(Vec<Row>, DVec3), DatasetError> {
     let array = read_npy(file, options.max_array_bytes)?;
-    let key = || "poses_bounds".to_owned();
+    let fault = |expected: &str, found: String| npz::fault(file, "poses_bounds", expected, found);
     let &[_, NUMBERS] = array.shape.as_slice() else {
-        let (file, found) = (file.into(), array.shape);
-        return Err(DatasetError::Shape { file, key: key(), expected: "[n, 17]".into(), found });
+        return Err(fault("shape [n, 17]", format!("{:?}", array.shape)));
     };
-    let numbers = array.numbers().filter(|_| array.is_float()).ok_or_else(|| DatasetError::Dtype {
-        file: file.into(),
-        key: key(),
-        expected: "f8 (or f4)",
-        found: "another".into(),
-    })?;
+    let numbers = array.numbers().filter(|_| array.is_float());
+    let numbers = numbers.ok_or_else(|| fault("dtype f8 (or f4)", "another".into()))?;
     let origin = options.origin_for(numbers.chunks_exact(NUMBERS).map(|n| [n[3], n[8], n[13]]));
     let rows: Vec<Row> = numbers.chunks_exact(NUMBERS).map(|n| Row::new(n, origin)).collect();
     for (index, row) in rows.iter().enumerate() {
-        let value = |field: &str, expected: &str, found: String| DatasetError::Value {
-            file: file.into(),
-            field: format!("pose number {index}, {field}"),
-            expected: expected.into(),
-            found,
+        let value = |field: &str, expected: &str, found: String| {
+            DatasetError::value(file, format!("pose number {index}, {field}"), expected, found)
         };
         let (w, h) = row.size;
         if !(1.0..=1e6).contains(&w) || !(1.0..=1e6).contains(&h) {

@@ -7,7 +7,6 @@ pub(crate) mod colmap;
 pub(crate) mod cs180;
 pub(crate) mod files;
 pub(crate) mod folders;
-pub(crate) mod found;
 pub(crate) mod llff;
 pub(crate) mod nerfstudio;
 pub(crate) mod npz;

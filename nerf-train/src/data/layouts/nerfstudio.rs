@@ -1,9 +1,10 @@
 //! A `transforms.json` of nerfstudio or instant-ngp: all views in one file.
 
-use crate::data::layouts::found::Found;
 use crate::data::layouts::split::every_eighth;
-use crate::data::layouts::transforms::{Header, Transforms, listed};
-use crate::data::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, View, Watch, scene_name};
+use crate::data::layouts::transforms::{Header, Transforms};
+use crate::data::names::listed;
+use crate::data::pictures::found::Found;
+use crate::data::{Axes, Dataset, DatasetError, Format, ReadOptions, View, Watch, scene_name};
 use std::collections::HashSet;
 use std::path::Path;
 
@@ -35,20 +36,14 @@ pub(crate) fn read(file: &Path, options: &ReadOptions, watch: &Watch) -> Result<
     let usual = file.file_name().is_some_and(|name| name == FILE);
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     Ok(Dataset {
-        name: scene_name(if usual { folder } else { file }),
-        format: Format::Nerfstudio,
-        axes,
         train,
         val,
         test,
-        test_path: Vec::new(),
         near: header.near,
         far: header.far,
-        background: Background::Unknown,
-        points: Vec::new(),
-        origin: [0.0; 3],
         notes,
         warnings,
+        ..Dataset::empty(scene_name(if usual { folder } else { file }), Format::Nerfstudio, axes)
     }
     .counted_from(origin))
 }

@@ -6,6 +6,7 @@
 use crate::data::DatasetError;
 use crate::data::cameras::pose::{BOTTOM_ROW, bottom_row_fault};
 use crate::system::input::open_regular;
+use std::fmt::Display;
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -41,10 +42,8 @@ const NUMBERS: &str = "f2, f4, f8, b1 or a plain integer";
 impl Archive {
     pub(crate) fn open(file: &Path, max_array_bytes: u64) -> Result<Self, DatasetError> {
         let stream = open_regular(file).map_err(|source| DatasetError::io(file, source))?;
-        let zip = ZipArchive::new(BufReader::new(stream)).map_err(|error| DatasetError::NotAnArchive {
-            file: file.into(),
-            found: format!("damage or another format ({error})"),
-        })?;
+        let zip = ZipArchive::new(BufReader::new(stream))
+            .map_err(|error| not_an_archive(file, format!("damage or another format ({error})")))?;
         Ok(Self { file: file.into(), zip, max_array_bytes })
     }
 
@@ -52,10 +51,8 @@ impl Archive {
     pub(crate) fn names(&mut self) -> Result<Vec<String>, DatasetError> {
         let mut names = Vec::new();
         for index in 0..self.zip.len() {
-            let entry = self.zip.by_index_raw(index).map_err(|error| DatasetError::NotAnArchive {
-                file: self.file.clone(),
-                found: format!("damage ({error})"),
-            })?;
+            let entry = self.zip.by_index_raw(index);
+            let entry = entry.map_err(|error| not_an_archive(&self.file, format!("damage ({error})")))?;
             names.extend(entry.name().strip_suffix(".npy").map(str::to_owned));
         }
         Ok(names)
@@ -70,13 +67,12 @@ impl Archive {
         if !self.has(key) {
             let mut present = self.names()?;
             present.sort();
-            return Err(DatasetError::MissingKey { file: self.file.clone(), key: key.into(), present });
+            let fault = format!("expected an array named `{key}`, found only [{}]", present.join(", "));
+            return Err(DatasetError::fault(&self.file, fault));
         }
         let (file, limit) = (self.file.clone(), self.max_array_bytes);
-        let mut entry = self.zip.by_name(&format!("{key}.npy")).map_err(|error| {
-            let expected = "a readable zip entry".into();
-            DatasetError::Array { file: file.clone(), key: key.into(), expected, found: error.to_string() }
-        })?;
+        let entry = self.zip.by_name(&format!("{key}.npy"));
+        let mut entry = entry.map_err(|error| fault(&file, key, "a readable zip entry", error))?;
         read_array(&mut entry, &file, key, limit)
     }
 
@@ -99,12 +95,8 @@ impl Archive {
         for (index, matrix) in numbers.chunks_exact(rows * 4).enumerate() {
             let rows: Vec<&[f64]> = matrix.chunks_exact(4).collect();
             if let Some(found) = bottom_row_fault(&rows) {
-                return Err(DatasetError::Value {
-                    file: self.file.clone(),
-                    field: format!("view `{key}[{index}]`"),
-                    expected: BOTTOM_ROW.into(),
-                    found,
-                });
+                let place = format!("view `{key}[{index}]`");
+                return Err(DatasetError::value(&self.file, place, BOTTOM_ROW, found));
             }
         }
         Ok(numbers
@@ -117,14 +109,22 @@ impl Archive {
         array.numbers().ok_or_else(|| self.dtype_error(key, NUMBERS, array))
     }
 
-    pub(crate) fn dtype_error(&self, key: &str, expected: &'static str, array: &Array) -> DatasetError {
-        DatasetError::Dtype { file: self.file.clone(), key: key.into(), expected, found: array.dtype.name() }
+    pub(crate) fn dtype_error(&self, key: &str, expected: &str, array: &Array) -> DatasetError {
+        fault(&self.file, key, format!("dtype {expected}"), array.dtype.name())
     }
 
     pub(crate) fn shape_error(&self, key: &str, expected: &str, array: &Array) -> DatasetError {
-        let (file, found) = (self.file.clone(), array.shape.clone());
-        DatasetError::Shape { file, key: key.into(), expected: expected.into(), found }
+        fault(&self.file, key, format!("shape {expected}"), format!("{:?}", array.shape))
     }
+}
+
+fn not_an_archive(file: &Path, found: String) -> DatasetError {
+    DatasetError::fault(file, format!("expected a whole .npz (zip) archive, found {found}"))
+}
+
+/// What is wrong with the array `key`.
+pub(crate) fn fault(file: &Path, key: &str, expected: impl Display, found: impl Display) -> DatasetError {
+    DatasetError::value(file, format!("array `{key}`"), expected, found)
 }
 
 /// The one array of a `.npy` file, which messages call by the file's stem.
@@ -135,15 +135,10 @@ pub(crate) fn read_npy(file: &Path, max_array_bytes: u64) -> Result<Array, Datas
 }
 
 fn read_array(stream: &mut impl Read, file: &Path, key: &str, limit: u64) -> Result<Array, DatasetError> {
-    let bad = |expected: &str, found: String| DatasetError::Array {
-        file: file.into(),
-        key: key.into(),
-        expected: expected.into(),
-        found,
-    };
+    let bad = |expected: &str, found: String| fault(file, key, expected, found);
     let (dtype, fortran, shape) =
         read_header(stream).map_err(|found| bad("a .npy header of plain numbers", found))?;
-    let too_large = |bytes| DatasetError::TooLarge { file: file.into(), key: key.into(), bytes, limit };
+    let too_large = |bytes: u64| fault(file, key, format!("at most {limit} bytes"), bytes);
     let bytes = shape
         .iter()
         .try_fold(dtype.size, |bytes, &side| bytes.checked_mul(side))

@@ -2,7 +2,7 @@
 
 use crate::data::layouts::cs180;
 use crate::data::layouts::npz::Archive;
-use crate::data::{Axes, Background, Dataset, DatasetError, Format, ReadOptions, scene_name};
+use crate::data::{Axes, Dataset, DatasetError, Format, ReadOptions, scene_name};
 
 /// The notebook's file has this many views, of which it fits the first 100.
 const NOTEBOOK_VIEWS: usize = 106;
@@ -34,21 +34,6 @@ pub(crate) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Datas
         warnings.push(format!("only {} views: no validation views", train.len()));
         Vec::new()
     };
-    Ok(Dataset {
-        name: scene_name(&archive.file),
-        format: Format::TinyNerf,
-        axes,
-        train,
-        val,
-        test: Vec::new(),
-        test_path: Vec::new(),
-        near: None,
-        far: None,
-        background: Background::Unknown,
-        points: Vec::new(),
-        origin: [0.0; 3],
-        notes: Vec::new(),
-        warnings,
-    }
-    .counted_from(origin))
+    Ok(Dataset { train, val, warnings, ..Dataset::empty(scene_name(&archive.file), Format::TinyNerf, axes) }
+        .counted_from(origin))
 }

@@ -25,42 +25,16 @@ pub(crate) const HEIF_ADVICE: &str = "turn them into JPEG first, with `heif-conv
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DecodeError {
-    /// The file cannot be read.
     #[error("cannot read {file}: {source}")]
-    Read {
-        /// The file.
-        file: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// Its content is none of the formats that are read.
+    Read { file: PathBuf, source: std::io::Error },
     #[error("{file}: expected a {FORMATS} picture, found another kind of file")]
-    Format {
-        /// The file.
-        file: PathBuf,
-    },
-    /// It is an HEIF or AVIF picture, which is not decoded here.
+    Format { file: PathBuf },
     #[error("{file}: expected a {FORMATS} picture, found HEIF (HEIC) or AVIF; {HEIF_ADVICE}")]
-    Heif {
-        /// The file.
-        file: PathBuf,
-    },
-    /// It is damaged, or of a kind that its format's decoder does not know.
+    Heif { file: PathBuf },
     #[error("{file}: expected a whole picture, found: {found}")]
-    Damaged {
-        /// The file.
-        file: PathBuf,
-        /// What the decoder said.
-        found: String,
-    },
-    /// Its header states a size that is not wanted, see [`decode_of`].
+    Damaged { file: PathBuf, found: String },
     #[error("{file}: expected a picture of another size, found {}x{}", found.0, found.1)]
-    Size {
-        /// The file.
-        file: PathBuf,
-        /// Width and height, pixels.
-        found: (u32, u32),
-    },
+    Size { file: PathBuf, found: (u32, u32) },
 }
 
 /// Decodes a picture of any bit depth and channel count, as it is stored, with its EXIF orientation.

@@ -1,7 +1,7 @@
 //! One picture file to straight 8-bit sRGB and alpha.
 
 use crate::data::DatasetError;
-use crate::data::pictures::decode::{DecodeError, decode_of};
+use crate::data::pictures::decode::{DecodeError, FORMATS, HEIF_ADVICE, decode_of};
 use image::{DynamicImage, metadata::Orientation};
 use std::collections::{HashMap, HashSet};
 use std::io::ErrorKind;
@@ -34,12 +34,13 @@ pub(crate) type StatedSize = (Option<f64>, Option<f64>);
 /// Decodes a picture of any depth and channel count, as it is stored. Of one that is not of the `stated` size, not even
 /// lying on its side, only the header is read.
 pub(crate) fn decode(file: &Path, stated: StatedSize) -> Result<Decoded, DatasetError> {
-    let bad = |found: String| DatasetError::Picture { file: file.into(), found };
+    let bad =
+        |found: String| DatasetError::fault(file, format!("expected a {FORMATS} picture, found {found}"));
     let wanted = |size: (u32, u32)| fits(size, stated) || fits((size.1, size.0), stated);
     let (image, orientation) = decode_of(file, wanted).map_err(|error| match error {
         DecodeError::Read { file, source } => DatasetError::io(&file, source),
         DecodeError::Format { .. } => bad("another kind of file".into()),
-        DecodeError::Heif { .. } => DatasetError::Heif { file: file.into() },
+        DecodeError::Heif { .. } => heif(file),
         DecodeError::Damaged { found, .. } => bad(found),
         DecodeError::Size { file, found } => other_size(&file, stated, found),
     })?;
@@ -53,7 +54,17 @@ pub(crate) fn decode(file: &Path, stated: StatedSize) -> Result<Decoded, Dataset
 /// That a picture is not of the size that is stated.
 pub(crate) fn other_size(file: &Path, stated: StatedSize, found: (u32, u32)) -> DatasetError {
     let expected = (stated.0.unwrap_or(found.0.into()), stated.1.unwrap_or(found.1.into()));
-    DatasetError::PictureSize { file: file.into(), expected, found }
+    let fault = format!(
+        "expected a picture of {}x{} pixels (or scaled evenly), as its poses (or, of a mask, its picture) say, found {}x{}",
+        expected.0, expected.1, found.0, found.1
+    );
+    DatasetError::fault(file, fault)
+}
+
+/// That a picture is of a kind that is not decoded here.
+pub(crate) fn heif(file: &Path) -> DatasetError {
+    let fault = format!("expected a {FORMATS} picture, found HEIF (HEIC) or AVIF; {HEIF_ADVICE}");
+    DatasetError::fault(file, fault)
 }
 
 /// Whether a picture of `found` pixels is one of the `stated` width and height, or that one scaled evenly.

@@ -4,6 +4,7 @@ pub mod colour;
 pub mod decode;
 pub(crate) mod exif;
 pub(crate) mod file;
+pub(crate) mod found;
 pub(crate) mod photo;
 pub mod photograph;
 pub mod rgb;

@@ -1,7 +1,7 @@
 //! Photographs with their cameras: decoded one at a time, turned, made smaller, masked.
 
-use crate::data::layouts::found::Found;
 use crate::data::pictures::file::{self, Picture, StatedSize};
+use crate::data::pictures::found::Found;
 use crate::data::pictures::scale::{shrunk, shrunk_mask};
 use crate::data::{DatasetError, Downscale, ReadOptions, View, Watch};
 use image::DynamicImage;
@@ -40,11 +40,9 @@ impl Optics {
 pub(crate) struct Photo<'a> {
     /// Its file's path as the data set writes it.
     pub(crate) name: &'a str,
-    /// Where it is.
     pub(crate) path: PathBuf,
     /// A picture that is black where this one does not count.
     pub(crate) mask: Option<PathBuf>,
-    /// The size that its intrinsics are of.
     pub(crate) stated: StatedSize,
     /// How much smaller than that it is read; where `None`, as it is.
     pub(crate) downscale: Option<Downscale>,
@@ -67,7 +65,6 @@ pub(crate) struct Loaded {
 /// Where the poses stand, for messages.
 #[derive(Clone, Copy)]
 pub(crate) struct Source<'a> {
-    /// The file.
     pub(crate) file: &'a Path,
     /// What sentences call it, such as "the json".
     pub(crate) says: &'static str,
@@ -108,9 +105,8 @@ impl Source<'_> {
         }
         let mask = photo.mask.as_deref().map(|mask| read_mask(mask, found, (width, height))).transpose()?;
         let Picture { width, height, pixels, alpha } = shrunk(decoded.image, width, height);
-        let camera = Camera::new(optics.at(width, height), optics.lens, photo.pose).map_err(|source| {
-            DatasetError::Camera { file: self.file.into(), view: photo.name.into(), source }
-        })?;
+        let camera = Camera::new(optics.at(width, height), optics.lens, photo.pose)
+            .map_err(|error| DatasetError::camera(self.file, photo.name, &error))?;
         let mask = mask.filter(|kept| !kept.iter().all(|&kept| kept));
         let view = View { name: photo.name.into(), camera, pixels, mask, near: 0.0, key_points: Vec::new() };
         Ok(Loaded { view, alpha, larger: larger.then_some(found), notes })
@@ -142,12 +138,8 @@ impl Source<'_> {
             }
         }
         if views.iter().any(|view| view.mask.is_some()) && pixels > u64::from(u32::MAX) {
-            return Err(DatasetError::Value {
-                file: self.file.into(),
-                field: "masks".into(),
-                expected: "at most 2^32 pixels with masks (--downscale makes them fewer)".into(),
-                found: pixels.to_string(),
-            });
+            let expected = "at most 2^32 pixels with masks (--downscale makes them fewer)";
+            return Err(DatasetError::value(self.file, "masks", expected, pixels));
         }
         Ok(views)
     }
@@ -188,7 +180,11 @@ impl Fence {
         if found.starts_with(bounds) {
             return Ok(());
         }
-        let (file, view) = (file.into(), view.to_owned());
-        Err(DatasetError::Outside { file, view, folder: bounds.clone(), found })
+        let fault = format!(
+            "view `{view}`: expected a picture inside of {}, found {}; --outside-files reads it all the same",
+            bounds.display(),
+            found.display()
+        );
+        Err(DatasetError::fault(file, fault))
     }
 }

@@ -9,7 +9,6 @@ use std::path::{Path, PathBuf};
 /// A photograph.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Photo {
-    /// Its file's name.
     pub name: String,
     /// Its pixels, display-encoded.
     pub picture: Picture,
@@ -21,25 +20,12 @@ pub struct Photo {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PhotoError {
-    /// The file cannot be decoded.
     #[error("{0}")]
     Decode(#[from] DecodeError),
-    /// A size that no blob can name.
     #[error("{file}: expected 1 to {MAX_SIDE} pixels a side, found {width}x{height}")]
-    Size {
-        /// The file.
-        file: PathBuf,
-        /// Pixels.
-        width: u32,
-        /// Pixels.
-        height: u32,
-    },
-    /// A scale that leaves nothing, or enlarges.
+    Size { file: PathBuf, width: u32, height: u32 },
     #[error("--scale: expected a number above 0 and at most 1, found {found}")]
-    Scale {
-        /// What was given.
-        found: f64,
-    },
+    Scale { found: f64 },
 }
 
 impl Photo {

@@ -1,7 +1,7 @@
 //! What is wrong with a model that COLMAP has made.
 
 use crate::data::layouts::colmap::Facts;
-use crate::data::layouts::transforms::listed;
+use crate::data::names::listed;
 use std::fmt;
 
 /// A model of fewer than this share of the photographs is torn.

@@ -14,7 +14,7 @@ pub use fault::Fault;
 use crate::data::layouts::bare::Bare;
 use crate::data::layouts::colmap::commands::{self, Place, Way};
 use crate::data::layouts::colmap::{Facts, facts};
-use crate::data::{Dataset, ReadOptions, read};
+use crate::data::{Dataset, DatasetError, ReadOptions, read};
 use crate::system::output::AtomicFolder;
 use crate::system::progress::{ProgressStyle, say_lines};
 use run::Runner;
@@ -29,9 +29,7 @@ const MIN_PHOTOGRAPHS: usize = 3;
 /// What is asked of COLMAP.
 #[derive(Clone, Copy)]
 pub struct Request<'a> {
-    /// The folder of photographs.
     pub photographs: &'a Path,
-    /// The folder that is made.
     pub output: &'a Path,
     /// Whether only neighbours in the order of names are compared, not all with all.
     pub sequential: bool,
@@ -41,16 +39,13 @@ pub struct Request<'a> {
     pub patience: Duration,
     /// The groups of photographs of a model that is folded; `None` of any other.
     pub folded: &'a dyn Fn(&Dataset) -> Option<Vec<Vec<String>>>,
-    /// Where progress is shown.
     pub style: ProgressStyle,
 }
 
 /// What COLMAP found.
 #[derive(Clone, Debug)]
 pub struct Found {
-    /// Photographs that were tried.
     pub photographs: usize,
-    /// How many have a pose now.
     pub registered: usize,
     /// Names of those that have none.
     pub unregistered: Vec<String>,
@@ -60,13 +55,10 @@ pub struct Found {
     pub cameras: usize,
     /// How many models there were, of which the largest is kept.
     pub models: usize,
-    /// Sparse points.
     pub points: usize,
     /// Mean over the points, pixels.
     pub mean_reprojection_error: f64,
-    /// How COLMAP found it, in words.
     pub way: &'static str,
-    /// What is wrong with it all the same.
     pub fault: Option<Fault>,
 }
 
@@ -82,18 +74,18 @@ struct Attempt {
 /// # Errors
 /// [`PosesError`]; then nothing is left of the folder.
 pub fn find(request: &Request<'_>) -> Result<Found, PosesError> {
-    let few = |found, damaged: &[String]| PosesError::Few {
-        folder: request.photographs.into(),
-        found,
-        skipped: match damaged.len() {
+    let few = |found: usize, damaged: &[String]| {
+        let skipped = match damaged.len() {
             0 => String::new(),
             count => format!(", and {count} files that are no whole pictures"),
-        },
+        };
+        let fault = format!("expected at least {MIN_PHOTOGRAPHS} photographs, found {found}{skipped}");
+        DatasetError::fault(request.photographs, fault)
     };
     let bare = Bare::of(request.photographs)?.ok_or_else(|| few(0, &[]))?;
     let count = bare.photographs.len();
     if count < MIN_PHOTOGRAPHS {
-        return Err(few(count, &bare.damaged));
+        return Err(few(count, &bare.damaged).into());
     }
     let runner = Runner {
         photographs: count,
@@ -161,7 +153,7 @@ fn best(request: &Request<'_>, bare: &Bare, place: &Place, runner: &Runner) -> R
             best = Some(attempt);
         }
     }
-    best.ok_or_else(|| PosesError::NoneRegistered { photographs: count, said: "no model was made".into() })
+    best.ok_or_else(|| PosesError::none_registered(count, "no model was made"))
 }
 
 /// A way's largest model with its photographs, which are beside it meanwhile; `None` if it cannot be read, and so not be
@@ -185,9 +177,7 @@ fn attempt(way: Way, place: &Place, runner: &Runner) -> Result<Facts, PosesError
     let models = place.models(way);
     fs::create_dir_all(models.join("sparse")).map_err(|source| cannot_write_at(&models, source))?;
     runner.run(commands::mapping(place, way, runner.photographs))?;
-    let none =
-        || PosesError::NoneRegistered { photographs: runner.photographs, said: "no model was made".into() };
-    facts(&models)?.ok_or_else(none)
+    facts(&models)?.ok_or_else(|| PosesError::none_registered(runner.photographs, "no model was made"))
 }
 
 fn found(bare: Bare, Attempt { model, way, fault }: Attempt) -> Found {

@@ -45,20 +45,9 @@ fn dataset_of(poses: &[Pose], axes: Axes) -> Dataset {
         key_points: Vec::new(),
     };
     Dataset {
-        name: "made".into(),
-        format: Format::Nerfstudio,
-        axes,
         train: poses.iter().map(view).collect(),
-        val: Vec::new(),
-        test: Vec::new(),
-        test_path: Vec::new(),
-        near: None,
-        far: None,
         background: Background::Alpha,
-        points: Vec::new(),
-        origin: [0.0; 3],
-        notes: Vec::new(),
-        warnings: Vec::new(),
+        ..Dataset::empty("made".into(), Format::Nerfstudio, axes)
     }
 }
 
@@ -102,7 +91,7 @@ fn what_is_no_data_set_is_named() {
     assert_names(&error_of(folder.path()), &["transforms_train.json", "transforms.json"]);
     let file = folder.path().join("a.npz");
     std::fs::write(&file, b"hello").expect("write");
-    assert!(matches!(read_plain(&file), Err(DatasetError::NotAnArchive { .. })));
+    assert_names(&error_of(&file), &["a.npz", "expected a whole .npz (zip) archive"]);
 }
 
 #[test]

@@ -33,22 +33,16 @@ const POINT_EVERY: u32 = 20;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FieldError {
-    /// Training.
     #[error("{0}")]
     Train(#[from] FieldTrainError),
-    /// A limit in seconds.
     #[error("{0}")]
     TooShort(#[from] TooShort),
-    /// The own blob cannot be opened.
     #[error("own blob: {0}")]
     Blob(#[from] BlobError),
-    /// The own blob cannot be rendered.
     #[error("own blob: {0}")]
     Render(#[from] RenderError),
-    /// A checkpoint.
     #[error("{0}")]
     Checkpoint(#[from] CheckpointError),
-    /// The own blob or a checkpoint cannot be written.
     #[error("{0}")]
     Output(#[from] OutputError),
 }
@@ -56,9 +50,7 @@ pub enum FieldError {
 /// The whole picture at some step.
 #[derive(Clone, Copy, Debug)]
 pub struct Evaluation<'a> {
-    /// Steps done.
     pub step: u32,
-    /// What the blob of that step shows.
     pub picture: &'a Picture,
     /// dB over the whole picture.
     pub psnr_db: f64,
@@ -82,7 +74,6 @@ pub struct RunOptions {
     /// Steps between evaluations; a tenth of the budget if absent. With a limit in seconds they take at most a
     /// twentieth of it.
     pub evaluate_every: Option<u32>,
-    /// What to run with.
     pub kernel: Kernel,
     /// Display.
     pub style: ProgressStyle,
@@ -108,7 +99,6 @@ impl RunOptions {
 /// What a run made.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// The blob.
     pub bytes: Vec<u8>,
     /// What that very blob shows, at the photograph's size.
     pub picture: Picture,
@@ -118,9 +108,7 @@ pub struct Outcome {
     pub subnormal_weights: usize,
     /// The curve; its `val_psnr_db` is of the whole picture.
     pub curve: Vec<CurvePoint>,
-    /// Steps.
     pub steps: u32,
-    /// Number of parameters.
     pub parameters: usize,
     /// Seconds from the start until the last step, evaluations included.
     pub train_seconds: f64,

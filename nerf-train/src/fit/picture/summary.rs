@@ -12,7 +12,6 @@ use std::path::Path;
 
 /// `summary.json` of an `image fit`.
 #[derive(Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Summary<'p> {
     pub psnr_db: f64,
     pub photo: &'p str,

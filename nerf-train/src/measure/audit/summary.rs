@@ -7,7 +7,6 @@ use serde::Serialize;
 
 /// What an audit found, for scripts.
 #[derive(Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Summary {
     pub effects: Vec<EffectSummary>,
     pub threshold_db: f64,
@@ -20,7 +19,6 @@ pub struct Summary {
 
 /// What an effect is worth, or why it was not asked.
 #[derive(Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 #[serde(untagged)]
 pub enum EffectSummary {
     Asked {

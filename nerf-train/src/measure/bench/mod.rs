@@ -26,11 +26,8 @@ use std::time::Instant;
 /// The blob with something else in it.
 #[derive(Clone, Debug)]
 pub struct Variant {
-    /// Its name in tables.
     pub name: String,
-    /// Its file.
     pub bytes: Vec<u8>,
-    /// Whether it has an occupancy grid.
     pub has_occupancy: bool,
 }
 
@@ -56,11 +53,9 @@ pub struct Clocked {
 /// Memory of a setting, bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Memory {
-    /// Workspace of one thread.
     pub workspace: usize,
     /// Prepared weights, shared by all threads.
     pub prepared: usize,
-    /// The file.
     pub file: usize,
 }
 

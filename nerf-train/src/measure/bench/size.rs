@@ -1,8 +1,9 @@
 //! Pictures rendered smaller and enlarged again.
 
+use crate::data::cameras;
 use crate::measure::error::StudyError;
 use crate::measure::frame::Frame;
-use nerf_core::camera::{Camera, Intrinsics};
+use nerf_core::camera::Camera;
 
 /// The camera of a picture whose sides are `quarters` quarters of this one's, at least a pixel.
 ///
@@ -14,10 +15,7 @@ pub fn scaled(camera: &Camera, quarters: u32) -> Result<Camera, StudyError> {
     }
     let i = *camera.intrinsics();
     let side = |pixels: u32| ((u64::from(pixels) * u64::from(quarters) + 2) / 4).max(1) as u32;
-    let (width, height) = (side(i.width), side(i.height));
-    let (x, y) = (width as f32 / i.width as f32, height as f32 / i.height as f32);
-    let small = Intrinsics { width, height, fx: i.fx * x, fy: i.fy * y, cx: i.cx * x, cy: i.cy * y };
-    Ok(Camera::new(small, *camera.lens(), *camera.pose())?)
+    Ok(cameras::scaled(camera, (side(i.width), side(i.height)))?)
 }
 
 /// A smaller frame at the size of `camera`'s picture: bilinear between pixel centres, held at the edges.

@@ -19,11 +19,8 @@ const MAX_TABLE_VALUES: usize = 1 << 26;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{field}: expected {expected}, found {found}")]
 pub struct ConfigError {
-    /// The setting, as in the TOML file.
     pub field: &'static str,
-    /// What is allowed.
     pub expected: String,
-    /// What was given.
     pub found: String,
 }
 

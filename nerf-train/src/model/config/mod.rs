@@ -24,21 +24,15 @@ const OCCUPANCY_RESOLUTIONS: [u16; 5] = [128, 96, 64, 48, 32];
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// The preset it started from.
     pub preset: Preset,
-    /// What computes the gradients.
     pub engine: EngineKind,
-    /// The network.
     pub network: NetworkConfig,
-    /// Rays and samples.
     pub sampling: SamplingConfig,
     /// The occupancy grid that skips empty space in training; its end state is the blob's occupancy grid.
     pub occupancy: OccupancyConfig,
     /// What photographs of an unbounded scene are believed of; beside a grid.
     pub capture: CaptureConfig,
-    /// The optimiser.
     pub optimiser: OptimiserConfig,
-    /// Seed of everything random.
     pub seed: u64,
 }
 
@@ -139,9 +133,7 @@ pub struct CaptureConfig {
     pub depth: f32,
     /// Whether space that lines of sight to sparse points cross is free.
     pub free_space: bool,
-    /// Whether photographs have gains.
     pub exposure: Exposure,
-    /// Whether poses are refined.
     pub poses: PoseRefinement,
     /// Whether what moved is left out of the loss.
     pub moving: MovingObjects,

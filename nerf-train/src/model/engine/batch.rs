@@ -45,7 +45,6 @@ pub struct RayQuestion {
 /// Gradient of the loss by a ray, whose samples stay at their distances.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayGradient {
-    /// Index of the ray in its batch.
     pub ray: u32,
     /// By the origin, per world unit.
     pub by_origin: Vec3,
@@ -59,7 +58,6 @@ pub struct RayGradient {
 /// opaque: one sample a ray.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct Batch {
-    /// The rays.
     pub rays: Vec<BatchRay>,
     /// Sample positions, world.
     pub positions: Vec<[f32; 3]>,
@@ -189,22 +187,8 @@ impl Batch {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum BatchError {
-    /// The rays claim another number of samples than there are.
     #[error("{field}: the rays claim {expected} samples, found {found}")]
-    Length {
-        /// `positions`, `deltas` or `gradient_scales`.
-        field: &'static str,
-        /// Sum of the rays' samples.
-        expected: u64,
-        /// What the field holds.
-        found: usize,
-    },
-    /// A number that is not finite, or a negative delta.
+    Length { field: &'static str, expected: u64, found: usize },
     #[error("{field}[{index}] is not finite, or a negative length")]
-    NonFinite {
-        /// Which field.
-        field: &'static str,
-        /// Which entry.
-        index: usize,
-    },
+    NonFinite { field: &'static str, index: usize },
 }

@@ -260,7 +260,6 @@ pub struct OptimiserState {
     pub moment1: Vec<f32>,
     /// Second moments, in the same order, none negative.
     pub moment2: Vec<f32>,
-    /// Steps taken.
     pub steps: u64,
     /// What a step of int8 counts, level by level of a grid whose tables are rounded; else empty.
     pub scales: Vec<f32>,
@@ -277,7 +276,6 @@ pub struct StepLoss {
     pub empty: f64,
     /// The batch has samples on rays, and every sigma of theirs is 0: nothing reaches the network.
     pub dead: bool,
-    /// Samples whose density was evaluated.
     pub evaluated: usize,
     /// Samples that had a colour and a backward pass.
     pub kept: usize,
@@ -287,60 +285,28 @@ pub struct StepLoss {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EngineError {
-    /// The model cannot be trained.
     #[error("model: {0}")]
     Model(#[from] ModelError),
-    /// A model without the grid that this engine trains.
     #[error("model: expected a position encoded by a grid, found a sinusoidal encoding")]
     NoGrid,
-    /// A grid of a 2D field: dfdx's tape trains grids of scenes alone.
     #[error("model: expected a density, found a picture: the engine dfdx trains grids of scenes alone")]
     NoDensity,
-    /// A grid model with parts that its engine does not train.
     #[error(
         "model: expected a colour a ray and an exponential density of scale 1, or none, and no feature layer beside a grid"
     )]
     NotPlain,
-    /// The batch contradicts itself.
     #[error("batch: {0}")]
     Batch(#[from] BatchError),
-    /// The learning rate is negative or not finite.
     #[error("learning rate: expected a finite rate of at least 0, found {found}")]
-    Rate {
-        /// What was given.
-        found: f64,
-    },
-    /// The loss or a gradient overflowed.
+    Rate { found: f64 },
     #[error("training diverged at step {step}: lower the learning rate or take another seed")]
-    Diverged {
-        /// The step that failed, counted from 1.
-        step: u64,
-    },
-    /// A parameter vector of the wrong length.
+    Diverged { step: u64 },
     #[error("{field}: expected {expected} values, found {found}")]
-    Parameters {
-        /// `parameters`, `moment1` or `moment2`.
-        field: &'static str,
-        /// What the model has.
-        expected: usize,
-        /// What was given.
-        found: usize,
-    },
-    /// A value that is not finite, or a negative second moment.
+    Parameters { field: &'static str, expected: usize, found: usize },
     #[error("{field}[{index}] is not finite or has the wrong sign")]
-    NonFinite {
-        /// `parameters`, `moment1` or `moment2`.
-        field: &'static str,
-        /// Which one.
-        index: usize,
-    },
-    /// More steps than the optimiser can count.
+    NonFinite { field: &'static str, index: usize },
     #[error("step count: expected at most {limit}, found {found}", limit = i32::MAX)]
-    Steps {
-        /// What was given.
-        found: u64,
-    },
-    /// dfdx could not get memory.
+    Steps { found: u64 },
     #[error("out of memory for parameters")]
     OutOfMemory,
 }

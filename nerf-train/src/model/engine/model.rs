@@ -9,7 +9,6 @@ use std::borrow::Cow;
 /// An [`Architecture`] with what exists only in training.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Model {
-    /// What is exported.
     pub architecture: Architecture,
     /// Whether a linear layer, as wide as the trunk, stands between trunk and first colour layer.
     pub feature: bool,
@@ -37,13 +36,10 @@ pub enum Part {
 /// One dense layer: `y = W [main, extra] + b`, `W` row-major `[outputs][main + extra]`, then `b`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Dense {
-    /// What it is for.
     pub part: Part,
-    /// Inputs from the layer before.
     pub main: usize,
     /// Encoded inputs appended to those.
     pub extra: usize,
-    /// Number of outputs.
     pub outputs: usize,
     /// Index of `W[0][0]` in the model's parameters.
     pub weights: usize,
@@ -77,20 +73,12 @@ pub enum Initialisation {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ModelError {
-    /// The exported part is out of bounds.
     #[error("{0}")]
     Architecture(ArchitectureError),
-    /// A grid, or spherical harmonics, where the engine trains sinusoidal encodings.
     #[error("expected sinusoidal encodings")]
     NotSinusoidal,
-    /// `density_scale` is not positive and finite, or `density_bias` is not finite.
     #[error("{field}: expected a finite number (a scale above 0), found {found}")]
-    Density {
-        /// `density_scale` or `density_bias`.
-        field: &'static str,
-        /// What was given.
-        found: f32,
-    },
+    Density { field: &'static str, found: f32 },
 }
 
 impl Model {

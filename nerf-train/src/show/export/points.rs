@@ -2,8 +2,8 @@
 
 use super::{ExportError, Mesh, Vertex};
 use crate::data::View;
+use crate::data::cameras::scaled;
 use crate::measure::frame::{self, Frame};
-use crate::show::render::scaled;
 use glam::Vec3;
 use nerf_core::camera::{Camera, SceneBox};
 use nerf_core::plan::Plan;

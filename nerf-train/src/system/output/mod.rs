@@ -55,11 +55,8 @@ impl fmt::Display for Attempt {
 #[derive(Debug, thiserror::Error)]
 #[error("cannot {attempt} {}: {source}", path.display())]
 pub struct OutputError {
-    /// The path the caller asked for.
     pub path: PathBuf,
-    /// What was tried.
     pub attempt: Attempt,
-    /// The operating system's answer.
     pub source: io::Error,
 }
 

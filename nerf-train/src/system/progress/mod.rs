@@ -51,13 +51,6 @@ pub enum ProgressStyle {
     Quiet,
 }
 
-impl ProgressStyle {
-    /// [`Quiet`](Self::Quiet) for a `--quiet` flag that is set, else [`Auto`](Self::Auto).
-    pub fn from_quiet(quiet: bool) -> Self {
-        if quiet { Self::Quiet } else { Self::Auto }
-    }
-}
-
 /// What the caller knows besides the position; what is `None` is not shown.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Message {

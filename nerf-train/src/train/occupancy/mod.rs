@@ -406,11 +406,9 @@ impl Occupancy {
 pub struct Ask<'a> {
     /// With which instructions.
     pub isa: Isa,
-    /// Its shape.
     pub architecture: &'a Architecture,
     /// Its parameters, in export order.
     pub parameters: &'a [f32],
-    /// Seed of the run.
     pub seed: u64,
     /// Of an unbounded scene.
     pub contraction: Option<Contraction>,

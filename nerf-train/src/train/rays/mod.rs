@@ -30,7 +30,6 @@ const SIGHT_SHARE: usize = 8;
 /// All pixels a run may draw, and how their rays are sampled.
 pub struct RayBank<'d> {
     views: &'d [View],
-    /// Where each of them is looked at from.
     cameras: Vec<Camera>,
     /// First pixel of each view in the numbering over all views, and the end.
     starts: Vec<u64>,

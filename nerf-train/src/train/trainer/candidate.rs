@@ -17,7 +17,6 @@ const EXPORTED: f32 = 0.03;
 /// A state of the run as it would be exported: what is measured of it is what its blob shows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
-    /// Steps done.
     pub step: u32,
     /// Averaged over steps where the run averages; in export order, not yet rounded.
     pub parameters: Vec<f32>,

@@ -71,9 +71,7 @@ pub struct Trainer<'d> {
     progressed: Progressed,
     phases: Phases,
     fingerprint: u64,
-    /// The curve so far.
     pub curve: Vec<CurvePoint>,
-    /// Pictures taken so far.
     pub snapshots: Vec<Snapshot>,
 }
 
@@ -560,7 +558,6 @@ impl<'d> Trainer<'d> {
 
 /// Cameras after poses were refined, in the order of their views.
 #[derive(Clone, Debug)]
-#[allow(missing_docs, reason = "the names say what they are")]
 pub struct RefinedCameras {
     pub train: Vec<Camera>,
     pub val: Vec<Camera>,

@@ -29,12 +29,8 @@ impl Bytes {
     }
 
     fn value(&self, field: &str, expected: impl Into<String>, found: impl Into<String>) -> DatasetError {
-        DatasetError::Value {
-            file: self.file.clone(),
-            field: format!("{field} (byte {})", self.at),
-            expected: expected.into(),
-            found: found.into(),
-        }
+        let place = format!("{field} (byte {})", self.at);
+        DatasetError::value(&self.file, place, expected.into(), found.into())
     }
 
     fn cut(&self, field: &str, bytes: u64, error: &std::io::Error) -> DatasetError {

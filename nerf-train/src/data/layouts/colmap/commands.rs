@@ -18,7 +18,6 @@ pub(in crate::data) const RENAMED: &str =
 /// A command with its options.
 #[derive(Debug)]
 pub(crate) struct Stage {
-    /// COLMAP's name of it.
     pub(crate) name: &'static str,
     options: Vec<(&'static str, OsString)>,
     /// Options that are left out if the installed version does not know them.
@@ -28,9 +27,7 @@ pub(crate) struct Stage {
 /// Where COLMAP works.
 #[derive(Debug)]
 pub(crate) struct Place {
-    /// The folder of photographs.
     pub(crate) images: PathBuf,
-    /// The folder of everything else.
     pub(crate) work: PathBuf,
 }
 

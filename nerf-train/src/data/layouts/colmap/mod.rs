@@ -7,13 +7,13 @@ mod shared;
 mod text;
 
 use crate::data::layouts::folders::Folders;
-use crate::data::layouts::found::Found;
 use crate::data::layouts::split::every_eighth;
-use crate::data::layouts::transforms::listed;
+use crate::data::names::listed;
+use crate::data::pictures::found::Found;
 use crate::data::pictures::photo::{Fence, Loaded, Photo, Source};
 use crate::data::{
-    Axes, Background, Cameras, Dataset, DatasetError, Format, KeyPoint, ReadOptions, SparsePoint, Watch,
-    scene_name, with_shared_cameras,
+    Axes, Cameras, Dataset, DatasetError, Format, KeyPoint, ReadOptions, SparsePoint, Watch, scene_name,
+    with_shared_cameras,
 };
 use glam::{DMat3, DQuat, DVec3};
 use model::Camera;
@@ -28,7 +28,6 @@ const MAX_POINTS: usize = 1 << 20;
 struct Registered {
     /// Its path from the folder of photographs.
     name: String,
-    /// Which camera took it.
     camera: u32,
     /// World to camera: rotation (w, x, y, z), of any length but 0.
     rotation: [f64; 4],
@@ -138,20 +137,16 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     let (mut notes, warnings) = found.into_sentences();
     let (train, val) = every_eighth(views, options, &mut notes);
     Ok(Dataset {
-        name: if shared { with_shared_cameras(scene_name(root)) } else { scene_name(root) },
-        format: Format::Colmap,
-        axes,
         train,
         val,
-        test: Vec::new(),
-        test_path: Vec::new(),
-        near: None,
-        far: None,
-        background: Background::Unknown,
         points,
-        origin: [0.0; 3],
         notes,
         warnings,
+        ..Dataset::empty(
+            if shared { with_shared_cameras(scene_name(root)) } else { scene_name(root) },
+            Format::Colmap,
+            axes,
+        )
     }
     .counted_from(origin))
 }
@@ -177,12 +172,9 @@ fn largest(folder: &Path, found: &mut Found) -> Result<(PathBuf, Encoding), Data
     let most = counted.iter().map(|(count, ..)| *count).max();
     let several = counted.len() > 1;
     let Some((count, model, encoding)) = counted.into_iter().find(|(count, ..)| Some(*count) == most) else {
-        return Err(DatasetError::NotADataset {
-            path: folder.into(),
-            expected:
-                "cameras.bin and images.bin (or .txt) in sparse/0, sparse/1, sparse, or the folder itself"
-                    .into(),
-        });
+        let fault = "not a data set: expected cameras.bin and images.bin (or .txt) in sparse/0, sparse/1, sparse, or the \
+                     folder itself";
+        return Err(DatasetError::fault(folder, fault));
     };
     if several {
         let shown = model.strip_prefix(folder).unwrap_or(&model).display();
@@ -218,13 +210,10 @@ fn read_points(folder: &Path, origin: DVec3) -> Result<Points, DatasetError> {
 /// What there is to report of a model that was just made.
 #[derive(Debug)]
 pub(crate) struct Facts {
-    /// Its folder.
     pub(crate) folder: PathBuf,
     /// Of each further model the photographs that the largest has not.
     pub(crate) others: Vec<Vec<String>>,
-    /// The photographs that have a pose.
     pub(crate) names: Vec<String>,
-    /// Sparse points.
     pub(crate) points: usize,
     /// The mean over the points of the distance between where a point is seen and where it is projected to, pixels, as
     /// COLMAP states it.
@@ -300,12 +289,9 @@ impl Points {
     ) -> Result<(), DatasetError> {
         let point = (DVec3::from(position) - self.origin).as_vec3().to_array();
         if !point.iter().all(|v| v.is_finite()) {
-            return Err(DatasetError::Value {
-                file: self.file.clone(),
-                field: format!("point number {}", self.seen + self.unseen),
-                expected: "a finite position".into(),
-                found: format!("{position:?}"),
-            });
+            let place = format!("point number {}", self.seen + self.unseen);
+            let found = format!("{position:?}");
+            return Err(DatasetError::value(&self.file, place, "a finite position", found));
         }
         if photographs == 0 {
             self.unseen += 1;
@@ -332,7 +318,6 @@ impl Points {
 /// What all photographs of a model have in common.
 struct Reader<'a> {
     model: &'a Model,
-    /// The file of their poses.
     file: &'a Path,
     folders: &'a Folders,
     root: &'a Path,
@@ -351,12 +336,8 @@ impl Reader<'_> {
         let mut names: Vec<&str> = images.iter().map(|image| image.name.as_str()).collect();
         names.sort_unstable();
         if let Some(twice) = names.windows(2).find(|pair| pair[0] == pair[1]) {
-            return Err(DatasetError::Value {
-                file: self.file.into(),
-                field: format!("photograph `{}`", twice[0]),
-                expected: "one pose for each photograph".into(),
-                found: "two".into(),
-            });
+            let place = format!("photograph `{}`", twice[0]);
+            return Err(DatasetError::value(self.file, place, "one pose for each photograph", "two"));
         }
         let source = Source { file: self.file, says: "the model" };
         let views = source
@@ -386,11 +367,8 @@ impl Reader<'_> {
         fence: &Fence,
         image: &Registered,
     ) -> Result<Option<Loaded>, DatasetError> {
-        let value = |field: &str, expected: &str, found: String| DatasetError::Value {
-            file: self.file.into(),
-            field: format!("photograph `{}`, {field}", image.name),
-            expected: expected.into(),
-            found,
+        let value = |field: &str, expected: &str, found: String| {
+            DatasetError::value(self.file, format!("photograph `{}`, {field}", image.name), expected, found)
         };
         let camera = self.model.cameras.get(&image.camera).ok_or_else(|| {
             value("camera", "one of the model's cameras", format!("number {}", image.camera))

@@ -21,7 +21,6 @@ pub(crate) struct Kind {
     id: i32,
     /// Its name in text files.
     name: &'static str,
-    /// How many parameters it has.
     pub(crate) parameters: usize,
     /// Whether x and y have a focal length each.
     two_focals: bool,
@@ -118,20 +117,13 @@ impl Camera {
     /// Its intrinsics and lens, for the photograph `view` of `file`.
     pub(crate) fn optics(&self, file: &Path, view: &str) -> Result<Optics, DatasetError> {
         let place = || format!("photograph `{view}`");
-        let lens = self.kind.lens.ok_or_else(|| DatasetError::Unsupported {
-            file: file.into(),
-            place: place(),
-            field: "camera model",
-            expected: EXPECTED,
-            found: self.kind.name.into(),
+        let lens = self.kind.lens.ok_or_else(|| {
+            DatasetError::value(file, format!("{}: camera model", place()), EXPECTED, self.kind.name)
         })?;
         if !(1..=1_000_000).contains(&self.width) || !(1..=1_000_000).contains(&self.height) {
-            return Err(DatasetError::Value {
-                file: file.into(),
-                field: format!("{}, size of its camera", place()),
-                expected: "sides of 1 to 1000000 pixels".into(),
-                found: format!("{}x{}", self.width, self.height),
-            });
+            let field = format!("{}, size of its camera", place());
+            let found = format!("{}x{}", self.width, self.height);
+            return Err(DatasetError::value(file, field, "sides of 1 to 1000000 pixels", found));
         }
         let p = &self.parameters;
         let (fy, rest) = if self.kind.two_focals { (p[1], &p[2..]) } else { (p[0], &p[1..]) };

@@ -28,8 +28,7 @@ impl Lines {
     }
 
     fn value(&self, field: &str, expected: &str, found: impl Into<String>) -> DatasetError {
-        let field = format!("line {}, {field}", self.at);
-        DatasetError::Value { file: self.file.clone(), field, expected: expected.into(), found: found.into() }
+        DatasetError::value(&self.file, format!("line {}, {field}", self.at), expected, found.into())
     }
 
     /// The next line without its end, or `None` at the end of the file.

@@ -7,6 +7,7 @@ use crate::data::pictures::file::StatedSize;
 use crate::data::pictures::photo::Optics;
 use glam::DVec3;
 use nerf_core::camera::{Lens, Pose, Projection};
+use std::fmt::Display;
 use std::path::Path;
 
 /// Where an error would be.
@@ -16,28 +17,12 @@ pub(super) struct Place<'a> {
 }
 
 impl Place<'_> {
-    pub(super) fn value(&self, field: &str, expected: &str, found: impl ToString) -> DatasetError {
-        DatasetError::Value {
-            file: self.file.into(),
-            field: format!("view `{}`, {field}", self.view),
-            expected: expected.into(),
-            found: found.to_string(),
-        }
+    pub(super) fn value(&self, field: &str, expected: &str, found: impl Display) -> DatasetError {
+        DatasetError::value(self.file, format!("view `{}`, {field}", self.view), expected, found)
     }
 
-    pub(super) fn unsupported(
-        &self,
-        field: &'static str,
-        expected: &'static str,
-        found: String,
-    ) -> DatasetError {
-        DatasetError::Unsupported {
-            file: self.file.into(),
-            place: format!("view `{}`", self.view),
-            field,
-            expected,
-            found,
-        }
+    pub(super) fn unsupported(&self, field: &str, expected: &str, found: String) -> DatasetError {
+        DatasetError::value(self.file, format!("view `{}`: {field}", self.view), expected, found)
     }
 
     pub(super) fn pose(&self, matrix: &[Vec<f64>], origin: DVec3) -> Result<Pose, DatasetError> {
@@ -93,11 +78,8 @@ impl Place<'_> {
             given => given,
         };
         let (Some(fx), Some(fy)) = (focal_x.or(focal_y), focal_y.or(focal_x)) else {
-            return Err(DatasetError::MissingField {
-                file: self.file.into(),
-                place: format!("view `{}`", self.view),
-                field: "fl_x (or camera_angle_x)",
-            });
+            let (place, expected) = (format!("view `{}`", self.view), "the field `fl_x (or camera_angle_x)`");
+            return Err(DatasetError::value(self.file, place, expected, "no such field"));
         };
         let lens = self.lens(fields, (w, h), (fx, fy), notes)?;
         let (cx, cy) = (fields.cx.unwrap_or(0.5 * w), fields.cy.unwrap_or(0.5 * h));

@@ -3,8 +3,9 @@
 mod camera;
 
 use crate::data::layouts::folders::smaller_copy;
-use crate::data::layouts::found::Found;
+use crate::data::names::listed;
 use crate::data::pictures::file::{self, Listings};
+use crate::data::pictures::found::Found;
 use crate::data::pictures::photo::{Fence, Loaded, Photo, Source};
 use crate::data::{Axes, DatasetError, Downscale, ReadOptions, View, Watch};
 use crate::system::input::{MAX_JSON_BYTES, read_limited, without_mark};
@@ -225,12 +226,8 @@ fn number_fault(file: &Path, bytes: &[u8], error: &serde_json::Error) -> Option<
         let name = frame.get("file_path").and_then(serde_json::Value::as_str).unwrap_or("?");
         Some(format!("view `{name}`, {field}"))
     })?;
-    Some(DatasetError::Value {
-        file: file.into(),
-        field: format!("line {}, {place}", error.line()),
-        expected: "finite numbers".into(),
-        found: "NaN or Infinity".into(),
-    })
+    let place = format!("line {}, {place}", error.line());
+    Some(DatasetError::value(file, place, "finite numbers", "NaN or Infinity"))
 }
 
 /// What stands for NaN and Infinity where they are looked for.
@@ -248,14 +245,6 @@ struct Folder<'a> {
     downscale: Option<Downscale>,
     /// What positions are counted from.
     origin: DVec3,
-}
-
-/// The first few names, and how many more there are.
-pub(crate) fn listed(names: &[impl AsRef<str>]) -> String {
-    const SHOWN: usize = 8;
-    let shown: Vec<&str> = names.iter().take(SHOWN).map(AsRef::as_ref).collect();
-    let more = if names.len() > SHOWN { format!(" and {} more", names.len() - SHOWN) } else { String::new() };
-    shown.join(", ") + &more
 }
 
 impl CameraFields {

@@ -7,47 +7,16 @@ use std::error::Error;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReportError {
-    /// The file system said no.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// A buffer whose length is not the one its picture size calls for.
     #[error("{what}: {width}×{height} pixels need {expected} values, found {found}")]
-    Length {
-        /// Which buffer.
-        what: &'static str,
-        /// Pixels.
-        width: usize,
-        /// Pixels.
-        height: usize,
-        /// Values that the size calls for; `usize::MAX` where the size itself overflows.
-        expected: usize,
-        /// Values in the buffer.
-        found: usize,
-    },
-    /// A size that the file format cannot hold.
+    Length { what: &'static str, width: usize, height: usize, expected: usize, found: usize },
     #[error("{format} cannot hold a picture of {width}×{height} pixels; allowed is 1 to {limit} a side")]
-    Size {
-        /// The file format.
-        format: &'static str,
-        /// Pixels.
-        width: usize,
-        /// Pixels.
-        height: usize,
-        /// Largest side, pixels.
-        limit: usize,
-    },
-    /// The encoder of a file format or the plotting library failed.
+    Size { format: &'static str, width: usize, height: usize, limit: usize },
     #[error("cannot make the {what}: {source}")]
-    Encode {
-        /// What was being made, for example "PNG".
-        what: &'static str,
-        /// The library's own error.
-        source: Box<dyn Error + Send + Sync>,
-    },
-    /// An animation without frames, with a wrong rate, or with frames of different sizes.
+    Encode { what: &'static str, source: Box<dyn Error + Send + Sync> },
     #[error("cannot make the animation: {0}")]
     Animation(String),
-    /// `ffmpeg` is missing or failed.
     #[error(transparent)]
     Video(Box<dyn Error + Send + Sync>),
 }

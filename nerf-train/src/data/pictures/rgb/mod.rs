@@ -4,8 +4,7 @@ mod error;
 
 use crate::system::output::mark::MARK;
 use crate::system::output::write_atomic;
-use image::codecs::png::PngEncoder;
-use image::{ExtendedColorType, ImageEncoder};
+use png::{BitDepth, ColorType};
 use std::path::Path;
 
 pub use error::ReportError;
@@ -144,7 +143,7 @@ impl Picture {
     /// [`ReportError::Length`], [`ReportError::Size`].
     pub fn to_png(&self) -> Result<Vec<u8>, ReportError> {
         check_length("a picture", self.width, self.height, self.rgb.len())?;
-        encode_png(&self.to_rgb8(), self.width, self.height, ExtendedColorType::Rgb8)
+        encode_png(&self.to_rgb8(), self.width, self.height, (ColorType::Rgb, BitDepth::Eight))
     }
 
     /// Writes an 8-bit RGB PNG, whole or not at all.
@@ -192,7 +191,7 @@ pub fn write_rgba_png(
     check_length("the colour of a picture", width, height, rgb_over_black.len())?;
     check_length("the opacity of a picture", width, height, opacity.len())?;
     let bytes = straight_rgba8(rgb_over_black, opacity);
-    Ok(write_atomic(path, &encode_png(&bytes, width, height, ExtendedColorType::Rgba8)?)?)
+    Ok(write_atomic(path, &encode_png(&bytes, width, height, (ColorType::Rgba, BitDepth::Eight))?)?)
 }
 
 /// Writes a 16-bit grey PNG in which `range.0` is 0 and `range.1` is 65,535.
@@ -215,41 +214,34 @@ pub fn write_grey16_png(
     let grey = |&value: &f32| {
         let share = (f64::from(value) - low) / span;
         let level = if span > 0.0 { share.clamp(0.0, 1.0) * 65_535.0 + 0.5 } else { 0.0 };
-        (level as u16).to_ne_bytes()
+        (level as u16).to_be_bytes()
     };
     let bytes: Vec<u8> = values.iter().flat_map(grey).collect();
-    Ok(write_atomic(path, &encode_png(&bytes, width, height, ExtendedColorType::L16)?)?)
+    Ok(write_atomic(path, &encode_png(&bytes, width, height, (ColorType::Grayscale, BitDepth::Sixteen))?)?)
 }
 
-/// `bytes` has the length that the size and the colour type call for; 16-bit samples native-endian.
+/// `bytes` has the length that the size and the kind of pixel call for; 16-bit samples big-endian.
 fn encode_png(
     bytes: &[u8],
     width: usize,
     height: usize,
-    colour: ExtendedColorType,
+    (colour, depth): (ColorType, BitDepth),
 ) -> Result<Vec<u8>, ReportError> {
     const LIMIT: usize = i32::MAX as usize;
     if width == 0 || height == 0 || width > LIMIT || height > LIMIT {
         return Err(ReportError::Size { format: "PNG", width, height, limit: LIMIT });
     }
     let mut png = Vec::new();
-    PngEncoder::new(&mut png)
-        .write_image(bytes, width as u32, height as u32, colour)
-        .map_err(ReportError::encode("PNG"))?;
-    let comment = comment_chunk();
-    png.splice(HEADER_BYTES..HEADER_BYTES, comment);
+    let mut encoder = png::Encoder::new(&mut png, width as u32, height as u32);
+    encoder.set_color(colour);
+    encoder.set_depth(depth);
+    encoder.set_compression(png::Compression::Fast);
+    encoder.set_filter(png::Filter::Adaptive);
+    let encoded = encoder
+        .add_text_chunk("Comment".into(), MARK.into())
+        .and_then(|()| encoder.write_header()?.write_image_data(bytes));
+    encoded.map_err(ReportError::encode("PNG"))?;
     Ok(png)
-}
-
-/// Signature and header of a PNG, behind which other chunks stand, bytes.
-const HEADER_BYTES: usize = 8 + 25;
-
-/// A tEXt chunk that says who made the picture: length, kind, text, checksum of kind and text.
-fn comment_chunk() -> Vec<u8> {
-    let body = [b"tEXtComment\0", MARK.as_bytes()].concat();
-    let length = (body.len() - 4) as u32;
-    let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&body);
-    [&length.to_be_bytes()[..], &body, &crc.to_be_bytes()].concat()
 }
 
 #[cfg(test)]

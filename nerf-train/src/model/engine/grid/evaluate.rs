@@ -19,7 +19,6 @@ pub(super) struct RayState {
     /// Its first sample in the batch, and how many there are.
     pub first: usize,
     samples: usize,
-    /// How many are evaluated.
     pub evaluated: usize,
     /// Optical depth of those.
     depth: f32,

@@ -18,9 +18,7 @@ pub(super) fn padded(columns: usize) -> usize {
 /// Part of a layer's inputs with its weights, ready for products with rows of samples.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Product {
-    /// Inputs.
     pub inputs: usize,
-    /// Outputs.
     pub outputs: usize,
     /// `[inputs][padded outputs]`: forward.
     forward: Vec<f32>,

@@ -42,7 +42,6 @@ pub(super) struct Job<'a> {
 pub(super) struct Totals {
     /// Of (C − rgb)² over rays and channels.
     pub squared: f64,
-    /// Samples whose density was evaluated.
     pub evaluated: usize,
     /// Samples with a colour and a backward pass.
     pub kept: usize,

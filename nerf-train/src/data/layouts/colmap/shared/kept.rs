@@ -38,7 +38,6 @@ pub(super) struct Adjusted {
     pub(super) photographs: usize,
     /// Median, least and largest before, pixels.
     pub(super) focal_before: [f64; 3],
-    /// The one of all.
     pub(super) focal: f64,
 }
 
@@ -54,11 +53,9 @@ impl Shared {
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
             bytes => bytes.map_err(|source| DatasetError::io(file, source))?,
         };
-        let shared: Self = serde_json::from_slice(&bytes).map_err(|error| DatasetError::Value {
-            file: file.into(),
-            field: "content".into(),
-            expected: "shared cameras as `fit` writes them (delete the file, or name another blob)".into(),
-            found: error.to_string(),
+        let shared: Self = serde_json::from_slice(&bytes).map_err(|error| {
+            let expected = "shared cameras as `fit` writes them (delete the file, or name another blob)";
+            DatasetError::value(file, "content", expected, error)
         })?;
         let known = |(camera, ..): &(u32, [f64; 4], [f64; 3])| (*camera as usize) < shared.cameras.len();
         Ok((shared.model == model && shared.photographs.values().all(known)).then_some(shared))

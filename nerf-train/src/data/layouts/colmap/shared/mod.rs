@@ -5,8 +5,8 @@ mod kept;
 use super::{Model, Points};
 use crate::data::cameras::bundle::{Bundle, Device, Frame, Observation, Photograph, median};
 use crate::data::layouts::folders::Folders;
-use crate::data::layouts::found::Found;
 use crate::data::pictures::exif;
+use crate::data::pictures::found::Found;
 use crate::data::{DatasetError, ReadOptions, Watch};
 use glam::{DQuat, DVec2, DVec3};
 use kept::{Adjusted, Shared, turned_origin};
@@ -120,9 +120,7 @@ struct Task<'a> {
     model: &'a Model,
     /// With the cameras of the model.
     own: Bundle,
-    /// Its photographs' focal lengths.
     focals: Vec<f64>,
-    /// Numbers of the points.
     numbers: Vec<u64>,
     /// With one camera for each device.
     shared: Bundle,

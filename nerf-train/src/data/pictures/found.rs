@@ -1,20 +1,17 @@
 //! What the reading of pictures finds besides them.
 
 use crate::data::View;
-use crate::data::layouts::transforms::listed;
+use crate::data::names::listed;
 use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Things to say, over all files of a data set.
 #[derive(Default)]
 pub(crate) struct Found {
-    /// Sentences about what is odd.
     pub(crate) warnings: Vec<String>,
-    /// Sentences about what was done.
     pub(crate) notes: Vec<String>,
     /// Pictures that are transparent somewhere.
     transparent: usize,
-    /// Pictures of any kind.
     pictures: usize,
     /// Names of pictures without an alpha channel.
     opaque: Vec<String>,

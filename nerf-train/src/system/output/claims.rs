@@ -3,20 +3,30 @@
 //! Files are compared by what the file system knows them by (device and inode on Unix, the canonical path elsewhere),
 //! so that links, relative paths and names that differ in case only are seen through. A data set that is named as a
 //! folder is read as a whole: nothing is written into it. Of one that is named as a file, that file, the lists beside
-//! it and the pictures they name are protected. Devices and pipes such as `/dev/null` may be both.
-
-mod error;
+//! it and the pictures they name are protected. A folder of results holds no input that looks like a result. Devices
+//! and pipes such as `/dev/null` may be both.
 
 use super::mark::was_made_here;
-use super::{OutputError, ensure_folder, folder_of};
-pub use error::ClaimError;
+use super::{Attempt, OutputError, ensure_folder, folder_of};
 use std::collections::{BTreeSet, HashMap};
+use std::ffi::OsStr;
 use std::fs;
 use std::io;
 use std::path::{Component, Path, PathBuf};
 
 /// Bytes a file's name may have on all file systems in use.
 const MAX_NAME_BYTES: usize = 255;
+/// Extensions of what a folder of results holds, and its own folders.
+const RESULTS: [&str; 8] = ["csv", "gif", "html", "json", "md", "mp4", "png", "svg"];
+const RESULT_FOLDERS: [&str; 4] = ["", "snapshots", "moved", "runs"];
+
+/// An output that cannot be, in one sentence: which, why, and what to do.
+#[derive(Debug, thiserror::Error)]
+#[error("{output}: {found}")]
+pub struct ClaimError {
+    output: String,
+    found: String,
+}
 
 /// What becomes of a file that is there already.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,35 +39,14 @@ pub enum Existing {
     Refuse(&'static str),
 }
 
-/// What a folder of results may hold.
-#[derive(Clone, Copy, Debug)]
-pub struct Contents {
-    /// Files with names known beforehand.
-    pub files: &'static [&'static str],
-    /// Files whose names depend on what is read.
-    pub patterns: &'static [Pattern],
-}
-
-/// Files of a subfolder (or of the folder itself: `""`) that begin and end like this.
-#[derive(Clone, Copy, Debug)]
-pub struct Pattern {
-    /// The subfolder.
-    pub folder: &'static str,
-    /// How names begin.
-    pub prefix: &'static str,
-    /// How they end, without the dot.
-    pub extension: &'static str,
-}
-
 /// What a command reads and writes.
 #[derive(Debug, Default)]
 pub struct Claims {
-    /// What is read, by identity.
     inputs: HashMap<Identity, Input>,
     outputs: Vec<Output>,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 struct Input {
     /// For a person: what it is, and its name.
     shown: String,
@@ -69,22 +58,19 @@ struct Output {
     flag: String,
     /// As it was given.
     path: PathBuf,
-    /// Where that is: `new/../a` is `a` once there is a folder `new`.
-    place: PathBuf,
     kind: Kind,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     File(Existing),
-    /// Made and tried out before the work if so.
-    Folder(bool),
-    /// Any file in the folder with this prefix and extension.
-    Any(&'static str, &'static str, Existing),
+    Results,
+    /// A folder of numbered pictures.
+    Frames,
 }
 
 /// What the file system knows a file or folder by.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+#[derive(Debug, PartialEq, Eq, Hash)]
 enum Identity {
     /// Device and inode.
     #[cfg(unix)]
@@ -149,44 +135,26 @@ impl Claims {
         self.output(what, path, Kind::File(existing))
     }
 
-    /// Writes into the folder that `flag` names.
-    pub fn writes_folder(self, flag: &str, folder: &Path, contents: &Contents) -> Self {
-        let mut claims = self.output(flag, folder, Kind::Folder(true));
-        for name in contents.files {
-            claims = claims.output(flag, &folder.join(name), Kind::File(Existing::Replace));
-        }
-        for pattern in contents.patterns {
-            claims = claims.writes_any(flag, folder, pattern, Existing::Replace);
-        }
-        claims
+    /// Writes results into the folder that `flag` names.
+    pub fn writes_folder(self, flag: &str, folder: &Path) -> Self {
+        self.output(flag, folder, Kind::Results)
     }
 
     /// As [`writes_folder`](Self::writes_folder), where the flag was given.
-    pub fn writes_folder_if(self, flag: &str, folder: Option<&Path>, contents: &Contents) -> Self {
+    pub fn writes_folder_if(self, flag: &str, folder: Option<&Path>) -> Self {
         match folder {
-            Some(folder) => self.writes_folder(flag, folder, contents),
+            Some(folder) => self.writes_folder(flag, folder),
             None => self,
         }
     }
 
-    /// Writes files of the folder that `flag` names, under numbered names.
-    pub fn writes_frames(self, flag: &str, folder: &Path, pattern: &Pattern) -> Self {
-        self.output(flag, folder, Kind::Folder(true)).writes_any(flag, folder, pattern, Existing::ReplaceOwn)
-    }
-
-    fn writes_any(self, flag: &str, folder: &Path, pattern: &Pattern, existing: Existing) -> Self {
-        let Pattern { folder: below, prefix, extension } = *pattern;
-        let folder = if below.is_empty() { folder.to_owned() } else { folder.join(below) };
-        self.output(flag, &folder, Kind::Folder(false)).output(
-            flag,
-            &folder,
-            Kind::Any(prefix, extension, existing),
-        )
+    /// Writes `frame_0000.png` and on into the folder that `flag` names.
+    pub fn writes_frames(self, flag: &str, folder: &Path) -> Self {
+        self.output(flag, folder, Kind::Frames)
     }
 
     fn output(mut self, flag: &str, path: &Path, kind: Kind) -> Self {
-        let place = if path.exists() { path.to_owned() } else { resolved(path) };
-        self.outputs.push(Output { flag: flag.to_owned(), path: path.to_owned(), place, kind });
+        self.outputs.push(Output { flag: flag.to_owned(), path: path.to_owned(), kind });
         self
     }
 
@@ -197,13 +165,14 @@ impl Claims {
     pub fn check(&self) -> Result<(), ClaimError> {
         let mut taken: HashMap<Identity, &str> = HashMap::new();
         for output in &self.outputs {
-            self.check_output(output)?;
+            let fault = |found| ClaimError { output: output.flag.clone(), found };
+            self.check_output(output).map_err(fault)?;
             if matches!(output.kind, Kind::File(_)) && !is_device(&output.path) {
-                let identity = Identity::of(&output.place);
-                let identity = identity.unwrap_or_else(|| Identity::Path(output.place.clone()));
+                let place = resolved(&output.path);
+                let identity = Identity::of(&place).unwrap_or(Identity::Path(place));
                 if let Some(other) = taken.insert(identity, &output.flag) {
-                    let (path, other) = (output.path.clone(), other.to_owned());
-                    return Err(ClaimError::Twice { output: output.flag.clone(), path, other });
+                    let path = output.path.display();
+                    return Err(fault(format!("{path} is also what {other} writes; choose another name")));
                 }
             }
         }
@@ -217,95 +186,101 @@ impl Claims {
     pub fn settle(&self) -> Result<(), ClaimError> {
         self.check()?;
         let mut tried = BTreeSet::new();
-        for Output { flag, path, kind, .. } in &self.outputs {
+        for Output { flag, path, kind } in &self.outputs {
             let folder = match kind {
-                Kind::Folder(true) => path.clone(),
                 // A link is followed: what counts is the folder of the file it stands for.
                 Kind::File(_) if path.is_file() => folder_of(&resolved(path)).to_owned(),
                 Kind::File(_) => folder_of(path).to_owned(),
-                _ => continue,
+                Kind::Results | Kind::Frames => path.clone(),
             };
             if !is_device(path) && tried.insert(folder.clone()) {
                 ensure_folder(folder)
-                    .map_err(|source| ClaimError::Output { output: flag.clone(), source })?;
+                    .map_err(|error| ClaimError { output: flag.clone(), found: error.to_string() })?;
             }
         }
         Ok(())
     }
 
-    fn check_output(&self, output: &Output) -> Result<(), ClaimError> {
-        match output.kind {
-            Kind::File(existing) => {
-                check_name(output)?;
-                self.check_input(output, &output.place)?;
-                self.check_inside(output)?;
-                check_existing(output, &output.place, existing)
-            }
-            Kind::Folder(_) => {
-                self.check_input(output, &output.place)?;
-                self.check_inside(output)
-            }
-            Kind::Any(prefix, extension, existing) => {
-                // A folder that is not there holds nothing; one that cannot be read says so when it is tried out.
-                let entries = fs::read_dir(&output.place).into_iter().flatten().flatten();
-                for path in entries.map(|entry| entry.path()).filter(|path| is_like(path, prefix, extension))
-                {
-                    self.check_input(output, &path)?;
-                    check_existing(output, &path, existing)?;
-                }
-                Ok(())
-            }
+    fn check_output(&self, Output { path, kind, .. }: &Output) -> Result<(), String> {
+        if let Kind::File(existing) = kind {
+            check_name(path)?;
+            self.check_place(path)?;
+            return check_existing(path, *existing);
         }
-    }
-
-    fn check_input(&self, output: &Output, path: &Path) -> Result<(), ClaimError> {
-        let Some(input) = Identity::of(path).and_then(|identity| self.inputs.get(&identity)) else {
-            return Ok(());
+        self.check_place(path)?;
+        let (folders, extensions): (&[&str], &[&str]) = match kind {
+            Kind::Frames => (&[""], &["png"]),
+            _ => (&RESULT_FOLDERS, &RESULTS),
         };
-        let (output, path, input_shown) = (output.flag.clone(), path.to_owned(), input.shown.clone());
-        Err(match input.is_folder {
-            true => ClaimError::Inside { output, path, input: input_shown },
-            false => ClaimError::Input { output, path, input: input_shown },
-        })
-    }
-
-    /// Looks at the folders above the name and, where that is a link, above what it stands for.
-    fn check_inside(&self, output: &Output) -> Result<(), ClaimError> {
-        let places = [resolved(&output.path), resolved(folder_of(&output.path)).join("name")];
-        for folder in places.iter().flat_map(|place| place.ancestors().skip(1)) {
-            let input = Identity::of(folder).and_then(|identity| self.inputs.get(&identity));
-            if let Some(Input { shown, is_folder: true }) = input {
-                let (flag, path) = (output.flag.clone(), output.path.clone());
-                return Err(ClaimError::Inside { output: flag, path, input: shown.clone() });
+        for folder in folders.iter().map(|below| path.join(below)) {
+            self.check_place(&folder)?;
+            // A folder that is not there holds nothing; one that cannot be read says so when it is tried out.
+            for file in fs::read_dir(&folder).into_iter().flatten().flatten().map(|entry| entry.path()) {
+                let is_like = |found: &OsStr| extensions.iter().any(|e| found.eq_ignore_ascii_case(e));
+                if !file.extension().is_some_and(is_like) {
+                    continue;
+                }
+                if let Some(Input { shown, is_folder: false }) = self.input(&file) {
+                    let file = file.display();
+                    return Err(format!("{file} is {shown}, which is being read; choose another folder"));
+                }
+                let name = file.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+                if *kind == Kind::Frames && name.starts_with("frame_") {
+                    check_existing(&file, Existing::ReplaceOwn)?;
+                }
             }
         }
         Ok(())
+    }
+
+    fn input(&self, path: &Path) -> Option<&Input> {
+        self.inputs.get(&Identity::of(path)?)
+    }
+
+    /// Refuses an input, and what lies in one: looks at the folders above the name and, where that is a link, above what
+    /// it stands for.
+    fn check_place(&self, path: &Path) -> Result<(), String> {
+        let (place, shown_path) = (resolved(path), path.display());
+        let above = resolved(folder_of(path));
+        let folders = place.ancestors().chain(above.ancestors());
+        match self.input(&place) {
+            Some(Input { shown, is_folder: false }) => {
+                Err(format!("{shown_path} is {shown} and would be destroyed; choose another name"))
+            }
+            _ => match folders.filter_map(|folder| self.input(folder)).find(|input| input.is_folder) {
+                Some(Input { shown, .. }) => Err(format!(
+                    "{shown_path} lies in {shown}, which is being read; choose a place outside of it"
+                )),
+                None => Ok(()),
+            },
+        }
     }
 }
 
 /// Refuses folders and names that are too long.
-fn check_name(output: &Output) -> Result<(), ClaimError> {
-    let Output { flag, path, place, .. } = output;
+fn check_name(path: &Path) -> Result<(), String> {
+    let shown = path.display();
     let ends_in_slash =
         path.as_os_str().as_encoded_bytes().last().is_some_and(|&last| std::path::is_separator(last.into()));
-    if ends_in_slash || path.file_name().is_none() || place.is_dir() {
-        return Err(ClaimError::Folder { output: flag.clone(), path: path.clone() });
+    if ends_in_slash || path.file_name().is_none() || resolved(path).is_dir() {
+        return Err(format!("expected the name of a file, found the folder {shown}"));
     }
     let found = path.file_name().map_or(0, |name| name.as_encoded_bytes().len());
     if found > MAX_NAME_BYTES {
-        return Err(ClaimError::Long { output: flag.clone(), path: path.clone(), found });
+        return Err(format!(
+            "expected a name of at most {MAX_NAME_BYTES} bytes, found {found} in {shown}; choose a shorter one"
+        ));
     }
     match fs::symlink_metadata(path) {
         // Said by whoever makes the folder.
         Err(error) if !matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => {
-            let source = OutputError::new(super::Attempt::Create, path, error);
-            Err(ClaimError::Output { output: flag.clone(), source })
+            Err(OutputError::new(Attempt::Create, path, error).to_string())
         }
         _ => Ok(()),
     }
 }
 
-fn check_existing(output: &Output, path: &Path, existing: Existing) -> Result<(), ClaimError> {
+fn check_existing(path: &Path, existing: Existing) -> Result<(), String> {
     let why = match existing {
         Existing::Replace => return Ok(()),
         _ if !path.is_file() => return Ok(()),
@@ -315,15 +290,7 @@ fn check_existing(output: &Output, path: &Path, existing: Existing) -> Result<()
         }
         Existing::Refuse(why) => why,
     };
-    Err(ClaimError::Taken { output: output.flag.clone(), path: path.to_owned(), why })
-}
-
-/// Whether a file's name begins and ends so, whatever its case.
-fn is_like(path: &Path, prefix: &str, extension: &str) -> bool {
-    let begins = path.file_name().is_some_and(|name| {
-        name.as_encoded_bytes().get(..prefix.len()).is_some_and(|b| b.eq_ignore_ascii_case(prefix.as_bytes()))
-    });
-    begins && path.extension().is_some_and(|found| found.eq_ignore_ascii_case(extension))
+    Err(format!("{} is there already{why}", path.display()))
 }
 
 /// The path without links, `.` and `..`, as far as it exists; the rest by its letters.
