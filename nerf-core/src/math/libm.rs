@@ -23,6 +23,7 @@ impl Math for Libm {
     fn softplus<V: Lanes>(x: V) -> V {
         V::splat(0.0).max_of(x).add(Self::exp(x.abs().neg()).map(libm::log1pf))
     }
+    #[cfg(any(feature = "tone-map", feature = "train"))]
     #[inline(always)]
     fn pow<V: Lanes>(x: V, p: f32) -> V {
         x.map(|x| libm::powf(x, p))

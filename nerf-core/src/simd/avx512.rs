@@ -3,7 +3,8 @@
 use super::Op;
 use super::gather::{last_row, last_word};
 use crate::simd::lanes::SQRT_HALF_BITS;
-use crate::simd::{Format, Indices, Lanes, MAX_LANES, Table, bits_by_lane, weighted_rows_by_lane};
+use crate::simd::table::{Format, Indices, Table, bits_by_lane, weighted_rows_by_lane};
+use crate::simd::{Lanes, MAX_LANES};
 use core::arch::x86_64::*;
 
 /// Sixteen f32 in a `zmm` register. Made only inside [`run`], where the instructions are known to exist.

@@ -1,6 +1,6 @@
 //! What the leaves' table reads share.
 
-use crate::simd::Table;
+use crate::simd::table::Table;
 
 /// The last entry that a row of two can begin with and still lie inside the table, where a row is a whole number
 /// of four values; `None` where it is not, or where nothing fits.

@@ -33,9 +33,9 @@ pub(crate) use lanes::LANES;
 pub use lanes::{Lanes, MAX_LANES};
 #[cfg(feature = "train")]
 pub use prefetch::prefetch;
+pub use table::Indices;
 #[cfg(any(feature = "grid", feature = "train"))]
-pub use table::{F16Table, F32Table, Int8Table};
-pub use table::{Format, Indices, Table, bits_by_lane, weighted_rows_by_lane};
+pub use table::{F16Table, F32Table, Int8Table, Table};
 
 /// Samples that go through the network together, with every instruction set.
 pub const BLOCK: usize = 64;

@@ -7,7 +7,8 @@
 use super::Op;
 use super::gather::last_row;
 use crate::simd::lanes::SQRT_HALF_BITS;
-use crate::simd::{Format, Indices, Lanes, MAX_LANES, Table, weighted_rows_by_lane};
+use crate::simd::table::{Format, Indices, Table, weighted_rows_by_lane};
+use crate::simd::{Lanes, MAX_LANES};
 use core::arch::wasm32::*;
 
 /// Four f32 in a `v128`.
