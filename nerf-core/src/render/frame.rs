@@ -31,7 +31,7 @@ pub(super) struct Frame<'f, 'w> {
     pub(super) network: &'f Network<'f>,
     /// A box around what the occupancy grid has.
     occupied: Option<SceneBox>,
-    /// Whether no cell at a face of the scene box is occupied.
+    /// Whether no cell at a face of the scene box is occupied; `false` without vectors, whose code is to be short.
     pub(super) inner: bool,
     packets: [Option<Packets<'f>>; VECTORS as usize],
     /// The tile's rays that meet something live; they stay where they are until the tile is done.
@@ -93,9 +93,10 @@ impl<'f, 'w> Frame<'f, 'w> {
             plan,
             network,
             occupied,
-            inner: occupied.is_some_and(|SceneBox { min, max }| {
-                min.cmpgt(plan.bounds.min).all() && max.cmplt(plan.bounds.max).all()
-            }),
+            inner: VECTORS
+                && occupied.is_some_and(|SceneBox { min, max }| {
+                    min.cmpgt(plan.bounds.min).all() && max.cmplt(plan.bounds.max).all()
+                }),
             packets: [packets; VECTORS as usize],
             rays: layout.slice(rays, RayState::NONE),
             active: ActiveRays::new(layout.slice(rays, 0)),
