@@ -76,16 +76,18 @@ fn text(value: &Value) -> String {
 
 /// A number with [`DIGITS`] significant digits, without zeros at its end.
 fn number_text(number: f64) -> String {
+    let short = |text: &str| text.trim_end_matches('0').trim_end_matches('.').to_owned();
     let magnitude = number.abs().log10().floor();
-    if !(-7.0..15.0).contains(&magnitude) {
-        // 0 and what is not finite among it.
-        return format!("{number}");
-    }
-    let decimals = (DIGITS - 1 - magnitude as i32).max(0) as usize;
-    let text = format!("{number:.decimals$}");
-    match decimals {
-        0 => text,
-        _ => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
+    if !magnitude.is_finite() {
+        // 0, infinite or no number.
+        format!("{number}")
+    } else if (-7.0..15.0).contains(&magnitude) {
+        let decimals = (DIGITS - 1 - magnitude as i32).max(0) as usize;
+        let text = format!("{number:.decimals$}");
+        if decimals == 0 { text } else { short(&text) }
+    } else {
+        let text = format!("{number:.*e}", DIGITS as usize - 1);
+        text.split_once('e').map_or_else(String::new, |(digits, power)| format!("{}e{power}", short(digits)))
     }
 }
 
@@ -134,7 +136,7 @@ mod tests {
             (1.0, "1"),
             (-0.000_123_456, "-0.00012346"),
             (123_456.7, "123457"),
-            (1e-9, "0.000000001"),
+            (1e-9, "1e-9"),
             (0.1f32.into(), "0.1"),
             (f64::INFINITY, "inf"),
             (f64::NAN, "NaN"),

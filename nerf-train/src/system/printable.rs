@@ -13,7 +13,7 @@
 //! | prose of Markdown reports | `show::reports` | [`markdown`] |
 //! | pages and SVG plots | `show::cameras::page`, `show::plot` | [`line()`], [`lines`] |
 //! | text drawn into pictures | `show::text` | [`line()`] |
-//! | JSON | `system::summary`, `system::progress`, `lab::folder`, `show` | [`json`], the same values when read back |
+//! | JSON | `system::summary`, `system::progress`, `lab::sweep::folder`, `show` | [`json`], the same values when read back |
 //!
 //! Blobs, data sets and errors themselves keep the text as it is.
 

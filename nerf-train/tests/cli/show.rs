@@ -58,7 +58,7 @@ fn wrong_flags_of_show_are_named() {
     let taken = folder.file("taken", "a file");
     fails(["show", "nowhere.npz", "-o", &taken], &["taken"]);
     std::fs::create_dir_all(Path::new(&output).join("show.html")).expect("a folder");
-    fails(["show", "nowhere.npz", "-o", &output], &["show.html", "folder"]);
+    with(&[], &["show.html", "folder"]);
 }
 
 /// The page's document after it has driven itself (`#selftest`); `None` without a browser.

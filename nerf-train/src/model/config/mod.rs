@@ -24,7 +24,9 @@ const OCCUPANCY_RESOLUTIONS: [u16; 5] = [128, 96, 64, 48, 32];
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
+    /// The preset it started from.
     pub preset: Preset,
+    /// What computes the gradients.
     pub engine: EngineKind,
     pub network: NetworkConfig,
     pub sampling: SamplingConfig,
@@ -33,6 +35,7 @@ pub struct Config {
     /// What photographs of an unbounded scene are believed of; beside a grid.
     pub capture: CaptureConfig,
     pub optimiser: OptimiserConfig,
+    /// Seed of everything random.
     pub seed: u64,
 }
 
@@ -133,7 +136,9 @@ pub struct CaptureConfig {
     pub depth: f32,
     /// Whether space that lines of sight to sparse points cross is free.
     pub free_space: bool,
+    /// Whether each photograph has a gain.
     pub exposure: Exposure,
+    /// Whether poses are refined.
     pub poses: PoseRefinement,
     /// Whether what moved is left out of the loss.
     pub moving: MovingObjects,

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 pub struct OptimiserConfig {
     /// Steps; with a limit in seconds and none in steps, time alone decides.
     pub steps: u32,
+    /// Learning rate at the start.
     pub rate: f64,
     /// Learning rate at the end, as a share of `rate`; 1 keeps it constant.
     pub final_share: f64,
@@ -17,6 +18,7 @@ pub struct OptimiserConfig {
     pub warm_up: u32,
     /// Adam's decay of the second moment.
     pub beta2: f64,
+    /// Adam's epsilon.
     pub epsilon: f64,
     /// Decay, a step, of the exponential average of the parameters that is exported, which reaches back over a ninth of the
     /// steps so far at most; 0 exports the last.

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TableConfig {
+    /// Levels of the grid.
     pub levels: usize,
     /// Features of an entry: 1, 2 or 4.
     pub features: u8,
