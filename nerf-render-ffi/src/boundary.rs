@@ -24,8 +24,7 @@ pub(crate) unsafe trait Versioned: Copy {
 
 /// `versioned!(unsafe Camera, "camera", by_width(116, 120))`: name and size of a structure that is [`Versioned`].
 ///
-/// `unsafe`: the structure is `repr(C)` and has numbers, pointers and optional functions alone, of which there are no bytes
-/// that C could write and that are no value.
+/// `unsafe`: the structure is `repr(C)`, and its fields are numbers, pointers and optional functions: any bytes are a valid value.
 macro_rules! versioned {
     (unsafe $type:ty, $name:literal, $size:expr) => {
         // SAFETY: the caller's promise, but for the first field.

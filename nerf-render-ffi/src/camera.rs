@@ -20,7 +20,7 @@ pub enum LensModel {
     Fisheye = 1,
 }
 
-/// By the numbers of [`LensModel`].
+/// The core's value for each number of [`LensModel`]; `None` where it has none.
 const PROJECTIONS: [Option<Projection>; 2] = [Some(Projection::Perspective), Some(Projection::Fisheye)];
 
 /// A pinhole camera with an optional lens; looks down −Z, +Y is up, +X right, as in OpenGL.

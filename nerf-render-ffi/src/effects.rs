@@ -17,7 +17,7 @@ pub enum ToneMap {
     Filmic = 2,
 }
 
-/// By the numbers of [`ToneMap`].
+/// The core's value for each number of [`ToneMap`]; `None` where it has none.
 const TONE_MAPS: [Option<plan::ToneMap>; 3] =
     [Some(plan::ToneMap::None), Some(plan::ToneMap::Reinhard), Some(plan::ToneMap::Filmic)];
 

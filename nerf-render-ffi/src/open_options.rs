@@ -26,7 +26,7 @@ pub enum Kernel {
     Neon = 5,
 }
 
-/// By the numbers of [`Kernel`].
+/// The core's value for each number of [`Kernel`]; `None` where it has none.
 const ISAS: [Option<Isa>; 6] =
     [None, Some(Isa::Portable), Some(Isa::Avx2), Some(Isa::Avx512), Some(Isa::Simd128), Some(Isa::Neon)];
 
@@ -45,7 +45,7 @@ pub enum Storage {
     Bf16 = 3,
 }
 
-/// By the numbers of [`Storage`].
+/// The core's value for each number of [`Storage`]; `None` where it has none.
 const STORAGES: [Option<nerf_core::Storage>; 4] =
     [None, Some(nerf_core::Storage::F16), Some(nerf_core::Storage::F32), Some(nerf_core::Storage::Bf16)];
 

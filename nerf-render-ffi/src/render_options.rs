@@ -33,7 +33,7 @@ pub enum Maths {
     Recurrence = 3,
 }
 
-/// By the numbers of [`Maths`].
+/// The core's value for each number of [`Maths`]; `None` where it has none.
 const MATHS: [Option<MathBackend>; 4] = [
     Some(MathBackend::Polynomial),
     #[cfg(feature = "libm")]

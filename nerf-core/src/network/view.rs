@@ -22,8 +22,8 @@ pub enum Weights<'a> {
     InPlace(&'a [u8]),
     /// f32, for instructions with vectors.
     Prepared(&'a [f32]),
-    /// The same with transposed weights, `[inputs][outputs]`, in the colour branch's hidden layers: what
-    /// [`Weights::prepare`] makes of a field shaded once a ray, whose vectors are the outputs where there is one ray.
+    /// [`Weights::Prepared`] whose hidden colour layers have transposed weights, `[inputs][outputs]`: of a field shaded
+    /// once a ray. The colour of a single ray then takes vectors of outputs.
     Transposed(&'a [f32]),
     /// Pairs of bf16, each layer where its f32 would be: [`Weights::prepare`] makes them.
     Paired(&'a [f32]),

@@ -31,7 +31,7 @@ pub(super) struct Frame<'f, 'w> {
     pub(super) network: &'f Network<'f>,
     /// A box around what the occupancy grid has.
     occupied: Option<SceneBox>,
-    /// Whether no cell at a face of the scene box is occupied; `false` without vectors, whose code is to be short.
+    /// Whether no cell at a face of the scene box is occupied; always `false` in builds without vectors, which shortens their code.
     pub(super) inner: bool,
     packets: [Option<Packets<'f>>; VECTORS as usize],
     /// The tile's rays that meet something live; they stay where they are until the tile is done.

@@ -1,4 +1,4 @@
-//! What a checkpoint cannot say of itself.
+//! Settings of an import that a checkpoint does not hold.
 
 use super::error::ImportError;
 use super::order::{Identity, Order};
@@ -39,7 +39,7 @@ pub enum RawDensity {
     ShiftedSoftplus,
 }
 
-/// What a checkpoint cannot say of itself.
+/// Settings of an import that a checkpoint does not hold.
 ///
 /// The default is what nerf-pytorch does for the synthetic scenes, on black.
 #[derive(Clone, Debug, PartialEq, clap::Args)]
@@ -179,7 +179,7 @@ impl Settings {
         [x, y, z]
     }
 
-    /// Samples a ray of the network, beside a coarse one those drawn from it.
+    /// Samples a ray of the network; importance samples, if there is a coarse network.
     pub fn samples(&self, has_coarse: bool) -> u16 {
         self.samples.unwrap_or(if has_coarse { 128 } else { 192 })
     }

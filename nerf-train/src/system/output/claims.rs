@@ -31,9 +31,9 @@ pub struct ClaimError {
 /// What becomes of a file that is there already.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Existing {
-    /// It was named, and is replaced.
+    /// A file that the caller named: replaced.
     Replace,
-    /// It was not named: replaced where this program made it, else refused.
+    /// A file whose name was derived: replaced if this program made it, else refused.
     ReplaceOwn,
     /// Refused, for this reason and with this advice.
     Refuse(&'static str),
@@ -135,7 +135,7 @@ impl Claims {
         self.output(what, path, Kind::File(existing))
     }
 
-    /// Writes results into the folder that `flag` names.
+    /// Writes a report into the folder that `flag` names.
     pub fn writes_folder(self, flag: &str, folder: &Path) -> Self {
         self.output(flag, folder, Kind::Results)
     }

@@ -11,9 +11,9 @@ use std::time::Instant;
 
 /// Values of a part of a level that is left alone if no sample read from it.
 const PART: usize = 64;
-/// So many parts ahead Adam asks for what it will read.
+/// Distance of the prefetch in front of Adam's step, parts.
 const AHEAD: usize = 4;
-/// So many samples ahead the sum asks for the entries it will add to.
+/// Distance of the prefetch in front of the sum of gradients, samples.
 const SAMPLES_AHEAD: usize = 8;
 
 /// The samples whose gradient reaches the tables.
