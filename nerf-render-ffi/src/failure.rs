@@ -132,6 +132,7 @@ fn status_of_render(error: &RenderError) -> Status {
     match error {
         RenderError::Memory { .. } => Status::Memory,
         RenderError::Network => Status::BlobContent,
+        RenderError::Tables(error) => status_of_blob(error),
         RenderError::Rect { .. } => Status::Rect,
         RenderError::NotAPicture => Status::NotAPicture,
         RenderError::Direction { .. } | RenderError::Axis { .. } => Status::Direction,

@@ -10,6 +10,9 @@ use nerf_core::plan::{self, Batch, Outputs, Plan, Quality, Tone, ToneMap};
 /// Most rays in flight: the pixels of one tile.
 const MAX_RAYS: u32 = 256;
 
+/// Values of a flag.
+const FLAG: &str = "0 or 1";
+
 /// Default of `transmittance_cut`: no difference to be seen from none.
 pub const NERF_TRANSMITTANCE_CUT_DEFAULT: f32 = 2e-2;
 /// Default of `colour_cut`: no difference to be seen from none.
@@ -140,27 +143,34 @@ impl Settings {
         if o.reserved != 0 {
             return Err(Failure::Reserved("options.reserved"));
         }
-        let samples = at_most("options.samples", "0 to 4096", o.samples, MAX_SAMPLES.into())?;
-        let rays = at_most("options.batch_rays", "0 to 256", o.batch_rays, MAX_RAYS)?;
-        let columns =
-            at_most("options.batch_samples", "0 to 64", o.batch_samples, Batch::FULL.samples as u32)?;
+        for (name, expected, found, most) in [
+            ("options.samples", "0 to 4096", o.samples, MAX_SAMPLES.into()),
+            ("options.batch_rays", "0 to 256", o.batch_rays, MAX_RAYS),
+            ("options.batch_samples", "0 to 64", o.batch_samples, Batch::FULL.samples as u32),
+            ("options.ignore_occupancy", FLAG, o.ignore_occupancy, 1),
+            ("options.ignore_proposal", FLAG, o.ignore_proposal, 1),
+            ("options.background_set", FLAG, o.background_set, 1),
+            ("options.own_bins", FLAG, o.own_bins, 1),
+        ] {
+            at_most(name, expected, found, most)?;
+        }
         let or = |asked: u32, default: usize| if asked == 0 { default } else { asked as usize };
         Ok(Self {
             quality: Quality {
-                samples: samples as u16,
+                samples: o.samples as u16,
                 transmittance_cut: or_default(o.transmittance_cut, NERF_TRANSMITTANCE_CUT_DEFAULT),
                 colour_cut: or_default(o.colour_cut, NERF_COLOUR_CUT_DEFAULT),
-                occupancy: !flag("options.ignore_occupancy", o.ignore_occupancy)?,
+                occupancy: o.ignore_occupancy == 0,
                 math: named(&MATHS, "options.maths", "a nerf_maths of this build", o.maths)?,
-                proposal: !flag("options.ignore_proposal", o.ignore_proposal)?,
+                proposal: o.ignore_proposal == 0,
             },
-            background: flag("options.background_set", o.background_set)?.then_some(o.background),
+            background: (o.background_set == 1).then_some(o.background),
             normal_blur: or_default(o.normal_blur, NERF_NORMAL_BLUR_DEFAULT),
             range: (o.near_distance, if o.far_distance == 0.0 { f32::MAX } else { o.far_distance }),
-            own_bins: flag("options.own_bins", o.own_bins)?,
+            own_bins: o.own_bins == 1,
             batch: Batch {
-                rays: or(rays, Batch::FULL.rays.min(MAX_RAYS as usize)),
-                samples: or(columns, Batch::FULL.samples),
+                rays: or(o.batch_rays, Batch::FULL.rays.min(MAX_RAYS as usize)),
+                samples: or(o.batch_samples, Batch::FULL.samples),
             },
             effects: o.effects.read()?,
         })
@@ -215,5 +225,5 @@ pub(crate) fn at_most(
 }
 
 pub(crate) fn flag(name: &'static str, found: u32) -> Result<bool, Failure> {
-    at_most(name, "0 or 1", found, 1).map(|value| value == 1)
+    at_most(name, FLAG, found, 1).map(|value| value == 1)
 }

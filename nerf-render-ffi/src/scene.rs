@@ -9,7 +9,7 @@ use core::ffi::{c_char, c_void};
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::memory::{Line, lines_for};
-use nerf_core::render::{RenderError, Renderer};
+use nerf_core::render::Renderer;
 
 /// An opened scene: lies at the beginning of the memory it was opened in and borrows the blob.
 ///
@@ -169,10 +169,7 @@ pub(crate) unsafe fn open_in(
     let (own, memory) = (lines_for::<Scene>(1), memory.cast::<Line>());
     // SAFETY: aligned, `lines` long, apart from the blob and lent; a line holds any bytes.
     let prepared = unsafe { core::slice::from_raw_parts_mut(memory.add(own), lines - own) };
-    let renderer = Renderer::new(blob, kernel, prepared).map_err(|error| match error {
-        RenderError::Tables(error) => Failure::Blob(error),
-        error => Failure::Render(error),
-    })?;
+    let renderer = Renderer::new(blob, kernel, prepared)?;
     let handle = memory.cast::<Scene>();
     let scene = Scene {
         renderer,
