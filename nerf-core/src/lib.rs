@@ -83,7 +83,7 @@
 //! | `normals` | yes | the output `normals`: the gradient of the density, backward through the network |
 //! | `proposal` | yes | samples drawn from a coarse proposal network, where a scene has one |
 //! | `grid` | yes | learned multiresolution grids ([`encoding::GridEncoding`]), and spherical harmonics |
-//! | `coded` | yes | grids whose tables are entropy-coded: decoded into memory; firmware keeps int8 in place |
+//! | `coded` | yes | entropy-coded tables of grids, decoded into memory when a scene is opened; firmware reads int8 tables in place |
 //! | `contraction` | yes | unbounded scenes ([`camera::Contraction`]) |
 //! | `instances` | yes | several fields in one world ([`Worker::of_instances`]); brings `median` and `normals` |
 //! | `std` | yes | [`host`]: scenes that own their bytes, files, threads |

@@ -61,7 +61,7 @@ pub(crate) fn memory_lines(blob: &Blob<'_>, kernel: Kernel) -> usize {
     lines_for::<Scene>(1) + Renderer::prepared_lines(blob, kernel)
 }
 
-/// Checks the blob but for coded tables, which opening the scene decodes.
+/// Parses and checks a blob; its coded tables are checked where opening the scene decodes them.
 ///
 /// # Safety
 /// `blob` is NULL or points to `blob_size` bytes that stay as they are during `'a`.

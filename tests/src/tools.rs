@@ -1,8 +1,10 @@
 //! Programs, data and rights that a test needs and a machine may lack.
 //!
-//! A test that lacks one is left out, which is said past the capture of its output, once a test program; with the
-//! environment variable CI set it fails instead. `NERF_SKIPPED` names a file that gets a line of each test left out: its
-//! program, the folder it runs in and its name, with tabs between them. `.ci/run` runs these once their tools are there.
+//! Tests that need more than Rust and a C and C++ compiler, another tool or target, run with `NERF_TESTS=all`. A test that is
+//! not asked for, or lacks what it needs, is left out, which is said past the capture of its output, once a test program; one
+//! that is asked for with the environment variable CI set fails instead. `NERF_SKIPPED` names a file that gets a line of each
+//! test left out: its program, the folder it runs in and its name, with tabs between them. `.ci/run` runs these once their
+//! tools are there.
 //!
 //! The tests of nerf-train have this file as a module of their own.
 
@@ -47,6 +49,9 @@ const NEEDS: &[(&str, &str)] = &[
     ("valgrind", "hosts under valgrind"),
 ];
 
+/// What tests use wherever it is, `NERF_TESTS=all` or not: of the system, or of the compilers that all of them need.
+const UNASKED: &[&str] = &["/dev/full", "g++", "gcc", "mount", "right to mount"];
+
 /// Whether all of these programs are in `PATH`; each that is not is left out as by [`there_is`].
 ///
 /// # Panics
@@ -56,13 +61,18 @@ pub fn all_here(tools: &[&str]) -> bool {
     tools.iter().filter(|tool| !there_is(tool, in_path(tool))).count() == 0
 }
 
-/// Whether something was found that a test needs; where it was not, says so and notes the test as left out.
+/// Whether a test is to use what it needs: it was found, and asked for by `NERF_TESTS=all` where it is not of those that are
+/// used anyway. If not, says so and notes the test as left out.
 ///
 /// # Panics
-/// Where it was not and the environment variable CI is set: CI must not pass by leaving out.
+/// Where it was asked for and not found, and the environment variable CI is set: CI must not pass by leaving out.
 pub fn there_is(what: &str, found: bool) -> bool {
     let need = NEEDS.iter().find(|(name, _)| *name == what);
     let (_, untested) = need.unwrap_or_else(|| panic!("expected a name in tools::NEEDS, found {what}"));
+    if !UNASKED.contains(&what) && !everything() {
+        note_left_out(&format!("{what} is used with NERF_TESTS=all; not tested: {untested}"));
+        return false;
+    }
     if !found {
         leave_out(what, untested);
     }
@@ -89,7 +99,16 @@ pub fn data(name: &str) -> Option<PathBuf> {
 fn leave_out(missing: &str, untested: &str) {
     let line = format!("no {missing}; not tested: {untested}");
     assert!(std::env::var_os("CI").is_none(), "CI is set, and there is {line}");
-    say_skipped(&line);
+    note_left_out(&line);
+}
+
+/// Whether tests are asked for that need another tool or target: `NERF_TESTS=all`.
+fn everything() -> bool {
+    std::env::var_os("NERF_TESTS").is_some_and(|value| value == "all")
+}
+
+fn note_left_out(why: &str) {
+    say_skipped(why);
     if let Some(file) = std::env::var_os("NERF_SKIPPED") {
         note(Path::new(&file));
     }

@@ -1,9 +1,9 @@
-//! In the place of `coded` where the feature is off: no tables are decoded.
+//! Stand-in for `coded` in builds without that feature: coded tables are refused.
 
 use super::error::BlobError;
 use crate::encoding::GridEncoding;
 
-/// Nothing: this build has no decoder.
+/// Refuses coded tables: this build has no decoder.
 ///
 /// # Errors
 /// [`BlobError::NotBuilt`].

@@ -140,8 +140,8 @@ pub fn picture_within(
     Ok(Some(with(&table)))
 }
 
-/// Of the finest [`NEIGHBOURS`] resolutions of the occupancy grid with which one fits, the table with the most values, and
-/// of those the finest. Coded tables may then take what is left.
+/// The table with the most values that fits into `max_bytes`, and the occupancy grid's resolution: one of the [`NEIGHBOURS`]
+/// finest that leave room for a table, the finest of several with as many values. Coded tables may then take what is left.
 fn most_values(
     mut tables: Vec<TableConfig>,
     resolutions: &[u16],

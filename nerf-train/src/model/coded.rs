@@ -80,7 +80,7 @@ pub(super) fn coded(
 /// Coded bytes of the signed bytes of a grid.
 fn encoded(grid: &GridEncoding, values: &[u8]) -> Vec<u8> {
     let mut symbols = vec![[0; 2]; 2 * values.len()];
-    // A symbol has 15 bits at most.
+    // Two symbols a value, of at most 15 bits each.
     let mut out = vec![0; 4 * values.len() + 4];
     encode_tables(grid, values, &mut symbols, &mut out).expect("room for all values of the grid").to_vec()
 }

@@ -1,4 +1,5 @@
-//! The Python package, with the library that Cargo builds, and rays from numpy, bit for bit. `.ci/run` tests the wheel.
+//! The Python package over the library that Cargo builds: its own tests, and rays of numpy arrays that are those of Rust, bit
+//! for bit. `.ci/run` tests the wheel.
 
 use nerf_core::blob::Blob;
 use nerf_core::camera::Ray;

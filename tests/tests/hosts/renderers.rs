@@ -1,4 +1,4 @@
-//! The renderers among the examples, with a field in each: a ray tracer, a path tracer, a rasteriser, Embree's.
+//! Example renderers that draw a field among their own surfaces: a ray tracer, a path tracer, a rasteriser, one on Embree.
 
 use nerf_tests::build::{Language, program, run};
 use nerf_tests::paths;

@@ -19,7 +19,8 @@ fn what_is_missing_is_said_once_and_noted_and_fails_in_ci() {
     let run = |prepare: fn(&mut Command) -> &mut Command| -> Output {
         let mut command = Command::new(&program);
         command.args(["--exact", "--ignored", "tools::lacks_two_tools"]).current_dir(folder.path());
-        command.env("PATH", "").env("NERF_DATA", "/nowhere").env("NERF_SKIPPED", &list).env_remove("CI");
+        command.env("PATH", "").env("NERF_DATA", "/nowhere").env("NERF_SKIPPED", &list);
+        command.env("NERF_TESTS", "all").env_remove("CI");
         prepare(&mut command).output().expect("this very program")
     };
     let outside = run(|command| command);
@@ -35,6 +36,10 @@ fn what_is_missing_is_said_once_and_noted_and_fails_in_ci() {
     let place = folder.path().canonicalize().expect("a folder");
     let line = format!("{}\t{}\ttools::lacks_two_tools\n", program.display(), place.display());
     assert_eq!(std::fs::read_to_string(&list).expect("a list"), line.repeat(4));
+    let unasked = run(|command| command.env_remove("NERF_TESTS"));
+    let said = String::from_utf8_lossy(&unasked.stderr);
+    assert!(unasked.status.success(), "{said}");
+    assert_eq!(said.matches("skipped: ffmpeg is used with NERF_TESTS=all; not tested: MP4s\n").count(), 1, "{said}");
     let in_ci = run(|command| command.env("CI", "true"));
     let said = String::from_utf8_lossy(&in_ci.stdout);
     assert!(!in_ci.status.success() && said.contains("CI is set, and there is no ffmpeg"), "{said}");
