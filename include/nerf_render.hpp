@@ -44,12 +44,17 @@ namespace nerf {
 
 namespace detail {
 
+/// The type of a container's elements, constant where they are.
+template <class C>
+using element = std::remove_pointer_t<decltype(std::data(std::declval<C &>()))>;
+
 /// Whether C (as deduced for a C &&) can lend its elements: it is named, or it is a view, whose elements are as
 /// constant as they are, however constant the view. A temporary that owns them would take them along.
 template <class C>
-inline constexpr bool lends =
-    std::is_lvalue_reference_v<C> || std::is_same_v<decltype(std::data(std::declval<C &>())),
-                                                    decltype(std::data(std::declval<const C &>()))>;
+inline constexpr bool lends = std::is_lvalue_reference_v<C> || std::is_same_v<element<C>, element<const C>>;
+
+/// What strided views are told from containers by.
+struct strided_view {};
 
 /// The C library reads and writes floats by copying them, whatever structure they are in.
 template <class T, class E>
@@ -68,7 +73,7 @@ public:
     constexpr span() noexcept = default;
     constexpr span(T *data, std::size_t size) noexcept : data_(data), size_(size) {}
 
-    template <class C, class E = std::remove_pointer_t<decltype(std::data(std::declval<C &>()))>,
+    template <class C, class E = detail::element<C>,
               class = std::enable_if_t<std::is_convertible_v<E (*)[], T (*)[]> &&
                                        (std::is_const_v<T> || detail::lends<C>)>>
     constexpr span(C &&container) noexcept : data_(std::data(container)), size_(std::size(container)) {}
@@ -90,8 +95,7 @@ class bytes {
 public:
     constexpr bytes(const void *data, std::size_t size) noexcept : data_(data), size_(size) {}
 
-    template <class C, class E = std::remove_pointer_t<decltype(std::data(std::declval<const C &>()))>,
-              class = std::enable_if_t<std::is_trivially_copyable_v<E>>>
+    template <class C, class E = detail::element<const C>, class = std::enable_if_t<std::is_trivially_copyable_v<E>>>
     constexpr bytes(const C &container) noexcept
         : data_(std::data(container)), size_(std::size(container) * sizeof(E)) {}
 
@@ -107,24 +111,12 @@ private:
     std::size_t size_;
 };
 
-template <class T, std::size_t each>
-class strided;
-
-namespace detail {
-
-template <class C>
-inline constexpr bool is_strided = false;
-template <class T, std::size_t each>
-inline constexpr bool is_strided<strided<T, each>> = true;
-
-} // namespace detail
-
 /// Numbers in somebody else's memory, `each` to a ray or point, side by side or a stride apart. T is float or const float.
 ///
 /// Made of floats in whatever has data and size, of any trivially copyable structures of so many floats (a host's own
 /// vector), or with nerf::member of one field of larger structures.
 template <class T, std::size_t each>
-class strided {
+class strided : detail::strided_view {
 public:
     constexpr strided() noexcept = default;
     strided(T *data, std::size_t count, std::size_t stride) noexcept : data_(data), count_(count), stride_(stride) {}
@@ -134,12 +126,12 @@ public:
     strided(const strided<U, each> &other) noexcept
         : data_(other.data_), count_(other.count_), stride_(other.stride_), whole_(other.whole_) {}
 
-    template <class C, class E = std::remove_pointer_t<decltype(std::data(std::declval<C &>()))>,
+    template <class C, class E = detail::element<C>,
               class = std::enable_if_t<(std::is_same_v<std::remove_const_t<E>, float> ||
                                         (std::is_trivially_copyable_v<E> && std::is_class_v<E> &&
                                          sizeof(E) == each * sizeof(float) && alignof(E) == alignof(float))) &&
                                        (std::is_const_v<T> || (!std::is_const_v<E> && detail::lends<C>)) &&
-                                       !detail::is_strided<std::decay_t<C>>>>
+                                       !std::is_base_of_v<detail::strided_view, std::decay_t<C>>>>
     strided(C &&container) noexcept
         : data_(detail::floats_at<T>(std::data(container))), count_(std::size(container) * sizeof(E) / (each * sizeof(float))),
           whole_(std::size(container) * sizeof(E) % (each * sizeof(float)) == 0) {}
@@ -174,7 +166,7 @@ using numbers = strided<T, 1>;
 /// A field of the structures in a container: `nerf::member(rays, &my_ray::origin)`.
 template <class C, class S, class F>
 auto member(C &&container, F S::*field) noexcept {
-    using element = std::remove_pointer_t<decltype(std::data(container))>;
+    using element = detail::element<C>;
     using number = std::conditional_t<std::is_const_v<element>, const float, float>;
     static_assert(std::is_trivially_copyable_v<F> && sizeof(F) % sizeof(float) == 0 && alignof(F) == alignof(float));
     static_assert(std::is_const_v<element> || detail::lends<C>, "a temporary takes its memory along");
@@ -244,9 +236,15 @@ private:
     nerf::error error_;
 };
 
+/// How much memory a call needs, bytes, and at which alignment.
+struct layout {
+    std::size_t size = 0;
+    std::size_t align = 1;
+};
+
 namespace detail {
 
-/// `call(message, capacity)` is a call of the C library; `value` its result.
+/// `call(value, message, capacity)` is a call of the C library; `value` its result.
 template <class T, class Call>
 result<T> checked(T value, Call &&call) noexcept {
     error why;
@@ -262,11 +260,12 @@ result<T> made(Call &&call, Arguments... arguments) noexcept {
     });
 }
 
-template <class Call>
-result<void> checked(Call &&call) noexcept {
-    error why;
-    why.status = call(why.message, sizeof why.message);
-    return why;
+/// A call whose last arguments before the message receive a size and an alignment.
+template <class Call, class... Arguments>
+result<layout> layout_of(Call &&call, Arguments... arguments) noexcept {
+    return checked(layout(), [&](layout &to, char *message, std::size_t capacity) {
+        return call(arguments..., &to.size, &to.align, message, capacity);
+    });
 }
 
 /// A structure of the C library: its size, else zeros.
@@ -314,12 +313,6 @@ error failed(nerf_status status, const char (&message)[length]) noexcept {
 
 // --------------------------------------------------------------------------------------- memory
 
-/// How much memory a call needs, bytes, and at which alignment.
-struct layout {
-    std::size_t size = 0;
-    std::size_t align = 1;
-};
-
 /// Bytes for a scene or a worker: owned and freed, or lent by the caller. Movable.
 class memory {
 public:
@@ -345,7 +338,7 @@ public:
     /// Memory of the caller's, which stays where it is for as long as it is used; never freed.
     template <class C>
     static memory lend(C &&container) noexcept {
-        using element = std::remove_pointer_t<decltype(std::data(container))>;
+        using element = detail::element<C>;
         static_assert(std::is_trivially_copyable_v<element> && !std::is_const_v<element>);
         static_assert(detail::lends<C>, "a temporary takes its memory along");
         memory lent;
@@ -533,19 +526,14 @@ public:
     // A field of structures that lie side by side: three floats are colour, or with `normals` a normal; four are RGBA.
     template <class C, class S, class F>
     static plane member(C &&pixels, F S::*field, bool normals = false) noexcept {
-        static_assert(std::is_trivially_copyable_v<F> && alignof(F) == alignof(float) && detail::lends<C>);
         static_assert(sizeof(F) == 4 || sizeof(F) == 12 || sizeof(F) == 16, "expected one, three or four floats");
-        plane of;
-        of.format_ = sizeof(F) == 4    ? NERF_FORMAT_F32
-                     : sizeof(F) == 16 ? NERF_FORMAT_RGBA_F32
-                     : normals         ? NERF_FORMAT_VEC3_F32
-                                       : NERF_FORMAT_RGB_F32;
-        of.by_.pixel = sizeof(S);
-        auto *const first = std::data(pixels);
-        const std::size_t count = std::size(pixels);
-        of.data_ = count == 0 ? nullptr : static_cast<void *>(std::addressof(first->*field));
-        of.extent_ = count == 0 ? 0 : (count - 1) * sizeof(S) + sizeof(F);
-        of.there_ = true;
+        const auto floats = nerf::member(std::forward<C>(pixels), field);
+        const nerf_format format = sizeof(F) == 4    ? NERF_FORMAT_F32
+                                   : sizeof(F) == 16 ? NERF_FORMAT_RGBA_F32
+                                   : normals         ? NERF_FORMAT_VEC3_F32
+                                                     : NERF_FORMAT_RGB_F32;
+        plane of(format, span<float>(floats.data(), 0), {0, sizeof(S)});
+        of.extent_ = floats.size() == 0 ? 0 : (floats.size() - 1) * sizeof(S) + sizeof(F);
         return of;
     }
 
@@ -644,31 +632,17 @@ private:
 
 // ------------------------------------------------------------------------------ settings, figures
 
-/// How a frame is rendered: the fields of nerf_render_options in their places. As it is made it is the defaults, cuts that
-/// cost nothing visible; in C++20 `{.samples = 64}` says what is other, which a base class would not allow.
-struct options {
-    std::size_t struct_size = sizeof(nerf_render_options);
-    std::uint32_t samples = 0;
-    float transmittance_cut = 0.0f;
-    std::uint32_t ignore_occupancy = 0;
-    std::uint32_t maths = NERF_MATHS_POLYNOMIAL;
-    std::uint32_t background_set = 0;
-    float background[3] = {};
-    std::uint32_t batch_rays = 0;
-    std::uint32_t batch_samples = 0;
-    float colour_cut = 0.0f;
-    float normal_blur = 0.0f;
-    std::uint32_t ignore_proposal = 0;
-    float near_distance = 0.0f;
-    float far_distance = 0.0f;
-    std::uint32_t own_bins = 0;
-    std::uint32_t reserved = 0;
-    nerf_effects effects = {};
+/// How a scene is opened: the instructions it runs on, and the storage of its weights.
+struct open_options : detail::sized<nerf_open_options> {
+    open_options(nerf_kernel with = NERF_KERNEL_AUTO, nerf_storage in = NERF_STORAGE_AUTO) noexcept {
+        kernel = with;
+        storage = in;
+    }
+};
 
-    /// For calls of the C library, which reads and writes structures by copying them.
-    nerf_render_options *c() noexcept { return static_cast<nerf_render_options *>(static_cast<void *>(this)); }
-    const nerf_render_options *c() const noexcept { return const_cast<options *>(this)->c(); }
-
+/// How a frame is rendered; every field of nerf_render_options is there. As made it is the defaults: cuts that cost nothing
+/// visible.
+struct options : detail::sized<nerf_render_options> {
     /// No cut, no blur.
     static options uncut() noexcept {
         options all;
@@ -676,8 +650,6 @@ struct options {
         return all;
     }
 };
-static_assert(sizeof(options) == sizeof(nerf_render_options) &&
-              offsetof(options, effects) == offsetof(nerf_render_options, effects));
 
 /// The work of a call, exact; += adds up tiles.
 struct counters : detail::sized<nerf_counters> {
@@ -712,10 +684,11 @@ namespace detail {
 /// Stands for no progress callback and for the library's clock.
 struct none {};
 
-/// `F(done, all)` or `F()`, giving whether to go on, or nothing. Nothing it throws may come out: noexcept.
+/// `F(done, all)` or `F()`, giving whether to go on, or nothing. Nothing it throws may come out: noexcept. `user` points to
+/// a pointer to it, which may be a function.
 template <class F>
 int32_t progress(void *user, std::uint64_t done, std::uint64_t all) noexcept {
-    F &f = *static_cast<F *>(user);
+    F &f = **static_cast<F **>(user);
     const auto call = [&] {
         if constexpr (std::is_invocable_v<F &, std::uint64_t, std::uint64_t>) {
             return f(done, all);
@@ -732,30 +705,9 @@ int32_t progress(void *user, std::uint64_t done, std::uint64_t all) noexcept {
     }
 }
 
-/// A function as a pointer to it, which lies somewhere; any other callable as it is.
-template <class F>
-decltype(auto) object(F &f) noexcept {
-    if constexpr (std::is_function_v<F>) {
-        return &f;
-    } else {
-        return (f);
-    }
-}
-
-template <class F>
-void *address(F &f) noexcept {
-    return const_cast<void *>(static_cast<const void *>(std::addressof(f)));
-}
-
-inline result<layout> worker_layout(const nerf_request &asked) noexcept {
-    return checked(layout{}, [&](layout &to, char *message, std::size_t capacity) {
-        return nerf_worker_size(&asked, &to.size, &to.align, message, capacity);
-    });
-}
-
 template <class F>
 std::uint64_t clock(void *user) noexcept {
-    return (*static_cast<F *>(user))();
+    return (**static_cast<F **>(user))();
 }
 
 } // namespace detail
@@ -771,19 +723,13 @@ public:
     scene() noexcept = default;
 
     /// How much memory a blob's scene lies in.
-    static result<layout> memory_layout(bytes blob, nerf_kernel kernel = NERF_KERNEL_AUTO,
-        nerf_storage storage = NERF_STORAGE_AUTO) noexcept {
-        const nerf_open_options how = opening(kernel, storage);
-        return detail::checked(layout{}, [&](layout &to, char *message, std::size_t capacity) {
-            return nerf_scene_memory(blob.data(), blob.size(), &how, &to.size, &to.align, message, capacity);
-        });
+    static result<layout> memory_layout(bytes blob, const open_options &how = {}) noexcept {
+        return detail::layout_of(nerf_scene_memory, blob.data(), blob.size(), &how);
     }
 
     /// Opens a blob in the caller's memory, or owned one. `blob` is borrowed: it stays as it is for as long as
     /// the scene is used.
-    static result<scene> open(bytes blob, memory home, nerf_kernel kernel = NERF_KERNEL_AUTO,
-        nerf_storage storage = NERF_STORAGE_AUTO) noexcept {
-        const nerf_open_options how = opening(kernel, storage);
+    static result<scene> open(bytes blob, memory home, const open_options &how = {}) noexcept {
         scene opened;
         opened.home_ = std::move(home);
         return detail::checked(std::move(opened), [&](scene &to, char *message, std::size_t capacity) {
@@ -795,16 +741,13 @@ public:
     }
 
     /// Opens a blob in memory from the heap. `blob` is borrowed, as above.
-    static result<scene> open(bytes blob, nerf_kernel kernel = NERF_KERNEL_AUTO,
-        nerf_storage storage = NERF_STORAGE_AUTO) noexcept {
-        result<memory> home = memory::allocate(memory_layout(blob, kernel, storage));
-        return home ? open(blob, std::move(*home), kernel, storage) : result<scene>(home.error());
+    static result<scene> open(bytes blob, const open_options &how = {}) noexcept {
+        result<memory> home = memory::allocate(memory_layout(blob, how));
+        return home ? open(blob, std::move(*home), how) : result<scene>(home.error());
     }
 
     /// Opens a file, in memory of the library's own; only with a library that was built with `std`.
-    static result<scene> open_file(const char *path, nerf_kernel kernel = NERF_KERNEL_AUTO,
-        nerf_storage storage = NERF_STORAGE_AUTO) noexcept {
-        const nerf_open_options how = opening(kernel, storage);
+    static result<scene> open_file(const char *path, const open_options &how = {}) noexcept {
         return detail::checked(scene(), [&](scene &to, char *message, std::size_t capacity) {
             const nerf_scene *handle = nullptr;
             const nerf_status status = nerf_scene_open_file(path, &how, &handle, message, capacity);
@@ -815,9 +758,8 @@ public:
 
     /// The same of a std::string, a std::filesystem::path (where its characters are char) and the like.
     template <class P, class = std::enable_if_t<std::is_same_v<decltype(std::declval<const P &>().c_str()), const char *>>>
-    static result<scene> open_file(const P &path, nerf_kernel kernel = NERF_KERNEL_AUTO,
-                                   nerf_storage storage = NERF_STORAGE_AUTO) noexcept {
-        return open_file(path.c_str(), kernel, storage);
+    static result<scene> open_file(const P &path, const open_options &how = {}) noexcept {
+        return open_file(path.c_str(), how);
     }
 
     /// For calls of the C library; null if empty.
@@ -864,7 +806,8 @@ public:
     result<nerf::worker> worker(std::uint32_t outputs, const options &how, memory home) const noexcept;
     /// How much memory that is.
     result<layout> worker_layout(std::uint32_t outputs, const options &how = {}) const noexcept {
-        return detail::worker_layout(request<nerf_request>(outputs, how));
+        const auto asked = request<nerf_request>(outputs, how);
+        return detail::layout_of(nerf_worker_size, &asked);
     }
 
     // The five below set the shortcuts of `how` (samples, cuts, occupancy grid, maths, proposal); the rest of it
@@ -888,17 +831,15 @@ public:
     }
     /// Those of a preset, which lose no more than it says.
     result<void> preset(nerf_preset wish, options &how) const noexcept {
-        return detail::checked([&](char *message, std::size_t capacity) {
-            return nerf_quality_preset(get(), wish, how.c(), message, capacity);
-        });
+        error why;
+        why.status = nerf_quality_preset(get(), wish, &how, why.message, sizeof why.message);
+        return why;
     }
 
     /// How much workspace measuring the pace needs.
     result<layout> pace_layout(std::uint32_t outputs, const options &how = {}) const noexcept {
         const auto asked = request<nerf_pace_request>(outputs, how);
-        return detail::checked(layout{}, [&](layout &to, char *message, std::size_t capacity) {
-            return nerf_pace_workspace_size(&asked, &to.size, &to.align, message, capacity);
-        });
+        return detail::layout_of(nerf_pace_workspace_size, &asked);
     }
     result<memory> pace_workspace(std::uint32_t outputs, const options &how = {}) const noexcept {
         return memory::allocate(pace_layout(outputs, how));
@@ -908,13 +849,13 @@ public:
     template <class F = detail::none>
     result<pace> measure_pace(const nerf_camera &camera, std::uint32_t outputs, float limit, memory &workspace,
                               const options &how = {}, F &&clock = {}) const noexcept {
-        auto &&callable = detail::object(clock);
+        auto *callable = std::addressof(clock);
         auto asked = request<nerf_pace_request>(outputs, how);
         asked.camera = &camera;
         asked.limit_milliseconds = limit;
         if constexpr (!std::is_same_v<std::decay_t<F>, detail::none>) {
-            asked.clock = detail::clock<std::remove_reference_t<decltype(callable)>>;
-            asked.user = detail::address(callable);
+            asked.clock = detail::clock<std::remove_reference_t<F>>;
+            asked.user = &callable;
         }
         return detail::made<pace>(nerf_pace_measure, &asked, workspace.data(), workspace.size());
     }
@@ -924,19 +865,13 @@ private:
     Request request(std::uint32_t outputs, const options &how) const noexcept {
         detail::sized<Request> asked;
         asked.scene = get();
-        asked.options = how.c();
+        asked.options = &how;
         asked.outputs = outputs;
         return asked;
     }
     template <class Call, class... Limit>
     result<choice> chosen(Call &&call, options &how, Limit... limit) const noexcept {
-        return detail::made<choice>(call, get(), limit..., how.c());
-    }
-    static nerf_open_options opening(nerf_kernel kernel, nerf_storage storage) noexcept {
-        detail::sized<nerf_open_options> how;
-        how.kernel = kernel;
-        how.storage = storage;
-        return how;
+        return detail::made<choice>(call, get(), limit..., &how);
     }
     nerf_status describe(nerf_status opened, const nerf_scene *handle) noexcept {
         handle_.reset(handle);
@@ -989,18 +924,15 @@ public:
 
     /// Looks at several scenes at once, each where the host has placed it, or at one; the rest as in scene::worker.
     static result<worker> open(span<const instance> instances, std::uint32_t outputs, const options &how = {}) noexcept {
-        const result<nerf_request> asked = request(instances, outputs, how);
-        return asked ? open_on_heap(*asked) : result<worker>(asked.error());
+        return open_on_heap(request(instances, outputs, how));
     }
     static result<worker> open(span<const instance> instances, std::uint32_t outputs, const options &how,
                                memory home) noexcept {
-        const result<nerf_request> asked = request(instances, outputs, how);
-        return asked ? open_in(*asked, std::move(home)) : result<worker>(asked.error());
+        return open_in(request(instances, outputs, how), std::move(home));
     }
     static result<layout> memory_layout(span<const instance> instances, std::uint32_t outputs,
                                         const options &how = {}) noexcept {
-        const result<nerf_request> asked = request(instances, outputs, how);
-        return asked ? detail::worker_layout(*asked) : result<layout>(asked.error());
+        return layout_of(request(instances, outputs, how));
     }
 
     /// For calls of the C library; null if empty.
@@ -1063,31 +995,41 @@ public:
 private:
     friend class scene;
 
-    static result<nerf_request> request(span<const instance> instances, std::uint32_t outputs,
-                                        const options &how) noexcept {
+    static nerf_request request(span<const instance> instances, std::uint32_t outputs, const options &how) noexcept {
         static_assert(sizeof(instance) == sizeof(nerf_instance));
-        for (std::size_t i = 0; i < instances.size(); ++i) {
-            if (instances[i].struct_size == 0) {
-                constexpr std::string_view name = "instances[", wrong = "]: expected a matrix of 16 floats";
-                error why;
-                why.status = NERF_STATUS_TRANSFORM;
-                char *const index = std::copy(name.begin(), name.end(), why.message);
-                *std::copy(wrong.begin(), wrong.end(), std::to_chars(index, index + 20, i).ptr) = '\0';
-                return why;
-            }
-        }
         detail::sized<nerf_request> asked;
         asked.instances = instances.data();
         asked.instance_count = instances.size();
-        asked.options = how.c();
+        asked.options = &how;
         asked.outputs = outputs;
-        return result<nerf_request>(std::move(asked));
+        return asked;
+    }
+    /// The first instance that was made of another number of floats than 16.
+    static error wrong_instance(const nerf_request &asked) noexcept {
+        error why;
+        for (std::size_t i = 0; i < asked.instance_count && why.status == NERF_STATUS_OK; ++i) {
+            if (asked.instances[i].struct_size == 0) {
+                constexpr std::string_view name = "instances[", wrong = "]: expected a matrix of 16 floats";
+                why.status = NERF_STATUS_TRANSFORM;
+                char *const index = std::copy(name.begin(), name.end(), why.message);
+                *std::copy(wrong.begin(), wrong.end(), std::to_chars(index, index + 20, i).ptr) = '\0';
+            }
+        }
+        return why;
+    }
+    static result<layout> layout_of(const nerf_request &asked) noexcept {
+        const error wrong = wrong_instance(asked);
+        return wrong.status == NERF_STATUS_OK ? detail::layout_of(nerf_worker_size, &asked) : result<layout>(wrong);
     }
     static result<worker> open_on_heap(const nerf_request &asked) noexcept {
-        result<memory> home = memory::allocate(detail::worker_layout(asked));
+        result<memory> home = memory::allocate(layout_of(asked));
         return home ? open_in(asked, *std::move(home)) : result<worker>(home.error());
     }
     static result<worker> open_in(const nerf_request &asked, memory home) noexcept {
+        const error wrong = wrong_instance(asked);
+        if (wrong.status != NERF_STATUS_OK) {
+            return wrong;
+        }
         worker opened;
         opened.home_ = std::move(home);
         return detail::checked(std::move(opened), [&](worker &to, char *message, std::size_t capacity) {
@@ -1104,12 +1046,12 @@ private:
         if (!planes) {
             return planes.error();
         }
-        auto &&callable = detail::object(progress);
+        auto *callable = std::addressof(progress);
         frame.rect = &asked;
         frame.target = &*planes;
         if constexpr (!std::is_same_v<std::decay_t<F>, detail::none>) {
-            frame.progress = detail::progress<std::remove_reference_t<decltype(callable)>>;
-            frame.user = detail::address(callable);
+            frame.progress = detail::progress<F>;
+            frame.user = &callable;
         }
         return detail::made<counters>(call, get(), &frame);
     }

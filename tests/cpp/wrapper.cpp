@@ -415,7 +415,9 @@ void effects_and_settings_reach_the_frame(const nerf::scene &scene) {
     CHECK(!wrong && wrong.status() == NERF_STATUS_OPTIONS && says(wrong.error(), "anti_aliasing"));
 #if __cplusplus >= 202002L
     const nerf::target to{.rgb = nerf::plane::rgb_f32(other)};
-    const auto few = scene.worker(to.outputs(), {.samples = 8})->render(camera, to);
+    nerf::options coarse;
+    coarse.samples = 8;
+    const auto few = scene.worker(to.outputs(), coarse)->render(camera, to);
     CHECK(few && few->density_evaluations < cut->density_evaluations);
 #endif
 
