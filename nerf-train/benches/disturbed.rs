@@ -7,7 +7,7 @@
 use glam::{Quat, Vec3};
 use nerf_core::Kernel;
 use nerf_core::camera::{Camera, Pose};
-use nerf_train::cli::read_config;
+use nerf_train::cli::{SetOption, read_config};
 use nerf_train::data::demo::{DemoSpec, dataset};
 use nerf_train::data::pictures::rgb::Picture;
 use nerf_train::data::{Background, Dataset, View, over};
@@ -46,7 +46,8 @@ fn main() {
             ProgressStyle::Quiet,
         );
         let options = RunOptions { report: true, validate_every: Some(u32::MAX), ..options };
-        let mut config = read_config(Preset::Grid, None, Surroundings::Unbounded).expect("settings");
+        let mut config = read_config(Preset::Grid, None, &SetOption::default(), Surroundings::Unbounded)
+            .expect("settings");
         config.optimiser.steps = STEPS;
         // What would mend exposure, poses and what moved.
         (config.capture.exposure, config.capture.poses) = (Exposure::Shared, PoseRefinement::Given);

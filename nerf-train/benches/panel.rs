@@ -7,7 +7,7 @@
 //! models. On a quiet machine where seconds decide.
 
 use nerf_core::Kernel;
-use nerf_train::cli::read_config;
+use nerf_train::cli::{SetOption, read_config};
 use nerf_train::data::pictures::rgb::Picture;
 use nerf_train::data::{Background, Cameras, Dataset, Downscale, ReadOptions, View, read};
 use nerf_train::fit::finish::{Outcome, Shown};
@@ -127,7 +127,7 @@ fn config(dataset: &Dataset, asked: &Asked) -> Config {
         Background::Unknown => Surroundings::Unbounded,
         _ => Surroundings::Known,
     };
-    let read = read_config(Preset::Grid, asked.config.as_deref(), surroundings);
+    let read = read_config(Preset::Grid, asked.config.as_deref(), &SetOption::default(), surroundings);
     let mut config = read.unwrap_or_else(|error| panic!("{error:#}"));
     if let Some(steps) = asked.budget().steps {
         config.optimiser.steps = steps;

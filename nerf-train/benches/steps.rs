@@ -6,7 +6,7 @@
 //! that are not timed, `NERF_BENCH_CONFIG=TOML` gives settings as in `fit`. On a quiet machine.
 
 use nerf_core::Kernel;
-use nerf_train::cli::read_config;
+use nerf_train::cli::{SetOption, read_config};
 use nerf_train::data;
 use nerf_train::data::ReadOptions;
 use nerf_train::data::demo;
@@ -83,7 +83,7 @@ fn row(data: &data::Dataset, log2_entries: u8, threads: usize, steps: u32) {
         None => Surroundings::Known,
     };
     let settings = std::env::var_os("NERF_BENCH_CONFIG");
-    let config = read_config(Preset::Grid, settings.as_deref().map(Path::new), around);
+    let config = read_config(Preset::Grid, settings.as_deref().map(Path::new), &SetOption::default(), around);
     let mut config = config.unwrap_or_else(|error| panic!("NERF_BENCH_CONFIG: {error:#}"));
     if let Some(grid) = &mut config.network.grid {
         grid.log2_entries = log2_entries;

@@ -86,7 +86,6 @@ impl LogGains {
     }
 }
 
-/// Mean over the channels.
 fn brightness(gain: &[f32; 3]) -> f64 {
     gain.iter().map(|&g| f64::from(g)).sum::<f64>() / 3.0
 }

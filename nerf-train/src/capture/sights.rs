@@ -15,7 +15,6 @@ const MAX_RESIDUAL: f32 = 3.0;
 /// Number of photographs that see a point, from which on it counts as certain.
 const FULL_TRACK: f32 = 6.0;
 
-/// A line of sight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sight {
     /// Where the photograph shows the point, pixels from the left and from the top.
@@ -77,7 +76,6 @@ impl Sights {
         sights
     }
 
-    /// Number of lines of sight of all views.
     pub fn count(&self) -> usize {
         self.of_views.iter().map(Vec::len).sum()
     }

@@ -6,8 +6,7 @@ use super::options::data::DataOptions;
 use super::places;
 use crate::data::View;
 use crate::fit::run::spread;
-use crate::measure::audit;
-use crate::measure::audit::{AuditOptions, Summary, THRESHOLD_DB};
+use crate::measure::audit::{self, AuditOptions, Summary, THRESHOLD_DB};
 use crate::measure::bench::Variants;
 use crate::measure::point::Clock;
 use crate::show::reports::audit::table as audit_table;
@@ -56,7 +55,6 @@ pub struct Audit {
 const MAX_REPEATS: usize = 10_000;
 
 impl Audit {
-    /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         self.check()?;
         let bytes = read_file(&self.file)?;
@@ -101,7 +99,6 @@ impl Audit {
     }
 }
 
-/// Refuses a threshold that is no number.
 pub fn check_threshold(threshold: f64) -> anyhow::Result<()> {
     if threshold.is_nan() {
         bail!("--effect-threshold: expected a number, found {threshold}");

@@ -4,9 +4,8 @@ use super::common::{Global, print_lines};
 use super::options::data::{DataOptions, print_report};
 use super::places;
 use crate::capture::check::Diagnosis;
-use crate::data;
-use crate::data::Downscale;
 use crate::data::pictures::file::is_picture_name;
+use crate::data::{self, Downscale};
 use crate::show::cameras::{checked, page};
 use crate::system::memory;
 use crate::system::output::claims::Claims;
@@ -45,7 +44,6 @@ pub struct Check {
 }
 
 impl Check {
-    /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         if let Some(folder) = &self.output {
             places::check_folder("-o", folder)?;
@@ -85,6 +83,6 @@ impl Check {
             "{count} pictures: about {seconds} s to read and compare them and {giga:.1} GB of memory; --downscale N takes less of it"
         ));
         let what = format!("{count} pictures at about 800 pixels");
-        Ok(memory::check(what, count as u64, BYTES_EACH, "give --downscale N to read them smaller")?)
+        memory::check(what, count as u64, BYTES_EACH, "give --downscale N to read them smaller")
     }
 }

@@ -1,14 +1,15 @@
 //! What several commands share.
 
 use super::lines::lines;
-pub use crate::data::pictures::colour::{name as background_name, parse as parse_background};
+pub use crate::data::pictures::colour::name as background_name;
+pub use crate::data::pictures::colour::parse as parse_background;
+use crate::fit::finish::Outcome;
 pub use crate::system::cpu::name as cpu_name;
 pub use crate::system::input::parse_numbers;
 use crate::system::input::{MAX_BLOB_BYTES, read_limited};
 use crate::system::output::claims::{Claims, Existing, is_device};
 use crate::system::printable;
-use crate::system::progress;
-use crate::system::progress::ProgressStyle;
+use crate::system::progress::{self, ProgressStyle};
 use crate::system::summary::to_json;
 use anyhow::{Context, bail};
 use clap::Args;
@@ -77,7 +78,6 @@ pub struct Global {
 }
 
 impl Global {
-    /// Sets up the thread pool.
     pub fn apply(&self) -> anyhow::Result<()> {
         if let Some(threads) = self.threads {
             if threads == 0 {
@@ -95,12 +95,10 @@ impl Global {
         Ok(())
     }
 
-    /// What to run with.
     pub fn kernel(&self) -> Kernel {
         self.kernel.unwrap_or_else(Kernel::detect)
     }
 
-    /// How to show progress.
     pub fn style(&self) -> ProgressStyle {
         match (self.quiet, self.json) {
             (true, _) => ProgressStyle::Quiet,
@@ -114,7 +112,6 @@ impl Global {
         progress::say(self.style(), line.as_ref());
     }
 
-    /// Says what a training runs on.
     pub fn say_training(&self, seed: u64) {
         let (cpu, kernel, threads) = (cpu_name(), self.kernel(), rayon::current_num_threads());
         self.say(format!("training on {cpu} ({kernel}, {threads} threads), seed {seed}"));
@@ -228,4 +225,29 @@ fn checkpoint_path(output: &Path) -> Option<PathBuf> {
     let mut name = output.as_os_str().to_owned();
     name.push(".checkpoint");
     (!is_device(output)).then_some(name.into())
+}
+
+pub fn tell_flat(outcome: &Outcome) {
+    if outcome.flat {
+        let views = if outcome.scores.views.is_empty() { "training" } else { "validation" };
+        tell(&format!(
+            "nothing was learned: a flat colour has {:.2} dB on {views} views; lower --rate, or give it more \
+             --steps",
+            outcome.flat_psnr_db
+        ));
+    }
+}
+
+/// Says of which steps there is no picture though one was asked for.
+pub fn tell_missed(outcome: &Outcome) {
+    let (last, missed) = (outcome.steps, &outcome.missed_snapshots);
+    let (beyond, passed): (Vec<u32>, Vec<u32>) = missed.iter().partition(|&&step| step > last);
+    let say = |steps: &[u32], why: String| {
+        if !steps.is_empty() {
+            let steps: Vec<String> = steps.iter().map(u32::to_string).collect();
+            tell(&format!("--snapshots: no picture of step {}: {why}", steps.join(", ")));
+        }
+    };
+    say(&beyond, format!("the run ended at step {last}"));
+    say(&passed, "the run had passed it when it was taken up again".into());
 }

@@ -34,7 +34,6 @@ impl Completions {
     }
 }
 
-/// What it makes.
 #[derive(Debug, Serialize)]
 struct Script {
     shell: String,

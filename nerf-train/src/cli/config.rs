@@ -35,7 +35,6 @@ const TABLES: [(&str, &str); 7] = [
 ];
 
 impl PrintConfig {
-    /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let config = self.preset.config();
         let settings = toml::Table::try_from(&config)?;
@@ -87,7 +86,7 @@ fn fields(name: &str) -> Option<Vec<(Vec<&'static str>, &'static str)>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cli::read_config;
+    use crate::cli::{SetOption, read_config};
     use crate::model::config::Surroundings;
     use clap::ValueEnum;
 
@@ -99,7 +98,8 @@ mod tests {
             let text = commented(&settings).expect("text");
             let file = folder.path().join("run.toml");
             std::fs::write(&file, &text).expect("written");
-            let read = read_config(Preset::Grid, Some(&file), Surroundings::Known).expect("settings");
+            let read = read_config(Preset::Grid, Some(&file), &SetOption::default(), Surroundings::Known)
+                .expect("settings");
             assert_eq!(read, preset.config());
             assert!(text.contains("# near is not set\n"), "{text}");
             let lines: Vec<&str> = text.lines().collect();

@@ -3,7 +3,7 @@
 use super::common::{Global, open_blob, print};
 use super::lines::lines;
 use super::options::data::print_report;
-use super::options::settings::read_config;
+use super::options::settings::{SetOption, read_config};
 use super::places;
 use crate::data::Dataset;
 use crate::data::cameras::bundle::median;
@@ -35,7 +35,6 @@ use std::time::Duration;
 
 /// Steps the demo trains for: all of it within a minute on two cores.
 const STEPS: u32 = 5000;
-/// Frames of the orbit.
 const ORBIT_FRAMES: usize = 36;
 
 /// Train, render and evaluate a built-in scene.
@@ -59,7 +58,6 @@ pub struct Demo {
 }
 
 impl Demo {
-    /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let clock = Clock::resume(Duration::ZERO);
         let config = self.check()?;
@@ -98,7 +96,8 @@ impl Demo {
 
     /// The settings; first, so that what is wrong costs no time.
     fn check(&self) -> anyhow::Result<Config> {
-        let mut config = read_config(Preset::Grid, self.config.as_deref(), Surroundings::Known)?;
+        let mut config =
+            read_config(Preset::Grid, self.config.as_deref(), &SetOption::default(), Surroundings::Known)?;
         config.check()?;
         places::check_folder("--out", &self.out)?;
         Claims::new()
@@ -149,7 +148,6 @@ impl Demo {
         Ok(Views { scores, z_depth_error: median(errors) })
     }
 
-    /// A flight around the scene.
     fn orbit(
         &self,
         renderer: &Renderer<'_>,
@@ -191,7 +189,6 @@ impl Demo {
     }
 }
 
-/// What the held-out views show.
 struct Views {
     scores: Scores,
     /// Median relative error of the z-depth of opaque pixels.

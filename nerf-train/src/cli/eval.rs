@@ -31,7 +31,6 @@ pub enum Split {
 }
 
 impl Split {
-    /// Its views.
     pub fn of(self, dataset: &crate::data::Dataset) -> &[View] {
         match self {
             Self::Train => &dataset.train,
@@ -40,7 +39,6 @@ impl Split {
         }
     }
 
-    /// Its name.
     pub fn name(self) -> &'static str {
         match self {
             Self::Train => "train",
@@ -82,7 +80,6 @@ pub struct Eval {
 }
 
 impl Eval {
-    /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         check_counts([("--every", self.every)])?;
         places::check_report(self.report.as_ref())?;
@@ -138,7 +135,6 @@ impl Eval {
         self.split.unwrap_or(there)
     }
 
-    /// The views to measure.
     fn views<'d>(&self, dataset: &'d Dataset, split: Split) -> anyhow::Result<Vec<&'d View>> {
         let views: Vec<&View> = split.of(dataset).iter().step_by(self.every).collect();
         if views.is_empty() {

@@ -62,7 +62,6 @@ pub struct Explain {
 }
 
 impl Explain {
-    /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;

@@ -83,11 +83,9 @@ enum Kind {
 const BYTES_PER_CELL_OF_MESH: u64 = 12;
 /// What a cell of a volume takes, with what of it is on its way to the file: packed, and that before.
 const BYTES_PER_CELL: u64 = 3 * 7;
-/// What a point takes.
 const BYTES_PER_POINT: u64 = 36;
 
 impl Export {
-    /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let start = Instant::now();
         let kind = self.check()?;
@@ -163,7 +161,6 @@ impl Export {
         Ok(kind)
     }
 
-    /// What is exported, within memory.
     fn bounds(&self, blob: &Blob<'_>, kind: Kind) -> anyhow::Result<SceneBox> {
         let (Some(scene), Some(bounds)) = (blob.scene(), blob.scene_box()) else {
             bail!("{}: expected a scene, found a 2D field", self.file.display());

@@ -3,31 +3,29 @@
 use super::audit::check_threshold;
 use super::common::{
     Global, check_checkpoint_every, check_max_seconds, claim_checkpoint, parse_numbers, print, print_lines,
+    tell_flat, tell_missed,
 };
 use super::lines::lines;
 use super::options::data::{DataOptions, Space, print_report};
-use super::options::grid::{TableSettings, check_memory, given, of_sinusoidal, parse_bytes, set};
-use super::options::settings::read_config;
-use super::outcome;
+use super::options::grid::{TableSettings, check_memory, given, parse_bytes, set};
+use super::options::settings::{SetOption, read_config};
+
 use super::places;
 use crate::capture::check::Diagnosis;
 use crate::data::{Background, Dataset, is_blank, refined};
-use crate::fit::detail;
 use crate::fit::finish::Outcome;
-use crate::fit::live;
 use crate::fit::run::{Ended, RunOptions, interrupted, run_since};
-use crate::fit::size;
-use crate::fit::size::Chosen;
+use crate::fit::size::{self, Chosen};
 use crate::fit::snapshot::SnapshotOptions;
 use crate::fit::summary::{Capture, Summary};
+use crate::fit::{detail, live};
 use crate::measure::audit::THRESHOLD_DB;
-use crate::model::config::{Config, Density, Jitter, Preset, Surroundings};
+use crate::model::config::{Config, Preset, Surroundings};
 use crate::model::engine::EngineKind;
 use crate::show::reports;
-use crate::system::memory;
 use crate::system::output::claims::{Claims, Existing, is_device};
 use crate::system::output::write_atomic;
-use crate::system::stop;
+use crate::system::{memory, stop};
 use crate::train::find_box;
 use crate::train::schedule::{Budget, Clock, MIN_STEPS};
 use anyhow::{Context, bail, ensure};
@@ -60,6 +58,8 @@ pub struct Fit {
     /// TOML file of settings that override the preset (see `config`).
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
+    #[command(flatten)]
+    set: SetOption,
     /// Wall-clock limit of this command, seconds; such runs are not reproducible.
     #[arg(long, value_name = "S")]
     max_seconds: Option<f64>,
@@ -123,51 +123,18 @@ struct Settings {
     /// Width of these layers.
     #[arg(long, value_name = "N")]
     width: Option<usize>,
-    /// Layers before the skip connection; 0: none (sinusoidal networks).
-    #[arg(long, value_name = "N")]
-    skip_after: Option<usize>,
-    /// Frequencies of the position encoding (sinusoidal networks).
-    #[arg(long, value_name = "L")]
-    position_levels: Option<u8>,
-    /// Frequencies of the direction encoding; with a grid its spherical-harmonics degree.
-    #[arg(long, value_name = "L")]
-    direction_levels: Option<u8>,
     /// Width of the colour network's hidden layer; 0: none.
     #[arg(long, value_name = "N")]
     colour_width: Option<usize>,
-    /// Density activation (sinusoidal networks).
-    #[arg(long, value_enum)]
-    density: Option<Density>,
-    /// Samples per ray (sinusoidal networks; with a grid see --steps-across).
-    #[arg(long, value_name = "N")]
-    samples: Option<u16>,
-    /// Sample jitter: none, bin, or a width in world units (sinusoidal networks).
-    #[arg(long, value_name = "HOW", value_parser = parse_jitter)]
-    jitter: Option<Jitter>,
     /// Rays per batch at the start; times --samples at most 2^27.
     #[arg(long, value_name = "N")]
     rays: Option<usize>,
-    /// Target batch size in samples, which the number of rays follows; 0: fixed rays.
-    #[arg(long, value_name = "N")]
-    live_samples: Option<usize>,
-    /// Images per batch; 0: all of them.
-    #[arg(long, value_name = "N")]
-    images: Option<usize>,
     /// Initial learning rate.
     #[arg(long, value_name = "RATE")]
     rate: Option<f64>,
-    /// Final learning rate, relative to the initial one; 1: constant.
-    #[arg(long, value_name = "SHARE")]
-    final_share: Option<f64>,
     /// Start the occupancy grid full, without a visual hull.
     #[arg(long)]
     no_hull: bool,
-    /// Train without an occupancy grid.
-    #[arg(long)]
-    dense: bool,
-    /// Occupancy grid resolution; 0: as suits the table.
-    #[arg(long, value_name = "N")]
-    occupancy_resolution: Option<u16>,
     /// Scene extent: box, contracted (unbounded), or auto.
     #[arg(long, value_enum, default_value_t)]
     space: Space,
@@ -181,52 +148,16 @@ struct Settings {
     scene_box: Option<[f32; 6]>,
 }
 
-fn parse_jitter(text: &str) -> Result<Jitter, String> {
-    match text {
-        "none" => Ok(Jitter::None),
-        "bin" => Ok(Jitter::Bin),
-        _ => {
-            text.parse().map(Jitter::Width).map_err(|_| "expected none, bin or a width in world units".into())
-        }
-    }
-}
-
 impl Settings {
-    /// Refuses what a learned grid has no use for.
-    fn check_beside_grid(&self, config: &Config) -> anyhow::Result<()> {
-        let flags = [
-            ("--position-levels", self.position_levels.is_some()),
-            ("--skip-after", self.skip_after.is_some()),
-            ("--density", self.density.is_some()),
-            ("--samples", self.samples.is_some()),
-            ("--jitter", self.jitter.is_some()),
-        ];
-        match given(flags).filter(|_| config.network.grid.is_some()) {
-            Some(flag) => Err(of_sinusoidal(flag, &config.preset, "small")),
-            None => Ok(()),
-        }
-    }
-
     fn apply(&self, config: &mut Config) {
         let Config { engine, network: n, sampling: s, occupancy: g, optimiser: o, seed, .. } = config;
         set(seed, &self.seed);
         set(engine, &self.engine);
         set(&mut n.depth, &self.depth);
         set(&mut n.width, &self.width);
-        set(&mut n.skip_after, &self.skip_after);
-        set(&mut n.position_levels, &self.position_levels);
-        set(&mut n.direction_levels, &self.direction_levels);
         set(&mut n.colour_width, &self.colour_width);
-        set(&mut n.density, &self.density);
-        set(&mut s.samples, &self.samples);
-        set(&mut s.jitter, &self.jitter);
         set(&mut s.rays, &self.rays);
-        set(&mut s.live_samples, &self.live_samples);
-        set(&mut s.images, &self.images);
         set(&mut o.rate, &self.rate);
-        set(&mut o.final_share, &self.final_share);
-        set(&mut g.resolution, &self.occupancy_resolution);
-        g.skip &= !self.dense;
         g.hull &= !self.no_hull;
         s.scene_box = self.scene_box.or(s.scene_box);
     }
@@ -238,13 +169,12 @@ const BYTES_PER_SAMPLE: u64 = 32;
 impl Fit {
     /// Preset, TOML file and flags, in this order, for pictures of this background.
     fn config(&self, background: Background) -> anyhow::Result<Config> {
-        let boxed = self.settings.scene_box.is_some() || self.settings.dense;
+        let boxed = self.settings.scene_box.is_some();
         let around = match self.settings.space.around(background, boxed) {
             Surroundings::Known if self.settings.no_hull => Surroundings::Unknown,
             other => other,
         };
-        let mut config = read_config(self.preset, self.config.as_deref(), around)?;
-        self.settings.check_beside_grid(&config)?;
+        let mut config = read_config(self.preset, self.config.as_deref(), &self.set, around)?;
         self.settings.apply(&mut config);
         let (n, s) = (&mut config.network, &mut config.sampling);
         let more =
@@ -279,7 +209,7 @@ impl Fit {
         if !hull && self.max_bytes.is_none() {
             return Ok(config);
         }
-        let occupancy = self.settings.occupancy_resolution.is_some();
+        let occupancy = self.set.names("occupancy", "resolution");
         let chosen = Chosen { occupancy, steps: self.steps_across.is_some(), ..self.table.chosen() };
         let scene_box = find_box(dataset, &config)?.scene_box;
         let pixels = detail::pixels_across(dataset, &scene_box).filter(|_| hull);
@@ -313,7 +243,6 @@ impl Fit {
         Some(SnapshotOptions { folder, steps: self.snapshots.clone(), views: self.snapshot_views.clone() })
     }
 
-    /// What it reads and writes.
     fn claims(&self) -> Claims {
         let claims = Claims::new()
             .reads_data(&self.data)
@@ -377,7 +306,6 @@ impl Fit {
         Ok(())
     }
 
-    /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let clock = Clock::resume(Duration::ZERO);
         let checkpoint = self.check()?;
@@ -417,7 +345,7 @@ impl Fit {
         if let Some(error) = self.live.as_ref().and_then(|folder| live::finish(folder, &outcome).err()) {
             global.say(format!("warning: --live: {error}"));
         }
-        outcome::tell_missed(&outcome);
+        tell_missed(&outcome);
         let (seconds, data) = (clock.seconds(), &dataset.name);
         let capture = Capture::of(&diagnosis, &outcome);
         let found: Vec<String> = capture.fitted.lines().map(str::to_owned).collect();
@@ -426,7 +354,7 @@ impl Fit {
             val_split: if on_test { "test" } else { "val" },
             ..Summary::of(&outcome, &config, options.kernel, seconds, data, &self.output)
         };
-        outcome::tell_flat(&outcome);
+        tell_flat(&outcome);
         let printed = global.finish_with(&summary, || {
             print_lines(&found)?;
             print(lines(&summary)?.trim_end())

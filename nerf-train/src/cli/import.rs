@@ -76,7 +76,6 @@ pub struct Import {
 }
 
 impl Import {
-    /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         self.check()?;
         let tensors = Tensors::read(&self.checkpoint, self.prefix.as_deref())?;
@@ -123,7 +122,6 @@ impl Import {
             .settle()?)
     }
 
-    /// The views of `--check`, thinned.
     fn views(&self, global: &Global) -> anyhow::Result<Option<Views>> {
         let Some(path) = &self.check else { return Ok(None) };
         let options = DataOptions {

@@ -16,7 +16,6 @@ pub struct Inspect {
 }
 
 impl Inspect {
-    /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;

@@ -1,20 +1,16 @@
 //! A result for people: its fields as aligned lines, by the names that they have in the JSON.
 
-use crate::data::pictures::rgb::ReportError;
 use crate::show::table::Table;
 use crate::system::printable;
+use anyhow::Context;
 use ciborium::Value;
 use serde::Serialize;
 
-/// Significant digits of a number.
 const DIGITS: i32 = 5;
 
 /// The fields of a result, one a line, then its lists of objects as tables. What is null or empty is left out.
-///
-/// # Errors
-/// [`ReportError::Encode`], which no plain data is known to cause.
-pub fn lines(result: &impl Serialize) -> Result<String, ReportError> {
-    let value = Value::serialized(result).map_err(ReportError::encode("summary"))?;
+pub fn lines(result: &impl Serialize) -> anyhow::Result<String> {
+    let value = Value::serialized(result).context("cannot make the summary")?;
     let (mut fields, mut tables) = (Vec::new(), String::new());
     collect("", &value, &mut fields, &mut tables);
     let width = fields.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);

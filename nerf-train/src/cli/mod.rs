@@ -16,7 +16,6 @@ mod import;
 mod inspect;
 mod lines;
 mod options;
-mod outcome;
 mod places;
 mod poses;
 mod render;
@@ -24,7 +23,7 @@ mod show;
 mod study;
 mod sweep;
 
-pub use options::settings::read_config;
+pub use options::settings::{SetOption, read_config};
 
 use crate::system::summary::to_json;
 use clap::{ArgAction, CommandFactory, Parser, Subcommand};

@@ -16,9 +16,7 @@ use anyhow::bail;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-/// Blobs.
 pub const BLOB: &[&str] = &["nerf"];
-/// Pictures.
 pub const PICTURE: &[&str] = &["png"];
 /// Pictures of a scene's view.
 pub const VIEW: &[&str] = &["png", "exr"];
@@ -75,7 +73,6 @@ pub fn check_report(path: Option<&PathBuf>) -> anyhow::Result<()> {
     path.map_or(Ok(()), |path| check_folder("--report", path))
 }
 
-/// The extension in small letters.
 pub fn extension(path: &Path) -> Option<String> {
     path.extension().map(OsStr::to_ascii_lowercase).map(|extension| extension.to_string_lossy().into_owned())
 }

@@ -37,7 +37,6 @@ pub struct Poses {
 }
 
 impl Poses {
-    /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let begun = Instant::now();
         let output = self.output.clone().unwrap_or_else(|| beside(&self.photographs));
@@ -77,7 +76,6 @@ fn beside(photographs: &Path) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// What was found.
 #[derive(Debug, Serialize)]
 struct Summary<'f> {
     folder: String,

@@ -85,7 +85,6 @@ fn parse_length(text: &str) -> Result<f32, String> {
 }
 
 impl Show {
-    /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let html = self.output.join("show.html");
         places::check_folder("-o", &self.output)?;

@@ -6,7 +6,8 @@ use super::options::data::DataOptions;
 use super::places;
 use crate::data::View;
 use crate::fit::run::spread;
-use crate::lab::study::{Effort, Progressed, Study as Measured};
+use crate::lab::study::Study as Measured;
+use crate::lab::study::{Effort, Progressed};
 use crate::measure::bench::Variants;
 use crate::measure::bench::source::unrounded;
 use crate::measure::point::Clock;
@@ -77,7 +78,6 @@ pub struct Study {
 }
 
 impl Study {
-    /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let start = Instant::now();
         self.check(global)?;
@@ -120,7 +120,6 @@ impl Study {
         Ok(ExitCode::SUCCESS)
     }
 
-    /// Refuses settings that are none.
     fn check(&self, global: &Global) -> anyhow::Result<()> {
         check_counts([
             ("--views", self.views),
@@ -138,7 +137,6 @@ impl Study {
         places::check_report(self.report.as_ref())
     }
 
-    /// What it reads and writes.
     fn claims(&self, output: Option<&Path>) -> anyhow::Result<()> {
         let mut claims = Claims::new()
             .reads_data(&self.data)
@@ -170,7 +168,6 @@ impl Study {
         Ok(())
     }
 
-    /// All points, with progress a pass.
     fn measured<'a, 'b>(
         &self,
         lab: &'a Variants<'b>,

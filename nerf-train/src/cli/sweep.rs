@@ -3,8 +3,7 @@
 use super::common::{GO_ON, Global, check_max_seconds, cpu_name};
 use super::image::{PhotoOptions, Settings};
 use super::options::data::{DataOptions, Space, print_report};
-use super::options::grid::of_sinusoidal;
-use super::options::settings::read_config;
+use super::options::settings::{SetOption, read_config};
 use super::options::shard::ShardOption;
 use super::places;
 use crate::lab::sweep::{Combinations, Folder, Job, Knob, Mode, Point, Runner};
@@ -36,7 +35,6 @@ pub enum Sweep {
 }
 
 impl Sweep {
-    /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         match self {
             Self::Image(sweep) => sweep.run(global),
@@ -135,7 +133,7 @@ impl Lists {
             write_report(&finished).map(drop).map_err(|error| error.to_string())
         });
         let say = |text| global.say(text);
-        folder.conduct(&mine, say, |point| job.run(point, &runner).map_err(anyhow::Error::from))?;
+        folder.conduct(&mine, say, |point| job.run(point, &runner))?;
         drop(note);
         finish(&folder, global)?;
         Ok(ExitCode::SUCCESS)
@@ -178,10 +176,7 @@ impl ImageSweep {
         let start = if self.lists.of_sinusoidal() { FieldPreset::Classic } else { FieldPreset::Grid };
         let preset = self.preset.unwrap_or(start);
         let photo = self.photo_options.read(&self.photo, global)?;
-        let base = self.settings.over(preset.config().for_picture(photo.size()));
-        if base.grid.is_some() && self.settings.epsilon.is_some() {
-            return Err(of_sinusoidal("--epsilon", &preset, "classic"));
-        }
+        let base = self.settings.over(preset.config().for_picture(photo.size()))?;
         let none = [Knob::Samples, Knob::Turns, Knob::Seconds].map(|knob| (knob, Vec::new()));
         self.lists.sweep(&Job::Image { photo: &photo, base }, none, global)
     }
@@ -203,6 +198,8 @@ pub struct SceneSweep {
     /// TOML file of settings that override the preset (see `config`).
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
+    #[command(flatten)]
+    set: SetOption,
     /// Training steps of a run [default: the preset's].
     #[arg(long, value_name = "N", conflicts_with = "max_seconds")]
     steps: Option<u32>,
@@ -241,7 +238,7 @@ impl SceneSweep {
         let around = self.space.around(dataset.background, false);
         let of_small = self.lists.of_sinusoidal() || !self.samples.is_empty();
         let start = if of_small { Preset::Small } else { Preset::Grid };
-        let mut base = read_config(self.preset.unwrap_or(start), self.config.as_deref(), around)?;
+        let mut base = read_config(self.preset.unwrap_or(start), self.config.as_deref(), &self.set, around)?;
         base.sampling.near = self.data_options.near.or(base.sampling.near);
         base.sampling.far = self.data_options.far.or(base.sampling.far);
         base.optimiser.steps = self.steps.unwrap_or(base.optimiser.steps);

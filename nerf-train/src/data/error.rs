@@ -20,7 +20,6 @@ pub enum DatasetError {
 }
 
 impl DatasetError {
-    /// [`Self::Missing`] or [`Self::Io`].
     pub(crate) fn io(path: &Path, source: std::io::Error) -> Self {
         match source.kind() {
             std::io::ErrorKind::NotFound => Self::Missing { path: path.into() },

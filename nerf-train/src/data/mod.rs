@@ -41,7 +41,7 @@ pub use view::{Background, KeyPoint, View, is_blank, mean_colour, over};
 pub use watch::Watch;
 
 use crate::data::cameras::nearest;
-use crate::data::layouts::{blender, choice, cs180, nerfstudio, npz, tiny_nerf};
+use crate::data::layouts::{blender, choice, cs180, nerfstudio, npz};
 use nerf_core::camera::{BoundsError, Camera, Pose};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -79,7 +79,6 @@ pub struct Dataset {
 /// A point of a structure-from-motion reconstruction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SparsePoint {
-    /// World units.
     pub position: [f32; 3],
     /// Mean distance between where photographs show it and where it is projected to, pixels of the full size.
     pub error: f32,
@@ -88,7 +87,6 @@ pub struct SparsePoint {
 }
 
 impl Dataset {
-    /// Without views.
     pub(crate) fn empty(name: String, format: Format, axes: Axes) -> Self {
         Self {
             name,
@@ -124,12 +122,10 @@ impl Dataset {
     }
 }
 
-/// The layouts that can be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum Format {
-    /// The `.npz` of the CS180 course.
     Cs180,
     /// `tiny_nerf_data.npz` of the original notebook.
     TinyNerf,
@@ -137,11 +133,9 @@ pub enum Format {
     Blender,
     /// `transforms.json`, as nerfstudio and instant-ngp write it.
     Nerfstudio,
-    /// A model of COLMAP.
     Colmap,
     /// `poses_bounds.npy`, as LLFF has it.
     Llff,
-    /// The scene this crate draws itself.
     Demo,
 }
 
@@ -170,7 +164,6 @@ pub enum Axes {
 }
 
 impl Axes {
-    /// The convention that this is not.
     pub fn other(self) -> Self {
         match self {
             Self::Opengl => Self::Opencv,
@@ -216,7 +209,6 @@ pub enum Cameras {
     /// One for all that one device took: a model that has one for each photograph is adjusted again.
     #[default]
     Shared,
-    /// Those of the model.
     Own,
 }
 
@@ -305,9 +297,6 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError>
 }
 
 /// [`read`], while another thread sees in `watch` how it is getting on.
-///
-/// # Errors
-/// As [`read`].
 pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     check_range(options.near, options.far)?;
     let kind = std::fs::metadata(path).map_err(|source| DatasetError::io(path, source))?;
@@ -357,7 +346,7 @@ fn read_json(path: &Path, options: &ReadOptions, watch: &Watch) -> Result<Datase
 fn read_npz(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError> {
     let mut archive = npz::Archive::open(path, options.max_array_bytes)?;
     if archive.has("images") && archive.has("poses") && !archive.has("images_train") {
-        tiny_nerf::read(&mut archive, options)
+        cs180::read_tiny_nerf(&mut archive, options)
     } else {
         cs180::read(&mut archive, options)
     }

@@ -21,7 +21,6 @@ pub struct FileNames<'v> {
 }
 
 impl<'v> FileNames<'v> {
-    /// Of all views of a split.
     pub fn of(views: &'v [View]) -> Self {
         Self { views, stems: stems(views.iter().map(|view| view.name.as_str())) }
     }

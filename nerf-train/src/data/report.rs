@@ -46,18 +46,14 @@ pub struct Report {
     pub warnings: Vec<String>,
 }
 
-/// How many pictures have a size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct SizeCount {
-    /// Pixels.
     pub width: u32,
-    /// Pixels.
     pub height: u32,
     pub count: usize,
 }
 
 impl Report {
-    /// Looks a data set over.
     pub fn of(dataset: &Dataset) -> Self {
         let cameras: Vec<Camera> = dataset.cameras().copied().collect();
         let look_at = LookAt::of(&cameras);

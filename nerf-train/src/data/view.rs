@@ -5,7 +5,6 @@ use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::collections::HashMap;
 
-/// One posed picture.
 #[derive(Clone, Debug)]
 pub struct View {
     /// What messages call it: the file's path as the data set writes it, or `images_train[7]`.
@@ -37,7 +36,6 @@ pub struct KeyPoint {
 }
 
 impl View {
-    /// Width and height, pixels.
     pub fn size(&self) -> (u32, u32) {
         let i = self.camera.intrinsics();
         (i.width, i.height)
@@ -97,7 +95,6 @@ impl View {
         }
     }
 
-    /// Number of its pixels.
     pub fn pixel_count(&self) -> u64 {
         let (width, height) = self.size();
         u64::from(width) * u64::from(height)

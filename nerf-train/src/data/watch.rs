@@ -12,7 +12,6 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Pictures that are read.
     pub fn done(&self) -> u64 {
         self.done.load(Ordering::Relaxed)
     }

@@ -1,6 +1,6 @@
 //! The loop of every fit, of scenes and of pictures: budget, validation, checkpoints, Ctrl-C, progress.
 
-use crate::system::output::{OutputError, write_atomic};
+use crate::system::output::write_atomic;
 use crate::system::progress::{Message, Progress};
 use crate::system::stop::{Claim, Cover};
 use std::path::{Path, PathBuf};
@@ -9,33 +9,23 @@ use std::time::Instant;
 /// Seconds that a step may take without anything at hand for a signal that comes meanwhile.
 const LONG_STEP: f64 = 0.3;
 
-/// A file to write, and its bytes.
 pub(super) type File = (PathBuf, Vec<u8>);
 
-/// A fit under way.
 pub(super) trait Task {
-    /// What it makes.
     type Outcome;
-    /// Why it fails.
-    type Error: From<OutputError>;
-    /// What is to be validated at a step.
     type Due;
 
-    /// Steps done.
     fn steps(&self) -> u32;
     /// Share of the budget that is used, if the next step takes as long as the last one did.
-    fn share(&mut self, last_step: f64) -> Result<f64, Self::Error>;
+    fn share(&mut self, last_step: f64) -> anyhow::Result<f64>;
     /// Refuses a run that its limit in seconds ended after too few steps.
-    fn check_steps(&self) -> Result<(), Self::Error>;
+    fn check_steps(&self) -> anyhow::Result<()>;
     /// What is to be validated now, if anything is.
     fn due(&self, share: f64, ended: bool) -> Option<Self::Due>;
-    /// Validates the run as it stands.
-    fn validate(&mut self, due: Self::Due, share: f64) -> Result<(), Self::Error>;
+    fn validate(&mut self, due: Self::Due, share: f64) -> anyhow::Result<()>;
     /// Puts a point into the curve, if one is due and validation has put none there.
     fn note(&mut self, ended: bool);
-    /// One step.
-    fn step(&mut self, share: f64, progress: &Progress) -> Result<(), Self::Error>;
-    /// What is shown after a step.
+    fn step(&mut self, share: f64, progress: &Progress) -> anyhow::Result<()>;
     fn message(&self) -> Message;
 
     /// Whether a signal finds something that must not be lost.
@@ -43,24 +33,24 @@ pub(super) trait Task {
     /// The checkpoint of the run as it stands, if there is a place for one.
     fn checkpoint(&self) -> Option<File>;
     /// What else is written when the run is interrupted: a picture's blob.
-    fn as_it_stands(&self) -> Result<Option<File>, Self::Error>;
+    fn as_it_stands(&self) -> anyhow::Result<Option<File>>;
     /// What is said of a run that was interrupted.
     fn interrupted(&self) -> String;
 
     /// The last step is done; what is said of the steps.
     fn ended(&mut self) -> String;
-    /// Makes and measures what is exported.
-    fn finish(&mut self) -> Result<Self::Outcome, Self::Error>;
+    fn finish(&mut self) -> anyhow::Result<Self::Outcome>;
 }
 
-/// How a run ended.
 #[derive(Clone, Debug)]
 #[allow(clippy::large_enum_variant, reason = "made once a run")]
 pub enum Ended<O> {
-    /// With what it was to make.
     Finished(O),
     /// By Ctrl-C, with a checkpoint if there is a place for one.
-    Interrupted { step: u32, checkpoint: Option<PathBuf> },
+    Interrupted {
+        step: u32,
+        checkpoint: Option<PathBuf>,
+    },
 }
 
 /// Runs until the budget is used or `stop` says so, which is asked between steps with the steps done.
@@ -72,7 +62,7 @@ pub(super) fn drive<T: Task>(
     checkpoint_every: f64,
     mut progress: Progress,
     stop: &dyn Fn(u32) -> bool,
-) -> Result<Ended<T::Outcome>, T::Error> {
+) -> anyhow::Result<Ended<T::Outcome>> {
     let started = task.steps();
     let mut keeper = Keeper { claim: None, last: Instant::now(), warned: false };
     let mut last_step = 0.0;
@@ -120,7 +110,6 @@ pub(super) fn drive<T: Task>(
 struct Keeper {
     /// Makes signals wait for the run's owner, while there is something to keep.
     claim: Option<Claim>,
-    /// When a checkpoint was written last.
     last: Instant,
     /// Whether it was said that checkpoints cannot be written.
     warned: bool,
@@ -137,8 +126,8 @@ impl Keeper {
     fn covered<T: Task, R>(
         &self,
         task: &mut T,
-        work: impl FnOnce(&mut T) -> Result<R, T::Error>,
-    ) -> Result<R, T::Error> {
+        work: impl FnOnce(&mut T) -> anyhow::Result<R>,
+    ) -> anyhow::Result<R> {
         let Some(claim) = &self.claim else { return work(task) };
         let files = task.checkpoint().into_iter().chain(task.as_it_stands()?).collect();
         claim.cover(Cover { files, message: task.interrupted() }, || work(task))

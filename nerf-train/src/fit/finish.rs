@@ -1,21 +1,20 @@
 //! The end of a run: what is exported, and how good it is.
 
 use crate::data::{Dataset, RefinedPoses, View};
-use crate::fit::direction::ViewDependence;
 use crate::fit::pace::{FINAL_SHARE, Pace, QUESTION_SHARE, lattice_of};
-use crate::fit::run::{RunError, Session, spread};
+use crate::fit::session::Session;
 use crate::fit::trend::Stop;
-use crate::fit::validation::{ASKED_VIEWS, FINAL_VIEWS, pixels_of, spread_indices};
-use crate::measure::eval::{EvalError, OCCUPANCY_LOSS_DB, Scores, ViewScore, measure};
+use crate::fit::validation::{ASKED_VIEWS, FINAL_VIEWS, measure_priced, pixels_of, spread, spread_indices};
+use crate::measure::audit::{Verdict, flattened};
+use crate::measure::eval::{OCCUPANCY_LOSS_DB, Scores, ViewScore, measure};
 use crate::measure::frame::Frame;
 use crate::measure::metrics::{flat_psnr_db, gain_db, is_flat, mean_flat_psnr_db};
 use crate::measure::surfaces::Surfaces;
-use crate::train::CurvePoint;
-use crate::train::Snapshot;
 use crate::train::candidate::{About, Candidate};
 use crate::train::exposure::ExposureFound;
 use crate::train::moving::Moved;
 use crate::train::poses::PosesFound;
+use crate::train::{CurvePoint, Snapshot};
 use nerf_core::plan::Quality;
 use std::time::Instant;
 
@@ -25,7 +24,6 @@ const SHOWN_VIEWS: usize = 4;
 const TRAINING_PIXELS: usize = 1000;
 const MAX_TRAINING_PIXELS: usize = 120_000;
 
-/// What a run made.
 #[derive(Clone, Debug)]
 pub struct Outcome {
     /// The blob: the run as its last step left it.
@@ -67,7 +65,6 @@ pub struct Outcome {
     pub occupancy_required: bool,
     /// What view dependence is worth; `None` if that was not asked.
     pub view_dependence: Option<ViewDependence>,
-    /// Weights that became f16 subnormals.
     pub subnormal_weights: usize,
     pub curve: Vec<CurvePoint>,
     /// What the curve says of the end of the run.
@@ -93,13 +90,11 @@ pub struct Outcome {
 /// A validation view as the blob shows it.
 #[derive(Clone, Debug)]
 pub struct Shown {
-    /// Which validation view.
     pub view: usize,
     /// The exported field, rendered from that view.
     pub frame: Frame,
     /// The photograph over the same background, at the same pixels.
     pub truth: Vec<[f32; 3]>,
-    /// dB.
     pub psnr_db: f64,
 }
 
@@ -115,219 +110,266 @@ pub(crate) fn convention(views: usize, lattice: u32, background: [f32; 3], sampl
     )
 }
 
-impl Session<'_, '_> {
-    /// Exports the last step, and measures the very blob that is exported.
-    pub(super) fn export(&mut self) -> Result<Outcome, RunError> {
-        let mut candidate = self.trainer.candidate(true);
-        let view_dependence = self.ask_direction(&mut candidate)?;
-        let draft = self.trainer.export(&candidate, &About::default())?.bytes;
-        let (occupancy_loss_db, trained) = self.ask_occupancy(&draft)?;
-        let occupancy_required =
-            occupancy_loss_db.is_none_or(|loss| loss.is_nan() || loss.abs() > OCCUPANCY_LOSS_DB);
+/// Exports the last step, and measures the very blob that is exported.
+pub(super) fn finish(session: &mut Session<'_, '_>) -> anyhow::Result<Outcome> {
+    let mut candidate = session.trainer.candidate(true);
+    let view_dependence = ask_direction(session, &mut candidate)?;
+    let draft = session.trainer.export(&candidate, &About::default())?.bytes;
+    let (occupancy_loss_db, trained) = ask_occupancy(session, &draft)?;
+    let occupancy_required =
+        occupancy_loss_db.is_none_or(|loss| loss.is_nan() || loss.abs() > OCCUPANCY_LOSS_DB);
 
-        let background = self.trainer.background();
-        let (scores, lattice, shown) = self.evaluate(&draft)?;
-        let (refined_poses, refined_scores) = self.refine(&draft, lattice)?;
-        let val: Vec<&View> = self.dataset.val.iter().collect();
-        let surfaces = Surfaces::of(&draft, self.options.kernel, &val, &self.dataset.points)?;
-        let quantisation_loss_db = self.ask_rounding(&candidate, &draft, &scores, lattice)?;
-        let psnr_db = scores.psnr_db();
-        let asked = self.asked_views();
-        let asked: Vec<&View> = asked.iter().collect();
-        let all: Vec<&View> = self.dataset.val.iter().collect();
-        let (judged, judged_scores) = if all.is_empty() { (&asked, &trained) } else { (&all, &scores) };
-        let flats: Vec<f64> = judged
-            .iter()
-            .map(|view| {
-                let thin = view.thinned(lattice);
-                flat_psnr_db(&thin.counted(&thin.composite_over(background)))
-            })
-            .collect();
-        let judged_db = judged_scores.views.iter().map(|score| score.psnr_db);
-        let flat = is_flat(judged_db.zip(flats.iter().copied()));
-        let samples = self.trainer.config().sampling.samples;
-        let convention = convention(all.len(), lattice, background, samples);
-        let about = About { occupancy_required, psnr_db, convention: &convention, quantisation_loss_db };
-        let exported = self.trainer.export(&candidate, &about)?;
-        let watched = self.watched.iter().filter_map(|&view| self.dataset.val.get(view));
-        Ok(Outcome {
-            bytes: exported.bytes,
-            scores,
-            trained: self.score_training(&draft)?,
-            lattice,
-            surfaces,
-            refined_scores,
-            refined_poses,
-            poses: self.trainer.poses(),
-            exposure: self.trainer.exposure(),
-            moved: self.trainer.moved(),
-            shown,
-            background,
-            flat_psnr_db: mean_flat_psnr_db(flats),
-            flat,
-            quantisation_loss_db,
-            occupancy_loss_db,
-            occupancy_required,
-            view_dependence,
-            subnormal_weights: exported.subnormal_weights,
-            overfitting: Stop::of(&self.trainer.curve),
-            watched: watched.map(|view| view.name.clone()).collect(),
-            missed_snapshots: self.missed_snapshots(),
-            steps: self.trainer.progressed().step,
-            reseeds: self.trainer.progressed().reseeds,
-            parameters: self.trainer.parameters(),
-            occupied_share: candidate.live.lookup().occupied_share(),
-            train_seconds: self.train_seconds,
-            samples_per_second: self.samples_per_second,
-            snapshots: self.trainer.snapshots.clone(),
-            curve: self.trainer.curve.clone(),
+    let background = session.trainer.background();
+    let (scores, lattice, shown) = evaluate(session, &draft)?;
+    let (refined_poses, refined_scores) = refine(session, &draft, lattice)?;
+    let val: Vec<&View> = session.dataset.val.iter().collect();
+    let surfaces = Surfaces::of(&draft, session.options.kernel, &val, &session.dataset.points)?;
+    let quantisation_loss_db = ask_rounding(session, &candidate, &draft, &scores, lattice)?;
+    let psnr_db = scores.psnr_db();
+    let asked = asked_views(session);
+    let asked: Vec<&View> = asked.iter().collect();
+    let all: Vec<&View> = session.dataset.val.iter().collect();
+    let (judged, judged_scores) = if all.is_empty() { (&asked, &trained) } else { (&all, &scores) };
+    let flats: Vec<f64> = judged
+        .iter()
+        .map(|view| {
+            let thin = view.thinned(lattice);
+            flat_psnr_db(&thin.counted(&thin.composite_over(background)))
         })
-    }
+        .collect();
+    let judged_db = judged_scores.views.iter().map(|score| score.psnr_db);
+    let flat = is_flat(judged_db.zip(flats.iter().copied()));
+    let samples = session.trainer.config().sampling.samples;
+    let convention = convention(all.len(), lattice, background, samples);
+    let about = About { occupancy_required, psnr_db, convention: &convention, quantisation_loss_db };
+    let exported = session.trainer.export(&candidate, &about)?;
+    let watched = session.watched.iter().filter_map(|&view| session.dataset.val.get(view));
+    Ok(Outcome {
+        bytes: exported.bytes,
+        scores,
+        trained: score_training(session, &draft)?,
+        lattice,
+        surfaces,
+        refined_scores,
+        refined_poses,
+        poses: session.trainer.poses(),
+        exposure: session.trainer.exposure(),
+        moved: session.trainer.moved(),
+        shown,
+        background,
+        flat_psnr_db: mean_flat_psnr_db(flats),
+        flat,
+        quantisation_loss_db,
+        occupancy_loss_db,
+        occupancy_required,
+        view_dependence,
+        subnormal_weights: exported.subnormal_weights,
+        overfitting: Stop::of(&session.trainer.curve),
+        watched: watched.map(|view| view.name.clone()).collect(),
+        missed_snapshots: missed_snapshots(session),
+        steps: session.trainer.progressed().step,
+        reseeds: session.trainer.progressed().reseeds,
+        parameters: session.trainer.parameters(),
+        occupied_share: candidate.live.lookup().occupied_share(),
+        train_seconds: session.train_seconds,
+        samples_per_second: session.samples_per_second,
+        snapshots: session.trainer.snapshots.clone(),
+        curve: session.trainer.curve.clone(),
+    })
+}
 
-    /// Scores of several renderings of the same views, all on one lattice: as fine as their share of the time allows.
-    pub(super) fn compare(
-        &self,
-        views: &[&View],
-        renderings: &[(&[u8], Quality)],
-    ) -> Result<Vec<Scores>, EvalError> {
-        let (pixels, largest) = pixels_of(views.iter().copied());
-        let on = |lattice: u32| -> Result<Vec<Scores>, EvalError> {
-            let views: Vec<_> = views.iter().map(|view| view.thinned(lattice)).collect();
-            let measured = |&(bytes, quality): &(&[u8], Quality)| {
-                let (kernel, background) = (self.options.kernel, self.trainer.background());
-                let views = views.iter().map(|view| &**view);
-                measure(bytes, None, kernel, &quality, background, views, |_, _, _, _| {})
-            };
-            renderings.iter().map(measured).collect()
+/// Scores of several renderings of the same views, all on one lattice: as fine as their share of the time allows.
+pub(super) fn compare(
+    session: &Session<'_, '_>,
+    views: &[&View],
+    renderings: &[(&[u8], Quality)],
+) -> anyhow::Result<Vec<Scores>> {
+    let (pixels, largest) = pixels_of(views.iter().copied());
+    let on = |lattice: u32| -> anyhow::Result<Vec<Scores>> {
+        let views: Vec<_> = views.iter().map(|view| view.thinned(lattice)).collect();
+        let measured = |&(bytes, quality): &(&[u8], Quality)| {
+            let (kernel, background) = (session.options.kernel, session.trainer.background());
+            let views = views.iter().map(|view| &**view);
+            measure(bytes, None, kernel, &quality, background, views, |_, _, _, _| {})
         };
-        // The price is these renderings' own: without an occupancy grid, a scene is asked in many more places.
-        let mut pace = Pace::new(self.options.budget.seconds, false, false);
-        let everything = pace.lattice_on_the_way(pixels, largest, f64::INFINITY);
-        if !pace.is_limited() {
-            return on(everything);
+        renderings.iter().map(measured).collect()
+    };
+    // The price is these renderings' own: without an occupancy grid, a scene is asked in many more places.
+    let mut pace = Pace::new(session.options.budget.seconds, false, false);
+    let everything = pace.lattice_on_the_way(pixels, largest, f64::INFINITY);
+    if !pace.is_limited() {
+        return on(everything);
+    }
+    let (probe, begun) = (pace.probe(largest).max(everything), Instant::now());
+    let scores = on(probe)?;
+    pace.measured(pixels / u64::from(probe).pow(2), begun.elapsed().as_secs_f64());
+    let allowed = pace.share(QUESTION_SHARE) * renderings.len() as f64;
+    let lattice = pace.lattice_on_the_way(pixels, largest, allowed);
+    if lattice < probe { on(lattice) } else { Ok(scores) }
+}
+
+/// dB that leaving the occupancy grid out costs on training views, and their scores with it.
+fn ask_occupancy(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Option<f64>, Scores)> {
+    let views = asked_views(session);
+    let views: Vec<&View> = views.iter().collect();
+    let with = Quality::default();
+    let without = Quality { occupancy: false, ..with };
+    if session.trainer.config().network.grid.is_some() {
+        return Ok((None, compare(session, &views, &[(draft, with)])?.swap_remove(0)));
+    }
+    let mut scores = compare(session, &views, &[(draft, with), (draft, without)])?;
+    let db = |scores: Option<&Scores>| scores.and_then(Scores::psnr_db).unwrap_or(f64::NAN);
+    let loss_db = gain_db(db(scores.first()), db(scores.last()));
+    Ok((Some(loss_db), scores.swap_remove(0)))
+}
+
+/// Scores of the blob on all validation views, their lattice, and the views that are shown.
+fn evaluate(session: &mut Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Scores, u32, Vec<Shown>)> {
+    let views: Vec<&View> = session.dataset.val.iter().collect();
+    let (pixels, largest) = pixels_of(views.iter().copied());
+    if session.pace.is_limited() && !session.pace.knows() {
+        let some = spread(&session.dataset.val, ASKED_VIEWS);
+        measure_priced(session, draft, &some, session.pace.probe(largest), |_| {})?;
+    }
+    let lattice = session.pace.lattice(session.times() * pixels, largest, session.pace.share(FINAL_SHARE));
+    let kept: Vec<usize> = spread_indices(views.len(), SHOWN_VIEWS).collect();
+    let (mut index, mut shown) = (0, Vec::new());
+    let (kernel, background) = (session.options.kernel, session.trainer.background());
+    let thinned: Vec<_> = views.iter().map(|view| view.thinned(lattice)).collect();
+    let views = thinned.iter().map(|view| &**view);
+    let each = |_: &View, frame: &Frame, truth: &[[f32; 3]], score: &ViewScore| {
+        if session.options.report && kept.contains(&index) {
+            let (frame, truth, psnr_db) = (frame.clone(), truth.to_vec(), score.psnr_db);
+            shown.push(Shown { view: index, frame, truth, psnr_db });
         }
-        let (probe, begun) = (pace.probe(largest).max(everything), Instant::now());
-        let scores = on(probe)?;
-        pace.measured(pixels / u64::from(probe).pow(2), begun.elapsed().as_secs_f64());
-        let allowed = pace.share(QUESTION_SHARE) * renderings.len() as f64;
-        let lattice = pace.lattice_on_the_way(pixels, largest, allowed);
-        if lattice < probe { on(lattice) } else { Ok(scores) }
-    }
+        index += 1;
+    };
+    let scores = measure(draft, None, kernel, &Quality::default(), background, views, each)?;
+    Ok((scores, lattice, shown))
+}
 
-    /// dB that leaving the occupancy grid out costs on training views, and their scores with it.
-    fn ask_occupancy(&self, draft: &[u8]) -> Result<(Option<f64>, Scores), EvalError> {
-        let views = self.asked_views();
-        let views: Vec<&View> = views.iter().collect();
-        let with = Quality::default();
-        let without = Quality { occupancy: false, ..with };
-        if self.trainer.config().network.grid.is_some() {
-            return Ok((None, self.compare(&views, &[(draft, with)])?.swap_remove(0)));
-        }
-        let mut scores = self.compare(&views, &[(draft, with), (draft, without)])?;
-        let db = |scores: Option<&Scores>| scores.and_then(Scores::psnr_db).unwrap_or(f64::NAN);
-        let loss_db = gain_db(db(scores.first()), db(scores.last()));
-        Ok((Some(loss_db), scores.swap_remove(0)))
+/// Scores of all training photographs without what moved, on a lattice that takes no longer than a question.
+fn score_training(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<Vec<ViewScore>> {
+    let train = &session.dataset.train;
+    let (pixels, largest) = pixels_of(train);
+    let some = (train.len() * TRAINING_PIXELS).min(MAX_TRAINING_PIXELS) as f64;
+    let lattice = lattice_of(pixels, some).max(session.pace.lattice(
+        pixels,
+        largest,
+        session.pace.share(QUESTION_SHARE),
+    ));
+    let seen = train.iter().zip(session.trainer.training_cameras());
+    let mut views: Vec<View> = seen.map(|(view, camera)| view.seen_from(camera)).collect();
+    for moved in session.trainer.moved() {
+        moved.leave_out_of(&mut views[moved.view]);
     }
+    let thinned: Vec<_> = views.iter().map(|view| view.thinned(lattice).into_owned()).collect();
+    let (kernel, background) = (session.options.kernel, session.trainer.background());
+    let scores = measure(draft, None, kernel, &Quality::default(), background, &thinned, |_, _, _, _| {})?;
+    Ok(scores.views)
+}
 
-    /// Scores of the blob on all validation views, their lattice, and the views that are shown.
-    fn evaluate(&mut self, draft: &[u8]) -> Result<(Scores, u32, Vec<Shown>), RunError> {
-        let views: Vec<&View> = self.dataset.val.iter().collect();
-        let (pixels, largest) = pixels_of(views.iter().copied());
-        if self.pace.is_limited() && !self.pace.knows() {
-            let some = spread(&self.dataset.val, ASKED_VIEWS);
-            self.measure_priced(draft, &some, self.pace.probe(largest), |_| {})?;
-        }
-        let lattice = self.pace.lattice(self.times() * pixels, largest, self.pace.share(FINAL_SHARE));
-        let kept: Vec<usize> = spread_indices(views.len(), SHOWN_VIEWS).collect();
-        let (mut index, mut shown) = (0, Vec::new());
-        let (kernel, background) = (self.options.kernel, self.trainer.background());
-        let thinned: Vec<_> = views.iter().map(|view| view.thinned(lattice)).collect();
-        let views = thinned.iter().map(|view| &**view);
-        let each = |_: &View, frame: &Frame, truth: &[[f32; 3]], score: &ViewScore| {
-            if self.options.report && kept.contains(&index) {
-                let (frame, truth, psnr_db) = (frame.clone(), truth.to_vec(), score.psnr_db);
-                shown.push(Shown { view: index, frame, truth, psnr_db });
-            }
-            index += 1;
-        };
-        let scores = measure(draft, None, kernel, &Quality::default(), background, views, each)?;
-        Ok((scores, lattice, shown))
-    }
+/// Training views that questions about the export are asked of, from where they were refined to.
+pub(super) fn asked_views(session: &Session<'_, '_>) -> Vec<View> {
+    let (train, cameras) = (&session.dataset.train, session.trainer.training_cameras());
+    spread_indices(train.len(), ASKED_VIEWS).map(|i| train[i].seen_from(cameras[i])).collect()
+}
 
-    /// Scores of all training photographs without what moved, on a lattice that takes no longer than a question.
-    fn score_training(&self, draft: &[u8]) -> Result<Vec<ViewScore>, EvalError> {
-        let train = &self.dataset.train;
-        let (pixels, largest) = pixels_of(train);
-        let some = (train.len() * TRAINING_PIXELS).min(MAX_TRAINING_PIXELS) as f64;
-        let lattice =
-            lattice_of(pixels, some).max(self.pace.lattice(pixels, largest, self.pace.share(QUESTION_SHARE)));
-        let seen = train.iter().zip(self.trainer.training_cameras());
-        let mut views: Vec<View> = seen.map(|(view, camera)| view.seen_from(camera)).collect();
-        for moved in self.trainer.moved() {
-            moved.leave_out_of(&mut views[moved.view]);
-        }
-        let thinned: Vec<_> = views.iter().map(|view| view.thinned(lattice).into_owned()).collect();
-        let (kernel, background) = (self.options.kernel, self.trainer.background());
-        let scores =
-            measure(draft, None, kernel, &Quality::default(), background, &thinned, |_, _, _, _| {})?;
-        Ok(scores.views)
-    }
+/// The refined poses, and the scores of the validation views from theirs.
+fn refine(
+    session: &mut Session<'_, '_>,
+    draft: &[u8],
+    lattice: u32,
+) -> anyhow::Result<(Option<RefinedPoses>, Option<Scores>)> {
+    let Some(cameras) = session.trainer.refined_cameras()? else { return Ok((None, None)) };
+    let Dataset { train, val, origin, .. } = session.dataset;
+    let all = train.iter().zip(cameras.train).chain(val.iter().zip(cameras.val.iter().copied()));
+    let poses = RefinedPoses::of(all, *origin);
+    let seen = val.iter().zip(&cameras.val);
+    let views: Vec<_> =
+        seen.map(|(view, &camera)| view.seen_from(camera).thinned(lattice).into_owned()).collect();
+    let (kernel, background) = (session.options.kernel, session.trainer.background());
+    let scores = measure(draft, None, kernel, &Quality::default(), background, &views, |_, _, _, _| {})?;
+    Ok((Some(poses), (!views.is_empty()).then_some(scores)))
+}
 
-    /// Training views that questions about the export are asked of, from where they were refined to.
-    pub(super) fn asked_views(&self) -> Vec<View> {
-        let (train, cameras) = (&self.dataset.train, self.trainer.training_cameras());
-        spread_indices(train.len(), ASKED_VIEWS).map(|i| train[i].seen_from(cameras[i])).collect()
-    }
+/// dB that rounding costs, on some of the views that `scores` are of; `None` without any.
+fn ask_rounding(
+    session: &Session<'_, '_>,
+    candidate: &Candidate,
+    draft: &[u8],
+    scores: &Scores,
+    lattice: u32,
+) -> anyhow::Result<Option<f64>> {
+    let views = &session.dataset.val;
+    let (pixels, _) = pixels_of(views);
+    let taken = session.pace.seconds_of(pixels / u64::from(lattice).pow(2)) / views.len().max(1) as f64;
+    let count = ((session.pace.share(QUESTION_SHARE) / taken) as usize).clamp(1, FINAL_VIEWS);
+    let indices: Vec<usize> = spread_indices(views.len(), count).collect();
+    let thinned: Vec<_> = indices.iter().map(|&view| views[view].thinned(lattice)).collect();
+    let (kernel, background) = (session.options.kernel, session.trainer.background());
+    let unrounded = measure(
+        draft,
+        Some(&candidate.parameters),
+        kernel,
+        &Quality::default(),
+        background,
+        thinned.iter().map(|view| &**view),
+        |_, _, _, _| {},
+    )?;
+    let rounded = indices.iter().map(|&view| scores.views[view].clone()).collect();
+    let rounded = Scores { views: rounded, counters: scores.counters };
+    Ok(unrounded.psnr_db().zip(rounded.psnr_db()).map(|(unrounded, rounded)| gain_db(unrounded, rounded)))
+}
 
-    /// The refined poses, and the scores of the validation views from theirs.
-    fn refine(
-        &mut self,
-        draft: &[u8],
-        lattice: u32,
-    ) -> Result<(Option<RefinedPoses>, Option<Scores>), RunError> {
-        let Some(cameras) = self.trainer.refined_cameras()? else { return Ok((None, None)) };
-        let Dataset { train, val, origin, .. } = self.dataset;
-        let all = train.iter().zip(cameras.train).chain(val.iter().zip(cameras.val.iter().copied()));
-        let poses = RefinedPoses::of(all, *origin);
-        let seen = val.iter().zip(&cameras.val);
-        let views: Vec<_> =
-            seen.map(|(view, &camera)| view.seen_from(camera).thinned(lattice).into_owned()).collect();
-        let (kernel, background) = (self.options.kernel, self.trainer.background());
-        let scores = measure(draft, None, kernel, &Quality::default(), background, &views, |_, _, _, _| {})?;
-        Ok((Some(poses), (!views.is_empty()).then_some(scores)))
-    }
+fn missed_snapshots(session: &Session<'_, '_>) -> Vec<u32> {
+    let taken = &session.trainer.snapshots;
+    session.options.snapshots.as_ref().map_or_else(Vec::new, |options| options.missed(taken))
+}
 
-    /// dB that rounding costs, on some of the views that `scores` are of; `None` without any.
-    fn ask_rounding(
-        &self,
-        candidate: &Candidate,
-        draft: &[u8],
-        scores: &Scores,
-        lattice: u32,
-    ) -> Result<Option<f64>, EvalError> {
-        let views = &self.dataset.val;
-        let (pixels, _) = pixels_of(views);
-        let taken = self.pace.seconds_of(pixels / u64::from(lattice).pow(2)) / views.len().max(1) as f64;
-        let count = ((self.pace.share(QUESTION_SHARE) / taken) as usize).clamp(1, FINAL_VIEWS);
-        let indices: Vec<usize> = spread_indices(views.len(), count).collect();
-        let thinned: Vec<_> = indices.iter().map(|&view| views[view].thinned(lattice)).collect();
-        let (kernel, background) = (self.options.kernel, self.trainer.background());
-        let unrounded = measure(
-            draft,
-            Some(&candidate.parameters),
-            kernel,
-            &Quality::default(),
-            background,
-            thinned.iter().map(|view| &**view),
-            |_, _, _, _| {},
-        )?;
-        let rounded = indices.iter().map(|&view| scores.views[view].clone()).collect();
-        let rounded = Scores { views: rounded, counters: scores.counters };
-        Ok(unrounded.psnr_db().zip(rounded.psnr_db()).map(|(unrounded, rounded)| gain_db(unrounded, rounded)))
-    }
+/// Training views whose directions are averaged over.
+const RAY_VIEWS: usize = 50;
 
-    fn missed_snapshots(&self) -> Vec<u32> {
-        let taken = &self.trainer.snapshots;
-        self.options.snapshots.as_ref().map_or_else(Vec::new, |options| options.missed(taken))
+/// What view dependence was found to be worth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ViewDependence {
+    /// dB that it gains over its mean, on training views.
+    pub gain_db: f64,
+    pub left_out: bool,
+}
+
+/// Replaces the candidate's direction by its mean over the training rays if that loses too little.
+///
+/// Asked of training views: what is exported is not chosen by views whose PSNR is reported. `None` where
+/// nobody asks, and if colour does not depend on the direction.
+pub(super) fn ask_direction(
+    session: &Session<'_, '_>,
+    candidate: &mut Candidate,
+) -> anyhow::Result<Option<ViewDependence>> {
+    let Some(threshold_db) = session.options.effect_threshold_db else { return Ok(None) };
+    let views = asked_views(session);
+    let views: Vec<_> = views.iter().collect();
+    let rays = spread(&session.dataset.train, RAY_VIEWS);
+    let with = &session.trainer.model().architecture;
+    let Some((architecture, parameters)) = flattened(with, &candidate.parameters, &rays) else {
+        return Ok(None);
+    };
+    let flat = Candidate { architecture: Some(architecture), parameters, ..candidate.clone() };
+    let blob = |candidate| anyhow::Ok(session.trainer.export(candidate, &About::default())?.bytes);
+    let (dependent, independent) = (blob(candidate)?, blob(&flat)?);
+    let quality = Quality::default();
+    let scores = compare(session, &views, &[(&dependent, quality), (&independent, quality)])?;
+    // Photographs of different exposure show the difference between them, whatever the direction is worth.
+    let gains = session.trainer.exposure().is_some_and(|found| found.fitted);
+    let db = |scores: &Scores| {
+        let db = if gains { scores.aligned_psnr_db() } else { scores.psnr_db() };
+        db.unwrap_or(f64::NAN)
+    };
+    let gain_db = gain_db(db(&scores[0]), db(&scores[1]));
+    // It takes work and spares none.
+    let left_out = Verdict::of(gain_db, 1.0, threshold_db) == Verdict::Drops;
+    if left_out {
+        *candidate = flat;
     }
+    Ok(Some(ViewDependence { gain_db, left_out }))
 }

@@ -6,13 +6,12 @@
 //! | `live.json` | steps, seconds, PSNR, and whether it is the end: written after the blob |
 //! | `views.json` | some photographs and their cameras, to compare with: written once |
 
-use crate::data::pictures::rgb::ReportError;
 use crate::data::pictures::thumbnail::Thumbnail;
 use crate::data::{Dataset, View};
 use crate::fit::finish::Outcome;
-use crate::fit::run::RunError;
 use crate::fit::validation::spread_indices;
 use crate::system::output::{OutputError, write_atomic};
+use anyhow::Context;
 use nerf_core::camera::Projection;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -27,17 +26,14 @@ const EVERY: f64 = 1.0;
 /// Share of the time that making and writing them may take.
 const SHARE: f64 = 0.05;
 
-/// The folder of a run.
 #[derive(Debug)]
 pub(super) struct Live {
     folder: PathBuf,
     last: Instant,
-    /// Seconds the last blob took.
     took: f64,
     warned: bool,
 }
 
-/// `live.json`.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub(super) struct State {
     pub step: u32,
@@ -108,20 +104,19 @@ impl Camera {
 
 impl Live {
     /// Writes `views.json`; photographs over `background`.
-    pub fn begin(folder: PathBuf, dataset: &Dataset, background: [f32; 3]) -> Result<Self, RunError> {
+    pub fn begin(folder: PathBuf, dataset: &Dataset, background: [f32; 3]) -> anyhow::Result<Self> {
         let views = if dataset.val.is_empty() { &dataset.train } else { &dataset.val };
         let photograph = |i: usize| {
             let view = &views[i];
             let picture = Thumbnail::of(view, SIDE, background).data_uri()?;
             Ok(Photograph { name: &view.name, camera: Camera::of(view), picture })
         };
-        let views = spread_indices(views.len(), VIEWS).map(photograph).collect::<Result<_, ReportError>>()?;
-        let text = serde_json::to_vec(&Views { views }).map_err(ReportError::encode("JSON"))?;
+        let views = spread_indices(views.len(), VIEWS).map(photograph).collect::<anyhow::Result<_>>()?;
+        let text = serde_json::to_vec(&Views { views }).context("cannot make the JSON")?;
         write_atomic(folder.join("views.json"), &text)?;
         Ok(Self { folder, last: Instant::now(), took: 0.0, warned: false })
     }
 
-    /// Whether the next blob is due.
     pub fn is_due(&self) -> bool {
         self.last.elapsed().as_secs_f64() >= EVERY.max(self.took / SHARE)
     }
@@ -136,9 +131,6 @@ impl Live {
 }
 
 /// Puts the blob of a run that is done into its folder.
-///
-/// # Errors
-/// [`OutputError`] where it cannot be written.
 pub fn finish(folder: &Path, outcome: &Outcome) -> Result<(), OutputError> {
     let last = outcome.curve.last();
     let state = State {

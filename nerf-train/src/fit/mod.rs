@@ -1,13 +1,13 @@
 //! One fit from first step to blob.
 
 pub mod detail;
-pub mod direction;
 pub mod drive;
 pub mod finish;
 pub mod live;
 pub mod pace;
 pub mod picture;
 pub mod run;
+mod session;
 pub mod size;
 pub mod snapshot;
 pub mod summary;

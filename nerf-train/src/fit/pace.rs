@@ -11,7 +11,6 @@ pub const FINAL_SHARE: f64 = 0.10;
 /// Share of the time that each rendering for a question about the export may take: with and without view dependence,
 /// with and without the occupancy grid, without rounding, and all training photographs on a coarse lattice.
 pub const QUESTION_SHARE: f64 = 0.015;
-/// Such renderings.
 const QUESTIONS: usize = 6;
 /// Seconds kept for writing files, without and with a report.
 const WRITING: [f64; 2] = [0.1, 0.5];
@@ -31,9 +30,7 @@ pub struct Pace {
     validated: f64,
     /// Seconds of making a file of the run as it stands, before any pixel is rendered.
     overhead: Option<f64>,
-    /// Seconds a pixel.
     per_pixel: Option<f64>,
-    /// Whether a report with pictures is written.
     report: bool,
     /// Whether the end asks what the scene is without its occupancy grid.
     dense: bool,
@@ -54,7 +51,6 @@ impl Pace {
         Self { seconds, report, dense, ..Self::default() }
     }
 
-    /// Whether a limit is to be kept.
     pub fn is_limited(&self) -> bool {
         self.seconds.is_some()
     }
@@ -111,7 +107,6 @@ impl Pace {
         self.overhead = Some(seconds);
     }
 
-    /// Takes in what measuring took.
     pub fn measured(&mut self, pixels: u64, seconds: f64) {
         self.per_pixel = Some(seconds / pixels.max(1) as f64);
     }

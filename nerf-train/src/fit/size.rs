@@ -8,6 +8,7 @@ use crate::model::quantise::TableStorage;
 use crate::train::candidate::MADE_BY;
 use crate::train::field::MEASURED_ON;
 use crate::train::occupancy::Occupancy;
+use anyhow::bail;
 use glam::Vec3;
 use nerf_core::blob::{
     BlobError, Body, Content, FrontPoint, MAX_FRONT, MAX_SAMPLES, PictureFacts, Provenance, SceneFacts,
@@ -43,29 +44,13 @@ const FINER_COARSEST: [f64; 7] = [1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0];
 /// Settings that somebody has chosen, and that stay as they are.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Chosen {
-    /// The most entries of a level.
     pub entries: bool,
     pub levels: bool,
-    /// Cells of the coarsest level.
     pub coarsest: bool,
-    /// Cells of the finest level.
     pub finest: bool,
     pub storage: bool,
-    /// The occupancy grid's resolution.
     pub occupancy: bool,
     pub steps: bool,
-}
-
-/// Why no settings fit.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum SizeError {
-    #[error(
-        "--max-bytes: expected at least {least}, bytes of the smallest file of these settings, found {found}"
-    )]
-    TooSmall { least: u64, found: u64 },
-    #[error("{0}")]
-    Blob(#[from] BlobError),
 }
 
 /// `config` with the settings of a grid, over a box of this extent, whose file is no larger than `max_bytes` whatever
@@ -73,16 +58,14 @@ pub enum SizeError {
 ///
 /// If not all of what `config` says fits, its values are coded, as many as fit and up to twice as many, in steps as fine as fit.
 /// Nothing else is larger than `config` says.
-///
-/// # Errors
-/// [`SizeError`] if even the smallest file is larger.
+/// Fails where even the smallest file is larger.
 pub fn within(
     config: &Config,
     chosen: Chosen,
     extent: Vec3,
     dataset: &Dataset,
     max_bytes: u64,
-) -> Result<Option<Config>, SizeError> {
+) -> anyhow::Result<Option<Config>> {
     let Some(own) = &config.network.grid else { return Ok(None) };
     let with = |table: &TableConfig, resolution: u16| {
         let mut fitted = config.clone();
@@ -115,16 +98,14 @@ pub fn within(
 /// whatever the run does; `None` without a grid.
 ///
 /// As many values as fit, as [`within`] chooses them. The finest level stays: what the picture has of detail is there.
-///
-/// # Errors
-/// [`SizeError`] if even the smallest file is larger.
+/// Fails where even the smallest file is larger.
 pub fn picture_within(
     config: &FieldConfig,
     chosen: Chosen,
     size: [u32; 2],
     name: &str,
     max_bytes: u64,
-) -> Result<Option<FieldConfig>, SizeError> {
+) -> anyhow::Result<Option<FieldConfig>> {
     let Some(own) = &config.grid else { return Ok(None) };
     let with = |table: &TableConfig| FieldConfig { grid: Some(table.clone()), ..config.clone() };
     let finer = if chosen.coarsest { &FINER_COARSEST[..1] } else { &FINER_COARSEST };
@@ -148,7 +129,7 @@ fn most_values(
     encoding: impl Fn(&TableConfig) -> GridEncoding,
     most_bytes: impl Fn(&TableConfig, u16) -> Result<u64, BlobError>,
     max_bytes: u64,
-) -> Result<(TableConfig, u16), SizeError> {
+) -> anyhow::Result<(TableConfig, u16)> {
     let least_bytes = |table: &TableConfig, bits| least_bytes(&encoding(table), table.storage, bits);
     // Stable: of as many values, those that come first.
     tables.sort_by_key(|table| std::cmp::Reverse(encoding(table).values()));
@@ -173,7 +154,10 @@ fn most_values(
         let most = Some(least_bytes(table, bits));
         most_bytes(&TableConfig { most_bytes: most, ..table.clone() }, resolution)
     });
-    Err(SizeError::TooSmall { least: least.unwrap_or(Ok(u64::MAX))?, found: max_bytes })
+    let least = least.unwrap_or(Ok(u64::MAX))?;
+    bail!(
+        "--max-bytes: expected at least {least}, bytes of the smallest file of these settings, found {max_bytes}"
+    )
 }
 
 /// Bytes of a grid's values in this storage; of coded ones with so many bits each.
@@ -253,9 +237,6 @@ fn most_sides(extent: Vec3, resolution: u16) -> [u16; 3] {
 
 /// Bytes of the largest file that a run over a box of this extent can end in: with a full front of settings, and
 /// numbers as long as they get.
-///
-/// # Errors
-/// [`BlobError`] on settings that make no file.
 pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u64, BlobError> {
     let resolution = most_sides(extent, config.occupancy_resolution(extent));
     let bits = vec![0; StoredOccupancy::bytes(resolution)];
@@ -306,9 +287,6 @@ pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u6
 }
 
 /// Bytes of the largest file that a run over a picture of this size and name can end in.
-///
-/// # Errors
-/// [`BlobError`] on settings that make no file.
 pub fn most_picture_bytes(config: &FieldConfig, size: [u32; 2], name: &str) -> Result<u64, BlobError> {
     let [width, height] = size;
     let body = Body {

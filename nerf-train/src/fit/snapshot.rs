@@ -2,6 +2,7 @@
 
 use crate::data::Dataset;
 use crate::train::Snapshot;
+use anyhow::bail;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
@@ -16,31 +17,18 @@ pub struct SnapshotOptions {
     pub views: Vec<usize>,
 }
 
-/// Why pictures cannot be taken.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum SnapshotError {
-    #[error("--snapshots: expected validation views to show, found none in {data}")]
-    NoViews { data: String },
-    #[error(
-        "--snapshot-views: expected indices below {views} (the validation views of {data}), found {found}"
-    )]
-    View { data: String, views: usize, found: usize },
-}
-
 impl SnapshotOptions {
     /// Indices of the views to show, each once; `watched` where none were named.
-    ///
-    /// # Errors
-    /// [`SnapshotError`] on views that are not there, and on steps that were named without any views.
-    pub fn views_of(&self, dataset: &Dataset, watched: &[usize]) -> Result<Vec<usize>, SnapshotError> {
+    pub fn views_of(&self, dataset: &Dataset, watched: &[usize]) -> anyhow::Result<Vec<usize>> {
         let (data, views) = (&dataset.name, dataset.val.len());
         let asked = !self.steps.is_empty() || !self.views.is_empty();
         if asked && views == 0 {
-            return Err(SnapshotError::NoViews { data: data.clone() });
+            bail!("--snapshots: expected validation views to show, found none in {data}");
         }
         if let Some(&found) = self.views.iter().find(|&&view| view >= views) {
-            return Err(SnapshotError::View { data: data.clone(), views, found });
+            bail!(
+                "--snapshot-views: expected indices below {views} (the validation views of {data}), found {found}"
+            );
         }
         let mut chosen: Vec<usize> = Vec::new();
         for &view in if self.views.is_empty() { watched } else { &self.views } {
@@ -76,13 +64,17 @@ mod tests {
     #[test]
     fn views_are_those_named_or_those_watched() {
         let mut dataset = scene();
-        assert_eq!(options(&[], &[]).views_of(&dataset, &[0, 2]), Ok(vec![0, 2]));
-        assert_eq!(options(&[5], &[2, 1, 2]).views_of(&dataset, &[0]), Ok(vec![2, 1]));
+        assert_eq!(options(&[], &[]).views_of(&dataset, &[0, 2]).expect("views"), [0, 2]);
+        assert_eq!(options(&[5], &[2, 1, 2]).views_of(&dataset, &[0]).expect("views"), [2, 1]);
         let error = options(&[], &[1, 3]).views_of(&dataset, &[0]).expect_err("three views").to_string();
         assert!(error.contains("--snapshot-views") && error.contains("below 3"), "{error}");
         dataset.val.clear();
-        assert_eq!(options(&[], &[]).views_of(&dataset, &[]), Ok(vec![]));
-        assert!(matches!(options(&[5], &[]).views_of(&dataset, &[]), Err(SnapshotError::NoViews { .. })));
+        assert!(options(&[], &[]).views_of(&dataset, &[]).expect("none").is_empty());
+        assert!(
+            options(&[5], &[])
+                .views_of(&dataset, &[])
+                .is_err_and(|error| error.to_string().contains("found none"))
+        );
         let taken = [Snapshot { step: 7, seconds: 0.0, view: 0, psnr_db: 9.0 }];
         assert_eq!(options(&[9, 7, 5, 9], &[]).missed(&taken), [5, 9]);
     }

@@ -18,7 +18,6 @@ use std::path::Path;
 
 /// `summary.json` of a fit; what there is none of is null or left out.
 #[derive(Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Summary {
     // Of test views where there are no others.
     pub val_split: &'static str,
@@ -141,7 +140,6 @@ impl Summary {
 
 /// A training photograph of which something that moved was left out of the loss.
 #[derive(Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct MovedView {
     pub view: String,
     pub masked_share: Short,
@@ -155,7 +153,6 @@ impl MovedView {
 
 /// What was found of the capture, before and after the fit.
 #[derive(Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Capture {
     pub folded: Option<bool>,
     pub left_out: Vec<String>,
@@ -174,7 +171,6 @@ impl Capture {
 
 /// Validation on the way, and when it stopped rising.
 #[derive(Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct TrendSummary {
     pub watched_views: usize,
     pub validations: usize,

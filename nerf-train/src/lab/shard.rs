@@ -13,7 +13,6 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// All of it.
     pub const WHOLE: Self = Self { index: 1, count: 1 };
 
     /// The part of an array job that this process is, and the variable that says so.
@@ -21,9 +20,6 @@ impl Shard {
     /// Slurm: `SLURM_ARRAY_TASK_ID` of `SLURM_ARRAY_TASK_COUNT`, from `SLURM_ARRAY_TASK_MIN` (0 if absent) to `_MAX` by
     /// `_STEP` (1), without gaps. Kubernetes: `JOB_COMPLETION_INDEX`, from 0, of `JOB_COMPLETIONS`, which the job's own
     /// description has to pass on. `variable` reads one.
-    ///
-    /// # Errors
-    /// A sentence where the variables do not name one part.
     pub fn of_array(
         variable: impl Fn(&str) -> Option<String>,
     ) -> Result<Option<(&'static str, Self)>, String> {

@@ -2,17 +2,17 @@
 
 use crate::data::pictures::colour;
 use crate::data::{SparsePoint, View};
-use crate::measure::frame;
-use crate::measure::frame::Frame;
+use crate::measure::frame::{self, Frame};
 use crate::measure::metrics::{aligned_psnr_db, psnr_db, ssim_of};
 use crate::measure::surfaces::Surfaces;
 use crate::system::cpu;
+use anyhow::Context;
 use nerf_core::Kernel;
-use nerf_core::blob::{Blob, BlobError};
+use nerf_core::blob::Blob;
 use nerf_core::encoding::{GridEncoding, GridTables, TableValues};
 use nerf_core::memory::Line;
-use nerf_core::plan::{Batch, Outputs, Plan, PlanError, Quality};
-use nerf_core::render::{Counters, RenderError, Renderer};
+use nerf_core::plan::{Batch, Outputs, Plan, Quality};
+use nerf_core::render::{Counters, Renderer};
 use serde::Serialize;
 use std::time::Instant;
 
@@ -20,9 +20,7 @@ use std::time::Instant;
 /// less than the 0.1 dB that a blob promises for views nobody has seen.
 pub const OCCUPANCY_LOSS_DB: f64 = 0.08;
 
-/// One view's figures.
 #[derive(Clone, Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct ViewScore {
     pub view: String,
     /// dB; infinite if every pixel is equal.
@@ -32,9 +30,7 @@ pub struct ViewScore {
     pub ssim: f64,
 }
 
-/// Figures of a set of views.
 #[derive(Clone, Debug)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Scores {
     pub views: Vec<ViewScore>,
     pub counters: Counters,
@@ -72,16 +68,13 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> Option<f64> {
 /// Rays begin at the camera, as hosts draw them, unless the plan says where.
 ///
 /// `each` sees every view with its frame and truth, in order.
-///
-/// # Errors
-/// As [`frame::render`].
 pub fn evaluate<'v>(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,
     background: [f32; 3],
     views: impl IntoIterator<Item = &'v View>,
     mut each: impl FnMut(&'v View, &Frame, &[[f32; 3]], &ViewScore),
-) -> Result<Scores, RenderError> {
+) -> anyhow::Result<Scores> {
     let mut scores = Scores { views: Vec::new(), counters: Counters::default() };
     for view in views {
         let frame = frame::render(renderer, plan, &view.camera)?;
@@ -100,7 +93,6 @@ pub fn evaluate<'v>(
     Ok(scores)
 }
 
-/// What is measured beyond whole views.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct EvalOptions {
     /// What is behind the scene; the blob's own colour where it is `None`.
@@ -147,9 +139,6 @@ impl Evaluation {
     /// pictures, as [`evaluate`] does.
     ///
     /// `each` sees every view with its frame and figures, in order.
-    ///
-    /// # Errors
-    /// [`EvalError`] if the blob cannot be rendered as asked.
     pub fn of<'v>(
         bytes: &[u8],
         plan: &Plan<'_>,
@@ -158,7 +147,7 @@ impl Evaluation {
         (split, views): (&'static str, Vec<&'v View>),
         points: &[SparsePoint],
         mut each: impl FnMut(&'v View, &Frame, &ViewScore),
-    ) -> Result<Self, EvalError> {
+    ) -> anyhow::Result<Self> {
         let blob = Blob::open(bytes)?;
         let background = options.background.unwrap_or(own_background(&blob));
         let plan = plan.with_background(background)?;
@@ -209,9 +198,6 @@ impl Evaluation {
     }
 
     /// Adds the figures of the same views from their refined poses.
-    ///
-    /// # Errors
-    /// [`EvalError`] if the blob cannot be rendered as asked.
     pub fn add_refined(
         &mut self,
         bytes: &[u8],
@@ -219,7 +205,7 @@ impl Evaluation {
         kernel: Kernel,
         options: EvalOptions,
         views: &[View],
-    ) -> Result<(), EvalError> {
+    ) -> anyhow::Result<()> {
         let views = views.iter().collect();
         let refined = Self::of(bytes, plan, kernel, options, (self.split, views), &[], |_, _, _| {})?;
         self.val_refined_psnr_db = Some(refined.val_psnr_db);
@@ -239,26 +225,9 @@ fn lattice(picture: &[[f32; 3]], width: usize, step: usize) -> Vec<[f32; 3]> {
     rows.flat_map(|row| row.iter().step_by(step)).copied().collect()
 }
 
-/// Why a blob cannot be measured.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum EvalError {
-    #[error("{0}")]
-    Blob(#[from] BlobError),
-    #[error("{0}")]
-    Plan(#[from] PlanError),
-    #[error("{0}")]
-    Render(#[from] RenderError),
-    #[error("parameters: expected {expected}, found {found}")]
-    Parameters { expected: usize, found: usize },
-}
-
 /// Opens a blob and measures it on `views` over `background`.
 ///
 /// `parameters` replaces the blob's rounded weights where given.
-///
-/// # Errors
-/// [`EvalError`] if the blob cannot be opened or rendered as asked.
 pub fn measure<'v>(
     blob: &[u8],
     parameters: Option<&[f32]>,
@@ -267,7 +236,7 @@ pub fn measure<'v>(
     background: [f32; 3],
     views: impl IntoIterator<Item = &'v View>,
     each: impl FnMut(&'v View, &Frame, &[[f32; 3]], &ViewScore),
-) -> Result<Scores, EvalError> {
+) -> anyhow::Result<Scores> {
     let blob = Blob::open(blob)?;
     let plan = Plan::new(&blob, quality, Outputs::ALL, Batch::FULL)?;
     // Of the bins that the network was trained on: a figure is theirs.
@@ -277,13 +246,13 @@ pub fn measure<'v>(
         Some(parameters) => {
             let layers = blob.architecture().parameters();
             let expected = layers + blob.architecture().position.grid().map_or(0, GridEncoding::values);
-            let fault = EvalError::Parameters { expected, found: parameters.len() };
-            let (layers, tables) = parameters.split_at_checked(layers).ok_or(fault)?;
+            let fault = || format!("parameters: expected {expected}, found {}", parameters.len());
+            let (layers, tables) = parameters.split_at_checked(layers).with_context(fault)?;
             let bounds = blob.scene_box();
             let tables = GridTables::new(TableValues::F32(tables), bounds.as_ref());
-            Renderer::with_parameters_and_tables(blob, kernel, layers, tables).ok_or(fault)?
+            Renderer::with_parameters_and_tables(blob, kernel, layers, tables).with_context(fault)?
         }
         None => Renderer::new(blob, kernel, &mut memory)?,
     };
-    Ok(evaluate(&renderer, &plan, background, views, each)?)
+    evaluate(&renderer, &plan, background, views, each)
 }

@@ -9,18 +9,12 @@ use nerf_core::render::{Counters, RenderError, Renderer};
 use serde::Serialize;
 use std::num::NonZeroUsize;
 
-/// A rendered view.
 pub type Frame = host::Image;
 
-/// The colours of a frame as a picture.
 pub fn picture(frame: &Frame) -> Picture {
     Picture { width: frame.width, height: frame.height, rgb: frame.rgb.clone() }
 }
 
-/// Renders all of `camera`'s image.
-///
-/// # Errors
-/// [`RenderError`], which a plan of the renderer's own scene does not cause.
 pub fn render(renderer: &Renderer<'_>, plan: &Plan<'_>, camera: &Camera) -> Result<Frame, RenderError> {
     host::render(renderer, plan, camera, threads())
 }
@@ -28,9 +22,6 @@ pub fn render(renderer: &Renderer<'_>, plan: &Plan<'_>, camera: &Camera) -> Resu
 /// Renders the 2D field of `renderer` as a picture of `size` (width, height).
 ///
 /// `each` is told, now and then, how many rows are done.
-///
-/// # Errors
-/// [`RenderError`] if the blob is a scene, and on a size beyond the format's.
 pub fn render_picture(
     renderer: &Renderer<'_>,
     math: MathBackend,

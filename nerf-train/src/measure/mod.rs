@@ -2,7 +2,6 @@
 
 pub mod audit;
 pub mod bench;
-pub mod error;
 pub mod eval;
 pub mod frame;
 pub mod import;

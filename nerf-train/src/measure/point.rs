@@ -12,7 +12,6 @@ const SOLID: f32 = 0.5;
 
 /// How far one view is from the truth and from the exact rendering.
 #[derive(Clone, Copy, Debug)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct ViewErrors {
     pub psnr_db: f64,
     pub ssim: f64,
@@ -21,7 +20,6 @@ pub struct ViewErrors {
     pub exact_max: f64,
     /// Sum of |ray_distance| differences from the exact rendering over its solid pixels, world units.
     pub distance_sum: f64,
-    /// The largest of them.
     pub distance_max: f64,
     pub solid: u64,
     pub counters: Counters,
@@ -54,22 +52,18 @@ impl ViewErrors {
     }
 }
 
-/// Where a point comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Origin {
-    /// The exact rendering.
     Exact,
     /// What a renderer does when nobody asks for anything.
     Base,
     /// The base with this knob (an index of the table) turned.
     Knob(usize),
-    /// Several knobs turned together.
     Combination,
 }
 
 /// One way to render, and what was measured of it.
 #[derive(Clone, Debug)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Point {
     pub origin: Origin,
     pub settings: Settings,
@@ -84,10 +78,8 @@ pub struct Point {
 
 /// What a point comes to over the views it was rendered on.
 #[derive(Clone, Copy, Debug)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Totals {
     pub views: usize,
-    /// Mean against ground truth, dB.
     pub psnr_db: f64,
     /// The exact rendering's mean over the same views less this, dB.
     pub loss_db: f64,
@@ -106,7 +98,6 @@ pub struct Totals {
 
 /// Seconds of a view, from rounds that were interleaved with those of all other points.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Seconds {
     pub rounds: usize,
     /// Median over the rounds of the mean over the timing views.

@@ -5,7 +5,6 @@ use nerf_core::blob::Blob;
 use nerf_core::math::MathBackend;
 use nerf_core::plan::Quality;
 
-/// Whose weights the network has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Precision {
     /// The blob's own, rounded to f16.
@@ -14,7 +13,6 @@ pub enum Precision {
     Unrounded,
 }
 
-/// Every knob at one value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     pub quality: Quality,
@@ -24,7 +22,6 @@ pub struct Settings {
     pub precision: Precision,
     /// Sides of the rendered picture in quarters of the view's own; what is smaller is enlarged again.
     pub quarters: u32,
-    /// Rays a pixel.
     pub rays: u16,
 }
 
@@ -54,7 +51,6 @@ impl Settings {
     }
 }
 
-/// The name of a maths backend.
 pub fn math_name(math: MathBackend) -> &'static str {
     match math {
         MathBackend::Polynomial => "polynomial",

@@ -3,13 +3,11 @@
 
 use crate::capture::sights::{Sight, Sights};
 use crate::data::{SparsePoint, View};
-use crate::measure::eval::EvalError;
-use nerf_core::Kernel;
 use nerf_core::blob::Blob;
-use nerf_core::host;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{RaySegment, RenderError, Renderer};
+use nerf_core::{Kernel, host};
 use std::num::NonZeroUsize;
 
 /// Approximate number of pixels a view at which depth is measured, on a regular lattice.
@@ -29,15 +27,7 @@ pub struct Surfaces {
 
 impl Surfaces {
     /// Those of a blob, with the default quality, seen from the cameras of `views`, which show some of `points`.
-    ///
-    /// # Errors
-    /// [`EvalError`] if the blob cannot be opened or rendered.
-    pub fn of(
-        bytes: &[u8],
-        kernel: Kernel,
-        views: &[&View],
-        points: &[SparsePoint],
-    ) -> Result<Self, EvalError> {
+    pub fn of(bytes: &[u8], kernel: Kernel, views: &[&View], points: &[SparsePoint]) -> anyhow::Result<Self> {
         let blob = Blob::open(bytes)?;
         let plan = Plan::new(&blob, &Quality::default(), Self::OUTPUTS, Batch::FULL)?.with_own_bins();
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
@@ -50,9 +40,6 @@ impl Surfaces {
     /// Those of a renderer's field with a plan of its own, whose outputs have [`Self::OUTPUTS`].
     ///
     /// Key points and points that [`Sights`] leaves out are not asked.
-    ///
-    /// # Errors
-    /// As [`host::render_rays`].
     pub fn with(
         renderer: &Renderer<'_>,
         plan: &Plan<'_>,

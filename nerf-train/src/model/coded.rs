@@ -124,7 +124,6 @@ pub(super) fn without_unread(
     kept
 }
 
-/// The occupied cells.
 fn occupied(resolution: [u16; 3], bits: &[u8]) -> impl Iterator<Item = [usize; 3]> + '_ {
     let [nx, ny, nz] = resolution.map(usize::from);
     let holds = |&cell: &usize| bits[cell / 8] >> (cell % 8) & 1 == 1;
@@ -142,7 +141,6 @@ mod tests {
         GridEncoding { inputs: 3, features: 2, log2_entries: 11, resolutions }
     }
 
-    /// Noise whose largest values are rare.
     fn values(grid: &GridEncoding) -> Vec<f32> {
         (0..grid.values()).map(|i| ((i * 7919 % 1009) as f32 / 504.0 - 1.0).powi(3)).collect()
     }

@@ -1,6 +1,7 @@
 //! From parameters to a blob.
 
 use crate::model::coded::without_unread;
+use crate::model::config::TableConfig;
 use crate::model::quantise::{Quantised, Rounding, TableStorage};
 use half::f16;
 use nerf_core::blob::{self, BlobError, Body, Content, Proposal, Provenance, StoredOccupancy, StoredTables};
@@ -11,7 +12,6 @@ use std::borrow::Cow;
 #[derive(Clone, Debug)]
 pub struct Contents<'a> {
     pub architecture: &'a Architecture,
-    /// Its parameters in export order.
     pub parameters: &'a [f32],
     pub tables: Tables<'a>,
     pub content: Content,
@@ -20,20 +20,23 @@ pub struct Contents<'a> {
     pub provenance: Provenance<'a>,
 }
 
-/// The tables of a grid that is exported.
 #[derive(Clone, Copy, Debug)]
 pub enum Tables<'a> {
-    /// There is no grid.
     None,
-    /// The values of all levels, to be rounded.
     Values {
         values: &'a [f32],
         rounding: Rounding,
         /// What a step of each level counts, where that is known; else empty.
         scales: &'a [f32],
     },
-    /// Another blob's, as they are.
     Stored(StoredTables<'a>),
+}
+
+impl<'a> Tables<'a> {
+    /// The trained `values` of a grid with these settings, in steps of `scales` where they are rounded.
+    pub fn of(grid: Option<&TableConfig>, values: &'a [f32], scales: &'a [f32]) -> Self {
+        grid.map_or(Self::None, |grid| Self::Values { values, rounding: grid.rounding(), scales })
+    }
 }
 
 /// The coarse network that goes with a scene.
@@ -41,7 +44,6 @@ pub enum Tables<'a> {
 pub struct Coarse<'a> {
     /// Its shape; of its heads only the density is used.
     pub architecture: &'a Architecture,
-    /// Its parameters in export order.
     pub parameters: &'a [f32],
     pub samples: u16,
 }
@@ -54,7 +56,6 @@ pub struct Exported {
     pub subnormal_weights: usize,
 }
 
-/// Why parameters make no blob.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ExportError {
@@ -80,9 +81,6 @@ pub fn export(contents: &Contents<'_>) -> Result<Exported, ExportError> {
 }
 
 /// As [`export`], with the densities of a coarse network as the scene's proposal.
-///
-/// # Errors
-/// As [`export`], of either network.
 pub fn export_with(contents: &Contents<'_>, coarse: Option<&Coarse<'_>>) -> Result<Exported, ExportError> {
     let layers = contents.architecture.layers();
     let mut rounded = Rounded::default();
@@ -138,7 +136,6 @@ pub fn export_with(contents: &Contents<'_>, coarse: Option<&Coarse<'_>>) -> Resu
     Ok(Exported { bytes, subnormal_weights: rounded.subnormal + coarse_rounded.subnormal })
 }
 
-/// Parameters in f16.
 #[derive(Default)]
 struct Rounded {
     weights: Vec<u8>,

@@ -21,7 +21,6 @@ pub struct FieldConfig {
     pub levels: u8,
     /// Hidden layers, all of one width; the output layer comes on top.
     pub layers: usize,
-    /// Channels of every hidden layer.
     pub width: usize,
     /// Pixels a step, drawn at random: beside a grid one from each of so many equal parts of the picture, else each
     /// from all of it.
@@ -37,14 +36,13 @@ pub enum FieldPreset {
     /// A learned grid as fine as the picture, and small layers: seconds to fit, about a mebibyte for a large picture.
     Grid,
     /// The classic exercise: L = 10, 3×256, 3,000 steps of 10,000 pixels, Adam from 1e-2. To the letter, with
-    /// a constant rate, it is `--warm-up 0 --final-share 1 --average 0`, and 2 dB worse.
+    /// a constant rate, it has `--set optimiser.warm_up=0`, `final_share=1` and `average=0`, and is 2 dB worse.
     Classic,
     /// What comes out sharpest in eight minutes of two cores: 4×256, and many small steps that end gently.
     Sharp,
 }
 
 impl FieldPreset {
-    /// Its settings.
     pub fn config(self) -> FieldConfig {
         let grid = TableConfig {
             levels: 8,
@@ -119,9 +117,6 @@ impl FieldConfig {
     }
 
     /// Checks every setting on its own, and the grid's against a picture of this size, pixels.
-    ///
-    /// # Errors
-    /// [`ConfigError`] names the first that is out of range.
     pub fn check_for(&self, size: [u32; 2]) -> Result<(), ConfigError> {
         self.check()?;
         let Some(grid) = &self.grid else { return Ok(()) };
@@ -137,9 +132,6 @@ impl FieldConfig {
     }
 
     /// Checks every setting on its own.
-    ///
-    /// # Errors
-    /// [`ConfigError`] names the first that is out of range.
     pub fn check(&self) -> Result<(), ConfigError> {
         rule("levels", self.levels <= MAX_LEVELS, format!("at most {MAX_LEVELS}"), self.levels)?;
         if let Some(grid) = &self.grid {
@@ -169,7 +161,6 @@ impl FieldConfig {
         })
     }
 
-    /// Adam's constants.
     pub fn adam(&self) -> Adam {
         self.optimiser.adam()
     }

@@ -19,7 +19,6 @@ pub enum TableStorage {
     Coded,
 }
 
-/// What tables are rounded to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rounding {
     pub storage: TableStorage,
@@ -52,7 +51,6 @@ const KEPT: [f64; 3] = [1.0, 0.9999, 0.9995];
 /// Steps of int8 on either side of 0.
 pub(crate) const STEPS: f32 = 127.0;
 
-/// Tables that were rounded.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Quantised {
     storage: TableStorage,
@@ -96,7 +94,6 @@ impl Quantised {
         Ok(Self { storage: rounding.storage, bytes, scales })
     }
 
-    /// As the body of a blob has them.
     pub fn stored(&self) -> StoredTables<'_> {
         match self.storage {
             TableStorage::F16 => StoredTables::F16(&self.bytes),
@@ -131,7 +128,6 @@ pub fn values_of(grid: &GridEncoding, tables: StoredTables<'_>) -> Vec<f32> {
     grid.levels().zip(scales).flat_map(level).collect()
 }
 
-/// The values of each level.
 pub(super) fn levels<'v>(grid: &GridEncoding, values: &'v [f32]) -> impl Iterator<Item = &'v [f32]> {
     let features = usize::from(grid.features);
     grid.levels().map(move |level| &values[level.first * features..][..level.entries * features])

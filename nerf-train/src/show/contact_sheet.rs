@@ -5,11 +5,8 @@ use crate::data::pictures::rgb::Picture;
 
 /// Longer side that small pictures are enlarged to, pixels (by a whole factor, nearest neighbour).
 const CELL: usize = 192;
-/// Space around cells, pixels.
 const GAP: usize = 12;
-/// Line height of captions, pixels.
 const CAPTION: f32 = 18.0;
-/// Line height of the title, pixels.
 const TITLE: f32 = 24.0;
 /// Narrowest cell: a caption needs room even under a picture of one pixel's width.
 const NARROWEST: usize = 150;
@@ -25,7 +22,6 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// A cell of a picture and its caption.
     pub fn new(picture: Picture, caption: impl Into<String>) -> Self {
         Self { picture, caption: caption.into() }
     }

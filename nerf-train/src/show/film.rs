@@ -1,9 +1,9 @@
 //! A video as GIF or MP4.
 
-use super::animation::{GifWriter, check_rate};
+use super::animation::{GifWriter, NO_FRAMES, check_rate};
 use super::video::{Ffmpeg, Mp4Writer};
 use crate::data::pictures::rgb::Picture;
-use crate::data::pictures::rgb::ReportError;
+use anyhow::bail;
 use std::path::PathBuf;
 
 /// A video that is written as its frames come; without [`finish`](Self::finish) nothing is left of it.
@@ -23,19 +23,12 @@ enum FilmWriter {
 impl Film {
     /// A film of `fps` frames a second, an MP4 with an ffmpeg, else a GIF; its file is opened with the first frame, which
     /// knows its size.
-    ///
-    /// # Errors
-    /// [`ReportError::Animation`] where `fps` is not a positive number.
-    pub fn new(path: PathBuf, ffmpeg: Option<Ffmpeg>, fps: f64) -> Result<Self, ReportError> {
+    pub fn new(path: PathBuf, ffmpeg: Option<Ffmpeg>, fps: f64) -> anyhow::Result<Self> {
         check_rate(fps)?;
         Ok(Self { path, ffmpeg, fps, writer: None })
     }
 
-    /// Appends a frame.
-    ///
-    /// # Errors
-    /// As [`GifWriter`] and [`Mp4Writer`].
-    pub fn push(&mut self, frame: Picture) -> Result<(), ReportError> {
+    pub fn push(&mut self, frame: Picture) -> anyhow::Result<()> {
         let (path, width, height, fps) = (&self.path, frame.width, frame.height, self.fps);
         let writer = match (&mut self.writer, &self.ffmpeg) {
             (Some(writer), _) => writer,
@@ -51,12 +44,9 @@ impl Film {
     }
 
     /// Completes the file, and returns its path.
-    ///
-    /// # Errors
-    /// [`ReportError::Animation`] without a frame, and as [`push`](Self::push).
-    pub fn finish(self) -> Result<PathBuf, ReportError> {
+    pub fn finish(self) -> anyhow::Result<PathBuf> {
         match self.writer {
-            None => return Err(ReportError::Animation("it has no frames".to_owned())),
+            None => bail!(NO_FRAMES),
             Some(FilmWriter::Gif(gif)) => gif.finish()?,
             Some(FilmWriter::Mp4(mp4)) => mp4.finish()?,
         }

@@ -6,12 +6,9 @@ use nerf_core::camera::Pose;
 /// Pieces between two keyframes over which the arc length is summed.
 const PIECES: usize = 64;
 
-/// A view to fly through.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Keyframe {
-    /// Where it stands and looks.
     pub pose: Pose,
-    /// Vertical field of view, degrees.
     pub fov_degrees: f32,
 }
 

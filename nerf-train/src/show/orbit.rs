@@ -65,9 +65,6 @@ impl Orbit {
 
     /// The camera at `turn` of a full circle, or of a way back and forth over the arc, with a horizontal field of view of
     /// `fov` degrees.
-    ///
-    /// # Errors
-    /// As [`Camera::new`], and [`CameraError::PoseNotFinite`] at an elevation of ±90°.
     pub fn camera(&self, turn: f32, width: u32, height: u32, fov: f32) -> Result<Camera, CameraError> {
         let azimuth = if self.arc < TAU { 0.5 * self.arc * (turn * TAU).sin() } else { turn * TAU };
         let elevation = self.elevation.to_radians();

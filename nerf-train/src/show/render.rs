@@ -1,15 +1,15 @@
 //! Views of a scene, one after the other, to their files.
 
 use crate::data::cameras::scaled;
-use crate::data::pictures::rgb::ReportError;
 use crate::measure::frame;
 use crate::show::colour_map::robust_range;
 use crate::show::view::Output;
 use crate::show::writer::Writer;
 use crate::system::summary::Short;
+use anyhow::Context;
 use nerf_core::camera::{Camera, CameraError};
 use nerf_core::plan::Plan;
-use nerf_core::render::{Counters, RenderError, Renderer};
+use nerf_core::render::{Counters, Renderer};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -19,30 +19,16 @@ pub type Ranges = Vec<(Output, (f32, f32))>;
 /// A coarse pass has a quarter of the sides, but no less than this, pixels.
 const COARSE: u32 = 64;
 
-/// Why views could not be rendered to files.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-#[allow(missing_docs, reason = "the messages say what happened")]
-pub enum ViewsError {
-    #[error(transparent)]
-    Render(#[from] RenderError),
-    #[error("camera: {0}")]
-    Camera(#[from] CameraError),
-    #[error(transparent)]
-    Report(#[from] ReportError),
-}
-
 /// Renders every camera's view and hands it to all writers; `each` is told how many are done, before the next begins.
 ///
-/// # Errors
-/// [`ViewsError`]; what writers hold is then theirs to drop, which leaves no half-written file.
+/// Where a view fails, what writers hold is theirs to drop, which leaves no half-written file.
 pub fn render(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,
     cameras: &[Camera],
     writers: &mut [Writer],
     mut each: impl FnMut(usize),
-) -> Result<Counters, ViewsError> {
+) -> anyhow::Result<Counters> {
     let mut counters = Counters::default();
     for (i, camera) in cameras.iter().enumerate() {
         each(i);
@@ -58,20 +44,17 @@ pub fn render(
 ///
 /// From a coarse pass, a sixteenth of the work, so that no frame must be kept until the last is there; `each` is told how
 /// many frames are done.
-///
-/// # Errors
-/// [`ViewsError`] where a frame cannot be rendered.
 pub fn ranges(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,
     cameras: &[Camera],
     distances: &[Output],
     mut each: impl FnMut(usize),
-) -> Result<Ranges, ViewsError> {
+) -> anyhow::Result<Ranges> {
     let mut opacity = Vec::new();
     let mut values = vec![Vec::new(); distances.len()];
     for (i, camera) in cameras.iter().enumerate() {
-        let frame = frame::render(renderer, plan, &coarse(camera)?)?;
+        let frame = frame::render(renderer, plan, &coarse(camera).context("camera")?)?;
         opacity.extend_from_slice(&frame.opacity);
         for (output, values) in distances.iter().zip(&mut values) {
             values.extend_from_slice(output.distances(&frame));
@@ -84,9 +67,6 @@ pub fn ranges(
 }
 
 /// The same view in few pixels, as the range of a video's distances is taken from.
-///
-/// # Errors
-/// None that a camera with pixels causes.
 pub fn coarse(camera: &Camera) -> Result<Camera, CameraError> {
     let side = |pixels: u32| (pixels / 4).max(COARSE).min(pixels);
     scaled(camera, (side(camera.intrinsics().width), side(camera.intrinsics().height)))
@@ -94,7 +74,6 @@ pub fn coarse(camera: &Camera) -> Result<Camera, CameraError> {
 
 /// What was rendered, for scripts: what `render --json` prints. Ranges are those of the colours of a sequence's distances, world units.
 #[derive(Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Rendering {
     pub files: Vec<String>,
     pub frames: usize,
@@ -114,7 +93,6 @@ pub struct Rendering {
 }
 
 impl Rendering {
-    /// Of these cameras' views.
     pub fn of(
         files: &[PathBuf],
         cameras: &[Camera],

@@ -1,8 +1,8 @@
 //! Tables: CSV for programs, aligned text for the terminal, Markdown for reports.
 
-use crate::data::pictures::rgb::ReportError;
 use crate::system::output::write_atomic;
 use crate::system::printable;
+use anyhow::Context;
 use std::path::Path;
 
 /// Named columns and rows of texts; every row has as many cells as there are columns.
@@ -31,7 +31,6 @@ impl Table {
         self
     }
 
-    /// The column names.
     pub fn columns(&self) -> &[String] {
         &self.columns
     }
@@ -43,24 +42,18 @@ impl Table {
 
     /// The table as CSV (RFC 4180, lines end in "\n"): the column names first, quoted where needed; a line end in a
     /// cell is escaped, as many a reader takes a file line by line.
-    ///
-    /// # Errors
-    /// [`ReportError::Encode`], which no table is known to cause.
-    pub fn to_csv(&self) -> Result<Vec<u8>, ReportError> {
+    pub fn to_csv(&self) -> anyhow::Result<Vec<u8>> {
         let mut writer = csv::Writer::from_writer(Vec::new());
         for row in std::iter::once(&self.columns).chain(&self.rows).filter(|row| !row.is_empty()) {
             writer
                 .write_record(row.iter().map(|cell| printable::line(cell).into_owned()))
-                .map_err(ReportError::encode("CSV"))?;
+                .context("cannot make the CSV")?;
         }
-        writer.into_inner().map_err(|e| ReportError::encode("CSV")(e.into_error()))
+        writer.into_inner().context("cannot make the CSV")
     }
 
     /// Writes the table as a CSV file, whole or not at all.
-    ///
-    /// # Errors
-    /// [`ReportError::Output`].
-    pub fn write_csv(&self, path: impl AsRef<Path>) -> Result<(), ReportError> {
+    pub fn write_csv(&self, path: impl AsRef<Path>) -> anyhow::Result<()> {
         Ok(write_atomic(path, &self.to_csv()?)?)
     }
 

@@ -21,18 +21,14 @@ const LONGEST: usize = 2_000;
 /// Which way a line of text runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
-    /// Left to right.
     Right,
     /// Bottom to top, as beside the vertical axis of a plot.
     Up,
-    /// Top to bottom.
     Down,
 }
 
-/// A rasterised line of text.
 #[derive(Clone, Debug)]
 pub struct Line {
-    /// Pixels.
     pub width: usize,
     /// Pixels: the line height, accents and descenders included.
     pub height: usize,
@@ -40,7 +36,6 @@ pub struct Line {
     pub coverage: Vec<f32>,
 }
 
-/// One character placed on the line.
 struct Placed {
     font: &'static FontRef<'static>,
     glyph: GlyphId,

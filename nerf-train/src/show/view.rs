@@ -1,9 +1,7 @@
 //! What a pixel of a rendered view shows, and how it is written.
 
-use crate::data::pictures::rgb::ReportError;
 use crate::data::pictures::rgb::{Picture, write_grey16_png, write_rgba_png};
-use crate::measure::frame;
-use crate::measure::frame::Frame;
+use crate::measure::frame::{self, Frame};
 use crate::show::colour_map::{depth_picture_with_legend, normal_picture};
 use crate::show::exr::write_exr;
 use clap::ValueEnum;
@@ -65,16 +63,13 @@ pub fn is_exr(path: &Path) -> bool {
 /// Writes an output of a frame as PNG, or by its name as EXR.
 ///
 /// `range`: of a distance's colours, world units, where they are not the frame's own; `transparent`: colour with alpha.
-///
-/// # Errors
-/// [`ReportError`] where the file cannot be made.
 pub fn write_still(
     path: &Path,
     frame: &Frame,
     output: Output,
     range: Option<(f32, f32)>,
     transparent: bool,
-) -> Result<(), ReportError> {
+) -> anyhow::Result<()> {
     match output {
         _ if is_exr(path) => {
             write_exr(path, frame.width, frame.height, &channels_of(frame, output, transparent))?;
@@ -115,10 +110,7 @@ fn channels_of(frame: &Frame, output: Output, transparent: bool) -> Vec<(&'stati
 }
 
 /// An output of a frame as a picture, as a film shows it.
-///
-/// # Errors
-/// [`ReportError`] where there are no pixels.
-pub fn picture_of(frame: &Frame, output: Output, range: Option<(f32, f32)>) -> Result<Picture, ReportError> {
+pub fn picture_of(frame: &Frame, output: Output, range: Option<(f32, f32)>) -> anyhow::Result<Picture> {
     let with_legend = |values: &[f32], title| {
         depth_picture_with_legend(values, &frame.opacity, frame.width, frame.height, range, title)
     };

@@ -1,6 +1,5 @@
 //! A rendering on its way to its files: a picture, a film, or a folder of numbered pictures.
 
-use crate::data::pictures::rgb::ReportError;
 use crate::measure::frame::Frame;
 use crate::show::film::Film;
 use crate::show::video::Ffmpeg;
@@ -23,10 +22,8 @@ enum Sink {
     Frames(PathBuf, usize, usize),
 }
 
-/// What a writer has made.
 #[derive(Debug)]
 pub struct Written {
-    /// Its file or folder.
     pub path: PathBuf,
     /// Frames of an earlier run that the folder holds, too, from this number on.
     pub older_from: Option<usize>,
@@ -52,25 +49,18 @@ impl Writer {
 
     /// To a film of so many frames a second, an MP4 with an ffmpeg, else a GIF; `range`: of a distance's colours, world
     /// units.
-    ///
-    /// # Errors
-    /// [`ReportError::Animation`] where `fps` is not a positive number.
     pub fn film(
         output: Output,
         path: PathBuf,
         ffmpeg: Option<Ffmpeg>,
         range: Option<(f32, f32)>,
         fps: f64,
-    ) -> Result<Self, ReportError> {
+    ) -> anyhow::Result<Self> {
         let sink = Sink::Film(Box::new(Film::new(path, ffmpeg, fps)?));
         Ok(Self { output, range, transparent: false, sink })
     }
 
-    /// Takes the next frame.
-    ///
-    /// # Errors
-    /// [`ReportError`] where it cannot be written.
-    pub fn push(&mut self, frame: &Frame) -> Result<(), ReportError> {
+    pub fn push(&mut self, frame: &Frame) -> anyhow::Result<()> {
         let (output, range) = (self.output, self.range);
         match &mut self.sink {
             Sink::Still(path) => write_still(path, frame, output, range, self.transparent)?,
@@ -83,11 +73,7 @@ impl Writer {
         Ok(())
     }
 
-    /// Completes the file.
-    ///
-    /// # Errors
-    /// [`ReportError`] where a film cannot be completed.
-    pub fn finish(self) -> Result<Written, ReportError> {
+    pub fn finish(self) -> anyhow::Result<Written> {
         Ok(match self.sink {
             Sink::Still(path) => Written { path, older_from: None },
             Sink::Film(film) => Written { path: film.finish()?, older_from: None },

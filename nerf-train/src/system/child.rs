@@ -16,7 +16,6 @@ const KILLED: Duration = Duration::from_secs(1);
 /// How much is written at a time: each such piece that is taken is a sign of life.
 const PIECE_BYTES: usize = 1 << 16;
 
-/// Those that run.
 static RUNNING: Mutex<Vec<Arc<Mutex<Process>>>> = Mutex::new(Vec::new());
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -56,10 +55,6 @@ impl Process {
 pub struct Helper(Arc<Mutex<Process>>);
 
 impl Helper {
-    /// Starts it.
-    ///
-    /// # Errors
-    /// What the system says.
     pub fn spawn(command: &mut Command) -> io::Result<Self> {
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(command, 0);
@@ -170,7 +165,6 @@ impl Heard {
         Self { kept, ended }
     }
 
-    /// What it has said so far.
     pub fn so_far(&self) -> Vec<u8> {
         lock(&self.kept).clone()
     }

@@ -1,6 +1,5 @@
 //! The processor.
 
-/// The CPU's name, for reports.
 pub fn name() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));

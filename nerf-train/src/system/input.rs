@@ -15,16 +15,13 @@ use std::time::Duration;
 pub const MAX_BLOB_BYTES: u64 = 256 << 20;
 /// A JSON file: some 400,000 frames of a `transforms.json`.
 pub const MAX_JSON_BYTES: u64 = 256 << 20;
-/// A TOML file of settings.
 pub const MAX_TOML_BYTES: u64 = 1 << 20;
 /// A picture file: 16,384² pixels of three bytes, not compressed, fit.
 pub const MAX_PICTURE_BYTES: u64 = 1 << 30;
-/// A checkpoint of a fit.
 pub const MAX_CHECKPOINT_BYTES: u64 = 1 << 30;
 
 /// How long a pipe or device may stay silent, also before its first byte.
 const MAX_SILENCE: Duration = Duration::from_secs(60);
-/// A piece of a pipe.
 const PIECE_BYTES: usize = 1 << 16;
 
 /// The bytes of a file, pipe or device, where it has at most `limit`.
@@ -53,9 +50,6 @@ pub fn parse_numbers<const N: usize, T: FromStr>(text: &str) -> Result<[T; N], S
 }
 
 /// The text of a UTF-8 file, without the byte order mark that some editors put in front.
-///
-/// # Errors
-/// As [`read_limited`]; [`io::ErrorKind::InvalidData`] where it is no UTF-8.
 pub fn read_text(path: &Path, limit: u64) -> io::Result<String> {
     let mut bytes = read_limited(path, limit)?;
     let mark = bytes.len() - without_mark(&bytes).len();

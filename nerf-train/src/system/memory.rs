@@ -1,21 +1,12 @@
 //! Whether a request fits the memory of this machine, asked before anything is allocated.
 
-use std::fmt;
+use anyhow::ensure;
+use std::fmt::{self, Display};
 
 /// Share of the memory that is free now that one command may plan with.
 const SHARE: f64 = 0.8;
 /// What is planned with where the system does not say how much is free, bytes.
 const UNKNOWN: u64 = 8 << 30;
-
-/// A request that does not fit.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{what}: needs about {} of memory, and {} can be had; {advice}", Size(*needed), Size(*limit))]
-pub struct TooLarge {
-    pub what: String,
-    pub needed: u64,
-    pub limit: u64,
-    pub advice: &'static str,
-}
 
 /// Bytes as a person reads them.
 struct Size(u64);
@@ -28,17 +19,15 @@ impl fmt::Display for Size {
 }
 
 /// Refuses what needs more than can be had: `items` of `bytes_each`.
-///
-/// # Errors
-/// [`TooLarge`].
-pub fn check(
-    what: impl Into<String>,
-    items: u64,
-    bytes_each: u64,
-    advice: &'static str,
-) -> Result<(), TooLarge> {
+pub fn check(what: impl Display, items: u64, bytes_each: u64, advice: &str) -> anyhow::Result<()> {
     let (needed, limit) = (items.saturating_mul(bytes_each), limit());
-    if needed <= limit { Ok(()) } else { Err(TooLarge { what: what.into(), needed, limit, advice }) }
+    ensure!(
+        needed <= limit,
+        "{what}: needs about {} of memory, and {} can be had; {advice}",
+        Size(needed),
+        Size(limit)
+    );
+    Ok(())
 }
 
 /// Bytes that a command may plan with: most of what is free, within the control group's limit.
@@ -68,7 +57,6 @@ mod tests {
         assert_eq!(available("MemTotal: 9 kB\n"), None);
         assert!(check("a picture", 1, 1, "").is_ok());
         let error = check("--width", u64::MAX, 2, "make it smaller").expect_err("too large");
-        assert_eq!(error.needed, u64::MAX);
         assert!(
             error.to_string().contains("18446744 TB") && error.to_string().ends_with("make it smaller"),
             "{error}"

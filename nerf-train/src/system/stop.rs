@@ -132,7 +132,6 @@ impl Note {
         note
     }
 
-    /// Says this instead.
     pub fn say(&self, message: impl Into<String>) {
         let mut words = lock(&NOTE);
         let last = words.take().and_then(|words| words.last);
@@ -161,7 +160,6 @@ fn within<T: Send + 'static>(limit: Duration, work: impl FnOnce() -> T + Send + 
     result.recv_timeout(limit).ok()
 }
 
-/// The note's message, after its work.
 fn noted() -> String {
     let Some(Words { message, last }) = lock(&NOTE).take() else { return "interrupted".to_owned() };
     let Some((what, work)) = last else { return message };
@@ -227,9 +225,6 @@ pub fn answered() -> Vec<nix::sys::signal::Signal> {
 
 /// Starts the thread that answers signals, and tells with `say`. To be called once, before there are other threads:
 /// they inherit that the signals are left to it.
-///
-/// # Errors
-/// What the system says where there can be no such thread.
 #[cfg(unix)]
 pub fn watch(say: fn(&str)) -> std::io::Result<()> {
     let signals: nix::sys::signal::SigSet = answered().into_iter().collect();
@@ -245,9 +240,6 @@ pub fn watch(say: fn(&str)) -> std::io::Result<()> {
 }
 
 /// As on unix, for the signals that there are.
-///
-/// # Errors
-/// What the system says where there can be no such thread.
 #[cfg(not(unix))]
 pub fn watch(say: fn(&str)) -> std::io::Result<()> {
     ctrlc::set_handler(move || end(2, say)).map_err(std::io::Error::other)

@@ -10,9 +10,6 @@ use std::path::{Path, PathBuf};
 
 /// The result as JSON, with a line end at its end.
 ///
-/// # Errors
-/// The encoder's, which no plain data is known to cause.
-///
 /// # Examples
 /// ```
 /// #[derive(serde::Serialize)]
@@ -32,9 +29,6 @@ pub fn to_json(result: &impl Serialize) -> Result<String, serde_json::Error> {
 }
 
 /// Writes `<folder>/summary.json` whole or not at all; returns its path.
-///
-/// # Errors
-/// As [`write_atomic`]; the folder must exist.
 pub fn write(result: &impl Serialize, folder: impl AsRef<Path>) -> Result<PathBuf, OutputError> {
     let path = folder.as_ref().join("summary.json");
     let json = to_json(result).map_err(|error| OutputError::new(Attempt::Write, &path, error.into()))?;
@@ -42,7 +36,6 @@ pub fn write(result: &impl Serialize, folder: impl AsRef<Path>) -> Result<PathBu
     Ok(path)
 }
 
-/// An f32.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Short(pub f32);
 

@@ -11,7 +11,7 @@ const REACH: f64 = 1.0 / 9.0;
 const PART: usize = 1 << 14;
 
 /// A running average over a run's last steps.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Average {
     /// Of the average, from one update to the next.
     decay: f64,
@@ -32,12 +32,12 @@ impl Average {
     /// Whether this is the same average after `steps` other steps.
     pub(super) fn is_like(&self, other: &Self, steps: u32) -> bool {
         let finite = self.values.iter().all(|value| value.is_finite());
-        let counted = self.values.is_empty() || self.updates == steps / self.every;
         let shape = |average: &Self| (average.decay, average.every, average.values.len());
-        finite && counted && shape(self) == shape(other)
+        // An interval of 0 steps is of no run.
+        let counted = || self.values.is_empty() || self.updates == steps / self.every;
+        finite && shape(self) == shape(other) && counted()
     }
 
-    /// Begins anew.
     pub fn clear(&mut self) {
         self.updates = 0;
     }

@@ -12,14 +12,12 @@ use nerf_core::blob::SceneSampling;
 use nerf_core::camera::{BoundsError, Contraction, SceneBox};
 use rayon::prelude::*;
 
-/// Where the scene is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
     /// Rays begin here, world units.
     pub near: f32,
     /// Rays end here, world units.
     pub far: f32,
-    /// Nothing is outside of it.
     pub scene_box: SceneBox,
     /// Of an unbounded scene, which is contracted into the box.
     pub contraction: Option<Contraction>,

@@ -9,29 +9,28 @@ use super::moving::Moving;
 use super::poses::{Poses, PosesFound};
 use super::{CurvePoint, Progressed};
 use crate::data::Dataset;
-use crate::model::config::Config;
 use crate::model::engine::OptimiserState;
 use crate::system::input::{MAX_CHECKPOINT_BYTES, read_limited};
 use crate::system::output::{OutputError, write_atomic};
 use crate::train::Snapshot;
 use crate::train::occupancy::Occupancy;
+use anyhow::{Context, anyhow};
 use nerf_core::camera::{Lens, Projection};
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::fmt::Display;
+use std::path::Path;
 
 /// First bytes of a checkpoint; the last is the version.
-const MAGIC: [u8; 8] = *b"NERFCKP\x0b";
+const MAGIC: [u8; 8] = *b"NERFCKP\x0c";
 
-/// A run, stopped between two steps.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// A run of a scene or a picture, stopped between two steps.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Checkpoint {
-    pub config: Config,
+    /// Its [`settings`].
+    pub config: String,
     pub data: String,
-    /// [`fingerprint`] of its data.
     pub fingerprint: u64,
-    /// Parameters and Adam's memory.
     pub optimiser: OptimiserState,
     pub average: Average,
     pub occupancy: Option<Occupancy>,
@@ -45,124 +44,97 @@ pub struct Checkpoint {
     pub curve: Vec<CurvePoint>,
     /// Pictures taken so far; they themselves lie in the report's folder.
     pub snapshots: Vec<Snapshot>,
-    /// Seconds used so far.
     pub seconds: f64,
 }
 
-/// Why a checkpoint cannot be taken up.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum CheckpointError {
-    #[error("checkpoint {path}: {source}")]
-    Read { path: PathBuf, source: std::io::Error },
-    #[error(
-        "checkpoint {path}: expected a whole checkpoint of this version, found {found}; --restart in place of \
-         --resume begins anew and replaces it"
-    )]
-    Format { path: PathBuf, found: String },
-    #[error("checkpoint {path}: {field} differs from this run's (in the file: {found}; now: {expected})")]
-    Other { path: PathBuf, field: String, expected: String, found: String },
-}
-
 impl Checkpoint {
-    /// Writes it whole or not at all.
-    ///
-    /// # Errors
-    /// As [`write_atomic`].
     pub fn write(&self, path: &Path) -> Result<(), OutputError> {
         write_atomic(path, &self.to_bytes())
     }
 
-    /// The file's bytes.
+    /// The file: what it is and its version, a checksum, the state.
     pub fn to_bytes(&self) -> Vec<u8> {
-        pack(MAGIC, self)
+        // Serialising plain data to memory has no way to fail.
+        let body = postcard::to_stdvec(self).expect("plain data");
+        let mut bytes = Vec::with_capacity(body.len() + 12);
+        bytes.extend(MAGIC);
+        bytes.extend(crc(&body).to_le_bytes());
+        bytes.extend(body);
+        bytes
     }
 
-    /// Reads one back.
-    ///
-    /// # Errors
-    /// [`CheckpointError`] names the file.
-    pub fn read(path: &Path) -> Result<Self, CheckpointError> {
-        unpack(MAGIC, path)
-    }
-
-    /// Refuses a checkpoint of other data or settings.
-    ///
-    /// `data`: its name and [`fingerprint`]. Limits on steps and time may differ: that is how a run is continued.
-    ///
-    /// # Errors
-    /// [`CheckpointError::Other`] names the first difference.
-    pub fn check_belongs(
-        &self,
-        path: &Path,
-        config: &Config,
-        data: (&str, u64),
-    ) -> Result<(), CheckpointError> {
-        check_data(path, data, (&self.data, self.fingerprint))?;
-        // JSON and not TOML, which has no u64 for the seed.
-        let tree = |config: &Config| {
-            let mut config = config.clone();
-            config.optimiser.steps = 1;
-            if config.network.grid.is_some() {
-                // They follow from the steps across the box, which are named in their place.
-                config.sampling.samples = 1;
-            }
-            serde_json::to_value(config).expect("plain data")
-        };
-        check_settings(path, &tree(config), &tree(&self.config))
-    }
-}
-
-/// A checkpoint's file: what it is and its version, a checksum, the state.
-pub(crate) fn pack(magic: [u8; 8], state: &impl Serialize) -> Vec<u8> {
-    // Serialising plain data to memory has no way to fail.
-    let body = postcard::to_stdvec(state).expect("plain data");
-    let mut bytes = Vec::with_capacity(body.len() + 12);
-    bytes.extend(magic);
-    bytes.extend(crc(&body).to_le_bytes());
-    bytes.extend(body);
-    bytes
-}
-
-/// Reads one back.
-pub(crate) fn unpack<T: DeserializeOwned>(magic: [u8; 8], path: &Path) -> Result<T, CheckpointError> {
-    let bytes = read_limited(path, MAX_CHECKPOINT_BYTES)
-        .map_err(|source| CheckpointError::Read { path: path.into(), source })?;
-    let format = |found: &str| CheckpointError::Format { path: path.into(), found: found.into() };
-    let rest = bytes.strip_prefix(&magic).ok_or_else(|| format("another kind of file or version"))?;
-    let (stored, body) = rest.split_first_chunk::<4>().ok_or_else(|| format("a truncated file"))?;
-    if u32::from_le_bytes(*stored) != crc(body) {
-        return Err(format("a damaged file (checksum)"));
-    }
-    match postcard::take_from_bytes(body) {
-        Ok((state, [])) => Ok(state),
-        _ => Err(format("a body of another shape")),
-    }
-}
-
-/// Refuses a checkpoint of other data, each a name and a fingerprint.
-pub(crate) fn check_data(path: &Path, now: (&str, u64), then: (&str, u64)) -> Result<(), CheckpointError> {
-    let other = |expected: String, found: String| {
-        Err(CheckpointError::Other { path: path.into(), field: "data".into(), expected, found })
-    };
-    if then.0 != now.0 {
-        return other(now.0.into(), then.0.into());
-    }
-    if then.1 != now.1 {
-        let text = |print: u64| format!("pictures and cameras {print:016x}");
-        return other(text(now.1), text(then.1));
-    }
-    Ok(())
-}
-
-/// Refuses a checkpoint of other settings, both as JSON.
-pub(crate) fn check_settings(path: &Path, now: &Value, then: &Value) -> Result<(), CheckpointError> {
-    match difference(now, then) {
-        Some((field, expected, found)) => {
-            Err(CheckpointError::Other { path: path.into(), field, expected, found })
+    pub fn read(path: &Path) -> anyhow::Result<Self> {
+        let bytes = read_limited(path, MAX_CHECKPOINT_BYTES)
+            .with_context(|| format!("checkpoint {}", path.display()))?;
+        let format = |found| damaged(path, found);
+        let rest = bytes.strip_prefix(&MAGIC).ok_or_else(|| format("another kind of file or version"))?;
+        let (stored, body) = rest.split_first_chunk::<4>().ok_or_else(|| format("a truncated file"))?;
+        if u32::from_le_bytes(*stored) != crc(body) {
+            return Err(format("a damaged file (checksum)"));
         }
-        None => Ok(()),
+        match postcard::take_from_bytes(body) {
+            Ok((state, [])) => Ok(state),
+            _ => Err(format("a body of another shape")),
+        }
     }
+
+    /// Refuses a checkpoint of other data or settings, and names the first difference.
+    ///
+    /// `config`: as [`settings`] has it; `data`: a name and a fingerprint. Limits on steps and time may differ: that is how
+    /// a run is continued.
+    pub fn check_belongs(&self, path: &Path, config: &str, data: (&str, u64)) -> anyhow::Result<()> {
+        let other = |field: &str, expected: &str, found: &str| {
+            let path = path.display();
+            anyhow!(
+                "checkpoint {path}: {field} differs from this run's (in the file: {found}; now: {expected})"
+            )
+        };
+        if self.data != data.0 {
+            return Err(other("data", data.0, &self.data));
+        }
+        if self.fingerprint != data.1 {
+            let text = |print: u64| format!("pictures and cameras {print:016x}");
+            return Err(other("data", &text(data.1), &text(self.fingerprint)));
+        }
+        // What is no JSON differs as a whole.
+        let tree = |config: &str| serde_json::from_str::<Value>(config).unwrap_or_default();
+        match difference(&tree(config), &tree(&self.config)) {
+            Some((field, expected, found)) => Err(other(&field, &expected, &found)),
+            None => Ok(()),
+        }
+    }
+
+    /// Whether a curve and averaged parameters, whose checksum says nothing of who wrote them, can be those of a run that
+    /// has `average`; the part that cannot.
+    pub(super) fn wrong_part(&self, average: &Average) -> Option<&'static str> {
+        let step = self.progressed.step;
+        let ascending = self.curve.is_sorted_by_key(|point| point.step);
+        let parts = [
+            ("counters", u64::from(step) == self.optimiser.steps),
+            ("averaged parameters", self.average.is_like(average, step)),
+            ("points of the curve", ascending && self.curve.last().is_none_or(|point| point.step <= step)),
+        ];
+        parts.into_iter().find(|&(_, fits)| !fits).map(|(part, _)| part)
+    }
+}
+
+pub(crate) fn damaged(path: &Path, found: impl Display) -> anyhow::Error {
+    anyhow!(
+        "checkpoint {}: expected a whole checkpoint of this version, found {found}; --restart in place of --resume begins \
+         anew and replaces it",
+        path.display()
+    )
+}
+
+/// Settings that a run is continued with, as JSON (TOML has no u64 for the seed): all but the number of steps, and but the
+/// samples beside a grid, which follow from the steps across the box.
+pub(crate) fn settings(config: &impl Serialize) -> String {
+    let mut tree = serde_json::to_value(config).expect("plain data");
+    tree["optimiser"]["steps"] = 1.into();
+    if tree.pointer("/network/grid").is_some_and(|grid| !grid.is_null()) {
+        tree["sampling"]["samples"] = 1.into();
+    }
+    tree.to_string()
 }
 
 /// The first field that differs, as `network.width`, with both values.

@@ -21,11 +21,9 @@ pub struct Gains {
     moment1: Vec<[f32; 3]>,
     moment2: Vec<[f32; 3]>,
     steps: u32,
-    /// Whether the trial is under way.
     on_trial: bool,
 }
 
-/// What was found of the photographs' exposure.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ExposureFound {
     /// Standard deviation of the log gains over the photographs.
@@ -125,7 +123,6 @@ impl Gains {
         Some(ExposureFound::of(&self.log, false, false))
     }
 
-    /// The photographs they are of.
     pub fn views(&self) -> usize {
         self.log.0.len()
     }

@@ -25,22 +25,18 @@ use std::path::{Path, PathBuf};
 pub(crate) use trainer::{RESEEDS, lengthened};
 pub use trainer::{Trainer, candidate};
 
-/// Counters of the loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Progressed {
     pub step: u32,
     pub rays: u64,
     /// Samples whose density was evaluated; of a field without a grid as many as were trained on.
     pub evaluated: u64,
-    /// Live samples trained on.
     pub samples: u64,
     /// Smoothed live samples a ray; decides how many rays are drawn.
     live_per_ray: f64,
-    /// Smoothed mean squared error.
     mse: f64,
     /// Steps in a row without density.
     dead_steps: u32,
-    /// Times the run was started anew.
     pub reseeds: u32,
 }
 
@@ -50,7 +46,6 @@ pub fn psnr_db_of_mse(mse: f64) -> f64 {
     -10.0 * mse.log10() + 0.0
 }
 
-/// One point of the training curve.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CurvePoint {
     pub step: u32,
@@ -65,15 +60,12 @@ pub struct CurvePoint {
     pub val_lattice: u32,
 }
 
-/// A picture that was taken.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Snapshot {
     pub step: u32,
-    /// Seconds since the start.
     pub seconds: f64,
     /// Index into the validation split.
     pub view: usize,
-    /// dB.
     pub psnr_db: f64,
 }
 
@@ -103,7 +95,7 @@ pub enum TrainError {
     #[error(
         "training died {restarts} times: every density became 0. Try {}a lower --rate, or check the cameras' \
          convention with --axes",
-        if *relu { "--density softplus, " } else { "" }
+        if *relu { "--set network.density=softplus, " } else { "" }
     )]
     Dead { restarts: u32, relu: bool },
     #[error("{part} that do not fit the rest")]

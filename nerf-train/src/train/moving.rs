@@ -47,9 +47,7 @@ struct Tiles {
     first: usize,
     columns: usize,
     rows: usize,
-    /// Side of a patch, pixels.
     side: u32,
-    /// Width of the photograph, pixels.
     width: u32,
 }
 
@@ -68,7 +66,6 @@ impl Tiles {
         row * self.rows / other.rows * self.columns + column * self.columns / other.columns
     }
 
-    /// The patch of a pixel.
     fn patch(&self, pixel: u32) -> usize {
         let (x, y) = (pixel % self.width / self.side, pixel / self.width / self.side);
         self.first + y as usize * self.columns + x as usize
@@ -100,7 +97,6 @@ pub struct Moved {
     /// Index and name of the training photograph.
     pub view: usize,
     pub name: String,
-    /// Masked share of its pixels.
     pub share: f64,
     /// Whether each pixel is masked, row by row from the top.
     pub mask: Vec<bool>,
@@ -252,12 +248,10 @@ impl Moving {
         means.into_iter().map(|mean| mean.map(beside)).collect()
     }
 
-    /// Whether any patch is masked.
     pub fn is_found(&self) -> bool {
         self.masked.contains(&true)
     }
 
-    /// Photographs with masked pixels.
     pub fn found(&self, views: &[View]) -> Vec<Moved> {
         let of = |(view, tiles): (usize, &Tiles)| {
             let mask: Vec<bool> =

@@ -49,7 +49,6 @@ pub struct Poses {
     on_trial: bool,
 }
 
-/// What was found of the photographs' poses.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PosesFound {
     /// Pixels, the median: of a reconstruction's points, how far they are projected from where they are seen; else of the
@@ -111,7 +110,6 @@ impl Poses {
         }
     }
 
-    /// Whether it is decided that they are refined.
     pub fn are_refined(&self) -> bool {
         !self.on_trial
     }
@@ -129,7 +127,6 @@ impl Poses {
         cameras(given, &self.cast)
     }
 
-    /// Cameras as they are now.
     pub fn cameras(&self, given: &[View]) -> Vec<Camera> {
         cameras(given, &self.moved)
     }

@@ -271,7 +271,7 @@ fn what_was_not_learned_and_what_was_started_anew_is_said() {
     // Without a bias some seeds have no density anywhere.
     let config = folder.file("run.toml", "[network]\ndensity_bias = 0.0\n");
     let data = folder.blender("scene");
-    let dying = "--preset seed --width 16 --colour-width 8 --rays 16 --samples 4 --occupancy-resolution 12 --steps 130";
+    let dying = "--preset seed --width 16 --colour-width 8 --rays 16 --set sampling.samples=4 --set occupancy.resolution=12 --steps 130";
     let restarted = (0..12).any(|seed| {
         let seed = format!("--seed={seed}");
         let files = [
@@ -309,10 +309,13 @@ fn odd_but_valid_pictures_end_in_a_blob_or_a_message() {
     for (name, dataset) in [("one", made(1, 12)), ("pixels", made(5, 1)), ("sizes", sizes), ("clear", clear)]
     {
         let data = folder.blender_of(name, &dataset);
-        for (i, more) in
-            [&[][..], &["--rate", "0.1"], &["--preset", "seed", "--skip-after", "1", "--density", "softplus"]]
-                .into_iter()
-                .enumerate()
+        for (i, more) in [
+            &[][..],
+            &["--rate", "0.1"],
+            &["--preset", "seed", "--set", "network.skip_after=1", "--set", "network.density=softplus"],
+        ]
+        .into_iter()
+        .enumerate()
         {
             let (file, report) =
                 (folder.path(&format!("{name}{i}.nerf")), folder.path(&format!("{name}{i}")));

@@ -5,7 +5,7 @@ use crate::{blob, command, fails, has, json, ok, ran};
 use std::path::Path;
 
 /// A network of 2×16 on small pictures: steps of a millisecond.
-const TINY: &[&str] = &["--pixels", "64", "--steps", "40", "--warm-up", "0"];
+const TINY: &[&str] = &["--pixels", "64", "--steps", "40", "--set", "optimiser.warm_up=0"];
 
 /// A picture of a few colours, 12×8.
 fn photo(folder: &Folder) -> String {
@@ -105,9 +105,7 @@ fn flags_of_the_other_kind_of_field_are_refused_with_a_sentence() {
             fails(image_fit(&photo, &file, &[flag, "4", "--preset", preset]), &words);
         }
     }
-    for flag in [["--levels", "6"], ["--epsilon", "1e-8"]] {
-        fails(image_fit(&photo, &file, &flag), &[flag[0], "`grid`", "--preset classic"]);
-    }
+    fails(image_fit(&photo, &file, &["--set", "levels=6"]), &["levels", "0 beside a grid"]);
     let folder_of_sweep = folder.path("sweep");
     fails(
         sweep(&photo, &folder_of_sweep, &["--levels", "2", "--preset", "grid"]),
@@ -218,7 +216,7 @@ fn bad_pictures_and_settings_leave_nothing() {
     fails(image_fit(&text, &file, &[]), &["text.png", "PNG, JPEG"]);
     fails(image_fit(&photo, &file, &["--scale", "2"]), &["--scale"]);
     fails(image_fit(&photo, &file, &["--rate", "0"]), &["optimiser.rate"]);
-    let levels = ["--levels", "40", "--preset", "classic"];
+    let levels = ["--set", "levels=40", "--preset", "classic"];
     fails(image_fit(&photo, &file, &levels), &["levels: expected at most 16, found 40"]);
     fails(image_fit(&photo, &file, &["--snapshots", "1"]), &["--report"]);
     fails(image_fit(&photo, &file, &["--max-seconds", "0"]), &["--max-seconds"]);
@@ -258,7 +256,6 @@ fn pictures_are_swept_over_grids() {
     assert!(table.starts_with("rank,table,grid-levels,features,finest,rate,"), "{table}");
     assert_eq!(table.lines().filter(|row| row.contains(",12,")).count(), 2, "a cell a pixel: {table}");
     fails(args.into_iter().chain(["--finest", "12,13"]), &["network.grid.finest", "12 pixels", "13"]);
-    fails(args.into_iter().chain(["--table", "6", "--epsilon", "1e-8"]), &["--epsilon", "--preset classic"]);
 }
 
 #[test]
@@ -275,7 +272,7 @@ fn parts_of_a_sweep_are_merged() {
     assert!(out.contains("no better than one flat colour"), "{out}");
     assert_eq!(std::fs::read_to_string(format!("{whole}/table.csv")).expect("a table").lines().count(), 4);
     let other = folder.path("other");
-    ok(sweep(&photo, &other, &["--rate", "1e-3", "--average", "0.5", "-q"]));
+    ok(sweep(&photo, &other, &["--rate", "1e-3", "--set", "optimiser.average=0.5", "-q"]));
     fails(["sweep", "merge", "-o", &whole, &parts[0], &other], &["average"]);
     fails(["sweep", "merge", "-o", &folder.path("new"), &photo], &["sweep.json"]);
 }

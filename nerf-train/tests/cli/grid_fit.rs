@@ -51,15 +51,12 @@ fn flags_of_the_other_kind_of_network_are_refused_with_a_sentence() {
         fails(["fit", &data, "-o", &file, "--preset", "seed", flag, "4"], &[flag, "`seed`", "--preset grid"]);
     }
     fails(fit(&data, &file, &["--export", "int8"]), &["--export", "`small`", "--preset grid"]);
-    let of_sinusoidal = [
-        ["--position-levels", "6"],
-        ["--skip-after", "1"],
-        ["--density", "relu"],
-        ["--samples", "64"],
-        ["--jitter", "none"],
-    ];
-    for flag in of_sinusoidal {
-        fails(fit_grid(&data, &file, &flag), &[flag[0], "`grid`", "--preset small"]);
+    for (setting, field) in [
+        ("network.position_levels=6", "network.position_levels"),
+        ("network.skip_after=1", "network.skip_after"),
+        ("network.density=relu", "network.density"),
+    ] {
+        fails(fit_grid(&data, &file, &["--set", setting]), &[field]);
     }
     fails(
         ["sweep", "scene", &data, "-o", &folder.path("s"), "--levels", "8", "--preset", "grid"],
@@ -92,7 +89,7 @@ fn bad_values_are_refused_naming_the_field() {
         // 8 levels of 2^24 entries of four features are more than is trained.
         (&["--table", "24", "--features", "4", "--finest", "2000"], "network.grid.log2_entries"),
         (&["--steps-across", "0"], "sampling.steps_across"),
-        (&["--direction-levels", "5"], "network.direction_levels"),
+        (&["--set", "network.direction_levels=5"], "network.direction_levels"),
         (&["--depth", "1000"], "network.depth"),
         (&["--width", "32"], "--width"),
         (&["--preset", "small", "--depth", "0"], "network.depth"),
@@ -263,7 +260,7 @@ fn a_file_is_no_larger_than_it_was_asked_to_be() {
         );
     }
     // What flags say stays; what is there suffices for f16 where nothing is asked to be larger.
-    let flags = ["--table", "9", "--occupancy-resolution", "24", "--max-bytes", "1m"];
+    let flags = ["--table", "9", "--set", "occupancy.resolution=24", "--max-bytes", "1m"];
     ok([&["fit", &data, "-o", &file, "--restart", "-q", "--steps", "2"], &flags[..]].concat());
     let bytes = std::fs::read(&file).expect("a blob");
     let blob = Blob::open(&bytes).expect("a blob");

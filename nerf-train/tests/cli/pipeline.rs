@@ -222,26 +222,27 @@ fn seed_preset_and_its_published_variants_work_end_to_end() {
         "8",
         "--rays",
         "64",
-        "--occupancy-resolution",
-        "12",
+        "--set",
+        "occupancy.resolution=12",
         "--steps",
         "3",
     ];
     let variants: [&[&str]; 5] = [
         &[],
-        &["--samples", "32"],
-        &["--jitter", "0.02"],
-        &["--images", "5", "--rays", "100"],
+        &["--set", "sampling.samples=32"],
+        &["--set", "sampling.jitter.width=0.02"],
+        &["--set", "sampling.images=5", "--rays", "100"],
         &["--rate", "1e-3"],
     ];
     for (i, variant) in variants.into_iter().enumerate() {
         let file = folder.path(&format!("{i}.nerf"));
-        // A flag given twice is refused by clap, so a variant's own value replaces the base's.
+        // A flag but --set given twice is refused by clap, so a variant's own value replaces the base's.
+        let again = |flag: &str| flag != "--set" && variant.contains(&flag);
         let kept: Vec<&str> =
-            base.chunks_exact(2).filter(|pair| !variant.contains(&pair[0])).flatten().copied().collect();
+            base.chunks_exact(2).filter(|pair| !again(pair[0])).flatten().copied().collect();
         ok([&["fit", &data, "-o", &file, "-q"], &kept[..], variant].concat());
         let said: serde_json::Value = serde_json::from_str(&ok(["inspect", &file, "--json"])).expect("JSON");
-        assert_eq!(said["samples_per_ray"], if variant.contains(&"32") { 32 } else { 64 });
+        assert_eq!(said["samples_per_ray"], if variant.contains(&"sampling.samples=32") { 32 } else { 64 });
         let layers = said["layers"].as_array().expect("a list");
         let skips = |layer: &serde_json::Value| layer["main_inputs"] == 16 && layer["extra_inputs"] == 63;
         assert!(layers.iter().any(skips), "{said}");
@@ -365,7 +366,9 @@ fn settings_out_of_range_are_refused_naming_the_field() {
         (["--threads", "0"], "--threads"),
         (["--width", "100000"], "network.width"),
         (["--rate", "nan"], "optimiser.rate"),
-        (["--jitter=-0.5", "--no-hull"], "jitter"),
+        (["--set=sampling.jitter.width=-0.5", "--no-hull"], "jitter"),
+        (["--set", "network.widht=8"], "--set: unknown field `widht`"),
+        (["--set", "network.width"], "PATH=VALUE"),
         (["--max-seconds", "0"], "--max-seconds"),
         (["--max-seconds", "nan"], "--max-seconds"),
         (["--preset", "best"], "--preset"),

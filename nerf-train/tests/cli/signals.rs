@@ -12,7 +12,6 @@ use nerf_train::data::demo;
 use nerf_train::data::demo::DemoSpec;
 use nerf_train::system::stop;
 use nerf_train::train::checkpoint::Checkpoint;
-use nerf_train::train::field::FieldCheckpoint;
 use std::fs;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
@@ -71,15 +70,15 @@ const ROWS: &[Row] = &[
             "12",
             "--validate-every",
             "4",
-            "--samples",
-            "32",
+            "--set",
+            "sampling.samples=32",
             "--width",
             "32",
             "--preset",
             "small",
         ];
         let data = ["fit", &i.large, "-o", &o.path("a.nerf"), "--report", &o.path("report"), "-q"];
-        owned(&[&data, &run, &["--rays", "64", "--depth", "2", "--occupancy-resolution", "12"]])
+        owned(&[&data, &run, &["--rays", "64", "--depth", "2", "--set", "occupancy.resolution=12"]])
     }),
     ("fit of a fifo", 0.5, |i, o| owned(&[&fit(&i.fifo, &o.path("a.nerf"), &[])])),
     ("image fit", 1.5, |i, o| {
@@ -171,7 +170,7 @@ fn is_whole(path: &Path) -> bool {
     let bytes = fs::read(path).expect("a file");
     match path.extension().and_then(|extension| extension.to_str()).unwrap_or_default() {
         "nerf" => Blob::open(&bytes).is_ok(),
-        "checkpoint" => Checkpoint::read(path).is_ok() || FieldCheckpoint::read(path).is_ok(),
+        "checkpoint" => Checkpoint::read(path).is_ok(),
         "png" => image::load_from_memory(&bytes).is_ok(),
         "json" => serde_json::from_slice::<serde_json::Value>(&bytes).is_ok(),
         "csv" => csv::Reader::from_reader(&bytes[..]).records().all(|row| row.is_ok()),

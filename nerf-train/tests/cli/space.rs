@@ -102,7 +102,8 @@ fn a_wall_in_front_of_cameras_side_by_side_is_fitted_where_it_is() {
     let wall = before_a_wall(false);
     let plain = folder.npz_of("wall.npz", &wall, |_| {});
     let (file, film) = (folder.path("a.nerf"), folder.path("views.gif"));
-    let small = ["--table", "12", "--rays", "256", "--live-samples", "8192", "--steps", "600", "-q"];
+    let small =
+        ["--table", "12", "--rays", "256", "--set", "sampling.live_samples=8192", "--steps", "600", "-q"];
     ok([&["fit", &plain, "-o", &file, "--near", "2", "--far", "4", "--space", "contracted"], &small[..]]
         .concat());
     assert_eq!(power(&file), Some(1));
@@ -152,7 +153,8 @@ fn moved(folder: &Folder, name: &str, scale: f64, turn: DQuat, by: DVec3) -> Str
 /// PSNR over validation views and the smallest z-depth in these after a fit, dB and world units.
 fn fitted(folder: &Folder, data: &str) -> (f64, f64) {
     let (file, report) = (format!("{data}.nerf"), format!("{data}_report"));
-    let small = ["--table", "10", "--rays", "256", "--live-samples", "4096", "--steps", "300", "-q"];
+    let small =
+        ["--table", "10", "--rays", "256", "--set", "sampling.live_samples=4096", "--steps", "300", "-q"];
     ok([&["fit", data, "-o", &file, "--report", &report], &small[..]].concat());
     let film = folder.path("views.gif");
     let views = ["--path", data, "--split", "val", "--outputs", "z-depth", "--json", "-q"];
@@ -278,7 +280,13 @@ fn photographs_have_unbounded_space_unless_told_otherwise() {
         (&data, "grid", &[][..], Some(1), [unbounded, "do not say what is background"]),
         (&data, "grid", &["--space", "box"], None, ["space ends at a box", "as --space says"]),
         (&data, "grid", &["--box", "-2,-2,-2,2,2,2"], None, ["space ends at a box", "which is given"]),
-        (&data, "grid", &["--dense"], None, ["space ends at a box", "skips empty space"]),
+        (
+            &data,
+            "grid",
+            &["--set", "occupancy.skip=false"],
+            None,
+            ["space ends at a box", "skips empty space"],
+        ),
         (&data, "small", &[], None, ["space ends at a box", "a contraction needs a learned grid"]),
         (&plain, "grid", &[], None, ["space ends at a box", "the pictures say what is background"]),
         (&plain, "grid", &["--space", "contracted"], Some(1), [unbounded, "as --space says"]),
@@ -359,7 +367,7 @@ fn contractions_that_cannot_be_are_refused_by_name() {
     fails(fit(&data, &file, &contracted), &["sampling.contraction", "none without a learned grid"]);
     let boxed = [&contracted[..], &["--box", "-2,-2,-2,2,2,2"]].concat();
     fails(fit_grid(&data, &file, &boxed), &["sampling.contraction", "none beside a scene box"]);
-    let dense = [&contracted[..], &["--dense"]].concat();
+    let dense = [&contracted[..], &["--set", "occupancy.skip=false"]].concat();
     fails(fit_grid(&data, &file, &dense), &["sampling.contraction", "none where occupancy.skip is false"]);
     fails(fit_grid(&data, &file, &["--space", "sphere"]), &["--space", "auto, box, contracted"]);
     for (text, words) in [

@@ -5,7 +5,6 @@ use nerf_core::Kernel;
 use nerf_train::data::Dataset;
 use nerf_train::fit::finish::Outcome;
 use nerf_train::fit::run::Ended;
-use nerf_train::fit::run::RunError;
 use nerf_train::fit::run::run;
 use nerf_train::model::config::Config;
 use nerf_train::model::config::Jitter;
@@ -22,7 +21,7 @@ use std::time::Duration;
 /// A name, and something done to a value.
 type Change<T> = (&'static str, fn(&mut T));
 
-fn resume(dataset: &Dataset, config: &Config, checkpoint: &Path) -> Result<Ended<Outcome>, RunError> {
+fn resume(dataset: &Dataset, config: &Config, checkpoint: &Path) -> anyhow::Result<Ended<Outcome>> {
     run(dataset, config.clone(), &options(config, Some(checkpoint.into()), true), &|_| false)
 }
 

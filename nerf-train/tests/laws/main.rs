@@ -20,7 +20,6 @@ use nerf_train::data::demo;
 use nerf_train::data::demo::DemoSpec;
 use nerf_train::fit::finish::Outcome;
 use nerf_train::fit::run::Ended;
-use nerf_train::fit::run::RunError;
 use nerf_train::fit::run::RunOptions;
 use nerf_train::fit::run::run;
 use nerf_train::model::config::Config;
@@ -112,7 +111,7 @@ fn options(config: &Config, checkpoint: Option<PathBuf>, resume: bool) -> RunOpt
     }
 }
 
-fn fit(dataset: &Dataset, config: &Config) -> Result<Outcome, RunError> {
+fn fit(dataset: &Dataset, config: &Config) -> anyhow::Result<Outcome> {
     match run(dataset, config.clone(), &options(config, None, false), &|_| false)? {
         Ended::Finished(outcome) => Ok(outcome),
         Ended::Interrupted { .. } => unreachable!("nobody interrupts"),

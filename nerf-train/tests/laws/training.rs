@@ -10,7 +10,7 @@ use nerf_train::data::demo;
 use nerf_train::data::demo::DemoSpec;
 use nerf_train::data::{Background, over};
 use nerf_train::fit::finish::Outcome;
-use nerf_train::fit::run::{Ended, RunError, run};
+use nerf_train::fit::run::{Ended, run};
 use nerf_train::lab::sweep::Job;
 use nerf_train::lab::sweep::Runner;
 use nerf_train::lab::sweep::Status;
@@ -174,9 +174,12 @@ fn a_network_that_stays_dead_is_given_up_with_advice() {
     config.network.density_bias = -100.0;
     (config.sampling.rays, config.sampling.samples) = (16, 4);
     let error = fit(&scene(), &config).expect_err("dead");
-    assert!(matches!(error, RunError::Train(TrainError::Dead { .. })), "{error}");
+    assert!(matches!(error.downcast_ref(), Some(TrainError::Dead { .. })), "{error}");
     let error = error.to_string();
-    assert!(error.contains("--density softplus") && !error.contains("nerf-train show"), "{error}");
+    assert!(
+        error.contains("--set network.density=softplus") && !error.contains("nerf-train show"),
+        "{error}"
+    );
     // What is done already is no advice.
     let error = TrainError::Dead { restarts: 4, relu: false }.to_string();
     assert!(!error.contains("softplus") && error.contains("--rate"), "{error}");

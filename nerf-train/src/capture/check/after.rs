@@ -78,7 +78,6 @@ impl Fitted {
         fitted
     }
 
-    /// The sentences.
     pub fn lines(&self) -> impl Iterator<Item = &str> {
         self.findings.iter().map(String::as_str)
     }

@@ -17,7 +17,6 @@ const STAMP: usize = 32;
 /// Mean difference of two such pictures, against their standard deviation, below which they are the same.
 const SAME: f32 = 0.01;
 
-/// A photograph in grey, made smaller.
 pub(super) struct Grey {
     /// Pixels of the view along a side of one of these.
     pub factor: u32,
@@ -145,7 +144,6 @@ pub(super) fn sharpness(views: &[&View], greys: &[Grey]) -> Vec<f32> {
     (0..views.len()).into_par_iter().map(relative).collect()
 }
 
-/// Whether a photograph of this sharpness is blurred.
 pub(super) fn is_blurred(sharpness: f32) -> bool {
     sharpness < BLURRED
 }

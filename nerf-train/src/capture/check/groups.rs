@@ -21,7 +21,6 @@ pub(super) struct Groups {
     pub outliers: Vec<usize>,
 }
 
-/// How many of `count` photographs are few.
 pub(super) fn few(count: usize) -> usize {
     (count / FEW).max(2)
 }

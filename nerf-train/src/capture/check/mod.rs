@@ -20,6 +20,7 @@ use crate::capture::exposure::LogGains;
 use crate::capture::sights::Sights;
 use crate::data::{Dataset, View};
 use crate::system::summary::Short;
+use anyhow::{Context, bail};
 use grey::Grey;
 use groups::{Groups, few};
 use links::Links;
@@ -65,7 +66,6 @@ pub struct Diagnosis {
     runs: Vec<Vec<String>>,
     #[serde(skip)]
     tracks: bool,
-    /// The figures, in a line.
     pub facts: String,
     pub findings: Vec<String>,
 }
@@ -77,7 +77,6 @@ pub struct NamedGap {
     pub between: [String; 2],
 }
 
-/// Findings on one photograph.
 #[derive(Clone, Debug, Serialize)]
 pub struct Photograph {
     pub name: String,
@@ -88,20 +87,6 @@ pub struct Photograph {
     pub sharpness: Short,
     /// Mean log gain.
     pub exposure: Option<Short>,
-}
-
-/// A group that cannot be fitted.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum GroupError {
-    #[error("--group: expected 1 to {groups}, a group of photographs that `check` names, found {found}")]
-    Missing { groups: usize, found: usize },
-    #[error(
-        "--group: expected none, as `check` finds no groups in {data}: all photographs can be fitted together"
-    )]
-    NoGroups { data: String },
-    #[error("--group: expected a group with training photographs, found all of group {found} held out")]
-    HeldOut { found: usize },
 }
 
 /// Why photographs fall into groups.
@@ -256,19 +241,24 @@ impl Diagnosis {
 
     /// Keeps the photographs to be fitted. Training photographs that contradict the rest are left out where they are few.
     /// With a `group`, counted from 1, only its photographs are kept, held-out ones included.
-    ///
-    /// # Errors
-    /// [`GroupError`]; the data set is not changed then.
-    pub fn select(&self, dataset: &mut Dataset, group: Option<usize>) -> Result<(), GroupError> {
+    /// Where that fails, the data set is not changed.
+    pub fn select(&self, dataset: &mut Dataset, group: Option<usize>) -> anyhow::Result<()> {
         if let Some(found) = group {
             let groups = self.groups.len();
             if groups == 0 {
-                return Err(GroupError::NoGroups { data: self.data.clone() });
+                let data = &self.data;
+                bail!(
+                    "--group: expected none, as `check` finds no groups in {data}: all photographs can be fitted together"
+                );
             }
             let chosen = found.checked_sub(1).and_then(|index| self.groups.get(index));
-            let chosen = chosen.ok_or(GroupError::Missing { groups, found })?;
+            let chosen = chosen.with_context(|| {
+                format!("--group: expected 1 to {groups}, a group of photographs that `check` names, found {found}")
+            })?;
             if !dataset.train.iter().any(|view| chosen.contains(&view.name)) {
-                return Err(GroupError::HeldOut { found });
+                bail!(
+                    "--group: expected a group with training photographs, found all of group {found} held out"
+                );
             }
             for views in [&mut dataset.train, &mut dataset.val, &mut dataset.test] {
                 views.retain(|view| chosen.contains(&view.name));
@@ -278,7 +268,6 @@ impl Diagnosis {
         Ok(())
     }
 
-    /// The figures, and what is wrong, a line each.
     pub fn lines(&self) -> impl Iterator<Item = &str> {
         std::iter::once(&self.facts).chain(&self.findings).map(String::as_str)
     }

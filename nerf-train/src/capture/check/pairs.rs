@@ -43,7 +43,6 @@ impl Pair {
     }
 }
 
-/// A photograph as it is compared.
 struct Compared<'v> {
     view: &'v View,
     grey: &'v Grey,

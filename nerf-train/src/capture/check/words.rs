@@ -50,7 +50,6 @@ impl Found<'_> {
         runs.iter().take(LISTED).map(shown).collect::<Vec<_>>().join(", ") + &more
     }
 
-    /// The figures, in a line.
     pub(super) fn facts(&self) -> String {
         let mut parts = Vec::new();
         parts.push(match &self.spread {
@@ -187,7 +186,6 @@ impl Found<'_> {
         ))
     }
 
-    /// Blur, duplicates, exposure.
     fn pictures(&self) -> Vec<String> {
         let blurred = self.blurred();
         let mut found = Vec::new();

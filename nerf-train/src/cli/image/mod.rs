@@ -5,18 +5,22 @@ mod render;
 use crate::cli::common::{
     Global, check_checkpoint_every, check_max_seconds, claim_checkpoint, parse_background,
 };
-use crate::cli::options::grid::{self, TableSettings, check_memory, given, of_sinusoidal, parse_bytes};
+use crate::cli::options::grid::{self, TableSettings, check_memory, given, parse_bytes};
+use crate::cli::options::settings::SetOption;
 use crate::cli::places;
 use crate::data::pictures::photograph::{MAX_SIDE, Photo};
 use crate::fit::drive::Ended;
-use crate::fit::picture::{Evaluation, RunOptions, Summary, kept, run};
+use crate::fit::picture::{Evaluation, Summary, kept, run};
+use crate::fit::run::RunOptions;
 use crate::fit::size;
+use crate::fit::snapshot::SnapshotOptions;
 use crate::model::picture_config::{FieldConfig, FieldPreset};
-use crate::show::reports::picture::{step_file, write as report};
+use crate::show::reports::picture::step_file;
+use crate::show::reports::picture::write as report;
 use crate::system::output::claims::Claims;
 use crate::system::output::ensure_folder;
 use crate::system::stop;
-use crate::train::schedule::{Budget, Clock};
+use crate::train::schedule::{Budget, Clock, MIN_STEPS};
 use clap::{Args, Subcommand};
 use render::Render;
 use std::path::{Path, PathBuf};
@@ -36,7 +40,6 @@ pub enum Image {
 }
 
 impl Image {
-    /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         match self {
             Self::Fit(fit) => fit.run(global),
@@ -57,7 +60,6 @@ pub struct PhotoOptions {
 }
 
 impl PhotoOptions {
-    /// Reads it and says what was read.
     pub fn read(&self, file: &Path, global: &Global) -> anyhow::Result<Photo> {
         let photo = Photo::read(file, self.background, self.scale)?;
         let [width, height] = photo.size();
@@ -74,43 +76,26 @@ pub struct Settings {
     /// Pixels per batch; with a grid stratified over the image.
     #[arg(long, value_name = "N")]
     pixels: Option<usize>,
-    /// Final learning rate, relative to the initial one; 1: constant.
-    #[arg(long, value_name = "SHARE")]
-    final_share: Option<f64>,
-    /// Learning-rate warm-up steps.
-    #[arg(long, value_name = "N")]
-    warm_up: Option<u32>,
-    /// Adam beta2.
-    #[arg(long, value_name = "DECAY")]
-    beta2: Option<f64>,
-    /// Adam epsilon (sinusoidal networks).
-    #[arg(long, value_name = "EPSILON")]
-    pub epsilon: Option<f64>,
-    /// EMA decay of the exported parameters; 0: the last step's.
-    #[arg(long, value_name = "DECAY")]
-    average: Option<f64>,
     /// Training steps [default: the preset's].
     #[arg(long, value_name = "N")]
     steps: Option<u32>,
     /// Random seed.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
+    #[command(flatten)]
+    set: SetOption,
 }
 
 impl Settings {
-    /// The settings with the flags' values.
-    pub fn over(&self, mut config: FieldConfig) -> FieldConfig {
+    /// The settings with the flags' values, and then with those that are set by their paths.
+    pub fn over(&self, mut config: FieldConfig) -> anyhow::Result<FieldConfig> {
         let o = &mut config.optimiser;
         o.steps = self.steps.unwrap_or(o.steps);
-        o.final_share = self.final_share.unwrap_or(o.final_share);
         // Of a short run no more than a fifth, unless it is asked for.
-        o.warm_up = self.warm_up.unwrap_or(o.warm_up.min(o.steps / 5));
-        o.beta2 = self.beta2.unwrap_or(o.beta2);
-        o.epsilon = self.epsilon.unwrap_or(o.epsilon);
-        o.average = self.average.unwrap_or(o.average);
+        o.warm_up = o.warm_up.min(o.steps / 5);
         config.pixels = self.pixels.unwrap_or(config.pixels);
-        config.seed = self.seed.unwrap_or(config.seed);
-        config
+        // Last, as TOML has no u64.
+        Ok(FieldConfig { seed: self.seed.unwrap_or(config.seed), ..self.set.over(config)? })
     }
 }
 
@@ -151,9 +136,6 @@ pub struct Fit {
     /// Preset to start from.
     #[arg(long, value_enum, default_value = "grid")]
     preset: FieldPreset,
-    /// Frequencies of the position encoding (sinusoidal networks).
-    #[arg(long, value_name = "L")]
-    levels: Option<u8>,
     /// Hidden layers.
     #[arg(long, value_name = "N")]
     layers: Option<usize>,
@@ -177,18 +159,12 @@ pub struct Fit {
 impl Fit {
     /// Preset and flags, for a picture of this size.
     fn config(&self, size: [u32; 2]) -> anyhow::Result<FieldConfig> {
-        let mut config = self.settings.over(self.preset.config().for_picture(size));
-        let sinusoidal =
-            [("--levels", self.levels.is_some()), ("--epsilon", self.settings.epsilon.is_some())];
-        if let Some(flag) = given(sinusoidal).filter(|_| config.grid.is_some()) {
-            return Err(of_sinusoidal(flag, &self.preset, "classic"));
-        }
+        let mut config = self.settings.over(self.preset.config().for_picture(size))?;
         let more = given([("--max-bytes", self.max_bytes.is_some())]);
         self.table.apply(config.grid.as_mut(), more, &self.preset)?;
         if let Some(grid) = config.grid.as_mut().filter(|_| self.table.coarsest.is_none()) {
             grid.coarsest = grid.coarsest.min(grid.finest.max(1));
         }
-        config.levels = self.levels.unwrap_or(config.levels);
         config.layers = self.layers.unwrap_or(config.layers);
         config.width = self.width.unwrap_or(config.width);
         config.optimiser.rate = self.rate.unwrap_or(config.optimiser.rate);
@@ -228,7 +204,8 @@ impl Fit {
         global.say_training(config.seed);
         let mut written = Ok(());
         let stop = |_| stop::requested();
-        let ended = run(&photo, config.clone(), &options, clock, &stop, |at: Evaluation<'_>| {
+        let output = Some(self.output.as_path());
+        let ended = run(&photo, config.clone(), &options, output, clock, &stop, |at: Evaluation<'_>| {
             if let Some(folder) = &snapshots
                 && self.snapshots.contains(&at.step)
             {
@@ -280,16 +257,20 @@ impl Fit {
     fn options(&self, config: &FieldConfig, checkpoint: Option<PathBuf>, global: &Global) -> RunOptions {
         let steps =
             (self.settings.steps.is_some() || self.max_seconds.is_none()).then_some(config.optimiser.steps);
+        let budget = Budget { steps, seconds: self.max_seconds };
+        let snapshots = self.report.clone().map(|folder| SnapshotOptions {
+            folder,
+            steps: self.snapshots.clone(),
+            views: Vec::new(),
+        });
         RunOptions {
-            budget: Budget { steps, seconds: self.max_seconds },
-            output: Some(self.output.clone()),
+            min_steps: MIN_STEPS,
             checkpoint,
             checkpoint_every: self.checkpoint_every,
             resume: self.resume,
-            snapshots: self.snapshots.clone(),
-            evaluate_every: self.evaluate_every,
-            kernel: global.kernel(),
-            style: global.style(),
+            snapshots,
+            validate_every: self.evaluate_every,
+            ..RunOptions::unattended(budget, global.kernel(), global.style())
         }
     }
 

@@ -44,7 +44,6 @@ pub struct Render {
 const BYTES_PER_PIXEL: u64 = 12 + 3 + 2 * 4;
 
 impl Render {
-    /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         places::check_extension("-o", &self.output, places::PICTURE)?;
         Claims::new().reads("the blob", &self.file).writes("-o", &self.output).settle()?;

@@ -24,7 +24,6 @@ pub enum UpAxis {
 }
 
 impl UpAxis {
-    /// Its unit vector.
     pub fn direction(self) -> Vec3 {
         match self {
             Self::X => Vec3::X,

@@ -1,10 +1,9 @@
 //! How commands read data sets, and where their scenes end.
 
 use crate::cli::common::Global;
-use crate::data;
 use crate::data::refined::{self, RefinedPoses};
 use crate::data::{
-    Axes, Background, Cameras, Dataset, Downscale, Layout, ReadOptions, Report, Watch, cameras_in_name,
+    self, Axes, Background, Cameras, Dataset, Downscale, Layout, ReadOptions, Report, Watch, cameras_in_name,
     origin_in_name,
 };
 use crate::model::config::{Config, Surroundings};
@@ -78,7 +77,6 @@ impl Space {
         }
     }
 
-    /// Says which was taken, and why.
     pub fn say(self, config: &Config, background: Background, global: &Global) {
         let reason = match (self, background) {
             (Self::Auto, _) if config.sampling.scene_box.is_some() => "which is given",
@@ -101,9 +99,6 @@ impl Space {
 
 impl DataOptions {
     /// The plan with rays from --near to --far.
-    ///
-    /// # Errors
-    /// A range that is none.
     pub fn range_of<'a>(&self, plan: Plan<'a>) -> Result<Plan<'a>, PlanError> {
         plan.with_range(self.near.unwrap_or(0.0), self.far.unwrap_or(f32::MAX))
     }
@@ -232,7 +227,6 @@ fn show_reading(watch: &Watch, style: ProgressStyle, ended: Receiver<()>) {
     progress.finish(format!("{} pictures", watch.done()));
 }
 
-/// Prints what was read.
 pub fn print_report(dataset: &Dataset, global: &Global) -> Report {
     let report = Report::of(dataset);
     progress::say_lines(global.style(), &report.to_string());

@@ -55,18 +55,11 @@ enum ToneMap {
 }
 
 impl EffectOptions {
-    /// The plan with these effects.
-    ///
-    /// # Errors
-    /// A setting out of range, by the name of its flag.
     pub fn of<'a>(&self, plan: Plan<'a>) -> anyhow::Result<Plan<'a>> {
         self.in_light(plan, false)
     }
 
     /// The same; `linear` for linear light whether or not --linear asks for it.
-    ///
-    /// # Errors
-    /// As [`Self::of`].
     pub fn in_light<'a>(&self, plan: Plan<'a>, linear: bool) -> anyhow::Result<Plan<'a>> {
         let lens = |aperture_radius| ThinLens { aperture_radius, focus_distance: self.focus.unwrap_or(0.0) };
         let effects = Effects {

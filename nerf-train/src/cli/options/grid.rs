@@ -7,7 +7,6 @@ use crate::system::memory;
 use clap::{Args, ValueEnum};
 use nerf_core::encoding::GridEncoding;
 
-/// The heading of its flags.
 pub const HEADING: &str = "Learned grid (--preset grid)";
 
 /// Flags for the settings of a learned grid.
@@ -57,18 +56,8 @@ pub fn given<const N: usize>(flags: [(&'static str, bool); N]) -> Option<&'stati
     flags.into_iter().find(|flag| flag.1).map(|flag| flag.0)
 }
 
-/// A preset as it is written.
 fn name(preset: &impl ValueEnum) -> String {
     preset.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
-}
-
-/// A flag of sinusoidal networks beside the learned grid of `preset`; the preset `other` has such a network.
-pub fn of_sinusoidal(flag: &str, preset: &impl ValueEnum, other: &str) -> anyhow::Error {
-    anyhow::anyhow!(
-        "{flag}: the preset `{}` has a learned grid, and this is a setting of sinusoidal networks; \
-         --preset {other} has one",
-        name(preset)
-    )
 }
 
 impl TableSettings {
@@ -103,7 +92,6 @@ impl TableSettings {
         Ok(())
     }
 
-    /// What `--max-bytes` leaves as it is.
     pub fn chosen(&self) -> Chosen {
         Chosen {
             entries: self.table.is_some(),
@@ -124,5 +112,5 @@ const BYTES_PER_VALUE: u64 = 40;
 /// Refuses tables that do not fit into memory.
 pub fn check_memory(grid: &GridEncoding) -> anyhow::Result<()> {
     let values = grid.values() as u64;
-    Ok(memory::check(format!("tables of {values} values"), values, BYTES_PER_VALUE, "lower --table")?)
+    memory::check(format!("tables of {values} values"), values, BYTES_PER_VALUE, "lower --table")
 }

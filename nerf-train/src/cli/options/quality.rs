@@ -43,7 +43,6 @@ pub enum WhichBins {
     Whole,
 }
 
-/// The name of a maths backend.
 pub fn parse_math(name: &str) -> Result<MathBackend, String> {
     match name {
         "polynomial" => Ok(MathBackend::Polynomial),
@@ -55,7 +54,6 @@ pub fn parse_math(name: &str) -> Result<MathBackend, String> {
 }
 
 impl QualityOptions {
-    /// The plan with the bins that are asked for.
     pub fn bins_of<'a>(&self, plan: Plan<'a>, default: WhichBins) -> Plan<'a> {
         match self.bins.unwrap_or(default) {
             WhichBins::Own => plan.with_own_bins(),
@@ -63,7 +61,6 @@ impl QualityOptions {
         }
     }
 
-    /// The shortcuts.
     pub fn quality(&self) -> Quality {
         let base =
             Quality { samples: self.samples, math: self.math, proposal: !self.no_proposal, ..Quality::EXACT };

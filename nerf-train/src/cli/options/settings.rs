@@ -1,23 +1,59 @@
-//! Settings out of a TOML file.
+//! Settings out of a TOML file, and by `--set`.
 
 use crate::model::config::{Config, Preset, Surroundings};
 use crate::system::input;
-use anyhow::Context;
+use anyhow::{Context, anyhow};
+use clap::Args;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 use std::path::Path;
 
-/// The preset for what lies around the scene, with the TOML file's values put over it.
+/// Settings by their path in the TOML file.
+#[derive(Debug, Default, Args)]
+pub struct SetOption {
+    /// Set anything that `config` prints, such as network.depth=2; may be repeated.
+    #[arg(long = "set", value_name = "PATH=VALUE", value_parser = parse_set)]
+    pub tables: Vec<toml::Table>,
+}
+
+/// `optimiser.beta2=0.9` as a table; what is no value of TOML is a word.
+fn parse_set(text: &str) -> Result<toml::Table, String> {
+    let (path, value) = text.split_once('=').ok_or("expected PATH=VALUE, such as network.depth=2")?;
+    let table = |value: &str| format!("{path} = {value}").parse::<toml::Table>();
+    table(value).or_else(|_| table(&format!("{value:?}"))).map_err(|error| error.message().to_owned())
+}
+
+impl SetOption {
+    /// These settings over others; a word of their own for what no setting can be.
+    pub fn over<T: Serialize + DeserializeOwned>(&self, settings: T) -> anyhow::Result<T> {
+        merged(settings, self.tables.clone()).map_err(|error| match error.downcast_ref::<toml::de::Error>() {
+            Some(toml) => anyhow!("--set: {}", input::toml_message("", toml)),
+            None => error.context("--set"),
+        })
+    }
+
+    pub fn names(&self, table: &str, key: &str) -> bool {
+        self.tables.iter().any(|set| set.get(table).is_some_and(|table| table.get(key).is_some()))
+    }
+}
+
+/// The preset for what lies around the scene, with the TOML file's values and then those of `set` put over it.
 ///
-/// A file that turns the hull off, or sets a contraction or a box, gets the defaults of that case for what it does not set.
+/// Settings that turn the hull off, or name a contraction or a box, get the defaults of that case for what they do not name.
 pub fn read_config(
     preset: Preset,
     file: Option<&Path>,
+    set: &SetOption,
     surroundings: Surroundings,
 ) -> anyhow::Result<Config> {
-    let Some(file) = file else { return Ok(preset.config().around(surroundings)) };
-    let text = input::read_text(file, input::MAX_TOML_BYTES)
-        .with_context(|| format!("cannot read {}", file.display()))?;
+    let read = |file: &Path| {
+        input::read_text(file, input::MAX_TOML_BYTES)
+            .with_context(|| format!("cannot read {}", file.display()))
+    };
+    let text = file.map(read).transpose()?.unwrap_or_default();
     let parse = || -> anyhow::Result<Config> {
-        let given: toml::Table = text.parse()?;
+        let mut given: toml::Table = text.parse()?;
+        set.tables.iter().for_each(|table| merge(&mut given, table.clone()));
         let preset = match given.get("preset") {
             Some(named) => named.clone().try_into::<Preset>()?,
             None => preset,
@@ -39,14 +75,23 @@ pub fn read_config(
         if given.get("network").is_some_and(|network| network.get("grid").is_some()) {
             start.network.grid = start.network.grid.or(Preset::Grid.config().network.grid);
         }
-        let mut merged = toml::Table::try_from(start)?;
-        merge(&mut merged, given);
-        Ok(merged.try_into()?)
+        merged(start, [given])
     };
+    let place = file.map_or_else(|| "--set".into(), |file| file.display().to_string());
     parse().map_err(|error| match error.downcast_ref::<toml::de::Error>() {
-        Some(toml) => anyhow::anyhow!("{}: {}", file.display(), input::toml_message(&text, toml)),
-        None => error.context(file.display().to_string()),
+        Some(toml) => anyhow!("{place}: {}", input::toml_message(&text, toml)),
+        None => error.context(place),
     })
+}
+
+/// Settings with the tables' values put over them.
+fn merged<T: Serialize + DeserializeOwned>(
+    settings: T,
+    tables: impl IntoIterator<Item = toml::Table>,
+) -> anyhow::Result<T> {
+    let mut merged = toml::Table::try_from(settings)?;
+    tables.into_iter().for_each(|table| merge(&mut merged, table));
+    Ok(merged.try_into()?)
 }
 
 fn merge(into: &mut toml::Table, from: toml::Table) {
@@ -63,13 +108,15 @@ fn merge(into: &mut toml::Table, from: toml::Table) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::config::Jitter;
 
     #[test]
     fn files_of_the_firmware_are_settings_for_the_demo() {
         for (name, is_grid) in [("scene.toml", false), ("grid.toml", true)] {
             let firmware = Path::new(env!("CARGO_MANIFEST_DIR")).join("../nerf-core/examples/firmware");
             let file = firmware.join(name);
-            let config = read_config(Preset::Grid, Some(&file), Surroundings::Known).expect("settings");
+            let config = read_config(Preset::Grid, Some(&file), &SetOption::default(), Surroundings::Known)
+                .expect("settings");
             config.check().unwrap_or_else(|error| panic!("{name}: {error}"));
             assert_eq!(config.network.grid.is_some(), is_grid, "{name}");
         }
@@ -81,9 +128,11 @@ mod tests {
         let read = |text: &str| {
             let file = folder.path().join("run.toml");
             std::fs::write(&file, text).expect("written");
-            read_config(Preset::Small, Some(&file), Surroundings::Known).expect("a config")
+            read_config(Preset::Small, Some(&file), &SetOption::default(), Surroundings::Known)
+                .expect("a config")
         };
-        let gentle = read_config(Preset::Small, None, Surroundings::Unknown).expect("a config");
+        let gentle =
+            read_config(Preset::Small, None, &SetOption::default(), Surroundings::Unknown).expect("a config");
         assert_eq!(gentle, Preset::Small.config().without_hull());
         assert_eq!(read("[occupancy]\nhull = false"), gentle);
         assert_eq!(read("[occupancy]\nhull = true"), Preset::Small.config());
@@ -112,5 +161,28 @@ mod tests {
         // The seed preset carves none and starts as it always does.
         let seed = "preset = \"seed\"\n[occupancy]\nhull = false";
         assert_eq!(read(seed), Preset::Seed.config());
+    }
+
+    #[test]
+    fn what_is_set_lies_over_preset_and_file() {
+        let set = |texts: &[&str]| {
+            let tables = texts.iter().map(|text| parse_set(text).expect("a setting")).collect();
+            read_config(Preset::Small, None, &SetOption { tables }, Surroundings::Known)
+        };
+        let config =
+            set(&["network.width=64", "sampling.jitter=none", "optimiser.rate=1e-3"]).expect("settings");
+        let mut expected = Preset::Small.config();
+        (expected.network.width, expected.sampling.jitter, expected.optimiser.rate) =
+            (64, Jitter::None, 1e-3);
+        assert_eq!(config, expected);
+        let gentle = read_config(Preset::Small, None, &SetOption::default(), Surroundings::Unknown);
+        assert_eq!(set(&["occupancy.hull=false"]).expect("settings"), gentle.expect("settings"));
+        for (text, word) in
+            [("network.widht=64", "widht"), ("network.width=wide", "wide"), ("depth=1", "depth")]
+        {
+            let error = set(&[text]).expect_err(text).to_string();
+            assert!(error.starts_with("--set: ") && error.contains(word), "{error}");
+        }
+        assert!(parse_set("network.width").is_err() && parse_set("a b=1").is_err());
     }
 }

@@ -134,7 +134,6 @@ const BYTES_PER_PIXEL: u64 = 40 + 60;
 const BYTES_PER_OUTPUT: u64 = 2 * (12 + 4) + 8;
 
 impl Render {
-    /// Runs the command.
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let target = self.target()?;
         self.claims(&target).settle()?;
@@ -183,7 +182,6 @@ impl Render {
         Ok(ExitCode::SUCCESS)
     }
 
-    /// What the flags say, of what the blob has.
     fn plan<'b>(&self, blob: &Blob<'b>) -> anyhow::Result<Plan<'b>> {
         let plan = Plan::new(blob, &self.quality.quality(), self.wanted(), Batch::FULL)
             .and_then(|plan| plan.with_normal_blur(self.normal_blur))
@@ -220,7 +218,6 @@ impl Render {
         Ok(ranges)
     }
 
-    /// What to write, in order.
     fn outputs(&self) -> Vec<Output> {
         match self.outputs.contains(&Output::All) {
             true => vec![

@@ -22,7 +22,6 @@ const DEFAULT_FOV_DEGREES: f32 = 40.0;
 /// Frames of an orbit: half a day at 20 a second.
 const MAX_FRAMES: usize = 1_000_000;
 
-/// Where a rendering looks from.
 pub(super) struct Shots {
     /// In order; one unless an orbit or a path is asked for.
     pub cameras: Vec<Camera>,
@@ -37,7 +36,6 @@ impl From<Vec<Camera>> for Shots {
 }
 
 impl Render {
-    /// The cameras, as the flags say.
     pub(super) fn shots(&self, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Shots> {
         if self.frames.is_some() && self.keyframes.is_empty() && self.path.is_none() {
             bail!("{NO_FRAMES}");

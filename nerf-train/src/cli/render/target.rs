@@ -11,9 +11,7 @@ use crate::system::output::claims::{Claims, Existing};
 use anyhow::{Context, bail};
 use std::path::{Path, PathBuf};
 
-/// What `-o` names.
 pub(super) enum Target {
-    /// One picture.
     Still,
     /// A GIF, or an MP4 where there is an ffmpeg.
     Film(Option<Ffmpeg>),
@@ -33,7 +31,6 @@ impl Target {
 }
 
 impl Render {
-    /// Whether there are frames in time.
     pub(super) fn is_sequence(&self) -> bool {
         self.orbit.is_some() || self.path.is_some() || !self.keyframes.is_empty()
     }
@@ -101,7 +98,6 @@ impl Render {
         self.output.with_file_name(name)
     }
 
-    /// What it reads and writes.
     pub(super) fn claims(&self, target: &Target) -> Claims {
         let claims = Claims::new()
             .reads("the blob", &self.file)

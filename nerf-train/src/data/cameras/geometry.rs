@@ -20,7 +20,6 @@ const ROUNDS: usize = 20;
 /// looks.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct LookAt {
-    /// The point, world units.
     pub point: [f32; 3],
     /// Mean distance of the axes from it, world units.
     pub mean_residual: f32,
@@ -139,7 +138,6 @@ pub(super) fn smallest_eigenvalue(m: DMat3) -> f64 {
     mean + 2.0 * p * (angle + 2.0 * std::f64::consts::FRAC_PI_3).cos()
 }
 
-/// Where the scene is proposed to be.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneBounds {
     /// Where rays begin, world units along the ray.
@@ -194,9 +192,6 @@ fn proposed_range(look_at: &LookAt, format: Format) -> (f32, f32) {
 }
 
 /// The box around all view frusta from `near` to `far`.
-///
-/// # Errors
-/// [`nerf_core::camera::BoundsError`] without cameras.
 pub fn frusta_box(
     cameras: &[Camera],
     near: f32,

@@ -13,9 +13,6 @@ pub(crate) mod viewpoint;
 use nerf_core::camera::{Camera, CameraError, Intrinsics};
 
 /// The same view in another size, pixels.
-///
-/// # Errors
-/// A size without pixels.
 pub(crate) fn scaled(camera: &Camera, (width, height): (u32, u32)) -> Result<Camera, CameraError> {
     let old = *camera.intrinsics();
     let (sx, sy) = (width as f32 / old.width as f32, height as f32 / old.height as f32);

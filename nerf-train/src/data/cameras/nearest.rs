@@ -10,7 +10,6 @@ const ENOUGH_POINTS: usize = 50;
 /// is: many points are outliers, and surfaces lie between them.
 const ONE_VIEW: (f32, f32) = (0.01, 0.7);
 
-/// Sets [`View::near`] of all views.
 pub(crate) fn set_near(dataset: &mut Dataset) {
     let Dataset { train, val, test, points, .. } = dataset;
     [train, val, test].into_iter().flatten().par_bridge().for_each(|view| {
@@ -18,7 +17,6 @@ pub(crate) fn set_near(dataset: &mut Dataset) {
     });
 }
 
-/// How far the points that a view sees are from it.
 pub(crate) fn distances(view: &View, points: &[SparsePoint]) -> Vec<f32> {
     let (camera, (width, height)) = (&view.camera, view.size());
     let distance = |point: &SparsePoint| {

@@ -23,7 +23,6 @@ pub struct CameraPath {
     pub fps: Option<f64>,
 }
 
-/// A camera of a path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathCamera {
     /// Camera to world, looking down −Z with +Y up, as nerfstudio and Blender have it.
@@ -73,7 +72,6 @@ impl Matrix {
     }
 }
 
-/// Where a fault is.
 struct Place<'a>(&'a Path);
 
 impl Place<'_> {
@@ -103,9 +101,6 @@ impl Place<'_> {
 }
 
 /// Reads a path whose positions count from `origin` then; `None` of a file that is another JSON, such as a data set's.
-///
-/// # Errors
-/// [`DatasetError`] on a file that cannot be read, on a path without cameras, and on what is no pose or angle.
 pub fn read_path(file: &Path, origin: [f64; 3]) -> Result<Option<CameraPath>, DatasetError> {
     let bytes = read_limited(file, MAX_PATH_BYTES)
         .map_err(|source| DatasetError::Io { path: file.into(), source })?;

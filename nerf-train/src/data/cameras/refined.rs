@@ -49,16 +49,12 @@ impl RefinedPoses {
         Self { frames: views.into_iter().map(|(view, camera)| Frame::of(view, &camera, origin)).collect() }
     }
 
-    /// As JSON.
     pub fn to_json(&self) -> String {
         // Serialising plain data to memory has no way to fail.
         serde_json::to_string_pretty(self).expect("plain data") + "\n"
     }
 
     /// Reads those beside a blob; `None` where there are none.
-    ///
-    /// # Errors
-    /// [`DatasetError`] names the file if it cannot be read.
     pub fn beside(blob: &Path) -> Result<Option<Self>, DatasetError> {
         let file = beside(blob);
         match read_limited(&file, MAX_JSON_BYTES) {
@@ -71,9 +67,6 @@ impl RefinedPoses {
     }
 
     /// The refined camera of each of `views`, `None` for those it does not name. `blob`: names the file in errors.
-    ///
-    /// # Errors
-    /// [`DatasetError`] for a pose that is none.
     pub fn cameras<'v>(
         &self,
         blob: &Path,

@@ -19,10 +19,8 @@ use rayon::prelude::*;
 /// Subsamples along each side of a pixel.
 const SIDE: u32 = 3;
 
-/// The box the scene fits in.
 pub const SCENE_BOX: SceneBox = SceneBox { min: Vec3::NEG_ONE, max: Vec3::ONE };
 
-/// How the scene is photographed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DemoSpec {
     pub train: u32,
@@ -44,9 +42,6 @@ impl Default for DemoSpec {
 
 impl DemoSpec {
     /// A camera at `azimuth` (radians from +X to +Y) and at the height `z` on the unit sphere.
-    ///
-    /// # Errors
-    /// As [`Camera::new`]: an empty picture, a focal length or a radius that is not positive.
     pub fn camera(&self, azimuth: f32, z: f32) -> Result<Camera, CameraError> {
         let z = z.clamp(-0.999, 0.999);
         let (sin, cos) = azimuth.sin_cos();
@@ -68,10 +63,6 @@ impl DemoSpec {
     }
 }
 
-/// Photographs the scene.
-///
-/// # Errors
-/// As [`DemoSpec::camera`].
 pub fn dataset(spec: &DemoSpec) -> Result<Dataset, CameraError> {
     let shoot = |split: &str, cameras: Vec<Camera>| -> Vec<View> {
         let views = cameras.into_par_iter().enumerate();
@@ -98,14 +89,11 @@ pub fn dataset(spec: &DemoSpec) -> Result<Dataset, CameraError> {
     })
 }
 
-/// What a single ray meets.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// World units along the ray.
     pub ray_distance: f32,
     /// World units along the camera's view axis.
     pub z_depth: f32,
-    /// Outward unit normal, world space.
     pub normal: Vec3,
     /// Display-encoded sRGB in [0, 1].
     pub rgb: [f32; 3],
@@ -140,7 +128,6 @@ pub struct Truth {
     pub opaque: Vec<bool>,
 }
 
-/// Renders a picture with its distances.
 pub fn render_truth(camera: &Camera) -> Truth {
     let centres: Vec<Option<Hit>> = per_pixel(camera, |x, y| trace(camera, x + 0.5, y + 0.5));
     let rgba = render(camera);

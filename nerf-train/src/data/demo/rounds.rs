@@ -47,9 +47,6 @@ impl Shot {
 ///
 /// `folded`: the second round was taken a quarter turn further, and its poses were laid onto the first, as where places
 /// repeat. (After half a turn the plinth looks the same.)
-///
-/// # Errors
-/// As [`Camera::new`], which these cameras do not cause.
 pub fn two_rounds(folded: bool) -> Result<Dataset, CameraError> {
     let spec = DemoSpec { size: SIZE, ..DemoSpec::default() };
     let shot = |i: usize| {

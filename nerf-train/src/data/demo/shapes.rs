@@ -2,23 +2,31 @@
 
 use glam::{DVec2, DVec3};
 
-/// The top of the plinth.
 pub(super) const FLOOR: f64 = -0.38;
 
 /// Geometry around `centre`; z is up.
 #[derive(Clone, Copy)]
 pub(super) enum Form {
-    /// Radius.
     Sphere(f64),
     /// Half sides after rounding, radius of the rounding, cosine and sine of the turn about z.
-    Block { half: DVec3, round: f64, turn: DVec2 },
+    Block {
+        half: DVec3,
+        round: f64,
+        turn: DVec2,
+    },
     /// Radius and half height, radius of the rounding.
-    Drum { radius: f64, half: f64, round: f64 },
+    Drum {
+        radius: f64,
+        half: f64,
+        round: f64,
+    },
     /// Radius of the ring and of its tube, lying flat.
-    Ring { radius: f64, tube: f64 },
+    Ring {
+        radius: f64,
+        tube: f64,
+    },
 }
 
-/// What its surface looks like.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Look {
     Plinth,
@@ -91,10 +99,8 @@ pub(super) static SCENE: [Shape; 7] = [
 
 /// Where a ray first meets the scene.
 pub(super) struct Found {
-    /// World units along the ray.
     pub(super) t: f64,
     pub(super) shape: &'static Shape,
-    /// Outward unit normal.
     pub(super) normal: DVec3,
 }
 

@@ -23,9 +23,6 @@ pub(crate) struct Bare {
 
 impl Bare {
     /// Those of `folder`, or of `images` in it; `None` where there are none.
-    ///
-    /// # Errors
-    /// On HEIF; where a folder or file cannot be read.
     pub(crate) fn of(folder: &Path) -> Result<Option<Self>, DatasetError> {
         let images = folder.join(IMAGES);
         let folder = if images.is_dir() { images } else { folder.to_owned() };

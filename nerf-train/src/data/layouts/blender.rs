@@ -9,7 +9,6 @@ use std::path::{Path, PathBuf};
 pub(crate) const TRAIN: &str = "transforms_train.json";
 const VAL: &str = "transforms_val.json";
 const TEST: &str = "transforms_test.json";
-/// The lists of all splits.
 pub(crate) const SPLITS: [&str; 3] = [TRAIN, VAL, TEST];
 
 /// Whether a file of this name stands for its folder.
@@ -17,7 +16,6 @@ pub(crate) fn is_split_file(name: &str) -> bool {
     SPLITS.contains(&name)
 }
 
-/// Whether a folder has one of the lists.
 pub(crate) fn is_here(folder: &Path) -> bool {
     SPLITS.iter().any(|name| folder.join(name).is_file())
 }

@@ -1,10 +1,7 @@
 //! Which layout a folder has.
 
 use crate::data::layouts::bare::Bare;
-use crate::data::layouts::blender;
-use crate::data::layouts::colmap;
-use crate::data::layouts::llff;
-use crate::data::layouts::nerfstudio;
+use crate::data::layouts::{blender, colmap, llff, nerfstudio};
 use crate::data::{Dataset, DatasetError, ReadOptions, Watch};
 use std::path::Path;
 
@@ -13,7 +10,6 @@ use std::path::Path;
 pub enum Layout {
     /// `transforms_train.json` or `transforms.json`.
     Transforms,
-    /// A COLMAP model.
     Colmap,
     /// `poses_bounds.npy`.
     Llff,

@@ -59,15 +59,12 @@ pub(crate) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Datas
     .counted_from(origin))
 }
 
-/// How matrices are read.
 #[derive(Clone, Copy)]
 pub(crate) struct World {
     pub(crate) axes: Axes,
-    /// What positions are counted from.
     pub(crate) origin: DVec3,
 }
 
-/// Where a camera stands.
 pub(crate) fn position(rows: &[[f64; 4]; 3]) -> [f64; 3] {
     rows.map(|row| row[3])
 }
@@ -166,4 +163,38 @@ fn mixed_alpha(splits: [(&str, &Vec<View>); 3]) -> Vec<String> {
             format!("alpha in only some of the arrays: `{array}` has none and counts as opaque")
         })
         .collect()
+}
+
+/// The notebook's file has this many views, of which it fits the first 100.
+const NOTEBOOK_VIEWS: usize = 106;
+/// Of the notebook's file, validation begins here: with the view every figure of it shows.
+const NOTEBOOK_VALIDATION: usize = 101;
+/// Of any other file of this layout, this many views at the end are validation.
+const LAST: usize = 6;
+
+/// Reads `tiny_nerf_data.npz` of the original notebook, pictures in floats and OpenGL poses: `images`, `poses` and `focal`.
+///
+/// Of the notebook's own 106 views, 0..100 are training and 101..106 validation (100 is unused,
+/// as there); of other files the last six are validation, or none if that leaves no training.
+pub(crate) fn read_tiny_nerf(archive: &mut Archive, options: &ReadOptions) -> Result<Dataset, DatasetError> {
+    let axes = options.axes.unwrap_or(Axes::Opengl);
+    let focal = archive.scalar("focal")?;
+    let c2ws = archive.matrices("poses")?;
+    let origin = options.origin_for(c2ws.iter().map(position));
+    let world = World { axes, origin };
+    let array = archive.array("images")?;
+    let mut train = views(archive, ("images", &array), ("poses", &c2ws), focal, world)?;
+    let mut warnings = Vec::new();
+    let val = if train.len() == NOTEBOOK_VIEWS {
+        let val = train.split_off(NOTEBOOK_VALIDATION);
+        train.truncate(100);
+        val
+    } else if train.len() > LAST {
+        train.split_off(train.len() - LAST)
+    } else {
+        warnings.push(format!("only {} views: no validation views", train.len()));
+        Vec::new()
+    };
+    Ok(Dataset { train, val, warnings, ..Dataset::empty(scene_name(&archive.file), Format::TinyNerf, axes) }
+        .counted_from(origin))
 }

@@ -1,10 +1,7 @@
 //! Which files a data set consists of, without reading its pictures.
 
-use crate::data::layouts::blender;
-use crate::data::layouts::colmap;
 use crate::data::layouts::folders::entries;
-use crate::data::layouts::llff;
-use crate::data::layouts::nerfstudio;
+use crate::data::layouts::{blender, colmap, llff, nerfstudio};
 use crate::data::pictures::file::{self, Listings};
 use crate::system::output::claims::Claims;
 use serde::Deserialize;

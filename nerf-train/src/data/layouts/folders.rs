@@ -1,11 +1,10 @@
 //! Folders of photographs: `images`, and `images_N` with copies N times smaller.
 
 use crate::data::pictures::file::is_picture_name;
-use crate::data::{DatasetError, Downscale};
+use crate::data::{DatasetError, Downscale, ReadOptions, View};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// The usual folder of photographs.
 pub(crate) const IMAGES: &str = "images";
 /// The usual folder of masks: COLMAP's habit is `masks/NAME.png` for `images/NAME`.
 const MASKS: &str = "masks";
@@ -15,7 +14,6 @@ pub(crate) struct Located {
     pub(crate) path: PathBuf,
     /// How much smaller than the poses' size; `None`: as it is.
     pub(crate) downscale: Option<Downscale>,
-    /// Whether it is a smaller copy.
     pub(crate) reduced: bool,
 }
 
@@ -97,7 +95,6 @@ impl Folders {
         Ok(pictures)
     }
 
-    /// The folders, for messages.
     pub(crate) fn names(&self) -> String {
         let name = |path: &PathBuf| match path.strip_prefix(&self.root) {
             Ok(rest) if rest.as_os_str().is_empty() => ".".to_owned(),
@@ -131,8 +128,35 @@ fn with_other_ending(path: &Path) -> Option<PathBuf> {
     endings.into_iter().map(|ending| path.with_extension(ending)).find(|path| path.is_file())
 }
 
-/// What is in a folder.
 pub(crate) fn entries(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     let io = |source| DatasetError::io(folder, source);
     std::fs::read_dir(folder).map_err(io)?.map(|entry| entry.map(|entry| entry.path()).map_err(io)).collect()
+}
+
+/// One view in this many is held out, as the field does.
+pub(crate) const HOLD: usize = 8;
+
+/// Training and validation: of the views sorted by the bytes of their names, every eighth from
+/// [`ReadOptions::hold_offset`] on is validation. A single view is for training.
+pub(crate) fn every_eighth(
+    mut views: Vec<View>,
+    options: &ReadOptions,
+    notes: &mut Vec<String>,
+) -> (Vec<View>, Vec<View>) {
+    views.sort_by(|a, b| a.name.cmp(&b.name));
+    let offset = options.hold_offset % HOLD;
+    if views.len() <= 1 + offset {
+        return (views, Vec::new());
+    }
+    let [mut train, mut val] = [Vec::new(), Vec::new()];
+    for (index, view) in views.into_iter().enumerate() {
+        let split = if index % HOLD == offset { &mut val } else { &mut train };
+        split.push(view);
+    }
+    notes.push(format!(
+        "{} of {} held out: every eighth by name, from number {offset} on",
+        val.len(),
+        train.len() + val.len()
+    ));
+    (train, val)
 }

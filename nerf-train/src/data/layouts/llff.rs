@@ -1,9 +1,8 @@
 //! LLFF's `poses_bounds.npy`, with the photographs in `images` or `images_N` beside it.
 
 use crate::data::layouts::colmap;
-use crate::data::layouts::folders::{Folders, Located};
+use crate::data::layouts::folders::{Folders, Located, every_eighth};
 use crate::data::layouts::npz::{self, read_npy};
-use crate::data::layouts::split::every_eighth;
 use crate::data::pictures::found::Found;
 use crate::data::pictures::photo::{Fence, Optics, Photo, Source};
 use crate::data::{Axes, Dataset, DatasetError, Format, ReadOptions, SparsePoint, View, Watch, scene_name};
@@ -23,7 +22,6 @@ const NEAR_MARGIN: f64 = 0.9;
 struct Row {
     /// In the project's axes.
     pose: Pose,
-    /// Pixels.
     size: (f64, f64),
     /// Pixels of that size.
     focal: f64,

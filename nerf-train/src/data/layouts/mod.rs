@@ -10,6 +10,4 @@ pub(crate) mod folders;
 pub(crate) mod llff;
 pub(crate) mod nerfstudio;
 pub(crate) mod npz;
-pub(crate) mod split;
-pub(crate) mod tiny_nerf;
 pub(crate) mod transforms;

@@ -1,6 +1,6 @@
 //! A `transforms.json` of nerfstudio or instant-ngp: all views in one file.
 
-use crate::data::layouts::split::every_eighth;
+use crate::data::layouts::folders::every_eighth;
 use crate::data::layouts::transforms::{Header, Transforms};
 use crate::data::names::listed;
 use crate::data::pictures::found::Found;
@@ -8,7 +8,6 @@ use crate::data::{Axes, Dataset, DatasetError, Format, ReadOptions, View, Watch,
 use std::collections::HashSet;
 use std::path::Path;
 
-/// The file's usual name.
 pub(crate) const FILE: &str = "transforms.json";
 
 /// Reads one json; splits by its lists, or else every eighth view (of the views sorted by file

@@ -12,7 +12,6 @@ use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 use zip::ZipArchive;
 
-/// An open archive.
 pub(crate) struct Archive {
     pub(crate) file: PathBuf,
     zip: ZipArchive<BufReader<File>>,
@@ -62,7 +61,6 @@ impl Archive {
         self.zip.file_names().any(|name| name.strip_suffix(".npy") == Some(key))
     }
 
-    /// The array `key`, whole.
     pub(crate) fn array(&mut self, key: &str) -> Result<Array, DatasetError> {
         if !self.has(key) {
             let mut present = self.names()?;
@@ -122,7 +120,6 @@ fn not_an_archive(file: &Path, found: String) -> DatasetError {
     DatasetError::fault(file, format!("expected a whole .npz (zip) archive, found {found}"))
 }
 
-/// What is wrong with the array `key`.
 pub(crate) fn fault(file: &Path, key: &str, expected: impl Display, found: impl Display) -> DatasetError {
     DatasetError::value(file, format!("array `{key}`"), expected, found)
 }
@@ -184,7 +181,6 @@ impl Array {
         }
     }
 
-    /// Whether it holds floats.
     pub(crate) fn is_float(&self) -> bool {
         self.dtype.kind == b'f'
     }

@@ -19,7 +19,6 @@ pub fn parse(text: &str) -> Result<[f32; 3], String> {
     channels.ok_or_else(|| "expected black, white, red, #RRGGBB, or R,G,B with channels from 0 to 255".into())
 }
 
-/// A colour as people write it.
 pub fn name(colour: [f32; 3]) -> String {
     match colour {
         [0.0, 0.0, 0.0] => "black".into(),

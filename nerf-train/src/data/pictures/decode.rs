@@ -1,7 +1,8 @@
 //! A picture file, decoded whole or refused.
 
 use crate::system::input::{MAX_PICTURE_BYTES, read_limited};
-use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, metadata::Orientation};
+use image::metadata::Orientation;
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
 use std::io::{BufReader, Cursor, Read};
 use std::path::{Path, PathBuf};
 use zune_jpeg::errors::DecodeErrors;
@@ -15,7 +16,6 @@ pub const MAX_SIDE: u32 = 65_535;
 /// What says of a file whether it is HEIF, bytes.
 const HEAD_BYTES: u64 = 12;
 
-/// The formats that are read.
 pub(crate) const FORMATS: &str = "PNG, JPEG, WebP, TIFF, BMP or GIF";
 
 /// What to do with the pictures of telephones that are not decoded.
@@ -39,20 +39,14 @@ pub enum DecodeError {
 
 /// Decodes a picture of any bit depth and channel count, as it is stored, with its EXIF orientation.
 ///
-/// The format is told from the content, whatever the extension says.
-///
-/// # Errors
-/// [`DecodeError`] names the file. A JPEG that ends early or whose data is damaged is refused too: most
-/// decoders fill the rest with grey and say nothing.
+/// The format is told from the content, whatever the extension says. A JPEG that ends early or whose data is damaged
+/// is refused: most decoders fill the rest with grey and say nothing.
 pub fn decode(file: &Path) -> Result<(DynamicImage, Orientation), DecodeError> {
     decode_of(file, |_| true)
 }
 
 /// As [`decode`], of a picture whose width and height, as its header states them, are `wanted`: nothing is decoded of
 /// another.
-///
-/// # Errors
-/// As [`decode`]; [`DecodeError::Size`].
 pub fn decode_of(
     file: &Path,
     wanted: impl Fn((u32, u32)) -> bool,
@@ -87,9 +81,6 @@ pub fn decode_of(
 }
 
 /// Width and height of a picture as it is stored, from its header, pixels.
-///
-/// # Errors
-/// [`DecodeError`] names the file.
 pub fn dimensions(file: &Path) -> Result<(u32, u32), DecodeError> {
     let unread = |source| DecodeError::Read { file: file.into(), source };
     let mut head = Vec::new();

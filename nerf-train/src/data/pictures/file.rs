@@ -2,7 +2,8 @@
 
 use crate::data::DatasetError;
 use crate::data::pictures::decode::{DecodeError, FORMATS, HEIF_ADVICE, decode_of};
-use image::{DynamicImage, metadata::Orientation};
+use image::DynamicImage;
+use image::metadata::Orientation;
 use std::collections::{HashMap, HashSet};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -12,16 +13,13 @@ const ENDINGS: [&str; 8] = ["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", 
 /// Endings of pictures that are not decoded, to be refused by name rather than overlooked.
 const REFUSED_ENDINGS: [&str; 3] = ["heic", "heif", "avif"];
 
-/// A picture's pixels.
 pub(crate) struct Picture {
     pub(crate) width: u32,
     pub(crate) height: u32,
     pub(crate) pixels: Vec<[u8; 4]>,
-    /// Whether the file has an alpha channel.
     pub(crate) alpha: bool,
 }
 
-/// A picture file, decoded.
 pub(crate) struct Decoded {
     pub(crate) image: DynamicImage,
     /// What its EXIF tag says would turn it upright, where that has not been done.
@@ -76,7 +74,6 @@ pub(crate) fn fits(found: (u32, u32), stated: StatedSize) -> bool {
 }
 
 impl Decoded {
-    /// Width and height, pixels.
     pub(crate) fn size(&self) -> (u32, u32) {
         (self.image.width(), self.image.height())
     }
@@ -140,7 +137,6 @@ pub(crate) fn locate(folder: &Path, file_path: &str) -> Option<PathBuf> {
 pub(crate) struct Listings(HashMap<PathBuf, Option<HashSet<String>>>);
 
 impl Listings {
-    /// As [`locate`].
     pub(crate) fn locate(&mut self, folder: &Path, file_path: &str) -> Option<PathBuf> {
         let written = folder.join(file_path.replace('\\', "/"));
         // Systems differ in which other letters they take for the same.

@@ -10,7 +10,6 @@ use std::path::Path;
 pub(crate) struct Found {
     pub(crate) warnings: Vec<String>,
     pub(crate) notes: Vec<String>,
-    /// Pictures that are transparent somewhere.
     transparent: usize,
     pictures: usize,
     /// Names of pictures without an alpha channel.

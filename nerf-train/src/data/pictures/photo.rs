@@ -48,21 +48,17 @@ pub(crate) struct Photo<'a> {
     pub(crate) downscale: Option<Downscale>,
     /// Whether it is out of a folder of copies that are known to be smaller than that.
     pub(crate) reduced: bool,
-    /// In the project's convention.
     pub(crate) pose: Pose,
 }
 
-/// A view, and what is to be said of it.
 pub(crate) struct Loaded {
     pub(crate) view: View,
-    /// Whether the file has an alpha channel.
     alpha: bool,
     /// The size of the picture that it was made from, where it was larger.
     larger: Option<(u32, u32)>,
     notes: Vec<String>,
 }
 
-/// Where the poses stand, for messages.
 #[derive(Clone, Copy)]
 pub(crate) struct Source<'a> {
     pub(crate) file: &'a Path,

@@ -1,31 +1,20 @@
 //! A photograph, read and made ready: upright, opaque, three channels.
 
 pub use crate::data::pictures::decode::MAX_SIDE;
-use crate::data::pictures::decode::{DecodeError, decode};
+use crate::data::pictures::decode::decode;
 use crate::data::pictures::rgb::Picture;
-use image::{DynamicImage, imageops::FilterType, metadata::Orientation};
-use std::path::{Path, PathBuf};
+use anyhow::bail;
+use image::DynamicImage;
+use image::imageops::FilterType;
+use image::metadata::Orientation;
+use std::path::Path;
 
-/// A photograph.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Photo {
     pub name: String,
-    /// Its pixels, display-encoded.
     pub picture: Picture,
     /// What was done to it besides decoding, a sentence each.
     pub notes: Vec<String>,
-}
-
-/// A photograph that cannot be used.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum PhotoError {
-    #[error("{0}")]
-    Decode(#[from] DecodeError),
-    #[error("{file}: expected 1 to {MAX_SIDE} pixels a side, found {width}x{height}")]
-    Size { file: PathBuf, width: u32, height: u32 },
-    #[error("--scale: expected a number above 0 and at most 1, found {found}")]
-    Scale { found: f64 },
 }
 
 impl Photo {
@@ -33,12 +22,9 @@ impl Photo {
     ///
     /// It is turned upright as its EXIF tag says, composited over `background` (display-encoded) where it
     /// is transparent, and reduced to `scale` times its width and height. The format is told from the content.
-    ///
-    /// # Errors
-    /// [`PhotoError`] names the file and what was found in it.
-    pub fn read(file: &Path, background: [f32; 3], scale: f64) -> Result<Self, PhotoError> {
+    pub fn read(file: &Path, background: [f32; 3], scale: f64) -> anyhow::Result<Self> {
         if !(scale > 0.0 && scale <= 1.0) {
-            return Err(PhotoError::Scale { found: scale });
+            bail!("--scale: expected a number above 0 and at most 1, found {scale}");
         }
         let (mut image, orientation) = decode(file)?;
         let mut notes = Vec::new();
@@ -48,7 +34,7 @@ impl Photo {
         }
         let (width, height) = (image.width(), image.height());
         if !(1..=MAX_SIDE).contains(&width) || !(1..=MAX_SIDE).contains(&height) {
-            return Err(PhotoError::Size { file: file.into(), width, height });
+            bail!("{}: expected 1 to {MAX_SIDE} pixels a side, found {width}x{height}", file.display());
         }
         let mut image = composited(image, background, &mut notes);
         if scale < 1.0 {
@@ -76,7 +62,6 @@ impl Photo {
         digest.finalize()
     }
 
-    /// Width and height, pixels.
     pub fn size(&self) -> [u32; 2] {
         // Lossless: `read` holds them to `MAX_SIDE`.
         [self.picture.width as u32, self.picture.height as u32]

@@ -2,7 +2,7 @@
 
 use crate::data::View;
 use crate::data::pictures::rgb::Picture;
-use crate::data::pictures::rgb::ReportError;
+use anyhow::Context;
 use base64::Engine as _;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
@@ -37,10 +37,7 @@ impl Thumbnail {
     }
 
     /// As a JPEG that a page can hold: `data:image/jpeg;base64,…`.
-    ///
-    /// # Errors
-    /// [`ReportError::Encode`], which no picture of this type is known to cause.
-    pub fn data_uri(&self) -> Result<String, ReportError> {
+    pub fn data_uri(&self) -> anyhow::Result<String> {
         let mut bytes = Vec::new();
         JpegEncoder::new_with_quality(&mut bytes, QUALITY)
             .write_image(
@@ -49,7 +46,7 @@ impl Thumbnail {
                 self.0.height as u32,
                 ExtendedColorType::Rgb8,
             )
-            .map_err(ReportError::encode("JPEG"))?;
+            .context("cannot make the JPEG")?;
         Ok(format!("data:image/jpeg;base64,{}", base64::engine::general_purpose::STANDARD.encode(bytes)))
     }
 }

@@ -38,7 +38,6 @@ impl Fault {
 }
 
 impl fmt::Display for Fault {
-    /// What it is, and what to do.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Torn { others } if others.is_empty() => write!(

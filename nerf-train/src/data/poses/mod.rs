@@ -4,11 +4,9 @@
 //! folder appears under its name, whole, when a model was found. For a model that is torn or folded,
 //! COLMAP's other ways are tried.
 
-mod error;
 mod fault;
 mod run;
 
-pub use error::PosesError;
 pub use fault::Fault;
 
 use crate::data::layouts::bare::Bare;
@@ -17,16 +15,14 @@ use crate::data::layouts::colmap::{Facts, facts};
 use crate::data::{Dataset, DatasetError, ReadOptions, read};
 use crate::system::output::AtomicFolder;
 use crate::system::progress::{ProgressStyle, say_lines};
-use run::Runner;
-use std::fs;
-use std::io;
+use run::{Runner, none_registered};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use std::{fs, io};
 
 /// Fewer photographs tell nothing: a fit trains on some and is measured on another.
 const MIN_PHOTOGRAPHS: usize = 3;
 
-/// What is asked of COLMAP.
 #[derive(Clone, Copy)]
 pub struct Request<'a> {
     pub photographs: &'a Path,
@@ -42,12 +38,10 @@ pub struct Request<'a> {
     pub style: ProgressStyle,
 }
 
-/// What COLMAP found.
 #[derive(Clone, Debug)]
 pub struct Found {
     pub photographs: usize,
     pub registered: usize,
-    /// Names of those that have none.
     pub unregistered: Vec<String>,
     /// Names of files that are no whole pictures, and were not tried.
     pub damaged: Vec<String>,
@@ -56,7 +50,6 @@ pub struct Found {
     /// How many models there were, of which the largest is kept.
     pub models: usize,
     pub points: usize,
-    /// Mean over the points, pixels.
     pub mean_reprojection_error: f64,
     pub way: &'static str,
     pub fault: Option<Fault>,
@@ -70,10 +63,8 @@ struct Attempt {
 }
 
 /// Finds the poses of photographs and writes `sparse/0` and `images` into a new folder.
-///
-/// # Errors
-/// [`PosesError`]; then nothing is left of the folder.
-pub fn find(request: &Request<'_>) -> Result<Found, PosesError> {
+/// Where that fails, nothing is left of the folder.
+pub fn find(request: &Request<'_>) -> anyhow::Result<Found> {
     let few = |found: usize, damaged: &[String]| {
         let skipped = match damaged.len() {
             0 => String::new(),
@@ -111,7 +102,7 @@ pub fn find(request: &Request<'_>) -> Result<Found, PosesError> {
 }
 
 /// The features of all photographs, into one database: of each camera on its own, as all of a call have one.
-fn extract(bare: &Bare, place: &Place, runner: &Runner) -> Result<(), PosesError> {
+fn extract(bare: &Bare, place: &Place, runner: &Runner) -> anyhow::Result<()> {
     for (index, names) in bare.cameras.iter().enumerate() {
         let list = place.work.join(format!("camera{index}.txt"));
         let list = (bare.cameras.len() > 1).then_some(list);
@@ -124,7 +115,7 @@ fn extract(bare: &Bare, place: &Place, runner: &Runner) -> Result<(), PosesError
 }
 
 /// The best model of COLMAP's ways: the first without a fault, else the largest.
-fn best(request: &Request<'_>, bare: &Bare, place: &Place, runner: &Runner) -> Result<Attempt, PosesError> {
+fn best(request: &Request<'_>, bare: &Bare, place: &Place, runner: &Runner) -> anyhow::Result<Attempt> {
     let count = bare.photographs.len();
     let mut best: Option<Attempt> = None;
     for way in Way::all(request.sequential) {
@@ -153,7 +144,7 @@ fn best(request: &Request<'_>, bare: &Bare, place: &Place, runner: &Runner) -> R
             best = Some(attempt);
         }
     }
-    best.ok_or_else(|| PosesError::none_registered(count, "no model was made"))
+    best.ok_or_else(|| none_registered(count, "no model was made"))
 }
 
 /// A way's largest model with its photographs, which are beside it meanwhile; `None` if it cannot be read, and so not be
@@ -168,7 +159,7 @@ fn with_photographs(place: &Place, way: Way) -> io::Result<Option<Dataset>> {
 }
 
 /// The largest model that COLMAP finds in a way.
-fn attempt(way: Way, place: &Place, runner: &Runner) -> Result<Facts, PosesError> {
+fn attempt(way: Way, place: &Place, runner: &Runner) -> anyhow::Result<Facts> {
     if let Some(matching) = commands::matching(place, way) {
         let database = place.database(way);
         fs::copy(place.features(), &database).map_err(|source| cannot_write_at(&database, source))?;
@@ -177,7 +168,7 @@ fn attempt(way: Way, place: &Place, runner: &Runner) -> Result<Facts, PosesError
     let models = place.models(way);
     fs::create_dir_all(models.join("sparse")).map_err(|source| cannot_write_at(&models, source))?;
     runner.run(commands::mapping(place, way, runner.photographs))?;
-    facts(&models)?.ok_or_else(|| PosesError::none_registered(runner.photographs, "no model was made"))
+    facts(&models)?.ok_or_else(|| none_registered(runner.photographs, "no model was made"))
 }
 
 fn found(bare: Bare, Attempt { model, way, fault }: Attempt) -> Found {
@@ -197,11 +188,11 @@ fn found(bare: Bare, Attempt { model, way, fault }: Attempt) -> Found {
     }
 }
 
-fn cannot_write(request: &Request<'_>, source: io::Error) -> PosesError {
+fn cannot_write(request: &Request<'_>, source: io::Error) -> anyhow::Error {
     cannot_write_at(request.output, source)
 }
 
-fn cannot_write_at(path: &Path, source: io::Error) -> PosesError {
+fn cannot_write_at(path: &Path, source: io::Error) -> anyhow::Error {
     let attempt = crate::system::output::Attempt::Write;
     crate::system::output::OutputError { path: path.into(), attempt, source }.into()
 }

@@ -1,9 +1,9 @@
 //! Runs an installed COLMAP, shows what it says, and says why it failed.
 
-use super::PosesError;
 use crate::data::layouts::colmap::commands::Stage;
 use crate::system::child::{Heard, Helper, last_lines};
 use crate::system::progress::{ProgressStyle, say};
+use anyhow::anyhow;
 use std::io;
 use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
@@ -17,7 +17,6 @@ const LINE_EVERY: Duration = Duration::from_secs(5);
 /// How long it may take to list its options.
 const HELP_PATIENCE: Duration = Duration::from_secs(30);
 
-/// How COLMAP is run.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Runner {
     pub(super) photographs: usize,
@@ -35,10 +34,13 @@ fn colmap() -> Command {
     command
 }
 
-fn start(command: &mut Command) -> Result<(Helper, Heard, Heard), PosesError> {
+fn start(command: &mut Command) -> anyhow::Result<(Helper, Heard, Heard)> {
     let helper = Helper::spawn(command).map_err(|error| match error.kind() {
-        io::ErrorKind::NotFound => PosesError::Missing,
-        _ => PosesError::Colmap(format!("colmap does not start: {error}")),
+        io::ErrorKind::NotFound => anyhow!(
+            "no colmap found on PATH: install it (Debian and Ubuntu: `apt-get install colmap`; macOS: \
+             `brew install colmap`; elsewhere: https://colmap.github.io/install.html)"
+        ),
+        _ => anyhow!("colmap does not start: {error}"),
     })?;
     let (_, stdout, stderr) = helper.pipes();
     Ok((helper, Heard::of(stdout, KEPT_BYTES), Heard::of(stderr, KEPT_BYTES)))
@@ -46,7 +48,7 @@ fn start(command: &mut Command) -> Result<(Helper, Heard, Heard), PosesError> {
 
 impl Runner {
     /// Runs a command to its end and shows what it says.
-    pub(super) fn run(&self, stage: Stage) -> Result<(), PosesError> {
+    pub(super) fn run(&self, stage: Stage) -> anyhow::Result<()> {
         let stage = match self.threads {
             Some(threads) => stage.with_threads(threads),
             None => stage,
@@ -81,7 +83,7 @@ impl Runner {
     }
 
     /// What the installed version says of a command's options.
-    pub(super) fn help(&self, stage: &Stage) -> Result<String, PosesError> {
+    pub(super) fn help(&self, stage: &Stage) -> anyhow::Result<String> {
         let (helper, out, err) = start(colmap().arg(stage.name).arg("--help"))?;
         let patience = HELP_PATIENCE.min(self.patience);
         if helper.wait(patience).is_none() {
@@ -92,6 +94,13 @@ impl Runner {
     }
 }
 
+pub(super) fn none_registered(photographs: usize, said: &str) -> anyhow::Error {
+    anyhow!(
+        "colmap registered none of {photographs} photographs: each part of the scene must be in several of them, sharp and \
+         taken from different places; it said: {said}"
+    )
+}
+
 /// The last whole line that says something.
 fn last_line(said: &[u8]) -> String {
     let text = String::from_utf8_lossy(said);
@@ -99,12 +108,12 @@ fn last_line(said: &[u8]) -> String {
     whole.lines().rev().map(str::trim).find(|line| !line.is_empty()).unwrap_or_default().to_owned()
 }
 
-fn silent(stage: &Stage, patience: Duration) -> PosesError {
-    PosesError::Colmap(format!(
+fn silent(stage: &Stage, patience: Duration) -> anyhow::Error {
+    anyhow!(
         "colmap {} has said nothing for {} s and was ended; --patience gives it longer",
         stage.name,
         patience.as_secs()
-    ))
+    )
 }
 
 /// Why it failed: that no pair of photographs fits is an error to COLMAP, too.
@@ -114,21 +123,21 @@ fn failure(
     photographs: usize,
     help: &str,
     said: [Vec<u8>; 2],
-) -> PosesError {
+) -> anyhow::Error {
     let [out, err] = said;
     let all = [out.as_slice(), b"\n", err.as_slice()].concat();
     // Messages are on one of the two, by version.
     let last = last_lines(if err.trim_ascii().is_empty() { &out } else { &err });
     let text = String::from_utf8_lossy(&all);
     if stage.name == "mapper" && status.code().is_some() && text.contains("failed to create") {
-        return PosesError::none_registered(photographs, &last_lines(&all));
+        return none_registered(photographs, &last_lines(&all));
     }
     if text.contains("unrecognised option") || text.contains("unrecognized option") {
         let version = help.lines().find_map(|line| line.trim().strip_prefix("COLMAP ")?.split(' ').next());
         let version = version.unwrap_or("of unknown version");
-        return PosesError::Colmap(format!(
+        return anyhow!(
             "this colmap ({version}) does not know an option; expected one of versions 3.6 to 4: {last}"
-        ));
+        );
     }
-    PosesError::Colmap(format!("colmap {} failed ({status}): {last}", stage.name))
+    anyhow!("colmap {} failed ({status}): {last}", stage.name)
 }

@@ -1,53 +1,35 @@
 //! One fit of a picture, from first step to blob.
 
-mod summary;
-
 use super::drive::{Ended, File, Task, drive, nothing_done};
 use super::pace::VALIDATION_SHARE;
+use super::run::RunOptions;
 use crate::data::pictures::photograph::Photo;
 use crate::data::pictures::rgb::Picture;
 use crate::measure::frame;
+use crate::measure::inspect::GridSummary;
 use crate::measure::metrics::psnr_db;
 use crate::model::picture_config::FieldConfig;
-use crate::system::output::{OutputError, write_atomic};
-use crate::system::progress::{Message, Progress, ProgressStyle};
+use crate::system::cpu;
+use crate::system::output::write_atomic;
+use crate::system::progress::{Message, Progress};
 use crate::train::CurvePoint;
-use crate::train::checkpoint::CheckpointError;
-use crate::train::field::{FieldCheckpoint, FieldTrainError, FieldTrainer};
-use crate::train::schedule::{Budget, Clock, Done, MIN_STEPS, TooShort, duration};
+use crate::train::checkpoint::{Checkpoint, damaged, settings};
+use crate::train::field::FieldTrainer;
+use crate::train::schedule::{Budget, Clock, Done, duration};
 use nerf_core::Kernel;
-use nerf_core::blob::{Blob, BlobError};
+use nerf_core::blob::Blob;
 use nerf_core::math::MathBackend;
 use nerf_core::memory::Line;
-use nerf_core::render::{RenderError, Renderer};
-use std::path::{Path, PathBuf};
+use nerf_core::render::Renderer;
+use serde::Serialize;
+use std::path::Path;
 use std::time::Instant;
-pub use summary::Summary;
 
 /// Evaluations of the whole picture on the way, where no interval is given.
 const EVALUATIONS: f64 = 10.0;
 /// Steps between the points of the curve without evaluation.
 const POINT_EVERY: u32 = 20;
 
-/// Why a field could not be fitted.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum FieldError {
-    #[error("{0}")]
-    Train(#[from] FieldTrainError),
-    #[error("{0}")]
-    TooShort(#[from] TooShort),
-    #[error("own blob: {0}")]
-    Blob(#[from] BlobError),
-    #[error("own blob: {0}")]
-    Render(#[from] RenderError),
-    #[error("{0}")]
-    Checkpoint(#[from] CheckpointError),
-    #[error("{0}")]
-    Output(#[from] OutputError),
-}
-
-/// The whole picture at some step.
 #[derive(Clone, Copy, Debug)]
 pub struct Evaluation<'a> {
     pub step: u32,
@@ -56,47 +38,6 @@ pub struct Evaluation<'a> {
     pub psnr_db: f64,
 }
 
-/// How a run is conducted.
-#[derive(Clone, Debug)]
-pub struct RunOptions {
-    /// Limits; one in seconds is of this command, also where it goes on from a checkpoint.
-    pub budget: Budget,
-    /// File of the blob, written at the end or when a signal stops the run. Without it a stopped run saves no blob.
-    pub output: Option<PathBuf>,
-    /// Where checkpoints go; none are written without.
-    pub checkpoint: Option<PathBuf>,
-    /// Seconds between checkpoints.
-    pub checkpoint_every: f64,
-    /// Whether to take up the checkpoint.
-    pub resume: bool,
-    /// Steps at which [`run`] shows the picture, besides its own evaluations.
-    pub snapshots: Vec<u32>,
-    /// Steps between evaluations; a tenth of the budget if absent. With a limit in seconds they take at most a
-    /// twentieth of it.
-    pub evaluate_every: Option<u32>,
-    pub kernel: Kernel,
-    /// Display.
-    pub style: ProgressStyle,
-}
-
-impl RunOptions {
-    /// A run of so many steps that writes nothing and is evaluated at its end alone.
-    pub fn unattended(steps: u32, kernel: Kernel, style: ProgressStyle) -> Self {
-        Self {
-            budget: Budget { steps: Some(steps), seconds: None },
-            output: None,
-            checkpoint: None,
-            checkpoint_every: f64::INFINITY,
-            resume: false,
-            snapshots: Vec::new(),
-            evaluate_every: Some(u32::MAX),
-            kernel,
-            style,
-        }
-    }
-}
-
-/// What a run made.
 #[derive(Clone, Debug)]
 pub struct Outcome {
     pub bytes: Vec<u8>,
@@ -104,7 +45,6 @@ pub struct Outcome {
     pub picture: Picture,
     /// dB over the whole picture.
     pub psnr_db: f64,
-    /// Weights that became f16 subnormals.
     pub subnormal_weights: usize,
     /// The curve; its `val_psnr_db` is of the whole picture.
     pub curve: Vec<CurvePoint>,
@@ -121,7 +61,6 @@ pub struct Outcome {
 struct EvaluationTime {
     /// Seconds of one, once that is known.
     one: Option<f64>,
-    /// Seconds of all so far.
     all: f64,
 }
 
@@ -153,8 +92,7 @@ pub fn kept(steps: u32, output: &Path, checkpoint: Option<&Path>) -> String {
     )
 }
 
-/// Renders a blob's picture at a size.
-pub(super) fn render_blob(bytes: &[u8], kernel: Kernel, size: [u32; 2]) -> Result<Picture, FieldError> {
+pub(super) fn render_blob(bytes: &[u8], kernel: Kernel, size: [u32; 2]) -> anyhow::Result<Picture> {
     let blob = Blob::open(bytes)?;
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
     let renderer = Renderer::new(blob, kernel, &mut memory)?;
@@ -165,28 +103,24 @@ pub(super) fn render_blob(bytes: &[u8], kernel: Kernel, size: [u32; 2]) -> Resul
 /// sees every evaluation, step 0 included if asked for.
 ///
 /// A run that is interrupted leaves the blob as it stands, and a checkpoint, where there are places for them.
-///
-/// # Errors
-/// [`FieldError`], among them [`Diverged`](crate::model::engine::EngineError::Diverged) if a number overflowed.
 pub fn run(
     photo: &Photo,
     config: FieldConfig,
     options: &RunOptions,
+    output: Option<&Path>,
     mut clock: Clock,
     stop: &dyn Fn(u32) -> bool,
     mut each: impl FnMut(Evaluation<'_>),
-) -> Result<Ended<Outcome>, FieldError> {
+) -> anyhow::Result<Ended<Outcome>> {
     let mut trainer = FieldTrainer::new(photo, config, options.kernel)?;
     let mut before = 0.0;
     if let Some(path) = options.checkpoint.as_deref().filter(|_| options.resume) {
-        let checkpoint = FieldCheckpoint::read(path)?;
-        checkpoint.check_belongs(path, photo, trainer.config())?;
+        let checkpoint = Checkpoint::read(path)?;
+        checkpoint.check_belongs(path, &settings(trainer.config()), (&photo.name, photo.fingerprint()))?;
         before = checkpoint.seconds;
         clock = clock.after(duration(before));
-        trainer.restore(checkpoint).map_err(|error| CheckpointError::Format {
-            path: path.into(),
-            found: format!("a damaged one ({error})"),
-        })?;
+        let restored = trainer.restore(checkpoint);
+        restored.map_err(|error| damaged(path, format_args!("a damaged one ({error})")))?;
     }
     let mut session = Session {
         started: (trainer.steps(), clock.seconds()),
@@ -195,6 +129,7 @@ pub fn run(
         trainer,
         photo,
         options,
+        output,
         clock,
         // What a run has spent on evaluations before is about its share.
         time: EvaluationTime { one: None, all: VALIDATION_SHARE * before },
@@ -206,11 +141,12 @@ pub fn run(
     drive(&mut session, options.checkpoint_every, progress, stop)
 }
 
-/// A run under way.
 struct Session<'a, 'p> {
     trainer: FieldTrainer<'p>,
     photo: &'p Photo,
     options: &'a RunOptions,
+    /// File of the blob, written at the end or when a signal stops the run. Without it a stopped run saves no blob.
+    output: Option<&'a Path>,
     clock: Clock,
     time: EvaluationTime,
     /// Steps and seconds at the start, or when the run was taken up again.
@@ -231,7 +167,7 @@ impl Session<'_, '_> {
     }
 
     /// The whole picture as the run stands, and its PSNR, dB.
-    fn evaluate(&mut self) -> Result<(Picture, f64), FieldError> {
+    fn evaluate(&mut self) -> anyhow::Result<(Picture, f64)> {
         let (step, bytes) = (self.trainer.steps(), self.trainer.export(None)?.bytes);
         let picture = render_blob(&bytes, self.options.kernel, self.photo.size())?;
         let psnr_db = psnr_db(&picture.rgb, &self.photo.picture.rgb);
@@ -240,7 +176,7 @@ impl Session<'_, '_> {
     }
 
     /// Seconds that rendering the whole picture is expected to take, asked of a smaller one.
-    fn evaluation_seconds(&self) -> Result<f64, FieldError> {
+    fn evaluation_seconds(&self) -> anyhow::Result<f64> {
         const SMALLER: u32 = 8;
         let size = self.photo.size();
         let small = size.map(|side| side.div_ceil(SMALLER));
@@ -261,7 +197,6 @@ impl Session<'_, '_> {
         }
     }
 
-    /// The last point of the curve with an evaluation.
     fn last_evaluation(&self) -> Option<&CurvePoint> {
         self.trainer.curve.iter().rev().find(|point| point.val_psnr_db.is_some())
     }
@@ -269,21 +204,20 @@ impl Session<'_, '_> {
 
 impl Task for Session<'_, '_> {
     type Outcome = Outcome;
-    type Error = FieldError;
     type Due = ();
 
     fn steps(&self) -> u32 {
         self.trainer.steps()
     }
 
-    fn share(&mut self, last_step: f64) -> Result<f64, FieldError> {
+    fn share(&mut self, last_step: f64) -> anyhow::Result<f64> {
         if self.budget.seconds.is_some() && self.time.one.is_none() && self.steps() > self.started.0 {
             self.time.one = Some(self.evaluation_seconds()?);
         }
         Ok(self.share_at(self.steps(), self.clock.seconds() + last_step))
     }
 
-    fn check_steps(&self) -> Result<(), FieldError> {
+    fn check_steps(&self) -> anyhow::Result<()> {
         let done = Done {
             before: self.started.0,
             steps: self.steps(),
@@ -291,7 +225,7 @@ impl Task for Session<'_, '_> {
             seconds: self.clock.own_seconds(),
             reserve: self.time.reserve(&self.options.budget),
         };
-        Ok(self.options.budget.check_steps(done, MIN_STEPS)?)
+        self.options.budget.check_steps(done, self.options.min_steps)
     }
 
     fn due(&self, share: f64, ended: bool) -> Option<()> {
@@ -301,15 +235,16 @@ impl Task for Session<'_, '_> {
             return None;
         }
         let then = last.map_or(0.0, |(step, seconds)| self.share_at(step, seconds));
-        let due = match self.options.evaluate_every {
+        let due = match self.options.validate_every {
             Some(every) => step > 0 && step.is_multiple_of(every.max(1)),
             None => share - then >= 1.0 / EVALUATIONS,
         };
         let affordable = self.budget.seconds.is_none() || self.time.affords(self.clock.seconds());
-        (due && affordable || self.options.snapshots.contains(&step)).then_some(())
+        let shown = self.options.snapshots.as_ref().is_some_and(|options| options.steps.contains(&step));
+        (due && affordable || shown).then_some(())
     }
 
-    fn validate(&mut self, (): (), _: f64) -> Result<(), FieldError> {
+    fn validate(&mut self, (): (), _: f64) -> anyhow::Result<()> {
         let begun = Instant::now();
         let (_, psnr_db) = self.evaluate()?;
         self.time.took(begun.elapsed().as_secs_f64());
@@ -326,7 +261,7 @@ impl Task for Session<'_, '_> {
         }
     }
 
-    fn step(&mut self, share: f64, _: &Progress) -> Result<(), FieldError> {
+    fn step(&mut self, share: f64, _: &Progress) -> anyhow::Result<()> {
         Ok(self.trainer.step(share)?)
     }
 
@@ -340,7 +275,7 @@ impl Task for Session<'_, '_> {
     }
 
     fn is_worth_keeping(&self) -> bool {
-        self.options.output.is_some() && self.steps() > 0
+        self.output.is_some() && self.steps() > 0
     }
 
     fn checkpoint(&self) -> Option<File> {
@@ -348,14 +283,14 @@ impl Task for Session<'_, '_> {
         Some((path, self.trainer.checkpoint(self.clock.seconds()).to_bytes()))
     }
 
-    fn as_it_stands(&self) -> Result<Option<File>, FieldError> {
-        let Some(path) = self.options.output.clone() else { return Ok(None) };
-        Ok(Some((path, self.trainer.export(None)?.bytes)))
+    fn as_it_stands(&self) -> anyhow::Result<Option<File>> {
+        let Some(path) = self.output else { return Ok(None) };
+        Ok(Some((path.into(), self.trainer.export(None)?.bytes)))
     }
 
     fn interrupted(&self) -> String {
-        let RunOptions { output, checkpoint, .. } = self.options;
-        output.as_ref().map_or_else(String::new, |output| kept(self.steps(), output, checkpoint.as_deref()))
+        let checkpoint = self.options.checkpoint.as_deref();
+        self.output.map_or_else(String::new, |output| kept(self.steps(), output, checkpoint))
     }
 
     fn ended(&mut self) -> String {
@@ -366,12 +301,12 @@ impl Task for Session<'_, '_> {
         format!("{} steps, {:.0} thousand pixels/s", self.steps(), self.pixels_per_second() / 1e3)
     }
 
-    fn finish(&mut self) -> Result<Outcome, FieldError> {
+    fn finish(&mut self) -> anyhow::Result<Outcome> {
         let (picture, psnr_db) = self.evaluate()?;
         let point = CurvePoint { seconds: self.train_seconds, ..self.point(Some(psnr_db)) };
         self.trainer.curve.push(point);
         let exported = self.trainer.export(Some(psnr_db))?;
-        if let Some(output) = &self.options.output {
+        if let Some(output) = self.output {
             write_atomic(output, &exported.bytes)?;
         }
         Ok(Outcome {
@@ -394,6 +329,70 @@ impl Session<'_, '_> {
         let (steps, seconds) = self.started;
         let pixels = f64::from(self.steps() - steps) * self.trainer.config().pixels as f64;
         pixels / (self.train_seconds - seconds).max(1e-9)
+    }
+}
+
+#[derive(Debug, Serialize)]
+pub struct Summary<'p> {
+    pub psnr_db: f64,
+    pub photo: &'p str,
+    pub width_px: usize,
+    pub height_px: usize,
+    pub train_seconds: f64,
+    pub total_seconds: f64,
+    pub steps: u32,
+    pub parameters: usize,
+    pub blob_bytes: usize,
+    pub subnormal_weights: usize,
+    pub pixels_per_second: f64,
+    pub levels: u8,
+    pub layers: usize,
+    pub width: usize,
+    pub rate: f64,
+    pub pixels_a_step: usize,
+    pub seed: u64,
+    pub kernel: String,
+    pub threads: usize,
+    pub cpu: String,
+    pub blob: String,
+    #[serde(flatten)]
+    pub grid: Option<GridSummary>,
+}
+
+impl<'p> Summary<'p> {
+    /// Of a fit to `photo`, written to `output`.
+    pub fn of(
+        outcome: &Outcome,
+        photo: &'p Photo,
+        config: &FieldConfig,
+        kernel: Kernel,
+        total_seconds: f64,
+        output: &Path,
+    ) -> Self {
+        Self {
+            psnr_db: outcome.psnr_db,
+            photo: &photo.name,
+            width_px: photo.picture.width,
+            height_px: photo.picture.height,
+            train_seconds: outcome.train_seconds,
+            total_seconds,
+            steps: outcome.steps,
+            parameters: outcome.parameters,
+            blob_bytes: outcome.bytes.len(),
+            subnormal_weights: outcome.subnormal_weights,
+            pixels_per_second: outcome.pixels_per_second,
+            levels: config.levels,
+            layers: config.layers,
+            width: config.width,
+            rate: config.optimiser.rate,
+            pixels_a_step: config.pixels,
+            seed: config.seed,
+            kernel: kernel.to_string(),
+            threads: rayon::current_num_threads(),
+            cpu: cpu::name(),
+            blob: output.display().to_string(),
+            grid: Blob::open(&outcome.bytes).ok().and_then(|blob| GridSummary::of(&blob)),
+        }
     }
 }
 

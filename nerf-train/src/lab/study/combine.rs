@@ -7,7 +7,6 @@ use crate::measure::settings::Settings;
 /// Values of one knob beside the base's, and what each was found to lose and to cost.
 #[derive(Clone, Debug, Default)]
 pub struct Choices {
-    /// Index of the knob in the table.
     pub knob: usize,
     /// Settings of the row, dB lost against the base, multiply-adds relative to the base's.
     pub rows: Vec<(Settings, Price)>,

@@ -8,7 +8,6 @@ use nerf_core::{Isa, Kernel, Storage};
 
 /// A setting that trades accuracy for time.
 pub struct Knob {
-    /// Its name in tables.
     pub name: &'static str,
     /// Whether a blob's front can hold it; other knobs stay at the base there.
     pub in_blob: bool,
@@ -16,7 +15,6 @@ pub struct Knob {
     pub combines: bool,
     /// Copies it from the first to the second.
     pub copy: fn(&Settings, &mut Settings),
-    /// Its value as a text.
     pub read: fn(&Variants<'_>, &Settings) -> String,
     /// The base with other values of it.
     pub values: fn(&Variants<'_>, Settings) -> Vec<Settings>,
@@ -26,12 +24,9 @@ pub struct Knob {
 const SAMPLES: [(u32, u32); 7] = [(1, 4), (3, 8), (1, 2), (5, 8), (3, 4), (3, 2), (2, 1)];
 /// Steps, as shares of the one that the field was trained with, in hundredths: of a scene that is marched.
 const STEPS: [u32; 5] = [50, 75, 125, 150, 200];
-/// Transmittance cuts.
 const TRANSMITTANCE: [f32; 6] = [0.0, 1e-3, 3e-2, 0.1, 0.2, 0.3];
-/// Colour cuts.
 const COLOUR: [f32; 5] = [0.0, 1e-2, 3e-2, 0.1, 0.2];
 
-/// Rays a pixel.
 const RAYS: [u16; 2] = [2, 4];
 
 /// All knobs, in the order of the report. A knob of the renderer joins the study by an entry here.
@@ -172,7 +167,6 @@ pub const KNOBS: &[Knob] = &[
     },
 ];
 
-/// The base with each of the values.
 fn vary<T>(
     base: Settings,
     values: impl IntoIterator<Item = T>,

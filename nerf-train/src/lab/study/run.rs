@@ -16,10 +16,10 @@ use super::front::{Price, cheapest_within, pareto, thin};
 use super::knobs::{KNOBS, difference, fits_blob};
 use crate::data::View;
 use crate::measure::bench::Variants;
-use crate::measure::error::StudyError;
 use crate::measure::frame::Frame;
 use crate::measure::point::{Clock, Origin, Point, Totals, ViewErrors};
 use crate::measure::settings::Settings;
+use anyhow::bail;
 use nerf_core::Kernel;
 use nerf_core::blob::{FrontPoint, MAX_FRONT};
 use nerf_core::camera::{Camera, Intrinsics};
@@ -38,7 +38,6 @@ const COMBINATIONS: usize = 12;
 /// Side of the square that the portable oracle renders, pixels.
 const ORACLE_SIDE: u32 = 16;
 
-/// How long to measure.
 #[derive(Clone, Copy, Debug)]
 pub struct Effort {
     /// Views that times are taken on.
@@ -51,18 +50,14 @@ pub struct Effort {
     pub clock: Clock,
 }
 
-/// What is going on, for a display.
 #[derive(Clone, Copy, Debug)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Progressed<'a> {
     pub pass: &'a str,
     pub done: u64,
     pub total: u64,
 }
 
-/// Everything that was measured.
 #[derive(Debug)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Study<'a, 'b> {
     pub lab: &'a Variants<'b>,
     pub views: Vec<&'a View>,
@@ -73,7 +68,6 @@ pub struct Study<'a, 'b> {
     pub effort: Effort,
     /// The exact rendering, the base, the knobs, the combinations.
     pub points: Vec<Point>,
-    /// The exact frames, by view.
     pub exact: Vec<Frame>,
     /// Rounds of timing there was no time for.
     pub rounds_left_out: usize,
@@ -87,18 +81,15 @@ pub struct Study<'a, 'b> {
 impl<'a, 'b> Study<'a, 'b> {
     /// Measures the scene of `lab` on `views`; `each` is told of every frame. The limit of time counts from
     /// `start`.
-    ///
-    /// # Errors
-    /// [`StudyError`].
     pub fn run(
         lab: &'a Variants<'b>,
         mut views: Vec<&'a View>,
         effort: Effort,
         start: Instant,
         each: &mut dyn FnMut(Progressed<'_>),
-    ) -> Result<Self, StudyError> {
+    ) -> anyhow::Result<Self> {
         if views.is_empty() {
-            return Err(StudyError::NoViews);
+            bail!("views: expected at least one, found none");
         }
         let background = lab.scene().background;
         let count = effort.timing_views.clamp(1, views.len());
@@ -228,7 +219,7 @@ impl<'a, 'b> Study<'a, 'b> {
         which: &[usize],
         only_timing: bool,
         each: &mut dyn FnMut(Progressed<'_>),
-    ) -> Result<(), StudyError> {
+    ) -> anyhow::Result<()> {
         let pass = self.passes;
         self.passes += 1;
         let settings: Vec<Settings> = which.iter().map(|&i| self.points[i].settings).collect();
@@ -268,7 +259,7 @@ impl<'a, 'b> Study<'a, 'b> {
     }
 
     /// Compares the exact rendering with the portable oracle in a square in the middle of the first view.
-    fn check_oracle(&mut self) -> Result<(), StudyError> {
+    fn check_oracle(&mut self) -> anyhow::Result<()> {
         let camera = &self.views[0].camera;
         let i = *camera.intrinsics();
         let (width, height) = (i.width.min(ORACLE_SIDE), i.height.min(ORACLE_SIDE));
@@ -328,7 +319,6 @@ impl<'a, 'b> Study<'a, 'b> {
         (thin(&prices, &pareto(&prices), MAX_FRONT), prices)
     }
 
-    /// That front as a blob has it.
     pub fn front_points(&self) -> heapless::Vec<FrontPoint, MAX_FRONT> {
         let (front, prices) = self.blob_front();
         let point = |i: usize| {

@@ -1,5 +1,6 @@
 //! Lists of values, and the points they span.
 
+use anyhow::bail;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -7,9 +8,7 @@ use std::fmt;
 const SINUSOIDAL: &str = "a sinusoidal encoding";
 const LEARNED: &str = "a learned grid";
 
-/// A setting that sweeps vary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs, reason = "the names say what they are")]
 pub enum Knob {
     Levels,
     Layers,
@@ -28,7 +27,6 @@ pub enum Knob {
 }
 
 impl Knob {
-    /// All of them.
     pub const ALL: [Self; 11] = [
         Self::Levels,
         Self::Layers,
@@ -65,12 +63,10 @@ impl Knob {
         self.row().0
     }
 
-    /// Its name in tables and names of files.
     pub fn name(self) -> &'static str {
         if self == Self::Levels { "L" } else { self.flag() }
     }
 
-    /// Its name on the axis of a plot.
     pub fn axis(self) -> &'static str {
         self.row().1
     }
@@ -81,7 +77,6 @@ impl Knob {
 pub struct Point([Option<f64>; Knob::ALL.len()]);
 
 impl Point {
-    /// A point with these values.
     pub fn of(values: &[(Knob, f64)]) -> Self {
         values.iter().fold(Self::default(), |point, &(knob, value)| point.with(knob, value))
     }
@@ -93,12 +88,10 @@ impl Point {
         self
     }
 
-    /// The value of a knob, if the field has it.
     pub fn get(&self, knob: Knob) -> Option<f64> {
         self.0[knob as usize]
     }
 
-    /// The knobs it has, with their values.
     pub fn values(&self) -> impl Iterator<Item = (Knob, f64)> {
         Knob::ALL.into_iter().zip(self.0).filter_map(|(knob, value)| Some((knob, value?)))
     }
@@ -150,7 +143,6 @@ pub enum Mode {
 
 /// Lists of values around a base: an empty list keeps the base's value, a list of one value replaces it.
 #[derive(Clone, Debug, PartialEq)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Combinations {
     /// What holds where a list is empty.
     pub base: Point,
@@ -158,35 +150,18 @@ pub struct Combinations {
     pub mode: Mode,
 }
 
-/// Lists without points to compare.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-#[allow(missing_docs, reason = "the names say what they are")]
-pub enum CombinationsError {
-    /// No list at all.
-    #[error(
-        "nothing to sweep: expected a list for at least one of --rate, --layers, --width, --levels, or of a learned grid \
-         --table, --grid-levels, --features, --finest"
-    )]
-    Empty,
-    /// A list of what this field has not.
-    #[error("--{flag}: expected settings with {wanted}, these have {found}")]
-    Other { flag: &'static str, wanted: &'static str, found: &'static str },
-}
-
 impl Combinations {
-    /// The points in order, each once.
-    ///
-    /// # Errors
-    /// [`CombinationsError::Empty`] without any list, [`CombinationsError::Other`] on a list of another encoding's.
-    pub fn points(&self) -> Result<Vec<Point>, CombinationsError> {
+    pub fn points(&self) -> anyhow::Result<Vec<Point>> {
         if self.listed().next().is_none() {
-            return Err(CombinationsError::Empty);
+            bail!(
+                "nothing to sweep: expected a list for at least one of --rate, --layers, --width, --levels, or of a learned \
+                 grid --table, --grid-levels, --features, --finest"
+            );
         }
         let found = if self.base.get(Knob::Table).is_some() { LEARNED } else { SINUSOIDAL };
         for (knob, _) in self.listed() {
             if let Some(wanted) = knob.row().2.filter(|wanted| *wanted != found) {
-                return Err(CombinationsError::Other { flag: knob.flag(), wanted, found });
+                bail!("--{}: expected settings with {wanted}, these have {found}", knob.flag());
             }
         }
         let all = match self.mode {
@@ -202,7 +177,6 @@ impl Combinations {
         Ok(points)
     }
 
-    /// The knobs with a list.
     fn listed(&self) -> impl Iterator<Item = (Knob, &[f64])> {
         let lists = self.lists.iter().map(|(knob, list)| (*knob, list.as_slice()));
         lists.filter(|(_, list)| !list.is_empty())

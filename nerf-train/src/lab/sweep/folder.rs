@@ -2,11 +2,11 @@
 
 use super::{Header, Point, Record};
 use crate::data::pictures::rgb::Picture;
-use crate::data::pictures::rgb::ReportError;
 use crate::system::input;
-use crate::system::output::{OutputError, ensure_folder, write_atomic, write_new};
-use crate::system::printable;
+use crate::system::output::{ensure_folder, write_atomic, write_new};
+use crate::system::summary::to_json;
 use crate::train::checkpoint::difference;
+use anyhow::{Context, anyhow, bail};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
@@ -24,45 +24,15 @@ pub struct Folder {
     header: Header,
 }
 
-/// Why a folder cannot be used.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-#[allow(missing_docs, reason = "the names say what they are")]
-pub enum LabError {
-    /// A file cannot be written.
-    #[error("{0}")]
-    Output(#[from] OutputError),
-    /// A picture, plot or table cannot be made.
-    #[error("{0}")]
-    Report(#[from] ReportError),
-    /// A file cannot be read.
-    #[error("cannot read {path}: {source}")]
-    Read { path: PathBuf, source: std::io::Error },
-    /// A file holds something else.
-    #[error("{path}: expected a sweep's {what}, found: {found}")]
-    Format { path: PathBuf, what: &'static str, found: String },
-    /// A folder without a sweep, where one was expected.
-    #[error("{path}: expected the folder of a sweep, found no sweep.json in it")]
-    Empty { path: PathBuf },
-    /// A folder with another sweep.
-    #[error(
-        "{path}: the sweep in this folder has another {field} (in the folder: {found}; now: {expected}); \
-         nothing was changed: take another folder, or the same settings"
-    )]
-    Other { path: PathBuf, field: String, expected: String, found: String },
-}
-
 impl Folder {
     /// Takes up the sweep in `path`, or begins one there.
-    ///
-    /// # Errors
-    /// [`LabError::Other`] if the folder holds one with other settings; nothing is changed then.
-    pub fn open(path: &Path, header: Header) -> Result<Self, LabError> {
+    /// Fails, and changes nothing, where the folder holds one with other settings.
+    pub fn open(path: &Path, header: Header) -> anyhow::Result<Self> {
         let file = path.join(FILE);
         if !file.exists() {
             ensure_folder(path.join("runs"))?;
             // Another process may begin one here at this very moment: then it is that one's.
-            write_new(file, json(&header)?.as_bytes())?;
+            write_new(file, to_json(&header)?.as_bytes())?;
         }
         let folder = Self::existing(path)?;
         folder.check_same(&header)?;
@@ -70,39 +40,34 @@ impl Folder {
         Ok(folder)
     }
 
-    /// The sweep in `path`.
-    ///
-    /// # Errors
-    /// [`LabError::Empty`] if there is none.
-    pub fn existing(path: &Path) -> Result<Self, LabError> {
+    pub fn existing(path: &Path) -> anyhow::Result<Self> {
         let file = path.join(FILE);
         if !file.exists() {
-            return Err(LabError::Empty { path: path.into() });
+            bail!("{}: expected the folder of a sweep, found no sweep.json in it", path.display());
         }
         let header = read_json(&file, "description")?;
         Ok(Self { path: path.into(), header })
     }
 
-    /// What its runs share.
     pub fn header(&self) -> &Header {
         &self.header
     }
 
-    /// Where it lies.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
     /// Refuses another sweep than `other` describes.
-    ///
-    /// # Errors
-    /// [`LabError::Other`] names the first difference.
-    pub fn check_same(&self, other: &Header) -> Result<(), LabError> {
+    pub fn check_same(&self, other: &Header) -> anyhow::Result<()> {
         let tree = |header: &Header| serde_json::to_value(header).unwrap_or_default();
         match difference(&tree(other), &tree(&self.header)) {
             Some((field, expected, found)) => {
-                let field = field.trim_start_matches("settings.").to_owned();
-                Err(LabError::Other { path: self.path.clone(), field, expected, found })
+                bail!(
+                    "{}: the sweep in this folder has another {} (in the folder: {found}; now: {expected}); nothing was changed: \
+                     take another folder, or the same settings",
+                    self.path.display(),
+                    field.trim_start_matches("settings.")
+                )
             }
             None => Ok(()),
         }
@@ -117,36 +82,25 @@ impl Folder {
         self.path.join("runs").join(format!("{name}.png"))
     }
 
-    /// The run of this name, if it is finished.
-    ///
-    /// # Errors
-    /// [`LabError::Format`] if its file holds something else.
-    pub fn run(&self, name: &str) -> Result<Option<Record>, LabError> {
+    pub fn run(&self, name: &str) -> anyhow::Result<Option<Record>> {
         let path = self.run_path(name);
         if path.exists() { read_json(&path, "record").map(Some) } else { Ok(None) }
     }
 
     /// Keeps a finished run: its picture first, so that a record never lacks one it should have.
-    ///
-    /// # Errors
-    /// [`LabError::Output`].
-    pub fn keep(&self, run: &Record, picture: Option<&Picture>) -> Result<(), LabError> {
+    pub fn keep(&self, run: &Record, picture: Option<&Picture>) -> anyhow::Result<()> {
         if let Some(picture) = picture {
             picture.write_png(self.picture_path(&run.point.name()))?;
         }
         write_json(&self.run_path(&run.point.name()), run)
     }
 
-    /// All finished runs, by name.
-    ///
-    /// # Errors
-    /// [`LabError::Format`] names the file that holds something else.
-    pub fn runs(&self) -> Result<Vec<Record>, LabError> {
+    pub fn runs(&self) -> anyhow::Result<Vec<Record>> {
         let runs = self.path.join("runs");
-        let read = |source| LabError::Read { path: runs.clone(), source };
         let mut files: Vec<PathBuf> = Vec::new();
-        for entry in std::fs::read_dir(&runs).map_err(read)? {
-            let path = entry.map_err(read)?.path();
+        let unread = || unread(&runs);
+        for entry in std::fs::read_dir(&runs).with_context(unread)? {
+            let path = entry.with_context(unread)?.path();
             if path.extension().is_some_and(|extension| extension == "json") {
                 files.push(path);
             }
@@ -156,15 +110,12 @@ impl Folder {
     }
 
     /// Makes those runs of `points` that are not finished, and says what each came to.
-    ///
-    /// # Errors
-    /// What `make` says, and [`LabError`] on files.
-    pub fn conduct<E: From<LabError>>(
+    pub fn conduct(
         &self,
         points: &[Point],
         say: impl Fn(String),
-        mut make: impl FnMut(&Point) -> Result<(Record, Option<Picture>), E>,
-    ) -> Result<(), E> {
+        mut make: impl FnMut(&Point) -> anyhow::Result<(Record, Option<Picture>)>,
+    ) -> anyhow::Result<()> {
         for (i, point) in points.iter().enumerate() {
             let place = format!("[{}/{}] {point}", i + 1, points.len());
             if let Some(run) = self.run(&point.name())? {
@@ -180,10 +131,7 @@ impl Folder {
     }
 
     /// Takes in the finished runs of another folder of the same sweep; returns how many were new.
-    ///
-    /// # Errors
-    /// [`LabError::Other`] if it is another one; [`LabError::Read`] and [`LabError::Output`] on files.
-    pub fn take_in(&self, other: &Self) -> Result<usize, LabError> {
+    pub fn take_in(&self, other: &Self) -> anyhow::Result<usize> {
         other.check_same(&self.header)?;
         let mut new = 0;
         for run in other.runs()? {
@@ -193,8 +141,8 @@ impl Folder {
             }
             let path = other.picture_path(&name);
             if path.exists() {
-                let bytes = input::read_limited(&path, input::MAX_PICTURE_BYTES)
-                    .map_err(|source| LabError::Read { path, source })?;
+                let bytes =
+                    input::read_limited(&path, input::MAX_PICTURE_BYTES).with_context(|| unread(&path))?;
                 write_atomic(self.picture_path(&name), &bytes)?;
             }
             write_json(&self.run_path(&name), &run)?;
@@ -204,21 +152,16 @@ impl Folder {
     }
 }
 
-fn read_json<T: DeserializeOwned>(path: &Path, what: &'static str) -> Result<T, LabError> {
-    let text = input::read_text(path, input::MAX_JSON_BYTES)
-        .map_err(|source| LabError::Read { path: path.into(), source })?;
-    serde_json::from_str(&text).map_err(|error| LabError::Format {
-        path: path.into(),
-        what,
-        found: error.to_string(),
-    })
+fn unread(path: &Path) -> String {
+    format!("cannot read {}", path.display())
 }
 
-fn json(value: &impl Serialize) -> Result<String, LabError> {
-    let text = serde_json::to_string_pretty(value).map_err(ReportError::encode("record"))?;
-    Ok(printable::json(&text).into_owned() + "\n")
+fn read_json<T: DeserializeOwned>(path: &Path, what: &'static str) -> anyhow::Result<T> {
+    let text = input::read_text(path, input::MAX_JSON_BYTES).with_context(|| unread(path))?;
+    serde_json::from_str(&text)
+        .map_err(|error| anyhow!("{}: expected a sweep's {what}, found: {error}", path.display()))
 }
 
-fn write_json(path: &Path, value: &impl Serialize) -> Result<(), LabError> {
-    Ok(write_atomic(path, json(value)?.as_bytes())?)
+fn write_json(path: &Path, value: &impl Serialize) -> anyhow::Result<()> {
+    Ok(write_atomic(path, to_json(value)?.as_bytes())?)
 }

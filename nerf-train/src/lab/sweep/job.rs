@@ -5,13 +5,10 @@ use crate::data::pictures::photograph::Photo;
 use crate::data::pictures::rgb::Picture;
 use crate::data::{Dataset, View};
 use crate::fit::picture;
-use crate::fit::picture::FieldError;
-use crate::fit::run;
-use crate::fit::run::{Ended, RunError, spread};
+use crate::fit::run::{Ended, RunOptions, run_since, spread};
 use crate::fit::validation::FINAL_VIEWS;
 use crate::measure::eval::measure;
-use crate::measure::frame;
-use crate::measure::frame::Frame;
+use crate::measure::frame::{self, Frame};
 use crate::measure::metrics::{flat_psnr_db, is_flat};
 use crate::model::config::{Config, ConfigError, TableConfig, rule};
 use crate::model::engine::EngineError;
@@ -19,7 +16,6 @@ use crate::model::picture_config::FieldConfig;
 use crate::system::progress::ProgressStyle;
 use crate::train::TrainError;
 use crate::train::checkpoint::fingerprint;
-use crate::train::field::FieldTrainError;
 use crate::train::schedule::{Budget, Clock};
 use nerf_core::Kernel;
 use nerf_core::network::Architecture;
@@ -30,50 +26,26 @@ use std::time::Duration;
 /// What all runs of a sweep fit, and from which settings.
 #[derive(Debug)]
 pub enum Job<'a> {
-    /// A 2D field.
     Image {
-        /// To this photograph.
         photo: &'a Photo,
-        /// From these settings.
         base: FieldConfig,
     },
-    /// A radiance field.
     Scene {
-        /// To these posed photographs.
         dataset: &'a Dataset,
-        /// From these settings.
         base: Box<Config>,
         /// Seconds of a run where no list says them, instead of the settings' steps.
         seconds: Option<f64>,
     },
 }
 
-/// How runs are made.
 #[derive(Clone, Copy, Debug)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Runner<'a> {
     pub kernel: Kernel,
     pub style: ProgressStyle,
     pub cpu: &'a str,
 }
 
-/// A finished run, and its picture if there is one.
 pub type Run = (Record, Option<Picture>);
-
-/// A run that could not be made, for a reason that has nothing to do with its point.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum JobError {
-    /// A setting out of range.
-    #[error("{0}")]
-    Config(#[from] ConfigError),
-    /// A 2D field.
-    #[error("{0}")]
-    Field(FieldError),
-    /// A radiance field.
-    #[error("{0}")]
-    Run(RunError),
-}
 
 impl Job<'_> {
     /// The settings that are varied, where no list says otherwise.
@@ -89,7 +61,6 @@ impl Job<'_> {
         }
     }
 
-    /// What the runs share.
     pub fn header(&self, mode: Mode) -> Header {
         match self {
             Self::Image { photo, base } => Header {
@@ -109,10 +80,6 @@ impl Job<'_> {
         }
     }
 
-    /// Checks the settings of a point.
-    ///
-    /// # Errors
-    /// [`ConfigError`] names the setting.
     pub fn check(&self, point: &Point) -> Result<(), ConfigError> {
         match self {
             Self::Image { photo, base } => field_config(base, point).check_for(photo.size()),
@@ -130,10 +97,7 @@ impl Job<'_> {
     /// Runs one point, to its end: a signal leaves nothing of it.
     ///
     /// A run that diverges is a result. Its picture is the photograph's, or the first validation view's.
-    ///
-    /// # Errors
-    /// [`JobError`] for whatever is wrong besides.
-    pub fn run(&self, point: &Point, runner: &Runner<'_>) -> Result<Run, JobError> {
+    pub fn run(&self, point: &Point, runner: &Runner<'_>) -> anyhow::Result<Run> {
         match self {
             Self::Image { photo, base } => run_image(photo, field_config(base, point), point, runner),
             Self::Scene { dataset, base, seconds } => {
@@ -227,29 +191,43 @@ fn diverged(point: &Point, runner: &Runner<'_>, architecture: &Architecture, not
     }
 }
 
+/// The record of a run that its own settings ended; any other error is one of the sweep.
+fn diverged_by(
+    error: anyhow::Error,
+    point: &Point,
+    runner: &Runner<'_>,
+    architecture: &Architecture,
+    clock: Clock,
+) -> anyhow::Result<Run> {
+    match error.downcast_ref() {
+        Some(
+            TrainError::Engine(EngineError::Diverged { .. })
+            | TrainError::Dead { .. }
+            | TrainError::Export(_),
+        ) => {
+            let record = diverged(point, runner, architecture, error.to_string());
+            Ok((Record { train_seconds: clock.seconds(), ..record }, None))
+        }
+        _ => Err(error),
+    }
+}
+
 fn macs(architecture: &Architecture) -> u64 {
     (architecture.density_macs() + architecture.colour_macs()) as u64
 }
 
-fn run_image(
-    photo: &Photo,
-    config: FieldConfig,
-    point: &Point,
-    runner: &Runner<'_>,
-) -> Result<Run, JobError> {
+fn run_image(photo: &Photo, config: FieldConfig, point: &Point, runner: &Runner<'_>) -> anyhow::Result<Run> {
     let architecture = config.model(photo.size()).architecture;
-    let options = picture::RunOptions::unattended(config.optimiser.steps, runner.kernel, runner.style);
+    let budget = Budget { steps: Some(config.optimiser.steps), seconds: None };
+    let options = RunOptions {
+        validate_every: Some(u32::MAX),
+        ..RunOptions::unattended(budget, runner.kernel, runner.style)
+    };
     let clock = Clock::resume(Duration::ZERO);
-    let outcome = match picture::run(photo, config, &options, clock, &|_| false, |_| {}) {
+    let outcome = match picture::run(photo, config, &options, None, clock, &|_| false, |_| {}) {
         Ok(Ended::Finished(outcome)) => outcome,
         Ok(Ended::Interrupted { .. }) => unreachable!("nobody stops it"),
-        Err(FieldError::Train(FieldTrainError::Engine(error @ EngineError::Diverged { .. }))) => {
-            let mut record = diverged(point, runner, &architecture, error.to_string());
-            record.train_seconds = clock.seconds();
-            return Ok((record, None));
-        }
-        Err(FieldError::Train(FieldTrainError::Config(error))) => return Err(error.into()),
-        Err(error) => return Err(JobError::Field(error)),
+        Err(error) => return diverged_by(error, point, runner, &architecture, clock),
     };
     let flat = flat_psnr_db(&photo.picture.rgb);
     let mut record = Record {
@@ -269,23 +247,14 @@ fn run_scene(
     budget: Budget,
     point: &Point,
     runner: &Runner<'_>,
-) -> Result<Run, JobError> {
+) -> anyhow::Result<Run> {
     let architecture = config.model().architecture;
-    let options = run::RunOptions::unattended(budget, runner.kernel, runner.style);
+    let options = RunOptions::unattended(budget, runner.kernel, runner.style);
     let clock = Clock::resume(Duration::ZERO);
-    let outcome = match run::run_since(clock, dataset, config, &options, &|_| false) {
+    let outcome = match run_since(clock, dataset, config, &options, &|_| false) {
         Ok(Ended::Finished(outcome)) => outcome,
         Ok(Ended::Interrupted { .. }) => unreachable!("nobody stops it"),
-        Err(RunError::Train(
-            error @ (TrainError::Engine(EngineError::Diverged { .. })
-            | TrainError::Dead { .. }
-            | TrainError::Export(_)),
-        )) => {
-            let mut record = diverged(point, runner, &architecture, error.to_string());
-            record.train_seconds = clock.seconds();
-            return Ok((record, None));
-        }
-        Err(error) => return Err(JobError::Run(error)),
+        Err(error) => return diverged_by(error, point, runner, &architecture, clock),
     };
     let views = spread(&dataset.val, FINAL_VIEWS);
     let mut record = Record {
@@ -299,8 +268,7 @@ fn run_scene(
     let mut picture = None;
     let each = |_: &View, frame: &Frame, _: &[[f32; 3]], _: &_| picture = Some(frame::picture(frame));
     let first = views.first().copied();
-    measure(&outcome.bytes, None, runner.kernel, &Quality::default(), outcome.background, first, each)
-        .map_err(|error| JobError::Run(error.into()))?;
+    measure(&outcome.bytes, None, runner.kernel, &Quality::default(), outcome.background, first, each)?;
     Ok((record, picture))
 }
 

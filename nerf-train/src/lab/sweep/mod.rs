@@ -9,21 +9,78 @@
 mod combinations;
 mod folder;
 mod job;
-mod record;
 
 #[cfg(test)]
 mod tests;
 
-pub use combinations::{Combinations, CombinationsError, Knob, Mode, Point};
-pub use folder::{Folder, LabError};
-pub use job::{Job, JobError, Runner};
-pub use record::{Header, Kind, Record, Status};
+pub use combinations::{Combinations, Knob, Mode, Point};
+pub use folder::Folder;
+pub use job::{Job, Runner};
+use serde::{Deserialize, Serialize};
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// A 2D field to a photograph; PSNR is over the whole picture.
+    Image,
+    /// A radiance field to posed photographs; PSNR is the mean over validation views.
+    Scene,
+}
+
+/// What all runs of a folder share; `sweep.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Header {
+    pub kind: Kind,
+    pub data: String,
+    pub fingerprint: String,
+    pub mode: Mode,
+    /// All settings of the base; those that are varied too, and they may be varied further later.
+    pub settings: serde_json::Value,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Status {
+    Ok,
+    /// A number overflowed, or every density died.
+    Diverged,
+    /// It went through, and shows no more than one flat colour would: too fast a rate, or too few steps.
+    Flat,
+}
+
+/// What one run came to; `runs/NAME.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    pub point: Point,
+    pub status: Status,
+    /// Why, where it did not end as it should.
+    pub note: String,
+    /// dB, as [`Kind`] says; absent where there is no picture.
+    pub psnr_db: Option<f64>,
+    pub steps: u32,
+    pub parameters: usize,
+    /// Multiply-adds of one pixel or sample.
+    pub macs: u64,
+    pub blob_bytes: usize,
+    pub train_seconds: f64,
+    pub threads: usize,
+    pub kernel: String,
+    pub cpu: String,
+}
+
+impl Record {
+    /// What it came to, in a few words.
+    pub(super) fn result(&self) -> String {
+        match (self.status, self.psnr_db) {
+            (Status::Ok, Some(db)) => format!("{db:.2} dB in {:.1} s", self.train_seconds),
+            (Status::Flat, _) => format!("flat ({})", self.note),
+            _ => format!("diverged ({})", self.note),
+        }
+    }
+}
 
 /// All finished runs, ordered by their settings.
-///
-/// # Errors
-/// [`LabError::Format`] names the file that holds something else.
-pub fn records(folder: &Folder) -> Result<Vec<Record>, LabError> {
+pub fn records(folder: &Folder) -> anyhow::Result<Vec<Record>> {
     let mut records = folder.runs()?;
     // No value is NaN: JSON has none.
     let order = |a: &Record, b: &Record| a.point.partial_cmp(&b.point);

@@ -1,41 +1,37 @@
 //! What each effect of a scene is worth: the scene with it and without it.
 
 mod average;
-mod summary;
-
-use crate::measure::bench::Variants;
-use crate::measure::error::StudyError;
-use crate::measure::point::{Clock, Origin, Point, ViewErrors};
-use crate::measure::settings::Settings;
-pub use average::{flattened, mean_encoding, without_direction};
-pub use summary::Summary;
 
 use crate::data::View;
+use crate::data::pictures::colour;
+use crate::measure::bench::Variants;
 use crate::measure::metrics::gain_db;
+use crate::measure::point::{Clock, Origin, Point, ViewErrors};
+use crate::measure::settings::Settings;
+use crate::system::cpu;
+use anyhow::bail;
+pub use average::{flattened, mean_encoding, without_direction};
 use nerf_core::plan::Quality;
+use serde::Serialize;
 
 /// What an effect must gain to be kept where nothing else is said, dB.
 pub const THRESHOLD_DB: f64 = 0.05;
 /// An effect that spares so much of the work is kept for that.
 const SPARED: f64 = 0.9;
 
-/// How to render without an effect.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Without {
-    /// Its knobs.
     pub settings: Settings,
     /// What is behind the scene, display-encoded.
     pub background: [f32; 3],
 }
 
 /// How to render without an effect, or why there is nothing to leave out.
-pub type Asked = Result<Result<Without, &'static str>, StudyError>;
+pub type Asked = anyhow::Result<Result<Without, &'static str>>;
 
 /// An effect that a scene may have: one entry of the table.
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Effect {
     pub name: &'static str,
-    /// What stands in its place.
     pub instead: &'static str,
     /// How to render without it, given how to render with it; it may add a variant to the blob's variants.
     pub without: fn(&mut Variants<'_>, Without, &[&View]) -> Asked,
@@ -81,12 +77,10 @@ pub const EFFECTS: &[Effect] = &[
     },
 ];
 
-/// What is to become of an effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// It gains what it must, or spares work and loses nothing.
     Keeps,
-    /// It does not.
     Drops,
 }
 
@@ -98,7 +92,6 @@ impl Verdict {
         if gain_db < threshold_db && !spares { Self::Drops } else { Self::Keeps }
     }
 
-    /// Its name.
     pub fn name(self) -> &'static str {
         match self {
             Self::Keeps => "keeps",
@@ -107,9 +100,7 @@ impl Verdict {
     }
 }
 
-/// An effect, and what it is worth.
 #[derive(Clone, Copy, Debug)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Worth {
     pub with_db: f64,
     pub without_db: f64,
@@ -120,7 +111,6 @@ pub struct Worth {
 }
 
 impl Worth {
-    /// What it gains, dB.
     pub fn gain_db(&self) -> f64 {
         gain_db(self.with_db, self.without_db)
     }
@@ -129,9 +119,7 @@ impl Worth {
 /// The findings, by effect: its worth, or why there was nothing to leave out.
 pub type Audit = Vec<(&'static Effect, Result<Worth, &'static str>)>;
 
-/// How an audit is made.
 #[derive(Clone, Copy, Debug)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct AuditOptions {
     pub threshold_db: f64,
     pub repeats: usize,
@@ -141,18 +129,15 @@ pub struct AuditOptions {
 /// Renders `views` with every effect and without each; `rays`: the views whose directions are averaged.
 ///
 /// With and without are rendered in turns, view by view. `each` is told the frames done and their number.
-///
-/// # Errors
-/// [`StudyError`].
 pub fn audit(
     lab: &mut Variants<'_>,
     views: &[&View],
     rays: &[&View],
     options: &AuditOptions,
     each: &mut dyn FnMut(u64, u64),
-) -> Result<Audit, StudyError> {
+) -> anyhow::Result<Audit> {
     if views.is_empty() {
-        return Err(StudyError::NoViews);
+        bail!("views: expected at least one, found none");
     }
     let background = lab.scene().background;
     let with = Without { settings: Settings::base(), background };
@@ -185,7 +170,7 @@ fn measure(
     views: &[&View],
     repeats: usize,
     each: &mut dyn FnMut(u64, u64),
-) -> Result<Vec<Point>, StudyError> {
+) -> anyhow::Result<Vec<Point>> {
     let settings: Vec<Settings> = ways.iter().map(|way| way.settings).collect();
     let new = |settings: &Settings| Point::new(Origin::Base, *settings, String::new(), views.len());
     let mut points: Vec<Point> = settings.iter().map(new).collect();
@@ -216,6 +201,74 @@ fn measure(
         Ok(())
     })?;
     Ok(points)
+}
+
+#[derive(Debug, Serialize)]
+pub struct Summary {
+    pub effects: Vec<EffectSummary>,
+    pub threshold_db: f64,
+    pub views: usize,
+    pub split: &'static str,
+    pub background: String,
+    pub threads: usize,
+    pub cpu: String,
+}
+
+/// What an effect is worth, or why it was not asked.
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+pub enum EffectSummary {
+    Asked {
+        effect: &'static str,
+        with_db: f64,
+        without_db: f64,
+        gain_db: f64,
+        relative_time: f64,
+        relative_macs: f64,
+        kept: bool,
+    },
+    NotAsked {
+        effect: &'static str,
+        gain_db: Option<f64>,
+        gain_db_note: &'static str,
+    },
+}
+
+impl EffectSummary {
+    fn of(effect: &'static str, worth: &Result<Worth, &'static str>) -> Self {
+        match worth {
+            Ok(worth) => Self::Asked {
+                effect,
+                with_db: worth.with_db,
+                without_db: worth.without_db,
+                gain_db: worth.gain_db(),
+                relative_time: worth.relative_time,
+                relative_macs: worth.relative_macs,
+                kept: worth.verdict == Verdict::Keeps,
+            },
+            Err(gain_db_note) => Self::NotAsked { effect, gain_db: None, gain_db_note },
+        }
+    }
+}
+
+impl Summary {
+    /// Of an audit on so many views of the split of this name, over `background`.
+    pub fn of(
+        audit: &Audit,
+        threshold_db: f64,
+        (split, views): (&'static str, usize),
+        background: [f32; 3],
+    ) -> Self {
+        Self {
+            effects: audit.iter().map(|(effect, worth)| EffectSummary::of(effect.name, worth)).collect(),
+            threshold_db,
+            views,
+            split,
+            background: colour::name(background),
+            threads: rayon::current_num_threads(),
+            cpu: cpu::name(),
+        }
+    }
 }
 
 #[cfg(test)]

@@ -3,13 +3,12 @@
 pub mod size;
 pub mod source;
 
-use crate::measure::error::StudyError;
-use crate::measure::frame;
-use crate::measure::frame::Frame;
+use crate::measure::frame::{self, Frame};
 use crate::measure::settings::{Precision, Settings};
 use crate::model::export::{Contents, Tables, export};
 use crate::model::quantise::{Quantised, TableStorage, values_of};
-use crate::train::occupancy::{Ask, LiveCells, Occupancy};
+use crate::train::occupancy::{DensityQuery, LiveCells, Occupancy};
+use anyhow::Context;
 use nerf_core::Kernel;
 use nerf_core::blob::{
     Blob, BlobError, Body, Content, FrontPoint, MAX_FRONT, SceneFacts, SceneSampling, StoredOccupancy,
@@ -21,7 +20,10 @@ use nerf_core::memory::Line;
 use nerf_core::network::{Architecture, unpack};
 use nerf_core::plan::{Batch, Effects, Outputs, Plan};
 use nerf_core::render::Renderer;
+use source::other_source;
 use std::time::Instant;
+
+const NOT_A_SCENE: &str = "blob: expected a scene, found a 2D field";
 
 /// The blob with something else in it.
 #[derive(Clone, Debug)]
@@ -41,7 +43,6 @@ pub struct Variants<'b> {
     source: Option<Vec<f32>>,
 }
 
-/// What a render took.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Clocked {
     /// Seconds on the clock.
@@ -50,7 +51,6 @@ pub struct Clocked {
     pub cpu: f64,
 }
 
-/// Memory of a setting, bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Memory {
     pub workspace: usize,
@@ -60,25 +60,19 @@ pub struct Memory {
 }
 
 impl<'b> Variants<'b> {
-    /// The scene in `bytes`.
-    ///
-    /// # Errors
-    /// [`StudyError::Blob`], [`StudyError::NotAScene`].
-    pub fn new(bytes: &'b [u8]) -> Result<Self, StudyError> {
+    pub fn new(bytes: &'b [u8]) -> anyhow::Result<Self> {
         let blob = Blob::open(bytes)?;
-        let scene = blob.scene().ok_or(StudyError::NotAScene)?.clone();
+        let scene = blob.scene().context(NOT_A_SCENE)?.clone();
         let cells = cells(&blob);
         let variants =
             vec![Variant { name: "as it is".into(), bytes: bytes.to_vec(), has_occupancy: cells.is_some() }];
         Ok(Self { blob, scene, cells, variants, source: None })
     }
 
-    /// The blob.
     pub fn blob(&self) -> &Blob<'b> {
         &self.blob
     }
 
-    /// What it says of the scene.
     pub fn scene(&self) -> &SceneFacts {
         &self.scene
     }
@@ -110,12 +104,10 @@ impl<'b> Variants<'b> {
         self.variants.len()
     }
 
-    /// Name of a variant.
     pub fn name(&self, variant: usize) -> &str {
         &self.variants[variant].name
     }
 
-    /// Whether a variant has an occupancy grid.
     pub fn has_occupancy(&self, variant: usize) -> bool {
         self.variants[variant].has_occupancy
     }
@@ -125,7 +117,6 @@ impl<'b> Variants<'b> {
         self.blob.proposal().is_some()
     }
 
-    /// Adds a variant; its number.
     pub fn add(&mut self, variant: Variant) -> usize {
         self.variants.push(variant);
         self.variants.len() - 1
@@ -144,10 +135,7 @@ impl<'b> Variants<'b> {
     /// Adds the blob with an occupancy grid that its network is asked for; `None` if the network is empty everywhere.
     ///
     /// `resolution`: cells along the longest side; `threshold`: density times bin width that keeps a cell.
-    ///
-    /// # Errors
-    /// [`StudyError::Blob`].
-    pub fn add_occupancy(&mut self, resolution: u16, threshold: f32) -> Result<Option<usize>, StudyError> {
+    pub fn add_occupancy(&mut self, resolution: u16, threshold: f32) -> anyhow::Result<Option<usize>> {
         // Where the occupancy grid is part of the model, the field was never trained outside of it.
         let own = self.cells.as_ref().filter(|_| self.scene.occupancy_required);
         let resolution = own.map_or(resolution, |own| own.resolution().into_iter().fold(0, u16::max));
@@ -158,8 +146,9 @@ impl<'b> Variants<'b> {
         let parameters = [self.parameters(), self.table_values()].concat();
         let (architecture, kernel) = (self.blob.architecture(), Kernel::detect());
         let contraction = self.blob.scene().and_then(|scene| scene.contraction());
-        let ask = Ask { isa: kernel.isa, architecture, parameters: &parameters, seed: 0, contraction };
-        let Some(bounds) = self.blob.scene_box() else { return Err(StudyError::NotAScene) };
+        let ask =
+            DensityQuery { isa: kernel.isa, architecture, parameters: &parameters, seed: 0, contraction };
+        let bounds = self.blob.scene_box().context(NOT_A_SCENE)?;
         let sigma = threshold / self.scene.step();
         let cells = match own {
             Some(own) => Occupancy::asked_within(own, &ask, sigma),
@@ -174,10 +163,7 @@ impl<'b> Variants<'b> {
     }
 
     /// Adds the blob with its grid's tables in int8; `None` if it has no grid, or has them so.
-    ///
-    /// # Errors
-    /// [`StudyError::Blob`].
-    pub fn add_int8(&mut self) -> Result<Option<usize>, StudyError> {
+    pub fn add_int8(&mut self) -> anyhow::Result<Option<usize>> {
         let (Some(grid), Some(StoredTables::F16(_))) =
             (self.blob.architecture().position.grid(), self.blob.tables())
         else {
@@ -208,15 +194,12 @@ impl<'b> Variants<'b> {
     }
 
     /// Adds the blob with another network, rounded to f16; its number.
-    ///
-    /// # Errors
-    /// [`StudyError::Export`] on parameters beyond f16.
     pub fn add_network(
         &mut self,
         name: &str,
         architecture: &Architecture,
         parameters: &[f32],
-    ) -> Result<usize, StudyError> {
+    ) -> anyhow::Result<usize> {
         let alone = export(&Contents {
             architecture,
             parameters,
@@ -232,12 +215,11 @@ impl<'b> Variants<'b> {
         Ok(self.add(Variant { name, bytes, has_occupancy }))
     }
 
-    fn with_occupancy(&self, cells: &LiveCells) -> Result<Vec<u8>, StudyError> {
+    fn with_occupancy(&self, cells: &LiveCells) -> anyhow::Result<Vec<u8>> {
         let occupancy = StoredOccupancy { resolution: cells.resolution(), bits: cells.bits() };
         Ok(written(&Body { occupancy: Some(occupancy), ..self.body() })?)
     }
 
-    /// The blob without its front.
     fn body(&self) -> Body<'_> {
         Body {
             architecture: self.blob.architecture().clone(),
@@ -255,22 +237,16 @@ impl<'b> Variants<'b> {
     }
 
     /// The blob with `front` in the place of its own.
-    ///
-    /// # Errors
-    /// [`StudyError::Blob`] on points that make no front.
-    pub fn with_front(&self, front: heapless::Vec<FrontPoint, MAX_FRONT>) -> Result<Vec<u8>, StudyError> {
+    pub fn with_front(&self, front: heapless::Vec<FrontPoint, MAX_FRONT>) -> anyhow::Result<Vec<u8>> {
         Ok(written(&Body { front, ..self.body() })?)
     }
 
     /// Makes what all of `settings` need ready, and hands it to `work`.
-    ///
-    /// # Errors
-    /// [`StudyError::Blob`], [`StudyError::Render`], and whatever `work` returns.
     pub fn prepared<T>(
         &self,
         settings: &[Settings],
-        work: impl FnOnce(&Bench<'_, '_>) -> Result<T, StudyError>,
-    ) -> Result<T, StudyError> {
+        work: impl FnOnce(&Bench<'_, '_>) -> anyhow::Result<T>,
+    ) -> anyhow::Result<T> {
         let mut keys: Vec<Key> = Vec::new();
         for s in settings {
             if !keys.contains(&Key::of(s)) {
@@ -300,9 +276,7 @@ impl<'b> Variants<'b> {
                         }
                         false => Renderer::with_parameters(blob, key.kernel, source),
                     }
-                    .ok_or_else(|| StudyError::OtherSource {
-                        found: format!("{} parameters", source.len()),
-                    })?
+                    .ok_or_else(|| other_source(format_args!("{} parameters", source.len())))?
                 }
                 _ => Renderer::new(blob, key.kernel, memory)?,
             };
@@ -326,7 +300,6 @@ impl Key {
     }
 }
 
-/// Renderers for a list of settings.
 pub struct Bench<'l, 'b> {
     lab: &'l Variants<'b>,
     keys: Vec<Key>,
@@ -337,15 +310,12 @@ impl Bench<'_, '_> {
     /// Renders a view's picture with `settings`, at the view's own size in the end, over `background`.
     ///
     /// Timed is what a caller waits for: the frame on rayon's threads, and enlarging where it is smaller.
-    ///
-    /// # Errors
-    /// [`StudyError::Plan`], [`StudyError::Render`], [`StudyError::Camera`].
     pub fn render(
         &self,
         settings: &Settings,
         camera: &Camera,
         background: [f32; 3],
-    ) -> Result<(Frame, Clocked, Memory), StudyError> {
+    ) -> anyhow::Result<(Frame, Clocked, Memory)> {
         let &(ref renderer, prepared) = self.renderer(settings);
         let batch = Batch::FULL;
         let plan = Plan::new(renderer.blob(), &settings.quality, Outputs::ALL, batch)?;
@@ -369,7 +339,6 @@ impl Bench<'_, '_> {
     }
 }
 
-/// The occupancy grid of a blob, if it has one.
 fn cells(blob: &Blob<'_>) -> Option<LiveCells> {
     let (occupancy, bounds) = blob.occupancy().zip(blob.scene_box())?;
     let count: u32 = occupancy.resolution().iter().map(|&side| u32::from(side)).product();
@@ -377,10 +346,6 @@ fn cells(blob: &Blob<'_>) -> Option<LiveCells> {
     Some(LiveCells::of(bounds, occupancy.resolution(), live))
 }
 
-/// A body as a file.
-///
-/// # Errors
-/// [`BlobError`] on what the format refuses.
 pub fn written(body: &Body<'_>) -> Result<Vec<u8>, BlobError> {
     let mut bytes = vec![0; encoded_len(body)?];
     write(body, &mut bytes)?;

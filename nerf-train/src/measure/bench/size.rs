@@ -1,21 +1,18 @@
 //! Pictures rendered smaller and enlarged again.
 
 use crate::data::cameras;
-use crate::measure::error::StudyError;
 use crate::measure::frame::Frame;
+use anyhow::Context;
 use nerf_core::camera::Camera;
 
 /// The camera of a picture whose sides are `quarters` quarters of this one's, at least a pixel.
-///
-/// # Errors
-/// [`StudyError::Camera`], which no camera that is valid itself is known to cause.
-pub fn scaled(camera: &Camera, quarters: u32) -> Result<Camera, StudyError> {
+pub fn scaled(camera: &Camera, quarters: u32) -> anyhow::Result<Camera> {
     if quarters == 4 {
         return Ok(*camera);
     }
     let i = *camera.intrinsics();
     let side = |pixels: u32| ((u64::from(pixels) * u64::from(quarters) + 2) / 4).max(1) as u32;
-    Ok(cameras::scaled(camera, (side(i.width), side(i.height)))?)
+    cameras::scaled(camera, (side(i.width), side(i.height))).context("camera")
 }
 
 /// A smaller frame at the size of `camera`'s picture: bilinear between pixel centres, held at the edges.

@@ -1,11 +1,11 @@
 //! The weights a blob was rounded from, where their file is at hand.
 
-use crate::measure::error::StudyError;
 use crate::measure::import::{AngleFactor, Order, RawDensity, Settings, Tensors, network};
 use half::f16;
 use nerf_core::blob::Blob;
 use nerf_core::encoding::AngleScale;
 use nerf_core::network::{Architecture, unpack};
+use std::fmt::Display;
 use std::path::Path;
 
 /// What neither a checkpoint nor its blob says: the order of its columns.
@@ -16,11 +16,7 @@ const DENSITIES: [RawDensity; 3] = [RawDensity::Relu, RawDensity::Softplus, RawD
 /// Reads the network that `blob` was imported from, in the blob's order, before rounding.
 ///
 /// Whatever reading of the file gives exactly the blob's weights when rounded is the right one.
-///
-/// # Errors
-/// [`StudyError::Source`] on a file that holds no network, [`StudyError::OtherSource`] if no reading of it
-/// gives the blob's weights.
-pub fn unrounded(file: &Path, blob: &Blob<'_>) -> Result<Vec<f32>, StudyError> {
+pub fn unrounded(file: &Path, blob: &Blob<'_>) -> anyhow::Result<Vec<f32>> {
     let tensors = Tensors::read(file, None)?;
     let angle = match blob.architecture().position.sinusoidal().map(|encoding| encoding.scale) {
         Some(AngleScale::One) => AngleFactor::One,
@@ -32,7 +28,7 @@ pub fn unrounded(file: &Path, blob: &Blob<'_>) -> Result<Vec<f32>, StudyError> {
             let settings = Settings { angle_scale: angle, order, density, ..Settings::default() };
             let found = match network(&tensors, &settings) {
                 Ok(imported) => same(blob, &imported.model.architecture, imported.folded()),
-                Err(error) => Err(StudyError::Source(error)),
+                Err(error) => Err(error.context("--source")),
             };
             match found {
                 Ok(parameters) => return Ok(parameters),
@@ -41,14 +37,17 @@ pub fn unrounded(file: &Path, blob: &Blob<'_>) -> Result<Vec<f32>, StudyError> {
             }
         }
     }
-    Err(fault.unwrap_or_else(|| StudyError::OtherSource { found: "none".into() }))
+    Err(fault.unwrap_or_else(|| other_source("none")))
+}
+
+pub(super) fn other_source(found: impl Display) -> anyhow::Error {
+    anyhow::anyhow!("--source: expected the network that the blob was rounded from, found another: {found}")
 }
 
 /// `parameters`, if they are the blob's before rounding.
-fn same(blob: &Blob<'_>, architecture: &Architecture, parameters: Vec<f32>) -> Result<Vec<f32>, StudyError> {
+fn same(blob: &Blob<'_>, architecture: &Architecture, parameters: Vec<f32>) -> anyhow::Result<Vec<f32>> {
     if architecture != blob.architecture() {
-        let found = "layers or encodings of other sizes".into();
-        return Err(StudyError::OtherSource { found });
+        return Err(other_source("layers or encodings of other sizes"));
     }
     let mut rounded = vec![0.0; parameters.len()];
     unpack(blob.weights(), &mut rounded);
@@ -57,8 +56,7 @@ fn same(blob: &Blob<'_>, architecture: &Architecture, parameters: Vec<f32>) -> R
         None => Ok(parameters),
         Some(index) => {
             let (own, rounded) = (parameters[index], rounded[index]);
-            let found = format!("parameter {index} is {own}, and {rounded} in the blob");
-            Err(StudyError::OtherSource { found })
+            Err(other_source(format_args!("parameter {index} is {own}, and {rounded} in the blob")))
         }
     }
 }

@@ -25,7 +25,6 @@
 //! The names and the order of columns are those of github.com/yenchenlin/nerf-pytorch (`run_nerf_helpers.py`),
 //! which copies the original authors' TensorFlow code.
 
-mod error;
 mod network;
 pub mod occupancy;
 mod order;
@@ -33,7 +32,6 @@ mod settings;
 mod summary;
 mod tensors;
 
-pub use error::ImportError;
 pub use network::{Imported, network};
 pub use order::{Identity, Order};
 pub use settings::{AngleFactor, RawDensity, Settings};
@@ -43,24 +41,28 @@ pub use tensors::{Tensor, Tensors};
 use crate::data::View;
 use crate::data::pictures::colour;
 use crate::measure::audit::{Verdict, flattened};
-use crate::measure::eval::{EvalError, OCCUPANCY_LOSS_DB, Scores, measure};
+use crate::measure::eval::{OCCUPANCY_LOSS_DB, Scores, measure};
 use crate::measure::metrics::gain_db;
 use crate::model::export::{Coarse, Contents, Exported, Tables, export_with};
 use crate::system::progress::{Message, Progress, ProgressStyle, Total, say};
-use crate::train::occupancy::{Ask, LiveCells};
+use crate::train::occupancy::{DensityQuery, LiveCells};
 use nerf_core::Kernel;
 use nerf_core::blob::{Content, Provenance};
 use nerf_core::network::Architecture;
 use nerf_core::plan::Quality;
+use std::fmt::Display;
 
 /// Every so many pixels of a row, and rows, are measured. Odd: the middle of a block of so many is a pixel's centre.
 pub const STRIDE: u32 = 3;
 /// Below this something about the network was guessed wrong, dB.
 pub const SUSPICIOUS_DB: f64 = 15.0;
 
-/// What to import, and how.
+/// A file or a setting that is not as an import needs it.
+fn refused(place: impl Display, expected: impl Display, found: impl Display) -> anyhow::Error {
+    anyhow::anyhow!("{place}: expected {expected}, found {found}")
+}
+
 #[derive(Clone, Copy)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Request<'a> {
     pub tensors: &'a Tensors,
     /// The coarse network whose densities say where on a ray it is asked.
@@ -73,7 +75,6 @@ pub struct Request<'a> {
 }
 
 /// Views to check with, thinned to every [`STRIDE`]-th pixel.
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Views {
     pub name: String,
     pub views: Vec<View>,
@@ -81,22 +82,17 @@ pub struct Views {
     pub rays: Vec<View>,
 }
 
-/// The occupancy grid of an import.
 pub enum Occupancy {
     /// The one that the network was trained with.
     Given {
-        /// Its cells.
         cells: LiveCells,
         /// Whether it is no part of the model whatever the check says.
         optional: bool,
     },
-    /// Built from the network's densities.
     Build,
-    /// There is to be none.
     None,
 }
 
-/// Figures of the check's views.
 #[derive(Clone, Debug)]
 pub struct Check {
     /// Of the blob's own rounded weights.
@@ -108,7 +104,6 @@ pub struct Check {
 }
 
 impl Check {
-    /// Mean PSNR over the views, dB.
     pub fn psnr_db(&self) -> f64 {
         self.scores.psnr_db().unwrap_or(f64::NAN)
     }
@@ -134,27 +129,20 @@ impl Check {
 pub struct Import<'a> {
     request: Request<'a>,
     network: Imported,
-    /// Of what is exported.
     architecture: Architecture,
-    /// In export order.
     parameters: Vec<f32>,
     /// The coarse network, and its parameters in export order.
     coarse: Option<(Imported, Vec<f32>)>,
-    /// The occupancy grid.
     pub cells: Option<LiveCells>,
     occupancy_required: bool,
     /// What view dependence gains, dB, and what became of it; `None` if that was not asked.
     direction: Option<(f64, Verdict)>,
-    /// What the views showed.
     pub check: Option<Check>,
 }
 
 impl<'a> Import<'a> {
     /// Reads the networks out of the tensors.
-    ///
-    /// # Errors
-    /// [`ImportError`] if the tensors are no network of these settings, and on what the format refuses.
-    pub fn new(request: &Request<'a>) -> Result<Self, ImportError> {
+    pub fn new(request: &Request<'a>) -> anyhow::Result<Self> {
         let own = network(request.tensors, request.settings)?;
         let coarse = request.coarse.map(|tensors| network(tensors, request.settings)).transpose()?;
         let import = Self {
@@ -177,10 +165,7 @@ impl<'a> Import<'a> {
     }
 
     /// Builds the occupancy grid, checks the network on `views`, decides what is part of the model, and exports.
-    ///
-    /// # Errors
-    /// If the network cannot be exported or rendered.
-    pub fn finish(&mut self, occupancy: Occupancy, views: Option<&Views>) -> Result<Exported, ImportError> {
+    pub fn finish(&mut self, occupancy: Occupancy, views: Option<&Views>) -> anyhow::Result<Exported> {
         let (given, optional) = match occupancy {
             Occupancy::Given { cells, optional } => {
                 self.cells = Some(cells);
@@ -214,7 +199,7 @@ impl<'a> Import<'a> {
         let Request { settings, kernel, style, .. } = self.request;
         say(style, "building the occupancy grid from the network's densities");
         let (architecture, parameters) = (&self.architecture, self.parameters.as_slice());
-        let ask = Ask { isa: kernel.isa, architecture, parameters, seed: 0, contraction: None };
+        let ask = DensityQuery { isa: kernel.isa, architecture, parameters, seed: 0, contraction: None };
         let coarse = self.coarse.as_ref().map_or(0, |_| settings.coarse_samples);
         let samples = f32::from(settings.samples(self.coarse.is_some())) + f32::from(coarse);
         let threshold = settings.occupancy_threshold * samples / (settings.far - settings.near);
@@ -222,7 +207,7 @@ impl<'a> Import<'a> {
     }
 
     /// The blob, for the data set of this name: all else follows from the network and its check.
-    fn export(&self, data: Option<&str>) -> Result<Exported, ImportError> {
+    fn export(&self, data: Option<&str>) -> anyhow::Result<Exported> {
         let finite = |db: f64| Some(db as f32).filter(|db| db.is_finite());
         let Request { tensors, settings, .. } = self.request;
         let name = tensors.file.file_name().unwrap_or_default().to_string_lossy();
@@ -264,13 +249,13 @@ impl<'a> Import<'a> {
     }
 
     /// Renders `views` with rounded weights, with f32 weights, and without the occupancy grid if there is one.
-    fn measured(&self, views: &Views) -> Result<Check, ImportError> {
+    fn measured(&self, views: &Views) -> anyhow::Result<Check> {
         let blob = self.export(None)?.bytes;
         let Request { settings, kernel, style, .. } = self.request;
         let renderings = if self.cells.is_some() { 3 } else { 2 };
         let total = Total::Steps(renderings * views.views.len() as u64);
         let (mut progress, mut done) = (Progress::new("check", total, style), 0);
-        let mut score = |parameters: Option<&[f32]>, occupancy| -> Result<Scores, EvalError> {
+        let mut score = |parameters: Option<&[f32]>, occupancy| -> anyhow::Result<Scores> {
             let quality = Quality { occupancy, ..Quality::default() };
             measure(&blob, parameters, kernel, &quality, settings.background, &views.views, |_, _, _, _| {
                 done += 1;
@@ -290,7 +275,7 @@ impl<'a> Import<'a> {
 
     /// What view dependence gains over its mean, dB, and whether that is enough: if not, the mean takes its
     /// place. `None` if colour does not depend on the direction, or the check shows no picture.
-    fn ask_direction(&mut self, views: &Views) -> Result<Option<(f64, Verdict)>, ImportError> {
+    fn ask_direction(&mut self, views: &Views) -> anyhow::Result<Option<(f64, Verdict)>> {
         let rays: Vec<&View> = views.rays.iter().collect();
         let check = self.check.as_ref().filter(|check| !check.is_suspicious());
         let flat = check.and_then(|_| flattened(&self.architecture, &self.parameters, &rays));

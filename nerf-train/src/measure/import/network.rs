@@ -1,10 +1,10 @@
 //! From named tensors to a model and its parameters.
 
-use super::error::ImportError;
 use super::order::Identity;
 use super::settings::{RawDensity, Settings};
 use super::tensors::{Tensor, Tensors};
 use crate::model::engine::Model;
+use anyhow::Context;
 use nerf_core::encoding::SinusoidalEncoding;
 use nerf_core::network::{
     Architecture, DensityActivation, MAX_COLOUR, MAX_TRUNK, MAX_WIDTH, Shading, TrunkLayer,
@@ -14,7 +14,6 @@ use std::iter::once;
 
 /// A network in this project's shape and order, before its feature layer is folded.
 #[derive(Clone, Debug)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Imported {
     pub model: Model,
     /// Its parameters in the model's own order.
@@ -30,11 +29,7 @@ impl Imported {
     }
 }
 
-/// Puts the tensors together.
-///
-/// # Errors
-/// [`ImportError::Refused`] names the tensor, and what was expected and found.
-pub fn network(tensors: &Tensors, settings: &Settings) -> Result<Imported, ImportError> {
+pub fn network(tensors: &Tensors, settings: &Settings) -> anyhow::Result<Imported> {
     let left = tensors.tensors.keys().map(String::as_str).collect();
     let mut reader = Reader { tensors, settings, left, parameters: Vec::new() };
     let (architecture, feature, unused) = reader.architecture()?;
@@ -62,7 +57,7 @@ struct Linear<'t> {
 
 impl<'t> Reader<'t> {
     /// The whole network; its feature layer, if it has one; names of what it does not use.
-    fn architecture(&mut self) -> Result<(Architecture, bool, Vec<String>), ImportError> {
+    fn architecture(&mut self) -> anyhow::Result<(Architecture, bool, Vec<String>)> {
         let (position, trunk) = self.trunk()?;
         let width = trunk.last().map_or(0, |layer| usize::from(layer.width));
         let has = |layer| self.tensors.tensors.contains_key(layer);
@@ -86,11 +81,11 @@ impl<'t> Reader<'t> {
         let architecture =
             Architecture { position, direction, trunk, density, colour, shading: Shading::PerSample };
         let file = &self.tensors.file;
-        architecture.check().map_err(|error| ImportError::Architecture { file: file.clone(), error })?;
+        architecture.check().with_context(|| file.display().to_string())?;
         Ok((architecture, directed, unused.into_iter().map(str::to_owned).collect()))
     }
 
-    fn trunk(&mut self) -> Result<(SinusoidalEncoding, heapless::Vec<TrunkLayer, MAX_TRUNK>), ImportError> {
+    fn trunk(&mut self) -> anyhow::Result<(SinusoidalEncoding, heapless::Vec<TrunkLayer, MAX_TRUNK>)> {
         let depth = self.count("pts_linears", MAX_TRUNK)?;
         let mut trunk = heapless::Vec::new();
         let first = self.linear("pts_linears.0", "[width, encoded position]", |_, _| true)?;
@@ -123,7 +118,7 @@ impl<'t> Reader<'t> {
     fn colour_branch(
         &mut self,
         width: usize,
-    ) -> Result<(Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>), ImportError> {
+    ) -> anyhow::Result<(Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>)> {
         let straight: Vec<usize> = (0..MAX_WIDTH).collect();
         let density = self.exactly("alpha_linear", &[1], width)?;
         self.put_density(density, 0, &straight[..width]);
@@ -164,7 +159,7 @@ impl<'t> Reader<'t> {
     fn output(
         &mut self,
         width: usize,
-    ) -> Result<(Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>), ImportError> {
+    ) -> anyhow::Result<(Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>)> {
         let straight: Vec<usize> = (0..width).collect();
         let output = self.exactly("output_linear", &[4, 5], width)?;
         self.put_density(output, 3, &straight);
@@ -173,7 +168,7 @@ impl<'t> Reader<'t> {
     }
 
     /// Number of layers `layers.0`, `layers.1`, …: one more than the largest index.
-    fn count(&self, layers: &'static str, most: usize) -> Result<usize, ImportError> {
+    fn count(&self, layers: &'static str, most: usize) -> anyhow::Result<usize> {
         let index = |name: &String| -> Option<usize> {
             name.strip_prefix(layers)?.strip_prefix('.')?.split('.').next()?.parse().ok()
         };
@@ -186,7 +181,7 @@ impl<'t> Reader<'t> {
     }
 
     /// The layer of weight `[one of outputs][inputs]`.
-    fn exactly(&mut self, layer: &str, outputs: &[usize], inputs: usize) -> Result<Linear<'t>, ImportError> {
+    fn exactly(&mut self, layer: &str, outputs: &[usize], inputs: usize) -> anyhow::Result<Linear<'t>> {
         let rows = outputs.iter().map(usize::to_string).collect::<Vec<_>>().join(" or ");
         let expected = format!("[{rows}, {inputs}]");
         self.linear(layer, &expected, |rows, found| outputs.contains(&rows) && found == inputs)
@@ -198,7 +193,7 @@ impl<'t> Reader<'t> {
         layer: &str,
         expected: &str,
         fits: impl Fn(usize, usize) -> bool,
-    ) -> Result<Linear<'t>, ImportError> {
+    ) -> anyhow::Result<Linear<'t>> {
         let (name, weight) = self.tensor(layer, "weight", expected)?;
         let tensors = self.tensors;
         let shape = |tensor: String, expected: &str, found: &[usize]| {
@@ -219,12 +214,7 @@ impl<'t> Reader<'t> {
         Ok(Linear { weight: &weight.values, bias: &bias.values, inputs, outputs })
     }
 
-    fn tensor(
-        &mut self,
-        layer: &str,
-        part: &str,
-        expected: &str,
-    ) -> Result<(String, &'t Tensor), ImportError> {
+    fn tensor(&mut self, layer: &str, part: &str, expected: &str) -> anyhow::Result<(String, &'t Tensor)> {
         let tensor = format!("{layer}.{part}");
         self.left.remove(tensor.as_str());
         match self.tensors.tensors.get(&tensor) {
@@ -239,7 +229,7 @@ impl<'t> Reader<'t> {
         field: &'static str,
         tensor: &str,
         found: usize,
-    ) -> Result<(SinusoidalEncoding, Vec<usize>), ImportError> {
+    ) -> anyhow::Result<(SinusoidalEncoding, Vec<usize>)> {
         let settings = self.settings;
         let fail = |expected: String| {
             let expected = format!("{expected} columns of encoded {field}");

@@ -1,9 +1,9 @@
 //! The occupancy grid of an imported network: one it was trained with, or one built from its densities.
 
-use super::error::ImportError;
+use super::refused;
 use super::settings::Settings;
 use crate::data::layouts::npz::read_npy;
-use crate::train::occupancy::{Ask, LiveCells, Occupancy};
+use crate::train::occupancy::{DensityQuery, LiveCells, Occupancy};
 use nerf_core::blob::MAX_OCCUPANCY_RESOLUTION;
 use nerf_core::camera::SceneBox;
 use std::path::Path;
@@ -16,13 +16,9 @@ fn scene_box(settings: &Settings) -> SceneBox {
 }
 
 /// Reads an occupancy grid of the scene box: an array `[x, y, z]` of truths, or of zeros and ones, in a `.npy` file.
-///
-/// # Errors
-/// [`ImportError`] on a file that is no such array, a side beyond the format's, another number, and on an
-/// occupancy grid without any occupied cell.
-pub fn read(file: &Path, settings: &Settings) -> Result<LiveCells, ImportError> {
+pub fn read(file: &Path, settings: &Settings) -> anyhow::Result<LiveCells> {
     let place = format!("{}: occupancy grid", file.display());
-    let fail = |expected: String, found: String| Err(ImportError::refused(&place, expected, found));
+    let fail = |expected: String, found: String| Err(refused(&place, expected, found));
     let array = read_npy(file, MAX_ARRAY_BYTES)?;
     let sides = array.shape.iter().map(|&side| u16::try_from(side).ok());
     let sides: Option<Vec<u16>> =
@@ -44,7 +40,7 @@ pub fn read(file: &Path, settings: &Settings) -> Result<LiveCells, ImportError> 
 }
 
 /// Builds a grid of the cells where the network's density exceeds `threshold`, 1/world unit; `None` if it nowhere does.
-pub fn build(settings: &Settings, ask: &Ask<'_>, threshold: f32) -> Option<LiveCells> {
+pub fn build(settings: &Settings, ask: &DensityQuery<'_>, threshold: f32) -> Option<LiveCells> {
     let cells =
         Occupancy::asked(scene_box(settings), settings.occupancy_resolution, ask, threshold).into_live();
     (cells.lookup().occupied_share() > 0.0).then_some(cells)

@@ -1,7 +1,7 @@
 //! Settings of an import that a checkpoint does not hold.
 
-use super::error::ImportError;
 use super::order::{Identity, Order};
+use super::refused;
 use crate::data::pictures::colour;
 use crate::system::input::parse_numbers;
 use nerf_core::blob::{MAX_OCCUPANCY_RESOLUTION, MAX_SAMPLES, SceneFacts, SceneSampling};
@@ -19,7 +19,6 @@ pub enum AngleFactor {
 }
 
 impl AngleFactor {
-    /// As an encoding has it.
     pub fn scale(self) -> AngleScale {
         match self {
             Self::One => AngleScale::One,
@@ -118,10 +117,7 @@ impl Default for Settings {
 
 impl Settings {
     /// Checks every setting; the blob's own rules are checked again when it is written.
-    ///
-    /// # Errors
-    /// [`ImportError::Refused`] names the flag.
-    pub fn check(&self) -> Result<(), ImportError> {
+    pub fn check(&self) -> anyhow::Result<()> {
         let Self { near, far, background, occupancy_threshold: threshold, .. } = *self;
         let within = |most: u16| (move |n: u16| (1..=most).contains(&n), format!("1 to {most}"));
         let (is_count, count) = within(MAX_SAMPLES);
@@ -162,18 +158,16 @@ impl Settings {
             ),
         ];
         match rules.into_iter().find(|(_, holds, ..)| !holds) {
-            Some((field, _, expected, found)) => Err(ImportError::refused(field, expected, found)),
+            Some((field, _, expected, found)) => Err(refused(field, expected, found)),
             None => Ok(()),
         }
     }
 
-    /// Smallest corner of the scene box.
     pub fn min(&self) -> [f32; 3] {
         let [x, y, z, ..] = self.scene_box;
         [x, y, z]
     }
 
-    /// Largest corner of the scene box.
     pub fn max(&self) -> [f32; 3] {
         let [.., x, y, z] = self.scene_box;
         [x, y, z]
@@ -184,7 +178,6 @@ impl Settings {
         self.samples.unwrap_or(if has_coarse { 128 } else { 192 })
     }
 
-    /// What the blob says of the scene.
     pub fn facts(&self, has_coarse: bool, occupancy_required: bool) -> SceneFacts {
         let Self { near, far, background, .. } = *self;
         let sampling = SceneSampling::Bins(self.samples(has_coarse));

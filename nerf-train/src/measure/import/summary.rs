@@ -9,7 +9,6 @@ use clap::ValueEnum;
 use serde::Serialize;
 use std::path::Path;
 
-/// What was imported.
 #[derive(Debug, Serialize)]
 pub struct Summary<'i> {
     checkpoint: String,

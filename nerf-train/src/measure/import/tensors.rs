@@ -1,6 +1,6 @@
 //! Named tensors out of an untrusted file.
 
-use super::error::ImportError;
+use super::refused;
 use crate::data::DatasetError;
 use crate::data::layouts::npz::Archive;
 use crate::system::input::read_limited;
@@ -8,6 +8,7 @@ use half::{bf16, f16};
 use nerf_core::network::{MAX_COLOUR, MAX_TRUNK};
 use safetensors::{Dtype, SafeTensors};
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 /// Names of the layers; what stands in front of them is a prefix.
@@ -19,7 +20,6 @@ const MAX_TENSORS: usize = 2 * (MAX_TRUNK + MAX_COLOUR + 4) + 16;
 const MAX_ARRAY_BYTES: u64 = 1 << 26;
 /// Largest `.safetensors` file, bytes; it is read whole.
 const MAX_FILE_BYTES: u64 = 1 << 30;
-/// Names that a message lists.
 const LISTED: usize = 5;
 
 /// A tensor in C order; its values are finite.
@@ -49,22 +49,16 @@ enum Source<'d> {
 
 impl Tensors {
     /// Reads the network whose names begin with `prefix`; if that is `None`, the file's only one, or its fine one.
-    ///
-    /// # Errors
-    /// [`ImportError`] on a file that is damaged, holds no such network, or numbers that are not finite floats.
-    pub fn read(file: &Path, prefix: Option<&str>) -> Result<Self, ImportError> {
+    pub fn read(file: &Path, prefix: Option<&str>) -> anyhow::Result<Self> {
         Self::read_where(file, prefix, |prefix| prefix.contains("fine"))
     }
 
     /// Reads a coarse network: without `prefix`, the file's only network, or its only one that is not fine.
-    ///
-    /// # Errors
-    /// As [`Tensors::read`].
-    pub fn read_coarse(file: &Path, prefix: Option<&str>) -> Result<Self, ImportError> {
+    pub fn read_coarse(file: &Path, prefix: Option<&str>) -> anyhow::Result<Self> {
         Self::read_where(file, prefix, |prefix| !prefix.contains("fine"))
     }
 
-    fn read_where(file: &Path, prefix: Option<&str>, wanted: fn(&str) -> bool) -> Result<Self, ImportError> {
+    fn read_where(file: &Path, prefix: Option<&str>, wanted: fn(&str) -> bool) -> anyhow::Result<Self> {
         let name = file.display();
         let bytes: Vec<u8>;
         let mut source = match file.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase() {
@@ -76,7 +70,7 @@ impl Tensors {
             other => {
                 let found =
                     if other.is_empty() { "no ending" } else { &format!("a name that ends in .{other}") };
-                return Err(ImportError::refused(name, "a .npz or .safetensors file", found));
+                return Err(refused(name, "a .npz or .safetensors file", found));
             }
         };
         let mut names = source.names()?;
@@ -87,7 +81,7 @@ impl Tensors {
             own.filter_map(|name| Some((name.as_str(), name.strip_prefix(&prefix)?))).collect();
         if named.len() > MAX_TENSORS {
             let expected = format!("at most {MAX_TENSORS} tensors of one network");
-            return Err(ImportError::refused(name, expected, named.len().to_string()));
+            return Err(refused(name, expected, named.len().to_string()));
         }
         let mut read = Self { file: file.into(), prefix, others, tensors: BTreeMap::new() };
         for (whole, name) in named {
@@ -104,19 +98,14 @@ impl Tensors {
     }
 
     /// An error about a tensor of the file.
-    pub(super) fn refused(
-        &self,
-        tensor: &str,
-        expected: impl Into<String>,
-        found: impl Into<String>,
-    ) -> ImportError {
-        ImportError::refused(format!("{}: {tensor}", self.file.display()), expected, found)
+    pub(super) fn refused(&self, tensor: &str, expected: impl Display, found: impl Display) -> anyhow::Error {
+        refused(format!("{}: {tensor}", self.file.display()), expected, found)
     }
 }
 
-fn damaged(file: &Path, error: &dyn std::error::Error) -> ImportError {
+fn damaged(file: &Path, error: &dyn std::error::Error) -> anyhow::Error {
     let found = format!("a damaged one ({error})");
-    ImportError::refused(file.display(), "a .npz or .safetensors file", found)
+    refused(file.display(), "a .npz or .safetensors file", found)
 }
 
 /// What stands in front of a layer's name; `None` if no layer is named.
@@ -132,7 +121,7 @@ fn choose(
     names: &[String],
     asked: Option<&str>,
     wanted: fn(&str) -> bool,
-) -> Result<(String, Vec<String>), ImportError> {
+) -> anyhow::Result<(String, Vec<String>)> {
     let found: BTreeSet<&str> = names.iter().filter_map(|name| prefix_of(name)).collect();
     let fitting: Vec<&str> = found.iter().copied().filter(|prefix| wanted(prefix)).collect();
     let chosen = match (asked, &fitting[..]) {
@@ -142,12 +131,12 @@ fn choose(
         (None, _) => {
             let found: Vec<String> = found.iter().map(|prefix| format!("`{prefix}`")).collect();
             let found = format!("{}: choose one with --prefix", found.join(", "));
-            return Err(ImportError::refused(file.display(), "one network", found));
+            return Err(refused(file.display(), "one network", found));
         }
     };
     let chosen = chosen.ok_or_else(|| {
         let expected = "tensors named as nerf-pytorch does (pts_linears.0.weight, …)";
-        ImportError::refused(file.display(), expected, listed(names))
+        refused(file.display(), expected, listed(names))
     })?;
     let others = found.iter().filter(|&&prefix| prefix != chosen).map(|&prefix| prefix.to_owned());
     Ok((chosen.to_owned(), others.collect()))
@@ -163,14 +152,14 @@ fn listed(names: &[String]) -> String {
 }
 
 impl Source<'_> {
-    fn names(&mut self) -> Result<Vec<String>, ImportError> {
+    fn names(&mut self) -> anyhow::Result<Vec<String>> {
         match self {
             Self::Npz(archive) => Ok(archive.names()?),
             Self::Safe(tensors) => Ok(tensors.names().into_iter().map(str::to_owned).collect()),
         }
     }
 
-    fn tensor(&mut self, file: &Path, name: &str) -> Result<Tensor, ImportError> {
+    fn tensor(&mut self, file: &Path, name: &str) -> anyhow::Result<Tensor> {
         match self {
             Self::Npz(archive) => {
                 let array = archive.array(name)?;
@@ -184,7 +173,7 @@ impl Source<'_> {
                 let values = floats(view.dtype(), view.data()).ok_or_else(|| {
                     let place = format!("{}: {name}", file.display());
                     let found = format!("{:?}", view.dtype());
-                    ImportError::refused(place, "dtype F16, BF16, F32 or F64", found)
+                    refused(place, "dtype F16, BF16, F32 or F64", found)
                 })?;
                 Ok(Tensor { shape: view.shape().to_vec(), values })
             }

@@ -1,11 +1,8 @@
 //! Everything a blob says of itself.
 
-mod grid;
-
 use crate::data::pictures::colour;
 use crate::system::summary::Short;
-pub use grid::GridSummary;
-use nerf_core::blob::{Blob, FrontPoint};
+use nerf_core::blob::{Blob, FrontPoint, StoredTables};
 use nerf_core::encoding::DirectionEncoding;
 use nerf_core::network::Layer;
 use serde::Serialize;
@@ -13,7 +10,6 @@ use std::path::Path;
 
 /// Everything a blob says of itself; what a file has none of is left out.
 #[derive(Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Inspection<'b> {
     pub file: String,
     pub blob_bytes: usize,
@@ -59,7 +55,6 @@ pub struct Inspection<'b> {
 }
 
 #[derive(Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct SceneSummary {
     pub box_min: [Short; 3],
     pub box_max: [Short; 3],
@@ -74,7 +69,6 @@ pub struct SceneSummary {
 }
 
 #[derive(Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct ViewpointSummary {
     pub viewpoint_eye: [Short; 3],
     pub viewpoint_target: [Short; 3],
@@ -83,7 +77,6 @@ pub struct ViewpointSummary {
 }
 
 #[derive(Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct ProposalSummary {
     pub proposal_samples_per_ray: u16,
     pub proposal_macs: usize,
@@ -153,7 +146,6 @@ impl<'b> Inspection<'b> {
 }
 
 #[derive(Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct PointSummary {
     pub samples_per_ray: u16,
     pub transmittance_cut: Short,
@@ -185,7 +177,6 @@ fn kind(blob: &Blob<'_>) -> &'static str {
 }
 
 #[derive(Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct LayerSummary {
     pub role: String,
     pub main_inputs: usize,
@@ -201,5 +192,38 @@ impl LayerSummary {
             extra_inputs: layer.extra,
             outputs: layer.outputs,
         }
+    }
+}
+
+#[derive(Debug, Serialize)]
+pub struct GridSummary {
+    pub grid_levels: usize,
+    pub grid_features: u8,
+    pub grid_log2_entries: u8,
+    pub grid_coarsest_cells: u16,
+    pub grid_finest_cells: u16,
+    pub grid_values: usize,
+    pub grid_storage: &'static str,
+    pub grid_bytes: usize,
+}
+
+impl GridSummary {
+    pub fn of(blob: &Blob<'_>) -> Option<Self> {
+        let grid = blob.architecture().position.grid()?;
+        // Along the longest side.
+        let cells =
+            |level: Option<&[u16; 3]>| level.and_then(|level| level.iter().max().copied()).unwrap_or(0);
+        let tables = blob.tables();
+        let bytes = |tables: &StoredTables<'_>| tables.bytes().len() + tables.scales().map_or(0, <[u8]>::len);
+        Some(Self {
+            grid_levels: grid.resolutions.len(),
+            grid_features: grid.features,
+            grid_log2_entries: grid.log2_entries,
+            grid_coarsest_cells: cells(grid.resolutions.first()),
+            grid_finest_cells: cells(grid.resolutions.last()),
+            grid_values: grid.values(),
+            grid_storage: tables.as_ref().map_or("", |tables| tables.name()),
+            grid_bytes: tables.as_ref().map_or(0, bytes),
+        })
     }
 }

@@ -15,7 +15,6 @@ const MAX_STEP_SAMPLES: usize = 1 << 27;
 /// with two moments, then stays within what is read of one.
 const MAX_TABLE_VALUES: usize = 1 << 26;
 
-/// A setting outside its range.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{field}: expected {expected}, found {found}")]
 pub struct ConfigError {
@@ -26,9 +25,6 @@ pub struct ConfigError {
 
 impl Config {
     /// Checks every setting on its own.
-    ///
-    /// # Errors
-    /// [`ConfigError`] names the first that is out of range.
     pub fn check(&self) -> Result<(), ConfigError> {
         let (n, s, g) = (&self.network, &self.sampling, &self.occupancy);
         check_network(n)?;
@@ -167,7 +163,6 @@ fn check_occupancy(g: &OccupancyConfig) -> Result<(), ConfigError> {
 }
 
 impl TableConfig {
-    /// Checks every setting on its own.
     pub(crate) fn check(&self) -> Result<(), ConfigError> {
         let Self { levels, features, log2_entries, coarsest, finest, storage: _, most_bytes: _ } = *self;
         let field = "network.grid.levels";
@@ -194,12 +189,10 @@ pub(crate) fn check_table_values(grid: &GridEncoding, what: &str) -> Result<(), 
     rule("network.grid.log2_entries", values <= MAX_TABLE_VALUES, most, format!("{values} values"))
 }
 
-/// A number above 0.
 pub(super) fn positive(x: f64) -> bool {
     x.is_finite() && x > 0.0
 }
 
-/// One line of a check.
 pub(crate) fn rule(
     field: &'static str,
     holds: bool,

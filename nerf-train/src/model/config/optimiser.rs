@@ -30,9 +30,6 @@ pub struct OptimiserConfig {
 
 impl OptimiserConfig {
     /// Checks every setting on its own.
-    ///
-    /// # Errors
-    /// [`ConfigError`] names the first that is out of range.
     pub fn check(&self) -> Result<(), ConfigError> {
         rule("optimiser.steps", self.steps > 0, "at least 1", self.steps)?;
         rule("optimiser.rate", positive(self.rate) && self.rate <= 10.0, "above 0, at most 10", self.rate)?;

@@ -8,7 +8,6 @@ use crate::model::engine::EngineKind;
 use crate::model::quantise::TableStorage;
 
 impl Preset {
-    /// Its settings.
     pub fn config(self) -> Config {
         match self {
             Self::Grid => grid(),
@@ -87,40 +86,22 @@ fn grid() -> Config {
 
 /// A small sinusoidal network.
 fn small() -> Config {
+    let grid = grid();
     Config {
         preset: Preset::Small,
-        engine: EngineKind::Fused,
         network: NetworkConfig {
             depth: 4,
             width: 128,
-            skip_after: 0,
             grid: None,
             position_levels: 10,
-            direction_levels: 4,
-            feature: false,
-            colour_width: 64,
             density: Density::Relu,
             density_scale: 20.0,
             density_bias: 2.0,
+            ..grid.network
         },
-        sampling: SamplingConfig {
-            samples: 128,
-            steps_across: 150,
-            jitter: Jitter::Bin,
-            rays: 1024,
-            live_samples: 4096,
-            images: 0,
-            random_background: true,
-            near: None,
-            far: None,
-            scene_box: None,
-            contraction: None,
-            distortion: 0.01,
-        },
+        sampling: SamplingConfig { rays: 1024, live_samples: 4096, ..grid.sampling },
         occupancy: OccupancyConfig {
-            skip: true,
             resolution: 96,
-            hull: true,
             every: 32,
             cells: 1 << 16,
             from: 100,
@@ -128,67 +109,53 @@ fn small() -> Config {
             decay: 0.8,
             empty_share: 0.06,
             empty_weight: 0.01,
+            ..grid.occupancy
         },
-        capture: CaptureConfig::default(),
         optimiser: OptimiserConfig {
-            steps: 12_000,
             rate: 1e-2,
             final_share: 0.02,
             warm_up: 300,
-            beta2: 0.99,
-            epsilon: 1e-15,
             average: 0.98,
             hashed_every: 1,
+            ..grid.optimiser
         },
-        seed: 0,
+        ..grid
     }
 }
 
-/// The classic recipe.
+/// The classic recipe: eight layers of 256 channels, and no occupancy grid.
 fn seed() -> Config {
+    let small = small();
     Config {
         preset: Preset::Seed,
-        engine: EngineKind::Fused,
         network: NetworkConfig {
             depth: 8,
             width: 256,
             skip_after: 4,
-            grid: None,
-            position_levels: 10,
-            direction_levels: 4,
             feature: true,
             colour_width: 128,
-            density: Density::Relu,
             density_scale: 1.0,
             density_bias: 0.0,
+            ..small.network
         },
         sampling: SamplingConfig {
             samples: 64,
-            steps_across: 150,
-            jitter: Jitter::Bin,
             rays: 10_000,
             live_samples: 0,
-            images: 0,
             random_background: false,
-            near: None,
-            far: None,
-            scene_box: None,
-            contraction: None,
-            distortion: 0.01,
+            ..small.sampling
         },
         occupancy: OccupancyConfig {
             skip: false,
             resolution: 128,
             hull: false,
             every: 50,
-            cells: 1 << 16,
             from: 200,
             threshold: 0.01,
-            decay: 0.8,
             empty_share: 0.0,
             empty_weight: 0.0,
+            ..small.occupancy
         },
-        capture: CaptureConfig::default(),
         optimiser: OptimiserConfig {
             steps: 1500,
             rate: 5e-4,
@@ -197,9 +164,9 @@ fn seed() -> Config {
             beta2: 0.999,
             epsilon: 1e-8,
             average: 0.0,
-            hashed_every: 1,
+            ..small.optimiser
         },
-        seed: 0,
+        ..small
     }
 }
 

@@ -9,7 +9,6 @@ use rayon::prelude::*;
 const VECTOR: usize = 16;
 /// Up to this many outputs, dot products cost less than a transposition.
 const FEW_OUTPUTS: usize = 4;
-/// Rows that one task sums.
 const ROWS: usize = 32;
 
 /// One accumulator's gradient of one layer, rows padded to whole vectors.

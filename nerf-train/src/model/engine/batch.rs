@@ -6,9 +6,7 @@ use nerf_core::camera::Contraction;
 /// One ray: what it should show, and how many samples it has.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct BatchRay {
-    /// Unit direction, world.
     pub dir: [f32; 3],
-    /// Target colour, display-encoded.
     pub rgb: [f32; 3],
     /// What shows where the ray's transmittance is left, display-encoded.
     pub background: [f32; 3],
@@ -71,7 +69,7 @@ pub struct Batch {
     pub empty_weight: f32,
     /// Where samples of little weight are kept by chance, so that fog of them is learned from: the seed and the step of the
     /// draw. Otherwise none of them is. Of a grid's batches only.
-    pub faint: Option<(u64, u64)>,
+    pub roulette: Option<(u64, u64)>,
     /// Known surfaces, one for each of the first rays; empty where none are known. Of a grid's batches only.
     pub surfaces: Vec<Surface>,
     /// Position of each sample of those rays along its ray, 0 to 1 as [`Surface::at`].
@@ -113,9 +111,6 @@ impl Batch {
     }
 
     /// Checks lengths and that every number is finite.
-    ///
-    /// # Errors
-    /// [`BatchError`] names the field.
     pub fn check(&self) -> Result<(), BatchError> {
         let claimed: u64 = self.rays.iter().map(|ray| u64::from(ray.samples)).sum();
         let scales =
@@ -183,7 +178,6 @@ impl Batch {
     }
 }
 
-/// A batch that contradicts itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum BatchError {

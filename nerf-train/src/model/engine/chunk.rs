@@ -11,9 +11,7 @@ const RAYS: usize = 2048;
 /// A part of a batch that goes through the network together.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Chunk {
-    /// Whole rays and their samples.
     Rays { rays: Range<usize>, samples: Range<usize> },
-    /// Points of culled space.
     Empty(Range<usize>),
 }
 

@@ -32,19 +32,12 @@ pub struct FusedEngine {
 }
 
 impl FusedEngine {
-    /// An engine on the start values of `seed`.
-    ///
-    /// # Errors
-    /// [`EngineError::Model`] if the model is out of bounds.
     pub fn new(model: &Model, adam: Adam, seed: u64) -> Result<Self, EngineError> {
         model.check()?;
         Self::with_parameters(model, adam, &model.initial_parameters(seed))
     }
 
     /// An engine on given parameters, in the model's own order.
-    ///
-    /// # Errors
-    /// Also if they are not as many as the model's, or not finite.
     pub fn with_parameters(model: &Model, adam: Adam, parameters: &[f32]) -> Result<Self, EngineError> {
         let graph = Graph::new(model)?;
         let optimiser = Optimiser::new(&model.layers(), adam, parameters)?;
@@ -58,7 +51,6 @@ impl FusedEngine {
         self.isa = isa;
     }
 
-    /// The model that is trained.
     pub fn model(&self) -> &Model {
         &self.graph.model
     }

@@ -23,13 +23,11 @@ pub(super) struct Node {
     pub(super) relu: bool,
 }
 
-/// A model's layers, connected.
 pub(super) struct Graph {
     pub(super) model: Model,
     pub(super) nodes: Vec<Node>,
     pub(super) trunk: Range<usize>,
     pub(super) density: Option<usize>,
-    /// Feature, colour and rgb layers.
     pub(super) colour: Range<usize>,
 }
 
@@ -59,7 +57,6 @@ impl Graph {
         Ok(Self { model: model.clone(), nodes, trunk, density, colour })
     }
 
-    /// Channels of a slot.
     pub(super) fn channels(&self, slot: usize) -> usize {
         let architecture = &self.model.architecture;
         match slot {
@@ -85,7 +82,6 @@ pub(super) fn block_of(slot: &[f32], channels: usize, block: usize) -> &[f32] {
     &slot[block * channels * BLOCK..][..channels * BLOCK]
 }
 
-/// See [`block_of`].
 pub(super) fn block_of_mut(slot: &mut [f32], channels: usize, block: usize) -> &mut [f32] {
     &mut slot[block * channels * BLOCK..][..channels * BLOCK]
 }

@@ -157,19 +157,19 @@ pub trait Engine: Send {
     /// before the call.
     fn step(&mut self, batch: &Batch, rate: f64) -> Result<StepLoss, EngineError>;
 
-    /// As [`Engine::step`], and calls `beside` once the loss is known: at the same time as the rest of the step, where an
+    /// As [`Engine::step`], and calls `prefetch` once the loss is known: at the same time as the rest of the step, where an
     /// engine can.
     ///
     /// # Errors
-    /// Those of [`Engine::step`]; `beside` is then not called.
-    fn step_beside(
+    /// Those of [`Engine::step`]; `prefetch` is then not called.
+    fn step_with_prefetch(
         &mut self,
         batch: &Batch,
         rate: f64,
-        beside: &mut (dyn FnMut(&StepLoss) + Send),
+        prefetch: &mut (dyn FnMut(&StepLoss) + Send),
     ) -> Result<StepLoss, EngineError> {
         let loss = self.step(batch, rate)?;
-        beside(&loss);
+        prefetch(&loss);
         Ok(loss)
     }
 
@@ -189,9 +189,6 @@ pub trait Engine: Send {
 
     /// Loss of a batch and, where it asks for them, the gradients by its rays, of parameters that stay as they are; no loss
     /// of an engine without the latter.
-    ///
-    /// # Errors
-    /// Those of [`Engine::step`].
     fn ask(&mut self, _batch: &Batch) -> Result<StepLoss, EngineError> {
         Ok(StepLoss::default())
     }
@@ -251,7 +248,6 @@ impl Default for Adam {
     }
 }
 
-/// Parameters and Adam's memory.
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct OptimiserState {
     /// In the [`Model`]'s own order.

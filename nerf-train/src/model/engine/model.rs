@@ -18,10 +18,8 @@ pub struct Model {
     pub density_bias: f32,
 }
 
-/// What a trained layer is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
-    /// Trunk layer of this index.
     Trunk(u8),
     /// `h` → raw_sigma.
     Density,
@@ -53,13 +51,11 @@ impl Dense {
         self.main + self.extra
     }
 
-    /// Number of parameters.
     pub fn parameters(&self) -> usize {
         (self.inputs() + 1) * self.outputs
     }
 }
 
-/// How parameters start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum Initialisation {
     /// U(±1/√fan_in), weights and biases: PyTorch's `nn.Linear`, the classic recipe.
@@ -69,7 +65,6 @@ pub enum Initialisation {
     He,
 }
 
-/// A model that cannot be trained.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ModelError {
@@ -88,9 +83,6 @@ impl Model {
     }
 
     /// Checks the architecture and the density's constants.
-    ///
-    /// # Errors
-    /// [`ModelError`] names the field.
     pub fn check(&self) -> Result<(), ModelError> {
         self.architecture.check().map_err(ModelError::Architecture)?;
         let scale = self.density_scale;
@@ -135,7 +127,6 @@ impl Model {
         self.layer_parameters() + self.table_values()
     }
 
-    /// Number of the layers' parameters.
     pub fn layer_parameters(&self) -> usize {
         self.layers().iter().map(Dense::parameters).sum()
     }

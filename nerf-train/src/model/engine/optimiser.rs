@@ -48,7 +48,6 @@ impl Parameter {
     }
 }
 
-/// All parameters of a model.
 pub(super) struct Optimiser {
     adam: Adam,
     parameters: Vec<Parameter>,
@@ -57,8 +56,6 @@ pub(super) struct Optimiser {
 }
 
 impl Optimiser {
-    /// # Errors
-    /// [`EngineError::Parameters`] for a wrong count, [`EngineError::NonFinite`] for a bad value.
     pub(super) fn new(layers: &[Dense], adam: Adam, parameters: &[f32]) -> Result<Self, EngineError> {
         let total = layers.iter().map(Dense::parameters).sum();
         check_values("parameters", parameters, total, |_| true)?;
@@ -67,7 +64,6 @@ impl Optimiser {
         Ok(Self { adam, parameters: parameters.collect::<Result<_, _>>()?, total, steps: 0 })
     }
 
-    /// Number of the next step, counted from 1.
     pub(super) fn next_step(&self) -> u64 {
         self.steps as u64 + 1
     }
@@ -92,14 +88,12 @@ impl Optimiser {
         Ok(())
     }
 
-    /// Copies all parameters, `[total]`.
     pub(super) fn copy_into(&self, values: &mut [f32]) {
         for p in &self.parameters {
             p.value.copy_into(&mut values[p.first..][..p.length]);
         }
     }
 
-    /// All parameters.
     pub(super) fn values(&self) -> Vec<f32> {
         let mut values = vec![0.0; self.total];
         self.copy_into(&mut values);
@@ -134,7 +128,6 @@ impl Optimiser {
     }
 }
 
-/// Whether Adam can take this gradient.
 pub(super) fn usable(gradient: &[f32]) -> bool {
     // No early exit, so that the loop vectorises; NaN compares false.
     gradient.iter().fold(true, |ok, g| ok & (g.abs() < GRADIENT_LIMIT))

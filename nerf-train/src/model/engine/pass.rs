@@ -10,7 +10,6 @@ use nerf_core::network::{DensityActivation, EXPONENTIAL_LIMIT};
 use nerf_core::simd::{BLOCK, Isa};
 use std::ops::Range;
 
-/// Sums over an accumulator's chunks.
 #[derive(Clone, Copy, Default)]
 pub(super) struct ChunkLoss {
     /// Of (C − rgb)² over rays and channels.
@@ -21,7 +20,6 @@ pub(super) struct ChunkLoss {
     pub(super) alive: bool,
 }
 
-/// What a chunk is computed from.
 #[derive(Clone, Copy)]
 pub(super) struct Job<'a> {
     pub(super) graph: &'a Graph,
@@ -53,7 +51,6 @@ impl Pass {
         Self { sums, slots: vec![Vec::new(); graph.slots()], ..Self::default() }
     }
 
-    /// Forgets sums and loss.
     pub(super) fn clear(&mut self) {
         self.loss = ChunkLoss::default();
         self.sums.iter_mut().for_each(LayerSum::clear);

@@ -3,24 +3,19 @@
 use std::ops::AddAssign;
 use std::time::{Duration, Instant};
 
-/// A part of a training step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
     /// Rays, and their samples in occupied cells.
     March,
     /// Table entries to encoded positions.
     Encode,
-    /// Dense layers, forward.
     Forward,
     /// Weights along the rays, pixels, loss, and their gradients.
     Composite,
-    /// Dense layers, backward.
     Backward,
     /// Gradients of table entries.
     Scatter,
-    /// The optimiser.
     Adam,
-    /// The occupancy's refresh.
     Occupancy,
 }
 
@@ -37,7 +32,6 @@ impl Phase {
         Self::Occupancy,
     ];
 
-    /// Its name in tables.
     pub const fn name(self) -> &'static str {
         match self {
             Self::March => "march",
@@ -57,7 +51,6 @@ impl Phase {
 pub struct Phases([Duration; Phase::ALL.len()]);
 
 impl Phases {
-    /// Time of one of them.
     pub fn of(&self, phase: Phase) -> Duration {
         self.0[phase as usize]
     }
@@ -71,7 +64,6 @@ impl Phases {
 }
 
 impl Phases {
-    /// Adds `time` to a phase.
     pub fn add(&mut self, phase: Phase, time: Duration) {
         self.0[phase as usize] += time;
     }

@@ -4,8 +4,9 @@ use super::chunk::{Chunk, cut};
 use super::encode::encode_points;
 use super::graph::{DIRECTION, Graph, POSITION};
 use super::optimiser::{Optimiser, usable};
-use super::tape::{Matrix, Rows, Scalar, TAPE_SAMPLES, Taped, Vector, Weights};
-use super::tape::{alpha, over, squared_error, with_tape};
+use super::tape::{
+    Matrix, Rows, Scalar, TAPE_SAMPLES, Taped, Vector, Weights, alpha, over, squared_error, with_tape,
+};
 use super::{
     Adam, Batch, BatchRay, Engine, EngineError, Model, OptimiserState, SIGMA_LIMIT, StepLoss, check_rate,
 };
@@ -24,10 +25,6 @@ pub struct ReferenceEngine {
 }
 
 impl ReferenceEngine {
-    /// An engine on the start values of `seed`.
-    ///
-    /// # Errors
-    /// [`EngineError::Model`] if the model is out of bounds.
     pub fn new(model: &Model, adam: Adam, seed: u64) -> Result<Self, EngineError> {
         model.check()?;
         Self::with_parameters(model, adam, &model.initial_parameters(seed))
@@ -35,9 +32,6 @@ impl ReferenceEngine {
 
     /// An engine on given parameters, in the model's own order; an exported network's are those of
     /// [`Model::plain`].
-    ///
-    /// # Errors
-    /// Also if they are not as many as the model's, or not finite.
     pub fn with_parameters(model: &Model, adam: Adam, parameters: &[f32]) -> Result<Self, EngineError> {
         let graph = Graph::new(model)?;
         let optimiser = Optimiser::new(&model.layers(), adam, parameters)?;
@@ -47,9 +41,6 @@ impl ReferenceEngine {
     /// sigma, per world unit, and colour at each position, seen along the direction of the same index.
     ///
     /// sigma is empty in a 2D field.
-    ///
-    /// # Errors
-    /// [`EngineError::Parameters`] if there are not as many directions as positions.
     pub fn forward(
         &self,
         positions: &[[f32; 3]],

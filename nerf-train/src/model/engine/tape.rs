@@ -74,7 +74,6 @@ impl Weights {
     }
 }
 
-/// Adds `values` to `to`.
 pub(super) fn add(to: &mut [f32], values: &[f32]) {
     to.iter_mut().zip(values).for_each(|(to, value)| *to += value);
 }
@@ -141,19 +140,19 @@ impl Rows {
         tau: Matrix<Taped>,
     ) -> Result<(Matrix<Taped>, Vector<Taped>), EngineError> {
         let front = self.sums_in_front(tau.with_empty_tape())?.try_negate()?.try_exp()?;
-        let left = tau.try_sum::<(usize,), Axis<1>>()?.try_negate()?.try_exp()?;
-        Ok((front, left))
+        let transmittance = tau.try_sum::<(usize,), Axis<1>>()?.try_negate()?.try_exp()?;
+        Ok((front, transmittance))
     }
 }
 
-/// What is seen: what samples show, `[rays][3]`, and the background behind them where light is `left`, `[rays]`.
+/// What is seen: what samples show, `[rays][3]`, and the background behind them by their `transmittance`, `[rays]`.
 pub(super) fn over(
     shown: Matrix<Taped>,
-    left: Vector<Taped>,
+    transmittance: Vector<Taped>,
     background: Matrix,
 ) -> Result<Matrix<Taped>, EngineError> {
     let shape = *shown.shape();
-    Ok(shown.try_add(left.try_broadcast_like::<_, Axis<1>>(&shape)?.try_mul(background)?)?)
+    Ok(shown.try_add(transmittance.try_broadcast_like::<_, Axis<1>>(&shape)?.try_mul(background)?)?)
 }
 
 /// `alpha = 1 − exp(−tau)`.

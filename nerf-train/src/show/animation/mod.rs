@@ -9,13 +9,16 @@
 
 mod palette;
 
-use crate::data::pictures::rgb::Picture;
-use crate::data::pictures::rgb::{ReportError, check_length};
+use crate::data::pictures::rgb::{Picture, check_length, wrong_size};
 use crate::system::output::AtomicFile;
 use crate::system::output::mark::MARK;
+use anyhow::{Context, bail};
 use gif::{AnyExtension, Encoder, Extension, Frame, Repeat};
 use rayon::prelude::*;
 use std::path::Path;
+
+const CANNOT: &str = "cannot make the GIF";
+pub(crate) const NO_FRAMES: &str = "cannot make the animation: it has no frames";
 
 /// The longest delay of a frame in a GIF, hundredths of a second.
 const LONGEST_DELAY: f64 = 65_535.0;
@@ -40,34 +43,21 @@ impl GifWriter {
     /// `fps`: frames per second; GIF counts time in hundredths of a second, so that delays alternate where
     /// the rate does not divide 100 and the mean rate is kept. Above 50 the file plays at 50, as viewers
     /// slow down anything faster.
-    ///
-    /// # Errors
-    /// [`ReportError::Animation`] where `fps` is not a positive number; [`ReportError::Size`] without
-    /// pixels or above 65,535 a side; [`ReportError::Output`].
-    pub fn create(
-        path: impl AsRef<Path>,
-        width: usize,
-        height: usize,
-        fps: f64,
-    ) -> Result<Self, ReportError> {
+    pub fn create(path: impl AsRef<Path>, width: usize, height: usize, fps: f64) -> anyhow::Result<Self> {
         check_rate(fps)?;
         let side = |pixels| u16::try_from(pixels).ok().filter(|&side| side > 0);
         let (Some(gif_width), Some(gif_height)) = (side(width), side(height)) else {
-            return Err(ReportError::Size { format: "GIF", width, height, limit: usize::from(u16::MAX) });
+            return Err(wrong_size("GIF", (width, height), u16::MAX.into()));
         };
         let file = AtomicFile::create(path)?;
-        let mut encoder = Encoder::new(file, gif_width, gif_height, &[]).map_err(encode_error)?;
-        encoder.set_repeat(Repeat::Infinite).map_err(encode_error)?;
+        let mut encoder = Encoder::new(file, gif_width, gif_height, &[]).context(CANNOT)?;
+        encoder.set_repeat(Repeat::Infinite).context(CANNOT)?;
         let comment = AnyExtension(Extension::Comment as u8);
-        encoder.write_raw_extension(comment, &[MARK.as_bytes()]).map_err(encode_error)?;
+        encoder.write_raw_extension(comment, &[MARK.as_bytes()]).context(CANNOT)?;
         Ok(Self { encoder, width: gif_width, height: gif_height, fps, written: 0, waiting: Vec::new() })
     }
 
-    /// Appends a frame.
-    ///
-    /// # Errors
-    /// [`ReportError::Animation`] where its size is not that of the file, and where writing fails.
-    pub fn push(&mut self, frame: Picture) -> Result<(), ReportError> {
+    pub fn push(&mut self, frame: Picture) -> anyhow::Result<()> {
         let index = self.written + self.waiting.len();
         check_size(index, &frame, (usize::from(self.width), usize::from(self.height)))?;
         self.waiting.push(frame);
@@ -79,18 +69,15 @@ impl GifWriter {
     }
 
     /// Writes what waits and puts the file in place.
-    ///
-    /// # Errors
-    /// [`ReportError::Animation`] where there is no frame, and where writing fails.
-    pub fn finish(mut self) -> Result<(), ReportError> {
+    pub fn finish(mut self) -> anyhow::Result<()> {
         self.write_waiting()?;
         if self.written == 0 {
-            return Err(ReportError::Animation("it has no frames".to_owned()));
+            bail!(NO_FRAMES);
         }
-        Ok(self.encoder.into_inner().map_err(ReportError::encode("GIF"))?.commit()?)
+        Ok(self.encoder.into_inner().context(CANNOT)?.commit()?)
     }
 
-    fn write_waiting(&mut self) -> Result<(), ReportError> {
+    fn write_waiting(&mut self) -> anyhow::Result<()> {
         let (width, height, fps, first) = (self.width, self.height, self.fps, self.written);
         let quantise = |(i, picture): (usize, &Picture)| {
             let quantised = palette::quantise(&picture.to_rgb8());
@@ -102,7 +89,7 @@ impl GifWriter {
         };
         let frames: Vec<Frame<'static>> = self.waiting.par_iter().enumerate().map(quantise).collect();
         for frame in &frames {
-            self.encoder.write_lzw_pre_encoded_frame(frame).map_err(encode_error)?;
+            self.encoder.write_lzw_pre_encoded_frame(frame).context(CANNOT)?;
         }
         self.written += frames.len();
         self.waiting.clear();
@@ -111,21 +98,22 @@ impl GifWriter {
 }
 
 /// Refuses a rate that is no positive number.
-pub(crate) fn check_rate(fps: f64) -> Result<(), ReportError> {
+pub(crate) fn check_rate(fps: f64) -> anyhow::Result<()> {
     if fps > 0.0 && fps.is_finite() {
         return Ok(());
     }
-    Err(ReportError::Animation(format!("{fps} frames per second is not a rate")))
+    bail!("cannot make the animation: {fps} frames per second is not a rate")
 }
 
 /// Refuses a frame of another size than `expected`, or with another number of pixels than its size says.
-pub(crate) fn check_size(index: usize, frame: &Picture, expected: (usize, usize)) -> Result<(), ReportError> {
+pub(crate) fn check_size(index: usize, frame: &Picture, expected: (usize, usize)) -> anyhow::Result<()> {
     if (frame.width, frame.height) != expected {
         let (width, height) = expected;
-        return Err(ReportError::Animation(format!(
-            "frame {index} is {}×{}, the first is {width}×{height}",
-            frame.width, frame.height
-        )));
+        bail!(
+            "cannot make the animation: frame {index} is {}×{}, the first is {width}×{height}",
+            frame.width,
+            frame.height
+        );
     }
     check_length("a frame", frame.width, frame.height, frame.rgb.len())
 }
@@ -135,10 +123,6 @@ fn delay(index: usize, fps: f64) -> u16 {
     let at = |i: usize| (i as f64 * 100.0 / fps).round();
     // From absolute times, so that rounding does not add up.
     (at(index + 1) - at(index)).clamp(2.0, LONGEST_DELAY) as u16
-}
-
-fn encode_error(error: gif::EncodingError) -> ReportError {
-    ReportError::encode("GIF")(error)
 }
 
 #[cfg(test)]
@@ -161,7 +145,7 @@ mod tests {
         path: impl AsRef<Path>,
         mut frames: impl Iterator<Item = Picture>,
         fps: f64,
-    ) -> Result<std::path::PathBuf, ReportError> {
+    ) -> anyhow::Result<std::path::PathBuf> {
         let mut film = crate::show::film::Film::new(path.as_ref().to_owned(), None, fps)?;
         frames.try_for_each(|frame| film.push(frame))?;
         film.finish()

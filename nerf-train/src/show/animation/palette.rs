@@ -51,7 +51,6 @@ pub fn quantise(rgb: &[u8]) -> Quantised {
     Quantised { palette: entries.concat(), indices: rgb.chunks_exact(3).map(place).collect() }
 }
 
-/// The frame's colours in ascending order.
 fn count(rgb: &[u8]) -> Vec<Counted> {
     let mut pixels: Vec<[u8; 3]> = rgb.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect();
     pixels.sort_unstable();

@@ -1,6 +1,6 @@
 //! What was found of a capture, among its cameras.
 
-use super::scene::{Request, Scene, ShowError};
+use super::scene::{Request, Scene};
 use crate::capture::check::Diagnosis;
 use crate::data::pictures::thumbnail::Thumbnail;
 use crate::data::{Background, Dataset, View};
@@ -15,7 +15,6 @@ const BLURRED: [f32; 3] = [0.62, 0.50, 0.10];
 /// Long side of the photographs side by side, pixels.
 const SIDE: usize = 400;
 
-/// What was found, beside the cameras.
 #[derive(Clone, Debug)]
 pub struct Findings {
     pub(super) facts: String,
@@ -26,14 +25,11 @@ pub struct Findings {
 
 /// All photographs of a data set as one scene, their cameras coloured by what was found, with rays within `range` where that
 /// is given. All become training views, in the order of names.
-///
-/// # Errors
-/// As [`Scene::new`].
 pub fn checked(
     dataset: &mut Dataset,
     diagnosis: &Diagnosis,
     range: (Option<f32>, Option<f32>),
-) -> Result<Scene, ShowError> {
+) -> anyhow::Result<Scene> {
     let held_out = [std::mem::take(&mut dataset.val), std::mem::take(&mut dataset.test)];
     dataset.train.extend(held_out.into_iter().flatten());
     dataset.train.sort_by(|a, b| a.name.cmp(&b.name));

@@ -1,24 +1,20 @@
 //! The rays and samples of one training step, drawn by the code that training draws them with.
 
-use super::ShowError;
 use crate::data::{Background, View};
 use crate::model::config::Config;
 use crate::model::engine::Batch;
-use crate::train::Bounds;
 use crate::train::occupancy::Occupancy;
 use crate::train::rays::{MarchCells, RayBank};
-use crate::train::{TrainError, lengthened};
+use crate::train::{Bounds, lengthened};
 use glam::Vec3;
 use nerf_core::Isa;
 
-/// A ray with its samples.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShownRay {
     /// Its camera: an index into the cameras of the [scene](super::Scene).
     pub camera: usize,
     /// Start, world units.
     pub origin: Vec3,
-    /// Unit direction, world.
     pub dir: Vec3,
     /// Where it begins, world units along it.
     pub near: f32,
@@ -36,15 +32,12 @@ impl ShownRay {
         self.origin + self.dir * t
     }
 
-    /// The `t` of all its samples.
     pub fn samples(&self) -> impl Iterator<Item = f32> {
         self.live.iter().chain(&self.culled).copied()
     }
 }
 
-/// How the rays were drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs, reason = "the names say what they are")]
 pub struct StepFacts {
     pub step: u32,
     pub seed: u64,
@@ -53,7 +46,6 @@ pub struct StepFacts {
     pub marched: bool,
     /// Rays the step trains on; those that are shown are the first of them.
     pub rays: usize,
-    /// Live samples it trains on.
     pub live: usize,
     pub occupancy: bool,
 }
@@ -77,9 +69,8 @@ impl Drawer<'_> {
         first: usize,
         count: usize,
         whole: bool,
-    ) -> Result<(Vec<ShownRay>, StepFacts), ShowError> {
-        let bank =
-            RayBank::new(views, self.background, self.bounds, self.config).map_err(TrainError::from)?;
+    ) -> anyhow::Result<(Vec<ShownRay>, StepFacts)> {
+        let bank = RayBank::new(views, self.background, self.bounds, self.config)?;
         let s = &self.config.sampling;
         let step = u64::from(self.step);
         let (rays, most) = if whole { (s.rays, s.live_samples) } else { (count, 0) };

@@ -2,8 +2,7 @@
 
 use super::axis;
 use super::text::{self, Direction};
-use crate::data::pictures::rgb::Picture;
-use crate::data::pictures::rgb::{ReportError, check_length};
+use crate::data::pictures::rgb::{Picture, check_length};
 use crate::measure::frame::Frame;
 
 /// The colour of pixels that hold no value: a light grey, which occurs in none of the maps.
@@ -101,16 +100,13 @@ fn settle_range(values: &[f32], opacity: &[f32], range: Option<(f32, f32)>) -> (
 /// `values`, `opacity`: `[height * width]`; `values` in world units. Pixels of opacity ≤ 0.5 or
 /// without a finite value are [`EMPTY`]. `range`: near and far end of the colours, world units;
 /// `None` takes [`robust_range`]. Give one range to all frames of an animation.
-///
-/// # Errors
-/// [`ReportError::Length`].
 pub fn depth_picture(
     values: &[f32],
     opacity: &[f32],
     width: usize,
     height: usize,
     range: Option<(f32, f32)>,
-) -> Result<Picture, ReportError> {
+) -> anyhow::Result<Picture> {
     check_length("the distances of a picture", width, height, values.len())?;
     check_length("the opacity of a picture", width, height, opacity.len())?;
     let (low, high) = settle_range(values, opacity, range);
@@ -128,9 +124,6 @@ pub fn depth_picture(
 /// [`depth_picture`], enlarged where small, with a legend on its right.
 ///
 /// `title` names the value and its unit, for example "z_depth, world units".
-///
-/// # Errors
-/// [`ReportError::Length`].
 pub fn depth_picture_with_legend(
     values: &[f32],
     opacity: &[f32],
@@ -138,7 +131,7 @@ pub fn depth_picture_with_legend(
     height: usize,
     range: Option<(f32, f32)>,
     title: &str,
-) -> Result<Picture, ReportError> {
+) -> anyhow::Result<Picture> {
     let picture = depth_picture(values, opacity, width, height, range)?;
     let range = settle_range(values, opacity, range);
     Ok(with_legend(&picture, ColourMap::Viridis, range, title))
@@ -148,15 +141,12 @@ pub fn depth_picture_with_legend(
 ///
 /// `normals`, `opacity`: `[height * width]`. As in [`depth_picture`], pixels of opacity ≤ 0.5 are [`EMPTY`],
 /// and so are those whose normal is 0.
-///
-/// # Errors
-/// [`ReportError::Length`].
 pub fn normal_picture(
     normals: &[[f32; 3]],
     opacity: &[f32],
     width: usize,
     height: usize,
-) -> Result<Picture, ReportError> {
+) -> anyhow::Result<Picture> {
     check_length("the normals of a picture", width, height, normals.len())?;
     check_length("the opacity of a picture", width, height, opacity.len())?;
     let colour = |(&normal, &opacity): (&[f32; 3], &f32)| {
@@ -218,10 +208,7 @@ pub fn with_legend(picture: &Picture, map: ColourMap, range: (f32, f32), title: 
 }
 
 /// The z_depth of a frame in colours, with a legend, from the nearest to the farthest it shows.
-///
-/// # Errors
-/// None for a frame that was rendered with opacity and z_depth.
-pub fn z_depth_picture(frame: &Frame) -> Result<Picture, ReportError> {
+pub fn z_depth_picture(frame: &Frame) -> anyhow::Result<Picture> {
     let Frame { z_depth, opacity, width, height, .. } = frame;
     depth_picture_with_legend(z_depth, opacity, *width, *height, None, "z_depth, world units")
 }

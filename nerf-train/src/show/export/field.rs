@@ -1,6 +1,5 @@
 //! Density and colour at points, evaluated on all threads.
 
-use super::ExportError;
 use nerf_core::camera::Ray;
 use nerf_core::memory::Line;
 use nerf_core::plan::Plan;
@@ -29,10 +28,7 @@ impl<'a, 'b> Field<'a, 'b> {
     }
 
     /// Densities, 1/world unit; 0 outside of the scene.
-    ///
-    /// # Errors
-    /// [`ExportError::Render`], which points do not cause.
-    pub fn densities(&self, points: &[[f32; 3]]) -> Result<Vec<f32>, ExportError> {
+    pub fn densities(&self, points: &[[f32; 3]]) -> anyhow::Result<Vec<f32>> {
         let mut sigma = vec![0.0; points.len()];
         let chunks = points.par_chunks(CHUNK).zip(sigma.par_chunks_mut(CHUNK));
         chunks.try_for_each_init(
@@ -46,14 +42,7 @@ impl<'a, 'b> Field<'a, 'b> {
     }
 
     /// Densities, and display-encoded colours as they are seen along unit directions.
-    ///
-    /// # Errors
-    /// [`ExportError::Render`] on a direction that is not of unit length.
-    pub fn seen(
-        &self,
-        points: &[[f32; 3]],
-        dirs: &[[f32; 3]],
-    ) -> Result<(Vec<f32>, Vec<[f32; 3]>), ExportError> {
+    pub fn seen(&self, points: &[[f32; 3]], dirs: &[[f32; 3]]) -> anyhow::Result<(Vec<f32>, Vec<[f32; 3]>)> {
         let (mut sigma, mut rgb) = (vec![0.0; points.len()], vec![[0.0; 3]; points.len()]);
         let asked = points.par_chunks(CHUNK).zip(dirs.par_chunks(CHUNK));
         let found = sigma.par_chunks_mut(CHUNK).zip(rgb.par_chunks_mut(CHUNK));
@@ -68,10 +57,7 @@ impl<'a, 'b> Field<'a, 'b> {
 
     /// Distance along each ray at which its opacity crosses 1/2, world units; `None` of one that stays below. The rays have
     /// this length, and one sample in the middle of each of `steps` equal bins, whatever steps the scene is rendered with.
-    ///
-    /// # Errors
-    /// [`ExportError::Render`], which points do not cause.
-    pub fn half_way(&self, rays: &[Ray], length: f32, steps: usize) -> Result<Vec<Option<f32>>, ExportError> {
+    pub fn half_way(&self, rays: &[Ray], length: f32, steps: usize) -> anyhow::Result<Vec<Option<f32>>> {
         let delta = length / steps as f32;
         let points = |ray: &Ray| {
             let ray = *ray;

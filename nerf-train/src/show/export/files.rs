@@ -2,7 +2,7 @@
 //!
 //! Own writers: each is a header and a loop.
 
-use super::{ExportError, Mesh};
+use super::Mesh;
 use crate::data::pictures::rgb::to_u8;
 use crate::system::output::{AtomicFile, Attempt, OutputError};
 use std::io::{self, Write};
@@ -10,10 +10,7 @@ use std::path::Path;
 
 /// Writes a mesh as binary PLY: `x y z nx ny nz red green blue`, faces as `vertex_indices`. Coordinates are the data's own:
 /// doubles where its world's origin is far away.
-///
-/// # Errors
-/// [`ExportError::Output`].
-pub fn write_ply(mesh: &Mesh, path: &Path) -> Result<(), ExportError> {
+pub fn write_ply(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
     written(path, |out| {
         let far = mesh.origin != [0.0; 3];
         let real = if far { "double" } else { "float" };
@@ -52,10 +49,7 @@ pub fn write_ply(mesh: &Mesh, path: &Path) -> Result<(), ExportError> {
 }
 
 /// Writes a mesh as OBJ: `v x y z r g b`, as MeshLab and Blender read colours, `vn`, and `f v//n`.
-///
-/// # Errors
-/// [`ExportError::Output`].
-pub fn write_obj(mesh: &Mesh, path: &Path) -> Result<(), ExportError> {
+pub fn write_obj(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
     written(path, |out| {
         writeln!(out, "# made by nerf-train")?;
         for vertex in &mesh.vertices {
@@ -77,7 +71,7 @@ pub fn write_obj(mesh: &Mesh, path: &Path) -> Result<(), ExportError> {
 pub(super) fn written(
     path: &Path,
     write: impl FnOnce(&mut AtomicFile) -> io::Result<()>,
-) -> Result<(), ExportError> {
+) -> anyhow::Result<()> {
     let mut file = AtomicFile::create(path)?;
     write(&mut file).map_err(|source| OutputError::new(Attempt::Write, path, source))?;
     Ok(file.commit()?)

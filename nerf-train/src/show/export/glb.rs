@@ -1,21 +1,21 @@
 //! Meshes as binary glTF 2.0.
 
 use super::files::written;
-use super::{ExportError, Mesh, Vertex};
+use super::{Mesh, Vertex};
+use anyhow::bail;
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
 
 /// Writes a mesh as GLB: positions, normals, colours (linear, unlit), in the data's coordinates and units. glTF itself says
 /// that +Y is up: the axes are left as they are. An origin that is far away is the node's translation.
-///
-/// # Errors
-/// [`ExportError::Output`]; [`ExportError::Glb`] of a mesh of 4 GiB.
-pub fn write_glb(mesh: &Mesh, path: &Path) -> Result<(), ExportError> {
+pub fn write_glb(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
     let size = 36 * mesh.vertices.len() as u64 + 12 * mesh.triangles.len() as u64;
     // With room for what describes them.
     let Some(bytes) = u32::try_from(size).ok().filter(|&size| size < u32::MAX - (1 << 16)) else {
-        return Err(ExportError::Glb { bytes: size });
+        bail!(
+            "-o: expected a mesh of less than 4 GiB as .glb, found {size} bytes: lower --resolution, or write .ply"
+        );
     };
     let bytes = bytes as usize;
     let mut text = document(mesh, bytes).to_string();

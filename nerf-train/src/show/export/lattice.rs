@@ -1,6 +1,7 @@
 //! Cubes of equal size over a box.
 
-use super::{ExportError, Field};
+use super::Field;
+use anyhow::bail;
 use glam::Vec3;
 use half::f16;
 use nerf_core::camera::SceneBox;
@@ -18,16 +19,12 @@ pub struct Lattice {
 
 impl Lattice {
     /// `resolution` cubes along the longest side of the box, and one beyond each end.
-    ///
-    /// # Errors
-    /// [`ExportError::Box`] without volume.
-    pub fn new(bounds: &SceneBox, resolution: u32) -> Result<Self, ExportError> {
+    pub fn new(bounds: &SceneBox, resolution: u32) -> anyhow::Result<Self> {
         let (cell, cells) = cubes(bounds, resolution)?;
         let cells = cells.map(|count| count + 2);
         Ok(Self { min: bounds.min - cell, cell, cells })
     }
 
-    /// A corner.
     pub fn corner(&self, [x, y, z]: [usize; 3]) -> Vec3 {
         self.min + self.cell * Vec3::new(x as f32, y as f32, z as f32)
     }
@@ -41,10 +38,7 @@ impl Lattice {
 
     /// Optical depths of a cell at the corners of a slice: densities times its side; 0 at the lattice's sides, which are outside
     /// of the box.
-    ///
-    /// # Errors
-    /// [`ExportError::Render`], which points do not cause.
-    pub fn cell_depths(&self, field: &Field<'_, '_>, z: usize) -> Result<Vec<f16>, ExportError> {
+    pub fn cell_depths(&self, field: &Field<'_, '_>, z: usize) -> anyhow::Result<Vec<f16>> {
         let [width, height] = self.corners();
         let side = |i: usize| {
             let ends = |at: usize, corners: usize| at == 0 || at + 1 == corners;
@@ -70,10 +64,7 @@ impl Lattice {
 }
 
 /// Side of cubes over a box, `resolution` of them along its longest side, and how many there are along each axis.
-///
-/// # Errors
-/// [`ExportError::Box`] without volume, or of cubes that 32-bit coordinates do not tell apart.
-pub(super) fn cubes(bounds: &SceneBox, resolution: u32) -> Result<(f32, [usize; 3]), ExportError> {
+pub(super) fn cubes(bounds: &SceneBox, resolution: u32) -> anyhow::Result<(f32, [usize; 3])> {
     let extent = bounds.max - bounds.min;
     let cell = extent.max_element() / resolution.max(1) as f32;
     let furthest = bounds.min.abs().max(bounds.max.abs()).max_element();
@@ -82,7 +73,10 @@ pub(super) fn cubes(bounds: &SceneBox, resolution: u32) -> Result<(f32, [usize; 
         && cell.is_normal()
         && cell > 8.0 * f32::EPSILON * furthest)
     {
-        return Err(ExportError::Box { sides: extent.into(), cell });
+        bail!(
+            "--box: expected three sides above 0 in cells that 32-bit coordinates tell apart, found sides {:?} and cells of {cell}",
+            extent.to_array()
+        );
     }
     // A hair less, so that a side of a whole number of cubes has no further one.
     Ok((cell, extent.to_array().map(|side| (side / cell - 1e-3).ceil().max(1.0) as usize)))

@@ -24,78 +24,31 @@ pub use points::{points_of_surface, points_of_views};
 pub use surface::{Surface, mesh};
 pub use volume::{Volume, volume, write_npz};
 
-use crate::data::pictures::rgb::ReportError;
-use crate::system::memory::TooLarge;
-use crate::system::output::OutputError;
 use crate::system::summary::Short;
 use glam::Vec3;
-use nerf_core::camera::{CameraError, SceneBox};
-use nerf_core::render::RenderError;
+use nerf_core::camera::SceneBox;
 use serde::Serialize;
 use std::path::Path;
 
-/// A point of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Vertex {
     /// World units of the blob, which count from [`Mesh::origin`].
     pub position: [f32; 3],
     /// Unit length, outward.
     pub normal: [f32; 3],
-    /// Display-encoded.
     pub rgb: [f32; 3],
 }
 
-/// Triangles, or points alone.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     /// Where the blob's coordinates count from, in the data's world.
     pub origin: [f64; 3],
-    /// The points.
     pub vertices: Vec<Vertex>,
     /// Counter-clockwise seen from outside; empty of a cloud of points.
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// Why a scene cannot be exported.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-#[allow(missing_docs, reason = "the messages say what happened")]
-pub enum ExportError {
-    #[error(transparent)]
-    Render(#[from] RenderError),
-    #[error("camera: {0}")]
-    Camera(#[from] CameraError),
-    #[error(
-        "--threshold: expected a density that the scene reaches, found {threshold}: its highest in the box is {highest} a \
-         world unit"
-    )]
-    Empty { threshold: f32, highest: f32 },
-    #[error("nothing in the box is opaque: expected another --box, or a --threshold")]
-    Clear,
-    #[error(
-        "--box: expected three sides above 0 in cells that 32-bit coordinates tell apart, found sides {sides:?} and cells of \
-         {cell}"
-    )]
-    Box { sides: [f32; 3], cell: f32 },
-    #[error("--data: expected views that see something opaque within the box, found none in {views} views")]
-    NoPoints { views: usize },
-    #[error("--resolution: expected fewer than 2^32 vertices, found more: choose a smaller one")]
-    Vertices,
-    #[error(
-        "-o: expected a mesh of less than 4 GiB as .glb, found {bytes} bytes: lower --resolution, or write .ply"
-    )]
-    Glb { bytes: u64 },
-    #[error(transparent)]
-    Memory(#[from] TooLarge),
-    #[error(transparent)]
-    Output(#[from] OutputError),
-    #[error(transparent)]
-    Report(#[from] ReportError),
-}
-
-/// What was exported, for scripts.
 #[derive(Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Summary {
     pub file: String,
     #[serde(rename = "as")]

@@ -1,11 +1,10 @@
 //! A surface net: the level 0.5 of values at a lattice's corners, as triangles.
 
-use super::ExportError;
 use super::lattice::Lattice;
+use anyhow::Context;
 use glam::Vec3;
 use half::f16;
 
-/// No vertex in this cell.
 pub(super) const NONE: u32 = u32::MAX;
 /// The twelve edges of a cube by the bits of their corners (x, y, z).
 const EDGES: [(usize, usize); 12] =
@@ -42,7 +41,7 @@ impl<'l> Net<'l> {
     }
 
     /// Takes the next slice in: vertices of the layer below it, and the faces whose four cubes are then there.
-    pub(super) fn slice(&mut self, z: usize, above: Vec<f16>) -> Result<(), ExportError> {
+    pub(super) fn slice(&mut self, z: usize, above: Vec<f16>) -> anyhow::Result<()> {
         if z > 0 {
             self.layers.swap(0, 1);
             self.vertices(z - 1, &above)?;
@@ -52,7 +51,7 @@ impl<'l> Net<'l> {
         Ok(())
     }
 
-    fn vertices(&mut self, z: usize, above: &[f16]) -> Result<(), ExportError> {
+    fn vertices(&mut self, z: usize, above: &[f16]) -> anyhow::Result<()> {
         let [width, height, _] = self.lattice.cells;
         let row = width + 1;
         for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
@@ -66,10 +65,9 @@ impl<'l> Net<'l> {
             if inside == 0 || inside == 8 {
                 continue;
             }
-            *vertex = u32::try_from(self.positions.len())
-                .ok()
-                .filter(|&i| i != NONE)
-                .ok_or(ExportError::Vertices)?;
+            *vertex = u32::try_from(self.positions.len()).ok().filter(|&i| i != NONE).context(
+                "--resolution: expected fewer than 2^32 vertices, found more: choose a smaller one",
+            )?;
             self.positions.push(self.lattice.corner([x, y, z]) + self.lattice.cell * crossing(&values));
             self.normals.push(-slope(&values).normalize_or(Vec3::Z));
         }

@@ -25,7 +25,6 @@ pub(super) fn level(ratio: f32) -> f16 {
 /// The least three optical depths of a corner, ascending: the upper halves of `f32`, which have the same order.
 type Least = [u16; 3];
 
-/// Optical depths at the corners of a lattice.
 pub(super) struct OpticalDepth {
     slices: Vec<Vec<Least>>,
 }

@@ -1,9 +1,10 @@
 //! Point clouds.
 
-use super::{ExportError, Mesh, Vertex};
+use super::{Mesh, Vertex};
 use crate::data::View;
 use crate::data::cameras::scaled;
 use crate::measure::frame::{self, Frame};
+use anyhow::{Context, anyhow};
 use glam::Vec3;
 use nerf_core::camera::{Camera, SceneBox};
 use nerf_core::plan::Plan;
@@ -18,9 +19,6 @@ const OPAQUE: f32 = 0.5;
 /// About `count` points where rays of the views' photographs meet something: at their median distance, in the colours they
 /// show there; of all of them those in the box `within`. `plan` has colours, opacity, median distances and normals. `each` is
 /// told how many views are done.
-///
-/// # Errors
-/// [`ExportError::NoPoints`] where no pixel shows anything opaque in the box; [`ExportError::Render`].
 pub fn points_of_views(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,
@@ -28,12 +26,12 @@ pub fn points_of_views(
     count: usize,
     within: Option<&SceneBox>,
     mut each: impl FnMut(usize),
-) -> Result<Mesh, ExportError> {
-    let frame_of = |view: &View, pixels: f64| -> Result<_, ExportError> {
+) -> anyhow::Result<Mesh> {
+    let frame_of = |view: &View, pixels: f64| -> anyhow::Result<_> {
         let (width, height) = view.size();
         let share = (pixels / (f64::from(width) * f64::from(height))).sqrt().min(1.0);
         let side = |pixels: u32| ((f64::from(pixels) * share).round() as u32).max(1);
-        let camera = scaled(&view.camera, (side(width), side(height)))?;
+        let camera = scaled(&view.camera, (side(width), side(height))).context("camera")?;
         Ok((camera, frame::render(renderer, plan, &camera)?))
     };
     let hits = |camera: &Camera, frame: &Frame| -> Vec<Vertex> {
@@ -52,8 +50,14 @@ pub fn points_of_views(
         let (camera, frame) = frame_of(view, PILOT)?;
         (seen, asked) = (seen + hits(&camera, &frame).len(), asked + frame.opacity.len());
     }
+    let nothing = || {
+        let views = views.len();
+        anyhow!(
+            "--data: expected views that see something opaque within the box, found none in {views} views"
+        )
+    };
     if seen == 0 {
-        return Err(ExportError::NoPoints { views: views.len() });
+        return Err(nothing());
     }
     let a_view = count as f64 / views.len() as f64 * asked as f64 / seen as f64;
     let mut vertices = Vec::new();
@@ -63,7 +67,7 @@ pub fn points_of_views(
         each(i + 1);
     }
     match vertices.is_empty() {
-        true => Err(ExportError::NoPoints { views: views.len() }),
+        true => Err(nothing()),
         false => Ok(Mesh { vertices, ..Mesh::default() }),
     }
 }

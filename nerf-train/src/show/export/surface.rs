@@ -4,8 +4,9 @@ use super::field::Field;
 use super::lattice::Lattice;
 use super::net::{NONE, Net};
 use super::optical_depth::{OpticalDepth, level};
-use super::{ExportError, Mesh, Vertex};
+use super::{Mesh, Vertex};
 use crate::system::memory;
+use anyhow::bail;
 use glam::Vec3;
 use half::f16;
 use nerf_core::camera::Ray;
@@ -27,7 +28,6 @@ const BATCH: usize = 1 << 16;
 /// What a vertex takes, with its two triangles, while the mesh is made.
 const BYTES_PER_VERTEX: u64 = 200;
 
-/// Where the surface of a field is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Surface {
     /// Where the opacity of rays from outside of the box crosses 1/2.
@@ -44,16 +44,12 @@ pub enum Surface {
 /// visible surface a ray is integrated: the vertex moves along it as little as brings it within two cells of where the ray's
 /// opacity crosses 1/2, so that triangles tangle little, and is left out where the opacity stays below. `each` is told how
 /// many slices are done, of three times as many as the lattice has.
-///
-/// # Errors
-/// [`ExportError::Empty`] where no density is above the threshold, [`ExportError::Clear`] where no opacity reaches 1/2,
-/// [`ExportError::Vertices`] and [`ExportError::Memory`] where there are too many.
 pub fn mesh(
     field: &Field<'_, '_>,
     lattice: &Lattice,
     surface: Surface,
     mut each: impl FnMut(usize),
-) -> Result<Mesh, ExportError> {
+) -> anyhow::Result<Mesh> {
     let slices = lattice.cells[2] + 1;
     let mut cells = Vec::with_capacity(slices);
     for z in 0..slices {
@@ -84,8 +80,11 @@ pub fn mesh(
     let mesh = kept(&vertices, &triangles);
     match surface {
         _ if !mesh.triangles.is_empty() => Ok(mesh),
-        Surface::Density(threshold) => Err(ExportError::Empty { threshold, highest: highest / lattice.cell }),
-        _ => Err(ExportError::Clear),
+        Surface::Density(threshold) => bail!(
+            "--threshold: expected a density that the scene reaches, found {threshold}: its highest in the box is {} a world unit",
+            highest / lattice.cell
+        ),
+        _ => bail!("nothing in the box is opaque: expected another --box, or a --threshold"),
     }
 }
 
@@ -95,7 +94,7 @@ fn net<'l>(
     cells: Vec<Vec<f16>>,
     surface: Surface,
     mut each: impl FnMut(usize),
-) -> Result<Net<'l>, ExportError> {
+) -> anyhow::Result<Net<'l>> {
     let mut net = Net::new(lattice);
     let mut take = |z: usize, levels: Vec<f16>| {
         each(z + 1);
@@ -147,7 +146,7 @@ fn settled(
     cell: f32,
     points: &[Vec3],
     normals: &[Vec3],
-) -> Result<Vec<Option<Place>>, ExportError> {
+) -> anyhow::Result<Vec<Option<Place>>> {
     let ray =
         |(&point, &normal): (&Vec3, &Vec3)| Ray { origin: point + BEFORE * cell * normal, dir: -normal };
     let rays: Vec<Ray> = points.iter().zip(normals).map(ray).collect();
@@ -166,7 +165,7 @@ fn coloured(
     field: &Field<'_, '_>,
     places: &[Option<Place>],
     normals: &[Vec3],
-) -> Result<Vec<Option<Vertex>>, ExportError> {
+) -> anyhow::Result<Vec<Option<Vertex>>> {
     let points: Vec<[f32; 3]> =
         places.iter().map(|place| place.map_or([0.0; 3], |place| place.surface.into())).collect();
     let dirs: Vec<[f32; 3]> = normals.iter().map(|normal| (-*normal).into()).collect();

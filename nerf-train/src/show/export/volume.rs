@@ -1,16 +1,15 @@
 //! Density and colour of every cell of a box.
 
-use super::ExportError;
 use super::field::Field;
 use super::lattice::cubes;
-use crate::data::pictures::rgb::{ReportError, to_u8};
+use crate::data::pictures::rgb::to_u8;
 use crate::system::output::write_atomic;
+use anyhow::Context;
 use glam::Vec3;
 use nerf_core::camera::SceneBox;
 use std::io::{Cursor, Write};
 use std::path::Path;
 use zip::ZipWriter;
-use zip::result::ZipError;
 use zip::write::FileOptions;
 
 /// Density and colour at the middles of cells.
@@ -30,15 +29,12 @@ pub struct Volume {
 
 /// The field over a box with `resolution` cells along its longest side. Colours are the mean over six directions along the
 /// axes. `each` is told how many slices of `x` are done.
-///
-/// # Errors
-/// [`ExportError::Box`] without volume; [`ExportError::Render`].
 pub fn volume(
     field: &Field<'_, '_>,
     bounds: &SceneBox,
     resolution: u32,
     mut each: impl FnMut(usize),
-) -> Result<Volume, ExportError> {
+) -> anyhow::Result<Volume> {
     let (cell, cells) = cubes(bounds, resolution)?;
     let [width, height, depth] = cells;
     let mut volume = Volume {
@@ -70,7 +66,7 @@ pub fn volume(
 fn mean_colours(
     field: &Field<'_, '_>,
     points: impl Iterator<Item = [f32; 3]>,
-) -> Result<Vec<[f32; 3]>, ExportError> {
+) -> anyhow::Result<Vec<[f32; 3]>> {
     let points: Vec<[f32; 3]> = points.collect();
     let mut sums = vec![Vec3::ZERO; points.len()];
     for axis in Vec3::AXES.into_iter().flat_map(|axis| [axis, -axis]) {
@@ -82,13 +78,10 @@ fn mean_colours(
 
 /// Writes `density` (float32 `[x, y, z]`), `rgb` (uint8 `[x, y, z, 3]`), `min` (float64 `[3]`) and `cell` (float64): numpy
 /// reads it with `np.load`.
-///
-/// # Errors
-/// [`ExportError::Output`] and [`ExportError::Report`] where it cannot be written.
-pub fn write_npz(volume: &Volume, path: &Path) -> Result<(), ExportError> {
+pub fn write_npz(volume: &Volume, path: &Path) -> anyhow::Result<()> {
     // In memory first: a writer of archives whose disk is full says so on stderr.
     let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
-    let failed = |error: ZipError| ReportError::encode("NPZ")(error);
+    let failed = "cannot make the NPZ";
     let [x, y, z] = volume.cells;
     let density: Vec<u8> = volume.density.iter().flat_map(|value| value.to_le_bytes()).collect();
     let arrays = [
@@ -99,11 +92,11 @@ pub fn write_npz(volume: &Volume, path: &Path) -> Result<(), ExportError> {
     ];
     for (name, kind, shape, bytes) in arrays {
         let options = FileOptions::default().large_file(bytes.len() >= 1 << 31);
-        archive.start_file(format!("{name}.npy"), options).map_err(failed)?;
+        archive.start_file(format!("{name}.npy"), options).context(failed)?;
         let written = archive.write_all(&npy_header(kind, &shape)).and_then(|()| archive.write_all(&bytes));
-        written.map_err(|error| failed(error.into()))?;
+        written.context(failed)?;
     }
-    Ok(write_atomic(path, &archive.finish().map_err(failed)?.into_inner())?)
+    Ok(write_atomic(path, &archive.finish().context(failed)?.into_inner())?)
 }
 
 /// The header of a `.npy` of format 1.0, as long as a multiple of 64 bytes.

@@ -4,8 +4,7 @@
 //! that letters run into each other; everything else here is what any back end does.
 
 use crate::data::pictures::rgb::Picture;
-use crate::show::text;
-use crate::show::text::Direction;
+use crate::show::text::{self, Direction};
 use plotters_backend::text_anchor::{HPos, VPos};
 use plotters_backend::{
     BackendColor, BackendCoord, BackendStyle, BackendTextStyle, DrawingBackend, DrawingErrorKind,
@@ -15,7 +14,6 @@ use std::convert::Infallible;
 
 type Drawn = Result<(), DrawingErrorKind<Infallible>>;
 
-/// Draws into a borrowed picture.
 pub struct PictureBackend<'a> {
     picture: &'a mut Picture,
 }

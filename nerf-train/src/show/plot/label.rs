@@ -11,7 +11,6 @@ const GAP: i32 = 8;
 /// Longest name, pixels: the rest is left out.
 const WIDEST: usize = 330;
 
-/// A name beside a point.
 #[derive(Clone, Debug)]
 pub struct Label {
     /// Cut off where it is long; empty for none.

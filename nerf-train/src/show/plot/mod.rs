@@ -7,9 +7,9 @@ mod scale;
 
 use super::text;
 use crate::data::pictures::rgb::Picture;
-use crate::data::pictures::rgb::ReportError;
 use crate::system::output::write_atomic;
 use crate::system::printable;
+use anyhow::Context;
 use backend::PictureBackend;
 use draw::{clean, dashed, draw_series, register_font, style, thinned};
 pub use label::Label;
@@ -19,9 +19,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use scale::Scale;
 use std::path::{Path, PathBuf};
 
-/// Width of a plot, pixels.
 const WIDTH: usize = 1_100;
-/// Height of a plot, pixels.
 const HEIGHT: usize = 720;
 const MARGIN: i32 = 18;
 const TITLE_SIZE: f32 = 28.0;
@@ -48,25 +46,19 @@ const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 0, 0),
 ];
 
-/// How a series is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Marker {
     /// A line through the points in their order; a lone point becomes a dot.
     Line,
-    /// Dots only.
     Points,
-    /// Dots and a line through them.
     LineAndPoints,
 }
 
-/// A named curve.
 #[derive(Clone, Debug)]
 pub struct Series {
-    /// Stands in the legend.
     pub name: String,
     /// (x, y) in the units of the axes; points that are not finite are left out.
     pub points: Vec<(f64, f64)>,
-    /// Line, dots or both.
     pub marker: Marker,
 }
 
@@ -82,7 +74,6 @@ pub struct Reference {
 /// A plot of series over two labelled axes, with the legend beside the data, never on it.
 #[derive(Clone, Debug, Default)]
 pub struct LinePlot {
-    /// Above the plot.
     pub title: String,
     /// With the unit, for example "training time, s".
     pub x_label: String,
@@ -96,7 +87,6 @@ pub struct LinePlot {
     pub log_y: bool,
     /// Dashed horizontal lines; the axis always reaches them.
     pub references: Vec<Reference>,
-    /// Names beside points.
     pub labels: Vec<Label>,
     /// Small print below the plot, a paragraph each.
     pub notes: Vec<String>,
@@ -113,20 +103,14 @@ impl LinePlot {
     }
 
     /// The plot as a picture of 1100 × 720 pixels.
-    ///
-    /// # Errors
-    /// [`ReportError::Encode`] where the plotting library fails, which no data is known to cause.
-    pub fn to_picture(&self) -> Result<Picture, ReportError> {
+    pub fn to_picture(&self) -> anyhow::Result<Picture> {
         let mut picture = Picture::filled(WIDTH, HEIGHT, [1.0; 3]);
         self.draw(PictureBackend::new(&mut picture).into_drawing_area())?;
         Ok(picture)
     }
 
     /// The plot as the text of an SVG file of 1100 × 720 pixels.
-    ///
-    /// # Errors
-    /// As [`to_picture`](Self::to_picture).
-    pub fn to_svg(&self) -> Result<String, ReportError> {
+    pub fn to_svg(&self) -> anyhow::Result<String> {
         let mut svg = String::new();
         let size = (WIDTH as u32, HEIGHT as u32);
         self.draw(SVGBackend::with_string(&mut svg, size).into_drawing_area())?;
@@ -135,10 +119,7 @@ impl LinePlot {
     }
 
     /// Writes `<stem>.png` and `<stem>.svg`, for example `out/psnr` → `out/psnr.png`, and returns both.
-    ///
-    /// # Errors
-    /// [`ReportError::Output`] where a file cannot be written.
-    pub fn write(&self, stem: impl AsRef<Path>) -> Result<[PathBuf; 2], ReportError> {
+    pub fn write(&self, stem: impl AsRef<Path>) -> anyhow::Result<[PathBuf; 2]> {
         let with = |ending: &str| {
             // Not `with_extension`: a stem such as "psnr_0.1" has a dot of its own.
             let mut name = stem.as_ref().as_os_str().to_owned();
@@ -164,12 +145,12 @@ impl LinePlot {
         (self.series.iter().map(prepare).collect(), left_out)
     }
 
-    fn draw<DB: DrawingBackend>(&self, root: DrawingArea<DB, Shift>) -> Result<(), ReportError>
+    fn draw<DB: DrawingBackend>(&self, root: DrawingArea<DB, Shift>) -> anyhow::Result<()>
     where
         DB::ErrorType: 'static,
     {
         register_font();
-        self.draw_on(&root).and_then(|()| root.present()).map_err(ReportError::encode("plot"))
+        self.draw_on(&root).and_then(|()| root.present()).context("cannot make the plot")
     }
 
     fn draw_on<DB: DrawingBackend>(&self, root: &DrawingArea<DB, Shift>) -> Drawn<DB> {

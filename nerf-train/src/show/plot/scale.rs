@@ -46,7 +46,6 @@ impl Scale {
         Self { low, high, ticks, minor }
     }
 
-    /// The texts at the ticks.
     pub fn labels(&self) -> Vec<&str> {
         self.ticks.iter().map(|(_, label)| label.as_str()).collect()
     }

@@ -3,7 +3,6 @@
 use crate::measure::audit::Audit;
 use crate::show::table::Table;
 
-/// The findings as a table.
 pub fn table(audit: &Audit) -> Table {
     let columns =
         ["effect", "in its place", "with, dB", "without, dB", "gains, dB", "time", "MACs", "verdict"];

@@ -3,7 +3,6 @@
 use crate::data::names::FileNames;
 use crate::data::pictures::colour;
 use crate::data::pictures::rgb::Picture;
-use crate::data::pictures::rgb::ReportError;
 use crate::data::{Dataset, Report};
 use crate::fit::finish::{Outcome, Shown};
 use crate::fit::summary::Summary;
@@ -16,6 +15,7 @@ use crate::show::table::Table;
 use crate::system::output::{ensure_folder, write_atomic};
 use crate::system::{printable, summary};
 use crate::train::CurvePoint;
+use anyhow::Context;
 use std::path::Path;
 
 /// Writes summary, settings, curve, plot and validation pictures.
@@ -25,7 +25,7 @@ pub fn write(
     dataset: &Dataset,
     summary: &Summary,
     report: &Report,
-) -> Result<(), ReportError> {
+) -> anyhow::Result<()> {
     write_curve(folder, outcome)?;
     write_snapshots(folder, outcome, dataset)?;
     write_views(folder, outcome, dataset)?;
@@ -36,13 +36,13 @@ pub fn write(
 }
 
 /// `data.json`: what was read.
-pub fn write_data(folder: &Path, report: &Report) -> Result<(), ReportError> {
-    let json = serde_json::to_string_pretty(report).map_err(ReportError::encode("data.json"))?;
+pub fn write_data(folder: &Path, report: &Report) -> anyhow::Result<()> {
+    let json = serde_json::to_string_pretty(report).context("cannot make the data.json")?;
     Ok(write_atomic(folder.join("data.json"), printable::json(&json).as_bytes())?)
 }
 
 /// `curve.csv`; and PSNR over time as `curve.png` and `.svg`, over steps as `curve_steps.png` and `.svg`.
-pub fn write_curve(folder: &Path, outcome: &Outcome) -> Result<(), ReportError> {
+pub fn write_curve(folder: &Path, outcome: &Outcome) -> anyhow::Result<()> {
     let mut table =
         Table::new(["step", "seconds", "train_psnr_db", "val_psnr_db", "val_views", "val_lattice"]);
     for point in &outcome.curve {
@@ -85,7 +85,7 @@ fn plot(outcome: &Outcome, x_label: &str, x: impl Fn(&CurvePoint) -> f64) -> Lin
 }
 
 /// `snapshots.png`: views while training, ground truth last; nothing where no pictures were taken.
-pub fn write_snapshots(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> Result<(), ReportError> {
+pub fn write_snapshots(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> anyhow::Result<()> {
     let (taken, background) = (&outcome.snapshots, outcome.background);
     let title = format!(
         "{}: validation views while training, PSNR of each on {}",
@@ -99,7 +99,7 @@ pub fn write_snapshots(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> R
 }
 
 /// Pictures of a few validation views with their truth and their z_depth, and a sheet of them.
-fn write_views(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> Result<(), ReportError> {
+fn write_views(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> anyhow::Result<()> {
     let names = FileNames::of(&dataset.val);
     let mut cells = Vec::new();
     for Shown { view, frame, truth, psnr_db } in &outcome.shown {
@@ -118,7 +118,7 @@ fn write_views(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> Result<()
 }
 
 /// `moved/NAME.png`: training photographs, red where something that moved was left out of the loss.
-fn write_moved(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> Result<(), ReportError> {
+fn write_moved(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> anyhow::Result<()> {
     let (names, moved_folder) = (FileNames::of(&dataset.train), folder.join("moved"));
     if !outcome.moved.is_empty() {
         ensure_folder(&moved_folder)?;

@@ -2,7 +2,6 @@
 
 use crate::data::pictures::photograph::Photo;
 use crate::data::pictures::rgb::Picture;
-use crate::data::pictures::rgb::ReportError;
 use crate::fit::picture::{Outcome, Summary};
 use crate::show::contact_sheet::{Cell, contact_sheet};
 use crate::show::plot::{LinePlot, Marker, Series};
@@ -18,7 +17,7 @@ pub fn write(
     outcome: &Outcome,
     snapshots: &[u32],
     summary: &Summary<'_>,
-) -> Result<(), ReportError> {
+) -> anyhow::Result<()> {
     write_curve(folder, photo, outcome)?;
     write_sheet(folder, photo, outcome, snapshots)?;
     outcome.picture.write_png(folder.join("picture.png"))?;
@@ -27,7 +26,7 @@ pub fn write(
 }
 
 /// `curve.csv`, `curve.png` and `curve.svg`.
-fn write_curve(folder: &Path, photo: &Photo, outcome: &Outcome) -> Result<(), ReportError> {
+fn write_curve(folder: &Path, photo: &Photo, outcome: &Outcome) -> anyhow::Result<()> {
     let mut table = Table::new(["step", "seconds", "batch_psnr_db", "psnr_db"]);
     let (mut batch, mut whole) = (Vec::new(), Vec::new());
     for point in &outcome.curve {
@@ -57,19 +56,13 @@ fn write_curve(folder: &Path, photo: &Photo, outcome: &Outcome) -> Result<(), Re
 /// Longest side of a picture on the contact sheet, pixels.
 const THUMBNAIL: usize = 512;
 
-/// The picture of a step, in the folder of snapshots.
 pub fn step_file(snapshots: &Path, step: u32) -> PathBuf {
     snapshots.join(format!("step_{step:06}.png"))
 }
 
 /// `sheet.png`: the snapshots, read back so that those of a run that was taken up again are there, the end, and the
 /// picture itself.
-fn write_sheet(
-    folder: &Path,
-    photo: &Photo,
-    outcome: &Outcome,
-    snapshots: &[u32],
-) -> Result<(), ReportError> {
+fn write_sheet(folder: &Path, photo: &Photo, outcome: &Outcome, snapshots: &[u32]) -> anyhow::Result<()> {
     let shown = |point: &CurvePoint| {
         let db =
             point.val_psnr_db.filter(|_| snapshots.contains(&point.step) && point.step < outcome.steps)?;

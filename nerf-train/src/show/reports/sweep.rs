@@ -1,7 +1,7 @@
 //! What a sweep says: a table, plots of PSNR over each setting and over time, a sheet of pictures.
 
 use crate::data::pictures::rgb::Picture;
-use crate::lab::sweep::{Folder, Kind, Knob, LabError, Record, Status, records};
+use crate::lab::sweep::{Folder, Kind, Knob, Record, Status, records};
 use crate::show::contact_sheet::{Cell, contact_sheet};
 use crate::show::plot::{LinePlot, Marker, Series};
 use crate::show::table::Table;
@@ -20,10 +20,7 @@ const THUMBNAIL: usize = 256;
 /// Writes table.csv, report.md, plots and sheet.png into the folder, of what is finished in it.
 ///
 /// Returns the records.
-///
-/// # Errors
-/// [`LabError`] on records that cannot be read and files that cannot be written.
-pub fn write_report(folder: &Folder) -> Result<Vec<Record>, LabError> {
+pub fn write_report(folder: &Folder) -> anyhow::Result<Vec<Record>> {
     let records = records(folder)?;
     let path = folder.path();
     let table = table(&records);
@@ -44,7 +41,6 @@ fn varied(records: &[Record]) -> Vec<Knob> {
     Knob::ALL.into_iter().filter(|&knob| values(records, knob).len() > 1).collect()
 }
 
-/// The values of a setting, ascending.
 fn values(records: &[Record], knob: Knob) -> Vec<f64> {
     let mut values: Vec<f64> = records.iter().filter_map(|record| record.point.get(knob)).collect();
     values.sort_by(f64::total_cmp);
@@ -267,7 +263,6 @@ fn sheet(folder: &Folder, records: &[Record]) -> Option<Picture> {
 
 /// What a sweep came to, for scripts.
 #[derive(Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Summary<'r> {
     pub report: String,
     pub runs: Vec<RunSummary<'r>>,

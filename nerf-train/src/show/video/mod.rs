@@ -5,18 +5,17 @@
 //! chroma because players show nothing else, and the BT.709 matrix, named in the file, because an
 //! unnamed one is guessed from the picture's size. An ffmpeg that hangs is ended after [`PATIENCE`].
 
-use super::animation::{check_rate, check_size};
-use crate::data::pictures::rgb::Picture;
-use crate::data::pictures::rgb::ReportError;
+use super::animation::{NO_FRAMES, check_rate, check_size};
+use crate::data::pictures::rgb::{Picture, wrong_size};
 use crate::system::child::{Heard, Helper, last_lines};
 use crate::system::output::AtomicFile;
 use crate::system::output::mark::MARK;
+use anyhow::{anyhow, bail};
 use std::ffi::OsString;
-use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
 use std::process::{ChildStdin, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
+use std::{fs, io};
 
 /// An ffmpeg that has taken nothing of a frame, or after the last frame has written nothing, for this long hangs: it
 /// is ended.
@@ -29,26 +28,6 @@ const LAST_WORDS: Duration = Duration::from_millis(200);
 const LISTING_BYTES: usize = 1 << 20;
 /// What is kept of ffmpeg's messages, bytes: the last ones say why it failed.
 const KEPT_BYTES: usize = 8 << 10;
-
-/// Why there is no MP4.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-#[allow(missing_docs, reason = "the messages say what happened")]
-pub enum VideoError {
-    #[error("no ffmpeg found (looked for `{}`)", program.display())]
-    Missing { program: PathBuf },
-    #[error("`{}` cannot be used as ffmpeg: {reason}", program.display())]
-    Unusable { program: PathBuf, reason: String },
-    #[error("`{}`: expected the encoder libx264 or mpeg4, found neither", program.display())]
-    NoEncoder { program: PathBuf },
-    #[error("`{}` could not write {}: {said} ({status})", program.display(), path.display())]
-    Failed { program: PathBuf, path: PathBuf, said: String, status: String },
-    #[error(
-        "`{}` hangs and was ended: it {why} for {seconds} s; {} is not written: {said}",
-        program.display(), path.display()
-    )]
-    Hangs { program: PathBuf, path: PathBuf, why: &'static str, seconds: f64, said: String },
-}
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Encoder {
@@ -65,54 +44,48 @@ pub struct Ffmpeg {
     patience: Duration,
 }
 
-impl From<VideoError> for ReportError {
-    fn from(error: VideoError) -> Self {
-        Self::Video(error.into())
-    }
-}
-
 impl Ffmpeg {
     /// Tries out `program`; `ffmpeg` from `PATH` where it is `None`.
-    ///
-    /// # Errors
-    /// [`VideoError::Missing`], [`VideoError::Unusable`], [`VideoError::NoEncoder`].
-    pub fn find(program: Option<&Path>) -> Result<Self, VideoError> {
+    pub fn find(program: Option<&Path>) -> anyhow::Result<Self> {
         Self::find_within(program, LISTING_PATIENCE)
     }
 
     /// As [`find`](Self::find); how long it may take to answer.
-    fn find_within(program: Option<&Path>, patience: Duration) -> Result<Self, VideoError> {
-        let program = program.unwrap_or(Path::new("ffmpeg")).to_owned();
-        let unusable = |reason| VideoError::Unusable { program: program.clone(), reason };
-        let mut command = Command::new(&program);
+    fn find_within(program: Option<&Path>, patience: Duration) -> anyhow::Result<Self> {
+        let program = program.unwrap_or(Path::new("ffmpeg"));
+        let unusable = |reason| unusable(program, reason);
+        let mut command = Command::new(program);
         command.args(["-hide_banner", "-encoders"]);
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let listing = match Helper::spawn(&mut command) {
             Ok(listing) => listing,
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
-                return Err(VideoError::Missing { program });
+                bail!("no ffmpeg found (looked for `{}`)", program.display());
             }
-            Err(error) => return Err(unusable(error.to_string())),
+            Err(error) => return Err(unusable(&error.to_string())),
         };
         let (_, stdout, stderr) = listing.pipes();
         let (listed, said) = (Heard::of(stdout, LISTING_BYTES), Heard::of(stderr, KEPT_BYTES));
         let Some(status) = listing.wait(patience) else {
             listing.kill();
             let seconds = patience.as_secs_f64();
-            return Err(unusable(format!("it did not list its encoders within {seconds} s")));
+            return Err(unusable(&format!("it did not list its encoders within {seconds} s")));
         };
         if !status.success() {
-            return Err(unusable(format!("{} ({status})", last_lines(&said.text()))));
+            return Err(unusable(&format!("{} ({status})", last_lines(&said.text()))));
         }
         let listed = listed.text();
         let text = String::from_utf8_lossy(&listed);
         // " V....D libx264    libx264 H.264 / AVC …"
         let has = |name| text.lines().any(|line| line.split_whitespace().nth(1) == Some(name));
-        match (has("libx264"), has("mpeg4")) {
-            (true, _) => Ok(Self { program, encoder: Encoder::X264, patience: PATIENCE }),
-            (false, true) => Ok(Self { program, encoder: Encoder::Mpeg4, patience: PATIENCE }),
-            (false, false) => Err(VideoError::NoEncoder { program }),
-        }
+        let encoder = match (has("libx264"), has("mpeg4")) {
+            (true, _) => Encoder::X264,
+            (false, true) => Encoder::Mpeg4,
+            (false, false) => {
+                bail!("`{}`: expected the encoder libx264 or mpeg4, found neither", program.display())
+            }
+        };
+        Ok(Self { program: program.to_owned(), encoder, patience: PATIENCE })
     }
 }
 
@@ -136,22 +109,18 @@ impl Mp4Writer {
     /// Starts ffmpeg. All frames have this size, pixels; `fps`: frames per second.
     ///
     /// An odd side gets its last column or row twice, as 4:2:0 chroma needs even ones.
-    ///
-    /// # Errors
-    /// [`ReportError::Animation`] where `fps` is not a positive number; [`ReportError::Size`] without
-    /// pixels; [`ReportError::Output`]; [`ReportError::Video`] where ffmpeg does not start.
     pub fn create(
         ffmpeg: &Ffmpeg,
         path: impl AsRef<Path>,
         width: usize,
         height: usize,
         fps: f64,
-    ) -> Result<Self, ReportError> {
+    ) -> anyhow::Result<Self> {
         /// The largest side that H.264 allows, pixels.
         const LIMIT: usize = 16_384;
         check_rate(fps)?;
         if width == 0 || height == 0 || width > LIMIT || height > LIMIT {
-            return Err(ReportError::Size { format: "MP4", width, height, limit: LIMIT });
+            return Err(wrong_size("MP4", (width, height), LIMIT));
         }
         let file = AtomicFile::create(path)?;
         let mut command = Command::new(&ffmpeg.program);
@@ -170,55 +139,43 @@ impl Mp4Writer {
         let mut place = OsString::from("file:");
         place.push(file.place());
         command.arg(place).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
-        let unusable = |error: io::Error| VideoError::Unusable {
-            program: ffmpeg.program.clone(),
-            reason: error.to_string(),
-        };
-        let helper = Helper::spawn(&mut command).map_err(unusable)?;
+        let helper =
+            Helper::spawn(&mut command).map_err(|error| unusable(&ffmpeg.program, &error.to_string()))?;
         let (stdin, _, stderr) = helper.pipes();
         let messages = Heard::of(stderr, KEPT_BYTES);
         let (ffmpeg, size) = (ffmpeg.clone(), (width, height));
         Ok(Self { ffmpeg, helper, stdin, messages, file: Some(file), size, written: 0 })
     }
 
-    /// Appends a frame.
-    ///
-    /// # Errors
-    /// [`ReportError::Animation`] where its size is not that of the file; [`VideoError::Failed`] where
-    /// ffmpeg no longer takes frames, [`VideoError::Hangs`] where it neither takes them nor ends.
-    pub fn push(&mut self, frame: &Picture) -> Result<(), ReportError> {
+    pub fn push(&mut self, frame: &Picture) -> anyhow::Result<()> {
         check_size(self.written, frame, self.size)?;
         let bytes = even_rgb8(frame);
-        let Some(stdin) = &mut self.stdin else { return Err(self.failure().into()) };
+        let Some(stdin) = &mut self.stdin else { return Err(self.failure()) };
         match self.helper.feed(stdin, &bytes, self.ffmpeg.patience) {
             Ok(()) => {}
             Err(error) if error.kind() == io::ErrorKind::TimedOut => {
-                return Err(self.hangs("took nothing of a frame").into());
+                return Err(self.hangs("took nothing of a frame"));
             }
-            Err(_) => return Err(self.failure().into()),
+            Err(_) => return Err(self.failure()),
         }
         self.written += 1;
         Ok(())
     }
 
     /// Waits for ffmpeg and puts the file in place.
-    ///
-    /// # Errors
-    /// [`ReportError::Animation`] where there is no frame; [`VideoError::Failed`], [`VideoError::Hangs`];
-    /// [`ReportError::Output`].
-    pub fn finish(mut self) -> Result<(), ReportError> {
+    pub fn finish(mut self) -> anyhow::Result<()> {
         if self.written == 0 {
-            return Err(ReportError::Animation("it has no frames".to_owned()));
+            bail!(NO_FRAMES);
         }
         drop(self.stdin.take());
         let Some(ended) = self.wait() else {
-            return Err(self.hangs("wrote nothing after its last frame, and did not end,").into());
+            return Err(self.hangs("wrote nothing after its last frame, and did not end,"));
         };
         let wrote = self.file.as_ref().is_some_and(|file| {
             fs::metadata(file.place()).is_ok_and(|metadata| !metadata.is_file() || metadata.len() > 0)
         });
         if !(wrote && ended.success()) {
-            return Err(self.failure().into());
+            return Err(self.failure());
         }
         match self.file.take() {
             Some(file) => Ok(file.commit()?),
@@ -249,33 +206,37 @@ impl Mp4Writer {
         }
     }
 
-    /// The file's name, for messages.
     fn path(&self) -> PathBuf {
         self.file.as_ref().map_or_else(PathBuf::new, |file| file.path().to_owned())
     }
 
     /// Ends it: it has failed, and is about to say why if it has not done so.
-    fn failure(&mut self) -> VideoError {
+    fn failure(&mut self) -> anyhow::Error {
         drop(self.stdin.take());
         let status = self.helper.wait(LAST_WORDS).or_else(|| self.helper.kill());
-        VideoError::Failed {
-            program: self.ffmpeg.program.clone(),
-            path: self.path(),
-            said: last_lines(&self.messages.text()),
-            status: status.map_or_else(|| "no status".to_owned(), |status| status.to_string()),
-        }
+        anyhow!(
+            "`{}` could not write {}: {} ({})",
+            self.ffmpeg.program.display(),
+            self.path().display(),
+            last_lines(&self.messages.text()),
+            status.map_or_else(|| "no status".to_owned(), |status| status.to_string())
+        )
     }
 
-    fn hangs(&mut self, why: &'static str) -> VideoError {
+    fn hangs(&mut self, why: &'static str) -> anyhow::Error {
         self.helper.kill();
-        VideoError::Hangs {
-            program: self.ffmpeg.program.clone(),
-            path: self.path(),
-            why,
-            seconds: self.ffmpeg.patience.as_secs_f64(),
-            said: last_lines(&self.messages.text()),
-        }
+        anyhow!(
+            "`{}` hangs and was ended: it {why} for {} s; {} is not written: {}",
+            self.ffmpeg.program.display(),
+            self.ffmpeg.patience.as_secs_f64(),
+            self.path().display(),
+            last_lines(&self.messages.text())
+        )
     }
+}
+
+fn unusable(program: &Path, reason: &str) -> anyhow::Error {
+    anyhow!("`{}` cannot be used as ffmpeg: {reason}", program.display())
 }
 
 fn even(side: usize) -> usize {

@@ -10,9 +10,8 @@ use super::mark::was_made_here;
 use super::{Attempt, OutputError, ensure_folder, folder_of};
 use std::collections::{BTreeSet, HashMap};
 use std::ffi::OsStr;
-use std::fs;
-use std::io;
 use std::path::{Component, Path, PathBuf};
+use std::{fs, io};
 
 /// Bytes a file's name may have on all file systems in use.
 const MAX_NAME_BYTES: usize = 255;
@@ -48,7 +47,6 @@ pub struct Claims {
 
 #[derive(Debug)]
 struct Input {
-    /// For a person: what it is, and its name.
     shown: String,
     is_folder: bool,
 }
@@ -56,7 +54,6 @@ struct Input {
 #[derive(Debug)]
 struct Output {
     flag: String,
-    /// As it was given.
     path: PathBuf,
     kind: Kind,
 }
@@ -65,14 +62,12 @@ struct Output {
 enum Kind {
     File(Existing),
     Results,
-    /// A folder of numbered pictures.
     Frames,
 }
 
 /// What the file system knows a file or folder by.
 #[derive(Debug, PartialEq, Eq, Hash)]
 enum Identity {
-    /// Device and inode.
     #[cfg(unix)]
     Inode(u64, u64),
     /// The canonical path: of what does not exist yet, and where there are no inodes.
@@ -102,7 +97,6 @@ pub fn is_device(path: &Path) -> bool {
 }
 
 impl Claims {
-    /// Nothing yet.
     pub fn new() -> Self {
         Self::default()
     }
@@ -125,7 +119,6 @@ impl Claims {
         }
     }
 
-    /// Writes the file that `flag` names.
     pub fn writes(self, flag: &str, path: &Path) -> Self {
         self.output(flag, path, Kind::File(Existing::Replace))
     }
@@ -159,9 +152,6 @@ impl Claims {
     }
 
     /// Compares all outputs with all inputs and with each other; makes nothing.
-    ///
-    /// # Errors
-    /// [`ClaimError`] names the output and what it would destroy.
     pub fn check(&self) -> Result<(), ClaimError> {
         let mut taken: HashMap<Identity, &str> = HashMap::new();
         for output in &self.outputs {

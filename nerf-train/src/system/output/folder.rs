@@ -1,9 +1,8 @@
 //! Folders that are there whole or not at all.
 
 use super::{Attempt, Listed, OutputError, ensure_folder, folder_of, sync_folder, temporaries};
-use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
+use std::{fs, io};
 use tempfile::TempDir;
 
 /// A folder that appears under its name only when [`commit`](Self::commit) succeeds.

@@ -7,13 +7,11 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-/// The comment.
 pub const MARK: &str = "made by nerf-train";
 
 /// Bytes that are searched: an MP4's index stands in front, with the comment at its end.
 const SEARCHED_BYTES: u64 = 16 << 20;
 
-/// Whether the file holds the mark.
 pub fn was_made_here(path: &Path) -> bool {
     let mut bytes = Vec::new();
     let read = File::open(path).and_then(|file| file.take(SEARCHED_BYTES).read_to_end(&mut bytes));

@@ -25,7 +25,6 @@ const BUFFER_BYTES: usize = 1 << 16;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Attempt {
-    /// Creating a folder and its parents.
     CreateFolder,
     /// Writing a trial file into a folder.
     ProbeFolder,
@@ -204,9 +203,6 @@ impl Seek for AtomicFile {
 }
 
 /// Writes `bytes` to `path`, whole or not at all; the folder must exist.
-///
-/// # Errors
-/// As [`AtomicFile::create`] and [`AtomicFile::commit`].
 pub fn write_atomic(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), OutputError> {
     let mut file = AtomicFile::create(path)?;
     if let Err(source) = file.write_all(bytes) {
@@ -219,9 +215,6 @@ pub fn write_atomic(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), OutputEr
 ///
 /// Of several processes that try this with one name, exactly one is told that it did. File systems that can neither
 /// rename without replacing nor link get the file as from [`write_atomic`]: there, more than one may be told so.
-///
-/// # Errors
-/// As [`AtomicFile::create`] and [`AtomicFile::commit`].
 pub fn write_new(path: impl AsRef<Path>, bytes: &[u8]) -> Result<bool, OutputError> {
     let path = path.as_ref();
     let fail = |attempt| move |source| OutputError::new(attempt, path, source);
@@ -269,7 +262,6 @@ fn folder_of(path: &Path) -> &Path {
     }
 }
 
-/// The temporaries that there are now.
 static TEMPORARIES: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
 fn temporaries() -> MutexGuard<'static, BTreeSet<PathBuf>> {

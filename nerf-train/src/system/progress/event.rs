@@ -7,7 +7,6 @@ use std::time::Duration;
 #[derive(Debug, Serialize)]
 #[serde(tag = "event", rename_all = "lowercase")]
 pub enum Event<'a> {
-    /// How far some work is.
     Progress {
         what: &'a str,
         position: u64,
@@ -24,10 +23,14 @@ pub enum Event<'a> {
         #[serde(skip_serializing_if = "str::is_empty")]
         note: &'a str,
     },
-    /// Some work is done.
-    Done { what: &'a str, text: &'a str, elapsed_s: f64 },
-    /// Anything else worth a line.
-    Note { text: &'a str },
+    Done {
+        what: &'a str,
+        text: &'a str,
+        elapsed_s: f64,
+    },
+    Note {
+        text: &'a str,
+    },
 }
 
 impl Event<'_> {

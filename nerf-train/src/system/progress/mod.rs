@@ -23,17 +23,13 @@ const EARLIEST_ESTIMATE: Duration = Duration::from_secs(1);
 /// When the work is done: at a number of steps, after some time, or at whichever comes first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Total {
-    /// So many steps, rows, frames.
     Steps(u64),
-    /// So much time.
     Time(Duration),
-    /// Whichever comes first.
     StepsOrTime(u64, Duration),
     /// Nobody knows: no bar, no estimate, only what was done.
     Unknown,
 }
 
-/// Where progress is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProgressStyle {
     /// A bar if stderr is a terminal, else plain lines every five seconds.
@@ -47,18 +43,14 @@ pub enum ProgressStyle {
     /// null where nobody knows. The end of a stretch is `{"event":"done","what":…,"text":…,"elapsed_s":…}`,
     /// any other line `{"event":"note","text":…}`.
     Json,
-    /// Nothing at all.
     Quiet,
 }
 
 /// What the caller knows besides the position; what is `None` is not shown.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Message {
-    /// Rays a second.
     pub rays_per_s: Option<f64>,
-    /// PSNR of the training batch, dB.
     pub train_psnr_db: Option<f64>,
-    /// PSNR of the last validation, dB.
     pub val_psnr_db: Option<f64>,
     /// Anything else, shown as it is; may be empty.
     pub note: String,
@@ -168,7 +160,6 @@ impl Progress {
         }
     }
 
-    /// Time since the start.
     pub fn elapsed(&self) -> Duration {
         self.started.elapsed()
     }
@@ -211,7 +202,6 @@ impl Progress {
         }
     }
 
-    /// The state as a JSON event.
     fn event<'a>(&'a self, position: u64, elapsed: Duration, message: &'a Message) -> Event<'a> {
         let total = match self.total {
             Total::Steps(total) | Total::StepsOrTime(total, _) => Some(total),

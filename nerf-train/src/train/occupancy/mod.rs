@@ -42,7 +42,6 @@ pub struct LiveCells {
 }
 
 impl LiveCells {
-    /// The box it divides.
     pub fn bounds(&self) -> SceneBox {
         SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) }
     }
@@ -53,7 +52,6 @@ impl LiveCells {
         shape(self) == shape(other)
     }
 
-    /// The numbers of the live cells.
     pub(crate) fn cells(&self) -> Vec<u32> {
         let lookup = self.lookup();
         let count = self.resolution.iter().map(|&side| u32::from(side)).product();
@@ -70,7 +68,6 @@ impl LiveCells {
         &self.bits
     }
 
-    /// As the renderer sees it.
     pub fn lookup(&self) -> OccupancyGrid<'_> {
         OccupancyGrid::new(self.bounds(), self.resolution, &self.bits)
     }
@@ -105,7 +102,6 @@ impl LiveCells {
     }
 }
 
-/// The live cells, with the densities behind them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Occupancy {
     live: LiveCells,
@@ -246,7 +242,6 @@ impl Occupancy {
         candidates && marks && self.live.is_like(&other.live) && self.refreshes <= u64::MAX / 2
     }
 
-    /// As the renderer sees it.
     pub fn lookup(&self) -> OccupancyGrid<'_> {
         self.live.lookup()
     }
@@ -256,12 +251,10 @@ impl Occupancy {
         self.candidates.len()
     }
 
-    /// The cells that may hold something.
     pub(crate) fn live(&self) -> &LiveCells {
         &self.live
     }
 
-    /// What a blob keeps of it.
     pub fn into_live(self) -> LiveCells {
         self.live
     }
@@ -293,7 +286,7 @@ impl Occupancy {
     /// `threshold`: sigma, 1/world unit, that keeps a cell. Each refresh asks at most `cells`
     /// candidates, in turn, each at one random point; a cell remembers the larger of its answer
     /// and `decay` times what it remembered.
-    pub fn refresh(&mut self, ask: &Ask<'_>, cells: usize, threshold: f32, decay: f32, drop: bool) {
+    pub fn refresh(&mut self, ask: &DensityQuery<'_>, cells: usize, threshold: f32, decay: f32, drop: bool) {
         let parts = self.candidates.len().div_ceil(cells.max(1)).max(1);
         let part = (self.refreshes % parts as u64) as usize;
         let asked: Vec<usize> = (part..self.candidates.len()).step_by(parts).collect();
@@ -314,26 +307,26 @@ impl Occupancy {
     /// One answer above `threshold` settles a cell, so that it is not asked further. Where asking all would
     /// take too long (a large occupancy grid and a large network) a cell is asked at its centre only, and the
     /// neighbours of live cells stay live too.
-    pub fn settle(&mut self, ask: &Ask<'_>, threshold: f32) {
+    pub fn settle(&mut self, ask: &DensityQuery<'_>, threshold: f32) {
         self.settle_to(ask, threshold, SMALLEST_SHARE);
     }
 
     /// The occupancy grid of a network that is finished, `resolution` cells along the longest side: as
     /// [`Self::settle`], but however few cells are left.
-    pub fn asked(bounds: SceneBox, resolution: u16, ask: &Ask<'_>, threshold: f32) -> Self {
+    pub fn asked(bounds: SceneBox, resolution: u16, ask: &DensityQuery<'_>, threshold: f32) -> Self {
         let mut occupancy = Self::full(bounds, resolution);
         occupancy.settle_to(ask, threshold, 0.0);
         occupancy
     }
 
     /// As [`Self::asked`], of the live cells of a grid alone.
-    pub fn asked_within(cells: &LiveCells, ask: &Ask<'_>, threshold: f32) -> Self {
+    pub fn asked_within(cells: &LiveCells, ask: &DensityQuery<'_>, threshold: f32) -> Self {
         let mut occupancy = Self::of_candidates(cells.bounds(), cells.resolution(), cells.cells());
         occupancy.settle_to(ask, threshold, 0.0);
         occupancy
     }
 
-    fn settle_to(&mut self, ask: &Ask<'_>, threshold: f32, smallest_share: f64) {
+    fn settle_to(&mut self, ask: &DensityQuery<'_>, threshold: f32, smallest_share: f64) {
         let cells = self.candidates.len();
         let macs = ask.architecture.density_macs() * cells;
         let points: &[f32] = if 8 * macs <= SETTLE_MACS { &[0.25, 0.75] } else { &[0.5] };
@@ -371,7 +364,7 @@ impl Occupancy {
         near.into_iter().for_each(|cell| self.live.set(cell));
     }
 
-    fn ask(&self, ask: &Ask<'_>, which: &[usize], u: impl Fn(u64, u32) -> f32 + Sync) -> Vec<f32> {
+    fn ask(&self, ask: &DensityQuery<'_>, which: &[usize], u: impl Fn(u64, u32) -> f32 + Sync) -> Vec<f32> {
         let point = |&i: &usize| {
             let cell = self.candidates[i];
             self.live.point(cell, std::array::from_fn(|axis| u(axis as u64, cell))).to_array()
@@ -401,15 +394,11 @@ impl Occupancy {
     }
 }
 
-/// The network an occupancy grid asks.
 #[derive(Clone, Copy, Debug)]
-pub struct Ask<'a> {
-    /// With which instructions.
+pub struct DensityQuery<'a> {
     pub isa: Isa,
     pub architecture: &'a Architecture,
-    /// Its parameters, in export order.
     pub parameters: &'a [f32],
     pub seed: u64,
-    /// Of an unbounded scene.
     pub contraction: Option<Contraction>,
 }

@@ -27,7 +27,6 @@ pub struct MarchCells {
 }
 
 impl MarchCells {
-    /// The cells of an occupancy grid.
     pub fn new(cells: &LiveCells) -> Self {
         let (bits, resolution) = (cells.bits(), cells.resolution());
         let blocks = resolution.map(|side| side.div_ceil(BLOCK_SIDE as u16));
@@ -55,7 +54,6 @@ impl MarchCells {
         Self { bounds: cells.bounds(), resolution, bits: bits.to_vec(), blocks, near: near.collect() }
     }
 
-    /// The box that the cells divide.
     pub fn bounds(&self) -> SceneBox {
         self.bounds
     }
@@ -75,7 +73,6 @@ impl MarchCells {
 struct Lookup<'a> {
     bits: &'a [u8],
     resolution: [u32; 3],
-    /// Last cell along each axis.
     last: [f32; 3],
     /// In cells, half a cell back: what rounds to a whole number is then that cell.
     from: [f32; 3],

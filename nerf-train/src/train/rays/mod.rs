@@ -1,6 +1,5 @@
 //! Batches: which pixels, which samples along their rays.
 
-mod drawn;
 mod march;
 
 use crate::capture::sights::{Sight, Sights};
@@ -8,7 +7,7 @@ use crate::data::{Background, View};
 use crate::model::config::{Config, Jitter};
 use crate::model::engine::{Batch, BatchRay, Surface};
 use crate::train::Bounds;
-use drawn::{counting, near_foreground};
+use crate::train::occupancy::is_foreground;
 use glam::Vec3;
 pub use march::MarchCells;
 use march::{Samples, march, march_contracted};
@@ -72,10 +71,6 @@ struct Marched {
 }
 
 impl<'d> RayBank<'d> {
-    /// A bank over `views`.
-    ///
-    /// # Errors
-    /// Bounds that leave no bins.
     pub fn new(
         views: &'d [View],
         background: Background,
@@ -153,7 +148,6 @@ impl<'d> RayBank<'d> {
         self.sights.get(scale(bits, self.sights.len() as u64) as usize)
     }
 
-    /// Pixels that may be drawn.
     pub fn pixels(&self) -> u64 {
         self.drawn.as_ref().map_or(self.starts[self.views.len()], |pixels| pixels.len() as u64)
     }
@@ -250,7 +244,7 @@ impl<'d> RayBank<'d> {
         width: f32,
     ) -> Duration {
         batch.clear();
-        batch.faint = Some((self.seed, step));
+        batch.roulette = Some((self.seed, step));
         batch.distortion = self.distortion / (self.bounds.max - self.bounds.min).max_element();
         let far = contraction.step_at(self.far);
         let chunks: Vec<Marched> = (0..rays.div_ceil(CONTRACTED_CHUNK))
@@ -406,7 +400,6 @@ impl<'d> RayBank<'d> {
         (ray, BatchRay { dir: ray.dir.to_array(), rgb, background, samples: 0 })
     }
 
-    /// The live samples of ray `index`.
     fn samples(
         &self,
         step: u64,
@@ -451,6 +444,46 @@ fn scale(bits: u32, count: u64) -> u64 {
 fn ray_of(camera: &Camera, pixel: usize) -> Ray {
     let width = camera.intrinsics().width as usize;
     camera.ray((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5)
+}
+
+/// How far around the foreground rays are still drawn, pixels.
+const FOREGROUND_MARGIN: usize = 4;
+
+/// Pixels within [`FOREGROUND_MARGIN`] of something, in the numbering over all views.
+pub(super) fn near_foreground(views: &[View], starts: &[u64], background: Background) -> Option<Vec<u32>> {
+    let of_view = |(view, &start): (&View, &u64)| -> Option<Vec<u32>> {
+        let (width, height) = view.size();
+        let (width, height) = (width as usize, height as usize);
+        let mut mask = Vec::with_capacity(view.pixels.len());
+        for &pixel in &view.pixels {
+            mask.push(is_foreground(pixel, background)?);
+        }
+        if let Some(kept) = &view.mask {
+            mask.iter_mut().zip(kept).for_each(|(mask, kept)| *mask &= kept);
+        }
+        let spread = |mask: &[bool], stride: usize, length: usize, at: usize, line: usize| {
+            let from = at.saturating_sub(FOREGROUND_MARGIN);
+            (from..(at + FOREGROUND_MARGIN + 1).min(length)).any(|i| mask[line + i * stride])
+        };
+        let rows: Vec<bool> =
+            (0..mask.len()).map(|i| spread(&mask, 1, width, i % width, i / width * width)).collect();
+        let near = |i: &usize| spread(&rows, width, height, i / width, i % width) && view.counts(*i);
+        let near = (0..mask.len()).filter(near);
+        Some(near.map(|i| (start + i as u64) as u32).collect())
+    };
+    let parts: Option<Vec<Vec<u32>>> = views.par_iter().zip(starts).map(of_view).collect();
+    Some(parts?.concat())
+}
+
+/// Pixels that count, in the numbering over all views; `None` where all do. At least one of each view does, and there
+/// are at most 2^32 where some do not (`dataset`).
+pub(super) fn counting(views: &[View], starts: &[u64]) -> Option<Vec<u32>> {
+    views.iter().any(|view| view.mask.is_some()).then_some(())?;
+    let of_view = |(view, &start): (&View, &u64)| {
+        let kept = (0..view.pixels.len()).filter(|&i| view.counts(i));
+        kept.map(|i| (start + i as u64) as u32).collect::<Vec<_>>()
+    };
+    Some(views.iter().zip(starts).flat_map(of_view).collect())
 }
 
 #[cfg(test)]

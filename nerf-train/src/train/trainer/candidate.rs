@@ -2,13 +2,12 @@
 
 use crate::data::cameras::viewpoint::viewpoint;
 use crate::model::export::{Contents, Exported, Tables, export};
-use crate::train::occupancy::{Ask, LiveCells, Occupancy};
+use crate::train::occupancy::{DensityQuery, LiveCells, Occupancy};
 use crate::train::{TrainError, Trainer};
 use nerf_core::blob::{Content, Provenance, SceneFacts, SceneSampling};
 use nerf_core::network::Architecture;
 use std::borrow::Cow;
 
-/// The program, in a blob's provenance.
 pub(crate) const MADE_BY: &str = concat!("nerf-train ", env!("CARGO_PKG_VERSION"));
 
 /// Optical thickness of a marched step that keeps a cell in the file, where training keeps more.
@@ -31,11 +30,8 @@ pub struct Candidate {
 pub struct About<'a> {
     /// Whether the occupancy grid is part of the model.
     pub occupancy_required: bool,
-    /// Mean validation PSNR, dB.
     pub psnr_db: Option<f64>,
-    /// What the PSNR means.
     pub convention: &'a str,
-    /// What rounding cost, dB.
     pub quantisation_loss_db: Option<f64>,
 }
 
@@ -50,7 +46,7 @@ impl Trainer<'_> {
         let resolution = self.config.occupancy_resolution(scene_box.max - scene_box.min);
         let full = || Occupancy::full(scene_box, resolution);
         let mut occupancy = self.occupancy.clone().unwrap_or_else(full);
-        let ask = Ask {
+        let ask = DensityQuery {
             isa: self.kernel.isa,
             architecture: &self.model.architecture,
             parameters: &parameters,
@@ -74,10 +70,6 @@ impl Trainer<'_> {
         self.model.fold(parameters).into_owned()
     }
 
-    /// A candidate's blob.
-    ///
-    /// # Errors
-    /// [`TrainError::Export`] on parameters that do not fit f16.
     pub fn export(&self, candidate: &Candidate, about: &About<'_>) -> Result<Exported, TrainError> {
         let finite = |db: Option<f64>| db.map(|db| db as f32).filter(|db| db.is_finite());
         let b = &self.bounds;
@@ -86,14 +78,7 @@ impl Trainer<'_> {
         let exported = export(&Contents {
             architecture,
             parameters,
-            tables: match &self.config.network.grid {
-                Some(grid) => Tables::Values {
-                    values: tables,
-                    rounding: grid.rounding(),
-                    scales: self.engine.table_scales(),
-                },
-                None => Tables::None,
-            },
+            tables: Tables::of(self.config.network.grid.as_ref(), tables, self.engine.table_scales()),
             content: Content::Scene(SceneFacts {
                 min: b.scene_box.min.into(),
                 max: b.scene_box.max.into(),

@@ -6,16 +6,15 @@ use crate::capture::sights::{self, Sights};
 use crate::data::{Background, Dataset, View, mean_colour};
 use crate::model::config::{Config, Density, SamplingConfig};
 use crate::model::engine::{Batch, Engine, Model, Phase, Phases, engine_for};
-use crate::train::Bounds;
 use crate::train::average::Average;
-use crate::train::checkpoint::{Checkpoint, fingerprint};
+use crate::train::checkpoint::{Checkpoint, fingerprint, settings};
 use crate::train::exposure::{ExposureFound, Gains};
 use crate::train::moving::{Moved, Moving};
-use crate::train::occupancy::{Ask, Occupancy};
+use crate::train::occupancy::{DensityQuery, Occupancy};
 use crate::train::poses::{Poses, PosesFound};
 use crate::train::rays::{MarchCells, RayBank};
 use crate::train::schedule::learning_rate;
-use crate::train::{CurvePoint, Progressed, Snapshot, TrainError, find_bounds};
+use crate::train::{Bounds, CurvePoint, Progressed, Snapshot, TrainError, find_bounds};
 use nerf_core::Kernel;
 use nerf_core::blob::MAX_SAMPLES;
 use nerf_core::camera::Camera;
@@ -45,7 +44,6 @@ pub(crate) const RESEEDS: u32 = 3;
 pub struct Trainer<'d> {
     config: Config,
     dataset: &'d Dataset,
-    /// Of what is exported, display-encoded.
     background: [f32; 3],
     model: Model,
     kernel: Kernel,
@@ -66,8 +64,8 @@ pub struct Trainer<'d> {
     moving: Option<Moving>,
     /// The occupied cells as they are marched; none until they are asked for.
     cells: Option<MarchCells>,
-    /// The next step's samples, where they were marched beside this step's update, and what they were marched with.
-    ahead: (Option<March>, Batch),
+    /// The next step's batch, where it was marched beside this step's update, and what it was marched with.
+    prefetched: (Option<March>, Batch),
     progressed: Progressed,
     phases: Phases,
     fingerprint: u64,
@@ -77,9 +75,6 @@ pub struct Trainer<'d> {
 
 impl<'d> Trainer<'d> {
     /// Makes everything ready for the first step: bounds, hull, rays, start values.
-    ///
-    /// # Errors
-    /// [`TrainError`] on settings out of range and on data whose bounds cannot be found.
     pub fn new(dataset: &'d Dataset, config: Config, kernel: Kernel) -> Result<Self, TrainError> {
         config.check()?;
         let unbounded = config.sampling.contraction.is_some();
@@ -135,7 +130,7 @@ impl<'d> Trainer<'d> {
             poses_found,
             moving,
             cells: None,
-            ahead: Default::default(),
+            prefetched: Default::default(),
             progressed: Progressed::default(),
             phases: Phases::default(),
             curve: Vec::new(),
@@ -145,7 +140,6 @@ impl<'d> Trainer<'d> {
         })
     }
 
-    /// What is trained.
     pub fn model(&self) -> &Model {
         &self.model
     }
@@ -174,9 +168,8 @@ impl<'d> Trainer<'d> {
 
     /// Whether a checkpoint, whose checksum says nothing of who wrote it, can be computed with.
     fn check_parts(&self, checkpoint: &Checkpoint) -> Result<(), TrainError> {
-        let Checkpoint { progressed: p, average, occupancy, curve, .. } = checkpoint;
-        let counted = u64::from(p.step) == checkpoint.optimiser.steps
-            && p.rays.max(p.samples).max(p.evaluated) <= u64::MAX / 2;
+        let Checkpoint { progressed: p, occupancy, .. } = checkpoint;
+        let counted = p.rays.max(p.samples).max(p.evaluated) <= u64::MAX / 2;
         let alive = p.dead_steps < DEAD_STEPS && p.reseeds <= RESEEDS;
         let cells = match (occupancy, &self.occupancy) {
             (Some(theirs), Some(ours)) => theirs.is_like(ours),
@@ -191,19 +184,16 @@ impl<'d> Trainer<'d> {
             (Some(theirs), Some(_)) => theirs.is_of(&self.dataset.train),
             (theirs, ours) => theirs.is_none() && ours.is_none(),
         };
-        let ascending = curve.is_sorted_by_key(|point| point.step);
-        let curve = ascending && curve.last().is_none_or(|point| point.step <= p.step);
         let parts = [
             ("counters", counted && alive),
-            ("averaged parameters", average.is_like(&self.average, p.step)),
             ("occupancy cells", cells),
             ("gains of photographs", gains),
             ("poses of photographs", poses),
             ("patches of photographs", moving),
-            ("points of the curve", curve),
         ];
-        match parts.into_iter().find(|&(_, fits)| !fits) {
-            Some((part, _)) => Err(TrainError::Parts { part }),
+        let wrong = parts.into_iter().find(|&(_, fits)| !fits).map(|(part, _)| part);
+        match wrong.or_else(|| checkpoint.wrong_part(&self.average)) {
+            Some(part) => Err(TrainError::Parts { part }),
             None => Ok(()),
         }
     }
@@ -211,7 +201,7 @@ impl<'d> Trainer<'d> {
     /// Everything needed to go on after `seconds`.
     pub fn checkpoint(&self, seconds: f64) -> Checkpoint {
         Checkpoint {
-            config: self.config.clone(),
+            config: settings(&self.config),
             data: self.dataset.name.clone(),
             fingerprint: self.fingerprint,
             optimiser: self.engine.state(),
@@ -229,7 +219,6 @@ impl<'d> Trainer<'d> {
         }
     }
 
-    /// Settings.
     pub fn config(&self) -> &Config {
         &self.config
     }
@@ -241,17 +230,14 @@ impl<'d> Trainer<'d> {
         phases
     }
 
-    /// Counters.
     pub fn progressed(&self) -> &Progressed {
         &self.progressed
     }
 
-    /// [`fingerprint`] of the data.
     pub fn fingerprint(&self) -> u64 {
         self.fingerprint
     }
 
-    /// Where the scene is.
     pub fn bounds(&self) -> &Bounds {
         &self.bounds
     }
@@ -281,7 +267,6 @@ impl<'d> Trainer<'d> {
         self.moving.as_ref().is_some_and(Moving::is_found)
     }
 
-    /// Cameras of the training views as they are now.
     pub fn training_cameras(&self) -> Vec<Camera> {
         let train = &self.dataset.train;
         self.refined().map_or_else(|| given(train), |poses| poses.cameras(train))
@@ -324,11 +309,10 @@ impl<'d> Trainer<'d> {
             poses.move_cameras(views, share, contraction);
             bank.set_cameras(poses.cameras(views));
         }
-        self.ahead.0 = None;
+        self.prefetched.0 = None;
         Ok(Some(RefinedCameras { train, val: poses.cameras(views) }))
     }
 
-    /// Pixels that may be drawn.
     pub fn pixels(&self) -> u64 {
         self.bank.pixels()
     }
@@ -338,7 +322,6 @@ impl<'d> Trainer<'d> {
         self.occupancy.as_ref().map_or(1.0, |occupancy| occupancy.lookup().occupied_share())
     }
 
-    /// Parameters as trained.
     pub fn parameters(&self) -> usize {
         self.model.parameters()
     }
@@ -363,8 +346,9 @@ impl<'d> Trainer<'d> {
         let refreshed = self.config.occupancy.skip
             && (self.progressed.step + 1).is_multiple_of(self.config.occupancy.every);
         let width = self.step_width(share);
-        let Self { bank, batch, ahead, cells, phases, progressed: p, kernel, gains, poses, moving, .. } =
-            self;
+        let Self {
+            bank, batch, prefetched, cells, phases, progressed: p, kernel, gains, poses, moving, ..
+        } = self;
         if let Some(gains) = gains {
             gains.factors(&batch.views, &mut batch.gains);
         }
@@ -380,15 +364,15 @@ impl<'d> Trainer<'d> {
         let s = &self.config.sampling;
         let grid = self.config.network.grid.is_some();
         let mut live_per_ray = p.live_per_ray;
-        let loss = self.engine.step_beside(batch, rate, &mut |loss| {
+        let loss = self.engine.step_with_prefetch(batch, rate, &mut |loss| {
             if grid {
                 live_per_ray = smoothed(live_per_ray, loss.kept, batch.rays.len());
             }
             // The cells that a refresh leaves are not known yet.
             if let (Some(width), Some(cells), false) = (width, &cells, refreshed) {
                 let march = March { step: step + 1, rays: rays_of(s, 1.0, live_per_ray), width };
-                ahead.0 = Some(march);
-                phases.add(Phase::March, march.fill(bank, *kernel, cells, &mut ahead.1));
+                prefetched.0 = Some(march);
+                phases.add(Phase::March, march.fill(bank, *kernel, cells, &mut prefetched.1));
             }
         })?;
         self.learn_gains();
@@ -439,7 +423,7 @@ impl<'d> Trainer<'d> {
         if !found.refined {
             self.poses = None;
             self.bank.set_cameras(given(&self.dataset.train));
-            self.ahead.0 = None;
+            self.prefetched.0 = None;
         }
     }
 
@@ -467,8 +451,8 @@ impl<'d> Trainer<'d> {
         let counted_after = self.config.network.grid.is_some();
         if let (Some(width), Some(occupancy)) = (self.step_width(share), &self.occupancy) {
             let march = March { step, rays: rays_of(s, 1.0, live_per_ray), width };
-            if self.ahead.0.take() == Some(march) {
-                std::mem::swap(&mut self.batch, &mut self.ahead.1);
+            if self.prefetched.0.take() == Some(march) {
+                std::mem::swap(&mut self.batch, &mut self.prefetched.1);
             } else {
                 let cells = self.cells.get_or_insert_with(|| MarchCells::new(occupancy.live()));
                 let time = march.fill(&self.bank, self.kernel, cells, &mut self.batch);
@@ -492,7 +476,7 @@ impl<'d> Trainer<'d> {
 
     /// Forgets what was marched with the cells of before.
     fn forget_marched(&mut self) {
-        (self.cells, self.ahead.0) = (None, None);
+        (self.cells, self.prefetched.0) = (None, None);
     }
 
     fn refresh_occupancy(&mut self) {
@@ -501,7 +485,7 @@ impl<'d> Trainer<'d> {
         let threshold = self.threshold();
         if let Some(occupancy) = &mut self.occupancy {
             let architecture = &self.model.architecture;
-            let ask = Ask {
+            let ask = DensityQuery {
                 isa: self.kernel.isa,
                 architecture,
                 parameters: &parameters,
@@ -572,7 +556,6 @@ fn given(views: &[View]) -> Vec<Camera> {
 struct March {
     step: u64,
     rays: usize,
-    /// Of the steps along a ray.
     width: f32,
 }
 

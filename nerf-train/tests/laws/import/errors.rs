@@ -3,7 +3,6 @@
 use super::made::{Checkpoint, Shape, npy};
 use super::wide;
 use nerf_train::measure::import::Identity;
-use nerf_train::measure::import::ImportError;
 use nerf_train::measure::import::Settings;
 use nerf_train::measure::import::Tensors;
 use nerf_train::measure::import::network;
@@ -12,7 +11,7 @@ use safetensors::Dtype;
 use std::path::Path;
 
 /// The error of importing a file.
-fn error_of(file: &Path, settings: &Settings) -> ImportError {
+fn error_of(file: &Path, settings: &Settings) -> anyhow::Error {
     let tensors = match Tensors::read(file, None) {
         Ok(tensors) => tensors,
         Err(error) => return error,
@@ -20,7 +19,7 @@ fn error_of(file: &Path, settings: &Settings) -> ImportError {
     network(&tensors, settings).expect_err("an error")
 }
 
-fn assert_says(error: &ImportError, words: &[&str]) {
+fn assert_says(error: &anyhow::Error, words: &[&str]) {
     let text = error.to_string();
     words.iter().for_each(|word| assert!(text.contains(word), "expected `{word}` in: {text}"));
 }
@@ -254,8 +253,8 @@ fn settings_out_of_range_name_their_flag() {
         ("occupancy_threshold", Settings { occupancy_threshold: f32::NAN, ..base() }),
     ] {
         match wrong.check() {
-            Err(ImportError::Refused { place, .. }) => assert_eq!(place, field),
-            other => panic!("{field}: {other:?}"),
+            Err(error) => assert!(error.to_string().starts_with(&format!("{field}: expected ")), "{error}"),
+            Ok(()) => panic!("{field} is accepted"),
         }
     }
 }

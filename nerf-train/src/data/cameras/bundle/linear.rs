@@ -19,7 +19,6 @@ pub(super) struct Reduced<'a> {
     size: usize,
 }
 
-/// The equations of one point.
 struct Point {
     /// A block for each camera and device that sees the point, behind the index of its first parameter.
     blocks: Vec<(usize, Block)>,

@@ -29,32 +29,25 @@ const MAX_DAMPING: f64 = 1e8;
 /// What photographs that one device took have in common.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Device {
-    /// Pixels.
     pub(crate) focal: f64,
-    /// Coefficients k1, k2 of radial distortion.
     pub(crate) radial: [f64; 2],
-    /// Whether k2 is adjusted, too.
     pub(crate) second_order: bool,
 }
 
 /// What does not change of a camera.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frame {
-    /// Principal point, pixels.
     pub(crate) principal: DVec2,
     /// fy / fx; the focal length is that along x.
     pub(crate) aspect: f64,
-    /// Coefficients p1, p2 of tangential distortion.
     pub(crate) tangential: [f64; 2],
 }
 
-/// A photograph's camera.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Photograph {
     /// World to camera, which looks along +z with y down.
     pub(crate) rotation: DQuat,
     pub(crate) translation: DVec3,
-    /// Index of its device.
     pub(crate) device: usize,
     pub(crate) frame: Frame,
 }
@@ -66,12 +59,10 @@ impl Photograph {
     }
 }
 
-/// A point in a photograph.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Observation {
     pub(crate) photograph: usize,
     pub(crate) point: usize,
-    /// Pixels.
     pub(crate) at: DVec2,
 }
 

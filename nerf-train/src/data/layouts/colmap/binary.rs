@@ -14,11 +14,9 @@ use std::path::{Path, PathBuf};
 /// Longest name of a photograph, bytes; that of a path on Linux.
 const MAX_NAME: usize = 4096;
 
-/// A file being read.
 struct Bytes {
     file: PathBuf,
     stream: BufReader<File>,
-    /// Bytes read so far.
     at: u64,
 }
 
@@ -89,7 +87,6 @@ impl Bytes {
         String::from_utf8(name).map_err(|_| self.value(field, "UTF-8", "other bytes"))
     }
 
-    /// That the file ends here.
     fn end(mut self) -> Result<(), DatasetError> {
         let mut byte = [0];
         match self.stream.read(&mut byte) {
@@ -105,7 +102,6 @@ pub(crate) fn count(file: &Path) -> Result<u64, DatasetError> {
     Bytes::open(file)?.u64("number of photographs")
 }
 
-/// The cameras and photographs of a model.
 pub(crate) fn model(folder: &Path) -> Result<Model, DatasetError> {
     let cameras = cameras(&Encoding::Binary.file(folder, "cameras"))?;
     let images = images(&Encoding::Binary.file(folder, "images"))?;
@@ -162,7 +158,6 @@ fn images(file: &Path) -> Result<Vec<Registered>, DatasetError> {
     Ok(images)
 }
 
-/// The positions of a points3D.bin.
 pub(crate) fn points(file: &Path, points: &mut Points) -> Result<(), DatasetError> {
     let mut bytes = Bytes::open(file)?;
     for index in 0..bytes.u64("number of points")? {

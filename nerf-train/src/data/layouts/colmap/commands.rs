@@ -15,7 +15,6 @@ const NEWER: [(&str, &str); 4] = [
 pub(in crate::data) const RENAMED: &str =
     "since COLMAP 3.13 it is --FeatureExtraction.use_gpu and --FeatureMatching.use_gpu";
 
-/// A command with its options.
 #[derive(Debug)]
 pub(crate) struct Stage {
     pub(crate) name: &'static str,
@@ -24,7 +23,6 @@ pub(crate) struct Stage {
     optional: Vec<(&'static str, OsString)>,
 }
 
-/// Where COLMAP works.
 #[derive(Debug)]
 pub(crate) struct Place {
     pub(crate) images: PathBuf,
@@ -34,14 +32,17 @@ pub(crate) struct Place {
 /// A way of COLMAP to come from features to a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Way {
-    /// All photographs against all.
     Exhaustive,
     /// Each against its neighbours in the order of names.
     Sequential,
     /// As the first one, from another pair of photographs on.
-    OtherPair { sequential: bool },
+    OtherPair {
+        sequential: bool,
+    },
     /// Only matches that stand out.
-    Strict { sequential: bool },
+    Strict {
+        sequential: bool,
+    },
 }
 
 impl Way {
@@ -53,7 +54,6 @@ impl Way {
         asked.iter().copied().chain(others).collect()
     }
 
-    /// For messages.
     pub(crate) fn in_words(self) -> &'static str {
         match self {
             Self::Exhaustive => "all photographs against all",
@@ -74,7 +74,6 @@ impl Way {
 }
 
 impl Place {
-    /// The database with features alone.
     pub(crate) fn features(&self) -> PathBuf {
         self.work.join("database.db")
     }
@@ -169,7 +168,6 @@ pub(crate) fn by_hand(images: &Path, database: &Path, models: &Path, one_camera:
 }
 
 impl Stage {
-    /// With at most so many threads.
     pub(crate) fn with_threads(mut self, threads: usize) -> Self {
         let option = match self.name {
             "feature_extractor" => "--SiftExtraction.num_threads",
@@ -194,7 +192,6 @@ impl Stage {
         std::iter::once(self.name.into()).chain(options).collect()
     }
 
-    /// A line of shell.
     pub(crate) fn line(&self) -> String {
         let arguments = self.arguments("");
         let words = arguments.iter().map(quoted);

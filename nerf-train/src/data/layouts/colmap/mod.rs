@@ -6,8 +6,7 @@ mod model;
 mod shared;
 mod text;
 
-use crate::data::layouts::folders::Folders;
-use crate::data::layouts::split::every_eighth;
+use crate::data::layouts::folders::{Folders, every_eighth};
 use crate::data::names::listed;
 use crate::data::pictures::found::Found;
 use crate::data::pictures::photo::{Fence, Loaded, Photo, Source};
@@ -24,7 +23,6 @@ use std::path::{Path, PathBuf};
 /// More points than these are thinned evenly, by halves.
 const MAX_POINTS: usize = 1 << 20;
 
-/// A photograph of a model.
 struct Registered {
     /// Its path from the folder of photographs.
     name: String,
@@ -40,7 +38,6 @@ struct Registered {
 /// Point number of a key point that was not triangulated.
 const NO_POINT: u64 = u64::MAX;
 
-/// What a model's files hold.
 struct Model {
     cameras: HashMap<u32, Camera>,
     images: Vec<Registered>,
@@ -54,12 +51,10 @@ enum Encoding {
 }
 
 impl Encoding {
-    /// The name of one of the files.
     fn file(self, folder: &Path, stem: &str) -> PathBuf {
         folder.join(format!("{stem}.{}", if self == Self::Binary { "bin" } else { "txt" }))
     }
 
-    /// The model in a folder.
     fn model(self, folder: &Path) -> Result<Model, DatasetError> {
         match self {
             Self::Binary => binary::model(folder),
@@ -67,7 +62,6 @@ impl Encoding {
         }
     }
 
-    /// That of the model in a folder.
     fn of(folder: &Path) -> Option<Self> {
         let whole =
             |encoding: &Self| ["cameras", "images"].iter().all(|s| encoding.file(folder, s).is_file());
@@ -84,7 +78,6 @@ fn models(root: &Path) -> Vec<(PathBuf, Encoding)> {
     folders.filter_map(|folder| Encoding::of(&folder).map(|encoding| (folder, encoding))).collect()
 }
 
-/// Whether there is a model in `root`.
 pub(crate) fn is_here(root: &Path) -> bool {
     !models(root).is_empty()
 }
@@ -247,17 +240,14 @@ pub(crate) fn facts(folder: &Path) -> Result<Option<Facts>, DatasetError> {
     }))
 }
 
-/// The 3D points read so far.
 struct Points {
     file: PathBuf,
-    /// Origin that positions are relative to.
     origin: DVec3,
     /// Points with their numbers in the file.
     kept: Vec<(u64, SparsePoint)>,
     /// One in this many is kept.
     stride: usize,
     seen: usize,
-    /// Points without a photograph.
     unseen: usize,
     /// The sum of the others' reprojection errors, pixels.
     errors: f64,
@@ -321,7 +311,6 @@ struct Reader<'a> {
     file: &'a Path,
     folders: &'a Folders,
     root: &'a Path,
-    /// What positions are counted from.
     origin: DVec3,
     options: &'a ReadOptions,
     /// The place in the data set's list of each sparse point, by its number in the model.

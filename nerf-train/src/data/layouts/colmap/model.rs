@@ -5,7 +5,6 @@ use crate::data::pictures::photo::Optics;
 use nerf_core::camera::{Lens, Projection};
 use std::path::Path;
 
-/// A camera: model, size and parameters.
 #[derive(Clone, Debug)]
 pub(crate) struct Camera {
     kind: &'static Kind,
@@ -14,7 +13,6 @@ pub(crate) struct Camera {
     parameters: Vec<f64>,
 }
 
-/// A camera model.
 #[derive(Debug)]
 pub(crate) struct Kind {
     /// Its number in binary files.
@@ -64,7 +62,6 @@ static KINDS: [Kind; 18] = {
     ]
 };
 
-/// The models that are read, for messages.
 const EXPECTED: &str = "a camera model that there is a lens for: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, \
                         FULL_OPENCV, OPENCV_FISHEYE, SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, SIMPLE_FISHEYE, FISHEYE";
 
@@ -82,12 +79,10 @@ fn fisheye(parameters: &[f64]) -> Lens {
 }
 
 impl Kind {
-    /// By its number in binary files.
     pub(crate) fn by_id(id: i32) -> Option<&'static Self> {
         KINDS.iter().find(|kind| kind.id == id)
     }
 
-    /// By its name in text files.
     pub(crate) fn by_name(name: &str) -> Option<&'static Self> {
         KINDS.iter().find(|kind| kind.name == name)
     }
@@ -99,17 +94,14 @@ impl Camera {
         (parameters.len() == kind.parameters).then_some(Self { kind, width, height, parameters })
     }
 
-    /// The name of its model.
     pub(crate) fn name(&self) -> &'static str {
         self.kind.name
     }
 
-    /// How many parameters it has.
     pub(crate) fn parameters(&self) -> usize {
         self.parameters.len()
     }
 
-    /// Width and height, pixels.
     pub(crate) fn size(&self) -> (f64, f64) {
         (self.width as f64, self.height as f64)
     }

@@ -51,7 +51,6 @@ impl Lines {
         String::from_utf8(line).map(Some).map_err(|_| self.value("text", "UTF-8", "other bytes"))
     }
 
-    /// The next line that says something.
     fn next(&mut self) -> Result<Option<String>, DatasetError> {
         while let Some(line) = self.any()? {
             let line = line.trim_start_matches('\u{feff}');
@@ -110,7 +109,6 @@ pub(crate) fn count(file: &Path) -> Result<u64, DatasetError> {
     images(file).map(|images| images.len() as u64)
 }
 
-/// The cameras and photographs of a model.
 pub(crate) fn model(folder: &Path) -> Result<Model, DatasetError> {
     let cameras = cameras(&Encoding::Text.file(folder, "cameras"))?;
     let images = images(&Encoding::Text.file(folder, "images"))?;
@@ -196,7 +194,6 @@ fn key_points(lines: &Lines, line: &str) -> Result<Vec<([f64; 2], u64)>, Dataset
     Ok(found)
 }
 
-/// The positions of a points3D.txt.
 pub(crate) fn points(file: &Path, points: &mut Points) -> Result<(), DatasetError> {
     let mut lines = Lines::open(file)?;
     let mut count = 0;

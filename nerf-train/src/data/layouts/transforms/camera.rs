@@ -10,7 +10,6 @@ use nerf_core::camera::{Lens, Pose, Projection};
 use std::fmt::Display;
 use std::path::Path;
 
-/// Where an error would be.
 pub(super) struct Place<'a> {
     pub(super) file: &'a Path,
     pub(super) view: &'a str,
@@ -86,7 +85,6 @@ impl Place<'_> {
         Ok(Optics { width: w, height: h, fx, fy, cx, cy, lens })
     }
 
-    /// Which lens the coefficients are of.
     fn model(&self, fields: &CameraFields) -> Result<Model, DatasetError> {
         const EXPECTED: &str = "OPENCV, PINHOLE, SIMPLE_PINHOLE, SIMPLE_RADIAL, RADIAL, FULL_OPENCV, OPENCV_FISHEYE, \
                                 RADIAL_FISHEYE or SIMPLE_RADIAL_FISHEYE";
@@ -159,6 +157,5 @@ enum Model {
     Polynomial,
     /// The same with a denominator.
     Rational,
-    /// Angles.
     Fisheye,
 }

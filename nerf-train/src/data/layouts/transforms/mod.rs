@@ -23,7 +23,6 @@ pub(crate) struct Transforms {
     shared: CameraFields,
 }
 
-/// The file's own fields.
 #[derive(Deserialize)]
 pub(crate) struct Header {
     frames: Vec<Frame>,
@@ -243,7 +242,6 @@ struct Folder<'a> {
     fence: Fence,
     axes: Axes,
     downscale: Option<Downscale>,
-    /// What positions are counted from.
     origin: DVec3,
 }
 

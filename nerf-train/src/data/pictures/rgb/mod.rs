@@ -1,14 +1,10 @@
 //! Pictures in memory and as PNG files.
 
-mod error;
-
 use crate::system::output::mark::MARK;
 use crate::system::output::write_atomic;
+use anyhow::{Context, anyhow, ensure};
 use png::{BitDepth, ColorType};
 use std::path::Path;
-
-pub use error::ReportError;
-pub(crate) use error::check_length;
 
 /// A colour picture, display-encoded (sRGB as in the training images), row-major, top row first.
 ///
@@ -16,9 +12,7 @@ pub(crate) use error::check_length;
 /// method copes with an `rgb` whose length is wrong: writers refuse, drawing leaves pixels out.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
-    /// Pixels.
     pub width: usize,
-    /// Pixels.
     pub height: usize,
     /// `[height * width]`, display-encoded red, green, blue in [0, 1].
     pub rgb: Vec<[f32; 3]>,
@@ -26,10 +20,7 @@ pub struct Picture {
 
 impl Picture {
     /// A picture of `rgb`: `[height * width]`.
-    ///
-    /// # Errors
-    /// [`ReportError::Length`] where the length is not `width * height`.
-    pub fn new(width: usize, height: usize, rgb: Vec<[f32; 3]>) -> Result<Self, ReportError> {
+    pub fn new(width: usize, height: usize, rgb: Vec<[f32; 3]>) -> anyhow::Result<Self> {
         check_length("a picture", width, height, rgb.len())?;
         Ok(Self { width, height, rgb })
     }
@@ -138,19 +129,13 @@ impl Picture {
     }
 
     /// The bytes of an 8-bit RGB PNG.
-    ///
-    /// # Errors
-    /// [`ReportError::Length`], [`ReportError::Size`].
-    pub fn to_png(&self) -> Result<Vec<u8>, ReportError> {
+    pub fn to_png(&self) -> anyhow::Result<Vec<u8>> {
         check_length("a picture", self.width, self.height, self.rgb.len())?;
         encode_png(&self.to_rgb8(), self.width, self.height, (ColorType::Rgb, BitDepth::Eight))
     }
 
     /// Writes an 8-bit RGB PNG, whole or not at all.
-    ///
-    /// # Errors
-    /// As [`to_png`](Self::to_png), and where the file cannot be written.
-    pub fn write_png(&self, path: impl AsRef<Path>) -> Result<(), ReportError> {
+    pub fn write_png(&self, path: impl AsRef<Path>) -> anyhow::Result<()> {
         Ok(write_atomic(path, &self.to_png()?)?)
     }
 }
@@ -178,16 +163,13 @@ pub fn straight_rgba8(rgb_over_black: &[[f32; 3]], opacity: &[f32]) -> Vec<u8> {
 /// Writes an 8-bit RGBA PNG with straight alpha; see [`straight_rgba8`].
 ///
 /// `rgb_over_black`: `[height * width]`, display-encoded. `opacity`: `[height * width]`, in [0, 1].
-///
-/// # Errors
-/// [`ReportError::Length`], [`ReportError::Size`], [`ReportError::Output`].
 pub fn write_rgba_png(
     path: impl AsRef<Path>,
     rgb_over_black: &[[f32; 3]],
     opacity: &[f32],
     width: usize,
     height: usize,
-) -> Result<(), ReportError> {
+) -> anyhow::Result<()> {
     check_length("the colour of a picture", width, height, rgb_over_black.len())?;
     check_length("the opacity of a picture", width, height, opacity.len())?;
     let bytes = straight_rgba8(rgb_over_black, opacity);
@@ -199,16 +181,13 @@ pub fn write_rgba_png(
 /// `values`: `[height * width]`, in the unit of `range`, for example world units. Clamped, rounded
 /// half up; NaN gives 0, as does everything where the range is empty. One step is
 /// (range.1 − range.0) / 65,535: note the range beside the file.
-///
-/// # Errors
-/// [`ReportError::Length`], [`ReportError::Size`], [`ReportError::Output`].
 pub fn write_grey16_png(
     path: impl AsRef<Path>,
     values: &[f32],
     width: usize,
     height: usize,
     range: (f32, f32),
-) -> Result<(), ReportError> {
+) -> anyhow::Result<()> {
     check_length("a grey picture", width, height, values.len())?;
     let (low, span) = (f64::from(range.0), f64::from(range.1) - f64::from(range.0));
     let grey = |&value: &f32| {
@@ -226,10 +205,10 @@ fn encode_png(
     width: usize,
     height: usize,
     (colour, depth): (ColorType, BitDepth),
-) -> Result<Vec<u8>, ReportError> {
+) -> anyhow::Result<Vec<u8>> {
     const LIMIT: usize = i32::MAX as usize;
     if width == 0 || height == 0 || width > LIMIT || height > LIMIT {
-        return Err(ReportError::Size { format: "PNG", width, height, limit: LIMIT });
+        return Err(wrong_size("PNG", (width, height), LIMIT));
     }
     let mut png = Vec::new();
     let mut encoder = png::Encoder::new(&mut png, width as u32, height as u32);
@@ -240,8 +219,20 @@ fn encode_png(
     let encoded = encoder
         .add_text_chunk("Comment".into(), MARK.into())
         .and_then(|()| encoder.write_header()?.write_image_data(bytes));
-    encoded.map_err(ReportError::encode("PNG"))?;
+    encoded.context("cannot make the PNG")?;
     Ok(png)
+}
+
+/// Checks that `found` is `width * height`.
+pub(crate) fn check_length(what: &str, width: usize, height: usize, found: usize) -> anyhow::Result<()> {
+    let expected = width.saturating_mul(height);
+    ensure!(expected == found, "{what}: {width}×{height} pixels need {expected} values, found {found}");
+    Ok(())
+}
+
+/// A picture that a format has no room for.
+pub(crate) fn wrong_size(format: &str, (width, height): (usize, usize), limit: usize) -> anyhow::Error {
+    anyhow!("{format} cannot hold a picture of {width}×{height} pixels; allowed is 1 to {limit} a side")
 }
 
 #[cfg(test)]

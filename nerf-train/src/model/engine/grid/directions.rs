@@ -7,7 +7,6 @@ use glam::Vec3;
 use nerf_core::encoding::{DirectionEncoding, encode_block, encode_harmonics_block};
 use nerf_core::math::MathBackend;
 
-/// A thread's buffers.
 #[derive(Default)]
 pub(super) struct Directions {
     /// `[directions][padded outputs]`.

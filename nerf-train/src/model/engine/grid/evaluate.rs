@@ -20,12 +20,10 @@ pub(super) struct RayState {
     pub first: usize,
     samples: usize,
     pub evaluated: usize,
-    /// Optical depth of those.
     depth: f32,
-    /// Its kept samples, in the chunk.
     pub kept: (usize, usize),
     /// Transmittance behind its last sample.
-    pub left: f32,
+    pub transmittance: f32,
 }
 
 /// A chunk's evaluated samples, a row each in the order of evaluation.
@@ -111,7 +109,7 @@ impl Evaluated {
             let begin = self.index_of.len();
             if state.samples > 0 {
                 self.index_of.push(state.first as u32);
-                state.left = 0.0;
+                state.transmittance = 0.0;
             }
             state.kept = (begin, self.index_of.len());
         }
@@ -127,7 +125,7 @@ impl Evaluated {
         let mut next = first;
         for ray in &batch.rays[rays] {
             let samples = ray.samples as usize;
-            self.rays.push(RayState { first: next, samples, left: 1.0, ..RayState::default() });
+            self.rays.push(RayState { first: next, samples, transmittance: 1.0, ..RayState::default() });
             next += samples;
         }
         next
@@ -173,7 +171,6 @@ impl Evaluated {
         phases.lap(Phase::Forward, now);
     }
 
-    /// Densities of these rows.
     fn wave(
         &mut self,
         job: &Job<'_>,

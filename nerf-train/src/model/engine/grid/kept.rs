@@ -1,30 +1,28 @@
 //! Which samples the reference engine trains: the decisions of [`super::pass`], in plain words.
 
-use super::pass::{FAINT, GATE, T_MIN};
+use super::pass::{GATE, ROULETTE_WEIGHT, T_MIN};
 use crate::model::engine::BatchRay;
 use nerf_core::sampling::{Purpose, uniform};
 
 /// The samples of some rays that are coloured and trained, ray after ray, and the transmittance of the others.
 pub(super) struct KeptSamples {
-    /// Indices in the batch.
     pub samples: Vec<usize>,
-    /// How many each ray has.
     pub counts: Vec<usize>,
     /// One over the probability with which each was kept.
     pub inverse: Vec<f32>,
     /// Transmittance of the samples in front of each that were not kept.
     pub front: Vec<f32>,
     /// Transmittance of all of a ray's samples that were not kept.
-    pub left: Vec<f32>,
+    pub unkept: Vec<f32>,
 }
 
 impl KeptSamples {
     /// Of samples of these optical depths, the first of which is `first` in the batch: those that weigh more than the gate,
-    /// and by Russian roulette some of the others where they are `faint`. A ray ends where no light is left.
-    pub fn of(rays: &[BatchRay], depths: &[f32], first: usize, faint: Option<(u64, u64)>) -> Self {
+    /// and by Russian roulette some of the others where there is a seed for it. A ray ends where no light is left.
+    pub fn of(rays: &[BatchRay], depths: &[f32], first: usize, roulette: Option<(u64, u64)>) -> Self {
         let (mut samples, mut inverse, mut front) = (Vec::new(), Vec::new(), Vec::new());
-        let (mut counts, mut left) = (Vec::new(), Vec::new());
-        let gate = if faint.is_some() { FAINT } else { GATE };
+        let (mut counts, mut unkept) = (Vec::new(), Vec::new());
+        let gate = if roulette.is_some() { ROULETTE_WEIGHT } else { GATE };
         let mut next = 0;
         for ray in rays {
             let (mut transmittance, mut skipped, before) = (1.0, 0.0f32, samples.len());
@@ -35,7 +33,7 @@ impl KeptSamples {
                 let heavy = weight > gate || weight.is_nan();
                 let index = first + next + i;
                 let drawn = |(seed, step)| uniform(seed, Purpose::Faint, step, index as u64) * gate < weight;
-                if heavy || faint.is_some_and(drawn) {
+                if heavy || roulette.is_some_and(drawn) {
                     samples.push(index);
                     inverse.push(if heavy { 1.0 } else { gate / weight });
                     front.push((-skipped).exp());
@@ -49,9 +47,9 @@ impl KeptSamples {
             }
             next += of_ray.len();
             counts.push(samples.len() - before);
-            left.push((-skipped).exp());
+            unkept.push((-skipped).exp());
         }
-        Self { samples, counts, inverse, front, left }
+        Self { samples, counts, inverse, front, unkept }
     }
 
     /// How far along its ray each sample lies behind the first, from their `positions`.

@@ -81,7 +81,6 @@ impl Product {
     }
 }
 
-/// A layer of a grid field.
 #[derive(Clone, Debug)]
 pub(super) struct Layer {
     dense: Dense,
@@ -91,20 +90,17 @@ pub(super) struct Layer {
     pub extra: Option<Product>,
 }
 
-/// All layers, in the order of their parameters.
 #[derive(Clone, Debug)]
 pub(super) struct Layers {
     pub trunk: Vec<Layer>,
     /// Absent in a 2D field.
     pub density: Option<Layer>,
     pub colour: Vec<Layer>,
-    /// The density's bias.
     pub bias: f32,
     parameters: usize,
 }
 
 impl Layers {
-    /// The layers of a model with a grid.
     pub fn new(model: &Model) -> Self {
         let (mut trunk, mut density, mut colour) = (Vec::new(), None, Vec::new());
         let mut parameters = 0;
@@ -121,7 +117,6 @@ impl Layers {
         Self { trunk, density, colour, bias: 0.0, parameters }
     }
 
-    /// Index of the first colour layer among all.
     pub fn first_of_colour(&self) -> usize {
         self.trunk.len() + usize::from(self.density.is_some())
     }
@@ -136,7 +131,6 @@ impl Layers {
         self.parameters
     }
 
-    /// Takes parameters in the model's order.
     pub fn load(&mut self, parameters: &[f32]) {
         self.bias = self.density.as_ref().map_or(0.0, |density| parameters[density.dense.bias]);
         let all = self.trunk.iter_mut().chain(&mut self.density).chain(&mut self.colour);

@@ -30,7 +30,6 @@ mod reference;
 mod samples;
 mod scatter;
 mod shade;
-mod turns;
 mod vector;
 
 #[cfg(test)]
@@ -44,7 +43,7 @@ use super::{
     check_rate,
 };
 use crate::model::quantise::{Rounding, scales};
-use adam::AdamStep;
+use adam::{AdamStep, moves, waiting_entries};
 use layers::{LayerSums, Layers};
 use nerf_core::camera::SceneBox;
 use nerf_core::encoding::{GridEncoding, GridLevel, GridTables, TableValues};
@@ -55,7 +54,6 @@ use rayon::prelude::*;
 use scatter::{Kept, LevelScratch, LevelState, LevelSum, write_halves};
 use std::borrow::Cow;
 use std::sync::{Mutex, PoisonError};
-use turns::{moves, waiting_entries};
 
 /// Accumulators, hence threads that a step can use before the tables.
 const ACCUMULATORS: usize = 16;
@@ -96,9 +94,6 @@ pub struct GridEngine {
 
 impl GridEngine {
     /// An engine on the start values of `seed`; `bounds`: what the grid spans, of a 2D field its x and y.
-    ///
-    /// # Errors
-    /// [`EngineError::Model`] if the model is out of bounds or has no grid.
     pub fn new(model: &Model, bounds: SceneBox, adam: Adam, seed: u64) -> Result<Self, EngineError> {
         let grid = check_plain(model)?;
         let parameters = model.initial_parameters(seed);
@@ -131,7 +126,6 @@ impl GridEngine {
         Ok(engine)
     }
 
-    /// Renews the f16 copy of the tables.
     fn copy_tables(&mut self) {
         let features = usize::from(self.grid.features);
         let (mut values, mut halves) = (&self.parameters[self.layers.parameters()..], &mut self.halves[..]);
@@ -213,14 +207,14 @@ fn gain_sums<'g>(gains: impl IntoIterator<Item = &'g (u32, [f32; 3])>, views: us
 
 impl Engine for GridEngine {
     fn step(&mut self, batch: &Batch, rate: f64) -> Result<StepLoss, EngineError> {
-        self.step_beside(batch, rate, &mut |_| ())
+        self.step_with_prefetch(batch, rate, &mut |_| ())
     }
 
-    fn step_beside(
+    fn step_with_prefetch(
         &mut self,
         batch: &Batch,
         rate: f64,
-        beside: &mut (dyn FnMut(&StepLoss) + Send),
+        prefetch: &mut (dyn FnMut(&StepLoss) + Send),
     ) -> Result<StepLoss, EngineError> {
         check_rate(rate)?;
         batch.check()?;
@@ -272,7 +266,7 @@ impl Engine for GridEngine {
                 scratch.step(isa, grid, &tables, passes.iter().map(|pass| &pass.kept), &mut level);
             });
         };
-        rayon::join(|| beside(&loss), update);
+        rayon::join(|| prefetch(&loss), update);
         Ok(loss)
     }
 

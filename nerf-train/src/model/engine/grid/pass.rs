@@ -20,14 +20,13 @@ use std::time::Instant;
 pub(super) const T_MIN: f32 = 1e-3;
 /// Samples whose weight is at most this are neither coloured nor trained.
 pub(super) const GATE: f32 = 1e-3;
-/// Where faint samples are drawn ([`Batch::faint`]): the weight below which a sample is kept with a chance of its share of
+/// Where faint samples are drawn ([`Batch::roulette`]): the weight below which a sample is kept with a chance of its share of
 /// this, and then stands for all that were not.
-pub(super) const FAINT: f32 = 3e-3;
+pub(super) const ROULETTE_WEIGHT: f32 = 3e-3;
 
 /// Value from which on a photograph's channel counts as clipped at white.
 const CLIPPED: f32 = 250.0 / 255.0;
 
-/// What a chunk is computed from.
 #[derive(Clone, Copy)]
 pub(super) struct Job<'a> {
     pub isa: Isa,
@@ -37,7 +36,6 @@ pub(super) struct Job<'a> {
     pub layers: &'a Layers,
 }
 
-/// Sums over an accumulator's chunks.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Totals {
     /// Of (C − rgb)² over rays and channels.
@@ -59,7 +57,6 @@ impl Add for Totals {
     }
 }
 
-/// What an accumulator adds up.
 #[derive(Default)]
 pub(super) struct Pass {
     pub totals: Totals,
@@ -81,7 +78,7 @@ pub(super) struct Scratch {
     /// Gradient by what each ray's kept samples show.
     by_shown: Vec<[f32; 3]>,
     /// Gradient by the transmittance behind each ray's last sample.
-    by_left: Vec<f32>,
+    by_transmittance: Vec<f32>,
     /// Gradient by each kept sample's weight.
     by_weight: Vec<f32>,
     /// Gaps in front of the kept samples.
@@ -106,7 +103,6 @@ impl Pass {
         Self { sums: LayerSums::new(layers), ..Self::default() }
     }
 
-    /// Forgets sums, totals and kept samples.
     pub fn clear(&mut self) {
         self.totals = Totals::default();
         self.sums.clear();
@@ -124,7 +120,7 @@ impl Scratch {
             samples: Samples::new(layers.trunk.len()),
             shade: Shade::new(layers),
             by_shown: Vec::new(),
-            by_left: Vec::new(),
+            by_transmittance: Vec::new(),
             by_weight: Vec::new(),
             gaps: Vec::new(),
             d_raw: Vec::new(),
@@ -184,15 +180,15 @@ impl Scratch {
     fn loss(&mut self, batch: &Batch, rays: Range<usize>, pass: &mut Pass) -> f64 {
         self.distort(batch);
         self.by_shown.clear();
-        self.by_left.clear();
+        self.by_transmittance.clear();
         let mut squared = 0.0;
         let (states, samples) = (&self.evaluated.rays, &self.samples);
         let chunk = Shaded { batch, first_ray: rays.start, states, samples };
         let scale = 2.0 / (3 * batch.rays.len()) as f32;
         for (i, index) in rays.enumerate() {
-            let (ray, left) = (&batch.rays[index], self.evaluated.rays[i].left);
+            let (ray, transmittance) = (&batch.rays[index], self.evaluated.rays[i].transmittance);
             let shown = self.shade.shown(i, chunk);
-            let seen: [f32; 3] = std::array::from_fn(|k| shown[k] + ray.background[k] * left);
+            let seen: [f32; 3] = std::array::from_fn(|k| shown[k] + ray.background[k] * transmittance);
             let gain = batch.gains.get(index).copied().unwrap_or([1.0; 3]);
             let error: [f32; 3] =
                 std::array::from_fn(|k| clipped_error(gain[k] * seen[k], ray.rgb[k], gain[k]));
@@ -212,7 +208,7 @@ impl Scratch {
                 (&self.evaluated, &self.samples),
                 &mut self.by_weight,
             );
-            self.by_left.push(of_background + of_surface);
+            self.by_transmittance.push(of_background + of_surface);
         }
         squared
     }
@@ -250,7 +246,7 @@ impl Scratch {
         shade.backward(job, chunk, &self.by_shown, &mut pass.sums, by_weight, upper);
         let (isa, kept, layers) = (job.isa, samples.len(), job.layers);
         if let Some(density) = &layers.density {
-            raw_densities(evaluated, samples, by_weight, &self.by_left, &mut self.d_raw);
+            raw_densities(evaluated, samples, by_weight, &self.by_transmittance, &mut self.d_raw);
             let (density, across) = (&density.main, padded(density.main.inputs));
             let sum = &mut pass.sums.main[layers.trunk.len()];
             density.add_gradient(isa, kept, samples.features(), across, &self.d_raw, sum);
@@ -300,12 +296,12 @@ fn raw_densities(
     evaluated: &Evaluated,
     samples: &Samples,
     by_weight: &[f32],
-    by_left: &[f32],
+    by_transmittance: &[f32],
     d_raw: &mut Vec<f32>,
 ) {
     grow(d_raw, padded(samples.len()) * VECTOR);
-    for (state, by_left) in evaluated.rays.iter().zip(by_left) {
-        let mut behind = by_left * state.left;
+    for (state, by_transmittance) in evaluated.rays.iter().zip(by_transmittance) {
+        let mut behind = by_transmittance * state.transmittance;
         for i in (state.kept.0..state.kept.1).rev() {
             let row = samples.row[i] as usize;
             let of_depth = by_weight[i] * samples.after[i] - behind;
@@ -315,7 +311,7 @@ fn raw_densities(
             let slope = if sigma < EXPONENTIAL_LIMIT.exp() { sigma } else { 0.0 };
             // In this order: a density times a wide bin may overflow where nothing is left to be seen.
             d_raw[i * VECTOR] =
-                samples.scale[i] * samples.stands_for[i] * slope * of_depth * evaluated.deltas[row];
+                samples.scale[i] * samples.inverse_probability[i] * slope * of_depth * evaluated.deltas[row];
         }
     }
 }

@@ -7,7 +7,6 @@ use glam::Vec3;
 
 /// The samples that reach the tables, and what the loss's gradient by their encoded values is.
 pub(super) struct RaySamples<'a, S, D> {
-    /// Index of each in the batch.
     pub samples: S,
     /// Number of each one's ray in the chunk, ascending.
     pub rays: &'a [u32],
@@ -19,7 +18,6 @@ pub(super) struct RaySamples<'a, S, D> {
     pub by_directions: D,
 }
 
-/// A thread's buffers.
 #[derive(Default)]
 pub(super) struct RayScratch {
     /// `[3][stride]`.

@@ -7,8 +7,8 @@
 mod forward;
 mod terms;
 
+use super::adam::{moves, waiting_entries};
 use super::kept::KeptSamples;
-use super::turns::{moves, waiting_entries};
 use super::{check_plain, check_state, gain_sums};
 use crate::model::engine::chunk::{Chunk, cut};
 use crate::model::engine::optimiser::usable;
@@ -49,7 +49,6 @@ struct OfRays {
     errors: Vec<(u32, [f32; 3])>,
 }
 
-/// Rendered rays of a chunk, and their loss.
 struct Rendered {
     /// Their part in the mean squared error.
     mse: f32,
@@ -104,13 +103,13 @@ impl GridReferenceEngine {
             depths = sigma.iter().zip(&batch.deltas[samples.clone()]).map(|(s, d)| s * d).collect();
         }
         let rays = &batch.rays[indices.clone()];
-        let kept = KeptSamples::of(rays, &depths, samples.start, batch.faint);
+        let kept = KeptSamples::of(rays, &depths, samples.start, batch.roulette);
         loss.evaluated += samples.len();
         loss.kept += kept.samples.len();
         if kept.samples.is_empty() {
-            for ((ray, left), index) in rays.iter().zip(&kept.left).zip(indices) {
+            for ((ray, transmittance), index) in rays.iter().zip(&kept.unkept).zip(indices) {
                 let gain = batch.gains.get(index).copied().unwrap_or([1.0; 3]);
-                let shown = |k: usize| gain[k] * left * ray.background[k];
+                let shown = |k: usize| gain[k] * transmittance * ray.background[k];
                 let error = [0, 1, 2].map(|k| shown(k) - ray.rgb[k]);
                 let weight = batch.weights.get(index).copied().unwrap_or(1.0);
                 let squared: f64 =
@@ -168,12 +167,14 @@ impl GridReferenceEngine {
 
         // Russian roulette: inverse-probability weights, of what a sample shows and of the gradient of what it hides.
         let inverse = || rows.constants(|i| kept.inverse[i]);
-        let (front, left) = rows.transmittance(with_gradient_scaled(tau.with_empty_tape(), inverse()?)?)?;
+        let (front, transmittance) =
+            rows.transmittance(with_gradient_scaled(tau.with_empty_tape(), inverse()?)?)?;
         let front = front.try_mul(rows.constants(|i| kept.front[i])?)?;
-        let left = left.try_mul(device.try_tensor_from_vec(kept.left.clone(), (rays.len(),))?)?;
+        let transmittance =
+            transmittance.try_mul(device.try_tensor_from_vec(kept.unkept.clone(), (rays.len(),))?)?;
         let weights = front.try_mul(alpha(tau)?)?.try_mul(inverse()?)?;
 
-        let towards = surfaces(&rows, batch, indices.clone(), kept, &weights, &left)?;
+        let towards = surfaces(&rows, batch, indices.clone(), kept, &weights, &transmittance)?;
         let dirs: Vec<_> = rays.iter().map(|ray| ray.dir).collect();
         // Nothing is divided by where there is nothing.
         let none = kept.counts.iter().map(|&count| f32::from(u8::from(count == 0))).collect();
@@ -188,7 +189,7 @@ impl GridReferenceEngine {
         let shape = *colour.shape();
         let shown = with_tape(colour, mean.split_tape().1)
             .try_mul(opacity.try_broadcast_like::<_, Axis<1>>(&shape)?)?;
-        let seen = over(shown, left, of_rays(|ray| ray.background)?)?;
+        let seen = over(shown, transmittance, of_rays(|ray| ray.background)?)?;
         let gains =
             indices.clone().flat_map(|ray| batch.gains.get(ray).copied().unwrap_or([1.0; 3])).collect();
         let gains = device.try_tensor_from_vec(gains, (rays.len(), 3))?;

@@ -2,7 +2,7 @@
 
 use super::evaluate::Evaluated;
 use super::layers::padded;
-use super::pass::{FAINT, GATE, Job, T_MIN, grow};
+use super::pass::{GATE, Job, ROULETTE_WEIGHT, T_MIN, grow};
 use super::vector::{copy_row, transmitted};
 use crate::model::engine::Batch;
 use nerf_core::sampling::{Purpose, uniform};
@@ -15,13 +15,10 @@ pub(super) struct Samples {
     /// Ray in the chunk.
     pub ray: Vec<u32>,
     pub weight: Vec<f32>,
-    /// Transmittance behind each.
     pub after: Vec<f32>,
-    /// How many samples of its kind each stands for: 1, but of faint ones that were drawn.
-    pub stands_for: Vec<f32>,
-    /// Weights as often as they count.
+    /// Inverse-probability weight of each: 1, but of those that Russian roulette has kept.
+    pub inverse_probability: Vec<f32>,
     pub counted: Vec<f32>,
-    /// What the gradient of each is multiplied with.
     pub scale: Vec<f32>,
     /// `[samples][padded channels]`.
     pub encoded: Vec<f32>,
@@ -53,27 +50,27 @@ impl Samples {
         let (sigma, deltas) = (&evaluated.sigma[..stride], &evaluated.deltas[..stride]);
         transmitted(job.isa, sigma, deltas, &mut self.passed[..stride]);
         self.clear();
-        let gate = if batch.faint.is_some() { FAINT } else { GATE };
+        let gate = if batch.roulette.is_some() { ROULETTE_WEIGHT } else { GATE };
         for (ray, state) in evaluated.rays.iter_mut().enumerate() {
-            let mut left = 1.0f32;
+            let mut transmittance = 1.0f32;
             let begin = self.len();
             for sample in state.first..state.first + state.evaluated {
                 let row = evaluated.row_of[sample - first];
                 let passed = self.passed[row as usize];
-                let (weight, after) = (left * (1.0 - passed), left * passed);
+                let (weight, after) = (transmittance * (1.0 - passed), transmittance * passed);
                 // NaN is kept, so that the loss shows it.
                 let heavy = weight > gate || weight.is_nan();
                 let drawn = |(seed, step)| uniform(seed, Purpose::Faint, step, sample as u64) * gate < weight;
-                if heavy || batch.faint.is_some_and(drawn) {
-                    let stands_for = if heavy { 1.0 } else { gate / weight };
-                    self.push((row, ray as u32), (weight, after), stands_for);
+                if heavy || batch.roulette.is_some_and(drawn) {
+                    let inverse_probability = if heavy { 1.0 } else { gate / weight };
+                    self.push((row, ray as u32), (weight, after), inverse_probability);
                 }
-                left = after;
-                if left < T_MIN {
+                transmittance = after;
+                if transmittance < T_MIN {
                     break;
                 }
             }
-            state.left = left;
+            state.transmittance = transmittance;
             state.kept = (begin, self.len());
         }
         self.take_rows(job, batch, evaluated);
@@ -93,18 +90,18 @@ impl Samples {
     fn clear(&mut self) {
         self.row.clear();
         self.ray.clear();
-        for list in [&mut self.weight, &mut self.after, &mut self.stands_for, &mut self.counted] {
+        for list in [&mut self.weight, &mut self.after, &mut self.inverse_probability, &mut self.counted] {
             list.clear();
         }
     }
 
-    fn push(&mut self, (row, ray): (u32, u32), (weight, after): (f32, f32), stands_for: f32) {
+    fn push(&mut self, (row, ray): (u32, u32), (weight, after): (f32, f32), inverse_probability: f32) {
         self.row.push(row);
         self.ray.push(ray);
         self.weight.push(weight);
         self.after.push(after);
-        self.stands_for.push(stands_for);
-        self.counted.push(stands_for * weight);
+        self.inverse_probability.push(inverse_probability);
+        self.counted.push(inverse_probability * weight);
     }
 
     fn take_rows(&mut self, job: &Job<'_>, batch: &Batch, evaluated: &Evaluated) {

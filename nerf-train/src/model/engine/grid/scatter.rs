@@ -25,7 +25,6 @@ pub(super) struct Kept {
     pub weights: Vec<f32>,
     /// Gradients of the encoded values, `[samples][width]`.
     pub gradients: Vec<f32>,
-    /// Row length of the gradients.
     pub width: usize,
     /// Largest of their absolute values; NaN if one is.
     pub largest: f32,
@@ -92,18 +91,15 @@ pub(super) struct LevelSum {
 }
 
 impl LevelSum {
-    /// A sum of so many values.
     pub fn new(values: usize) -> Self {
         let length = values.next_multiple_of(PART) + PART;
         Self { gradient: vec![0.0; length], touched: vec![false; length / PART] }
     }
 
-    /// The first `values` of it.
     pub fn values(&self, values: usize) -> &[f32] {
         &self.gradient[..values]
     }
 
-    /// Takes up a sum.
     pub fn restore(&mut self, values: &[f32]) {
         self.gradient.fill(0.0);
         self.gradient[..values.len()].copy_from_slice(values);
@@ -125,7 +121,6 @@ pub(super) struct LevelScratch {
 type Corners = (Vec<u32>, Vec<f32>, Vec<f32>);
 
 impl LevelScratch {
-    /// Memory for any level of `grid`.
     pub fn new(grid: &GridEncoding) -> Self {
         let most = grid.levels().map(|level| level.entries).max().unwrap_or(0) * usize::from(grid.features);
         let corners = (vec![0; 4 * BLOCK], vec![0.0; 4 * BLOCK], vec![0.0; BLOCK]);
@@ -196,9 +191,7 @@ struct Add<'a> {
     across: &'a [f32],
     rows: &'a [f32],
     width: usize,
-    /// The level's first entry.
     first: usize,
-    /// The level.
     index: usize,
     gradient: &'a mut [f32],
     touched: &'a mut [bool],

@@ -24,10 +24,8 @@ use std::ops::Range;
 #[derive(Clone, Copy)]
 pub(super) struct Shaded<'a> {
     pub batch: &'a Batch,
-    /// Index of its first ray in the batch.
     pub first_ray: usize,
     pub states: &'a [RayState],
-    /// The kept samples of all of them.
     pub samples: &'a Samples,
 }
 
@@ -54,9 +52,7 @@ pub(super) struct Shade {
 }
 
 struct Row {
-    /// Its ray in the chunk.
     ray: usize,
-    /// The ray's kept samples.
     samples: Range<usize>,
     /// A.
     opacity: f32,
@@ -190,7 +186,6 @@ impl Shade {
     }
 }
 
-/// A and P of each row.
 struct Mean<'a> {
     rows: &'a mut [Row],
     samples: &'a Samples,

@@ -3,11 +3,10 @@
 //! A template, its style and its script stand beside this file; here the scene becomes their data.
 
 use super::sampling::ShownRay;
-use super::scene::{Scene, ShowError, ShownCamera};
+use super::scene::{Scene, ShownCamera};
 use crate::data::pictures::thumbnail::Thumbnail;
 use crate::show::colour_map::ColourMap;
-use crate::system::printable;
-use crate::system::printable::line;
+use crate::system::printable::{self, line};
 use crate::train::Bounds;
 use glam::Vec3;
 use serde::Serialize;
@@ -23,9 +22,7 @@ const SELF_TEST: &str = include_str!("selftest.js");
 const STEPS: f32 = 65_535.0;
 /// Colours of the map that the page gets.
 const COLOURS: usize = 64;
-/// What colours the distances of samples.
 const DISTANCE_MAP: ColourMap = ColourMap::Viridis;
-/// The world's x, y, z.
 const AXES: [(&str, [f32; 3]); 3] =
     [("x", [0.80, 0.12, 0.12]), ("y", [0.10, 0.52, 0.14]), ("z", [0.12, 0.25, 0.85])];
 
@@ -41,9 +38,7 @@ struct Data<'s> {
     steps: f32,
     colour_range: (f32, f32),
     colours: Vec<String>,
-    /// Where the scene is, as lines.
     outline: Vec<Vec<[f32; 3]>>,
-    /// What cameras are around.
     centre: [f32; 3],
     ends: &'static str,
     axes: Vec<Axis>,
@@ -60,7 +55,6 @@ struct Data<'s> {
     pair: Vec<Shown<'s>>,
 }
 
-/// A photograph beside the scene.
 #[derive(Serialize)]
 struct Shown<'s> {
     name: Cow<'s, str>,
@@ -97,7 +91,7 @@ struct RayData {
 }
 
 impl<'s> CameraData<'s> {
-    fn of(camera: &'s ShownCamera, bounds: &Bounds) -> Result<Self, ShowError> {
+    fn of(camera: &'s ShownCamera, bounds: &Bounds) -> anyhow::Result<Self> {
         let origin = camera.camera.pose().position;
         Ok(Self {
             index: camera.index,
@@ -113,7 +107,7 @@ impl<'s> CameraData<'s> {
 }
 
 impl<'s> Shown<'s> {
-    fn of((name, image): &'s (String, Thumbnail)) -> Result<Self, ShowError> {
+    fn of((name, image): &'s (String, Thumbnail)) -> anyhow::Result<Self> {
         Ok(Self { name: line(name), image: image.data_uri()? })
     }
 }
@@ -131,11 +125,7 @@ impl RayData {
     }
 }
 
-/// The page of `scene`, UTF-8.
-///
-/// # Errors
-/// [`ShowError::Report`], [`ShowError::Page`]: a picture or number that cannot be encoded; none is known.
-pub fn page(scene: &Scene) -> Result<String, ShowError> {
+pub fn page(scene: &Scene) -> anyhow::Result<String> {
     let (side, ahead) = scene.up.any_orthonormal_pair();
     let b = scene.bounds;
     let axis = |(i, (name, colour)): (usize, &(&'static str, [f32; 3]))| {

@@ -5,8 +5,8 @@ use super::sampling::{Drawer, ShownRay, StepFacts};
 use crate::data::pictures::thumbnail::{self, Thumbnail};
 use crate::data::{Dataset, View};
 use crate::model::config::Config;
-use crate::train::Bounds;
-use crate::train::{TrainError, find_bounds};
+use crate::train::{Bounds, find_bounds};
+use anyhow::bail;
 use glam::Vec3;
 use nerf_core::camera::Camera;
 
@@ -18,9 +18,7 @@ const SHOWN_RADII: f32 = 2.0;
 /// Photographs of an unbounded scene are at least and at most so far from their cameras, in the same radii.
 const FRUSTUM_RADII: (f32, f32) = (0.1, 0.35);
 
-/// What to show.
 #[derive(Clone, Copy, Debug)]
-#[allow(missing_docs, reason = "the names say what they are")]
 pub struct Request<'v> {
     pub views: &'v [View],
     pub split: &'static str,
@@ -36,26 +34,7 @@ pub struct Request<'v> {
     pub frustum: Option<f32>,
 }
 
-/// Why nothing can be shown.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-#[allow(missing_docs, reason = "the messages say what happened")]
-pub enum ShowError {
-    #[error("--split: expected a split with views, found none in `{split}`")]
-    NoViews { split: &'static str },
-    #[error("--camera: expected less than {count} (split `{split}`), found {found}")]
-    Camera { count: usize, split: &'static str, found: usize },
-    #[error("{0}")]
-    Train(#[from] TrainError),
-    #[error("{0}")]
-    Report(#[from] crate::data::pictures::rgb::ReportError),
-    #[error("page: {0}")]
-    Page(#[from] serde_json::Error),
-}
-
-/// Cameras, rays, samples and bounds.
 #[derive(Clone, Debug)]
-#[allow(missing_docs, reason = "the names say what they are")]
 pub struct Scene {
     pub name: String,
     pub split: &'static str,
@@ -75,15 +54,11 @@ pub struct Scene {
     pub findings: Option<Findings>,
 }
 
-/// A camera with its picture.
 #[derive(Clone, Debug)]
-#[allow(missing_docs, reason = "the names say what they are")]
 pub struct ShownCamera {
-    /// Its index in the split.
     pub index: usize,
     pub name: String,
     pub camera: Camera,
-    /// Where its rays begin, world units.
     pub near: f32,
     pub thumbnail: Thumbnail,
     /// The rays that the same step draws where this camera is alone; none if the whole scene is.
@@ -92,7 +67,6 @@ pub struct ShownCamera {
     pub colour: Option<[f32; 3]>,
 }
 
-/// The world axes as they are drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axes {
     /// Where they stand: the world's origin, or the box's centre where the origin is far off.
@@ -103,18 +77,16 @@ pub struct Axes {
 
 impl Scene {
     /// Draws the rays of a step as training would, from the occupancy grid that training starts with.
-    ///
-    /// # Errors
-    /// [`ShowError`] without views, on a camera out of range, and where training would refuse too.
-    pub fn new(dataset: &Dataset, config: &Config, request: &Request<'_>) -> Result<Self, ShowError> {
+    pub fn new(dataset: &Dataset, config: &Config, request: &Request<'_>) -> anyhow::Result<Self> {
         let Request { views, split, step, .. } = *request;
         if views.is_empty() {
-            return Err(ShowError::NoViews { split });
+            bail!("--split: expected a split with views, found none in `{split}`");
         }
         if let Some(found) = request.camera.filter(|&camera| camera >= views.len()) {
-            return Err(ShowError::Camera { count: views.len(), split, found });
+            let count = views.len();
+            bail!("--camera: expected less than {count} (split `{split}`), found {found}");
         }
-        config.check().map_err(TrainError::from)?;
+        config.check()?;
         let (mut bounds, found) = find_bounds(dataset, config, None)?;
         // Rays of an unbounded scene go on for ever: what is drawn of them is what surrounds the cameras.
         if let Some(contraction) = &bounds.contraction {
@@ -132,7 +104,7 @@ impl Scene {
         let side = thumbnail::side_for(shown.len());
         let bins = usize::from(config.sampling.samples);
         let own = (OWN_SAMPLES / (shown.len() * bins)).max(4).min(request.rays);
-        let camera = |(i, view): (usize, &View)| -> Result<ShownCamera, ShowError> {
+        let camera = |(i, view): (usize, &View)| -> anyhow::Result<ShownCamera> {
             let own_rays = match alone {
                 _ if request.rays == 0 => Vec::new(),
                 true => Vec::new(),
@@ -299,5 +271,85 @@ fn round_length(length: f32) -> f32 {
     fits.unwrap_or(length)
 }
 
+impl Scene {
+    pub fn title(&self) -> String {
+        match self.cameras.as_slice() {
+            [only] if self.alone => {
+                format!("{}: {} camera {} alone ({})", self.name, self.split, only.index, only.name)
+            }
+            cameras => format!("{}: {} {} cameras", self.name, cameras.len(), self.split),
+        }
+    }
+
+    /// Which rays and samples, of what, and in which units.
+    pub fn facts(&self) -> String {
+        let s = &self.step;
+        let of = match self.alone {
+            true => format!("{} rays that step {} draws where this camera is alone", self.rays.len(), s.step),
+            false if self.split == "train" => {
+                format!("{} of the {} rays of training step {}", self.rays.len(), s.rays, s.step)
+            }
+            // Training never sees other views.
+            false => format!(
+                "{} of the {} rays that step {} would draw from these views",
+                self.rays.len(),
+                s.rays,
+                s.step
+            ),
+        };
+        let culled = match s.occupancy {
+            true => format!(", {} culled by the occupancy grid that training starts with", self.culled()),
+            false => String::new(),
+        };
+        let (b, ends) = (&self.bounds, self.bounds.scene_box);
+        let range = format!("from near {} to far {}", short(b.near), short(b.far));
+        let range = match (s.marched, &b.contraction) {
+            (_, Some(_)) => format!("at most {} steps a ray, {range} and on, which is not drawn", s.bins),
+            (true, None) => format!("at most {} steps a ray, {range}", s.bins),
+            (false, None) => format!("{} bins {range}", s.bins),
+        };
+        let place = match &b.contraction {
+            Some(contraction) => format!(
+                "unbounded, contracted outside of a ball of radius {} around {}",
+                short(contraction.radius()),
+                corner(contraction.centre())
+            ),
+            None => format!("scene box {} to {}", corner(ends.min), corner(ends.max)),
+        };
+        format!(
+            "{of} (seed {}); {} live samples{culled}; {range}; {place}; lengths in world units",
+            s.seed,
+            self.live()
+        )
+    }
+
+    pub fn ends(&self) -> &'static str {
+        match self.bounds.contraction {
+            Some(_) => "ball outside of which space is contracted",
+            None => "scene box",
+        }
+    }
+}
+
+/// A length with at most three decimals.
+fn short(value: f32) -> String {
+    let text = format!("{value:.3}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+fn corner(p: Vec3) -> String {
+    format!("({}, {}, {})", short(p.x), short(p.y), short(p.z))
+}
+
 #[cfg(test)]
 mod tests;
+
+#[cfg(test)]
+mod words_tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_short() {
+        assert_eq!([short(2.0), short(1.23456), short(-0.5), short(10.0)], ["2", "1.235", "-0.5", "10"]);
+    }
+}

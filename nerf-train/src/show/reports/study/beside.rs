@@ -1,16 +1,14 @@
 //! The front of another study, out of its points.csv.
 
-use crate::measure::error::StudyError;
 use crate::measure::point::Clock;
 use crate::show::plot::{Marker, Series};
 use std::path::Path;
 
 /// The front that a points.csv holds, as the plot draws it: PSNR over seconds a view; named after the table's folder.
-///
-/// # Errors
-/// [`StudyError::Beside`] names the line and column that are not those of a study.
-pub fn front_of(path: &Path, clock: Clock) -> Result<Series, StudyError> {
-    let refused = |found: String| StudyError::Beside { path: path.into(), found };
+pub fn front_of(path: &Path, clock: Clock) -> anyhow::Result<Series> {
+    let refused = |found: String| {
+        anyhow::anyhow!("--beside: {}: expected the points.csv of a study, found {found}", path.display())
+    };
     let mut table = csv::Reader::from_path(path).map_err(|e| refused(e.to_string()))?;
     let seconds = if clock == Clock::Wall { "wall_s_median" } else { "cpu_s_median" };
     let header = table.headers().map_err(|e| refused(e.to_string()))?.clone();
@@ -46,7 +44,7 @@ mod tests {
     use super::*;
 
     /// Reads `text` as a table in a folder named `classic`.
-    fn read(text: &str, clock: Clock) -> Result<Series, StudyError> {
+    fn read(text: &str, clock: Clock) -> anyhow::Result<Series> {
         let folder = tempfile::tempdir().expect("a folder");
         let table = folder.path().join("classic/points.csv");
         std::fs::create_dir(folder.path().join("classic")).expect("a folder");

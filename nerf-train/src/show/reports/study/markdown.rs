@@ -1,18 +1,15 @@
 //! report.md: the findings in words and tables.
 
 use super::{Findings, SPAN_LOSS_DB, Setting, whole, whole_f32};
-use crate::lab::study::KNOBS;
-use crate::lab::study::{BLOB_LOSS_DB, TRAINED_STEP_LOSS_DB};
+use crate::lab::study::{BLOB_LOSS_DB, KNOBS, TRAINED_STEP_LOSS_DB};
 use crate::measure::point::{Clock, Origin};
 use crate::system::printable;
 use nerf_core::blob::MAX_FRONT;
 use std::fmt::Write as _;
 
-/// Takes a paragraph.
 type Line<'l> = &'l mut dyn FnMut(std::fmt::Arguments<'_>);
 
 impl Findings<'_, '_, '_> {
-    /// The text of report.md.
     pub(super) fn markdown(&self, setting: &Setting<'_>) -> String {
         let mut text = format!("# What accuracy costs in time: {}\n\n", printable::markdown(&setting.blob));
         // Writing into a String cannot fail.
@@ -94,7 +91,6 @@ impl Findings<'_, '_, '_> {
         line(format_args!("## Combinations\n\n{}", self.short_table(&mixed).to_markdown().trim_end()));
     }
 
-    /// What the words and figures mean.
     fn method(&self, line: Line<'_>) {
         let study = self.study;
         line(format_args!("## How it was measured"));
@@ -143,7 +139,6 @@ impl Findings<'_, '_, '_> {
     }
 }
 
-/// Why a knob has only one value.
 fn why_none(knob: &str) -> &'static str {
     match knob {
         "samples" => "its rays are marched, and their samples follow from the step",

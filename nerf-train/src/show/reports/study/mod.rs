@@ -6,7 +6,6 @@ mod pictures;
 mod tables;
 
 use crate::lab::study::Study;
-use crate::measure::error::StudyError;
 use crate::measure::point::{Clock, Point, Totals};
 use crate::show::plot::{Label, LinePlot, Marker, Reference, Series};
 use crate::system::output::write_atomic;
@@ -20,7 +19,6 @@ pub const SPAN_LOSS_DB: f64 = 1.0;
 
 /// Where and on what a study was made.
 #[derive(Clone, Debug)]
-#[allow(missing_docs, reason = "the names say what they are")]
 pub struct Setting<'a> {
     pub blob: String,
     pub data: &'a str,
@@ -34,7 +32,6 @@ pub struct Setting<'a> {
 
 /// Everything of a study in numbers, worked out once.
 pub struct Findings<'s, 'a, 'b> {
-    /// What was measured.
     pub study: &'s Study<'a, 'b>,
     /// By point.
     pub totals: Vec<Totals>,
@@ -47,7 +44,6 @@ pub struct Findings<'s, 'a, 'b> {
 }
 
 impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
-    /// The findings of a study.
     pub fn of(study: &'s Study<'a, 'b>) -> Self {
         let times = study.times().into_iter().map(|price| price.cost).collect();
         let (totals, front, (blob_front, _)) = (study.totals(), study.front(), study.blob_front());
@@ -108,7 +104,6 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
         plot
     }
 
-    /// summary.json.
     pub fn summary(&self, setting: &Setting<'_>) -> Summary {
         let study = self.study;
         let within = self.span(|_| true);
@@ -157,10 +152,7 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
     }
 
     /// Writes everything into `folder`, which exists.
-    ///
-    /// # Errors
-    /// [`StudyError`] on files that cannot be written.
-    pub fn write(&self, setting: &Setting<'_>, folder: &Path) -> Result<(), StudyError> {
+    pub fn write(&self, setting: &Setting<'_>, folder: &Path) -> anyhow::Result<()> {
         self.table().write_csv(folder.join("points.csv"))?;
         self.plot(setting).write(folder.join("front"))?;
         pictures::write(self, folder)?;
@@ -170,9 +162,7 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
     }
 }
 
-/// What a study found.
 #[derive(Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct Summary {
     pub front_span_within_1db: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -205,9 +195,7 @@ pub struct Summary {
     pub blob: Option<String>,
 }
 
-/// A point of a front.
 #[derive(Debug, Serialize)]
-#[allow(missing_docs, reason = "the names say what they are, and in which unit")]
 pub struct PointSummary {
     pub settings: String,
     pub psnr_db: f64,

@@ -2,7 +2,6 @@
 
 use super::{Findings, SPAN_LOSS_DB};
 use crate::data::pictures::rgb::Picture;
-use crate::measure::error::StudyError;
 use crate::measure::frame;
 use crate::show::colour_map::{ColourMap, with_legend};
 use crate::show::contact_sheet::{Cell, contact_sheet};
@@ -12,7 +11,7 @@ use std::path::Path;
 const BRIGHTEST: f32 = 0.25;
 
 /// Writes `ends.png` and the differences as files of their own, of the first timing view.
-pub fn write(findings: &Findings<'_, '_, '_>, folder: &Path) -> Result<(), StudyError> {
+pub fn write(findings: &Findings<'_, '_, '_>, folder: &Path) -> anyhow::Result<()> {
     let study = findings.study;
     let (Some(&dearest), Some(&last)) = (findings.front.first(), findings.front.last()) else {
         return Ok(());
@@ -29,8 +28,8 @@ pub fn write(findings: &Findings<'_, '_, '_>, folder: &Path) -> Result<(), Study
             let camera = &study.views[view].camera;
             let (frame, ..) = bench.render(settings, camera, study.background)?;
             let (width, height) = (frame.width, frame.height);
-            let against = |other: &[[f32; 3]]| -> Result<Picture, StudyError> {
-                Ok(Picture::new(width, height, difference(&frame.rgb, other))?)
+            let against = |other: &[[f32; 3]]| -> anyhow::Result<Picture> {
+                Picture::new(width, height, difference(&frame.rgb, other))
             };
             let (to_truth, to_exact) = (against(&truth)?, against(&study.exact[view].rgb)?);
             let legend = |picture: &Picture, title: &str| {

@@ -6,7 +6,6 @@ use crate::measure::point::{Clock, Origin, Seconds};
 use crate::show::table::Table;
 
 impl Findings<'_, '_, '_> {
-    /// Every point as a row.
     pub fn table(&self) -> Table {
         let rows: Vec<_> = (0..self.study.points.len()).map(|i| self.row(i)).collect();
         let names = rows.first().into_iter().flatten().map(|(name, _)| *name);
@@ -67,7 +66,6 @@ impl Findings<'_, '_, '_> {
         row
     }
 
-    /// Some points with what matters most.
     pub fn short_table(&self, which: &[usize]) -> Table {
         let columns = [
             "#",

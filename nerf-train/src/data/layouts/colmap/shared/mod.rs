@@ -25,9 +25,6 @@ const SQUARE: f64 = 0.02;
 const VERSION: u64 = 1;
 
 /// Gives the photographs of one device one camera where `model` has several, and says what that changed; whether it did.
-///
-/// # Errors
-/// A camera that cannot be read, or a result that cannot be written.
 pub(super) fn settle(
     model: &mut Model,
     points: &mut Points,
@@ -115,10 +112,8 @@ fn devices(model: &Model, folders: &Folders, options: &ReadOptions) -> Option<Ve
     used.iter().any(several).then_some(devices)
 }
 
-/// What is to be adjusted.
 struct Task<'a> {
     model: &'a Model,
-    /// With the cameras of the model.
     own: Bundle,
     focals: Vec<f64>,
     numbers: Vec<u64>,
@@ -324,7 +319,6 @@ fn checksum(own: &Bundle, devices: &[usize]) -> u64 {
     digest.finalize()
 }
 
-/// Mean of the finite errors.
 fn mean(errors: &[f64]) -> f64 {
     let finite = || errors.iter().filter(|error| error.is_finite());
     finite().sum::<f64>() / finite().count().max(1) as f64

@@ -23,7 +23,7 @@ pub(super) fn surfaces(
     indices: Range<usize>,
     kept: &KeptSamples,
     weights: &Matrix<Taped>,
-    left: &Vector<Taped>,
+    transmittance: &Vector<Taped>,
 ) -> Result<Scalar, EngineError> {
     let weight =
         |ray: usize| batch.surfaces.get(ray).map_or(0.0, |surface| surface.weight) / batch.rays.len() as f32;
@@ -37,9 +37,9 @@ pub(super) fn surfaces(
         weight(ray_of[i]) * (along - surface.at).abs().min(Surface::CLIP)
     })?;
     let passed = indices.map(|ray| weight(ray) * Surface::CLIP).collect::<Vec<_>>();
-    let passed = left.device().try_tensor_from_vec(passed, *left.shape())?;
+    let passed = transmittance.device().try_tensor_from_vec(passed, *transmittance.shape())?;
     let front = weights.with_empty_tape().try_mul(cost)?.try_sum::<Rank0, Axes2<0, 1>>()?;
-    Ok(front.try_add(left.with_empty_tape().try_mul(passed)?.try_sum::<Rank0, Axis<0>>()?)?)
+    Ok(front.try_add(transmittance.with_empty_tape().try_mul(passed)?.try_sum::<Rank0, Axis<0>>()?)?)
 }
 
 /// `Σ_ij w_i w_j |s_i − s_j|` over all rays, of samples at distances `s` that ascend along each.

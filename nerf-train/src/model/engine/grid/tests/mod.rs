@@ -352,9 +352,14 @@ fn gradients_of_tables_and_layers_are_those_of_the_tape() {
         // Some weigh less than what is kept for certain, and some rays end early.
         let deltas =
             plain.deltas.iter().enumerate().map(|(i, d)| d * [1.0, 5e-3, 100.0][i % 23 % 3]).collect();
-        let faint =
-            Batch { deltas, faint: Some((3, 4)), distortion: 0.1, gradient_scales: scales, ..plain.clone() };
-        let gated = Batch { faint: None, ..faint.clone() };
+        let faint = Batch {
+            deltas,
+            roulette: Some((3, 4)),
+            distortion: 0.1,
+            gradient_scales: scales,
+            ..plain.clone()
+        };
+        let gated = Batch { roulette: None, ..faint.clone() };
         for (case, batch) in [
             ("plain", plain.clone()),
             ("distortion", Batch { distortion: 0.1, ..plain.clone() }),
@@ -632,7 +637,7 @@ fn faint_samples_that_are_drawn_stand_for_those_that_are_not() {
     let mut kept = 0;
     let mut mean = vec![0.0; all.len()];
     for step in 0..2000 {
-        batch.faint = Some((7, step));
+        batch.roulette = Some((7, step));
         let (loss, found) = gradients(&mut engine, &batch);
         kept += loss.kept;
         mean.iter_mut().zip(found).for_each(|(mean, found)| *mean += found / 2000.0);

@@ -1,0 +1,105 @@
+//! How a run is conducted, and its state.
+
+use crate::data::Dataset;
+use crate::fit::live::Live;
+use crate::fit::pace::Pace;
+use crate::fit::snapshot::SnapshotOptions;
+use crate::system::progress::ProgressStyle;
+use crate::train::schedule::{Budget, Clock};
+use crate::train::{Progressed, Trainer};
+use nerf_core::Kernel;
+use std::path::PathBuf;
+use std::time::Instant;
+
+#[derive(Clone, Debug)]
+pub struct RunOptions {
+    /// Limits; one in seconds is of this command, also where it goes on from a checkpoint.
+    pub budget: Budget,
+    /// Fewest steps of a run that a limit in seconds ends.
+    pub min_steps: u32,
+    /// Where checkpoints go; none are written without.
+    pub checkpoint: Option<PathBuf>,
+    pub checkpoint_every: f64,
+    pub resume: bool,
+    /// Pictures of validation views on the way; none are taken without.
+    pub snapshots: Option<SnapshotOptions>,
+    /// Whether a report is written afterwards, which takes pictures and time.
+    pub report: bool,
+    /// Steps between validations on the way; an eighth of the budget if absent.
+    pub validate_every: Option<u32>,
+    /// What view dependence must gain to be exported, dB; it is not asked if absent.
+    pub effect_threshold_db: Option<f64>,
+    /// Folder that always has the newest blob, for a page to show.
+    pub live: Option<PathBuf>,
+    pub kernel: Kernel,
+    pub style: ProgressStyle,
+}
+
+impl RunOptions {
+    /// A run that writes nothing on the way and asks nothing of what is exported.
+    pub fn unattended(budget: Budget, kernel: Kernel, style: ProgressStyle) -> Self {
+        Self {
+            budget,
+            min_steps: 0,
+            checkpoint: None,
+            checkpoint_every: f64::INFINITY,
+            resume: false,
+            snapshots: None,
+            report: false,
+            validate_every: None,
+            effect_threshold_db: None,
+            live: None,
+            kernel,
+            style,
+        }
+    }
+}
+
+pub(super) struct Session<'a, 'd> {
+    pub(super) trainer: Trainer<'d>,
+    pub(super) dataset: &'d Dataset,
+    pub(super) options: &'a RunOptions,
+    /// Limits, what earlier commands took counted in.
+    pub(super) budget: Budget,
+    /// Validation views that are measured on the way.
+    pub(super) watched: Vec<usize>,
+    /// Validation views that pictures are taken of.
+    pub(super) pictured: Vec<usize>,
+    pub(super) clock: Clock,
+    /// What validation and the work after the last step may take.
+    pub(super) pace: Pace,
+    /// Pixels of all validation views, and those that a question is asked of on training views.
+    pub(super) pixels: [u64; 2],
+    /// Counters at the start, or when the run was taken up again.
+    pub(super) started: Progressed,
+    pub(super) taken_up: Instant,
+    /// Seconds from the start until the last step.
+    pub(super) train_seconds: f64,
+    /// Samples evaluated and samples trained on, a second of training.
+    pub(super) samples_per_second: [f64; 2],
+    pub(super) live: Option<Live>,
+}
+
+impl Session<'_, '_> {
+    /// Share of the budget that is used, what is kept for the end left out.
+    pub(super) fn share_at(&self, step: u32, seconds: f64) -> f64 {
+        self.budget.share(step, seconds, self.reserve())
+    }
+
+    pub(super) fn reserve(&self) -> f64 {
+        let rays = self.trainer.progressed().rays.saturating_sub(self.started.rays).max(1);
+        let refining = self.trainer.held_out_rays() as f64 * self.seconds_here() / rays as f64;
+        let refining = if self.budget.seconds.is_some() { refining } else { 0.0 };
+        self.pace.reserve(self.times() * self.pixels[0], self.pixels[1]) + refining
+    }
+
+    /// How many times validation views are measured in the end: from the refined poses, too, where there are such.
+    pub(super) fn times(&self) -> u64 {
+        if self.trainer.held_out_rays() > 0 { 2 } else { 1 }
+    }
+
+    /// Seconds since the start, or since the run was taken up again; above 0.
+    pub(super) fn seconds_here(&self) -> f64 {
+        self.taken_up.elapsed().as_secs_f64().max(1e-9)
+    }
+}
