@@ -4,7 +4,7 @@ use super::{HostError, Image, Request};
 use crate::blob::{Blob, BlobError};
 use crate::camera::{Camera, SceneBox};
 use crate::matrix::Kernel;
-use crate::render::{CoarseOccupancy, Renderer};
+use crate::render::{CoarseOccupancy, Prepared, Renderer};
 use std::boxed::Box;
 use std::path::Path;
 use std::vec;
@@ -27,10 +27,7 @@ pub struct Scene {
     /// Checked once, and never changed.
     bytes: Box<[u8]>,
     kernel: Kernel,
-    /// The parameters of the network and of its proposal, and the grid's tables, unpacked for the kernel.
-    unpacked: [Box<[f32]>; 3],
-    /// The tables, where the file has them coded.
-    decoded: Box<[u8]>,
+    prepared: Prepared<Box<[f32]>, Box<[u8]>>,
     occupied: (Option<SceneBox>, CoarseOccupancy),
 }
 
@@ -66,12 +63,12 @@ impl Scene {
         let bytes = bytes.into();
         let kernel = if kernel.available() { kernel } else { Kernel::IN_PLACE };
         let blob = Blob::open_undecoded(&bytes)?;
-        let mut decoded = vec![0; blob.decoded_len()].into_boxed_slice();
-        blob.decode_tables(&mut decoded)?;
-        let mut unpacked = Renderer::unpacked_lengths(&blob, kernel).map(|count| vec![0.0; count]);
-        Renderer::unpack(&blob, kernel, &mut unpacked);
+        let Prepared { unpacked, decoded } = Prepared::measure(&blob, kernel);
+        let unpacked = unpacked.map(|count| vec![0.0; count].into());
+        let mut prepared = Prepared { unpacked, decoded: vec![0; decoded].into() };
+        prepared.unpack(&blob, kernel)?;
         let occupied = Renderer::occupied(&blob);
-        Ok(Self { occupied, kernel, unpacked: unpacked.map(Into::into), decoded, bytes })
+        Ok(Self { occupied, kernel, prepared, bytes })
     }
 
     /// What the file says.
@@ -82,8 +79,10 @@ impl Scene {
 
     /// The borrowed renderer of this scene, for callers with memory and threads of their own.
     pub fn renderer(&self) -> Renderer<'_> {
-        let unpacked = (self.unpacked.each_ref().map(|it| &**it), &*self.decoded);
-        Renderer::of_unpacked(self.blob(), self.kernel, unpacked, self.occupied.clone())
+        let Prepared { unpacked, decoded } = &self.prepared;
+        let prepared =
+            Prepared { unpacked: unpacked.each_ref().map(|values| &**values), decoded: &**decoded };
+        Renderer::of_prepared(self.blob(), self.kernel, prepared, self.occupied.clone())
             .unwrap_or_else(|| unreachable!("parameters fit the checked architecture"))
     }
 

@@ -1,6 +1,6 @@
 //! Dense layers whose f16 weights are read where they lie: microcontrollers, and scenes without memory of their own.
 
-use super::Gemm;
+use super::{Gemm, Init};
 use crate::memory::{at, tail, tail_mut};
 use crate::simd::{Isa, Lanes, Op};
 
@@ -9,20 +9,8 @@ use crate::simd::{Isa, Lanes, Op};
 ///
 /// # Panics
 /// With debug assertions, if a slice is shorter than sizes and strides say; without, what is not there is 0.
-pub fn gemm_f16(isa: Isa, g: Gemm, a: &[u8], b: &[f32], c: &mut [f32], init: HalfInit<'_>, relu: bool) {
+pub fn gemm_f16(isa: Isa, g: Gemm, a: &[u8], b: &[f32], c: &mut [f32], init: Init<'_, u8>, relu: bool) {
     isa.run_columns(g.n, Product { g, a, b, c, init, relu });
-}
-
-/// As [`super::Init`], with the bias as little-endian f16.
-#[derive(Clone, Copy, Debug)]
-pub enum HalfInit<'a> {
-    /// `bias[i]` in the whole row `i`; `[2 m]` bytes.
-    Bias(&'a [u8]),
-    /// 0.
-    #[cfg_attr(not(any(feature = "normals", feature = "train")), allow(dead_code, reason = "of gradients"))]
-    Zero,
-    /// What C holds.
-    Accumulate,
 }
 
 /// The `i`-th little-endian f16 of `bytes`.
@@ -60,7 +48,7 @@ struct Product<'a> {
     a: &'a [u8],
     b: &'a [f32],
     c: &'a mut [f32],
-    init: HalfInit<'a>,
+    init: Init<'a, u8>,
     relu: bool,
 }
 
@@ -75,9 +63,9 @@ impl Op for Product<'_> {
             for col in (0..g.n).step_by(V::COUNT) {
                 let to = tail_mut(to, col);
                 let mut sum = match self.init {
-                    HalfInit::Bias(bias) => V::splat(f16_at(bias, row)),
-                    HalfInit::Zero => V::splat(0.0),
-                    HalfInit::Accumulate => V::load(to),
+                    Init::Bias(bias) => V::splat(f16_at(bias, row)),
+                    Init::Zero => V::splat(0.0),
+                    Init::Accumulate => V::load(to),
                 };
                 for p in 0..g.k {
                     let weight = V::splat(widen(at(weights, p * g.a_col)));

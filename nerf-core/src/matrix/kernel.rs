@@ -25,6 +25,11 @@ impl Storage {
         matches!(self, Self::Bf16)
     }
 
+    /// Whether weights are read where they lie in the blob: as f16, or since this target has no [`VECTORS`].
+    pub(crate) const fn in_place(self) -> bool {
+        matches!(self, Self::F16) || !VECTORS
+    }
+
     /// Its name in reports and in [`Kernel`]'s.
     pub const fn name(self) -> &'static str {
         match self {

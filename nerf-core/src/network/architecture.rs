@@ -1,9 +1,11 @@
 //! What a network consists of, and where each layer's parameters lie.
 
 use crate::encoding::{
-    DirectionEncoding, HARMONICS_BUILT, MAX_HARMONICS_DEGREE, MAX_LEVELS, PositionEncoding,
+    DirectionEncoding, GridEncoding, HARMONICS_BUILT, MAX_HARMONICS_DEGREE, MAX_LEVELS, PositionEncoding,
     SinusoidalEncoding,
 };
+#[cfg(feature = "grid")]
+use crate::encoding::{MAX_GRID_RESOLUTION, MAX_GRID_VALUES, MAX_LOG2_ENTRIES};
 use serde::{Deserialize, Serialize};
 
 /// Most trunk layers.
@@ -132,7 +134,7 @@ impl Architecture {
         match &self.position {
             PositionEncoding::Sinusoidal(encoding) => check_levels("position", encoding)?,
             PositionEncoding::Grid(grid) => {
-                grid.check()?;
+                check_grid(grid)?;
                 if let Some(layer) = self.trunk.iter().position(|layer| layer.skip) {
                     return Err(E::SkipBesideGrid { layer });
                 }
@@ -277,6 +279,37 @@ fn check_width(field: &'static str, index: usize, width: u16) -> Result<(), Arch
         return Err(ArchitectureError::Width { field, index, found: width });
     }
     Ok(())
+}
+
+/// Checks every cap of a grid.
+#[cfg(feature = "grid")]
+pub(crate) fn check_grid(grid: &GridEncoding) -> Result<(), ArchitectureError> {
+    use ArchitectureError as E;
+    if !matches!(grid.features, 1 | 2 | 4) {
+        return Err(E::GridFeatures { found: grid.features });
+    }
+    if grid.log2_entries > MAX_LOG2_ENTRIES {
+        return Err(E::GridEntries { found: grid.log2_entries });
+    }
+    if grid.resolutions.is_empty() {
+        return Err(E::GridLevels);
+    }
+    for (level, resolution) in grid.resolutions.iter().enumerate() {
+        for (axis, &found) in resolution.iter().enumerate() {
+            let inside = axis < usize::from(grid.inputs);
+            if inside && !(1..=MAX_GRID_RESOLUTION).contains(&found) || !inside && found != 0 {
+                return Err(E::GridResolution { level, axis, found });
+            }
+        }
+    }
+    let found = grid.entries_of_any() * u64::from(grid.features);
+    if found > MAX_GRID_VALUES { Err(E::GridValues { found }) } else { Ok(()) }
+}
+
+/// No grid is there to be checked.
+#[cfg(not(feature = "grid"))]
+fn check_grid(grid: &GridEncoding) -> Result<(), ArchitectureError> {
+    match *grid {}
 }
 
 /// Whether fields are shaded once a ray in this build: their networks are meant to read a grid.

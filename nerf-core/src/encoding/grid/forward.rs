@@ -1,9 +1,9 @@
 //! The encoding of a block.
 
 use super::cell::{Cells, unit_positions};
-use super::{GridEncoding, GridLevel, GridTables, TableValues};
+use super::{GridEncoding, GridLevel, GridTables, TableValues, with_table};
 use crate::memory::{head, head_mut, put, tail_mut};
-use crate::simd::{F16Table, F32Table, Int8Table, Isa, Lanes, Op, Table, VECTORS};
+use crate::simd::{Isa, Lanes, Op, Table, VECTORS};
 
 /// Encodes a block of samples by a grid.
 ///
@@ -35,20 +35,9 @@ pub fn encode_grid_block(
     if !VECTORS {
         return encode_one_by_one(grid, tables, stride, x, out);
     }
-    match tables.values {
-        TableValues::F16(bytes) => {
-            let table = F16Table::new(bytes);
-            isa.run_columns(stride, Encode { grid, tables, table, stride, x, out });
-        }
-        TableValues::Int8 { values, scales } => {
-            let table = Int8Table::new(values, scales);
-            isa.run_columns(stride, Encode { grid, tables, table, stride, x, out });
-        }
-        TableValues::F32(values) => {
-            let table = F32Table::new(values);
-            isa.run_columns(stride, Encode { grid, tables, table, stride, x, out });
-        }
-    }
+    with_table!(tables.values, table => {
+        isa.run_columns(stride, Encode { grid, tables, table, stride, x, out });
+    });
 }
 
 /// The same, a sample and a level at a time: without vectors code is short before it is fast. As many features as the
@@ -65,13 +54,7 @@ fn encode_one_by_one(
         let unit = unit_positions::<f32>(tables, usize::from(grid.inputs), stride, x, column);
         for level in grid.levels() {
             let read = Read::<f32, 4>::of(&level, unit);
-            let values = match tables.values {
-                TableValues::F16(bytes) => read.interpolate(F16Table::new(bytes), &level, features),
-                TableValues::Int8 { values, scales } => {
-                    read.interpolate(Int8Table::new(values, scales), &level, features)
-                }
-                TableValues::F32(values) => read.interpolate(F32Table::new(values), &level, features),
-            };
+            let values = with_table!(tables.values, table => read.interpolate(table, &level, features));
             for (feature, value) in values.into_iter().enumerate().take(features) {
                 put(out, (level.index * features + feature) * stride + column, value);
             }
@@ -194,6 +177,7 @@ mod tests {
 
     use super::super::tests::grids;
     use super::*;
+    use crate::simd::F32Table;
     use crate::testing::noise;
     use std::vec::Vec;
 
