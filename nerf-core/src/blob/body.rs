@@ -1,11 +1,11 @@
 //! What a blob says, as plain data.
 
 use super::front::ParetoFront;
-use super::proposal::Proposal;
+use super::proposal::{Proposal, as_bytes};
 use crate::camera::{Contraction, SceneBox};
 use crate::network::Architecture;
 use glam::Vec3;
-use serde::{Deserialize, Serialize, Serializer};
+use serde::{Deserialize, Serialize};
 
 /// Most samples per ray a blob may ask for.
 pub const MAX_SAMPLES: u16 = 4096;
@@ -39,11 +39,6 @@ pub struct Body<'a> {
     /// The entries of the position's grid; present exactly if it is one.
     #[serde(borrow)]
     pub tables: Option<StoredTables<'a>>,
-}
-
-/// Serialises all bytes in one call, where serde would make one for each: the same form.
-pub(super) fn as_bytes<S: Serializer>(bytes: &&[u8], serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.serialize_bytes(bytes)
 }
 
 /// The entries of a grid as a file has them: level by level, entry by entry, feature by feature.
