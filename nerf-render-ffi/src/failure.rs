@@ -78,7 +78,7 @@ reasons! {
     #[cfg(feature = "instances")]
     Instance { index: usize, problem: Problem } => problem.status(), "instances[{index}]{problem}";
     #[cfg(feature = "instances")]
-    Placement { index: usize, error: nerf_core::camera::PlacementError } => Transform,
+    Placement { index: usize, error: nerf_core::space::PlacementError } => Transform,
         "instances[{index}].to_world: {error}";
     NoPlane => Target, "target: expected at least one plane, found none";
     TwoLimits => Target, "target: expected limit_ray_distance or limit_z_depth, found both";

@@ -9,9 +9,9 @@ use crate::scene::Scene;
 #[cfg(feature = "instances")]
 use crate::span::check_aligned;
 #[cfg(feature = "instances")]
-use nerf_core::camera::Placement;
-#[cfg(feature = "instances")]
 use nerf_core::plan::PlanError;
+#[cfg(feature = "instances")]
+use nerf_core::space::Placement;
 
 /// A scene that stands somewhere in the host's world.
 #[derive(Clone, Copy, Debug)]

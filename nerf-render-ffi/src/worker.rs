@@ -16,11 +16,11 @@ use crate::tile_pixels::TilePixels;
 use core::cell::UnsafeCell;
 use core::ffi::{c_char, c_void};
 use core::sync::atomic::{AtomicBool, Ordering};
-#[cfg(feature = "instances")]
-use nerf_core::camera::Placement;
 use nerf_core::memory::{Arena, Line, lines_for};
 use nerf_core::plan::{Batch, Outputs, Plan, PlanError};
 use nerf_core::render::{self, TILE_SIDE};
+#[cfg(feature = "instances")]
+use nerf_core::space::Placement;
 
 /// What a worker is opened for; what it points to is read by the call alone, but for the scenes.
 #[derive(Clone, Copy, Debug)]

@@ -2,8 +2,8 @@
 
 use super::front::ParetoFront;
 use super::proposal::{Proposal, as_bytes};
-use crate::camera::{Contraction, SceneBox};
 use crate::network::Architecture;
+use crate::space::{Contraction, SceneBox};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 

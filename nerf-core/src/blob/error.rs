@@ -1,9 +1,9 @@
 //! What can be wrong with a blob.
 
 use super::body::{MAX_PICTURE_SIDE, MAX_SAMPLES};
-use crate::camera::BoundsError;
 use crate::math::MathBackend;
 use crate::network::{ArchitectureError, Role};
+use crate::space::BoundsError;
 use core::fmt;
 
 /// Declares the parts of the body: each with its name, and what a value of it may be.

@@ -1,22 +1,12 @@
-//! From pixels to rays: intrinsics, lens and camera-to-world pose; where rays meet the scene.
+//! From pixels to rays: intrinsics, lens and camera-to-world pose.
 
-#[cfg(feature = "contraction")]
-mod contraction;
-#[cfg(not(feature = "contraction"))]
-#[path = "contraction_off.rs"]
-mod contraction;
 mod lens;
 mod pinhole;
-#[cfg(feature = "instances")]
-mod placement;
 mod ray;
 
-pub use contraction::Contraction;
 pub use lens::{Lens, Projection};
 pub(crate) use pinhole::PinholeRays;
-#[cfg(feature = "instances")]
-pub use placement::{Placement, PlacementError};
-pub use ray::{BoundsError, Ray, SceneBox, is_unit};
+pub use ray::{Ray, is_unit};
 
 use glam::{Mat3, Vec2, Vec3};
 

@@ -1,8 +1,8 @@
 //! In the place of `grid` where the feature is off: there is no grid, and no code that encodes by one.
 
 use super::TableValues;
-use crate::camera::SceneBox;
 use crate::simd::Isa;
+use crate::space::SceneBox;
 use core::marker::PhantomData;
 use serde::{Deserialize, Serialize};
 

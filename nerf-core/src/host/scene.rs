@@ -2,9 +2,10 @@
 
 use super::{HostError, Image, Request};
 use crate::blob::{Blob, BlobError};
-use crate::camera::{Camera, SceneBox};
+use crate::camera::Camera;
 use crate::matrix::Kernel;
 use crate::render::{CoarseOccupancy, Prepared, Renderer};
+use crate::space::SceneBox;
 use std::boxed::Box;
 use std::path::Path;
 use std::vec;

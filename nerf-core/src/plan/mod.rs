@@ -1,10 +1,11 @@
 //! What a frame consists of: what the scene holds, met with what the caller asks for.
 
 use crate::blob::{Blob, MAX_SAMPLES, SceneFacts, SceneSampling, steps};
-use crate::camera::{BoundsError, Contraction, Ray, SceneBox};
+use crate::camera::Ray;
 use crate::math::MathBackend;
 use crate::sampling::{Bins, OccupancyGrid, SampleJitter};
 use crate::simd::BLOCK;
+use crate::space::{BoundsError, Contraction, SceneBox};
 use glam::Vec3;
 
 mod effects;

@@ -64,7 +64,7 @@ pub use segment::{Limit, RaySegment};
 pub use worker::{TILE_SIDE, Worker};
 
 use crate::blob::Blob;
-use crate::camera::{Camera, SceneBox};
+use crate::camera::Camera;
 #[cfg(feature = "train")]
 use crate::encoding::GridTables;
 use crate::matrix::Kernel;
@@ -75,6 +75,7 @@ use crate::network::Network;
 #[cfg(feature = "train")]
 use crate::network::Weights;
 use crate::plan::Plan;
+use crate::space::SceneBox;
 pub(crate) use coarse::CoarseOccupancy;
 use frame::Frame;
 pub(crate) use prepared::Prepared;

@@ -25,8 +25,8 @@ pub use forward::encode_grid_block;
 pub use level::{GridLevel, GridLevels};
 
 use super::TableValues;
-use crate::camera::SceneBox;
 use crate::simd::Isa;
+use crate::space::SceneBox;
 use serde::{Deserialize, Serialize};
 
 /// Most levels of a grid.

@@ -29,8 +29,9 @@ use crate::system::memory::TooLarge;
 use crate::system::output::OutputError;
 use crate::system::summary::Short;
 use glam::Vec3;
-use nerf_core::camera::{CameraError, SceneBox};
+use nerf_core::camera::CameraError;
 use nerf_core::render::RenderError;
+use nerf_core::space::SceneBox;
 use serde::Serialize;
 use std::path::Path;
 

@@ -1,6 +1,6 @@
 //! Where a field stands in a host's world.
 
-use super::Ray;
+use crate::camera::Ray;
 use glam::{Mat3, Vec3};
 
 /// What columns of a rotation may be off by, of their length.

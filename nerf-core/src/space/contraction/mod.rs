@@ -1,6 +1,7 @@
 //! Unbounded space, contracted into a box: what is far away gets fewer of the field's cells and longer steps.
 
-use crate::camera::{Ray, SceneBox};
+use super::scene_box::SceneBox;
+use crate::camera::Ray;
 use crate::simd::Lanes;
 use glam::Vec3;
 
