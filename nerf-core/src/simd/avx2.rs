@@ -2,9 +2,9 @@
 
 use super::Op;
 use super::gather::{Quads, address, last_word, weighted_rows};
-use crate::simd::lanes::SQRT_HALF_BITS;
+use crate::simd::lanes::{Indices, SQRT_HALF_BITS, bits_by_lane};
 use crate::simd::portable::Portable;
-use crate::simd::table::{Format, Indices, Table, bits_by_lane};
+use crate::simd::table::{Format, Table};
 use crate::simd::{Lanes, MAX_LANES};
 use core::arch::x86_64::*;
 

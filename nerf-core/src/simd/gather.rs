@@ -1,7 +1,8 @@
 //! Interpolation over a table by vectors that read four neighbouring values at once: written once over [`Quads`].
 
-use crate::simd::Lanes;
-use crate::simd::table::{Indices, Table, weighted_rows_by_lane};
+use crate::simd::lanes::weighted_rows_by_lane;
+use crate::simd::table::Table;
+use crate::simd::{Indices, Lanes};
 
 /// The primitives of [`weighted_rows`]. A vector is groups of four lanes; while rows are summed, a group holds the four
 /// values of one of its lanes.

@@ -1,8 +1,7 @@
 //! Which instruction sets this machine has, and the one place where one becomes a function.
 
-use super::Op;
-use super::lanes::MAX_LANES;
 use super::portable::Portable;
+use super::{MAX_LANES, Op};
 
 /// Which instructions the inner loops use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -47,12 +47,14 @@ mod tests;
 
 pub use isa::{Isa, VECTORS};
 pub(crate) use lanes::LANES;
-pub use lanes::{Lanes, MAX_LANES};
+pub use lanes::{Indices, Lanes};
 #[cfg(feature = "train")]
 pub use prefetch::prefetch;
-pub use table::Indices;
 #[cfg(any(feature = "grid", feature = "train"))]
 pub use table::{F16Table, F32Table, Int8Table, Table};
+
+/// The widest vector of any instruction set.
+pub const MAX_LANES: usize = 16;
 
 /// Samples that go through the network together, with every instruction set.
 pub const BLOCK: usize = 64;

@@ -2,8 +2,8 @@
 
 use super::Op;
 use super::gather::{Quads, address, weighted_rows};
-use crate::simd::lanes::SQRT_HALF_BITS;
-use crate::simd::table::{Format, Indices, Table};
+use crate::simd::lanes::{Indices, SQRT_HALF_BITS};
+use crate::simd::table::{Format, Table};
 use crate::simd::{Lanes, MAX_LANES};
 use core::arch::aarch64::*;
 use core::arch::asm;

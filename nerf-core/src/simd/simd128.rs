@@ -6,8 +6,8 @@
 
 use super::Op;
 use super::gather::{Quads, address, weighted_rows};
-use crate::simd::lanes::SQRT_HALF_BITS;
-use crate::simd::table::{Format, Indices, Table};
+use crate::simd::lanes::{Indices, SQRT_HALF_BITS};
+use crate::simd::table::{Format, Table};
 use crate::simd::{Lanes, MAX_LANES};
 use core::arch::wasm32::*;
 
