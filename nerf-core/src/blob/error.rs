@@ -1,6 +1,7 @@
 //! What can be wrong with a blob.
 
 use super::body::{MAX_PICTURE_SIDE, MAX_SAMPLES};
+use crate::errors::errors;
 use crate::math::MathBackend;
 use crate::network::{ArchitectureError, Role};
 use crate::space::BoundsError;
@@ -57,31 +58,6 @@ sections! {
     Weights: "weights", "a value in its range";
     Tables: "tables", "tables exactly where the position is a grid";
     TableScales: "tables.scales", "a value in its range";
-}
-
-/// Declares an error: each of its variants with the sentence it says.
-macro_rules! errors {
-    ($(#[$about:meta])* $error:ident: $(
-        $(#[$doc:meta])* $name:ident $(($at:ident: $of:ty))? $({$($(#[$of_field:meta])* $field:ident: $type:ty,)+})?
-            => $sentence:literal $(, $word:ident = $value:expr)*;
-    )+) => {
-        $(#[$about])*
-        #[derive(Clone, Copy, Debug, PartialEq)]
-        #[non_exhaustive]
-        pub enum $error {
-            $($(#[$doc])* $name $(($of))? $({$($(#[$of_field])* $field: $type),+})?,)+
-        }
-
-        impl fmt::Display for $error {
-            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                match self {
-                    $(Self::$name $(($at))? $({$($field),+})? => write!(f, $sentence $(, $word = $value)*),)+
-                }
-            }
-        }
-
-        impl core::error::Error for $error {}
-    };
 }
 
 errors! {

@@ -1,6 +1,7 @@
 //! The scene box, and its overlap with a ray.
 
 use crate::camera::Ray;
+use crate::errors::errors;
 use crate::simd::Lanes;
 use glam::Vec3;
 
@@ -92,37 +93,23 @@ impl SceneBox {
     }
 }
 
-/// Bounds that hold no scene.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[non_exhaustive]
-pub enum BoundsError {
+errors! {
+    /// Bounds that hold no scene.
+    BoundsError:
     /// The scene box is empty, inverted or not finite.
     Box {
         /// The smallest corner that was given.
         min: [f32; 3],
         /// The largest corner that was given.
         max: [f32; 3],
-    },
+    } =>
+        "scene box: expected finite min < max on every axis, found {min:?} .. {max:?}";
     /// `0 <= near < far < inf` does not hold.
     Range {
         /// The near distance that was given.
         near: f32,
         /// The far distance that was given.
         far: f32,
-    },
+    } =>
+        "near/far: expected 0 <= near < far, both finite, found near {near}, far {far}";
 }
-
-impl core::fmt::Display for BoundsError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Box { min, max } => {
-                write!(f, "scene box: expected finite min < max on every axis, found {min:?} .. {max:?}")
-            }
-            Self::Range { near, far } => {
-                write!(f, "near/far: expected 0 <= near < far, both finite, found near {near}, far {far}")
-            }
-        }
-    }
-}
-
-impl core::error::Error for BoundsError {}
