@@ -179,7 +179,7 @@ fn check_occupancy(occupancy: &StoredOccupancy<'_>) -> Result<(), BlobError> {
     Ok(())
 }
 
-/// As the scene's own network, but for the heads it has not.
+/// Checks the proposal as the scene's own network, but for the heads it has not.
 fn check_proposal(proposal: &Proposal<'_>, scene: &SceneFacts) -> Result<(), BlobError> {
     let architecture = proposal.architecture();
     architecture.check().map_err(BlobError::ProposalArchitecture)?;

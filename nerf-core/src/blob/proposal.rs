@@ -25,7 +25,7 @@ pub struct Proposal<'a> {
 }
 
 impl Proposal<'_> {
-    /// Its shape as that of a scene's network; the rgb head that every one of those has is not in
+    /// The shape as that of a scene's network; the rgb head that every one of those has is not in
     /// [`Proposal::weights`], which end after [`Architecture::density_parameters`].
     pub fn architecture(&self) -> Architecture {
         Architecture {

@@ -53,7 +53,7 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// From the upper three rows of a row-major camera-to-world matrix.
+    /// The pose of the upper three rows of a row-major camera-to-world matrix.
     pub fn from_rows(c2w: [[f32; 4]; 3]) -> Self {
         let column = |j: usize| Vec3::new(c2w[0][j], c2w[1][j], c2w[2][j]);
         Self { rotation: Mat3::from_cols(column(0), column(1), column(2)), position: column(3) }
@@ -279,8 +279,8 @@ impl Camera {
         ray.dir.is_normalized().then_some(ray)
     }
 
-    /// Where a point of the world is seen, in pixels, within the image or beyond; `None` where it is at the camera or, but
-    /// for fisheyes, behind it.
+    /// The image point where a point of the world is seen, in pixels, within the image or beyond; `None` where it is at the
+    /// camera or, but for fisheyes, behind it.
     pub fn project(&self, point: Vec3) -> Option<(f32, f32)> {
         let local = self.pose.rotation.transpose() * (point - self.pose.position);
         if local == Vec3::ZERO {
@@ -310,7 +310,7 @@ impl Camera {
         Self { intrinsics, ..*self }
     }
 
-    /// How much `z_depth` one unit of `ray_distance` is along `ray`: the cosine to the view axis.
+    /// The `z_depth` of one unit of `ray_distance` along `ray`: the cosine to the view axis.
     pub fn z_per_distance(&self, ray: &Ray) -> f32 {
         ray.dir.dot(self.pose.forward())
     }
@@ -349,16 +349,16 @@ errors! {
     PoseNotRotation {
         /// Largest entry of |RᵀR − I|.
         off: f32,
-        /// Its determinant: 1 for a rotation, −1 for a reflection, 0 if singular.
+        /// The determinant: 1 for a rotation, −1 for a reflection, 0 if singular.
         determinant: f32,
     } =>
         "camera-to-world pose: expected a rotation (|RtR - I| <= 1e-3, determinant 1), \
          found |RtR - I| = {off}, determinant {determinant}";
     /// An image point is so far off the axis that its direction leaves f32.
     FieldOfView {
-        /// Where, pixels from the left.
+        /// The image point, pixels from the left.
         x: f32,
-        /// Where, pixels from the top.
+        /// The image point, pixels from the top.
         y: f32,
     } =>
         "intrinsics: expected image points within {MAX_NORMALISED} focal lengths of the principal \
@@ -379,9 +379,9 @@ errors! {
     } => "lens {name}: expected 0 in a fisheye, found {value}";
     /// The lens model has no inverse at an image point, or turns back on the way to it from the axis.
     LensNotInvertible {
-        /// Where, pixels from the left.
+        /// The image point, pixels from the left.
         x: f32,
-        /// Where, pixels from the top.
+        /// The image point, pixels from the top.
         y: f32,
     } =>
         "lens: expected a distortion that does not turn back up to pixel ({x}, {y}) of the image";

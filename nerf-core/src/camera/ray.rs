@@ -19,10 +19,10 @@ impl Ray {
     }
 }
 
-/// How far the square of a unit vector's length may be off 1: sloppy roots pass, what is no direction does not.
+/// Largest error of the square of a unit vector's length: sloppy roots pass, what is no direction does not.
 const NEARLY_UNIT: f32 = 1e-3;
 
-/// Whether `dir` may stand for a direction: its squared length is 1 within 1e-3.
+/// Whether `dir` is a direction: its squared length is 1 within 1e-3.
 pub fn is_unit(dir: Vec3) -> bool {
     (dir.length_squared() - 1.0).abs() <= NEARLY_UNIT
 }

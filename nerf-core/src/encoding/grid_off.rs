@@ -38,7 +38,7 @@ impl GridEncoding {
 pub struct GridTables<'a>(PhantomData<&'a ()>);
 
 impl<'a> GridTables<'a> {
-    /// What a network without a grid has.
+    /// The tables of a network without a grid.
     pub const NONE: Self = Self(PhantomData);
 
     /// Nothing.

@@ -41,7 +41,7 @@ pub use {grid::GridTables, sinusoidal::encode_block};
 
 use serde::{Deserialize, Serialize};
 
-/// How a position becomes the inputs of the first layer.
+/// The encoding of a position: the inputs of the first layer.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "there is one for each network, and no heap to put it on")]
 pub enum PositionEncoding {
@@ -91,7 +91,7 @@ impl From<SinusoidalEncoding> for PositionEncoding {
     }
 }
 
-/// How a viewing direction becomes inputs of the colour branch.
+/// The encoding of a viewing direction: inputs of the colour branch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DirectionEncoding {
     /// Sines and cosines.
@@ -127,7 +127,7 @@ impl From<SinusoidalEncoding> for DirectionEncoding {
     }
 }
 
-/// Where the values of a grid's tables lie.
+/// The values of a grid's tables, where they lie.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub enum TableValues<'a> {

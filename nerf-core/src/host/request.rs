@@ -1,4 +1,4 @@
-//! What is asked of a scene.
+//! A request of a scene.
 
 use super::{HostError, Image, Scene, threads};
 use crate::blob::Blob;
@@ -10,7 +10,7 @@ use glam::Vec3;
 use std::num::NonZeroUsize;
 use std::vec::Vec;
 
-/// What is asked of a scene; each setting replaces its default.
+/// A request of a scene; each setting replaces its default.
 #[derive(Clone, Debug)]
 #[must_use = "ask for something: render, render_rays, render_picture"]
 pub struct Request<'s> {
@@ -38,25 +38,25 @@ impl<'s> Request<'s> {
         }
     }
 
-    /// What a pixel is asked for; by default [`Outputs::ALL`].
+    /// The outputs of a pixel; by default [`Outputs::ALL`].
     pub fn outputs(mut self, outputs: Outputs) -> Self {
         self.outputs = outputs;
         self
     }
 
-    /// Which shortcuts are taken.
+    /// The shortcuts of a frame.
     pub fn quality(mut self, quality: Quality) -> Self {
         self.quality = quality;
         self
     }
 
-    /// What a frame does beyond one ray through each pixel's centre; by default nothing.
+    /// The effects of a frame, beyond one ray through each pixel's centre; by default none.
     pub fn effects(mut self, effects: Effects) -> Self {
         self.effects = effects;
         self
     }
 
-    /// What shows where opacity is below 1, display-encoded; by default the scene's.
+    /// The background, which shows where opacity is below 1, display-encoded; by default the scene's.
     pub fn background(mut self, background: [f32; 3]) -> Self {
         self.background = Some(background);
         self
@@ -74,7 +74,7 @@ impl<'s> Request<'s> {
         self
     }
 
-    /// How many threads share a call; by default as many as there are cores. Pixels do not depend on it.
+    /// The number of threads that share a call; by default as many as there are cores. Pixels do not depend on it.
     pub fn threads(mut self, threads: NonZeroUsize) -> Self {
         self.threads = threads;
         self
@@ -116,7 +116,7 @@ impl<'s> Request<'s> {
         self.render_rays_along(rays, None)
     }
 
-    /// The same with a `z_depth` along `axis`, of unit length.
+    /// [`Request::render_rays`] with a `z_depth` along `axis`, of unit length.
     ///
     /// # Errors
     /// As [`Request::render_rays`].

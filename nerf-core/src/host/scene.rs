@@ -48,7 +48,7 @@ impl Scene {
         Self::from_bytes(bytes).map_err(|source| HostError::Open { path: path.into(), source })
     }
 
-    /// The same of bytes.
+    /// Opens a file's bytes, for this machine's fastest instructions that compute in f32.
     ///
     /// # Errors
     /// [`BlobError`] says what was expected and found.
@@ -56,7 +56,7 @@ impl Scene {
         Self::for_kernel(bytes, Kernel::detect())
     }
 
-    /// The same for other instructions; on a machine without them, plain f32.
+    /// Opens a file's bytes for other instructions; on a machine without them, plain f32.
     ///
     /// # Errors
     /// As [`Scene::from_bytes`].
@@ -72,7 +72,7 @@ impl Scene {
         Ok(Self { occupied, kernel, prepared, bytes })
     }
 
-    /// What the file says.
+    /// The file's content.
     pub fn blob(&self) -> Blob<'_> {
         // `for_kernel` has checked the same bytes.
         Blob::decode(&self.bytes).unwrap_or_else(|_| unreachable!("checked bytes decode"))
@@ -95,7 +95,7 @@ impl Scene {
         self.request().render(camera)
     }
 
-    /// What else may be asked for, to begin with as [`Scene::render`] has it.
+    /// A request of this scene, with the defaults of [`Scene::render`].
     pub fn request(&self) -> Request<'_> {
         Request::new(self)
     }

@@ -23,7 +23,7 @@ impl Math for Micromath {
     fn expm1<V: Lanes>(x: V) -> V {
         Polynomial::expm1(x)
     }
-    /// From `expm1`: with the crate's own rough `exp` the weights of a ray would add up to more than 1.
+    /// `exp` by `expm1`: with the crate's own rough one the weights of a ray would add up to more than 1.
     #[inline(always)]
     fn decay<V: Lanes>(x: V) -> V {
         V::splat(1.0).add(Self::expm1(x.neg()))

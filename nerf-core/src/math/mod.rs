@@ -5,7 +5,8 @@
 //! | --- | --- | --- | --- | --- |
 //! | [`MathBackend::Polynomial`] | own f32 polynomials | own | own | own |
 //! | [`MathBackend::Libm`] | `libm` after exact reduction | `libm` | `libm` | `libm` |
-//! | [`MathBackend::Micromath`] | `micromath` after exact reduction | `micromath` | own (it has none); so transmittance too | own |
+//! | [`MathBackend::Micromath`] | `micromath` after exact reduction | `micromath` | own (it has none); so transmittance too
+//! | own |
 //! | [`MathBackend::Recurrence`] | own at level 0, then angle doubling | own | own | own |
 
 #[cfg(feature = "train")]

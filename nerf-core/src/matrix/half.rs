@@ -5,7 +5,8 @@ use crate::memory::{at, tail, tail_mut};
 use crate::simd::{Isa, Lanes, Op};
 
 /// As [`super::gemm`], with A as little-endian f16 at any alignment, and any
-/// number of columns: where they are no multiple of [`Isa::columns`], with portable instructions one by one. `c_row` is at least `n`.
+/// number of columns: where they are no multiple of [`Isa::columns`], with portable instructions one by one. `c_row` is at
+/// least `n`.
 ///
 /// # Panics
 /// With debug assertions, if a slice is shorter than sizes and strides say; without, what is not there is 0.
@@ -23,11 +24,11 @@ pub fn f16_at(bytes: &[u8], i: usize) -> f32 {
 
 /// A little-endian f16.
 ///
-/// What `half` does where no instruction converts, but for the order of its questions: weights are normal
+/// The conversion of `half` where no instruction converts, but for the order of its questions: weights are normal
 /// numbers, and there is one of them for every multiplication.
 #[inline(always)]
 fn widen(bytes: [u8; 2]) -> f32 {
-    /// What the exponents' biases differ by, in place.
+    /// The difference of the exponents' biases, in place.
     const BIAS: u32 = (127 - 15) << 23;
     let bits = u32::from(u16::from_le_bytes(bytes));
     let (sign, magnitude) = ((bits & 0x8000) << 16, bits & 0x7fff);

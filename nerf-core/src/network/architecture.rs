@@ -1,4 +1,4 @@
-//! What a network consists of, and where each layer's parameters lie.
+//! The shape of a network, and the place of each layer's parameters.
 
 use crate::encoding::{
     DirectionEncoding, GridEncoding, HARMONICS_BUILT, MAX_HARMONICS_DEGREE, MAX_LEVELS, PositionEncoding,
@@ -27,7 +27,7 @@ pub struct TrunkLayer {
     pub skip: bool,
 }
 
-/// From the density head's raw output to sigma, per world unit.
+/// The activation from the density head's raw output to sigma, per world unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DensityActivation {
     /// `max(0, raw)`.
@@ -42,7 +42,7 @@ pub enum DensityActivation {
 /// dense is opaque within 1e-7 world units.
 pub const EXPONENTIAL_LIMIT: f32 = 20.0;
 
-/// Where a field's colour is worked out.
+/// The number of times that a field's colour is worked out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Shading {
     /// At every sample that counts: the colour branch takes the sample's `h`, and colours are composited.
@@ -74,11 +74,11 @@ pub struct Architecture {
     pub density: Option<DensityActivation>,
     /// Widths of the colour branch's hidden dense+ReLU layers; the first takes `[h, PE(d)]`.
     pub colour: heapless::Vec<u16, MAX_COLOUR>,
-    /// Where colour is worked out.
+    /// Shading: once a sample, or once a ray.
     pub shading: Shading,
 }
 
-/// What a layer is for.
+/// The role of a layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
     /// Trunk layer of this index.
@@ -94,7 +94,7 @@ pub enum Role {
 /// One dense layer: `y = W [main, extra] + b`, `W` row-major `[outputs][main + extra]`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layer {
-    /// What it is for.
+    /// The layer's role.
     pub role: Role,
     /// Inputs taken from the layer before (or from `PE(x)` in the first).
     pub main: usize,
@@ -240,7 +240,7 @@ impl Architecture {
 
     /// Multiply-adds of one gradient of the raw density: the trunk forward, and back.
     ///
-    /// The density head costs none: its row of weights is where the way back begins.
+    /// The density head costs none: its row of weights is where the backward pass begins.
     pub fn gradient_macs(&self) -> usize {
         let of_trunk = |layer: &&Layer| matches!(layer.role, Role::Trunk(_));
         2 * self.layers().iter().filter(of_trunk).map(Layer::macs).sum::<usize>()
@@ -307,7 +307,7 @@ pub(crate) fn check_grid(grid: &GridEncoding) -> Result<(), ArchitectureError> {
     if found > MAX_GRID_VALUES { Err(E::GridValues { found }) } else { Ok(()) }
 }
 
-/// No grid is there to be checked.
+/// Nothing: this build has no grid to check.
 #[cfg(not(feature = "grid"))]
 fn check_grid(grid: &GridEncoding) -> Result<(), ArchitectureError> {
     match *grid {}
@@ -353,9 +353,9 @@ errors! {
     /// A grid with no cells along an axis, with more than
     /// [`MAX_GRID_RESOLUTION`](crate::encoding::MAX_GRID_RESOLUTION), or with some along an axis it has not.
     GridResolution {
-        /// Which level.
+        /// Index of the level.
         level: usize,
-        /// Which axis.
+        /// Index of the axis.
         axis: usize,
         /// The cells that were given.
         found: u16,
@@ -370,7 +370,7 @@ errors! {
         "position grid: expected tables of at most 2^27 values together, found {found}";
     /// A skip layer behind a grid: PE(x) is appended to a later layer of sinusoidal networks alone.
     SkipBesideGrid {
-        /// Which trunk layer.
+        /// Index of the trunk layer.
         layer: usize,
     } =>
         "trunk layer {layer}: expected no skip beside a position grid, found one";
@@ -400,7 +400,7 @@ errors! {
     Width {
         /// `trunk` or `colour`.
         field: &'static str,
-        /// Which layer.
+        /// Index of the layer.
         index: usize,
         /// The width that was given.
         found: u16,

@@ -26,7 +26,7 @@ const SIGNS: usize = 16;
 /// Memory for one block's backward pass, beside its [`Scratch`].
 #[derive(Debug)]
 pub struct GradientScratch<'w> {
-    /// Which units were on, a bit each: [`Network::sign_words`].
+    /// A bit for each unit, whether it was on: [`Network::sign_words`].
     pub signs: &'w mut [u16],
     /// ∂raw/∂PE(x): `[gradient_rows][stride]`.
     pub encoded: &'w mut [f32],
@@ -111,7 +111,7 @@ impl Network<'_> {
         self.gradient_of_position(scratch, memory, positions, blur, gradient);
     }
 
-    /// From ∂raw/∂PE(x) to ∂raw/∂x; of a sinusoidal encoding `scratch` holds what was encoded.
+    /// ∂raw/∂x from ∂raw/∂PE(x); of a sinusoidal encoding `scratch` holds what was encoded.
     fn gradient_of_position(
         &self,
         scratch: &Scratch<'_>,

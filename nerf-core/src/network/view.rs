@@ -50,7 +50,7 @@ impl<'a> Network<'a> {
         Self::with_grid(architecture, weights, GridTables::NONE, isa)
     }
 
-    /// As [`Network::new`], with the tables of the architecture's grid; `None` if they are too short, too.
+    /// [`Network::new`] with the tables of the architecture's grid; `None` if they are too short, too.
     ///
     /// Without a grid they are not used.
     pub fn with_grid(
@@ -62,7 +62,7 @@ impl<'a> Network<'a> {
         Self::of_layers(architecture, architecture.layers(), weights, tables, isa)
     }
 
-    /// The same without the colour branch, over the parameters of trunk and density head
+    /// A network without the colour branch, over the parameters of trunk and density head
     /// ([`Architecture::density_parameters`]); [`Network::colour`] must not be called.
     #[cfg(feature = "proposal")]
     pub(crate) fn of_density(architecture: &Architecture, weights: Weights<'a>, isa: Isa) -> Option<Self> {
@@ -93,12 +93,12 @@ impl<'a> Network<'a> {
         (have >= needed).then(|| Self { architecture: architecture.clone(), layers, weights, tables, isa })
     }
 
-    /// Its shape.
+    /// The network's shape.
     pub fn architecture(&self) -> &Architecture {
         &self.architecture
     }
 
-    /// What it runs with.
+    /// The kernel that the network runs with.
     pub fn kernel(&self) -> Kernel {
         let storage = match self.weights() {
             Weights::InPlace(_) => Storage::F16,
@@ -112,7 +112,7 @@ impl<'a> Network<'a> {
         self.isa
     }
 
-    /// Where its parameters lie; says so in a way that leaves a build without [`VECTORS`] but one answer.
+    /// The parameters, in a way that leaves a build without [`VECTORS`] but one answer.
     #[inline(always)]
     pub(super) fn weights(&self) -> Weights<'a> {
         match self.weights {
@@ -128,7 +128,7 @@ impl<'a> Network<'a> {
         VECTORS && (self.isa != Isa::Portable || !matches!(self.weights, Weights::InPlace(_)))
     }
 
-    /// What the columns of a block are a multiple of, where it takes [whole ones](Network::whole_blocks).
+    /// The number that a block's columns are a multiple of, where it takes [whole ones](Network::whole_blocks).
     pub fn columns(&self) -> usize {
         if let Weights::Paired(_) = self.weights() { MAX_LANES } else { self.isa.columns() }
     }
@@ -188,7 +188,7 @@ impl<'a> Network<'a> {
         self.trunk_with(math, scratch, positions, |_, _| {});
     }
 
-    /// As [`Network::trunk`]; `each` sees every layer with its outputs.
+    /// [`Network::trunk`], of which `each` sees every layer with its outputs.
     #[inline]
     pub(super) fn trunk_with(
         &self,
@@ -285,8 +285,8 @@ impl<'a> Network<'a> {
         with_math!(math, M => self.isa.run_columns(stride, Sigmoid::<M> { values, math: PhantomData }));
     }
 
-    /// [`Network::direction`] and [`Network::colour`] of a block's first sample alone, with the same bits: vectors are a layer's
-    /// outputs. `false`, and nothing is done, where weights do not lie that way.
+    /// [`Network::direction`] and [`Network::colour`] of a block's first sample alone, with the same bits: vectors are a
+    /// layer's outputs. `false`, and nothing is done, where weights do not lie that way.
     ///
     /// `dirs`: `[3][stride]`; `rgb`: `[3][stride]`, of which the other columns are left without a meaning.
     pub(crate) fn colour_of_one(
@@ -415,7 +415,7 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// As [`Network::dense`], with pairs of bf16.
+    /// [`Network::dense`] with pairs of bf16.
     #[allow(clippy::too_many_arguments, reason = "as the method it is half of")]
     fn dense_paired(
         &self,

@@ -3,7 +3,7 @@
 use super::architecture::{Architecture, Layer, Role, Shading};
 use crate::matrix::{Storage, f16_at, pair};
 
-/// Where the parameters lie.
+/// The parameters of a network, where they lie.
 #[derive(Clone, Copy, Debug)]
 pub enum Weights<'a> {
     /// Little-endian f16, read in place: no memory but the activations.

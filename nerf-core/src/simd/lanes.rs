@@ -71,7 +71,7 @@ pub trait Lanes: Copy + sealed::Sealed {
     const TILE_COLS: usize;
     /// The result of a comparison.
     type Mask: Copy;
-    /// As many `u32`.
+    /// A `u32` for each lane.
     type Indices: Indices;
 
     /// `x` in every lane.
@@ -116,9 +116,9 @@ pub trait Lanes: Copy + sealed::Sealed {
     fn exp2_integer(self) -> Self;
     /// Splits a positive normal number into `(m, e)` with `self = m 2^e`, `m` in `[√½, √2)`.
     fn split_exponent(self) -> (Self, Self);
-    /// Where `self == b`.
+    /// The lanes where `self == b`.
     fn equals(self, b: Self) -> Self::Mask;
-    /// Where `self < b`.
+    /// The lanes where `self < b`.
     fn less(self, b: Self) -> Self::Mask;
     /// `a` where the mask holds, else `b`.
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
@@ -220,7 +220,7 @@ pub(crate) const LANES: [f32; MAX_LANES] =
     [0., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10., 11., 12., 13., 14., 15.];
 
 pub(super) mod sealed {
-    /// What [`super::Lanes`] is for alone.
+    /// Keeps [`super::Lanes`] to the types of this room.
     pub trait Sealed {}
 }
 

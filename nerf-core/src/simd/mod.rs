@@ -61,7 +61,7 @@ pub const BLOCK: usize = 64;
 
 /// A loop that can be compiled for every instruction set.
 pub trait Op {
-    /// What it returns.
+    /// The loop's result.
     type Output;
     /// The loop; must be `#[inline(always)]`, or it loses the leaf's instructions.
     fn run<V: Lanes>(self) -> Self::Output;

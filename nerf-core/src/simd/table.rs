@@ -9,7 +9,7 @@ mod sealed {
     impl Sealed for super::Int8Table<'_> {}
 }
 
-/// How a table's values lie in memory.
+/// The format of a table's values in memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// Two bytes, little-endian.
@@ -35,18 +35,18 @@ impl Format {
 /// Values that are read by index. Sealed: kernels read as many values as a table says it has.
 #[allow(clippy::len_without_is_empty, reason = "who reads by index asks for the length alone")]
 pub trait Table: Copy + sealed::Sealed {
-    /// What a value is.
+    /// The format of a value.
     const FORMAT: Format;
 
     /// `count` values from `first` on; fewer where there are fewer.
     fn part(self, first: usize, count: usize) -> Self;
     /// Number of values.
     fn len(self) -> usize;
-    /// Where the values begin: `len()` of them, at any alignment.
+    /// The address of the first of `len()` values, at any alignment.
     fn start(self) -> *const u8;
     /// Value `at + plus` of each of the first `lanes`; 0 where there is none.
     fn read(self, at: &[u32; MAX_LANES], plus: usize, lanes: usize) -> [f32; MAX_LANES];
-    /// What the values of a level count; asked of a whole table, not of a part.
+    /// The factor of a level's values; asked of a whole table, not of a part.
     #[inline(always)]
     fn scale(self, _level: usize) -> f32 {
         1.0
@@ -183,7 +183,7 @@ impl Table for Int8Table<'_> {
 #[inline(always)]
 pub fn widen_finite(bits: u16) -> f32 {
     let (sign, magnitude) = (u32::from(bits & 0x8000) << 16, u32::from(bits & 0x7fff));
-    // What the exponents' biases differ by, in place.
+    // The difference of the exponents' biases, in place.
     let normal = (magnitude << 13) + ((127 - 15) << 23);
     // No leading 1: a multiple of 2^-24.
     let subnormal = (magnitude as f32 * (1.0 / 16_777_216.0)).to_bits();

@@ -7,20 +7,20 @@ use crate::simd::{Isa, Lanes, Op, Table, VECTORS};
 
 /// Encodes a block of samples by a grid.
 ///
-/// `x`: `[inputs][stride]`, in the box of the `tables`; `out`: `[levels · features][stride]`. `stride` is a
-/// multiple of [`Isa::columns`], or any number with portable instructions. A position outside of the box is moved onto it, and one
-/// that is no number to its smallest corner.
+/// `x`: `[inputs][stride]`, in the box of the `tables`; `out`: `[levels · features][stride]`. `stride` is a multiple of
+/// [`Isa::columns`], or any number with portable instructions. A position outside of the box is moved onto it, and one that
+/// is no number to its smallest corner.
 ///
 /// A sample's values do not depend on the others of its block. f16 and f32 tables of the same values give the
-/// same bits, and so do int8 tables whose scales are powers of two. Which cell a sample falls into is the same with every instruction set.
+/// same bits, and so do int8 tables whose scales are powers of two. Which cell a sample falls into is the same with every
+/// instruction set.
 ///
 /// # Accuracy
 /// Against the same sum in f64: `2^-24 (n (6 cells + 6) + 12)` of the largest entry around a sample, with n axes,
 /// which is what rounding the position and the sum can do.
 ///
 /// # Panics
-/// With debug assertions, if a slice is shorter than that. Of tables that are too short, entries that are not
-/// there are any others.
+/// With debug assertions, if a slice is shorter than that. Entries beyond the end of a table have any value.
 #[inline]
 pub fn encode_grid_block(
     isa: Isa,
@@ -40,7 +40,7 @@ pub fn encode_grid_block(
     });
 }
 
-/// The same, a sample and a level at a time: without vectors code is short before it is fast. As many features as the
+/// The encoding, a sample and a level at a time: without vectors code is short before it is fast. As many features as the
 /// run time knows, and in two dimensions rows of weight 0 behind the others, which change no bit.
 fn encode_one_by_one(
     grid: &GridEncoding,
@@ -140,7 +140,7 @@ fn encode_level<V: Lanes, T: Table, const ROWS: usize, const FEATURES: usize>(
     }
 }
 
-/// What a vector of samples reads at one level.
+/// The rows that a vector of samples reads at one level, and their weights.
 #[derive(Clone, Copy)]
 struct Read<V: Lanes, const ROWS: usize> {
     rows: [V::Indices; ROWS],

@@ -138,7 +138,7 @@ pub struct GridTables<'a> {
 }
 
 impl<'a> GridTables<'a> {
-    /// What a network without a grid has.
+    /// The tables of a network without a grid.
     pub const NONE: Self = Self { values: TableValues::F32(&[]), min: [0.0; 3], sides: [1.0; 3] };
 
     /// Tables over a scene box, or over 0..1 of each axis where there is none: a 2D field.

@@ -28,7 +28,7 @@ pub enum AngleScale {
     Pi,
 }
 
-/// Which encoding a network was trained with.
+/// The factor of angles that a network was trained with.
 ///
 /// `[identity,] then per level k: sin(2^k s x) for all inputs, cos(2^k s x) for all inputs`
 ///
