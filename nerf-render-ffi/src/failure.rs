@@ -142,7 +142,7 @@ fn status_of_render(error: &RenderError) -> Status {
 }
 
 impl Failure {
-    /// The same of one of the instances of a request.
+    /// The failure of one of the instances of a request.
     #[cfg(feature = "instances")]
     pub fn of_instance(self, index: usize) -> Self {
         let problem = match self {

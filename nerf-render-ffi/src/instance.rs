@@ -30,7 +30,7 @@ versioned!(unsafe Instance, "instances", by_width(56, 64));
 
 #[cfg(feature = "instances")]
 reasons! {
-    /// What is wrong with one instance, but for its transform: what follows `instances[i]` in a message.
+    /// A problem of one instance, but for its transform: what follows `instances[i]` in a message.
     Problem:
     StructSize { expected: usize, found: usize } => StructSize,
         ".struct_size: expected {expected} (to 4096 with a tail of zeros), found {found}";

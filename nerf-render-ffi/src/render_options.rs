@@ -22,7 +22,7 @@ pub const NERF_NORMAL_BLUR_DEFAULT: f32 = 1.0;
 /// In the place of a cut or a blur: none at all.
 pub const NERF_NONE: f32 = -1.0;
 
-/// Who computes the elementary functions.
+/// The backend of the elementary functions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Maths {
@@ -64,8 +64,8 @@ pub struct RenderOptions {
     /// `nerf_scene_info` is not 0) so many steps to the diagonal of its box; of another so many between its near and far.
     /// With a proposal network these are drawn from it, and its own come on top.
     pub samples: u32,
-    /// A ray ends where its transmittance falls below this, less than 1; 0 for `NERF_TRANSMITTANCE_CUT_DEFAULT`, `NERF_NONE` (or
-    /// anything below 0) never ends one.
+    /// A ray ends where its transmittance falls below this, less than 1; 0 for `NERF_TRANSMITTANCE_CUT_DEFAULT`,
+    /// `NERF_NONE` (or anything below 0) never ends one.
     pub transmittance_cut: f32,
     /// 1: cells that the occupancy grid calls empty are computed, too. Else 0.
     pub ignore_occupancy: u32,
@@ -85,14 +85,14 @@ pub struct RenderOptions {
     /// `NERF_NONE` asks the network for every colour. Opacity and distances never depend on it.
     pub colour_cut: f32,
     /// Width, in bins, of the Gaussian that the density is blurred by before its gradient is taken for normals (standard
-    /// deviation: this over the root of 12); 0 for `NERF_NORMAL_BLUR_DEFAULT`. `NERF_NONE` is the gradient itself, which is mostly
-    /// noise finer than a bin.
+    /// deviation: this over the root of 12); 0 for `NERF_NORMAL_BLUR_DEFAULT`. `NERF_NONE` is the gradient itself, which is
+    /// mostly noise finer than a bin.
     pub normal_blur: f32,
-    /// 1: samples are even where the scene would draw them from its proposal network. Else 0.
+    /// 1: samples are even where the scene would take them from its proposal network. Else 0.
     pub ignore_proposal: u32,
-    /// What is nearer on a ray than this is not seen, world units, at least 0.
+    /// The distance from which on rays see, world units, at least 0.
     pub near_distance: f32,
-    /// What is farther on a ray than this is not seen, world units; 0 for no end.
+    /// The distance up to which rays see, world units; 0 for no end.
     pub far_distance: f32,
     /// 1: a scene that is not marched has no samples but those between its own near and far, which it was trained on,
     /// wherever the camera is: to reproduce figures that were measured so. Else 0: as many more as its box needs.
@@ -106,7 +106,7 @@ pub struct RenderOptions {
 versioned!(unsafe RenderOptions, "options", by_width(128, 136));
 
 impl RenderOptions {
-    /// The same with other shortcuts.
+    /// These options with other shortcuts.
     pub(crate) fn with(self, quality: &Quality) -> Self {
         Self {
             samples: quality.samples.into(),
