@@ -148,7 +148,7 @@ pub unsafe extern "C" fn nerf_render_picture(
             return Err(render::RenderError::NotAPicture.into());
         };
         let renderer = member.scene.renderer();
-        let (math, batch) = (worker.settings.quality.math, worker.settings.batch);
+        let (math, batch) = (worker.settings.frame.quality.math, worker.settings.batch);
         let size = [frame.width, frame.height];
         let nothing = render::Rect { x: 0, y: 0, width: 0, height: 0 };
         renderer.check_picture(batch, size, nothing)?;

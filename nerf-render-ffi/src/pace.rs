@@ -136,7 +136,7 @@ unsafe fn planned<'s>(at: *const PaceRequest) -> Result<(PaceRequest, &'s Scene,
     // SAFETY: the options are as this function's `# Safety` has them.
     let mut settings = unsafe { Settings::read(request.options)? };
     // Each point brings its own; what the caller's are is no reason to refuse.
-    settings.quality = Quality::exact(scene.renderer().blob());
+    settings.frame.quality = Quality::exact(scene.renderer().blob());
     let outputs = read_outputs("request.outputs", request.outputs)?;
     let plan = settings.plan(scene.renderer().blob(), outputs, 1.0)?;
     Ok((request, scene, plan))

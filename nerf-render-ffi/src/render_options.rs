@@ -123,13 +123,8 @@ impl RenderOptions {
 /// Checked options.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Settings {
-    pub quality: Quality,
-    background: Option<[f32; 3]>,
-    normal_blur: f32,
-    range: (f32, f32),
-    own_bins: bool,
+    pub frame: plan::Settings,
     pub batch: Batch,
-    effects: plan::Effects,
 }
 
 impl Settings {
@@ -154,46 +149,38 @@ impl Settings {
         ] {
             at_most(name, expected, found, most)?;
         }
-        let or = |asked: u32, default: usize| if asked == 0 { default } else { asked as usize };
-        Ok(Self {
-            quality: Quality {
-                samples: o.samples as u16,
-                transmittance_cut: or_default(o.transmittance_cut, NERF_TRANSMITTANCE_CUT_DEFAULT),
-                colour_cut: or_default(o.colour_cut, NERF_COLOUR_CUT_DEFAULT),
-                occupancy: o.ignore_occupancy == 0,
-                math: named(&MATHS, "options.maths", "a nerf_maths of this build", o.maths)?,
-                proposal: o.ignore_proposal == 0,
-            },
-            background: (o.background_set == 1).then_some(o.background),
-            normal_blur: or_default(o.normal_blur, NERF_NORMAL_BLUR_DEFAULT),
-            range: (o.near_distance, if o.far_distance == 0.0 { f32::MAX } else { o.far_distance }),
-            own_bins: o.own_bins == 1,
-            batch: Batch {
-                rays: or(o.batch_rays, Batch::FULL.rays.min(MAX_RAYS as usize)),
-                samples: or(o.batch_samples, Batch::FULL.samples),
-            },
+        let quality = Quality {
+            samples: o.samples as u16,
+            transmittance_cut: or_default(o.transmittance_cut, NERF_TRANSMITTANCE_CUT_DEFAULT),
+            colour_cut: or_default(o.colour_cut, NERF_COLOUR_CUT_DEFAULT),
+            occupancy: o.ignore_occupancy == 0,
+            math: named(&MATHS, "options.maths", "a nerf_maths of this build", o.maths)?,
+            proposal: o.ignore_proposal == 0,
+        };
+        let frame = plan::Settings {
+            quality,
             effects: o.effects.read()?,
-        })
+            background: (o.background_set == 1).then_some(o.background),
+            range: (o.near_distance, if o.far_distance == 0.0 { f32::MAX } else { o.far_distance }),
+            normal_blur: or_default(o.normal_blur, NERF_NORMAL_BLUR_DEFAULT),
+            own_bins: o.own_bins == 1,
+        };
+        let or = |asked: u32, default: usize| if asked == 0 { default } else { asked as usize };
+        let rays = or(o.batch_rays, Batch::FULL.rays.min(MAX_RAYS as usize));
+        Ok(Self { frame, batch: Batch { rays, samples: or(o.batch_samples, Batch::FULL.samples) } })
     }
 
     /// The frame these settings make of a scene, of whose units one is `scale` of the world's.
     pub fn plan<'a>(&self, blob: &Blob<'a>, outputs: Outputs, scale: f32) -> Result<Plan<'a>, Failure> {
-        let mut plan = Plan::new(blob, &self.quality, outputs, self.batch)?
-            .with_normal_blur(self.normal_blur)?
-            .with_range(self.range.0 / scale, self.range.1 / scale)?;
-        if self.own_bins {
-            plan = plan.with_own_bins();
-        }
-        if let Some(background) = self.background {
-            plan = plan.with_background(background)?;
-        }
-        Ok(plan.with_effects(self.effects)?)
+        let (near, far) = self.frame.range;
+        let of_scene = plan::Settings { range: (near / scale, far / scale), ..self.frame };
+        Ok(of_scene.plan(blob, outputs, self.batch)?)
     }
 
     /// An error unless the tone stage is none but that to linear light: what is premultiplied in display-encoded values is no
     /// light, and a curve of what is premultiplied is not that of the colour.
     pub fn check_tone_of_alpha(&self) -> Result<(), Failure> {
-        let tone = self.effects.tone;
+        let tone = self.frame.effects.tone;
         let fits = tone == Tone::NONE || (tone.linear && tone.map == ToneMap::None);
         if fits { Ok(()) } else { Err(Failure::ToneOfAlpha) }
     }

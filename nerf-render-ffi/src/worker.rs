@@ -219,7 +219,7 @@ impl Checked {
         let mut settings = unsafe { Settings::read(request.options)? };
         if placed {
             // Fields that are merged have their own bins alone.
-            settings.quality.proposal = false;
+            settings.frame.quality.proposal = false;
         }
         let outputs = read_outputs("request.outputs", request.outputs)?;
         Ok(Self { request, settings, outputs, placed })

@@ -10,6 +10,7 @@ use glam::Vec3;
 
 mod effects;
 mod quality;
+mod settings;
 mod span;
 mod spans;
 
@@ -18,6 +19,7 @@ mod tests;
 
 pub use effects::{EffectError, Effects, Jitter, ThinLens, Tone, ToneMap};
 pub use quality::{Choice, Preset, Quality};
+pub use settings::Settings;
 pub(crate) use span::{Lattice, Span};
 pub(crate) use spans::{SpanAll, Spans};
 
