@@ -53,7 +53,19 @@ impl<'a> Network<'a> {
     /// [`Network::new`] with the tables of the architecture's grid; `None` if they are too short, too.
     ///
     /// Without a grid they are not used.
+    #[cfg(feature = "train")]
     pub fn with_grid(
+        architecture: &Architecture,
+        weights: Weights<'a>,
+        tables: GridTables<'a>,
+        isa: Isa,
+    ) -> Option<Self> {
+        architecture.check().ok()?;
+        Self::of_checked(architecture, weights, tables, isa)
+    }
+
+    /// A network of an architecture that has been checked, as that of a blob; `None` if parameters or tables are too few.
+    pub(crate) fn of_checked(
         architecture: &Architecture,
         weights: Weights<'a>,
         tables: GridTables<'a>,
@@ -62,7 +74,7 @@ impl<'a> Network<'a> {
         Self::of_layers(architecture, architecture.layers(), weights, tables, isa)
     }
 
-    /// A network without the colour branch, over the parameters of trunk and density head
+    /// [`Network::of_checked`] without the colour branch, over the parameters of trunk and density head
     /// ([`Architecture::density_parameters`]); [`Network::colour`] must not be called.
     #[cfg(feature = "proposal")]
     pub(crate) fn of_density(architecture: &Architecture, weights: Weights<'a>, isa: Isa) -> Option<Self> {
@@ -78,7 +90,6 @@ impl<'a> Network<'a> {
         tables: GridTables<'a>,
         isa: Isa,
     ) -> Option<Self> {
-        architecture.check().ok()?;
         if architecture.position.grid().is_some_and(|grid| !tables.fit(grid)) {
             return None;
         }

@@ -158,7 +158,7 @@ impl<'a> Renderer<'a> {
         tables: GridTables<'a>,
     ) -> Option<Self> {
         let weights = Weights::Prepared(parameters);
-        let network = Network::with_grid(blob.architecture(), weights, tables, kernel.isa)?;
+        let network = Network::of_checked(blob.architecture(), weights, tables, kernel.isa)?;
         let proposer = Proposer::view(&blob, Kernel::new(kernel.isa, Storage::F16), &[]);
         let (occupied, coarse) = Self::occupied(&blob);
         Some(Self { blob, network, proposer, occupied, coarse })

@@ -73,7 +73,7 @@ impl<'a> Prepared<&'a [f32], &'a [u8]> {
         let [parameters, proposal, tables] = self.unpacked;
         let weights = Weights::view(blob.architecture(), kernel.storage, blob.weights(), parameters);
         let tables = tables_of(blob, kernel, tables, self.decoded);
-        let network = Network::with_grid(blob.architecture(), weights, tables, kernel.isa)?;
+        let network = Network::of_checked(blob.architecture(), weights, tables, kernel.isa)?;
         Some((network, Proposer::view(blob, kernel, proposal)))
     }
 }
