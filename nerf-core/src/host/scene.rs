@@ -83,8 +83,8 @@ impl Scene {
         let Prepared { unpacked, decoded } = &self.prepared;
         let prepared =
             Prepared { unpacked: unpacked.each_ref().map(|values| &**values), decoded: &**decoded };
-        Renderer::of_prepared(self.blob(), self.kernel, prepared, self.occupied.clone())
-            .unwrap_or_else(|| unreachable!("parameters fit the checked architecture"))
+        Renderer::of_prepared(self.blob(), self.kernel, &prepared, self.occupied.clone())
+            .unwrap_or_else(|_| unreachable!("parameters fit the checked architecture"))
     }
 
     /// Renders an image with colour, opacity, ray_distance and z_depth at the default quality, on all cores.

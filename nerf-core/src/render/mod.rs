@@ -116,20 +116,24 @@ impl<'a> Renderer<'a> {
         let Prepared { unpacked, decoded } = prepared;
         let prepared = Prepared { unpacked: unpacked.map(|values| &*values), decoded: &*decoded };
         let occupied = Self::occupied(&blob);
-        Self::of_prepared(blob, kernel, prepared, occupied).ok_or(RenderError::Network)
+        Self::of_prepared(blob, kernel, &prepared, occupied)
     }
 
-    /// A scene over values that were prepared for `kernel`, with [`Renderer::occupied`] of its blob; `None` where they are too
-    /// few.
-    #[inline]
+    /// A scene over values that were prepared for `kernel`, with [`Renderer::occupied`] of its blob.
+    ///
+    /// # Errors
+    /// [`RenderError::Network`] if the values are too few.
+    // In its caller's frame, whose stack a microcontroller has once.
+    #[inline(always)]
     pub(crate) fn of_prepared(
         blob: Blob<'a>,
         kernel: Kernel,
-        prepared: Prepared<&'a [f32], &'a [u8]>,
+        prepared: &Prepared<&'a [f32], &'a [u8]>,
         (occupied, coarse): (Option<SceneBox>, CoarseOccupancy),
-    ) -> Option<Self> {
-        let (network, proposer) = prepared.view(&blob, kernel)?;
-        Some(Self { blob, network, proposer, occupied, coarse })
+    ) -> Result<Self, RenderError> {
+        let network = prepared.view(&blob, kernel).ok_or(RenderError::Network)?;
+        let proposer = prepared.view_proposal(&blob, kernel);
+        Ok(Self { blob, network, proposer, occupied, coarse })
     }
 
     /// A box around what the occupancy grid has, and its blocks.
