@@ -78,7 +78,7 @@
 #define NERF_OUTPUT_NORMALS 32
 
 /**
- * What became of a call; the numbers never change, and later versions may add some.
+ * The status of a call; the numbers never change, and later versions may add some.
  */
 enum nerf_status
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -174,8 +174,8 @@ enum nerf_status
      */
     NERF_STATUS_OUT_OF_MEMORY = 21,
     /**
-     * A ray of the caller's has no direction of unit length, no finite origin, no range or no random number, or has one where
-     * none is drawn.
+     * A ray of the caller's has no direction of unit length, no finite origin, no range or no random number, or has one
+     * where none is drawn.
      */
     NERF_STATUS_RAY = 22,
     /**
@@ -228,9 +228,9 @@ typedef int32_t nerf_status;
 #endif // __cplusplus
 
 /**
- * Which instructions the inner loops use.
+ * The instructions that the inner loops use.
  *
- * With one of them and one storage pictures are the same bit for bit, whatever the rectangles and threads.
+ * Pictures of one kernel and one storage are the same bit for bit, whatever the rectangles and threads.
  */
 enum nerf_kernel
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -273,7 +273,7 @@ typedef uint32_t nerf_kernel;
 #endif // __cplusplus
 
 /**
- * What a blob holds.
+ * The content of a blob.
  */
 enum nerf_kind
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -298,7 +298,7 @@ typedef uint32_t nerf_kind;
 #endif // __cplusplus
 
 /**
- * What the coefficients of a `nerf_camera`'s lens are of.
+ * The model of a `nerf_camera`'s lens, which its coefficients belong to.
  */
 enum nerf_lens_model
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -325,7 +325,7 @@ typedef uint32_t nerf_lens_model;
 #endif // __cplusplus
 
 /**
- * Who computes the elementary functions.
+ * The backend of the elementary functions.
  */
 enum nerf_maths
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -358,11 +358,10 @@ typedef uint32_t nerf_maths;
 #endif // __cplusplus
 
 /**
- * How a pixel of a plane lies in memory; 8-bit channels are clamped and rounded half up.
+ * The format of a plane's pixel in memory; 8-bit channels are clamped and rounded half up.
  *
- * RGB is composited over the background. RGBA is the scene alone, premultiplied by its opacity,
- * which is the alpha: `rgb + (1 - a) * background` is what RGB gives, in display-encoded values or in linear light, as
- * `options.effects.linear` says.
+ * RGB is composited over the background. RGBA is the scene alone, premultiplied by its opacity, which is the alpha: `rgb +
+ * (1 - a) * background` is what RGB gives, in display-encoded values or in linear light, as `options.effects.linear` says.
  * A picture (a 2D field) is opaque: its alpha is 1, and it shows no background.
  */
 enum nerf_format
@@ -412,11 +411,11 @@ enum nerf_preset
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * Nothing: 0 dB.
+     * No loss: 0 dB.
      */
     NERF_PRESET_EXACT = 0,
     /**
-     * Nothing that any picture shows: 0.01 dB.
+     * No loss that any picture shows: 0.01 dB.
      */
     NERF_PRESET_HIGH = 1,
     /**
@@ -441,7 +440,7 @@ typedef uint32_t nerf_preset;
 #endif // __cplusplus
 
 /**
- * How the weights of a scene lie in memory.
+ * The storage of a scene's weights in memory.
  */
 enum nerf_storage
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -475,7 +474,7 @@ typedef uint32_t nerf_storage;
 #endif // __cplusplus
 
 /**
- * What a scene's learned grid is stored in.
+ * The storage of a scene's learned grid.
  */
 enum nerf_table_storage
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -509,7 +508,7 @@ typedef uint32_t nerf_table_storage;
 #endif // __cplusplus
 
 /**
- * What brings light beyond 1 back into the picture: a curve on each linear channel.
+ * The tone curve, on each linear channel, that brings light beyond 1 back into the picture.
  */
 enum nerf_tone_map
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -556,7 +555,7 @@ typedef struct nerf_scene nerf_scene;
 typedef struct nerf_worker nerf_worker;
 
 /**
- * How a scene is opened; NULL in its place means all zeros.
+ * Options of opening a scene; NULL in its place means all zeros.
  */
 typedef struct nerf_open_options {
     /**
@@ -592,7 +591,7 @@ typedef struct nerf_text {
 } nerf_text;
 
 /**
- * What a scene says about itself; zeros in what a picture (a 2D field) has not.
+ * The facts of a scene; zeros in those that a picture (a 2D field) has not.
  */
 typedef struct nerf_scene_info {
     /**
@@ -630,7 +629,7 @@ typedef struct nerf_scene_info {
      */
     uint32_t samples;
     /**
-     * What shows where opacity is below 1, display-encoded.
+     * The background, which shows where opacity is below 1, display-encoded.
      */
     float background[3];
     /**
@@ -670,7 +669,7 @@ typedef struct nerf_scene_info {
      */
     float psnr_db;
     /**
-     * What rounding weights and tables to what they are stored in cost on the same views, dB; NaN if not measured.
+     * PSNR lost on the same views by rounding weights and tables to their storage, dB; NaN if not measured.
      */
     float quantisation_loss_db;
     /**
@@ -702,7 +701,7 @@ typedef struct nerf_scene_info {
      */
     struct nerf_text made_by;
     /**
-     * What the PSNR means: views, background, samples.
+     * The convention of the PSNR: views, background, samples.
      */
     struct nerf_text psnr_convention;
     /**
@@ -748,21 +747,21 @@ typedef struct nerf_scene_info {
      */
     uint32_t storage;
     /**
-     * Where somebody stood who took the photographs, world units: a view from here towards `target` shows what was seen.
+     * The position of somebody who took the photographs, world units: a view from here towards `target` shows what was seen.
      * Zeros, as all of the four, where the file does not say: of a scene that does, `up` is not 0.
      */
     float eye[3];
     /**
-     * What the photographs show, world units: the centre of an orbit.
+     * The subject of the photographs, world units: the centre of an orbit.
      */
     float target[3];
     /**
-     * What was up for those who took them, unit length: the axis of an orbit.
+     * The upward direction of those who took them, unit length: the axis of an orbit.
      */
     float up[3];
     /**
-     * How far around `target` they were taken, radians around `up` with `eye` in the middle; 2 pi: all the way. Beyond it
-     * nobody saw the scene.
+     * The arc around `target` that they were taken from, radians around `up` with `eye` in the middle; 2 pi: all the way.
+     * Beyond it nobody saw the scene.
      */
     float arc;
 } nerf_scene_info;
@@ -868,7 +867,7 @@ typedef struct nerf_instance {
 } nerf_instance;
 
 /**
- * What a frame does beyond one ray through each pixel's centre. All zeros is nothing, and costs nothing.
+ * Effects: what a frame does beyond one ray through each pixel's centre. All zeros is none, and costs nothing.
  *
  * An effect that this build of the library lacks is `NERF_STATUS_OPTIONS`.
  */
@@ -890,7 +889,7 @@ typedef struct nerf_effects {
      */
     float aperture_radius;
     /**
-     * From the camera to its plane of focus along the view axis, world units, 1e-6 to 1e9; read only where
+     * Distance from the camera to its plane of focus along the view axis, world units, 1e-6 to 1e9; read only where
      * there is an aperture.
      */
     float focus_distance;
@@ -932,8 +931,8 @@ typedef struct nerf_render_options {
      */
     uint32_t samples;
     /**
-     * A ray ends where its transmittance falls below this, less than 1; 0 for `NERF_TRANSMITTANCE_CUT_DEFAULT`, `NERF_NONE` (or
-     * anything below 0) never ends one.
+     * A ray ends where its transmittance falls below this, less than 1; 0 for `NERF_TRANSMITTANCE_CUT_DEFAULT`,
+     * `NERF_NONE` (or anything below 0) never ends one.
      */
     float transmittance_cut;
     /**
@@ -969,20 +968,20 @@ typedef struct nerf_render_options {
     float colour_cut;
     /**
      * Width, in bins, of the Gaussian that the density is blurred by before its gradient is taken for normals (standard
-     * deviation: this over the root of 12); 0 for `NERF_NORMAL_BLUR_DEFAULT`. `NERF_NONE` is the gradient itself, which is mostly
-     * noise finer than a bin.
+     * deviation: this over the root of 12); 0 for `NERF_NORMAL_BLUR_DEFAULT`. `NERF_NONE` is the gradient itself, which is
+     * mostly noise finer than a bin.
      */
     float normal_blur;
     /**
-     * 1: samples are even where the scene would draw them from its proposal network. Else 0.
+     * 1: samples are even where the scene would take them from its proposal network. Else 0.
      */
     uint32_t ignore_proposal;
     /**
-     * What is nearer on a ray than this is not seen, world units, at least 0.
+     * The distance from which on rays see, world units, at least 0.
      */
     float near_distance;
     /**
-     * What is farther on a ray than this is not seen, world units; 0 for no end.
+     * The distance up to which rays see, world units; 0 for no end.
      */
     float far_distance;
     /**
@@ -1001,7 +1000,7 @@ typedef struct nerf_render_options {
 } nerf_render_options;
 
 /**
- * What a worker is opened for; what it points to is read by the call alone, but for the scenes.
+ * A request that a worker is opened for; what it points to is read by the call alone, but for the scenes.
  */
 typedef struct nerf_request {
     /**
@@ -1019,7 +1018,7 @@ typedef struct nerf_request {
      */
     const struct nerf_instance *instances;
     /**
-     * How many; with `scene` 0.
+     * Number of instances; with `scene` 0.
      */
     size_t instance_count;
     /**
@@ -1068,11 +1067,11 @@ typedef struct nerf_plane {
      */
     void *data;
     /**
-     * From a pixel to its right neighbour, bytes; 0 for the size of a pixel.
+     * Bytes from a pixel to its right neighbour; 0 for the size of a pixel.
      */
     size_t pixel_stride;
     /**
-     * From a pixel to the one below, bytes; negative where rows go up; 0 for rows without a gap.
+     * Bytes from a pixel to the one below; negative where rows go up; 0 for rows without a gap.
      */
     ptrdiff_t row_stride;
     /**
@@ -1086,7 +1085,7 @@ typedef struct nerf_plane {
 } nerf_plane;
 
 /**
- * Where a picture goes: what is NULL is not computed, and takes no memory.
+ * The target of a picture: a plane that is NULL is not computed, and takes no memory.
  *
  * Planes may share memory as channels of one structure; what lies between their pixels is never
  * touched. Two that are written to must not share a byte (`NERF_STATUS_OVERLAP`).
@@ -1118,7 +1117,7 @@ typedef struct nerf_target {
      */
     struct nerf_plane median_distance;
     /**
-     * Where the surface faces, the mean of -grad(density)/|grad(density)| along the ray: world space, unit
+     * The surface's normal, the mean of -grad(density)/|grad(density)| along the ray: world space, unit
      * length, or 0 where opacity is 1e-4 or less or directions cancel. Costs about as much as two more
      * samples a ray.
      */
@@ -1130,7 +1129,7 @@ typedef struct nerf_target {
      */
     struct nerf_plane limit_ray_distance;
     /**
-     * The same, world units along the view axis, as of a depth buffer. One of the two at most.
+     * Read, not written: the same ends, world units along the view axis, as of a depth buffer. One of the two at most.
      */
     struct nerf_plane limit_z_depth;
 } nerf_target;
@@ -1147,7 +1146,7 @@ typedef int32_t (*nerf_progress)(void *user,
                                  uint64_t pixels_all);
 
 /**
- * What is rendered of an image, and where to.
+ * A frame: what is rendered of an image, and where to.
  */
 typedef struct nerf_frame {
     /**
@@ -1155,7 +1154,7 @@ typedef struct nerf_frame {
      */
     size_t struct_size;
     /**
-     * Where a scene is seen from; NULL for a picture.
+     * The camera that a scene is seen from; NULL for a picture.
      */
     const struct nerf_camera *camera;
     /**
@@ -1163,7 +1162,7 @@ typedef struct nerf_frame {
      */
     const struct nerf_rect *rect;
     /**
-     * Where the pixels go; planes the worker was not opened for are NULL.
+     * The planes that the pixels go to; those that the worker was not opened for are NULL.
      */
     const struct nerf_target *target;
     /**
@@ -1242,7 +1241,7 @@ typedef struct nerf_floats {
      */
     const float *data;
     /**
-     * From one ray's or point's to the next, bytes; 0 for side by side.
+     * Bytes from one ray's or point's to the next; 0 for side by side.
      */
     size_t stride;
 } nerf_floats;
@@ -1256,42 +1255,43 @@ typedef struct nerf_rays {
      */
     size_t struct_size;
     /**
-     * How many.
+     * Number of them.
      */
     size_t count;
     /**
-     * Where each begins, x, y, z.
+     * The origin of each, x, y, z.
      */
     struct nerf_floats origins;
     /**
-     * In which direction, x, y, z, of unit length: the square of its length is 1 within 1e-3. It is used as
+     * The direction of each, x, y, z, of unit length: the square of its length is 1 within 1e-3. It is used as
      * it is, so that distances are off by as much.
      */
     struct nerf_floats dirs;
     /**
-     * What is nearer is not seen, world units along the ray, at least 0; NULL for 0. The samples of a scene that is marched
-     * (`step` of `nerf_scene_info` is not 0) are counted from here, so that another `t_min` moves all of them; those of
-     * another scene stay where they are, and the one whose bin `t_min` lies in counts for what is left of the bin.
+     * The distance from which on a ray sees, world units along it, at least 0; NULL for 0. The samples of a scene that is
+     * marched (`step` of `nerf_scene_info` is not 0) are counted from here, so that another `t_min` moves all of them;
+     * those of another scene stay where they are, and the one whose bin `t_min` lies in counts for what is left of the
+     * bin.
      */
     struct nerf_floats t_min;
     /**
-     * What is farther is not seen, at least `t_min`, may be infinite; NULL for no end. It cuts the bin it lies in: opacity
-     * goes continuously with it.
+     * The distance up to which a ray sees, at least `t_min`, may be infinite; NULL for no end. It cuts the bin it lies in:
+     * opacity goes continuously with it.
      */
     struct nerf_floats t_max;
     /**
-     * One random number in [0, 1) a ray for `nerf_sample_rays`; NULL for `nerf_render_rays`. 1 is taken for the largest float
-     * below 1, since rounding to float produces it.
+     * One random number in [0, 1) a ray for `nerf_sample_rays`; NULL for `nerf_render_rays`. 1 is taken for the largest
+     * float below 1, since rounding to float produces it.
      */
     struct nerf_floats random;
     /**
-     * Three numbers, of unit length as `dirs` are: what `z_depth` is measured along, of a camera the direction of its ray through
-     * (cx, cy). NULL where that is not asked for.
+     * Three numbers, of unit length as `dirs` are: what `z_depth` is measured along, of a camera the direction of its ray
+     * through (cx, cy). NULL where that is not asked for.
      */
     const float *axis;
     /**
-     * Where results go: planes of one row of `count` pixels, of which only `pixel_stride` matters. They may be fields of the
-     * structures that the rays are in. No limits: `t_max` is the ray's.
+     * The target of the results: planes of one row of `count` pixels, of which only `pixel_stride` matters. They may be
+     * fields of the structures that the rays are in. No limits: `t_max` is the ray's.
      */
     const struct nerf_target *target;
 } nerf_rays;
@@ -1305,7 +1305,7 @@ typedef struct nerf_points {
      */
     size_t struct_size;
     /**
-     * How many.
+     * Number of them.
      */
     size_t count;
     /**
@@ -1314,7 +1314,8 @@ typedef struct nerf_points {
      */
     struct nerf_floats positions;
     /**
-     * From the camera to the point, of unit length (its square is 1 within 1e-3); not read where there is no plane for colour.
+     * Directions from the camera to the point, of unit length (the square is 1 within 1e-3); not read where there is no
+     * plane for colour.
      */
     struct nerf_floats dirs;
     /**
@@ -1358,7 +1359,7 @@ typedef struct nerf_pace_request {
      */
     uint32_t outputs;
     /**
-     * Where measuring stops: behind the first point whose frame would take more than so many milliseconds.
+     * Milliseconds of a frame: measuring stops behind the first point whose frame would take longer.
      */
     float limit_milliseconds;
     /**
@@ -1372,7 +1373,7 @@ typedef struct nerf_pace_request {
 } nerf_pace_request;
 
 /**
- * What a frame takes at each point of a scene's front, on one thread of this host.
+ * The time that a frame takes at each point of a scene's front, on one thread of this host.
  */
 typedef struct nerf_pace {
     /**
@@ -1431,7 +1432,7 @@ uint32_t nerf_abi_version(void);
 const char *nerf_version_text(void);
 
 /**
- * What a status means, in English; static, never NULL, also for numbers that are no status.
+ * The meaning of a status, in English; static, never NULL, also for numbers that are no status.
  */
 const char *nerf_status_text(int32_t status);
 
@@ -1633,7 +1634,8 @@ nerf_status nerf_render_picture(struct nerf_worker *worker,
  *
  * Rays are checked before the first result is written: `NERF_STATUS_RAY` names the first that has an origin that is not
  * finite, a direction that is not of unit length or an empty range; it is also the status of `random` that is not NULL.
- * Options with anti-aliasing or an aperture, which belong to cameras, are `NERF_STATUS_OPTIONS`. `counters` and `message`: as in `nerf_render`.
+ * Options with anti-aliasing or an aperture, which belong to cameras, are `NERF_STATUS_OPTIONS`. `counters` and `message`:
+ * as in `nerf_render`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `worker` and its scenes are intact.

@@ -53,7 +53,7 @@ using element = std::remove_pointer_t<decltype(std::data(std::declval<C &>()))>;
 template <class C>
 inline constexpr bool lends = std::is_lvalue_reference_v<C> || std::is_same_v<element<C>, element<const C>>;
 
-/// What strided views are told from containers by.
+/// The base that tells strided views from containers.
 struct strided_view {};
 
 /// The C library reads and writes floats by copying them, whatever structure they are in.
@@ -121,7 +121,7 @@ public:
     constexpr strided() noexcept = default;
     strided(T *data, std::size_t count, std::size_t stride) noexcept : data_(data), count_(count), stride_(stride) {}
 
-    /// What may be written may be read.
+    /// A view to read of one to write.
     template <class U, class = std::enable_if_t<std::is_same_v<const U, T>>>
     strided(const strided<U, each> &other) noexcept
         : data_(other.data_), count_(other.count_), stride_(other.stride_), whole_(other.whole_) {}
@@ -137,7 +137,7 @@ public:
           whole_(std::size(container) * sizeof(E) % (each * sizeof(float)) == 0) {}
 
     T *data() const noexcept { return data_; }
-    /// How many rays or points have some.
+    /// Number of rays or points.
     std::size_t size() const noexcept { return count_; }
     bool empty() const noexcept { return data_ == nullptr; }
     /// Bytes from one to the next; 0 for side by side.
@@ -186,7 +186,7 @@ inline std::string_view view(const nerf_text &text) noexcept { return {text.data
 
 // --------------------------------------------------------------------------------------- errors
 
-/// What went wrong: a status, and a sentence about what was expected and found.
+/// An error: a status, and a sentence about what was expected and found.
 struct error {
     nerf_status status = NERF_STATUS_OK;
     char message[256] = {};
@@ -236,7 +236,7 @@ private:
     nerf::error error_;
 };
 
-/// How much memory a call needs, bytes, and at which alignment.
+/// The memory that a call needs, bytes, and its alignment.
 struct layout {
     std::size_t size = 0;
     std::size_t align = 1;
@@ -330,7 +330,7 @@ public:
         owned.data_.get_deleter() = {free, needed.align};
         return owned;
     }
-    /// As much as was found to be needed, or why that is not known.
+    /// Memory of the layout that was found, or why there is none.
     static result<memory> allocate(const result<layout> &needed) noexcept {
         return needed ? allocate(*needed) : result<memory>(needed.error());
     }
@@ -383,7 +383,7 @@ inline std::pair<vec3, vec3> across(vec3 up) noexcept {
 
 } // namespace detail
 
-/// What a point of an image sees: `dir` is of unit length, and `z_depth` = z_per_distance * `ray_distance`.
+/// The ray of an image point: `dir` is of unit length, and `z_depth` = z_per_distance * `ray_distance`.
 struct ray {
     vec3 origin, dir;
     float z_per_distance = 0.0f;
@@ -504,8 +504,8 @@ struct strides {
     std::size_t pixel = 0;
 };
 
-/// Where one output goes, or where a limit is read: every pixel of the target's window, in a view that knows its end. One
-/// that is left out is not computed.
+/// A plane, to which one output goes or of which a limit is read: every pixel of the target's window, in a view that knows
+/// its end. One that is left out is not computed.
 class plane {
 public:
     plane() noexcept = default;
@@ -566,7 +566,7 @@ private:
 /// Planes of an image, or of a window of it: any rectangle in there can be rendered into its place. Of rays they are a row.
 struct target {
     plane rgb = {}, opacity = {}, ray_distance = {}, z_depth = {}, median_distance = {}, normals = {};
-    /// Where the ray of each pixel ends: what a host has traced there, or a depth buffer. One of the two at most.
+    /// Limits, where the ray of each pixel ends: what a host has traced there, or a depth buffer. One of the two at most.
     plane limit_ray_distance = {}, limit_z_depth = {};
     /// The part of the image that the planes hold; empty for all of it.
     rect window = {};
@@ -632,7 +632,7 @@ private:
 
 // ------------------------------------------------------------------------------ settings, figures
 
-/// How a scene is opened: the instructions it runs on, and the storage of its weights.
+/// Options of opening a scene: the instructions it runs on, and the storage of its weights.
 struct open_options : detail::sized<nerf_open_options> {
     open_options(nerf_kernel with = NERF_KERNEL_AUTO, nerf_storage in = NERF_STORAGE_AUTO) noexcept {
         kernel = with;
@@ -640,10 +640,10 @@ struct open_options : detail::sized<nerf_open_options> {
     }
 };
 
-/// How a frame is rendered; every field of nerf_render_options is there. As made it is the defaults: cuts that cost nothing
+/// Options of a frame; every field of nerf_render_options is there. As made they are the defaults: cuts that cost nothing
 /// visible.
 struct options : detail::sized<nerf_render_options> {
-    /// No cut, no blur.
+    /// Options without a cut or a blur.
     static options uncut() noexcept {
         options all;
         all.transmittance_cut = all.colour_cut = all.normal_blur = NERF_NONE;
@@ -667,9 +667,9 @@ struct counters : detail::sized<nerf_counters> {
 /// The point of a scene's front that was chosen.
 using choice = detail::sized<nerf_choice>;
 
-/// What frames take on one thread of this host, point by point of the scene's front.
+/// The time that frames take on one thread of this host, point by point of the scene's front.
 struct pace : detail::sized<nerf_pace> {
-    /// The same where `threads` threads share a frame's tiles.
+    /// The pace where `threads` threads share a frame's tiles.
     pace shared_among(unsigned threads) const noexcept {
         pace all = *this;
         for (float &frame : all.milliseconds) {
@@ -722,7 +722,7 @@ public:
     /// An empty one.
     scene() noexcept = default;
 
-    /// How much memory a blob's scene lies in.
+    /// The memory that a blob's scene lies in.
     static result<layout> memory_layout(bytes blob, const open_options &how = {}) noexcept {
         return detail::layout_of(nerf_scene_memory, blob.data(), blob.size(), &how);
     }
@@ -765,11 +765,11 @@ public:
     /// For calls of the C library; null if empty.
     const nerf_scene *get() const noexcept { return handle_.get(); }
 
-    /// What it says about itself; all zeros if empty.
+    /// The facts of the scene; all zeros if empty.
     const nerf_scene_info &info() const noexcept { return info_.value; }
     bool is_picture() const noexcept { return info().kind == NERF_KIND_PICTURE; }
 
-    /// Whether it says where somebody stood who took its photographs.
+    /// Whether it has a viewpoint: where somebody stood who took its photographs.
     bool has_viewpoint() const noexcept { return info().up[0] != 0.0f || info().up[1] != 0.0f || info().up[2] != 0.0f; }
 
     // Of an orbit through there; of a scene that does not say, around the middle of its box, half way between near and
@@ -782,12 +782,12 @@ public:
     float orbit_radius() const noexcept {
         return has_viewpoint() ? std::sqrt(dot(eye(), eye())) : 0.5f * (info().near_distance + info().far_distance);
     }
-    /// Where it begins, radians, as nerf::camera::orbit counts them.
+    /// The angle at which it begins, radians, as nerf::camera::orbit counts them.
     float start_azimuth() const noexcept {
         const auto [side, ahead] = detail::across(up());
         return has_viewpoint() ? std::atan2(dot(eye(), ahead), dot(eye(), side)) : 0.6f;
     }
-    /// How high it is, radians.
+    /// The angle above the ground, radians.
     float start_elevation() const noexcept {
         const auto [side, ahead] = detail::across(up());
         const float flat = std::hypot(dot(eye(), ahead), dot(eye(), side));
@@ -802,9 +802,9 @@ public:
     /// A worker of this scene, in memory of the heap: one for each thread. `outputs`: those of the targets that it will
     /// render into; for queries NERF_OUTPUT_RGB or 0.
     result<nerf::worker> worker(std::uint32_t outputs, const options &how = {}) const noexcept;
-    /// The same in the caller's memory, or owned one.
+    /// A worker in the caller's memory, or owned one.
     result<nerf::worker> worker(std::uint32_t outputs, const options &how, memory home) const noexcept;
-    /// How much memory that is.
+    /// The memory that a worker lies in.
     result<layout> worker_layout(std::uint32_t outputs, const options &how = {}) const noexcept {
         const auto asked = request<nerf_request>(outputs, how);
         return detail::layout_of(nerf_worker_size, &asked);
@@ -836,7 +836,7 @@ public:
         return why;
     }
 
-    /// How much workspace measuring the pace needs.
+    /// The workspace that measuring the pace needs.
     result<layout> pace_layout(std::uint32_t outputs, const options &how = {}) const noexcept {
         const auto asked = request<nerf_pace_request>(outputs, how);
         return detail::layout_of(nerf_pace_workspace_size, &asked);
@@ -879,7 +879,7 @@ private:
         return opened == NERF_STATUS_OK ? nerf_scene_describe(handle, &info_.value) : opened;
     }
     static vec3 vector(const float (&of)[3]) noexcept { return {of[0], of[1], of[2]}; }
-    /// From the centre of the orbit to where the photographs were taken.
+    /// The vector from the centre of the orbit to where the photographs were taken.
     vec3 eye() const noexcept { return vector(info().eye) - vector(info().target); }
 
     memory home_;
@@ -891,7 +891,7 @@ private:
 
 /// A scene that stands somewhere in a host's world: rotated, scaled alike along all axes, and moved.
 struct instance : detail::sized<nerf_instance> {
-    /// Where it was.
+    /// The scene in its own coordinates.
     explicit instance(const nerf::scene &of) noexcept { scene = of.get(); }
     /// `matrix`: 16 floats, column-major as in OpenGL and glTF, that take the scene's coordinates to the world's. Another
     /// number of them is no instance (`struct_size` 0), which is refused when a worker is opened.
@@ -908,10 +908,10 @@ struct instance : detail::sized<nerf_instance> {
 struct rays {
     triples<const float> origins, dirs;
     numbers<const float> t_min = {}, t_max = {};
-    /// Of sample_rays: a number in [0, 1) each; 1, to which a float rounds what is just below, is taken for the largest float
+    /// Random numbers of sample_rays, in [0, 1); 1, to which a float rounds what is just below, is taken for the largest float
     /// below it. render_rays refuses them.
     numbers<const float> random = {};
-    /// What z_depth is measured along, of unit length.
+    /// The axis that z_depth is measured along, of unit length.
     std::optional<vec3> axis = {};
 };
 

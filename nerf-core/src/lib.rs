@@ -59,7 +59,7 @@
 //! | `alpha` | `−expm1(−sigma delta)`: what one bin keeps of the light |
 //! | `transmittance` | `exp(−Σ sigma delta)` over the bins in front, summed in log space, compensated |
 //! | `weights`, `opacity` | `transmittance · alpha`; their sum, `<= 1` |
-//! | samples | where a ray is in the scene box, wherever the camera is: at the step the scene names, or in its bins from near to far and as many more as the box needs; of an unbounded scene from near on, at steps that grow beyond its ball ([`camera::Contraction`]) |
+//! | samples | where a ray is in the scene box, wherever the camera is: at the step the scene names, or in its bins from near to far and as many more as the box needs; of an unbounded scene from near on, at steps that grow beyond its ball ([`space::Contraction`]) |
 //! | `far` | one number for all pixels of a camera: the scene's far, or the farthest corner of its box if that is farther ([`Plan::far_from`]); of an unbounded scene its far behind the middle |
 //! | last bin | finite: a march's ends where the ray leaves the box |
 //! | colour | display-encoded (sRGB, as the training images were), `[0, 1]`, composited in that space |
@@ -84,7 +84,7 @@
 //! | `proposal` | yes | samples drawn from a coarse proposal network, where a scene has one |
 //! | `grid` | yes | learned multiresolution grids ([`encoding::GridEncoding`]), and spherical harmonics |
 //! | `coded` | yes | entropy-coded tables of grids, decoded into memory when a scene is opened; firmware reads int8 tables in place |
-//! | `contraction` | yes | unbounded scenes ([`camera::Contraction`]) |
+//! | `contraction` | yes | unbounded scenes ([`space::Contraction`]) |
 //! | `instances` | yes | several fields in one world ([`Worker::of_instances`]); brings `median` and `normals` |
 //! | `std` | yes | [`host`]: scenes that own their bytes, files, threads |
 //! | `train` | no | for trainers and tests: the parts a renderer is made of are public (`simd`, `math`, `matrix`, `sampling`, networks and encodings at work), and backward kernels |
@@ -179,6 +179,8 @@
 //! `docs/blob-format.md` (the file, normative), `docs/numerics.md` (worst errors, case by case, beside their bounds),
 //! `docs/journal/` and `docs/kernels.md` (what was measured and tried, the latter of the inner loops).
 
+mod errors;
+
 pub mod memory;
 
 #[cfg(feature = "train")]
@@ -197,6 +199,8 @@ pub mod matrix;
 mod matrix;
 
 pub mod camera;
+
+pub mod space;
 
 #[cfg(feature = "train")]
 pub mod sampling;

@@ -1,4 +1,4 @@
-//! What every call does at its border: messages, panics, versioned structures.
+//! The border of every call: messages, panics, versioned structures.
 
 use crate::failure::Failure;
 use crate::span::{Span, check_aligned};
@@ -18,13 +18,14 @@ const MAX_STRUCT_SIZE: usize = 4096;
 pub(crate) unsafe trait Versioned: Copy {
     /// The argument's name, for messages.
     const NAME: &'static str;
-    /// Its size in version 2 of the ABI; stays when fields are added.
+    /// The size in version 2 of the ABI; stays when fields are added.
     const SIZE_V2: usize;
 }
 
 /// `versioned!(unsafe Camera, "camera", by_width(116, 120))`: name and size of a structure that is [`Versioned`].
 ///
-/// `unsafe`: the structure is `repr(C)`, and its fields are numbers, pointers and optional functions: any bytes are a valid value.
+/// `unsafe`: the structure is `repr(C)`, and its fields are numbers, pointers and optional functions: any bytes are a valid
+/// value.
 macro_rules! versioned {
     (unsafe $type:ty, $name:literal, $size:expr) => {
         // SAFETY: the caller's promise, but for the first field.
@@ -55,13 +56,13 @@ impl Message {
     /// No buffer.
     pub const NONE: Self = Self { text: core::ptr::null_mut(), capacity: 0 };
 
-    /// Its first byte, which a call that succeeds writes, too.
+    /// The first byte, which a call that succeeds writes, too.
     pub fn first(&self) -> Result<Span, Failure> {
         Span::new("message", self.text.cast(), usize::from(!self.text.is_null() && self.capacity > 0))
     }
 
-    /// Writes what `say` says, cut at the capacity, always with a NUL at its end; returns the bytes of the whole text with its
-    /// NUL.
+    /// Writes what `say` says, cut at the capacity, always with a NUL at its end; returns the bytes of the whole text with
+    /// its NUL.
     pub fn write(&self, say: impl FnOnce(&mut Cut)) -> usize {
         let there = !self.text.is_null() && self.capacity > 0;
         let room = if there { self.capacity - 1 } else { 0 };
@@ -123,7 +124,7 @@ pub(crate) fn call(message: Message, body: impl FnOnce() -> Result<(), Failure>)
     call_with_reason(message, body)
 }
 
-/// The same for a call that has more to say than a [`Failure`].
+/// [`call`] for a body that has more to say than a [`Failure`].
 pub(crate) fn call_with_reason<R: Reason>(message: Message, body: impl FnOnce() -> Result<(), R>) -> Status {
     #[cfg(feature = "std")]
     let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(body)).unwrap_or_else(|payload| {
@@ -199,10 +200,10 @@ pub(crate) unsafe fn read_versioned<T: Versioned>(at: *const T) -> Result<T, Fai
     }
 }
 
-/// The same of a structure that may be left out: NULL is all zeros.
+/// [`read_versioned`] of a structure that may be left out: NULL is all zeros.
 ///
 /// # Safety
-/// As [`read_versioned`].
+/// That of [`read_versioned`].
 pub(crate) unsafe fn read_or_zeros<T: Versioned>(at: *const T) -> Result<T, Failure> {
     if at.is_null() {
         // SAFETY: any bytes are a value (`Versioned`).
@@ -212,7 +213,7 @@ pub(crate) unsafe fn read_or_zeros<T: Versioned>(at: *const T) -> Result<T, Fail
     unsafe { read_versioned(at) }
 }
 
-/// What a number names; `names`: by the numbers of a C enum, `None` where one names nothing here.
+/// The value that a number names; `names`: by the numbers of a C enum, `None` where one names nothing here.
 pub(crate) fn named<T: Copy>(
     names: &[Option<T>],
     name: &'static str,
@@ -245,10 +246,10 @@ impl<T: Versioned> Out<T> {
         Ok(Self { at, size })
     }
 
-    /// The same of a place that may be NULL.
+    /// [`Out::new`] of a place that may be NULL.
     ///
     /// # Safety
-    /// As [`Out::new`].
+    /// That of [`Out::new`].
     pub unsafe fn new_or_none(at: *mut T) -> Result<Option<Self>, Failure> {
         // SAFETY: `at` is as this function's `# Safety` has it.
         if at.is_null() { Ok(None) } else { unsafe { Self::new(at).map(Some) } }

@@ -1,4 +1,4 @@
-//! Where a picture is taken from.
+//! A camera, and its rays.
 
 use crate::boundary::{Message, Out, by_width, call, check_out, named, read_versioned, versioned};
 use crate::failure::Failure;
@@ -8,7 +8,7 @@ use core::ffi::c_char;
 use glam::Vec3;
 use nerf_core::camera::{self, Intrinsics, Lens, Pose, Projection};
 
-/// What the coefficients of a `nerf_camera`'s lens are of.
+/// The model of a `nerf_camera`'s lens, which its coefficients belong to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum LensModel {

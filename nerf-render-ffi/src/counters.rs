@@ -1,4 +1,4 @@
-//! What a call cost.
+//! The work of a call.
 
 use crate::boundary::{by_width, versioned};
 use nerf_core::render;

@@ -1,11 +1,11 @@
-//! What a frame does beyond one ray through each pixel's centre.
+//! Effects: what a frame does beyond one ray through each pixel's centre.
 
 use crate::boundary::named;
 use crate::failure::Failure;
 use crate::render_options::{at_most, flag};
 use nerf_core::plan;
 
-/// What brings light beyond 1 back into the picture: a curve on each linear channel.
+/// The tone curve, on each linear channel, that brings light beyond 1 back into the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum ToneMap {
@@ -21,7 +21,7 @@ pub enum ToneMap {
 const TONE_MAPS: [Option<plan::ToneMap>; 3] =
     [Some(plan::ToneMap::None), Some(plan::ToneMap::Reinhard), Some(plan::ToneMap::Filmic)];
 
-/// What a frame does beyond one ray through each pixel's centre. All zeros is nothing, and costs nothing.
+/// Effects: what a frame does beyond one ray through each pixel's centre. All zeros is none, and costs nothing.
 ///
 /// An effect that this build of the library lacks is `NERF_STATUS_OPTIONS`.
 #[derive(Clone, Copy, Debug)]
@@ -35,7 +35,7 @@ pub struct Effects {
     pub seed: u64,
     /// Radius of a thin lens' aperture, world units, at most 1e9; 0 is a pinhole.
     pub aperture_radius: f32,
-    /// From the camera to its plane of focus along the view axis, world units, 1e-6 to 1e9; read only where
+    /// Distance from the camera to its plane of focus along the view axis, world units, 1e-6 to 1e9; read only where
     /// there is an aperture.
     pub focus_distance: f32,
     /// Doublings of the light, -32 to 32; 0 leaves it as it is.
@@ -50,7 +50,7 @@ pub struct Effects {
 }
 
 impl Effects {
-    /// The same for the renderer, which checks the ranges of what is no integer.
+    /// The effects as the renderer has them, which checks the ranges of what is no integer.
     pub(crate) fn read(&self) -> Result<plan::Effects, Failure> {
         if self.reserved != [0; 5] {
             return Err(Failure::Reserved("options.effects.reserved"));

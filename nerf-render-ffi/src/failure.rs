@@ -78,7 +78,7 @@ reasons! {
     #[cfg(feature = "instances")]
     Instance { index: usize, problem: Problem } => problem.status(), "instances[{index}]{problem}";
     #[cfg(feature = "instances")]
-    Placement { index: usize, error: nerf_core::camera::PlacementError } => Transform,
+    Placement { index: usize, error: nerf_core::space::PlacementError } => Transform,
         "instances[{index}].to_world: {error}";
     NoPlane => Target, "target: expected at least one plane, found none";
     TwoLimits => Target, "target: expected limit_ray_distance or limit_z_depth, found both";
@@ -142,7 +142,7 @@ fn status_of_render(error: &RenderError) -> Status {
 }
 
 impl Failure {
-    /// The same of one of the instances of a request.
+    /// The failure of one of the instances of a request.
     #[cfg(feature = "instances")]
     pub fn of_instance(self, index: usize) -> Self {
         let problem = match self {

@@ -48,17 +48,17 @@ impl Rect {
     }
 }
 
-/// What is rendered of an image, and where to.
+/// A frame: what is rendered of an image, and where to.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Frame {
     /// `sizeof(nerf_frame)`.
     pub struct_size: usize,
-    /// Where a scene is seen from; NULL for a picture.
+    /// The camera that a scene is seen from; NULL for a picture.
     pub camera: *const Camera,
     /// NULL for the whole image; an empty one is rendered with nothing written.
     pub rect: *const Rect,
-    /// Where the pixels go; planes the worker was not opened for are NULL.
+    /// The planes that the pixels go to; those that the worker was not opened for are NULL.
     pub target: *const Target,
     /// Width of a picture's image, pixels; of a scene 0.
     pub width: u32,
@@ -148,7 +148,7 @@ pub unsafe extern "C" fn nerf_render_picture(
             return Err(render::RenderError::NotAPicture.into());
         };
         let renderer = member.scene.renderer();
-        let (math, batch) = (worker.settings.quality.math, worker.settings.batch);
+        let (math, batch) = (worker.settings.frame.quality.math, worker.settings.batch);
         let size = [frame.width, frame.height];
         let nothing = render::Rect { x: 0, y: 0, width: 0, height: 0 };
         renderer.check_picture(batch, size, nothing)?;

@@ -9,9 +9,9 @@ use crate::scene::Scene;
 #[cfg(feature = "instances")]
 use crate::span::check_aligned;
 #[cfg(feature = "instances")]
-use nerf_core::camera::Placement;
-#[cfg(feature = "instances")]
 use nerf_core::plan::PlanError;
+#[cfg(feature = "instances")]
+use nerf_core::space::Placement;
 
 /// A scene that stands somewhere in the host's world.
 #[derive(Clone, Copy, Debug)]
@@ -30,7 +30,7 @@ versioned!(unsafe Instance, "instances", by_width(56, 64));
 
 #[cfg(feature = "instances")]
 reasons! {
-    /// What is wrong with one instance, but for its transform: what follows `instances[i]` in a message.
+    /// A problem of one instance, but for its transform: what follows `instances[i]` in a message.
     Problem:
     StructSize { expected: usize, found: usize } => StructSize,
         ".struct_size: expected {expected} (to 4096 with a tail of zeros), found {found}";

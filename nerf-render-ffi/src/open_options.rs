@@ -1,12 +1,12 @@
-//! How a scene is opened.
+//! Options of opening a scene.
 
 use crate::boundary::{by_width, named, number_of, read_or_zeros, versioned};
 use crate::failure::Failure;
 use nerf_core::Isa;
 
-/// Which instructions the inner loops use.
+/// The instructions that the inner loops use.
 ///
-/// With one of them and one storage pictures are the same bit for bit, whatever the rectangles and threads.
+/// Pictures of one kernel and one storage are the same bit for bit, whatever the rectangles and threads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Kernel {
@@ -30,7 +30,7 @@ pub enum Kernel {
 const ISAS: [Option<Isa>; 6] =
     [None, Some(Isa::Portable), Some(Isa::Avx2), Some(Isa::Avx512), Some(Isa::Simd128), Some(Isa::Neon)];
 
-/// How the weights of a scene lie in memory.
+/// The storage of a scene's weights in memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Storage {
@@ -54,7 +54,7 @@ pub(crate) fn numbers_of(kernel: nerf_core::Kernel) -> (u32, u32) {
     (number_of(&ISAS, kernel.isa), number_of(&STORAGES, kernel.storage))
 }
 
-/// How a scene is opened; NULL in its place means all zeros.
+/// Options of opening a scene; NULL in its place means all zeros.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct OpenOptions {
@@ -70,7 +70,7 @@ pub struct OpenOptions {
 
 versioned!(unsafe OpenOptions, "options", by_width(36, 40));
 
-/// What the caller asks for.
+/// The kernel that the caller asks for.
 ///
 /// # Safety
 /// `options` is NULL or points to `struct_size` readable bytes.

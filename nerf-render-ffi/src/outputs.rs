@@ -1,4 +1,4 @@
-//! What is asked for of each pixel, ray or point.
+//! Outputs of each pixel, ray or point.
 
 use crate::failure::Failure;
 use crate::render_options::at_most;

@@ -1,4 +1,4 @@
-//! What a frame takes on this host, measured.
+//! The pace of frames on this host, measured.
 
 use crate::boundary::{Message, Out, by_width, call, call_for_size, read_versioned, versioned};
 use crate::camera::Camera;
@@ -14,7 +14,7 @@ use nerf_core::blob::MAX_FRONT;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Plan, Quality};
 
-/// What a frame takes at each point of a scene's front, on one thread of this host.
+/// The time that a frame takes at each point of a scene's front, on one thread of this host.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Pace {
@@ -47,7 +47,7 @@ pub struct PaceRequest {
     pub options: *const RenderOptions,
     /// `NERF_OUTPUT_*` of the planes that will not be NULL, or-ed.
     pub outputs: u32,
-    /// Where measuring stops: behind the first point whose frame would take more than so many milliseconds.
+    /// Milliseconds of a frame: measuring stops behind the first point whose frame would take longer.
     pub limit_milliseconds: f32,
     /// Called with `user`, must not touch the workspace; NULL for the library's own, which a build without std has not.
     pub clock: Clock,
@@ -127,7 +127,7 @@ pub unsafe extern "C" fn nerf_pace_measure(
 /// A scene, and what its frames consist of.
 ///
 /// # Safety
-/// As [`nerf_pace_measure`].
+/// That of [`nerf_pace_measure`].
 unsafe fn planned<'s>(at: *const PaceRequest) -> Result<(PaceRequest, &'s Scene, Plan<'s>), Failure> {
     // SAFETY: `at` is as this function's `# Safety` has it.
     let request = unsafe { read_versioned(at)? };
@@ -136,7 +136,7 @@ unsafe fn planned<'s>(at: *const PaceRequest) -> Result<(PaceRequest, &'s Scene,
     // SAFETY: the options are as this function's `# Safety` has them.
     let mut settings = unsafe { Settings::read(request.options)? };
     // Each point brings its own; what the caller's are is no reason to refuse.
-    settings.quality = Quality::exact(scene.renderer().blob());
+    settings.frame.quality = Quality::exact(scene.renderer().blob());
     let outputs = read_outputs("request.outputs", request.outputs)?;
     let plan = settings.plan(scene.renderer().blob(), outputs, 1.0)?;
     Ok((request, scene, plan))

@@ -1,4 +1,4 @@
-//! What a panic does in a library without std whose host is no Rust program.
+//! The panic handler of a library without std whose host is no Rust program.
 
 use core::panic::PanicInfo;
 

@@ -1,4 +1,4 @@
-//! How a pixel lies in memory.
+//! The format of a pixel in memory.
 
 use crate::outputs::{
     NERF_OUTPUT_MEDIAN_DISTANCE, NERF_OUTPUT_NORMALS, NERF_OUTPUT_OPACITY, NERF_OUTPUT_RAY_DISTANCE,
@@ -7,11 +7,10 @@ use crate::outputs::{
 use core::fmt;
 use nerf_core::volume;
 
-/// How a pixel of a plane lies in memory; 8-bit channels are clamped and rounded half up.
+/// The format of a plane's pixel in memory; 8-bit channels are clamped and rounded half up.
 ///
-/// RGB is composited over the background. RGBA is the scene alone, premultiplied by its opacity,
-/// which is the alpha: `rgb + (1 - a) * background` is what RGB gives, in display-encoded values or in linear light, as
-/// `options.effects.linear` says.
+/// RGB is composited over the background. RGBA is the scene alone, premultiplied by its opacity, which is the alpha: `rgb +
+/// (1 - a) * background` is what RGB gives, in display-encoded values or in linear light, as `options.effects.linear` says.
 /// A picture (a 2D field) is opaque: its alpha is 1, and it shows no background.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
@@ -63,7 +62,7 @@ impl fmt::Display for FormatNumber {
     }
 }
 
-/// What a plane takes of a pixel.
+/// The part of a pixel that a plane takes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Channel {
     Colour,
@@ -72,10 +71,10 @@ pub(crate) enum Channel {
     ZDepth,
     MedianDistance,
     Normal,
-    /// Of points.
+    /// The density of a point.
     Density,
     PointColour,
-    /// Which are read.
+    /// Limits, which are read.
     LimitRayDistance,
     LimitZDepth,
 }
@@ -102,7 +101,7 @@ impl Channel {
         self.about().0
     }
 
-    /// Whether these have it; what no output is needed for always is.
+    /// Whether the `outputs` have this channel; a channel that needs no output is in all of them.
     pub fn is_in(self, outputs: u32) -> bool {
         self.about().1 & !outputs == 0
     }

@@ -1,4 +1,4 @@
-//! How a render tells how far it is, and is told to stop.
+//! The progress of a render, and its cancellation.
 
 use core::ffi::c_void;
 

@@ -15,9 +15,9 @@ use nerf_core::render;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Preset {
-    /// Nothing: 0 dB.
+    /// No loss: 0 dB.
     Exact = 0,
-    /// Nothing that any picture shows: 0.01 dB.
+    /// No loss that any picture shows: 0.01 dB.
     High = 1,
     /// 0.1 dB.
     Balanced = 2,

@@ -22,12 +22,13 @@ const CHUNK: usize = 64;
 pub struct Points {
     /// `sizeof(nerf_points)`.
     pub struct_size: usize,
-    /// How many.
+    /// Number of them.
     pub count: usize,
     /// x, y, z, world space. Points outside the scene box, or in a cell that the occupancy grid calls empty, have density 0
     /// and black colour.
     pub positions: Floats,
-    /// From the camera to the point, of unit length (its square is 1 within 1e-3); not read where there is no plane for colour.
+    /// Directions from the camera to the point, of unit length (the square is 1 within 1e-3); not read where there is no
+    /// plane for colour.
     pub dirs: Floats,
     /// Receives the density of each, per world unit: a row of `count` pixels, `NERF_FORMAT_F32`, of which only `pixel_stride`
     /// matters.

@@ -20,7 +20,7 @@ use nerf_core::volume::Pixel;
 pub struct Floats {
     /// The first of them.
     pub data: *const f32,
-    /// From one ray's or point's to the next, bytes; 0 for side by side.
+    /// Bytes from one ray's or point's to the next; 0 for side by side.
     pub stride: usize,
 }
 
@@ -70,7 +70,7 @@ impl Numbers {
     /// The `i`-th three.
     ///
     /// # Safety
-    /// As [`Numbers::one`].
+    /// That of [`Numbers::one`].
     #[inline]
     pub unsafe fn three(&self, i: usize) -> [f32; 3] {
         // SAFETY: inside of what was checked, and aligned; the caller vouches for the memory.
@@ -84,28 +84,29 @@ impl Numbers {
 pub struct Rays {
     /// `sizeof(nerf_rays)`.
     pub struct_size: usize,
-    /// How many.
+    /// Number of them.
     pub count: usize,
-    /// Where each begins, x, y, z.
+    /// The origin of each, x, y, z.
     pub origins: Floats,
-    /// In which direction, x, y, z, of unit length: the square of its length is 1 within 1e-3. It is used as
+    /// The direction of each, x, y, z, of unit length: the square of its length is 1 within 1e-3. It is used as
     /// it is, so that distances are off by as much.
     pub dirs: Floats,
-    /// What is nearer is not seen, world units along the ray, at least 0; NULL for 0. The samples of a scene that is marched
-    /// (`step` of `nerf_scene_info` is not 0) are counted from here, so that another `t_min` moves all of them; those of
-    /// another scene stay where they are, and the one whose bin `t_min` lies in counts for what is left of the bin.
+    /// The distance from which on a ray sees, world units along it, at least 0; NULL for 0. The samples of a scene that is
+    /// marched (`step` of `nerf_scene_info` is not 0) are counted from here, so that another `t_min` moves all of them;
+    /// those of another scene stay where they are, and the one whose bin `t_min` lies in counts for what is left of the
+    /// bin.
     pub t_min: Floats,
-    /// What is farther is not seen, at least `t_min`, may be infinite; NULL for no end. It cuts the bin it lies in: opacity
-    /// goes continuously with it.
+    /// The distance up to which a ray sees, at least `t_min`, may be infinite; NULL for no end. It cuts the bin it lies in:
+    /// opacity goes continuously with it.
     pub t_max: Floats,
-    /// One random number in [0, 1) a ray for `nerf_sample_rays`; NULL for `nerf_render_rays`. 1 is taken for the largest float
-    /// below 1, since rounding to float produces it.
+    /// One random number in [0, 1) a ray for `nerf_sample_rays`; NULL for `nerf_render_rays`. 1 is taken for the largest
+    /// float below 1, since rounding to float produces it.
     pub random: Floats,
-    /// Three numbers, of unit length as `dirs` are: what `z_depth` is measured along, of a camera the direction of its ray through
-    /// (cx, cy). NULL where that is not asked for.
+    /// Three numbers, of unit length as `dirs` are: what `z_depth` is measured along, of a camera the direction of its ray
+    /// through (cx, cy). NULL where that is not asked for.
     pub axis: *const f32,
-    /// Where results go: planes of one row of `count` pixels, of which only `pixel_stride` matters. They may be fields of the
-    /// structures that the rays are in. No limits: `t_max` is the ray's.
+    /// The target of the results: planes of one row of `count` pixels, of which only `pixel_stride` matters. They may be
+    /// fields of the structures that the rays are in. No limits: `t_max` is the ray's.
     pub target: *const Target,
 }
 
@@ -119,7 +120,8 @@ versioned!(unsafe Rays, "rays", by_width(56, 112));
 ///
 /// Rays are checked before the first result is written: `NERF_STATUS_RAY` names the first that has an origin that is not
 /// finite, a direction that is not of unit length or an empty range; it is also the status of `random` that is not NULL.
-/// Options with anti-aliasing or an aperture, which belong to cameras, are `NERF_STATUS_OPTIONS`. `counters` and `message`: as in `nerf_render`.
+/// Options with anti-aliasing or an aperture, which belong to cameras, are `NERF_STATUS_OPTIONS`. `counters` and `message`:
+/// as in `nerf_render`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
@@ -196,7 +198,7 @@ impl Arrays {
     /// The `i`-th ray.
     ///
     /// # Safety
-    /// As [`Numbers::one`].
+    /// That of [`Numbers::one`].
     #[inline]
     unsafe fn ray(&self, i: usize) -> RaySegment {
         // SAFETY: the caller's promise.
@@ -213,7 +215,7 @@ impl Arrays {
 /// Renders rays, or draws where photons on them collide.
 ///
 /// # Safety
-/// As [`nerf_render_rays`].
+/// That of [`nerf_render_rays`].
 #[inline]
 unsafe fn trace(
     worker: *mut Worker,

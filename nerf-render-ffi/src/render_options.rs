@@ -22,7 +22,7 @@ pub const NERF_NORMAL_BLUR_DEFAULT: f32 = 1.0;
 /// In the place of a cut or a blur: none at all.
 pub const NERF_NONE: f32 = -1.0;
 
-/// Who computes the elementary functions.
+/// The backend of the elementary functions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Maths {
@@ -64,8 +64,8 @@ pub struct RenderOptions {
     /// `nerf_scene_info` is not 0) so many steps to the diagonal of its box; of another so many between its near and far.
     /// With a proposal network these are drawn from it, and its own come on top.
     pub samples: u32,
-    /// A ray ends where its transmittance falls below this, less than 1; 0 for `NERF_TRANSMITTANCE_CUT_DEFAULT`, `NERF_NONE` (or
-    /// anything below 0) never ends one.
+    /// A ray ends where its transmittance falls below this, less than 1; 0 for `NERF_TRANSMITTANCE_CUT_DEFAULT`,
+    /// `NERF_NONE` (or anything below 0) never ends one.
     pub transmittance_cut: f32,
     /// 1: cells that the occupancy grid calls empty are computed, too. Else 0.
     pub ignore_occupancy: u32,
@@ -85,14 +85,14 @@ pub struct RenderOptions {
     /// `NERF_NONE` asks the network for every colour. Opacity and distances never depend on it.
     pub colour_cut: f32,
     /// Width, in bins, of the Gaussian that the density is blurred by before its gradient is taken for normals (standard
-    /// deviation: this over the root of 12); 0 for `NERF_NORMAL_BLUR_DEFAULT`. `NERF_NONE` is the gradient itself, which is mostly
-    /// noise finer than a bin.
+    /// deviation: this over the root of 12); 0 for `NERF_NORMAL_BLUR_DEFAULT`. `NERF_NONE` is the gradient itself, which is
+    /// mostly noise finer than a bin.
     pub normal_blur: f32,
-    /// 1: samples are even where the scene would draw them from its proposal network. Else 0.
+    /// 1: samples are even where the scene would take them from its proposal network. Else 0.
     pub ignore_proposal: u32,
-    /// What is nearer on a ray than this is not seen, world units, at least 0.
+    /// The distance from which on rays see, world units, at least 0.
     pub near_distance: f32,
-    /// What is farther on a ray than this is not seen, world units; 0 for no end.
+    /// The distance up to which rays see, world units; 0 for no end.
     pub far_distance: f32,
     /// 1: a scene that is not marched has no samples but those between its own near and far, which it was trained on,
     /// wherever the camera is: to reproduce figures that were measured so. Else 0: as many more as its box needs.
@@ -106,7 +106,7 @@ pub struct RenderOptions {
 versioned!(unsafe RenderOptions, "options", by_width(128, 136));
 
 impl RenderOptions {
-    /// The same with other shortcuts.
+    /// These options with other shortcuts.
     pub(crate) fn with(self, quality: &Quality) -> Self {
         Self {
             samples: quality.samples.into(),
@@ -123,13 +123,8 @@ impl RenderOptions {
 /// Checked options.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Settings {
-    pub quality: Quality,
-    background: Option<[f32; 3]>,
-    normal_blur: f32,
-    range: (f32, f32),
-    own_bins: bool,
+    pub frame: plan::Settings,
     pub batch: Batch,
-    effects: plan::Effects,
 }
 
 impl Settings {
@@ -154,46 +149,38 @@ impl Settings {
         ] {
             at_most(name, expected, found, most)?;
         }
-        let or = |asked: u32, default: usize| if asked == 0 { default } else { asked as usize };
-        Ok(Self {
-            quality: Quality {
-                samples: o.samples as u16,
-                transmittance_cut: or_default(o.transmittance_cut, NERF_TRANSMITTANCE_CUT_DEFAULT),
-                colour_cut: or_default(o.colour_cut, NERF_COLOUR_CUT_DEFAULT),
-                occupancy: o.ignore_occupancy == 0,
-                math: named(&MATHS, "options.maths", "a nerf_maths of this build", o.maths)?,
-                proposal: o.ignore_proposal == 0,
-            },
-            background: (o.background_set == 1).then_some(o.background),
-            normal_blur: or_default(o.normal_blur, NERF_NORMAL_BLUR_DEFAULT),
-            range: (o.near_distance, if o.far_distance == 0.0 { f32::MAX } else { o.far_distance }),
-            own_bins: o.own_bins == 1,
-            batch: Batch {
-                rays: or(o.batch_rays, Batch::FULL.rays.min(MAX_RAYS as usize)),
-                samples: or(o.batch_samples, Batch::FULL.samples),
-            },
+        let quality = Quality {
+            samples: o.samples as u16,
+            transmittance_cut: or_default(o.transmittance_cut, NERF_TRANSMITTANCE_CUT_DEFAULT),
+            colour_cut: or_default(o.colour_cut, NERF_COLOUR_CUT_DEFAULT),
+            occupancy: o.ignore_occupancy == 0,
+            math: named(&MATHS, "options.maths", "a nerf_maths of this build", o.maths)?,
+            proposal: o.ignore_proposal == 0,
+        };
+        let frame = plan::Settings {
+            quality,
             effects: o.effects.read()?,
-        })
+            background: (o.background_set == 1).then_some(o.background),
+            range: (o.near_distance, if o.far_distance == 0.0 { f32::MAX } else { o.far_distance }),
+            normal_blur: or_default(o.normal_blur, NERF_NORMAL_BLUR_DEFAULT),
+            own_bins: o.own_bins == 1,
+        };
+        let or = |asked: u32, default: usize| if asked == 0 { default } else { asked as usize };
+        let rays = or(o.batch_rays, Batch::FULL.rays.min(MAX_RAYS as usize));
+        Ok(Self { frame, batch: Batch { rays, samples: or(o.batch_samples, Batch::FULL.samples) } })
     }
 
     /// The frame these settings make of a scene, of whose units one is `scale` of the world's.
     pub fn plan<'a>(&self, blob: &Blob<'a>, outputs: Outputs, scale: f32) -> Result<Plan<'a>, Failure> {
-        let mut plan = Plan::new(blob, &self.quality, outputs, self.batch)?
-            .with_normal_blur(self.normal_blur)?
-            .with_range(self.range.0 / scale, self.range.1 / scale)?;
-        if self.own_bins {
-            plan = plan.with_own_bins();
-        }
-        if let Some(background) = self.background {
-            plan = plan.with_background(background)?;
-        }
-        Ok(plan.with_effects(self.effects)?)
+        let (near, far) = self.frame.range;
+        let of_scene = plan::Settings { range: (near / scale, far / scale), ..self.frame };
+        Ok(of_scene.plan(blob, outputs, self.batch)?)
     }
 
     /// An error unless the tone stage is none but that to linear light: what is premultiplied in display-encoded values is no
     /// light, and a curve of what is premultiplied is not that of the colour.
     pub fn check_tone_of_alpha(&self) -> Result<(), Failure> {
-        let tone = self.effects.tone;
+        let tone = self.frame.effects.tone;
         let fits = tone == Tone::NONE || (tone.linear && tone.map == ToneMap::None);
         if fits { Ok(()) } else { Err(Failure::ToneOfAlpha) }
     }

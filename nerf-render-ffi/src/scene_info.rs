@@ -1,4 +1,4 @@
-//! What a scene says about itself.
+//! The facts of a scene.
 
 use crate::boundary::{Message, Out, by_width, call, versioned};
 use crate::open_options::numbers_of;
@@ -8,7 +8,7 @@ use core::ffi::c_char;
 use nerf_core::blob::{SceneSampling, StoredTables, Viewpoint};
 use nerf_core::network::{MAX_COLOUR, MAX_TRUNK};
 
-/// What a blob holds.
+/// The content of a blob.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Kind {
@@ -18,7 +18,7 @@ pub enum Kind {
     Picture = 2,
 }
 
-/// What a scene's learned grid is stored in.
+/// The storage of a scene's learned grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum TableStorage {
@@ -49,7 +49,7 @@ impl Text {
     }
 }
 
-/// What a scene says about itself; zeros in what a picture (a 2D field) has not.
+/// The facts of a scene; zeros in those that a picture (a 2D field) has not.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct SceneInfo {
@@ -71,7 +71,7 @@ pub struct SceneInfo {
     pub far_distance: f32,
     /// Samples per ray the scene was made for: between near and far, or where it is marched (`step`) the most in its box.
     pub samples: u32,
-    /// What shows where opacity is below 1, display-encoded.
+    /// The background, which shows where opacity is below 1, display-encoded.
     pub background: [f32; 3],
     /// 1 if colour depends on the viewing direction.
     pub view_dependent: u32,
@@ -91,7 +91,7 @@ pub struct SceneInfo {
     pub colour_widths: [u32; 4],
     /// Mean PSNR over the validation views, dB; NaN if there were none.
     pub psnr_db: f32,
-    /// What rounding weights and tables to what they are stored in cost on the same views, dB; NaN if not measured.
+    /// PSNR lost on the same views by rounding weights and tables to their storage, dB; NaN if not measured.
     pub quantisation_loss_db: f32,
     /// Optimiser steps.
     pub steps: u32,
@@ -107,7 +107,7 @@ pub struct SceneInfo {
     pub data: Text,
     /// The program and settings that made it.
     pub made_by: Text,
-    /// What the PSNR means: views, background, samples.
+    /// The convention of the PSNR: views, background, samples.
     pub psnr_convention: Text,
     /// Size of the picture the 2D field was made of, pixels to a row; 0 in a scene.
     pub picture_width: u32,
@@ -131,15 +131,15 @@ pub struct SceneInfo {
     pub contraction_power: u32,
     /// The `nerf_storage` that its weights lie in; never `NERF_STORAGE_AUTO`.
     pub storage: u32,
-    /// Where somebody stood who took the photographs, world units: a view from here towards `target` shows what was seen.
+    /// The position of somebody who took the photographs, world units: a view from here towards `target` shows what was seen.
     /// Zeros, as all of the four, where the file does not say: of a scene that does, `up` is not 0.
     pub eye: [f32; 3],
-    /// What the photographs show, world units: the centre of an orbit.
+    /// The subject of the photographs, world units: the centre of an orbit.
     pub target: [f32; 3],
-    /// What was up for those who took them, unit length: the axis of an orbit.
+    /// The upward direction of those who took them, unit length: the axis of an orbit.
     pub up: [f32; 3],
-    /// How far around `target` they were taken, radians around `up` with `eye` in the middle; 2 pi: all the way. Beyond it
-    /// nobody saw the scene.
+    /// The arc around `target` that they were taken from, radians around `up` with `eye` in the middle; 2 pi: all the way.
+    /// Beyond it nobody saw the scene.
     pub arc: f32,
 }
 

@@ -11,7 +11,7 @@ pub(crate) struct Span {
 }
 
 impl Span {
-    /// Nothing.
+    /// No bytes.
     pub const EMPTY: Self = Self { start: 0, length: 0 };
 
     /// The bytes from `start` on; an error where no Rust slice could be that long.
@@ -52,7 +52,7 @@ pub(crate) struct Pieces {
 }
 
 impl Pieces {
-    /// None.
+    /// No pieces.
     pub const NONE: Self = Self { span: Span::EMPTY, stride: 1, size: 0 };
 
     /// An error where the two share a byte, or may: fields of the same structures do not.
@@ -75,7 +75,7 @@ impl Pieces {
 
 /// The bytes of a plane: pixels in columns and rows, with gaps. A row is no longer than its stride.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Lattice {
+pub(crate) struct PlaneBytes {
     /// The lowest address of all.
     first: usize,
     columns: usize,
@@ -85,7 +85,7 @@ pub(crate) struct Lattice {
     size: usize,
 }
 
-impl Lattice {
+impl PlaneBytes {
     /// `data`: the top left pixel; rows go up where the row stride is negative. Checked before: no address overflows.
     pub fn new(
         data: usize,
@@ -117,7 +117,7 @@ impl Lattice {
         self.columns == 0 || self.rows == 0
     }
 
-    /// From a row's first byte to behind its last; of a plane that is not empty.
+    /// Bytes from a row's first to behind its last; of a plane that is not empty.
     fn row_length(&self) -> usize {
         (self.columns - 1) * self.pixel_stride + self.size
     }

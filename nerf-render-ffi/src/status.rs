@@ -1,8 +1,8 @@
-//! What became of a call.
+//! The status of a call.
 
 use core::ffi::{CStr, c_char};
 
-/// What became of a call; the numbers never change, and later versions may add some.
+/// The status of a call; the numbers never change, and later versions may add some.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(i32)]
 pub enum Status {
@@ -50,8 +50,8 @@ pub enum Status {
     File = 20,
     /// The system has no memory left for what the library was asked to own.
     OutOfMemory = 21,
-    /// A ray of the caller's has no direction of unit length, no finite origin, no range or no random number, or has one where
-    /// none is drawn.
+    /// A ray of the caller's has no direction of unit length, no finite origin, no range or no random number, or has one
+    /// where none is drawn.
     Ray = 22,
     /// An instance's transform is not a rotation, one scale and a translation.
     Transform = 23,
@@ -127,7 +127,7 @@ texts! {
     BlobContent: c"the blob's content breaks a rule of the format";
 }
 
-/// What a status means, in English; static, never NULL, also for numbers that are no status.
+/// The meaning of a status, in English; static, never NULL, also for numbers that are no status.
 #[unsafe(no_mangle)]
 pub extern "C" fn nerf_status_text(status: i32) -> *const c_char {
     let known = Status::ALL.iter().find(|known| **known as i32 == status);

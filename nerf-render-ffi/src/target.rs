@@ -1,9 +1,9 @@
-//! Where a picture goes.
+//! The target of a picture: planes in the caller's memory.
 
 use crate::boundary::{by_width, read_versioned, versioned};
 use crate::failure::Failure;
 use crate::pixel::{Channel, FormatNumber, PixelFormat, put};
-use crate::span::{Lattice, Pieces, Span, check_aligned};
+use crate::span::{Pieces, PlaneBytes, Span, check_aligned};
 use crate::tile_pixels::TilePixels;
 use crate::worker::State;
 use core::ffi::c_void;
@@ -17,9 +17,9 @@ use nerf_core::volume::Pixel;
 pub struct Plane {
     /// The rectangle's top left pixel; NULL if the plane is not wanted, which then costs nothing.
     pub data: *mut c_void,
-    /// From a pixel to its right neighbour, bytes; 0 for the size of a pixel.
+    /// Bytes from a pixel to its right neighbour; 0 for the size of a pixel.
     pub pixel_stride: usize,
-    /// From a pixel to the one below, bytes; negative where rows go up; 0 for rows without a gap.
+    /// Bytes from a pixel to the one below; negative where rows go up; 0 for rows without a gap.
     pub row_stride: isize,
     /// A `nerf_format`: RGB or RGBA for `rgb`, VEC3_F32 for `normals`, F32 for the others.
     pub format: u32,
@@ -27,7 +27,7 @@ pub struct Plane {
     pub reserved: u32,
 }
 
-/// Where a picture goes: what is NULL is not computed, and takes no memory.
+/// The target of a picture: a plane that is NULL is not computed, and takes no memory.
 ///
 /// Planes may share memory as channels of one structure; what lies between their pixels is never
 /// touched. Two that are written to must not share a byte (`NERF_STATUS_OVERLAP`).
@@ -47,7 +47,7 @@ pub struct Target {
     /// First distance along the ray at which less than half of the light is left, world units; `far` where
     /// there is none. Needs a `transmittance_cut` of at most 0.5.
     pub median_distance: Plane,
-    /// Where the surface faces, the mean of -grad(density)/|grad(density)| along the ray: world space, unit
+    /// The surface's normal, the mean of -grad(density)/|grad(density)| along the ray: world space, unit
     /// length, or 0 where opacity is 1e-4 or less or directions cancel. Costs about as much as two more
     /// samples a ray.
     pub normals: Plane,
@@ -55,7 +55,7 @@ pub struct Target {
     /// or a NaN is no end. NULL for none. It cuts the bin it lies in, so that edges are smooth, and what is behind it costs
     /// nothing.
     pub limit_ray_distance: Plane,
-    /// The same, world units along the view axis, as of a depth buffer. One of the two at most.
+    /// Read, not written: the same ends, world units along the view axis, as of a depth buffer. One of the two at most.
     pub limit_z_depth: Plane,
 }
 
@@ -78,7 +78,7 @@ type Extent = (usize, usize);
 pub(crate) struct Canvas {
     surfaces: [Option<Surface>; 6],
     limit: Option<Surface>,
-    /// Its own top left pixel in the image.
+    /// The canvas' top left pixel in the image.
     origin: [u32; 2],
 }
 
@@ -106,7 +106,7 @@ impl Canvas {
     /// The planes of `count` rays; `read` is memory that they must not lie over.
     ///
     /// # Safety
-    /// As [`Canvas::of_image`].
+    /// That of [`Canvas::of_image`].
     pub unsafe fn of_rays(
         at: *const Target,
         count: usize,
@@ -120,7 +120,7 @@ impl Canvas {
     /// The planes of `count` points; `rgb` may be none.
     ///
     /// # Safety
-    /// As [`Canvas::of_image`].
+    /// That of [`Canvas::of_image`].
     pub unsafe fn of_points(
         sigma: &Plane,
         rgb: &Plane,
@@ -155,7 +155,7 @@ impl Canvas {
     /// read of the rays, too.
     ///
     /// # Safety
-    /// As [`Canvas::of_image`].
+    /// That of [`Canvas::of_image`].
     unsafe fn of_target(
         at: *const Target,
         extent: Extent,
@@ -223,7 +223,7 @@ impl Canvas {
         self.surfaces.iter().flatten().any(|surface| surface.channel == channel)
     }
 
-    /// Where the rays of the pixels end; `None` if nowhere.
+    /// The limits of the pixels' rays; `None` if there are none.
     pub fn limit(&self) -> Option<LimitPlane> {
         self.limit.map(LimitPlane)
     }
@@ -256,7 +256,7 @@ impl Canvas {
     }
 }
 
-/// Where the rays of a rectangle's pixels end.
+/// The limits of the rays of a rectangle's pixels.
 #[derive(Clone, Copy)]
 pub(crate) struct LimitPlane(Surface);
 
@@ -273,8 +273,8 @@ impl LimitPlane {
 
 impl Surface {
     /// The bytes of its pixels.
-    fn bytes(&self, extent: Extent) -> Lattice {
-        Lattice::new(self.data as usize, extent, (self.pixel_stride, self.row_stride), self.format.size())
+    fn bytes(&self, extent: Extent) -> PlaneBytes {
+        PlaneBytes::new(self.data as usize, extent, (self.pixel_stride, self.row_stride), self.format.size())
     }
 
     /// A pixel's place.

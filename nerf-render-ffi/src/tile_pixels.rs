@@ -4,7 +4,7 @@ use nerf_core::memory::{Layout, Measure};
 use nerf_core::plan::Outputs;
 use nerf_core::volume::Pixel;
 
-/// What every tile holds of a pixel.
+/// The values of a pixel that every tile holds.
 #[derive(Clone, Copy)]
 struct Plain {
     rgb: [f32; 3],

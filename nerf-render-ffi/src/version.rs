@@ -1,4 +1,4 @@
-//! Which contract this build keeps.
+//! Versions of the ABI and of the library.
 
 use core::ffi::{CStr, c_char};
 

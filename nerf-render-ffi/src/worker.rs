@@ -16,13 +16,13 @@ use crate::tile_pixels::TilePixels;
 use core::cell::UnsafeCell;
 use core::ffi::{c_char, c_void};
 use core::sync::atomic::{AtomicBool, Ordering};
-#[cfg(feature = "instances")]
-use nerf_core::camera::Placement;
 use nerf_core::memory::{Arena, Line, lines_for};
 use nerf_core::plan::{Batch, Outputs, Plan, PlanError};
 use nerf_core::render::{self, TILE_SIDE};
+#[cfg(feature = "instances")]
+use nerf_core::space::Placement;
 
-/// What a worker is opened for; what it points to is read by the call alone, but for the scenes.
+/// A request that a worker is opened for; what it points to is read by the call alone, but for the scenes.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Request {
@@ -34,7 +34,7 @@ pub struct Request {
     /// world's. Where they overlap, densities add and colours are mixed by density. An unbounded scene is the last, and
     /// shows its background. In a library built with `instances`.
     pub instances: *const crate::instance::Instance,
-    /// How many; with `scene` 0.
+    /// Number of instances; with `scene` 0.
     pub instance_count: usize,
     /// NULL for the defaults.
     pub options: *const RenderOptions,
@@ -65,11 +65,11 @@ pub struct Worker {
     state: UnsafeCell<State>,
 }
 
-/// What a worker renders by.
+/// The work of a worker, made ready: fields, or the memory of a picture.
 #[allow(clippy::large_enum_variant, reason = "one lies in each worker, and nothing here allocates")]
 pub(crate) enum Work {
     Fields(render::Worker<'static>),
-    /// Of a picture: the memory it is rendered in.
+    /// The memory that a picture is rendered in.
     Picture(&'static mut [Line]),
 }
 
@@ -131,8 +131,8 @@ pub(crate) unsafe fn with_worker(
     result
 }
 
-/// Runs the body of a call with a worker's state and what the caller asks of it; writes the work it was where the caller wants
-/// to know it.
+/// Runs the body of a call with a worker's state and what the caller asks of it; writes the work it was where the caller
+/// wants to know it.
 ///
 /// # Safety
 /// `worker` as in [`with_worker`]; `asked` and `counters` are NULL or point to structures of their `struct_size`.
@@ -162,7 +162,7 @@ impl State {
         self.members.iter().try_for_each(|member| member.scene.check_apart(name, span))
     }
 
-    /// What the frames are rendered by.
+    /// The fields that frames are rendered of.
     pub(crate) fn fields(&mut self) -> Result<&mut render::Worker<'static>, Failure> {
         match &mut self.work {
             Work::Fields(fields) => Ok(fields),
@@ -187,7 +187,7 @@ struct Checked {
     placed: bool,
 }
 
-/// How the lines of a worker's memory are shared out, but for members and instances.
+/// The shares of a worker's memory, in lines, but for members and instances.
 struct Shares {
     own: usize,
     pixels: usize,
@@ -219,7 +219,7 @@ impl Checked {
         let mut settings = unsafe { Settings::read(request.options)? };
         if placed {
             // Fields that are merged have their own bins alone.
-            settings.quality.proposal = false;
+            settings.frame.quality.proposal = false;
         }
         let outputs = read_outputs("request.outputs", request.outputs)?;
         Ok(Self { request, settings, outputs, placed })
@@ -232,7 +232,7 @@ impl Checked {
     /// One of the scenes.
     ///
     /// # Safety
-    /// As [`Checked::read`]; the scenes are intact during `'a`.
+    /// That of [`Checked::read`]; the scenes are intact during `'a`.
     unsafe fn scene<'a>(&self, _index: usize) -> Result<&'a Scene, Failure> {
         #[cfg(feature = "instances")]
         if self.placed {
@@ -246,10 +246,10 @@ impl Checked {
         unsafe { Scene::of(self.request.scene) }
     }
 
-    /// Where one of the instances stands.
+    /// The placement of one of the instances.
     ///
     /// # Safety
-    /// As [`Checked::read`].
+    /// That of [`Checked::read`].
     #[cfg(feature = "instances")]
     unsafe fn placement(&self, index: usize) -> Result<Placement, Failure> {
         if !self.placed {
@@ -259,7 +259,7 @@ impl Checked {
         unsafe { Instance::read(self.request.instances, index)?.placement(index) }
     }
 
-    /// What failed with one of the scenes, named by its index where they are instances.
+    /// The failure of one of the scenes, named by its index where they are instances.
     fn of_scene(&self, _index: usize, failure: Failure) -> Failure {
         #[cfg(feature = "instances")]
         if self.placed {
@@ -278,10 +278,10 @@ impl Checked {
         plan.map(Some).map_err(|failure| self.of_scene(index, failure))
     }
 
-    /// How much memory a worker takes.
+    /// The memory that a worker takes.
     ///
     /// # Safety
-    /// As [`Checked::scene`].
+    /// That of [`Checked::scene`].
     unsafe fn shares(&self) -> Result<Shares, Failure> {
         // SAFETY: the caller's promise.
         let (index, last) = (self.count() - 1, unsafe { self.scene(self.count() - 1)? });
@@ -395,7 +395,7 @@ pub unsafe extern "C" fn nerf_worker_open(
     })
 }
 
-/// What is left of the memory that a worker lies in.
+/// The rest of the memory that a worker lies in.
 struct Lent {
     at: *mut Line,
 }
@@ -404,7 +404,7 @@ impl Lent {
     /// The next lines.
     ///
     /// # Safety
-    /// So many are left, and lent to the worker alone.
+    /// `count` lines are left, and lent to the worker alone.
     #[inline]
     unsafe fn lines(&mut self, count: usize) -> &'static mut [Line] {
         let first = self.at;
@@ -418,7 +418,7 @@ impl Lent {
     /// A slice of `count` values in the next unused lines of the lent memory.
     ///
     /// # Safety
-    /// As [`Lent::lines`], of as many lines as the values take.
+    /// That of [`Lent::lines`], of as many lines as the values take.
     #[inline(always)]
     unsafe fn values<T>(
         &mut self,

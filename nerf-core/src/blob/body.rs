@@ -1,11 +1,11 @@
-//! What a blob says, as plain data.
+//! The content of a blob, as plain data.
 
 use super::front::ParetoFront;
-use super::proposal::Proposal;
-use crate::camera::{Contraction, SceneBox};
+use super::proposal::{Proposal, as_bytes};
 use crate::network::Architecture;
+use crate::space::{Contraction, SceneBox};
 use glam::Vec3;
-use serde::{Deserialize, Serialize, Serializer};
+use serde::{Deserialize, Serialize};
 
 /// Most samples per ray a blob may ask for.
 pub const MAX_SAMPLES: u16 = 4096;
@@ -21,17 +21,17 @@ pub const MAX_TEXT: usize = 1024;
 pub struct Body<'a> {
     /// The network's shape.
     pub architecture: Architecture,
-    /// What the network is a field of.
+    /// The content: a scene or a picture.
     pub content: Content,
-    /// Which cells of the scene box may hold something.
+    /// The cells of the scene box that may hold something.
     #[serde(borrow)]
     pub occupancy: Option<StoredOccupancy<'a>>,
-    /// What accuracy costs in this scene, as a study measured it: dearest point first; empty without one.
+    /// The Pareto front of accuracy against work, as a study measured it: dearest point first; empty without one.
     pub front: ParetoFront,
     /// A second, cheaper network that says where on a ray the scene's own is asked.
     #[serde(borrow)]
     pub proposal: Option<Proposal<'a>>,
-    /// Where it comes from.
+    /// The blob's provenance.
     pub provenance: Provenance<'a>,
     /// The parameters as little-endian f16, in the order of [`Architecture::layers`].
     #[serde(serialize_with = "as_bytes")]
@@ -39,11 +39,6 @@ pub struct Body<'a> {
     /// The entries of the position's grid; present exactly if it is one.
     #[serde(borrow)]
     pub tables: Option<StoredTables<'a>>,
-}
-
-/// Serialises all bytes in one call, where serde would make one for each: the same form.
-pub(super) fn as_bytes<S: Serializer>(bytes: &&[u8], serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.serialize_bytes(bytes)
 }
 
 /// The entries of a grid as a file has them: level by level, entry by entry, feature by feature.
@@ -62,10 +57,10 @@ pub enum StoredTables<'a> {
     },
     /// The values of [`StoredTables::Int8`], entropy-coded: a renderer has them decoded in memory of its own.
     Coded {
-        /// What a step counts in each level, f32.
+        /// The length of a step in each level, f32.
         #[serde(serialize_with = "as_bytes")]
         scales: &'a [u8],
-        /// What they are decoded from.
+        /// The coded bytes.
         #[serde(serialize_with = "as_bytes")]
         bytes: &'a [u8],
     },
@@ -97,7 +92,7 @@ impl<'a> StoredTables<'a> {
     }
 }
 
-/// What the network is a field of.
+/// The content of a blob: what the network is a field of.
 ///
 /// A picture goes with 2 inputs and no density head, a scene with 3 inputs and one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -126,13 +121,13 @@ pub struct SceneFacts {
     pub min: [f32; 3],
     /// Largest corner of the scene box, world units.
     pub max: [f32; 3],
-    /// Where the scene begins on the rays of the cameras it was made from, world units along the ray.
+    /// The distance where the scene begins on the rays of the cameras it was made from, world units along the ray.
     pub near: f32,
-    /// Where it ends on them.
+    /// The distance where it ends on them.
     pub far: f32,
-    /// Where on a ray the field is asked.
+    /// The samples of a ray.
     pub sampling: SceneSampling,
-    /// What shows where opacity is below 1, display-encoded.
+    /// The background, which shows where opacity is below 1, display-encoded.
     pub background: [f32; 3],
     /// Whether the occupancy grid is part of the model: outside of it the network was never trained,
     /// and rendering without it is refused.
@@ -141,35 +136,35 @@ pub struct SceneFacts {
     pub viewpoint: Option<Viewpoint>,
 }
 
-/// Where somebody stood who took a scene's photographs: a view from there shows what was seen.
+/// The viewpoint of somebody who took a scene's photographs: a view from there shows what was seen.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Viewpoint {
-    /// Where a camera is, world units.
+    /// The camera's position, world units.
     pub eye: [f32; 3],
-    /// What it looks at: the photographs' subject, world units; the way to it is not along `up`.
+    /// The point that it looks at: the photographs' subject, world units; not along `up` from the eye.
     pub target: [f32; 3],
-    /// What was up for those who took them; unit length within 1e-3.
+    /// The upward direction of those who took them; unit length within 1e-3.
     pub up: [f32; 3],
-    /// How far around the target they went, radians around `up`, with the eye in the middle: 0 to 2π.
+    /// The arc around the target that they covered, radians around `up`, with the eye in the middle: 0 to 2π.
     pub arc: f32,
 }
 
-/// Where on a ray a scene's field is asked.
+/// The samples of a ray, at which a scene's field is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum SceneSampling {
-    /// In the middles of so many equal bins of `near..far`: the network was trained on these alone. With a proposal,
-    /// so many samples drawn from it. 1 to [`MAX_SAMPLES`].
+    /// The middles of this number of equal bins of `near..far`: the network was trained on these alone. With a proposal,
+    /// the number of samples drawn from it. 1 to [`MAX_SAMPLES`].
     Bins(u16),
-    /// At even steps of so many world units from where the ray enters the scene box to where it leaves it. Finite, above
+    /// Even steps of this length, world units, from where the ray enters the scene box to where it leaves it. Finite, above
     /// 0, and at most [`MAX_SAMPLES`] of them to the box's diagonal.
     March(f32),
-    /// All of space, contracted into the scene box, which is a cube: at equal steps along the ray where it is near the
-    /// middle of that, and at longer ones beyond ([`Contraction`]), from `near` on to `far` behind the middle.
+    /// Steps through all of space, contracted into the scene box, which is a cube: equal ones along the ray where it is
+    /// near the middle of that, and at longer ones beyond ([`Contraction`]), from `near` on to `far` behind the middle.
     Contracted {
-        /// Radii of the ball that stays as it is to a step: above 0, at most 1, and at most [`MAX_SAMPLES`] steps to a
+        /// Radii of the inner ball to a step: above 0, at most 1, and at most [`MAX_SAMPLES`] steps to a
         /// ray that comes from far away.
         step: f32,
-        /// How steps grow beyond it: 1, 2 or 4.
+        /// The power that steps beyond it grow with: 1, 2 or 4.
         power: u8,
     },
 }
@@ -186,7 +181,7 @@ impl SceneFacts {
         }
     }
 
-    /// World units from sample to sample; of a contracted scene, in the ball that stays as it is.
+    /// World units from sample to sample; of a contracted scene, in the inner ball.
     pub fn step(&self) -> f32 {
         match self.sampling {
             SceneSampling::Contracted { step, .. } => {
@@ -206,8 +201,7 @@ impl SceneFacts {
         }
     }
 
-    /// How far a ray of a contracted scene goes that begins at the rim of the ball that stays as it is, in radii as its
-    /// steps count them.
+    /// The length of a ray of a contracted scene that begins at the rim of the inner ball, in radii as its steps count them.
     pub(crate) fn reach(&self) -> f32 {
         self.contraction().map_or(0.0, |contraction| 1.0 + contraction.step_at(self.far))
     }
@@ -257,7 +251,7 @@ pub struct Provenance<'a> {
     pub seed: u64,
     /// Mean PSNR over the validation views, dB, measured on this very blob; absent if there were none.
     pub psnr_db: Option<f32>,
-    /// What the PSNR means: views, background, samples.
+    /// The convention of the PSNR: views, background, samples.
     pub psnr_convention: &'a str,
     /// PSNR lost on those views by rounding weights and tables to their stored format, dB (negative: a gain); absent if not
     /// measured.
@@ -267,7 +261,7 @@ pub struct Provenance<'a> {
 }
 
 impl Provenance<'_> {
-    /// Nothing is said.
+    /// Provenance that says nothing.
     pub const NONE: Self = Self {
         data: "",
         made_by: "",

@@ -8,11 +8,11 @@ use super::coded;
 use super::error::{BlobError, FrontFault, Section};
 use super::front::FrontPoint;
 use super::proposal::Proposal;
-use crate::camera::{BoundsError, Contraction, SceneBox};
 use crate::encoding::{AngleScale, SinusoidalEncoding};
 use crate::math::{MathBackend, polynomial::SIN_COS_DOMAIN};
 use crate::network::{Architecture, Layers};
 use crate::sampling::Bins;
+use crate::space::{BoundsError, Contraction, SceneBox};
 use core::f32::consts::TAU;
 use glam::Vec3;
 
@@ -179,7 +179,7 @@ fn check_occupancy(occupancy: &StoredOccupancy<'_>) -> Result<(), BlobError> {
     Ok(())
 }
 
-/// As the scene's own network, but for the heads it has not.
+/// Checks the proposal as the scene's own network, but for the heads it has not.
 fn check_proposal(proposal: &Proposal<'_>, scene: &SceneFacts) -> Result<(), BlobError> {
     let architecture = proposal.architecture();
     architecture.check().map_err(BlobError::ProposalArchitecture)?;

@@ -17,7 +17,7 @@ const SYMBOLS: usize = 16;
 const BITS: u32 = 15;
 /// Least state between two symbols, and the one that an encoder begins with.
 const LEAST: u32 = 1 << 16;
-/// What is added to a byte, modulo 256: small magnitudes then have one upper half in common.
+/// The number that is added to a byte, modulo 256: small magnitudes then have one upper half in common.
 const OFFSET: u8 = 0x88;
 /// The upper half of values from -8 to 7.
 const SMALL: usize = 8;
@@ -31,9 +31,9 @@ const CONTEXTS: usize = CLASSES * MAX_FEATURES;
 /// A distribution of symbols that follows what it sees.
 #[derive(Clone, Copy, Debug)]
 struct Model {
-    /// Where the interval of each symbol begins; it ends where the next one's begins, the last at 2^[`BITS`].
+    /// The beginning of each symbol's interval; it ends where the next one's begins, the last at 2^[`BITS`].
     begins: [i16; SYMBOLS],
-    /// How many symbols it has adapted to; 255 is the most that is counted.
+    /// The number of symbols it has adapted to; 255 is the most that is counted.
     seen: u8,
 }
 

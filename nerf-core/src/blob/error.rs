@@ -1,9 +1,10 @@
-//! What can be wrong with a blob.
+//! Errors of blobs.
 
 use super::body::{MAX_PICTURE_SIDE, MAX_SAMPLES};
-use crate::camera::BoundsError;
+use crate::errors::errors;
 use crate::math::MathBackend;
 use crate::network::{ArchitectureError, Role};
+use crate::space::BoundsError;
 use core::fmt;
 
 /// Declares the parts of the body: each with its name, and what a value of it may be.
@@ -17,7 +18,7 @@ macro_rules! sections {
         }
 
         impl Section {
-            /// What a value of it may be.
+            /// The values that it may have.
             const fn range(self) -> &'static str {
                 match self {
                     $(Self::$section => $range,)+
@@ -59,52 +60,27 @@ sections! {
     TableScales: "tables.scales", "a value in its range";
 }
 
-/// Declares an error: each of its variants with the sentence it says.
-macro_rules! errors {
-    ($(#[$about:meta])* $error:ident: $(
-        $(#[$doc:meta])* $name:ident $(($at:ident: $of:ty))? $({$($(#[$of_field:meta])* $field:ident: $type:ty,)+})?
-            => $sentence:literal $(, $word:ident = $value:expr)*;
-    )+) => {
-        $(#[$about])*
-        #[derive(Clone, Copy, Debug, PartialEq)]
-        #[non_exhaustive]
-        pub enum $error {
-            $($(#[$doc])* $name $(($of))? $({$($(#[$of_field])* $field: $type),+})?,)+
-        }
-
-        impl fmt::Display for $error {
-            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                match self {
-                    $(Self::$name $(($at))? $({$($field),+})? => write!(f, $sentence $(, $word = $value)*),)+
-                }
-            }
-        }
-
-        impl core::error::Error for $error {}
-    };
-}
-
 errors! {
-    /// What is wrong with a point of the front.
+    /// A fault of a point of the front.
     FrontFault:
-    /// No samples, more than [`MAX_SAMPLES`], or bins too narrow for the scene.
+    /// Samples that are none, more than [`MAX_SAMPLES`], or in bins too narrow for the scene.
     Samples {
-        /// What the point says.
+        /// The point's value.
         found: u16,
     } => "samples: expected 1 to {MAX_SAMPLES} bins of some width, found {found}";
     /// A transmittance cut outside `[0, 1)`.
     TransmittanceCut {
-        /// What the point says.
+        /// The point's value.
         found: f32,
     } => "transmittance_cut: expected 0 <= cut < 1, found {found}";
     /// A colour cut outside `[0, 1)`.
     ColourCut {
-        /// What the point says.
+        /// The point's value.
         found: f32,
     } => "colour_cut: expected 0 <= cut < 1, found {found}";
     /// An occupancy grid the scene has not, or none where it is part of the model.
     Occupancy {
-        /// What the point says.
+        /// The point's value.
         found: bool,
     } =>
         "occupancy: expected {expected}",
@@ -114,33 +90,33 @@ errors! {
         };
     /// A tag that names no maths backend.
     Math {
-        /// What the point says.
+        /// The point's value.
         found: u8,
     } => "math: expected a tag below {tags}, found {found}", tags = MathBackend::TAGS;
     /// A proposal the scene has not.
     Proposal => "proposal: expected false in a scene without one";
     /// A loss that is not finite.
     LossDb {
-        /// What the point says.
+        /// The point's value.
         found: f32,
     } => "loss_db: expected a finite value, found {found}";
     /// A cost that is not finite and above 0.
     Cost {
-        /// What the point says.
+        /// The point's value.
         found: f32,
     } => "cost: expected a finite value above 0, found {found}";
     /// A cost that is not below that of the point before.
     CostOrder {
         /// Cost of the point before.
         before: f32,
-        /// What the point says.
+        /// The point's value.
         found: f32,
     } => "cost: expected less than the {before} of the point before, found {found}";
     /// A loss below that of the point before, which is thus neither cheaper nor better.
     LossOrder {
         /// Loss of the point before, dB.
         before: f32,
-        /// What the point says.
+        /// The point's value.
         found: f32,
     } => "loss_db: expected at least the {before} of the point before, found {found}";
 }
@@ -188,7 +164,7 @@ errors! {
     } => "flags: expected 0, found {found:#x}";
     /// Reserved bytes of the header that are not 0.
     Reserved {
-        /// What they hold.
+        /// The bytes' value.
         found: u32,
     } => "reserved header bytes: expected 0, found {found:#x}";
     /// A bit flipped somewhere.
@@ -204,7 +180,7 @@ errors! {
         "{section}: expected this format's lists, numbers, tags and texts and an end, found others";
     /// The body is not the one form of what it says: a number in more bytes than it takes, bytes behind the last.
     Form {
-        /// Where it differs, bytes behind the header.
+        /// The place where it differs, bytes behind the header.
         at: u64,
     } => "body: expected canonical postcard, found another form at byte {at}";
     /// The architecture is outside the format's caps.
@@ -213,9 +189,9 @@ errors! {
     ProposalArchitecture(error: ArchitectureError) => "proposal: {error}";
     /// A point of the front that cannot be rendered, or makes it no front.
     Front {
-        /// Which point.
+        /// Index of the point.
         index: u8,
-        /// What is wrong with it.
+        /// The fault.
         fault: FrontFault,
     } => "front point {index}: {fault}";
     /// The scene's bounds hold nothing.
@@ -238,15 +214,15 @@ errors! {
     } => "picture: expected sides of 1 to {MAX_PICTURE_SIDE} pixels, found {width}x{height}";
     /// The step of a scene's march is no number above 0, or too small for its box.
     Step {
-        /// What the scene says, world units.
+        /// The scene's value, world units.
         found: f32,
     } =>
         "scene.sampling: expected a finite step above 0, at most {MAX_SAMPLES} of them to the box's diagonal, found {found}";
     /// An unbounded scene whose box is no cube, or whose steps are out of range.
     Contraction {
-        /// What the scene says.
+        /// The scene's value.
         step: f32,
-        /// What the scene says.
+        /// The scene's value.
         power: u8,
     } =>
         "scene.sampling: expected a contraction into a cube with a power of 1, 2 or 4 and steps above 0 and at most 1, \
@@ -255,7 +231,7 @@ errors! {
     Field(section: Section) => "{section}: expected {range}, found otherwise", range = section.range();
     /// A section of the wrong length.
     Length {
-        /// Which.
+        /// The section.
         section: Section,
         /// Bytes that the description implies.
         expected: u64,
@@ -271,7 +247,7 @@ errors! {
     } => "scene box: 2^(levels - 1) times its coordinates reaches {found}, the encoding ends at {limit}";
     /// A weight is infinite or NaN.
     Weight {
-        /// Of the scene's network or of the proposal.
+        /// The section of the scene's network or of the proposal.
         section: Section,
         /// Layer.
         role: Role,
@@ -282,7 +258,7 @@ errors! {
     TableScale {
         /// Level.
         level: u8,
-        /// What the blob says.
+        /// The blob's value.
         found: f32,
     } => "tables.scales: level {level}: expected a number above 0 of which 128 are finite, found {found}";
     /// A value of the grid's tables is infinite or NaN.
@@ -331,7 +307,7 @@ errors! {
     } => "output buffer: expected {expected} bytes, found {found}";
 }
 
-/// What a blob with or without densities holds.
+/// The content of a blob with or without densities.
 const fn kind(density: bool) -> &'static str {
     if density { "scene" } else { "picture" }
 }

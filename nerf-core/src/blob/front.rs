@@ -1,4 +1,4 @@
-//! What accuracy costs in a scene: the front that a study measured.
+//! The Pareto front of a scene, accuracy against work, that a study measured.
 
 use serde::{Deserialize, Serialize};
 
@@ -16,9 +16,9 @@ pub type ParetoFront = heapless::Vec<FrontPoint, MAX_FRONT>;
 pub struct FrontPoint {
     /// Samples per ray, and never 0: 1 to [`super::MAX_SAMPLES`].
     pub samples: u16,
-    /// Where a ray ends, `[0, 1)`.
+    /// Transmittance below which a ray ends, `[0, 1)`.
     pub transmittance_cut: f32,
-    /// What weight is worth a colour, `[0, 1)`.
+    /// Weight above which a sample is worth a colour, `[0, 1)`.
     pub colour_cut: f32,
     /// Whether empty cells are skipped: only of a scene with an occupancy grid.
     pub occupancy: bool,

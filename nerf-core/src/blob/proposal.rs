@@ -1,9 +1,8 @@
 //! The coarse network that says where on a ray the scene's own is worth asking.
 
-use super::body::as_bytes;
 use crate::encoding::SinusoidalEncoding;
 use crate::network::{Architecture, DensityActivation, MAX_TRUNK, Shading, TrunkLayer};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
 
 /// A network of densities alone: encoding, trunk and density head over the scene's own box.
 ///
@@ -26,7 +25,7 @@ pub struct Proposal<'a> {
 }
 
 impl Proposal<'_> {
-    /// Its shape as that of a scene's network; the rgb head that every one of those has is not in
+    /// The shape as that of a scene's network; the rgb head that every one of those has is not in
     /// [`Proposal::weights`], which end after [`Architecture::density_parameters`].
     pub fn architecture(&self) -> Architecture {
         Architecture {
@@ -38,4 +37,9 @@ impl Proposal<'_> {
             shading: Shading::PerSample,
         }
     }
+}
+
+/// Serialises all bytes in one call, where serde would make one for each: the same form.
+pub(super) fn as_bytes<S: Serializer>(bytes: &&[u8], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_bytes(bytes)
 }

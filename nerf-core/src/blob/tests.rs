@@ -1,9 +1,9 @@
 extern crate std;
 
 use super::*;
-use crate::camera::BoundsError;
 use crate::encoding::{AngleScale, SinusoidalEncoding};
 use crate::network::{Architecture, ArchitectureError, Role};
+use crate::space::BoundsError;
 use crate::testing::{
     PROVENANCE, SCENE, architecture, body, bytes, every_kind, halve, parameters, pi, picture_body,
 };

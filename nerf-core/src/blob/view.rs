@@ -7,10 +7,10 @@ use super::error::{BlobError, Section};
 use super::front::FrontPoint;
 use super::header;
 use super::proposal::Proposal;
-use crate::camera::SceneBox;
 use crate::encoding::GridEncoding;
 use crate::network::{Architecture, Layers};
 use crate::sampling::OccupancyGrid;
+use crate::space::SceneBox;
 use glam::Vec3;
 use postcard::Deserializer;
 use postcard::de_flavors::Slice;
@@ -86,14 +86,14 @@ impl<'a> Blob<'a> {
         Ok(Self { body: read_body!(&mut input) })
     }
 
-    /// The same with other weights, which nothing has checked.
+    /// The blob with other weights, which nothing has checked.
     #[cfg(test)]
     pub(crate) fn with_weights(mut self, weights: &'a [u8]) -> Self {
         self.body.weights = weights;
         self
     }
 
-    /// What tells it from other blobs that are borrowed at the same time: where its weights lie.
+    /// The identity among blobs that are borrowed at the same time: the address of the weights.
     pub(crate) fn identity(&self) -> usize {
         self.body.weights.as_ptr().addr()
     }
@@ -136,7 +136,7 @@ impl<'a> Blob<'a> {
         Some(OccupancyGrid::new(self.scene_box()?, occupancy.resolution, occupancy.bits))
     }
 
-    /// What accuracy costs, dearest point first; empty where no study measured it.
+    /// The Pareto front of accuracy against work, dearest point first; empty where no study measured it.
     pub fn front(&self) -> &[FrontPoint] {
         &self.body.front
     }
@@ -146,7 +146,7 @@ impl<'a> Blob<'a> {
         self.body.proposal.as_ref()
     }
 
-    /// Where the blob comes from.
+    /// The blob's provenance.
     pub fn provenance(&self) -> &Provenance<'a> {
         &self.body.provenance
     }
@@ -169,7 +169,7 @@ impl<'a> Blob<'a> {
     /// Decodes coded tables into `to`, [`Blob::decoded_len`] bytes, in the layout of int8 tables. Other tables are left alone.
     ///
     /// # Errors
-    /// None after [`Blob::open`]; after [`Blob::open_undecoded`] what that would have said of the coded bytes.
+    /// No error after [`Blob::open`]; after [`Blob::open_undecoded`] the one that it would have said of the coded bytes.
     pub fn decode_tables(&self, to: &mut [u8]) -> Result<(), BlobError> {
         let Some((grid, bytes)) = self.coded() else { return Ok(()) };
         let mut to = to.iter_mut();
@@ -204,7 +204,7 @@ fn check_form(body: &Body<'_>, bytes: &[u8]) -> Result<(), BlobError> {
 
 /// Compares what is serialised with bytes that are already there.
 struct Compare<'c, 'a> {
-    /// What was not compared yet.
+    /// The bytes that were not compared yet.
     rest: &'c mut &'a [u8],
 }
 

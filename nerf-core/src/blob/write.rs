@@ -8,7 +8,7 @@ use super::header::{self, HEADER_LEN};
 /// Bytes the blob of `body` takes.
 ///
 /// # Errors
-/// As [`write()`].
+/// The errors of [`write()`].
 pub fn encoded_len(body: &Body<'_>) -> Result<usize, BlobError> {
     check(body)?;
     let size = postcard::ser_flavors::Size::default();
@@ -20,7 +20,7 @@ pub fn encoded_len(body: &Body<'_>) -> Result<usize, BlobError> {
 /// Writes the blob of `body` to the front of `out` and returns its bytes.
 ///
 /// # Errors
-/// Whatever [`super::Blob::open`] would refuse is refused here, and a buffer that is too small.
+/// [`BlobError`] of everything that [`super::Blob::open`] would refuse, and of a buffer that is too small.
 pub fn write<'o>(body: &Body<'_>, out: &'o mut [u8]) -> Result<&'o [u8], BlobError> {
     let expected = encoded_len(body)?;
     let found = out.len();

@@ -1,23 +1,14 @@
-//! From pixels to rays: intrinsics, lens and camera-to-world pose; where rays meet the scene.
+//! From pixels to rays: intrinsics, lens and camera-to-world pose.
 
-#[cfg(feature = "contraction")]
-mod contraction;
-#[cfg(not(feature = "contraction"))]
-#[path = "contraction_off.rs"]
-mod contraction;
 mod lens;
 mod pinhole;
-#[cfg(feature = "instances")]
-mod placement;
 mod ray;
 
-pub use contraction::Contraction;
 pub use lens::{Lens, Projection};
 pub(crate) use pinhole::PinholeRays;
-#[cfg(feature = "instances")]
-pub use placement::{Placement, PlacementError};
-pub use ray::{BoundsError, Ray, SceneBox, is_unit};
+pub use ray::{Ray, is_unit};
 
+use crate::errors::errors;
 use glam::{Mat3, Vec2, Vec3};
 
 #[cfg(test)]
@@ -62,7 +53,7 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// From the upper three rows of a row-major camera-to-world matrix.
+    /// The pose of the upper three rows of a row-major camera-to-world matrix.
     pub fn from_rows(c2w: [[f32; 4]; 3]) -> Self {
         let column = |j: usize| Vec3::new(c2w[0][j], c2w[1][j], c2w[2][j]);
         Self { rotation: Mat3::from_cols(column(0), column(1), column(2)), position: column(3) }
@@ -288,8 +279,8 @@ impl Camera {
         ray.dir.is_normalized().then_some(ray)
     }
 
-    /// Where a point of the world is seen, in pixels, within the image or beyond; `None` where it is at the camera or, but
-    /// for fisheyes, behind it.
+    /// The image point where a point of the world is seen, in pixels, within the image or beyond; `None` where it is at the
+    /// camera or, but for fisheyes, behind it.
     pub fn project(&self, point: Vec3) -> Option<(f32, f32)> {
         let local = self.pose.rotation.transpose() * (point - self.pose.position);
         if local == Vec3::ZERO {
@@ -319,129 +310,85 @@ impl Camera {
         Self { intrinsics, ..*self }
     }
 
-    /// How much `z_depth` one unit of `ray_distance` is along `ray`: the cosine to the view axis.
+    /// The `z_depth` of one unit of `ray_distance` along `ray`: the cosine to the view axis.
     pub fn z_per_distance(&self, ray: &Ray) -> f32 {
         ray.dir.dot(self.pose.forward())
     }
 }
 
-/// A camera that cannot make rays.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[non_exhaustive]
-pub enum CameraError {
+errors! {
+    /// A camera that cannot make rays.
+    CameraError:
     /// Width or height is 0 or beyond [`MAX_IMAGE_SIDE`].
     ImageSize {
         /// The width that was given, pixels.
         width: u32,
         /// The height that was given, pixels.
         height: u32,
-    },
+    } =>
+        "image size: expected sides of 1 to {MAX_IMAGE_SIDE} pixels, found {width}x{height}";
     /// A focal length is not positive and finite.
     Focal {
         /// `fx` or `fy`.
         name: &'static str,
         /// The value that was given, pixels.
         value: f32,
-    },
+    } =>
+        "{name}: expected a positive finite focal length in pixels, found {value}";
     /// The principal point is not finite.
     PrincipalPoint {
         /// `cx` or `cy`.
         name: &'static str,
         /// The value that was given, pixels.
         value: f32,
-    },
+    } => "{name}: expected a finite principal point in pixels, found {value}";
     /// A NaN or infinity in the pose, or a position beyond 1e9 world units.
-    PoseNotFinite,
+    PoseNotFinite =>
+        "camera-to-world pose: expected finite numbers and a position within 1e9, found otherwise";
     /// The upper left 3×3 of the pose is no rotation.
     PoseNotRotation {
         /// Largest entry of |RᵀR − I|.
         off: f32,
-        /// Its determinant: 1 for a rotation, −1 for a reflection, 0 if singular.
+        /// The determinant: 1 for a rotation, −1 for a reflection, 0 if singular.
         determinant: f32,
-    },
+    } =>
+        "camera-to-world pose: expected a rotation (|RtR - I| <= 1e-3, determinant 1), \
+         found |RtR - I| = {off}, determinant {determinant}";
     /// An image point is so far off the axis that its direction leaves f32.
     FieldOfView {
-        /// Where, pixels from the left.
+        /// The image point, pixels from the left.
         x: f32,
-        /// Where, pixels from the top.
+        /// The image point, pixels from the top.
         y: f32,
-    },
+    } =>
+        "intrinsics: expected image points within {MAX_NORMALISED} focal lengths of the principal \
+         point, found pixel ({x}, {y}) beyond";
     /// A coefficient of the lens is no finite number.
     LensNotFinite {
         /// `k1` to `k6`, `p1` or `p2`.
         name: &'static str,
         /// The value that was given.
         value: f32,
-    },
+    } => "lens {name}: expected a finite number, found {value}";
     /// A coefficient that a fisheye does not have is not 0.
     LensNotOfFisheyes {
         /// `p1`, `p2`, `k5` or `k6`.
         name: &'static str,
         /// The value that was given.
         value: f32,
-    },
+    } => "lens {name}: expected 0 in a fisheye, found {value}";
     /// The lens model has no inverse at an image point, or turns back on the way to it from the axis.
     LensNotInvertible {
-        /// Where, pixels from the left.
+        /// The image point, pixels from the left.
         x: f32,
-        /// Where, pixels from the top.
+        /// The image point, pixels from the top.
         y: f32,
-    },
+    } =>
+        "lens: expected a distortion that does not turn back up to pixel ({x}, {y}) of the image";
     /// Lens distortion, in a build without the feature `lens`.
     LensNotBuilt {
         /// The lens that was given.
         lens: Lens,
-    },
+    } =>
+        "lens: expected a build with the feature lens, or zeros, found {lens:?}";
 }
-
-impl core::fmt::Display for CameraError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::ImageSize { width, height } => {
-                write!(
-                    f,
-                    "image size: expected sides of 1 to {MAX_IMAGE_SIDE} pixels, found {width}x{height}"
-                )
-            }
-            Self::Focal { name, value } => {
-                write!(f, "{name}: expected a positive finite focal length in pixels, found {value}")
-            }
-            Self::PrincipalPoint { name, value } => {
-                write!(f, "{name}: expected a finite principal point in pixels, found {value}")
-            }
-            Self::PoseNotFinite => {
-                write!(
-                    f,
-                    "camera-to-world pose: expected finite numbers and a position within 1e9, found otherwise"
-                )
-            }
-            Self::PoseNotRotation { off, determinant } => write!(
-                f,
-                "camera-to-world pose: expected a rotation (|RtR - I| <= 1e-3, determinant 1), \
-                 found |RtR - I| = {off}, determinant {determinant}"
-            ),
-            Self::FieldOfView { x, y } => write!(
-                f,
-                "intrinsics: expected image points within {MAX_NORMALISED} focal lengths of the principal \
-                 point, found pixel ({x}, {y}) beyond"
-            ),
-            Self::LensNotFinite { name, value } => {
-                write!(f, "lens {name}: expected a finite number, found {value}")
-            }
-            Self::LensNotOfFisheyes { name, value } => {
-                write!(f, "lens {name}: expected 0 in a fisheye, found {value}")
-            }
-            Self::LensNotInvertible { x, y } => {
-                write!(
-                    f,
-                    "lens: expected a distortion that does not turn back up to pixel ({x}, {y}) of the image"
-                )
-            }
-            Self::LensNotBuilt { lens } => {
-                write!(f, "lens: expected a build with the feature lens, or zeros, found {lens:?}")
-            }
-        }
-    }
-}
-
-impl core::error::Error for CameraError {}

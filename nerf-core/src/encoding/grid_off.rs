@@ -1,8 +1,8 @@
 //! In the place of `grid` where the feature is off: there is no grid, and no code that encodes by one.
 
-use crate::camera::SceneBox;
-use crate::network::ArchitectureError;
+use super::TableValues;
 use crate::simd::Isa;
+use crate::space::SceneBox;
 use core::marker::PhantomData;
 use serde::{Deserialize, Serialize};
 
@@ -27,10 +27,6 @@ impl GridEncoding {
         match *self {}
     }
 
-    pub(crate) fn check(&self) -> Result<(), ArchitectureError> {
-        match *self {}
-    }
-
     /// Table entries an evaluation reads.
     pub fn reads(&self) -> usize {
         match *self {}
@@ -42,16 +38,11 @@ impl GridEncoding {
 pub struct GridTables<'a>(PhantomData<&'a ()>);
 
 impl<'a> GridTables<'a> {
-    /// What a network without a grid has.
+    /// The tables of a network without a grid.
     pub const NONE: Self = Self(PhantomData);
 
     /// Nothing.
-    pub(crate) fn in_place(_bytes: &'a [u8], _scales: Option<&'a [u8]>, _bounds: Option<&SceneBox>) -> Self {
-        Self::NONE
-    }
-
-    /// Nothing.
-    pub(crate) fn widened(_values: &'a [f32], _bounds: Option<&SceneBox>) -> Self {
+    pub fn new(_values: TableValues<'a>, _bounds: Option<&SceneBox>) -> Self {
         Self::NONE
     }
 

@@ -20,7 +20,7 @@ mod spherical_harmonics;
 
 pub use grid::GridEncoding;
 #[cfg(all(feature = "grid", feature = "train"))]
-pub use grid::{GridCorners, TableValues, encode_grid_block, grid_corners_block};
+pub use grid::{GridCorners, encode_grid_block, grid_corners_block};
 #[cfg(feature = "grid")]
 pub use grid::{
     GridLevel, GridLevels, MAX_GRID_LEVELS, MAX_GRID_RESOLUTION, MAX_GRID_VALUES, MAX_LOG2_ENTRIES,
@@ -41,7 +41,7 @@ pub use {grid::GridTables, sinusoidal::encode_block};
 
 use serde::{Deserialize, Serialize};
 
-/// How a position becomes the inputs of the first layer.
+/// The encoding of a position: the inputs of the first layer.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "there is one for each network, and no heap to put it on")]
 pub enum PositionEncoding {
@@ -91,7 +91,7 @@ impl From<SinusoidalEncoding> for PositionEncoding {
     }
 }
 
-/// How a viewing direction becomes inputs of the colour branch.
+/// The encoding of a viewing direction: inputs of the colour branch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DirectionEncoding {
     /// Sines and cosines.
@@ -125,4 +125,21 @@ impl From<SinusoidalEncoding> for DirectionEncoding {
     fn from(encoding: SinusoidalEncoding) -> Self {
         Self::Sinusoidal(encoding)
     }
+}
+
+/// The values of a grid's tables, where they lie.
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub enum TableValues<'a> {
+    /// Little-endian f16, finite, at any alignment: as a file has them.
+    F16(&'a [u8]),
+    /// Signed bytes, as a file has them, too; those of a level times its scale are its values.
+    Int8 {
+        /// The bytes.
+        values: &'a [u8],
+        /// A little-endian f32 a level, at any alignment; above 0, and 128 times it finite.
+        scales: &'a [u8],
+    },
+    /// f32, as a trainer has them.
+    F32(&'a [f32]),
 }

@@ -13,14 +13,14 @@ pub enum HostError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the operating system says.
+        /// The operating system's error.
         source: std::io::Error,
     },
     /// The file is no blob.
     Open {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The fault.
         source: BlobError,
     },
     /// The request does not go with the scene.

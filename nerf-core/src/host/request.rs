@@ -1,26 +1,22 @@
-//! What is asked of a scene.
+//! A request of a scene.
 
 use super::{HostError, Image, Scene, threads};
 use crate::blob::Blob;
 use crate::camera::Camera;
-use crate::plan::{Batch, Effects, Outputs, Plan, PlanError, Quality};
+use crate::plan::{Batch, Effects, Outputs, Plan, PlanError, Quality, Settings};
 use crate::render::RaySegment;
 use crate::volume::Pixel;
 use glam::Vec3;
 use std::num::NonZeroUsize;
 use std::vec::Vec;
 
-/// What is asked of a scene; each setting replaces its default.
+/// A request of a scene; each setting replaces its default.
 #[derive(Clone, Debug)]
 #[must_use = "ask for something: render, render_rays, render_picture"]
 pub struct Request<'s> {
     scene: &'s Scene,
-    quality: Quality,
+    settings: Settings,
     outputs: Outputs,
-    effects: Effects,
-    background: Option<[f32; 3]>,
-    range: (f32, f32),
-    normal_blur: f32,
     threads: NonZeroUsize,
 }
 
@@ -28,53 +24,49 @@ impl<'s> Request<'s> {
     pub(super) fn new(scene: &'s Scene) -> Self {
         Self {
             scene,
-            quality: Quality::default(),
+            settings: Settings::default(),
             outputs: Outputs::ALL,
-            effects: Effects::NONE,
-            background: None,
-            range: (0.0, f32::MAX),
-            normal_blur: Plan::NORMAL_BLUR,
             threads: std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN),
         }
     }
 
-    /// What a pixel is asked for; by default [`Outputs::ALL`].
+    /// The outputs of a pixel; by default [`Outputs::ALL`].
     pub fn outputs(mut self, outputs: Outputs) -> Self {
         self.outputs = outputs;
         self
     }
 
-    /// Which shortcuts are taken.
+    /// The shortcuts of a frame.
     pub fn quality(mut self, quality: Quality) -> Self {
-        self.quality = quality;
+        self.settings.quality = quality;
         self
     }
 
-    /// What a frame does beyond one ray through each pixel's centre; by default nothing.
+    /// The effects of a frame, beyond one ray through each pixel's centre; by default none.
     pub fn effects(mut self, effects: Effects) -> Self {
-        self.effects = effects;
+        self.settings.effects = effects;
         self
     }
 
-    /// What shows where opacity is below 1, display-encoded; by default the scene's.
+    /// The background, which shows where opacity is below 1, display-encoded; by default the scene's.
     pub fn background(mut self, background: [f32; 3]) -> Self {
-        self.background = Some(background);
+        self.settings.background = Some(background);
         self
     }
 
     /// Between which distances on a ray the scene is seen, world units; by default everywhere.
     pub fn range(mut self, t_min: f32, t_max: f32) -> Self {
-        self.range = (t_min, t_max);
+        self.settings.range = (t_min, t_max);
         self
     }
 
     /// Blur of normals, in bins ([`Plan::with_normal_blur`]).
     pub fn normal_blur(mut self, bins: f32) -> Self {
-        self.normal_blur = bins;
+        self.settings.normal_blur = bins;
         self
     }
 
-    /// How many threads share a call; by default as many as there are cores. Pixels do not depend on it.
+    /// The number of threads that share a call; by default as many as there are cores. Pixels do not depend on it.
     pub fn threads(mut self, threads: NonZeroUsize) -> Self {
         self.threads = threads;
         self
@@ -85,17 +77,7 @@ impl<'s> Request<'s> {
     /// # Errors
     /// [`PlanError`] names the setting that does not go with the scene.
     pub fn plan<'b>(&self, blob: &Blob<'b>) -> Result<Plan<'b>, PlanError> {
-        self.plan_of(blob, Batch::FULL)
-    }
-
-    fn plan_of<'b>(&self, blob: &Blob<'b>, batch: Batch) -> Result<Plan<'b>, PlanError> {
-        let mut plan = Plan::new(blob, &self.quality, self.outputs, batch)?
-            .with_range(self.range.0, self.range.1)?
-            .with_normal_blur(self.normal_blur)?;
-        if let Some(background) = self.background {
-            plan = plan.with_background(background)?;
-        }
-        plan.with_effects(self.effects)
+        self.settings.plan(blob, self.outputs, Batch::FULL)
     }
 
     /// Renders an image.
@@ -116,7 +98,7 @@ impl<'s> Request<'s> {
         self.render_rays_along(rays, None)
     }
 
-    /// The same with a `z_depth` along `axis`, of unit length.
+    /// [`Request::render_rays`] with a `z_depth` along `axis`, of unit length.
     ///
     /// # Errors
     /// As [`Request::render_rays`].
@@ -128,7 +110,7 @@ impl<'s> Request<'s> {
         let renderer = self.scene.renderer();
         // Memory is made ready for no more rays than there are.
         let batch = Batch { rays: rays.len().clamp(1, Batch::FULL.rays), ..Batch::FULL };
-        let plan = self.plan_of(renderer.blob(), batch)?;
+        let plan = self.settings.plan(renderer.blob(), self.outputs, batch)?;
         Ok(threads::render_rays(&renderer, &plan, rays, axis, self.threads)?.0)
     }
 
@@ -140,6 +122,6 @@ impl<'s> Request<'s> {
     pub fn render_picture(&self, width: u32, height: u32) -> Result<Vec<[f32; 3]>, HostError> {
         let renderer = self.scene.renderer();
         let size = [width, height];
-        Ok(threads::render_picture(&renderer, self.quality.math, size, self.threads, |_| {})?.0)
+        Ok(threads::render_picture(&renderer, self.settings.quality.math, size, self.threads, |_| {})?.0)
     }
 }

@@ -2,9 +2,10 @@
 
 use super::{HostError, Image, Request};
 use crate::blob::{Blob, BlobError};
-use crate::camera::{Camera, SceneBox};
+use crate::camera::Camera;
 use crate::matrix::Kernel;
-use crate::render::{CoarseOccupancy, Renderer};
+use crate::render::{CoarseOccupancy, Prepared, Renderer};
+use crate::space::SceneBox;
 use std::boxed::Box;
 use std::path::Path;
 use std::vec;
@@ -27,10 +28,7 @@ pub struct Scene {
     /// Checked once, and never changed.
     bytes: Box<[u8]>,
     kernel: Kernel,
-    /// The parameters of the network and of its proposal, and the grid's tables, unpacked for the kernel.
-    unpacked: [Box<[f32]>; 3],
-    /// The tables, where the file has them coded.
-    decoded: Box<[u8]>,
+    prepared: Prepared<Box<[f32]>, Box<[u8]>>,
     occupied: (Option<SceneBox>, CoarseOccupancy),
 }
 
@@ -50,7 +48,7 @@ impl Scene {
         Self::from_bytes(bytes).map_err(|source| HostError::Open { path: path.into(), source })
     }
 
-    /// The same of bytes.
+    /// Opens a file's bytes, for this machine's fastest instructions that compute in f32.
     ///
     /// # Errors
     /// [`BlobError`] says what was expected and found.
@@ -58,7 +56,7 @@ impl Scene {
         Self::for_kernel(bytes, Kernel::detect())
     }
 
-    /// The same for other instructions; on a machine without them, plain f32.
+    /// Opens a file's bytes for other instructions; on a machine without them, plain f32.
     ///
     /// # Errors
     /// As [`Scene::from_bytes`].
@@ -66,15 +64,15 @@ impl Scene {
         let bytes = bytes.into();
         let kernel = if kernel.available() { kernel } else { Kernel::IN_PLACE };
         let blob = Blob::open_undecoded(&bytes)?;
-        let mut decoded = vec![0; blob.decoded_len()].into_boxed_slice();
-        blob.decode_tables(&mut decoded)?;
-        let mut unpacked = Renderer::unpacked_lengths(&blob, kernel).map(|count| vec![0.0; count]);
-        Renderer::unpack(&blob, kernel, &mut unpacked);
+        let Prepared { unpacked, decoded } = Prepared::measure(&blob, kernel);
+        let unpacked = unpacked.map(|count| vec![0.0; count].into());
+        let mut prepared = Prepared { unpacked, decoded: vec![0; decoded].into() };
+        prepared.unpack(&blob, kernel)?;
         let occupied = Renderer::occupied(&blob);
-        Ok(Self { occupied, kernel, unpacked: unpacked.map(Into::into), decoded, bytes })
+        Ok(Self { occupied, kernel, prepared, bytes })
     }
 
-    /// What the file says.
+    /// The file's content.
     pub fn blob(&self) -> Blob<'_> {
         // `for_kernel` has checked the same bytes.
         Blob::decode(&self.bytes).unwrap_or_else(|_| unreachable!("checked bytes decode"))
@@ -82,9 +80,11 @@ impl Scene {
 
     /// The borrowed renderer of this scene, for callers with memory and threads of their own.
     pub fn renderer(&self) -> Renderer<'_> {
-        let unpacked = (self.unpacked.each_ref().map(|it| &**it), &*self.decoded);
-        Renderer::of_unpacked(self.blob(), self.kernel, unpacked, self.occupied.clone())
-            .unwrap_or_else(|| unreachable!("parameters fit the checked architecture"))
+        let Prepared { unpacked, decoded } = &self.prepared;
+        let prepared =
+            Prepared { unpacked: unpacked.each_ref().map(|values| &**values), decoded: &**decoded };
+        Renderer::of_prepared(self.blob(), self.kernel, &prepared, self.occupied.clone())
+            .unwrap_or_else(|_| unreachable!("parameters fit the checked architecture"))
     }
 
     /// Renders an image with colour, opacity, ray_distance and z_depth at the default quality, on all cores.
@@ -95,7 +95,7 @@ impl Scene {
         self.request().render(camera)
     }
 
-    /// What else may be asked for, to begin with as [`Scene::render`] has it.
+    /// A request of this scene, with the defaults of [`Scene::render`].
     pub fn request(&self) -> Request<'_> {
         Request::new(self)
     }

@@ -19,7 +19,7 @@ const BAND: u32 = 8;
 /// Rays that threads take together.
 const CHUNK: u32 = 256;
 
-/// Renders all of `camera`'s image on so many threads; its planes are those of the plan's outputs.
+/// Renders all of `camera`'s image on `threads` threads; its planes are those of the plan's outputs.
 ///
 /// # Errors
 /// [`RenderError::OtherScene`] if the plan was made for another scene, and [`RenderError::ImageMemory`] if there is not
@@ -50,7 +50,7 @@ pub fn render(
     Ok(image)
 }
 
-/// Renders rays of the caller's on so many threads, each a pixel of its own ([`Worker::render_rays`]).
+/// Renders rays of the caller's on `threads` threads, each a pixel of its own ([`Worker::render_rays`]).
 ///
 /// [`Worker::render_rays`]: crate::render::Worker::render_rays
 ///
@@ -84,7 +84,7 @@ pub fn render_rays(
     Ok((found, counters))
 }
 
-/// Renders a 2D field in `size` (width, height) pixels on so many threads; row by row from the top left.
+/// Renders a 2D field in `size` (width, height) pixels on `threads` threads; row by row from the top left.
 ///
 /// `each` is told, now and then, how many more rows are done.
 ///
@@ -125,7 +125,7 @@ pub fn render_picture(
     Ok((rgb, counters))
 }
 
-/// What threads share: the tasks that are left, and where results go.
+/// The state that threads share: the tasks that are left, and where results go.
 struct Tasks<I, F> {
     shared: Mutex<(I, F)>,
 }
@@ -151,7 +151,7 @@ impl<I: Iterator, F> Tasks<I, F> {
     }
 }
 
-/// Runs `work` on so many threads, this one among them, until the tasks are done; `take` gets what they find, in any order.
+/// Runs `work` on `threads` threads, this one among them, until the tasks are done; `take` gets what they find, in any order.
 fn in_parallel<I: Iterator + Send, F: Send>(
     threads: NonZeroUsize,
     tasks: I,

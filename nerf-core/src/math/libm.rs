@@ -1,12 +1,16 @@
 //! The `libm` crate, lane by lane.
 
-use super::Math;
+use super::{Math, sin_cos_of_reduced};
 use crate::simd::Lanes;
 
 /// See [`super::MathBackend::Libm`].
 pub struct Libm;
 
 impl Math for Libm {
+    #[inline(always)]
+    fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
+        sin_cos_of_reduced::<Self, V>(u)
+    }
     #[inline(always)]
     fn sin_cos<V: Lanes>(x: V) -> (V, V) {
         (x.map(libm::sinf), x.map(libm::cosf))

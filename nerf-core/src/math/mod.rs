@@ -74,35 +74,45 @@ impl MathBackend {
     }
 }
 
-/// The elementary functions of one backend.
+/// The elementary functions of one backend; those that it does not define are the project's own.
 pub trait Math {
     /// Whether the encoding goes from level to level by angle doubling.
     const DOUBLING: bool = false;
     /// `(sin πu, cos πu)`, `u` finite: `u mod 2` is exact, so that no backend sees a large angle.
     #[inline(always)]
     fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
-        let turns = u.mul(V::splat(0.5)).round_even();
-        let u = turns.mul_add(V::splat(-2.0), u);
-        Self::sin_cos(u.mul(V::splat(core::f32::consts::PI)))
+        polynomial::sin_cos_pi(u)
     }
     /// `(sin x, cos x)`, `|x| <= polynomial::SIN_COS_DOMAIN`.
-    fn sin_cos<V: Lanes>(x: V) -> (V, V);
+    #[inline(always)]
+    fn sin_cos<V: Lanes>(x: V) -> (V, V) {
+        polynomial::sin_cos(x)
+    }
     /// `e^x`, finite and positive for every `x` that is no NaN.
-    fn exp<V: Lanes>(x: V) -> V;
+    #[inline(always)]
+    fn exp<V: Lanes>(x: V) -> V {
+        polynomial::exp(x)
+    }
     /// `e^x − 1`.
-    fn expm1<V: Lanes>(x: V) -> V;
+    #[inline(always)]
+    fn expm1<V: Lanes>(x: V) -> V {
+        polynomial::expm1(x)
+    }
     /// `e^−x`, as precise as [`Math::expm1`]: transmittance and alpha must add up to 1.
     #[inline(always)]
     fn decay<V: Lanes>(x: V) -> V {
         Self::exp(x.neg())
     }
     /// `ln(1 + e^x)`.
-    fn softplus<V: Lanes>(x: V) -> V;
+    #[inline(always)]
+    fn softplus<V: Lanes>(x: V) -> V {
+        polynomial::softplus(x)
+    }
     /// `x^p` for a positive normal `x` and a result that is one, too.
     #[cfg(any(feature = "tone-map", feature = "train"))]
     #[inline(always)]
     fn pow<V: Lanes>(x: V, p: f32) -> V {
-        Self::exp(polynomial::ln(x).mul(V::splat(p)))
+        polynomial::exp(polynomial::ln(x).mul(V::splat(p)))
     }
     /// `1 / (1 + e^−x)`.
     #[inline(always)]
@@ -110,6 +120,15 @@ pub trait Math {
         let one = V::splat(1.0);
         one.div(one.add(Self::exp(x.neg())))
     }
+}
+
+/// `(sin πu, cos πu)` by the sine and cosine of a backend, after the reduction `u mod 2`, which is exact.
+#[cfg(any(feature = "libm", feature = "micromath"))]
+#[inline(always)]
+fn sin_cos_of_reduced<M: Math, V: Lanes>(u: V) -> (V, V) {
+    let turns = u.mul(V::splat(0.5)).round_even();
+    let u = turns.mul_add(V::splat(-2.0), u);
+    M::sin_cos(u.mul(V::splat(core::f32::consts::PI)))
 }
 
 /// Runs `$body` with `$M` bound to the [`Math`] of a backend, for what is no encoding: there the recurrence is the

@@ -10,28 +10,7 @@ use core::f32::consts::{FRAC_2_PI, LN_2, LOG2_E, PI};
 #[derive(Clone, Copy, Debug)]
 pub struct Polynomial;
 
-impl Math for Polynomial {
-    #[inline(always)]
-    fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
-        sin_cos_pi(u)
-    }
-    #[inline(always)]
-    fn sin_cos<V: Lanes>(x: V) -> (V, V) {
-        sin_cos(x)
-    }
-    #[inline(always)]
-    fn exp<V: Lanes>(x: V) -> V {
-        exp(x)
-    }
-    #[inline(always)]
-    fn expm1<V: Lanes>(x: V) -> V {
-        expm1(x)
-    }
-    #[inline(always)]
-    fn softplus<V: Lanes>(x: V) -> V {
-        softplus(x)
-    }
-}
+impl Math for Polynomial {}
 
 /// `c[0] + c[1] x + c[2] x² + …` by Horner's rule.
 #[inline(always)]

@@ -1,7 +1,6 @@
 //! Polynomials, but the encoding's levels follow each other by angle doubling.
 
 use super::Math;
-use super::polynomial::{self, Polynomial};
 use crate::simd::Lanes;
 
 /// See [`super::MathBackend::Recurrence`].
@@ -9,26 +8,6 @@ pub struct Recurrence;
 
 impl Math for Recurrence {
     const DOUBLING: bool = true;
-    #[inline(always)]
-    fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
-        polynomial::sin_cos_pi(u)
-    }
-    #[inline(always)]
-    fn sin_cos<V: Lanes>(x: V) -> (V, V) {
-        polynomial::sin_cos(x)
-    }
-    #[inline(always)]
-    fn exp<V: Lanes>(x: V) -> V {
-        Polynomial::exp(x)
-    }
-    #[inline(always)]
-    fn expm1<V: Lanes>(x: V) -> V {
-        Polynomial::expm1(x)
-    }
-    #[inline(always)]
-    fn softplus<V: Lanes>(x: V) -> V {
-        Polynomial::softplus(x)
-    }
 }
 
 /// `(sin 2a, cos 2a)` from `(sin a, cos a)`, pulled back to the unit circle to first order.

@@ -21,7 +21,7 @@ pub struct PairedInput<'a> {
     pub inputs: &'a [f32],
 }
 
-/// How outputs are written.
+/// The form of a layer's outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PairedOutput {
     /// `[outputs][stride]` f32.

@@ -1,4 +1,4 @@
-//! Products with the transpose of paired weights: the way back through a layer of the storage that rounds.
+//! Products with the transpose of paired weights: the backward pass through a layer of the storage that rounds.
 
 use super::bf16::{pairs, unpair};
 use crate::simd::{Isa, Lanes, Op};

@@ -21,16 +21,29 @@ pub struct Gemm {
     pub c_row: usize,
 }
 
-/// What a product starts from.
+/// The value that a product's sums start from.
 #[derive(Clone, Copy, Debug)]
-pub enum Init<'a> {
+pub enum Init<'a, T = f32> {
     /// 0.
     #[cfg_attr(not(any(feature = "normals", feature = "train")), allow(dead_code, reason = "of gradients"))]
     Zero,
-    /// `bias[i]` in the whole row `i`; `[m]`.
-    Bias(&'a [f32]),
-    /// What C holds.
+    /// `bias[i]` in the whole row `i`: `[m]` f32, or `[2 m]` bytes of little-endian f16.
+    Bias(&'a [T]),
+    /// The value that C holds.
     Accumulate,
+}
+
+impl<'a, T> Init<'a, T> {
+    /// The value that C holds if `accumulate`, else the bias.
+    pub fn bias_unless(accumulate: bool, bias: &'a [T]) -> Self {
+        if accumulate { Self::Accumulate } else { Self::Bias(bias) }
+    }
+
+    /// The value that C holds if `accumulate`, else 0.
+    #[cfg(feature = "normals")]
+    pub fn zero_unless(accumulate: bool) -> Self {
+        if accumulate { Self::Accumulate } else { Self::Zero }
+    }
 }
 
 /// `C[i][j] = act(init + Σ_p A[i][p] B[p][j])`, summed in ascending `p`; `act` is ReLU or nothing.

@@ -1,28 +1,17 @@
 //! Dense layers whose f16 weights are read where they lie: microcontrollers, and scenes without memory of their own.
 
-use super::Gemm;
+use super::{Gemm, Init};
 use crate::memory::{at, tail, tail_mut};
 use crate::simd::{Isa, Lanes, Op};
 
 /// As [`super::gemm`], with A as little-endian f16 at any alignment, and any
-/// number of columns: where they are no multiple of [`Isa::columns`], with portable instructions one by one. `c_row` is at least `n`.
+/// number of columns: where they are no multiple of [`Isa::columns`], with portable instructions one by one. `c_row` is at
+/// least `n`.
 ///
 /// # Panics
 /// With debug assertions, if a slice is shorter than sizes and strides say; without, what is not there is 0.
-pub fn gemm_f16(isa: Isa, g: Gemm, a: &[u8], b: &[f32], c: &mut [f32], init: HalfInit<'_>, relu: bool) {
+pub fn gemm_f16(isa: Isa, g: Gemm, a: &[u8], b: &[f32], c: &mut [f32], init: Init<'_, u8>, relu: bool) {
     isa.run_columns(g.n, Product { g, a, b, c, init, relu });
-}
-
-/// As [`super::Init`], with the bias as little-endian f16.
-#[derive(Clone, Copy, Debug)]
-pub enum HalfInit<'a> {
-    /// `bias[i]` in the whole row `i`; `[2 m]` bytes.
-    Bias(&'a [u8]),
-    /// 0.
-    #[cfg_attr(not(any(feature = "normals", feature = "train")), allow(dead_code, reason = "of gradients"))]
-    Zero,
-    /// What C holds.
-    Accumulate,
 }
 
 /// The `i`-th little-endian f16 of `bytes`.
@@ -35,11 +24,11 @@ pub fn f16_at(bytes: &[u8], i: usize) -> f32 {
 
 /// A little-endian f16.
 ///
-/// What `half` does where no instruction converts, but for the order of its questions: weights are normal
+/// The conversion of `half` where no instruction converts, but for the order of its questions: weights are normal
 /// numbers, and there is one of them for every multiplication.
 #[inline(always)]
 fn widen(bytes: [u8; 2]) -> f32 {
-    /// What the exponents' biases differ by, in place.
+    /// The difference of the exponents' biases, in place.
     const BIAS: u32 = (127 - 15) << 23;
     let bits = u32::from(u16::from_le_bytes(bytes));
     let (sign, magnitude) = ((bits & 0x8000) << 16, bits & 0x7fff);
@@ -60,7 +49,7 @@ struct Product<'a> {
     a: &'a [u8],
     b: &'a [f32],
     c: &'a mut [f32],
-    init: HalfInit<'a>,
+    init: Init<'a, u8>,
     relu: bool,
 }
 
@@ -75,9 +64,9 @@ impl Op for Product<'_> {
             for col in (0..g.n).step_by(V::COUNT) {
                 let to = tail_mut(to, col);
                 let mut sum = match self.init {
-                    HalfInit::Bias(bias) => V::splat(f16_at(bias, row)),
-                    HalfInit::Zero => V::splat(0.0),
-                    HalfInit::Accumulate => V::load(to),
+                    Init::Bias(bias) => V::splat(f16_at(bias, row)),
+                    Init::Zero => V::splat(0.0),
+                    Init::Accumulate => V::load(to),
                 };
                 for p in 0..g.k {
                     let weight = V::splat(widen(at(weights, p * g.a_col)));

@@ -1,13 +1,13 @@
-//! How weights lie in memory, and with which instructions they are multiplied.
+//! The storage of weights, and the instructions that multiply them.
 
 use crate::simd::{Isa, VECTORS};
 use core::fmt;
 
-/// How the weights of a scene lie in memory while it is rendered.
+/// The storage of a scene's weights while it is rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[non_exhaustive]
 pub enum Storage {
-    /// As in the file, read in place: no memory of their own.
+    /// f16 as in the file, read in place: no memory of their own.
     F16,
     /// Unpacked to f32 once: the same products, faster.
     F32,
@@ -17,7 +17,7 @@ pub enum Storage {
 }
 
 impl Storage {
-    /// Every one.
+    /// All storages.
     pub const ALL: [Self; 3] = [Self::F16, Self::F32, Self::Bf16];
 
     /// Whether products round weights and activations to fewer bits than the file and f32 have.
@@ -25,7 +25,12 @@ impl Storage {
         matches!(self, Self::Bf16)
     }
 
-    /// Its name in reports and in [`Kernel`]'s.
+    /// Whether weights are read where they lie in the blob: as f16, or since this target has no [`VECTORS`].
+    pub(crate) const fn in_place(self) -> bool {
+        matches!(self, Self::F16) || !VECTORS
+    }
+
+    /// The name in reports and in [`Kernel`]'s.
     pub const fn name(self) -> &'static str {
         match self {
             Self::F16 => "f16",
@@ -35,17 +40,18 @@ impl Storage {
     }
 }
 
-/// What a scene is rendered with. Shown and parsed as `avx2` where weights are f32, else as `avx2-f16`.
+/// The instructions and the storage that a scene is rendered with. Shown and parsed as `avx2` where weights are f32, else as
+/// `avx2-f16`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Kernel {
-    /// Which instructions.
+    /// Instruction set.
     pub isa: Isa,
-    /// How the weights lie.
+    /// Storage of the weights.
     pub storage: Storage,
 }
 
 impl Kernel {
-    /// What every machine has: portable instructions, weights read in place. The oracle.
+    /// The kernel of every machine: portable instructions, weights read in place. The oracle.
     pub const IN_PLACE: Self = Self::new(Isa::Portable, Storage::F16);
 
     /// The pair.

@@ -16,5 +16,5 @@ pub use bf16::{PairedInput, PairedOutput, dense_bf16, pair, pair_rows, pairs, un
 #[cfg(feature = "normals")]
 pub use bf16_transposed::transposed_bf16;
 pub use gemm::{Gemm, Init, gemm};
-pub use half::{HalfInit, f16_at, gemm_f16};
+pub use half::{f16_at, gemm_f16};
 pub use kernel::{Kernel, Storage};

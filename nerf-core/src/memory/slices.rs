@@ -18,14 +18,14 @@ pub fn head_mut<T>(all: &mut [T], n: usize) -> &mut [T] {
     &mut all[..n.min(found)]
 }
 
-/// What is left behind the first `n` values.
+/// The values behind the first `n`.
 #[inline(always)]
 pub fn tail<T>(all: &[T], n: usize) -> &[T] {
     debug_assert!(n <= all.len(), "expected {n} values, found {}", all.len());
     all.get(n..).unwrap_or_default()
 }
 
-/// What is left behind the first `n` values.
+/// The values behind the first `n`.
 #[inline(always)]
 pub fn tail_mut<T>(all: &mut [T], n: usize) -> &mut [T] {
     debug_assert!(n <= all.len(), "expected {n} values, found {}", all.len());

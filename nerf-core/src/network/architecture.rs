@@ -1,9 +1,12 @@
-//! What a network consists of, and where each layer's parameters lie.
+//! The shape of a network, and the place of each layer's parameters.
 
 use crate::encoding::{
-    DirectionEncoding, HARMONICS_BUILT, MAX_HARMONICS_DEGREE, MAX_LEVELS, PositionEncoding,
+    DirectionEncoding, GridEncoding, HARMONICS_BUILT, MAX_HARMONICS_DEGREE, MAX_LEVELS, PositionEncoding,
     SinusoidalEncoding,
 };
+#[cfg(feature = "grid")]
+use crate::encoding::{MAX_GRID_RESOLUTION, MAX_GRID_VALUES, MAX_LOG2_ENTRIES};
+use crate::errors::errors;
 use serde::{Deserialize, Serialize};
 
 /// Most trunk layers.
@@ -24,7 +27,7 @@ pub struct TrunkLayer {
     pub skip: bool,
 }
 
-/// From the density head's raw output to sigma, per world unit.
+/// The activation from the density head's raw output to sigma, per world unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DensityActivation {
     /// `max(0, raw)`.
@@ -39,7 +42,7 @@ pub enum DensityActivation {
 /// dense is opaque within 1e-7 world units.
 pub const EXPONENTIAL_LIMIT: f32 = 20.0;
 
-/// Where a field's colour is worked out.
+/// The number of times that a field's colour is worked out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Shading {
     /// At every sample that counts: the colour branch takes the sample's `h`, and colours are composited.
@@ -71,11 +74,11 @@ pub struct Architecture {
     pub density: Option<DensityActivation>,
     /// Widths of the colour branch's hidden dense+ReLU layers; the first takes `[h, PE(d)]`.
     pub colour: heapless::Vec<u16, MAX_COLOUR>,
-    /// Where colour is worked out.
+    /// Shading: once a sample, or once a ray.
     pub shading: Shading,
 }
 
-/// What a layer is for.
+/// The role of a layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
     /// Trunk layer of this index.
@@ -91,7 +94,7 @@ pub enum Role {
 /// One dense layer: `y = W [main, extra] + b`, `W` row-major `[outputs][main + extra]`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layer {
-    /// What it is for.
+    /// The layer's role.
     pub role: Role,
     /// Inputs taken from the layer before (or from `PE(x)` in the first).
     pub main: usize,
@@ -132,7 +135,7 @@ impl Architecture {
         match &self.position {
             PositionEncoding::Sinusoidal(encoding) => check_levels("position", encoding)?,
             PositionEncoding::Grid(grid) => {
-                grid.check()?;
+                check_grid(grid)?;
                 if let Some(layer) = self.trunk.iter().position(|layer| layer.skip) {
                     return Err(E::SkipBesideGrid { layer });
                 }
@@ -237,7 +240,7 @@ impl Architecture {
 
     /// Multiply-adds of one gradient of the raw density: the trunk forward, and back.
     ///
-    /// The density head costs none: its row of weights is where the way back begins.
+    /// The density head costs none: its row of weights is where the backward pass begins.
     pub fn gradient_macs(&self) -> usize {
         let of_trunk = |layer: &&Layer| matches!(layer.role, Role::Trunk(_));
         2 * self.layers().iter().filter(of_trunk).map(Layer::macs).sum::<usize>()
@@ -279,13 +282,44 @@ fn check_width(field: &'static str, index: usize, width: u16) -> Result<(), Arch
     Ok(())
 }
 
+/// Checks every cap of a grid.
+#[cfg(feature = "grid")]
+pub(crate) fn check_grid(grid: &GridEncoding) -> Result<(), ArchitectureError> {
+    use ArchitectureError as E;
+    if !matches!(grid.features, 1 | 2 | 4) {
+        return Err(E::GridFeatures { found: grid.features });
+    }
+    if grid.log2_entries > MAX_LOG2_ENTRIES {
+        return Err(E::GridEntries { found: grid.log2_entries });
+    }
+    if grid.resolutions.is_empty() {
+        return Err(E::GridLevels);
+    }
+    for (level, resolution) in grid.resolutions.iter().enumerate() {
+        for (axis, &found) in resolution.iter().enumerate() {
+            let inside = axis < usize::from(grid.inputs);
+            if inside && !(1..=MAX_GRID_RESOLUTION).contains(&found) || !inside && found != 0 {
+                return Err(E::GridResolution { level, axis, found });
+            }
+        }
+    }
+    let found = grid.entries_of_any() * u64::from(grid.features);
+    if found > MAX_GRID_VALUES { Err(E::GridValues { found }) } else { Ok(()) }
+}
+
+/// Nothing: this build has no grid to check.
+#[cfg(not(feature = "grid"))]
+fn check_grid(grid: &GridEncoding) -> Result<(), ArchitectureError> {
+    match *grid {}
+}
+
 /// Whether fields are shaded once a ray in this build: their networks are meant to read a grid.
 pub(crate) const PER_RAY_BUILT: bool = cfg!(feature = "grid");
 
-/// An architecture outside the format's caps.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum ArchitectureError {
+errors! {
+    /// An architecture outside the format's caps.
+    #[derive(Eq)]
+    ArchitectureError:
     /// An encoding takes the wrong number of inputs.
     EncodingInputs {
         /// `position` or `direction`.
@@ -294,133 +328,82 @@ pub enum ArchitectureError {
         expected: u8,
         /// What was given.
         found: u8,
-    },
+    } => "{field} encoding: expected {expected} inputs, found {found}";
     /// More than [`MAX_LEVELS`] levels, or neither levels nor identity.
     EncodingLevels {
         /// `position` or `direction`.
         field: &'static str,
         /// The levels that were given.
         found: u8,
-    },
+    } =>
+        "{field} encoding: expected 1 to {MAX_LEVELS} levels (0 with identity), found {found}";
     /// A grid whose entries have neither 1 nor 2 nor 4 features.
     GridFeatures {
         /// What was given.
         found: u8,
-    },
+    } => "position grid: expected 1, 2 or 4 features an entry, found {found}";
     /// A grid with more than `2^`[`MAX_LOG2_ENTRIES`](crate::encoding::MAX_LOG2_ENTRIES) entries a level.
     GridEntries {
         /// The binary logarithm that was given.
         found: u8,
-    },
+    } =>
+        "position grid: expected at most 2^24 entries a level, found 2^{found}";
     /// A grid without levels.
-    GridLevels,
+    GridLevels => "position grid: expected 1 to 32 levels, found none";
     /// A grid with no cells along an axis, with more than
     /// [`MAX_GRID_RESOLUTION`](crate::encoding::MAX_GRID_RESOLUTION), or with some along an axis it has not.
     GridResolution {
-        /// Which level.
+        /// Index of the level.
         level: usize,
-        /// Which axis.
+        /// Index of the axis.
         axis: usize,
         /// The cells that were given.
         found: u16,
-    },
+    } =>
+        "position grid level {level}: expected 1 to 16384 cells along an axis (along z none in a 2D field), \
+         found {found} along axis {axis}";
     /// A grid whose tables have more than [`MAX_GRID_VALUES`](crate::encoding::MAX_GRID_VALUES) values.
     GridValues {
         /// The values its levels have.
         found: u64,
-    },
+    } =>
+        "position grid: expected tables of at most 2^27 values together, found {found}";
     /// A skip layer behind a grid: PE(x) is appended to a later layer of sinusoidal networks alone.
     SkipBesideGrid {
-        /// Which trunk layer.
+        /// Index of the trunk layer.
         layer: usize,
-    },
+    } =>
+        "trunk layer {layer}: expected no skip beside a position grid, found one";
     /// Spherical harmonics of degree 0, or above [`MAX_HARMONICS_DEGREE`].
     HarmonicsDegree {
         /// What was given.
         found: u8,
-    },
+    } =>
+        "direction encoding: expected spherical harmonics of degree 1 to {MAX_HARMONICS_DEGREE}, \
+         found {found}";
     /// Spherical harmonics in a build without the feature `grid`.
-    HarmonicsNotBuilt,
+    HarmonicsNotBuilt =>
+        "direction encoding: expected a build with the feature `grid` for spherical harmonics, found one without";
     /// A direction branch in a network that has no density head (a 2D field).
-    DirectionWithoutDensity,
+    DirectionWithoutDensity => "direction encoding: expected none in a 2D field, found one";
     /// Shading once a ray in a network that has no density head (a 2D field).
-    PerRayWithoutDensity,
+    PerRayWithoutDensity => "shading: expected once a sample in a 2D field, found once a ray";
     /// Shading once a ray in a build without the feature `grid`.
-    PerRayNotBuilt,
+    PerRayNotBuilt =>
+        "shading: expected a build with the feature `grid` for shading once a ray, found one without";
     /// The trunk has no layer, which only a grid that is shaded once a ray may do without.
-    NoTrunk,
+    NoTrunk =>
+        "trunk: expected 1 to {MAX_TRUNK} layers, or none behind a position grid shaded once a ray, found none";
     /// The first layer already takes `PE(x)`: a skip there would append it twice.
-    SkipAtFirstLayer,
+    SkipAtFirstLayer => "trunk layer 0: expected no skip, found one";
     /// A width of 0 or above [`MAX_WIDTH`].
     Width {
         /// `trunk` or `colour`.
         field: &'static str,
-        /// Which layer.
+        /// Index of the layer.
         index: usize,
         /// The width that was given.
         found: u16,
-    },
+    } =>
+        "{field} layer {index}: expected a width of 1 to {MAX_WIDTH}, found {found}";
 }
-
-impl core::fmt::Display for ArchitectureError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::EncodingInputs { field, expected, found } => {
-                write!(f, "{field} encoding: expected {expected} inputs, found {found}")
-            }
-            Self::EncodingLevels { field, found } => {
-                write!(
-                    f,
-                    "{field} encoding: expected 1 to {MAX_LEVELS} levels (0 with identity), found {found}"
-                )
-            }
-            Self::GridFeatures { found } => {
-                write!(f, "position grid: expected 1, 2 or 4 features an entry, found {found}")
-            }
-            Self::GridEntries { found } => {
-                write!(f, "position grid: expected at most 2^24 entries a level, found 2^{found}")
-            }
-            Self::GridLevels => write!(f, "position grid: expected 1 to 32 levels, found none"),
-            Self::GridResolution { level, axis, found } => write!(
-                f,
-                "position grid level {level}: expected 1 to 16384 cells along an axis (along z none in a 2D field), \
-                 found {found} along axis {axis}"
-            ),
-            Self::GridValues { found } => {
-                write!(f, "position grid: expected tables of at most 2^27 values together, found {found}")
-            }
-            Self::SkipBesideGrid { layer } => {
-                write!(f, "trunk layer {layer}: expected no skip beside a position grid, found one")
-            }
-            Self::HarmonicsDegree { found } => write!(
-                f,
-                "direction encoding: expected spherical harmonics of degree 1 to {MAX_HARMONICS_DEGREE}, \
-                 found {found}"
-            ),
-            Self::HarmonicsNotBuilt => write!(
-                f,
-                "direction encoding: expected a build with the feature `grid` for spherical harmonics, found one without"
-            ),
-            Self::DirectionWithoutDensity => {
-                write!(f, "direction encoding: expected none in a 2D field, found one")
-            }
-            Self::PerRayWithoutDensity => {
-                write!(f, "shading: expected once a sample in a 2D field, found once a ray")
-            }
-            Self::PerRayNotBuilt => write!(
-                f,
-                "shading: expected a build with the feature `grid` for shading once a ray, found one without"
-            ),
-            Self::NoTrunk => write!(
-                f,
-                "trunk: expected 1 to {MAX_TRUNK} layers, or none behind a position grid shaded once a ray, found none"
-            ),
-            Self::SkipAtFirstLayer => write!(f, "trunk layer 0: expected no skip, found one"),
-            Self::Width { field, index, found } => {
-                write!(f, "{field} layer {index}: expected a width of 1 to {MAX_WIDTH}, found {found}")
-            }
-        }
-    }
-}
-
-impl core::error::Error for ArchitectureError {}

@@ -9,10 +9,11 @@
 //! where sigma is flat.
 
 use super::architecture::{Layer, Role};
-use super::view::{Network, Scratch, Weights};
+use super::view::{Network, Scratch};
+use super::weights::Weights;
 use crate::encoding::{PositionEncoding, encode_gradient_block};
 use crate::math::MathBackend;
-use crate::matrix::{Gemm, HalfInit, Init, f16_at, gemm, gemm_f16, pairs, transposed_bf16, unpair};
+use crate::matrix::{Gemm, Init, f16_at, gemm, gemm_f16, pairs, transposed_bf16, unpair};
 use crate::memory::{head, head_mut, tail, tail_mut};
 use core::ops::Range;
 
@@ -22,10 +23,10 @@ mod tests;
 /// Units whose signs share a word.
 const SIGNS: usize = 16;
 
-/// Memory for one block's way back, beside its [`Scratch`].
+/// Memory for one block's backward pass, beside its [`Scratch`].
 #[derive(Debug)]
 pub struct GradientScratch<'w> {
-    /// Which units were on, a bit each: [`Network::sign_words`].
+    /// A bit for each unit, whether it was on: [`Network::sign_words`].
     pub signs: &'w mut [u16],
     /// ∂raw/∂PE(x): `[gradient_rows][stride]`.
     pub encoded: &'w mut [f32],
@@ -52,7 +53,7 @@ impl Network<'_> {
     /// itself. Of a grid it is that of the cell a sample falls into; on a face, of the one further on.
     ///
     /// Where a unit's sum is exactly 0, it is off. All of it is f32, with the units that the kernel's own
-    /// forward pass found on; where the storage rounds, weights are bf16 on the way back, too.
+    /// forward pass found on; where the storage rounds, weights are bf16 in the backward pass, too.
     ///
     /// # Panics
     /// If a slice is shorter than its rows times [`Scratch::stride`], as [`Network::trunk`] does.
@@ -95,7 +96,7 @@ impl Network<'_> {
         head_mut(memory.encoded, encoding.outputs() * stride).fill(0.0);
         for layer in self.trunk_layers().rev() {
             end -= sign_words(layer, stride);
-            silence(head_mut(scratch.front, layer.outputs * stride), tail(memory.signs, end));
+            mask(head_mut(scratch.front, layer.outputs * stride), tail(memory.signs, end));
             let from = &*scratch.front;
             if layer.role == Role::Trunk(0) {
                 self.back(layer, 0..layer.main, stride, from, memory.encoded, true);
@@ -110,7 +111,7 @@ impl Network<'_> {
         self.gradient_of_position(scratch, memory, positions, blur, gradient);
     }
 
-    /// From ∂raw/∂PE(x) to ∂raw/∂x; of a sinusoidal encoding `scratch` holds what was encoded.
+    /// ∂raw/∂x from ∂raw/∂PE(x); of a sinusoidal encoding `scratch` holds what was encoded.
     fn gradient_of_position(
         &self,
         scratch: &Scratch<'_>,
@@ -162,11 +163,11 @@ impl Network<'_> {
         let at = layer.weights + inputs.start;
         match self.weights() {
             Weights::Prepared(parameters) | Weights::Transposed(parameters) => {
-                let init = if accumulate { Init::Accumulate } else { Init::Zero };
+                let init = Init::zero_unless(accumulate);
                 gemm(self.isa, g, &parameters[at..], from, to, init, false);
             }
             Weights::InPlace(bytes) => {
-                let init = if accumulate { HalfInit::Accumulate } else { HalfInit::Zero };
+                let init = Init::zero_unless(accumulate);
                 gemm_f16(self.isa, g, tail(bytes, 2 * at), from, to, init, false);
             }
             Weights::Paired(words) => {
@@ -209,8 +210,8 @@ fn word(outputs: &[f32], value: impl Fn(f32) -> f32) -> u16 {
     outputs.iter().enumerate().fold(0, |word, (i, &x)| word | u16::from(value(x) > 0.0) << i)
 }
 
-/// Sets to 0 what belongs to units that are off: the derivative of the ReLU.
-fn silence(values: &mut [f32], signs: &[u16]) {
+/// Masks the values of units that are off: the derivative of the ReLU.
+fn mask(values: &mut [f32], signs: &[u16]) {
     for (values, &signs) in values.chunks_mut(SIGNS).zip(signs) {
         for (i, value) in values.iter_mut().enumerate() {
             *value = if signs >> i & 1 == 1 { *value } else { 0.0 };

@@ -9,11 +9,14 @@ mod architecture;
 #[cfg(feature = "normals")]
 mod gradient;
 mod view;
+mod weights;
 
 #[cfg(test)]
 mod tests;
 
 pub(crate) use architecture::PER_RAY_BUILT;
+#[cfg(all(test, feature = "grid"))]
+pub(crate) use architecture::check_grid;
 pub use architecture::{
     Architecture, ArchitectureError, DensityActivation, EXPONENTIAL_LIMIT, Layer, Layers, MAX_COLOUR,
     MAX_LAYERS, MAX_TRUNK, MAX_WIDTH, Role, Shading, TrunkLayer,
@@ -23,6 +26,10 @@ pub(crate) use gradient::GradientScratch;
 #[cfg(all(feature = "normals", feature = "train"))]
 pub use gradient::GradientScratch;
 #[cfg(not(feature = "train"))]
-pub(crate) use view::{Network, Scratch, Weights, unpack};
+pub(crate) use view::{Network, Scratch};
 #[cfg(feature = "train")]
-pub use view::{Network, Scratch, Weights, unpack};
+pub use view::{Network, Scratch};
+#[cfg(not(feature = "train"))]
+pub(crate) use weights::{Weights, unpack};
+#[cfg(feature = "train")]
+pub use weights::{Weights, unpack};

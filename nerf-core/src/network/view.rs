@@ -1,104 +1,20 @@
 //! A network at work: weights where they lie, samples in blocks.
 
 use super::architecture::{
-    Architecture, DensityActivation, EXPONENTIAL_LIMIT, Layer, Layers, PER_RAY_BUILT, Role, Shading,
+    Architecture, DensityActivation, EXPONENTIAL_LIMIT, Layer, Layers, PER_RAY_BUILT, Role,
 };
+use super::weights::Weights;
 use crate::encoding::{
     DirectionEncoding, GridTables, PositionEncoding, encode_block, encode_harmonics_block,
 };
 use crate::math::{Math, MathBackend, with_math};
 use crate::matrix::{
-    Gemm, HalfInit, Init, Kernel, PairedInput, PairedOutput, Storage, dense_bf16, f16_at, gemm, gemm_f16,
-    pair, pair_rows, pairs, unpair,
+    Gemm, Init, Kernel, PairedInput, PairedOutput, Storage, dense_bf16, gemm, gemm_f16, pair_rows, pairs,
+    unpair,
 };
 use crate::memory::{at, head_mut, tail};
 use crate::simd::{Isa, Lanes, MAX_LANES, Op, VECTORS};
 use core::marker::PhantomData;
-
-/// Where the parameters lie.
-#[derive(Clone, Copy, Debug)]
-pub enum Weights<'a> {
-    /// Little-endian f16, read in place: no memory but the activations.
-    InPlace(&'a [u8]),
-    /// f32, for instructions with vectors.
-    Prepared(&'a [f32]),
-    /// [`Weights::Prepared`] whose hidden colour layers have transposed weights, `[inputs][outputs]`: of a field shaded
-    /// once a ray. The colour of a single ray then takes vectors of outputs.
-    Transposed(&'a [f32]),
-    /// Pairs of bf16, each layer where its f32 would be: [`Weights::prepare`] makes them.
-    Paired(&'a [f32]),
-}
-
-impl<'a> Weights<'a> {
-    /// Unpacks little-endian f16 `bytes` once, as `storage` has it, unless it has them in place.
-    ///
-    /// `memory`: one value for each parameter of the `architecture`, or for its trunk and density head
-    /// alone ([`Architecture::density_parameters`]) where no colour will be asked for; unused in place.
-    ///
-    /// # Panics
-    /// If `bytes` or `memory` is shorter than that.
-    #[cfg(feature = "train")]
-    pub fn prepare(
-        architecture: &Architecture,
-        storage: Storage,
-        bytes: &'a [u8],
-        memory: &'a mut [f32],
-    ) -> Self {
-        if storage == Storage::F16 {
-            return Self::InPlace(bytes);
-        }
-        Self::unpack(architecture, storage, bytes, memory);
-        Self::unpacked(architecture, storage, memory)
-    }
-
-    /// What [`Weights::unpack`] made for `storage`.
-    pub(crate) fn unpacked(architecture: &Architecture, storage: Storage, memory: &'a [f32]) -> Self {
-        match (storage, architecture.shading) {
-            (Storage::Bf16, _) => Self::Paired(memory),
-            (_, Shading::PerRay) => Self::Transposed(memory),
-            (_, Shading::PerSample) => Self::Prepared(memory),
-        }
-    }
-
-    /// The first half of [`Weights::prepare`].
-    pub(crate) fn unpack(architecture: &Architecture, storage: Storage, bytes: &[u8], memory: &mut [f32]) {
-        unpack(bytes, memory);
-        if storage != Storage::Bf16 {
-            if architecture.shading == Shading::PerRay {
-                transpose_colour(architecture, bytes, memory);
-            }
-            return;
-        }
-        let parameters = memory.len();
-        for layer in architecture.layers().iter().filter(|layer| layer.bias + layer.outputs <= parameters) {
-            // Rows of words are no longer than the rows they are made of, and trail them.
-            let mut to = layer.weights;
-            for row in 0..layer.outputs {
-                let row = layer.weights + row * layer.inputs();
-                for part in [row..row + layer.main, row + layer.main..row + layer.inputs()] {
-                    for from in part.clone().step_by(2) {
-                        let odd = if from + 1 < part.end { memory[from + 1] } else { 0.0 };
-                        memory[to] = pair(memory[from], odd);
-                        to += 1;
-                    }
-                }
-            }
-        }
-    }
-}
-
-/// Puts the weights of the colour branch's hidden layers into `memory` once more, transposed.
-fn transpose_colour(architecture: &Architecture, bytes: &[u8], memory: &mut [f32]) {
-    let parameters = memory.len();
-    let hidden =
-        |layer: &&Layer| matches!(layer.role, Role::Colour(_)) && layer.bias + layer.outputs <= parameters;
-    for layer in architecture.layers().iter().filter(hidden) {
-        for (output, input) in (0..layer.outputs).flat_map(|o| (0..layer.inputs()).map(move |i| (o, i))) {
-            let weight = f16_at(bytes, layer.weights + output * layer.inputs() + input);
-            memory[layer.weights + input * layer.outputs + output] = weight;
-        }
-    }
-}
 
 /// A network that can be evaluated: shape, parameters, instructions and maths backend.
 #[derive(Clone, Debug)]
@@ -123,22 +39,6 @@ pub struct Scratch<'w> {
     pub back: &'w mut [f32],
 }
 
-/// What a layer's sum starts from.
-#[derive(Clone, Copy, PartialEq)]
-enum Start {
-    Bias,
-    Output,
-}
-
-impl Start {
-    fn of(self, bias: &[f32]) -> Init<'_> {
-        match self {
-            Self::Bias => Init::Bias(bias),
-            Self::Output => Init::Accumulate,
-        }
-    }
-}
-
 impl<'a> Network<'a> {
     /// A network over parameters that fit its architecture.
     ///
@@ -150,10 +50,22 @@ impl<'a> Network<'a> {
         Self::with_grid(architecture, weights, GridTables::NONE, isa)
     }
 
-    /// As [`Network::new`], with the tables of the architecture's grid; `None` if they are too short, too.
+    /// [`Network::new`] with the tables of the architecture's grid; `None` if they are too short, too.
     ///
     /// Without a grid they are not used.
+    #[cfg(feature = "train")]
     pub fn with_grid(
+        architecture: &Architecture,
+        weights: Weights<'a>,
+        tables: GridTables<'a>,
+        isa: Isa,
+    ) -> Option<Self> {
+        architecture.check().ok()?;
+        Self::of_checked(architecture, weights, tables, isa)
+    }
+
+    /// A network of an architecture that has been checked, as that of a blob; `None` if parameters or tables are too few.
+    pub(crate) fn of_checked(
         architecture: &Architecture,
         weights: Weights<'a>,
         tables: GridTables<'a>,
@@ -162,7 +74,7 @@ impl<'a> Network<'a> {
         Self::of_layers(architecture, architecture.layers(), weights, tables, isa)
     }
 
-    /// The same without the colour branch, over the parameters of trunk and density head
+    /// [`Network::of_checked`] without the colour branch, over the parameters of trunk and density head
     /// ([`Architecture::density_parameters`]); [`Network::colour`] must not be called.
     #[cfg(feature = "proposal")]
     pub(crate) fn of_density(architecture: &Architecture, weights: Weights<'a>, isa: Isa) -> Option<Self> {
@@ -178,7 +90,6 @@ impl<'a> Network<'a> {
         tables: GridTables<'a>,
         isa: Isa,
     ) -> Option<Self> {
-        architecture.check().ok()?;
         if architecture.position.grid().is_some_and(|grid| !tables.fit(grid)) {
             return None;
         }
@@ -193,12 +104,12 @@ impl<'a> Network<'a> {
         (have >= needed).then(|| Self { architecture: architecture.clone(), layers, weights, tables, isa })
     }
 
-    /// Its shape.
+    /// The network's shape.
     pub fn architecture(&self) -> &Architecture {
         &self.architecture
     }
 
-    /// What it runs with.
+    /// The kernel that the network runs with.
     pub fn kernel(&self) -> Kernel {
         let storage = match self.weights() {
             Weights::InPlace(_) => Storage::F16,
@@ -212,7 +123,7 @@ impl<'a> Network<'a> {
         self.isa
     }
 
-    /// Where its parameters lie; says so in a way that leaves a build without [`VECTORS`] but one answer.
+    /// The parameters, in a way that leaves a build without [`VECTORS`] but one answer.
     #[inline(always)]
     pub(super) fn weights(&self) -> Weights<'a> {
         match self.weights {
@@ -228,7 +139,7 @@ impl<'a> Network<'a> {
         VECTORS && (self.isa != Isa::Portable || !matches!(self.weights, Weights::InPlace(_)))
     }
 
-    /// What the columns of a block are a multiple of, where it takes [whole ones](Network::whole_blocks).
+    /// The number that a block's columns are a multiple of, where it takes [whole ones](Network::whole_blocks).
     pub fn columns(&self) -> usize {
         if let Weights::Paired(_) = self.weights() { MAX_LANES } else { self.isa.columns() }
     }
@@ -272,7 +183,7 @@ impl<'a> Network<'a> {
     pub fn direction(&self, math: MathBackend, scratch: &mut Scratch<'_>, dirs: &[f32], out: &mut [f32]) {
         if let (Some(encoding), Some(layer)) = (&self.architecture.direction, self.direction_layer()) {
             self.encode_direction(math, encoding, scratch, dirs);
-            self.dense(layer, [None, Some(&*scratch.encoded)], scratch.stride, out, Start::Bias, false);
+            self.dense(layer, [None, Some(&*scratch.encoded)], scratch.stride, out, false, false);
         }
     }
 
@@ -288,7 +199,7 @@ impl<'a> Network<'a> {
         self.trunk_with(math, scratch, positions, |_, _| {});
     }
 
-    /// As [`Network::trunk`]; `each` sees every layer with its outputs.
+    /// [`Network::trunk`], of which `each` sees every layer with its outputs.
     #[inline]
     pub(super) fn trunk_with(
         &self,
@@ -309,7 +220,7 @@ impl<'a> Network<'a> {
             let (from, to) = (&*scratch.front, &mut *scratch.back);
             let from = if index == 0 { &*scratch.encoded } else { from };
             let extra = (layer.extra > 0).then_some(&*scratch.encoded);
-            self.dense(layer, [Some(from), extra], scratch.stride, to, Start::Bias, true);
+            self.dense(layer, [Some(from), extra], scratch.stride, to, false, true);
             each(layer, to);
             core::mem::swap(&mut scratch.front, &mut scratch.back);
         }
@@ -320,7 +231,7 @@ impl<'a> Network<'a> {
         let layer = self.layers.iter().find(|layer| layer.role == Role::Density);
         if let (Some(layer), Some(activation)) = (layer, self.architecture.density) {
             let stride = scratch.stride;
-            self.dense(layer, [Some(&*scratch.front), None], stride, sigma, Start::Bias, false);
+            self.dense(layer, [Some(&*scratch.front), None], stride, sigma, false, false);
             let values = head_mut(sigma, stride);
             with_math!(math, M => self.isa.run_columns(stride, Density::<M> { activation, values, math: PhantomData }));
         }
@@ -367,14 +278,12 @@ impl<'a> Network<'a> {
                 continue;
             }
             let to = if hidden { &mut *scratch.back } else { &mut *rgb };
-            let start = match direction.take() {
-                Some(fill) => {
-                    fill(head_mut(to, layer.outputs * stride));
-                    Start::Output
-                }
-                None => Start::Bias,
-            };
-            self.dense(layer, [Some(&*scratch.front), None], stride, to, start, hidden);
+            let direction = direction.take();
+            let accumulate = direction.is_some();
+            if let Some(fill) = direction {
+                fill(head_mut(to, layer.outputs * stride));
+            }
+            self.dense(layer, [Some(&*scratch.front), None], stride, to, accumulate, hidden);
             if hidden {
                 core::mem::swap(&mut scratch.front, &mut scratch.back);
             }
@@ -387,8 +296,8 @@ impl<'a> Network<'a> {
         with_math!(math, M => self.isa.run_columns(stride, Sigmoid::<M> { values, math: PhantomData }));
     }
 
-    /// [`Network::direction`] and [`Network::colour`] of a block's first sample alone, with the same bits: vectors are a layer's
-    /// outputs. `false`, and nothing is done, where weights do not lie that way.
+    /// [`Network::direction`] and [`Network::colour`] of a block's first sample alone, with the same bits: vectors are a
+    /// layer's outputs. `false`, and nothing is done, where weights do not lie that way.
     ///
     /// `dirs`: `[3][stride]`; `rgb`: `[3][stride]`, of which the other columns are left without a meaning.
     pub(crate) fn colour_of_one(
@@ -475,7 +384,8 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// `to = act(start + W [main, extra])` over the `inputs` that are there, in this order.
+    /// `to = act(init + W [main, extra])` over the `inputs` that are there, in this order; `init` is what `to` holds if
+    /// `accumulate`, else the bias.
     ///
     /// A hidden layer has a ReLU, and its outputs are in the form that the next layer takes.
     fn dense(
@@ -484,14 +394,14 @@ impl<'a> Network<'a> {
         inputs: [Option<&[f32]>; 2],
         stride: usize,
         to: &mut [f32],
-        start: Start,
+        accumulate: bool,
         hidden: bool,
     ) {
         let (m, n) = (layer.outputs, stride);
         let transposed =
             matches!(self.weights(), Weights::Transposed(_)) && matches!(layer.role, Role::Colour(_));
         let (a_row, a_col) = if transposed { (1, m) } else { (layer.inputs(), 1) };
-        let mut start = start;
+        let mut accumulate = accumulate;
         let last_part = if inputs[1].is_some() { 1 } else { 0 };
         let parts = [(0, layer.main), (layer.main, layer.extra)].into_iter().zip(inputs);
         for (i, ((offset, k), from)) in parts.enumerate() {
@@ -500,26 +410,23 @@ impl<'a> Network<'a> {
             let (offset, last) = (layer.weights + offset * a_col, i == last_part);
             match self.weights() {
                 Weights::Prepared(parameters) | Weights::Transposed(parameters) => {
-                    let init = start.of(&parameters[layer.bias..]);
+                    let init = Init::bias_unless(accumulate, &parameters[layer.bias..]);
                     gemm(self.isa, g, &parameters[offset..], from, to, init, hidden && last);
                 }
                 Weights::InPlace(bytes) => {
-                    let init = match start {
-                        Start::Bias => HalfInit::Bias(tail(bytes, 2 * layer.bias)),
-                        Start::Output => HalfInit::Accumulate,
-                    };
+                    let init = Init::bias_unless(accumulate, tail(bytes, 2 * layer.bias));
                     gemm_f16(self.isa, g, tail(bytes, 2 * offset), from, to, init, hidden && last);
                 }
                 // Both parts at once: what lies between them is not rounded.
                 Weights::Paired(words) => {
-                    return self.dense_paired(words, layer, inputs, stride, to, start, hidden);
+                    return self.dense_paired(words, layer, inputs, stride, to, accumulate, hidden);
                 }
             }
-            start = Start::Output;
+            accumulate = true;
         }
     }
 
-    /// As [`Network::dense`], with pairs of bf16.
+    /// [`Network::dense`] with pairs of bf16.
     #[allow(clippy::too_many_arguments, reason = "as the method it is half of")]
     fn dense_paired(
         &self,
@@ -528,7 +435,7 @@ impl<'a> Network<'a> {
         inputs: [Option<&[f32]>; 2],
         stride: usize,
         to: &mut [f32],
-        start: Start,
+        accumulate: bool,
         hidden: bool,
     ) {
         let (main, extra) = (pairs(layer.main), pairs(layer.extra));
@@ -540,15 +447,8 @@ impl<'a> Network<'a> {
         };
         let parts = [part(0, main, inputs[0]), part(main, extra, inputs[1])];
         let output = if hidden { PairedOutput::Pairs } else { PairedOutput::Floats };
-        let init = start.of(&words[layer.bias..]);
+        let init = Init::bias_unless(accumulate, &words[layer.bias..]);
         dense_bf16(self.isa, parts, layer.outputs, stride, init, to, hidden, output);
-    }
-}
-
-/// Unpacks little-endian f16 parameters; `parameters` is as long as `bytes` has pairs, or shorter.
-pub fn unpack(bytes: &[u8], parameters: &mut [f32]) {
-    for (i, parameter) in parameters.iter_mut().enumerate() {
-        *parameter = f16_at(bytes, i);
     }
 }
 

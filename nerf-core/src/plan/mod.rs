@@ -1,14 +1,16 @@
 //! What a frame consists of: what the scene holds, met with what the caller asks for.
 
 use crate::blob::{Blob, MAX_SAMPLES, SceneFacts, SceneSampling, steps};
-use crate::camera::{BoundsError, Contraction, Ray, SceneBox};
+use crate::camera::Ray;
 use crate::math::MathBackend;
 use crate::sampling::{Bins, OccupancyGrid, SampleJitter};
 use crate::simd::BLOCK;
+use crate::space::{BoundsError, Contraction, SceneBox};
 use glam::Vec3;
 
 mod effects;
 mod quality;
+mod settings;
 mod span;
 mod spans;
 
@@ -17,6 +19,7 @@ mod tests;
 
 pub use effects::{EffectError, Effects, Jitter, ThinLens, Tone, ToneMap};
 pub use quality::{Choice, Preset, Quality};
+pub use settings::Settings;
 pub(crate) use span::{Lattice, Span};
 pub(crate) use spans::{SpanAll, Spans};
 

@@ -1,8 +1,9 @@
 //! Which part of a ray is sampled, and where.
 
 use super::Plan;
-use crate::camera::{Contraction, Ray, SceneBox};
+use crate::camera::Ray;
 use crate::sampling::Ends;
+use crate::space::{Contraction, SceneBox};
 use core::ops::Range;
 use glam::Vec3;
 

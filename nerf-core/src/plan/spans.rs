@@ -2,9 +2,10 @@
 
 use super::Plan;
 use super::span::{Lattice, ROUNDING, Span};
-use crate::camera::{Ray, SceneBox};
+use crate::camera::Ray;
 use crate::sampling::Ends;
 use crate::simd::{Lanes, MAX_LANES, Op};
+use crate::space::SceneBox;
 use glam::Vec3;
 
 #[cfg(test)]

@@ -1,10 +1,11 @@
 //! A coarse occupancy grid: which packets of rays pass no occupied cell, and where those begin that do.
 
 use super::window::{MAX_BINS, points_at};
-use crate::camera::{Ray, SceneBox};
+use crate::camera::Ray;
 use crate::plan::{Lattice, Plan};
 use crate::sampling::{Bins, OccupancyGrid};
 use crate::simd::{Isa, LANES, Lanes, Op, VECTORS};
+use crate::space::SceneBox;
 use glam::Vec3;
 
 #[cfg(test)]

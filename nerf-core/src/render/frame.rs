@@ -9,7 +9,7 @@ use super::side_by_side::column_rows;
 use super::source::{CameraRays, OwnRays, RaySource};
 use super::surface::{Medians, Normals};
 use super::{Counters, Limit, RaySegment, Rect, Target};
-use crate::camera::{Camera, Ray, SceneBox};
+use crate::camera::{Camera, Ray};
 use crate::math::Math;
 use crate::memory::{Layout, at, head, head_mut, put, tail_mut};
 use crate::network::{Network, Scratch};
@@ -18,6 +18,7 @@ use crate::render::anti_aliasing::{self, Sums};
 use crate::render::tone;
 use crate::sampling::SampleJitter;
 use crate::simd::{BLOCK, MAX_LANES, VECTORS};
+use crate::space::SceneBox;
 use crate::volume::{Accumulator, Pixel};
 use glam::Vec3;
 

@@ -30,6 +30,7 @@ mod march;
 mod pace;
 mod picture;
 mod points;
+mod prepared;
 #[cfg(feature = "proposal")]
 mod proposal;
 #[cfg(not(feature = "proposal"))]
@@ -62,22 +63,23 @@ pub use rect::{Rect, Target};
 pub use segment::{Limit, RaySegment};
 pub use worker::{TILE_SIDE, Worker};
 
-use crate::blob::{Blob, StoredTables};
-use crate::camera::{Camera, SceneBox};
+use crate::blob::Blob;
+use crate::camera::Camera;
+#[cfg(feature = "train")]
 use crate::encoding::GridTables;
-use crate::matrix::{Kernel, Storage};
-use crate::memory::{Arena, Layout, Line, Measure};
-use crate::network::{Network, Weights, unpack};
+use crate::matrix::Kernel;
+#[cfg(feature = "train")]
+use crate::matrix::Storage;
+use crate::memory::{Arena, Line, Measure};
+use crate::network::Network;
+#[cfg(feature = "train")]
+use crate::network::Weights;
 use crate::plan::Plan;
-use crate::simd::VECTORS;
+use crate::space::SceneBox;
 pub(crate) use coarse::CoarseOccupancy;
 use frame::Frame;
+pub(crate) use prepared::Prepared;
 use proposal::Proposer;
-
-/// Whether a kernel reads weights where they lie.
-fn in_place(kernel: Kernel) -> bool {
-    kernel.storage == Storage::F16 || !VECTORS
-}
 
 /// A scene made ready for one kernel.
 #[derive(Clone, Debug)]
@@ -95,38 +97,8 @@ impl<'a> Renderer<'a> {
     /// alone.
     pub fn prepared_lines(blob: &Blob<'_>, kernel: Kernel) -> usize {
         let mut measure = Measure::default();
-        Self::lay_out(&mut measure, blob, kernel);
+        Prepared::lay_out(&mut measure, blob, kernel);
         measure.lines
-    }
-
-    /// The parameters of the scene's network and of its proposal, and the grid's tables, unpacked; and the tables, decoded.
-    #[inline]
-    fn lay_out(
-        layout: &mut impl Layout<'a>,
-        blob: &Blob<'_>,
-        kernel: Kernel,
-    ) -> ([&'a mut [f32]; 3], &'a mut [u8]) {
-        let unpacked = match in_place(kernel) {
-            true => [&mut [][..], &mut [], &mut []],
-            false => Self::unpacked_lengths(blob, kernel).map(|count| layout.slice(count, 0.0)),
-        };
-        (unpacked, layout.slice(blob.decoded_len(), 0))
-    }
-
-    /// How many values the parameters of the scene's network and of its proposal are unpacked to, and the grid's tables.
-    pub(crate) fn unpacked_lengths(blob: &Blob<'_>, kernel: Kernel) -> [usize; 3] {
-        if in_place(kernel) {
-            return [0; 3];
-        }
-        let tables = Self::widened_tables(blob, kernel).map_or(0, |bytes| bytes.len() / 2);
-        [blob.architecture().parameters(), Proposer::parameters(blob), tables]
-    }
-
-    /// The f16 tables of an instruction set that does not read them where they lie.
-    fn widened_tables<'b>(blob: &Blob<'b>, kernel: Kernel) -> Option<&'b [u8]> {
-        let tables =
-            blob.tables().filter(|tables| !kernel.isa.reads_f16_tables() && tables.scales().is_none());
-        tables.map(|tables| tables.bytes())
     }
 
     /// Prepares a scene for `kernel`, unpacking its weights and decoding its tables once into `memory`.
@@ -139,13 +111,28 @@ impl<'a> Renderer<'a> {
         if found < expected {
             return Err(RenderError::Memory { expected, found });
         }
-        let (mut unpacked, decoded) = Self::lay_out(&mut Arena::new(memory), &blob, kernel);
-        Self::unpack(&blob, kernel, &mut unpacked);
-        blob.decode_tables(decoded).map_err(RenderError::Tables)?;
-        let (weights, proposer, tables) = Self::unpacked(&blob, kernel, (unpacked.map(|it| &*it), decoded));
-        let network = Network::with_grid(blob.architecture(), weights, tables, kernel.isa)
-            .ok_or(RenderError::Network)?;
-        let (occupied, coarse) = Self::occupied(&blob);
+        let mut prepared = Prepared::lay_out(&mut Arena::new(memory), &blob, kernel);
+        prepared.unpack(&blob, kernel).map_err(RenderError::Tables)?;
+        let Prepared { unpacked, decoded } = prepared;
+        let prepared = Prepared { unpacked: unpacked.map(|values| &*values), decoded: &*decoded };
+        let occupied = Self::occupied(&blob);
+        Self::of_prepared(blob, kernel, &prepared, occupied)
+    }
+
+    /// A scene over values that were prepared for `kernel`, with [`Renderer::occupied`] of its blob.
+    ///
+    /// # Errors
+    /// [`RenderError::Network`] if the values are too few.
+    // In its caller's frame, whose stack a microcontroller has once.
+    #[inline(always)]
+    pub(crate) fn of_prepared(
+        blob: Blob<'a>,
+        kernel: Kernel,
+        prepared: &Prepared<&'a [f32], &'a [u8]>,
+        (occupied, coarse): (Option<SceneBox>, CoarseOccupancy),
+    ) -> Result<Self, RenderError> {
+        let network = prepared.view(&blob, kernel).ok_or(RenderError::Network)?;
+        let proposer = prepared.view_proposal(&blob, kernel);
         Ok(Self { blob, network, proposer, occupied, coarse })
     }
 
@@ -156,69 +143,13 @@ impl<'a> Renderer<'a> {
         (around, CoarseOccupancy::new(occupancy.as_ref()))
     }
 
-    /// Unpacks the parameters of the scene's network and of its proposal.
-    pub(crate) fn unpack<T: AsMut<[f32]>>(blob: &Blob<'_>, kernel: Kernel, to: &mut [T; 3]) {
-        if !in_place(kernel) {
-            let [own, proposal, tables] = to;
-            Weights::unpack(blob.architecture(), kernel.storage, blob.weights(), own.as_mut());
-            Proposer::unpack(blob, kernel.storage, proposal.as_mut());
-            if let Some(bytes) = Self::widened_tables(blob, kernel) {
-                unpack(bytes, tables.as_mut());
-            }
-        }
-    }
-
-    /// What [`Renderer::unpack`] made, or the weights where they lie; and the tables, by what they were decoded to.
-    fn unpacked(
-        blob: &Blob<'a>,
-        kernel: Kernel,
-        ([own, proposal, tables], decoded): ([&'a [f32]; 3], &'a [u8]),
-    ) -> (Weights<'a>, Proposer<'a>, GridTables<'a>) {
-        let in_file = Self::tables_of(blob, decoded);
-        if in_place(kernel) {
-            return (Weights::InPlace(blob.weights()), Proposer::in_place(blob, kernel.isa), in_file);
-        }
-        let tables = match Self::widened_tables(blob, kernel) {
-            Some(_) => GridTables::widened(tables, blob.scene_box().as_ref()),
-            None => in_file,
-        };
-        (
-            Weights::unpacked(blob.architecture(), kernel.storage, own),
-            Proposer::of_unpacked(blob, kernel, proposal),
-            tables,
-        )
-    }
-
-    /// A scene over weights that were unpacked, tables that were decoded, and the box around its occupied cells.
-    #[cfg(all(feature = "std", not(target_os = "none")))]
-    pub(crate) fn of_unpacked(
-        blob: Blob<'a>,
-        kernel: Kernel,
-        unpacked: ([&'a [f32]; 3], &'a [u8]),
-        (occupied, coarse): (Option<SceneBox>, CoarseOccupancy),
-    ) -> Option<Self> {
-        let (weights, proposer, tables) = Self::unpacked(&blob, kernel, unpacked);
-        let network = Network::with_grid(blob.architecture(), weights, tables, kernel.isa)?;
-        Some(Self { blob, network, proposer, occupied, coarse })
-    }
-
-    /// The tables of the blob's grid, where they lie: coded ones where they were decoded to.
-    fn tables_of(blob: &Blob<'a>, decoded: &'a [u8]) -> GridTables<'a> {
-        let (bytes, scales) = match blob.tables() {
-            None => (&[][..], None),
-            Some(StoredTables::Coded { scales, .. }) => (decoded, Some(scales)),
-            Some(tables) => (tables.bytes(), tables.scales()),
-        };
-        GridTables::in_place(bytes, scales, blob.scene_box().as_ref())
-    }
-
     /// The scene of `blob` with other parameters, f32 in the same order: what rounding costs. Its proposal and its
     /// tables keep their own.
     ///
-    /// `None` if they are too few, of coded tables, and where there are no [`VECTORS`].
+    /// `None` if they are too few, of coded tables, and where there are no [`VECTORS`](crate::simd::VECTORS).
     #[cfg(feature = "train")]
     pub fn with_parameters(blob: Blob<'a>, kernel: Kernel, parameters: &'a [f32]) -> Option<Self> {
-        let tables = Self::tables_of(&blob, &[]);
+        let tables = prepared::tables_of(&blob, Kernel::new(kernel.isa, Storage::F16), &[], &[]);
         Self::with_parameters_and_tables(blob, kernel, parameters, tables)
     }
 
@@ -231,8 +162,8 @@ impl<'a> Renderer<'a> {
         tables: GridTables<'a>,
     ) -> Option<Self> {
         let weights = Weights::Prepared(parameters);
-        let network = Network::with_grid(blob.architecture(), weights, tables, kernel.isa)?;
-        let proposer = Proposer::in_place(&blob, kernel.isa);
+        let network = Network::of_checked(blob.architecture(), weights, tables, kernel.isa)?;
+        let proposer = Proposer::view(&blob, Kernel::new(kernel.isa, Storage::F16), &[]);
         let (occupied, coarse) = Self::occupied(&blob);
         Some(Self { blob, network, proposer, occupied, coarse })
     }

@@ -39,14 +39,6 @@ impl<'a> Proposer<'a> {
         blob.proposal().map_or(0, |it| it.architecture().density_parameters())
     }
 
-    /// The weights where they lie in the blob.
-    pub fn in_place(blob: &Blob<'a>, isa: Isa) -> Self {
-        let network = blob
-            .proposal()
-            .and_then(|it| Network::of_density(&it.architecture(), Weights::InPlace(it.weights), isa));
-        Self { network }
-    }
-
     /// Decodes the proposal network's weights from the stored format `storage` into `to`: one value a parameter.
     pub fn unpack(blob: &Blob<'_>, storage: Storage, to: &mut [f32]) {
         if let Some(proposal) = blob.proposal() {
@@ -54,11 +46,11 @@ impl<'a> Proposer<'a> {
         }
     }
 
-    /// With what [`Proposer::unpack`] made.
-    pub fn of_unpacked(blob: &Blob<'a>, kernel: Kernel, unpacked: &'a [f32]) -> Self {
+    /// The network over its weights: where they lie in the blob, or what [`Proposer::unpack`] made.
+    pub fn view(blob: &Blob<'a>, kernel: Kernel, unpacked: &'a [f32]) -> Self {
         let network = blob.proposal().and_then(|it| {
             let architecture = it.architecture();
-            let weights = Weights::unpacked(&architecture, kernel.storage, unpacked);
+            let weights = Weights::view(&architecture, kernel.storage, it.weights, unpacked);
             Network::of_density(&architecture, weights, kernel.isa)
         });
         Self { network }

@@ -22,13 +22,9 @@ impl<'a> Proposer<'a> {
         0
     }
 
-    pub fn in_place(_: &Blob<'a>, _: Isa) -> Self {
-        Self(PhantomData)
-    }
-
     pub fn unpack(_: &Blob<'_>, _: Storage, _: &mut [f32]) {}
 
-    pub fn of_unpacked(_: &Blob<'a>, _: Kernel, _: &'a [f32]) -> Self {
+    pub fn view(_: &Blob<'a>, _: Kernel, _: &'a [f32]) -> Self {
         Self(PhantomData)
     }
 

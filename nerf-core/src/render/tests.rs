@@ -14,12 +14,13 @@ mod views;
 
 use super::*;
 use crate::blob::StoredOccupancy;
-use crate::camera::{Intrinsics, Lens, Pose, SceneBox};
+use crate::camera::{Intrinsics, Lens, Pose};
 use crate::math::MathBackend;
 use crate::network::{Architecture, Role};
 use crate::plan::{Batch, Outputs, Quality};
 use crate::sampling::Bins;
 use crate::simd::BLOCK;
+use crate::space::SceneBox;
 use crate::testing::{SCENE, Worse, architecture, body, bytes, every_kind, halve, parameters, pi};
 use crate::volume::Pixel;
 use glam::Vec3;

@@ -2,9 +2,10 @@
 
 use super::coarse::CandidateBins;
 use super::march::RayState;
-use crate::camera::{Contraction, Ray};
+use crate::camera::Ray;
 use crate::sampling::{Bins, OccupancyGrid, OccupancyLanes};
 use crate::simd::{Lanes, Op};
+use crate::space::Contraction;
 
 #[cfg(test)]
 mod tests;

@@ -1,7 +1,7 @@
 //! Equal bins along a ray.
 
-use crate::camera::BoundsError;
 use crate::simd::{LANES, Lanes};
+use crate::space::BoundsError;
 use core::ops::Range;
 
 /// `near..far` cut into `count` equal bins; every ray of a picture shares them.

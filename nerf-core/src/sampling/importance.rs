@@ -41,7 +41,7 @@ pub const WEIGHT_FLOOR: f32 = 1e-5;
 /// sample_pdf(&bins, &mut row, |_| 0.5);
 /// assert!((row[0] - 2.5).abs() < 1e-4 && (row[2] - 3.5).abs() < 1e-4);
 /// assert!((row[1] - 3.25).abs() < 1e-4 && (row[3] - 3.75).abs() < 1e-4);
-/// # Ok::<(), nerf_core::camera::BoundsError>(())
+/// # Ok::<(), nerf_core::space::BoundsError>(())
 /// ```
 pub fn sample_pdf(bins: &Bins, row: &mut [f32], within: impl Fn(u32) -> f32) {
     let count = bins.count() as usize;

@@ -1,8 +1,9 @@
 //! The occupancy grid: which cells of the scene box may hold something.
 
 use super::Bins;
-use crate::camera::{Ray, SceneBox};
+use crate::camera::Ray;
 use crate::simd::{Indices, Lanes};
+use crate::space::SceneBox;
 use glam::Vec3;
 
 /// Cells that f32 counts, and [`Lanes::to_indices`] takes.

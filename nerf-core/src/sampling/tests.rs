@@ -1,7 +1,8 @@
 extern crate std;
 
 use super::*;
-use crate::camera::{BoundsError, Ray, SceneBox};
+use crate::camera::Ray;
+use crate::space::{BoundsError, SceneBox};
 use glam::Vec3;
 use std::vec;
 

@@ -1,10 +1,10 @@
 //! AVX2 + FMA leaf: eight lanes.
 
 use super::Op;
-use super::gather::{last_row, last_word};
-use crate::simd::lanes::SQRT_HALF_BITS;
+use super::gather::{Quads, address, last_word, weighted_rows};
+use crate::simd::lanes::{Indices, SQRT_HALF_BITS, bits_by_lane};
 use crate::simd::portable::Portable;
-use crate::simd::table::{Format, Indices, Table, bits_by_lane, weighted_rows_by_lane};
+use crate::simd::table::{Format, Table};
 use crate::simd::{Lanes, MAX_LANES};
 use core::arch::x86_64::*;
 
@@ -64,33 +64,17 @@ impl Lanes for F32x8 {
         // SAFETY: eight values are in bounds; unaligned stores are allowed. Features as above.
         unsafe { _mm256_storeu_ps(to.as_mut_ptr(), self.0) }
     }
-    #[inline(always)]
-    fn add(self, b: Self) -> Self {
-        Self(avx2!(_mm256_add_ps(self.0, b.0)))
-    }
-    #[inline(always)]
-    fn sub(self, b: Self) -> Self {
-        Self(avx2!(_mm256_sub_ps(self.0, b.0)))
-    }
-    #[inline(always)]
-    fn mul(self, b: Self) -> Self {
-        Self(avx2!(_mm256_mul_ps(self.0, b.0)))
-    }
-    #[inline(always)]
-    fn div(self, b: Self) -> Self {
-        Self(avx2!(_mm256_div_ps(self.0, b.0)))
+    one_instruction! {
+        add = _mm256_add_ps,
+        sub = _mm256_sub_ps,
+        mul = _mm256_mul_ps,
+        div = _mm256_div_ps,
+        max_of = _mm256_max_ps,
+        min_of = _mm256_min_ps,
     }
     #[inline(always)]
     fn mul_add(self, b: Self, c: Self) -> Self {
         Self(avx2!(_mm256_fmadd_ps(self.0, b.0, c.0)))
-    }
-    #[inline(always)]
-    fn max_of(self, b: Self) -> Self {
-        Self(avx2!(_mm256_max_ps(self.0, b.0)))
-    }
-    #[inline(always)]
-    fn min_of(self, b: Self) -> Self {
-        Self(avx2!(_mm256_min_ps(self.0, b.0)))
     }
     #[inline(always)]
     fn sqrt(self) -> Self {
@@ -179,131 +163,80 @@ impl Lanes for F32x8 {
         weights: &[Self; ROWS],
         features: usize,
     ) -> [Self; 8] {
-        let Some(last) = last_row(table, features) else {
-            return weighted_rows_by_lane(table, rows, weights, features);
-        };
-        let (last, features_of_each) = (U32x8::splat(last), U32x8::splat(features as u32));
-        let mut offsets = [[0; 8]; ROWS];
-        for (offsets, row) in offsets.iter_mut().zip(rows) {
-            row.min(last).mul(features_of_each).store_eight(offsets);
-        }
-        // Through memory, from where each is an address at once: taking lanes out of registers is slower.
-        let offsets = core::hint::black_box(&offsets);
-        let zero = Self::splat(0.0);
-        let [a, b, c, d] = four::<T, ROWS>(table, offsets, weights, 0);
-        if features == 2 {
-            return [a, b, c, d, zero, zero, zero, zero];
-        }
-        let [e, f, g, h] = four::<T, ROWS>(table, offsets, weights, 4);
-        [a, b, c, d, e, f, g, h]
+        weighted_rows(table, rows, weights, features)
     }
 }
 
-/// Four weighted values of each lane, from `plus` behind each of the `offsets` on.
-///
-/// Two lanes' four values lie in one register while they are summed; lanes and values change places after.
-#[inline(always)]
-fn four<T: Table, const ROWS: usize>(
-    table: T,
-    offsets: &[[u32; 8]; ROWS],
-    weights: &[F32x8; ROWS],
-    plus: usize,
-) -> [F32x8; 4] {
-    let s0 = pair::<T, ROWS, 0>(table, offsets, weights, plus);
-    let s1 = pair::<T, ROWS, 1>(table, offsets, weights, plus);
-    let s2 = pair::<T, ROWS, 2>(table, offsets, weights, plus);
-    let s3 = pair::<T, ROWS, 3>(table, offsets, weights, plus);
-    avx2!({
-        let (a, b) = (_mm256_unpacklo_ps(s0, s1), _mm256_unpackhi_ps(s0, s1));
-        let (c, d) = (_mm256_unpacklo_ps(s2, s3), _mm256_unpackhi_ps(s2, s3));
-        let (a, b) = (_mm256_castps_pd(a), _mm256_castps_pd(b));
-        let (c, d) = (_mm256_castps_pd(c), _mm256_castps_pd(d));
-        [
-            F32x8(_mm256_castpd_ps(_mm256_unpacklo_pd(a, c))),
-            F32x8(_mm256_castpd_ps(_mm256_unpackhi_pd(a, c))),
-            F32x8(_mm256_castpd_ps(_mm256_unpacklo_pd(b, d))),
-            F32x8(_mm256_castpd_ps(_mm256_unpackhi_pd(b, d))),
-        ]
-    })
-}
+impl Quads for F32x8 {
+    // Taking lanes out of registers is slower.
+    const OFFSETS_IN_MEMORY: bool = true;
+    type Offsets = [u32; 8];
 
-/// Lanes `LANE` and `4 + LANE`, four values of each.
-#[inline(always)]
-fn pair<T: Table, const ROWS: usize, const LANE: usize>(
-    table: T,
-    offsets: &[[u32; 8]; ROWS],
-    weights: &[F32x8; ROWS],
-    plus: usize,
-) -> __m256 {
-    let mut sum = avx2!(_mm256_setzero_ps());
-    for (offsets, weight) in offsets.iter().zip(weights) {
-        let at =
-            |lane: usize| table.start().wrapping_add(T::FORMAT.bytes() * (offsets[lane] as usize + plus));
-        let (low, high) = (at(LANE), at(4 + LANE));
-        let values = match T::FORMAT {
-            // SAFETY: `last_row` keeps each row, and with it four values from `plus` on, inside the table; unaligned
-            // reads. Features as above.
-            Format::F16 => unsafe {
-                _mm256_cvtph_ps(_mm_castpd_si128(_mm_loadh_pd(_mm_load_sd(low.cast()), high.cast())))
-            },
-            // SAFETY: as above, with values of four bytes.
-            Format::F32 => unsafe { _mm256_set_m128(_mm_loadu_ps(high.cast()), _mm_loadu_ps(low.cast())) },
-            // SAFETY: as above, with values of one byte.
-            Format::Int8 => unsafe {
-                let both = _mm_insert_epi32::<1>(_mm_loadu_si32(low), high.cast::<i32>().read_unaligned());
-                _mm256_cvtepi32_ps(_mm256_cvtepi8_epi32(both))
-            },
-        };
-        sum = avx2!(_mm256_fmadd_ps(
-            match LANE {
-                0 => _mm256_permute_ps::<0x00>(weight.0),
-                1 => _mm256_permute_ps::<0x55>(weight.0),
-                2 => _mm256_permute_ps::<0xaa>(weight.0),
-                _ => _mm256_permute_ps::<0xff>(weight.0),
-            },
-            values,
-            sum
-        ));
+    #[inline(always)]
+    fn offsets(indices: U32x8) -> [u32; 8] {
+        let mut offsets = [0; 8];
+        // SAFETY: there is room for eight values; unaligned stores are allowed. Features as above.
+        unsafe { _mm256_storeu_si256(offsets.as_mut_ptr().cast(), indices.0) }
+        offsets
     }
-    sum
+    #[inline(always)]
+    unsafe fn read_four<T: Table, const LANE: usize>(table: T, at: &[u32; 8], plus: usize) -> Self {
+        let [low, high] = [LANE, 4 + LANE].map(|lane| address(table, at[lane], plus));
+        // SAFETY: the caller vouches for four values at each address; unaligned reads. Features as above.
+        Self(unsafe {
+            match T::FORMAT {
+                Format::F16 => {
+                    _mm256_cvtph_ps(_mm_castpd_si128(_mm_loadh_pd(_mm_load_sd(low.cast()), high.cast())))
+                }
+                Format::F32 => _mm256_set_m128(_mm_loadu_ps(high.cast()), _mm_loadu_ps(low.cast())),
+                Format::Int8 => {
+                    let high = high.cast::<i32>().read_unaligned();
+                    let both = _mm_insert_epi32::<1>(_mm_loadu_si32(low), high);
+                    _mm256_cvtepi32_ps(_mm256_cvtepi8_epi32(both))
+                }
+            }
+        })
+    }
+    #[inline(always)]
+    fn repeat<const LANE: usize>(self) -> Self {
+        Self(avx2!(match LANE {
+            0 => _mm256_permute_ps::<0x00>(self.0),
+            1 => _mm256_permute_ps::<0x55>(self.0),
+            2 => _mm256_permute_ps::<0xaa>(self.0),
+            _ => _mm256_permute_ps::<0xff>(self.0),
+        }))
+    }
+    #[inline(always)]
+    fn transpose([s0, s1, s2, s3]: [Self; 4]) -> [Self; 4] {
+        avx2!({
+            let (a, b) = (_mm256_unpacklo_ps(s0.0, s1.0), _mm256_unpackhi_ps(s0.0, s1.0));
+            let (c, d) = (_mm256_unpacklo_ps(s2.0, s3.0), _mm256_unpackhi_ps(s2.0, s3.0));
+            let (a, b) = (_mm256_castps_pd(a), _mm256_castps_pd(b));
+            let (c, d) = (_mm256_castps_pd(c), _mm256_castps_pd(d));
+            [
+                Self(_mm256_castpd_ps(_mm256_unpacklo_pd(a, c))),
+                Self(_mm256_castpd_ps(_mm256_unpackhi_pd(a, c))),
+                Self(_mm256_castpd_ps(_mm256_unpacklo_pd(b, d))),
+                Self(_mm256_castpd_ps(_mm256_unpackhi_pd(b, d))),
+            ]
+        })
+    }
 }
-
 /// Eight u32 in a `ymm` register. Made only where `F32x8` is.
 #[derive(Clone, Copy)]
 pub struct U32x8(__m256i);
-
-impl U32x8 {
-    #[inline(always)]
-    fn store_eight(self, to: &mut [u32; 8]) {
-        // SAFETY: eight values are in bounds; unaligned stores are allowed. Features as above.
-        unsafe { _mm256_storeu_si256(to.as_mut_ptr().cast(), self.0) }
-    }
-}
 
 impl Indices for U32x8 {
     #[inline(always)]
     fn splat(x: u32) -> Self {
         Self(avx2!(_mm256_set1_epi32(x as i32)))
     }
-    #[inline(always)]
-    fn add(self, b: Self) -> Self {
-        Self(avx2!(_mm256_add_epi32(self.0, b.0)))
-    }
-    #[inline(always)]
-    fn mul(self, b: Self) -> Self {
-        Self(avx2!(_mm256_mullo_epi32(self.0, b.0)))
-    }
-    #[inline(always)]
-    fn xor(self, b: Self) -> Self {
-        Self(avx2!(_mm256_xor_si256(self.0, b.0)))
-    }
-    #[inline(always)]
-    fn and(self, b: Self) -> Self {
-        Self(avx2!(_mm256_and_si256(self.0, b.0)))
-    }
-    #[inline(always)]
-    fn min(self, b: Self) -> Self {
-        Self(avx2!(_mm256_min_epu32(self.0, b.0)))
+    one_instruction! {
+        add = _mm256_add_epi32,
+        mul = _mm256_mullo_epi32,
+        xor = _mm256_xor_si256,
+        and = _mm256_and_si256,
+        min = _mm256_min_epu32,
     }
     #[inline(always)]
     fn shift_right_15(self) -> Self {

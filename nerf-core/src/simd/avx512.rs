@@ -1,9 +1,9 @@
 //! AVX-512 F leaf: sixteen lanes.
 
 use super::Op;
-use super::gather::{last_row, last_word};
-use crate::simd::lanes::SQRT_HALF_BITS;
-use crate::simd::table::{Format, Indices, Table, bits_by_lane, weighted_rows_by_lane};
+use super::gather::{Quads, address, last_word, weighted_rows};
+use crate::simd::lanes::{Indices, SQRT_HALF_BITS, bits_by_lane};
+use crate::simd::table::{Format, Table};
 use crate::simd::{Lanes, MAX_LANES};
 use core::arch::x86_64::*;
 
@@ -54,33 +54,17 @@ impl Lanes for F32x16 {
         // SAFETY: sixteen values are in bounds; unaligned stores are allowed. Features as above.
         unsafe { _mm512_storeu_ps(to.as_mut_ptr(), self.0) }
     }
-    #[inline(always)]
-    fn add(self, b: Self) -> Self {
-        Self(avx512!(_mm512_add_ps(self.0, b.0)))
-    }
-    #[inline(always)]
-    fn sub(self, b: Self) -> Self {
-        Self(avx512!(_mm512_sub_ps(self.0, b.0)))
-    }
-    #[inline(always)]
-    fn mul(self, b: Self) -> Self {
-        Self(avx512!(_mm512_mul_ps(self.0, b.0)))
-    }
-    #[inline(always)]
-    fn div(self, b: Self) -> Self {
-        Self(avx512!(_mm512_div_ps(self.0, b.0)))
+    one_instruction! {
+        add = _mm512_add_ps,
+        sub = _mm512_sub_ps,
+        mul = _mm512_mul_ps,
+        div = _mm512_div_ps,
+        max_of = _mm512_max_ps,
+        min_of = _mm512_min_ps,
     }
     #[inline(always)]
     fn mul_add(self, b: Self, c: Self) -> Self {
         Self(avx512!(_mm512_fmadd_ps(self.0, b.0, c.0)))
-    }
-    #[inline(always)]
-    fn max_of(self, b: Self) -> Self {
-        Self(avx512!(_mm512_max_ps(self.0, b.0)))
-    }
-    #[inline(always)]
-    fn min_of(self, b: Self) -> Self {
-        Self(avx512!(_mm512_min_ps(self.0, b.0)))
     }
     #[inline(always)]
     fn sqrt(self) -> Self {
@@ -168,102 +152,70 @@ impl Lanes for F32x16 {
         weights: &[Self; ROWS],
         features: usize,
     ) -> [Self; 8] {
-        let Some(last) = last_row(table, features) else {
-            return weighted_rows_by_lane(table, rows, weights, features);
-        };
-        let (last, features_of_each) = (U32x16::splat(last), U32x16::splat(features as u32));
-        let mut offsets = [[0; MAX_LANES]; ROWS];
-        for (offsets, row) in offsets.iter_mut().zip(rows) {
-            row.min(last).mul(features_of_each).store(offsets);
-        }
-        // Through memory, from where each is an address at once: taking lanes out of registers is slower.
-        let offsets = core::hint::black_box(&offsets);
-        let zero = Self::splat(0.0);
-        let [a, b, c, d] = four::<T, ROWS>(table, offsets, weights, 0);
-        if features == 2 {
-            return [a, b, c, d, zero, zero, zero, zero];
-        }
-        let [e, f, g, h] = four::<T, ROWS>(table, offsets, weights, 4);
-        [a, b, c, d, e, f, g, h]
+        weighted_rows(table, rows, weights, features)
     }
 }
 
-/// Four weighted values of each lane, from `plus` behind each of the `offsets` on.
-///
-/// Four lanes' four values lie in one register while they are summed; lanes and values change places after.
-#[inline(always)]
-fn four<T: Table, const ROWS: usize>(
-    table: T,
-    offsets: &[[u32; MAX_LANES]; ROWS],
-    weights: &[F32x16; ROWS],
-    plus: usize,
-) -> [F32x16; 4] {
-    let s0 = quad::<T, ROWS, 0>(table, offsets, weights, plus);
-    let s1 = quad::<T, ROWS, 1>(table, offsets, weights, plus);
-    let s2 = quad::<T, ROWS, 2>(table, offsets, weights, plus);
-    let s3 = quad::<T, ROWS, 3>(table, offsets, weights, plus);
-    avx512!({
-        let (a, b) = (_mm512_unpacklo_ps(s0, s1), _mm512_unpackhi_ps(s0, s1));
-        let (c, d) = (_mm512_unpacklo_ps(s2, s3), _mm512_unpackhi_ps(s2, s3));
-        let (a, b) = (_mm512_castps_pd(a), _mm512_castps_pd(b));
-        let (c, d) = (_mm512_castps_pd(c), _mm512_castps_pd(d));
-        [
-            F32x16(_mm512_castpd_ps(_mm512_unpacklo_pd(a, c))),
-            F32x16(_mm512_castpd_ps(_mm512_unpackhi_pd(a, c))),
-            F32x16(_mm512_castpd_ps(_mm512_unpacklo_pd(b, d))),
-            F32x16(_mm512_castpd_ps(_mm512_unpackhi_pd(b, d))),
-        ]
-    })
-}
+impl Quads for F32x16 {
+    // Taking lanes out of registers is slower.
+    const OFFSETS_IN_MEMORY: bool = true;
+    type Offsets = [u32; 16];
 
-/// Lanes `LANE`, `4 + LANE`, `8 + LANE` and `12 + LANE`, four values of each.
-#[inline(always)]
-fn quad<T: Table, const ROWS: usize, const LANE: usize>(
-    table: T,
-    offsets: &[[u32; MAX_LANES]; ROWS],
-    weights: &[F32x16; ROWS],
-    plus: usize,
-) -> __m512 {
-    let mut sum = avx512!(_mm512_setzero_ps());
-    for (offsets, weight) in offsets.iter().zip(weights) {
-        let at =
-            |lane: usize| table.start().wrapping_add(T::FORMAT.bytes() * (offsets[lane] as usize + plus));
-        let (a, b, c, d) = (at(LANE), at(4 + LANE), at(8 + LANE), at(12 + LANE));
-        let values = match T::FORMAT {
-            // SAFETY: `last_row` keeps each row, and with it four values from `plus` on, inside the table; unaligned
-            // reads. Features as above.
-            Format::F16 => unsafe {
-                let low = _mm_loadh_pd(_mm_load_sd(a.cast()), b.cast());
-                let high = _mm_loadh_pd(_mm_load_sd(c.cast()), d.cast());
-                _mm512_cvtph_ps(_mm256_castpd_si256(_mm256_set_m128d(high, low)))
-            },
-            // SAFETY: as above, with values of four bytes.
-            Format::F32 => unsafe {
-                let low = _mm512_castps128_ps512(_mm_loadu_ps(a.cast()));
-                let low = _mm512_insertf32x4::<1>(low, _mm_loadu_ps(b.cast()));
-                let low = _mm512_insertf32x4::<2>(low, _mm_loadu_ps(c.cast()));
-                _mm512_insertf32x4::<3>(low, _mm_loadu_ps(d.cast()))
-            },
-            // SAFETY: as above, with values of one byte.
-            Format::Int8 => unsafe {
-                let [a, b, c, d] = [a, b, c, d].map(|at| at.cast::<i32>().read_unaligned());
-                _mm512_cvtepi32_ps(_mm512_cvtepi8_epi32(_mm_set_epi32(d, c, b, a)))
-            },
-        };
-        sum = avx512!(_mm512_fmadd_ps(
-            match LANE {
-                0 => _mm512_permute_ps::<0x00>(weight.0),
-                1 => _mm512_permute_ps::<0x55>(weight.0),
-                2 => _mm512_permute_ps::<0xaa>(weight.0),
-                _ => _mm512_permute_ps::<0xff>(weight.0),
-            },
-            values,
-            sum
-        ));
+    #[inline(always)]
+    fn offsets(indices: U32x16) -> [u32; 16] {
+        let mut offsets = [0; 16];
+        indices.store(&mut offsets);
+        offsets
     }
-    sum
+    #[inline(always)]
+    unsafe fn read_four<T: Table, const LANE: usize>(table: T, at: &[u32; 16], plus: usize) -> Self {
+        let [a, b, c, d] = [0, 4, 8, 12].map(|group| address(table, at[group + LANE], plus));
+        // SAFETY: the caller vouches for four values at each address; unaligned reads. Features as above.
+        Self(unsafe {
+            match T::FORMAT {
+                Format::F16 => {
+                    let low = _mm_loadh_pd(_mm_load_sd(a.cast()), b.cast());
+                    let high = _mm_loadh_pd(_mm_load_sd(c.cast()), d.cast());
+                    _mm512_cvtph_ps(_mm256_castpd_si256(_mm256_set_m128d(high, low)))
+                }
+                Format::F32 => {
+                    let low = _mm512_castps128_ps512(_mm_loadu_ps(a.cast()));
+                    let low = _mm512_insertf32x4::<1>(low, _mm_loadu_ps(b.cast()));
+                    let low = _mm512_insertf32x4::<2>(low, _mm_loadu_ps(c.cast()));
+                    _mm512_insertf32x4::<3>(low, _mm_loadu_ps(d.cast()))
+                }
+                Format::Int8 => {
+                    let [a, b, c, d] = [a, b, c, d].map(|at| at.cast::<i32>().read_unaligned());
+                    _mm512_cvtepi32_ps(_mm512_cvtepi8_epi32(_mm_set_epi32(d, c, b, a)))
+                }
+            }
+        })
+    }
+    #[inline(always)]
+    fn repeat<const LANE: usize>(self) -> Self {
+        Self(avx512!(match LANE {
+            0 => _mm512_permute_ps::<0x00>(self.0),
+            1 => _mm512_permute_ps::<0x55>(self.0),
+            2 => _mm512_permute_ps::<0xaa>(self.0),
+            _ => _mm512_permute_ps::<0xff>(self.0),
+        }))
+    }
+    #[inline(always)]
+    fn transpose([s0, s1, s2, s3]: [Self; 4]) -> [Self; 4] {
+        avx512!({
+            let (a, b) = (_mm512_unpacklo_ps(s0.0, s1.0), _mm512_unpackhi_ps(s0.0, s1.0));
+            let (c, d) = (_mm512_unpacklo_ps(s2.0, s3.0), _mm512_unpackhi_ps(s2.0, s3.0));
+            let (a, b) = (_mm512_castps_pd(a), _mm512_castps_pd(b));
+            let (c, d) = (_mm512_castps_pd(c), _mm512_castps_pd(d));
+            [
+                Self(_mm512_castpd_ps(_mm512_unpacklo_pd(a, c))),
+                Self(_mm512_castpd_ps(_mm512_unpackhi_pd(a, c))),
+                Self(_mm512_castpd_ps(_mm512_unpacklo_pd(b, d))),
+                Self(_mm512_castpd_ps(_mm512_unpackhi_pd(b, d))),
+            ]
+        })
+    }
 }
-
 /// Sixteen u32 in a `zmm` register. Made only where `F32x16` is.
 #[derive(Clone, Copy)]
 pub struct U32x16(__m512i);
@@ -273,25 +225,12 @@ impl Indices for U32x16 {
     fn splat(x: u32) -> Self {
         Self(avx512!(_mm512_set1_epi32(x as i32)))
     }
-    #[inline(always)]
-    fn add(self, b: Self) -> Self {
-        Self(avx512!(_mm512_add_epi32(self.0, b.0)))
-    }
-    #[inline(always)]
-    fn mul(self, b: Self) -> Self {
-        Self(avx512!(_mm512_mullo_epi32(self.0, b.0)))
-    }
-    #[inline(always)]
-    fn xor(self, b: Self) -> Self {
-        Self(avx512!(_mm512_xor_si512(self.0, b.0)))
-    }
-    #[inline(always)]
-    fn and(self, b: Self) -> Self {
-        Self(avx512!(_mm512_and_si512(self.0, b.0)))
-    }
-    #[inline(always)]
-    fn min(self, b: Self) -> Self {
-        Self(avx512!(_mm512_min_epu32(self.0, b.0)))
+    one_instruction! {
+        add = _mm512_add_epi32,
+        mul = _mm512_mullo_epi32,
+        xor = _mm512_xor_si512,
+        and = _mm512_and_si512,
+        min = _mm512_min_epu32,
     }
     #[inline(always)]
     fn shift_right_15(self) -> Self {

@@ -1,10 +1,9 @@
-//! Which instruction sets this machine has, and the one place where one becomes a function.
+//! Instruction sets of this machine, and the one place where one becomes a function.
 
-use super::Op;
-use super::lanes::MAX_LANES;
 use super::portable::Portable;
+use super::{MAX_LANES, Op};
 
-/// Which instructions the inner loops use.
+/// The instructions that the inner loops use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[non_exhaustive]
 pub enum Isa {
@@ -33,7 +32,7 @@ pub const VECTORS: bool = if cfg!(target_arch = "wasm32") {
 };
 
 impl Isa {
-    /// Every one, slowest first among those of one machine.
+    /// All instruction sets, slowest first among those of one machine.
     pub const ALL: [Self; 5] = [Self::Portable, Self::Avx2, Self::Avx512, Self::Simd128, Self::Neon];
 
     /// The fastest of this machine.
@@ -84,7 +83,7 @@ impl Isa {
         }
     }
 
-    /// What the columns of a block are a multiple of: two or one of the vectors of [`Isa::run`].
+    /// The number that a block's columns are a multiple of: two or one of the vectors of [`Isa::run`].
     #[inline]
     pub fn columns(self) -> usize {
         match self {
@@ -95,7 +94,7 @@ impl Isa {
         }
     }
 
-    /// As [`Isa::run`], for an op over `columns` samples: one by one where they fill no vector.
+    /// Runs `op` over `columns` samples as [`Isa::run`] does: one by one where they fill no vector.
     #[inline]
     pub fn run_columns<O: Op>(self, columns: usize, op: O) -> O::Output {
         if VECTORS && columns.is_multiple_of(self.columns()) { self.run(op) } else { op.run::<f32>() }
@@ -149,12 +148,12 @@ mod cpu {
 
     const NONE: Features = Features { avx2: false, avx512: false, avx512_bf16: false };
 
-    /// What `cpuid` and the OS say, asked once: bit 7 marks the answer as known.
-    static KNOWN: AtomicU8 = AtomicU8::new(0);
+    /// The answer of `cpuid` and the OS, asked once; bit 7 marks it as given.
+    static FEATURES: AtomicU8 = AtomicU8::new(0);
 
     #[inline]
     pub fn features() -> Features {
-        let mut bits = KNOWN.load(Ordering::Relaxed);
+        let mut bits = FEATURES.load(Ordering::Relaxed);
         if bits == 0 {
             bits = ask_once();
         }
@@ -166,7 +165,7 @@ mod cpu {
         let asked = ask();
         let bits =
             0x80 | u8::from(asked.avx2) | u8::from(asked.avx512) << 1 | u8::from(asked.avx512_bf16) << 2;
-        KNOWN.store(bits, Ordering::Relaxed);
+        FEATURES.store(bits, Ordering::Relaxed);
         bits
     }
 

@@ -1,6 +1,62 @@
 //! One vector of `f32`: the interface every elementary function and kernel is written against.
 
-use super::table::{Indices, Table, bits_by_lane, weighted_rows_by_lane, widen_finite};
+use super::MAX_LANES;
+use super::table::{Table, widen_finite};
+
+/// A `u32` a lane: what table entries are counted by. Arithmetic wraps.
+pub trait Indices: Copy {
+    /// `x` in every lane.
+    fn splat(x: u32) -> Self;
+    /// `self + b`.
+    fn add(self, b: Self) -> Self;
+    /// `self · b`.
+    fn mul(self, b: Self) -> Self;
+    /// The bits that differ.
+    fn xor(self, b: Self) -> Self;
+    /// The bits that both have.
+    fn and(self, b: Self) -> Self;
+    /// The smaller.
+    fn min(self, b: Self) -> Self;
+    /// The upper 17 bits.
+    fn shift_right_15(self) -> Self;
+    /// Writes the lanes to the first of `to`.
+    fn store(self, to: &mut [u32; MAX_LANES]);
+}
+
+impl Indices for u32 {
+    #[inline(always)]
+    fn splat(x: u32) -> Self {
+        x
+    }
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        self.wrapping_add(b)
+    }
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        self.wrapping_mul(b)
+    }
+    #[inline(always)]
+    fn xor(self, b: Self) -> Self {
+        self ^ b
+    }
+    #[inline(always)]
+    fn and(self, b: Self) -> Self {
+        self & b
+    }
+    #[inline(always)]
+    fn min(self, b: Self) -> Self {
+        Ord::min(self, b)
+    }
+    #[inline(always)]
+    fn shift_right_15(self) -> Self {
+        self >> 15
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [u32; MAX_LANES]) {
+        to[0] = self;
+    }
+}
 
 /// `COUNT` values of f32 that move through arithmetic together.
 ///
@@ -15,7 +71,7 @@ pub trait Lanes: Copy + sealed::Sealed {
     const TILE_COLS: usize;
     /// The result of a comparison.
     type Mask: Copy;
-    /// As many `u32`.
+    /// A `u32` for each lane.
     type Indices: Indices;
 
     /// `x` in every lane.
@@ -60,9 +116,9 @@ pub trait Lanes: Copy + sealed::Sealed {
     fn exp2_integer(self) -> Self;
     /// Splits a positive normal number into `(m, e)` with `self = m 2^e`, `m` in `[√½, √2)`.
     fn split_exponent(self) -> (Self, Self);
-    /// Where `self == b`.
+    /// The lanes where `self == b`.
     fn equals(self, b: Self) -> Self::Mask;
-    /// Where `self < b`.
+    /// The lanes where `self < b`.
     fn less(self, b: Self) -> Self::Mask;
     /// `a` where the mask holds, else `b`.
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
@@ -126,14 +182,45 @@ pub trait Lanes: Copy + sealed::Sealed {
     }
 }
 
-/// The widest vector of any instruction set.
-pub const MAX_LANES: usize = 16;
+/// [`Lanes::bits`], bit by bit.
+#[inline(always)]
+pub fn bits_by_lane<V: Lanes>(bytes: &[u8], at: V::Indices) -> u32 {
+    let mut bits = [0; MAX_LANES];
+    at.store(&mut bits);
+    let mut found = 0;
+    for (lane, &bit) in bits.iter().enumerate().take(V::COUNT) {
+        if let Some(&byte) = bytes.get(bit as usize / 8) {
+            found |= (u32::from(byte) >> (bit % 8) & 1) << lane;
+        }
+    }
+    found
+}
+
+/// [`Lanes::weighted_rows`], value by value.
+#[inline(always)]
+pub fn weighted_rows_by_lane<V: Lanes, T: Table, const ROWS: usize>(
+    table: T,
+    rows: &[V::Indices; ROWS],
+    weights: &[V; ROWS],
+    features: usize,
+) -> [V; 8] {
+    let mut sums = [V::splat(0.0); 8];
+    for (row, &weight) in rows.iter().zip(weights) {
+        let mut at = [0; MAX_LANES];
+        row.mul(V::Indices::splat(features as u32)).store(&mut at);
+        for (plus, sum) in sums.iter_mut().enumerate().take(2 * features) {
+            *sum = weight.mul_add(V::load(&table.read(&at, plus, V::COUNT)), *sum);
+        }
+    }
+    sums
+}
+
 /// The number of each lane.
 pub(crate) const LANES: [f32; MAX_LANES] =
     [0., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10., 11., 12., 13., 14., 15.];
 
 pub(super) mod sealed {
-    /// What [`super::Lanes`] is for alone.
+    /// Keeps [`super::Lanes`] to the types of this room.
     pub trait Sealed {}
 }
 

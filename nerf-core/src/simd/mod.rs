@@ -3,6 +3,23 @@
 //! samples.
 #![allow(unsafe_code, reason = "instructions that the compiler does not choose by itself")]
 
+/// Methods of a leaf's vector that are one instruction each: `name(self, b)` is `instruction(self.0, b.0)`.
+#[cfg(any(
+    target_arch = "x86_64",
+    all(target_arch = "aarch64", target_feature = "neon"),
+    all(target_arch = "wasm32", target_feature = "simd128")
+))]
+macro_rules! one_instruction {
+    ($($name:ident = $instruction:ident,)+) => {$(
+        #[inline(always)]
+        #[allow(unused_unsafe, reason = "WebAssembly's are safe")]
+        fn $name(self, b: Self) -> Self {
+            // SAFETY: a leaf's vectors exist only where its instructions do.
+            Self(unsafe { $instruction(self.0, b.0) })
+        }
+    )+};
+}
+
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 #[cfg(target_arch = "x86_64")]
@@ -30,19 +47,21 @@ mod tests;
 
 pub use isa::{Isa, VECTORS};
 pub(crate) use lanes::LANES;
-pub use lanes::{Lanes, MAX_LANES};
+pub use lanes::{Indices, Lanes};
 #[cfg(feature = "train")]
 pub use prefetch::prefetch;
-pub use table::Indices;
 #[cfg(any(feature = "grid", feature = "train"))]
 pub use table::{F16Table, F32Table, Int8Table, Table};
+
+/// The widest vector of any instruction set.
+pub const MAX_LANES: usize = 16;
 
 /// Samples that go through the network together, with every instruction set.
 pub const BLOCK: usize = 64;
 
 /// A loop that can be compiled for every instruction set.
 pub trait Op {
-    /// What it returns.
+    /// The loop's result.
     type Output;
     /// The loop; must be `#[inline(always)]`, or it loses the leaf's instructions.
     fn run<V: Lanes>(self) -> Self::Output;

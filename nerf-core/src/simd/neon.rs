@@ -1,9 +1,9 @@
 //! NEON leaf: four lanes, fused. Every 64-bit ARM processor has it, so that nothing is detected at run time.
 
 use super::Op;
-use super::gather::last_row;
-use crate::simd::lanes::SQRT_HALF_BITS;
-use crate::simd::table::{Format, Indices, Table, weighted_rows_by_lane};
+use super::gather::{Quads, address, weighted_rows};
+use crate::simd::lanes::{Indices, SQRT_HALF_BITS};
+use crate::simd::table::{Format, Table};
 use crate::simd::{Lanes, MAX_LANES};
 use core::arch::aarch64::*;
 use core::arch::asm;
@@ -51,21 +51,11 @@ impl Lanes for F32x4 {
         // SAFETY: four values are in bounds.
         unsafe { vst1q_f32(to.as_mut_ptr(), self.0) }
     }
-    #[inline(always)]
-    fn add(self, b: Self) -> Self {
-        Self(neon!(vaddq_f32(self.0, b.0)))
-    }
-    #[inline(always)]
-    fn sub(self, b: Self) -> Self {
-        Self(neon!(vsubq_f32(self.0, b.0)))
-    }
-    #[inline(always)]
-    fn mul(self, b: Self) -> Self {
-        Self(neon!(vmulq_f32(self.0, b.0)))
-    }
-    #[inline(always)]
-    fn div(self, b: Self) -> Self {
-        Self(neon!(vdivq_f32(self.0, b.0)))
+    one_instruction! {
+        add = vaddq_f32,
+        sub = vsubq_f32,
+        mul = vmulq_f32,
+        div = vdivq_f32,
     }
     #[inline(always)]
     fn mul_add(self, b: Self, c: Self) -> Self {
@@ -154,77 +144,59 @@ impl Lanes for F32x4 {
         weights: &[Self; ROWS],
         features: usize,
     ) -> [Self; 8] {
-        let Some(last) = last_row(table, features) else {
-            return weighted_rows_by_lane(table, rows, weights, features);
-        };
-        let (last, features_of_each) = (U32x4::splat(last), U32x4::splat(features as u32));
-        let offsets = rows.map(|row| row.min(last).mul(features_of_each));
-        let zero = Self::splat(0.0);
-        let [a, b, c, d] = four::<T, ROWS>(table, &offsets, weights, 0);
-        if features == 2 {
-            return [a, b, c, d, zero, zero, zero, zero];
-        }
-        let [e, f, g, h] = four::<T, ROWS>(table, &offsets, weights, 4);
-        [a, b, c, d, e, f, g, h]
+        weighted_rows(table, rows, weights, features)
     }
 }
 
-/// Four weighted values of each lane, from `plus` behind each of the `offsets` on.
-///
-/// A lane's four values lie in one register while they are summed; lanes and values change places after.
-#[inline(always)]
-fn four<T: Table, const ROWS: usize>(
-    table: T,
-    offsets: &[U32x4; ROWS],
-    weights: &[F32x4; ROWS],
-    plus: usize,
-) -> [F32x4; 4] {
-    let s0 = lane::<T, ROWS, 0>(table, offsets, weights, plus);
-    let s1 = lane::<T, ROWS, 1>(table, offsets, weights, plus);
-    let s2 = lane::<T, ROWS, 2>(table, offsets, weights, plus);
-    let s3 = lane::<T, ROWS, 3>(table, offsets, weights, plus);
-    neon!({
-        let (a, b) = (vzip1q_f32(s0, s1), vzip2q_f32(s0, s1));
-        let (c, d) = (vzip1q_f32(s2, s3), vzip2q_f32(s2, s3));
-        let (a, b) = (vreinterpretq_f64_f32(a), vreinterpretq_f64_f32(b));
-        let (c, d) = (vreinterpretq_f64_f32(c), vreinterpretq_f64_f32(d));
-        [
-            F32x4(vreinterpretq_f32_f64(vzip1q_f64(a, c))),
-            F32x4(vreinterpretq_f32_f64(vzip2q_f64(a, c))),
-            F32x4(vreinterpretq_f32_f64(vzip1q_f64(b, d))),
-            F32x4(vreinterpretq_f32_f64(vzip2q_f64(b, d))),
-        ]
-    })
-}
+impl Quads for F32x4 {
+    type Offsets = U32x4;
 
-/// Lane `LANE`, its four values.
-#[inline(always)]
-fn lane<T: Table, const ROWS: usize, const LANE: i32>(
-    table: T,
-    offsets: &[U32x4; ROWS],
-    weights: &[F32x4; ROWS],
-    plus: usize,
-) -> float32x4_t {
-    let mut sum = neon!(vdupq_n_f32(0.0));
-    for (offset, weight) in offsets.iter().zip(weights) {
-        let offset = neon!(vgetq_lane_u32::<LANE>(offset.0)) as usize;
-        let at = table.start().wrapping_add(T::FORMAT.bytes() * (offset + plus));
-        let values = match T::FORMAT {
-            // SAFETY: `last_row` keeps each row, and with it four values from `plus` on, inside the table.
-            Format::F16 => widen(unsafe { vcreate_u16(at.cast::<u64>().read_unaligned()) }),
-            // SAFETY: as above, with values of four bytes.
-            Format::F32 => unsafe { at.cast::<float32x4_t>().read_unaligned() },
-            Format::Int8 => {
-                // SAFETY: as above, with values of one byte.
-                let bytes = u64::from(unsafe { at.cast::<u32>().read_unaligned() });
-                neon!(vcvtq_f32_s32(vmovl_s16(vget_low_s16(vmovl_s8(vcreate_s8(bytes))))))
+    #[inline(always)]
+    fn offsets(indices: U32x4) -> U32x4 {
+        indices
+    }
+    #[inline(always)]
+    unsafe fn read_four<T: Table, const LANE: usize>(table: T, at: &U32x4, plus: usize) -> Self {
+        let offset = neon!(match LANE {
+            0 => vgetq_lane_u32::<0>(at.0),
+            1 => vgetq_lane_u32::<1>(at.0),
+            2 => vgetq_lane_u32::<2>(at.0),
+            _ => vgetq_lane_u32::<3>(at.0),
+        });
+        let from = address(table, offset, plus);
+        // SAFETY: the caller vouches for four values at the address.
+        Self(unsafe {
+            match T::FORMAT {
+                Format::F16 => widen(vcreate_u16(from.cast::<u64>().read_unaligned())),
+                Format::F32 => from.cast::<float32x4_t>().read_unaligned(),
+                Format::Int8 => {
+                    let bytes = u64::from(from.cast::<u32>().read_unaligned());
+                    vcvtq_f32_s32(vmovl_s16(vget_low_s16(vmovl_s8(vcreate_s8(bytes)))))
+                }
             }
-        };
-        sum = neon!(vfmaq_laneq_f32::<LANE>(sum, values, weight.0));
+        })
     }
-    sum
+    #[inline(always)]
+    fn repeat<const LANE: usize>(self) -> Self {
+        Self(neon!(match LANE {
+            0 => vdupq_laneq_f32::<0>(self.0),
+            1 => vdupq_laneq_f32::<1>(self.0),
+            2 => vdupq_laneq_f32::<2>(self.0),
+            _ => vdupq_laneq_f32::<3>(self.0),
+        }))
+    }
+    #[inline(always)]
+    fn transpose([s0, s1, s2, s3]: [Self; 4]) -> [Self; 4] {
+        neon!({
+            let (a, b) = (vzip1q_f32(s0.0, s1.0), vzip2q_f32(s0.0, s1.0));
+            let (c, d) = (vzip1q_f32(s2.0, s3.0), vzip2q_f32(s2.0, s3.0));
+            let (a, b) = (vreinterpretq_f64_f32(a), vreinterpretq_f64_f32(b));
+            let (c, d) = (vreinterpretq_f64_f32(c), vreinterpretq_f64_f32(d));
+            [vzip1q_f64(a, c), vzip2q_f64(a, c), vzip1q_f64(b, d), vzip2q_f64(b, d)]
+                .map(|of_lanes| Self(vreinterpretq_f32_f64(of_lanes)))
+        })
+    }
 }
-
 /// Four f16, widened. The intrinsic for it is younger than the oldest compiler that is supported.
 #[inline(always)]
 fn widen(bits: uint16x4_t) -> float32x4_t {
@@ -246,25 +218,12 @@ impl Indices for U32x4 {
     fn splat(x: u32) -> Self {
         Self(neon!(vdupq_n_u32(x)))
     }
-    #[inline(always)]
-    fn add(self, b: Self) -> Self {
-        Self(neon!(vaddq_u32(self.0, b.0)))
-    }
-    #[inline(always)]
-    fn mul(self, b: Self) -> Self {
-        Self(neon!(vmulq_u32(self.0, b.0)))
-    }
-    #[inline(always)]
-    fn xor(self, b: Self) -> Self {
-        Self(neon!(veorq_u32(self.0, b.0)))
-    }
-    #[inline(always)]
-    fn and(self, b: Self) -> Self {
-        Self(neon!(vandq_u32(self.0, b.0)))
-    }
-    #[inline(always)]
-    fn min(self, b: Self) -> Self {
-        Self(neon!(vminq_u32(self.0, b.0)))
+    one_instruction! {
+        add = vaddq_u32,
+        mul = vmulq_u32,
+        xor = veorq_u32,
+        and = vandq_u32,
+        min = vminq_u32,
     }
     #[inline(always)]
     fn shift_right_15(self) -> Self {

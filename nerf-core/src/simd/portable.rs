@@ -5,16 +5,19 @@
 
 use crate::simd::{Indices, Lanes};
 
+/// Methods of two vectors that are those of one lane.
+macro_rules! by_lane {
+    ($of:ident: $($name:ident)+) => {$(
+        #[inline(always)]
+        fn $name(self, b: Self) -> Self {
+            Self(core::array::from_fn(|i| $of::$name(self.0[i], b.0[i])))
+        }
+    )+};
+}
+
 /// Sixteen f32 in an array.
 #[derive(Clone, Copy)]
 pub struct Portable([f32; 16]);
-
-impl Portable {
-    #[inline(always)]
-    fn each(self, b: Self, f: impl Fn(f32, f32) -> f32) -> Self {
-        Self(core::array::from_fn(|i| f(self.0[i], b.0[i])))
-    }
-}
 
 impl super::lanes::sealed::Sealed for Portable {}
 const _: () = super::lanes::divides::<Portable>();
@@ -39,33 +42,10 @@ impl Lanes for Portable {
     fn store(self, to: &mut [f32]) {
         to[..16].copy_from_slice(&self.0);
     }
-    #[inline(always)]
-    fn add(self, b: Self) -> Self {
-        self.each(b, |a, b| a + b)
-    }
-    #[inline(always)]
-    fn sub(self, b: Self) -> Self {
-        self.each(b, |a, b| a - b)
-    }
-    #[inline(always)]
-    fn mul(self, b: Self) -> Self {
-        self.each(b, |a, b| a * b)
-    }
-    #[inline(always)]
-    fn div(self, b: Self) -> Self {
-        self.each(b, |a, b| a / b)
-    }
+    by_lane!(Lanes: add sub mul div max_of min_of);
     #[inline(always)]
     fn mul_add(self, b: Self, c: Self) -> Self {
         self.mul(b).add(c)
-    }
-    #[inline(always)]
-    fn max_of(self, b: Self) -> Self {
-        self.each(b, f32::max_of)
-    }
-    #[inline(always)]
-    fn min_of(self, b: Self) -> Self {
-        self.each(b, f32::min_of)
     }
     #[inline(always)]
     fn sqrt(self) -> Self {
@@ -110,38 +90,12 @@ impl Lanes for Portable {
 #[derive(Clone, Copy)]
 pub struct PortableIndices([u32; 16]);
 
-impl PortableIndices {
-    #[inline(always)]
-    fn each(self, b: Self, f: impl Fn(u32, u32) -> u32) -> Self {
-        Self(core::array::from_fn(|i| f(self.0[i], b.0[i])))
-    }
-}
-
 impl Indices for PortableIndices {
     #[inline(always)]
     fn splat(x: u32) -> Self {
         Self([x; 16])
     }
-    #[inline(always)]
-    fn add(self, b: Self) -> Self {
-        self.each(b, u32::wrapping_add)
-    }
-    #[inline(always)]
-    fn mul(self, b: Self) -> Self {
-        self.each(b, u32::wrapping_mul)
-    }
-    #[inline(always)]
-    fn xor(self, b: Self) -> Self {
-        self.each(b, |a, b| a ^ b)
-    }
-    #[inline(always)]
-    fn and(self, b: Self) -> Self {
-        self.each(b, |a, b| a & b)
-    }
-    #[inline(always)]
-    fn min(self, b: Self) -> Self {
-        self.each(b, Ord::min)
-    }
+    by_lane!(Indices: add mul xor and min);
     #[inline(always)]
     fn shift_right_15(self) -> Self {
         Self(self.0.map(|x| x >> 15))

@@ -5,9 +5,9 @@
 //! to the engine.
 
 use super::Op;
-use super::gather::last_row;
-use crate::simd::lanes::SQRT_HALF_BITS;
-use crate::simd::table::{Format, Indices, Table, weighted_rows_by_lane};
+use super::gather::{Quads, address, weighted_rows};
+use crate::simd::lanes::{Indices, SQRT_HALF_BITS};
+use crate::simd::table::{Format, Table};
 use crate::simd::{Lanes, MAX_LANES};
 use core::arch::wasm32::*;
 
@@ -46,21 +46,11 @@ impl Lanes for F32x4 {
         // SAFETY: four values are in bounds; unaligned stores are allowed.
         unsafe { v128_store(to.as_mut_ptr().cast(), self.0) }
     }
-    #[inline(always)]
-    fn add(self, b: Self) -> Self {
-        Self(f32x4_add(self.0, b.0))
-    }
-    #[inline(always)]
-    fn sub(self, b: Self) -> Self {
-        Self(f32x4_sub(self.0, b.0))
-    }
-    #[inline(always)]
-    fn mul(self, b: Self) -> Self {
-        Self(f32x4_mul(self.0, b.0))
-    }
-    #[inline(always)]
-    fn div(self, b: Self) -> Self {
-        Self(f32x4_div(self.0, b.0))
+    one_instruction! {
+        add = f32x4_add,
+        sub = f32x4_sub,
+        mul = f32x4_mul,
+        div = f32x4_div,
     }
     #[inline(always)]
     fn mul_add(self, b: Self, c: Self) -> Self {
@@ -152,75 +142,50 @@ impl Lanes for F32x4 {
         weights: &[Self; ROWS],
         features: usize,
     ) -> [Self; 8] {
-        let Some(last) = last_row(table, features) else {
-            return weighted_rows_by_lane(table, rows, weights, features);
-        };
-        let (last, features_of_each) = (U32x4::splat(last), U32x4::splat(features as u32));
-        let offsets = rows.map(|row| row.min(last).mul(features_of_each));
-        let zero = Self::splat(0.0);
-        let [a, b, c, d] = four::<T, ROWS>(table, &offsets, weights, 0);
-        if features == 2 {
-            return [a, b, c, d, zero, zero, zero, zero];
-        }
-        let [e, f, g, h] = four::<T, ROWS>(table, &offsets, weights, 4);
-        [a, b, c, d, e, f, g, h]
+        weighted_rows(table, rows, weights, features)
     }
 }
 
-/// Four weighted values of each lane, from `plus` behind each of the `offsets` on.
-///
-/// A lane's four values lie in one register while they are summed; lanes and values change places after.
-#[inline(always)]
-fn four<T: Table, const ROWS: usize>(
-    table: T,
-    offsets: &[U32x4; ROWS],
-    weights: &[F32x4; ROWS],
-    plus: usize,
-) -> [F32x4; 4] {
-    let s0 = lane::<T, ROWS, 0>(table, offsets, weights, plus);
-    let s1 = lane::<T, ROWS, 1>(table, offsets, weights, plus);
-    let s2 = lane::<T, ROWS, 2>(table, offsets, weights, plus);
-    let s3 = lane::<T, ROWS, 3>(table, offsets, weights, plus);
-    let (a, b) = (i32x4_shuffle::<0, 4, 1, 5>(s0, s1), i32x4_shuffle::<2, 6, 3, 7>(s0, s1));
-    let (c, d) = (i32x4_shuffle::<0, 4, 1, 5>(s2, s3), i32x4_shuffle::<2, 6, 3, 7>(s2, s3));
-    [
-        F32x4(i64x2_shuffle::<0, 2>(a, c)),
-        F32x4(i64x2_shuffle::<1, 3>(a, c)),
-        F32x4(i64x2_shuffle::<0, 2>(b, d)),
-        F32x4(i64x2_shuffle::<1, 3>(b, d)),
-    ]
-}
+impl Quads for F32x4 {
+    // Else V8 moves the next lanes' reads to the front, and most of what they found to the stack.
+    const SUMS_IN_MEMORY: bool = true;
+    type Offsets = U32x4;
 
-/// Lane `LANE`, its four values.
-#[inline(always)]
-fn lane<T: Table, const ROWS: usize, const LANE: usize>(
-    table: T,
-    offsets: &[U32x4; ROWS],
-    weights: &[F32x4; ROWS],
-    plus: usize,
-) -> v128 {
-    let mut sum = F32x4::splat(0.0);
-    for (offset, weight) in offsets.iter().zip(weights) {
-        let offset = u32x4_extract_lane::<LANE>(offset.0) as usize;
-        let at = table.start().wrapping_add(T::FORMAT.bytes() * (offset + plus));
-        let values = match T::FORMAT {
-            // SAFETY: `last_row` keeps each row, and with it four values from `plus` on, inside the table; unaligned
-            // reads.
-            Format::F16 => widen_finite(unsafe { i32x4_load_extend_i16x4(at.cast()) }),
-            // SAFETY: as above, with values of four bytes.
-            Format::F32 => unsafe { v128_load(at.cast()) },
-            Format::Int8 => {
-                // SAFETY: as above, with values of one byte.
-                let bytes = i16x8_extend_low_i8x16(unsafe { v128_load32_zero(at.cast()) });
-                f32x4_convert_i32x4(i32x4_extend_low_i16x8(bytes))
+    #[inline(always)]
+    fn offsets(indices: U32x4) -> U32x4 {
+        indices
+    }
+    #[inline(always)]
+    unsafe fn read_four<T: Table, const LANE: usize>(table: T, at: &U32x4, plus: usize) -> Self {
+        let from = address(table, u32x4_extract_lane::<LANE>(at.0), plus);
+        // SAFETY: the caller vouches for four values at the address; unaligned reads.
+        Self(unsafe {
+            match T::FORMAT {
+                Format::F16 => widen_finite(i32x4_load_extend_i16x4(from.cast())),
+                Format::F32 => v128_load(from.cast()),
+                Format::Int8 => {
+                    let bytes = i16x8_extend_low_i8x16(v128_load32_zero(from.cast()));
+                    f32x4_convert_i32x4(i32x4_extend_low_i16x8(bytes))
+                }
             }
-        };
-        sum = F32x4(i32x4_shuffle::<LANE, LANE, LANE, LANE>(weight.0, weight.0)).mul_add(F32x4(values), sum);
+        })
     }
-    // Through memory: else V8 moves the next lanes' reads to the front, and most of what they found to the stack.
-    core::hint::black_box(sum.0)
+    #[inline(always)]
+    fn repeat<const LANE: usize>(self) -> Self {
+        Self(i32x4_shuffle::<LANE, LANE, LANE, LANE>(self.0, self.0))
+    }
+    #[inline(always)]
+    fn transpose([s0, s1, s2, s3]: [Self; 4]) -> [Self; 4] {
+        let (a, b) = (i32x4_shuffle::<0, 4, 1, 5>(s0.0, s1.0), i32x4_shuffle::<2, 6, 3, 7>(s0.0, s1.0));
+        let (c, d) = (i32x4_shuffle::<0, 4, 1, 5>(s2.0, s3.0), i32x4_shuffle::<2, 6, 3, 7>(s2.0, s3.0));
+        [
+            Self(i64x2_shuffle::<0, 2>(a, c)),
+            Self(i64x2_shuffle::<1, 3>(a, c)),
+            Self(i64x2_shuffle::<0, 2>(b, d)),
+            Self(i64x2_shuffle::<1, 3>(b, d)),
+        ]
+    }
 }
-
 /// Four f16, finite, each with its sign above it, widened.
 ///
 /// `v = 2 v − v`; of a subnormal, which has no leading 1, `v = (2^-14 + v) − 2^-14`: both exact, and no f32 is subnormal
@@ -246,25 +211,12 @@ impl Indices for U32x4 {
     fn splat(x: u32) -> Self {
         Self(u32x4_splat(x))
     }
-    #[inline(always)]
-    fn add(self, b: Self) -> Self {
-        Self(i32x4_add(self.0, b.0))
-    }
-    #[inline(always)]
-    fn mul(self, b: Self) -> Self {
-        Self(i32x4_mul(self.0, b.0))
-    }
-    #[inline(always)]
-    fn xor(self, b: Self) -> Self {
-        Self(v128_xor(self.0, b.0))
-    }
-    #[inline(always)]
-    fn and(self, b: Self) -> Self {
-        Self(v128_and(self.0, b.0))
-    }
-    #[inline(always)]
-    fn min(self, b: Self) -> Self {
-        Self(u32x4_min(self.0, b.0))
+    one_instruction! {
+        add = i32x4_add,
+        mul = i32x4_mul,
+        xor = v128_xor,
+        and = v128_and,
+        min = u32x4_min,
     }
     #[inline(always)]
     fn shift_right_15(self) -> Self {

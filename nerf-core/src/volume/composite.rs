@@ -1,6 +1,7 @@
 //! Compositing of one ray's samples, for trainers and tests.
 
 use super::{Accumulator, Pixel};
+use crate::errors::errors;
 use crate::math::{Math, MathBackend, with_math};
 
 impl Accumulator {
@@ -84,10 +85,10 @@ pub fn composite_with(
     Ok(ray.finish(background, t_edges[n], 1.0))
 }
 
-/// Samples that make no ray.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum VolumeError {
+errors! {
+    /// Samples that make no ray.
+    #[derive(Eq)]
+    VolumeError:
     /// `rgb` must be as long as `sigma`, `t_edges` one longer.
     Lengths {
         /// Length of `sigma`.
@@ -96,23 +97,11 @@ pub enum VolumeError {
         rgb: usize,
         /// Length of `t_edges`.
         t_edges: usize,
-    },
+    } =>
+        "samples: expected n sigma, n rgb, n + 1 t_edges, found {sigma}, {rgb}, {t_edges}";
     /// An edge is not finite or lies before the one in front of it.
     Edges {
         /// The bin that ends there.
         bin: usize,
-    },
+    } => "t_edges: expected finite ascending values, bin {bin} has none";
 }
-
-impl core::fmt::Display for VolumeError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Lengths { sigma, rgb, t_edges } => {
-                write!(f, "samples: expected n sigma, n rgb, n + 1 t_edges, found {sigma}, {rgb}, {t_edges}")
-            }
-            Self::Edges { bin } => write!(f, "t_edges: expected finite ascending values, bin {bin} has none"),
-        }
-    }
-}
-
-impl core::error::Error for VolumeError {}

@@ -1,6 +1,7 @@
 //! What can be wrong with a data set.
 
-use nerf_core::camera::{BoundsError, CameraError};
+use nerf_core::camera::CameraError;
+use nerf_core::space::BoundsError;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 

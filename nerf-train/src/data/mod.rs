@@ -42,7 +42,8 @@ pub use watch::Watch;
 
 use crate::data::cameras::nearest;
 use crate::data::layouts::{blender, choice, cs180, nerfstudio, npz};
-use nerf_core::camera::{BoundsError, Camera, Pose};
+use nerf_core::camera::{Camera, Pose};
+use nerf_core::space::BoundsError;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 

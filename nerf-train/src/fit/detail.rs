@@ -15,7 +15,7 @@
 use super::size::Chosen;
 use crate::data::Dataset;
 use crate::model::config::Config;
-use nerf_core::camera::SceneBox;
+use nerf_core::space::SceneBox;
 
 /// Pixels across the longest side of lego's box at 200², where the preset's settings were chosen.
 const PRESET_PIXELS: f32 = 175.0;

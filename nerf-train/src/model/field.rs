@@ -1,11 +1,11 @@
 //! Densities of a network at many points, on all cores.
 
-use nerf_core::camera::SceneBox;
 use nerf_core::encoding::{GridTables, TableValues};
 use nerf_core::math::MathBackend;
 use nerf_core::memory::{Arena, Layout, Line, lines_for};
 use nerf_core::network::{Architecture, Network, Scratch, Weights};
 use nerf_core::simd::{BLOCK, Isa};
+use nerf_core::space::SceneBox;
 use rayon::prelude::*;
 
 /// sigma, 1/world unit, at each of `points`; `parameters` in the architecture's own order, and behind them the values

@@ -9,7 +9,7 @@ use crate::model::config::Config;
 use crate::train::occupancy::{Occupancy, free_cells};
 use glam::{DVec3, Vec3};
 use nerf_core::blob::SceneSampling;
-use nerf_core::camera::{BoundsError, Contraction, SceneBox};
+use nerf_core::space::{BoundsError, Contraction, SceneBox};
 use rayon::prelude::*;
 
 #[derive(Clone, Copy, Debug, PartialEq)]

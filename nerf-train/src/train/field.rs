@@ -13,8 +13,8 @@ use crate::model::picture_config::FieldConfig;
 use glam::Vec3;
 use nerf_core::Kernel;
 use nerf_core::blob::{Content, PictureFacts, Provenance};
-use nerf_core::camera::SceneBox;
 use nerf_core::sampling::{Purpose, uniform_u32};
+use nerf_core::space::SceneBox;
 use rayon::prelude::*;
 use std::borrow::Cow;
 

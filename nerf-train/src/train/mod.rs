@@ -19,7 +19,7 @@ use crate::model::engine::EngineError;
 use crate::model::export::ExportError;
 pub use bounds::Bounds;
 pub(crate) use bounds::{find_bounds, find_box};
-use nerf_core::camera::BoundsError;
+use nerf_core::space::BoundsError;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 pub(crate) use trainer::{RESEEDS, lengthened};

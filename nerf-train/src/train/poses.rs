@@ -11,7 +11,8 @@ use crate::data::{Dataset, View};
 use crate::model::config::PoseRefinement;
 use crate::model::engine::{Batch, RayGradient, RayQuestion};
 use glam::{Mat3, Quat, Vec3};
-use nerf_core::camera::{Camera, Contraction, Pose, Ray};
+use nerf_core::camera::{Camera, Pose, Ray};
+use nerf_core::space::Contraction;
 use serde::{Deserialize, Serialize};
 
 /// Steps of the trial: poses are refined from the given ones, and kept if they moved by enough.

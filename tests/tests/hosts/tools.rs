@@ -39,7 +39,11 @@ fn what_is_missing_is_said_once_and_noted_and_fails_in_ci() {
     let unasked = run(|command| command.env_remove("NERF_TESTS"));
     let said = String::from_utf8_lossy(&unasked.stderr);
     assert!(unasked.status.success(), "{said}");
-    assert_eq!(said.matches("skipped: ffmpeg is used with NERF_TESTS=all; not tested: MP4s\n").count(), 1, "{said}");
+    assert_eq!(
+        said.matches("skipped: ffmpeg is used with NERF_TESTS=all; not tested: MP4s\n").count(),
+        1,
+        "{said}"
+    );
     let in_ci = run(|command| command.env("CI", "true"));
     let said = String::from_utf8_lossy(&in_ci.stdout);
     assert!(!in_ci.status.success() && said.contains("CI is set, and there is no ffmpeg"), "{said}");

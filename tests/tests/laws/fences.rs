@@ -7,8 +7,7 @@ use nerf_core::encoding::{
 };
 use nerf_core::math::MathBackend;
 use nerf_core::matrix::{
-    Gemm, HalfInit, Init, PairedInput, PairedOutput, dense_bf16, gemm, gemm_f16, pair_rows, pairs,
-    transposed_bf16,
+    Gemm, Init, PairedInput, PairedOutput, dense_bf16, gemm, gemm_f16, pair_rows, pairs, transposed_bf16,
 };
 use nerf_core::memory::Line;
 use nerf_core::network::{Network, Scratch, Weights};
@@ -86,7 +85,7 @@ fn products_of_halves_stay_between_the_fences() {
         let a_length = if k == 0 { 0 } else { (m - 1) * (k + 1) + k };
         let (a, b) = (halves(a_length, 1), noise(if k == 0 { 0 } else { (k - 1) * (n + 2) + n }, 2));
         let (c, bias) = (noise(m * n, 3), halves(m, 4));
-        let draw = |init: HalfInit<'_>, a: &[u8], b: &[f32], c: &mut [f32]| {
+        let draw = |init: Init<'_, u8>, a: &[u8], b: &[f32], c: &mut [f32]| {
             gemm_f16(isa, g, a, b, c, init, true);
         };
         for flush in Flush::BOTH {
@@ -94,7 +93,7 @@ fn products_of_halves_stay_between_the_fences() {
             let shifted = Fenced::of(&[&[0u8][..], &a].concat(), flush);
             let (fenced, b_fenced, bias_fenced) =
                 (Fenced::of(&a, flush), Fenced::of(&b, flush), Fenced::of(&bias, flush));
-            for init in [HalfInit::Zero, HalfInit::Bias(&bias_fenced), HalfInit::Accumulate] {
+            for init in [Init::Zero, Init::Bias(&bias_fenced), Init::Accumulate] {
                 let (mut expected, mut found, mut odd) = (c.clone(), Fenced::of(&c, flush), c.clone());
                 draw(init, &a, &b, &mut expected);
                 draw(init, &fenced, &b_fenced, &mut found);

@@ -4,8 +4,8 @@ use crate::geometry::somewhere;
 use crate::table::{Row, Worst, cases, isas};
 use glam::Vec3;
 use nerf_core::Isa;
-use nerf_core::camera::Contraction;
 use nerf_core::simd::{Lanes, Op};
+use nerf_core::space::Contraction;
 use nerf_tests::noise::signed_f64;
 use nerf_tests::oracle::contraction as oracle;
 

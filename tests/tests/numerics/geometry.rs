@@ -2,7 +2,8 @@
 
 use crate::table::{Row, Worst, cases};
 use glam::Vec3;
-use nerf_core::camera::{Ray, SceneBox};
+use nerf_core::camera::Ray;
+use nerf_core::space::SceneBox;
 use nerf_tests::error::excess;
 use nerf_tests::noise::signed_f64;
 use nerf_tests::oracle;

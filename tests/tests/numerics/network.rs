@@ -8,7 +8,7 @@ use crate::table::{BACKENDS, Row, Worst, cases, exact_kernels, isas};
 use nerf_core::blob::Blob;
 use nerf_core::math::MathBackend;
 use nerf_core::matrix::{
-    Gemm, HalfInit, Init, PairedInput, PairedOutput, dense_bf16, gemm, gemm_f16, pair_rows, pairs,
+    Gemm, Init, PairedInput, PairedOutput, dense_bf16, gemm, gemm_f16, pair_rows, pairs,
 };
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
@@ -127,7 +127,7 @@ fn extremes() -> Vec<Row> {
         let mut c = vec![f32::NAN; n];
         gemm(isa, g, &a, &b, &mut c, Init::Zero, false);
         see(&mut unpacked, &a, &b, &c, isa);
-        gemm_f16(isa, g, &bytes, &b, &mut c, HalfInit::Zero, false);
+        gemm_f16(isa, g, &bytes, &b, &mut c, Init::Zero, false);
         see(&mut in_place, &a, &b, &c, isa);
     }
 

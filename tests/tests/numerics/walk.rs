@@ -3,8 +3,9 @@
 use crate::geometry::somewhere;
 use crate::table::{Row, Worst, cases};
 use glam::Vec3;
-use nerf_core::camera::{Ray, SceneBox};
+use nerf_core::camera::Ray;
 use nerf_core::sampling::{Bins, OccupancyGrid};
+use nerf_core::space::SceneBox;
 use nerf_tests::noise::signed_f64;
 use std::cell::Cell;
 

@@ -10,7 +10,7 @@ use glam::{Vec2, Vec3};
 const STEPS: u8 = 32;
 
 impl Lens {
-    /// How far from the principal point the angle `theta` is seen, and its derivative.
+    /// The distance from the principal point where the angle `theta` is seen, and its derivative.
     fn angle_seen(&self, theta: f32) -> (f32, f32) {
         let t = theta * theta;
         let seen = 1.0 + t * (self.k1 + t * (self.k2 + t * (self.k3 + t * self.k4)));
@@ -19,7 +19,7 @@ impl Lens {
         (theta * seen, slope)
     }
 
-    /// Where a direction is seen, of any length but 0: right, down, forward.
+    /// The image point where a direction is seen, of any length but 0: right, down, forward.
     pub(super) fn fisheye_seen(&self, dir: Vec3) -> (f32, f32) {
         let across = Vec2::new(dir.x, dir.y).length();
         if across == 0.0 {

@@ -45,11 +45,11 @@ pub struct Lens {
     pub k5: f32,
     /// Radial, of the denominator, sixth order.
     pub k6: f32,
-    /// What the coefficients are of.
+    /// The model that the coefficients belong to.
     pub projection: Projection,
 }
 
-/// How far from the principal point a direction is seen without any coefficient.
+/// The distance from the principal point where a direction is seen without any coefficient.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Projection {
     /// The tangent of the angle to the axis: straight lines stay straight.
@@ -80,7 +80,7 @@ impl Lens {
     }
 }
 
-/// What every lens has, and of the rest what is not 0.
+/// The coefficients that every lens has, and those of the rest that are not 0.
 impl core::fmt::Debug for Lens {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let mut lens = f.debug_struct("Lens");

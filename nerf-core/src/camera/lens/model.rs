@@ -5,7 +5,7 @@ use glam::{Vec2, Vec3};
 
 /// The model folds over where its slope, or its Jacobian's determinant, is no more than this.
 pub(super) const FOLD: f32 = 1e-3;
-/// Where the slope falls to no more than this and rises again, Newton's method may leap over what is between
+/// Slope below which Newton's method may leap over a fold: where it falls to no more than this and rises again
 /// (measured: up to 0.01).
 const TURN: f32 = 2e-2;
 
@@ -13,8 +13,8 @@ impl Lens {
     /// Whether this build has lens distortion.
     pub(crate) const BUILT: bool = true;
 
-    /// Where a direction (right, down, forward; of any length but 0) is seen; `None` where no perspective lens sees, at and
-    /// behind the camera.
+    /// The image point where a direction (right, down, forward; of any length but 0) is seen; `None` where no perspective
+    /// lens sees, at and behind the camera.
     pub fn project(&self, dir: Vec3) -> Option<(f32, f32)> {
         match self.projection {
             Projection::Fisheye => Some(self.fisheye_seen(dir)),
@@ -22,7 +22,7 @@ impl Lens {
         }
     }
 
-    /// Where the ideal point `(x, y)` is seen.
+    /// The image point where the ideal point `(x, y)` is seen.
     pub fn distort(&self, x: f32, y: f32) -> (f32, f32) {
         if self.projection == Projection::Fisheye {
             return self.fisheye_seen(Vec3::new(x, y, 1.0));
@@ -37,10 +37,9 @@ impl Lens {
 
     /// The ideal point that is seen at `(xd, yd)`, by Newton's method from `(xd, yd)` itself.
     ///
-    /// `None` where the lens folds over (the Jacobian's determinant is at most 1e-3 on the way)
-    /// or where 20 steps do not bring the residual below 1e-6 of the coordinates (1e-6 itself
-    /// within the unit circle): there the model has no inverse
-    /// near the start, and a picture would show the same direction twice.
+    /// `None` where the lens folds over (the Jacobian's determinant is at most 1e-3 on the way) or where 20 steps do not
+    /// bring the residual below 1e-6 of the coordinates (1e-6 itself within the unit circle): there the model has no
+    /// inverse near the start, and a picture would show the same direction twice.
     ///
     /// # Domain
     /// The finite points around the axis up to the fold. With `k1 < 0` alone that is the circle of radius

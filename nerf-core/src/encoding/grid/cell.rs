@@ -31,7 +31,7 @@ pub(super) struct Cells<V: Lanes> {
     x: V::Indices,
     y: V::Indices,
     z: V::Indices,
-    /// How far from that corner to the opposite one, 0 to 1 on each axis.
+    /// The position between that corner and the opposite one, 0 to 1 on each axis.
     pub weights: [V; 3],
 }
 

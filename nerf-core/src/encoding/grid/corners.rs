@@ -1,4 +1,4 @@
-//! What the encoding read of its tables, for a trainer to add a gradient to.
+//! The entries that the encoding read of its tables, for a trainer to add a gradient to.
 
 use super::cell::{Cells, unit_positions};
 use super::{GridEncoding, GridLevel, GridTables};

@@ -1,26 +1,26 @@
 //! The encoding of a block.
 
 use super::cell::{Cells, unit_positions};
-use super::{GridEncoding, GridLevel, GridTables, TableValues};
+use super::{GridEncoding, GridLevel, GridTables, TableValues, with_table};
 use crate::memory::{head, head_mut, put, tail_mut};
-use crate::simd::{F16Table, F32Table, Int8Table, Isa, Lanes, Op, Table, VECTORS};
+use crate::simd::{Isa, Lanes, Op, Table, VECTORS};
 
 /// Encodes a block of samples by a grid.
 ///
-/// `x`: `[inputs][stride]`, in the box of the `tables`; `out`: `[levels · features][stride]`. `stride` is a
-/// multiple of [`Isa::columns`], or any number with portable instructions. A position outside of the box is moved onto it, and one
-/// that is no number to its smallest corner.
+/// `x`: `[inputs][stride]`, in the box of the `tables`; `out`: `[levels · features][stride]`. `stride` is a multiple of
+/// [`Isa::columns`], or any number with portable instructions. A position outside of the box is moved onto it, and one that
+/// is no number to its smallest corner.
 ///
 /// A sample's values do not depend on the others of its block. f16 and f32 tables of the same values give the
-/// same bits, and so do int8 tables whose scales are powers of two. Which cell a sample falls into is the same with every instruction set.
+/// same bits, and so do int8 tables whose scales are powers of two. Which cell a sample falls into is the same with every
+/// instruction set.
 ///
 /// # Accuracy
 /// Against the same sum in f64: `2^-24 (n (6 cells + 6) + 12)` of the largest entry around a sample, with n axes,
 /// which is what rounding the position and the sum can do.
 ///
 /// # Panics
-/// With debug assertions, if a slice is shorter than that. Of tables that are too short, entries that are not
-/// there are any others.
+/// With debug assertions, if a slice is shorter than that. Entries beyond the end of a table have any value.
 #[inline]
 pub fn encode_grid_block(
     isa: Isa,
@@ -35,23 +35,12 @@ pub fn encode_grid_block(
     if !VECTORS {
         return encode_one_by_one(grid, tables, stride, x, out);
     }
-    match tables.values {
-        TableValues::F16(bytes) => {
-            let table = F16Table::new(bytes);
-            isa.run_columns(stride, Encode { grid, tables, table, stride, x, out });
-        }
-        TableValues::Int8 { values, scales } => {
-            let table = Int8Table::new(values, scales);
-            isa.run_columns(stride, Encode { grid, tables, table, stride, x, out });
-        }
-        TableValues::F32(values) => {
-            let table = F32Table::new(values);
-            isa.run_columns(stride, Encode { grid, tables, table, stride, x, out });
-        }
-    }
+    with_table!(tables.values, table => {
+        isa.run_columns(stride, Encode { grid, tables, table, stride, x, out });
+    });
 }
 
-/// The same, a sample and a level at a time: without vectors code is short before it is fast. As many features as the
+/// The encoding, a sample and a level at a time: without vectors code is short before it is fast. As many features as the
 /// run time knows, and in two dimensions rows of weight 0 behind the others, which change no bit.
 fn encode_one_by_one(
     grid: &GridEncoding,
@@ -65,13 +54,7 @@ fn encode_one_by_one(
         let unit = unit_positions::<f32>(tables, usize::from(grid.inputs), stride, x, column);
         for level in grid.levels() {
             let read = Read::<f32, 4>::of(&level, unit);
-            let values = match tables.values {
-                TableValues::F16(bytes) => read.interpolate(F16Table::new(bytes), &level, features),
-                TableValues::Int8 { values, scales } => {
-                    read.interpolate(Int8Table::new(values, scales), &level, features)
-                }
-                TableValues::F32(values) => read.interpolate(F32Table::new(values), &level, features),
-            };
+            let values = with_table!(tables.values, table => read.interpolate(table, &level, features));
             for (feature, value) in values.into_iter().enumerate().take(features) {
                 put(out, (level.index * features + feature) * stride + column, value);
             }
@@ -157,7 +140,7 @@ fn encode_level<V: Lanes, T: Table, const ROWS: usize, const FEATURES: usize>(
     }
 }
 
-/// What a vector of samples reads at one level.
+/// The rows that a vector of samples reads at one level, and their weights.
 #[derive(Clone, Copy)]
 struct Read<V: Lanes, const ROWS: usize> {
     rows: [V::Indices; ROWS],
@@ -194,6 +177,7 @@ mod tests {
 
     use super::super::tests::grids;
     use super::*;
+    use crate::simd::F32Table;
     use crate::testing::noise;
     use std::vec::Vec;
 

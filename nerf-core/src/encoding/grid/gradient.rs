@@ -1,10 +1,10 @@
 //! The derivative of a grid by the position.
 
 use super::cell::{Cells, unit_positions};
-use super::{GridEncoding, GridLevel, GridTables, TableValues};
+use super::{GridEncoding, GridLevel, GridTables, TableValues, with_table};
 use crate::math::polynomial::exp;
 use crate::memory::{head, head_mut, tail, tail_mut};
-use crate::simd::{F16Table, F32Table, Int8Table, Isa, Lanes, Op, Table, VECTORS};
+use crate::simd::{Isa, Lanes, Op, Table, VECTORS};
 
 /// Takes a gradient back through the encoding of a block of samples.
 ///
@@ -32,20 +32,9 @@ pub(super) fn grid_gradient_block(
     let inputs = usize::from(grid.inputs);
     let (x, of_encoded) = (head(x, inputs * stride), head(of_encoded, grid.outputs() * stride));
     let of_x = head_mut(of_x, inputs * stride);
-    match tables.values {
-        TableValues::F16(bytes) => {
-            let table = F16Table::new(bytes);
-            isa.run_columns(stride, Gradient { grid, tables, table, stride, x, of_encoded, blur, of_x });
-        }
-        TableValues::Int8 { values, scales } => {
-            let table = Int8Table::new(values, scales);
-            isa.run_columns(stride, Gradient { grid, tables, table, stride, x, of_encoded, blur, of_x });
-        }
-        TableValues::F32(values) => {
-            let table = F32Table::new(values);
-            isa.run_columns(stride, Gradient { grid, tables, table, stride, x, of_encoded, blur, of_x });
-        }
-    }
+    with_table!(tables.values, table => {
+        isa.run_columns(stride, Gradient { grid, tables, table, stride, x, of_encoded, blur, of_x });
+    });
 }
 
 struct Gradient<'a, T> {
@@ -152,6 +141,7 @@ mod tests {
 
     use super::super::tests::grids;
     use super::*;
+    use crate::simd::F32Table;
     use crate::testing::noise;
     use std::vec::Vec;
 

@@ -1,19 +1,19 @@
-//! Which entries a level has, and which of them a vertex is.
+//! The entries of a level, and the one of each vertex.
 
 use super::{GridEncoding, MAX_LOG2_ENTRIES};
 
-/// What a hashed row's y and z are multiplied by: Müller et al.'s second and third prime.
+/// The factors of a hashed row's y and z: Müller et al.'s second and third prime.
 pub(super) const HASH_Y: u32 = 2_654_435_761;
 pub(super) const HASH_Z: u32 = 805_459_861;
 
 /// One level of a [`GridEncoding`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GridLevel {
-    /// Which.
+    /// Index of the level.
     pub index: usize,
     /// Cells along x, y, z; n cells have n + 1 vertices.
     pub cells: [u32; 3],
-    /// Its first entry among those of all levels.
+    /// Index of the level's first entry among those of all levels.
     pub first: usize,
     /// Number of its entries.
     pub entries: usize,

@@ -24,9 +24,9 @@ pub use corners::{GridCorners, grid_corners_block};
 pub use forward::encode_grid_block;
 pub use level::{GridLevel, GridLevels};
 
-use crate::camera::SceneBox;
-use crate::network::ArchitectureError;
+use super::TableValues;
 use crate::simd::Isa;
+use crate::space::SceneBox;
 use serde::{Deserialize, Serialize};
 
 /// Most levels of a grid.
@@ -101,51 +101,32 @@ impl GridEncoding {
         self.resolutions.len() << self.inputs.min(3)
     }
 
-    /// Checks every cap.
-    pub(crate) fn check(&self) -> Result<(), ArchitectureError> {
-        use ArchitectureError as E;
-        if !matches!(self.features, 1 | 2 | 4) {
-            return Err(E::GridFeatures { found: self.features });
-        }
-        if self.log2_entries > MAX_LOG2_ENTRIES {
-            return Err(E::GridEntries { found: self.log2_entries });
-        }
-        if self.resolutions.is_empty() {
-            return Err(E::GridLevels);
-        }
-        for (level, resolution) in self.resolutions.iter().enumerate() {
-            for (axis, &found) in resolution.iter().enumerate() {
-                let inside = axis < usize::from(self.inputs);
-                if inside && !(1..=MAX_GRID_RESOLUTION).contains(&found) || !inside && found != 0 {
-                    return Err(E::GridResolution { level, axis, found });
-                }
-            }
-        }
-        let entries = self.resolutions.iter().map(|r| level::entries(*r, self.log2_entries).0).sum::<u64>();
-        let found = entries * u64::from(self.features);
-        if found > MAX_GRID_VALUES {
-            return Err(E::GridValues { found });
-        }
-        Ok(())
+    /// Entries of all levels, of any grid.
+    pub(crate) fn entries_of_any(&self) -> u64 {
+        self.resolutions.iter().map(|resolution| level::entries(*resolution, self.log2_entries).0).sum()
     }
 }
 
-/// Where the values of a grid's tables lie.
-#[derive(Clone, Copy, Debug)]
-#[non_exhaustive]
-pub enum TableValues<'a> {
-    /// Little-endian f16, finite, at any alignment: as a file has them.
-    F16(&'a [u8]),
-    /// Signed bytes, as a file has them, too; those of a level times its scale are its values.
-    Int8 {
-        /// The bytes.
-        values: &'a [u8],
-        /// A little-endian f32 a level, at any alignment; above 0, and 128 times it finite.
-        scales: &'a [u8],
-    },
-    /// f32, as a trainer has them.
-    F32(&'a [f32]),
+/// `$body` with the table of `$values` as `$table`.
+macro_rules! with_table {
+    ($values:expr, $table:ident => $body:expr) => {
+        match $values {
+            TableValues::F16(bytes) => {
+                let $table = crate::simd::F16Table::new(bytes);
+                $body
+            }
+            TableValues::Int8 { values, scales } => {
+                let $table = crate::simd::Int8Table::new(values, scales);
+                $body
+            }
+            TableValues::F32(values) => {
+                let $table = crate::simd::F32Table::new(values);
+                $body
+            }
+        }
+    };
 }
+use with_table;
 
 /// The tables of a grid, and the box it spans.
 #[derive(Clone, Copy, Debug)]
@@ -157,7 +138,7 @@ pub struct GridTables<'a> {
 }
 
 impl<'a> GridTables<'a> {
-    /// What a network without a grid has.
+    /// The tables of a network without a grid.
     pub const NONE: Self = Self { values: TableValues::F32(&[]), min: [0.0; 3], sides: [1.0; 3] };
 
     /// Tables over a scene box, or over 0..1 of each axis where there is none: a 2D field.
@@ -166,20 +147,6 @@ impl<'a> GridTables<'a> {
             Some(b) => Self { values, min: b.min.to_array(), sides: (b.max - b.min).to_array() },
             None => Self { values, ..Self::NONE },
         }
-    }
-
-    /// Tables as a file has them: int8 where there are scales, else f16.
-    pub(crate) fn in_place(bytes: &'a [u8], scales: Option<&'a [u8]>, bounds: Option<&SceneBox>) -> Self {
-        let values = match scales {
-            Some(scales) => TableValues::Int8 { values: bytes, scales },
-            None => TableValues::F16(bytes),
-        };
-        Self::new(values, bounds)
-    }
-
-    /// Tables whose f16 were widened.
-    pub(crate) fn widened(values: &'a [f32], bounds: Option<&SceneBox>) -> Self {
-        Self::new(TableValues::F32(values), bounds)
     }
 
     /// Whether there are as many values as `grid` has, and a scale for each level if they need any.

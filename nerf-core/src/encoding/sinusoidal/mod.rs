@@ -28,7 +28,7 @@ pub enum AngleScale {
     Pi,
 }
 
-/// Which encoding a network was trained with.
+/// The sinusoidal encoding of a position or a direction, as a network was trained with it.
 ///
 /// `[identity,] then per level k: sin(2^k s x) for all inputs, cos(2^k s x) for all inputs`
 ///

@@ -8,8 +8,8 @@ mod tests;
 pub(super) use merge::Merge;
 
 use super::{RenderError, Renderer};
-use crate::camera::Placement;
 use crate::plan::Plan;
+use crate::space::Placement;
 
 /// A field that stands somewhere in a host's world.
 #[derive(Clone, Copy, Debug)]

@@ -4,13 +4,14 @@ extern crate std;
 
 use super::Instance;
 use crate::blob::{Blob, Body, Content, SceneFacts, SceneSampling, StoredOccupancy};
-use crate::camera::{Camera, Intrinsics, Lens, Placement, PlacementError, Pose, Ray};
+use crate::camera::{Camera, Intrinsics, Lens, Pose, Ray};
 use crate::memory::Line;
 use crate::network::Role;
 use crate::plan::{Batch, Outputs, Plan, Quality};
 use crate::render::tests::{camera, constant, kernels};
 use crate::render::{Counters, Limit, RaySegment, Rect, RenderError, Renderer, Worker};
 use crate::sampling::{Purpose, uniform};
+use crate::space::{Placement, PlacementError};
 use crate::testing::{SCENE, body, bytes, every_kind, halve, parameters, tolerance};
 use crate::volume::Pixel;
 use crate::{Isa, Kernel, Storage};

@@ -2,8 +2,9 @@
 
 use super::*;
 use crate::blob::{Body, Content, SceneFacts, SceneSampling};
-use crate::camera::{Contraction, Ray};
+use crate::camera::Ray;
 use crate::memory::Line;
+use crate::space::Contraction;
 use crate::testing::noise;
 use crate::volume::OPACITY_EPSILON;
 

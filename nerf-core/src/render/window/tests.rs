@@ -1,8 +1,8 @@
 extern crate std;
 
 use super::*;
-use crate::camera::SceneBox;
 use crate::simd::Isa;
+use crate::space::SceneBox;
 use crate::testing::noise;
 use glam::Vec3;
 use std::vec;

@@ -3,8 +3,9 @@
 extern crate std;
 
 use super::*;
-use crate::camera::{Ray, SceneBox};
+use crate::camera::Ray;
 use crate::sampling::OccupancyGrid;
+use crate::space::SceneBox;
 use crate::testing::noise;
 use glam::Vec3;
 use std::vec::Vec;

@@ -2,7 +2,8 @@
 
 use crate::data::{Dataset, Format};
 use glam::{DMat3, DVec3, Vec3};
-use nerf_core::camera::{Camera, SceneBox};
+use nerf_core::camera::Camera;
+use nerf_core::space::SceneBox;
 use serde::Serialize;
 
 /// Mean squared sine between the optical axes and their plane or line of best fit below which
@@ -196,7 +197,7 @@ pub fn frusta_box(
     cameras: &[Camera],
     near: f32,
     far: f32,
-) -> Result<SceneBox, nerf_core::camera::BoundsError> {
+) -> Result<SceneBox, nerf_core::space::BoundsError> {
     let (mut min, mut max) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     for camera in cameras {
         let i = camera.intrinsics();

@@ -13,7 +13,8 @@ pub use rounds::two_rounds;
 
 use crate::data::{Axes, Background, Dataset, Format, View};
 use glam::{DVec3, Vec3};
-use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose, SceneBox};
+use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose};
+use nerf_core::space::SceneBox;
 use rayon::prelude::*;
 
 /// Subsamples along each side of a pixel.

@@ -122,7 +122,7 @@ fn rays_are_drawn_of_what_counts_alone() {
     use crate::model::config::Preset;
     use crate::train::Bounds;
     use crate::train::rays::RayBank;
-    use nerf_core::camera::SceneBox;
+    use nerf_core::space::SceneBox;
     let mut views = dataset_of(&orbit(3, 4.0, Vec3::ZERO), Axes::Opengl).train;
     views[1].mask = Some((0..48).map(|i| i % 8 == 3).collect());
     views.iter_mut().for_each(|view| view.pixels = vec![[9, 9, 9, 255]; 48]);

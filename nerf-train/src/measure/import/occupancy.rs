@@ -5,7 +5,7 @@ use super::settings::Settings;
 use crate::data::layouts::npz::read_npy;
 use crate::train::occupancy::{DensityQuery, LiveCells, Occupancy};
 use nerf_core::blob::MAX_OCCUPANCY_RESOLUTION;
-use nerf_core::camera::SceneBox;
+use nerf_core::space::SceneBox;
 use std::path::Path;
 
 /// Largest array that is read, bytes: the largest occupancy grid in f64.

@@ -5,8 +5,8 @@ use super::refused;
 use crate::data::pictures::colour;
 use crate::system::input::parse_numbers;
 use nerf_core::blob::{MAX_OCCUPANCY_RESOLUTION, MAX_SAMPLES, SceneFacts, SceneSampling};
-use nerf_core::camera::SceneBox;
 use nerf_core::encoding::AngleScale;
+use nerf_core::space::SceneBox;
 
 /// The factor `s` in `sin(2^k s x)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]

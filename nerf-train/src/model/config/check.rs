@@ -3,11 +3,11 @@
 use super::{Config, Density, Jitter, NetworkConfig, OccupancyConfig, SamplingConfig, TableConfig};
 use glam::Vec3;
 use nerf_core::blob::MAX_SAMPLES;
-use nerf_core::camera::Contraction;
 use nerf_core::encoding::{
     GridEncoding, MAX_GRID_LEVELS, MAX_GRID_RESOLUTION, MAX_HARMONICS_DEGREE, MAX_LEVELS, MAX_LOG2_ENTRIES,
 };
 use nerf_core::network::{MAX_TRUNK, MAX_WIDTH};
+use nerf_core::space::Contraction;
 
 /// Samples a step may draw: some gigabytes of positions, where none is skipped; a first step may skip none.
 const MAX_STEP_SAMPLES: usize = 1 << 27;

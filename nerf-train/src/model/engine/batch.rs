@@ -1,7 +1,7 @@
 //! Inputs of a training step: rays, samples and the colours that are asked for.
 
 use glam::Vec3;
-use nerf_core::camera::Contraction;
+use nerf_core::space::Contraction;
 
 /// One ray: what it should show, and how many samples it has.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]

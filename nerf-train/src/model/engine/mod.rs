@@ -96,8 +96,8 @@ pub use phases::{Phase, Phases};
 pub use reference::ReferenceEngine;
 
 use crate::model::quantise::Rounding;
-use nerf_core::camera::SceneBox;
 use nerf_core::simd::Isa;
+use nerf_core::space::SceneBox;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 

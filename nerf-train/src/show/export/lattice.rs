@@ -4,7 +4,7 @@ use super::Field;
 use anyhow::bail;
 use glam::Vec3;
 use half::f16;
-use nerf_core::camera::SceneBox;
+use nerf_core::space::SceneBox;
 
 /// Cubes over a box, and a layer of them around it, so that what reaches the box's sides is closed there.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -26,7 +26,7 @@ pub use volume::{Volume, volume, write_npz};
 
 use crate::system::summary::Short;
 use glam::Vec3;
-use nerf_core::camera::SceneBox;
+use nerf_core::space::SceneBox;
 use serde::Serialize;
 use std::path::Path;
 

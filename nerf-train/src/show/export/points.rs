@@ -6,10 +6,11 @@ use crate::data::cameras::scaled;
 use crate::measure::frame::{self, Frame};
 use anyhow::{Context, anyhow};
 use glam::Vec3;
-use nerf_core::camera::{Camera, SceneBox};
+use nerf_core::camera::Camera;
 use nerf_core::plan::Plan;
 use nerf_core::render::Renderer;
 use nerf_core::sampling::{Purpose, uniform};
+use nerf_core::space::SceneBox;
 
 /// Pixels of a view by which it is estimated how many of them show something.
 const PILOT: f64 = 1024.0;

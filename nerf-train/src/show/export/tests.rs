@@ -5,10 +5,11 @@ use glam::Vec3;
 use half::f16;
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;
-use nerf_core::camera::{Ray, SceneBox};
+use nerf_core::camera::Ray;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::Renderer;
+use nerf_core::space::SceneBox;
 use std::collections::HashMap;
 
 const BOX: SceneBox = SceneBox { min: Vec3::splat(-1.0), max: Vec3::ONE };

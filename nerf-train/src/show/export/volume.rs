@@ -6,7 +6,7 @@ use crate::data::pictures::rgb::to_u8;
 use crate::system::output::write_atomic;
 use anyhow::Context;
 use glam::Vec3;
-use nerf_core::camera::SceneBox;
+use nerf_core::space::SceneBox;
 use std::io::{Cursor, Write};
 use std::path::Path;
 use zip::ZipWriter;

@@ -2,7 +2,7 @@
 
 use crate::capture::sights::{Sight, Sights};
 use crate::data::View;
-use nerf_core::camera::{Contraction, SceneBox};
+use nerf_core::space::{Contraction, SceneBox};
 use rayon::prelude::*;
 
 /// Share of the way from a camera to a point that counts as free; less than 1, since points are inexact and surfaces

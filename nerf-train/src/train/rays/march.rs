@@ -2,8 +2,9 @@
 
 use crate::train::occupancy::LiveCells;
 use glam::Vec3;
-use nerf_core::camera::{Contraction, Ray, SceneBox};
+use nerf_core::camera::Ray;
 use nerf_core::simd::{Isa, Lanes, Op};
+use nerf_core::space::{Contraction, SceneBox};
 
 /// Samples that are looked up together.
 const GROUP: usize = 16;

@@ -11,9 +11,10 @@ use crate::train::occupancy::is_foreground;
 use glam::Vec3;
 pub use march::MarchCells;
 use march::{Samples, march, march_contracted};
-use nerf_core::camera::{Camera, Contraction, Ray, SceneBox};
+use nerf_core::camera::{Camera, Ray};
 use nerf_core::sampling::{Bins, OccupancyGrid, Purpose, uniform, uniform_u32};
 use nerf_core::simd::Isa;
+use nerf_core::space::{Contraction, SceneBox};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::time::{Duration, Instant};
@@ -76,7 +77,7 @@ impl<'d> RayBank<'d> {
         background: Background,
         bounds: Bounds,
         config: &Config,
-    ) -> Result<Self, nerf_core::camera::BoundsError> {
+    ) -> Result<Self, nerf_core::space::BoundsError> {
         let mut starts = vec![0u64];
         for view in views {
             starts.push(starts[starts.len() - 1] + view.pixels.len() as u64);

@@ -2,8 +2,8 @@
 
 use super::oracle::pixel_of;
 use super::*;
-use crate::camera::Placement;
 use crate::render::{Instance, Worker};
+use crate::space::Placement;
 
 const EVERYWHERE: Quality = Quality::EXACT;
 

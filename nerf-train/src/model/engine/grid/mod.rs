@@ -45,10 +45,10 @@ use super::{
 use crate::model::quantise::{Rounding, scales};
 use adam::{AdamStep, moves, waiting_entries};
 use layers::{LayerSums, Layers};
-use nerf_core::camera::SceneBox;
 use nerf_core::encoding::{GridEncoding, GridLevel, GridTables, TableValues};
 use nerf_core::network::{DensityActivation, Shading};
 use nerf_core::simd::Isa;
+use nerf_core::space::SceneBox;
 use pass::{Job, Pass, Scratch, Totals};
 use rayon::prelude::*;
 use scatter::{Kept, LevelScratch, LevelState, LevelSum, write_halves};

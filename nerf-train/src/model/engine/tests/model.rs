@@ -3,8 +3,8 @@
 use super::oracle;
 use super::*;
 use glam::Vec3;
-use nerf_core::camera::SceneBox;
 use nerf_core::simd::Isa;
+use nerf_core::space::SceneBox;
 
 #[test]
 fn folding_keeps_the_outputs() {

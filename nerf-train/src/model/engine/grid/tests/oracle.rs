@@ -3,8 +3,8 @@
 //! It has no gate and ends no ray: where the engine leaves samples out, the two differ.
 
 use crate::model::engine::{Batch, Dense, Model, Part, Surface};
-use nerf_core::camera::SceneBox;
 use nerf_core::encoding::{DirectionEncoding, GridEncoding};
+use nerf_core::space::SceneBox;
 
 /// Value `out[level · features + feature]` at `x`, from the tables in `p[first..]`.
 fn encode(grid: &GridEncoding, bounds: &SceneBox, p: &[f64], x: &[f32; 3]) -> Vec<f64> {

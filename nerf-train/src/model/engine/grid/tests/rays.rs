@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::model::engine::RayQuestion;
-use nerf_core::camera::Contraction;
+use nerf_core::space::Contraction;
 
 /// Rays that begin outside of the box, with samples on them at these distances, beyond the ball that is not contracted, too.
 fn rays_through(question: &RayQuestion, origins: &[Vec3], dirs: &[Vec3], distances: &[f32]) -> Batch {

@@ -1,35 +1,12 @@
-//! Rays and their overlap with the scene box.
+//! The scene box, and its overlap with a ray.
 
+use crate::camera::Ray;
+use crate::errors::errors;
 use crate::simd::Lanes;
 use glam::Vec3;
 
 #[cfg(test)]
 mod tests;
-
-/// A half line in world space.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Ray {
-    /// Start, world units.
-    pub origin: Vec3,
-    /// Direction, **unit length**, so that `t` is a distance in world units.
-    pub dir: Vec3,
-}
-
-impl Ray {
-    /// The point `origin + t * dir`.
-    #[inline]
-    pub fn at(&self, t: f32) -> Vec3 {
-        self.origin + self.dir * t
-    }
-}
-
-/// How far the square of a unit vector's length may be off 1: sloppy roots pass, what is no direction does not.
-const NEARLY_UNIT: f32 = 1e-3;
-
-/// Whether `dir` may stand for a direction: its squared length is 1 within 1e-3.
-pub fn is_unit(dir: Vec3) -> bool {
-    (dir.length_squared() - 1.0).abs() <= NEARLY_UNIT
-}
 
 /// An axis-aligned box in world space; outside of it density is zero and the network is never asked.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -116,37 +93,23 @@ impl SceneBox {
     }
 }
 
-/// Bounds that hold no scene.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[non_exhaustive]
-pub enum BoundsError {
+errors! {
+    /// Bounds that hold no scene.
+    BoundsError:
     /// The scene box is empty, inverted or not finite.
     Box {
         /// The smallest corner that was given.
         min: [f32; 3],
         /// The largest corner that was given.
         max: [f32; 3],
-    },
+    } =>
+        "scene box: expected finite min < max on every axis, found {min:?} .. {max:?}";
     /// `0 <= near < far < inf` does not hold.
     Range {
         /// The near distance that was given.
         near: f32,
         /// The far distance that was given.
         far: f32,
-    },
+    } =>
+        "near/far: expected 0 <= near < far, both finite, found near {near}, far {far}";
 }
-
-impl core::fmt::Display for BoundsError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Box { min, max } => {
-                write!(f, "scene box: expected finite min < max on every axis, found {min:?} .. {max:?}")
-            }
-            Self::Range { near, far } => {
-                write!(f, "near/far: expected 0 <= near < far, both finite, found near {near}, far {far}")
-            }
-        }
-    }
-}
-
-impl core::error::Error for BoundsError {}

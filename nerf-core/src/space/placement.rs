@@ -1,14 +1,14 @@
-//! Where a field stands in a host's world.
+//! The placement of a field in a host's world.
 
-use super::Ray;
+use crate::camera::Ray;
 use glam::{Mat3, Vec3};
 
-/// What columns of a rotation may be off by, of their length.
+/// Largest error of a rotation's columns, relative to their length.
 const TOLERANCE: f32 = 1e-3;
 /// Largest scale, and one over the smallest: distances in both units stay well inside f32.
 const MAX_SCALE: f32 = 1e9;
 
-/// Where a field stands in a host's world: rotated, scaled alike along all axes, and moved.
+/// The placement of a field in a host's world: rotated, scaled alike along all axes, and moved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
     rotation: Mat3,
@@ -22,11 +22,11 @@ pub struct Placement {
 pub enum PlacementError {
     /// A number that is not finite.
     NotFinite,
-    /// It takes space to a plane or less, or its scale is not in `[1e-9, 1e9]`.
+    /// A transform of space to a plane or less, or a scale that is not in `[1e-9, 1e9]`.
     Singular,
-    /// Its axes are of different lengths, or not at right angles.
+    /// Axes of different lengths, or not at right angles.
     Sheared,
-    /// It takes right hands to left ones.
+    /// A transform that takes right hands to left ones.
     Mirrored,
 }
 
@@ -48,7 +48,7 @@ impl Placement {
     /// The field's own coordinates are the world's.
     pub const IDENTITY: Self = Self { rotation: Mat3::IDENTITY, scale: 1.0, translation: Vec3::ZERO };
 
-    /// From the upper three rows of a row-major matrix that takes the field's coordinates to the world's.
+    /// The placement by the upper three rows of a row-major matrix that takes the field's coordinates to the world's.
     ///
     /// # Errors
     /// [`PlacementError`] where that is not a rotation times one scale, and a translation.

@@ -1,13 +1,14 @@
 //! Unbounded space, contracted into a box: what is far away gets fewer of the field's cells and longer steps.
 
-use crate::camera::{Ray, SceneBox};
+use super::scene_box::SceneBox;
+use crate::camera::Ray;
 use crate::simd::Lanes;
 use glam::Vec3;
 
 #[cfg(test)]
 mod tests;
 
-/// The contraction of a scene: all of space into a ball of twice the radius of one that stays as it is.
+/// The contraction of a scene: all of space into a ball of twice the radius of an inner ball that stays as it is.
 ///
 /// With `q = (p − centre) / radius` and `r = |q|`: `q` where `r <= 1`, else `(2 − 1/r) q/r`, back in world units around
 /// the same centre. The scene box is the cube around that ball, so that its sides are 4 radii.
@@ -48,12 +49,12 @@ impl Contraction {
         SceneBox { min: centre - reach, max: centre + reach }
     }
 
-    /// Middle of the ball that stays as it is, world units.
+    /// Middle of the inner ball, world units.
     pub fn centre(&self) -> Vec3 {
         self.centre
     }
 
-    /// Radius of the ball that stays as it is, world units.
+    /// Radius of the inner ball, world units.
     pub fn radius(&self) -> f32 {
         self.radius
     }
@@ -63,8 +64,8 @@ impl Contraction {
         self.power
     }
 
-    /// Where a point of the world is in the scene box, never outside: a coordinate further than 1e8 radii from the centre
-    /// counts as that far, and one that is NaN as the centre's.
+    /// The point of the scene box that a point of the world is contracted to, never outside: a coordinate further than 1e8
+    /// radii from the centre counts as that far, and one that is NaN as the centre's.
     #[inline]
     pub fn contract(&self, p: Vec3) -> Vec3 {
         Vec3::from_array(self.contract_lanes(p.to_array()))
@@ -81,7 +82,7 @@ impl Contraction {
         self.shrunk(q, V::splat(2.0).sub(inverse).mul(inverse).mul(V::splat(self.radius)))
     }
 
-    /// Whether all of a ray between two of its steps, in ascending order, is in the ball that stays as it is.
+    /// Whether all of a ray between two of its steps, in ascending order, is in the inner ball.
     #[inline]
     pub(crate) fn keeps(&self, ray: &Ray, from: f32, to: f32) -> bool {
         // A ball is convex. Rounding must not move a point out of it.
@@ -92,7 +93,7 @@ impl Contraction {
         from.abs() <= 1.0 && to.abs() <= 1.0 && within(from) && within(to)
     }
 
-    /// [`Contraction::contract_lanes`] of points in the ball that stays as it is, bit for bit.
+    /// [`Contraction::contract_lanes`] of points in the inner ball, bit for bit.
     #[inline(always)]
     pub(crate) fn kept_lanes<V: Lanes>(&self, p: [V; 3]) -> [V; 3] {
         self.shrunk(self.in_radii(p), V::splat(self.radius))
@@ -174,8 +175,7 @@ impl Contraction {
         V::select(s.less(V::splat(0.0)), size.neg(), size)
     }
 
-    /// How many times as long as in the ball that stays as it is the steps of a ray through the centre are at `p` of the
-    /// scene box.
+    /// The length of a step at `p` of the scene box, on a ray through the centre, relative to a step in the inner ball.
     #[cfg(feature = "train")]
     pub fn step_growth(&self, p: Vec3) -> f32 {
         let contracted = (p - self.centre).length() / self.radius;

@@ -1,6 +1,7 @@
 //! In the place of `contraction` where the feature is off: every scene has an end, and no code contracts.
 
-use crate::camera::{Ray, SceneBox};
+use super::scene_box::SceneBox;
+use crate::camera::Ray;
 use crate::simd::Lanes;
 use glam::Vec3;
 

@@ -1,0 +1,28 @@
+//! Errors that are sentences: a variant is declared with what it says.
+
+/// Declares an error: each of its variants with the sentence it says.
+macro_rules! errors {
+    ($(#[$about:meta])* $error:ident: $(
+        $(#[$doc:meta])* $name:ident $(($at:ident: $of:ty))? $({$($(#[$of_field:meta])* $field:ident: $type:ty,)+})?
+            => $sentence:literal $(, $word:ident = $value:expr)*;
+    )+) => {
+        $(#[$about])*
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        #[non_exhaustive]
+        pub enum $error {
+            $($(#[$doc])* $name $(($of))? $({$($(#[$of_field])* $field: $type),+})?,)+
+        }
+
+        impl core::fmt::Display for $error {
+            #[allow(unused_doc_comments, reason = "a variant's attributes say whether it is built")]
+            fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+                match self {
+                    $($(#[$doc])* Self::$name $(($at))? $({$($field),+})? => write!(f, $sentence $(, $word = $value)*),)+
+                }
+            }
+        }
+
+        impl core::error::Error for $error {}
+    };
+}
+pub(crate) use errors;

@@ -1,0 +1,101 @@
+//! The parameters of a network as a storage has them.
+
+use super::architecture::{Architecture, Layer, Role, Shading};
+use crate::matrix::{Storage, f16_at, pair};
+
+/// The parameters of a network, where they lie.
+#[derive(Clone, Copy, Debug)]
+pub enum Weights<'a> {
+    /// Little-endian f16, read in place: no memory but the activations.
+    InPlace(&'a [u8]),
+    /// f32, for instructions with vectors.
+    Prepared(&'a [f32]),
+    /// [`Weights::Prepared`] whose hidden colour layers have transposed weights, `[inputs][outputs]`: of a field shaded
+    /// once a ray. The colour of a single ray then takes vectors of outputs.
+    Transposed(&'a [f32]),
+    /// Pairs of bf16, each layer where its f32 would be: [`Weights::prepare`] makes them.
+    Paired(&'a [f32]),
+}
+
+impl<'a> Weights<'a> {
+    /// Unpacks little-endian f16 `bytes` once, as `storage` has it, unless it has them in place.
+    ///
+    /// `memory`: one value for each parameter of the `architecture`, or for its trunk and density head
+    /// alone ([`Architecture::density_parameters`]) where no colour will be asked for; unused in place.
+    ///
+    /// # Panics
+    /// If `bytes` or `memory` is shorter than that.
+    #[cfg(feature = "train")]
+    pub fn prepare(
+        architecture: &Architecture,
+        storage: Storage,
+        bytes: &'a [u8],
+        memory: &'a mut [f32],
+    ) -> Self {
+        if !storage.in_place() {
+            Self::unpack(architecture, storage, bytes, memory);
+        }
+        Self::view(architecture, storage, bytes, memory)
+    }
+
+    /// The parameters for `storage`: in place in `bytes`, or what [`Weights::unpack`] made of them.
+    pub(crate) fn view(
+        architecture: &Architecture,
+        storage: Storage,
+        bytes: &'a [u8],
+        unpacked: &'a [f32],
+    ) -> Self {
+        match (storage, architecture.shading) {
+            _ if storage.in_place() => Self::InPlace(bytes),
+            (Storage::Bf16, _) => Self::Paired(unpacked),
+            (_, Shading::PerRay) => Self::Transposed(unpacked),
+            (_, Shading::PerSample) => Self::Prepared(unpacked),
+        }
+    }
+
+    /// Unpacks little-endian f16 `bytes` as a `storage` has them that does not read them in place.
+    pub(crate) fn unpack(architecture: &Architecture, storage: Storage, bytes: &[u8], memory: &mut [f32]) {
+        unpack(bytes, memory);
+        if storage != Storage::Bf16 {
+            if architecture.shading == Shading::PerRay {
+                transpose_colour(architecture, bytes, memory);
+            }
+            return;
+        }
+        let parameters = memory.len();
+        for layer in architecture.layers().iter().filter(|layer| layer.bias + layer.outputs <= parameters) {
+            // Rows of words are no longer than the rows they are made of, and trail them.
+            let mut to = layer.weights;
+            for row in 0..layer.outputs {
+                let row = layer.weights + row * layer.inputs();
+                for part in [row..row + layer.main, row + layer.main..row + layer.inputs()] {
+                    for from in part.clone().step_by(2) {
+                        let odd = if from + 1 < part.end { memory[from + 1] } else { 0.0 };
+                        memory[to] = pair(memory[from], odd);
+                        to += 1;
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Puts the weights of the colour branch's hidden layers into `memory` once more, transposed.
+fn transpose_colour(architecture: &Architecture, bytes: &[u8], memory: &mut [f32]) {
+    let parameters = memory.len();
+    let hidden =
+        |layer: &&Layer| matches!(layer.role, Role::Colour(_)) && layer.bias + layer.outputs <= parameters;
+    for layer in architecture.layers().iter().filter(hidden) {
+        for (output, input) in (0..layer.outputs).flat_map(|o| (0..layer.inputs()).map(move |i| (o, i))) {
+            let weight = f16_at(bytes, layer.weights + output * layer.inputs() + input);
+            memory[layer.weights + input * layer.outputs + output] = weight;
+        }
+    }
+}
+
+/// Unpacks little-endian f16 parameters; `parameters` is as long as `bytes` has pairs, or shorter.
+pub fn unpack(bytes: &[u8], parameters: &mut [f32]) {
+    for (i, parameter) in parameters.iter_mut().enumerate() {
+        *parameter = f16_at(bytes, i);
+    }
+}

@@ -1,0 +1,55 @@
+//! The settings of a frame, in one value.
+
+use super::{Batch, Effects, Outputs, Plan, PlanError, Quality};
+use crate::blob::Blob;
+
+/// The settings of a frame: all that a [`Plan`] is made of beside the scene, the outputs and the batch.
+///
+/// By default shortcuts that cost nothing visible, the scene everywhere over its own background, and no effect.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Shortcuts.
+    pub quality: Quality,
+    /// Effects.
+    pub effects: Effects,
+    /// Background, display-encoded; `None` is the scene's.
+    pub background: Option<[f32; 3]>,
+    /// Distances on a ray between which the scene is seen, world units ([`Plan::with_range`]).
+    pub range: (f32, f32),
+    /// Blur of normals, bins ([`Plan::with_normal_blur`]).
+    pub normal_blur: f32,
+    /// Whether samples lie in the scene's own bins alone ([`Plan::with_own_bins`]).
+    pub own_bins: bool,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            quality: Quality::default(),
+            effects: Effects::NONE,
+            background: None,
+            range: (0.0, f32::MAX),
+            normal_blur: Plan::NORMAL_BLUR,
+            own_bins: false,
+        }
+    }
+}
+
+impl Settings {
+    /// The plan of these settings for a scene.
+    ///
+    /// # Errors
+    /// [`PlanError`] names the setting that does not go with the scene.
+    pub fn plan<'a>(&self, blob: &Blob<'a>, outputs: Outputs, batch: Batch) -> Result<Plan<'a>, PlanError> {
+        let mut plan = Plan::new(blob, &self.quality, outputs, batch)?
+            .with_normal_blur(self.normal_blur)?
+            .with_range(self.range.0, self.range.1)?;
+        if self.own_bins {
+            plan = plan.with_own_bins();
+        }
+        if let Some(background) = self.background {
+            plan = plan.with_background(background)?;
+        }
+        plan.with_effects(self.effects)
+    }
+}

@@ -1,0 +1,15 @@
+//! The space of a scene: its box, the contraction of what has no end into one, and its place in a host's world.
+
+#[cfg(feature = "contraction")]
+mod contraction;
+#[cfg(not(feature = "contraction"))]
+#[path = "contraction_off.rs"]
+mod contraction;
+#[cfg(feature = "instances")]
+mod placement;
+mod scene_box;
+
+pub use contraction::Contraction;
+#[cfg(feature = "instances")]
+pub use placement::{Placement, PlacementError};
+pub use scene_box::{BoundsError, SceneBox};
