@@ -7,7 +7,6 @@ use crate::fit::finish::Outcome;
 pub use crate::system::cpu::name as cpu_name;
 pub use crate::system::input::parse_numbers;
 use crate::system::input::{MAX_BLOB_BYTES, read_limited};
-use crate::system::output::claims::{Claims, Existing, is_device};
 use crate::system::printable;
 use crate::system::progress::{self, ProgressStyle};
 use crate::system::summary::to_json;
@@ -17,7 +16,7 @@ use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use serde::Serialize;
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// What is said where a signal ends runs of which each has its own file.
 pub const GO_ON: &str = "interrupted: the run that was under way is lost, the finished ones are kept; go on with the same command";
@@ -188,43 +187,6 @@ pub fn check_max_seconds(seconds: Option<f64>) -> anyhow::Result<()> {
         }
         _ => Ok(()),
     }
-}
-
-/// Refuses an interval between checkpoints that is none; an infinite one writes none on the way.
-pub fn check_checkpoint_every(seconds: f64) -> anyhow::Result<()> {
-    if seconds.is_nan() || seconds < 0.0 {
-        bail!("--checkpoint-every: expected seconds of at least 0, found {seconds}");
-    }
-    Ok(())
-}
-
-/// Settles what a fit reads and writes, the checkpoint beside `output` among it; where that lies, if there is one.
-pub fn claim_checkpoint(
-    claims: Claims,
-    output: &Path,
-    resume: bool,
-    restart: bool,
-) -> anyhow::Result<Option<PathBuf>> {
-    let existing = match resume || restart {
-        true => Existing::Replace,
-        false => Existing::Refuse(": --resume goes on from it, --restart replaces it"),
-    };
-    let checkpoint = checkpoint_path(output);
-    match &checkpoint {
-        Some(checkpoint) => claims.derives("the checkpoint beside -o", checkpoint, existing).settle()?,
-        None => claims.settle()?,
-    }
-    if resume && checkpoint.is_none() {
-        bail!("--resume: {} is a device, which has no checkpoint beside it", output.display());
-    }
-    Ok(checkpoint)
-}
-
-/// Where the checkpoint of a blob lies; a device has none.
-fn checkpoint_path(output: &Path) -> Option<PathBuf> {
-    let mut name = output.as_os_str().to_owned();
-    name.push(".checkpoint");
-    (!is_device(output)).then_some(name.into())
 }
 
 pub fn tell_flat(outcome: &Outcome) {

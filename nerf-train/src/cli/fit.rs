@@ -1,11 +1,9 @@
 //! `nerf-train fit`
 
 use super::audit::check_threshold;
-use super::common::{
-    Global, check_checkpoint_every, check_max_seconds, claim_checkpoint, parse_numbers, print, print_lines,
-    tell_flat, tell_missed,
-};
+use super::common::{Global, parse_numbers, print, print_lines, tell_flat, tell_missed};
 use super::lines::lines;
+use super::options::Conduct;
 use super::options::data::{DataOptions, Space, print_report};
 use super::options::grid::{TableSettings, check_memory, given, parse_bytes, set};
 use super::options::settings::{SetOption, read_config};
@@ -27,7 +25,7 @@ use crate::system::output::claims::{Claims, Existing, is_device};
 use crate::system::output::write_atomic;
 use crate::system::{memory, stop};
 use crate::train::find_box;
-use crate::train::schedule::{Budget, Clock, MIN_STEPS};
+use crate::train::schedule::Clock;
 use anyhow::{Context, bail, ensure};
 use clap::Args;
 use glam::Vec3;
@@ -46,12 +44,11 @@ use std::time::Duration;
 pub struct Fit {
     /// Data set: a .npz, or a folder of transforms.json, COLMAP, LLFF or Blender.
     data: PathBuf,
-    /// Output blob (.nerf); FILE.checkpoint is written beside it.
-    #[arg(long, short, value_name = "FILE")]
-    output: PathBuf,
-    /// Report folder: summary.json, curves, plots, images.
-    #[arg(long, value_name = "DIR")]
-    report: Option<PathBuf>,
+    #[command(flatten)]
+    conduct: Conduct,
+    /// Training steps [default: the preset's; unlimited with --max-seconds].
+    #[arg(long, value_name = "N")]
+    steps: Option<u32>,
     /// Preset to start from.
     #[arg(long, value_enum, default_value = "grid")]
     preset: Preset,
@@ -60,21 +57,6 @@ pub struct Fit {
     config: Option<PathBuf>,
     #[command(flatten)]
     set: SetOption,
-    /// Wall-clock limit of this command, seconds; such runs are not reproducible.
-    #[arg(long, value_name = "S")]
-    max_seconds: Option<f64>,
-    /// Training steps [default: the preset's; unlimited with --max-seconds].
-    #[arg(long, value_name = "N")]
-    steps: Option<u32>,
-    /// Resume from the checkpoint beside the output file.
-    #[arg(long)]
-    resume: bool,
-    /// Start over and replace that checkpoint.
-    #[arg(long, conflicts_with = "resume")]
-    restart: bool,
-    /// Seconds between checkpoints.
-    #[arg(long, value_name = "S", default_value_t = 30.0)]
-    checkpoint_every: f64,
     /// Steps between validations [default: eight in a run, at most 5 % of its time].
     #[arg(long, value_name = "N")]
     validate_every: Option<u32>,
@@ -239,16 +221,13 @@ impl Fit {
     }
 
     fn snapshot_options(&self) -> Option<SnapshotOptions> {
-        let folder = self.report.clone()?;
+        let folder = self.conduct.report.clone()?;
         Some(SnapshotOptions { folder, steps: self.snapshots.clone(), views: self.snapshot_views.clone() })
     }
 
     fn claims(&self) -> Claims {
-        let claims = Claims::new()
-            .reads_data(&self.data)
-            .reads_if("the file of settings", self.config.as_deref())
-            .writes("-o", &self.output)
-            .writes_folder_if("--report", self.report.as_deref());
+        let inputs = Claims::new().reads_data(&self.data);
+        let claims = self.conduct.claims(inputs.reads_if("the file of settings", self.config.as_deref()));
         match &self.live {
             Some(folder) => {
                 claims.writes_folder("--live", folder).writes("--live", &folder.join("live.nerf"))
@@ -261,45 +240,36 @@ impl Fit {
     fn check(&self) -> anyhow::Result<Option<PathBuf>> {
         // Wrong settings are found before the data is read, and once more with what it says.
         self.config(Background::Alpha)?;
-        check_max_seconds(self.max_seconds)?;
-        check_checkpoint_every(self.checkpoint_every)?;
         check_threshold(self.effect_threshold)?;
-        places::check_extension("-o", &self.output, places::BLOB)?;
-        places::check_report(self.report.as_ref())?;
         if let Some(folder) = &self.live {
             places::check_folder("--live", folder)?;
         }
-        let checkpoint = claim_checkpoint(self.claims(), &self.output, self.resume, self.restart)?;
-        if !is_device(&self.output) {
-            let poses = refined::beside(&self.output);
+        let checkpoint = self.conduct.check(self.claims())?;
+        if !is_device(&self.conduct.output) {
+            let poses = refined::beside(&self.conduct.output);
             self.claims().derives("the refined poses beside -o", &poses, Existing::Replace).settle()?;
         }
         Ok(checkpoint)
     }
 
     fn options(&self, config: &Config, checkpoint: Option<PathBuf>, global: &Global) -> RunOptions {
-        let steps = (self.steps.is_some() || self.max_seconds.is_none()).then_some(config.optimiser.steps);
         RunOptions {
-            budget: Budget { steps, seconds: self.max_seconds },
-            min_steps: MIN_STEPS,
-            checkpoint,
-            checkpoint_every: self.checkpoint_every,
-            resume: self.resume,
             snapshots: self.snapshot_options(),
-            report: self.report.is_some(),
+            report: self.conduct.report.is_some(),
             validate_every: self.validate_every,
             effect_threshold_db: Some(self.effect_threshold),
             live: self.live.clone(),
-            kernel: global.kernel(),
-            style: global.style(),
+            ..self.conduct.options((config.optimiser.steps, self.steps.is_some()), checkpoint, global)
         }
     }
 
     /// Writes the refined poses beside the blob; those of another fit must not stay there.
     fn write_poses(&self, outcome: &Outcome) -> anyhow::Result<()> {
-        let file = refined::beside(&self.output);
+        let file = refined::beside(&self.conduct.output);
         match &outcome.refined_poses {
-            Some(poses) if !is_device(&self.output) => write_atomic(&file, poses.to_json().as_bytes())?,
+            Some(poses) if !is_device(&self.conduct.output) => {
+                write_atomic(&file, poses.to_json().as_bytes())?
+            }
             _ if file.is_file() => std::fs::remove_file(&file).with_context(|| file.display().to_string())?,
             _ => {}
         }
@@ -309,7 +279,8 @@ impl Fit {
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let clock = Clock::resume(Duration::ZERO);
         let checkpoint = self.check()?;
-        let (mut dataset, set_aside) = self.data_options.read_to_fit(&self.data, &self.output, global)?;
+        let (mut dataset, set_aside) =
+            self.data_options.read_to_fit(&self.data, &self.conduct.output, global)?;
         let clock = clock.without(set_aside);
         let report = print_report(&dataset, global);
         let on_test = dataset.validate_on_test();
@@ -340,7 +311,7 @@ impl Fit {
                 return Ok(stop::status());
             }
         };
-        write_atomic(&self.output, &outcome.bytes)?;
+        write_atomic(&self.conduct.output, &outcome.bytes)?;
         self.write_poses(&outcome)?;
         if let Some(error) = self.live.as_ref().and_then(|folder| live::finish(folder, &outcome).err()) {
             global.say(format!("warning: --live: {error}"));
@@ -352,14 +323,14 @@ impl Fit {
         let summary = Summary {
             capture: Some(capture),
             val_split: if on_test { "test" } else { "val" },
-            ..Summary::of(&outcome, &config, options.kernel, seconds, data, &self.output)
+            ..Summary::of(&outcome, &config, options.kernel, seconds, data, &self.conduct.output)
         };
         tell_flat(&outcome);
         let printed = global.finish_with(&summary, || {
             print_lines(&found)?;
             print(lines(&summary)?.trim_end())
         });
-        if let Some(folder) = &self.report {
+        if let Some(folder) = &self.conduct.report {
             reports::fit::write(folder, &outcome, &dataset, &summary, &report)?;
         }
         printed?;

@@ -2,7 +2,7 @@
 
 use super::common::{Global, parse_numbers, print_lines};
 use super::eval::Split;
-use super::options::axis::UpAxis;
+use super::options::UpAxis;
 use super::options::data::{DataOptions, Space, print_report};
 use super::places;
 use crate::data::Background;

@@ -2,9 +2,9 @@
 
 use super::common::{GO_ON, Global, check_max_seconds, cpu_name};
 use super::image::{PhotoOptions, Settings};
+use super::options::ShardOption;
 use super::options::data::{DataOptions, Space, print_report};
 use super::options::settings::{SetOption, read_config};
-use super::options::shard::ShardOption;
 use super::places;
 use crate::lab::sweep::{Combinations, Folder, Job, Knob, Mode, Point, Runner};
 use crate::model::config::Preset;

@@ -40,7 +40,6 @@ pub use report::Report;
 pub use view::{Background, KeyPoint, View, is_blank, mean_colour, over};
 pub use watch::Watch;
 
-use crate::data::cameras::nearest;
 use crate::data::layouts::{blender, choice, cs180, nerfstudio, npz};
 use nerf_core::camera::{Camera, Pose};
 use nerf_core::space::BoundsError;
@@ -331,7 +330,7 @@ pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result
             .push("--downscale changes nothing: the pictures of an .npz are read as they are".into());
     }
     dataset.background = background;
-    nearest::set_near(&mut dataset);
+    cameras::geometry::set_near(&mut dataset);
     Ok(dataset)
 }
 

@@ -8,5 +8,4 @@ pub mod import;
 pub mod inspect;
 pub mod metrics;
 pub mod point;
-pub mod settings;
 pub mod surfaces;

@@ -6,8 +6,6 @@ pub mod cameras;
 pub mod colour_map;
 pub mod contact_sheet;
 pub mod export;
-pub mod exr;
-pub mod film;
 pub mod keyframes;
 pub mod orbit;
 pub mod plot;

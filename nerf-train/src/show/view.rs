@@ -1,11 +1,18 @@
 //! What a pixel of a rendered view shows, and how it is written.
 
-use crate::data::pictures::rgb::{Picture, write_grey16_png, write_rgba_png};
-use crate::measure::frame::{self, Frame};
+use crate::data::pictures::rgb::{Picture, check_length, write_grey16_png, write_rgba_png};
+use crate::measure::frame;
+use crate::measure::frame::Frame;
 use crate::show::colour_map::{depth_picture_with_legend, normal_picture};
-use crate::show::exr::write_exr;
+use crate::system::output::mark::MARK;
+use crate::system::output::write_atomic;
+use anyhow::Context;
 use clap::ValueEnum;
+use exr::prelude::{
+    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, WritableImage,
+};
 use std::ffi::OsStr;
+use std::io::Cursor;
 use std::path::Path;
 
 /// What a pixel shows.
@@ -125,4 +132,27 @@ pub fn picture_of(frame: &Frame, output: Output, range: Option<(f32, f32)>) -> a
         Output::MedianDistance => with_legend(&frame.median_distance, "median_distance, world units")?,
         Output::Normals => normal_picture(&frame.normals, &frame.opacity, frame.width, frame.height)?,
     })
+}
+
+/// Writes an OpenEXR file of 32-bit floats.
+///
+/// `channels`: names, such as `R` (linear light, by the format's custom) or `Z`, and `[height * width]` values each.
+pub fn write_exr(
+    path: impl AsRef<Path>,
+    width: usize,
+    height: usize,
+    channels: &[(&str, Vec<f32>)],
+) -> anyhow::Result<()> {
+    for (_, values) in channels {
+        check_length("a channel of an EXR", width, height, values.len())?;
+    }
+    let channel =
+        |(name, values): &(&str, Vec<f32>)| AnyChannel::new(*name, FlatSamples::F32(values.clone()));
+    let attributes = LayerAttributes { comments: Some(MARK.into()), ..LayerAttributes::default() };
+    let channels = AnyChannels::sort(channels.iter().map(channel).collect());
+    let layer = Layer::new((width, height), attributes, Encoding::SMALL_LOSSLESS, channels);
+    let mut bytes = Vec::new();
+    let written = Image::from_layer(layer).write().non_parallel().to_buffered(Cursor::new(&mut bytes));
+    written.context("cannot make the EXR")?;
+    Ok(write_atomic(path, &bytes)?)
 }

@@ -3,7 +3,7 @@
 use super::TrainError;
 use crate::capture::sights::Sights;
 use crate::data::cameras::bundle::median;
-use crate::data::cameras::nearest::{begin, distances};
+use crate::data::cameras::geometry::{begin, distances};
 use crate::data::{Dataset, LookAt, View, frusta_box, scene_bounds};
 use crate::model::config::Config;
 use crate::train::occupancy::{Occupancy, free_cells};

@@ -2,12 +2,10 @@
 
 mod render;
 
-use crate::cli::common::{
-    Global, check_checkpoint_every, check_max_seconds, claim_checkpoint, parse_background,
-};
+use crate::cli::common::{Global, parse_background};
+use crate::cli::options::Conduct;
 use crate::cli::options::grid::{self, TableSettings, check_memory, given, parse_bytes};
 use crate::cli::options::settings::SetOption;
-use crate::cli::places;
 use crate::data::pictures::photograph::{MAX_SIDE, Photo};
 use crate::fit::drive::Ended;
 use crate::fit::picture::{Evaluation, Summary, kept, run};
@@ -20,7 +18,7 @@ use crate::show::reports::picture::write as report;
 use crate::system::output::claims::Claims;
 use crate::system::output::ensure_folder;
 use crate::system::stop;
-use crate::train::schedule::{Budget, Clock, MIN_STEPS};
+use crate::train::schedule::Clock;
 use clap::{Args, Subcommand};
 use render::Render;
 use std::path::{Path, PathBuf};
@@ -109,30 +107,14 @@ impl Settings {
 pub struct Fit {
     /// Image.
     photo: PathBuf,
-    /// Output blob (.nerf).
-    #[arg(long, short, value_name = "FILE")]
-    output: PathBuf,
-    /// Report folder: summary.json, curve, images, contact sheet.
-    #[arg(long, value_name = "DIR")]
-    report: Option<PathBuf>,
+    #[command(flatten)]
+    conduct: Conduct,
     /// Steps at which the image is rendered for the report.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', requires = "report")]
     snapshots: Vec<u32>,
     /// Steps between evaluations [default: a tenth of the run].
     #[arg(long, value_name = "N")]
     evaluate_every: Option<u32>,
-    /// Resume from the checkpoint beside the output file.
-    #[arg(long)]
-    resume: bool,
-    /// Start over and replace that checkpoint.
-    #[arg(long, conflicts_with = "resume")]
-    restart: bool,
-    /// Seconds between checkpoints.
-    #[arg(long, value_name = "S", default_value_t = 30.0)]
-    checkpoint_every: f64,
-    /// Wall-clock limit of this command, seconds; with --steps whichever comes first.
-    #[arg(long, value_name = "S")]
-    max_seconds: Option<f64>,
     /// Preset to start from.
     #[arg(long, value_enum, default_value = "grid")]
     preset: FieldPreset,
@@ -204,7 +186,7 @@ impl Fit {
         global.say_training(config.seed);
         let mut written = Ok(());
         let stop = |_| stop::requested();
-        let output = Some(self.output.as_path());
+        let output = Some(self.conduct.output.as_path());
         let ended = run(&photo, config.clone(), &options, output, clock, &stop, |at: Evaluation<'_>| {
             if let Some(folder) = &snapshots
                 && self.snapshots.contains(&at.step)
@@ -216,16 +198,16 @@ impl Fit {
         let outcome = match ended {
             Ended::Finished(outcome) => outcome,
             Ended::Interrupted { step, checkpoint } => {
-                global.interrupted(&kept(step, &self.output, checkpoint.as_deref()));
+                global.interrupted(&kept(step, &self.conduct.output, checkpoint.as_deref()));
                 return Ok(stop::status());
             }
         };
-        let place = self.output.display();
+        let place = self.conduct.output.display();
         let _note = stop::Note::new(format!("interrupted: {place} is complete, its report is not"));
         written?;
         let kernel = options.kernel;
-        let summary = Summary::of(&outcome, &photo, &config, kernel, clock.seconds(), &self.output);
-        if let Some(folder) = &self.report {
+        let summary = Summary::of(&outcome, &photo, &config, kernel, clock.seconds(), &self.conduct.output);
+        if let Some(folder) = &self.conduct.report {
             report(folder, &photo, &outcome, &self.snapshots, &summary)?;
             self.say_missed(outcome.steps, global);
         }
@@ -237,16 +219,9 @@ impl Fit {
     fn check(&self) -> anyhow::Result<(Option<PathBuf>, Option<PathBuf>)> {
         // Wrong settings are found before the picture is read, and once more with its size.
         self.config([MAX_SIDE; 2])?;
-        check_max_seconds(self.max_seconds)?;
-        check_checkpoint_every(self.checkpoint_every)?;
-        places::check_extension("-o", &self.output, places::BLOB)?;
-        places::check_report(self.report.as_ref())?;
-        let claims = Claims::new()
-            .reads("the picture", &self.photo)
-            .writes("-o", &self.output)
-            .writes_folder_if("--report", self.report.as_deref());
-        let checkpoint = claim_checkpoint(claims, &self.output, self.resume, self.restart)?;
-        let snapshots = match &self.report {
+        let checkpoint =
+            self.conduct.check(self.conduct.claims(Claims::new().reads("the picture", &self.photo)))?;
+        let snapshots = match &self.conduct.report {
             Some(folder) if !self.snapshots.is_empty() => Some(folder.join("snapshots")),
             _ => None,
         };
@@ -255,22 +230,16 @@ impl Fit {
     }
 
     fn options(&self, config: &FieldConfig, checkpoint: Option<PathBuf>, global: &Global) -> RunOptions {
-        let steps =
-            (self.settings.steps.is_some() || self.max_seconds.is_none()).then_some(config.optimiser.steps);
-        let budget = Budget { steps, seconds: self.max_seconds };
-        let snapshots = self.report.clone().map(|folder| SnapshotOptions {
+        let snapshots = self.conduct.report.clone().map(|folder| SnapshotOptions {
             folder,
             steps: self.snapshots.clone(),
             views: Vec::new(),
         });
+        let steps = (config.optimiser.steps, self.settings.steps.is_some());
         RunOptions {
-            min_steps: MIN_STEPS,
-            checkpoint,
-            checkpoint_every: self.checkpoint_every,
-            resume: self.resume,
             snapshots,
             validate_every: self.evaluate_every,
-            ..RunOptions::unattended(budget, global.kernel(), global.style())
+            ..self.conduct.options(steps, checkpoint, global)
         }
     }
 

@@ -1,9 +1,150 @@
 //! Flags that several commands share.
 
-pub mod axis;
 pub mod data;
 pub mod effects;
 pub mod grid;
 pub mod quality;
 pub mod settings;
-pub mod shard;
+
+use crate::cli::common::{Global, check_max_seconds};
+use crate::cli::places;
+use crate::fit::run::RunOptions;
+use crate::lab::Shard;
+use crate::system::output::claims::{Claims, Existing, is_device};
+use crate::train::schedule::{Budget, MIN_STEPS};
+use anyhow::bail;
+use clap::{Args, ValueEnum};
+use glam::Vec3;
+use std::path::PathBuf;
+
+/// A world axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum UpAxis {
+    /// +X.
+    X,
+    /// +Y.
+    Y,
+    /// +Z.
+    Z,
+    /// −X.
+    #[value(name = "-x")]
+    NegX,
+    /// −Y.
+    #[value(name = "-y")]
+    NegY,
+    /// −Z.
+    #[value(name = "-z")]
+    NegZ,
+}
+
+impl UpAxis {
+    pub fn direction(self) -> Vec3 {
+        match self {
+            Self::X => Vec3::X,
+            Self::Y => Vec3::Y,
+            Self::Z => Vec3::Z,
+            Self::NegX => Vec3::NEG_X,
+            Self::NegY => Vec3::NEG_Y,
+            Self::NegZ => Vec3::NEG_Z,
+        }
+    }
+}
+
+/// One part of the work of several machines.
+#[derive(Debug, Args)]
+pub struct ShardOption {
+    /// Part I of N of the work [default: that of a Slurm or Kubernetes array].
+    #[arg(long, value_name = "I/N")]
+    pub shard: Option<Shard>,
+}
+
+impl ShardOption {
+    /// The part that the flag names, or else an array job; says so where it is the array job.
+    pub fn choose(&self, global: &Global) -> anyhow::Result<Shard> {
+        if let Some(part) = self.shard {
+            return Ok(part);
+        }
+        let found = Shard::of_array(|name| std::env::var(name).ok()).map_err(anyhow::Error::msg)?;
+        let Some((variable, part)) = found else { return Ok(Shard::WHOLE) };
+        global.say(format!("part {part} of the work, by {variable}"));
+        Ok(part)
+    }
+}
+
+/// How a fit is conducted.
+#[derive(Debug, Args)]
+pub struct Conduct {
+    /// Output blob (.nerf); FILE.checkpoint is written beside it.
+    #[arg(long, short, value_name = "FILE")]
+    pub output: PathBuf,
+    /// Report folder: summary.json, curves, plots, images.
+    #[arg(long, value_name = "DIR")]
+    pub report: Option<PathBuf>,
+    /// Wall-clock limit of this command, seconds; such runs are not reproducible.
+    #[arg(long, value_name = "S")]
+    max_seconds: Option<f64>,
+    /// Resume from the checkpoint beside the output file.
+    #[arg(long)]
+    resume: bool,
+    /// Start over and replace that checkpoint.
+    #[arg(long, conflicts_with = "resume")]
+    restart: bool,
+    /// Seconds between checkpoints.
+    #[arg(long, value_name = "S", default_value_t = 30.0)]
+    checkpoint_every: f64,
+}
+
+impl Conduct {
+    /// What it writes, behind what is read.
+    pub fn claims(&self, inputs: Claims) -> Claims {
+        inputs.writes("-o", &self.output).writes_folder_if("--report", self.report.as_deref())
+    }
+
+    /// Refuses what cannot be, and settles `claims` with the checkpoint beside the output; where that
+    /// lies, if there is one.
+    pub fn check(&self, claims: Claims) -> anyhow::Result<Option<PathBuf>> {
+        check_max_seconds(self.max_seconds)?;
+        // An infinite interval writes none on the way.
+        if self.checkpoint_every.is_nan() || self.checkpoint_every < 0.0 {
+            bail!("--checkpoint-every: expected seconds of at least 0, found {}", self.checkpoint_every);
+        }
+        places::check_extension("-o", &self.output, places::BLOB)?;
+        places::check_report(self.report.as_ref())?;
+        let existing = match self.resume || self.restart {
+            true => Existing::Replace,
+            false => Existing::Refuse(": --resume goes on from it, --restart replaces it"),
+        };
+        let mut checkpoint = self.output.as_os_str().to_owned();
+        checkpoint.push(".checkpoint");
+        let checkpoint = (!is_device(&self.output)).then_some(PathBuf::from(checkpoint));
+        match &checkpoint {
+            Some(checkpoint) => claims.derives("the checkpoint beside -o", checkpoint, existing).settle()?,
+            None => claims.settle()?,
+        }
+        if self.resume && checkpoint.is_none() {
+            bail!("--resume: {} is a device, which has no checkpoint beside it", self.output.display());
+        }
+        Ok(checkpoint)
+    }
+
+    /// A run of so many steps, unless a limit in seconds stands in their place and they were not `asked` for.
+    pub fn options(
+        &self,
+        (steps, asked): (u32, bool),
+        checkpoint: Option<PathBuf>,
+        global: &Global,
+    ) -> RunOptions {
+        let steps = (asked || self.max_seconds.is_none()).then_some(steps);
+        RunOptions {
+            min_steps: MIN_STEPS,
+            checkpoint,
+            checkpoint_every: self.checkpoint_every,
+            resume: self.resume,
+            ..RunOptions::unattended(
+                Budget { steps, seconds: self.max_seconds },
+                global.kernel(),
+                global.style(),
+            )
+        }
+    }
+}

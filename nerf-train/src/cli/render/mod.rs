@@ -5,11 +5,11 @@ mod target;
 
 use super::common::{Global, open_blob, parse_background, parse_numbers, print_lines, read_file};
 use super::eval::Split;
-use super::options::axis::UpAxis;
+use super::options::ShardOption;
+use super::options::UpAxis;
 use super::options::data::DataOptions;
 use super::options::effects::EffectOptions;
 use super::options::quality::{QualityOptions, WhichBins};
-use super::options::shard::ShardOption;
 use crate::show::render::{Ranges, Rendering, coarse, ranges, render};
 use crate::show::view::Output;
 use crate::show::writer::Written;

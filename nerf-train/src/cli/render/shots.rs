@@ -3,7 +3,7 @@
 use super::Render;
 use crate::cli::common::Global;
 use crate::cli::eval::Split;
-use crate::cli::options::axis::UpAxis;
+use crate::cli::options::UpAxis;
 use crate::cli::places;
 use crate::data::cameras::path::{CameraPath, PathCamera, read_path};
 use crate::data::cameras::scaled;

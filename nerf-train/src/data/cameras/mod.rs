@@ -3,7 +3,6 @@
 
 pub(crate) mod bundle;
 pub(crate) mod geometry;
-pub(crate) mod nearest;
 pub(crate) mod origin;
 pub mod path;
 pub(crate) mod pose;

@@ -2,7 +2,7 @@
 
 use super::front::{Price, pareto, thin};
 use super::knobs::{KNOBS, Knob};
-use crate::measure::settings::Settings;
+use crate::measure::point::Settings;
 
 /// Values of one knob beside the base's, and what each was found to lose and to cost.
 #[derive(Clone, Debug, Default)]

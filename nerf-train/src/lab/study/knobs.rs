@@ -1,7 +1,7 @@
 //! The knobs: one entry each says how to read, copy and vary it.
 
 use crate::measure::bench::Variants;
-use crate::measure::settings::{Precision, Settings, math_name};
+use crate::measure::point::{Precision, Settings, math_name};
 use nerf_core::blob::MAX_SAMPLES;
 use nerf_core::math::MathBackend;
 use nerf_core::{Isa, Kernel, Storage};

@@ -4,7 +4,7 @@ pub mod size;
 pub mod source;
 
 use crate::measure::frame::{self, Frame};
-use crate::measure::settings::{Precision, Settings};
+use crate::measure::point::{Precision, Settings};
 use crate::model::export::{Contents, Tables, export};
 use crate::model::quantise::{Quantised, TableStorage, values_of};
 use crate::train::occupancy::{DensityQuery, LiveCells, Occupancy};

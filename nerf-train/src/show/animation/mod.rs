@@ -146,7 +146,7 @@ mod tests {
         mut frames: impl Iterator<Item = Picture>,
         fps: f64,
     ) -> anyhow::Result<std::path::PathBuf> {
-        let mut film = crate::show::film::Film::new(path.as_ref().to_owned(), None, fps)?;
+        let mut film = crate::show::writer::Film::new(path.as_ref().to_owned(), None, fps)?;
         frames.try_for_each(|frame| film.push(frame))?;
         film.finish()
     }

@@ -2,7 +2,6 @@
 
 mod backend;
 mod draw;
-mod label;
 mod scale;
 
 use super::text;
@@ -11,8 +10,8 @@ use crate::system::output::write_atomic;
 use crate::system::printable;
 use anyhow::Context;
 use backend::PictureBackend;
-use draw::{clean, dashed, draw_series, register_font, style, thinned};
-pub use label::Label;
+pub use draw::Label;
+use draw::{clean, dashed, draw_labels, draw_series, register_font, style, thinned};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -203,7 +202,7 @@ impl LinePlot {
             Some(chart.plotting_area().map_coordinate(&at))
         };
         let labels = self.labels.iter().filter_map(|l| Some((clean(&l.text), placed(l.at)?)));
-        label::draw(root, &chart.plotting_area().get_pixel_range(), &labels.collect::<Vec<_>>())?;
+        draw_labels(root, &chart.plotting_area().get_pixel_range(), &labels.collect::<Vec<_>>())?;
         if points.iter().all(Vec::is_empty) {
             let (left, right) = chart.plotting_area().get_pixel_range();
             let middle = ((left.start + left.end) / 2, (right.start + right.end) / 2);

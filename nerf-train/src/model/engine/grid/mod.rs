@@ -20,7 +20,6 @@
 
 mod adam;
 mod directions;
-mod distortion;
 mod evaluate;
 mod kept;
 mod layers;

@@ -1,8 +1,8 @@
 //! One accumulator's work: chunks of rays, forward and backward.
 
-use super::distortion::distortion_gradient;
 use super::evaluate::Evaluated;
 use super::layers::{LayerSums, Layers, padded};
+use super::rays::distortion_gradient;
 use super::rays::{RaySamples, RayScratch};
 use super::samples::Samples;
 use super::scatter::Kept;
