@@ -84,7 +84,7 @@ impl Scene {
         let prepared =
             Prepared { unpacked: unpacked.each_ref().map(|values| &**values), decoded: &**decoded };
         Renderer::of_prepared(self.blob(), self.kernel, &prepared, self.occupied.clone())
-            .unwrap_or_else(|_| unreachable!("parameters fit the checked architecture"))
+            .unwrap_or_else(|| unreachable!("parameters fit the checked architecture"))
     }
 
     /// Renders an image with colour, opacity, ray_distance and z_depth at the default quality, on all cores.

@@ -115,25 +115,23 @@ impl<'a> Renderer<'a> {
         prepared.unpack(&blob, kernel).map_err(RenderError::Tables)?;
         let Prepared { unpacked, decoded } = prepared;
         let prepared = Prepared { unpacked: unpacked.map(|values| &*values), decoded: &*decoded };
-        let occupied = Self::occupied(&blob);
-        Self::of_prepared(blob, kernel, &prepared, occupied)
+        let network = prepared.view(&blob, kernel).ok_or(RenderError::Network)?;
+        let proposer = prepared.view_proposal(&blob, kernel);
+        let (occupied, coarse) = Self::occupied(&blob);
+        Ok(Self { blob, network, proposer, occupied, coarse })
     }
 
-    /// A scene over values that were prepared for `kernel`, with [`Renderer::occupied`] of its blob.
-    ///
-    /// # Errors
-    /// [`RenderError::Network`] if the values are too few.
-    // In its caller's frame, whose stack a microcontroller has once.
-    #[inline(always)]
+    /// A scene over values that were prepared for `kernel`, with [`Renderer::occupied`] of its blob; `None` where they are too
+    /// few.
+    #[cfg(all(feature = "std", not(target_os = "none")))]
     pub(crate) fn of_prepared(
         blob: Blob<'a>,
         kernel: Kernel,
         prepared: &Prepared<&'a [f32], &'a [u8]>,
         (occupied, coarse): (Option<SceneBox>, CoarseOccupancy),
-    ) -> Result<Self, RenderError> {
-        let network = prepared.view(&blob, kernel).ok_or(RenderError::Network)?;
-        let proposer = prepared.view_proposal(&blob, kernel);
-        Ok(Self { blob, network, proposer, occupied, coarse })
+    ) -> Option<Self> {
+        let (network, proposer) = (prepared.view(&blob, kernel)?, prepared.view_proposal(&blob, kernel));
+        Some(Self { blob, network, proposer, occupied, coarse })
     }
 
     /// A box around what the occupancy grid has, and its blocks.
