@@ -52,7 +52,7 @@ impl Checkpoint {
         write_atomic(path, &self.to_bytes())
     }
 
-    /// The file: what it is and its version, a checksum, the state.
+    /// Bytes of a checkpoint file: magic number and version, checksum, state.
     pub fn to_bytes(&self) -> Vec<u8> {
         // Serialising plain data to memory has no way to fail.
         let body = postcard::to_stdvec(self).expect("plain data");
