@@ -20,6 +20,8 @@ pub struct OptimiserConfig {
     pub beta2: f64,
     /// Adam's epsilon.
     pub epsilon: f64,
+    /// Decoupled weight decay a unit of learning rate; beside a grid of the colour branch alone.
+    pub weight_decay: f64,
     /// Decay, a step, of the exponential average of the parameters that is exported, which reaches back over a ninth of the
     /// steps so far at most; 0 exports the last.
     pub average: f64,
@@ -47,6 +49,12 @@ impl OptimiserConfig {
             "above 0, in the range of f32",
             self.epsilon,
         )?;
+        rule(
+            "optimiser.weight_decay",
+            (0.0..=1.0).contains(&(self.rate * self.weight_decay)),
+            "at least 0, times the rate at most 1",
+            self.weight_decay,
+        )?;
         rule("optimiser.average", (0.0..1.0).contains(&self.average), "0 to 1, without 1", self.average)?;
         let turns = (1..=16).contains(&self.hashed_every);
         rule("optimiser.hashed_every", turns, "1 to 16", self.hashed_every)?;
@@ -58,7 +66,7 @@ impl OptimiserConfig {
         Adam {
             betas: [0.9, self.beta2],
             epsilon: self.epsilon,
-            weight_decay: 0.0,
+            weight_decay: self.weight_decay,
             hashed_every: self.hashed_every,
         }
     }
