@@ -200,9 +200,8 @@ pub fn tell_flat(outcome: &Outcome) {
     }
 }
 
-/// Names the steps of `--snapshots` at which no picture was taken.
-pub fn tell_missed(outcome: &Outcome) {
-    let (last, missed) = (outcome.steps, &outcome.missed_snapshots);
+/// Names the steps of `--snapshots` at which a run that ended at step `last` took no picture.
+pub fn tell_missed(last: u32, missed: &[u32]) {
     let (beyond, passed): (Vec<u32>, Vec<u32>) = missed.iter().partition(|&&step| step > last);
     let say = |steps: &[u32], why: String| {
         if !steps.is_empty() {

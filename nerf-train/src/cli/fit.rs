@@ -316,7 +316,7 @@ impl Fit {
         if let Some(error) = self.live.as_ref().and_then(|folder| live::finish(folder, &outcome).err()) {
             global.say(format!("warning: --live: {error}"));
         }
-        tell_missed(&outcome);
+        tell_missed(outcome.steps, &outcome.missed_snapshots);
         let (seconds, data) = (clock.seconds(), &dataset.name);
         let capture = Capture::of(&diagnosis, &outcome);
         let found: Vec<String> = capture.fitted.lines().map(str::to_owned).collect();

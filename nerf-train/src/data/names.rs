@@ -79,6 +79,11 @@ fn plain(name: &str) -> String {
     }
 }
 
+/// `1 view`, `2 views`.
+pub(crate) fn count(n: usize, what: &str) -> String {
+    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
+}
+
 /// The first few names, and how many more there are.
 pub(crate) fn listed(names: &[impl AsRef<str>]) -> String {
     const SHOWN: usize = 8;

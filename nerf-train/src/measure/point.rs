@@ -249,15 +249,13 @@ impl Settings {
     }
 }
 
-pub fn math_name(math: MathBackend) -> &'static str {
-    match math {
-        MathBackend::Polynomial => "polynomial",
-        MathBackend::Libm => "libm",
-        MathBackend::Micromath => "micromath",
-        MathBackend::Recurrence => "recurrence",
-        _ => "other",
-    }
-}
+/// Maths backends by their names on the command line and in tables.
+pub const MATHS: [(&str, MathBackend); 4] = [
+    ("polynomial", MathBackend::Polynomial),
+    ("libm", MathBackend::Libm),
+    ("micromath", MathBackend::Micromath),
+    ("recurrence", MathBackend::Recurrence),
+];
 
 #[cfg(test)]
 mod tests {

@@ -1,5 +1,6 @@
 //! The shortcuts of a rendering.
 
+use crate::measure::point::MATHS;
 use clap::{Args, ValueEnum};
 use nerf_core::math::MathBackend;
 use nerf_core::plan::{Plan, Quality};
@@ -44,13 +45,11 @@ pub enum WhichBins {
 }
 
 pub fn parse_math(name: &str) -> Result<MathBackend, String> {
-    match name {
-        "polynomial" => Ok(MathBackend::Polynomial),
-        "libm" => Ok(MathBackend::Libm),
-        "micromath" => Ok(MathBackend::Micromath),
-        "recurrence" => Ok(MathBackend::Recurrence),
-        _ => Err("expected polynomial, libm, micromath or recurrence".into()),
-    }
+    let found = MATHS.into_iter().find(|(known, _)| *known == name);
+    found.map(|(_, math)| math).ok_or_else(|| {
+        let names = MATHS.map(|(known, _)| known);
+        format!("expected {} or {}", names[..3].join(", "), names[3])
+    })
 }
 
 impl QualityOptions {

@@ -10,6 +10,7 @@ use super::options::UpAxis;
 use super::options::data::DataOptions;
 use super::options::effects::EffectOptions;
 use super::options::quality::{QualityOptions, WhichBins};
+use crate::data::names::count;
 use crate::show::render::{Ranges, Rendering, coarse, ranges, render};
 use crate::show::view::Output;
 use crate::show::writer::Written;
@@ -163,10 +164,7 @@ impl Render {
             note.say(format!("interrupted after {done} of {all} views; {left}"));
             progress.update(done as u64, &Message::default());
         })?;
-        progress.finish(match cameras.len() {
-            1 => "1 view".to_owned(),
-            count => format!("{count} views"),
-        });
+        progress.finish(count(cameras.len(), "view"));
         let mut files = Vec::new();
         for writer in writers {
             let Written { path, older_from } = writer.finish()?;

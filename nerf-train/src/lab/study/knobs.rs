@@ -1,9 +1,8 @@
 //! The knobs: one entry each says how to read, copy and vary it.
 
 use crate::measure::bench::Variants;
-use crate::measure::point::{Precision, Settings, math_name};
+use crate::measure::point::{MATHS, Precision, Settings};
 use nerf_core::blob::MAX_SAMPLES;
-use nerf_core::math::MathBackend;
 use nerf_core::{Isa, Kernel, Storage};
 
 /// A setting that trades accuracy for time.
@@ -114,11 +113,11 @@ pub const KNOBS: &[Knob] = &[
         in_blob: false,
         combines: false,
         copy: |from, to| to.quality.math = from.quality.math,
-        read: |_, s| math_name(s.quality.math).into(),
-        values: |_, base| {
-            let all = [MathBackend::Libm, MathBackend::Micromath, MathBackend::Recurrence];
-            vary(base, all, |s, math| s.quality.math = math)
+        read: |_, s| {
+            let own = MATHS.iter().find(|(_, math)| *math == s.quality.math);
+            own.map_or("other", |(name, _)| name).into()
         },
+        values: |_, base| vary(base, MATHS.into_iter().skip(1), |s, (_, math)| s.quality.math = math),
     },
     Knob {
         name: "weights",

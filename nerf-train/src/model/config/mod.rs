@@ -8,7 +8,7 @@ mod table;
 mod tests;
 
 pub use check::ConfigError;
-pub(crate) use check::{check_table_values, rule};
+pub(crate) use check::{at_most, check_table_values, rule, within};
 pub use optimiser::OptimiserConfig;
 pub use table::TableConfig;
 

@@ -1,17 +1,18 @@
 //! Pieces of a plot.
 
-use super::scale::Scale;
 use super::{COLOURS, Drawn, FONT, GREY, INK, MAX_POINTS, Marker, NOTE_SIZE};
 use crate::show::text;
 use plotters::coord::Shift;
 use plotters::coord::cartesian::Cartesian2d;
+use plotters::coord::ranged1d::Ranged;
+use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use std::ops::Range;
 use std::sync::Once;
 
 /// The line and the dots of a series, in its colour.
-pub(super) fn draw_series<DB: DrawingBackend>(
-    chart: &mut ChartContext<'_, DB, Cartesian2d<Scale, Scale>>,
+pub(super) fn draw_series<DB: DrawingBackend, X: Ranged<ValueType = f64>>(
+    chart: &mut ChartContext<'_, DB, Cartesian2d<X, RangedCoordf64>>,
     index: usize,
     marker: Marker,
     points: &[(f64, f64)],

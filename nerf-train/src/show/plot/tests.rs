@@ -42,7 +42,7 @@ fn odd_data_is_drawn_or_left_out() {
         for marker in [Marker::Line, Marker::Points, Marker::LineAndPoints] {
             for log in [false, true] {
                 let mut plot = plot_of(points.clone(), marker);
-                (plot.log_x, plot.log_y) = (log, log);
+                plot.log_x = log;
                 plot.references =
                     [0.0, -3.0, f64::NAN, 12.0].map(|y| Reference { label: String::new(), y }).to_vec();
                 assert_eq!(plot.to_picture().unwrap().rgb.len(), WIDTH * HEIGHT);

@@ -1,6 +1,6 @@
 //! The report of a fit: summary, curve, snapshots, validation views.
 
-use crate::data::names::FileNames;
+use crate::data::names::{FileNames, count};
 use crate::data::pictures::colour;
 use crate::data::pictures::rgb::Picture;
 use crate::data::{Dataset, Report};
@@ -134,9 +134,4 @@ fn write_moved(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> anyhow::R
         picture.write_png(moved_folder.join(format!("{}.png", names.at(moved.view))))?;
     }
     Ok(())
-}
-
-/// `1 view`, `2 views`.
-pub fn count(n: usize, what: &str) -> String {
-    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
 }
