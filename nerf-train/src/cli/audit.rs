@@ -11,7 +11,7 @@ use crate::measure::bench::Variants;
 use crate::measure::point::Clock;
 use crate::show::reports::audit::table as audit_table;
 use crate::system::output::claims::Claims;
-use crate::system::progress::{Message, Progress, Total};
+use crate::system::progress::Progress;
 use crate::system::summary::write;
 use anyhow::bail;
 use clap::Args;
@@ -72,8 +72,8 @@ impl Audit {
             AuditOptions { threshold_db: self.effect_threshold, repeats: self.repeats, clock: self.clock };
         let mut progress: Option<Progress> = None;
         let findings = audit::audit(&mut lab, &views, &rays, &options, &mut |done, total| {
-            let new = || Progress::new("audit", Total::Steps(total), global.style());
-            progress.get_or_insert_with(new).update(done, &Message::default());
+            let new = || Progress::steps("audit", total, global.style());
+            progress.get_or_insert_with(new).reach(done);
         })?;
         let on = (self.split.name(), views.len());
         let summary = Summary::of(&findings, self.effect_threshold, on, lab.scene().background);
@@ -86,7 +86,6 @@ impl Audit {
         Ok(ExitCode::SUCCESS)
     }
 
-    /// Refuses what cannot be, before anything is read.
     fn check(&self) -> anyhow::Result<()> {
         check_counts([("--views", self.views), ("--repeats", self.repeats)])?;
         if self.repeats > MAX_REPEATS {

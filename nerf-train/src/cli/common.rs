@@ -171,7 +171,6 @@ pub fn open_blob<'a>(path: &Path, bytes: &'a [u8]) -> anyhow::Result<Blob<'a>> {
     Blob::open(bytes).with_context(|| path.display().to_string())
 }
 
-/// Refuses counts of nothing, each by its flag.
 pub fn check_counts<const N: usize>(counts: [(&str, usize); N]) -> anyhow::Result<()> {
     match counts.into_iter().find(|&(_, count)| count == 0) {
         Some((flag, _)) => bail!("{flag}: expected at least 1, found 0"),
@@ -179,7 +178,6 @@ pub fn check_counts<const N: usize>(counts: [(&str, usize); N]) -> anyhow::Resul
     }
 }
 
-/// Refuses a limit in seconds that is none.
 pub fn check_max_seconds(seconds: Option<f64>) -> anyhow::Result<()> {
     match seconds {
         Some(seconds) if !(seconds.is_finite() && seconds > 0.0) => {

@@ -22,7 +22,7 @@ use crate::show::orbit::Orbit;
 use crate::show::reports;
 use crate::system::output::claims::Claims;
 use crate::system::output::write_atomic;
-use crate::system::progress::{Message, Progress, Total};
+use crate::system::progress::Progress;
 use crate::system::summary::write;
 use crate::train::schedule::{Budget, Clock};
 use clap::Args;
@@ -129,17 +129,15 @@ impl Demo {
         global: &Global,
     ) -> anyhow::Result<Views> {
         let mut errors = Vec::new();
-        let mut cells = Vec::new();
-        let mut done = 0;
-        let mut drawn = Ok(());
-        let mut progress = Progress::new("eval", Total::Steps(dataset.val.len() as u64), global.style());
+        let (mut cells, mut done, mut drawn) = (Vec::new(), 0, Ok(()));
+        let mut progress = Progress::steps("eval", dataset.val.len(), global.style());
         let scores = evaluate(renderer, plan, background, &dataset.val, |view, frame, truth, _| {
             errors.extend(z_depth_errors(frame, &demo::render_truth(&view.camera)));
             if cells.len() < 12 && drawn.is_ok() {
                 drawn = sheet_row(&mut cells, view.name.as_str(), frame, truth);
             }
             done += 1;
-            progress.update(done, &Message::default());
+            progress.reach(done);
         })?;
         drawn?;
         progress.finish(format!("{} views", scores.views.len()));
@@ -161,11 +159,11 @@ impl Demo {
         let orbit = Orbit::of(scene, None);
         let fov = 2.0 * (0.5 / spec.focal).atan().to_degrees();
         let mut gif = GifWriter::create(self.out.join("orbit.gif"), SIDE as usize, SIDE as usize, 18.0)?;
-        let mut progress = Progress::new("orbit", Total::Steps(ORBIT_FRAMES as u64), global.style());
+        let mut progress = Progress::steps("orbit", ORBIT_FRAMES, global.style());
         for i in 0..ORBIT_FRAMES {
             let camera = orbit.camera(i as f32 / ORBIT_FRAMES as f32, SIDE, SIDE, fov)?;
             gif.push(frame::picture(&frame::render(renderer, plan, &camera)?))?;
-            progress.update(i as u64 + 1, &Message::default());
+            progress.reach(i + 1);
         }
         gif.finish()?;
         progress.finish(format!("{ORBIT_FRAMES} views"));

@@ -11,7 +11,7 @@ use crate::measure::frame;
 use crate::measure::surfaces::Surfaces;
 use crate::show::table::Table;
 use crate::system::output::claims::Claims;
-use crate::system::progress::{Message, Progress, Total};
+use crate::system::progress::Progress;
 use crate::system::summary::write;
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
@@ -19,7 +19,6 @@ use nerf_core::plan::{Batch, Plan};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// A part of a data set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Split {
     /// What was fitted.
@@ -101,7 +100,7 @@ impl Eval {
         self.say_opaque(&views, own_background(&blob), global);
         let names = FileNames::of(split.of(&dataset));
         let options = EvalOptions { background: self.background, lattice: self.lattice };
-        let mut progress = Progress::new("eval", Total::Steps(views.len() as u64), global.style());
+        let mut progress = Progress::steps("eval", views.len(), global.style());
         let (mut table, mut written) = (Table::new(["view", "psnr_db", "aligned_psnr_db", "ssim"]), Ok(()));
         let views = (split.name(), views);
         let (kernel, points) = (global.kernel(), &dataset.points);
@@ -110,7 +109,7 @@ impl Eval {
                 let db = [score.psnr_db, score.aligned_psnr_db].map(|db| format!("{db:.3}"));
                 let [raw, aligned] = db;
                 table.push([score.view.clone(), raw, aligned, format!("{:.4}", score.ssim)]);
-                progress.update(table.rows().len() as u64, &Message::default());
+                progress.reach(table.rows().len());
                 if let (Some(folder), Ok(())) = (&self.report, &written) {
                     written =
                         frame::picture(frame).write_png(folder.join(format!("{}.png", names.stem(view))));

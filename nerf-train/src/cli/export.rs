@@ -11,7 +11,7 @@ use crate::show::export::{
 };
 use crate::system::memory;
 use crate::system::output::claims::Claims;
-use crate::system::progress::{Message, Progress, Total};
+use crate::system::progress::{Progress, Total};
 use crate::system::summary::Short;
 use anyhow::bail;
 use clap::{Args, ValueEnum};
@@ -68,7 +68,6 @@ pub struct Export {
     data_options: DataOptions,
 }
 
-/// What a file holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Kind {
     /// Triangles with normals and colours.
@@ -197,10 +196,9 @@ impl Export {
         plan: &Plan<'_>,
         global: &Global,
     ) -> anyhow::Result<Mesh> {
-        let mut progress = Progress::new("points", Total::Steps(views.len() as u64), global.style());
-        let points = points_of_views(renderer, plan, views, self.points(), within, |done| {
-            progress.update(done as u64, &Message::default());
-        })?;
+        let mut progress = Progress::steps("points", views.len(), global.style());
+        let each = |done| progress.reach(done);
+        let points = points_of_views(renderer, plan, views, self.points(), within, each)?;
         progress.finish(format!("{} points", points.vertices.len()));
         Ok(points)
     }
@@ -218,9 +216,8 @@ impl Export {
             None if field.is_unbounded() => Surface::VisibleFromInside,
             None => Surface::Visible,
         };
-        let total = Total::Steps(3 * (lattice.cells[2] as u64 + 1));
-        let mut progress = Progress::new("surface", total, global.style());
-        let mesh = mesh(field, &lattice, surface, |done| progress.update(done as u64, &Message::default()))?;
+        let mut progress = Progress::steps("surface", 3 * (lattice.cells[2] + 1), global.style());
+        let mesh = mesh(field, &lattice, surface, |done| progress.reach(done))?;
         progress.finish(format!("{} vertices", mesh.vertices.len()));
         summary.cell_world_units = Some(Short(lattice.cell));
         summary.threshold_per_world_unit = self.threshold.map(Short);
@@ -236,9 +233,7 @@ impl Export {
         global: &Global,
     ) -> anyhow::Result<()> {
         let mut progress = Progress::new("volume", Total::Unknown, global.style());
-        let mut volume = volume(field, bounds, self.resolution(), |done| {
-            progress.update(done as u64, &Message::default());
-        })?;
+        let mut volume = volume(field, bounds, self.resolution(), |done| progress.reach(done))?;
         progress.finish(format!("{} cells", volume.density.len()));
         volume.min.iter_mut().zip(origin).for_each(|(min, origin)| *min += origin);
         write_npz(&volume, &self.output)?;

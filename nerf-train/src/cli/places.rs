@@ -18,7 +18,6 @@ use std::path::{Path, PathBuf};
 
 pub const BLOB: &[&str] = &["nerf"];
 pub const PICTURE: &[&str] = &["png"];
-/// Pictures of a scene's view.
 pub const VIEW: &[&str] = &["png", "exr"];
 /// Extensions that are no part of a folder's name.
 const FILES: &str = "nerf png gif mp4 jpg jpeg exr webp tif tiff bmp npz npy json csv svg html md toml safetensors ply obj glb";

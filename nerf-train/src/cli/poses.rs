@@ -67,7 +67,6 @@ impl Poses {
     }
 }
 
-/// The folder's name with `_poses` behind it.
 fn beside(photographs: &Path) -> PathBuf {
     // `.` and `a/..` have no name of their own.
     let real = std::fs::canonicalize(photographs).unwrap_or_else(|_| photographs.to_owned());

@@ -10,7 +10,7 @@ use crate::model::config::{Config, Preset};
 use crate::show::cameras::{Request, Scene, Summary, page};
 use crate::system::output::claims::Claims;
 use crate::system::output::write_atomic;
-use crate::system::progress::{Progress, Total};
+use crate::system::progress::Progress;
 use crate::system::summary::write;
 use anyhow::bail;
 use clap::Args;
@@ -107,7 +107,7 @@ impl Show {
             frustum: self.frustum,
         };
         let config = self.config(dataset.background);
-        let progress = Progress::new("show", Total::Steps(1), global.style());
+        let progress = Progress::steps("show", 1, global.style());
         let scene = Scene::new(&dataset, &config, &request)?;
         write_atomic(&html, page::page(&scene)?.as_bytes())?;
         progress.finish(format!("{}; {}", scene.title(), scene.facts()));

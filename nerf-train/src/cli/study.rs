@@ -14,7 +14,7 @@ use crate::measure::point::Clock;
 use crate::show::reports::study::{Findings, Setting, front_of};
 use crate::system::output::claims::Claims;
 use crate::system::output::write_atomic;
-use crate::system::progress::{Message, Progress, Total};
+use crate::system::progress::Progress;
 use anyhow::bail;
 use clap::Args;
 use std::path::{Path, PathBuf};
@@ -185,11 +185,10 @@ impl Study {
         let study = Measured::run(lab, views, effort, start, &mut |progressed: Progressed<'_>| {
             let Progressed { pass, done, total } = progressed;
             if shown.as_ref().is_none_or(|(name, _)| name != pass) {
-                let progress = Progress::new(pass, Total::Steps(total), global.style());
-                shown = Some((pass.to_owned(), progress));
+                shown = Some((pass.to_owned(), Progress::steps(pass, total, global.style())));
             }
             if let Some((_, progress)) = &mut shown {
-                progress.update(done, &Message::default());
+                progress.reach(done);
             }
         })?;
         if study.rounds_left_out > 0 {

@@ -93,7 +93,6 @@ impl Lists {
         !(self.levels.is_empty() && self.layers.is_empty() && self.width.is_empty())
     }
 
-    /// The lists, with `more` of a scene.
     fn combinations(&self, job: &Job<'_>, more: [(Knob, Vec<f64>); 3]) -> Combinations {
         let own = [
             (Knob::Levels, numbers(&self.levels)),

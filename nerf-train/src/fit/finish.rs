@@ -71,7 +71,6 @@ pub struct Outcome {
     pub overfitting: Option<Stop>,
     /// Names of the views that validation on the way was of.
     pub watched: Vec<String>,
-    /// Pictures that were taken on the way.
     pub snapshots: Vec<Snapshot>,
     /// Steps that pictures were asked for and that the run did not come by.
     pub missed_snapshots: Vec<u32>,
@@ -87,7 +86,6 @@ pub struct Outcome {
     pub samples_per_second: [f64; 2],
 }
 
-/// A validation view as the blob shows it.
 #[derive(Clone, Debug)]
 pub struct Shown {
     pub view: usize,
@@ -98,7 +96,6 @@ pub struct Shown {
     pub psnr_db: f64,
 }
 
-/// What the final scores mean.
 pub(crate) fn convention(views: usize, lattice: u32, background: [f32; 3], samples: u16) -> String {
     let [r, g, b] = background.map(|c| (c * 255.0).round());
     let pixels = match lattice {
@@ -324,7 +321,6 @@ fn missed_snapshots(session: &Session<'_, '_>) -> Vec<u32> {
 /// Training views whose directions are averaged over.
 const RAY_VIEWS: usize = 50;
 
-/// What view dependence was found to be worth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewDependence {
     /// dB that it gains over its mean, on training views.

@@ -110,7 +110,6 @@ pub struct Seconds {
 }
 
 impl Point {
-    /// A point of which nothing is measured yet.
     pub fn new(origin: Origin, settings: Settings, label: String, views: usize) -> Self {
         let memory = Memory::default();
         Self { origin, settings, label, views: vec![None; views], rounds: Vec::new(), memory }
@@ -170,7 +169,6 @@ impl Point {
     }
 }
 
-/// Which clock times are taken from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Clock {
     /// What a user waits.

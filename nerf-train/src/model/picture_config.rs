@@ -121,7 +121,6 @@ impl FieldConfig {
         check_table_values(&grid.picture_encoding(size), "the picture")
     }
 
-    /// Checks every setting on its own.
     pub fn check(&self) -> Result<(), ConfigError> {
         at_most("levels", MAX_LEVELS, self.levels)?;
         if let Some(grid) = &self.grid {

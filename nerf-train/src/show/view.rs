@@ -15,7 +15,6 @@ use std::ffi::OsStr;
 use std::io::Cursor;
 use std::path::Path;
 
-/// What a pixel shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Output {
     /// Colour over the background.

@@ -227,7 +227,6 @@ impl Poses {
     }
 }
 
-/// `given` cameras, turned and moved.
 fn cameras(given: &[View], moved: &[Twist]) -> Vec<Camera> {
     let of = |(view, &[x, y, z, tx, ty, tz]): (&View, &Twist)| {
         let pose = view.camera.pose();

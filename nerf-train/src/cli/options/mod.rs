@@ -17,7 +17,6 @@ use clap::{Args, ValueEnum};
 use glam::Vec3;
 use std::path::PathBuf;
 
-/// A world axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum UpAxis {
     /// +X.

@@ -15,7 +15,7 @@ use crate::show::render::{Ranges, Rendering, coarse, ranges, render};
 use crate::show::view::Output;
 use crate::show::writer::Written;
 use crate::system::memory;
-use crate::system::progress::{Message, Progress, Total};
+use crate::system::progress::Progress;
 use crate::system::stop::Note;
 use anyhow::Context;
 use clap::Args;
@@ -158,11 +158,11 @@ impl Render {
         // Of all of them only now: one range of colours is for all parts.
         let mine = |(i, camera): (usize, Camera)| shard.takes(i).then_some(camera);
         let cameras: Vec<Camera> = cameras.into_iter().enumerate().filter_map(mine).collect();
-        let mut progress = Progress::new("render", Total::Steps(cameras.len() as u64), global.style());
+        let mut progress = Progress::steps("render", cameras.len(), global.style());
         let counters = render(&renderer, &plan, &cameras, &mut writers, |done| {
             let (all, left) = (cameras.len(), target.left(&self.output));
             note.say(format!("interrupted after {done} of {all} views; {left}"));
-            progress.update(done as u64, &Message::default());
+            progress.reach(done);
         })?;
         progress.finish(count(cameras.len(), "view"));
         let mut files = Vec::new();
@@ -207,11 +207,8 @@ impl Render {
         if distances.is_empty() || !self.is_sequence() {
             return Ok(Ranges::new());
         }
-        let total = Total::Steps(cameras.len() as u64);
-        let mut progress = Progress::new("range of distances", total, global.style());
-        let ranges = ranges(renderer, plan, cameras, &distances, |done| {
-            progress.update(done as u64, &Message::default());
-        })?;
+        let mut progress = Progress::steps("range of distances", cameras.len(), global.style());
+        let ranges = ranges(renderer, plan, cameras, &distances, |done| progress.reach(done))?;
         progress.finish(format!("{} coarse views", cameras.len()));
         Ok(ranges)
     }

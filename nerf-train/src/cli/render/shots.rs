@@ -25,7 +25,6 @@ const MAX_FRAMES: usize = 1_000_000;
 pub(super) struct Shots {
     /// In order; one unless an orbit or a path is asked for.
     pub cameras: Vec<Camera>,
-    /// Frames a second, where the camera path says.
     pub fps: Option<f64>,
 }
 

@@ -8,7 +8,6 @@ use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// A list of views with their refined cameras.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct RefinedPoses {
     frames: Vec<Frame>,

@@ -32,7 +32,6 @@ impl Claims {
         files.iter().fold(claims, |claims, file| claims.reads("a file of the data set,", file))
     }
 
-    /// As [`reads_data`](Self::reads_data), where a flag was given.
     pub fn reads_data_if(self, path: Option<&Path>) -> Self {
         match path {
             Some(path) => self.reads_data(path),

@@ -131,7 +131,6 @@ impl<'de> Deserialize<'de> for Point {
     }
 }
 
-/// How values are combined.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Mode {

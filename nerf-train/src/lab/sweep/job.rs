@@ -129,7 +129,6 @@ fn base_point(grid: Option<&TableConfig>, (levels, layers, width): (u8, usize, u
     point.with(Knob::Rate, rate)
 }
 
-/// A point's grid in place of the settings'.
 fn set_grid(grid: Option<&mut TableConfig>, point: &Point) {
     if let Some(grid) = grid {
         set(&mut grid.log2_entries, point.get(Knob::Table));

@@ -22,7 +22,6 @@ const SPARED: f64 = 0.9;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Without {
     pub settings: Settings,
-    /// What is behind the scene, display-encoded.
     pub background: [f32; 3],
 }
 
@@ -134,7 +133,7 @@ pub fn audit(
     views: &[&View],
     rays: &[&View],
     options: &AuditOptions,
-    each: &mut dyn FnMut(u64, u64),
+    each: &mut dyn FnMut(usize, usize),
 ) -> anyhow::Result<Audit> {
     if views.is_empty() {
         bail!("views: expected at least one, found none");
@@ -169,7 +168,7 @@ fn measure(
     ways: &[Without],
     views: &[&View],
     repeats: usize,
-    each: &mut dyn FnMut(u64, u64),
+    each: &mut dyn FnMut(usize, usize),
 ) -> anyhow::Result<Vec<Point>> {
     let settings: Vec<Settings> = ways.iter().map(|way| way.settings).collect();
     let new = |settings: &Settings| Point::new(Origin::Base, *settings, String::new(), views.len());
@@ -177,7 +176,7 @@ fn measure(
     for point in &mut points {
         point.rounds = vec![vec![None; views.len()]; repeats];
     }
-    let total = (repeats * views.len() * ways.len()) as u64;
+    let total = repeats * views.len() * ways.len();
     let mut done = 0;
     lab.prepared(&settings, |bench| {
         for round in 0..repeats {

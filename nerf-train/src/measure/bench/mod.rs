@@ -99,7 +99,6 @@ impl<'b> Variants<'b> {
         self.scene.occupancy_required
     }
 
-    /// Number of variants, the blob itself among them.
     pub fn variants(&self) -> usize {
         self.variants.len()
     }

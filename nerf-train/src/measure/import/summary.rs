@@ -121,7 +121,6 @@ impl CheckSummary {
     }
 }
 
-/// What the command line calls a value.
 fn name(value: impl ValueEnum) -> String {
     value.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
 }

@@ -26,7 +26,6 @@ pub struct ConfigError {
 }
 
 impl Config {
-    /// Checks every setting on its own.
     pub fn check(&self) -> Result<(), ConfigError> {
         let (n, s, g) = (&self.network, &self.sampling, &self.occupancy);
         check_network(n)?;

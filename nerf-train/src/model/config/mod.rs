@@ -308,7 +308,6 @@ impl Config {
         }
     }
 
-    /// Adam's constants.
     pub fn adam(&self) -> Adam {
         self.optimiser.adam()
     }

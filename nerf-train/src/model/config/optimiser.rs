@@ -29,7 +29,6 @@ pub struct OptimiserConfig {
 }
 
 impl OptimiserConfig {
-    /// Checks every setting on its own.
     pub fn check(&self) -> Result<(), ConfigError> {
         rule("optimiser.steps", self.steps > 0, "at least 1", self.steps)?;
         rule("optimiser.rate", positive(self.rate) && self.rate <= 10.0, "above 0, at most 10", self.rate)?;
@@ -43,7 +42,6 @@ impl OptimiserConfig {
         within("optimiser.hashed_every", 1..=16, self.hashed_every)
     }
 
-    /// Adam's constants.
     pub fn adam(&self) -> Adam {
         Adam {
             betas: [0.9, self.beta2],

@@ -44,7 +44,6 @@ pub(super) fn dashed<DB: DrawingBackend>(
     Ok(())
 }
 
-/// Text of `size` pixels line height.
 pub(super) fn style(size: f32, colour: RGBColor) -> TextStyle<'static> {
     (FONT, size).into_font().color(&colour)
 }

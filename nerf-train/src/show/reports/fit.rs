@@ -18,7 +18,6 @@ use crate::train::CurvePoint;
 use anyhow::Context;
 use std::path::Path;
 
-/// Writes summary, settings, curve, plot and validation pictures.
 pub fn write(
     folder: &Path,
     outcome: &Outcome,
@@ -63,7 +62,6 @@ pub fn write_curve(folder: &Path, outcome: &Outcome) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Training and validation PSNR over `x`.
 fn plot(outcome: &Outcome, x_label: &str, x: impl Fn(&CurvePoint) -> f64) -> LinePlot {
     let series = |name: String, marker, y: &dyn Fn(&CurvePoint) -> Option<f64>| {
         let points = outcome.curve.iter().filter_map(|point| Some((x(point), y(point)?))).collect();

@@ -38,7 +38,6 @@ pub enum Existing {
     Refuse(&'static str),
 }
 
-/// What a command reads and writes.
 #[derive(Debug, Default)]
 pub struct Claims {
     inputs: HashMap<Identity, Input>,

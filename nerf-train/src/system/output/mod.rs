@@ -21,7 +21,6 @@ use tempfile::NamedTempFile;
 /// A large buffer: pictures and blobs are written in small pieces.
 const BUFFER_BYTES: usize = 1 << 16;
 
-/// What was tried when an output failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Attempt {
@@ -65,7 +64,6 @@ impl OutputError {
     }
 }
 
-/// Where the bytes go until the commit.
 #[derive(Debug)]
 enum Sink {
     /// A hidden file in the target's folder, which is listed as long as it is there.
@@ -151,7 +149,6 @@ impl AtomicFile {
         }
     }
 
-    /// The final name, as the caller gave it.
     pub fn path(&self) -> &Path {
         &self.path
     }

@@ -43,7 +43,6 @@ struct Model {
     images: Vec<Registered>,
 }
 
-/// Whether a model's files are binary, or text.
 #[derive(Clone, Copy, PartialEq)]
 enum Encoding {
     Binary,
@@ -144,7 +143,6 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     .counted_from(origin))
 }
 
-/// The models that its cameras are of.
 fn kinds(cameras: &HashMap<u32, Camera>) -> String {
     let mut names: Vec<&str> = cameras.values().map(Camera::name).collect();
     names.sort_unstable();

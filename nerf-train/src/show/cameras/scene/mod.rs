@@ -155,7 +155,6 @@ impl Scene {
         [(side, ahead), (side, self.up), (ahead, self.up)].map(circle).to_vec()
     }
 
-    /// The middle of the scene box, world units.
     pub fn centre(&self) -> Vec3 {
         0.5 * (self.bounds.scene_box.min + self.bounds.scene_box.max)
     }
@@ -184,12 +183,10 @@ impl Scene {
         if low < high { (low, high) } else { (self.bounds.near, self.bounds.far) }
     }
 
-    /// Live samples of the rays that are shown.
     pub fn live(&self) -> usize {
         self.rays.iter().map(|ray| ray.live.len()).sum()
     }
 
-    /// Culled samples of the rays that are shown.
     pub fn culled(&self) -> usize {
         self.rays.iter().map(|ray| ray.culled.len()).sum()
     }

@@ -50,7 +50,6 @@ impl Findings<'_, '_, '_> {
         }
     }
 
-    /// The fronts over time and over work.
     fn fronts(&self, line: Line<'_>) {
         line(format_args!("![front](front.png)"));
         line(format_args!(
@@ -68,7 +67,6 @@ impl Findings<'_, '_, '_> {
         line(format_args!("![both ends of the front](ends.png)"));
     }
 
-    /// Every point by its knob.
     fn rows(&self, line: Line<'_>) {
         let study = self.study;
         for (knob, entry) in KNOBS.iter().enumerate() {
