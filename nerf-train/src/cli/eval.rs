@@ -15,6 +15,7 @@ use crate::system::progress::Progress;
 use crate::system::summary::write;
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
+use nerf_core::camera::Camera;
 use nerf_core::plan::{Batch, Plan};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -30,12 +31,29 @@ pub enum Split {
 }
 
 impl Split {
-    pub fn of(self, dataset: &crate::data::Dataset) -> &[View] {
+    pub fn of(self, dataset: &Dataset) -> &[View] {
         match self {
             Self::Train => &dataset.train,
             Self::Val => &dataset.val,
             Self::Test => &dataset.test,
         }
+    }
+
+    /// Its cameras; of a test split without pictures its poses.
+    pub fn cameras(self, dataset: &Dataset) -> Vec<Camera> {
+        let views = self.of(dataset);
+        if self == Self::Test && views.is_empty() {
+            return dataset.test_path.clone();
+        }
+        views.iter().map(|view| view.camera).collect()
+    }
+
+    /// The camera that `flag` names by its index.
+    pub fn camera(self, flag: &str, dataset: &Dataset, index: usize) -> anyhow::Result<Camera> {
+        let cameras = self.cameras(dataset);
+        let (count, name) = (cameras.len(), self.name());
+        let fault = || format!("{flag}: expected less than {count} (split `{name}`), found {index}");
+        cameras.get(index).copied().with_context(fault)
     }
 
     pub fn name(self) -> &'static str {

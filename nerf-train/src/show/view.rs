@@ -118,7 +118,7 @@ fn channels_of(frame: &Frame, output: Output, transparent: bool) -> Vec<(&'stati
 /// An output of a frame as a picture, as a film shows it.
 pub fn picture_of(frame: &Frame, output: Output, range: Option<(f32, f32)>) -> anyhow::Result<Picture> {
     let with_legend = |values: &[f32], title| {
-        depth_picture_with_legend(values, &frame.opacity, frame.width, frame.height, range, title)
+        depth_picture_with_legend(values, &frame.opacity, (frame.width, frame.height), range, title)
     };
     Ok(match output {
         Output::Rgb | Output::All => frame::picture(frame),

@@ -18,7 +18,7 @@ use crate::system::memory;
 use crate::system::progress::Progress;
 use crate::system::stop::Note;
 use anyhow::Context;
-use clap::Args;
+use clap::{Args, ValueEnum};
 use nerf_core::blob::Blob;
 use nerf_core::camera::Camera;
 use nerf_core::memory::Line;
@@ -215,14 +215,7 @@ impl Render {
 
     fn outputs(&self) -> Vec<Output> {
         match self.outputs.contains(&Output::All) {
-            true => vec![
-                Output::Rgb,
-                Output::Opacity,
-                Output::RayDistance,
-                Output::ZDepth,
-                Output::MedianDistance,
-                Output::Normals,
-            ],
+            true => Output::value_variants().iter().copied().filter(|of| *of != Output::All).collect(),
             // Each once: it has one file.
             false => self.outputs.iter().fold(Vec::new(), |mut outputs, output| {
                 if !outputs.contains(output) {
