@@ -128,13 +128,11 @@ impl Frame {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::demo::{self, DemoSpec};
+    use crate::data::demo;
 
     #[test]
     fn refined_cameras_come_back_from_their_file() {
-        let spec = DemoSpec { train: 3, val: 1, size: 8, ..DemoSpec::default() };
-        let dataset = demo::dataset(&spec).expect("a scene");
-        let views = &dataset.train;
+        let views = &demo::small(3, 1, 8).train;
         let origin = [1e6, -2e6, 0.5];
         let moved = |view: &View| {
             let pose = view.camera.pose();

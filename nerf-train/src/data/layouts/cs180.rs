@@ -110,7 +110,7 @@ pub(crate) fn views(
             };
             let alpha = |p: &[u8]| p.get(3).copied().unwrap_or(255);
             let pixels = bytes.chunks_exact(channels).map(|p| [p[0], p[1], p[2], alpha(p)]).collect();
-            Ok(View { name, camera, pixels, mask: None, near: 0.0, key_points: Vec::new() })
+            Ok(View::new(name, camera, pixels))
         })
         .collect();
     decoded.into_iter().collect()

@@ -9,7 +9,7 @@ use crate::system::output::write_atomic;
 use crate::system::printable;
 use anyhow::Context;
 pub use draw::Label;
-use draw::{clean, dashed, draw_labels, draw_series, register_font, style, thinned};
+use draw::{clean, dashed, draw_labels, draw_series, register_font, style};
 use plotters::coord::Shift;
 use plotters::coord::ranged1d::{AsRangedCoord, ValueFormatter};
 use plotters::prelude::*;
@@ -31,8 +31,6 @@ const TICKS: usize = 9;
 /// Values beyond this are taken as not finite: plotters' ticks are worked out in f64. On a logarithmic axis so are those below
 /// its inverse.
 const LARGEST: f64 = 1e15;
-/// Points a series keeps: more than two a pixel column only make the SVG heavy.
-const MAX_POINTS: usize = 2_000;
 /// Named by every SVG viewer; in the PNG the font that is compiled in.
 const FONT: &str = "sans-serif";
 const INK: RGBColor = RGBColor(30, 30, 30);
@@ -146,7 +144,7 @@ impl LinePlot {
             let mut points = series.points.clone();
             points.retain(|&point| self.has_place(point));
             left_out += series.points.len() - points.len();
-            thinned(points)
+            points
         };
         (self.series.iter().map(prepare).collect(), left_out)
     }
@@ -193,14 +191,16 @@ impl LinePlot {
             .margin_right(MARGIN)
             .margin_top(10)
             .x_label_area_size(2 * TEXT_SIZE as u32 + 24)
-            .y_label_area_size(4 * TEXT_SIZE as u32 + 26)
+            .y_label_area_size(3 * TEXT_SIZE as u32 + 26)
             .build_cartesian_2d(x, y)?;
         chart
             .configure_mesh()
             .x_labels(TICKS)
             .y_labels(TICKS)
+            .max_light_lines(1)
+            .x_label_formatter(&f64::to_string)
+            .y_label_formatter(&f64::to_string)
             .bold_line_style(RGBColor(215, 215, 215))
-            .light_line_style(RGBColor(240, 240, 240))
             .axis_style(GREY)
             .label_style(style(TEXT_SIZE, INK))
             .axis_desc_style(style(TEXT_SIZE, INK))
@@ -302,7 +302,7 @@ impl LinePlot {
                 root.draw_text(&more, &style(TEXT_SIZE, GREY), (left + KEY + 8, y))?;
                 break;
             }
-            self.draw_key(root, *index, (left, y + step / 2))?;
+            self.draw_key(root, *index, (left, y + TEXT_SIZE as i32 / 2 - 1))?;
             for line in lines {
                 root.draw_text(line, &style(TEXT_SIZE, INK), (left + KEY + 8, y))?;
                 y += step;

@@ -78,19 +78,6 @@ fn many_series_and_long_words_do_not_break_the_page() {
 }
 
 #[test]
-fn thinning_keeps_spikes_and_ends() {
-    let mut points: Vec<(f64, f64)> = (0..100_000).map(|i| (f64::from(i), 1.0)).collect();
-    points[77_777].1 = 9.0;
-    let kept = thinned(points.clone());
-    assert!(kept.len() <= MAX_POINTS + 2);
-    assert!(kept.contains(&(77_777.0, 9.0)));
-    assert_eq!((kept.first(), kept.last()), (points.first(), points.last()));
-    assert!(kept.windows(2).all(|pair| pair[0].0 <= pair[1].0));
-    points.swap(3, 90_000);
-    assert_eq!(thinned(points.clone()).len(), points.len());
-}
-
-#[test]
 fn both_files_are_written_under_the_stem() {
     let folder = tempfile::tempdir().unwrap();
     let plot = plot_of(vec![(0.0, 1.0), (1.0, 2.0)], Marker::Line);
