@@ -5,7 +5,6 @@ use super::eval::Split;
 use super::options::data::DataOptions;
 use super::places;
 use crate::data::View;
-use crate::fit::run::spread;
 use crate::measure::audit::{self, AuditOptions, Summary, THRESHOLD_DB};
 use crate::measure::bench::Variants;
 use crate::measure::point::Clock;
@@ -61,10 +60,7 @@ impl Audit {
         let blob = open_blob(&self.file, &bytes)?;
         let mut lab = Variants::new(&bytes)?;
         let dataset = self.data_options.read_for(&self.data, (&blob, &self.file), global)?;
-        let views: Vec<&View> = spread(self.split.of(&dataset), self.views);
-        if views.is_empty() {
-            bail!("{}: the split `{}` has no views", self.data.display(), self.split.name());
-        }
+        let views = self.split.some(&dataset, &self.data, self.views)?;
         // Directions are averaged over what was fitted, not over what is measured.
         let rays: Vec<&View> =
             if dataset.train.is_empty() { views.clone() } else { dataset.train.iter().collect() };
@@ -94,7 +90,7 @@ impl Audit {
         check_threshold(self.effect_threshold)?;
         places::check_report(self.report.as_ref())?;
         let claims = Claims::new().reads("the blob", &self.file).reads_data(&self.data);
-        Ok(claims.writes_folder_if("--report", self.report.as_deref()).settle()?)
+        Ok(claims.writes_folder("--report", self.report.as_deref()).settle()?)
     }
 }
 

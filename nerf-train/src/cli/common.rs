@@ -1,8 +1,7 @@
 //! What several commands share.
 
 use super::lines::lines;
-pub use crate::data::pictures::colour::name as background_name;
-pub use crate::data::pictures::colour::parse as parse_background;
+pub use crate::data::pictures::colour::{name as background_name, parse as parse_background};
 use crate::fit::finish::Outcome;
 pub use crate::system::cpu::name as cpu_name;
 pub use crate::system::input::parse_numbers;

@@ -101,7 +101,7 @@ impl Demo {
         config.check()?;
         places::check_folder("--out", &self.out)?;
         Claims::new()
-            .reads_if("the file of settings", self.config.as_deref())
+            .reads("the file of settings", self.config.as_deref())
             .writes_folder("--out", &self.out)
             .writes("--out", &self.out.join("demo.nerf"))
             .settle()?;

@@ -6,6 +6,7 @@ use super::options::quality::{QualityOptions, WhichBins};
 use super::places;
 use crate::data::names::FileNames;
 use crate::data::{Dataset, RefinedPoses, View};
+use crate::fit::run::spread;
 use crate::measure::eval::{EvalOptions, Evaluation, own_background};
 use crate::measure::frame;
 use crate::measure::surfaces::Surfaces;
@@ -13,11 +14,10 @@ use crate::show::table::Table;
 use crate::system::output::claims::Claims;
 use crate::system::progress::Progress;
 use crate::system::summary::write;
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use clap::{Args, ValueEnum};
 use nerf_core::camera::Camera;
-use nerf_core::plan::{Batch, Plan};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -37,6 +37,13 @@ impl Split {
             Self::Val => &dataset.val,
             Self::Test => &dataset.test,
         }
+    }
+
+    /// At most `count` of its views, spread over them; `data` is where they come from.
+    pub fn some<'d>(self, dataset: &'d Dataset, data: &Path, count: usize) -> anyhow::Result<Vec<&'d View>> {
+        let views = spread(self.of(dataset), count);
+        ensure!(!views.is_empty(), "{}: the split `{}` has no views", data.display(), self.name());
+        Ok(views)
     }
 
     /// Its cameras; of a test split without pictures its poses.
@@ -103,14 +110,12 @@ impl Eval {
         Claims::new()
             .reads("the blob", &self.file)
             .reads_data(&self.data)
-            .writes_folder_if("--report", self.report.as_deref())
+            .writes_folder("--report", self.report.as_deref())
             .settle()?;
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
-        let plan = Plan::new(&blob, &self.quality.quality(), Surfaces::OUTPUTS, Batch::FULL)
-            .and_then(|plan| self.data_options.range_of(plan))
-            .map(|plan| self.quality.bins_of(plan, WhichBins::Own))
-            .with_context(|| self.file.display().to_string())?;
+        let (outputs, data) = (Surfaces::OUTPUTS, &self.data_options);
+        let plan = self.quality.plan((&blob, &self.file), outputs, data, WhichBins::Own)?;
         let dataset = self.data_options.read_given_for(&self.data, (&blob, &self.file), global)?;
         let split = self.split_of(&dataset);
         let views = self.views(&dataset, split)?;

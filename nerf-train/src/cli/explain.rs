@@ -12,7 +12,7 @@ use clap::Args;
 use nerf_core::blob::Blob;
 use nerf_core::camera::Camera;
 use nerf_core::memory::Line;
-use nerf_core::plan::{Batch, Outputs, Plan};
+use nerf_core::plan::{Outputs, Plan};
 use nerf_core::render::{Counters, Explanation, Renderer, Stage, Switch};
 use serde::Serialize;
 use serde_json::Value;
@@ -72,11 +72,9 @@ impl Explain {
             normals: self.normals,
             ..Outputs::ALL
         };
-        let plan = Plan::new(&blob, &self.quality.quality(), outputs, Batch::FULL)
-            .and_then(|plan| plan.with_normal_blur(self.normal_blur))
-            .and_then(|plan| self.data_options.range_of(plan))
-            .map(|plan| self.quality.bins_of(plan, WhichBins::Whole))
-            .with_context(|| self.file.display().to_string())?;
+        let plan = self.quality.plan((&blob, &self.file), outputs, &self.data_options, WhichBins::Whole)?;
+        let plan =
+            plan.with_normal_blur(self.normal_blur).with_context(|| self.file.display().to_string())?;
         let plan = self.effects.of(plan)?;
         let camera = self.camera(&blob, global)?;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];

@@ -155,7 +155,7 @@ impl Export {
                 bail!("{flag}: says nothing of {}: expected it to be left out", kind.described(of_views));
             }
         }
-        let claims = Claims::new().reads("the blob", &self.file).reads_data_if(self.data.as_deref());
+        let claims = Claims::new().reads("the blob", &self.file).reads_data(self.data.as_deref());
         claims.writes("-o", &self.output).settle()?;
         Ok(kind)
     }

@@ -7,7 +7,6 @@ use super::options::Conduct;
 use super::options::data::{DataOptions, Space, print_report};
 use super::options::grid::{TableSettings, check_memory, given, parse_bytes, set};
 use super::options::settings::{SetOption, read_config};
-
 use super::places;
 use crate::capture::check::Diagnosis;
 use crate::data::{Background, Dataset, is_blank, refined};
@@ -227,7 +226,7 @@ impl Fit {
 
     fn claims(&self) -> Claims {
         let inputs = Claims::new().reads_data(&self.data);
-        let claims = self.conduct.claims(inputs.reads_if("the file of settings", self.config.as_deref()));
+        let claims = self.conduct.claims(inputs.reads("the file of settings", self.config.as_deref()));
         match &self.live {
             Some(folder) => {
                 claims.writes_folder("--live", folder).writes("--live", &folder.join("live.nerf"))

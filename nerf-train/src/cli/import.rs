@@ -115,9 +115,9 @@ impl Import {
         places::check_extension("-o", &self.output, places::BLOB)?;
         Ok(Claims::new()
             .reads("the network", &self.checkpoint)
-            .reads_if("the coarse network", self.coarse.as_deref())
-            .reads_if("the occupancy grid", self.occupancy.as_deref())
-            .reads_data_if(self.check.as_deref())
+            .reads("the coarse network", self.coarse.as_deref())
+            .reads("the occupancy grid", self.occupancy.as_deref())
+            .reads_data(self.check.as_deref())
             .writes("-o", &self.output)
             .settle()?)
     }

@@ -5,9 +5,7 @@ use super::eval::Split;
 use super::options::data::DataOptions;
 use super::places;
 use crate::data::View;
-use crate::fit::run::spread;
-use crate::lab::study::Study as Measured;
-use crate::lab::study::{Effort, Progressed};
+use crate::lab::study::{Effort, Progressed, Study as Measured};
 use crate::measure::bench::Variants;
 use crate::measure::bench::source::unrounded;
 use crate::measure::point::Clock;
@@ -92,10 +90,7 @@ impl Study {
             lab.set_source(unrounded(source, &blob)?);
         }
         let dataset = self.data_options.read_for(&self.data, (&blob, &self.file), global)?;
-        let views: Vec<&View> = spread(self.split.of(&dataset), self.views);
-        if views.is_empty() {
-            bail!("{}: the split `{}` has no views", self.data.display(), self.split.name());
-        }
+        let views = self.split.some(&dataset, &self.data, self.views)?;
         self.add_variants(&mut lab, global)?;
         let study = self.measured(&lab, views, start, global)?;
         let findings = Findings::of(&study);
@@ -140,8 +135,8 @@ impl Study {
     fn claims(&self, output: Option<&Path>) -> anyhow::Result<()> {
         let mut claims = Claims::new()
             .reads_data(&self.data)
-            .reads_if("the checkpoint", self.source.as_deref())
-            .writes_folder_if("--report", self.report.as_deref());
+            .reads("the checkpoint", self.source.as_deref())
+            .writes_folder("--report", self.report.as_deref());
         if let Some(output) = output {
             claims = claims.writes(if self.write { "--write" } else { "-o" }, output);
         }

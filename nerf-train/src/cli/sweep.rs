@@ -225,7 +225,7 @@ impl SceneSweep {
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         self.max_seconds.iter().try_for_each(|&seconds| check_max_seconds(Some(seconds)))?;
         let claims = Claims::new().reads_data(&self.data);
-        self.lists.claim(claims.reads_if("the file of settings", self.config.as_deref()))?;
+        self.lists.claim(claims.reads("the file of settings", self.config.as_deref()))?;
         let dataset = self.data_options.read(&self.data, global)?;
         print_report(&dataset, global);
         if dataset.val.is_empty() {

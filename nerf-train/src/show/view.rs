@@ -1,8 +1,7 @@
 //! What a pixel of a rendered view shows, and how it is written.
 
 use crate::data::pictures::rgb::{Picture, check_length, write_grey16_png, write_rgba_png};
-use crate::measure::frame;
-use crate::measure::frame::Frame;
+use crate::measure::frame::{self, Frame};
 use crate::show::colour_map::{depth_picture_with_legend, normal_picture};
 use crate::system::output::mark::MARK;
 use crate::system::output::write_atomic;

@@ -152,7 +152,7 @@ impl DataOptions {
     ) -> anyhow::Result<Dataset> {
         let name = blob.provenance().data;
         let options = ReadOptions {
-            to_fit: false,
+            to_measure: true,
             cameras: self.cameras.unwrap_or_else(|| cameras_in_name(name)),
             shared_cameras: Some(cameras_beside(file)),
             origin: Some(origin_in_name(name)),

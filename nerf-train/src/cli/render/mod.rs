@@ -22,7 +22,7 @@ use clap::{Args, ValueEnum};
 use nerf_core::blob::Blob;
 use nerf_core::camera::Camera;
 use nerf_core::memory::Line;
-use nerf_core::plan::{Batch, Outputs, Plan};
+use nerf_core::plan::{Outputs, Plan};
 use nerf_core::render::Renderer;
 use shots::Shots;
 use std::path::PathBuf;
@@ -181,11 +181,10 @@ impl Render {
     }
 
     fn plan<'b>(&self, blob: &Blob<'b>) -> anyhow::Result<Plan<'b>> {
-        let plan = Plan::new(blob, &self.quality.quality(), self.wanted(), Batch::FULL)
-            .and_then(|plan| plan.with_normal_blur(self.normal_blur))
-            .and_then(|plan| self.data_options.range_of(plan))
-            .map(|plan| self.quality.bins_of(plan, WhichBins::Whole))
-            .with_context(|| self.file.display().to_string())?;
+        let plan =
+            self.quality.plan((blob, &self.file), self.wanted(), &self.data_options, WhichBins::Whole)?;
+        let plan =
+            plan.with_normal_blur(self.normal_blur).with_context(|| self.file.display().to_string())?;
         let plan = match self.background {
             Some(background) => plan.with_background(background)?,
             None if self.transparent => plan.with_background([0.0; 3])?,

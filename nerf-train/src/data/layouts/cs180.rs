@@ -21,7 +21,7 @@ pub(crate) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Datas
     }
     let origin = options.origin_for(positions);
     let world = World { axes, origin };
-    let train = if options.to_fit || archive.has("images_train") {
+    let train = if !options.to_measure || archive.has("images_train") {
         split(archive, "images_train", "c2ws_train", focal, world)?
     } else {
         Vec::new()
@@ -30,7 +30,7 @@ pub(crate) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Datas
     let val = if archive.has("images_val") {
         split(archive, "images_val", "c2ws_val", focal, world)?
     } else {
-        if options.to_fit {
+        if !options.to_measure {
             warnings.push("no array `images_val`: no validation views".into());
         }
         Vec::new()
