@@ -89,7 +89,7 @@ impl Audit {
         }
         check_threshold(self.effect_threshold)?;
         places::check_report(self.report.as_ref())?;
-        let claims = Claims::new().reads("the blob", &self.file).reads_data(&self.data);
+        let claims = Claims::default().reads("the blob", &self.file).reads_data(&self.data);
         Ok(claims.writes_folder("--report", self.report.as_deref()).settle()?)
     }
 }

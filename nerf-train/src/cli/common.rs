@@ -30,13 +30,6 @@ macro_rules! outln {
     };
 }
 
-/// Prints lines of the result, such as a table; returns from the function where that fails.
-macro_rules! outlines {
-    ($text:expr) => {
-        $crate::cli::common::print(&$text)?
-    };
-}
-
 /// Prints lines to stdout. A reader that has seen enough and closed it is no failure.
 pub fn print(lines: &str) -> anyhow::Result<()> {
     match writeln!(std::io::stdout(), "{}", printable::lines(lines)) {

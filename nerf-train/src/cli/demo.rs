@@ -79,14 +79,14 @@ impl Demo {
         let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::FULL)?;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, options.kernel)];
         let renderer = Renderer::new(blob, options.kernel, &mut memory)?;
-        let views = self.views(&renderer, &plan, outcome.background, &dataset, global)?;
+        let (scores, z_depth_error) = self.views(&renderer, &plan, outcome.background, &dataset, global)?;
         self.orbit(&renderer, &plan, &spec, global)?;
 
         let (seconds, data) = (clock.seconds(), &dataset.name);
         let summary = Summary {
-            val_psnr_db: views.scores.psnr_db().unwrap_or(f64::NAN),
-            val_ssim: views.scores.ssim().unwrap_or(f64::NAN),
-            z_depth_median_relative_error: Some(views.z_depth_error),
+            val_psnr_db: scores.psnr_db().unwrap_or(f64::NAN),
+            val_ssim: scores.ssim().unwrap_or(f64::NAN),
+            z_depth_median_relative_error: Some(z_depth_error),
             ..Summary::of(&outcome, &config, options.kernel, seconds, data, &blob_path)
         };
         write(&summary, &self.out)?;
@@ -100,7 +100,7 @@ impl Demo {
             read_config(Preset::Grid, self.config.as_deref(), &SetOption::default(), Surroundings::Known)?;
         config.check()?;
         places::check_folder("--out", &self.out)?;
-        Claims::new()
+        Claims::default()
             .reads("the file of settings", self.config.as_deref())
             .writes_folder("--out", &self.out)
             .writes("--out", &self.out.join("demo.nerf"))
@@ -119,7 +119,8 @@ impl Demo {
         }
     }
 
-    /// Measures every held-out view against its picture and its true distances; a sheet of them.
+    /// Measures every held-out view against its picture and its true distances; a sheet of them. Its scores, and the median
+    /// relative error of the z-depth of opaque pixels.
     fn views(
         &self,
         renderer: &Renderer<'_>,
@@ -127,7 +128,7 @@ impl Demo {
         background: [f32; 3],
         dataset: &Dataset,
         global: &Global,
-    ) -> anyhow::Result<Views> {
+    ) -> anyhow::Result<(Scores, f64)> {
         let mut errors = Vec::new();
         let (mut cells, mut done, mut drawn) = (Vec::new(), 0, Ok(()));
         let mut progress = Progress::steps("eval", dataset.val.len(), global.style());
@@ -143,7 +144,7 @@ impl Demo {
         progress.finish(format!("{} views", scores.views.len()));
         contact_sheet("Held-out views: rendered, truth, z_depth", &cells, 3)
             .write_png(self.out.join("views.png"))?;
-        Ok(Views { scores, z_depth_error: median(errors) })
+        Ok((scores, median(errors)))
     }
 
     fn orbit(
@@ -185,12 +186,6 @@ impl Demo {
         }
         Ok(())
     }
-}
-
-struct Views {
-    scores: Scores,
-    /// Median relative error of the z-depth of opaque pixels.
-    z_depth_error: f64,
 }
 
 /// |z_depth − truth| / truth of the pixels that are opaque in truth and in the picture's own eyes.

@@ -107,7 +107,7 @@ impl Eval {
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         check_counts([("--every", self.every)])?;
         places::check_report(self.report.as_ref())?;
-        Claims::new()
+        Claims::default()
             .reads("the blob", &self.file)
             .reads_data(&self.data)
             .writes_folder("--report", self.report.as_deref())

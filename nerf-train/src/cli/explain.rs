@@ -1,6 +1,6 @@
 //! `nerf-train explain`
 
-use super::common::{Global, open_blob, read_file};
+use super::common::{Global, open_blob, print, read_file};
 use super::eval::Split;
 use super::options::data::DataOptions;
 use super::options::effects::EffectOptions;
@@ -83,10 +83,7 @@ impl Explain {
         let explanation = plan.explain(&renderer).with_counters(counters);
 
         let summary = Summary::of(&explanation, &renderer, counters);
-        global.finish_with(&summary, || {
-            outlines!(explanation.to_string().trim_end());
-            Ok(())
-        })?;
+        global.finish_with(&summary, || print(explanation.to_string().trim_end()))?;
         Ok(ExitCode::SUCCESS)
     }
 

@@ -99,7 +99,7 @@ impl Export {
         let renderer = Renderer::new(blob, global.kernel(), &mut memory)?;
         let field = Field::new(&renderer, &plan);
         let origin = origin_in_name(renderer.blob().provenance().data);
-        let mut summary = Summary::new(&self.output, kind.name(), &bounds, origin);
+        let mut summary = Summary::new(&self.output, kind.words().0, &bounds, origin);
         match (kind, &self.data) {
             (Kind::Volume, _) => self.volume(&field, &bounds, origin, &mut summary, global)?,
             (Kind::Points, Some(data)) => {
@@ -139,8 +139,8 @@ impl Export {
             // Such as a device: taken for whatever is written.
             (None, Some(kind)) => kind,
             (Some("ply" | "obj" | "glb" | "npz"), Some(kind)) => {
-                let expected = kind.endings();
-                bail!("-o: expected a name that ends in {expected} with --as {}, found {name}", kind.name())
+                let (what, endings) = kind.words();
+                bail!("-o: expected a name that ends in {endings} with --as {what}, found {name}")
             }
             _ => bail!("-o: expected a name that ends in .ply, .obj, .glb or .npz, found {name}"),
         };
@@ -155,7 +155,7 @@ impl Export {
                 bail!("{flag}: says nothing of {}: expected it to be left out", kind.described(of_views));
             }
         }
-        let claims = Claims::new().reads("the blob", &self.file).reads_data(self.data.as_deref());
+        let claims = Claims::default().reads("the blob", &self.file).reads_data(self.data.as_deref());
         claims.writes("-o", &self.output).settle()?;
         Ok(kind)
     }
@@ -262,11 +262,12 @@ impl Export {
 }
 
 impl Kind {
-    fn name(self) -> &'static str {
+    /// Its name, and how its files end.
+    fn words(self) -> (&'static str, &'static str) {
         match self {
-            Self::Mesh => "mesh",
-            Self::Points => "points",
-            Self::Volume => "volume",
+            Self::Mesh => ("mesh", ".ply, .obj or .glb"),
+            Self::Points => ("points", ".ply"),
+            Self::Volume => ("volume", ".npz"),
         }
     }
 
@@ -276,14 +277,6 @@ impl Kind {
             Self::Points if of_views => "points of photographs' rays",
             Self::Points => "points of a surface",
             Self::Volume => "a volume",
-        }
-    }
-
-    fn endings(self) -> &'static str {
-        match self {
-            Self::Mesh => ".ply, .obj or .glb",
-            Self::Points => ".ply",
-            Self::Volume => ".npz",
         }
     }
 }

@@ -225,7 +225,7 @@ impl Fit {
     }
 
     fn claims(&self) -> Claims {
-        let inputs = Claims::new().reads_data(&self.data);
+        let inputs = Claims::default().reads_data(&self.data);
         let claims = self.conduct.claims(inputs.reads("the file of settings", self.config.as_deref()));
         match &self.live {
             Some(folder) => {

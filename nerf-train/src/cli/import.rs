@@ -113,7 +113,7 @@ impl Import {
         self.settings.check()?;
         check_threshold(self.effect_threshold)?;
         places::check_extension("-o", &self.output, places::BLOB)?;
-        Ok(Claims::new()
+        Ok(Claims::default()
             .reads("the network", &self.checkpoint)
             .reads("the coarse network", self.coarse.as_deref())
             .reads("the occupancy grid", self.occupancy.as_deref())

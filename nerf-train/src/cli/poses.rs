@@ -41,7 +41,7 @@ impl Poses {
         let begun = Instant::now();
         let output = self.output.clone().unwrap_or_else(|| beside(&self.photographs));
         places::check_folder("-o", &output)?;
-        Claims::new()
+        Claims::default()
             .reads("the folder of photographs", &self.photographs)
             .writes_folder("-o", &output)
             .check()?;

@@ -93,7 +93,7 @@ impl Show {
                 "--samples: expected none with --preset grid, whose rays are marched at a fixed step; expected --preset small or seed"
             );
         }
-        Claims::new().reads_data(&self.data).writes_folder("-o", &self.output).settle()?;
+        Claims::default().reads_data(&self.data).writes_folder("-o", &self.output).settle()?;
         let dataset = self.data_options.read(&self.data, global)?;
         print_report(&dataset, global);
         let views = self.split.of(&dataset);

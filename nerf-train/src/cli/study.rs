@@ -87,7 +87,7 @@ impl Study {
         let blob = open_blob(&self.file, &bytes)?;
         let mut lab = Variants::new(&bytes)?;
         if let Some(source) = &self.source {
-            lab.set_source(unrounded(source, &blob)?);
+            lab.source = Some(unrounded(source, &blob)?);
         }
         let dataset = self.data_options.read_for(&self.data, (&blob, &self.file), global)?;
         let views = self.split.some(&dataset, &self.data, self.views)?;
@@ -133,7 +133,7 @@ impl Study {
     }
 
     fn claims(&self, output: Option<&Path>) -> anyhow::Result<()> {
-        let mut claims = Claims::new()
+        let mut claims = Claims::default()
             .reads_data(&self.data)
             .reads("the checkpoint", self.source.as_deref())
             .writes_folder("--report", self.report.as_deref());

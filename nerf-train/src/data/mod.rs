@@ -227,10 +227,6 @@ impl std::str::FromStr for Cameras {
 /// How a name states that its cameras are shared ones.
 const SHARED: &str = ", shared cameras";
 
-fn with_shared_cameras(name: String) -> String {
-    name + SHARED
-}
-
 /// Which cameras the data set of this name had, which is how a blob keeps it.
 pub fn cameras_in_name(name: &str) -> Cameras {
     let shared = name.ends_with(SHARED) || name.contains(&format!("{SHARED}{}", cameras::origin::STATED));

@@ -220,7 +220,7 @@ impl Fit {
         // Wrong settings are found before the picture is read, and once more with its size.
         self.config([MAX_SIDE; 2])?;
         let checkpoint =
-            self.conduct.check(self.conduct.claims(Claims::new().reads("the picture", &self.photo)))?;
+            self.conduct.check(self.conduct.claims(Claims::default().reads("the picture", &self.photo)))?;
         let snapshots = match &self.conduct.report {
             Some(folder) if !self.snapshots.is_empty() => Some(folder.join("snapshots")),
             _ => None,

@@ -99,7 +99,7 @@ impl Render {
     }
 
     pub(super) fn claims(&self, target: &Target) -> Claims {
-        let claims = Claims::new()
+        let claims = Claims::default()
             .reads("the blob", &self.file)
             .reads("the program", self.ffmpeg.as_deref())
             .reads_data(self.data.as_deref())

@@ -56,7 +56,7 @@ pub const EFFECTS: &[Effect] = &[
             if !lab.has_occupancy(0) {
                 return Ok(Err("the scene has none"));
             }
-            if lab.occupancy_required() {
+            if lab.scene().occupancy_required {
                 return Ok(Err("it is part of the model"));
             }
             let quality = Quality { occupancy: false, ..with.settings.quality };

@@ -96,10 +96,6 @@ pub fn is_device(path: &Path) -> bool {
 }
 
 impl Claims {
-    pub fn new() -> Self {
-        Self::default()
-    }
-
     /// Reads a file, or a folder with all that is in it, if there is one; `what` names it in errors. One that is missing
     /// is no matter here: whoever reads it says so.
     pub fn reads<'p, P: AsRef<Path> + ?Sized + 'p>(

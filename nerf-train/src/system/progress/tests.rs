@@ -91,7 +91,7 @@ fn a_run_ends_where_its_last_update_was_in_every_style() {
         let mut progress = Progress::new("render", Total::Steps(3), style);
         (0..=3).for_each(|i| progress.update(i, &Message::default()));
         progress.println("half way");
-        assert_eq!(progress.share(3, progress.elapsed()), Some(1.0), "{style:?}");
+        assert_eq!(progress.share(3, progress.started.elapsed()), Some(1.0), "{style:?}");
         assert_eq!(matches!(progress.display, Display::Quiet), style == ProgressStyle::Quiet, "{style:?}");
     }
     let hidden = ProgressBar::with_draw_target(Some(1), ProgressDrawTarget::hidden());
