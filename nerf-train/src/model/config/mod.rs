@@ -8,7 +8,7 @@ mod table;
 mod tests;
 
 pub use check::ConfigError;
-pub(crate) use check::{check_table_values, rule};
+pub(crate) use check::{at_most, check_table_values, rule, within};
 pub use optimiser::OptimiserConfig;
 pub use table::TableConfig;
 
@@ -308,7 +308,6 @@ impl Config {
         }
     }
 
-    /// Adam's constants.
     pub fn adam(&self) -> Adam {
         self.optimiser.adam()
     }

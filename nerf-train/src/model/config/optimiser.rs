@@ -1,6 +1,6 @@
 //! What every training has: Adam, its schedule, and the average that is exported.
 
-use super::check::{ConfigError, positive, rule};
+use super::check::{ConfigError, positive, rule, within};
 use crate::model::engine::Adam;
 use serde::{Deserialize, Serialize};
 
@@ -31,37 +31,21 @@ pub struct OptimiserConfig {
 }
 
 impl OptimiserConfig {
-    /// Checks every setting on its own.
     pub fn check(&self) -> Result<(), ConfigError> {
         rule("optimiser.steps", self.steps > 0, "at least 1", self.steps)?;
         rule("optimiser.rate", positive(self.rate) && self.rate <= 10.0, "above 0, at most 10", self.rate)?;
-        rule(
-            "optimiser.final_share",
-            positive(self.final_share) && self.final_share <= 1.0,
-            "above 0, at most 1",
-            self.final_share,
-        )?;
+        let share = self.final_share;
+        rule("optimiser.final_share", positive(share) && share <= 1.0, "above 0, at most 1", share)?;
         rule("optimiser.beta2", (0.0..1.0).contains(&self.beta2), "0 to 1, without 1", self.beta2)?;
         // Adam divides by it in f32 where a gradient was always 0.
-        rule(
-            "optimiser.epsilon",
-            (self.epsilon as f32).is_finite() && self.epsilon as f32 > 0.0,
-            "above 0, in the range of f32",
-            self.epsilon,
-        )?;
-        rule(
-            "optimiser.weight_decay",
-            (0.0..=1.0).contains(&(self.rate * self.weight_decay)),
-            "at least 0, times the rate at most 1",
-            self.weight_decay,
-        )?;
+        let sound = (self.epsilon as f32).is_finite() && self.epsilon as f32 > 0.0;
+        rule("optimiser.epsilon", sound, "above 0, in the range of f32", self.epsilon)?;
+        let shrinks = (0.0..=1.0).contains(&(self.rate * self.weight_decay));
+        rule("optimiser.weight_decay", shrinks, "at least 0, times the rate at most 1", self.weight_decay)?;
         rule("optimiser.average", (0.0..1.0).contains(&self.average), "0 to 1, without 1", self.average)?;
-        let turns = (1..=16).contains(&self.hashed_every);
-        rule("optimiser.hashed_every", turns, "1 to 16", self.hashed_every)?;
-        Ok(())
+        within("optimiser.hashed_every", 1..=16, self.hashed_every)
     }
 
-    /// Adam's constants.
     pub fn adam(&self) -> Adam {
         Adam {
             betas: [0.9, self.beta2],
