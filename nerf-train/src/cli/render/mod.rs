@@ -5,11 +5,10 @@ mod target;
 
 use super::common::{Global, open_blob, parse_background, parse_numbers, print_lines, read_file};
 use super::eval::Split;
-use super::options::ShardOption;
-use super::options::UpAxis;
 use super::options::data::DataOptions;
 use super::options::effects::EffectOptions;
 use super::options::quality::{QualityOptions, WhichBins};
+use super::options::{ShardOption, UpAxis};
 use crate::data::names::count;
 use crate::show::render::{Ranges, Rendering, coarse, ranges, render};
 use crate::show::view::Output;

@@ -51,7 +51,6 @@ pub enum Preset {
     Seed,
 }
 
-/// The network's shape.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NetworkConfig {
@@ -213,7 +212,6 @@ pub enum Jitter {
     Width(f32),
 }
 
-/// The occupancy grid.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OccupancyConfig {

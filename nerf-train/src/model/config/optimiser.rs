@@ -4,7 +4,6 @@ use super::check::{ConfigError, positive, rule, within};
 use crate::model::engine::Adam;
 use serde::{Deserialize, Serialize};
 
-/// Adam and its schedule.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OptimiserConfig {

@@ -4,8 +4,8 @@
 //! in turns, each at every `hashed_every`th step by the sum of its gradients, which Adam takes as it takes a mean. Dense
 //! levels move at every step.
 //!
-//! Weight decay is decoupled (Loshchilov & Hutter 2019) and of the colour branch alone: without it colours are learned by
-//! heart, direction by direction, and a view 10 degrees from any photograph gets worse the longer a fit runs.
+//! Weight decay is decoupled (Loshchilov & Hutter 2019), and of the colour branch alone: it draws colours between the
+//! photographs' directions towards those of the photographs.
 
 use crate::model::engine::{Adam, Model, Part};
 use nerf_core::encoding::GridLevel;
