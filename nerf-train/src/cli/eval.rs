@@ -39,14 +39,14 @@ impl Split {
         }
     }
 
-    /// At most `count` of its views, spread over them; `data` is where they come from.
+    /// At most `count` views of the split, evenly spread; `data`: path that an error names.
     pub fn some<'d>(self, dataset: &'d Dataset, data: &Path, count: usize) -> anyhow::Result<Vec<&'d View>> {
         let views = spread(self.of(dataset), count);
         ensure!(!views.is_empty(), "{}: the split `{}` has no views", data.display(), self.name());
         Ok(views)
     }
 
-    /// Its cameras; of a test split without pictures its poses.
+    /// Cameras of the split; of a test split without pictures, its poses.
     pub fn cameras(self, dataset: &Dataset) -> Vec<Camera> {
         let views = self.of(dataset);
         if self == Self::Test && views.is_empty() {
@@ -55,7 +55,7 @@ impl Split {
         views.iter().map(|view| view.camera).collect()
     }
 
-    /// The camera that `flag` names by its index.
+    /// Camera of this index in the split; `flag`: what gave the index, for the error.
     pub fn camera(self, flag: &str, dataset: &Dataset, index: usize) -> anyhow::Result<Camera> {
         let cameras = self.cameras(dataset);
         let (count, name) = (cameras.len(), self.name());

@@ -54,7 +54,7 @@ pub struct Dataset {
     pub format: Format,
     /// The convention its poses were taken to be in; behind the reader they are all OpenGL.
     pub axes: Axes,
-    /// What is fitted; at least one view, unless the data were read for a field that is there ([`ReadOptions::to_measure`]).
+    /// Views that are fitted; at least one, unless the data were read to measure a field ([`ReadOptions::to_measure`]).
     pub train: Vec<View>,
     /// What the fit is watched on; may be empty.
     pub val: Vec<View>,

@@ -175,7 +175,7 @@ impl DataOptions {
     }
 }
 
-/// Reads a data set and shows how that is getting on where it takes a while.
+/// Reads a data set, with a progress bar where that takes long.
 pub fn read_with(
     path: &Path,
     options: &ReadOptions,

@@ -19,7 +19,8 @@ pub struct OptimiserConfig {
     pub beta2: f64,
     /// Adam's epsilon.
     pub epsilon: f64,
-    /// Decoupled weight decay a unit of learning rate; beside a grid of the colour branch alone.
+    /// Decoupled weight decay: share of a weight lost at each step, divided by the learning rate. Beside a grid, of the colour
+    /// branch alone.
     pub weight_decay: f64,
     /// Decay, a step, of the exponential average of the parameters that is exported, which reaches back over a ninth of the
     /// steps so far at most; 0 exports the last.

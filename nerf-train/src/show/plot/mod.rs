@@ -132,7 +132,7 @@ impl LinePlot {
         Ok(paths)
     }
 
-    /// Whether a point has a place between the axes.
+    /// Whether an axis can show the point.
     fn has_place(&self, (x, y): (f64, f64)) -> bool {
         x.abs() <= LARGEST && y.abs() <= LARGEST && (!self.log_x || x >= 1.0 / LARGEST)
     }
@@ -169,7 +169,11 @@ impl LinePlot {
         let (xs, ys) = (points.iter().flatten().map(|p| p.0), points.iter().flatten().map(|p| p.1));
         let y = extent(ys.chain(references.iter().map(|reference| reference.y)));
         match self.log_x {
-            true => self.draw_chart(root, &area, (decades(xs).log_scale(), y), &points, &references),
+            true => {
+                let (range, ticks) = decades(xs);
+                let x = range.log_scale().with_key_points(ticks);
+                self.draw_chart(root, &area, (x, y), &points, &references)
+            }
             false => self.draw_chart(root, &area, (extent(xs), y), &points, &references),
         }
     }
@@ -198,8 +202,8 @@ impl LinePlot {
             .x_labels(TICKS)
             .y_labels(TICKS)
             .max_light_lines(1)
-            .x_label_formatter(&f64::to_string)
-            .y_label_formatter(&f64::to_string)
+            .x_label_formatter(&tick_label)
+            .y_label_formatter(&tick_label)
             .bold_line_style(RGBColor(215, 215, 215))
             .axis_style(GREY)
             .label_style(style(TEXT_SIZE, INK))
@@ -344,11 +348,30 @@ fn extent(values: impl Iterator<Item = f64>) -> Range<f64> {
     low - margin..high + margin
 }
 
-/// The ends of a logarithmic axis: it begins with a power of ten, as plotters' ticks stand there.
-fn decades(values: impl Iterator<Item = f64>) -> Range<f64> {
+/// Range of a logarithmic axis and its ticks, which are at 1, 2 and 5 times powers of ten, or at powers of ten where those are
+/// too many; the range ends at the ticks around the values.
+fn decades(values: impl Iterator<Item = f64>) -> (Range<f64>, Vec<f64>) {
     let (low, high) = ends(values).unwrap_or((1.0, 10.0));
-    let low = 10_f64.powf(low.log10().floor());
-    low..(1.2 * high).max(2.0 * low)
+    let exponents = low.log10().floor() as i32..=high.log10().floor() as i32 + 1;
+    // Read as decimals: a power of ten by multiplication is not the nearest number.
+    let tick = |exponent: i32, digit: u8| format!("{digit}e{exponent}").parse::<f64>().ok();
+    let mut ticks: Vec<f64> = exponents
+        .clone()
+        .flat_map(|exponent| [1, 2, 5].into_iter().filter_map(move |d| tick(exponent, d)))
+        .collect();
+    ticks.retain(|&tick| 2.5 * tick > low && tick < 2.5 * high);
+    let range = ticks[0]..ticks[ticks.len() - 1];
+    if ticks.len() > TICKS {
+        let every = 1 + exponents.clone().count() / TICKS;
+        ticks = exponents.step_by(every).filter_map(|exponent| tick(exponent, 1)).collect();
+        ticks.retain(|tick| (range.start..=range.end).contains(tick));
+    }
+    (range, ticks)
+}
+
+/// A tick's value to ten digits: what is added up on the way to it leaves more.
+fn tick_label(value: &f64) -> String {
+    format!("{value:.9e}").parse().unwrap_or(*value).to_string()
 }
 
 fn ends(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {

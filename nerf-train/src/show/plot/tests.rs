@@ -78,6 +78,22 @@ fn many_series_and_long_words_do_not_break_the_page() {
 }
 
 #[test]
+fn logarithmic_axes_have_ticks_around_their_values() {
+    for (values, expected) in [
+        (vec![0.0034, 0.021], (0.002..0.05, vec![0.002, 0.005, 0.01, 0.02, 0.05])),
+        (vec![3.0], (2.0..5.0, vec![2.0, 5.0])),
+        (vec![1e-3, 0.9], (1e-3..2.0, vec![1e-3, 1e-2, 0.1, 1.0])),
+    ] {
+        assert_eq!(decades(values.iter().copied()), expected);
+    }
+    for exponent in -15..=15 {
+        let (range, ticks) = decades([10f64.powi(exponent)].into_iter());
+        assert!(range.start < range.end && ticks.len() >= 2, "{exponent}: {range:?}, {ticks:?}");
+    }
+    assert_eq!(tick_label(&(0.1 + 0.2)), "0.3");
+}
+
+#[test]
 fn both_files_are_written_under_the_stem() {
     let folder = tempfile::tempdir().unwrap();
     let plot = plot_of(vec![(0.0, 1.0), (1.0, 2.0)], Marker::Line);

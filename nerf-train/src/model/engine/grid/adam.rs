@@ -4,8 +4,8 @@
 //! in turns, each at every `hashed_every`th step by the sum of its gradients, which Adam takes as it takes a mean. Dense
 //! levels move at every step.
 //!
-//! Weight decay is decoupled (Loshchilov & Hutter 2019), and of the colour branch alone: it draws colours between the
-//! photographs' directions towards those of the photographs.
+//! Weight decay is decoupled (Loshchilov & Hutter 2019), and of the colour branch alone, whose colours fit the photographs'
+//! directions too closely without it.
 
 use crate::model::engine::{Adam, Model, Part};
 use nerf_core::encoding::GridLevel;
@@ -51,7 +51,7 @@ impl AdamStep {
     }
 }
 
-/// Shrinks the weights of the colour branch, as a step at `rate` asks; `parameters` in the model's own order.
+/// Weight decay of the colour branch for a step at learning rate `rate`; `parameters` in the model's own order.
 pub(super) fn decay_weights(adam: &Adam, rate: f64, model: &Model, parameters: &mut [f32]) {
     let kept = (1.0 - rate * adam.weight_decay) as f32;
     for layer in model.layers() {
