@@ -14,6 +14,7 @@ use crate::train::candidate::{About, Candidate};
 use crate::train::exposure::ExposureFound;
 use crate::train::moving::Moved;
 use crate::train::poses::PosesFound;
+use crate::train::withheld::WithheldFound;
 use crate::train::{CurvePoint, Snapshot};
 use nerf_core::plan::Quality;
 use std::time::Instant;
@@ -44,6 +45,8 @@ pub struct Outcome {
     pub poses: Option<PosesFound>,
     /// What was found of the photographs' exposure, where that was asked.
     pub exposure: Option<ExposureFound>,
+    /// What photographs withheld at first showed, where there were any.
+    pub withheld: Option<WithheldFound>,
     /// Training photographs of which something that moved was left out of the loss.
     pub moved: Vec<Moved>,
     /// Some of those views as rendered, if the run was to keep them.
@@ -148,6 +151,7 @@ pub(super) fn finish(session: &mut Session<'_, '_>) -> anyhow::Result<Outcome> {
         refined_poses,
         poses: session.trainer.poses(),
         exposure: session.trainer.exposure(),
+        withheld: session.trainer.withheld(),
         moved: session.trainer.moved(),
         shown,
         background,

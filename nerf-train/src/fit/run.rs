@@ -125,13 +125,16 @@ impl Task for Session<'_, '_> {
     fn step(&mut self, share: f64, progress: &Progress) -> anyhow::Result<()> {
         let before = self.trainer.progressed().reseeds;
         let (exposure, poses) = (self.trainer.exposure(), self.trainer.poses());
-        let moved = self.trainer.has_moved();
+        let (moved, withheld) = (self.trainer.has_moved(), self.trainer.withheld());
         // On a thread of the pool, so that the parts of a step need not wake it one by one.
         rayon::scope(|_| self.trainer.step(share))?;
         if let Some(found) = self.trainer.exposure().filter(|found| Some(*found) != exposure) {
             progress.println(found.in_words(&self.dataset.train));
         }
         if let Some(found) = self.trainer.poses().filter(|found| Some(*found) != poses) {
+            progress.println(found.to_string());
+        }
+        if let Some(found) = self.trainer.withheld().filter(|_| withheld.is_none()) {
             progress.println(found.to_string());
         }
         if self.trainer.has_moved() && !moved {

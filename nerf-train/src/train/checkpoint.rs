@@ -7,6 +7,7 @@ use super::average::Average;
 use super::exposure::{ExposureFound, Gains};
 use super::moving::Moving;
 use super::poses::{Poses, PosesFound};
+use super::withheld::{Withheld, WithheldFound};
 use super::{CurvePoint, Progressed};
 use crate::data::Dataset;
 use crate::model::engine::OptimiserState;
@@ -22,7 +23,7 @@ use std::fmt::Display;
 use std::path::Path;
 
 /// First bytes of a checkpoint; the last is the version.
-const MAGIC: [u8; 8] = *b"NERFCKP\x0c";
+const MAGIC: [u8; 8] = *b"NERFCKP\x0d";
 
 /// A run of a scene or a picture, stopped between two steps.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -40,6 +41,8 @@ pub struct Checkpoint {
     pub poses: Option<Poses>,
     pub poses_found: Option<PosesFound>,
     pub moving: Option<Moving>,
+    pub withheld: Option<Withheld>,
+    pub withheld_found: Option<WithheldFound>,
     pub progressed: Progressed,
     pub curve: Vec<CurvePoint>,
     /// Pictures taken so far; they themselves lie in the report's folder.

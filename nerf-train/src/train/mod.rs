@@ -11,6 +11,7 @@ pub mod poses;
 pub mod rays;
 pub mod schedule;
 mod trainer;
+pub mod withheld;
 
 use crate::data::Dataset;
 use crate::data::names::FileNames;

@@ -141,6 +141,8 @@ pub struct CaptureConfig {
     pub poses: PoseRefinement,
     /// Whether what moved is left out of the loss.
     pub moving: MovingObjects,
+    /// Whether photographs are withheld at the beginning, to choose the weight decay by them.
+    pub withhold: Withholding,
 }
 
 impl Default for CaptureConfig {
@@ -151,6 +153,7 @@ impl Default for CaptureConfig {
             exposure: Exposure::Auto,
             poses: PoseRefinement::Auto,
             moving: MovingObjects::Auto,
+            withhold: Withholding::Auto,
         }
     }
 }
@@ -186,6 +189,16 @@ pub enum MovingObjects {
     /// Where it is found.
     Auto,
     /// It is not searched for.
+    Off,
+}
+
+/// Whether photographs are withheld at the beginning of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Withholding {
+    /// An eighth of them, where there are sixteen or more.
+    Auto,
+    /// None.
     Off,
 }
 

@@ -177,6 +177,9 @@ pub trait Engine: Send {
     /// level counts. Nothing without a grid.
     fn round_tables(&mut self, _rounding: Rounding) {}
 
+    /// From now on shrinks the colour branch beside a grid by this decay. Nothing without a grid.
+    fn set_weight_decay(&mut self, _weight_decay: f64) {}
+
     /// What a step of int8 counts, level by level; empty while nothing is rounded.
     fn table_scales(&self) -> &[f32] {
         &[]

@@ -203,31 +203,35 @@ impl<'d> RayBank<'d> {
             return self.fill_contracted(isa, batch, (step, rays), cells, contraction, width);
         }
         batch.clear();
-        let chunks: Vec<(Vec<BatchRay>, Vec<[f32; 3]>, Duration)> = (0..rays.div_ceil(CHUNK))
+        let chunks: Vec<Marched> = (0..rays.div_ceil(CHUNK))
             .into_par_iter()
             .map(|chunk| {
                 let begun = Instant::now();
                 let range = chunk * CHUNK..rays.min((chunk + 1) * CHUNK);
-                let (mut rays_of, mut positions) =
-                    (Vec::with_capacity(CHUNK), Vec::with_capacity(16 * CHUNK));
-                for (index, _, ray, mut batch_ray) in self.targets(step, range, rays) {
+                let mut found = Marched::default();
+                found.samples.positions.reserve(16 * CHUNK);
+                for (index, (view, _), ray, mut batch_ray) in self.targets(step, range, rays) {
+                    let positions = &mut found.samples.positions;
                     let before = positions.len();
                     if let Some((enter, exit)) = self.bounds.clip(&ray, 0.0, f32::MAX) {
                         let u = uniform(self.seed, Purpose::Jitter, step, index);
                         let (first, count) = (enter + u * width, ((exit - enter) / width).ceil() as u32);
-                        march(isa, cells, &ray, first, width, count, &mut positions);
+                        march(isa, cells, &ray, first, width, count, positions);
                     }
                     batch_ray.samples = (positions.len() - before) as u32;
-                    rays_of.push(batch_ray);
+                    found.rays.push(batch_ray);
+                    found.views.push(view as u32);
                 }
-                (rays_of, positions, begun.elapsed())
+                found.time = begun.elapsed();
+                found
             })
             .collect();
         let mut time = Duration::ZERO;
-        for (rays, positions, taken) in chunks {
-            batch.rays.extend(rays);
-            batch.positions.extend(positions);
-            time += taken;
+        for found in chunks {
+            batch.rays.extend(found.rays);
+            batch.views.extend(found.views);
+            batch.positions.extend(found.samples.positions);
+            time += found.time;
         }
         batch.deltas.resize(batch.positions.len(), width);
         time

@@ -14,6 +14,7 @@ use crate::train::occupancy::{DensityQuery, Occupancy};
 use crate::train::poses::{Poses, PosesFound};
 use crate::train::rays::{MarchCells, RayBank};
 use crate::train::schedule::learning_rate;
+use crate::train::withheld::{Withheld, WithheldFound};
 use crate::train::{Bounds, CurvePoint, Progressed, Snapshot, TrainError, find_bounds};
 use nerf_core::Kernel;
 use nerf_core::blob::MAX_SAMPLES;
@@ -62,6 +63,8 @@ pub struct Trainer<'d> {
     poses: Option<Poses>,
     poses_found: Option<PosesFound>,
     moving: Option<Moving>,
+    withheld: Option<Withheld>,
+    withheld_found: Option<WithheldFound>,
     /// The occupied cells as they are marched; none until they are asked for.
     cells: Option<MarchCells>,
     /// The next step's batch, where it was marched beside this step's update, and what it was marched with.
@@ -104,6 +107,7 @@ impl<'d> Trainer<'d> {
             true => Moving::of(&dataset.train, config.capture.moving),
             false => None,
         };
+        let withheld = withheld_at_first(dataset, &config, poses.as_ref());
         let engine =
             engine_for(config.engine, &model, bounds.scene_box, config.adam(), config.seed, kernel.isa)?;
         let background = match dataset.background {
@@ -129,6 +133,8 @@ impl<'d> Trainer<'d> {
             poses,
             poses_found,
             moving,
+            withheld,
+            withheld_found: None,
             cells: None,
             prefetched: Default::default(),
             progressed: Progressed::default(),
@@ -157,6 +163,8 @@ impl<'d> Trainer<'d> {
         (self.gains, self.exposure) = (checkpoint.gains, checkpoint.exposure);
         (self.poses, self.poses_found) = (checkpoint.poses, checkpoint.poses_found);
         self.moving = checkpoint.moving;
+        (self.withheld, self.withheld_found) = (checkpoint.withheld, checkpoint.withheld_found);
+        self.apply_weight_decay();
         let train = &self.dataset.train;
         self.bank.set_cameras(self.poses.as_ref().map_or_else(|| given(train), |poses| poses.cast(train)));
         self.forget_marched();
@@ -184,12 +192,16 @@ impl<'d> Trainer<'d> {
             (Some(theirs), Some(_)) => theirs.is_of(&self.dataset.train),
             (theirs, ours) => theirs.is_none() && ours.is_none(),
         };
+        let withheld =
+            checkpoint.withheld.as_ref().is_none_or(|withheld| withheld.is_of(&self.dataset.train))
+                && checkpoint.withheld_found.is_none_or(|found| found.is_sound(&self.config.optimiser));
         let parts = [
             ("counters", counted && alive),
             ("occupancy cells", cells),
             ("gains of photographs", gains),
             ("poses of photographs", poses),
             ("patches of photographs", moving),
+            ("withheld photographs", withheld),
         ];
         let wrong = parts.into_iter().find(|&(_, fits)| !fits).map(|(part, _)| part);
         match wrong.or_else(|| checkpoint.wrong_part(&self.average)) {
@@ -211,6 +223,8 @@ impl<'d> Trainer<'d> {
             poses: self.poses.clone(),
             poses_found: self.poses_found,
             moving: self.moving.clone(),
+            withheld: self.withheld.clone(),
+            withheld_found: self.withheld_found,
             progressed: self.progressed,
             curve: self.curve.clone(),
             snapshots: self.snapshots.clone(),
@@ -263,6 +277,11 @@ impl<'d> Trainer<'d> {
 
     pub fn has_moved(&self) -> bool {
         self.moving.as_ref().is_some_and(Moving::is_found)
+    }
+
+    /// What withheld photographs showed; `None` until it is known.
+    pub fn withheld(&self) -> Option<WithheldFound> {
+        self.withheld_found
     }
 
     pub fn training_cameras(&self) -> Vec<Camera> {
@@ -344,7 +363,18 @@ impl<'d> Trainer<'d> {
             && (self.progressed.step + 1).is_multiple_of(self.config.occupancy.every);
         let width = self.step_width(share);
         let Self {
-            bank, batch, prefetched, cells, phases, progressed: p, kernel, gains, poses, moving, ..
+            bank,
+            batch,
+            prefetched,
+            cells,
+            phases,
+            progressed: p,
+            kernel,
+            gains,
+            poses,
+            moving,
+            withheld,
+            ..
         } = self;
         if let Some(gains) = gains {
             gains.factors(&batch.views, &mut batch.gains);
@@ -355,8 +385,12 @@ impl<'d> Trainer<'d> {
                 bank.set_cameras(poses.cast(&self.dataset.train));
             }
         }
+        batch.weights.clear();
         if let Some(moving) = moving {
             moving.weigh(batch);
+        }
+        if let Some(withheld) = withheld {
+            withheld.weigh(batch);
         }
         let s = &self.config.sampling;
         let grid = self.config.network.grid.is_some();
@@ -378,6 +412,7 @@ impl<'d> Trainer<'d> {
             moving.add(&self.batch, self.engine.errors());
             moving.step(self.progressed.step);
         }
+        self.learn_withheld();
         self.mark_weighted(share);
         let p = &mut self.progressed;
         p.live_per_ray = live_per_ray;
@@ -422,6 +457,22 @@ impl<'d> Trainer<'d> {
             self.bank.set_cameras(given(&self.dataset.train));
             self.prefetched.0 = None;
         }
+    }
+
+    /// Adds the errors of the step that was just taken, and decides the weight decay where it was the trial's last.
+    fn learn_withheld(&mut self) {
+        let Some(withheld) = &mut self.withheld else { return };
+        let step = self.progressed.step;
+        withheld.add(&self.batch, step, self.engine.errors());
+        if let Some(found) = withheld.verdict(step, &self.config.optimiser) {
+            (self.withheld, self.withheld_found) = (None, Some(found));
+            self.apply_weight_decay();
+        }
+    }
+
+    fn apply_weight_decay(&mut self) {
+        let given = self.config.optimiser.weight_decay;
+        self.engine.set_weight_decay(self.withheld_found.map_or(given, |found| found.weight_decay));
     }
 
     /// Remembers the cells of an unbounded scene that the step that was just taken gave weight to.
@@ -527,6 +578,8 @@ impl<'d> Trainer<'d> {
         };
         self.moving =
             self.moving.as_ref().and_then(|_| Moving::of(&self.dataset.train, self.config.capture.moving));
+        (self.withheld, self.withheld_found) =
+            (withheld_at_first(self.dataset, &self.config, self.poses.as_ref()), None);
         self.bank.set_cameras(given(&self.dataset.train));
         self.forget_marched();
         self.average.clear();
@@ -542,6 +595,11 @@ impl<'d> Trainer<'d> {
 pub struct RefinedCameras {
     pub train: Vec<Camera>,
     pub val: Vec<Camera>,
+}
+
+/// Photographs to withhold. None beside poses that move: the others' would move away from theirs.
+fn withheld_at_first(dataset: &Dataset, config: &Config, poses: Option<&Poses>) -> Option<Withheld> {
+    if poses.is_some() { None } else { Withheld::of(&dataset.train, config) }
 }
 
 fn given(views: &[View]) -> Vec<Camera> {

@@ -294,6 +294,10 @@ impl Engine for GridEngine {
         }))
     }
 
+    fn set_weight_decay(&mut self, weight_decay: f64) {
+        self.adam.weight_decay = weight_decay;
+    }
+
     fn round_tables(&mut self, rounding: Rounding) {
         if self.scales.is_empty() {
             self.scales = scales(&self.grid, &self.parameters[self.layers.parameters()..], rounding);

@@ -319,6 +319,10 @@ impl Engine for GridReferenceEngine {
         Box::new(self.of_rays.errors.iter())
     }
 
+    fn set_weight_decay(&mut self, weight_decay: f64) {
+        self.adam.weight_decay = weight_decay;
+    }
+
     fn round_tables(&mut self, rounding: Rounding) {
         if self.state.scales.is_empty() {
             let tables = &self.state.parameters[self.model.layer_parameters()..];

@@ -1,0 +1,178 @@
+//! Photographs withheld at the beginning of a run. How much better the field shows the others decides the weight decay.
+
+use crate::data::View;
+use crate::model::config::{Config, OptimiserConfig, Withholding};
+use crate::model::engine::Batch;
+use serde::{Deserialize, Serialize};
+
+/// Steps in which photographs are withheld, and from which on their errors are summed.
+const TRIAL: u32 = 1_500;
+const SUMMED_FROM: u32 = 1_000;
+/// Photographs that are withheld, and photographs of a capture from which on they are.
+const COUNT: usize = 6;
+const FEWEST: usize = 24;
+/// Gap up to which the weight decay stays as it was set, and gap from which on it is [`MOST`] times as much, dB. Captures that
+/// lose by more decay have gaps of 0.8 to 2.9. One whose light turned with its object has 5.0, and gains 2.4 dB by it.
+const GAPS: [f64; 2] = [3.5, 5.0];
+const MOST: f64 = 30.0;
+/// Rays of a photograph from which on its error is known.
+const KNOWN: f64 = 64.0;
+
+/// Errors of a run's photographs while some of them are withheld.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Withheld {
+    /// Sums of the errors in red, green and blue, and of their squares, and number of rays, for each photograph.
+    sums: Vec<[f64; 5]>,
+}
+
+/// What withheld photographs showed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct WithheldFound {
+    /// Mean PSNR of the photographs trained on, less that of those withheld, dB.
+    pub gap_db: f64,
+    /// Weight decay from then on.
+    pub weight_decay: f64,
+}
+
+impl WithheldFound {
+    /// Whether a checkpoint's can be those of a run with these settings.
+    pub fn is_sound(&self, optimiser: &OptimiserConfig) -> bool {
+        (0.0..=1.0).contains(&(optimiser.rate * self.weight_decay))
+    }
+}
+
+impl std::fmt::Display for WithheldFound {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { gap_db, weight_decay } = self;
+        write!(
+            f,
+            "{COUNT} photographs withheld in the first {TRIAL} steps come out {gap_db:.1} dB worse than the others: \
+             weight decay {weight_decay:.2}"
+        )
+    }
+}
+
+impl Withheld {
+    /// State before the first step; `None` where settings rule it out, or there are too few photographs.
+    pub fn of(views: &[View], config: &Config) -> Option<Self> {
+        let fits = config.capture.withhold == Withholding::Auto
+            && config.network.grid.is_some()
+            && config.optimiser.weight_decay > 0.0
+            && views.len() >= FEWEST;
+        fits.then(|| Self { sums: vec![[0.0; 5]; views.len()] })
+    }
+
+    pub fn is_of(&self, views: &[View]) -> bool {
+        self.sums.len() == views.len() && self.sums.as_flattened().iter().all(|x| x.is_finite())
+    }
+
+    /// Whether the photograph is one of [`COUNT`] that lie evenly among all.
+    fn has(&self, view: usize) -> bool {
+        let apart = self.sums.len() / COUNT;
+        view % apart == apart / 2 && view / apart < COUNT
+    }
+
+    /// Sets the weights of a batch's rays from withheld photographs to 0.
+    pub fn weigh(&self, batch: &mut Batch) {
+        batch.weights.resize(batch.rays.len(), 1.0);
+        for (weight, &view) in batch.weights.iter_mut().zip(&batch.views) {
+            if self.has(view as usize) {
+                *weight = 0.0;
+            }
+        }
+    }
+
+    /// Adds the colour errors of a batch's rays, each with the ray's index, after step `step` of a run.
+    pub fn add<'e>(&mut self, batch: &Batch, step: u32, errors: impl Iterator<Item = &'e (u32, [f32; 3])>) {
+        if step < SUMMED_FROM {
+            return;
+        }
+        for &(ray, error) in errors {
+            let view = batch.views.get(ray as usize).map(|&view| view as usize);
+            let Some(sum) = view.and_then(|view| self.sums.get_mut(view)) else { continue };
+            let [r, g, b] = error.map(f64::from);
+            let of_ray = [r, g, b, r * r + g * g + b * b, 1.0];
+            sum.iter_mut().zip(of_ray).for_each(|(sum, x)| *sum += x);
+        }
+    }
+
+    /// What is found after step `step`, if it is the trial's last.
+    pub fn verdict(&self, step: u32, optimiser: &OptimiserConfig) -> Option<WithheldFound> {
+        if step + 1 != TRIAL {
+            return None;
+        }
+        let mean_db = |withheld: bool| {
+            let views = self.sums.iter().enumerate().filter(|(view, _)| self.has(*view) == withheld);
+            let all: Vec<f64> = views.filter_map(|(_, sums)| psnr_db(sums)).collect();
+            all.iter().sum::<f64>() / all.len() as f64
+        };
+        let gap_db = mean_db(false) - mean_db(true);
+        // A gap that is not known: photographs without rays, or without an error.
+        let above = if gap_db.is_finite() { (gap_db - GAPS[0]) / (GAPS[1] - GAPS[0]) } else { 0.0 };
+        let weight_decay = optimiser.weight_decay * MOST.powf(above.clamp(0.0, 1.0));
+        Some(WithheldFound { gap_db, weight_decay: weight_decay.min(1.0 / optimiser.rate) })
+    }
+}
+
+/// PSNR of a photograph after its mean error, which is a matter of exposure, is taken off. `None` of too few rays.
+fn psnr_db(&[r, g, b, squares, count]: &[f64; 5]) -> Option<f64> {
+    let offset = (r * r + g * g + b * b) / count;
+    (count >= KNOWN).then(|| crate::train::psnr_db_of_mse((squares - offset) / (3.0 * count)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::demo;
+    use crate::model::config::Preset;
+    use crate::model::engine::BatchRay;
+
+    /// The verdict on photographs with these errors, root mean square: of those trained on, and of those withheld.
+    fn verdict(trained: f32, withheld: f32) -> WithheldFound {
+        let (views, config) = (demo::small(30, 1, 8).train, Preset::Grid.config());
+        let mut state = Withheld::of(&views, &config).expect("enough photographs");
+        for view in 0..views.len() {
+            let error = if state.has(view) { withheld } else { trained };
+            // Exposure, which is no matter of this, and an error of either sign around it.
+            let errors: Vec<(u32, [f32; 3])> =
+                (0..100).map(|ray| (ray, [0.1 + if ray % 2 == 0 { error } else { -error }; 3])).collect();
+            let batch = Batch { views: vec![view as u32; 100], ..Batch::default() };
+            state.add(&batch, 0, [(0, [9.0; 3])].iter());
+            state.add(&batch, SUMMED_FROM, errors.iter());
+        }
+        assert_eq!(state.verdict(TRIAL - 2, &config.optimiser), None);
+        state.verdict(TRIAL - 1, &config.optimiser).expect("the trial's last step")
+    }
+
+    #[test]
+    fn photographs_that_come_out_much_worse_unseen_call_for_more_weight_decay() {
+        let given = Preset::Grid.config().optimiser.weight_decay;
+        let alike = verdict(0.05, 0.06);
+        assert!((alike.gap_db - 1.58).abs() < 0.01 && alike.weight_decay == given, "{alike:?}");
+        let apart = verdict(0.05, 0.1);
+        assert!((apart.gap_db - 6.02).abs() < 0.01 && apart.weight_decay == 30.0 * given, "{apart:?}");
+        let between = verdict(0.05, 0.082);
+        assert!(between.weight_decay > 2.0 * given && between.weight_decay < 20.0 * given, "{between:?}");
+        // Without an error in those trained on the gap is not known.
+        assert_eq!(verdict(0.0, 0.1).weight_decay, given);
+    }
+
+    #[test]
+    fn six_photographs_have_no_weight_and_few_photographs_are_all_trained_on() {
+        let (views, mut config) = (demo::small(50, 1, 8).train, Preset::Grid.config());
+        let state = Withheld::of(&views, &config).expect("enough photographs");
+        let mut batch = Batch {
+            views: (0..50).collect(),
+            rays: vec![BatchRay::default(); 50],
+            weights: vec![0.5; 50],
+            ..Batch::default()
+        };
+        state.weigh(&mut batch);
+        let zeros: Vec<usize> = (0..50).filter(|&view| batch.weights[view] == 0.0).collect();
+        assert_eq!(zeros, [4, 12, 20, 28, 36, 44]);
+        assert!(state.is_of(&views) && !state.is_of(&views[1..]));
+        assert!(Withheld::of(&views[..23], &config).is_none());
+        config.capture.withhold = Withholding::Off;
+        assert!(Withheld::of(&views, &config).is_none());
+    }
+}
