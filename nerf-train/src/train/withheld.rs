@@ -8,6 +8,8 @@ use serde::{Deserialize, Serialize};
 /// Steps in which photographs are withheld, and from which on their errors are summed.
 const TRIAL: u32 = 1_500;
 const SUMMED_FROM: u32 = 1_000;
+/// Step from which on the withheld photographs are learned as well as the others.
+pub const LEARNED_FROM: u32 = 2_000;
 /// Photographs that are withheld, and photographs of a capture from which on they are.
 const COUNT: usize = 6;
 const FEWEST: usize = 24;

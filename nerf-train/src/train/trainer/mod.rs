@@ -14,7 +14,7 @@ use crate::train::occupancy::{DensityQuery, Occupancy};
 use crate::train::poses::{Poses, PosesFound};
 use crate::train::rays::{MarchCells, RayBank};
 use crate::train::schedule::learning_rate;
-use crate::train::withheld::{Withheld, WithheldFound};
+use crate::train::withheld::{LEARNED_FROM, Withheld, WithheldFound};
 use crate::train::{Bounds, CurvePoint, Progressed, Snapshot, TrainError, find_bounds};
 use nerf_core::Kernel;
 use nerf_core::blob::MAX_SAMPLES;
@@ -408,7 +408,8 @@ impl<'d> Trainer<'d> {
         })?;
         self.learn_gains();
         self.learn_poses(share);
-        if let Some(moving) = &mut self.moving {
+        let shown = self.all_are_shown();
+        if let Some(moving) = self.moving.as_mut().filter(|_| shown) {
             moving.add(&self.batch, self.engine.errors());
             moving.step(self.progressed.step);
         }
@@ -457,6 +458,12 @@ impl<'d> Trainer<'d> {
             self.bank.set_cameras(given(&self.dataset.train));
             self.prefetched.0 = None;
         }
+    }
+
+    /// Whether the field has been trained on all photographs for long enough to be contradicted by one.
+    fn all_are_shown(&self) -> bool {
+        let after_trial = self.withheld_found.is_none() || self.progressed.step >= LEARNED_FROM;
+        self.withheld.is_none() && after_trial
     }
 
     /// Adds the errors of the step that was just taken, and decides the weight decay where it was the trial's last.
