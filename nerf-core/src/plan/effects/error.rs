@@ -10,8 +10,7 @@ errors! {
     AntiAliasing {
         /// What was asked for.
         found: u16,
-    } =>
-        "effects.anti_aliasing: expected 1 to {most} rays a pixel, found {found}", most = Effects::MAX_RAYS;
+    } => "effects.anti_aliasing: expected 1 to {most} rays a pixel, found {found}", most = Effects::MAX_RAYS;
     /// An aperture that is negative, beyond [`ThinLens::LARGEST`] or no number.
     Aperture {
         /// What was asked for, world units.
@@ -30,12 +29,10 @@ errors! {
     Exposure {
         /// What was asked for, stops.
         found: f32,
-    } =>
-        "effects.tone.exposure: expected -{most} to {most} stops, found {found}", most = Tone::MAX_STOPS;
+    } => "effects.tone.exposure: expected -{most} to {most} stops, found {found}", most = Tone::MAX_STOPS;
     /// This build lacks the effect.
     NotBuilt {
         /// The cargo feature that brings it.
         feature: &'static str,
-    } =>
-        "effects: expected a build with the feature {feature}, found one without";
+    } => "effects: expected a build with the feature {feature}, found one without";
 }
