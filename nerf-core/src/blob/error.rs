@@ -72,8 +72,8 @@ macro_rules! errors {
             $($(#[$doc])* $name $(($of))? $({$($(#[$of_field])* $field: $type),+})?,)+
         }
 
-        impl fmt::Display for $error {
-            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        impl core::fmt::Display for $error {
+            fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
                 match self {
                     $(Self::$name $(($at))? $({$($field),+})? => write!(f, $sentence $(, $word = $value)*),)+
                 }
@@ -83,6 +83,8 @@ macro_rules! errors {
         impl core::error::Error for $error {}
     };
 }
+
+pub(crate) use errors;
 
 errors! {
     /// What is wrong with a point of the front.

@@ -27,6 +27,7 @@ pub use body::{
 };
 #[cfg(all(feature = "coded", any(feature = "train", test)))]
 pub use coded::{decode_tables, encode_tables};
+pub(crate) use error::errors;
 pub use error::{BlobError, FrontFault, Section};
 pub use front::{FrontPoint, MAX_FRONT, ParetoFront};
 pub use header::{FORMAT_VERSION, HEADER_LEN, MAGIC};

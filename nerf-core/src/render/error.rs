@@ -1,8 +1,9 @@
 //! Why nothing was rendered.
 
-use super::{MAX_RENDER_SIDE, Rect};
+use super::Rect;
 use crate::blob::BlobError;
-use crate::plan::Batch;
+use crate::camera::MAX_IMAGE_SIDE;
+use crate::plan::{Batch, PlanError};
 
 /// Why nothing was rendered.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -12,7 +13,7 @@ pub enum RenderError {
     NotAPicture,
     /// The plan was made for another blob.
     OtherScene,
-    /// A picture with a side of 0 or beyond [`MAX_RENDER_SIDE`].
+    /// A picture with a side of 0 or beyond [`MAX_RENDER_SIDE`](super::MAX_RENDER_SIDE).
     Size {
         /// Pixels to a row.
         width: u32,
@@ -88,7 +89,7 @@ pub enum RenderError {
         /// Which one.
         index: usize,
         /// Why.
-        problem: super::InstanceProblem,
+        problem: InstanceProblem,
     },
     /// The slices of a query differ in length.
     Lengths {
@@ -129,9 +130,9 @@ impl core::fmt::Display for RenderError {
             Self::NotAPicture => write!(f, "blob: expected a 2D field, found a scene"),
             Self::OtherScene => write!(f, "plan: expected one of this scene, found one of another"),
             Self::Size { width, height } => {
-                write!(f, "size: expected sides of 1 to {MAX_RENDER_SIDE} pixels, found {width}x{height}")
+                write!(f, "size: expected sides of 1 to {MAX_IMAGE_SIDE} pixels, found {width}x{height}")
             }
-            Self::Batch { found } => found.write_refusal(f),
+            Self::Batch { found } => PlanError::Batch { found: *found }.fmt(f),
             Self::Rect { rect, width, height } => write!(
                 f,
                 "rectangle: expected it inside the {width}x{height} image, found {}x{} at ({}, {})",
@@ -181,3 +182,32 @@ impl core::fmt::Display for RenderError {
 }
 
 impl core::error::Error for RenderError {}
+
+/// What keeps an instance from being rendered with the others.
+#[cfg(feature = "instances")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum InstanceProblem {
+    /// Its plan was made for another blob.
+    OtherScene,
+    /// Outputs, effects or batch are not those of the last.
+    OtherRequest,
+    /// It draws samples from a proposal network: [`Quality::proposal`](crate::plan::Quality) is to be off.
+    Proposal,
+    /// It is unbounded, and not the last.
+    Unbounded,
+}
+
+#[cfg(feature = "instances")]
+impl core::fmt::Display for InstanceProblem {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::OtherScene => "expected a plan of this scene, found one of another",
+            Self::OtherRequest => "expected outputs, effects and batch of the last instance, found others",
+            Self::Proposal => "expected a plan without a proposal network, found one with it",
+            Self::Unbounded => {
+                "expected an unbounded scene as the last instance alone, found one in front of it"
+            }
+        })
+    }
+}

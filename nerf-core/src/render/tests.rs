@@ -13,11 +13,13 @@ mod segments;
 mod views;
 
 use super::*;
-use crate::blob::StoredOccupancy;
-use crate::camera::{Intrinsics, Lens, Pose, SceneBox};
+use crate::blob::{Blob, StoredOccupancy};
+use crate::camera::{Camera, Intrinsics, Lens, Pose, SceneBox};
 use crate::math::MathBackend;
+use crate::matrix::Kernel;
+use crate::memory::Line;
 use crate::network::{Architecture, Role};
-use crate::plan::{Batch, Outputs, Quality};
+use crate::plan::{Batch, Outputs, Plan, Quality};
 use crate::sampling::Bins;
 use crate::simd::BLOCK;
 use crate::testing::{SCENE, Worse, architecture, body, bytes, every_kind, halve, parameters, pi};
@@ -379,7 +381,7 @@ fn the_seed_network_takes_the_memory_the_docs_say() {
         renderer.workspace_lines(&Plan::new(&blob, &Quality::EXACT, outputs, batch).unwrap())
     };
     let in_place = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap();
-    assert_eq!(lines(&in_place, Outputs::ALL, Batch::SMALLEST) * size_of::<Line>(), 3_648);
+    assert_eq!(lines(&in_place, Outputs::ALL, Batch::SMALLEST) * size_of::<Line>(), 3_584);
     let no_colour = Outputs { rgb: false, ..Outputs::ALL };
     assert_eq!(lines(&in_place, no_colour, Batch::SMALLEST) * size_of::<Line>(), 2_880);
     let prepared = Renderer::with_parameters(blob.clone(), Kernel::IN_PLACE, &unpacked).unwrap();

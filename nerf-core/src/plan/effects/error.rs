@@ -1,65 +1,38 @@
 //! Effects that cannot be.
 
 use super::{Effects, ThinLens, Tone};
+use crate::blob::errors;
 
-/// An effect that is out of range or not in this build.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[non_exhaustive]
-pub enum EffectError {
+errors! {
+    /// An effect that is out of range or not in this build.
+    EffectError:
     /// Rays a pixel beyond 1 to [`Effects::MAX_RAYS`].
     AntiAliasing {
         /// What was asked for.
         found: u16,
-    },
+    } => "effects.anti_aliasing: expected 1 to {most} rays a pixel, found {found}", most = Effects::MAX_RAYS;
     /// An aperture that is negative, beyond [`ThinLens::LARGEST`] or no number.
     Aperture {
         /// What was asked for, world units.
         found: f32,
-    },
+    } =>
+        "effects.depth_of_field.aperture_radius: expected 0 to {largest} world units, found {found}",
+        largest = ThinLens::LARGEST;
     /// A plane of focus beyond [`ThinLens::NEAREST`] to [`ThinLens::LARGEST`].
     Focus {
         /// What was asked for, world units.
         found: f32,
-    },
+    } =>
+        "effects.depth_of_field.focus_distance: expected {nearest} to {largest} world units, found {found}",
+        nearest = ThinLens::NEAREST, largest = ThinLens::LARGEST;
     /// An exposure of more than [`Tone::MAX_STOPS`] up or down.
     Exposure {
         /// What was asked for, stops.
         found: f32,
-    },
+    } => "effects.tone.exposure: expected -{most} to {most} stops, found {found}", most = Tone::MAX_STOPS;
     /// This build lacks the effect.
     NotBuilt {
         /// The cargo feature that brings it.
         feature: &'static str,
-    },
+    } => "effects: expected a build with the feature {feature}, found one without";
 }
-
-impl core::fmt::Display for EffectError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::AntiAliasing { found } => write!(
-                f,
-                "effects.anti_aliasing: expected 1 to {} rays a pixel, found {found}",
-                Effects::MAX_RAYS
-            ),
-            Self::Aperture { found } => write!(
-                f,
-                "effects.depth_of_field.aperture_radius: expected 0 to {} world units, found {found}",
-                ThinLens::LARGEST
-            ),
-            Self::Focus { found } => write!(
-                f,
-                "effects.depth_of_field.focus_distance: expected {} to {} world units, found {found}",
-                ThinLens::NEAREST,
-                ThinLens::LARGEST
-            ),
-            Self::Exposure { found } => {
-                write!(f, "effects.tone.exposure: expected -{0} to {0} stops, found {found}", Tone::MAX_STOPS)
-            }
-            Self::NotBuilt { feature } => {
-                write!(f, "effects: expected a build with the feature {feature}, found one without")
-            }
-        }
-    }
-}
-
-impl core::error::Error for EffectError {}

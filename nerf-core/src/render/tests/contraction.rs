@@ -4,6 +4,7 @@ use super::*;
 use crate::blob::{Body, Content, SceneFacts, SceneSampling};
 use crate::camera::{Contraction, Ray};
 use crate::memory::Line;
+use crate::sampling::SampleInterval;
 use crate::testing::noise;
 use crate::volume::OPACITY_EPSILON;
 
@@ -432,7 +433,7 @@ fn no_distance_from_far_away_is_in_front_of_near() {
             for ray in rays(&camera) {
                 let span = plan.span(&plan.bounds, &ray, plan.range().into()).unwrap();
                 let (bins, first) = (plan.bins.with(span.ends), span.bins.start);
-                let (_, from, _) = bins.ends_around(bins.at(first, 0.5));
+                let [_, from, _] = bins.edges_around(bins.ends().parts(), bins.at(first, 0.5));
                 rounded |= span.start + contraction.distance(from) < facts.near;
             }
             // The way to the middle and back, rounded.
@@ -462,8 +463,8 @@ fn bins_tile_the_ray() {
             let (mut before, mut first) = (f32::NAN, f32::NAN);
             for bin in span.bins.clone() {
                 let t = bins.at(bin, 0.5);
-                let (at, from, to) = bins.ends_around(t);
-                let [at, from, to] = [at, from, to].map(|s| contraction.distance(s));
+                let edges = bins.edges_around(bins.ends().parts(), t);
+                let [at, from, to] = edges.map(|s| contraction.distance(s));
                 assert!(from < to && from <= at && at <= to, "{power} {bin}: {from} {at} {to}");
                 if bin == span.bins.start {
                     first = from;
@@ -472,8 +473,9 @@ fn bins_tile_the_ray() {
                 }
                 // Rounding alone puts a bin in front of near.
                 let [at, from, to] = [at, from, to].map(|t| t.max(plan.near - span.start));
-                let part = plan.part_around(&bins, span.start, plan.range().0, t);
-                assert_eq!(part, (at, Some(from + 0.5 * (to - from)), to - from));
+                let interval = plan.interval(&span.ends, span.start, plan.range().0, t);
+                let delta = to - from;
+                assert_eq!(interval, SampleInterval { t: at, mid: from + 0.5 * delta, delta });
                 before = to;
             }
             let start = f64::from(span.start);
