@@ -232,7 +232,7 @@ impl Checked {
     /// One of the scenes.
     ///
     /// # Safety
-    /// That of [`Checked::read`]; the scenes are intact during `'a`.
+    /// As in [`Checked::read`]; the scenes stay as they are during `'a`.
     unsafe fn scene<'a>(&self, _index: usize) -> Result<&'a Scene, Failure> {
         #[cfg(feature = "instances")]
         if self.placed {
@@ -249,7 +249,7 @@ impl Checked {
     /// The placement of one of the instances.
     ///
     /// # Safety
-    /// That of [`Checked::read`].
+    /// As in [`Checked::read`].
     #[cfg(feature = "instances")]
     unsafe fn placement(&self, index: usize) -> Result<Placement, Failure> {
         if !self.placed {

@@ -52,8 +52,8 @@ impl Network<'_> {
     /// finer than that are damped, with the network taken as linear around each sample. 0 for the gradient
     /// itself. Of a grid it is that of the cell a sample falls into; on a face, of the one further on.
     ///
-    /// Where a unit's sum is exactly 0, it is off. All of it is f32, with the units that the kernel's own
-    /// forward pass found on; where the storage rounds, weights are bf16 in the backward pass, too.
+    /// A unit whose sum is exactly 0 counts as off. The backward pass is f32 and takes the units that were on in the kernel's
+    /// own forward pass; weights of a storage that rounds are bf16 in it, too.
     ///
     /// # Panics
     /// If a slice is shorter than its rows times [`Scratch::stride`], as [`Network::trunk`] does.

@@ -200,7 +200,7 @@ pub fn tell_flat(outcome: &Outcome) {
     }
 }
 
-/// Says of which steps there is no picture though one was asked for.
+/// Names the steps of `--snapshots` at which no picture was taken.
 pub fn tell_missed(outcome: &Outcome) {
     let (last, missed) = (outcome.steps, &outcome.missed_snapshots);
     let (beyond, passed): (Vec<u32>, Vec<u32>) = missed.iter().partition(|&&step| step > last);

@@ -108,7 +108,7 @@ struct Settings {
     /// Width of the colour network's hidden layer; 0: none.
     #[arg(long, value_name = "N")]
     colour_width: Option<usize>,
-    /// Rays per batch at the start; times --samples at most 2^27.
+    /// Rays per batch at the start; with their samples at most 2^27.
     #[arg(long, value_name = "N")]
     rays: Option<usize>,
     /// Initial learning rate.

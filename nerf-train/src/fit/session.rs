@@ -1,4 +1,4 @@
-//! How a run is conducted, and its state.
+//! The options of a run, and its state.
 
 use crate::data::Dataset;
 use crate::fit::live::Live;

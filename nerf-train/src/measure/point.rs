@@ -242,8 +242,8 @@ impl Settings {
         }
     }
 
-    /// Whether a frame takes so long that it is rendered on the timing views only: it asks the network
-    /// everywhere, or with weights read in place by portable instructions.
+    /// Whether a frame takes so long that it is rendered on the timing views only: without an occupancy grid, or by portable
+    /// instructions over weights that are read in place.
     pub fn is_slow(&self, has_occupancy: bool) -> bool {
         self.kernel == Kernel::IN_PLACE || !(has_occupancy && self.quality.occupancy)
     }

@@ -27,7 +27,7 @@ const MAGIC: [u8; 8] = *b"NERFCKP\x0c";
 /// A run of a scene or a picture, stopped between two steps.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Checkpoint {
-    /// Its [`settings`].
+    /// The settings of the run, as `settings` writes them.
     pub config: String,
     pub data: String,
     pub fingerprint: u64,
@@ -52,7 +52,7 @@ impl Checkpoint {
         write_atomic(path, &self.to_bytes())
     }
 
-    /// The file: what it is and its version, a checksum, the state.
+    /// Bytes of a checkpoint file: magic number and version, checksum, state.
     pub fn to_bytes(&self) -> Vec<u8> {
         // Serialising plain data to memory has no way to fail.
         let body = postcard::to_stdvec(self).expect("plain data");
@@ -80,7 +80,7 @@ impl Checkpoint {
 
     /// Refuses a checkpoint of other data or settings, and names the first difference.
     ///
-    /// `config`: as [`settings`] has it; `data`: a name and a fingerprint. Limits on steps and time may differ: that is how
+    /// `config`: as `settings` writes it; `data`: a name and a fingerprint. Limits on steps and time may differ: that is how
     /// a run is continued.
     pub fn check_belongs(&self, path: &Path, config: &str, data: (&str, u64)) -> anyhow::Result<()> {
         let other = |field: &str, expected: &str, found: &str| {

@@ -243,7 +243,7 @@ impl Fit {
         }
     }
 
-    /// Says of which steps there is no picture though one was asked for.
+    /// Names the steps of `--snapshots` at which no picture was taken.
     fn say_missed(&self, steps: u32, global: &Global) {
         let missed: Vec<String> =
             self.snapshots.iter().filter(|&&step| step > steps).map(u32::to_string).collect();

@@ -24,7 +24,7 @@ fn parse_set(text: &str) -> Result<toml::Table, String> {
 }
 
 impl SetOption {
-    /// These settings over others; a word of their own for what no setting can be.
+    /// `settings` with these values in place of their own; an error names the first that does not fit.
     pub fn over<T: Serialize + DeserializeOwned>(&self, settings: T) -> anyhow::Result<T> {
         merged(settings, self.tables.clone()).map_err(|error| match error.downcast_ref::<toml::de::Error>() {
             Some(toml) => anyhow!("--set: {}", input::toml_message("", toml)),

@@ -84,7 +84,7 @@ pub(super) fn thinned(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
 
 /// Space between a point and its name, pixels.
 const GAP: i32 = 8;
-/// Longest name, pixels: the rest is left out.
+/// Width that a name is cut at, pixels.
 const WIDEST: usize = 330;
 
 #[derive(Clone, Debug)]

@@ -20,7 +20,8 @@ fn error_of(file: &Path, settings: &Settings) -> anyhow::Error {
 }
 
 fn assert_says(error: &anyhow::Error, words: &[&str]) {
-    let text = error.to_string();
+    // The whole chain, as the command prints it.
+    let text = format!("{error:#}");
     words.iter().for_each(|word| assert!(text.contains(word), "expected `{word}` in: {text}"));
 }
 

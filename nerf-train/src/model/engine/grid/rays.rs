@@ -91,7 +91,8 @@ impl RayScratch {
 /// first: any finite number). `gradient`: `[samples]`.
 ///
 /// # Source
-/// Barron et al. 2022 (mip-NeRF 360), section 4. Deviation: without the term of each bin's own width: widths are given.
+/// Barron et al. 2022 (mip-NeRF 360), section 4. Deviation: the term of each interval's own width is left out, as widths are
+/// given.
 pub(super) fn distortion_gradient(weights: &[f32], gaps: &[f32], gradient: &mut [f32]) {
     // Of the samples in front: the sum of their weights, and of weights times distances.
     let (mut sum, mut moment) = (0.0, 0.0);
