@@ -49,7 +49,7 @@ impl Span {
             return None;
         }
         if let Some(contraction) = &plan.contraction {
-            return contracted(plan, contraction, ray, range);
+            return contracted_span(plan, contraction, ray, range);
         }
         let walk = plan.marched_bins();
         // What of a proposal's samples counts is cut when they are drawn.
@@ -84,7 +84,7 @@ impl Span {
 
 /// What is sampled of a ray through an unbounded scene: from near on, where the caller does not begin behind it.
 #[inline(never)]
-fn contracted(
+fn contracted_span(
     plan: &Plan<'_>,
     contraction: &Contraction,
     ray: &Ray,

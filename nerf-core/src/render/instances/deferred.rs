@@ -1,7 +1,7 @@
 //! Deferred shading of several fields: each gathers its own `h` of a ray, and has a network of its own for it.
 
 use super::Instance;
-use crate::memory::Layout;
+use crate::memory::{Layout, at, put};
 use crate::network::Scratch;
 use crate::render::Counters;
 use crate::render::field::Field;
@@ -9,9 +9,21 @@ use crate::render::march::RayState;
 use crate::render::stages::RayNetworks;
 use core::ops::Range;
 
+/// The values of a field in the memory of all; none of a field that is not shaded once a ray.
+#[derive(Clone, Copy, Default)]
+struct Place {
+    /// Where its values of `h` and its sums begin.
+    h: usize,
+    sums: usize,
+    /// Values of `h` of a ray.
+    rows: usize,
+}
+
 /// What the rays in flight have gathered of each field that is shaded once a ray; of the others there is nothing.
 pub(super) struct Deferred<'f, 'w> {
     instances: &'f [Instance<'f>],
+    /// `[instances]`.
+    places: &'w mut [Place],
     /// `h` of the part that a ray is in: of each field `[rays][rows]`.
     parts: &'w mut [f32],
     /// Σ weight · h, and behind it Σ weight: of each field `[rays][rows + 1]`.
@@ -24,49 +36,51 @@ impl<'f, 'w> Deferred<'f, 'w> {
     pub fn lay_out<'n>(
         layout: &mut impl Layout<'w>,
         instances: &'f [Instance<'f>],
-        fields: impl Iterator<Item = Field<'n>>,
+        fields: impl Iterator<Item = Field<'n>> + Clone,
         samples: usize,
     ) -> Self {
+        let places = layout.slice(fields.clone().count(), Place::default());
         let (mut parts, mut sums, mut direction_rows, mut any) = (0usize, 0usize, 0, false);
-        for Field { network, plan } in fields.filter(|field| field.shades_rays()) {
+        for (member, Field { network, plan }) in fields.enumerate().filter(|(_, field)| field.shades_rays()) {
             let (rays, rows) = (plan.batch.rays, network.trunk_rows());
+            put(places, member, Place { h: parts, sums, rows });
             parts = parts.saturating_add(rays.saturating_mul(rows));
             sums = sums.saturating_add(rays.saturating_mul(rows + 1));
             (direction_rows, any) = (direction_rows.max(network.direction_rows()), true);
         }
         Self {
             instances,
+            places,
             parts: layout.slice(parts, 0.0),
             sums: layout.slice(sums, 0.0),
             networks: RayNetworks::lay_out(layout, direction_rows, if any { samples } else { 0 }),
         }
     }
 
-    /// Values of `h`, and of the sums, of a ray; none of a field that is not shaded once a ray.
-    fn rows(&self, member: usize) -> [usize; 2] {
-        let field = self.instances.get(member).map(|it| it.field()).filter(|field| field.shades_rays());
-        field.map_or([0; 2], |field| [field.network.trunk_rows(), field.network.trunk_rows() + 1])
+    /// The sums of `count` rays of a field from `ray` on.
+    fn sums(&self, member: usize, ray: usize, count: usize) -> Range<usize> {
+        let Place { sums, rows, .. } = at(self.places, member);
+        let row = if rows > 0 { rows + 1 } else { 0 };
+        sums + ray * row..sums + (ray + count) * row
     }
 
-    /// Where `h` (0) or the sums (1) of `count` rays of a field from `ray` on are.
-    fn range<const WHICH: usize>(&self, member: usize, ray: usize, count: usize) -> Range<usize> {
-        let each = |(member, it): (usize, &Instance<'_>)| it.plan.batch.rays * self.rows(member)[WHICH];
-        let before: usize = self.instances.iter().enumerate().take(member).map(each).sum();
-        let row = self.rows(member)[WHICH];
-        before + ray * row..before + (ray + count) * row
+    /// The `h` of the part of a field that a ray is in.
+    fn h(&self, member: usize, ray: usize) -> Range<usize> {
+        let Place { h, rows, .. } = at(self.places, member);
+        h + ray * rows..h + (ray + 1) * rows
     }
 
     /// The first `count` rays are new ones.
     pub fn begin(&mut self, count: usize) {
         for member in 0..self.instances.len() {
-            let sums = self.range::<1>(member, 0, count);
+            let sums = self.sums(member, 0, count);
             self.sums.get_mut(sums).unwrap_or_default().fill(0.0);
         }
     }
 
     /// Keeps the `h` of a sample: that of the part its ray is in.
     pub fn keep(&mut self, member: usize, ray: usize, scratch: &Scratch<'_>, column: usize) {
-        let (range, Some(it)) = (self.range::<0>(member, ray, 1), self.instances.get(member)) else { return };
+        let (range, Some(it)) = (self.h(member, ray), self.instances.get(member)) else { return };
         let h = self.parts.get_mut(range).unwrap_or_default();
         h.fill(0.0);
         it.renderer.network().add_h(scratch, column, 1.0, h);
@@ -74,8 +88,8 @@ impl<'f, 'w> Deferred<'f, 'w> {
 
     /// Adds the part that a ray is in.
     pub fn add(&mut self, member: usize, ray: usize, weight: f32) {
-        let h = self.parts.get(self.range::<0>(member, ray, 1)).unwrap_or_default();
-        let sums = self.range::<1>(member, ray, 1);
+        let h = self.parts.get(self.h(member, ray)).unwrap_or_default();
+        let sums = self.sums(member, ray, 1);
         if let Some([sums @ .., total]) = self.sums.get_mut(sums) {
             sums.iter_mut().zip(h).for_each(|(sum, h)| *sum += weight * h);
             *total += weight;
@@ -93,7 +107,7 @@ impl<'f, 'w> Deferred<'f, 'w> {
     ) {
         let Some(field) = self.instances.get(member).map(|it| it.field()) else { return };
         if field.shades_rays() {
-            let sums = self.sums.get(self.range::<1>(member, 0, rays.len())).unwrap_or_default();
+            let sums = self.sums.get(self.sums(member, 0, rays.len())).unwrap_or_default();
             let put = |_: &mut RayState, ray, weight, rgb| put(ray, weight, rgb);
             self.networks.shade(field, scratch, sums, rays, counters, put);
         }

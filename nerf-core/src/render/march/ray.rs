@@ -61,7 +61,7 @@ impl RayState {
     }
 
     /// Moves `next` to the first occupied one of `bins` at or after it; `false` if there is none.
-    #[inline]
+    #[cfg_attr(target_os = "none", inline(never))]
     pub fn march(&mut self, isa: Isa, plan: &Plan<'_>, bins: &Bins, jitter: SampleJitter) -> bool {
         if VECTORS && self.march_looked_up() {
             return true;

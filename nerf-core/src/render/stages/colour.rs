@@ -93,9 +93,10 @@ impl<'w> Colour<'w> {
         let (room, stride) = (self.owner.len(), density.scratch.stride);
         for (&column, &weight) in head(picks.picked, picked).iter().zip(&*picks.weight) {
             let column = column as usize;
-            for row in 0..field.network.trunk_rows() {
-                let h = at(density.scratch.front, row * stride + column);
-                put(self.h, row * room + self.queued, h);
+            let from = density.scratch.front.chunks_exact(stride.max(1));
+            let rows = from.zip(self.h.chunks_exact_mut(room.max(1)));
+            for (h, to) in rows.take(field.network.trunk_rows()) {
+                put(to, self.queued, at(h, column));
             }
             put(self.owner, self.queued, at(density.owner, column));
             put(self.weight, self.queued, weight);

@@ -41,7 +41,6 @@ impl<'w> Compositing<'w> {
     /// Composites the densities of the block's `n` samples, picks those whose colour or normal is evaluated, and marches the
     /// rays that go on to their next occupied sample. Returns how many of the samples lie before the end of their ray, and how
     /// many were picked.
-    #[inline(never)]
     pub fn run<M: Math, const COLLIDE: bool>(
         &mut self,
         field: Field<'_>,
