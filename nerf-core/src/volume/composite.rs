@@ -71,18 +71,8 @@ errors! {
     #[derive(Eq)]
     VolumeError:
     /// `rgb` must be as long as `sigma`, `t_edges` one longer.
-    Lengths {
-        /// Length of `sigma`.
-        sigma: usize,
-        /// Length of `rgb`.
-        rgb: usize,
-        /// Length of `t_edges`.
-        t_edges: usize,
-    } =>
+    Lengths { sigma: usize, rgb: usize, t_edges: usize } =>
         "samples: expected n sigma, n rgb, n + 1 t_edges, found {sigma}, {rgb}, {t_edges}";
     /// An edge is not finite or lies before the one in front of it.
-    Edges {
-        /// The bin that ends there.
-        bin: usize,
-    } => "t_edges: expected finite ascending values, bin {bin} has none";
+    Edges { bin: usize } => "t_edges: expected finite ascending values, bin {bin} has none";
 }
