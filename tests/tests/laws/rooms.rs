@@ -195,8 +195,7 @@ fn a_type_has_its_functions_in_its_own_file() {
             let defines = |kind: &&str| text.contains(&format!("{kind} {name}"));
             let file = module.join("/");
             assert!(
-                ["struct", "enum", "union", "trait"].iter().any(defines)
-                    || SPLIT.contains(&(name, &*file)),
+                ["struct", "enum", "union", "trait"].iter().any(defines) || SPLIT.contains(&(name, &*file)),
                 "{file}: {line}"
             );
         }
