@@ -331,7 +331,7 @@ impl<'a> Plan<'a> {
                 (from..end).find(|&bin| occupancy.occupied(self.point(ray, t(bin)))).unwrap_or(end)
             }
             None if self.contraction.is_some() => from.min(end),
-            Some(occupancy) => occupancy.first_occupied_at(ray, bins, from, end, t),
+            Some(occupancy) => occupancy.first_occupied(ray, bins, from, end, t),
             None => (from..end).find(|&bin| self.bounds.contains(ray.at(t(bin)))).unwrap_or(end),
         }
     }

@@ -84,27 +84,22 @@ impl<'a> Renderer<'a> {
         (around, CoarseOccupancy::new(occupancy.as_ref()))
     }
 
-    /// The scene of `blob` with other parameters, f32 in the same order: what rounding costs. Its proposal and its
-    /// tables keep their own.
+    /// The scene of `blob` with other parameters, f32 in the same order: what rounding costs. Its proposal keeps its own, and
+    /// without other `tables` its grid, too.
     ///
-    /// `None` if they are too few, of coded tables, and where there are no [`VECTORS`](crate::simd::VECTORS).
+    /// `None` if they are too few, of coded tables without others, and where there are no [`VECTORS`](crate::simd::VECTORS).
     #[cfg(feature = "train")]
-    pub fn with_parameters(blob: Blob<'a>, kernel: Kernel, parameters: &'a [f32]) -> Option<Self> {
-        let tables = tables_of(&blob, Kernel::new(kernel.isa, Storage::F16), &[], &[]);
-        Self::with_parameters_and_tables(blob, kernel, parameters, tables)
-    }
-
-    /// As [`Renderer::with_parameters`], with other tables for the grid, too.
-    #[cfg(feature = "train")]
-    pub fn with_parameters_and_tables(
+    pub fn with_parameters(
         blob: Blob<'a>,
         kernel: Kernel,
         parameters: &'a [f32],
-        tables: GridTables<'a>,
+        tables: Option<GridTables<'a>>,
     ) -> Option<Self> {
+        let in_place = Kernel::new(kernel.isa, Storage::F16);
+        let tables = tables.unwrap_or_else(|| tables_of(&blob, in_place, &[], &[]));
         let weights = Weights::Prepared(parameters);
         let network = Network::of_checked(blob.architecture(), weights, tables, kernel.isa)?;
-        let proposer = Proposer::view(&blob, Kernel::new(kernel.isa, Storage::F16), &[]);
+        let proposer = Proposer::view(&blob, in_place, &[]);
         let (occupied, coarse) = Self::occupied(&blob);
         Some(Self { blob, network, proposer, occupied, coarse })
     }

@@ -329,7 +329,9 @@ fn distances_and_normals_of_a_plane_are_the_world_s() {
                 Camera::new(Intrinsics::centred(1, 1, 1.0), Lens::NONE, pose).unwrap()
             };
             for kernel in kernels().filter(|kernel| !kernel.rounds()) {
-                let Some(renderer) = Renderer::with_parameters(blob.clone(), kernel, &all) else { panic!() };
+                let Some(renderer) = Renderer::with_parameters(blob.clone(), kernel, &all, None) else {
+                    panic!()
+                };
                 let outputs = Outputs { normals: cfg!(feature = "normals"), ..outputs() };
                 let plan = Plan::new(&blob, &Quality::EXACT, outputs, Batch::FULL).unwrap();
                 let plan = plan.with_normal_blur(0.0).unwrap();
@@ -523,7 +525,7 @@ fn the_scene_in_other_units_gives_the_same_picture() {
             ..body(a.clone(), None, &weights)
         });
         let blob = Blob::open(&file).unwrap();
-        let renderer = Renderer::with_parameters(blob.clone(), Kernel::IN_PLACE, &all).unwrap();
+        let renderer = Renderer::with_parameters(blob.clone(), Kernel::IN_PLACE, &all, None).unwrap();
         let plan = Plan::new(&blob, &Quality::EXACT, outputs(), Batch::SMALLEST).unwrap();
         let eye = CENTRE + 0.9 * RADIUS * Vec3::new(0.3, 0.5, 0.8).normalize();
         render(&renderer, &plan, &camera_at(eye * unit, CENTRE * unit)).pixels

@@ -157,18 +157,18 @@ fn f32_tables_of_the_same_values_draw_the_same_picture() {
                 crate::encoding::GridTables::new(TableValues::F32(&scene.tables), blob.scene_box().as_ref());
             let plan = Plan::new(&blob, &Quality::EXACT, ALL, Batch::FULL).unwrap();
             let pictures = [
-                Renderer::with_parameters(blob.clone(), kernel, &scene.parameters),
-                Renderer::with_parameters_and_tables(blob.clone(), kernel, &scene.parameters, tables),
+                Renderer::with_parameters(blob.clone(), kernel, &scene.parameters, None),
+                Renderer::with_parameters(blob.clone(), kernel, &scene.parameters, Some(tables)),
             ]
             .map(|renderer| bits(&render(&renderer.unwrap(), &plan, &camera(20, 13))));
             assert_eq!(pictures[0], pictures[1], "{kernel:?}");
         }
         assert!(
-            Renderer::with_parameters_and_tables(
+            Renderer::with_parameters(
                 blob.clone(),
                 Kernel::IN_PLACE,
                 &scene.parameters,
-                crate::encoding::GridTables::new(TableValues::F32(&scene.tables[1..]), None),
+                Some(crate::encoding::GridTables::new(TableValues::F32(&scene.tables[1..]), None)),
             )
             .is_none()
         );

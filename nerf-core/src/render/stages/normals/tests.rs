@@ -278,7 +278,7 @@ fn gradients_beyond_the_numbers_are_counted_and_have_no_direction() {
     all[layers[1].weights] = 1e30;
     let bytes = bytes(&body(a.clone(), None, &vec![0; 2 * a.parameters()]));
     let blob = Blob::open(&bytes).unwrap();
-    let renderer = Renderer::with_parameters(blob.clone(), Kernel::IN_PLACE, &all).unwrap();
+    let renderer = Renderer::with_parameters(blob.clone(), Kernel::IN_PLACE, &all, None).unwrap();
     let plan = Plan::new(&blob, &Quality::EXACT, NORMALS, Batch { rays: 3, samples: BLOCK }).unwrap();
     let picture = render(&renderer, &plan, &camera(8, 8));
     assert!(picture.counters.normal_evaluations > 0);
