@@ -29,7 +29,6 @@ const FAR_OFF: f32 = std::f32::consts::LN_2;
 pub struct LogGains(pub Vec<[f32; 3]>);
 
 impl LogGains {
-    /// No gain for any of `views` photographs.
     pub fn none(views: usize) -> Self {
         Self(vec![[0.0; 3]; views])
     }

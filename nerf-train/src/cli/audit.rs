@@ -5,13 +5,12 @@ use super::eval::Split;
 use super::options::data::DataOptions;
 use super::places;
 use crate::data::View;
-use crate::fit::run::spread;
 use crate::measure::audit::{self, AuditOptions, Summary, THRESHOLD_DB};
 use crate::measure::bench::Variants;
 use crate::measure::point::Clock;
 use crate::show::reports::audit::table as audit_table;
 use crate::system::output::claims::Claims;
-use crate::system::progress::{Message, Progress, Total};
+use crate::system::progress::Progress;
 use crate::system::summary::write;
 use anyhow::bail;
 use clap::Args;
@@ -61,10 +60,7 @@ impl Audit {
         let blob = open_blob(&self.file, &bytes)?;
         let mut lab = Variants::new(&bytes)?;
         let dataset = self.data_options.read_for(&self.data, (&blob, &self.file), global)?;
-        let views: Vec<&View> = spread(self.split.of(&dataset), self.views);
-        if views.is_empty() {
-            bail!("{}: the split `{}` has no views", self.data.display(), self.split.name());
-        }
+        let views = self.split.some(&dataset, &self.data, self.views)?;
         // Directions are averaged over what was fitted, not over what is measured.
         let rays: Vec<&View> =
             if dataset.train.is_empty() { views.clone() } else { dataset.train.iter().collect() };
@@ -72,8 +68,8 @@ impl Audit {
             AuditOptions { threshold_db: self.effect_threshold, repeats: self.repeats, clock: self.clock };
         let mut progress: Option<Progress> = None;
         let findings = audit::audit(&mut lab, &views, &rays, &options, &mut |done, total| {
-            let new = || Progress::new("audit", Total::Steps(total), global.style());
-            progress.get_or_insert_with(new).update(done, &Message::default());
+            let new = || Progress::steps("audit", total, global.style());
+            progress.get_or_insert_with(new).reach(done);
         })?;
         let on = (self.split.name(), views.len());
         let summary = Summary::of(&findings, self.effect_threshold, on, lab.scene().background);
@@ -86,7 +82,6 @@ impl Audit {
         Ok(ExitCode::SUCCESS)
     }
 
-    /// Refuses what cannot be, before anything is read.
     fn check(&self) -> anyhow::Result<()> {
         check_counts([("--views", self.views), ("--repeats", self.repeats)])?;
         if self.repeats > MAX_REPEATS {
@@ -94,8 +89,8 @@ impl Audit {
         }
         check_threshold(self.effect_threshold)?;
         places::check_report(self.report.as_ref())?;
-        let claims = Claims::new().reads("the blob", &self.file).reads_data(&self.data);
-        Ok(claims.writes_folder_if("--report", self.report.as_deref()).settle()?)
+        let claims = Claims::default().reads("the blob", &self.file).reads_data(&self.data);
+        Ok(claims.writes_folder("--report", self.report.as_deref()).settle()?)
     }
 }
 

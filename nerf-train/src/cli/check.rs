@@ -48,8 +48,8 @@ impl Check {
         if let Some(folder) = &self.output {
             places::check_folder("-o", folder)?;
         }
-        let claims = Claims::new().reads_data(&self.data);
-        claims.writes_folder_if("-o", self.output.as_deref()).settle()?;
+        let claims = Claims::default().reads_data(&self.data);
+        claims.writes_folder("-o", self.output.as_deref()).settle()?;
         self.say_size(global)?;
         let mut dataset = self.data_options.read(&self.data, global)?;
         print_report(&dataset, global);

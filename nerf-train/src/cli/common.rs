@@ -1,8 +1,7 @@
 //! What several commands share.
 
 use super::lines::lines;
-pub use crate::data::pictures::colour::name as background_name;
-pub use crate::data::pictures::colour::parse as parse_background;
+pub use crate::data::pictures::colour::{name as background_name, parse as parse_background};
 use crate::fit::finish::Outcome;
 pub use crate::system::cpu::name as cpu_name;
 pub use crate::system::input::parse_numbers;
@@ -28,13 +27,6 @@ const THREADS_PER_CORE: usize = 4;
 macro_rules! outln {
     ($($arg:tt)*) => {
         $crate::cli::common::print(&$crate::system::printable::line(&format!($($arg)*)))?
-    };
-}
-
-/// Prints lines of the result, such as a table; returns from the function where that fails.
-macro_rules! outlines {
-    ($text:expr) => {
-        $crate::cli::common::print(&$text)?
     };
 }
 
@@ -171,7 +163,6 @@ pub fn open_blob<'a>(path: &Path, bytes: &'a [u8]) -> anyhow::Result<Blob<'a>> {
     Blob::open(bytes).with_context(|| path.display().to_string())
 }
 
-/// Refuses counts of nothing, each by its flag.
 pub fn check_counts<const N: usize>(counts: [(&str, usize); N]) -> anyhow::Result<()> {
     match counts.into_iter().find(|&(_, count)| count == 0) {
         Some((flag, _)) => bail!("{flag}: expected at least 1, found 0"),
@@ -179,7 +170,6 @@ pub fn check_counts<const N: usize>(counts: [(&str, usize); N]) -> anyhow::Resul
     }
 }
 
-/// Refuses a limit in seconds that is none.
 pub fn check_max_seconds(seconds: Option<f64>) -> anyhow::Result<()> {
     match seconds {
         Some(seconds) if !(seconds.is_finite() && seconds > 0.0) => {
@@ -200,9 +190,8 @@ pub fn tell_flat(outcome: &Outcome) {
     }
 }
 
-/// Names the steps of `--snapshots` at which no picture was taken.
-pub fn tell_missed(outcome: &Outcome) {
-    let (last, missed) = (outcome.steps, &outcome.missed_snapshots);
+/// Names the steps of `--snapshots` at which a run that ended at step `last` took no picture.
+pub fn tell_missed(last: u32, missed: &[u32]) {
     let (beyond, passed): (Vec<u32>, Vec<u32>) = missed.iter().partition(|&&step| step > last);
     let say = |steps: &[u32], why: String| {
         if !steps.is_empty() {

@@ -1,6 +1,6 @@
 //! `nerf-train completions`
 
-use super::common::Global;
+use super::common::{Global, print};
 use clap::{Args, Command};
 use clap_complete::{Shell, generate};
 use serde::Serialize;
@@ -26,10 +26,7 @@ impl Completions {
         generate(self.shell, &mut cli, "nerf-train", &mut script);
         let script = String::from_utf8(script)?;
         let made = Script { shell: self.shell.to_string(), script };
-        global.finish_with(&made, || {
-            outlines!(made.script.trim_end());
-            Ok(())
-        })?;
+        global.finish_with(&made, || print(made.script.trim_end()))?;
         Ok(ExitCode::SUCCESS)
     }
 }

@@ -22,7 +22,7 @@ use crate::show::orbit::Orbit;
 use crate::show::reports;
 use crate::system::output::claims::Claims;
 use crate::system::output::write_atomic;
-use crate::system::progress::{Message, Progress, Total};
+use crate::system::progress::Progress;
 use crate::system::summary::write;
 use crate::train::schedule::{Budget, Clock};
 use clap::Args;
@@ -79,14 +79,14 @@ impl Demo {
         let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::FULL)?;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, options.kernel)];
         let renderer = Renderer::new(blob, options.kernel, &mut memory)?;
-        let views = self.views(&renderer, &plan, outcome.background, &dataset, global)?;
+        let (scores, z_depth_error) = self.views(&renderer, &plan, outcome.background, &dataset, global)?;
         self.orbit(&renderer, &plan, &spec, global)?;
 
         let (seconds, data) = (clock.seconds(), &dataset.name);
         let summary = Summary {
-            val_psnr_db: views.scores.psnr_db().unwrap_or(f64::NAN),
-            val_ssim: views.scores.ssim().unwrap_or(f64::NAN),
-            z_depth_median_relative_error: Some(views.z_depth_error),
+            val_psnr_db: scores.psnr_db().unwrap_or(f64::NAN),
+            val_ssim: scores.ssim().unwrap_or(f64::NAN),
+            z_depth_median_relative_error: Some(z_depth_error),
             ..Summary::of(&outcome, &config, options.kernel, seconds, data, &blob_path)
         };
         write(&summary, &self.out)?;
@@ -100,8 +100,8 @@ impl Demo {
             read_config(Preset::Grid, self.config.as_deref(), &SetOption::default(), Surroundings::Known)?;
         config.check()?;
         places::check_folder("--out", &self.out)?;
-        Claims::new()
-            .reads_if("the file of settings", self.config.as_deref())
+        Claims::default()
+            .reads("the file of settings", self.config.as_deref())
             .writes_folder("--out", &self.out)
             .writes("--out", &self.out.join("demo.nerf"))
             .settle()?;
@@ -119,7 +119,8 @@ impl Demo {
         }
     }
 
-    /// Measures every held-out view against its picture and its true distances; a sheet of them.
+    /// Measures every held-out view against its picture and its true distances; a sheet of them. Its scores, and the median
+    /// relative error of the z-depth of opaque pixels.
     fn views(
         &self,
         renderer: &Renderer<'_>,
@@ -127,25 +128,23 @@ impl Demo {
         background: [f32; 3],
         dataset: &Dataset,
         global: &Global,
-    ) -> anyhow::Result<Views> {
+    ) -> anyhow::Result<(Scores, f64)> {
         let mut errors = Vec::new();
-        let mut cells = Vec::new();
-        let mut done = 0;
-        let mut drawn = Ok(());
-        let mut progress = Progress::new("eval", Total::Steps(dataset.val.len() as u64), global.style());
+        let (mut cells, mut done, mut drawn) = (Vec::new(), 0, Ok(()));
+        let mut progress = Progress::steps("eval", dataset.val.len(), global.style());
         let scores = evaluate(renderer, plan, background, &dataset.val, |view, frame, truth, _| {
             errors.extend(z_depth_errors(frame, &demo::render_truth(&view.camera)));
             if cells.len() < 12 && drawn.is_ok() {
                 drawn = sheet_row(&mut cells, view.name.as_str(), frame, truth);
             }
             done += 1;
-            progress.update(done, &Message::default());
+            progress.reach(done);
         })?;
         drawn?;
         progress.finish(format!("{} views", scores.views.len()));
         contact_sheet("Held-out views: rendered, truth, z_depth", &cells, 3)
             .write_png(self.out.join("views.png"))?;
-        Ok(Views { scores, z_depth_error: median(errors) })
+        Ok((scores, median(errors)))
     }
 
     fn orbit(
@@ -161,11 +160,11 @@ impl Demo {
         let orbit = Orbit::of(scene, None);
         let fov = 2.0 * (0.5 / spec.focal).atan().to_degrees();
         let mut gif = GifWriter::create(self.out.join("orbit.gif"), SIDE as usize, SIDE as usize, 18.0)?;
-        let mut progress = Progress::new("orbit", Total::Steps(ORBIT_FRAMES as u64), global.style());
+        let mut progress = Progress::steps("orbit", ORBIT_FRAMES, global.style());
         for i in 0..ORBIT_FRAMES {
             let camera = orbit.camera(i as f32 / ORBIT_FRAMES as f32, SIDE, SIDE, fov)?;
             gif.push(frame::picture(&frame::render(renderer, plan, &camera)?))?;
-            progress.update(i as u64 + 1, &Message::default());
+            progress.reach(i + 1);
         }
         gif.finish()?;
         progress.finish(format!("{ORBIT_FRAMES} views"));
@@ -187,12 +186,6 @@ impl Demo {
         }
         Ok(())
     }
-}
-
-struct Views {
-    scores: Scores,
-    /// Median relative error of the z-depth of opaque pixels.
-    z_depth_error: f64,
 }
 
 /// |z_depth − truth| / truth of the pixels that are opaque in truth and in the picture's own eyes.

@@ -6,20 +6,20 @@ use super::options::quality::{QualityOptions, WhichBins};
 use super::places;
 use crate::data::names::FileNames;
 use crate::data::{Dataset, RefinedPoses, View};
+use crate::fit::run::spread;
 use crate::measure::eval::{EvalOptions, Evaluation, own_background};
 use crate::measure::frame;
 use crate::measure::surfaces::Surfaces;
 use crate::show::table::Table;
 use crate::system::output::claims::Claims;
-use crate::system::progress::{Message, Progress, Total};
+use crate::system::progress::Progress;
 use crate::system::summary::write;
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use clap::{Args, ValueEnum};
-use nerf_core::plan::{Batch, Plan};
-use std::path::PathBuf;
+use nerf_core::camera::Camera;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// A part of a data set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Split {
     /// What was fitted.
@@ -31,12 +31,36 @@ pub enum Split {
 }
 
 impl Split {
-    pub fn of(self, dataset: &crate::data::Dataset) -> &[View] {
+    pub fn of(self, dataset: &Dataset) -> &[View] {
         match self {
             Self::Train => &dataset.train,
             Self::Val => &dataset.val,
             Self::Test => &dataset.test,
         }
+    }
+
+    /// At most `count` views of the split, evenly spread; `data`: path that an error names.
+    pub fn some<'d>(self, dataset: &'d Dataset, data: &Path, count: usize) -> anyhow::Result<Vec<&'d View>> {
+        let views = spread(self.of(dataset), count);
+        ensure!(!views.is_empty(), "{}: the split `{}` has no views", data.display(), self.name());
+        Ok(views)
+    }
+
+    /// Cameras of the split; of a test split without pictures, its poses.
+    pub fn cameras(self, dataset: &Dataset) -> Vec<Camera> {
+        let views = self.of(dataset);
+        if self == Self::Test && views.is_empty() {
+            return dataset.test_path.clone();
+        }
+        views.iter().map(|view| view.camera).collect()
+    }
+
+    /// Camera of this index in the split; `flag`: what gave the index, for the error.
+    pub fn camera(self, flag: &str, dataset: &Dataset, index: usize) -> anyhow::Result<Camera> {
+        let cameras = self.cameras(dataset);
+        let (count, name) = (cameras.len(), self.name());
+        let fault = || format!("{flag}: expected less than {count} (split `{name}`), found {index}");
+        cameras.get(index).copied().with_context(fault)
     }
 
     pub fn name(self) -> &'static str {
@@ -83,17 +107,15 @@ impl Eval {
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         check_counts([("--every", self.every)])?;
         places::check_report(self.report.as_ref())?;
-        Claims::new()
+        Claims::default()
             .reads("the blob", &self.file)
             .reads_data(&self.data)
-            .writes_folder_if("--report", self.report.as_deref())
+            .writes_folder("--report", self.report.as_deref())
             .settle()?;
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
-        let plan = Plan::new(&blob, &self.quality.quality(), Surfaces::OUTPUTS, Batch::FULL)
-            .and_then(|plan| self.data_options.range_of(plan))
-            .map(|plan| self.quality.bins_of(plan, WhichBins::Own))
-            .with_context(|| self.file.display().to_string())?;
+        let (outputs, data) = (Surfaces::OUTPUTS, &self.data_options);
+        let plan = self.quality.plan((&blob, &self.file), outputs, data, WhichBins::Own)?;
         let dataset = self.data_options.read_given_for(&self.data, (&blob, &self.file), global)?;
         let split = self.split_of(&dataset);
         let views = self.views(&dataset, split)?;
@@ -101,7 +123,7 @@ impl Eval {
         self.say_opaque(&views, own_background(&blob), global);
         let names = FileNames::of(split.of(&dataset));
         let options = EvalOptions { background: self.background, lattice: self.lattice };
-        let mut progress = Progress::new("eval", Total::Steps(views.len() as u64), global.style());
+        let mut progress = Progress::steps("eval", views.len(), global.style());
         let (mut table, mut written) = (Table::new(["view", "psnr_db", "aligned_psnr_db", "ssim"]), Ok(()));
         let views = (split.name(), views);
         let (kernel, points) = (global.kernel(), &dataset.points);
@@ -110,7 +132,7 @@ impl Eval {
                 let db = [score.psnr_db, score.aligned_psnr_db].map(|db| format!("{db:.3}"));
                 let [raw, aligned] = db;
                 table.push([score.view.clone(), raw, aligned, format!("{:.4}", score.ssim)]);
-                progress.update(table.rows().len() as u64, &Message::default());
+                progress.reach(table.rows().len());
                 if let (Some(folder), Ok(())) = (&self.report, &written) {
                     written =
                         frame::picture(frame).write_png(folder.join(format!("{}.png", names.stem(view))));

@@ -1,6 +1,6 @@
 //! `nerf-train explain`
 
-use super::common::{Global, open_blob, read_file};
+use super::common::{Global, open_blob, print, read_file};
 use super::eval::Split;
 use super::options::data::DataOptions;
 use super::options::effects::EffectOptions;
@@ -12,10 +12,10 @@ use clap::Args;
 use nerf_core::blob::Blob;
 use nerf_core::camera::Camera;
 use nerf_core::memory::Line;
-use nerf_core::plan::{Batch, Outputs, Plan};
-use nerf_core::render::{Counters, Explanation, Renderer, Switch};
-use serde::ser::SerializeMap;
-use serde::{Serialize, Serializer};
+use nerf_core::plan::{Outputs, Plan};
+use nerf_core::render::{Counters, Explanation, Renderer, Stage, Switch};
+use serde::Serialize;
+use serde_json::Value;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -72,11 +72,9 @@ impl Explain {
             normals: self.normals,
             ..Outputs::ALL
         };
-        let plan = Plan::new(&blob, &self.quality.quality(), outputs, Batch::FULL)
-            .and_then(|plan| plan.with_normal_blur(self.normal_blur))
-            .and_then(|plan| self.data_options.range_of(plan))
-            .map(|plan| self.quality.bins_of(plan, WhichBins::Whole))
-            .with_context(|| self.file.display().to_string())?;
+        let plan = self.quality.plan((&blob, &self.file), outputs, &self.data_options, WhichBins::Whole)?;
+        let plan =
+            plan.with_normal_blur(self.normal_blur).with_context(|| self.file.display().to_string())?;
         let plan = self.effects.of(plan)?;
         let camera = self.camera(&blob, global)?;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
@@ -85,10 +83,7 @@ impl Explain {
         let explanation = renderer.explain(&plan).with_counters(counters);
 
         let summary = Summary::of(&explanation, &renderer, counters);
-        global.finish_with(&summary, || {
-            outlines!(explanation.to_string().trim_end());
-            Ok(())
-        })?;
+        global.finish_with(&summary, || print(explanation.to_string().trim_end()))?;
         Ok(ExitCode::SUCCESS)
     }
 
@@ -101,19 +96,14 @@ impl Explain {
             return Ok(Orbit::of(scene, None).camera(0.0, width, height, fov)?);
         };
         let dataset = self.data_options.read_for(data, (blob, &self.file), global)?;
-        let views = self.split.of(&dataset);
-        let Some(view) = views.get(self.view) else {
-            let (found, name) = (self.view, self.split.name());
-            bail!("--view: expected less than {} (split `{name}`), found {found}", views.len());
-        };
-        Ok(view.camera)
+        self.split.camera("--view", &dataset, self.view)
     }
 }
 
 /// The same for scripts; shares are of all multiply-adds.
 #[derive(Debug, Serialize)]
 struct Summary {
-    stages: Stages,
+    stages: serde_json::Map<String, Value>,
     kernel: String,
     workspace_bytes: usize,
     macs_per_density_evaluation: usize,
@@ -141,14 +131,14 @@ impl Summary {
         let a = network.architecture();
         let a_ray = |count: u64| count as f64 / counters.rays.max(1) as f64;
         let share = |macs: u64| macs as f64 / counters.macs.max(1) as f64;
+        // Where it is off, a note on why.
+        let stage = |stage: Stage| {
+            let (name, on) = (stage.name.replace(' ', "_"), stage.switch == Switch::On);
+            let note = (!on).then(|| (format!("{name}_note"), stage.switch.name().into()));
+            [(name, on.into())].into_iter().chain(note)
+        };
         Self {
-            stages: Stages(
-                explanation
-                    .stages()
-                    .into_iter()
-                    .map(|stage| (stage.name.replace(' ', "_"), stage.switch))
-                    .collect(),
-            ),
+            stages: explanation.stages().into_iter().flat_map(stage).collect(),
             kernel: renderer.kernel().to_string(),
             workspace_bytes: explanation.workspace_bytes(),
             macs_per_density_evaluation: a.density_macs(),
@@ -169,22 +159,5 @@ impl Summary {
             normals_share: share(shares.normals),
             invalid_samples: counters.invalid_samples,
         }
-    }
-}
-
-/// Every stage by name, with a note on why where it is off.
-#[derive(Debug)]
-struct Stages(Vec<(String, Switch)>);
-
-impl Serialize for Stages {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut map = serializer.serialize_map(None)?;
-        for (name, switch) in &self.0 {
-            map.serialize_entry(name, &(*switch == Switch::On))?;
-            if *switch != Switch::On {
-                map.serialize_entry(&format!("{name}_note"), switch.name())?;
-            }
-        }
-        map.end()
     }
 }

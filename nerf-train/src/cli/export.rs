@@ -11,7 +11,7 @@ use crate::show::export::{
 };
 use crate::system::memory;
 use crate::system::output::claims::Claims;
-use crate::system::progress::{Message, Progress, Total};
+use crate::system::progress::{Progress, Total};
 use crate::system::summary::Short;
 use anyhow::bail;
 use clap::{Args, ValueEnum};
@@ -68,7 +68,6 @@ pub struct Export {
     data_options: DataOptions,
 }
 
-/// What a file holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Kind {
     /// Triangles with normals and colours.
@@ -100,7 +99,7 @@ impl Export {
         let renderer = Renderer::new(blob, global.kernel(), &mut memory)?;
         let field = Field::new(&renderer, &plan);
         let origin = origin_in_name(renderer.blob().provenance().data);
-        let mut summary = Summary::new(&self.output, kind.name(), &bounds, origin);
+        let mut summary = Summary::new(&self.output, kind.words().0, &bounds, origin);
         match (kind, &self.data) {
             (Kind::Volume, _) => self.volume(&field, &bounds, origin, &mut summary, global)?,
             (Kind::Points, Some(data)) => {
@@ -140,8 +139,8 @@ impl Export {
             // Such as a device: taken for whatever is written.
             (None, Some(kind)) => kind,
             (Some("ply" | "obj" | "glb" | "npz"), Some(kind)) => {
-                let expected = kind.endings();
-                bail!("-o: expected a name that ends in {expected} with --as {}, found {name}", kind.name())
+                let (what, endings) = kind.words();
+                bail!("-o: expected a name that ends in {endings} with --as {what}, found {name}")
             }
             _ => bail!("-o: expected a name that ends in .ply, .obj, .glb or .npz, found {name}"),
         };
@@ -156,7 +155,7 @@ impl Export {
                 bail!("{flag}: says nothing of {}: expected it to be left out", kind.described(of_views));
             }
         }
-        let claims = Claims::new().reads("the blob", &self.file).reads_data_if(self.data.as_deref());
+        let claims = Claims::default().reads("the blob", &self.file).reads_data(self.data.as_deref());
         claims.writes("-o", &self.output).settle()?;
         Ok(kind)
     }
@@ -197,10 +196,9 @@ impl Export {
         plan: &Plan<'_>,
         global: &Global,
     ) -> anyhow::Result<Mesh> {
-        let mut progress = Progress::new("points", Total::Steps(views.len() as u64), global.style());
-        let points = points_of_views(renderer, plan, views, self.points(), within, |done| {
-            progress.update(done as u64, &Message::default());
-        })?;
+        let mut progress = Progress::steps("points", views.len(), global.style());
+        let each = |done| progress.reach(done);
+        let points = points_of_views(renderer, plan, views, self.points(), within, each)?;
         progress.finish(format!("{} points", points.vertices.len()));
         Ok(points)
     }
@@ -218,9 +216,8 @@ impl Export {
             None if field.is_unbounded() => Surface::VisibleFromInside,
             None => Surface::Visible,
         };
-        let total = Total::Steps(3 * (lattice.cells[2] as u64 + 1));
-        let mut progress = Progress::new("surface", total, global.style());
-        let mesh = mesh(field, &lattice, surface, |done| progress.update(done as u64, &Message::default()))?;
+        let mut progress = Progress::steps("surface", 3 * (lattice.cells[2] + 1), global.style());
+        let mesh = mesh(field, &lattice, surface, |done| progress.reach(done))?;
         progress.finish(format!("{} vertices", mesh.vertices.len()));
         summary.cell_world_units = Some(Short(lattice.cell));
         summary.threshold_per_world_unit = self.threshold.map(Short);
@@ -236,9 +233,7 @@ impl Export {
         global: &Global,
     ) -> anyhow::Result<()> {
         let mut progress = Progress::new("volume", Total::Unknown, global.style());
-        let mut volume = volume(field, bounds, self.resolution(), |done| {
-            progress.update(done as u64, &Message::default());
-        })?;
+        let mut volume = volume(field, bounds, self.resolution(), |done| progress.reach(done))?;
         progress.finish(format!("{} cells", volume.density.len()));
         volume.min.iter_mut().zip(origin).for_each(|(min, origin)| *min += origin);
         write_npz(&volume, &self.output)?;
@@ -267,11 +262,12 @@ impl Export {
 }
 
 impl Kind {
-    fn name(self) -> &'static str {
+    /// Its name, and how its files end.
+    fn words(self) -> (&'static str, &'static str) {
         match self {
-            Self::Mesh => "mesh",
-            Self::Points => "points",
-            Self::Volume => "volume",
+            Self::Mesh => ("mesh", ".ply, .obj or .glb"),
+            Self::Points => ("points", ".ply"),
+            Self::Volume => ("volume", ".npz"),
         }
     }
 
@@ -281,14 +277,6 @@ impl Kind {
             Self::Points if of_views => "points of photographs' rays",
             Self::Points => "points of a surface",
             Self::Volume => "a volume",
-        }
-    }
-
-    fn endings(self) -> &'static str {
-        match self {
-            Self::Mesh => ".ply, .obj or .glb",
-            Self::Points => ".ply",
-            Self::Volume => ".npz",
         }
     }
 }

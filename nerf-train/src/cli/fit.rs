@@ -7,7 +7,6 @@ use super::options::Conduct;
 use super::options::data::{DataOptions, Space, print_report};
 use super::options::grid::{TableSettings, check_memory, given, parse_bytes, set};
 use super::options::settings::{SetOption, read_config};
-
 use super::places;
 use crate::capture::check::Diagnosis;
 use crate::data::{Background, Dataset, is_blank, refined};
@@ -226,8 +225,8 @@ impl Fit {
     }
 
     fn claims(&self) -> Claims {
-        let inputs = Claims::new().reads_data(&self.data);
-        let claims = self.conduct.claims(inputs.reads_if("the file of settings", self.config.as_deref()));
+        let inputs = Claims::default().reads_data(&self.data);
+        let claims = self.conduct.claims(inputs.reads("the file of settings", self.config.as_deref()));
         match &self.live {
             Some(folder) => {
                 claims.writes_folder("--live", folder).writes("--live", &folder.join("live.nerf"))
@@ -316,7 +315,7 @@ impl Fit {
         if let Some(error) = self.live.as_ref().and_then(|folder| live::finish(folder, &outcome).err()) {
             global.say(format!("warning: --live: {error}"));
         }
-        tell_missed(&outcome);
+        tell_missed(outcome.steps, &outcome.missed_snapshots);
         let (seconds, data) = (clock.seconds(), &dataset.name);
         let capture = Capture::of(&diagnosis, &outcome);
         let found: Vec<String> = capture.fitted.lines().map(str::to_owned).collect();

@@ -2,9 +2,9 @@
 
 use super::audit::check_threshold;
 use super::common::{Global, tell};
-use super::options::data::DataOptions;
+use super::options::data::read_with;
 use super::places;
-use crate::data::{Axes, Cameras, Downscale, View};
+use crate::data::{Axes, Cameras, ReadOptions, View, Watch};
 use crate::fit::run::spread;
 use crate::measure::audit::THRESHOLD_DB;
 use crate::measure::import::{
@@ -113,28 +113,28 @@ impl Import {
         self.settings.check()?;
         check_threshold(self.effect_threshold)?;
         places::check_extension("-o", &self.output, places::BLOB)?;
-        Ok(Claims::new()
+        Ok(Claims::default()
             .reads("the network", &self.checkpoint)
-            .reads_if("the coarse network", self.coarse.as_deref())
-            .reads_if("the occupancy grid", self.occupancy.as_deref())
-            .reads_data_if(self.check.as_deref())
+            .reads("the coarse network", self.coarse.as_deref())
+            .reads("the occupancy grid", self.occupancy.as_deref())
+            .reads_data(self.check.as_deref())
             .writes("-o", &self.output)
             .settle()?)
     }
 
     fn views(&self, global: &Global) -> anyhow::Result<Option<Views>> {
         let Some(path) = &self.check else { return Ok(None) };
-        let options = DataOptions {
+        let options = ReadOptions {
             axes: self.axes,
             near: Some(self.settings.near),
             far: Some(self.settings.far),
-            layout: None,
-            downscale: Downscale::Auto,
-            cameras: Some(Cameras::Own),
+            cameras: Cameras::Own,
             outside_files: self.outside_files,
+            // What is imported was trained in the file's own world.
+            origin: Some([0.0; 3]),
+            ..ReadOptions::default()
         };
-        // What is imported was trained in the file's own world.
-        let dataset = options.read_from(path, Some([0.0; 3]), global)?;
+        let dataset = read_with(path, &options, &Watch::default(), global)?;
         let all = if dataset.val.is_empty() { &dataset.train } else { &dataset.val };
         let views: Vec<&View> = if self.views.is_empty() {
             spread(all, VIEWS)

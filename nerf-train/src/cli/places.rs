@@ -18,34 +18,9 @@ use std::path::{Path, PathBuf};
 
 pub const BLOB: &[&str] = &["nerf"];
 pub const PICTURE: &[&str] = &["png"];
-/// Pictures of a scene's view.
 pub const VIEW: &[&str] = &["png", "exr"];
 /// Extensions that are no part of a folder's name.
-const FILES: &[&str] = &[
-    "nerf",
-    "png",
-    "gif",
-    "mp4",
-    "jpg",
-    "jpeg",
-    "exr",
-    "webp",
-    "tif",
-    "tiff",
-    "bmp",
-    "npz",
-    "npy",
-    "json",
-    "csv",
-    "svg",
-    "html",
-    "md",
-    "toml",
-    "safetensors",
-    "ply",
-    "obj",
-    "glb",
-];
+const FILES: &str = "nerf png gif mp4 jpg jpeg exr webp tif tiff bmp npz npy json csv svg html md toml safetensors ply obj glb";
 
 /// Refuses a name whose extension means another format than `accepted`.
 pub fn check_extension(flag: &str, path: &Path, accepted: &[&str]) -> anyhow::Result<()> {
@@ -61,7 +36,7 @@ pub fn check_extension(flag: &str, path: &Path, accepted: &[&str]) -> anyhow::Re
 /// Refuses a folder that is called like a file, unless there is one.
 pub fn check_folder(flag: &str, path: &Path) -> anyhow::Result<()> {
     match extension(path) {
-        Some(found) if FILES.contains(&found.as_str()) && !path.is_dir() => {
+        Some(found) if FILES.split(' ').any(|file| file == found) && !path.is_dir() => {
             bail!("{flag}: expected the name of a folder, found {}", path.display())
         }
         _ => Ok(()),

@@ -41,7 +41,7 @@ impl Poses {
         let begun = Instant::now();
         let output = self.output.clone().unwrap_or_else(|| beside(&self.photographs));
         places::check_folder("-o", &output)?;
-        Claims::new()
+        Claims::default()
             .reads("the folder of photographs", &self.photographs)
             .writes_folder("-o", &output)
             .check()?;
@@ -60,13 +60,13 @@ impl Poses {
             style: global.style(),
         };
         let found = find(&request)?;
-        let summary = Summary::of(&found, &output, begun.elapsed().as_secs_f64());
+        let folder = output.display().to_string();
+        let summary = Summary { folder, found, total_seconds: begun.elapsed().as_secs_f64() };
         global.finish(&summary)?;
         Ok(ExitCode::SUCCESS)
     }
 }
 
-/// The folder's name with `_poses` behind it.
 fn beside(photographs: &Path) -> PathBuf {
     // `.` and `a/..` have no name of their own.
     let real = std::fs::canonicalize(photographs).unwrap_or_else(|_| photographs.to_owned());
@@ -77,36 +77,9 @@ fn beside(photographs: &Path) -> PathBuf {
 }
 
 #[derive(Debug, Serialize)]
-struct Summary<'f> {
+struct Summary {
     folder: String,
-    photographs: usize,
-    registered: usize,
-    unregistered: &'f [String],
-    damaged: &'f [String],
-    models: usize,
-    points: usize,
-    mean_reprojection_error_px: f64,
-    cameras: usize,
-    way: &'static str,
-    fault: Option<String>,
+    #[serde(flatten)]
+    found: Found,
     total_seconds: f64,
-}
-
-impl<'f> Summary<'f> {
-    fn of(found: &'f Found, output: &Path, total_seconds: f64) -> Self {
-        Self {
-            folder: output.display().to_string(),
-            photographs: found.photographs,
-            registered: found.registered,
-            unregistered: &found.unregistered,
-            damaged: &found.damaged,
-            models: found.models,
-            points: found.points,
-            mean_reprojection_error_px: found.mean_reprojection_error,
-            cameras: found.cameras,
-            way: found.way,
-            fault: found.fault.as_ref().map(ToString::to_string),
-            total_seconds,
-        }
-    }
 }

@@ -10,7 +10,7 @@ use crate::model::config::{Config, Preset};
 use crate::show::cameras::{Request, Scene, Summary, page};
 use crate::system::output::claims::Claims;
 use crate::system::output::write_atomic;
-use crate::system::progress::{Progress, Total};
+use crate::system::progress::Progress;
 use crate::system::summary::write;
 use anyhow::bail;
 use clap::Args;
@@ -93,7 +93,7 @@ impl Show {
                 "--samples: expected none with --preset grid, whose rays are marched at a fixed step; expected --preset small or seed"
             );
         }
-        Claims::new().reads_data(&self.data).writes_folder("-o", &self.output).settle()?;
+        Claims::default().reads_data(&self.data).writes_folder("-o", &self.output).settle()?;
         let dataset = self.data_options.read(&self.data, global)?;
         print_report(&dataset, global);
         let views = self.split.of(&dataset);
@@ -107,7 +107,7 @@ impl Show {
             frustum: self.frustum,
         };
         let config = self.config(dataset.background);
-        let progress = Progress::new("show", Total::Steps(1), global.style());
+        let progress = Progress::steps("show", 1, global.style());
         let scene = Scene::new(&dataset, &config, &request)?;
         write_atomic(&html, page::page(&scene)?.as_bytes())?;
         progress.finish(format!("{}; {}", scene.title(), scene.facts()));

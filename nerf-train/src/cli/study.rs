@@ -5,16 +5,14 @@ use super::eval::Split;
 use super::options::data::DataOptions;
 use super::places;
 use crate::data::View;
-use crate::fit::run::spread;
-use crate::lab::study::Study as Measured;
-use crate::lab::study::{Effort, Progressed};
+use crate::lab::study::{Effort, Progressed, Study as Measured};
 use crate::measure::bench::Variants;
 use crate::measure::bench::source::unrounded;
 use crate::measure::point::Clock;
 use crate::show::reports::study::{Findings, Setting, front_of};
 use crate::system::output::claims::Claims;
 use crate::system::output::write_atomic;
-use crate::system::progress::{Message, Progress, Total};
+use crate::system::progress::Progress;
 use anyhow::bail;
 use clap::Args;
 use std::path::{Path, PathBuf};
@@ -89,13 +87,10 @@ impl Study {
         let blob = open_blob(&self.file, &bytes)?;
         let mut lab = Variants::new(&bytes)?;
         if let Some(source) = &self.source {
-            lab.set_source(unrounded(source, &blob)?);
+            lab.source = Some(unrounded(source, &blob)?);
         }
         let dataset = self.data_options.read_for(&self.data, (&blob, &self.file), global)?;
-        let views: Vec<&View> = spread(self.split.of(&dataset), self.views);
-        if views.is_empty() {
-            bail!("{}: the split `{}` has no views", self.data.display(), self.split.name());
-        }
+        let views = self.split.some(&dataset, &self.data, self.views)?;
         self.add_variants(&mut lab, global)?;
         let study = self.measured(&lab, views, start, global)?;
         let findings = Findings::of(&study);
@@ -138,10 +133,10 @@ impl Study {
     }
 
     fn claims(&self, output: Option<&Path>) -> anyhow::Result<()> {
-        let mut claims = Claims::new()
+        let mut claims = Claims::default()
             .reads_data(&self.data)
-            .reads_if("the checkpoint", self.source.as_deref())
-            .writes_folder_if("--report", self.report.as_deref());
+            .reads("the checkpoint", self.source.as_deref())
+            .writes_folder("--report", self.report.as_deref());
         if let Some(output) = output {
             claims = claims.writes(if self.write { "--write" } else { "-o" }, output);
         }
@@ -185,11 +180,10 @@ impl Study {
         let study = Measured::run(lab, views, effort, start, &mut |progressed: Progressed<'_>| {
             let Progressed { pass, done, total } = progressed;
             if shown.as_ref().is_none_or(|(name, _)| name != pass) {
-                let progress = Progress::new(pass, Total::Steps(total), global.style());
-                shown = Some((pass.to_owned(), progress));
+                shown = Some((pass.to_owned(), Progress::steps(pass, total, global.style())));
             }
             if let Some((_, progress)) = &mut shown {
-                progress.update(done, &Message::default());
+                progress.reach(done);
             }
         })?;
         if study.rounds_left_out > 0 {

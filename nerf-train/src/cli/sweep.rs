@@ -93,7 +93,6 @@ impl Lists {
         !(self.levels.is_empty() && self.layers.is_empty() && self.width.is_empty())
     }
 
-    /// The lists, with `more` of a scene.
     fn combinations(&self, job: &Job<'_>, more: [(Knob, Vec<f64>); 3]) -> Combinations {
         let own = [
             (Knob::Levels, numbers(&self.levels)),
@@ -172,7 +171,7 @@ pub struct ImageSweep {
 
 impl ImageSweep {
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
-        self.lists.claim(Claims::new().reads("the picture", &self.photo))?;
+        self.lists.claim(Claims::default().reads("the picture", &self.photo))?;
         let start = if self.lists.of_sinusoidal() { FieldPreset::Classic } else { FieldPreset::Grid };
         let preset = self.preset.unwrap_or(start);
         let photo = self.photo_options.read(&self.photo, global)?;
@@ -225,8 +224,8 @@ pub struct SceneSweep {
 impl SceneSweep {
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         self.max_seconds.iter().try_for_each(|&seconds| check_max_seconds(Some(seconds)))?;
-        let claims = Claims::new().reads_data(&self.data);
-        self.lists.claim(claims.reads_if("the file of settings", self.config.as_deref()))?;
+        let claims = Claims::default().reads_data(&self.data);
+        self.lists.claim(claims.reads("the file of settings", self.config.as_deref()))?;
         let dataset = self.data_options.read(&self.data, global)?;
         print_report(&dataset, global);
         if dataset.val.is_empty() {
@@ -275,7 +274,8 @@ pub struct Merge {
 impl Merge {
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         places::check_folder("-o", &self.output)?;
-        let claims = self.folders.iter().fold(Claims::new(), |claims, part| claims.reads("the sweep", part));
+        let claims =
+            self.folders.iter().fold(Claims::default(), |claims, part| claims.reads("the sweep", part));
         claims.writes_folder("-o", &self.output).check()?;
         let open = |path: &PathBuf| Folder::existing(Path::new(path));
         let parts = self.folders.iter().map(open).collect::<Result<Vec<_>, _>>()?;

@@ -54,7 +54,7 @@ pub struct Dataset {
     pub format: Format,
     /// The convention its poses were taken to be in; behind the reader they are all OpenGL.
     pub axes: Axes,
-    /// What is fitted; at least one view, unless the data were read for a field that is there ([`ReadOptions::to_fit`]).
+    /// Views that are fitted; at least one, unless the data were read to measure a field ([`ReadOptions::to_measure`]).
     pub train: Vec<View>,
     /// What the fit is watched on; may be empty.
     pub val: Vec<View>,
@@ -227,10 +227,6 @@ impl std::str::FromStr for Cameras {
 /// How a name states that its cameras are shared ones.
 const SHARED: &str = ", shared cameras";
 
-fn with_shared_cameras(name: String) -> String {
-    name + SHARED
-}
-
 /// Which cameras the data set of this name had, which is how a blob keeps it.
 pub fn cameras_in_name(name: &str) -> Cameras {
     let shared = name.ends_with(SHARED) || name.contains(&format!("{SHARED}{}", cameras::origin::STATED));
@@ -238,7 +234,7 @@ pub fn cameras_in_name(name: &str) -> Cameras {
 }
 
 /// What the caller knows better than the file.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReadOptions {
     /// Overrides the pose convention that the layout has by custom (`--axes`).
     pub axes: Option<Axes>,
@@ -246,8 +242,8 @@ pub struct ReadOptions {
     pub near: Option<f32>,
     /// Overrides where rays end, world units.
     pub far: Option<f32>,
-    /// No array of an archive may unpack to more than this, bytes; a guard against zip bombs.
-    pub max_array_bytes: u64,
+    /// No array of an archive may unpack to more than this, bytes, where it is not 4 GiB: a guard against zip bombs.
+    pub max_array_bytes: Option<u64>,
     /// Whether pictures that a json names outside of its folder are read (`--outside-files`): by `..`, by an absolute
     /// path, or through a link that leads out.
     pub outside_files: bool,
@@ -264,27 +260,8 @@ pub struct ReadOptions {
     /// What all coordinates count from, in the file's own world ([`Dataset::origin`]): that of a blob which the data are
     /// for. `None`: a point near cameras that are far from the file's origin, else that.
     pub origin: Option<[f64; 3]>,
-    /// Whether a field is to be fitted: then there must be training views, else views of any split.
-    pub to_fit: bool,
-}
-
-impl Default for ReadOptions {
-    fn default() -> Self {
-        Self {
-            axes: None,
-            near: None,
-            far: None,
-            max_array_bytes: 4 << 30,
-            outside_files: false,
-            layout: None,
-            downscale: Downscale::Auto,
-            hold_offset: 0,
-            cameras: Cameras::default(),
-            shared_cameras: None,
-            origin: None,
-            to_fit: true,
-        }
-    }
+    /// Whether a field is there already, and views of any split will do; else there must be training views.
+    pub to_measure: bool,
 }
 
 /// Reads the data set at `path`: a folder, a `transforms*.json` or a `.npz`.
@@ -309,7 +286,7 @@ pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result
     };
     let read = [&dataset.train, &dataset.val, &dataset.test];
     let Some(first) =
-        read.into_iter().take(if options.to_fit { 1 } else { 3 }).find(|views| !views.is_empty())
+        read.into_iter().take(if options.to_measure { 3 } else { 1 }).find(|views| !views.is_empty())
     else {
         let warnings: String = dataset.warnings.iter().map(|warning| format!("; {warning}")).collect();
         let fault = format!("expected at least one training view, found none{warnings}");
@@ -337,7 +314,7 @@ pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result
 fn read_json(path: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let name = path.file_name().and_then(|n| n.to_str()).unwrap_or_default();
-    if blender::is_split_file(name) && (folder.join(blender::TRAIN).is_file() || !options.to_fit) {
+    if blender::is_split_file(name) && (folder.join(blender::TRAIN).is_file() || options.to_measure) {
         return blender::read(folder, options, watch);
     }
     nerfstudio::read(path, options, watch)

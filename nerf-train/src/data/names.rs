@@ -79,6 +79,11 @@ fn plain(name: &str) -> String {
     }
 }
 
+/// `1 view`, `2 views`.
+pub(crate) fn count(n: usize, what: &str) -> String {
+    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
+}
+
 /// The first few names, and how many more there are.
 pub(crate) fn listed(names: &[impl AsRef<str>]) -> String {
     const SHOWN: usize = 8;
@@ -106,32 +111,12 @@ mod tests {
     #[test]
     fn no_two_views_share_a_file() {
         let long = ["a".repeat(300), "a".repeat(301)];
-        let names = [
-            "a/x.png",
-            "a_x.png",
-            "a_x.jpg",
-            "a_x_2.png",
-            "A_X",
-            "照片/一.png",
-            "照片_一.png",
-            "照片/二.png",
-            "é.png",
-            "e\u{301}.png",
-            "",
-            "..",
-            "___",
-            "views.png",
-            "Curve",
-            "p",
-            "p_z_depth",
-            "q_z_depth",
-            "q",
-            "q",
-            "r_0.5",
-            "r_0.7",
-            &long[0],
-            &long[1],
-        ];
+        let mut names: Vec<&str> =
+            "a/x.png a_x.png a_x.jpg a_x_2.png A_X 照片/一.png 照片_一.png 照片/二.png é.png \
+             e\u{301}.png .. ___ views.png Curve p p_z_depth q_z_depth q q r_0.5 r_0.7"
+                .split_whitespace()
+                .collect();
+        names.extend(["", &long[0], &long[1]]);
         let stems = of(&names);
         assert_eq!(stems[..5], ["a_x", "a_x_3", "a_x_4", "a_x_2", "A_X_5"]);
         let files = stems.iter().flat_map(|stem| [format!("{stem}.png"), format!("{stem}_z_depth.png")]);

@@ -12,7 +12,6 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 /// Fewer photographs than this are said to be few.
 const FEW: usize = 6;
 
-/// A summary to print or to keep.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Report {
@@ -119,7 +118,6 @@ fn one_place(dataset: &Dataset) -> Option<String> {
     (count > 0).then(|| format!("{count} views have the pose of another: {names}"))
 }
 
-/// How many differ in their intrinsics or lens.
 fn distinct(cameras: &[Camera]) -> usize {
     let key = |camera: &Camera| format!("{:?} {:?}", camera.intrinsics(), camera.lens());
     cameras.iter().map(key).collect::<BTreeSet<_>>().len()

@@ -36,6 +36,11 @@ pub struct KeyPoint {
 }
 
 impl View {
+    /// A photograph of which every pixel counts, without points.
+    pub fn new(name: String, camera: Camera, pixels: Vec<[u8; 4]>) -> Self {
+        Self { name, camera, pixels, mask: None, near: 0.0, key_points: Vec::new() }
+    }
+
     pub fn size(&self) -> (u32, u32) {
         let i = self.camera.intrinsics();
         (i.width, i.height)
@@ -194,13 +199,10 @@ impl std::fmt::Display for Background {
 #[cfg(test)]
 mod tests {
     use crate::data::demo;
-    use crate::data::demo::DemoSpec;
 
     #[test]
     fn a_thinned_view_has_pixels_and_rays_of_the_whole_one() {
-        let spec = DemoSpec { train: 2, val: 1, size: 20, ..DemoSpec::default() };
-        let dataset = demo::dataset(&spec).expect("a scene");
-        let whole = &dataset.val[0];
+        let whole = &demo::small(2, 1, 20).val[0];
         assert!(whole.thinned(1).pixels == whole.pixels);
         for (step, side) in [(3, 6), (5, 4), (19, 1), (21, 1), (65_535, 1)] {
             let thin = whole.thinned(step);
@@ -216,7 +218,6 @@ mod tests {
                 assert!((a.dir - b.dir).length() < 1e-6 && a.origin == b.origin);
             }
         }
-        let tiny = demo::dataset(&DemoSpec { size: 2, ..spec }).expect("a scene");
-        assert_eq!(tiny.val[0].thinned(3).size(), (2, 2));
+        assert_eq!(demo::small(2, 1, 2).val[0].thinned(3).size(), (2, 2));
     }
 }

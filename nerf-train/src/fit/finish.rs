@@ -71,7 +71,6 @@ pub struct Outcome {
     pub overfitting: Option<Stop>,
     /// Names of the views that validation on the way was of.
     pub watched: Vec<String>,
-    /// Pictures that were taken on the way.
     pub snapshots: Vec<Snapshot>,
     /// Steps that pictures were asked for and that the run did not come by.
     pub missed_snapshots: Vec<u32>,
@@ -87,7 +86,6 @@ pub struct Outcome {
     pub samples_per_second: [f64; 2],
 }
 
-/// A validation view as the blob shows it.
 #[derive(Clone, Debug)]
 pub struct Shown {
     pub view: usize,
@@ -98,7 +96,6 @@ pub struct Shown {
     pub psnr_db: f64,
 }
 
-/// What the final scores mean.
 pub(crate) fn convention(views: usize, lattice: u32, background: [f32; 3], samples: u16) -> String {
     let [r, g, b] = background.map(|c| (c * 255.0).round());
     let pixels = match lattice {
@@ -122,21 +119,18 @@ pub(super) fn finish(session: &mut Session<'_, '_>) -> anyhow::Result<Outcome> {
     let background = session.trainer.background();
     let (scores, lattice, shown) = evaluate(session, &draft)?;
     let (refined_poses, refined_scores) = refine(session, &draft, lattice)?;
-    let val: Vec<&View> = session.dataset.val.iter().collect();
-    let surfaces = Surfaces::of(&draft, session.options.kernel, &val, &session.dataset.points)?;
+    let all: Vec<&View> = session.dataset.val.iter().collect();
+    let surfaces = Surfaces::of(&draft, session.options.kernel, &all, &session.dataset.points)?;
     let quantisation_loss_db = ask_rounding(session, &candidate, &draft, &scores, lattice)?;
     let psnr_db = scores.psnr_db();
     let asked = asked_views(session);
     let asked: Vec<&View> = asked.iter().collect();
-    let all: Vec<&View> = session.dataset.val.iter().collect();
     let (judged, judged_scores) = if all.is_empty() { (&asked, &trained) } else { (&all, &scores) };
-    let flats: Vec<f64> = judged
-        .iter()
-        .map(|view| {
-            let thin = view.thinned(lattice);
-            flat_psnr_db(&thin.counted(&thin.composite_over(background)))
-        })
-        .collect();
+    let flat_of = |view: &&View| {
+        let thin = view.thinned(lattice);
+        flat_psnr_db(&thin.counted(&thin.composite_over(background)))
+    };
+    let flats: Vec<f64> = judged.iter().map(flat_of).collect();
     let judged_db = judged_scores.views.iter().map(|score| score.psnr_db);
     let flat = is_flat(judged_db.zip(flats.iter().copied()));
     let samples = session.trainer.config().sampling.samples;
@@ -176,6 +170,17 @@ pub(super) fn finish(session: &mut Session<'_, '_>) -> anyhow::Result<Outcome> {
         snapshots: session.trainer.snapshots.clone(),
         curve: session.trainer.curve.clone(),
     })
+}
+
+/// Scores of a blob on `views` over the run's background; `parameters`: what its rounded weights are replaced by.
+fn scores_of<'v>(
+    session: &Session<'_, '_>,
+    blob: &[u8],
+    parameters: Option<&[f32]>,
+    views: impl IntoIterator<Item = &'v View>,
+) -> anyhow::Result<Scores> {
+    let (kernel, background) = (session.options.kernel, session.trainer.background());
+    measure(blob, parameters, kernel, &Quality::default(), background, views, |_, _, _, _| {})
 }
 
 /// Scores of several renderings of the same views, all on one lattice: as fine as their share of the time allows.
@@ -253,20 +258,15 @@ fn score_training(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<Vec
     let train = &session.dataset.train;
     let (pixels, largest) = pixels_of(train);
     let some = (train.len() * TRAINING_PIXELS).min(MAX_TRAINING_PIXELS) as f64;
-    let lattice = lattice_of(pixels, some).max(session.pace.lattice(
-        pixels,
-        largest,
-        session.pace.share(QUESTION_SHARE),
-    ));
+    let allowed = session.pace.share(QUESTION_SHARE);
+    let lattice = lattice_of(pixels, some).max(session.pace.lattice(pixels, largest, allowed));
     let seen = train.iter().zip(session.trainer.training_cameras());
     let mut views: Vec<View> = seen.map(|(view, camera)| view.seen_from(camera)).collect();
     for moved in session.trainer.moved() {
         moved.leave_out_of(&mut views[moved.view]);
     }
     let thinned: Vec<_> = views.iter().map(|view| view.thinned(lattice).into_owned()).collect();
-    let (kernel, background) = (session.options.kernel, session.trainer.background());
-    let scores = measure(draft, None, kernel, &Quality::default(), background, &thinned, |_, _, _, _| {})?;
-    Ok(scores.views)
+    Ok(scores_of(session, draft, None, &thinned)?.views)
 }
 
 /// Training views that questions about the export are asked of, from where they were refined to.
@@ -288,8 +288,7 @@ fn refine(
     let seen = val.iter().zip(&cameras.val);
     let views: Vec<_> =
         seen.map(|(view, &camera)| view.seen_from(camera).thinned(lattice).into_owned()).collect();
-    let (kernel, background) = (session.options.kernel, session.trainer.background());
-    let scores = measure(draft, None, kernel, &Quality::default(), background, &views, |_, _, _, _| {})?;
+    let scores = scores_of(session, draft, None, &views)?;
     Ok((Some(poses), (!views.is_empty()).then_some(scores)))
 }
 
@@ -307,16 +306,8 @@ fn ask_rounding(
     let count = ((session.pace.share(QUESTION_SHARE) / taken) as usize).clamp(1, FINAL_VIEWS);
     let indices: Vec<usize> = spread_indices(views.len(), count).collect();
     let thinned: Vec<_> = indices.iter().map(|&view| views[view].thinned(lattice)).collect();
-    let (kernel, background) = (session.options.kernel, session.trainer.background());
-    let unrounded = measure(
-        draft,
-        Some(&candidate.parameters),
-        kernel,
-        &Quality::default(),
-        background,
-        thinned.iter().map(|view| &**view),
-        |_, _, _, _| {},
-    )?;
+    let thinned = thinned.iter().map(|view| &**view);
+    let unrounded = scores_of(session, draft, Some(&candidate.parameters), thinned)?;
     let rounded = indices.iter().map(|&view| scores.views[view].clone()).collect();
     let rounded = Scores { views: rounded, counters: scores.counters };
     Ok(unrounded.psnr_db().zip(rounded.psnr_db()).map(|(unrounded, rounded)| gain_db(unrounded, rounded)))
@@ -330,7 +321,6 @@ fn missed_snapshots(session: &Session<'_, '_>) -> Vec<u32> {
 /// Training views whose directions are averaged over.
 const RAY_VIEWS: usize = 50;
 
-/// What view dependence was found to be worth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewDependence {
     /// dB that it gains over its mean, on training views.

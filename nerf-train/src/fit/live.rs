@@ -6,6 +6,7 @@
 //! | `live.json` | steps, seconds, PSNR, and whether it is the end: written after the blob |
 //! | `views.json` | some photographs and their cameras, to compare with: written once |
 
+use crate::data::cameras::optics_by_name;
 use crate::data::pictures::thumbnail::Thumbnail;
 use crate::data::{Dataset, View};
 use crate::fit::finish::Outcome;
@@ -14,6 +15,7 @@ use crate::system::output::{OutputError, write_atomic};
 use anyhow::Context;
 use nerf_core::camera::Projection;
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -63,40 +65,23 @@ struct Camera {
     height: u32,
     fx: f32,
     fy: f32,
-    cx: f32,
-    cy: f32,
-    k1: f32,
-    k2: f32,
-    k3: f32,
-    k4: f32,
-    k5: f32,
-    k6: f32,
-    p1: f32,
-    p2: f32,
+    #[serde(flatten)]
+    optics: BTreeMap<&'static str, f32>,
     lens_model: u32,
     c2w: [f32; 12],
 }
 
 impl Camera {
     fn of(view: &View) -> Self {
-        let (i, lens, pose) = (view.camera.intrinsics(), view.camera.lens(), view.camera.pose());
+        let (i, pose) = (view.camera.intrinsics(), view.camera.pose());
         let (x, y, z, t) = (pose.rotation.x_axis, pose.rotation.y_axis, pose.rotation.z_axis, pose.position);
         Self {
             width: i.width,
             height: i.height,
             fx: i.fx,
             fy: i.fy,
-            cx: i.cx,
-            cy: i.cy,
-            k1: lens.k1,
-            k2: lens.k2,
-            k3: lens.k3,
-            k4: lens.k4,
-            k5: lens.k5,
-            k6: lens.k6,
-            p1: lens.p1,
-            p2: lens.p2,
-            lens_model: u32::from(lens.projection == Projection::Fisheye),
+            optics: optics_by_name(&view.camera),
+            lens_model: u32::from(view.camera.lens().projection == Projection::Fisheye),
             c2w: [x.x, y.x, z.x, t.x, x.y, y.y, z.y, t.y, x.z, y.z, z.z, t.z],
         }
     }

@@ -71,12 +71,10 @@ impl Pace {
         MARGIN * (self.overhead.unwrap_or(0.0) + coarsest) <= self.allowance(now)
     }
 
-    /// The lattice that a price is asked of.
     pub fn probe(&self, largest: u64) -> u32 {
         lattice_of(largest, PROBED_PIXELS as f64)
     }
 
-    /// Whether the price of a pixel is known.
     pub fn knows(&self) -> bool {
         self.per_pixel.is_some()
     }
@@ -102,7 +100,6 @@ impl Pace {
         MARGIN * self.per_pixel.unwrap_or(0.0) * pixels as f64
     }
 
-    /// Takes in what making a file took.
     pub fn made(&mut self, seconds: f64) {
         self.overhead = Some(seconds);
     }

@@ -50,12 +50,6 @@ impl SnapshotOptions {
 mod tests {
     use super::*;
     use crate::data::demo;
-    use crate::data::demo::DemoSpec;
-
-    fn scene() -> Dataset {
-        let spec = DemoSpec { train: 1, val: 3, size: 24, ..DemoSpec::default() };
-        demo::dataset(&spec).expect("a scene")
-    }
 
     fn options(steps: &[u32], views: &[usize]) -> SnapshotOptions {
         SnapshotOptions { folder: PathBuf::new(), steps: steps.into(), views: views.into() }
@@ -63,7 +57,7 @@ mod tests {
 
     #[test]
     fn views_are_those_named_or_those_watched() {
-        let mut dataset = scene();
+        let mut dataset = demo::small(1, 3, 24);
         assert_eq!(options(&[], &[]).views_of(&dataset, &[0, 2]).expect("views"), [0, 2]);
         assert_eq!(options(&[5], &[2, 1, 2]).views_of(&dataset, &[0]).expect("views"), [2, 1]);
         let error = options(&[], &[1, 3]).views_of(&dataset, &[0]).expect_err("three views").to_string();

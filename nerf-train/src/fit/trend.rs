@@ -13,9 +13,7 @@ const VALIDATIONS_AFTER: usize = 2;
 /// The validation after which PSNR did not rise any more.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stop {
-    /// Steps done at that validation.
     pub step: u32,
-    /// Seconds since the start at that validation.
     pub seconds: f64,
     /// Mean PSNR of the watched views at that validation, dB: the best, or within 0.05 dB of it.
     pub val_psnr_db: f64,

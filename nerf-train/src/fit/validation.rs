@@ -83,9 +83,7 @@ fn point(session: &Session<'_, '_>) -> CurvePoint {
         step: session.trainer.progressed().step,
         seconds: session.clock.seconds(),
         train_psnr_db: session.trainer.train_psnr_db(),
-        val_psnr_db: None,
-        val_views: 0,
-        val_lattice: 0,
+        ..CurvePoint::default()
     }
 }
 

@@ -55,7 +55,6 @@ impl Shard {
         Ok(Some((id, Self { index: place(at), count })))
     }
 
-    /// Whether the point at `position` is this part's.
     pub fn takes(&self, position: usize) -> bool {
         position % self.count == self.index - 1
     }

@@ -110,7 +110,6 @@ pub struct Seconds {
 }
 
 impl Point {
-    /// A point of which nothing is measured yet.
     pub fn new(origin: Origin, settings: Settings, label: String, views: usize) -> Self {
         let memory = Memory::default();
         Self { origin, settings, label, views: vec![None; views], rounds: Vec::new(), memory }
@@ -170,7 +169,6 @@ impl Point {
     }
 }
 
-/// Which clock times are taken from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Clock {
     /// What a user waits.
@@ -249,15 +247,13 @@ impl Settings {
     }
 }
 
-pub fn math_name(math: MathBackend) -> &'static str {
-    match math {
-        MathBackend::Polynomial => "polynomial",
-        MathBackend::Libm => "libm",
-        MathBackend::Micromath => "micromath",
-        MathBackend::Recurrence => "recurrence",
-        _ => "other",
-    }
-}
+/// Maths backends by their names on the command line and in tables.
+pub const MATHS: [(&str, MathBackend); 4] = [
+    ("polynomial", MathBackend::Polynomial),
+    ("libm", MathBackend::Libm),
+    ("micromath", MathBackend::Micromath),
+    ("recurrence", MathBackend::Recurrence),
+];
 
 #[cfg(test)]
 mod tests {

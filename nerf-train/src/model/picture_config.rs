@@ -1,6 +1,8 @@
 //! Settings of a 2D field, with presets.
 
-use crate::model::config::{ConfigError, OptimiserConfig, TableConfig, check_table_values, rule};
+use crate::model::config::{
+    ConfigError, OptimiserConfig, TableConfig, at_most, check_table_values, rule, within,
+};
 use crate::model::engine::{Adam, Model};
 use crate::model::quantise::TableStorage;
 use nerf_core::encoding::{
@@ -58,16 +60,8 @@ impl FieldPreset {
             Self::Classic => (None, 10, 3, 256, 10_000),
             Self::Sharp => (None, 10, 4, 256, 1_024),
         };
-        FieldConfig {
-            preset: self,
-            grid,
-            levels,
-            layers,
-            width,
-            pixels,
-            optimiser: self.optimiser(),
-            seed: 0,
-        }
+        let (preset, optimiser) = (self, self.optimiser());
+        FieldConfig { preset, grid, levels, layers, width, pixels, optimiser, seed: 0 }
     }
 
     fn optimiser(self) -> OptimiserConfig {
@@ -79,6 +73,7 @@ impl FieldPreset {
                 warm_up: 0,
                 beta2: 0.99,
                 epsilon: 1e-15,
+                weight_decay: 0.0,
                 average: 0.0,
                 hashed_every: 1,
             },
@@ -89,6 +84,7 @@ impl FieldPreset {
                 warm_up: 200,
                 beta2: 0.999,
                 epsilon: 1e-8,
+                weight_decay: 0.0,
                 average: 0.95,
                 hashed_every: 1,
             },
@@ -99,6 +95,7 @@ impl FieldPreset {
                 warm_up: 300,
                 beta2: 0.99,
                 epsilon: 1e-15,
+                weight_decay: 0.0,
                 average: 0.99,
                 hashed_every: 1,
             },
@@ -122,25 +119,20 @@ impl FieldConfig {
         let Some(grid) = &self.grid else { return Ok(()) };
         let (finest, most) = (u32::from(grid.finest), longest(size));
         // What is finer is seen in no pixel, and is noise between them.
-        rule(
-            "network.grid.finest",
-            finest <= most,
-            format!("at most the picture's {most} pixels along its longest side"),
-            finest,
-        )?;
+        let pixels = format!("at most the picture's {most} pixels along its longest side");
+        rule("network.grid.finest", finest <= most, pixels, finest)?;
         check_table_values(&grid.picture_encoding(size), "the picture")
     }
 
-    /// Checks every setting on its own.
     pub fn check(&self) -> Result<(), ConfigError> {
-        rule("levels", self.levels <= MAX_LEVELS, format!("at most {MAX_LEVELS}"), self.levels)?;
+        at_most("levels", MAX_LEVELS, self.levels)?;
         if let Some(grid) = &self.grid {
             grid.check()?;
             rule("levels", self.levels == 0, "0 beside a grid, which takes their place", self.levels)?;
         }
-        rule("layers", (1..=MAX_TRUNK).contains(&self.layers), format!("1 to {MAX_TRUNK}"), self.layers)?;
-        rule("width", (1..=MAX_WIDTH).contains(&self.width), format!("1 to {MAX_WIDTH}"), self.width)?;
-        rule("pixels", (1..=1_000_000).contains(&self.pixels), "1 to 1000000", self.pixels)?;
+        within("layers", 1..=MAX_TRUNK, self.layers)?;
+        within("width", 1..=MAX_WIDTH, self.width)?;
+        within("pixels", 1..=1_000_000, self.pixels)?;
         self.optimiser.check()
     }
 

@@ -12,7 +12,6 @@ const TITLE: f32 = 24.0;
 const NARROWEST: usize = 150;
 const INK: [f32; 3] = [0.1; 3];
 
-/// A picture and what stands below it.
 #[derive(Clone, Debug)]
 pub struct Cell {
     /// Enlarged where it is small.

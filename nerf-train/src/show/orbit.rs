@@ -11,9 +11,7 @@ const STEEPEST: f32 = 80.0;
 /// A circle of cameras, or an arc of one, that look at its centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Orbit {
-    /// What they look at, world units.
     pub centre: Vec3,
-    /// Their distance from it, world units.
     pub radius: f32,
     /// Their height above the plane through the centre, degrees.
     pub elevation: f32,

@@ -53,16 +53,11 @@ pub fn sheet(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::demo::{self, DemoSpec};
-
-    fn scene() -> Dataset {
-        let spec = DemoSpec { train: 1, val: 3, size: 24, ..DemoSpec::default() };
-        demo::dataset(&spec).expect("a scene")
-    }
+    use crate::data::demo;
 
     #[test]
     fn a_sheet_has_a_row_a_view_and_the_truth_last() {
-        let (dataset, folder) = (scene(), tempfile::tempdir().expect("a folder"));
+        let (dataset, folder) = (demo::small(1, 3, 24), tempfile::tempdir().expect("a folder"));
         std::fs::create_dir(folder.path().join("snapshots")).expect("a folder");
         assert!(sheet("a title", folder.path(), &dataset, &[], [0.0; 3]).is_none());
         let red = Picture::filled(24, 24, [1.0, 0.0, 0.0]);

@@ -24,7 +24,6 @@ pub enum Direction {
     Right,
     /// Bottom to top, as beside the vertical axis of a plot.
     Up,
-    Down,
 }
 
 #[derive(Clone, Debug)]
@@ -116,7 +115,6 @@ pub fn draw(
             let (dx, dy) = match direction {
                 Direction::Right => (column, row),
                 Direction::Up => (row, line.width - 1 - column),
-                Direction::Down => (line.height - 1 - row, column),
             };
             if share > 0.0 {
                 picture.blend(x + dx as i64, y + dy as i64, colour, share);
@@ -164,7 +162,7 @@ mod tests {
 
     #[test]
     fn text_leaves_ink_inside_its_box_in_each_direction() {
-        for direction in [Direction::Right, Direction::Up, Direction::Down] {
+        for direction in [Direction::Right, Direction::Up] {
             let mut picture = Picture::filled(300, 300, [1.0; 3]);
             draw(&mut picture, "Ågq dB σ ≤ 1×", (20, 20), 24.0, [0.0; 3], direction);
             let (w, h) = (width("Ågq dB σ ≤ 1×", 24.0), line_height(24.0));

@@ -1,8 +1,7 @@
 //! What a pixel of a rendered view shows, and how it is written.
 
 use crate::data::pictures::rgb::{Picture, check_length, write_grey16_png, write_rgba_png};
-use crate::measure::frame;
-use crate::measure::frame::Frame;
+use crate::measure::frame::{self, Frame};
 use crate::show::colour_map::{depth_picture_with_legend, normal_picture};
 use crate::system::output::mark::MARK;
 use crate::system::output::write_atomic;
@@ -15,7 +14,6 @@ use std::ffi::OsStr;
 use std::io::Cursor;
 use std::path::Path;
 
-/// What a pixel shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Output {
     /// Colour over the background.
@@ -119,7 +117,7 @@ fn channels_of(frame: &Frame, output: Output, transparent: bool) -> Vec<(&'stati
 /// An output of a frame as a picture, as a film shows it.
 pub fn picture_of(frame: &Frame, output: Output, range: Option<(f32, f32)>) -> anyhow::Result<Picture> {
     let with_legend = |values: &[f32], title| {
-        depth_picture_with_legend(values, &frame.opacity, frame.width, frame.height, range, title)
+        depth_picture_with_legend(values, &frame.opacity, (frame.width, frame.height), range, title)
     };
     Ok(match output {
         Output::Rgb | Output::All => frame::picture(frame),

@@ -8,7 +8,6 @@ use crate::show::view::{Output, picture_of, write_still};
 use anyhow::bail;
 use std::path::{Path, PathBuf};
 
-/// One output on its way to its files.
 pub struct Writer {
     output: Output,
     /// Of a distance in a video: the range of its colours, world units.

@@ -35,7 +35,6 @@ impl Process {
         self.status
     }
 
-    /// Ends it and whatever it has started.
     fn kill(&mut self) {
         if self.status.is_some() {
             return;

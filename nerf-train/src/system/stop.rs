@@ -57,7 +57,6 @@ pub struct Cover {
     pub message: String,
 }
 
-/// Whether a signal asked the process to end.
 pub fn requested() -> bool {
     SIGNAL.load(Ordering::Relaxed) != 0
 }

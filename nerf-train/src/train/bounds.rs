@@ -14,9 +14,7 @@ use rayon::prelude::*;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
-    /// Rays begin here, world units.
     pub near: f32,
-    /// Rays end here, world units.
     pub far: f32,
     pub scene_box: SceneBox,
     /// Of an unbounded scene, which is contracted into the box.

@@ -131,11 +131,11 @@ impl Gains {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::demo::{DemoSpec, dataset};
+    use crate::data::demo;
 
     #[test]
     fn a_photograph_four_stops_too_dark_is_named_and_calls_for_gains() {
-        let data = dataset(&DemoSpec { train: 3, val: 1, size: 8, ..DemoSpec::default() }).expect("a scene");
+        let data = demo::small(3, 1, 8);
         let mut log = LogGains::none(200);
         log.0[1] = [-1.25; 3];
         log.centre();

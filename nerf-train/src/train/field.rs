@@ -35,7 +35,6 @@ pub struct FieldTrainer<'p> {
 }
 
 impl<'p> FieldTrainer<'p> {
-    /// Everything ready for the first step.
     pub fn new(photo: &'p Photo, config: FieldConfig, kernel: Kernel) -> Result<Self, TrainError> {
         config.check_for(photo.size())?;
         let model = config.model(photo.size());
@@ -114,7 +113,6 @@ impl<'p> FieldTrainer<'p> {
         self.progressed.step
     }
 
-    /// Smoothed PSNR of the pixels trained on, dB.
     pub fn train_psnr_db(&self) -> f64 {
         psnr_db_of_mse(self.progressed.mse)
     }
@@ -147,7 +145,6 @@ impl<'p> FieldTrainer<'p> {
         })?)
     }
 
-    /// Everything needed to go on after `seconds`.
     pub fn checkpoint(&self, seconds: f64) -> Checkpoint {
         Checkpoint {
             config: settings(&self.config),

@@ -77,7 +77,6 @@ impl Snapshot {
     }
 }
 
-/// Why training could not start or go on.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TrainError {

@@ -11,6 +11,7 @@
 //! trimmed squared errors, which masked texture too; connected regions in place of fixed windows.
 
 use crate::data::View;
+use crate::data::cameras::bundle::median;
 use crate::data::names::listed;
 use crate::model::config::MovingObjects;
 use crate::model::engine::Batch;
@@ -188,12 +189,7 @@ impl Moving {
             return;
         }
         let errors: Vec<Option<f32>> = self.tiles.iter().flat_map(|tiles| self.errors(tiles)).collect();
-        let mut known: Vec<f32> = errors.iter().copied().flatten().collect();
-        let middle = known.len() / 2;
-        let limit = match known.is_empty() {
-            true => f32::INFINITY,
-            false => (OFF.0 * *known.select_nth_unstable_by(middle, f32::total_cmp).1).max(OFF.1),
-        };
+        let limit = (OFF.0 * median(errors.iter().copied().flatten()) as f32).max(OFF.1);
         self.masked.fill(false);
         let off: Vec<bool> = errors.iter().map(|error| error.is_some_and(|error| error > limit)).collect();
         for (tiles, neighbours) in self.tiles.iter().zip(&self.neighbours) {
@@ -232,15 +228,7 @@ impl Moving {
             (count >= KNOWN).then(|| [r, g, b].map(|x| x / count))
         };
         let means: Vec<Option<[f32; 3]>> = (0..sums.len()).map(mean).collect();
-        let median = |channel: usize| {
-            let mut values: Vec<f32> = means.iter().flatten().map(|mean| mean[channel]).collect();
-            let middle = values.len() / 2;
-            if values.is_empty() {
-                return 0.0;
-            }
-            *values.select_nth_unstable_by(middle, f32::total_cmp).1
-        };
-        let medians = [0, 1, 2].map(median);
+        let medians = [0, 1, 2].map(|c| median(means.iter().flatten().map(|mean| mean[c])) as f32);
         let beside = |mean: [f32; 3]| {
             let squares = mean.iter().zip(medians).map(|(x, median)| (x - median).powi(2));
             (squares.sum::<f32>() / 3.0).sqrt()
@@ -325,7 +313,7 @@ fn regions(tiles: &Tiles, off: &[bool]) -> Vec<Vec<usize>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::demo::{DemoSpec, dataset};
+    use crate::data::demo;
 
     const SIDE: u32 = 80;
 
@@ -345,8 +333,7 @@ mod tests {
     }
 
     fn views() -> Vec<View> {
-        let spec = DemoSpec { train: 9, val: 1, size: SIDE, ..DemoSpec::default() };
-        dataset(&spec).expect("a scene").train
+        demo::small(9, 1, SIDE).train
     }
 
     /// Grain of a mean of zero, as of texture that is not fitted yet.

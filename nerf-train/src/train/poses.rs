@@ -227,7 +227,6 @@ impl Poses {
     }
 }
 
-/// `given` cameras, turned and moved.
 fn cameras(given: &[View], moved: &[Twist]) -> Vec<Camera> {
     let of = |(view, &[x, y, z, tx, ty, tz]): (&View, &Twist)| {
         let pose = view.camera.pose();
@@ -326,12 +325,11 @@ fn hold(moved: &mut [Twist], given: &[View]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::demo::{self, DemoSpec};
+    use crate::data::demo;
 
     fn views() -> (Vec<View>, Contraction) {
-        let spec = DemoSpec { train: 9, val: 1, size: 40, ..DemoSpec::default() };
         let cube = Contraction::cube(Vec3::ZERO, 1.0);
-        (demo::dataset(&spec).expect("a scene").train, Contraction::new(&cube, 1).expect("a cube"))
+        (demo::small(9, 1, 40).train, Contraction::new(&cube, 1).expect("a cube"))
     }
 
     /// A number of -0.5 to 0.5.

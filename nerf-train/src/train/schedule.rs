@@ -72,7 +72,6 @@ impl Clock {
 }
 
 impl Budget {
-    /// The same, for the display of progress.
     pub fn total(&self) -> Total {
         match (self.steps, self.seconds) {
             (Some(steps), Some(seconds)) => Total::StepsOrTime(u64::from(steps), duration(seconds)),

@@ -406,6 +406,8 @@ fn what_moved_is_left_out() {
         config.sampling.live_samples = 2048;
         // With more, so few pixels' colours a ray tell every photograph by its direction, and nothing contradicts another.
         config.network.direction_levels = 2;
+        // With decay the fit that keeps what moved gains 0.2 dB, and this law's question is the other fit's gain.
+        config.optimiser.weight_decay = 0.0;
         config.capture.moving = moving;
         config
     };

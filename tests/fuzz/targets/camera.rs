@@ -168,7 +168,9 @@ fn check_pixels(camera: &Camera, u: &mut Unstructured<'_>) -> Result<()> {
             return Ok(());
         }
     };
-    let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).expect("a renderer");
+    // Coded tables are decoded into memory; what is read in place asks for none.
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, Kernel::IN_PLACE)];
+    let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut memory).expect("a renderer");
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let far = plan.far_from(camera.pose().position);
     let mut put = |_: u32, _: u32, pixel: &Pixel| check_pixel(pixel, outputs, 0.0, far);

@@ -56,17 +56,13 @@ fn settings(kind: u8) -> Settings {
     }
 }
 
-fn check(
-    tensors: std::result::Result<Tensors, nerf_train::measure::import::ImportError>,
-    settings: &Settings,
-    file: &Path,
-) {
+fn check(tensors: anyhow::Result<Tensors>, settings: &Settings, file: &Path) {
     let imported = tensors.and_then(|tensors| network(&tensors, settings));
     let imported = match imported {
         Ok(imported) => imported,
         Err(error) => {
             // Which file, and what of it.
-            let text = error.to_string();
+            let text = format!("{error:#}");
             assert!(text.contains(&*file.to_string_lossy()), "{text}");
             return;
         }
@@ -83,7 +79,7 @@ fn check(
             data: "fuzz",
             made_by: "fuzz",
             trained_parameters: imported.parameters.len() as u32,
-            ..Provenance::default()
+            ..Provenance::NONE
         },
     };
     match export(&contents) {

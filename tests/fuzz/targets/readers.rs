@@ -63,7 +63,7 @@ fuzz_target!(|data: &[u8]| {
 fn check_read(kind: u8, path: &Path) {
     let axes = [None, Some(Axes::Opengl), Some(Axes::Opencv), None][usize::from(kind >> 3 & 3)];
     let downscale = [Downscale::Auto, Downscale::By(2)][usize::from(kind >> 5 & 1)];
-    let options = ReadOptions { axes, downscale, max_array_bytes: LIMIT, ..ReadOptions::default() };
+    let options = ReadOptions { axes, downscale, max_array_bytes: Some(LIMIT), ..ReadOptions::default() };
     match read(path, &options) {
         Ok(dataset) => check(&dataset),
         Err(error) => {

@@ -1,6 +1,8 @@
 //! What the training photographs say of the capture once a field is fitted to them.
 
 use super::Diagnosis;
+use super::words::subject;
+use crate::data::cameras::bundle::median;
 use crate::system::summary::Short;
 use serde::Serialize;
 
@@ -34,17 +36,15 @@ pub struct Group {
     pub psnr_db: Short,
 }
 
-fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let mut values: Vec<f64> = values.filter(|value| value.is_finite()).collect();
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
-}
-
 impl Fitted {
     /// Of training photographs with their PSNR, dB, after so many steps.
     pub fn of(diagnosis: &Diagnosis, photographs: &[(&str, f64)], steps: u32) -> Self {
-        let Some(middle) = median(photographs.iter().map(|(_, db)| *db)) else { return Self::default() };
-        let deviation = median(photographs.iter().map(|(_, db)| (db - middle).abs())).unwrap_or(0.0);
+        let finite = || photographs.iter().map(|(_, db)| *db).filter(|db| db.is_finite());
+        let middle = median(finite());
+        if middle.is_nan() {
+            return Self::default();
+        }
+        let deviation = median(finite().map(|db| (db - middle).abs()));
         let limit = middle - FAR_WORSE.0.max(FAR_WORSE.1 * deviation);
         let worse: Vec<&(&str, f64)> = photographs.iter().filter(|(_, db)| *db < limit).collect();
         let named = if diagnosis.groups.is_empty() && !diagnosis.tracks {
@@ -65,11 +65,7 @@ impl Fitted {
                 worse.iter().take(6).map(|(name, db)| format!("{name} {db:.1} dB")).collect();
             fitted.findings.push(format!(
                 "{} far worse than the rest, by a wrong pose or by something that moved: {}; fit without {}",
-                if worse.len() == 1 {
-                    "1 photograph is shown".into()
-                } else {
-                    format!("{} photographs are shown", worse.len())
-                },
+                subject(worse.len(), "is shown", "are shown"),
                 shown.join(", "),
                 if worse.len() == 1 { "it" } else { "them" }
             ));

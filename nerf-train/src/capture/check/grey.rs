@@ -148,7 +148,6 @@ pub(super) fn is_blurred(sharpness: f32) -> bool {
     sharpness < BLURRED
 }
 
-/// Pairs of photographs that are the same picture.
 pub(super) fn duplicates(greys: &[Grey]) -> Vec<[usize; 2]> {
     let stamps: Vec<_> = greys.par_iter().map(Grey::stamp).collect();
     let same = |a: usize, b: usize| {

@@ -9,7 +9,6 @@ const LINKED: u32 = 15;
 /// Photographs of a point that are counted, at most.
 const MAX_TRACK: usize = 200;
 
-/// Links between photographs, by indices.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Links {
     /// The pieces that share no points with each other, the largest first.

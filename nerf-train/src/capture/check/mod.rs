@@ -201,7 +201,6 @@ impl<'v> Found<'v> {
 }
 
 impl Diagnosis {
-    /// Of all photographs of a data set.
     pub fn of(dataset: &Dataset) -> Self {
         let found = Found::of(dataset);
         let name = |&view: &usize| found.views[view].name.clone();

@@ -1,5 +1,6 @@
 //! How photographs are spread around what they show: gaps in the orbit.
 
+use crate::data::cameras::bundle::median;
 use crate::data::{LookAt, View};
 use glam::Vec3;
 use nerf_core::camera::Camera;
@@ -70,9 +71,8 @@ pub(super) fn runs(views: &[&View]) -> Vec<Vec<usize>> {
     let ahead = |view: &View| view.camera.pose().forward();
     let turns: Vec<f32> =
         views.windows(2).map(|two| ahead(two[0]).angle_between(ahead(two[1])).to_degrees()).collect();
-    let mut sorted = turns.clone();
-    sorted.sort_by(f32::total_cmp);
-    let jump = sorted.get(sorted.len() / 2).map_or(GAP, |median| GAP.max(JUMP * median));
+    // Of a single photograph there is no median.
+    let jump = GAP.max(JUMP * median(turns.iter().copied()) as f32);
     let mut runs: Vec<Vec<usize>> = Vec::new();
     for view in 0..views.len() {
         match runs.last_mut() {

@@ -4,6 +4,7 @@ use super::grey::is_blurred;
 use super::groups::few;
 use super::{ENOUGH, Found, Reason};
 use crate::capture::exposure::{CALLED_FOR, LogGains};
+use crate::data::names::count;
 
 /// Smallest unseen sector that is warned of, degrees.
 const WIDE_GAP: f32 = 60.0;
@@ -12,9 +13,9 @@ const LISTED: usize = 6;
 /// Photographs on the smaller side of a bridge from which on it is said.
 const HANGING: usize = 3;
 
-/// `1 photograph`, `2 photographs`.
-fn count(n: usize, what: &str) -> String {
-    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
+/// `1 photograph is`, `2 photographs are`.
+pub(super) fn subject(n: usize, one: &str, many: &str) -> String {
+    format!("{} {}", count(n, "photograph"), if n == 1 { one } else { many })
 }
 
 impl Found<'_> {
@@ -120,10 +121,7 @@ impl Found<'_> {
         if !self.outliers.is_empty() {
             found.push(format!(
                 "{} the rest: {}; fit leaves them out of training: take them out of the capture, or find their poses again",
-                match self.outliers.len() {
-                    1 => "1 photograph contradicts".into(),
-                    n => format!("{n} photographs contradict"),
-                },
+                subject(self.outliers.len(), "contradicts", "contradict"),
                 self.listed(&self.outliers)
             ));
         }
@@ -157,10 +155,7 @@ impl Found<'_> {
             apart.sort_unstable();
             found.push(format!(
                 "{} hardly any points with the rest, so that their poses are doubtful: {}; take more photographs beside them",
-                match apart.len() {
-                    1 => "1 photograph shares".into(),
-                    n => format!("{n} photographs share"),
-                },
+                subject(apart.len(), "shares", "share"),
                 self.listed(&apart)
             ));
         }
@@ -192,10 +187,7 @@ impl Found<'_> {
         if !blurred.is_empty() {
             found.push(format!(
                 "{} blurred against {} neighbours: {}; take {} out where others show the same",
-                match blurred.len() {
-                    1 => "1 photograph is".into(),
-                    n => format!("{n} photographs are"),
-                },
+                subject(blurred.len(), "is", "are"),
                 if blurred.len() == 1 { "its" } else { "their" },
                 self.listed(&blurred),
                 if blurred.len() == 1 { "it" } else { "them" }

@@ -2,7 +2,7 @@
 
 mod render;
 
-use crate::cli::common::{Global, parse_background};
+use crate::cli::common::{Global, parse_background, tell_missed};
 use crate::cli::options::Conduct;
 use crate::cli::options::grid::{self, TableSettings, check_memory, given, parse_bytes};
 use crate::cli::options::settings::SetOption;
@@ -13,8 +13,7 @@ use crate::fit::run::RunOptions;
 use crate::fit::size;
 use crate::fit::snapshot::SnapshotOptions;
 use crate::model::picture_config::{FieldConfig, FieldPreset};
-use crate::show::reports::picture::step_file;
-use crate::show::reports::picture::write as report;
+use crate::show::reports::picture::{step_file, write as report};
 use crate::system::output::claims::Claims;
 use crate::system::output::ensure_folder;
 use crate::system::stop;
@@ -209,7 +208,8 @@ impl Fit {
         let summary = Summary::of(&outcome, &photo, &config, kernel, clock.seconds(), &self.conduct.output);
         if let Some(folder) = &self.conduct.report {
             report(folder, &photo, &outcome, &self.snapshots, &summary)?;
-            self.say_missed(outcome.steps, global);
+            let beyond = self.snapshots.iter().copied().filter(|&step| step > outcome.steps);
+            tell_missed(outcome.steps, &beyond.collect::<Vec<_>>());
         }
         global.finish(&summary)?;
         Ok(ExitCode::SUCCESS)
@@ -220,7 +220,7 @@ impl Fit {
         // Wrong settings are found before the picture is read, and once more with its size.
         self.config([MAX_SIDE; 2])?;
         let checkpoint =
-            self.conduct.check(self.conduct.claims(Claims::new().reads("the picture", &self.photo)))?;
+            self.conduct.check(self.conduct.claims(Claims::default().reads("the picture", &self.photo)))?;
         let snapshots = match &self.conduct.report {
             Some(folder) if !self.snapshots.is_empty() => Some(folder.join("snapshots")),
             _ => None,
@@ -240,15 +240,6 @@ impl Fit {
             snapshots,
             validate_every: self.evaluate_every,
             ..self.conduct.options(steps, checkpoint, global)
-        }
-    }
-
-    /// Names the steps of `--snapshots` at which no picture was taken.
-    fn say_missed(&self, steps: u32, global: &Global) {
-        let missed: Vec<String> =
-            self.snapshots.iter().filter(|&&step| step > steps).map(u32::to_string).collect();
-        if !missed.is_empty() {
-            global.say(format!("--snapshots: the run ended before step {}", missed.join(", ")));
         }
     }
 }

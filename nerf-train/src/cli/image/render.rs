@@ -46,7 +46,7 @@ const BYTES_PER_PIXEL: u64 = 12 + 3 + 2 * 4;
 impl Render {
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         places::check_extension("-o", &self.output, places::PICTURE)?;
-        Claims::new().reads("the blob", &self.file).writes("-o", &self.output).settle()?;
+        Claims::default().reads("the blob", &self.file).writes("-o", &self.output).settle()?;
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
         let Some(facts) = blob.picture() else {

@@ -7,7 +7,7 @@ use crate::data::{
     origin_in_name,
 };
 use crate::model::config::{Config, Surroundings};
-use crate::system::progress::{self, Message, Progress, ProgressStyle, Total};
+use crate::system::progress::{self, Progress, ProgressStyle, Total};
 use clap::{Args, ValueEnum};
 use nerf_core::blob::Blob;
 use nerf_core::plan::{Plan, PlanError};
@@ -103,9 +103,8 @@ impl DataOptions {
         plan.with_range(self.near.unwrap_or(0.0), self.far.unwrap_or(f32::MAX))
     }
 
-    /// Reads the data set and shows how that is getting on where it takes a while.
     pub fn read(&self, path: &Path, global: &Global) -> anyhow::Result<Dataset> {
-        self.read_from(path, None, global)
+        read_with(path, &self.options(), &Watch::default(), global)
     }
 
     /// As [`Self::read`], for the blob that is to be written to `output`: shared cameras are kept beside it. Says how long
@@ -118,7 +117,7 @@ impl DataOptions {
     ) -> anyhow::Result<(Dataset, Duration)> {
         let watch = Watch::default();
         let options = ReadOptions { shared_cameras: Some(cameras_beside(output)), ..self.options() };
-        let dataset = self.read_with(path, options, &watch, global)?;
+        let dataset = read_with(path, &options, &watch, global)?;
         Ok((dataset, watch.set_aside()))
     }
 
@@ -153,40 +152,13 @@ impl DataOptions {
     ) -> anyhow::Result<Dataset> {
         let name = blob.provenance().data;
         let options = ReadOptions {
-            to_fit: false,
+            to_measure: true,
             cameras: self.cameras.unwrap_or_else(|| cameras_in_name(name)),
             shared_cameras: Some(cameras_beside(file)),
             origin: Some(origin_in_name(name)),
             ..self.options()
         };
-        self.read_with(path, options, &Watch::default(), global)
-    }
-
-    /// As [`Self::read`], with coordinates that count from `origin`.
-    pub fn read_from(
-        &self,
-        path: &Path,
-        origin: Option<[f64; 3]>,
-        global: &Global,
-    ) -> anyhow::Result<Dataset> {
-        self.read_with(path, ReadOptions { origin, ..self.options() }, &Watch::default(), global)
-    }
-
-    fn read_with(
-        &self,
-        path: &Path,
-        options: ReadOptions,
-        watch: &Watch,
-        global: &Global,
-    ) -> anyhow::Result<Dataset> {
-        let style = global.style();
-        std::thread::scope(|scope| {
-            let (reading, ended) = mpsc::channel::<()>();
-            scope.spawn(|| show_reading(watch, style, ended));
-            let dataset = data::read_watched(path, &options, watch);
-            drop(reading);
-            Ok(dataset?)
-        })
+        read_with(path, &options, &Watch::default(), global)
     }
 
     fn options(&self) -> ReadOptions {
@@ -201,6 +173,23 @@ impl DataOptions {
             ..ReadOptions::default()
         }
     }
+}
+
+/// Reads a data set, with a progress bar where that takes long.
+pub fn read_with(
+    path: &Path,
+    options: &ReadOptions,
+    watch: &Watch,
+    global: &Global,
+) -> anyhow::Result<Dataset> {
+    let style = global.style();
+    std::thread::scope(|scope| {
+        let (reading, ended) = mpsc::channel::<()>();
+        scope.spawn(|| show_reading(watch, style, ended));
+        let dataset = data::read_watched(path, options, watch);
+        drop(reading);
+        Ok(dataset?)
+    })
 }
 
 /// The file of shared cameras that belongs to the blob in `file`.
@@ -222,7 +211,7 @@ fn show_reading(watch: &Watch, style: ProgressStyle, ended: Receiver<()>) {
     };
     let mut progress = Progress::new("read", total, style).resume_at(watch.done());
     while goes_on(EVERY) {
-        progress.update(watch.done(), &Message::default());
+        progress.reach(watch.done() as usize);
     }
     progress.finish(format!("{} pictures", watch.done()));
 }

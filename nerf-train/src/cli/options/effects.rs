@@ -43,7 +43,6 @@ pub struct EffectOptions {
     linear: bool,
 }
 
-/// A tone curve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum ToneMap {
     /// None.

@@ -3,6 +3,7 @@
 use crate::fit::size::Chosen;
 use crate::model::config::TableConfig;
 use crate::model::quantise::TableStorage;
+use crate::system::input::value_name;
 use crate::system::memory;
 use clap::{Args, ValueEnum};
 use nerf_core::encoding::GridEncoding;
@@ -56,10 +57,6 @@ pub fn given<const N: usize>(flags: [(&'static str, bool); N]) -> Option<&'stati
     flags.into_iter().find(|flag| flag.1).map(|flag| flag.0)
 }
 
-fn name(preset: &impl ValueEnum) -> String {
-    preset.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
-}
-
 impl TableSettings {
     /// Replaces the settings of `preset`'s grid. Without a grid, these flags and `more` are refused.
     pub fn apply(
@@ -80,7 +77,7 @@ impl TableSettings {
             let Some(flag) = given(flags).or(more) else { return Ok(()) };
             anyhow::bail!(
                 "{flag}: the preset `{}` has no learned grid, which this is a setting of; --preset grid has",
-                name(preset)
+                value_name(preset)
             );
         };
         set(&mut grid.log2_entries, &self.table);

@@ -17,7 +17,6 @@ use clap::{Args, ValueEnum};
 use glam::Vec3;
 use std::path::PathBuf;
 
-/// A world axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum UpAxis {
     /// +X.
@@ -97,7 +96,7 @@ pub struct Conduct {
 impl Conduct {
     /// What it writes, behind what is read.
     pub fn claims(&self, inputs: Claims) -> Claims {
-        inputs.writes("-o", &self.output).writes_folder_if("--report", self.report.as_deref())
+        inputs.writes("-o", &self.output).writes_folder("--report", self.report.as_deref())
     }
 
     /// Refuses what cannot be, and settles `claims` with the checkpoint beside the output; where that

@@ -1,8 +1,13 @@
 //! The shortcuts of a rendering.
 
+use super::data::DataOptions;
+use crate::measure::point::MATHS;
+use anyhow::Context;
 use clap::{Args, ValueEnum};
+use nerf_core::blob::Blob;
 use nerf_core::math::MathBackend;
-use nerf_core::plan::{Plan, Quality};
+use nerf_core::plan::{Batch, Outputs, Plan, Quality};
+use std::path::Path;
 
 /// The shortcuts of a rendering.
 #[derive(Debug, Args)]
@@ -44,24 +49,31 @@ pub enum WhichBins {
 }
 
 pub fn parse_math(name: &str) -> Result<MathBackend, String> {
-    match name {
-        "polynomial" => Ok(MathBackend::Polynomial),
-        "libm" => Ok(MathBackend::Libm),
-        "micromath" => Ok(MathBackend::Micromath),
-        "recurrence" => Ok(MathBackend::Recurrence),
-        _ => Err("expected polynomial, libm, micromath or recurrence".into()),
-    }
+    let found = MATHS.into_iter().find(|(known, _)| *known == name);
+    found.map(|(_, math)| math).ok_or_else(|| {
+        let names = MATHS.map(|(known, _)| known);
+        format!("expected {} or {}", names[..3].join(", "), names[3])
+    })
 }
 
 impl QualityOptions {
-    pub fn bins_of<'a>(&self, plan: Plan<'a>, default: WhichBins) -> Plan<'a> {
-        match self.bins.unwrap_or(default) {
+    /// A plan for the blob in `file`, with the bins of `default` where no flag says which.
+    pub fn plan<'b>(
+        &self,
+        (blob, file): (&Blob<'b>, &Path),
+        outputs: Outputs,
+        data: &DataOptions,
+        default: WhichBins,
+    ) -> anyhow::Result<Plan<'b>> {
+        let plan = Plan::new(blob, &self.quality(), outputs, Batch::FULL);
+        let plan = plan.and_then(|plan| data.range_of(plan)).with_context(|| file.display().to_string())?;
+        Ok(match self.bins.unwrap_or(default) {
             WhichBins::Own => plan.with_own_bins(),
             WhichBins::Whole => plan,
-        }
+        })
     }
 
-    pub fn quality(&self) -> Quality {
+    fn quality(&self) -> Quality {
         let base =
             Quality { samples: self.samples, math: self.math, proposal: !self.no_proposal, ..Quality::EXACT };
         if self.exact {

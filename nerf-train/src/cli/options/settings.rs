@@ -84,7 +84,6 @@ pub fn read_config(
     })
 }
 
-/// Settings with the tables' values put over them.
 fn merged<T: Serialize + DeserializeOwned>(
     settings: T,
     tables: impl IntoIterator<Item = toml::Table>,

@@ -5,23 +5,23 @@ mod target;
 
 use super::common::{Global, open_blob, parse_background, parse_numbers, print_lines, read_file};
 use super::eval::Split;
-use super::options::ShardOption;
-use super::options::UpAxis;
 use super::options::data::DataOptions;
 use super::options::effects::EffectOptions;
 use super::options::quality::{QualityOptions, WhichBins};
+use super::options::{ShardOption, UpAxis};
+use crate::data::names::count;
 use crate::show::render::{Ranges, Rendering, coarse, ranges, render};
 use crate::show::view::Output;
 use crate::show::writer::Written;
 use crate::system::memory;
-use crate::system::progress::{Message, Progress, Total};
+use crate::system::progress::Progress;
 use crate::system::stop::Note;
 use anyhow::Context;
-use clap::Args;
+use clap::{Args, ValueEnum};
 use nerf_core::blob::Blob;
 use nerf_core::camera::Camera;
 use nerf_core::memory::Line;
-use nerf_core::plan::{Batch, Outputs, Plan};
+use nerf_core::plan::{Outputs, Plan};
 use nerf_core::render::Renderer;
 use shots::Shots;
 use std::path::PathBuf;
@@ -157,16 +157,13 @@ impl Render {
         // Of all of them only now: one range of colours is for all parts.
         let mine = |(i, camera): (usize, Camera)| shard.takes(i).then_some(camera);
         let cameras: Vec<Camera> = cameras.into_iter().enumerate().filter_map(mine).collect();
-        let mut progress = Progress::new("render", Total::Steps(cameras.len() as u64), global.style());
+        let mut progress = Progress::steps("render", cameras.len(), global.style());
         let counters = render(&renderer, &plan, &cameras, &mut writers, |done| {
             let (all, left) = (cameras.len(), target.left(&self.output));
             note.say(format!("interrupted after {done} of {all} views; {left}"));
-            progress.update(done as u64, &Message::default());
+            progress.reach(done);
         })?;
-        progress.finish(match cameras.len() {
-            1 => "1 view".to_owned(),
-            count => format!("{count} views"),
-        });
+        progress.finish(count(cameras.len(), "view"));
         let mut files = Vec::new();
         for writer in writers {
             let Written { path, older_from } = writer.finish()?;
@@ -183,11 +180,10 @@ impl Render {
     }
 
     fn plan<'b>(&self, blob: &Blob<'b>) -> anyhow::Result<Plan<'b>> {
-        let plan = Plan::new(blob, &self.quality.quality(), self.wanted(), Batch::FULL)
-            .and_then(|plan| plan.with_normal_blur(self.normal_blur))
-            .and_then(|plan| self.data_options.range_of(plan))
-            .map(|plan| self.quality.bins_of(plan, WhichBins::Whole))
-            .with_context(|| self.file.display().to_string())?;
+        let plan =
+            self.quality.plan((blob, &self.file), self.wanted(), &self.data_options, WhichBins::Whole)?;
+        let plan =
+            plan.with_normal_blur(self.normal_blur).with_context(|| self.file.display().to_string())?;
         let plan = match self.background {
             Some(background) => plan.with_background(background)?,
             None if self.transparent => plan.with_background([0.0; 3])?,
@@ -209,25 +205,15 @@ impl Render {
         if distances.is_empty() || !self.is_sequence() {
             return Ok(Ranges::new());
         }
-        let total = Total::Steps(cameras.len() as u64);
-        let mut progress = Progress::new("range of distances", total, global.style());
-        let ranges = ranges(renderer, plan, cameras, &distances, |done| {
-            progress.update(done as u64, &Message::default());
-        })?;
+        let mut progress = Progress::steps("range of distances", cameras.len(), global.style());
+        let ranges = ranges(renderer, plan, cameras, &distances, |done| progress.reach(done))?;
         progress.finish(format!("{} coarse views", cameras.len()));
         Ok(ranges)
     }
 
     fn outputs(&self) -> Vec<Output> {
         match self.outputs.contains(&Output::All) {
-            true => vec![
-                Output::Rgb,
-                Output::Opacity,
-                Output::RayDistance,
-                Output::ZDepth,
-                Output::MedianDistance,
-                Output::Normals,
-            ],
+            true => Output::value_variants().iter().copied().filter(|of| *of != Output::All).collect(),
             // Each once: it has one file.
             false => self.outputs.iter().fold(Vec::new(), |mut outputs, output| {
                 if !outputs.contains(output) {

@@ -7,7 +7,7 @@ use crate::cli::options::UpAxis;
 use crate::cli::places;
 use crate::data::cameras::path::{CameraPath, PathCamera, read_path};
 use crate::data::cameras::scaled;
-use crate::data::{Dataset, origin_in_name};
+use crate::data::origin_in_name;
 use crate::show::keyframes::{Keyframe, flight};
 use crate::show::orbit::Orbit;
 use anyhow::{Context, bail};
@@ -25,7 +25,6 @@ const MAX_FRAMES: usize = 1_000_000;
 pub(super) struct Shots {
     /// In order; one unless an orbit or a path is asked for.
     pub cameras: Vec<Camera>,
-    /// Frames a second, where the camera path says.
     pub fps: Option<f64>,
 }
 
@@ -119,18 +118,15 @@ impl Render {
         check_frames("--frames", frames)?;
         let dataset = self.data_options.read_for(data, (blob, &self.file), global)?;
         let split = self.split.unwrap_or(Split::Val);
-        let cameras = split.cameras(&dataset);
-        let key = |&i: &usize| {
-            let Some(camera) = cameras.get(i) else {
-                let (count, name) = (cameras.len(), split.name());
-                bail!("--keyframes: expected less than {count} (split `{name}`), found {i}");
-            };
+        let cameras = self.keyframes.iter().map(|&i| split.camera("--keyframes", &dataset, i));
+        let cameras = cameras.collect::<anyhow::Result<Vec<_>>>()?;
+        let key = |camera: &Camera| {
             let size = camera.intrinsics();
             let fov_degrees = 2.0 * (0.5 * size.height as f32 / size.fy).atan().to_degrees();
-            Ok(Keyframe { pose: *camera.pose(), fov_degrees })
+            Keyframe { pose: *camera.pose(), fov_degrees }
         };
-        let keys = self.keyframes.iter().map(key).collect::<anyhow::Result<Vec<_>>>()?;
-        self.of_keys(flight(&keys, frames), self.size_for(&cameras[self.keyframes[0]])).context("--keyframes")
+        let keys: Vec<Keyframe> = cameras.iter().map(key).collect();
+        self.of_keys(flight(&keys, frames), self.size_for(&cameras[0])).context("--keyframes")
     }
 
     /// Cameras without distortion, of the focal length that was asked for or of their own fields of view.
@@ -164,17 +160,8 @@ impl Render {
     /// The camera of a view, scaled to the size that was asked for.
     fn view_of(&self, data: &Path, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Camera> {
         let dataset = self.data_options.read_for(data, (blob, &self.file), global)?;
-        let split = self.split.unwrap_or(Split::Val);
-        let cameras = split.cameras(&dataset);
-        let Some(camera) = cameras.get(self.view) else {
-            bail!(
-                "--view: expected less than {} (split `{}`), found {}",
-                cameras.len(),
-                split.name(),
-                self.view
-            );
-        };
-        Ok(self.resized(camera, self.size_for(camera))?)
+        let camera = self.split.unwrap_or(Split::Val).camera("--view", &dataset, self.view)?;
+        Ok(self.resized(&camera, self.size_for(&camera))?)
     }
 
     /// The size that was asked for; what is not given follows from the camera's, pixels.
@@ -226,15 +213,4 @@ fn posed(
 /// The focal length of a field of view across so many pixels, pixels.
 fn focal_of(side: u32, fov_degrees: f32) -> f32 {
     0.5 * side as f32 / (0.5 * fov_degrees.to_radians()).tan()
-}
-
-impl Split {
-    /// Its cameras; of a test split without pictures its poses.
-    fn cameras(self, dataset: &Dataset) -> Vec<Camera> {
-        let views = self.of(dataset);
-        if self == Self::Test && views.is_empty() {
-            return dataset.test_path.clone();
-        }
-        views.iter().map(|view| view.camera).collect()
-    }
 }

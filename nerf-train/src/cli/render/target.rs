@@ -99,11 +99,11 @@ impl Render {
     }
 
     pub(super) fn claims(&self, target: &Target) -> Claims {
-        let claims = Claims::new()
+        let claims = Claims::default()
             .reads("the blob", &self.file)
-            .reads_if("the program", self.ffmpeg.as_deref())
-            .reads_data_if(self.data.as_deref())
-            .reads_data_if(self.path.as_deref());
+            .reads("the program", self.ffmpeg.as_deref())
+            .reads_data(self.data.as_deref())
+            .reads_data(self.path.as_deref());
         self.outputs().into_iter().fold(claims, |claims, output| {
             let place = self.place_of(output);
             let named = place == self.output;

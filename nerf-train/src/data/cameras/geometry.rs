@@ -142,9 +142,7 @@ pub(super) fn smallest_eigenvalue(m: DMat3) -> f64 {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneBounds {
-    /// Where rays begin, world units along the ray.
     pub near: f32,
-    /// Where rays end, world units along the ray.
     pub far: f32,
     /// The box the scene is in; a proposal that is wide rather than tight.
     pub scene_box: SceneBox,

@@ -9,7 +9,8 @@ pub(crate) mod pose;
 pub mod refined;
 pub(crate) mod viewpoint;
 
-use nerf_core::camera::{Camera, CameraError, Intrinsics};
+use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens};
+use std::collections::BTreeMap;
 
 /// The same view in another size, pixels.
 pub(crate) fn scaled(camera: &Camera, (width, height): (u32, u32)) -> Result<Camera, CameraError> {
@@ -18,4 +19,13 @@ pub(crate) fn scaled(camera: &Camera, (width, height): (u32, u32)) -> Result<Cam
     let new =
         Intrinsics { width, height, fx: old.fx * sx, fy: old.fy * sy, cx: old.cx * sx, cy: old.cy * sy };
     Camera::new(new, *camera.lens(), *camera.pose())
+}
+
+/// Principal point, pixels, and lens of a camera, by the names that all files have for them.
+pub(crate) fn optics_by_name(camera: &Camera) -> BTreeMap<&'static str, f32> {
+    let (&Intrinsics { cx, cy, .. }, &Lens { k1, k2, k3, k4, k5, k6, p1, p2, .. }) =
+        (camera.intrinsics(), camera.lens());
+    let lens =
+        [("k1", k1), ("k2", k2), ("k3", k3), ("k4", k4), ("k5", k5), ("k6", k6), ("p1", p1), ("p2", p2)];
+    [("cx", cx), ("cy", cy)].into_iter().chain(lens).collect()
 }

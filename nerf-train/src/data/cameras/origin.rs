@@ -72,10 +72,7 @@ mod tests {
 
     #[test]
     fn a_name_gives_its_origin_back() {
-        let named = |name: &str| {
-            let like = crate::data::demo::DemoSpec { train: 1, val: 0, size: 4, ..Default::default() };
-            Dataset { name: name.into(), ..crate::data::demo::dataset(&like).expect("a scene") }
-        };
+        let named = |name: &str| Dataset { name: name.into(), ..crate::data::demo::small(1, 0, 4) };
         for origin in [[0.0; 3], [1e6, -2e6, 0.125], [123456.7, 0.1 + 0.2, -4e300]] {
             for name in ["fox", "a, origin at (1, 2, 3)"] {
                 let moved = named(name).counted_from(origin.into());

@@ -12,14 +12,12 @@ use std::path::Path;
 /// A path of some 100,000 cameras.
 const MAX_PATH_BYTES: u64 = 64 << 20;
 
-/// Cameras to render one after the other.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraPath {
     /// In order; at least one.
     pub cameras: Vec<PathCamera>,
     /// Width and height of the pictures, pixels, where the file says.
     pub size: Option<(u32, u32)>,
-    /// Frames a second, where the file says.
     pub fps: Option<f64>,
 }
 

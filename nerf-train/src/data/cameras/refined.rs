@@ -1,14 +1,14 @@
 //! Refined poses beside a blob: `FILE.poses.json`, a transforms.json of the photographs that the blob was fitted to.
 
+use super::optics_by_name;
 use crate::data::{DatasetError, View};
 use crate::system::input::{MAX_JSON_BYTES, read_limited};
 use glam::{Mat3, Vec3};
-use nerf_core::camera::{Camera, Lens, Pose, Projection};
+use nerf_core::camera::{Camera, Pose, Projection};
 use serde::{Deserialize, Serialize};
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
-/// A list of views with their refined cameras.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct RefinedPoses {
     frames: Vec<Frame>,
@@ -23,16 +23,8 @@ struct Frame {
     h: u32,
     fl_x: f32,
     fl_y: f32,
-    cx: f32,
-    cy: f32,
-    k1: f32,
-    k2: f32,
-    k3: f32,
-    k4: f32,
-    k5: f32,
-    k6: f32,
-    p1: f32,
-    p2: f32,
+    #[serde(flatten, skip_deserializing)]
+    optics: BTreeMap<&'static str, f32>,
     transform_matrix: [[f64; 4]; 4],
 }
 
@@ -87,8 +79,7 @@ impl RefinedPoses {
 
 impl Frame {
     fn of(view: &View, camera: &Camera, origin: [f64; 3]) -> Self {
-        let (i, lens) = (camera.intrinsics(), camera.lens());
-        let Lens { k1, k2, p1, p2, k3, k4, k5, k6, projection } = *lens;
+        let i = camera.intrinsics();
         let mut transform_matrix = [[0.0, 0.0, 0.0, 1.0]; 4];
         for ((to, from), origin) in transform_matrix.iter_mut().zip(camera.pose().to_rows()).zip(origin) {
             *to = from.map(f64::from);
@@ -96,7 +87,7 @@ impl Frame {
         }
         Self {
             file_path: view.name.clone(),
-            camera_model: match projection {
+            camera_model: match camera.lens().projection {
                 Projection::Perspective => "OPENCV".into(),
                 Projection::Fisheye => "OPENCV_FISHEYE".into(),
             },
@@ -104,16 +95,7 @@ impl Frame {
             h: i.height,
             fl_x: i.fx,
             fl_y: i.fy,
-            cx: i.cx,
-            cy: i.cy,
-            k1,
-            k2,
-            k3,
-            k4,
-            k5,
-            k6,
-            p1,
-            p2,
+            optics: optics_by_name(camera),
             transform_matrix,
         }
     }
@@ -129,13 +111,11 @@ impl Frame {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::demo::{self, DemoSpec};
+    use crate::data::demo;
 
     #[test]
     fn refined_cameras_come_back_from_their_file() {
-        let spec = DemoSpec { train: 3, val: 1, size: 8, ..DemoSpec::default() };
-        let dataset = demo::dataset(&spec).expect("a scene");
-        let views = &dataset.train;
+        let views = &demo::small(3, 1, 8).train;
         let origin = [1e6, -2e6, 0.5];
         let moved = |view: &View| {
             let pose = view.camera.pose();

@@ -1,8 +1,7 @@
 //! Where to look at a scene from: where somebody stood who took its photographs.
 
 use super::bundle::median;
-use super::geometry::distances;
-use super::geometry::{LookAt, outer, smallest_eigenvalue};
+use super::geometry::{LookAt, distances, outer, smallest_eigenvalue};
 use crate::data::Dataset;
 use glam::{DMat3, DVec3, Vec3};
 use nerf_core::blob::Viewpoint;

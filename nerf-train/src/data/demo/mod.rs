@@ -67,14 +67,7 @@ impl DemoSpec {
 pub fn dataset(spec: &DemoSpec) -> Result<Dataset, CameraError> {
     let shoot = |split: &str, cameras: Vec<Camera>| -> Vec<View> {
         let views = cameras.into_par_iter().enumerate();
-        let view = |(i, camera)| View {
-            name: format!("{split}/{i:03}"),
-            camera,
-            pixels: render(&camera),
-            mask: None,
-            near: 0.0,
-            key_points: Vec::new(),
-        };
+        let view = |(i, camera)| View::new(format!("{split}/{i:03}"), camera, render(&camera));
         views.map(view).collect()
     };
     let (train, val) = (spec.spiral(spec.train, 0.0)?, spec.spiral(spec.val, 1.1)?);
@@ -171,6 +164,12 @@ fn pixel(camera: &Camera, x: f32, y: f32) -> [u8; 4] {
 pub fn signed_distance(point: Vec3) -> f32 {
     let point: DVec3 = point.as_dvec3();
     shapes::SCENE.iter().map(|shape| shape.distance(point)).fold(f64::INFINITY, f64::min) as f32
+}
+
+/// A data set of so many training and validation views of `size` pixels a side.
+#[cfg(test)]
+pub(crate) fn small(train: u32, val: u32, size: u32) -> Dataset {
+    dataset(&DemoSpec { train, val, size, ..DemoSpec::default() }).expect("a scene")
 }
 
 #[cfg(test)]

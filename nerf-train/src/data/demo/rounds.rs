@@ -56,14 +56,7 @@ pub fn two_rounds(folded: bool) -> Result<Dataset, CameraError> {
         Ok(Shot { pose: spec.camera(azimuth, 0.4)?, taken: spec.camera(azimuth + turn, 0.4)?, turn })
     };
     let shots = (0..2 * ROUND).map(shot).collect::<Result<Vec<Shot>, CameraError>>()?;
-    let view = |(i, shot): (usize, &Shot)| View {
-        name: format!("{i:03}.jpg"),
-        camera: shot.pose,
-        pixels: render(&shot.taken),
-        mask: None,
-        near: 0.0,
-        key_points: Vec::new(),
-    };
+    let view = |(i, shot): (usize, &Shot)| View::new(format!("{i:03}.jpg"), shot.pose, render(&shot.taken));
     let mut train: Vec<View> = shots.iter().enumerate().map(view).collect();
     let mut points = Vec::new();
     for from in shots.iter().step_by(VIEW_EVERY) {

@@ -27,7 +27,7 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     // All of the lists before the first picture: then it is known how many there are.
     let list = |name: &str| {
         let file = folder.join(name);
-        let needed = name == TRAIN && options.to_fit;
+        let needed = name == TRAIN && !options.to_measure;
         let transforms = if needed || file.is_file() { Some(Transforms::read(&file)?) } else { None };
         watch.expect(transforms.as_ref().map_or(0, Transforms::len));
         Ok::<_, DatasetError>((file, transforms))
@@ -46,7 +46,7 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     };
     let (train, val, test) = (views(&lists[0])?, views(&lists[1])?, views(&lists[2])?);
     let (notes, mut warnings) = found.into_sentences();
-    if val.is_empty() && options.to_fit {
+    if val.is_empty() && !options.to_measure {
         warnings.push(format!("no pictures of {VAL}: no validation views"));
     }
     Ok(Dataset {

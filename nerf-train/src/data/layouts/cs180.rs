@@ -21,7 +21,7 @@ pub(crate) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Datas
     }
     let origin = options.origin_for(positions);
     let world = World { axes, origin };
-    let train = if options.to_fit || archive.has("images_train") {
+    let train = if !options.to_measure || archive.has("images_train") {
         split(archive, "images_train", "c2ws_train", focal, world)?
     } else {
         Vec::new()
@@ -30,7 +30,7 @@ pub(crate) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Datas
     let val = if archive.has("images_val") {
         split(archive, "images_val", "c2ws_val", focal, world)?
     } else {
-        if options.to_fit {
+        if !options.to_measure {
             warnings.push("no array `images_val`: no validation views".into());
         }
         Vec::new()
@@ -110,7 +110,7 @@ pub(crate) fn views(
             };
             let alpha = |p: &[u8]| p.get(3).copied().unwrap_or(255);
             let pixels = bytes.chunks_exact(channels).map(|p| [p[0], p[1], p[2], alpha(p)]).collect();
-            Ok(View { name, camera, pixels, mask: None, near: 0.0, key_points: Vec::new() })
+            Ok(View::new(name, camera, pixels))
         })
         .collect();
     decoded.into_iter().collect()

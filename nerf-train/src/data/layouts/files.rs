@@ -25,19 +25,11 @@ struct Frame {
 }
 
 impl Claims {
-    /// Reads a data set: a file or folder, and the files that its lists name wherever they lie.
-    pub fn reads_data(self, path: &Path) -> Self {
-        let files = files(path);
+    /// Reads a data set, if there is one: a file or folder, and the files that its lists name wherever they lie.
+    pub fn reads_data<'p, P: AsRef<Path> + ?Sized + 'p>(self, path: impl Into<Option<&'p P>>) -> Self {
+        let Some(path) = path.into().map(P::as_ref) else { return self };
         let claims = self.reads("the data set", path);
-        files.iter().fold(claims, |claims, file| claims.reads("a file of the data set,", file))
-    }
-
-    /// As [`reads_data`](Self::reads_data), where a flag was given.
-    pub fn reads_data_if(self, path: Option<&Path>) -> Self {
-        match path {
-            Some(path) => self.reads_data(path),
-            None => self,
-        }
+        files(path).iter().fold(claims, |claims, file| claims.reads("a file of the data set,", file))
     }
 }
 

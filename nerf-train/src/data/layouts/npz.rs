@@ -32,6 +32,8 @@ struct Dtype {
     big_endian: bool,
 }
 
+/// What an array may unpack to where nobody says, bytes.
+const MAX_ARRAY: u64 = 4 << 30;
 /// Longest array header that is read, bytes; numpy's are 128.
 const MAX_HEADER: usize = 1 << 16;
 /// Most dimensions of an array; numpy's own limit.
@@ -39,11 +41,11 @@ const MAX_DIMENSIONS: usize = 32;
 const NUMBERS: &str = "f2, f4, f8, b1 or a plain integer";
 
 impl Archive {
-    pub(crate) fn open(file: &Path, max_array_bytes: u64) -> Result<Self, DatasetError> {
+    pub(crate) fn open(file: &Path, max_array_bytes: Option<u64>) -> Result<Self, DatasetError> {
         let stream = open_regular(file).map_err(|source| DatasetError::io(file, source))?;
         let zip = ZipArchive::new(BufReader::new(stream))
             .map_err(|error| not_an_archive(file, format!("damage or another format ({error})")))?;
-        Ok(Self { file: file.into(), zip, max_array_bytes })
+        Ok(Self { file: file.into(), zip, max_array_bytes: max_array_bytes.unwrap_or(MAX_ARRAY) })
     }
 
     /// The names of its arrays as they stand in the archive: a name that is there twice is here twice.
@@ -125,10 +127,10 @@ pub(crate) fn fault(file: &Path, key: &str, expected: impl Display, found: impl 
 }
 
 /// The one array of a `.npy` file, which messages call by the file's stem.
-pub(crate) fn read_npy(file: &Path, max_array_bytes: u64) -> Result<Array, DatasetError> {
+pub(crate) fn read_npy(file: &Path, max_array_bytes: Option<u64>) -> Result<Array, DatasetError> {
     let stream = open_regular(file).map_err(|source| DatasetError::io(file, source))?;
     let key = file.file_stem().unwrap_or_default().to_string_lossy();
-    read_array(&mut BufReader::new(stream), file, &key, max_array_bytes)
+    read_array(&mut BufReader::new(stream), file, &key, max_array_bytes.unwrap_or(MAX_ARRAY))
 }
 
 fn read_array(stream: &mut impl Read, file: &Path, key: &str, limit: u64) -> Result<Array, DatasetError> {

@@ -21,7 +21,6 @@ pub(crate) const FORMATS: &str = "PNG, JPEG, WebP, TIFF, BMP or GIF";
 /// What to do with the pictures of telephones that are not decoded.
 pub(crate) const HEIF_ADVICE: &str = "turn them into JPEG first, with `heif-convert a.heic a.jpg` (libheif) or `magick mogrify -format jpg *.heic`";
 
-/// A picture file that cannot be decoded.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DecodeError {

@@ -32,7 +32,6 @@ fn device_in(bytes: &[u8]) -> Option<String> {
     Some(said.into_iter().flatten().collect::<Vec<_>>().join(", "))
 }
 
-/// The file format of which EXIF tags are.
 struct Tiff<'a> {
     bytes: &'a [u8],
     little: bool,

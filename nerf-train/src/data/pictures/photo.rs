@@ -104,7 +104,7 @@ impl Source<'_> {
         let camera = Camera::new(optics.at(width, height), optics.lens, photo.pose)
             .map_err(|error| DatasetError::camera(self.file, photo.name, &error))?;
         let mask = mask.filter(|kept| !kept.iter().all(|&kept| kept));
-        let view = View { name: photo.name.into(), camera, pixels, mask, near: 0.0, key_points: Vec::new() };
+        let view = View { mask, ..View::new(photo.name.into(), camera, pixels) };
         Ok(Loaded { view, alpha, larger: larger.then_some(found), notes })
     }
 

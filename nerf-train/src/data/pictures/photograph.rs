@@ -53,7 +53,6 @@ impl Photo {
         Ok(Self { name, picture, notes })
     }
 
-    /// A checksum of its pixels and size.
     pub fn fingerprint(&self) -> u64 {
         const CRC: crc::Crc<u64> = crc::Crc::<u64>::new(&crc::CRC_64_XZ);
         let mut digest = CRC.digest();
@@ -68,7 +67,6 @@ impl Photo {
     }
 }
 
-/// The picture without alpha, in f32.
 fn composited(image: DynamicImage, background: [f32; 3], notes: &mut Vec<String>) -> DynamicImage {
     if !image.color().has_alpha() {
         return DynamicImage::ImageRgb32F(image.into_rgb32f());

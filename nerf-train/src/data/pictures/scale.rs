@@ -6,7 +6,6 @@ use std::ops::Range;
 
 /// Long side that [`Downscale::Auto`] aims at, pixels.
 const AUTO_SIDE: f64 = 800.0;
-/// Largest factor that may be asked for.
 const MAX_FACTOR: u32 = 64;
 
 /// How much smaller photographs are read than the size that their poses are of.

@@ -54,7 +54,7 @@ impl Thumbnail {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::demo::{DemoSpec, dataset};
+    use crate::data::demo;
 
     #[test]
     fn pictures_of_many_cameras_keep_to_the_budget() {
@@ -77,8 +77,7 @@ mod tests {
 
     #[test]
     fn a_thumbnail_keeps_the_mean_and_the_aspect() {
-        let scene = dataset(&DemoSpec { train: 1, val: 0, size: 24, ..DemoSpec::default() }).unwrap();
-        let view = &scene.train[0];
+        let view = &demo::small(1, 0, 24).train[0];
         assert_eq!(Thumbnail::of(view, 400, [1.0; 3]).0.rgb, view.composite_over([1.0; 3]));
         let small = Thumbnail::of(view, 12, [1.0; 3]).0;
         let mean = |rgb: &[[f32; 3]]| rgb.iter().map(|p| p[0]).sum::<f32>() / rgb.len() as f32;

@@ -2,6 +2,7 @@
 
 use crate::data::layouts::colmap::Facts;
 use crate::data::names::listed;
+use serde::{Serialize, Serializer};
 use std::fmt;
 
 /// A model of fewer than this share of the photographs is torn.
@@ -34,6 +35,12 @@ impl Fault {
         let others: Vec<Vec<String>> = model.others.iter().filter(|o| o.len() >= OTHERS).cloned().collect();
         let few = (model.names.len() as f64) < REGISTERED * photographs as f64;
         (few || !others.is_empty()).then_some(Self::Torn { others })
+    }
+}
+
+impl Serialize for Fault {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
     }
 }
 

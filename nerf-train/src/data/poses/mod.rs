@@ -16,6 +16,7 @@ use crate::data::{Dataset, DatasetError, ReadOptions, read};
 use crate::system::output::AtomicFolder;
 use crate::system::progress::{ProgressStyle, say_lines};
 use run::{Runner, none_registered};
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use std::{fs, io};
@@ -38,19 +39,20 @@ pub struct Request<'a> {
     pub style: ProgressStyle,
 }
 
-#[derive(Clone, Debug)]
+/// What was found: the result of `poses`.
+#[derive(Clone, Debug, Serialize)]
 pub struct Found {
     pub photographs: usize,
     pub registered: usize,
     pub unregistered: Vec<String>,
     /// Names of files that are no whole pictures, and were not tried.
     pub damaged: Vec<String>,
-    /// How many cameras the photographs were taken for: one for each device, and for each size that it has.
-    pub cameras: usize,
     /// How many models there were, of which the largest is kept.
     pub models: usize,
     pub points: usize,
-    pub mean_reprojection_error: f64,
+    pub mean_reprojection_error_px: f64,
+    /// How many cameras the photographs were taken for: one for each device, and for each size that it has.
+    pub cameras: usize,
     pub way: &'static str,
     pub fault: Option<Fault>,
 }
@@ -182,7 +184,7 @@ fn found(bare: Bare, Attempt { model, way, fault }: Attempt) -> Found {
         damaged: bare.damaged,
         models: 1 + model.others.len(),
         points: model.points,
-        mean_reprojection_error: model.mean_error,
+        mean_reprojection_error_px: model.mean_error,
         way: way.in_words(),
         fault,
     }

@@ -70,7 +70,7 @@ fn arrays_of_training_may_be_missing_where_nothing_is_fitted() {
     let folder = tempfile::tempdir().expect("tempdir");
     let of_validation: Vec<_> = cs180().into_iter().filter(|(key, _)| !key.ends_with("_train")).collect();
     let path = npz(folder.path(), &of_validation);
-    let measure = ReadOptions { to_fit: false, ..ReadOptions::default() };
+    let measure = ReadOptions { to_measure: true, ..ReadOptions::default() };
     let data = read(&path, &measure).expect("validation alone");
     // The path to render has the size of the pictures that are there.
     assert_eq!((data.train.len(), data.val.len(), data.test_path.len()), (0, 2, 3));
@@ -197,7 +197,7 @@ fn a_zip_bomb_stops_at_the_limit() {
     let folder = tempfile::tempdir().expect("tempdir");
     let bomb = whole(Made("|u1", "(10000, 10, 10, 3)", vec![0; 3_000_000]));
     let path = npz(folder.path(), &with("images_train", bomb));
-    let options = ReadOptions { max_array_bytes: 1_000_000, ..Default::default() };
+    let options = ReadOptions { max_array_bytes: Some(1_000_000), ..Default::default() };
     let error = read(&path, &options).expect_err("too large").to_string();
     assert_names(&error, &["`images_train`", "at most 1000000 bytes", "found 3000000"]);
 }

@@ -126,7 +126,7 @@ fn shared_cameras_are_kept_once_and_read_from_there() {
     let (scene, kept) = (folder.path().join("scene"), folder.path().join("a.cameras.json"));
     write_model(&scene, 1.0, DVec3::ZERO);
     let options = ReadOptions { shared_cameras: Some(kept.clone()), ..Default::default() };
-    let evaluated = read(&scene, &ReadOptions { to_fit: false, ..options.clone() }).expect("a model");
+    let evaluated = read(&scene, &ReadOptions { to_measure: true, ..options.clone() }).expect("a model");
     assert!(!kept.exists(), "written by whoever only reads");
     let first = read(&scene, &options).expect("a model");
     let written = std::fs::read(&kept).expect("kept");
@@ -136,7 +136,7 @@ fn shared_cameras_are_kept_once_and_read_from_there() {
     assert_eq!(written, std::fs::read(&kept).expect("kept"));
     // Of another model they are found anew.
     write_model(&scene, 1.0, DVec3::new(1.0, 0.0, 0.0));
-    read(&scene, &ReadOptions { to_fit: false, ..options.clone() }).expect("a model");
+    read(&scene, &ReadOptions { to_measure: true, ..options.clone() }).expect("a model");
     assert_eq!(written, std::fs::read(&kept).expect("kept"));
     read(&scene, &options).expect("a model");
     assert_ne!(written, std::fs::read(&kept).expect("kept"));

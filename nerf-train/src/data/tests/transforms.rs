@@ -80,7 +80,7 @@ fn any_list_will_do_where_nothing_is_fitted() {
     let folder = folder(4);
     let all = frames(4);
     let path = write(&folder, "transforms_test.json", &json!({ "camera_angle_x": 1.0, "frames": all[..4] }));
-    let measure = ReadOptions { to_fit: false, ..ReadOptions::default() };
+    let measure = ReadOptions { to_measure: true, ..ReadOptions::default() };
     for path in [folder.path(), &path] {
         let data = read(path, &measure).expect("test alone");
         assert_eq!(

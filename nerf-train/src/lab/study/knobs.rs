@@ -1,9 +1,8 @@
 //! The knobs: one entry each says how to read, copy and vary it.
 
 use crate::measure::bench::Variants;
-use crate::measure::point::{Precision, Settings, math_name};
+use crate::measure::point::{MATHS, Precision, Settings};
 use nerf_core::blob::MAX_SAMPLES;
-use nerf_core::math::MathBackend;
 use nerf_core::{Isa, Kernel, Storage};
 
 /// A setting that trades accuracy for time.
@@ -39,11 +38,11 @@ pub const KNOBS: &[Knob] = &[
         read: |lab, s| match (lab.is_marched(), s.quality.samples) {
             // Their number follows from the step.
             (true, _) => String::new(),
-            (false, 0) => lab.samples().to_string(),
+            (false, 0) => lab.scene().samples().to_string(),
             (false, samples) => samples.to_string(),
         },
         values: |lab, base| {
-            let own = u32::from(lab.samples());
+            let own = u32::from(lab.scene().samples());
             let count = |(n, d): (u32, u32)| (own * n / d).clamp(1, u32::from(MAX_SAMPLES)) as u16;
             let counts = SAMPLES.into_iter().filter(|_| !lab.is_marched()).map(count);
             vary(base, counts, |s, samples| s.quality.samples = samples)
@@ -59,7 +58,7 @@ pub const KNOBS: &[Knob] = &[
             false => String::new(),
         },
         values: |lab, base| {
-            let own = u32::from(lab.samples());
+            let own = u32::from(lab.scene().samples());
             let count =
                 |share: u32| ((100 * own + share / 2) / share).clamp(1, u32::from(MAX_SAMPLES)) as u16;
             let counts = STEPS.into_iter().filter(|_| lab.is_marched()).map(count);
@@ -89,7 +88,7 @@ pub const KNOBS: &[Knob] = &[
         copy: |from, to| to.quality.occupancy = from.quality.occupancy,
         read: |_, s| if s.quality.occupancy { "on" } else { "off" }.into(),
         values: |lab, base| {
-            let can = lab.has_occupancy(0) && !lab.occupancy_required();
+            let can = lab.has_occupancy(0) && !lab.scene().occupancy_required;
             vary(base, can.then_some(false), |s, on| s.quality.occupancy = on)
         },
     },
@@ -106,19 +105,19 @@ pub const KNOBS: &[Knob] = &[
         in_blob: false,
         combines: true,
         copy: |from, to| to.variant = from.variant,
-        read: |lab, s| lab.name(s.variant).into(),
-        values: |lab, base| vary(base, 1..lab.variants(), |s, variant| s.variant = variant),
+        read: |lab, s| lab.variants[s.variant].name.clone(),
+        values: |lab, base| vary(base, 1..lab.variants.len(), |s, variant| s.variant = variant),
     },
     Knob {
         name: "maths",
         in_blob: false,
         combines: false,
         copy: |from, to| to.quality.math = from.quality.math,
-        read: |_, s| math_name(s.quality.math).into(),
-        values: |_, base| {
-            let all = [MathBackend::Libm, MathBackend::Micromath, MathBackend::Recurrence];
-            vary(base, all, |s, math| s.quality.math = math)
+        read: |_, s| {
+            let own = MATHS.iter().find(|(_, math)| *math == s.quality.math);
+            own.map_or("other", |(name, _)| name).into()
         },
+        values: |_, base| vary(base, MATHS.into_iter().skip(1), |s, (_, math)| s.quality.math = math),
     },
     Knob {
         name: "weights",
@@ -127,7 +126,7 @@ pub const KNOBS: &[Knob] = &[
         copy: |from, to| to.precision = from.precision,
         read: |_, s| if s.precision == Precision::Rounded { "f16" } else { "f32" }.into(),
         values: |lab, base| {
-            vary(base, lab.has_source().then_some(Precision::Unrounded), |s, p| s.precision = p)
+            vary(base, lab.source.is_some().then_some(Precision::Unrounded), |s, p| s.precision = p)
         },
     },
     Knob {

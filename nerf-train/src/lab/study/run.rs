@@ -17,8 +17,7 @@ use super::knobs::{KNOBS, difference, fits_blob};
 use crate::data::View;
 use crate::measure::bench::Variants;
 use crate::measure::frame::Frame;
-use crate::measure::point::Settings;
-use crate::measure::point::{Clock, Origin, Point, Totals, ViewErrors};
+use crate::measure::point::{Clock, Origin, Point, Settings, Totals, ViewErrors};
 use anyhow::bail;
 use nerf_core::Kernel;
 use nerf_core::blob::{FrontPoint, MAX_FRONT};
@@ -53,8 +52,8 @@ pub struct Effort {
 #[derive(Clone, Copy, Debug)]
 pub struct Progressed<'a> {
     pub pass: &'a str,
-    pub done: u64,
-    pub total: u64,
+    pub done: usize,
+    pub total: usize,
 }
 
 #[derive(Debug)]
@@ -63,7 +62,6 @@ pub struct Study<'a, 'b> {
     pub views: Vec<&'a View>,
     /// Indices of the views that times are taken on.
     pub timing: Vec<usize>,
-    /// What is behind the scene, display-encoded.
     pub background: [f32; 3],
     pub effort: Effort,
     /// The exact rendering, the base, the knobs, the combinations.
@@ -237,7 +235,7 @@ impl<'a, 'b> Study<'a, 'b> {
         }
         let lab = self.lab;
         lab.prepared(&settings, |bench| {
-            let total = order.len() as u64;
+            let total = order.len();
             for (done, &(view, i)) in order.iter().enumerate() {
                 let point = &mut self.points[i];
                 let camera = &self.views[view].camera;
@@ -252,7 +250,7 @@ impl<'a, 'b> Study<'a, 'b> {
                 if point.views[view].is_none() {
                     point.views[view] = Some(ViewErrors::of(&frame, &self.truth[view], &self.exact[view]));
                 }
-                each(Progressed { pass: name, done: done as u64 + 1, total });
+                each(Progressed { pass: name, done: done + 1, total });
             }
             Ok(())
         })

@@ -1,6 +1,7 @@
 //! Lists of values, and the points they span.
 
 use anyhow::bail;
+use clap::ValueEnum;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -8,7 +9,7 @@ use std::fmt;
 const SINUSOIDAL: &str = "a sinusoidal encoding";
 const LEARNED: &str = "a learned grid";
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Knob {
     Levels,
     Layers,
@@ -27,20 +28,6 @@ pub enum Knob {
 }
 
 impl Knob {
-    pub const ALL: [Self; 11] = [
-        Self::Levels,
-        Self::Layers,
-        Self::Width,
-        Self::Table,
-        Self::GridLevels,
-        Self::Features,
-        Self::Finest,
-        Self::Rate,
-        Self::Samples,
-        Self::Turns,
-        Self::Seconds,
-    ];
-
     /// Its flag, its name on the axis of a plot, and the encoding that it is a setting of; `None` of what any field has.
     fn row(self) -> (&'static str, &'static str, Option<&'static str>) {
         match self {
@@ -74,7 +61,7 @@ impl Knob {
 
 /// The settings that a sweep varies, at one point: a value for each [`Knob`] that its field has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
-pub struct Point([Option<f64>; Knob::ALL.len()]);
+pub struct Point([Option<f64>; Knob::Seconds as usize + 1]);
 
 impl Point {
     pub fn of(values: &[(Knob, f64)]) -> Self {
@@ -93,7 +80,7 @@ impl Point {
     }
 
     pub fn values(&self) -> impl Iterator<Item = (Knob, f64)> {
-        Knob::ALL.into_iter().zip(self.0).filter_map(|(knob, value)| Some((knob, value?)))
+        Knob::value_variants().iter().copied().zip(self.0).filter_map(|(knob, value)| Some((knob, value?)))
     }
 
     /// A name that no other point has, fit for a file: `L10_layers4_width256_rate0.01`.
@@ -122,7 +109,7 @@ impl<'de> Deserialize<'de> for Point {
     fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
         let mut point = Self::default();
         for (flag, value) in BTreeMap::<String, f64>::deserialize(from)? {
-            let Some(knob) = Knob::ALL.into_iter().find(|knob| knob.flag() == flag) else {
+            let Some(&knob) = Knob::value_variants().iter().find(|knob| knob.flag() == flag) else {
                 return Err(serde::de::Error::custom(format!("`{flag}` is no setting of a sweep")));
             };
             point = point.with(knob, value);
@@ -131,8 +118,7 @@ impl<'de> Deserialize<'de> for Point {
     }
 }
 
-/// How values are combined.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Mode {
     /// Every value of a list with every value of the others.

@@ -77,7 +77,6 @@ impl Folder {
         self.path.join("runs").join(format!("{name}.json"))
     }
 
-    /// Where the picture of a run lies.
     pub fn picture_path(&self, name: &str) -> PathBuf {
         self.path.join("runs").join(format!("{name}.png"))
     }

@@ -129,7 +129,6 @@ fn base_point(grid: Option<&TableConfig>, (levels, layers, width): (u8, usize, u
     point.with(Knob::Rate, rate)
 }
 
-/// A point's grid in place of the settings'.
 fn set_grid(grid: Option<&mut TableConfig>, point: &Point) {
     if let Some(grid) = grid {
         set(&mut grid.log2_entries, point.get(Knob::Table));
@@ -173,16 +172,23 @@ fn set<T: TryFrom<u64>>(to: &mut T, value: Option<f64>) {
     }
 }
 
-/// The record of a run that came to nothing.
-fn diverged(point: &Point, runner: &Runner<'_>, architecture: &Architecture, note: String) -> Record {
+/// What is known of a run beside its figures; `flat`: whether it shows no more than a flat colour would, and the PSNR of
+/// that, dB.
+fn record(
+    point: &Point,
+    runner: &Runner<'_>,
+    architecture: &Architecture,
+    (flat, flat_psnr_db): (bool, f64),
+) -> Record {
+    let note = format!("no better than one flat colour, which has {flat_psnr_db:.2} dB");
     Record {
         point: *point,
-        status: Status::Diverged,
-        note,
+        status: if flat { Status::Flat } else { Status::Ok },
+        note: if flat { note } else { String::new() },
         psnr_db: None,
         steps: 0,
         parameters: architecture.parameters(),
-        macs: macs(architecture),
+        macs: (architecture.density_macs() + architecture.colour_macs()) as u64,
         blob_bytes: 0,
         train_seconds: 0.0,
         threads: rayon::current_num_threads(),
@@ -205,15 +211,15 @@ fn diverged_by(
             | TrainError::Dead { .. }
             | TrainError::Export(_),
         ) => {
-            let record = diverged(point, runner, architecture, error.to_string());
-            Ok((Record { train_seconds: clock.seconds(), ..record }, None))
+            let (status, note) = (Status::Diverged, error.to_string());
+            let train_seconds = clock.seconds();
+            Ok((
+                Record { status, note, train_seconds, ..record(point, runner, architecture, (false, 0.0)) },
+                None,
+            ))
         }
         _ => Err(error),
     }
-}
-
-fn macs(architecture: &Architecture) -> u64 {
-    (architecture.density_macs() + architecture.colour_macs()) as u64
 }
 
 fn run_image(photo: &Photo, config: FieldConfig, point: &Point, runner: &Runner<'_>) -> anyhow::Result<Run> {
@@ -230,14 +236,14 @@ fn run_image(photo: &Photo, config: FieldConfig, point: &Point, runner: &Runner<
         Err(error) => return diverged_by(error, point, runner, &architecture, clock),
     };
     let flat = flat_psnr_db(&photo.picture.rgb);
-    let mut record = Record {
+    let judged = (is_flat([(outcome.psnr_db, flat)]), flat);
+    let record = Record {
         psnr_db: Some(outcome.psnr_db),
         steps: outcome.steps,
         blob_bytes: outcome.bytes.len(),
         train_seconds: outcome.train_seconds,
-        ..diverged(point, runner, &architecture, String::new())
+        ..record(point, runner, &architecture, judged)
     };
-    judge(&mut record, is_flat([(outcome.psnr_db, flat)]), flat);
     Ok((record, Some(outcome.picture)))
 }
 
@@ -256,26 +262,16 @@ fn run_scene(
         Ok(Ended::Interrupted { .. }) => unreachable!("nobody stops it"),
         Err(error) => return diverged_by(error, point, runner, &architecture, clock),
     };
-    let views = spread(&dataset.val, FINAL_VIEWS);
-    let mut record = Record {
+    let record = Record {
         psnr_db: outcome.scores.psnr_db(),
         steps: outcome.steps,
         blob_bytes: outcome.bytes.len(),
         train_seconds: outcome.train_seconds,
-        ..diverged(point, runner, &architecture, String::new())
+        ..record(point, runner, &architecture, (outcome.flat, outcome.flat_psnr_db))
     };
-    judge(&mut record, outcome.flat, outcome.flat_psnr_db);
     let mut picture = None;
     let each = |_: &View, frame: &Frame, _: &[[f32; 3]], _: &_| picture = Some(frame::picture(frame));
-    let first = views.first().copied();
+    let first = spread(&dataset.val, FINAL_VIEWS).first().copied();
     measure(&outcome.bytes, None, runner.kernel, &Quality::default(), outcome.background, first, each)?;
     Ok((record, picture))
-}
-
-/// Marks a run that went through to the end, and shows no more than a flat colour would, which has `flat_psnr_db`.
-fn judge(record: &mut Record, flat: bool, flat_psnr_db: f64) {
-    record.status = if flat { Status::Flat } else { Status::Ok };
-    if flat {
-        record.note = format!("no better than one flat colour, which has {flat_psnr_db:.2} dB");
-    }
 }

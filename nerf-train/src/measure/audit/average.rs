@@ -103,7 +103,6 @@ fn takes_direction(layer: &Layer) -> bool {
 mod tests {
     use super::*;
     use crate::data::demo;
-    use crate::data::demo::DemoSpec;
     use crate::model::config::{Config, Preset};
 
     /// A small network with a direction; every parameter is another number.
@@ -149,8 +148,7 @@ mod tests {
     /// folded layer gives, whatever `h` is.
     #[test]
     fn the_folded_bias_is_the_mean_over_directions_in_f64() {
-        let spec = DemoSpec { train: 3, val: 1, size: 12, ..DemoSpec::default() };
-        let dataset = demo::dataset(&spec).expect("a scene");
+        let dataset = demo::small(3, 1, 12);
         let views: Vec<&View> = dataset.train.iter().collect();
         let (architecture, parameters) = network(5);
         let direction = architecture.direction.expect("a direction");

@@ -6,8 +6,7 @@ use crate::data::View;
 use crate::data::pictures::colour;
 use crate::measure::bench::Variants;
 use crate::measure::metrics::gain_db;
-use crate::measure::point::Settings;
-use crate::measure::point::{Clock, Origin, Point, ViewErrors};
+use crate::measure::point::{Clock, Origin, Point, Settings, ViewErrors};
 use crate::system::cpu;
 use anyhow::bail;
 pub use average::{flattened, mean_encoding, without_direction};
@@ -22,7 +21,6 @@ const SPARED: f64 = 0.9;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Without {
     pub settings: Settings,
-    /// What is behind the scene, display-encoded.
     pub background: [f32; 3],
 }
 
@@ -58,7 +56,7 @@ pub const EFFECTS: &[Effect] = &[
             if !lab.has_occupancy(0) {
                 return Ok(Err("the scene has none"));
             }
-            if lab.occupancy_required() {
+            if lab.scene().occupancy_required {
                 return Ok(Err("it is part of the model"));
             }
             let quality = Quality { occupancy: false, ..with.settings.quality };
@@ -134,7 +132,7 @@ pub fn audit(
     views: &[&View],
     rays: &[&View],
     options: &AuditOptions,
-    each: &mut dyn FnMut(u64, u64),
+    each: &mut dyn FnMut(usize, usize),
 ) -> anyhow::Result<Audit> {
     if views.is_empty() {
         bail!("views: expected at least one, found none");
@@ -169,7 +167,7 @@ fn measure(
     ways: &[Without],
     views: &[&View],
     repeats: usize,
-    each: &mut dyn FnMut(u64, u64),
+    each: &mut dyn FnMut(usize, usize),
 ) -> anyhow::Result<Vec<Point>> {
     let settings: Vec<Settings> = ways.iter().map(|way| way.settings).collect();
     let new = |settings: &Settings| Point::new(Origin::Base, *settings, String::new(), views.len());
@@ -177,7 +175,7 @@ fn measure(
     for point in &mut points {
         point.rounds = vec![vec![None; views.len()]; repeats];
     }
-    let total = (repeats * views.len() * ways.len()) as u64;
+    let total = repeats * views.len() * ways.len();
     let mut done = 0;
     lab.prepared(&settings, |bench| {
         for round in 0..repeats {

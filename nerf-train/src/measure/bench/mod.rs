@@ -39,8 +39,9 @@ pub struct Variants<'b> {
     blob: Blob<'b>,
     scene: SceneFacts,
     cells: Option<LiveCells>,
-    variants: Vec<Variant>,
-    source: Option<Vec<f32>>,
+    pub variants: Vec<Variant>,
+    /// The weights that the blob was rounded from, in export order.
+    pub source: Option<Vec<f32>>,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -77,11 +78,6 @@ impl<'b> Variants<'b> {
         &self.scene
     }
 
-    /// Samples a ray that the scene was made for.
-    pub fn samples(&self) -> u16 {
-        self.scene.samples()
-    }
-
     /// Whether its rays are marched at a step of the scene's own; else their samples lie in bins between near and far.
     pub fn is_marched(&self) -> bool {
         !matches!(self.scene.sampling, SceneSampling::Bins(_))
@@ -89,23 +85,9 @@ impl<'b> Variants<'b> {
 
     /// The distance between samples, as a share of the one that the field was trained with.
     pub fn step_share(&self, settings: &Settings) -> f64 {
-        let own = self.samples();
+        let own = self.scene.samples();
         let samples = if settings.quality.samples == 0 { own } else { settings.quality.samples };
         f64::from(own) / f64::from(samples)
-    }
-
-    /// Whether its occupancy grid is part of the model.
-    pub fn occupancy_required(&self) -> bool {
-        self.scene.occupancy_required
-    }
-
-    /// Number of variants, the blob itself among them.
-    pub fn variants(&self) -> usize {
-        self.variants.len()
-    }
-
-    pub fn name(&self, variant: usize) -> &str {
-        &self.variants[variant].name
     }
 
     pub fn has_occupancy(&self, variant: usize) -> bool {
@@ -120,16 +102,6 @@ impl<'b> Variants<'b> {
     pub fn add(&mut self, variant: Variant) -> usize {
         self.variants.push(variant);
         self.variants.len() - 1
-    }
-
-    /// Gives it the weights the blob was rounded from, in export order.
-    pub fn set_source(&mut self, parameters: Vec<f32>) {
-        self.source = Some(parameters);
-    }
-
-    /// Whether it has the weights the blob was rounded from.
-    pub fn has_source(&self) -> bool {
-        self.source.is_some()
     }
 
     /// Adds the blob with an occupancy grid that its network is asked for; `None` if the network is empty everywhere.
@@ -330,7 +302,7 @@ impl Bench<'_, '_> {
     fn renderer(&self, settings: &Settings) -> &(Renderer<'_>, usize) {
         let key = Key::of(settings);
         let place = self.keys.iter().position(|k| *k == key);
-        debug_assert!(place.is_some() && self.lab.variants() > key.variant, "not prepared: {key:?}");
+        debug_assert!(place.is_some() && self.lab.variants.len() > key.variant, "not prepared: {key:?}");
         &self.renderers[place.unwrap_or(0)]
     }
 }

@@ -76,12 +76,10 @@ fn spread(
 mod tests {
     use super::*;
     use crate::data::demo;
-    use crate::data::demo::DemoSpec;
     use nerf_core::render::Counters;
 
     fn camera(size: u32) -> Camera {
-        let spec = DemoSpec { train: 2, val: 1, size, ..DemoSpec::default() };
-        demo::dataset(&spec).expect("a scene").val[0].camera
+        demo::small(2, 1, size).val[0].camera
     }
 
     #[test]

@@ -44,7 +44,7 @@ use crate::measure::audit::{Verdict, flattened};
 use crate::measure::eval::{OCCUPANCY_LOSS_DB, Scores, measure};
 use crate::measure::metrics::gain_db;
 use crate::model::export::{Coarse, Contents, Exported, Tables, export_with};
-use crate::system::progress::{Message, Progress, ProgressStyle, Total, say};
+use crate::system::progress::{Progress, ProgressStyle, say};
 use crate::train::occupancy::{DensityQuery, LiveCells};
 use nerf_core::Kernel;
 use nerf_core::blob::{Content, Provenance};
@@ -253,13 +253,13 @@ impl<'a> Import<'a> {
         let blob = self.export(None)?.bytes;
         let Request { settings, kernel, style, .. } = self.request;
         let renderings = if self.cells.is_some() { 3 } else { 2 };
-        let total = Total::Steps(renderings * views.views.len() as u64);
-        let (mut progress, mut done) = (Progress::new("check", total, style), 0);
+        let mut progress = Progress::steps("check", renderings * views.views.len(), style);
+        let mut done = 0;
         let mut score = |parameters: Option<&[f32]>, occupancy| -> anyhow::Result<Scores> {
             let quality = Quality { occupancy, ..Quality::default() };
             measure(&blob, parameters, kernel, &quality, settings.background, &views.views, |_, _, _, _| {
                 done += 1;
-                progress.update(done, &Message::default());
+                progress.reach(done);
             })
         };
         let db = |scores: &Scores| scores.psnr_db().unwrap_or(f64::NAN);

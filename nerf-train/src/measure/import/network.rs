@@ -12,6 +12,9 @@ use nerf_core::network::{
 use std::collections::BTreeSet;
 use std::iter::once;
 
+/// How the direction is encoded, if colour depends on it, and the widths of the colour network's hidden layers.
+type ColourBranch = (Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>);
+
 /// A network in this project's shape and order, before its feature layer is folded.
 #[derive(Clone, Debug)]
 pub struct Imported {
@@ -114,11 +117,7 @@ impl<'t> Reader<'t> {
     }
 
     /// Density, feature, colour and rgb of a network that sees the direction.
-    #[allow(clippy::type_complexity, reason = "two fields of an architecture")]
-    fn colour_branch(
-        &mut self,
-        width: usize,
-    ) -> anyhow::Result<(Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>)> {
+    fn colour_branch(&mut self, width: usize) -> anyhow::Result<ColourBranch> {
         let straight: Vec<usize> = (0..MAX_WIDTH).collect();
         let density = self.exactly("alpha_linear", &[1], width)?;
         self.put_density(density, 0, &straight[..width]);
@@ -155,11 +154,7 @@ impl<'t> Reader<'t> {
     }
 
     /// Density and rgb of a network that does not: rows r, g, b, sigma, and one that nerf-pytorch never reads.
-    #[allow(clippy::type_complexity, reason = "two fields of an architecture")]
-    fn output(
-        &mut self,
-        width: usize,
-    ) -> anyhow::Result<(Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>)> {
+    fn output(&mut self, width: usize) -> anyhow::Result<ColourBranch> {
         let straight: Vec<usize> = (0..width).collect();
         let output = self.exactly("output_linear", &[4, 5], width)?;
         self.put_density(output, 3, &straight);

@@ -19,7 +19,7 @@ fn scene_box(settings: &Settings) -> SceneBox {
 pub fn read(file: &Path, settings: &Settings) -> anyhow::Result<LiveCells> {
     let place = format!("{}: occupancy grid", file.display());
     let fail = |expected: String, found: String| Err(refused(&place, expected, found));
-    let array = read_npy(file, MAX_ARRAY_BYTES)?;
+    let array = read_npy(file, Some(MAX_ARRAY_BYTES))?;
     let sides = array.shape.iter().map(|&side| u16::try_from(side).ok());
     let sides: Option<Vec<u16>> =
         sides.map(|side| side.filter(|s| (1..=MAX_OCCUPANCY_RESOLUTION).contains(s))).collect();

@@ -1,8 +1,8 @@
 //! Settings of an import that a checkpoint does not hold.
 
 use super::order::{Identity, Order};
-use super::refused;
 use crate::data::pictures::colour;
+use crate::model::config::{ConfigError, rule, within};
 use crate::system::input::parse_numbers;
 use nerf_core::blob::{MAX_OCCUPANCY_RESOLUTION, MAX_SAMPLES, SceneFacts, SceneSampling};
 use nerf_core::encoding::AngleScale;
@@ -117,50 +117,20 @@ impl Default for Settings {
 
 impl Settings {
     /// Checks every setting; the blob's own rules are checked again when it is written.
-    pub fn check(&self) -> anyhow::Result<()> {
+    pub fn check(&self) -> Result<(), ConfigError> {
         let Self { near, far, background, occupancy_threshold: threshold, .. } = *self;
-        let within = |most: u16| (move |n: u16| (1..=most).contains(&n), format!("1 to {most}"));
-        let (is_count, count) = within(MAX_SAMPLES);
-        let (is_side, side) = within(MAX_OCCUPANCY_RESOLUTION);
-        let samples = self.samples.unwrap_or(1);
-        let rules = [
-            (
-                "near, far",
-                near >= 0.0 && near < far && far.is_finite(),
-                "0 <= near < far, both finite",
-                format!("near {near}, far {far}"),
-            ),
-            (
-                "box",
-                SceneBox::new(self.min().into(), self.max().into()).is_ok(),
-                "finite corners, the smaller first, on every axis",
-                format!("{:?}", self.scene_box),
-            ),
-            ("samples", is_count(samples), &count, samples.to_string()),
-            ("coarse_samples", is_count(self.coarse_samples), &count, self.coarse_samples.to_string()),
-            (
-                "background",
-                background.iter().all(|channel| (0.0..=1.0).contains(channel)),
-                "channels in [0, 1]",
-                format!("{background:?}"),
-            ),
-            (
-                "occupancy_resolution",
-                is_side(self.occupancy_resolution),
-                &side,
-                self.occupancy_resolution.to_string(),
-            ),
-            (
-                "occupancy_threshold",
-                threshold.is_finite() && threshold >= 0.0,
-                "a finite number of at least 0",
-                threshold.to_string(),
-            ),
-        ];
-        match rules.into_iter().find(|(_, holds, ..)| !holds) {
-            Some((field, _, expected, found)) => Err(refused(field, expected, found)),
-            None => Ok(()),
-        }
+        let sound = near >= 0.0 && near < far && far.is_finite();
+        rule("near, far", sound, "0 <= near < far, both finite", format!("near {near}, far {far}"))?;
+        let sound = SceneBox::new(self.min().into(), self.max().into()).is_ok();
+        let expected = "finite corners, the smaller first, on every axis";
+        rule("box", sound, expected, format!("{:?}", self.scene_box))?;
+        within("samples", 1..=MAX_SAMPLES, self.samples.unwrap_or(1))?;
+        within("coarse_samples", 1..=MAX_SAMPLES, self.coarse_samples)?;
+        let sound = background.iter().all(|channel| (0.0..=1.0).contains(channel));
+        rule("background", sound, "channels in [0, 1]", format!("{background:?}"))?;
+        within("occupancy_resolution", 1..=MAX_OCCUPANCY_RESOLUTION, self.occupancy_resolution)?;
+        let sound = threshold.is_finite() && threshold >= 0.0;
+        rule("occupancy_threshold", sound, "a finite number of at least 0", threshold)
     }
 
     pub fn min(&self) -> [f32; 3] {

@@ -4,8 +4,8 @@ use super::{Check, Import};
 use crate::data::pictures::colour;
 use crate::measure::audit::Verdict;
 use crate::model::export::Exported;
+use crate::system::input::value_name;
 use crate::system::summary::Short;
-use clap::ValueEnum;
 use serde::Serialize;
 use std::path::Path;
 
@@ -82,9 +82,9 @@ impl<'i> Summary<'i> {
             position_levels: a.position.sinusoidal().map_or(0, |e| e.levels),
             direction_levels: a.direction.and_then(|d| d.sinusoidal().copied()).map_or(0, |e| e.levels),
             view_dependent: import.architecture.direction.is_some(),
-            angle_scale: name(s.angle_scale),
-            order: name(s.order),
-            density: name(s.density),
+            angle_scale: value_name(&s.angle_scale),
+            order: value_name(&s.order),
+            density: value_name(&s.density),
             background: colour::name(s.background),
             near: Short(s.near),
             far: Short(s.far),
@@ -119,9 +119,4 @@ impl CheckSummary {
             view_dependence_left_out: direction.map(|(_, verdict)| verdict == Verdict::Drops),
         }
     }
-}
-
-/// What the command line calls a value.
-fn name(value: impl ValueEnum) -> String {
-    value.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
 }

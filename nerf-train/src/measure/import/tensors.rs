@@ -62,7 +62,7 @@ impl Tensors {
         let name = file.display();
         let bytes: Vec<u8>;
         let mut source = match file.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase() {
-            npz if npz == "npz" => Source::Npz(Archive::open(file, MAX_ARRAY_BYTES)?),
+            npz if npz == "npz" => Source::Npz(Archive::open(file, Some(MAX_ARRAY_BYTES))?),
             safe if safe == "safetensors" => {
                 bytes = read_limited(file, MAX_FILE_BYTES).map_err(|io| DatasetError::io(file, io))?;
                 Source::Safe(SafeTensors::deserialize(&bytes).map_err(|error| damaged(file, &error))?)

@@ -92,15 +92,31 @@ impl<'b> Inspection<'b> {
             _ => None,
         };
         let (picture, occupancy) = (blob.picture(), blob.occupancy());
+        let layer = |layer: &Layer| LayerSummary {
+            role: format!("{:?}", layer.role),
+            main_inputs: layer.main,
+            extra_inputs: layer.extra,
+            outputs: layer.outputs,
+        };
+        let point = |p: &FrontPoint| PointSummary {
+            samples_per_ray: p.samples,
+            transmittance_cut: Short(p.transmittance_cut),
+            colour_cut: Short(p.colour_cut),
+            occupancy: p.occupancy,
+            math: p.math,
+            proposal: p.proposal,
+            loss_db: Short(p.loss_db),
+            cost: Short(p.cost),
+        };
         Self {
             file: file.display().to_string(),
             blob_bytes: bytes.len(),
             format_version: nerf_core::blob::FORMAT_VERSION,
-            kind: kind(blob),
+            kind: if blob.scene().is_some() { "scene" } else { "2D field" },
             position_levels: a.position.sinusoidal().map_or(0, |encoding| encoding.levels),
             direction_levels: a.direction.and_then(|d| d.sinusoidal().copied()).map_or(0, |e| e.levels),
             view_dependent: a.direction.is_some(),
-            layers: blob.layers().iter().map(LayerSummary::of).collect(),
+            layers: blob.layers().iter().map(layer).collect(),
             parameters: a.parameters(),
             weight_bytes: blob.weights().len(),
             density_macs: a.density_macs(),
@@ -132,7 +148,7 @@ impl<'b> Inspection<'b> {
                 proposal_macs: proposal.architecture().density_macs(),
                 proposal_weight_bytes: proposal.weights.len(),
             }),
-            front: blob.front().iter().map(PointSummary::of).collect(),
+            front: blob.front().iter().map(point).collect(),
             data: p.data,
             made_by: p.made_by,
             steps: p.steps,
@@ -157,42 +173,12 @@ pub struct PointSummary {
     pub cost: Short,
 }
 
-impl PointSummary {
-    fn of(p: &FrontPoint) -> Self {
-        Self {
-            samples_per_ray: p.samples,
-            transmittance_cut: Short(p.transmittance_cut),
-            colour_cut: Short(p.colour_cut),
-            occupancy: p.occupancy,
-            math: p.math,
-            proposal: p.proposal,
-            loss_db: Short(p.loss_db),
-            cost: Short(p.cost),
-        }
-    }
-}
-
-fn kind(blob: &Blob<'_>) -> &'static str {
-    if blob.scene().is_some() { "scene" } else { "2D field" }
-}
-
 #[derive(Debug, Serialize)]
 pub struct LayerSummary {
     pub role: String,
     pub main_inputs: usize,
     pub extra_inputs: usize,
     pub outputs: usize,
-}
-
-impl LayerSummary {
-    fn of(layer: &Layer) -> Self {
-        Self {
-            role: format!("{:?}", layer.role),
-            main_inputs: layer.main,
-            extra_inputs: layer.extra,
-            outputs: layer.outputs,
-        }
-    }
 }
 
 #[derive(Debug, Serialize)]

@@ -7,7 +7,6 @@ use crate::train::psnr_db_of_mse;
 
 /// Side of the SSIM window, pixels; Wang et al. use 11 with the sigma below.
 const WINDOW: usize = 11;
-/// Standard deviation of the SSIM window, pixels.
 const SIGMA: f64 = 1.5;
 /// (K1 L)² with K1 = 0.01 and data range L = 1: keeps the luminance term finite in the dark.
 const C1: f64 = 0.01 * 0.01;

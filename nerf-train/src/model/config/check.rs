@@ -8,6 +8,8 @@ use nerf_core::encoding::{
 };
 use nerf_core::network::{MAX_TRUNK, MAX_WIDTH};
 use nerf_core::space::Contraction;
+use std::fmt::Display;
+use std::ops::RangeInclusive;
 
 /// Samples a step may draw: some gigabytes of positions, where none is skipped; a first step may skip none.
 const MAX_STEP_SAMPLES: usize = 1 << 27;
@@ -24,7 +26,6 @@ pub struct ConfigError {
 }
 
 impl Config {
-    /// Checks every setting on its own.
     pub fn check(&self) -> Result<(), ConfigError> {
         let (n, s, g) = (&self.network, &self.sampling, &self.occupancy);
         check_network(n)?;
@@ -52,37 +53,15 @@ impl Config {
 }
 
 fn check_network(n: &NetworkConfig) -> Result<(), ConfigError> {
-    let fewest = usize::from(n.grid.is_none());
-    let depths = format!("{fewest} to {MAX_TRUNK}");
-    rule("network.depth", (fewest..=MAX_TRUNK).contains(&n.depth), depths, n.depth)?;
-    rule("network.width", (1..=MAX_WIDTH).contains(&n.width), format!("1 to {MAX_WIDTH}"), n.width)?;
+    within("network.depth", usize::from(n.grid.is_none())..=MAX_TRUNK, n.depth)?;
+    within("network.width", 1..=MAX_WIDTH, n.width)?;
     rule("network.skip_after", n.skip_after < n.depth.max(1), "less than the depth", n.skip_after)?;
-    rule(
-        "network.position_levels",
-        n.position_levels <= MAX_LEVELS,
-        format!("at most {MAX_LEVELS}"),
-        n.position_levels,
-    )?;
-    rule(
-        "network.direction_levels",
-        n.direction_levels <= MAX_LEVELS,
-        format!("at most {MAX_LEVELS}"),
-        n.direction_levels,
-    )?;
-    rule(
-        "network.colour_width",
-        n.colour_width <= MAX_WIDTH,
-        format!("at most {MAX_WIDTH}"),
-        n.colour_width,
-    )?;
-    rule(
-        "network.density_scale",
-        positive(n.density_scale.into()),
-        "a finite number above 0",
-        n.density_scale,
-    )?;
-    rule("network.density_bias", n.density_bias.is_finite(), "a finite number", n.density_bias)?;
-    Ok(())
+    at_most("network.position_levels", MAX_LEVELS, n.position_levels)?;
+    at_most("network.direction_levels", MAX_LEVELS, n.direction_levels)?;
+    at_most("network.colour_width", MAX_WIDTH, n.colour_width)?;
+    let scale = n.density_scale;
+    rule("network.density_scale", positive(scale.into()), "a finite number above 0", scale)?;
+    rule("network.density_bias", n.density_bias.is_finite(), "a finite number", n.density_bias)
 }
 
 fn check_beside_grid(n: &NetworkConfig, grid: &TableConfig, g: &OccupancyConfig) -> Result<(), ConfigError> {
@@ -100,8 +79,7 @@ fn check_beside_grid(n: &NetworkConfig, grid: &TableConfig, g: &OccupancyConfig)
     rule("network.density", density, "exponential beside a grid", format!("{:?}", n.density))?;
     rule("network.density_scale", n.density_scale == 1.0, "1 beside a grid", n.density_scale)?;
     // Its samples are trained where light reaches them, which culled space is not.
-    rule("occupancy.empty_share", g.empty_share == 0.0, "0 beside a grid", g.empty_share)?;
-    Ok(())
+    rule("occupancy.empty_share", g.empty_share == 0.0, "0 beside a grid", g.empty_share)
 }
 
 fn check_contraction(
@@ -118,63 +96,36 @@ fn check_contraction(
     // The scene's own steps are as many as a file can name.
     let steps = (1.0 + f32::from(power)) * f32::from(s.steps_across);
     let most = format!("2 to {} beside a contraction of power {power}", MAX_SAMPLES / (1 + u16::from(power)));
-    rule(
-        "sampling.steps_across",
-        s.steps_across > 1 && steps <= f32::from(MAX_SAMPLES),
-        most,
-        s.steps_across,
-    )?;
-    Ok(())
+    let fits = s.steps_across > 1 && steps <= f32::from(MAX_SAMPLES);
+    rule("sampling.steps_across", fits, most, s.steps_across)
 }
 
 fn check_sampling(s: &SamplingConfig) -> Result<(), ConfigError> {
     rule("sampling.steps_across", s.steps_across > 0, "at least 1", s.steps_across)?;
-    rule("sampling.samples", (1..=4096).contains(&s.samples), "1 to 4096", s.samples)?;
-    rule("sampling.rays", (1..=1_000_000).contains(&s.rays), "1 to 1000000", s.rays)?;
-    let samples = s.rays * usize::from(s.samples);
-    rule(
-        "sampling.rays",
-        samples <= MAX_STEP_SAMPLES,
-        format!("at most {MAX_STEP_SAMPLES} samples a step"),
-        format!("{} rays of {} samples", s.rays, s.samples),
-    )?;
-    rule("sampling.live_samples", s.live_samples <= 10_000_000, "at most 10000000", s.live_samples)?;
-    Ok(())
+    within("sampling.samples", 1..=4096, s.samples)?;
+    within("sampling.rays", 1..=1_000_000, s.rays)?;
+    let most = format!("at most {MAX_STEP_SAMPLES} samples a step");
+    let fits = s.rays * usize::from(s.samples) <= MAX_STEP_SAMPLES;
+    rule("sampling.rays", fits, most, format!("{} rays of {} samples", s.rays, s.samples))?;
+    at_most("sampling.live_samples", 10_000_000, s.live_samples)
 }
 
 fn check_occupancy(g: &OccupancyConfig) -> Result<(), ConfigError> {
-    rule("occupancy.resolution", (0..=512).contains(&g.resolution), "0 to 512", g.resolution)?;
+    within("occupancy.resolution", 0..=512, g.resolution)?;
     rule("occupancy.every", g.every > 0, "at least 1", g.every)?;
-    rule(
-        "occupancy.threshold",
-        g.threshold.is_finite() && g.threshold >= 0.0,
-        "a finite number of at least 0",
-        g.threshold,
-    )?;
-    rule(
-        "occupancy.empty_weight",
-        g.empty_weight.is_finite() && g.empty_weight >= 0.0,
-        "a finite number of at least 0",
-        g.empty_weight,
-    )?;
-    rule("occupancy.decay", (0.0..=1.0).contains(&g.decay), "0 to 1", g.decay)?;
-    rule("occupancy.empty_share", (0.0..=1.0).contains(&g.empty_share), "0 to 1", g.empty_share)?;
-    Ok(())
+    for (field, value) in [("occupancy.threshold", g.threshold), ("occupancy.empty_weight", g.empty_weight)] {
+        rule(field, value.is_finite() && value >= 0.0, "a finite number of at least 0", value)?;
+    }
+    within("occupancy.decay", 0.0..=1.0, g.decay)?;
+    within("occupancy.empty_share", 0.0..=1.0, g.empty_share)
 }
 
 impl TableConfig {
     pub(crate) fn check(&self) -> Result<(), ConfigError> {
         let Self { levels, features, log2_entries, coarsest, finest, storage: _, most_bytes: _ } = *self;
-        let field = "network.grid.levels";
-        rule(field, (1..=MAX_GRID_LEVELS).contains(&levels), format!("1 to {MAX_GRID_LEVELS}"), levels)?;
+        within("network.grid.levels", 1..=MAX_GRID_LEVELS, levels)?;
         rule("network.grid.features", matches!(features, 1 | 2 | 4), "1, 2 or 4", features)?;
-        let most = format!("1 to {MAX_LOG2_ENTRIES}");
-        rule(
-            "network.grid.log2_entries",
-            (1..=MAX_LOG2_ENTRIES).contains(&log2_entries),
-            most,
-            log2_entries,
-        )?;
+        within("network.grid.log2_entries", 1..=MAX_LOG2_ENTRIES, log2_entries)?;
         rule("network.grid.coarsest", coarsest >= 1, "at least 1", coarsest)?;
         let most = format!("the coarsest level's {coarsest} to {MAX_GRID_RESOLUTION}");
         rule("network.grid.finest", (coarsest..=MAX_GRID_RESOLUTION).contains(&finest), most, finest)
@@ -191,6 +142,22 @@ pub(crate) fn check_table_values(grid: &GridEncoding, what: &str) -> Result<(), 
 
 pub(super) fn positive(x: f64) -> bool {
     x.is_finite() && x > 0.0
+}
+
+pub(crate) fn within<T: PartialOrd + Display>(
+    field: &'static str,
+    range: RangeInclusive<T>,
+    found: T,
+) -> Result<(), ConfigError> {
+    rule(field, range.contains(&found), format!("{} to {}", range.start(), range.end()), found)
+}
+
+pub(crate) fn at_most<T: PartialOrd + Display>(
+    field: &'static str,
+    most: T,
+    found: T,
+) -> Result<(), ConfigError> {
+    rule(field, found <= most, format!("at most {most}"), found)
 }
 
 pub(crate) fn rule(

@@ -8,7 +8,7 @@ mod table;
 mod tests;
 
 pub use check::ConfigError;
-pub(crate) use check::{check_table_values, rule};
+pub(crate) use check::{at_most, check_table_values, rule, within};
 pub use optimiser::OptimiserConfig;
 pub use table::TableConfig;
 
@@ -51,7 +51,6 @@ pub enum Preset {
     Seed,
 }
 
-/// The network's shape.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NetworkConfig {
@@ -213,7 +212,6 @@ pub enum Jitter {
     Width(f32),
 }
 
-/// The occupancy grid.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OccupancyConfig {
@@ -308,7 +306,6 @@ impl Config {
         }
     }
 
-    /// Adam's constants.
     pub fn adam(&self) -> Adam {
         self.optimiser.adam()
     }

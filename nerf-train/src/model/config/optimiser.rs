@@ -1,10 +1,9 @@
 //! What every training has: Adam, its schedule, and the average that is exported.
 
-use super::check::{ConfigError, positive, rule};
+use super::check::{ConfigError, positive, rule, within};
 use crate::model::engine::Adam;
 use serde::{Deserialize, Serialize};
 
-/// Adam and its schedule.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OptimiserConfig {
@@ -20,6 +19,9 @@ pub struct OptimiserConfig {
     pub beta2: f64,
     /// Adam's epsilon.
     pub epsilon: f64,
+    /// Decoupled weight decay: share of a weight lost at each step, divided by the learning rate. Beside a grid, of the colour
+    /// branch alone.
+    pub weight_decay: f64,
     /// Decay, a step, of the exponential average of the parameters that is exported, which reaches back over a ninth of the
     /// steps so far at most; 0 exports the last.
     pub average: f64,
@@ -29,36 +31,26 @@ pub struct OptimiserConfig {
 }
 
 impl OptimiserConfig {
-    /// Checks every setting on its own.
     pub fn check(&self) -> Result<(), ConfigError> {
         rule("optimiser.steps", self.steps > 0, "at least 1", self.steps)?;
         rule("optimiser.rate", positive(self.rate) && self.rate <= 10.0, "above 0, at most 10", self.rate)?;
-        rule(
-            "optimiser.final_share",
-            positive(self.final_share) && self.final_share <= 1.0,
-            "above 0, at most 1",
-            self.final_share,
-        )?;
+        let share = self.final_share;
+        rule("optimiser.final_share", positive(share) && share <= 1.0, "above 0, at most 1", share)?;
         rule("optimiser.beta2", (0.0..1.0).contains(&self.beta2), "0 to 1, without 1", self.beta2)?;
         // Adam divides by it in f32 where a gradient was always 0.
-        rule(
-            "optimiser.epsilon",
-            (self.epsilon as f32).is_finite() && self.epsilon as f32 > 0.0,
-            "above 0, in the range of f32",
-            self.epsilon,
-        )?;
+        let sound = (self.epsilon as f32).is_finite() && self.epsilon as f32 > 0.0;
+        rule("optimiser.epsilon", sound, "above 0, in the range of f32", self.epsilon)?;
+        let shrinks = (0.0..=1.0).contains(&(self.rate * self.weight_decay));
+        rule("optimiser.weight_decay", shrinks, "at least 0, times the rate at most 1", self.weight_decay)?;
         rule("optimiser.average", (0.0..1.0).contains(&self.average), "0 to 1, without 1", self.average)?;
-        let turns = (1..=16).contains(&self.hashed_every);
-        rule("optimiser.hashed_every", turns, "1 to 16", self.hashed_every)?;
-        Ok(())
+        within("optimiser.hashed_every", 1..=16, self.hashed_every)
     }
 
-    /// Adam's constants.
     pub fn adam(&self) -> Adam {
         Adam {
             betas: [0.9, self.beta2],
             epsilon: self.epsilon,
-            weight_decay: 0.0,
+            weight_decay: self.weight_decay,
             hashed_every: self.hashed_every,
         }
     }

@@ -77,6 +77,7 @@ fn grid() -> Config {
             warm_up: 0,
             beta2: 0.99,
             epsilon: 1e-15,
+            weight_decay: 0.1,
             average: 0.998,
             hashed_every: 4,
         },
@@ -115,6 +116,7 @@ fn small() -> Config {
             rate: 1e-2,
             final_share: 0.02,
             warm_up: 300,
+            weight_decay: 0.0,
             average: 0.98,
             hashed_every: 1,
             ..grid.optimiser

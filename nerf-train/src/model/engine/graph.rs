@@ -15,7 +15,6 @@ pub(super) const FIRST: usize = 2;
 /// Lanes are computed in whole vectors of this many.
 const VECTOR: usize = 16;
 
-/// A layer with the slots it reads.
 pub(super) struct Node {
     pub(super) dense: Dense,
     pub(super) main: usize,

@@ -235,7 +235,8 @@ pub struct Adam {
     pub betas: [f64; 2],
     /// Added to the root of the second moment.
     pub epsilon: f64,
-    /// L2 penalty added to the gradient, 0 for none.
+    /// Decoupled weight decay: share of a weight lost at each step, divided by the learning rate. Beside a grid, of the colour
+    /// branch alone.
     pub weight_decay: f64,
     /// Steps from one move of a hashed level of a grid to the next, by the sum of its gradients since the last; at least 1.
     pub hashed_every: u32,

@@ -81,7 +81,7 @@ impl Optimiser {
             lr: rate,
             betas: self.adam.betas,
             eps: self.adam.epsilon,
-            weight_decay: (decay != 0.0).then_some(WeightDecay::L2(decay)),
+            weight_decay: (decay != 0.0).then_some(WeightDecay::Decoupled(decay)),
         };
         self.parameters.par_iter_mut().with_max_len(1).try_for_each(|p| p.update(&config, step))?;
         self.steps = step;

@@ -97,7 +97,6 @@ impl GifWriter {
     }
 }
 
-/// Refuses a rate that is no positive number.
 pub(crate) fn check_rate(fps: f64) -> anyhow::Result<()> {
     if fps > 0.0 && fps.is_finite() {
         return Ok(());

@@ -3,7 +3,6 @@
 //! Own code, as the `gif` crate's NeuQuant spends its palette by area: on a small object before a wide
 //! background it left a dozen colours for the object. Here the colours go where the error is.
 
-/// Entries of a GIF palette.
 const MAX_COLOURS: usize = 256;
 /// Rounds of moving each entry to the mean of the colours nearest to it.
 const ROUNDS: usize = 2;

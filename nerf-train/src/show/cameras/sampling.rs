@@ -27,7 +27,6 @@ pub struct ShownRay {
 }
 
 impl ShownRay {
-    /// The point at `t`, world units.
     pub fn at(&self, t: f32) -> Vec3 {
         self.origin + self.dir * t
     }

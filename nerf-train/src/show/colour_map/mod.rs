@@ -87,7 +87,7 @@ fn widened(low: f32, high: f32) -> (f32, f32) {
     (low - margin, high + margin)
 }
 
-/// The range that [`depth_picture`] uses: the given one if it is usable, else the robust one, else 0..1.
+/// The range of the colours of distances: the given one if it is usable, else the robust one, else 0..1.
 fn settle_range(values: &[f32], opacity: &[f32], range: Option<(f32, f32)>) -> (f32, f32) {
     match range {
         Some((low, high)) if low.is_finite() && high.is_finite() => widened(low, high),
@@ -95,21 +95,32 @@ fn settle_range(values: &[f32], opacity: &[f32], range: Option<(f32, f32)>) -> (
     }
 }
 
-/// Distances in colour ([`ColourMap::Viridis`], near is dark), without legend.
+/// Distances in colour ([`ColourMap::Viridis`], near is dark), enlarged where small, with a legend on their right.
 ///
 /// `values`, `opacity`: `[height * width]`; `values` in world units. Pixels of opacity ≤ 0.5 or
 /// without a finite value are [`EMPTY`]. `range`: near and far end of the colours, world units;
-/// `None` takes [`robust_range`]. Give one range to all frames of an animation.
-pub fn depth_picture(
+/// `None` takes [`robust_range`]. Give one range to all frames of an animation. `title` names the value and its unit, for
+/// example "z_depth, world units".
+pub fn depth_picture_with_legend(
     values: &[f32],
     opacity: &[f32],
-    width: usize,
-    height: usize,
+    (width, height): (usize, usize),
     range: Option<(f32, f32)>,
+    title: &str,
+) -> anyhow::Result<Picture> {
+    let range = settle_range(values, opacity, range);
+    let picture = depth_picture(values, opacity, (width, height), range)?;
+    Ok(with_legend(&picture, ColourMap::Viridis, range, title))
+}
+
+fn depth_picture(
+    values: &[f32],
+    opacity: &[f32],
+    (width, height): (usize, usize),
+    (low, high): (f32, f32),
 ) -> anyhow::Result<Picture> {
     check_length("the distances of a picture", width, height, values.len())?;
     check_length("the opacity of a picture", width, height, opacity.len())?;
-    let (low, high) = settle_range(values, opacity, range);
     let colour = |(&value, &opacity): (&f32, &f32)| {
         if opacity > SOLID && value.is_finite() {
             let (value, low, high) = (f64::from(value), f64::from(low), f64::from(high));
@@ -121,25 +132,9 @@ pub fn depth_picture(
     Picture::new(width, height, values.iter().zip(opacity).map(colour).collect())
 }
 
-/// [`depth_picture`], enlarged where small, with a legend on its right.
-///
-/// `title` names the value and its unit, for example "z_depth, world units".
-pub fn depth_picture_with_legend(
-    values: &[f32],
-    opacity: &[f32],
-    width: usize,
-    height: usize,
-    range: Option<(f32, f32)>,
-    title: &str,
-) -> anyhow::Result<Picture> {
-    let picture = depth_picture(values, opacity, width, height, range)?;
-    let range = settle_range(values, opacity, range);
-    Ok(with_legend(&picture, ColourMap::Viridis, range, title))
-}
-
 /// Normals in colour: red, green, blue are (x, y, z) / 2 + 1/2 of the unit vector.
 ///
-/// `normals`, `opacity`: `[height * width]`. As in [`depth_picture`], pixels of opacity ≤ 0.5 are [`EMPTY`],
+/// `normals`, `opacity`: `[height * width]`. As in [`depth_picture_with_legend`], pixels of opacity ≤ 0.5 are [`EMPTY`],
 /// and so are those whose normal is 0.
 pub fn normal_picture(
     normals: &[[f32; 3]],
@@ -209,8 +204,8 @@ pub fn with_legend(picture: &Picture, map: ColourMap, range: (f32, f32), title: 
 
 /// The z_depth of a frame in colours, with a legend, from the nearest to the farthest it shows.
 pub fn z_depth_picture(frame: &Frame) -> anyhow::Result<Picture> {
-    let Frame { z_depth, opacity, width, height, .. } = frame;
-    depth_picture_with_legend(z_depth, opacity, *width, *height, None, "z_depth, world units")
+    let size = (frame.width, frame.height);
+    depth_picture_with_legend(&frame.z_depth, &frame.opacity, size, None, "z_depth, world units")
 }
 
 #[cfg(test)]

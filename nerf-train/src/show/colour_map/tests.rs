@@ -51,12 +51,14 @@ fn the_range_comes_from_solid_pixels_and_ignores_strays() {
 
 #[test]
 fn empty_pixels_are_grey_and_solid_ones_coloured() {
-    let picture = depth_picture(&[1.0, 2.0, 5.0, f32::NAN], &[1.0, 1.0, 0.5, 1.0], 2, 2, None).unwrap();
+    let (values, opacity) = ([1.0, 2.0, 5.0, f32::NAN], [1.0, 1.0, 0.5, 1.0]);
+    let range = settle_range(&values, &opacity, None);
+    let picture = depth_picture(&values, &opacity, (2, 2), range).unwrap();
     assert_eq!(picture.rgb[0], ColourMap::Viridis.colour(0.0));
     assert_eq!(picture.rgb[1], ColourMap::Viridis.colour(1.0));
     assert_eq!(picture.rgb[2..], [EMPTY; 2]);
-    assert!(depth_picture(&[1.0; 3], &[1.0; 4], 2, 2, None).is_err());
-    assert!(depth_picture(&[1.0; 4], &[1.0; 3], 2, 2, None).is_err());
+    assert!(depth_picture(&[1.0; 3], &[1.0; 4], (2, 2), range).is_err());
+    assert!(depth_picture(&[1.0; 4], &[1.0; 3], (2, 2), range).is_err());
 }
 
 #[test]
@@ -72,13 +74,13 @@ fn normals_are_colours_around_grey_and_nothing_is_empty() {
 fn flat_empty_and_extreme_ranges_are_drawn() {
     for value in [0.0, 4.0, -4.0, 1e-40, f32::MAX, f32::MIN, f32::NAN] {
         for range in [None, Some((4.0, 4.0)), Some((5.0, 1.0)), Some((f32::NAN, 1.0))] {
-            let page = depth_picture_with_legend(&[value; 6], &[1.0; 6], 3, 2, range, "z_depth").unwrap();
+            let page = depth_picture_with_legend(&[value; 6], &[1.0; 6], (3, 2), range, "z_depth").unwrap();
             assert_eq!(page.rgb.len(), page.width * page.height);
             assert!(page.rgb.iter().flatten().all(|v| v.is_finite()), "{value} {range:?}");
         }
     }
-    let page = depth_picture_with_legend(&[f32::MIN, f32::MAX], &[1.0; 2], 2, 1, None, "x").unwrap();
+    let page = depth_picture_with_legend(&[f32::MIN, f32::MAX], &[1.0; 2], (2, 1), None, "x").unwrap();
     assert!(page.rgb.iter().flatten().all(|v| v.is_finite()));
-    let nothing = depth_picture_with_legend(&[], &[], 0, 0, None, "").unwrap();
+    let nothing = depth_picture_with_legend(&[], &[], (0, 0), None, "").unwrap();
     assert!(nothing.width > 0);
 }

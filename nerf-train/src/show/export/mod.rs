@@ -48,7 +48,7 @@ pub struct Mesh {
     pub triangles: Vec<[u32; 3]>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Default, Serialize)]
 pub struct Summary {
     pub file: String,
     #[serde(rename = "as")]
@@ -76,15 +76,9 @@ impl Summary {
         Self {
             file: file.display().to_string(),
             kind,
-            file_bytes: 0,
             box_min_world_units: world(bounds.min),
             box_max_world_units: world(bounds.max),
-            cell_world_units: None,
-            threshold_per_world_unit: None,
-            cells: None,
-            vertices: None,
-            triangles: None,
-            total_seconds: 0.0,
+            ..Self::default()
         }
     }
 }

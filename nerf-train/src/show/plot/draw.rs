@@ -1,17 +1,18 @@
 //! Pieces of a plot.
 
-use super::scale::Scale;
-use super::{COLOURS, Drawn, FONT, GREY, INK, MAX_POINTS, Marker, NOTE_SIZE};
+use super::{COLOURS, Drawn, FONT, GREY, INK, Marker, NOTE_SIZE};
 use crate::show::text;
 use plotters::coord::Shift;
 use plotters::coord::cartesian::Cartesian2d;
+use plotters::coord::ranged1d::Ranged;
+use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use std::ops::Range;
 use std::sync::Once;
 
 /// The line and the dots of a series, in its colour.
-pub(super) fn draw_series<DB: DrawingBackend>(
-    chart: &mut ChartContext<'_, DB, Cartesian2d<Scale, Scale>>,
+pub(super) fn draw_series<DB: DrawingBackend, X: Ranged<ValueType = f64>>(
+    chart: &mut ChartContext<'_, DB, Cartesian2d<X, RangedCoordf64>>,
     index: usize,
     marker: Marker,
     points: &[(f64, f64)],
@@ -43,7 +44,6 @@ pub(super) fn dashed<DB: DrawingBackend>(
     Ok(())
 }
 
-/// Text of `size` pixels line height.
 pub(super) fn style(size: f32, colour: RGBColor) -> TextStyle<'static> {
     (FONT, size).into_font().color(&colour)
 }
@@ -61,25 +61,6 @@ pub(super) fn register_font() {
         // A font that does not parse shows up as an error when text is first measured.
         let _ = plotters::style::register_font(FONT, FontStyle::Normal, font);
     });
-}
-
-/// At most about [`MAX_POINTS`] of the points: of each run the lowest and the highest, so that no
-/// spike is lost. Points that do not ascend in x are a drawing of their own and stay as they are.
-pub(super) fn thinned(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
-    if points.len() <= MAX_POINTS || points.windows(2).any(|pair| pair[0].0 > pair[1].0) {
-        return points;
-    }
-    let run = points.len().div_ceil(MAX_POINTS / 2);
-    let mut kept = Vec::with_capacity(MAX_POINTS + 2);
-    kept.push(points[0]);
-    for chunk in points.chunks(run) {
-        let by_y = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);
-        if let (Some(&low), Some(&high)) = (chunk.iter().min_by(by_y), chunk.iter().max_by(by_y)) {
-            kept.extend(if low.0 <= high.0 { [low, high] } else { [high, low] });
-        }
-    }
-    kept.extend(points.last());
-    kept
 }
 
 /// Space between a point and its name, pixels.

@@ -1,33 +1,36 @@
 //! Line plots as PNG and SVG.
 
-mod backend;
 mod draw;
-mod scale;
 
 use super::text;
+use crate::data::names::count;
 use crate::data::pictures::rgb::Picture;
 use crate::system::output::write_atomic;
 use crate::system::printable;
 use anyhow::Context;
-use backend::PictureBackend;
 pub use draw::Label;
-use draw::{clean, dashed, draw_labels, draw_series, register_font, style, thinned};
+use draw::{clean, dashed, draw_labels, draw_series, register_font, style};
 use plotters::coord::Shift;
+use plotters::coord::ranged1d::{AsRangedCoord, ValueFormatter};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
-use scale::Scale;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 const WIDTH: usize = 1_100;
 const HEIGHT: usize = 720;
+const SIZE: (u32, u32) = (WIDTH as u32, HEIGHT as u32);
 const MARGIN: i32 = 18;
 const TITLE_SIZE: f32 = 28.0;
 const TEXT_SIZE: f32 = 20.0;
 const NOTE_SIZE: f32 = 17.0;
 /// Length of a key in the legend, pixels.
 const KEY: i32 = 34;
-/// Points a series keeps: more than two a pixel column only make the SVG heavy.
-const MAX_POINTS: usize = 2_000;
+/// About how many ticks an axis has.
+const TICKS: usize = 9;
+/// Values beyond this are taken as not finite: plotters' ticks are worked out in f64. On a logarithmic axis so are those below
+/// its inverse.
+const LARGEST: f64 = 1e15;
 /// Named by every SVG viewer; in the PNG the font that is compiled in.
 const FONT: &str = "sans-serif";
 const INK: RGBColor = RGBColor(30, 30, 30);
@@ -82,8 +85,6 @@ pub struct LinePlot {
     pub series: Vec<Series>,
     /// Logarithmic horizontal axis; points with x ≤ 0 are left out.
     pub log_x: bool,
-    /// Logarithmic vertical axis; points and references with y ≤ 0 are left out.
-    pub log_y: bool,
     /// Dashed horizontal lines; the axis always reaches them.
     pub references: Vec<Reference>,
     pub labels: Vec<Label>,
@@ -103,16 +104,16 @@ impl LinePlot {
 
     /// The plot as a picture of 1100 × 720 pixels.
     pub fn to_picture(&self) -> anyhow::Result<Picture> {
-        let mut picture = Picture::filled(WIDTH, HEIGHT, [1.0; 3]);
-        self.draw(PictureBackend::new(&mut picture).into_drawing_area())?;
-        Ok(picture)
+        let mut bytes = vec![0; 3 * WIDTH * HEIGHT];
+        self.draw(BitMapBackend::with_buffer(&mut bytes, SIZE).into_drawing_area())?;
+        let rgb = bytes.as_chunks().0.iter().map(|pixel: &[u8; 3]| pixel.map(|c| f32::from(c) / 255.0));
+        Picture::new(WIDTH, HEIGHT, rgb.collect())
     }
 
     /// The plot as the text of an SVG file of 1100 × 720 pixels.
     pub fn to_svg(&self) -> anyhow::Result<String> {
         let mut svg = String::new();
-        let size = (WIDTH as u32, HEIGHT as u32);
-        self.draw(SVGBackend::with_string(&mut svg, size).into_drawing_area())?;
+        self.draw(SVGBackend::with_string(&mut svg, SIZE).into_drawing_area())?;
         // In the markup itself there is none of what is escaped; in texts the library escapes what is markup.
         Ok(printable::lines(&svg).into_owned())
     }
@@ -131,15 +132,19 @@ impl LinePlot {
         Ok(paths)
     }
 
-    /// The drawable points of each series in axis coordinates, and how many points were left out.
+    /// Whether an axis can show the point.
+    fn has_place(&self, (x, y): (f64, f64)) -> bool {
+        x.abs() <= LARGEST && y.abs() <= LARGEST && (!self.log_x || x >= 1.0 / LARGEST)
+    }
+
+    /// The drawable points of each series, and how many points were left out.
     fn prepared(&self) -> (Vec<Vec<(f64, f64)>>, usize) {
         let mut left_out = 0;
         let prepare = |series: &Series| {
-            let place =
-                |&(x, y): &(f64, f64)| Some((scale::place(x, self.log_x)?, scale::place(y, self.log_y)?));
-            let points: Vec<(f64, f64)> = series.points.iter().filter_map(place).collect();
+            let mut points = series.points.clone();
+            points.retain(|&point| self.has_place(point));
             left_out += series.points.len() - points.len();
-            thinned(points)
+            points
         };
         (self.series.iter().map(prepare).collect(), left_out)
     }
@@ -153,63 +158,78 @@ impl LinePlot {
     }
 
     fn draw_on<DB: DrawingBackend>(&self, root: &DrawingArea<DB, Shift>) -> Drawn<DB> {
-        let (width, height) = (WIDTH as i32, HEIGHT as i32);
         root.fill(&WHITE)?;
         let (points, left_out) = self.prepared();
-        let references: Vec<(&Reference, f64)> =
-            self.references.iter().filter_map(|r| Some((r, scale::place(r.y, self.log_y)?))).collect();
-
+        let references: Vec<&Reference> =
+            self.references.iter().filter(|reference| reference.y.abs() <= LARGEST).collect();
         let top = self.draw_title(root)?;
         let bottom = self.draw_notes(root, left_out, top)?;
         let right = self.draw_legend(root, &references, (top + 8, bottom))?;
-
-        let all = || points.iter().flatten();
-        let x = Scale::new(all().map(|p| p.0), self.log_x, 9);
-        let reference_ys = references.iter().map(|&(_, y)| y);
-        let y = Scale::new(all().map(|p| p.1).chain(reference_ys), self.log_y, 9);
-        let label_width = y.labels().iter().map(|l| text::width(l, TEXT_SIZE)).max().unwrap_or(0) as u32;
         let area = root.clone().shrink((0, top), (right, bottom - top));
-        let mut chart = ChartBuilder::on(&area)
+        let (xs, ys) = (points.iter().flatten().map(|p| p.0), points.iter().flatten().map(|p| p.1));
+        let y = extent(ys.chain(references.iter().map(|reference| reference.y)));
+        match self.log_x {
+            true => {
+                let (range, ticks) = decades(xs);
+                let x = range.log_scale().with_key_points(ticks);
+                self.draw_chart(root, &area, (x, y), &points, &references)
+            }
+            false => self.draw_chart(root, &area, (extent(xs), y), &points, &references),
+        }
+    }
+
+    /// Draws axes and data on `area` of the whole drawing `root`.
+    fn draw_chart<DB: DrawingBackend, X: AsRangedCoord<Value = f64>>(
+        &self,
+        root: &DrawingArea<DB, Shift>,
+        area: &DrawingArea<DB, Shift>,
+        (x, y): (X, Range<f64>),
+        points: &[Vec<(f64, f64)>],
+        references: &[&Reference],
+    ) -> Drawn<DB>
+    where
+        X::CoordDescType: ValueFormatter<f64>,
+    {
+        let mut chart = ChartBuilder::on(area)
             .margin_left(MARGIN)
             .margin_right(MARGIN)
             .margin_top(10)
             .x_label_area_size(2 * TEXT_SIZE as u32 + 24)
-            .y_label_area_size(label_width + TEXT_SIZE as u32 + 26)
-            .build_cartesian_2d(x.clone(), y)?;
+            .y_label_area_size(3 * TEXT_SIZE as u32 + 26)
+            .build_cartesian_2d(x, y)?;
         chart
             .configure_mesh()
+            .x_labels(TICKS)
+            .y_labels(TICKS)
+            .max_light_lines(1)
+            .x_label_formatter(&tick_label)
+            .y_label_formatter(&tick_label)
             .bold_line_style(RGBColor(215, 215, 215))
-            .light_line_style(RGBColor(240, 240, 240))
             .axis_style(GREY)
             .label_style(style(TEXT_SIZE, INK))
             .axis_desc_style(style(TEXT_SIZE, INK))
             .x_desc(clean(&self.x_label))
             .y_desc(clean(&self.y_label))
             .draw()?;
-
-        let ends = x.range();
-        for (index, &(_, y)) in references.iter().enumerate() {
-            let place = |x| chart.plotting_area().map_coordinate(&(x, y));
-            let (start, end) = (place(ends.start), place(ends.end));
+        let (columns, rows) = chart.plotting_area().get_pixel_range();
+        for (index, reference) in references.iter().enumerate() {
             // The pixel coordinates are those of the whole drawing.
-            dashed(root, start, end.0, index)?;
+            let (_, y) = chart.plotting_area().map_coordinate(&(chart.x_range().start, reference.y));
+            dashed(root, (columns.start, y), columns.end, index)?;
         }
-        for (index, (series, points)) in self.series.iter().zip(&points).enumerate() {
+        for (index, (series, points)) in self.series.iter().zip(points).enumerate() {
             draw_series(&mut chart, index, series.marker, points)?;
         }
-        let placed = |at: (f64, f64)| {
-            let at = (scale::place(at.0, self.log_x)?, scale::place(at.1, self.log_y)?);
-            Some(chart.plotting_area().map_coordinate(&at))
-        };
-        let labels = self.labels.iter().filter_map(|l| Some((clean(&l.text), placed(l.at)?)));
-        draw_labels(root, &chart.plotting_area().get_pixel_range(), &labels.collect::<Vec<_>>())?;
+        let labels = self.labels.iter().filter(|label| self.has_place(label.at));
+        let placed =
+            labels.map(|label| (clean(&label.text), chart.plotting_area().map_coordinate(&label.at)));
+        let placed: Vec<_> = placed.collect();
+        let middle = ((columns.start + columns.end) / 2, (rows.start + rows.end) / 2);
+        draw_labels(root, &(columns, rows), &placed)?;
         if points.iter().all(Vec::is_empty) {
-            let (left, right) = chart.plotting_area().get_pixel_range();
-            let middle = ((left.start + left.end) / 2, (right.start + right.end) / 2);
             let centred = style(TITLE_SIZE, GREY).pos(Pos::new(HPos::Center, VPos::Center));
             root.draw_text("no data", &centred, middle)?;
         }
-        debug_assert!(right <= width && bottom <= height);
         Ok(())
     }
 
@@ -234,9 +254,8 @@ impl LinePlot {
         let mut lines: Vec<String> =
             self.notes.iter().flat_map(|note| text::wrap(note, NOTE_SIZE, widest)).collect();
         if left_out > 0 {
-            let log = if self.log_x || self.log_y { " or not above 0 on a logarithmic axis" } else { "" };
-            let points = if left_out == 1 { "1 point" } else { &format!("{left_out} points") };
-            lines.push(format!("Left out, as not finite{log}: {points}."));
+            let log = if self.log_x { " or not above 0 on a logarithmic axis" } else { "" };
+            lines.push(format!("Left out, as not finite{log}: {}.", count(left_out, "point")));
         }
         // Notes never take more than a third of the picture.
         let step = NOTE_SIZE as i32 + 3;
@@ -257,11 +276,11 @@ impl LinePlot {
     fn draw_legend<DB: DrawingBackend>(
         &self,
         root: &DrawingArea<DB, Shift>,
-        references: &[(&Reference, f64)],
+        references: &[&Reference],
         (top, bottom): (i32, i32),
     ) -> Drawn<DB, i32> {
         let named = self.series.iter().map(|s| s.name.as_str());
-        let labelled = references.iter().map(|(r, _)| r.label.as_str());
+        let labelled = references.iter().map(|r| r.label.as_str());
         let widest = WIDTH * 3 / 10 - KEY as usize;
         let entries: Vec<(usize, Vec<String>)> = named
             .chain(labelled)
@@ -287,7 +306,7 @@ impl LinePlot {
                 root.draw_text(&more, &style(TEXT_SIZE, GREY), (left + KEY + 8, y))?;
                 break;
             }
-            self.draw_key(root, *index, (left, y + step / 2))?;
+            self.draw_key(root, *index, (left, y + TEXT_SIZE as i32 / 2 - 1))?;
             for line in lines {
                 root.draw_text(line, &style(TEXT_SIZE, INK), (left + KEY + 8, y))?;
                 y += step;
@@ -315,6 +334,50 @@ impl LinePlot {
         }
         Ok(())
     }
+}
+
+/// The ends of a linear axis that holds all values, with some air.
+fn extent(values: impl Iterator<Item = f64>) -> Range<f64> {
+    let (low, high) = ends(values).unwrap_or((0.0, 1.0));
+    let largest = low.abs().max(high.abs());
+    let margin = match high - low > 1e-9 * largest {
+        true => 0.04 * (high - low),
+        false if largest == 0.0 => 0.5,
+        false => 0.1 * largest,
+    };
+    low - margin..high + margin
+}
+
+/// Range of a logarithmic axis and its ticks, which are at 1, 2 and 5 times powers of ten, or at powers of ten where those are
+/// too many; the range ends at the ticks around the values.
+fn decades(values: impl Iterator<Item = f64>) -> (Range<f64>, Vec<f64>) {
+    let (low, high) = ends(values).unwrap_or((1.0, 10.0));
+    let exponents = low.log10().floor() as i32..=high.log10().floor() as i32 + 1;
+    // Read as decimals: a power of ten by multiplication is not the nearest number.
+    let tick = |exponent: i32, digit: u8| format!("{digit}e{exponent}").parse::<f64>().ok();
+    let mut ticks: Vec<f64> = exponents
+        .clone()
+        .flat_map(|exponent| [1, 2, 5].into_iter().filter_map(move |d| tick(exponent, d)))
+        .collect();
+    ticks.retain(|&tick| 2.5 * tick > low && tick < 2.5 * high);
+    let range = ticks[0]..ticks[ticks.len() - 1];
+    if ticks.len() > TICKS {
+        let every = 1 + exponents.clone().count() / TICKS;
+        ticks = exponents.step_by(every).filter_map(|exponent| tick(exponent, 1)).collect();
+        ticks.retain(|tick| (range.start..=range.end).contains(tick));
+    }
+    (range, ticks)
+}
+
+/// A tick's value to ten digits: what is added up on the way to it leaves more.
+fn tick_label(value: &f64) -> String {
+    format!("{value:.9e}").parse().unwrap_or(*value).to_string()
+}
+
+fn ends(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
+    let wider = |(low, high): (f64, f64), value: f64| (low.min(value), high.max(value));
+    let ends = values.fold((f64::INFINITY, f64::NEG_INFINITY), wider);
+    (ends.0 <= ends.1).then_some(ends)
 }
 
 type Drawn<DB, T = ()> = Result<T, DrawingAreaErrorKind<<DB as DrawingBackend>::ErrorType>>;

@@ -42,7 +42,7 @@ fn odd_data_is_drawn_or_left_out() {
         for marker in [Marker::Line, Marker::Points, Marker::LineAndPoints] {
             for log in [false, true] {
                 let mut plot = plot_of(points.clone(), marker);
-                (plot.log_x, plot.log_y) = (log, log);
+                plot.log_x = log;
                 plot.references =
                     [0.0, -3.0, f64::NAN, 12.0].map(|y| Reference { label: String::new(), y }).to_vec();
                 assert_eq!(plot.to_picture().unwrap().rgb.len(), WIDTH * HEIGHT);
@@ -78,16 +78,19 @@ fn many_series_and_long_words_do_not_break_the_page() {
 }
 
 #[test]
-fn thinning_keeps_spikes_and_ends() {
-    let mut points: Vec<(f64, f64)> = (0..100_000).map(|i| (f64::from(i), 1.0)).collect();
-    points[77_777].1 = 9.0;
-    let kept = thinned(points.clone());
-    assert!(kept.len() <= MAX_POINTS + 2);
-    assert!(kept.contains(&(77_777.0, 9.0)));
-    assert_eq!((kept.first(), kept.last()), (points.first(), points.last()));
-    assert!(kept.windows(2).all(|pair| pair[0].0 <= pair[1].0));
-    points.swap(3, 90_000);
-    assert_eq!(thinned(points.clone()).len(), points.len());
+fn logarithmic_axes_have_ticks_around_their_values() {
+    for (values, expected) in [
+        (vec![0.0034, 0.021], (0.002..0.05, vec![0.002, 0.005, 0.01, 0.02, 0.05])),
+        (vec![3.0], (2.0..5.0, vec![2.0, 5.0])),
+        (vec![1e-3, 0.9], (1e-3..2.0, vec![1e-3, 1e-2, 0.1, 1.0])),
+    ] {
+        assert_eq!(decades(values.iter().copied()), expected);
+    }
+    for exponent in -15..=15 {
+        let (range, ticks) = decades([10f64.powi(exponent)].into_iter());
+        assert!(range.start < range.end && ticks.len() >= 2, "{exponent}: {range:?}, {ticks:?}");
+    }
+    assert_eq!(tick_label(&(0.1 + 0.2)), "0.3");
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! The report of a fit: summary, curve, snapshots, validation views.
 
-use crate::data::names::FileNames;
+use crate::data::names::{FileNames, count};
 use crate::data::pictures::colour;
 use crate::data::pictures::rgb::Picture;
 use crate::data::{Dataset, Report};
@@ -18,7 +18,6 @@ use crate::train::CurvePoint;
 use anyhow::Context;
 use std::path::Path;
 
-/// Writes summary, settings, curve, plot and validation pictures.
 pub fn write(
     folder: &Path,
     outcome: &Outcome,
@@ -63,7 +62,6 @@ pub fn write_curve(folder: &Path, outcome: &Outcome) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Training and validation PSNR over `x`.
 fn plot(outcome: &Outcome, x_label: &str, x: impl Fn(&CurvePoint) -> f64) -> LinePlot {
     let series = |name: String, marker, y: &dyn Fn(&CurvePoint) -> Option<f64>| {
         let points = outcome.curve.iter().filter_map(|point| Some((x(point), y(point)?))).collect();
@@ -134,9 +132,4 @@ fn write_moved(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> anyhow::R
         picture.write_png(moved_folder.join(format!("{}.png", names.at(moved.view))))?;
     }
     Ok(())
-}
-
-/// `1 view`, `2 views`.
-pub fn count(n: usize, what: &str) -> String {
-    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
 }

@@ -7,6 +7,7 @@ use crate::show::plot::{LinePlot, Marker, Series};
 use crate::show::table::Table;
 use crate::system::output::write_atomic;
 use crate::system::printable::markdown as markdown_text;
+use clap::ValueEnum;
 use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 use std::fmt::Write as _;
@@ -38,7 +39,7 @@ pub fn write_report(folder: &Folder) -> anyhow::Result<Vec<Record>> {
 
 /// The settings with more than one value.
 fn varied(records: &[Record]) -> Vec<Knob> {
-    Knob::ALL.into_iter().filter(|&knob| values(records, knob).len() > 1).collect()
+    Knob::value_variants().iter().copied().filter(|&knob| values(records, knob).len() > 1).collect()
 }
 
 fn values(records: &[Record], knob: Knob) -> Vec<f64> {

@@ -29,17 +29,15 @@ const LISTING_BYTES: usize = 1 << 20;
 /// What is kept of ffmpeg's messages, bytes: the last ones say why it failed.
 const KEPT_BYTES: usize = 8 << 10;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Encoder {
-    X264,
-    Mpeg4,
-}
+/// The encoders, as ffmpeg's arguments.
+const X264: [&str; 4] = ["-c:v", "libx264", "-crf", "16"];
+const MPEG4: [&str; 4] = ["-c:v", "mpeg4", "-q:v", "2"];
 
 /// An ffmpeg that runs on this machine and has an encoder for MP4s.
 #[derive(Clone, Debug)]
 pub struct Ffmpeg {
     program: PathBuf,
-    encoder: Encoder,
+    encoder: [&'static str; 4],
     /// How long it may take nothing and write nothing.
     patience: Duration,
 }
@@ -79,8 +77,8 @@ impl Ffmpeg {
         // " V....D libx264    libx264 H.264 / AVC …"
         let has = |name| text.lines().any(|line| line.split_whitespace().nth(1) == Some(name));
         let encoder = match (has("libx264"), has("mpeg4")) {
-            (true, _) => Encoder::X264,
-            (false, true) => Encoder::Mpeg4,
+            (true, _) => X264,
+            (false, true) => MPEG4,
             (false, false) => {
                 bail!("`{}`: expected the encoder libx264 or mpeg4, found neither", program.display())
             }
@@ -129,10 +127,7 @@ impl Mp4Writer {
         command.arg("-r").arg(fps.to_string()).args(["-i", "-"]);
         command.args(["-vf", "scale=out_color_matrix=bt709:out_range=tv:flags=accurate_rnd+full_chroma_int"]);
         command.args(["-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709"]);
-        command.args(match ffmpeg.encoder {
-            Encoder::X264 => ["-c:v", "libx264", "-crf", "16"],
-            Encoder::Mpeg4 => ["-c:v", "mpeg4", "-q:v", "2"],
-        });
+        command.args(ffmpeg.encoder);
         command.arg("-metadata").arg(format!("comment={MARK}"));
         command.args(["-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4"]);
         // `file:` keeps a name with a colon or a leading dash a name.

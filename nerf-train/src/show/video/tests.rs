@@ -43,7 +43,7 @@ fn every_size_becomes_a_video_or_an_error() {
         return;
     }
     let ffmpeg = Ffmpeg::find(None).unwrap();
-    for encoder in [Encoder::X264, Encoder::Mpeg4] {
+    for encoder in [X264, MPEG4] {
         let ffmpeg = Ffmpeg { encoder, ..ffmpeg.clone() };
         let folder = tempfile::tempdir().unwrap();
         for (width, height, frames) in [(16, 16, 5), (17, 9, 3), (1, 1, 1)] {

@@ -38,7 +38,6 @@ pub enum Existing {
     Refuse(&'static str),
 }
 
-/// What a command reads and writes.
 #[derive(Debug, Default)]
 pub struct Claims {
     inputs: HashMap<Identity, Input>,
@@ -97,30 +96,23 @@ pub fn is_device(path: &Path) -> bool {
 }
 
 impl Claims {
-    pub fn new() -> Self {
-        Self::default()
-    }
-
-    /// Reads a file, or a folder with all that is in it; `what` names it in errors. One that is missing is no matter
-    /// here: whoever reads it says so.
-    pub fn reads(mut self, what: &str, path: &Path) -> Self {
-        if let Some(identity) = Identity::of(path) {
+    /// Reads a file, or a folder with all that is in it, if there is one; `what` names it in errors. One that is missing
+    /// is no matter here: whoever reads it says so.
+    pub fn reads<'p, P: AsRef<Path> + ?Sized + 'p>(
+        mut self,
+        what: &str,
+        path: impl Into<Option<&'p P>>,
+    ) -> Self {
+        let path = path.into().map(P::as_ref);
+        if let Some((path, identity)) = path.and_then(|path| Some((path, Identity::of(path)?))) {
             let shown = format!("{what} {}", path.display());
             self.inputs.entry(identity).or_insert(Input { shown, is_folder: path.is_dir() });
         }
         self
     }
 
-    /// As [`reads`](Self::reads), where a flag was given.
-    pub fn reads_if(self, what: &str, path: Option<&Path>) -> Self {
-        match path {
-            Some(path) => self.reads(what, path),
-            None => self,
-        }
-    }
-
     pub fn writes(self, flag: &str, path: &Path) -> Self {
-        self.output(flag, path, Kind::File(Existing::Replace))
+        self.derives(flag, path, Existing::Replace)
     }
 
     /// Writes a file whose name follows from another one's.
@@ -128,15 +120,14 @@ impl Claims {
         self.output(what, path, Kind::File(existing))
     }
 
-    /// Writes a report into the folder that `flag` names.
-    pub fn writes_folder(self, flag: &str, folder: &Path) -> Self {
-        self.output(flag, folder, Kind::Results)
-    }
-
-    /// As [`writes_folder`](Self::writes_folder), where the flag was given.
-    pub fn writes_folder_if(self, flag: &str, folder: Option<&Path>) -> Self {
-        match folder {
-            Some(folder) => self.writes_folder(flag, folder),
+    /// Writes a report into the folder that `flag` names, if it was given.
+    pub fn writes_folder<'p, P: AsRef<Path> + ?Sized + 'p>(
+        self,
+        flag: &str,
+        folder: impl Into<Option<&'p P>>,
+    ) -> Self {
+        match folder.into() {
+            Some(folder) => self.output(flag, folder.as_ref(), Kind::Results),
             None => self,
         }
     }

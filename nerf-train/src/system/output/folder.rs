@@ -1,6 +1,6 @@
 //! Folders that are there whole or not at all.
 
-use super::{Attempt, Listed, OutputError, ensure_folder, folder_of, sync_folder, temporaries};
+use super::{Attempt, Listed, OutputError, ensure_folder, folder_of, hidden, sync_folder, temporaries};
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 use tempfile::TempDir;
@@ -26,15 +26,8 @@ impl AtomicFolder {
         let fail = |source| OutputError::new(Attempt::CreateFolder, path, source);
         check_free(path).map_err(fail)?;
         ensure_folder(folder_of(path))?;
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(".nerf-").suffix(".tmp");
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            builder.permissions(fs::Permissions::from_mode(0o777));
-        }
         let mut listed = temporaries();
-        let temporary = builder.tempdir_in(folder_of(path)).map_err(fail)?;
+        let temporary = hidden(0o777).tempdir_in(folder_of(path)).map_err(fail)?;
         let place = temporary.path().to_owned();
         listed.insert(place.clone());
         Ok(Self { temporary, _listed: Listed(place), target: path.to_owned() })

@@ -21,7 +21,6 @@ use tempfile::NamedTempFile;
 /// A large buffer: pictures and blobs are written in small pieces.
 const BUFFER_BYTES: usize = 1 << 16;
 
-/// What was tried when an output failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Attempt {
@@ -65,7 +64,6 @@ impl OutputError {
     }
 }
 
-/// Where the bytes go until the commit.
 #[derive(Debug)]
 enum Sink {
     /// A hidden file in the target's folder, which is listed as long as it is there.
@@ -151,7 +149,6 @@ impl AtomicFile {
         }
     }
 
-    /// The final name, as the caller gave it.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -303,19 +300,20 @@ fn remove_folder(path: &Path) {
     }
 }
 
-/// A hidden temporary with the permissions of an ordinary new file (tempfile's own default is 0600).
-fn new_temporary(folder: &Path) -> io::Result<(NamedTempFile, Listed)> {
+/// Makes hidden temporaries with the permissions of what is ordinary and new (tempfile's own defaults are narrower).
+fn hidden(#[cfg_attr(not(unix), expect(unused))] mode: u32) -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
     // A fixed short prefix: the target's name may already be as long as the file system allows.
     builder.prefix(".nerf-").suffix(".tmp");
     #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(fs::Permissions::from_mode(0o666));
-    }
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(mode));
+    builder
+}
+
+fn new_temporary(folder: &Path) -> io::Result<(NamedTempFile, Listed)> {
     // tempfile appends the path of its temporary; the name that the caller gave is what counts.
     let mut listed = temporaries();
-    let temporary = builder.tempfile_in(folder).map_err(|error| {
+    let temporary = hidden(0o666).tempfile_in(folder).map_err(|error| {
         let message = error.to_string();
         let reason = message.split(" at path ").next().unwrap_or(&message);
         io::Error::new(error.kind(), reason.to_owned())

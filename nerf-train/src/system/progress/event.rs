@@ -34,7 +34,6 @@ pub enum Event<'a> {
 }
 
 impl Event<'_> {
-    /// The JSON, without a line end.
     pub fn line(&self) -> String {
         // Strings and numbers alone: nothing that could fail.
         let json = serde_json::to_string(self).unwrap_or_default();

@@ -7,7 +7,7 @@ mod event;
 
 use crate::system::printable;
 use event::Event;
-use indicatif::{ProgressBar, ProgressDrawTarget};
+use indicatif::{HumanCount, ProgressBar, ProgressDrawTarget};
 use std::fmt::Write as _;
 use std::io::{IsTerminal, Write};
 use std::sync::{Mutex, PoisonError};
@@ -91,6 +91,11 @@ impl Progress {
         Self { what: what.into(), total, started: Instant::now(), first: 0, display }
     }
 
+    /// Of work of so many steps.
+    pub fn steps(what: impl Into<String>, total: usize, style: ProgressStyle) -> Self {
+        Self::new(what, Total::Steps(total as u64), style)
+    }
+
     /// For work that resumes at `position`: the estimate counts only what this run does.
     pub fn resume_at(mut self, position: u64) -> Self {
         self.first = position;
@@ -122,6 +127,11 @@ impl Progress {
             Display::Lines { json: true, .. } => print_line(&self.event(position, elapsed, message).line()),
             _ => print_line(&self.describe(position, elapsed, message)),
         }
+    }
+
+    /// As [`update`](Self::update), where nothing else is known.
+    pub fn reach(&mut self, position: usize) {
+        self.update(position as u64, &Message::default());
     }
 
     /// Prints a line of its own above the bar; nothing when quiet.
@@ -158,10 +168,6 @@ impl Progress {
             Display::Lines { .. } => print_line(&text),
             Display::Quiet => {}
         }
-    }
-
-    pub fn elapsed(&self) -> Duration {
-        self.started.elapsed()
     }
 
     /// The share of the work that is done, in [0, 1]: the larger of steps and time, as either ends it.
@@ -232,10 +238,10 @@ impl Progress {
 
     /// How far the work is, in steps and time: "train 1,250/5,000 · 0:41, 2:03 left".
     fn standing(&self, position: u64, elapsed: Duration) -> String {
-        let mut text = format!("{} {}", self.what, grouped(position));
+        let mut text = format!("{} {}", self.what, HumanCount(position));
         // Writing into a String cannot fail.
         if let Total::Steps(total) | Total::StepsOrTime(total, _) = self.total {
-            let _ = write!(text, "/{}", grouped(total));
+            let _ = write!(text, "/{}", HumanCount(total));
         }
         let _ = write!(text, " · {}", in_words(elapsed));
         if let Some(left) = self.remaining(position, elapsed) {
@@ -315,19 +321,6 @@ fn print_line(line: &str) {
 fn print_lines(lines: &str) {
     // eprintln! would panic where stderr is closed.
     let _ = writeln!(std::io::stderr(), "{}", printable::lines(lines));
-}
-
-/// 1234567 as "1,234,567".
-fn grouped(number: u64) -> String {
-    let digits = number.to_string();
-    let mut text = String::new();
-    for (i, digit) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i).is_multiple_of(3) {
-            text.push(',');
-        }
-        text.push(digit);
-    }
-    text
 }
 
 /// 31,400 as "31.4 k", 2,500,000 as "2.50 M": three digits.

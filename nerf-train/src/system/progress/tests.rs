@@ -91,7 +91,7 @@ fn a_run_ends_where_its_last_update_was_in_every_style() {
         let mut progress = Progress::new("render", Total::Steps(3), style);
         (0..=3).for_each(|i| progress.update(i, &Message::default()));
         progress.println("half way");
-        assert_eq!(progress.share(3, progress.elapsed()), Some(1.0), "{style:?}");
+        assert_eq!(progress.share(3, progress.started.elapsed()), Some(1.0), "{style:?}");
         assert_eq!(matches!(progress.display, Display::Quiet), style == ProgressStyle::Quiet, "{style:?}");
     }
     let hidden = ProgressBar::with_draw_target(Some(1), ProgressDrawTarget::hidden());
@@ -106,7 +106,6 @@ fn a_run_ends_where_its_last_update_was_in_every_style() {
 
 #[test]
 fn numbers_and_times_read_well() {
-    assert_eq!([0, 999, 1_000, 1_234_567].map(grouped), ["0", "999", "1,000", "1,234,567"]);
     assert_eq!([3.0, 99.96, 31_400.0, 2.5e6, 7e9].map(scaled), ["3.00", "100", "31.4 k", "2.50 M", "7.00 G"]);
     assert_eq!([7, 761, 11_109].map(|s| in_words(seconds(s))), ["0:07", "12:41", "3:05:09"]);
 }

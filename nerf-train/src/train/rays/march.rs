@@ -70,7 +70,6 @@ impl MarchCells {
     }
 }
 
-/// Bits of the cells along one ray.
 struct Lookup<'a> {
     bits: &'a [u8],
     resolution: [u32; 3],

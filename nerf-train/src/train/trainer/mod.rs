@@ -198,7 +198,6 @@ impl<'d> Trainer<'d> {
         }
     }
 
-    /// Everything needed to go on after `seconds`.
     pub fn checkpoint(&self, seconds: f64) -> Checkpoint {
         Checkpoint {
             config: settings(&self.config),
@@ -262,7 +261,6 @@ impl<'d> Trainer<'d> {
         self.moving.as_ref().map_or_else(Vec::new, |moving| moving.found(&self.dataset.train))
     }
 
-    /// Whether any training photograph has masked pixels.
     pub fn has_moved(&self) -> bool {
         self.moving.as_ref().is_some_and(Moving::is_found)
     }
@@ -326,7 +324,6 @@ impl<'d> Trainer<'d> {
         self.model.parameters()
     }
 
-    /// Smoothed PSNR of the rays trained on, dB.
     pub fn train_psnr_db(&self) -> f64 {
         crate::train::psnr_db_of_mse(self.progressed.mse)
     }

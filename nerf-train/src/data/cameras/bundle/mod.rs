@@ -53,7 +53,6 @@ pub(crate) struct Photograph {
 }
 
 impl Photograph {
-    /// Where it was taken.
     pub(crate) fn centre(&self) -> DVec3 {
         -(self.rotation.inverse() * self.translation)
     }

@@ -11,8 +11,8 @@ use crate::data::names::listed;
 use crate::data::pictures::found::Found;
 use crate::data::pictures::photo::{Fence, Loaded, Photo, Source};
 use crate::data::{
-    Axes, Cameras, Dataset, DatasetError, Format, KeyPoint, ReadOptions, SparsePoint, Watch, scene_name,
-    with_shared_cameras,
+    Axes, Cameras, Dataset, DatasetError, Format, KeyPoint, ReadOptions, SHARED, SparsePoint, Watch,
+    scene_name,
 };
 use glam::{DMat3, DQuat, DVec3};
 use model::Camera;
@@ -43,7 +43,6 @@ struct Model {
     images: Vec<Registered>,
 }
 
-/// Whether a model's files are binary, or text.
 #[derive(Clone, Copy, PartialEq)]
 enum Encoding {
     Binary,
@@ -136,7 +135,7 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
         notes,
         warnings,
         ..Dataset::empty(
-            if shared { with_shared_cameras(scene_name(root)) } else { scene_name(root) },
+            if shared { scene_name(root) + SHARED } else { scene_name(root) },
             Format::Colmap,
             axes,
         )
@@ -144,7 +143,6 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     .counted_from(origin))
 }
 
-/// The models that its cameras are of.
 fn kinds(cameras: &HashMap<u32, Camera>) -> String {
     let mut names: Vec<&str> = cameras.values().map(Camera::name).collect();
     names.sort_unstable();

@@ -11,7 +11,6 @@ use std::path::{Path, PathBuf};
 /// Longest line that is read, bytes: a photograph of a million points has a third of it.
 const MAX_LINE: u64 = 256 << 20;
 
-/// A file being read, line by line.
 struct Lines {
     file: PathBuf,
     stream: BufReader<std::fs::File>,
@@ -104,7 +103,6 @@ impl Lines {
     }
 }
 
-/// The number of photographs in an images.txt.
 pub(crate) fn count(file: &Path) -> Result<u64, DatasetError> {
     images(file).map(|images| images.len() as u64)
 }

@@ -248,25 +248,9 @@ struct Folder<'a> {
 impl CameraFields {
     /// These fields where they are given, `shared` elsewhere.
     fn over(&self, shared: &Self) -> Self {
-        Self {
-            camera_model: self.camera_model.clone().or(shared.camera_model.clone()),
-            is_fisheye: self.is_fisheye.or(shared.is_fisheye),
-            camera_angle_x: self.camera_angle_x.or(shared.camera_angle_x),
-            camera_angle_y: self.camera_angle_y.or(shared.camera_angle_y),
-            fl_x: self.fl_x.or(shared.fl_x),
-            fl_y: self.fl_y.or(shared.fl_y),
-            cx: self.cx.or(shared.cx),
-            cy: self.cy.or(shared.cy),
-            w: self.w.or(shared.w),
-            h: self.h.or(shared.h),
-            k1: self.k1.or(shared.k1),
-            k2: self.k2.or(shared.k2),
-            k3: self.k3.or(shared.k3),
-            k4: self.k4.or(shared.k4),
-            k5: self.k5.or(shared.k5),
-            k6: self.k6.or(shared.k6),
-            p1: self.p1.or(shared.p1),
-            p2: self.p2.or(shared.p2),
+        macro_rules! first {
+            ($($field:ident)*) => { Self { $($field: Clone::clone(&self.$field).or(Clone::clone(&shared.$field)),)* } };
         }
+        first!(camera_model is_fisheye camera_angle_x camera_angle_y fl_x fl_y cx cy w h k1 k2 k3 k4 k5 k6 p1 p2)
     }
 }

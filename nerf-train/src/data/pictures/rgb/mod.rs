@@ -128,7 +128,6 @@ impl Picture {
         self.rgb.iter().flatten().map(|&value| to_u8(value)).collect()
     }
 
-    /// The bytes of an 8-bit RGB PNG.
     pub fn to_png(&self) -> anyhow::Result<Vec<u8>> {
         check_length("a picture", self.width, self.height, self.rgb.len())?;
         encode_png(&self.to_rgb8(), self.width, self.height, (ColorType::Rgb, BitDepth::Eight))

@@ -3,8 +3,11 @@
 //! Adam costs as much for a small gradient as for a large one, and a hashed level has most of a grid's entries: they move
 //! in turns, each at every `hashed_every`th step by the sum of its gradients, which Adam takes as it takes a mean. Dense
 //! levels move at every step.
+//!
+//! Weight decay is decoupled (Loshchilov & Hutter 2019), and of the colour branch alone, whose colours fit the photographs'
+//! directions too closely without it.
 
-use crate::model::engine::Adam;
+use crate::model::engine::{Adam, Model, Part};
 use nerf_core::encoding::GridLevel;
 use nerf_core::simd::{Isa, Lanes, Op};
 
@@ -45,6 +48,16 @@ impl AdamStep {
         gradient: &[f32],
     ) {
         isa.run(Apply { step: *self, values, moment1, moment2, gradient });
+    }
+}
+
+/// Weight decay of the colour branch for a step at learning rate `rate`; `parameters` in the model's own order.
+pub(super) fn decay_weights(adam: &Adam, rate: f64, model: &Model, parameters: &mut [f32]) {
+    let kept = (1.0 - rate * adam.weight_decay) as f32;
+    for layer in model.layers() {
+        if matches!(layer.part, Part::Colour(_) | Part::Rgb) {
+            parameters[layer.weights..layer.bias].iter_mut().for_each(|weight| *weight *= kept);
+        }
     }
 }
 

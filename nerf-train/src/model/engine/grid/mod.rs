@@ -42,7 +42,7 @@ use super::{
     check_rate,
 };
 use crate::model::quantise::{Rounding, scales};
-use adam::{AdamStep, moves, waiting_entries};
+use adam::{AdamStep, decay_weights, moves, waiting_entries};
 use layers::{LayerSums, Layers};
 use nerf_core::encoding::{GridEncoding, GridLevel, GridTables, TableValues};
 use nerf_core::network::{DensityActivation, Shading};
@@ -224,6 +224,7 @@ impl Engine for GridEngine {
         let (values, tables) = self.parameters.split_at_mut(dense);
         let (moment1, table_moment1) = self.moment1.split_at_mut(dense);
         let (moment2, table_moment2) = self.moment2.split_at_mut(dense);
+        decay_weights(&self.adam, rate, &self.model, values);
         step.apply(self.isa, values, moment1, moment2, &self.gradient);
         let features = usize::from(self.grid.features);
         let mut rest = (tables, table_moment1, table_moment2, &mut self.halves[..]);

@@ -2,8 +2,7 @@
 
 use super::evaluate::Evaluated;
 use super::layers::{LayerSums, Layers, padded};
-use super::rays::distortion_gradient;
-use super::rays::{RaySamples, RayScratch};
+use super::rays::{RaySamples, RayScratch, distortion_gradient};
 use super::samples::Samples;
 use super::scatter::Kept;
 use super::shade::{Shade, Shaded};

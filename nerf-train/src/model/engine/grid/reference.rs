@@ -7,7 +7,7 @@
 mod forward;
 mod terms;
 
-use super::adam::{moves, waiting_entries};
+use super::adam::{decay_weights, moves, waiting_entries};
 use super::kept::KeptSamples;
 use super::{check_plain, check_state, gain_sums};
 use crate::model::engine::chunk::{Chunk, cut};
@@ -242,6 +242,7 @@ impl GridReferenceEngine {
         let step = self.state.steps + 1;
         let (features, mut first) = (usize::from(self.grid.features), 0);
         let tables = self.model.layer_parameters();
+        decay_weights(&self.adam, rate, &self.model, &mut self.state.parameters);
         self.move_values(0..tables, &gradients, step, rate)?;
         for level in self.grid.clone().levels() {
             let values = tables + level.first * features..tables + (level.first + level.entries) * features;

@@ -251,7 +251,6 @@ impl Op for OfSamples<'_> {
     }
 }
 
-/// `a · (b − c)`.
 #[inline(always)]
 fn dot<V: Lanes>(a: &[f32], b: &[f32], c: &[f32]) -> f32 {
     let mut sum = V::splat(0.0);

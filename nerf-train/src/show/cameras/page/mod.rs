@@ -20,7 +20,6 @@ const SELF_TEST: &str = include_str!("selftest.js");
 
 /// Steps between near and far in which the page keeps distances: finer than a pixel.
 const STEPS: f32 = 65_535.0;
-/// Colours of the map that the page gets.
 const COLOURS: usize = 64;
 const DISTANCE_MAP: ColourMap = ColourMap::Viridis;
 const AXES: [(&str, [f32; 3]); 3] =

@@ -152,3 +152,8 @@ fn pages_hold_pictures_and_names() {
     assert!(!page.contains("<b>&") && page.contains("<title>&lt;b&gt;&amp;&quot;"));
     assert!(!page.contains("{{") && page.matches("data:image/jpeg;base64,").count() == 6);
 }
+
+#[test]
+fn numbers_are_short() {
+    assert_eq!([short(2.0), short(1.23456), short(-0.5), short(10.0)], ["2", "1.235", "-0.5", "10"]);
+}

@@ -50,7 +50,6 @@ impl Findings<'_, '_, '_> {
         }
     }
 
-    /// The fronts over time and over work.
     fn fronts(&self, line: Line<'_>) {
         line(format_args!("![front](front.png)"));
         line(format_args!(
@@ -68,7 +67,6 @@ impl Findings<'_, '_, '_> {
         line(format_args!("![both ends of the front](ends.png)"));
     }
 
-    /// Every point by its knob.
     fn rows(&self, line: Line<'_>) {
         let study = self.study;
         for (knob, entry) in KNOBS.iter().enumerate() {
@@ -97,7 +95,7 @@ impl Findings<'_, '_, '_> {
         line(format_args!(
             "- *exact*: every sample inside the scene box{}, no cuts, polynomial encoding, f32 on {}. Against the \
              portable oracle it differs by at most {:.1e} in a square of 16 pixels in the middle of {}.",
-            if study.lab.occupancy_required() {
+            if study.lab.scene().occupancy_required {
                 " and its occupancy grid, which is part of the model"
             } else {
                 ""

@@ -61,7 +61,6 @@ pub fn write(findings: &Findings<'_, '_, '_>, folder: &Path) -> anyhow::Result<(
     Ok(())
 }
 
-/// The largest channel's difference in colours.
 fn difference(a: &[[f32; 3]], b: &[[f32; 3]]) -> Vec<[f32; 3]> {
     let largest = |(a, b): (&[f32; 3], &[f32; 3])| {
         (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, |most, d| if d > most || d.is_nan() { d } else { most })

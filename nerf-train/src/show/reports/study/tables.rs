@@ -67,25 +67,9 @@ impl Findings<'_, '_, '_> {
     }
 
     pub fn short_table(&self, which: &[usize]) -> Table {
-        let columns = [
-            "#",
-            "settings",
-            "PSNR, dB",
-            "lost, dB",
-            "SSIM",
-            "to exact, dB",
-            "max error",
-            "ray distance error",
-            "s a view",
-            "min – max",
-            "times faster",
-            "MACs",
-            "density/ray",
-            "colour/ray",
-            "workspace, KiB",
-            "file, KiB",
-        ];
-        let mut table = Table::new(columns);
+        const COLUMNS: &str = "# | settings | PSNR, dB | lost, dB | SSIM | to exact, dB | max error | ray distance error | s a view | \
+             min – max | times faster | MACs | density/ray | colour/ray | workspace, KiB | file, KiB";
+        let mut table = Table::new(COLUMNS.split(" | "));
         for &i in which {
             let (point, t) = (&self.study.points[i], &self.totals[i]);
             let seconds = point.seconds(self.study.effort.clock);

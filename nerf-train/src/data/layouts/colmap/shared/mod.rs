@@ -71,7 +71,7 @@ pub(super) fn settle(
         Some(kept) if is_kept => format!("read from {}", kept.display()),
         _ => format!("in {:.1} s", spent.as_secs_f64()),
     };
-    if let Some(kept) = kept.filter(|_| options.to_fit && !is_kept) {
+    if let Some(kept) = kept.filter(|_| !options.to_measure && !is_kept) {
         shared.write(kept)?;
     }
     found.notes.push(format!("{} ({how}; --cameras own keeps them)", shared.in_words()));

@@ -790,6 +790,27 @@ fn hashed_levels_move_in_turns_by_the_sum_of_their_gradients() {
 }
 
 #[test]
+fn weight_decay_shrinks_the_colour_branch_alone() {
+    let (_, model) = &models()[1];
+    let decayed = |weight_decay| {
+        let mut engine = engine(model, Adam { weight_decay, ..Adam::default() }, 1);
+        let before = engine.state().parameters;
+        engine.step(&batch_of(60, 1), 1e-2).unwrap();
+        (before, engine.state().parameters)
+    };
+    let ((before, without), (_, with)) = (decayed(0.0), decayed(0.5));
+    for layer in model.layers() {
+        let is_colour = matches!(layer.part, Part::Colour(_) | Part::Rgb);
+        for i in layer.weights..layer.bias {
+            let expected = if is_colour { without[i] - 1e-2 * 0.5 * before[i] } else { without[i] };
+            assert!((with[i] - expected).abs() <= 1e-6 * before[i].abs(), "{:?}: {i}", layer.part);
+        }
+    }
+    let tables = model.layer_parameters();
+    assert_eq!(bits(&without[tables..]), bits(&with[tables..]));
+}
+
+#[test]
 fn resuming_gives_the_bits_of_not_stopping() {
     let (_, model) = &models()[1];
     let batches: Vec<_> = (0..6).map(|seed| batch_of(60, seed)).collect();
