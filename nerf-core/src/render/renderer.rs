@@ -220,7 +220,7 @@ impl<'a> Renderer<'a> {
     /// ([`Counters::invalid_samples`]).
     ///
     /// # Errors
-    /// [`RenderError`] on a scene, a size of 0 or beyond [`MAX_RENDER_SIDE`], a rectangle outside
+    /// [`RenderError`] on a scene, a size of 0 or beyond [`MAX_RENDER_SIDE`](super::MAX_RENDER_SIDE), a rectangle outside
     /// `size`, a batch that no [`Plan`](crate::plan::Plan) would take and on too little workspace;
     /// nothing has been written then.
     pub fn render_picture(

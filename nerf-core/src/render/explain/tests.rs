@@ -33,7 +33,7 @@ fn an_explanation_says_what_is_off_and_why() {
     let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap();
     let plan = |quality, outputs| Plan::new(&blob, &quality, outputs, Batch::SMALLEST).unwrap();
     let switch = |plan: &Plan<'_>, name| {
-        renderer.explain(&plan).stages().into_iter().find(|stage| stage.name == name).unwrap().switch
+        renderer.explain(plan).stages().into_iter().find(|stage| stage.name == name).unwrap().switch
     };
     let (median_distance, normals) = (cfg!(feature = "median"), cfg!(feature = "normals"));
     let full = plan(Quality::default(), Outputs { median_distance, normals, ..Outputs::ALL });

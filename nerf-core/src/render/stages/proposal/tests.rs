@@ -240,7 +240,10 @@ fn counters_add_up() {
         let macs = coarse_architecture().density_macs() as u64;
         assert_eq!(shares.proposal, c.proposal_evaluations * macs);
         assert_eq!(shares.proposal + shares.direction + shares.density + shares.colour, c.macs);
-        assert!(shares.direction > 0 && shares.direction % renderer.network().direction_macs() as u64 == 0);
+        assert!(
+            shares.direction > 0
+                && shares.direction.is_multiple_of(renderer.network().direction_macs() as u64)
+        );
     }
 }
 
