@@ -1,4 +1,4 @@
-//! Whether a frame takes the time that was asked for: `Renderer::pace`, `Quality::within_time`, and a clock.
+//! Whether a frame takes the time that was asked for: `Pace::measure`, `Pace::within`, and a clock.
 //!
 //! `NERF_BENCH_BLOB=scene.nerf` takes a scene whose front a study measured (`nerf-train study -o`),
 //! `NERF_BENCH_SIDE=200` another number of pixels. One thread, AVX-512 or what the machine has.
@@ -7,6 +7,7 @@ mod support;
 
 use nerf_core::Kernel;
 use nerf_core::memory::Line;
+use nerf_core::render::Pace;
 use nerf_core::{Batch, Blob, Camera, Outputs, Pixel, Plan, Quality, Rect, Renderer};
 use std::hint::black_box;
 use std::time::Instant;
@@ -32,11 +33,13 @@ fn main() {
     let batch = Batch::FULL;
     let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, batch).expect("a plan");
     let camera = networks::camera(side);
-    let mut workspace = vec![Line::UNINIT; renderer.pace_lines(&plan).max(renderer.workspace_lines(&plan))];
+    let mut workspace =
+        vec![Line::UNINIT; Pace::lines(&renderer, &plan).max(renderer.workspace_lines(&plan))];
     let start = Instant::now();
     let mut clock = || start.elapsed().as_micros() as u64;
     let limit = if smoke { 0.0 } else { f32::INFINITY };
-    let pace = renderer.pace(&plan, &camera, limit, &mut workspace, &mut clock).expect("enough memory");
+    let pace =
+        Pace::measure(&renderer, &plan, &camera, limit, &mut workspace, &mut clock).expect("enough memory");
     println!(
         "calibration: {:.0} ms, {} pixels, {}",
         start.elapsed().as_secs_f64() * 1e3,
@@ -51,7 +54,7 @@ fn main() {
             continue;
         }
         // Exactly what the point takes: the dearest that is within.
-        let (chosen, _) = Quality::within_time(&blob, foreseen, &pace).expect("a point within its own time");
+        let (chosen, _) = pace.within(&blob, foreseen).expect("a point within its own time");
         let plan = plan.at(&blob, &chosen.quality).expect("a plan");
         let mut frames: Vec<f64> = (0..if smoke { 1 } else { FRAMES })
             .map(|_| frame(&renderer, &plan, &camera, &mut workspace))

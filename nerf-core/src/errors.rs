@@ -1,16 +1,17 @@
 //! Errors that are sentences: a variant is declared with what it says.
 
-/// Declares an error: each of its variants with the sentence it says.
+/// Declares an error: each of its variants with the sentence it says, which names what its fields are.
 macro_rules! errors {
     ($(#[$about:meta])* $error:ident: $(
-        $(#[$doc:meta])* $name:ident $(($at:ident: $of:ty))? $({$($(#[$of_field:meta])* $field:ident: $type:ty,)+})?
+        $(#[$doc:meta])* $name:ident $(($at:ident: $of:ty))? $({$($field:ident: $type:ty),+})?
             => $sentence:literal $(, $word:ident = $value:expr)*;
     )+) => {
         $(#[$about])*
         #[derive(Clone, Copy, Debug, PartialEq)]
+        #[allow(missing_docs, reason = "a field's sentence says what it is")]
         #[non_exhaustive]
         pub enum $error {
-            $($(#[$doc])* $name $(($of))? $({$($(#[$of_field])* $field: $type),+})?,)+
+            $($(#[$doc])* $name $(($of))? $({$($field: $type),+})?,)+
         }
 
         impl core::fmt::Display for $error {

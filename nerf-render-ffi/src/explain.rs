@@ -45,7 +45,7 @@ pub unsafe extern "C" fn nerf_explain(
             let all = Message { text, capacity }.write(|cut| {
                 for (index, member) in worker.members.iter().enumerate() {
                     let Some(plan) = &member.plan else { continue };
-                    let mut explanation = plan.explain(member.scene.renderer()).with_workspace(worker.size);
+                    let mut explanation = member.scene.renderer().explain(plan).with_workspace(worker.size);
                     if let Some(work) = work.filter(|_| alone) {
                         explanation = explanation.with_counters(work);
                     }

@@ -74,7 +74,7 @@ pub unsafe extern "C" fn nerf_pace_workspace_size(
     let body = || {
         // SAFETY: `request` is as this function's `# Safety` has it.
         let (_, scene, plan) = unsafe { planned(request)? };
-        let lines = scene.renderer().pace_lines(&plan);
+        let lines = nerf_core::render::Pace::lines(scene.renderer(), &plan);
         lines.checked_mul(size_of::<Line>()).ok_or(Failure::Overflow("workspace"))
     };
     let message = Message { text: message, capacity: message_capacity };
@@ -117,7 +117,14 @@ pub unsafe extern "C" fn nerf_pace_measure(
         // SAFETY: aligned, a line holds any bytes, and the workspace is this call's own, as this function's `# Safety` has
         // it.
         let lines = unsafe { core::slice::from_raw_parts_mut(workspace.cast::<Line>(), lines) };
-        let found = scene.renderer().pace(&plan, &camera, request.limit_milliseconds, lines, &mut now);
+        let found = nerf_core::render::Pace::measure(
+            scene.renderer(),
+            &plan,
+            &camera,
+            request.limit_milliseconds,
+            lines,
+            &mut now,
+        );
         let found = found.map_err(Failure::of_workspace)?;
         out.write(Pace { struct_size: size_of::<Pace>(), milliseconds: found.milliseconds });
         Ok(())

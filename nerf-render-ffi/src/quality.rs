@@ -150,7 +150,7 @@ pub unsafe extern "C" fn nerf_quality_within_time(
     call(Message { text: message, capacity: message_capacity }, || {
         // SAFETY: `pace` is as this function's `# Safety` has it.
         let pace = render::Pace { milliseconds: unsafe { read_versioned(pace)? }.milliseconds };
-        let choose = |blob: &Blob<'_>| Ok(Quality::within_time(blob, milliseconds, &pace));
+        let choose = |blob: &Blob<'_>| Ok(pace.within(blob, milliseconds));
         // SAFETY: `scene` and `options` are as this function's `# Safety` has it.
         unsafe { answer(scene, options, choice, choose) }
     })

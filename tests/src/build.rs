@@ -37,13 +37,14 @@ fn build() -> Libraries {
 /// Builds one thing with the features of `arguments` alone; what the build left, by cargo's word.
 ///
 /// In a target directory and a profile of its own: nothing else waits for it, and no optimisation across crates
-/// makes it slow. Nor is it built in the many parts that incremental compiling makes, whose unused functions stay.
+/// makes it slow. It is built in one part: what is inlined across parts differs by more than an effect's code, and
+/// the unused functions of an incremental build's parts stay. Of debug information it has the table of lines.
 pub fn build_alone(arguments: &[&str]) -> Vec<PathBuf> {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| env!("CARGO").into());
     let mut command = Command::new(cargo);
     command.current_dir(paths::workspace());
-    command.env("CARGO_PROFILE_DEV_DEBUG", "0").env("CARGO_PROFILE_DEV_OPT_LEVEL", "1");
-    command.env("CARGO_INCREMENTAL", "0");
+    command.env("CARGO_PROFILE_DEV_DEBUG", "line-tables-only").env("CARGO_PROFILE_DEV_OPT_LEVEL", "1");
+    command.env("CARGO_PROFILE_DEV_CODEGEN_UNITS", "1").env("CARGO_INCREMENTAL", "0");
     command.args(["build", "--offline", "--no-default-features", "--message-format=json"]).args(arguments);
     // Beside the executable that runs: target/release/deps/test-0123.
     let own = std::env::current_exe().expect("a path");

@@ -64,61 +64,32 @@ errors! {
     /// A fault of a point of the front.
     FrontFault:
     /// Samples that are none, more than [`MAX_SAMPLES`], or in bins too narrow for the scene.
-    Samples {
-        /// The point's value.
-        found: u16,
-    } => "samples: expected 1 to {MAX_SAMPLES} bins of some width, found {found}";
+    Samples { found: u16 } => "samples: expected 1 to {MAX_SAMPLES} bins of some width, found {found}";
     /// A transmittance cut outside `[0, 1)`.
-    TransmittanceCut {
-        /// The point's value.
-        found: f32,
-    } => "transmittance_cut: expected 0 <= cut < 1, found {found}";
+    TransmittanceCut { found: f32 } => "transmittance_cut: expected 0 <= cut < 1, found {found}";
     /// A colour cut outside `[0, 1)`.
-    ColourCut {
-        /// The point's value.
-        found: f32,
-    } => "colour_cut: expected 0 <= cut < 1, found {found}";
+    ColourCut { found: f32 } => "colour_cut: expected 0 <= cut < 1, found {found}";
     /// An occupancy grid the scene has not, or none where it is part of the model.
-    Occupancy {
-        /// The point's value.
-        found: bool,
-    } =>
+    Occupancy { found: bool } =>
         "occupancy: expected {expected}",
         expected = match found {
             true => "false in a scene without an occupancy grid",
             false => "true in a scene whose occupancy grid is part of its model",
         };
     /// A tag that names no maths backend.
-    Math {
-        /// The point's value.
-        found: u8,
-    } => "math: expected a tag below {tags}, found {found}", tags = MathBackend::TAGS;
+    Math { found: u8 } => "math: expected a tag below {tags}, found {found}", tags = MathBackend::TAGS;
     /// A proposal the scene has not.
     Proposal => "proposal: expected false in a scene without one";
     /// A loss that is not finite.
-    LossDb {
-        /// The point's value.
-        found: f32,
-    } => "loss_db: expected a finite value, found {found}";
+    LossDb { found: f32 } => "loss_db: expected a finite value, found {found}";
     /// A cost that is not finite and above 0.
-    Cost {
-        /// The point's value.
-        found: f32,
-    } => "cost: expected a finite value above 0, found {found}";
+    Cost { found: f32 } => "cost: expected a finite value above 0, found {found}";
     /// A cost that is not below that of the point before.
-    CostOrder {
-        /// Cost of the point before.
-        before: f32,
-        /// The point's value.
-        found: f32,
-    } => "cost: expected less than the {before} of the point before, found {found}";
+    CostOrder { before: f32, found: f32 } =>
+        "cost: expected less than the {before} of the point before, found {found}";
     /// A loss below that of the point before, which is thus neither cheaper nor better.
-    LossOrder {
-        /// Loss of the point before, dB.
-        before: f32,
-        /// The point's value.
-        found: f32,
-    } => "loss_db: expected at least the {before} of the point before, found {found}";
+    LossOrder { before: f32, found: f32 } =>
+        "loss_db: expected at least the {before} of the point before, found {found}";
 }
 
 errors! {
@@ -126,170 +97,82 @@ errors! {
     BlobError:
     /// The file does not begin with the magic bytes.
     NotABlob => "not a .nerf blob: the first bytes are not its magic";
-    /// The file ends early.
-    Truncated {
-        /// Bytes the header announces (or the header itself needs).
-        expected: u64,
-        /// Bytes there are.
-        found: u64,
-    } => "truncated: expected {expected} bytes, found {found}";
+    /// The file ends before the bytes that its header announces, or that a header takes.
+    Truncated { expected: u64, found: u64 } => "truncated: expected {expected} bytes, found {found}";
     /// Bytes follow the body.
-    TrailingBytes {
-        /// Bytes the header announces.
-        expected: u64,
-        /// Bytes there are.
-        found: u64,
-    } => "trailing bytes: expected {expected} bytes, found {found}";
+    TrailingBytes { expected: u64, found: u64 } => "trailing bytes: expected {expected} bytes, found {found}";
     /// Made by another version of the format.
-    Version {
-        /// The version this build reads.
-        expected: u16,
-        /// The version of the file.
-        found: u16,
-    } =>
+    Version { expected: u16, found: u16 } =>
         "format version: this build reads version {expected}, found {found} ({advice})",
         advice = match found < expected {
             true => "older: fit or import the scene again with this build",
             false => "newer: open it with a newer build",
         };
     /// Written with the other byte order.
-    Endian {
-        /// The tag of the file.
-        found: u16,
-    } => "endian tag: expected 0xfeff, found {found:#06x}";
+    Endian { found: u16 } => "endian tag: expected 0xfeff, found {found:#06x}";
     /// Flags that this version does not know.
-    Flags {
-        /// The flags of the file.
-        found: u32,
-    } => "flags: expected 0, found {found:#x}";
+    Flags { found: u32 } => "flags: expected 0, found {found:#x}";
     /// Reserved bytes of the header that are not 0.
-    Reserved {
-        /// The bytes' value.
-        found: u32,
-    } => "reserved header bytes: expected 0, found {found:#x}";
-    /// A bit flipped somewhere.
-    Checksum {
-        /// CRC-32 stored in the header.
-        expected: u32,
-        /// CRC-32 of header and body.
-        found: u32,
-    } => "CRC-32: expected {expected:#010x}, found {found:#010x} (the file is damaged)";
+    Reserved { found: u32 } => "reserved header bytes: expected 0, found {found:#x}";
+    /// A bit flipped somewhere: the CRC-32 in the header is not that of header and body.
+    Checksum { expected: u32, found: u32 } =>
+        "CRC-32: expected {expected:#010x}, found {found:#010x} (the file is damaged)";
     /// A section of the body is no postcard of this format's shape: a list beyond its cap, a number beyond its type, a
     /// tag without a meaning, text that is not UTF-8, an end too early.
     Body(section: Section) =>
         "{section}: expected this format's lists, numbers, tags and texts and an end, found others";
-    /// The body is not the one form of what it says: a number in more bytes than it takes, bytes behind the last.
-    Form {
-        /// The place where it differs, bytes behind the header.
-        at: u64,
-    } => "body: expected canonical postcard, found another form at byte {at}";
+    /// The body is not the one form of what it says: a number in more bytes than it takes, bytes behind the last. `at`
+    /// counts bytes from the end of the header.
+    Form { at: u64 } => "body: expected canonical postcard, found another form at byte {at}";
     /// The architecture is outside the format's caps.
     Architecture(error: ArchitectureError) => "architecture: {error}";
     /// The proposal network is outside the format's caps.
     ProposalArchitecture(error: ArchitectureError) => "proposal: {error}";
     /// A point of the front that cannot be rendered, or makes it no front.
-    Front {
-        /// Index of the point.
-        index: u8,
-        /// The fault.
-        fault: FrontFault,
-    } => "front point {index}: {fault}";
+    Front { index: u8, fault: FrontFault } => "front point {index}: {fault}";
     /// The scene's bounds hold nothing.
     Bounds(error: BoundsError) => "scene: {error}";
     /// The network has a density head but is said to be a picture, or the other way round.
-    Kind {
-        /// Whether the network has a density head.
-        density_head: bool,
-        /// Whether the blob says that it is a scene.
-        scene: bool,
-    } =>
+    Kind { density_head: bool, scene: bool } =>
         "content: expected a {expected} of a network {with} density head, found a {found}",
         expected = kind(*density_head), with = if *density_head { "with a" } else { "without a" }, found = kind(*scene);
     /// The picture has a side of 0 or beyond [`MAX_PICTURE_SIDE`].
-    PictureSize {
-        /// Pixels to a row.
-        width: u32,
-        /// Rows.
-        height: u32,
-    } => "picture: expected sides of 1 to {MAX_PICTURE_SIDE} pixels, found {width}x{height}";
+    PictureSize { width: u32, height: u32 } =>
+        "picture: expected sides of 1 to {MAX_PICTURE_SIDE} pixels, found {width}x{height}";
     /// The step of a scene's march is no number above 0, or too small for its box.
-    Step {
-        /// The scene's value, world units.
-        found: f32,
-    } =>
+    Step { found: f32 } =>
         "scene.sampling: expected a finite step above 0, at most {MAX_SAMPLES} of them to the box's diagonal, found {found}";
     /// An unbounded scene whose box is no cube, or whose steps are out of range.
-    Contraction {
-        /// The scene's value.
-        step: f32,
-        /// The scene's value.
-        power: u8,
-    } =>
+    Contraction { step: f32, power: u8 } =>
         "scene.sampling: expected a contraction into a cube with a power of 1, 2 or 4 and steps above 0 and at most 1, \
          at most {MAX_SAMPLES} of them, found power {power} and step {step}";
     /// A value outside its range.
     Field(section: Section) => "{section}: expected {range}, found otherwise", range = section.range();
     /// A section of the wrong length.
-    Length {
-        /// The section.
-        section: Section,
-        /// Bytes that the description implies.
-        expected: u64,
-        /// Bytes there are.
-        found: u64,
-    } => "{section}: expected {expected} bytes, found {found}";
+    Length { section: Section, expected: u64, found: u64 } =>
+        "{section}: expected {expected} bytes, found {found}";
     /// Scene coordinates times `2^(levels − 1)`, the factor of the highest level, leave the encoding's domain.
-    EncodingDomain {
-        /// Largest scaled coordinate.
-        found: f32,
-        /// Largest the encoding is accurate for.
-        limit: f32,
-    } => "scene box: 2^(levels - 1) times its coordinates reaches {found}, the encoding ends at {limit}";
-    /// A weight is infinite or NaN.
-    Weight {
-        /// The section of the scene's network or of the proposal.
-        section: Section,
-        /// Layer.
-        role: Role,
-        /// Index among the layer's parameters, weights first.
-        index: u32,
-    } => "{section}: layer {role:?}, parameter {index} is not finite";
+    EncodingDomain { found: f32, limit: f32 } =>
+        "scene box: 2^(levels - 1) times its coordinates reaches {found}, the encoding ends at {limit}";
+    /// A weight of the scene's network or of the proposal is infinite or NaN; `index` counts the layer's weights, then its
+    /// biases.
+    Weight { section: Section, role: Role, index: u32 } =>
+        "{section}: layer {role:?}, parameter {index} is not finite";
     /// The scale of a level of int8 or coded tables that is not above 0, or makes a value infinite.
-    TableScale {
-        /// Level.
-        level: u8,
-        /// The blob's value.
-        found: f32,
-    } => "tables.scales: level {level}: expected a number above 0 of which 128 are finite, found {found}";
+    TableScale { level: u8, found: f32 } =>
+        "tables.scales: level {level}: expected a number above 0 of which 128 are finite, found {found}";
     /// A value of the grid's tables is infinite or NaN.
-    TableValue {
-        /// Level.
-        level: u8,
-        /// Index among the level's values.
-        index: u32,
-    } => "tables: level {level}, value {index} is not finite";
+    TableValue { level: u8, index: u32 } => "tables: level {level}, value {index} is not finite";
     /// The bytes of coded tables end before this value.
-    CodedEnd {
-        /// Level.
-        level: u8,
-        /// Index among the level's values.
-        index: u32,
-    } => "tables: level {level}: expected value {index}, found the end of the coded bytes";
+    CodedEnd { level: u8, index: u32 } =>
+        "tables: level {level}: expected value {index}, found the end of the coded bytes";
     /// The bytes of coded tables are not what an encoder of their values writes: the decoder does not end with the last byte
     /// and in the coder's first state, or begins below that.
-    CodedRest {
-        /// State of the decoder there.
-        state: u32,
-        /// Bytes that are left.
-        bytes: u64,
-    } =>
+    CodedRest { state: u32, bytes: u64 } =>
         "tables: expected coded bytes that end in state 65536 behind the last value, found state {state} and {bytes} \
          bytes more";
     /// The file needs what this build has no code for.
-    NotBuilt {
-        /// The cargo feature that has it.
-        feature: &'static str,
-    } =>
+    NotBuilt { feature: &'static str } =>
         "{part}: expected a build with the feature `{feature}`{advice}, found one without",
         part = match *feature {
             "contraction" => Section::Samples,
@@ -299,12 +182,7 @@ errors! {
         // int8 needs no memory to be decoded into.
         advice = if *feature == "coded" { " (or a file fitted with --export int8)" } else { "" };
     /// The output buffer of a write is too small.
-    Space {
-        /// Bytes the blob takes.
-        expected: u64,
-        /// Bytes there are.
-        found: u64,
-    } => "output buffer: expected {expected} bytes, found {found}";
+    Space { expected: u64, found: u64 } => "output buffer: expected {expected} bytes, found {found}";
 }
 
 /// The content of a blob with or without densities.

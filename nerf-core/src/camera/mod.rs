@@ -320,75 +320,34 @@ errors! {
     /// A camera that cannot make rays.
     CameraError:
     /// Width or height is 0 or beyond [`MAX_IMAGE_SIDE`].
-    ImageSize {
-        /// The width that was given, pixels.
-        width: u32,
-        /// The height that was given, pixels.
-        height: u32,
-    } =>
+    ImageSize { width: u32, height: u32 } =>
         "image size: expected sides of 1 to {MAX_IMAGE_SIDE} pixels, found {width}x{height}";
     /// A focal length is not positive and finite.
-    Focal {
-        /// `fx` or `fy`.
-        name: &'static str,
-        /// The value that was given, pixels.
-        value: f32,
-    } =>
+    Focal { name: &'static str, value: f32 } =>
         "{name}: expected a positive finite focal length in pixels, found {value}";
     /// The principal point is not finite.
-    PrincipalPoint {
-        /// `cx` or `cy`.
-        name: &'static str,
-        /// The value that was given, pixels.
-        value: f32,
-    } => "{name}: expected a finite principal point in pixels, found {value}";
+    PrincipalPoint { name: &'static str, value: f32 } =>
+        "{name}: expected a finite principal point in pixels, found {value}";
     /// A NaN or infinity in the pose, or a position beyond 1e9 world units.
     PoseNotFinite =>
         "camera-to-world pose: expected finite numbers and a position within 1e9, found otherwise";
     /// The upper left 3×3 of the pose is no rotation.
-    PoseNotRotation {
-        /// Largest entry of |RᵀR − I|.
-        off: f32,
-        /// The determinant: 1 for a rotation, −1 for a reflection, 0 if singular.
-        determinant: f32,
-    } =>
+    PoseNotRotation { off: f32, determinant: f32 } =>
         "camera-to-world pose: expected a rotation (|RtR - I| <= 1e-3, determinant 1), \
          found |RtR - I| = {off}, determinant {determinant}";
     /// An image point is so far off the axis that its direction leaves f32.
-    FieldOfView {
-        /// The image point, pixels from the left.
-        x: f32,
-        /// The image point, pixels from the top.
-        y: f32,
-    } =>
+    FieldOfView { x: f32, y: f32 } =>
         "intrinsics: expected image points within {MAX_NORMALISED} focal lengths of the principal \
          point, found pixel ({x}, {y}) beyond";
     /// A coefficient of the lens is no finite number.
-    LensNotFinite {
-        /// `k1` to `k6`, `p1` or `p2`.
-        name: &'static str,
-        /// The value that was given.
-        value: f32,
-    } => "lens {name}: expected a finite number, found {value}";
+    LensNotFinite { name: &'static str, value: f32 } =>
+        "lens {name}: expected a finite number, found {value}";
     /// A coefficient that a fisheye does not have is not 0.
-    LensNotOfFisheyes {
-        /// `p1`, `p2`, `k5` or `k6`.
-        name: &'static str,
-        /// The value that was given.
-        value: f32,
-    } => "lens {name}: expected 0 in a fisheye, found {value}";
+    LensNotOfFisheyes { name: &'static str, value: f32 } =>
+        "lens {name}: expected 0 in a fisheye, found {value}";
     /// The lens model has no inverse at an image point, or turns back on the way to it from the axis.
-    LensNotInvertible {
-        /// The image point, pixels from the left.
-        x: f32,
-        /// The image point, pixels from the top.
-        y: f32,
-    } =>
+    LensNotInvertible { x: f32, y: f32 } =>
         "lens: expected a distortion that does not turn back up to pixel ({x}, {y}) of the image";
     /// Lens distortion, in a build without the feature `lens`.
-    LensNotBuilt {
-        /// The lens that was given.
-        lens: Lens,
-    } =>
-        "lens: expected a build with the feature lens, or zeros, found {lens:?}";
+    LensNotBuilt { lens: Lens } => "lens: expected a build with the feature lens, or zeros, found {lens:?}";
 }

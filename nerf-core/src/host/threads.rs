@@ -76,7 +76,7 @@ pub fn render_rays(
             chunks.each(|first, pixels| {
                 let end = rays.len().min(first + CHUNK as usize);
                 let mut put = |i: usize, pixel: &Pixel| pixels.push((first + i, *pixel));
-                worker.render_rays(&rays[first..end], axis, &mut put).map_err(|error| error.behind(first))
+                worker.render_rays(&rays[first..end], axis, &mut put).map_err(|error| behind(error, first))
             })
         },
         |(i, pixel)| found[i] = pixel,
@@ -172,4 +172,16 @@ fn in_parallel<I: Iterator + Send, F: Send>(
         }
         all
     })
+}
+
+/// The error of a part that begins at index `first` of the whole, as the whole has it.
+fn behind(error: RenderError, first: usize) -> RenderError {
+    match error {
+        RenderError::Ray { index } => RenderError::Ray { index: first + index },
+        RenderError::RayRange { index, t_min, t_max } => {
+            RenderError::RayRange { index: first + index, t_min, t_max }
+        }
+        RenderError::Random { index } => RenderError::Random { index: first + index },
+        other => other,
+    }
 }

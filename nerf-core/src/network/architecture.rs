@@ -321,64 +321,30 @@ errors! {
     #[derive(Eq)]
     ArchitectureError:
     /// An encoding takes the wrong number of inputs.
-    EncodingInputs {
-        /// `position` or `direction`.
-        field: &'static str,
-        /// 3 in a scene, 2 in an image.
-        expected: u8,
-        /// What was given.
-        found: u8,
-    } => "{field} encoding: expected {expected} inputs, found {found}";
+    EncodingInputs { field: &'static str, expected: u8, found: u8 } =>
+        "{field} encoding: expected {expected} inputs, found {found}";
     /// More than [`MAX_LEVELS`] levels, or neither levels nor identity.
-    EncodingLevels {
-        /// `position` or `direction`.
-        field: &'static str,
-        /// The levels that were given.
-        found: u8,
-    } =>
+    EncodingLevels { field: &'static str, found: u8 } =>
         "{field} encoding: expected 1 to {MAX_LEVELS} levels (0 with identity), found {found}";
     /// A grid whose entries have neither 1 nor 2 nor 4 features.
-    GridFeatures {
-        /// What was given.
-        found: u8,
-    } => "position grid: expected 1, 2 or 4 features an entry, found {found}";
+    GridFeatures { found: u8 } => "position grid: expected 1, 2 or 4 features an entry, found {found}";
     /// A grid with more than `2^`[`MAX_LOG2_ENTRIES`](crate::encoding::MAX_LOG2_ENTRIES) entries a level.
-    GridEntries {
-        /// The binary logarithm that was given.
-        found: u8,
-    } =>
-        "position grid: expected at most 2^24 entries a level, found 2^{found}";
+    GridEntries { found: u8 } => "position grid: expected at most 2^24 entries a level, found 2^{found}";
     /// A grid without levels.
     GridLevels => "position grid: expected 1 to 32 levels, found none";
     /// A grid with no cells along an axis, with more than
     /// [`MAX_GRID_RESOLUTION`](crate::encoding::MAX_GRID_RESOLUTION), or with some along an axis it has not.
-    GridResolution {
-        /// Index of the level.
-        level: usize,
-        /// Index of the axis.
-        axis: usize,
-        /// The cells that were given.
-        found: u16,
-    } =>
+    GridResolution { level: usize, axis: usize, found: u16 } =>
         "position grid level {level}: expected 1 to 16384 cells along an axis (along z none in a 2D field), \
          found {found} along axis {axis}";
     /// A grid whose tables have more than [`MAX_GRID_VALUES`](crate::encoding::MAX_GRID_VALUES) values.
-    GridValues {
-        /// The values its levels have.
-        found: u64,
-    } =>
+    GridValues { found: u64 } =>
         "position grid: expected tables of at most 2^27 values together, found {found}";
     /// A skip layer behind a grid: PE(x) is appended to a later layer of sinusoidal networks alone.
-    SkipBesideGrid {
-        /// Index of the trunk layer.
-        layer: usize,
-    } =>
+    SkipBesideGrid { layer: usize } =>
         "trunk layer {layer}: expected no skip beside a position grid, found one";
     /// Spherical harmonics of degree 0, or above [`MAX_HARMONICS_DEGREE`].
-    HarmonicsDegree {
-        /// What was given.
-        found: u8,
-    } =>
+    HarmonicsDegree { found: u8 } =>
         "direction encoding: expected spherical harmonics of degree 1 to {MAX_HARMONICS_DEGREE}, \
          found {found}";
     /// Spherical harmonics in a build without the feature `grid`.
@@ -397,13 +363,6 @@ errors! {
     /// The first layer already takes `PE(x)`: a skip there would append it twice.
     SkipAtFirstLayer => "trunk layer 0: expected no skip, found one";
     /// A width of 0 or above [`MAX_WIDTH`].
-    Width {
-        /// `trunk` or `colour`.
-        field: &'static str,
-        /// Index of the layer.
-        index: usize,
-        /// The width that was given.
-        found: u16,
-    } =>
+    Width { field: &'static str, index: usize, found: u16 } =>
         "{field} layer {index}: expected a width of 1 to {MAX_WIDTH}, found {found}";
 }

@@ -3,25 +3,25 @@
 use crate::blob::{Blob, MAX_SAMPLES, SceneFacts, SceneSampling, steps};
 use crate::camera::Ray;
 use crate::math::MathBackend;
-use crate::sampling::{Bins, OccupancyGrid, SampleJitter};
+use crate::sampling::{Bins, Ends, OccupancyGrid, SampleInterval, SampleJitter, Spacing};
 use crate::simd::BLOCK;
 use crate::space::{BoundsError, Contraction, SceneBox};
 use glam::Vec3;
 
 mod effects;
+mod error;
 mod quality;
 mod settings;
 mod span;
-mod spans;
 
 #[cfg(test)]
 mod tests;
 
 pub use effects::{EffectError, Effects, Jitter, ThinLens, Tone, ToneMap};
+pub use error::PlanError;
 pub use quality::{Choice, Preset, Quality};
 pub use settings::Settings;
-pub(crate) use span::{Lattice, Span};
-pub(crate) use spans::{SpanAll, Spans};
+pub(crate) use span::{Lattice, Span, SpanAll, Spans};
 
 /// What a pixel is asked for; what is off is not computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -103,11 +103,6 @@ impl Batch {
     pub(crate) fn is_valid(&self) -> bool {
         (1..=Self::MAX_RAYS).contains(&self.rays) && (1..=BLOCK).contains(&self.samples)
     }
-
-    /// What is wrong with a batch that is not valid.
-    pub(crate) fn write_refusal(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        write!(f, "batch: expected 1 to {} rays and 1 to {BLOCK} samples, found {self:?}", Self::MAX_RAYS)
-    }
 }
 
 /// The stages of a frame, decided once.
@@ -116,7 +111,7 @@ pub struct Plan<'a> {
     /// [`Blob::identity`] of the one it was made for.
     pub(crate) scene: usize,
     pub(crate) bounds: SceneBox,
-    /// Of an unbounded scene: then the bins of a ray are steps of this, which [`Plan::point`] and [`Plan::part_around`]
+    /// Of an unbounded scene: then the bins of a ray are steps of this, which [`Plan::point`] and [`Plan::interval`]
     /// turn into points and distances.
     pub(crate) contraction: Option<Contraction>,
     /// How the samples of a ray are found from `bins`.
@@ -336,9 +331,37 @@ impl<'a> Plan<'a> {
                 (from..end).find(|&bin| occupancy.occupied(self.point(ray, t(bin)))).unwrap_or(end)
             }
             None if self.contraction.is_some() => from.min(end),
-            Some(occupancy) => occupancy.first_occupied_at(ray, bins, from, end, t),
+            Some(occupancy) => occupancy.first_occupied(ray, bins, from, end, t),
             None => (from..end).find(|&bin| self.bounds.contains(ray.at(t(bin)))).unwrap_or(end),
         }
+    }
+
+    /// What is sampled of `ray` within a `range` of distances; nothing outside of `around` is worth it.
+    #[inline]
+    pub(crate) fn span(&self, around: &SceneBox, ray: &Ray, range: [f32; 2]) -> Option<Span> {
+        Span::new(self, around, ray, range)
+    }
+
+    /// The distances that are seen of a ray whose own range is `t_min` to `t_max`.
+    #[inline]
+    pub(crate) fn range_of(&self, t_min: f32, t_max: f32) -> [f32; 2] {
+        [self.t_min.max(t_min), self.t_max.min(t_max)]
+    }
+
+    /// The distance of pixels without a surface in a frame seen from `eye`: at least that of anything in the scene, and
+    /// the same for all of them.
+    pub fn far_from(&self, eye: Vec3) -> f32 {
+        if self.lattice == Lattice::Own {
+            return self.far.min(self.t_max);
+        }
+        if let Some(contraction) = &self.contraction {
+            return ((eye - contraction.centre()).length() + self.far).min(self.t_max);
+        }
+        let reach: [f32; 3] = core::array::from_fn(|axis| {
+            let (eye, low, high) = (eye[axis], self.bounds.min[axis], self.bounds.max[axis]);
+            (eye - low).abs().max((eye - high).abs())
+        });
+        self.far.max(Vec3::from(reach).length()).min(self.t_max)
     }
 
     /// Whether a point of the network's space is in an occupied cell, or without an occupancy grid in the scene box.
@@ -365,7 +388,13 @@ impl<'a> Plan<'a> {
         self.proposal.is_none() && !self.outputs.surface()
     }
 
-    /// Where the network has the point of a ray that its bins count as `t`.
+    /// How the samples of a ray are spaced, where they are not those of a proposal.
+    #[inline(always)]
+    pub(crate) fn spacing(&self) -> Spacing<'_> {
+        Spacing { bins: &self.bins, contraction: self.contraction.as_ref() }
+    }
+
+    /// The point of a ray that its bins count as `t`, where the network has it.
     #[inline]
     pub(crate) fn point(&self, ray: &Ray, t: f32) -> Vec3 {
         match &self.contraction {
@@ -374,44 +403,32 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Of the bin that `t` lies in, world units: [`Bins::part_around`]; the ray is seen from `t_min` on, and its samples are
+    /// The bins that rays are marched through first: a proposal's, or the scene's.
+    pub(crate) fn marched_bins(&self) -> &Bins {
+        self.proposal.as_ref().unwrap_or(&self.bins)
+    }
+
+    /// The least distance of an unbounded scene's samples on a ray that is seen from `t_min` on, counted from `start`.
+    #[inline]
+    pub(crate) fn least_distance(&self, start: f32, t_min: f32) -> f32 {
+        self.near.max(t_min) - start
+    }
+
+    /// The interval of the sample that the bins of a ray count as `t`; the ray is seen from `t_min` on, and its samples are
     /// counted from `start`.
     #[inline]
-    pub(crate) fn part_around(&self, bins: &Bins, start: f32, t_min: f32, t: f32) -> (f32, Option<f32>, f32) {
-        match &self.contraction {
-            Some(contraction) => {
-                let (t, from, to) = self.contracted_ends(contraction, bins, start, t_min, t);
-                // The largest step of all may be longer than f32 tells apart.
-                (t, Some(from + 0.5 * (to - from)), to - from)
-            }
-            None => bins.part_around(t),
+    pub(crate) fn interval(&self, ends: &Ends, start: f32, t_min: f32, t: f32) -> SampleInterval {
+        let bins = self.bins.with(*ends);
+        if self.contraction.is_some() {
+            return self.spacing().interval(ends.parts(), self.least_distance(start, t_min), t);
         }
-    }
-
-    /// The same: where it counts as, and where that part of the bin begins and ends.
-    #[cfg(feature = "instances")]
-    pub(crate) fn ends_around(&self, bins: &Bins, start: f32, t_min: f32, t: f32) -> (f32, f32, f32) {
-        match &self.contraction {
-            Some(contraction) => self.contracted_ends(contraction, bins, start, t_min, t),
-            None => bins.ends_around(t),
+        if bins.is_whole_around(t) {
+            // A jittered sample lies anywhere in its bin, which stays where it is.
+            let jittered = self.outputs.median_distance && self.effects.jitter.is_some();
+            let mid = if jittered { bins.middle_around(t) } else { t };
+            return SampleInterval { t, mid, delta: bins.delta() };
         }
-    }
-
-    #[inline]
-    fn contracted_ends(
-        &self,
-        contraction: &Contraction,
-        bins: &Bins,
-        start: f32,
-        t_min: f32,
-        t: f32,
-    ) -> (f32, f32, f32) {
-        // A thousand radii away a step's number is rounded to a ten-thousandth of the way: not in front of near.
-        let near = self.near.max(t_min) - start;
-        let (t, from, to) = bins.ends_around(t);
-        let from = contraction.distance(from).max(near);
-        let to = contraction.distance(to).max(from);
-        (contraction.distance(t).max(near), from, to)
+        self.spacing().interval_of_cut(ends.parts(), t)
     }
 }
 
@@ -439,108 +456,3 @@ fn lattice(scene: &SceneFacts, samples: u16, proposal: bool) -> Result<(Lattice,
     }
     Ok((lattice, Bins::of_width(near, step, count)))
 }
-
-/// A request that does not go with the scene.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[non_exhaustive]
-pub enum PlanError {
-    /// The blob is a 2D field.
-    NotAScene,
-    /// The occupancy grid is part of the model, and the request switches it off.
-    OccupancyRequired,
-    /// More samples per ray than the format allows.
-    Samples {
-        /// What was asked for.
-        found: u16,
-    },
-    /// A transmittance cut outside `[0, 1)`.
-    TransmittanceCut {
-        /// What was asked for.
-        found: f32,
-    },
-    /// The median distance with a transmittance cut above one half: rays would end in front of it.
-    MedianBehindCut {
-        /// The cut that was asked for.
-        found: f32,
-    },
-    /// A range of distances that is none: not `0 <= t_min <= t_max`.
-    Range {
-        /// The least distance that was asked for.
-        t_min: f32,
-        /// The largest distance that was asked for.
-        t_max: f32,
-    },
-    /// A blur of normals that is no finite number of bins, or less than none.
-    NormalBlur {
-        /// What was asked for.
-        found: f32,
-    },
-    /// An output or effect that this build has no code for.
-    NotBuilt {
-        /// Its name.
-        effect: &'static str,
-    },
-    /// A colour cut outside `[0, 1)`.
-    ColourCut {
-        /// What was asked for.
-        found: f32,
-    },
-    /// A background outside `[0, 1]`.
-    Background {
-        /// What was asked for.
-        found: [f32; 3],
-    },
-    /// A batch of nothing, of more than [`Batch::MAX_RAYS`] rays or of more than 64 samples.
-    Batch {
-        /// What was asked for.
-        found: Batch,
-    },
-    /// Near and far leave no bins.
-    Bounds(BoundsError),
-    /// An effect that is out of range or not in this build.
-    Effects(EffectError),
-}
-
-impl core::fmt::Display for PlanError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::NotAScene => write!(f, "blob: expected a scene, found a 2D field"),
-            Self::OccupancyRequired => write!(
-                f,
-                "quality.occupancy: this scene's occupancy is part of its model (outside of it the network was \
-                 never trained), so it cannot be switched off"
-            ),
-            Self::Samples { found } => {
-                write!(f, "quality.samples: expected at most {MAX_SAMPLES} a ray, found {found}")
-            }
-            Self::TransmittanceCut { found } => {
-                write!(f, "quality.transmittance_cut: expected 0 <= cut < 1, found {found}")
-            }
-            Self::MedianBehindCut { found } => write!(
-                f,
-                "quality.transmittance_cut: expected at most 0.5, since median_distance is asked for and rays \
-                 would end in front of it, found {found}"
-            ),
-            Self::Range { t_min, t_max } => {
-                write!(f, "near/far: expected 0 <= near <= far, found near {t_min}, far {t_max}")
-            }
-            Self::NormalBlur { found } => {
-                write!(f, "normal_blur: expected a finite number of bins, at least 0, found {found}")
-            }
-            Self::NotBuilt { effect } => {
-                write!(f, "{effect}: not built in: expected a build with its feature, found one without")
-            }
-            Self::ColourCut { found } => {
-                write!(f, "quality.colour_cut: expected 0 <= cut < 1, found {found}")
-            }
-            Self::Background { found } => {
-                write!(f, "background: expected channels in 0..=1, found {found:?}")
-            }
-            Self::Batch { found } => found.write_refusal(f),
-            Self::Bounds(error) => error.fmt(f),
-            Self::Effects(error) => error.fmt(f),
-        }
-    }
-}
-
-impl core::error::Error for PlanError {}

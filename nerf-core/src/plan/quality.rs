@@ -60,8 +60,8 @@ impl Quality {
     /// frame with a median distance refuses.
     pub fn within_loss(blob: &Blob<'_>, db: f32) -> Option<Choice> {
         // Dearest first, and so from the least loss to the most.
-        let last = choices(blob).take_while(|choice| choice.loss_db <= db).last();
-        last.map(|choice| Choice { within: true, ..choice }).or_else(|| choices(blob).next())
+        let last = Self::choices(blob).take_while(|choice| choice.loss_db <= db).last();
+        last.map(|choice| Choice { within: true, ..choice }).or_else(|| Self::choices(blob).next())
     }
 
     /// The settings of the blob's front that lose least at no more than `ratio` of the exact rendering's
@@ -69,8 +69,8 @@ impl Quality {
     ///
     /// Where every point costs more, the cheapest. `None` as with [`Quality::within_loss`].
     pub fn within_cost(blob: &Blob<'_>, ratio: f32) -> Option<Choice> {
-        let mut affordable = choices(blob).filter(|choice| choice.cost <= ratio);
-        let Some(first) = affordable.next() else { return choices(blob).last() };
+        let mut affordable = Self::choices(blob).filter(|choice| choice.cost <= ratio);
+        let Some(first) = affordable.next() else { return Self::choices(blob).last() };
         let best = affordable.take_while(|choice| choice.loss_db <= first.loss_db).last().unwrap_or(first);
         Some(Choice { within: true, ..best })
     }
@@ -130,6 +130,28 @@ impl Quality {
             cost,
         }
     }
+
+    /// Every point of the blob's front that this build can render, with its index: dearest first, none of them
+    /// chosen.
+    pub fn front<'b>(blob: &'b Blob<'_>) -> impl Iterator<Item = (usize, Choice)> + 'b {
+        let built = |point: &FrontPoint| !point.proposal || cfg!(feature = "proposal");
+        blob.front().iter().enumerate().filter(move |(_, point)| built(point)).filter_map(|(index, point)| {
+            let quality = Quality {
+                samples: point.samples,
+                transmittance_cut: point.transmittance_cut,
+                colour_cut: point.colour_cut,
+                occupancy: point.occupancy,
+                math: MathBackend::from_tag(point.math)?,
+                proposal: point.proposal,
+            };
+            Some((index, Choice { quality, loss_db: point.loss_db, cost: point.cost, within: false }))
+        })
+    }
+
+    /// The points of [`Quality::front`].
+    fn choices<'b>(blob: &'b Blob<'_>) -> impl Iterator<Item = Choice> + 'b {
+        Self::front(blob).map(|(_, choice)| choice)
+    }
 }
 
 impl Default for Quality {
@@ -156,30 +178,6 @@ pub struct Choice {
     pub cost: f32,
     /// Whether they meet the limit that was asked for; else no point of the front does, and these come nearest.
     pub within: bool,
-}
-
-/// The front of `blob`, dearest first, as far as this build can render it.
-fn choices<'b>(blob: &'b Blob<'_>) -> impl Iterator<Item = Choice> + 'b {
-    Quality::front(blob).map(|(_, choice)| choice)
-}
-
-impl Quality {
-    /// Every point of the blob's front that this build can render, with its index: dearest first, none of them
-    /// chosen.
-    pub fn front<'b>(blob: &'b Blob<'_>) -> impl Iterator<Item = (usize, Choice)> + 'b {
-        let built = |point: &FrontPoint| !point.proposal || cfg!(feature = "proposal");
-        blob.front().iter().enumerate().filter(move |(_, point)| built(point)).filter_map(|(index, point)| {
-            let quality = Quality {
-                samples: point.samples,
-                transmittance_cut: point.transmittance_cut,
-                colour_cut: point.colour_cut,
-                occupancy: point.occupancy,
-                math: MathBackend::from_tag(point.math)?,
-                proposal: point.proposal,
-            };
-            Some((index, Choice { quality, loss_db: point.loss_db, cost: point.cost, within: false }))
-        })
-    }
 }
 
 /// Settings by what they may lose, dB against the exact rendering; the scene's front says what they are.

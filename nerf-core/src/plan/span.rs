@@ -2,10 +2,14 @@
 
 use super::Plan;
 use crate::camera::Ray;
-use crate::sampling::Ends;
+use crate::sampling::{Ends, along};
+use crate::simd::{Lanes, MAX_LANES, Op};
 use crate::space::{Contraction, SceneBox};
 use core::ops::Range;
 use glam::Vec3;
+
+#[cfg(test)]
+mod tests;
 
 /// How the samples of a ray are found from a plan's bins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,31 +37,31 @@ pub(crate) struct Span {
 }
 
 /// What rounding may move a point by, that is so far away: the slab test and the way to the point.
-pub(super) const ROUNDING: f32 = 4.0 * f32::EPSILON;
+const ROUNDING: f32 = 4.0 * f32::EPSILON;
 
-impl Plan<'_> {
+impl Span {
     /// What is sampled of `ray` within a `range` of distances ([`Plan::range_of`]); nothing outside of `around` is worth it.
     ///
     /// Distances within the scene are small, whatever the way there: samples are counted from a point at the box, and
     /// only what leaves the frame has the way there added.
-    pub(crate) fn span(&self, around: &SceneBox, ray: &Ray, range: [f32; 2]) -> Option<Span> {
+    pub fn new(plan: &Plan<'_>, around: &SceneBox, ray: &Ray, range: [f32; 2]) -> Option<Self> {
         if range[0] >= range[1] {
             return None;
         }
-        if let Some(contraction) = &self.contraction {
-            return self.contracted_span(contraction, ray, range);
+        if let Some(contraction) = &plan.contraction {
+            return contracted_span(plan, contraction, ray, range);
         }
-        let walk = self.proposal.as_ref().unwrap_or(&self.bins);
+        let walk = plan.marched_bins();
         // What of a proposal's samples counts is cut when they are drawn.
-        let (t_min, t_max) = if self.proposal.is_some() { (0.0, f32::MAX) } else { range.into() };
-        let (near, far) = match self.lattice {
-            Lattice::Own => (self.near.max(t_min), self.far.min(t_max)),
+        let (t_min, t_max) = if plan.proposal.is_some() { (0.0, f32::MAX) } else { range.into() };
+        let (near, far) = match plan.lattice {
+            Lattice::Own => (plan.near.max(t_min), plan.far.min(t_max)),
             Lattice::Extended | Lattice::March | Lattice::Contracted => (t_min, t_max),
         };
         // The sample of a bin that is cut may lie beyond the cut.
-        let margin = if self.lattice == Lattice::March { 0.0 } else { walk.delta() };
+        let margin = if plan.lattice == Lattice::March { 0.0 } else { walk.delta() };
         let (enter, exit) = around.clip(ray, near - margin, far + margin)?;
-        let (origin, start, end) = match self.lattice {
+        let (origin, start, end) = match plan.lattice {
             Lattice::Own | Lattice::Contracted => (ray.origin, 0.0, f32::MAX),
             Lattice::Extended => {
                 let start = walk.shift(enter, exit);
@@ -66,7 +70,7 @@ impl Plan<'_> {
             Lattice::March => {
                 // Once more, from beside the box: the first answer is as exact as the way is short.
                 let beside = Ray { origin: ray.at(enter), ..*ray };
-                let (first, last) = self.bounds.clip(&beside, near - enter, f32::MAX)?;
+                let (first, last) = plan.bounds.clip(&beside, near - enter, f32::MAX)?;
                 (beside.at(first), enter + first, last - first)
             }
         };
@@ -76,46 +80,136 @@ impl Plan<'_> {
         let bins = seen.start.max(own.start)..seen.end.min(own.end);
         Some(Span { ray: Ray { origin, ..*ray }, start, bins, ends: walk.ends() })
     }
+}
 
-    /// What is sampled of a ray through an unbounded scene: from near on, where the caller does not begin behind it.
-    #[inline(never)]
-    fn contracted_span(
-        &self,
-        contraction: &Contraction,
-        ray: &Ray,
-        [t_min, t_max]: [f32; 2],
-    ) -> Option<Span> {
-        // What is as far away as f32 goes has no point nearest to the middle.
-        let (centred, start) = contraction.centred(ray);
-        if !(ray.origin.is_finite() && ray.dir.is_finite() && centred.origin.is_finite()) {
-            return None;
-        }
-        let enter = contraction.step_at(self.near.max(t_min) - start);
-        let far = contraction.step_at(self.far);
-        let stop = contraction.step_at(t_max - start);
-        let (walk, bins) = self.bins.cut(enter, far, stop);
-        Some(Span { ray: centred, start, bins, ends: walk.ends() }).filter(|_| enter < far.min(stop))
+/// What is sampled of a ray through an unbounded scene: from near on, where the caller does not begin behind it.
+#[inline(never)]
+fn contracted_span(
+    plan: &Plan<'_>,
+    contraction: &Contraction,
+    ray: &Ray,
+    [t_min, t_max]: [f32; 2],
+) -> Option<Span> {
+    // What is as far away as f32 goes has no point nearest to the middle.
+    let (centred, start) = contraction.centred(ray);
+    if !(ray.origin.is_finite() && ray.dir.is_finite() && centred.origin.is_finite()) {
+        return None;
     }
+    let enter = contraction.step_at(plan.near.max(t_min) - start);
+    let far = contraction.step_at(plan.far);
+    let stop = contraction.step_at(t_max - start);
+    let (walk, bins) = plan.bins.cut(enter, far, stop);
+    Some(Span { ray: centred, start, bins, ends: walk.ends() }).filter(|_| enter < far.min(stop))
+}
 
-    /// The distances that are seen of a ray whose own range is `t_min` to `t_max`.
+/// The parts of a vector of rays through a scene with an end that are sampled.
+struct SpanLanes<V> {
+    origin: [V; 3],
+    start: V,
+    /// The first bin and the end of them, which is 0 where the scene is not met.
+    bins: [V; 2],
+    /// [`Ends::parts`].
+    ends: [V; Ends::PARTS],
+}
+
+impl<V: Lanes> SpanLanes<V> {
+    #[inline(always)]
+    fn new(plan: &Plan<'_>, around: &SceneBox, origin: [V; 3], dir: [V; 3], [t_min, t_max]: [V; 2]) -> Self {
+        let (zero, bins, most) = (V::splat(0.0), plan.marched_bins(), V::splat(f32::MAX));
+        let (near, far) = match plan.lattice {
+            Lattice::Own => (V::splat(plan.near).max_of(t_min), V::splat(plan.far).min_of(t_max)),
+            Lattice::Extended | Lattice::March | Lattice::Contracted => (t_min, t_max),
+        };
+        let margin = V::splat(if plan.lattice == Lattice::March { 0.0 } else { bins.delta() });
+        let (enter, exit, mut meets) = around.clip_lanes(origin, dir, near.sub(margin), far.add(margin));
+        let (origin, start, end) = match plan.lattice {
+            Lattice::Own | Lattice::Contracted => (origin, zero, most),
+            Lattice::Extended => {
+                let start = bins.shift_lanes(enter, exit);
+                (along(origin, dir, start), start, most)
+            }
+            Lattice::March => {
+                let beside = along(origin, dir, enter);
+                let (first, last, again) = plan.bounds.clip_lanes(beside, dir, near.sub(enter), most);
+                meets = meets.mul(again);
+                (along(beside, dir, first), enter.add(first), last.sub(first))
+            }
+        };
+        let slack = V::splat(ROUNDING).mul(start.abs());
+        let seen = bins.overlapping_lanes(enter.sub(start).sub(slack), exit.sub(start).add(slack));
+        let (ends, own) = bins.cut_lanes(near.sub(start), end, far.sub(start));
+        let meets = V::select(t_min.less(t_max), meets, zero);
+        let last = V::select(zero.less(meets), seen[1].min_of(own[1]), zero);
+        Self { origin, start, bins: [seen[0].max_of(own[0]), last], ends }
+    }
+}
+
+/// One value for each ray of a vector.
+type Row = [f32; MAX_LANES];
+
+/// The parts of up to [`MAX_LANES`] rays that are sampled.
+pub(crate) struct Spans {
+    origin: [Row; 3],
+    start: Row,
+    /// The first bin and the end of them, which is not behind that where nothing is sampled.
+    bins: [Row; 2],
+    ends: [Row; Ends::PARTS],
+}
+
+impl Spans {
+    pub const NONE: Self = Self {
+        origin: [[0.0; MAX_LANES]; 3],
+        start: [0.0; MAX_LANES],
+        bins: [[0.0; MAX_LANES]; 2],
+        ends: [[0.0; MAX_LANES]; Ends::PARTS],
+    };
+
+    /// That of `ray`, which is number `i`.
     #[inline]
-    pub(crate) fn range_of(&self, t_min: f32, t_max: f32) -> [f32; 2] {
-        [self.t_min.max(t_min), self.t_max.min(t_max)]
+    pub fn of(&self, i: usize, ray: &Ray) -> Option<Span> {
+        let at = |row: &Row| row[i % MAX_LANES];
+        let bins = at(&self.bins[0]) as u32..at(&self.bins[1]) as u32;
+        // `map` of an array is a call.
+        let ([x, y, z], [start, low, high, far, stop]) = (&self.origin, &self.ends);
+        let ray = Ray { origin: Vec3::new(at(x), at(y), at(z)), ..*ray };
+        let ends = Ends::of_parts([at(start), at(low), at(high), at(far), at(stop)]);
+        (bins.start < bins.end).then_some(Span { ray, start: at(&self.start), bins, ends })
     }
+}
 
-    /// The distance of pixels without a surface in a frame seen from `eye`: at least that of anything in the scene, and
-    /// the same for all of them.
-    pub fn far_from(&self, eye: Vec3) -> f32 {
-        if self.lattice == Lattice::Own {
-            return self.far.min(self.t_max);
+/// [`Span::new`] of rays through a scene with an end, without a proposal, bit for bit.
+pub(crate) struct SpanAll<'a> {
+    pub plan: &'a Plan<'a>,
+    pub around: &'a SceneBox,
+    pub rays: &'a [Ray],
+    /// [`Plan::range_of`] of each.
+    pub ranges: &'a [Row; 2],
+    pub to: &'a mut Spans,
+}
+
+impl Op for SpanAll<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let Self { plan, around, to, .. } = self;
+        let (mut origins, mut dirs) = ([[0.0; MAX_LANES]; 3], [[0.0; MAX_LANES]; 3]);
+        for (i, ray) in self.rays.iter().enumerate().take(MAX_LANES) {
+            let (origin, dir) = (ray.origin.to_array(), ray.dir.to_array());
+            for axis in 0..3 {
+                (origins[axis][i], dirs[axis][i]) = (origin[axis], dir[axis]);
+            }
         }
-        if let Some(contraction) = &self.contraction {
-            return ((eye - contraction.centre()).length() + self.far).min(self.t_max);
+        for from in (0..self.rays.len().min(MAX_LANES)).step_by(V::COUNT) {
+            let load = |rows: &[Row; 3]| rows.each_ref().map(|row| V::load(&row[from..]));
+            let range = self.ranges.each_ref().map(|row| V::load(&row[from..]));
+            let SpanLanes { origin, start, bins, ends } =
+                SpanLanes::new(plan, around, load(&origins), load(&dirs), range);
+            let rows = to.origin.iter_mut().chain([&mut to.start]).chain(&mut to.bins).chain(&mut to.ends);
+            let values = origin.into_iter().chain([start]).chain(bins).chain(ends);
+            for (row, value) in rows.zip(values) {
+                value.store(&mut row[from..]);
+            }
         }
-        let reach: [f32; 3] = core::array::from_fn(|axis| {
-            let (eye, low, high) = (eye[axis], self.bounds.min[axis], self.bounds.max[axis]);
-            (eye - low).abs().max((eye - high).abs())
-        });
-        self.far.max(Vec3::from(reach).length()).min(self.t_max)
     }
 }

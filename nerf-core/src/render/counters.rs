@@ -45,6 +45,15 @@ impl Counters {
         self.macs += (n * (network.architecture().colour_macs() - network.direction_macs())) as u64;
     }
 
+    /// A colour of the network; one that is NaN is counted, and black.
+    pub(super) fn or_black(&mut self, colour: [f32; 3]) -> [f32; 3] {
+        if colour.iter().any(|c| c.is_nan()) {
+            self.invalid_samples += 1;
+            return [0.0; 3];
+        }
+        colour
+    }
+
     /// `n` samples through the trunk and back.
     #[cfg(feature = "normals")]
     pub(super) fn add_normals(&mut self, network: &Network<'_>, n: usize) {

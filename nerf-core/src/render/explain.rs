@@ -1,10 +1,10 @@
 //! What a frame does and what not, and why; with counters, where its work went.
 
-use super::deferred::is_deferred;
-use super::{Counters, Renderer};
+use super::Counters;
+use super::field::Field;
+use crate::blob::Blob;
 use crate::camera::Lens;
-use crate::memory::Line;
-use crate::network::Shading;
+use crate::network::{Network, Shading};
 use crate::plan::{Lattice, Plan, ThinLens, Tone, ToneMap};
 use core::fmt;
 
@@ -66,20 +66,26 @@ pub struct Stage {
 #[derive(Clone, Copy, Debug)]
 pub struct Explanation<'e> {
     plan: &'e Plan<'e>,
-    renderer: &'e Renderer<'e>,
+    blob: &'e Blob<'e>,
+    network: &'e Network<'e>,
+    /// Multiply-adds of an evaluation of the proposal.
+    proposal_macs: u64,
+    /// Bytes.
     workspace: usize,
     counters: Option<Counters>,
 }
 
-impl<'p> Plan<'p> {
-    /// Says which stages the frame has, which not, and why.
-    pub fn explain<'e>(&'e self, renderer: &'e Renderer<'e>) -> Explanation<'e> {
-        let workspace = renderer.workspace_lines(self).saturating_mul(size_of::<Line>());
-        Explanation { plan: self, renderer, workspace, counters: None }
+impl<'e> Explanation<'e> {
+    pub(super) fn new(
+        plan: &'e Plan<'e>,
+        blob: &'e Blob<'e>,
+        network: &'e Network<'e>,
+        proposal_macs: u64,
+        workspace: usize,
+    ) -> Self {
+        Self { plan, blob, network, proposal_macs, workspace, counters: None }
     }
-}
 
-impl Explanation<'_> {
     /// The same with the work of a frame that was rendered so.
     pub fn with_counters(self, counters: Counters) -> Self {
         Self { counters: Some(counters), ..self }
@@ -94,19 +100,19 @@ impl Explanation<'_> {
     pub fn stages(&self) -> [Stage; 17] {
         let plan = self.plan;
         let cut = |value: f32| if value > 0.0 { Switch::On } else { Switch::SwitchedOff };
-        let occupancy = match (plan.occupancy, self.renderer.blob().occupancy()) {
+        let occupancy = match (plan.occupancy, self.blob.occupancy()) {
             (Some(_), _) => Switch::On,
             (None, Some(_)) => Switch::SwitchedOff,
             (None, None) => Switch::AbsentInScene,
         };
-        let proposal = match (plan.proposal, self.renderer.blob().proposal()) {
+        let proposal = match (plan.proposal, self.blob.proposal()) {
             (Some(_), _) => Switch::On,
             (None, None) => Switch::AbsentInScene,
             (None, Some(_)) if !cfg!(feature = "proposal") => Switch::NotBuilt,
             (None, Some(_)) => Switch::SwitchedOff,
         };
         let colour = Switch::asked(plan.outputs.rgb);
-        let directional = self.renderer.network.architecture().direction.is_some();
+        let directional = self.network.architecture().direction.is_some();
         let view = if directional { Switch::On } else { Switch::AbsentInScene };
         let asked = &plan.effects;
         let lens = Switch::built(cfg!(feature = "depth-of-field"), asked.depth_of_field.is_some());
@@ -138,7 +144,7 @@ impl Explanation<'_> {
     }
 
     fn write_setting(&self, name: &str, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (plan, network) = (self.plan, &self.renderer.network);
+        let (plan, network) = (self.plan, self.network);
         let a = network.architecture();
         match name {
             "occupancy" => {
@@ -148,8 +154,8 @@ impl Explanation<'_> {
             }
             "proposal" => {
                 let Some(coarse) = &plan.proposal else { return Ok(()) };
-                let macs = self.renderer.proposer.macs();
-                write!(f, ", {} samples a ray, {macs} multiply-adds an evaluation", coarse.count())
+                let (samples, macs) = (coarse.count(), self.proposal_macs);
+                write!(f, ", {samples} samples a ray, {macs} multiply-adds an evaluation")
             }
             "density" => {
                 write!(f, ", {} multiply-adds an evaluation", a.density_macs())?;
@@ -169,7 +175,7 @@ impl Explanation<'_> {
                 }
             }
             "view dependence" => write!(f, ", {} multiply-adds a ray", network.direction_macs()),
-            "colour cut" if is_deferred(network, plan) => {
+            "colour cut" if (Field { network, plan }).shades_rays() => {
                 write!(f, ", composited where a weight exceeds {}", plan.colour_cut)
             }
             "colour cut" => write!(f, ", asked where a weight exceeds {}", plan.colour_cut),
@@ -205,7 +211,7 @@ fn write_tone(tone: &Tone, f: &mut fmt::Formatter<'_>) -> fmt::Result {
 
 impl fmt::Display for Explanation<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (plan, network) = (self.plan, &self.renderer.network);
+        let (plan, network) = (self.plan, self.network);
         write!(f, "samples            {} a ray ", plan.samples_per_ray())?;
         match plan.lattice {
             Lattice::March => write!(f, "at most, where it is in the scene box, ")?,
@@ -240,42 +246,27 @@ impl fmt::Display for Explanation<'_> {
         writeln!(f, "maths              {:?}", plan.math)?;
         let batch = plan.batch;
         writeln!(f, "kernel             {}, {} rays in flight", network.isa().name(), batch.rays)?;
-        writeln!(f, "workspace          {} bytes", self.workspace_bytes())?;
+        writeln!(f, "workspace          {} bytes", self.workspace)?;
         let Some(c) = &self.counters else { return Ok(()) };
         let rays = c.rays.max(1) as f32;
         let per_ray = |n: u64| n as f32 / rays;
         let (kept, skipped) = (per_ray(c.samples_kept), per_ray(c.samples_skipped));
         writeln!(f, "rays               {}", c.rays)?;
         writeln!(f, "samples a ray      {kept:.3} kept, {skipped:.3} skipped")?;
-        let shares = c.shares(self.renderer);
-        let share = |macs: u64| 100.0 * macs as f32 / c.macs.max(1) as f32;
-        let (density, colour) = (per_ray(c.density_evaluations), per_ray(c.colour_evaluations));
-        if plan.proposal.is_some() {
-            let proposal = per_ray(c.proposal_evaluations);
-            writeln!(
-                f,
-                "proposal           {:.2} % of the work, {proposal:.3} evaluations a ray",
-                share(shares.proposal)
-            )?;
-        }
-        writeln!(f, "direction          {:.2} % of the work", share(shares.direction))?;
-        writeln!(
-            f,
-            "density            {:.2} % of the work, {density:.3} evaluations a ray",
-            share(shares.density)
-        )?;
-        writeln!(
-            f,
-            "colour             {:.2} % of the work, {colour:.3} evaluations a ray",
-            share(shares.colour)
-        )?;
-        if plan.outputs.normals {
-            let normals = per_ray(c.normal_evaluations);
-            writeln!(
-                f,
-                "normals            {:.2} % of the work, {normals:.3} evaluations a ray",
-                share(shares.normals)
-            )?;
+        let shares = Shares::new(c, network, self.proposal_macs);
+        let asked = [
+            ("proposal", shares.proposal, Some(c.proposal_evaluations), plan.proposal.is_some()),
+            ("direction", shares.direction, None, true),
+            ("density", shares.density, Some(c.density_evaluations), true),
+            ("colour", shares.colour, Some(c.colour_evaluations), true),
+            ("normals", shares.normals, Some(c.normal_evaluations), plan.outputs.normals),
+        ];
+        for (name, macs, evaluations, _) in asked.into_iter().filter(|stage| stage.3) {
+            write!(f, "{name:<18} {:.2} % of the work", 100.0 * macs as f32 / c.macs.max(1) as f32)?;
+            match evaluations {
+                Some(evaluations) => writeln!(f, ", {:.3} evaluations a ray", per_ray(evaluations))?,
+                None => writeln!(f)?,
+            }
         }
         writeln!(f, "work               {} multiply-adds, {:.0} a ray", c.macs, per_ray(c.macs))?;
         match c.invalid_samples {
@@ -300,18 +291,16 @@ pub struct Shares {
     pub normals: u64,
 }
 
-impl Counters {
-    /// Where the work of a scene's frames went.
-    pub fn shares(&self, renderer: &Renderer<'_>) -> Shares {
-        let network = &renderer.network;
+impl Shares {
+    /// The work of frames of a scene's network, whose proposal takes `proposal_macs` an evaluation.
+    pub(super) fn new(counters: &Counters, network: &Network<'_>, proposal_macs: u64) -> Self {
         let a = network.architecture();
-        let proposal = self.proposal_evaluations.saturating_mul(renderer.proposer.macs());
-        let density = self.density_evaluations.saturating_mul(a.density_macs() as u64);
         let per_colour = (a.colour_macs() - network.direction_macs()) as u64;
-        let colour = self.colour_evaluations.saturating_mul(per_colour);
-        let normals = self.normal_evaluations.saturating_mul(a.gradient_macs() as u64);
-        let of_samples = density.saturating_add(colour).saturating_add(normals);
-        let known = proposal.saturating_add(of_samples);
-        Shares { proposal, direction: self.macs.saturating_sub(known), density, colour, normals }
+        let proposal = counters.proposal_evaluations.saturating_mul(proposal_macs);
+        let density = counters.density_evaluations.saturating_mul(a.density_macs() as u64);
+        let colour = counters.colour_evaluations.saturating_mul(per_colour);
+        let normals = counters.normal_evaluations.saturating_mul(a.gradient_macs() as u64);
+        let known = [proposal, density, colour, normals].into_iter().fold(0, u64::saturating_add);
+        Self { proposal, direction: counters.macs.saturating_sub(known), density, colour, normals }
     }
 }

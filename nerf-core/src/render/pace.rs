@@ -15,7 +15,7 @@ const SAMPLED_RAYS: u64 = 2048;
 
 /// Milliseconds of a frame at each point of a scene's front, in the front's order.
 ///
-/// True of one host, camera and number of threads; [`Renderer::pace`] measures it.
+/// True of one host, camera and number of threads; [`Pace::measure`] measures it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pace {
     /// Where nothing was measured, infinity.
@@ -31,19 +31,17 @@ impl Pace {
         let threads = threads.max(1) as f32;
         Self { milliseconds: self.milliseconds.map(|one| one / threads) }
     }
-}
 
-impl Quality {
     /// The settings of the blob's front that lose least in a frame of at most `milliseconds`, at the pace that
     /// was measured, and how long they take; of two that lose the same, the cheaper.
     ///
     /// Where every point takes longer, the fastest, and [`Choice::within`] says so. `None` without a front,
     /// or where nothing was measured.
-    pub fn within_time(blob: &Blob<'_>, milliseconds: f32, pace: &Pace) -> Option<(Choice, f32)> {
+    pub fn within(&self, blob: &Blob<'_>, milliseconds: f32) -> Option<(Choice, f32)> {
         let timed = || {
             let known = |(_, time): &(Choice, f32)| time.is_finite();
-            let of = |(index, choice)| Some((choice, *pace.milliseconds.get::<usize>(index)?));
-            Self::front(blob).filter_map(of).filter(known)
+            let of = |(index, choice)| Some((choice, *self.milliseconds.get::<usize>(index)?));
+            Quality::front(blob).filter_map(of).filter(known)
         };
         // Dearest first: of equal losses the last is the cheapest.
         let least = |a: (Choice, f32), b: (Choice, f32)| if b.0.loss_db <= a.0.loss_db { b } else { a };
@@ -52,14 +50,12 @@ impl Quality {
             None => timed().reduce(|a, b| if b.1 < a.1 { b } else { a }),
         }
     }
-}
 
-impl Renderer<'_> {
-    /// Lines of workspace that [`Renderer::pace`] needs for frames like `plan`.
-    pub fn pace_lines(&self, plan: &Plan<'_>) -> usize {
-        let points = Quality::front(self.blob());
+    /// Lines of workspace that [`Pace::measure`] needs for frames like `plan`.
+    pub fn lines(renderer: &Renderer<'_>, plan: &Plan<'_>) -> usize {
+        let points = Quality::front(renderer.blob());
         let lines = points.filter_map(|(_, choice)| {
-            Some(self.workspace_lines(&plan.at(self.blob(), &choice.quality).ok()?))
+            Some(renderer.workspace_lines(&plan.at(renderer.blob(), &choice.quality).ok()?))
         });
         lines.max().unwrap_or(0)
     }
@@ -74,30 +70,32 @@ impl Renderer<'_> {
     /// without a front has no pace.
     ///
     /// # Errors
-    /// [`RenderError::Memory`] on less workspace than [`Renderer::pace_lines`] says.
-    pub fn pace(
-        &self,
+    /// [`RenderError::Memory`] on less workspace than [`Pace::lines`] says.
+    pub fn measure(
+        renderer: &Renderer<'_>,
         plan: &Plan<'_>,
         camera: &Camera,
         limit_milliseconds: f32,
         workspace: &mut [Line],
         clock: &mut impl FnMut() -> u64,
-    ) -> Result<Pace, RenderError> {
-        let (expected, found) = (self.pace_lines(plan), workspace.len());
+    ) -> Result<Self, RenderError> {
+        let (expected, found) = (Self::lines(renderer, plan), workspace.len());
         if found < expected {
             return Err(RenderError::Memory { expected, found });
         }
         let (right, down) = steps(camera);
         let sample = camera.thinned(right, down);
         let scale = pixels(camera) as f32 / pixels(&sample) as f32;
-        let mut pace = Pace::UNKNOWN;
+        let mut pace = Self::UNKNOWN;
         let mut warm = false;
         for index in (0..MAX_FRONT).rev() {
-            let Some((_, choice)) = Quality::front(self.blob()).find(|(i, _)| *i == index) else { continue };
-            let Ok(plan) = plan.at(self.blob(), &choice.quality) else { continue };
+            let Some((_, choice)) = Quality::front(renderer.blob()).find(|(i, _)| *i == index) else {
+                continue;
+            };
+            let Ok(plan) = plan.at(renderer.blob(), &choice.quality) else { continue };
             let mut time = || -> Result<f32, RenderError> {
                 let start = clock();
-                self.render(&plan, &sample, Rect::full(&sample), workspace, &mut |_, _, _: &Pixel| {})?;
+                renderer.render(&plan, &sample, Rect::full(&sample), workspace, &mut |_, _, _: &Pixel| {})?;
                 Ok(clock().saturating_sub(start) as f32 / 1000.0 * scale)
             };
             if !core::mem::replace(&mut warm, true) {

@@ -1,6 +1,6 @@
 //! A scene's values as a kernel takes them: read where they lie in the blob, or unpacked and decoded once.
 
-use super::proposal::Proposer;
+use super::stages::Proposer;
 use crate::blob::{Blob, BlobError, StoredTables};
 use crate::encoding::{GridTables, TableValues};
 use crate::matrix::Kernel;

@@ -13,11 +13,13 @@ mod segments;
 mod views;
 
 use super::*;
-use crate::blob::StoredOccupancy;
-use crate::camera::{Intrinsics, Lens, Pose};
+use crate::blob::{Blob, StoredOccupancy};
+use crate::camera::{Camera, Intrinsics, Lens, Pose};
 use crate::math::MathBackend;
+use crate::matrix::Kernel;
+use crate::memory::Line;
 use crate::network::{Architecture, Role};
-use crate::plan::{Batch, Outputs, Quality};
+use crate::plan::{Batch, Outputs, Plan, Quality};
 use crate::sampling::Bins;
 use crate::simd::BLOCK;
 use crate::space::SceneBox;
@@ -243,7 +245,7 @@ fn samples_that_are_no_numbers_are_counted_the_same_in_every_batch() {
     let mut broken = unpacked.clone();
     broken[at(Role::Rgb).bias] = f32::NAN;
     broken[at(Role::Density).bias] -= 0.5;
-    let renderer = Renderer::with_parameters(blob.clone(), Kernel::IN_PLACE, &broken).unwrap();
+    let renderer = Renderer::with_parameters(blob.clone(), Kernel::IN_PLACE, &broken, None).unwrap();
     let mut seen = vec![];
     for batch in
         [Batch { rays: 1, samples: 64 }, Batch { rays: 7, samples: 64 }, Batch { rays: 256, samples: 64 }]
@@ -380,10 +382,10 @@ fn the_seed_network_takes_the_memory_the_docs_say() {
         renderer.workspace_lines(&Plan::new(&blob, &Quality::EXACT, outputs, batch).unwrap())
     };
     let in_place = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap();
-    assert_eq!(lines(&in_place, Outputs::ALL, Batch::SMALLEST) * size_of::<Line>(), 3_648);
+    assert_eq!(lines(&in_place, Outputs::ALL, Batch::SMALLEST) * size_of::<Line>(), 3_584);
     let no_colour = Outputs { rgb: false, ..Outputs::ALL };
     assert_eq!(lines(&in_place, no_colour, Batch::SMALLEST) * size_of::<Line>(), 2_880);
-    let prepared = Renderer::with_parameters(blob.clone(), Kernel::IN_PLACE, &unpacked).unwrap();
+    let prepared = Renderer::with_parameters(blob.clone(), Kernel::IN_PLACE, &unpacked, None).unwrap();
     let batch = Batch::FULL;
     assert_eq!(lines(&prepared, Outputs::ALL, batch) * size_of::<Line>(), 392_192);
     #[cfg(feature = "anti-aliasing")]

@@ -5,6 +5,7 @@ use super::Renderer;
 use super::frame::Frame;
 #[cfg(feature = "instances")]
 use super::instances::{Instance, Merge, check};
+use super::pixel::{CameraRays, OwnRays, Pixels, rays_a_pixel};
 use super::{Counters, Limit, RaySegment, Rect, RenderError, Target};
 use crate::camera::{Camera, Ray, is_unit};
 use crate::math::with_math;
@@ -22,6 +23,7 @@ pub const TILE_SIDE: u32 = 16;
 /// What a call costs beyond its rays and points is a few comparisons: the memory is made ready once.
 pub struct Worker<'f> {
     fields: Fields<'f>,
+    pixels: Pixels<'f, 'f>,
 }
 
 /// What a worker looks at.
@@ -56,6 +58,7 @@ impl<'f> Worker<'f> {
     ) -> usize {
         let mut measure = Measure::default();
         Merge::lay_out(&mut measure, &[], renderers.map(|renderer| renderer.network()), plan);
+        Pixels::lay_out(&mut measure, plan);
         measure.lines
     }
 
@@ -79,23 +82,24 @@ impl<'f> Worker<'f> {
             return Err(RenderError::Memory { expected, found });
         }
         let networks = renderers.map(|renderer| renderer.network());
-        let merge = Merge::lay_out(&mut Arena::new(memory), instances, networks, last.plan);
-        Ok(Self { fields: Fields::Several(merge) })
+        let mut arena = Arena::new(memory);
+        let fields = Fields::Several(Merge::lay_out(&mut arena, instances, networks, last.plan));
+        Ok(Self { fields, pixels: Pixels::lay_out(&mut arena, last.plan) })
     }
 }
 
 impl<'f> Worker<'f> {
-    pub(super) fn of_frame(frame: Frame<'f, 'f>) -> Self {
-        Self { fields: Fields::One(frame) }
+    pub(super) fn of_frame(frame: Frame<'f, 'f>, pixels: Pixels<'f, 'f>) -> Self {
+        Self { fields: Fields::One(frame), pixels }
     }
 
     /// The plan of its frames; of several fields that of the last.
     pub fn plan(&self) -> &'f Plan<'f> {
-        of_fields!(&self.fields, it => it.plan)
+        self.pixels.plan
     }
 
     fn counters(&mut self) -> Counters {
-        core::mem::take(of_fields!(&mut self.fields, it => &mut it.counters))
+        core::mem::take(&mut self.pixels.counters)
     }
 
     /// Renders the pixels of `rect`.
@@ -137,16 +141,34 @@ impl<'f> Worker<'f> {
         let capacity = plan.batch.rays as u32;
         let width = TILE_SIDE.min(capacity);
         for tile in rect.tiles(width, capacity / width.max(1)) {
-            of_fields!(&mut self.fields, it => {
-                with_math!(plan.math, M => it.tile::<M>(camera, tile, &limit, target));
-            });
+            self.tile(camera, tile, &limit, target);
         }
         Ok(self.counters())
     }
 
+    /// Renders one tile of at most `plan.batch.rays` pixels, a ray of every pixel at a time.
+    fn tile(
+        &mut self,
+        camera: &Camera,
+        tile: Rect,
+        limit: &impl Fn(u32, u32) -> Limit,
+        target: &mut impl Target,
+    ) {
+        let (plan, pixels) = (self.plan(), &mut self.pixels);
+        (pixels.tile, pixels.forward) = (tile, camera.pose().forward());
+        of_fields!(&mut self.fields, it => {
+            let far = it.far()(camera.pose().position);
+            for turn in 0..rays_a_pixel(&plan.effects) {
+                pixels.turn = turn;
+                let source = CameraRays::new(camera, &plan.effects, turn, limit, far);
+                with_math!(plan.math, M => it.turn::<M, false>(pixels, &source, target));
+            }
+        });
+    }
+
     /// Whether colour is composited over the plan's background, as it is from the beginning, or over nothing.
     pub fn show_background(&mut self, shown: bool) {
-        of_fields!(&mut self.fields, it => it.background = shown);
+        self.pixels.background = shown;
     }
 
     /// Renders rays of the caller's own, each a pixel: `target` takes its index and what it sees.
@@ -283,14 +305,16 @@ impl<'f> Worker<'f> {
         let plan = self.plan();
         let capacity = plan.batch.rays.max(1);
         for first in (0..count).step_by(capacity) {
-            let row = (first, capacity.min(count - first));
             let mut put = |x: u32, _: u32, pixel: &Pixel| match axis {
                 Some(_) => target(first + x as usize, pixel),
                 None => target(first + x as usize, &Pixel { z_depth: 0.0, ..*pixel }),
             };
-            let axis = axis.unwrap_or(Vec3::ZERO);
+            // Lossless: a plan has at most `Batch::MAX_RAYS`.
+            self.pixels.tile = Rect { x: 0, y: 0, width: capacity.min(count - first) as u32, height: 1 };
+            (self.pixels.forward, self.pixels.turn) = (axis.unwrap_or(Vec3::ZERO), 0);
             of_fields!(&mut self.fields, it => {
-                with_math!(plan.math, M => it.row_of_rays::<M, COLLIDE>(row, ray, random, axis, &mut put));
+                let source = OwnRays { first, ray, random, far: it.far() };
+                with_math!(plan.math, M => it.turn::<M, COLLIDE>(&mut self.pixels, &source, &mut put));
             });
         }
         self.counters()
@@ -336,7 +360,10 @@ impl<'f> Worker<'f> {
         let mut colours = rgb.chunks_mut(capacity);
         for ((positions, dirs), sigma) in points.zip(sigma.chunks_mut(capacity)) {
             let rgb = colours.next().unwrap_or_default();
-            of_fields!(&mut self.fields, it => it.points(positions, dirs, sigma, rgb));
+            sigma.fill(0.0);
+            rgb.fill([0.0; 3]);
+            let counters = &mut self.pixels.counters;
+            of_fields!(&mut self.fields, it => it.points(positions, dirs, sigma, rgb, counters));
         }
         Ok(self.counters())
     }

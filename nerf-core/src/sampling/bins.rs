@@ -52,17 +52,6 @@ impl Ends {
     pub fn of_parts([start, low, high, far, stop]: [f32; Self::PARTS]) -> Self {
         Self { start, low, high, far, stop }
     }
-
-    /// The distance nearest to `t` in the part of its bin that counts, and that part's width: [`Bins::part_around`] of a vector
-    /// of rays. `delta` is the width of a bin, `ends` are [`Ends::parts`] of each ray.
-    #[inline(always)]
-    pub fn part_around<V: Lanes>(ends: [V; Self::PARTS], t: V, delta: V) -> (V, V) {
-        let [start, low, high, _, stop] = ends;
-        let (first, not_last) = (t.less(low), t.less(high));
-        let (from, to) = (V::select(first, start, high), V::select(not_last, low, stop));
-        let whole = |whole: V, cut: V| V::select(first, cut, V::select(not_last, whole, cut));
-        (whole(t, t.max_of(from).min_of(to)), whole(delta, to.sub(from)))
-    }
 }
 
 impl Bins {
@@ -199,51 +188,49 @@ impl Bins {
         self.delta
     }
 
-    /// Of the bin that `t` lies in: what is nearest to `t` of the part that counts, its middle, and its width. There is no
-    /// middle where all of the bin counts ([`Bins::middle_around`]).
-    #[inline]
-    pub(crate) fn part_around(&self, t: f32) -> (f32, Option<f32>, f32) {
-        let Ends { start, low, high, stop, .. } = self.ends;
-        let (first, last) = (t < low, t >= high);
-        if !first && !last {
-            return (t, None, self.delta);
-        }
-        let (from, to) = (if first { start } else { high }, if last { stop } else { low });
-        (t.max(from).min(to), Some(from + 0.5 * (to - from)), to - from)
+    /// The point of the bin around `t` that is nearest to `t`, and where that bin begins and ends, cut to `ends`
+    /// ([`Ends::parts`]).
+    #[inline(always)]
+    pub(crate) fn edges_around<V: Lanes>(&self, ends: [V; Ends::PARTS], t: V) -> [V; 3] {
+        let [start, low, high, _, stop] = ends;
+        let (near, delta, one) = (V::splat(self.near), V::splat(self.delta), V::splat(1.0));
+        let edge = |i: V| near.add(i.mul(delta));
+        let bin = self.bin_around(t);
+        let from = V::select(t.less(low), start, edge(bin));
+        let to = V::select(t.less(high), edge(bin.add(one)), stop);
+        [t.max_of(from).min_of(to), from, to]
     }
 
-    /// Of the bin that `t` lies in: what is nearest to `t` of the part that counts, and where that begins and ends.
+    /// Number of the bin around `t`, as if there were any number of them from 0 on.
+    #[inline(always)]
+    fn bin_around<V: Lanes>(&self, t: V) -> V {
+        let (near, delta, one) = (V::splat(self.near), V::splat(self.delta), V::splat(1.0));
+        let edge = |i: V| near.add(i.mul(delta));
+        // Near an edge the quotient may round to the bin beside it.
+        let bin = whole(t.sub(near).div(delta));
+        let bin = V::select(t.less(edge(bin)), bin.sub(one).max_of(V::splat(0.0)), bin);
+        V::select(t.less(edge(bin.add(one))), bin, bin.add(one))
+    }
+
+    /// Whether the bin around `t` is not cut.
     #[inline]
-    pub(crate) fn ends_around(&self, t: f32) -> (f32, f32, f32) {
-        let Ends { start, low, high, stop, .. } = self.ends;
-        // `as` saturates. Near an edge the quotient may round to the bin beside it.
-        let bin = ((t - self.near) / self.delta) as u32;
-        let bin = if t < self.edge(bin) { bin.saturating_sub(1) } else { bin };
-        let bin = if t < self.edge(bin + 1) { bin } else { bin + 1 };
-        let from = if t < low { start } else { self.edge(bin) };
-        let to = if t >= high { stop } else { self.edge(bin + 1) };
-        (t.max(from).min(to), from, to)
+    pub(crate) fn is_whole_around(&self, t: f32) -> bool {
+        t >= self.ends.low && t < self.ends.high
     }
 
     /// The point of bin `i` at fraction `u` in `[0, 1]`; its middle at ½. Never beyond `far`, as rounding may be.
     #[inline]
     pub fn at(&self, i: u32, u: f32) -> f32 {
-        let Ends { high, far, .. } = self.ends;
-        let t = if self.edge(i) < high {
-            self.near + (i as f32 + u) * self.delta
-        } else {
-            high + u * (far - high)
-        };
-        if t < far { t } else { far }
+        self.points(i as f32, u, self.ends.parts())
     }
 
-    /// The middles of a vector of bins, each of its own ray with [`Ends::parts`]: [`Bins::at`] ½ of each.
+    /// [`Bins::at`] of a vector of bins, each of its own ray with [`Ends::parts`].
     #[inline(always)]
-    pub(crate) fn middles_of<V: Lanes>(&self, bins: V, ends: [V; Ends::PARTS]) -> V {
+    pub(crate) fn points<V: Lanes>(&self, bins: V, u: V, ends: [V; Ends::PARTS]) -> V {
         let [_, _, high, far, _] = ends;
-        let (near, delta, half) = (V::splat(self.near), V::splat(self.delta), V::splat(0.5));
+        let (near, delta) = (V::splat(self.near), V::splat(self.delta));
         let whole = near.add(bins.mul(delta)).less(high);
-        let t = V::select(whole, near.add(bins.add(half).mul(delta)), high.add(half.mul(far.sub(high))));
+        let t = V::select(whole, near.add(bins.add(u).mul(delta)), high.add(u.mul(far.sub(high))));
         V::select(t.less(far), t, far)
     }
 
@@ -258,16 +245,12 @@ impl Bins {
     /// [`Bins::whole_up_to`] says of the last.
     #[inline(always)]
     pub(crate) fn middles<V: Lanes>(&self, first: u32, whole: bool) -> V {
-        let Ends { high, far, .. } = self.ends;
-        let (near, delta, half) = (V::splat(self.near), V::splat(self.delta), V::splat(0.5));
-        let i = V::splat(first as f32).add(V::load(&LANES));
-        let middle = near.add(i.add(half).mul(delta));
+        let (i, half) = (V::splat(first as f32).add(V::load(&LANES)), V::splat(0.5));
         if whole {
-            return middle;
+            return V::splat(self.near).add(i.add(half).mul(V::splat(self.delta)));
         }
-        let cut = V::splat(high + 0.5 * (far - high));
-        let t = V::select(near.add(i.mul(delta)).less(V::splat(high)), middle, cut);
-        V::select(t.less(V::splat(far)), t, V::splat(far))
+        let [start, low, high, far, stop] = self.ends.parts();
+        self.points(i, half, [V::splat(start), V::splat(low), V::splat(high), V::splat(far), V::splat(stop)])
     }
 
     /// The point of bin `i` at fraction `u` in `[0, 1)`, never on the edge where the next bin begins: rounding may
@@ -282,17 +265,7 @@ impl Bins {
     /// The middle of the bin that `t` lies in, from its front edge up to the next; of the first or last beyond them.
     #[inline]
     pub fn middle_around(&self, t: f32) -> f32 {
-        let last = self.count - 1;
-        // `as` saturates, and takes NaN to 0. Near an edge the quotient may round to the bin beside it.
-        let bin = (((t - self.near) / self.delta) as u32).min(last);
-        let bin = if t < self.at(bin, 0.0) {
-            bin.saturating_sub(1)
-        } else if bin < last && t >= self.at(bin + 1, 0.0) {
-            bin + 1
-        } else {
-            bin
-        };
-        self.at(bin, 0.5)
+        self.at((self.bin_around(t) as u32).min(self.count - 1), 0.5)
     }
 
     /// The bins that may have a point in `enter..=exit`, the middle or another: a superset, by one or two

@@ -2,28 +2,23 @@
 
 use super::Bins;
 
-/// Where the samples of one ray lie.
 #[derive(Clone, Copy)]
 pub(crate) struct SampleJitter;
 
 impl SampleJitter {
-    /// The middle of each bin.
     pub const MIDDLE: Self = Self;
 
-    /// Of the `ray`-th ray of pixel `(x, y)`.
     #[inline(always)]
     pub fn of(_: Option<u64>, _x: u32, _y: u32, _ray: u32) -> Self {
         Self
     }
 
-    /// Where in the `k`-th of equal parts a ray's drawn sample lies.
     #[cfg_attr(not(feature = "proposal"), allow(dead_code, reason = "only proposals draw samples"))]
     #[inline(always)]
     pub fn within(&self, _k: u32) -> f32 {
         0.5
     }
 
-    /// The sample of `bin`, world units along the ray.
     #[inline(always)]
     pub fn t(&self, bins: &Bins, bin: u32) -> f32 {
         bins.at(bin, 0.5)

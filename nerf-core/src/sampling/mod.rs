@@ -3,6 +3,7 @@
 mod bins;
 #[cfg(feature = "proposal")]
 mod importance;
+mod interval;
 #[cfg(feature = "jitter")]
 mod jitter;
 #[cfg(not(feature = "jitter"))]
@@ -21,6 +22,7 @@ pub(crate) use bins::Ends;
 pub use importance::WEIGHT_FLOOR;
 #[cfg(feature = "proposal")]
 pub use importance::{sample_interval, sample_pdf};
+pub(crate) use interval::{SampleInterval, Spacing, along};
 pub(crate) use jitter::SampleJitter;
 pub use occupancy::OccupancyGrid;
 pub(crate) use occupancy::OccupancyLanes;

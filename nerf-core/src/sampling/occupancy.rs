@@ -119,34 +119,20 @@ impl<'a> OccupancyGrid<'a> {
         x.wrapping_mul(ny).wrapping_add(y).wrapping_mul(nz).wrapping_add(z)
     }
 
-    /// The first bin of `from..end` whose middle lies in an occupied cell, or `end`.
+    /// The first bin of `from..end` whose sample lies in an occupied cell, or `end`; that of `bin` lies at `t(bin)`, which must
+    /// not fall from bin to bin.
     ///
     /// Exactly the first for which [`OccupancyGrid::occupied`] says so, without asking at every bin: where
     /// bins are smaller than cells the walk goes from cell to cell.
     ///
     /// # Source
-    /// Amanatides and Woo 1987; deviation: only the bins' middles count, so that the distance to a
-    /// cell's exit says how many bins to pass, and the last of them is looked up before it is believed.
+    /// Amanatides and Woo 1987; deviation: only the bins' samples count, so that the distance to a
+    /// cell's exit says how many bins to pass, and the last of them is looked up before it is believed, since the estimate is
+    /// off by one where samples lie anywhere.
     /// Rounding keeps order: a coordinate that does not fall along the ray does not fall in f32 either,
     /// so that all bins between two in one cell are in it.
     #[inline]
-    pub fn first_occupied(&self, ray: &Ray, bins: &Bins, from: u32, end: u32) -> u32 {
-        self.first_occupied_at(ray, bins, from, end, |bin| bins.at(bin, 0.5))
-    }
-
-    /// As [`OccupancyGrid::first_occupied`] for samples that lie elsewhere in their bins: that of `bin` at `t(bin)`.
-    ///
-    /// Exact as well: `t` must not fall from bin to bin, and the estimate of how many bins a cell has, off by
-    /// one where samples lie anywhere, is never believed without a look.
-    #[inline]
-    pub fn first_occupied_at(
-        &self,
-        ray: &Ray,
-        bins: &Bins,
-        from: u32,
-        end: u32,
-        t: impl Fn(u32) -> f32,
-    ) -> u32 {
+    pub fn first_occupied(&self, ray: &Ray, bins: &Bins, from: u32, end: u32, t: impl Fn(u32) -> f32) -> u32 {
         let cells_per_bin = ray.dir.abs() * self.cells_per_unit * bins.delta();
         let passes_cells = cells_per_bin.max_element() >= 1.0;
         let mut bin = from;

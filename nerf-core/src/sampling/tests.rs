@@ -298,6 +298,7 @@ fn a_walk_meets_the_bins_that_asking_at_each_meets() {
                 let far = 3.0 * (bounds.max - bounds.min).max_element();
                 for count in [7, 64, 1000] {
                     let bins = Bins::new(0.0, far, count).unwrap();
+                    let middle = |bin| bins.at(bin, 0.5);
                     for ray in walking_rays(bounds, resolution).iter().skip(k).step_by(7) {
                         let mut next = 0;
                         for bin in 0..count {
@@ -306,12 +307,16 @@ fn a_walk_meets_the_bins_that_asking_at_each_meets() {
                             if occupancy.occupied(p) {
                                 live += 1;
                                 assert!(around.is_some_and(|around| around.contains(p)), "{p} of {around:?}");
-                                next = occupancy.first_occupied(ray, &bins, next, count);
+                                next = occupancy.first_occupied(ray, &bins, next, count, middle);
                                 assert_eq!(next, bin, "{bounds:?} {resolution:?} {ray:?}");
                                 next += 1;
                             }
                         }
-                        assert_eq!(occupancy.first_occupied(ray, &bins, next, count), count, "{ray:?}");
+                        assert_eq!(
+                            occupancy.first_occupied(ray, &bins, next, count, middle),
+                            count,
+                            "{ray:?}"
+                        );
                     }
                 }
             }

@@ -1,6 +1,7 @@
 //! The placement of a field in a host's world.
 
 use crate::camera::Ray;
+use crate::errors::errors;
 use glam::{Mat3, Vec3};
 
 /// Largest error of a rotation's columns, relative to their length.
@@ -16,33 +17,20 @@ pub struct Placement {
     translation: Vec3,
 }
 
-/// A transform that no field can be placed by.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum PlacementError {
+errors! {
+    /// A transform that no field can be placed by.
+    #[derive(Eq)]
+    PlacementError:
     /// A number that is not finite.
-    NotFinite,
+    NotFinite => "expected a rotation, one scale and a translation, found a number that is not finite";
     /// A transform of space to a plane or less, or a scale that is not in `[1e-9, 1e9]`.
-    Singular,
+    Singular => "expected a rotation, one scale and a translation, found a scale that is not in [1e-9, 1e9]";
     /// Axes of different lengths, or not at right angles.
-    Sheared,
+    Sheared =>
+        "expected a rotation, one scale and a translation, found axes of different lengths or not at right angles";
     /// A transform that takes right hands to left ones.
-    Mirrored,
+    Mirrored => "expected a rotation, one scale and a translation, found a mirrored one";
 }
-
-impl core::fmt::Display for PlacementError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        let found = match self {
-            Self::NotFinite => "a number that is not finite",
-            Self::Singular => "a scale that is not in [1e-9, 1e9]",
-            Self::Sheared => "axes of different lengths or not at right angles",
-            Self::Mirrored => "a mirrored one",
-        };
-        write!(f, "expected a rotation, one scale and a translation, found {found}")
-    }
-}
-
-impl core::error::Error for PlacementError {}
 
 impl Placement {
     /// The field's own coordinates are the world's.

@@ -2,26 +2,7 @@
 
 use super::{Accumulator, Pixel};
 use crate::errors::errors;
-use crate::math::{Math, MathBackend, with_math};
-
-impl Accumulator {
-    /// Adds the sample at `t` behind everything gathered so far; returns its weight.
-    ///
-    /// [`Accumulator::add_density`] and [`Accumulator::add_colour`] in one, without a cut.
-    #[inline]
-    pub(crate) fn add<M: Math>(&mut self, sigma: f32, rgb: [f32; 3], t: f32, delta: f32) -> f32 {
-        let weight = self.add_density::<M>(sigma, t, delta);
-        if let Some(weight) = self.take_uncoloured(0.0) {
-            self.add_colour(weight, rgb);
-        }
-        weight
-    }
-
-    /// The pixel of all samples, over `background`.
-    pub(crate) fn finish(&self, background: [f32; 3], far: f32, z_per_distance: f32) -> Pixel {
-        self.finish_from(0.0, false, background, far, z_per_distance)
-    }
-}
+use crate::math::{MathBackend, with_math};
 
 /// Composites samples along one ray into colour, opacity and distance.
 ///
@@ -90,18 +71,8 @@ errors! {
     #[derive(Eq)]
     VolumeError:
     /// `rgb` must be as long as `sigma`, `t_edges` one longer.
-    Lengths {
-        /// Length of `sigma`.
-        sigma: usize,
-        /// Length of `rgb`.
-        rgb: usize,
-        /// Length of `t_edges`.
-        t_edges: usize,
-    } =>
+    Lengths { sigma: usize, rgb: usize, t_edges: usize } =>
         "samples: expected n sigma, n rgb, n + 1 t_edges, found {sigma}, {rgb}, {t_edges}";
     /// An edge is not finite or lies before the one in front of it.
-    Edges {
-        /// The bin that ends there.
-        bin: usize,
-    } => "t_edges: expected finite ascending values, bin {bin} has none";
+    Edges { bin: usize } => "t_edges: expected finite ascending values, bin {bin} has none";
 }

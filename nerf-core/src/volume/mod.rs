@@ -253,4 +253,43 @@ impl Accumulator {
         };
         Pixel { rgb, opacity, ray_distance, z_depth, ..Pixel::BLANK }
     }
+
+    /// Adds the sample at `t` behind everything gathered so far; returns its weight.
+    ///
+    /// [`Accumulator::add_density`] and [`Accumulator::add_colour`] in one, without a cut.
+    #[cfg(feature = "train")]
+    #[inline]
+    pub(crate) fn add<M: Math>(&mut self, sigma: f32, rgb: [f32; 3], t: f32, delta: f32) -> f32 {
+        let weight = self.add_density::<M>(sigma, t, delta);
+        if let Some(weight) = self.take_uncoloured(0.0) {
+            self.add_colour(weight, rgb);
+        }
+        weight
+    }
+
+    /// The pixel of all samples, over `background`.
+    #[cfg(feature = "train")]
+    pub(crate) fn finish(&self, background: [f32; 3], far: f32, z_per_distance: f32) -> Pixel {
+        self.finish_from(0.0, false, background, far, z_per_distance)
+    }
+
+    /// Optical thickness, opacity and distance, each with what rounding lost of it, then the weight without a colour and the
+    /// transmittance: all of it but the colour.
+    #[inline]
+    fn state(&self) -> [f32; side_by_side::ROWS] {
+        let Self { tau, opacity, distance, uncoloured, left, .. } = self;
+        [tau.value, tau.lost, opacity.value, opacity.lost, distance.value, distance.lost, *uncoloured, *left]
+    }
+
+    /// Sets what [`Accumulator::state`] gives.
+    #[inline]
+    fn set_state(
+        &mut self,
+        [tau, lost_tau, opacity, lost_opacity, distance, lost, uncoloured, left]: [f32; side_by_side::ROWS],
+    ) {
+        self.tau = Sum { value: tau, lost: lost_tau };
+        self.opacity = Sum { value: opacity, lost: lost_opacity };
+        self.distance = Sum { value: distance, lost };
+        (self.uncoloured, self.left) = (uncoloured, left);
+    }
 }

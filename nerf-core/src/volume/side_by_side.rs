@@ -1,7 +1,7 @@
 //! Compositing of several rays at once: the state of [`Accumulator`] without colour, a row a value and a column a ray.
 
 use super::{Accumulator, MAX_TAU, alpha, light};
-use crate::math::{Math, Sum};
+use crate::math::Math;
 use crate::simd::{BLOCK, Lanes};
 
 /// Number of rows.
@@ -16,25 +16,18 @@ const DISTANCE: usize = 4;
 const UNCOLOURED: usize = 6;
 const LEFT: usize = 7;
 
-impl Accumulator {
-    /// Writes its state, without colours, to column `column` of a block.
-    #[inline]
-    pub(crate) fn put_column(&self, rows: &mut Rows, column: usize) {
-        let Self { tau, opacity, distance, uncoloured, left, .. } = self;
-        let sums = [tau.value, tau.lost, opacity.value, opacity.lost, distance.value, distance.lost];
-        for (row, value) in rows.iter_mut().zip(sums.into_iter().chain([*uncoloured, *left])) {
-            row[column % BLOCK] = value;
-        }
+/// Writes the state of a ray, without its colour, to column `column` of a block.
+#[inline]
+pub(crate) fn put_column(ray: &Accumulator, rows: &mut Rows, column: usize) {
+    for (row, value) in rows.iter_mut().zip(ray.state()) {
+        row[column % BLOCK] = value;
     }
+}
 
-    /// Reads a ray's sums back from column `column` of a block, all but its colour.
-    #[inline]
-    pub(crate) fn take_column(&mut self, rows: &Rows, column: usize) {
-        let row = |row: usize| rows[row][column % BLOCK];
-        let sum = |first: usize| Sum { value: row(first), lost: row(first + 1) };
-        (self.tau, self.opacity, self.distance) = (sum(TAU), sum(OPACITY), sum(DISTANCE));
-        (self.uncoloured, self.left) = (row(UNCOLOURED), row(LEFT));
-    }
+/// Reads the state of a ray, all but its colour, back from column `column` of a block.
+#[inline]
+pub(crate) fn take_column(ray: &mut Accumulator, rows: &Rows, column: usize) {
+    ray.set_state(rows.each_ref().map(|row| row[column % BLOCK]));
 }
 
 /// Transmittance of a block's rays.

@@ -80,7 +80,7 @@ impl Explain {
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
         let renderer = Renderer::new(blob, kernel, &mut memory)?;
         let counters = frame::render(&renderer, &plan, &camera)?.counters;
-        let explanation = plan.explain(&renderer).with_counters(counters);
+        let explanation = renderer.explain(&plan).with_counters(counters);
 
         let summary = Summary::of(&explanation, &renderer, counters);
         global.finish_with(&summary, || print(explanation.to_string().trim_end()))?;
@@ -127,7 +127,7 @@ struct Summary {
 
 impl Summary {
     fn of(explanation: &Explanation<'_>, renderer: &Renderer<'_>, counters: Counters) -> Self {
-        let (network, shares) = (renderer.network(), counters.shares(renderer));
+        let (network, shares) = (renderer.network(), renderer.shares(&counters));
         let a = network.architecture();
         let a_ray = |count: u64| count as f64 / counters.rays.max(1) as f64;
         let share = |macs: u64| macs as f64 / counters.macs.max(1) as f64;

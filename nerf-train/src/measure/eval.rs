@@ -250,7 +250,7 @@ pub fn measure<'v>(
             let (layers, tables) = parameters.split_at_checked(layers).with_context(fault)?;
             let bounds = blob.scene_box();
             let tables = GridTables::new(TableValues::F32(tables), bounds.as_ref());
-            Renderer::with_parameters_and_tables(blob, kernel, layers, tables).with_context(fault)?
+            Renderer::with_parameters(blob, kernel, layers, Some(tables)).with_context(fault)?
         }
         None => Renderer::new(blob, kernel, &mut memory)?,
     };

@@ -187,7 +187,7 @@ fn folding_feature_layer_and_density_scale_changes_no_output() {
         let bytes = blob(&model, &folded);
         for kernel in kernels() {
             let blob = Blob::open(&bytes).expect("a blob");
-            let renderer = Renderer::with_parameters(blob, kernel, &folded).expect("a renderer");
+            let renderer = Renderer::with_parameters(blob, kernel, &folded, None).expect("a renderer");
             assert_equal(&ask_core(&renderer), &expected, &format!("{name}, {}", kernel));
         }
     }

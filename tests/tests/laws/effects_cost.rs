@@ -7,23 +7,32 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::Command;
 
-/// Each feature, with functions that are there for it alone.
-const EFFECTS: [(&str, &[&str]); 7] = [
-    ("jitter", &["jittered"]),
-    ("anti-aliasing", &["place_in_pixel", "add_ray"]),
-    ("depth-of-field", &["lens_ray"]),
-    ("tone-map", &["decode_srgb", "develop"]),
-    ("lens", &["undistort"]),
-    ("median", &["median_in_bin"]),
-    ("normals", &["gradient"]),
+/// Each feature, with functions that are there for it alone, and files of `nerf-core/src` that do its work.
+const EFFECTS: [(&str, &[&str], &[&str]); 7] = [
+    ("jitter", &["jittered"], &["sampling/jitter"]),
+    ("anti-aliasing", &["place_in_pixel", "add_ray"], &["render/pixel/anti_aliasing"]),
+    ("depth-of-field", &["lens_ray"], &["render/pixel/depth_of_field"]),
+    ("tone-map", &["decode_srgb", "develop"], &["render/pixel/tone"]),
+    ("lens", &["undistort"], &["camera/lens/model"]),
+    ("median", &["median_in_bin"], &["render/pixel/median", "volume/median"]),
+    (
+        "normals",
+        &["gradient"],
+        &["render/stages/normals", "network/gradient", "encoding/sinusoidal/gradient"],
+    ),
 ];
+
+/// Bytes of machine code that files which stand in for an effect may have: to hand on what they are given.
+const STAND_IN: u64 = 64;
 
 /// A program that was built with some of the features.
 struct Build {
     /// Lines of `nerf-core/examples/checksum.rs` by kernel and effect: checksum, workspace and work.
     lines: BTreeMap<(String, String), String>,
-    /// Bytes of machine code.
+    /// Bytes of machine code and constants.
     text: u64,
+    /// Bytes of machine code that each file of `nerf-core/src` became, inlined or not.
+    code: BTreeMap<String, u64>,
     /// Names of its functions, as the linker has them.
     symbols: String,
 }
@@ -38,10 +47,34 @@ fn build(features: &str, scene: &Path) -> Build {
         ((kernel.to_owned(), effect.to_owned()), rest.to_owned())
     };
     let lines = String::from_utf8(output).expect("UTF-8").lines().map(line).collect();
+    let symbols = String::from_utf8(run(Command::new("nm").arg(program)).stdout).expect("UTF-8");
     let size = String::from_utf8(run(Command::new("size").arg(program)).stdout).expect("UTF-8");
     let text = size.lines().nth(1).and_then(|line| line.split_whitespace().next()?.parse().ok());
-    let symbols = String::from_utf8(run(Command::new("nm").arg(program)).stdout).expect("UTF-8");
-    Build { lines, text: text.expect("the size of the text"), symbols }
+    Build { lines, text: text.expect("the size of the text"), code: code(program), symbols }
+}
+
+/// Bytes of machine code of each file of `nerf-core/src`, by the debug information's table of lines.
+fn code(program: &Path) -> BTreeMap<String, u64> {
+    let table = run(Command::new("objdump").arg("--dwarf=decodedline").arg(program)).stdout;
+    let (mut code, mut file, mut last) = (BTreeMap::new(), None, None);
+    for line in String::from_utf8_lossy(&table).lines() {
+        if let Some(path) = line.strip_suffix(':') {
+            file = path.split_once("nerf-core/src/").map(|(_, file)| file.to_owned());
+        }
+        // File name, line or `-` at the end of a sequence, and address.
+        let mut columns = line.split_whitespace().skip(1);
+        let (Some(number), Some(address)) = (columns.next(), columns.next()) else { continue };
+        let Some(Ok(address)) = address.strip_prefix("0x").map(|it| u64::from_str_radix(it, 16)) else {
+            continue;
+        };
+        if let Some((Some(file), from)) = last.take() {
+            *code.entry(file).or_default() += address - from;
+        }
+        if number != "-" {
+            last = Some((file.clone(), address));
+        }
+    }
+    code
 }
 
 impl Build {
@@ -50,6 +83,11 @@ impl Build {
     fn has(&self, function: &str) -> bool {
         let mangled = format!("{}{function}", function.len());
         self.symbols.lines().any(|line| line.contains("nerf_core") && line.contains(&mangled))
+    }
+
+    /// Bytes of machine code from these files, with an ending of their names.
+    fn code_of(&self, files: &[&str], ending: &str) -> u64 {
+        files.iter().filter_map(|file| self.code.get(&format!("{file}{ending}"))).sum()
     }
 
     /// The lines of one effect, by kernel.
@@ -65,9 +103,8 @@ fn a_build_without_an_effect_has_none_of_its_code_and_draws_the_same_bits() {
     let scene = directory.path().join("scene.nerf");
     std::fs::write(&scene, Recipe::OCCUPANCY.blob()).expect("a temporary file");
     let none = build("", &scene);
-    let all = build(&EFFECTS.map(|(feature, _)| feature).join(","), &scene);
+    let all = build(&EFFECTS.map(|(feature, ..)| feature).join(","), &scene);
     println!("text: {} bytes without effects, {} with all", none.text, all.text);
-    assert!(none.text < all.text);
     assert_eq!(
         none.of("off"),
         all.of("off"),
@@ -80,10 +117,16 @@ fn a_build_without_an_effect_has_none_of_its_code_and_draws_the_same_bits() {
     assert!(unbounded.has("contracted_span"));
     let of_contraction = |line: &&str| line.contains("nerf_core") && line.contains("contract");
     assert_eq!(all.symbols.lines().find(of_contraction), None);
-    for (feature, functions) in EFFECTS {
+    for (feature, functions, files) in EFFECTS {
         let alone = build(feature, &scene);
-        println!("text: {} bytes with {feature} alone", alone.text);
-        assert!(none.text < alone.text && alone.text < all.text, "{feature}");
+        let (own, stand_in) = (alone.code_of(files, ".rs"), none.code_of(files, "_off.rs"));
+        println!(
+            "text: {} bytes with {feature} alone, {own} of them from its files; {stand_in} in their place",
+            alone.text
+        );
+        // What it adds is at least what its files become, so that nothing of it is in a build without.
+        assert!(stand_in <= STAND_IN && stand_in < own, "{feature}");
+        assert!(none.text + own - stand_in <= alone.text && alone.text < all.text, "{feature}");
         assert_eq!(none.of("off"), alone.of("off"), "{feature}");
         // What it adds is its own, and no other's business.
         assert_eq!(alone.of(feature), all.of(feature), "{feature}");
@@ -93,9 +136,10 @@ fn a_build_without_an_effect_has_none_of_its_code_and_draws_the_same_bits() {
                 "{feature} must be seen"
             );
         }
-        for (other, its_functions) in EFFECTS {
+        for (other, its_functions, its_files) in EFFECTS {
             if other != feature {
                 assert!(alone.of(other).iter().all(|(_, line)| *line == "not built"), "{other} in {feature}");
+                assert_eq!(alone.code_of(its_files, ".rs"), 0, "{other} in {feature}");
             }
             for function in its_functions {
                 assert_eq!(
@@ -108,6 +152,9 @@ fn a_build_without_an_effect_has_none_of_its_code_and_draws_the_same_bits() {
         for function in functions {
             assert!(all.has(function) && !none.has(function), "{function}");
         }
+        for file in files {
+            assert!(all.code_of(&[file], ".rs") > 0 && none.code_of(&[file], ".rs") == 0, "{file}");
+        }
     }
 }
 
@@ -119,11 +166,12 @@ fn the_c_library_without_effects_has_none_of_their_code() {
     let symbols = |library: &Path| {
         // GNU nm would hand the objects to an LTO plugin, which may be too old for their bitcode.
         let nm = Command::new("nm").args(["--plugin", "/none"]).arg(library).output().expect("nm");
-        Build { lines: BTreeMap::new(), text: 0, symbols: String::from_utf8_lossy(&nm.stdout).into_owned() }
+        let symbols = String::from_utf8_lossy(&nm.stdout).into_owned();
+        Build { lines: BTreeMap::new(), text: 0, code: BTreeMap::new(), symbols }
     };
     let (without, with) = (symbols(without), symbols(&with));
     assert!(without.symbols.contains("nerf_render") && with.symbols.contains("nerf_render"));
-    for function in EFFECTS.iter().flat_map(|(_, functions)| *functions) {
+    for function in EFFECTS.iter().flat_map(|(_, functions, _)| *functions) {
         assert!(with.has(function) && !without.has(function), "{function}");
     }
 }

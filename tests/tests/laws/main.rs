@@ -8,6 +8,7 @@ mod fences;
 mod large;
 mod oracle;
 mod parity;
+mod rooms;
 mod sizes;
 
 use proptest::test_runner::{Config, RngSeed};

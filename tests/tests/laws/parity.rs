@@ -166,7 +166,7 @@ fn thread_count_changes_no_bit() {
 #[test]
 fn kernels_agree_with_the_oracle() {
     // A proposal's rounding moves the samples, in these fields of noise by more than a tolerance says: there
-    // every kernel has an oracle of its own, bit for bit (`render/proposal/tests.rs`).
+    // every kernel has an oracle of its own, bit for bit (`render/stages/proposal/tests.rs`).
     for (name, recipe) in RECIPES.into_iter().filter(|(_, recipe)| recipe.proposal.is_none()) {
         let blob = recipe.blob();
         // The cut may end a ray a sample sooner or later: that is its price, not a kernel's error.
@@ -274,11 +274,11 @@ fn without_colour_its_branch_is_never_asked_and_the_rest_is_the_same() {
         };
         let ((with, large), (without, small)) = (work(true), work(false));
         assert_eq!((without.colour_evaluations, without.samples_kept), (0, with.samples_kept), "{name}");
-        let shares = without.shares(&renderer);
-        let Shares { direction, colour, .. } = with.shares(&renderer);
+        let shares = renderer.shares(&without);
+        let Shares { direction, colour, .. } = renderer.shares(&with);
         assert_eq!((shares.direction, shares.colour), (0, 0), "{name}");
         assert_eq!(shares.density + shares.proposal, without.macs, "{name}");
-        assert_eq!(with.shares(&renderer), Shares { direction, colour, ..shares }, "{name}");
+        assert_eq!(renderer.shares(&with), Shares { direction, colour, ..shares }, "{name}");
         assert!(small < large, "{name}: no memory for colours either");
     }
 }

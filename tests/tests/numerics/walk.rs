@@ -132,6 +132,7 @@ fn live() -> Vec<Row> {
     let mut filled: Vec<Vec<u8>> = vec![];
     let mut of = [0u16; 3];
     each_walk(|cells, ray, bins| {
+        let middle = |bin| bins.at(bin, 0.5);
         if of != cells.resolution {
             (of, filled) = (cells.resolution, fillings(cells));
         }
@@ -139,7 +140,7 @@ fn live() -> Vec<Row> {
         let places: Vec<_> = places.collect();
         for bits in &filled {
             let occupancy = OccupancyGrid::new(cells.bounds, cells.resolution, bits);
-            let mut next = occupancy.first_occupied(ray, bins, 0, bins.count());
+            let mut next = occupancy.first_occupied(ray, bins, 0, bins.count(), middle);
             for (bin, (candidates, outside)) in (0..bins.count()).zip(&places) {
                 let found = bin == next;
                 let set = candidates.iter().filter(|cell| bit(bits, **cell)).count();
@@ -150,7 +151,7 @@ fn live() -> Vec<Row> {
                 }
                 if found {
                     walked += 1;
-                    next = occupancy.first_occupied(ray, bins, bin + 1, bins.count());
+                    next = occupancy.first_occupied(ray, bins, bin + 1, bins.count(), middle);
                 }
                 bins_seen += 1;
             }
@@ -163,6 +164,7 @@ fn live() -> Vec<Row> {
 fn single() -> Vec<Row> {
     let (mut missed, mut all, mut at) = (0u32, 0u32, String::new());
     each_walk(|cells, ray, bins| {
+        let middle = |bin| bins.at(bin, 0.5);
         let count: usize = cells.resolution.iter().map(|&side| usize::from(side)).product();
         let mut bits = vec![0u8; count.div_ceil(8)];
         let mut before = vec![];
@@ -174,7 +176,7 @@ fn single() -> Vec<Row> {
             }
             touched.iter().for_each(|cell| bits[cell / 8] |= 1 << (cell % 8));
             let occupancy = OccupancyGrid::new(cells.bounds, cells.resolution, &bits);
-            let found = occupancy.first_occupied(ray, bins, 0, bins.count());
+            let found = occupancy.first_occupied(ray, bins, 0, bins.count(), middle);
             all += 1;
             // Not behind it, and not where none of them can be.
             let place = (found <= bin).then(|| candidates(cells, place(cells, ray, bins.at(found, 0.5))).0);
@@ -209,7 +211,7 @@ fn steps() -> Vec<Row> {
             assert!(asked.get() <= 2 * bins.count(), "{ray:?}, {:?}", cells.bounds);
             bins.at(bin, 0.5)
         };
-        assert_eq!(occupancy.first_occupied_at(ray, bins, 0, bins.count(), t), bins.count());
+        assert_eq!(occupancy.first_occupied(ray, bins, 0, bins.count(), t), bins.count());
         worst
             .see(f64::from(asked.get()) / f64::from(bins.count()), || format!("{ray:?}, {:?}", cells.bounds));
     };

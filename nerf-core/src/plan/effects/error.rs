@@ -7,35 +7,20 @@ errors! {
     /// An effect that is out of range or not in this build.
     EffectError:
     /// Rays a pixel beyond 1 to [`Effects::MAX_RAYS`].
-    AntiAliasing {
-        /// What was asked for.
-        found: u16,
-    } =>
+    AntiAliasing { found: u16 } =>
         "effects.anti_aliasing: expected 1 to {most} rays a pixel, found {found}", most = Effects::MAX_RAYS;
     /// An aperture that is negative, beyond [`ThinLens::LARGEST`] or no number.
-    Aperture {
-        /// What was asked for, world units.
-        found: f32,
-    } =>
+    Aperture { found: f32 } =>
         "effects.depth_of_field.aperture_radius: expected 0 to {largest} world units, found {found}",
         largest = ThinLens::LARGEST;
     /// A plane of focus beyond [`ThinLens::NEAREST`] to [`ThinLens::LARGEST`].
-    Focus {
-        /// What was asked for, world units.
-        found: f32,
-    } =>
+    Focus { found: f32 } =>
         "effects.depth_of_field.focus_distance: expected {nearest} to {largest} world units, found {found}",
         nearest = ThinLens::NEAREST, largest = ThinLens::LARGEST;
     /// An exposure of more than [`Tone::MAX_STOPS`] up or down.
-    Exposure {
-        /// What was asked for, stops.
-        found: f32,
-    } =>
+    Exposure { found: f32 } =>
         "effects.tone.exposure: expected -{most} to {most} stops, found {found}", most = Tone::MAX_STOPS;
     /// This build lacks the effect.
-    NotBuilt {
-        /// The cargo feature that brings it.
-        feature: &'static str,
-    } =>
+    NotBuilt { feature: &'static str } =>
         "effects: expected a build with the feature {feature}, found one without";
 }

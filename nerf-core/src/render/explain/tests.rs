@@ -4,6 +4,7 @@ use super::*;
 use crate::Kernel;
 use crate::blob::{Blob, StoredOccupancy};
 use crate::plan::{Batch, Outputs, Quality};
+use crate::render::Renderer;
 use crate::render::tests::{camera, render};
 use crate::testing::{body, bytes, every_kind, halve, parameters};
 
@@ -32,11 +33,11 @@ fn an_explanation_says_what_is_off_and_why() {
     let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap();
     let plan = |quality, outputs| Plan::new(&blob, &quality, outputs, Batch::SMALLEST).unwrap();
     let switch = |plan: &Plan<'_>, name| {
-        plan.explain(&renderer).stages().into_iter().find(|stage| stage.name == name).unwrap().switch
+        renderer.explain(plan).stages().into_iter().find(|stage| stage.name == name).unwrap().switch
     };
     let (median_distance, normals) = (cfg!(feature = "median"), cfg!(feature = "normals"));
     let full = plan(Quality::default(), Outputs { median_distance, normals, ..Outputs::ALL });
-    for Stage { name, switch } in full.explain(&renderer).stages() {
+    for Stage { name, switch } in renderer.explain(&full).stages() {
         let missing = (name == "median_distance" && !median_distance) || (name == "normals" && !normals);
         match name {
             "anti-aliasing" | "depth of field" | "jitter" | "tone" => {
@@ -65,12 +66,12 @@ fn an_explanation_says_what_is_off_and_why() {
     }
 
     let counters = render(&renderer, &full, &camera(8, 8)).counters;
-    let shares = counters.shares(&renderer);
+    let shares = renderer.shares(&counters);
     assert_eq!(shares.proposal, 0);
     assert_eq!(shares.direction + shares.density + shares.colour + shares.normals, counters.macs);
     assert!(shares.direction > 0 && shares.colour > 0);
     let mut page = Page { bytes: [0; 4096], used: 0 };
-    core::fmt::write(&mut page, format_args!("{}", full.explain(&renderer).with_counters(counters))).unwrap();
+    core::fmt::write(&mut page, format_args!("{}", renderer.explain(&full).with_counters(counters))).unwrap();
     let text = core::str::from_utf8(&page.bytes[..page.used]).unwrap();
     std::println!("{text}");
     for word in ["occupancy          on, 2x2x2", "rays               64", "workspace", "evaluations a ray"] {

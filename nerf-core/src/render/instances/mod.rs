@@ -7,7 +7,8 @@ mod tests;
 
 pub(super) use merge::Merge;
 
-use super::{RenderError, Renderer};
+use super::field::Field;
+use super::{InstanceProblem, RenderError, Renderer};
 use crate::plan::Plan;
 use crate::space::Placement;
 
@@ -23,30 +24,9 @@ pub struct Instance<'a> {
     pub placement: Placement,
 }
 
-/// What keeps an instance from being rendered with the others.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum InstanceProblem {
-    /// Its plan was made for another blob.
-    OtherScene,
-    /// Outputs, effects or batch are not those of the last.
-    OtherRequest,
-    /// It draws samples from a proposal network: [`Quality::proposal`](crate::plan::Quality) is to be off.
-    Proposal,
-    /// It is unbounded, and not the last.
-    Unbounded,
-}
-
-impl core::fmt::Display for InstanceProblem {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
-            Self::OtherScene => "expected a plan of this scene, found one of another",
-            Self::OtherRequest => "expected outputs, effects and batch of the last instance, found others",
-            Self::Proposal => "expected a plan without a proposal network, found one with it",
-            Self::Unbounded => {
-                "expected an unbounded scene as the last instance alone, found one in front of it"
-            }
-        })
+impl<'a> Instance<'a> {
+    pub(super) fn field(&self) -> Field<'a> {
+        Field { network: self.renderer.network(), plan: self.plan }
     }
 }
 

@@ -50,18 +50,18 @@ fn a_time_buys_the_least_loss_it_can() {
     for (wish, samples, within) in
         [(1e9, 32, true), (80.0, 32, true), (79.9, 16, true), (10.0, 4, true), (9.9, 4, false)]
     {
-        let (choice, time) = Quality::within_time(&blob, wish, &pace).unwrap();
+        let (choice, time) = pace.within(&blob, wish).unwrap();
         assert_eq!((choice.quality.samples, choice.within), (samples, within), "{wish} ms");
         assert_eq!(time <= wish, within);
     }
     // Time is the host's: a point of fewer multiply-adds may take longer.
     let odd = pace_of(&[20.0, 40.0, 10.0]);
-    assert_eq!(Quality::within_time(&blob, 30.0, &odd).unwrap().0.quality.samples, 32);
+    assert_eq!(odd.within(&blob, 30.0).unwrap().0.quality.samples, 32);
     let half = pace.shared_by(2);
-    assert_eq!(Quality::within_time(&blob, 40.0, &half).unwrap().0.quality.samples, 32);
-    assert_eq!(Quality::within_time(&blob, 1e9, &Pace::UNKNOWN), None);
+    assert_eq!(half.within(&blob, 40.0).unwrap().0.quality.samples, 32);
+    assert_eq!(Pace::UNKNOWN.within(&blob, 1e9), None);
     let (bare, pace) = (scene(&[]), pace_of(&[1.0]));
-    assert_eq!(Quality::within_time(&Blob::open(&bare).unwrap(), 1e9, &pace), None);
+    assert_eq!(pace.within(&Blob::open(&bare).unwrap(), 1e9), None);
 }
 
 #[test]
@@ -70,7 +70,7 @@ fn a_pace_is_read_from_the_caller_s_clock_cheapest_point_first() {
     let blob = Blob::open(&bytes).unwrap();
     let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap();
     let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::FULL).unwrap();
-    let mut workspace = vec![Line::UNINIT; renderer.pace_lines(&plan)];
+    let mut workspace = vec![Line::UNINIT; Pace::lines(&renderer, &plan)];
     assert!(workspace.len() >= renderer.workspace_lines(&plan));
     let camera = camera(200, 100);
     // Renders take 7 ms for warming up; then 4, 3; 30, 20; 100, 200 for the points in turn.
@@ -82,7 +82,7 @@ fn a_pace_is_read_from_the_caller_s_clock_cheapest_point_first() {
             calls += 1;
             now
         };
-        let pace = renderer.pace(&plan, &camera, limit, workspace, &mut clock);
+        let pace = Pace::measure(&renderer, &plan, &camera, limit, workspace, &mut clock);
         (pace, calls)
     };
     // Every 4th pixel of every 4th row: 50 × 25 of 20,000.

@@ -8,6 +8,7 @@ use crate::blob::{Body, StoredTables};
 #[cfg(feature = "grid")]
 use crate::encoding::{GridEncoding, PositionEncoding};
 use crate::network::{Architecture, Role};
+use crate::render::Renderer;
 #[cfg(feature = "grid")]
 use crate::testing::noise;
 use crate::testing::{
@@ -209,7 +210,7 @@ fn what_is_no_number_is_black_and_counted() {
     broken[rgb.bias + 1] = f32::NAN;
     let blob = Blob::open(&bytes).unwrap();
     for kernel in kernels() {
-        let renderer = Renderer::with_parameters(blob.clone(), kernel, &broken).unwrap();
+        let renderer = Renderer::with_parameters(blob.clone(), kernel, &broken, None).unwrap();
         let (found, counters) = draw(&renderer, POLYNOMIAL, Batch::FULL, [9, 8], full([9, 8]));
         assert!(found.iter().all(|pixel| *pixel == [0.0; 3]));
         assert_eq!((counters.invalid_samples, counters.colour_evaluations), (72, 72));

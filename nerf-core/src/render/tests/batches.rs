@@ -51,7 +51,7 @@ fn every_batch_gives_the_pixels_and_the_work_of_one_sample_at_a_time() {
     let blob = Blob::open(&bytes).unwrap();
     let camera = camera(9, 7);
     for kernel in kernels() {
-        let renderer = Renderer::with_parameters(blob.clone(), kernel, &unpacked).unwrap();
+        let renderer = Renderer::with_parameters(blob.clone(), kernel, &unpacked, None).unwrap();
         for (transmittance_cut, colour_cut) in [(0.0, 0.0), (1e-2, 1e-3), (0.0, 0.02), (0.3, 0.0), (0.3, 0.2)]
         {
             let quality =

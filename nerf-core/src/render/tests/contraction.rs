@@ -4,6 +4,7 @@ use super::*;
 use crate::blob::{Body, Content, SceneFacts, SceneSampling};
 use crate::camera::Ray;
 use crate::memory::Line;
+use crate::sampling::SampleInterval;
 use crate::space::Contraction;
 use crate::testing::noise;
 use crate::volume::OPACITY_EPSILON;
@@ -328,7 +329,9 @@ fn distances_and_normals_of_a_plane_are_the_world_s() {
                 Camera::new(Intrinsics::centred(1, 1, 1.0), Lens::NONE, pose).unwrap()
             };
             for kernel in kernels().filter(|kernel| !kernel.rounds()) {
-                let Some(renderer) = Renderer::with_parameters(blob.clone(), kernel, &all) else { panic!() };
+                let Some(renderer) = Renderer::with_parameters(blob.clone(), kernel, &all, None) else {
+                    panic!()
+                };
                 let outputs = Outputs { normals: cfg!(feature = "normals"), ..outputs() };
                 let plan = Plan::new(&blob, &Quality::EXACT, outputs, Batch::FULL).unwrap();
                 let plan = plan.with_normal_blur(0.0).unwrap();
@@ -433,7 +436,7 @@ fn no_distance_from_far_away_is_in_front_of_near() {
             for ray in rays(&camera) {
                 let span = plan.span(&plan.bounds, &ray, plan.range().into()).unwrap();
                 let (bins, first) = (plan.bins.with(span.ends), span.bins.start);
-                let (_, from, _) = bins.ends_around(bins.at(first, 0.5));
+                let [_, from, _] = bins.edges_around(bins.ends().parts(), bins.at(first, 0.5));
                 rounded |= span.start + contraction.distance(from) < facts.near;
             }
             // The way to the middle and back, rounded.
@@ -463,8 +466,8 @@ fn bins_tile_the_ray() {
             let (mut before, mut first) = (f32::NAN, f32::NAN);
             for bin in span.bins.clone() {
                 let t = bins.at(bin, 0.5);
-                let (at, from, to) = bins.ends_around(t);
-                let [at, from, to] = [at, from, to].map(|s| contraction.distance(s));
+                let edges = bins.edges_around(bins.ends().parts(), t);
+                let [at, from, to] = edges.map(|s| contraction.distance(s));
                 assert!(from < to && from <= at && at <= to, "{power} {bin}: {from} {at} {to}");
                 if bin == span.bins.start {
                     first = from;
@@ -473,8 +476,9 @@ fn bins_tile_the_ray() {
                 }
                 // Rounding alone puts a bin in front of near.
                 let [at, from, to] = [at, from, to].map(|t| t.max(plan.near - span.start));
-                let part = plan.part_around(&bins, span.start, plan.range().0, t);
-                assert_eq!(part, (at, Some(from + 0.5 * (to - from)), to - from));
+                let interval = plan.interval(&span.ends, span.start, plan.range().0, t);
+                let delta = to - from;
+                assert_eq!(interval, SampleInterval { t: at, mid: from + 0.5 * delta, delta });
                 before = to;
             }
             let start = f64::from(span.start);
@@ -521,7 +525,7 @@ fn the_scene_in_other_units_gives_the_same_picture() {
             ..body(a.clone(), None, &weights)
         });
         let blob = Blob::open(&file).unwrap();
-        let renderer = Renderer::with_parameters(blob.clone(), Kernel::IN_PLACE, &all).unwrap();
+        let renderer = Renderer::with_parameters(blob.clone(), Kernel::IN_PLACE, &all, None).unwrap();
         let plan = Plan::new(&blob, &Quality::EXACT, outputs(), Batch::SMALLEST).unwrap();
         let eye = CENTRE + 0.9 * RADIUS * Vec3::new(0.3, 0.5, 0.8).normalize();
         render(&renderer, &plan, &camera_at(eye * unit, CENTRE * unit)).pixels

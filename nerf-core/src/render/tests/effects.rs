@@ -115,7 +115,7 @@ fn a_frame_without_colour_has_no_tone_stage() {
     let plain = Plan::new(&blob, &Quality::default(), shape, Batch::FULL).unwrap();
     let tone = Tone { exposure: 3.0, map: ToneMap::Reinhard, linear: true };
     let toned = plain.with_effects(Effects { tone, ..Effects::NONE }).unwrap();
-    let stages = toned.explain(&renderer).stages();
+    let stages = renderer.explain(&toned).stages();
     assert!(stages.iter().any(|stage| stage.name == "tone" && stage.switch == Switch::NotAskedFor));
     let camera = camera(5, 5);
     assert_eq!(render(&renderer, &toned, &camera).pixels, render(&renderer, &plain, &camera).pixels);

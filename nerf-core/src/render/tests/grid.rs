@@ -157,18 +157,18 @@ fn f32_tables_of_the_same_values_draw_the_same_picture() {
                 crate::encoding::GridTables::new(TableValues::F32(&scene.tables), blob.scene_box().as_ref());
             let plan = Plan::new(&blob, &Quality::EXACT, ALL, Batch::FULL).unwrap();
             let pictures = [
-                Renderer::with_parameters(blob.clone(), kernel, &scene.parameters),
-                Renderer::with_parameters_and_tables(blob.clone(), kernel, &scene.parameters, tables),
+                Renderer::with_parameters(blob.clone(), kernel, &scene.parameters, None),
+                Renderer::with_parameters(blob.clone(), kernel, &scene.parameters, Some(tables)),
             ]
             .map(|renderer| bits(&render(&renderer.unwrap(), &plan, &camera(20, 13))));
             assert_eq!(pictures[0], pictures[1], "{kernel:?}");
         }
         assert!(
-            Renderer::with_parameters_and_tables(
+            Renderer::with_parameters(
                 blob.clone(),
                 Kernel::IN_PLACE,
                 &scene.parameters,
-                crate::encoding::GridTables::new(TableValues::F32(&scene.tables[1..]), None),
+                Some(crate::encoding::GridTables::new(TableValues::F32(&scene.tables[1..]), None)),
             )
             .is_none()
         );
@@ -181,7 +181,7 @@ fn tables_of_f16_are_unpacked_in_webassembly_alone() {
     let file = scene(&a, None, &noise(a.position.grid().unwrap().values(), 5)).file;
     let blob = Blob::open(&file).unwrap();
     for kernel in Kernel::all() {
-        let [_, _, tables] = super::super::Prepared::measure(&blob, kernel).unpacked;
+        let [_, _, tables] = crate::render::prepared::Prepared::measure(&blob, kernel).unpacked;
         assert_eq!(tables > 0, kernel.isa == crate::Isa::Simd128, "{kernel}");
     }
 }

@@ -91,11 +91,7 @@ fn the_walk_through_the_occupancy_grid_finds_the_first_jittered_sample_that_is_l
         let mut from = 0;
         for _ in 0..20 {
             let naive = (from..end).find(|&bin| occupancy.occupied(ray.at(t(bin)))).unwrap_or(end);
-            assert_eq!(
-                occupancy.first_occupied_at(&ray, &bins, from, end, t),
-                naive,
-                "case {case} from {from}"
-            );
+            assert_eq!(occupancy.first_occupied(&ray, &bins, from, end, t), naive, "case {case} from {from}");
             found_some += usize::from(naive < end);
             passed += naive - from;
             from = (naive + 1).min(end);

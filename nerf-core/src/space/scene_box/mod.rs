@@ -97,19 +97,9 @@ errors! {
     /// Bounds that hold no scene.
     BoundsError:
     /// The scene box is empty, inverted or not finite.
-    Box {
-        /// The smallest corner that was given.
-        min: [f32; 3],
-        /// The largest corner that was given.
-        max: [f32; 3],
-    } =>
+    Box { min: [f32; 3], max: [f32; 3] } =>
         "scene box: expected finite min < max on every axis, found {min:?} .. {max:?}";
     /// `0 <= near < far < inf` does not hold.
-    Range {
-        /// The near distance that was given.
-        near: f32,
-        /// The far distance that was given.
-        far: f32,
-    } =>
+    Range { near: f32, far: f32 } =>
         "near/far: expected 0 <= near < far, both finite, found near {near}, far {far}";
 }

@@ -241,14 +241,10 @@ impl<'b> Variants<'b> {
                 (Precision::Unrounded, Some(source)) => {
                     let bounds = blob.scene_box();
                     // Coded tables lie nowhere in place.
-                    match blob.decoded_len() > 0 {
-                        true => {
-                            let tables = GridTables::new(TableValues::F32(&own), bounds.as_ref());
-                            Renderer::with_parameters_and_tables(blob, key.kernel, source, tables)
-                        }
-                        false => Renderer::with_parameters(blob, key.kernel, source),
-                    }
-                    .ok_or_else(|| other_source(format_args!("{} parameters", source.len())))?
+                    let tables = GridTables::new(TableValues::F32(&own), bounds.as_ref());
+                    let tables = (blob.decoded_len() > 0).then_some(tables);
+                    Renderer::with_parameters(blob, key.kernel, source, tables)
+                        .ok_or_else(|| other_source(format_args!("{} parameters", source.len())))?
                 }
                 _ => Renderer::new(blob, key.kernel, memory)?,
             };

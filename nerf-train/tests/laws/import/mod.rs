@@ -57,7 +57,7 @@ fn ask(
     let blob = Blob::open(&bytes).expect("a blob");
     let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::FULL).expect("a plan");
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
-    let unrounded = Renderer::with_parameters(blob.clone(), kernel, &parameters).expect("enough");
+    let unrounded = Renderer::with_parameters(blob.clone(), kernel, &parameters, None).expect("enough");
     let rounded = Renderer::new(blob.clone(), kernel, &mut memory).expect("enough");
     [unrounded, rounded].map(|renderer| {
         let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];

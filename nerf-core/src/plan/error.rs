@@ -1,0 +1,45 @@
+//! Requests that do not go with the scene.
+
+use super::{Batch, EffectError};
+use crate::blob::MAX_SAMPLES;
+use crate::errors::errors;
+use crate::simd::BLOCK;
+use crate::space::BoundsError;
+
+errors! {
+    /// A request that does not go with the scene.
+    PlanError:
+    /// The blob is a 2D field.
+    NotAScene => "blob: expected a scene, found a 2D field";
+    /// The occupancy grid is part of the model, and the request switches it off.
+    OccupancyRequired =>
+        "quality.occupancy: this scene's occupancy is part of its model (outside of it the network was never trained), \
+         so it cannot be switched off";
+    /// More samples per ray than the format allows.
+    Samples { found: u16 } => "quality.samples: expected at most {MAX_SAMPLES} a ray, found {found}";
+    /// A transmittance cut outside `[0, 1)`.
+    TransmittanceCut { found: f32 } => "quality.transmittance_cut: expected 0 <= cut < 1, found {found}";
+    /// The median distance with a transmittance cut above one half: rays would end in front of it.
+    MedianBehindCut { found: f32 } =>
+        "quality.transmittance_cut: expected at most 0.5, since median_distance is asked for and rays would end in front \
+         of it, found {found}";
+    /// A range of distances that is none: not `0 <= t_min <= t_max`.
+    Range { t_min: f32, t_max: f32 } =>
+        "near/far: expected 0 <= near <= far, found near {t_min}, far {t_max}";
+    /// A blur of normals that is no finite number of bins, or less than none.
+    NormalBlur { found: f32 } => "normal_blur: expected a finite number of bins, at least 0, found {found}";
+    /// An output or effect that this build has no code for.
+    NotBuilt { effect: &'static str } =>
+        "{effect}: not built in: expected a build with its feature, found one without";
+    /// A colour cut outside `[0, 1)`.
+    ColourCut { found: f32 } => "quality.colour_cut: expected 0 <= cut < 1, found {found}";
+    /// A background outside `[0, 1]`.
+    Background { found: [f32; 3] } => "background: expected channels in 0..=1, found {found:?}";
+    /// A batch of nothing, of more than [`Batch::MAX_RAYS`] rays or of more than 64 samples.
+    Batch { found: Batch } =>
+        "batch: expected 1 to {most} rays and 1 to {BLOCK} samples, found {found:?}", most = Batch::MAX_RAYS;
+    /// Near and far leave no bins.
+    Bounds(error: BoundsError) => "{error}";
+    /// An effect that is out of range or not in this build.
+    Effects(error: EffectError) => "{error}";
+}

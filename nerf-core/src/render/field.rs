@@ -1,0 +1,40 @@
+//! A field and what is asked of it, as every stage of a frame is handed them.
+
+use crate::network::{Network, PER_RAY_BUILT, Shading};
+use crate::plan::Plan;
+use crate::simd::{BLOCK, Isa};
+
+/// A field's network, and the plan of its frames.
+#[derive(Clone, Copy)]
+pub(super) struct Field<'f> {
+    pub network: &'f Network<'f>,
+    pub plan: &'f Plan<'f>,
+}
+
+impl Field<'_> {
+    pub fn isa(&self) -> Isa {
+        self.network.isa()
+    }
+
+    /// Samples of a block.
+    pub fn block_samples(&self) -> usize {
+        if self.network.whole_blocks() { BLOCK } else { self.plan.batch.samples }
+    }
+
+    /// Columns that `n` samples take: as many as they are, or a multiple of [`Network::columns`] for the kernels that need it.
+    ///
+    /// A column's result does not depend on how many stand beside it.
+    pub fn columns(&self, n: usize) -> usize {
+        if self.network.whole_blocks() { n.next_multiple_of(self.network.columns()) } else { n }
+    }
+
+    /// Whether colours are computed once a ray.
+    pub fn shades_rays(&self) -> bool {
+        PER_RAY_BUILT && self.plan.outputs.rgb && self.network.architecture().shading == Shading::PerRay
+    }
+
+    /// Whether colours are computed at samples.
+    pub fn shades_samples(&self) -> bool {
+        self.plan.outputs.rgb && !self.shades_rays()
+    }
+}

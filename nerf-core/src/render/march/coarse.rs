@@ -1,0 +1,248 @@
+//! A coarse occupancy grid: which packets of rays pass no occupied cell, and where those begin that do.
+
+use crate::camera::Ray;
+use crate::plan::{Lattice, Plan};
+use crate::sampling::{Bins, OccupancyGrid, along};
+use crate::simd::{Isa, LANES, Lanes, Op, VECTORS};
+use crate::space::SceneBox;
+use glam::Vec3;
+
+#[cfg(test)]
+mod tests;
+
+/// Bytes of a grid's bits; without vectors none is made.
+const BYTES: usize = if VECTORS { 4096 } else { 0 };
+/// Cells of the occupancy grid along each side of a block, unless there would be too many blocks.
+const SIDE: u16 = 4;
+/// What rounding may move a point by, in cells.
+const SLACK: f32 = 0.5;
+
+/// Blocks of an occupancy grid's cells that hold, or have a neighbour that holds, an occupied one.
+#[derive(Clone, Debug)]
+pub(crate) struct CoarseOccupancy {
+    bits: [u8; BYTES],
+    /// Cells along each side of a block; 0 where there are no blocks.
+    side: u16,
+}
+
+impl CoarseOccupancy {
+    const NONE: Self = Self { bits: [0; BYTES], side: 0 };
+
+    /// The blocks of a scene's `occupancy`.
+    pub fn new(occupancy: Option<&OccupancyGrid<'_>>) -> Self {
+        let mut coarse = Self::NONE;
+        let Some(occupancy) = occupancy.filter(|_| VECTORS) else { return coarse };
+        let blocks = |side| occupancy.blocks(side).map(usize::from).iter().product::<usize>();
+        let Some(side) = (SIDE..=SIDE << 9).find(|&side| blocks(side) <= 8 * BYTES) else { return coarse };
+        coarse.side = side;
+        occupancy.mark_blocks(side, &mut coarse.bits);
+        dilate(&mut coarse.bits, occupancy.blocks(side).map(usize::from));
+        coarse
+    }
+
+    /// How packets of rays are looked up in it for frames of `plan`; `None` where its samples do not lie along them.
+    pub(in crate::render) fn packets<'c>(
+        &'c self,
+        plan: &Plan<'c>,
+        around: Option<SceneBox>,
+    ) -> Option<Packets<'c>> {
+        let straight = plan.lattice != Lattice::Contracted && plan.proposal.is_none();
+        if straight { self.packets_of(plan.occupancy.as_ref()?, around?) } else { None }
+    }
+
+    /// The same of the `occupancy` it was made of; `around`: a box around all occupied cells.
+    fn packets_of<'c>(&'c self, occupancy: &OccupancyGrid<'c>, around: SceneBox) -> Option<Packets<'c>> {
+        if !VECTORS || self.side == 0 {
+            return None;
+        }
+        let reach = (f32::from(self.side) - SLACK) / occupancy.cells_per_unit().max_element();
+        Some(Packets {
+            blocks: occupancy.of_blocks(self.side, &self.bits),
+            around: SceneBox { min: around.min - reach, max: around.max + reach },
+            reach,
+        })
+    }
+}
+
+/// Sets each block that has a neighbour that is set.
+fn dilate(bits: &mut [u8], [nx, ny, nz]: [usize; 3]) {
+    let axes = [(ny * nz, nx), (nz, ny), (1, nz)];
+    for (stride, side) in axes {
+        // What was set behind the block at hand, before this axis: each row is walked once.
+        for row in (0..nx * ny * nz).filter(|at| at / stride % side == 0) {
+            let mut before = false;
+            for i in 0..side {
+                let at = row + i * stride;
+                let here = bit(bits, at);
+                let after = i + 1 < side && bit(bits, at + stride);
+                if before || after {
+                    set(bits, at);
+                }
+                before = here;
+            }
+        }
+    }
+}
+
+fn bit(bits: &[u8], at: usize) -> bool {
+    bits.get(at / 8).is_some_and(|byte| byte >> (at % 8) & 1 == 1)
+}
+
+pub(crate) fn set(bits: &mut [u8], at: usize) {
+    if let Some(byte) = bits.get_mut(at / 8) {
+        *byte |= 1 << (at % 8);
+    }
+}
+
+/// How packets of rays are looked up in a [`CoarseOccupancy`].
+#[derive(Clone, Copy, Debug)]
+pub(in crate::render) struct Packets<'c> {
+    blocks: OccupancyGrid<'c>,
+    /// A box around all occupied cells, wider than that by `reach` on every side.
+    around: SceneBox,
+    /// How far from an empty block no cell is occupied, along each axis; world units.
+    reach: f32,
+}
+
+impl Packets<'_> {
+    /// Where along some rays occupied cells may be; `None` if nowhere.
+    ///
+    /// The mean of the rays is looked up at [`INTERVALS`] points, each of which stands for all rays around it.
+    pub fn intervals_of(&self, isa: Isa, rays: &[Ray]) -> Option<Intervals> {
+        let share = 1.0 / rays.len() as f32;
+        let (mut origin, mut dir) = (Vec3::ZERO, Vec3::ZERO);
+        for ray in rays {
+            origin += ray.origin;
+            dir += ray.dir;
+        }
+        let mean = Ray { origin: origin * share, dir: dir * share };
+        let (mut apart, mut turned) = (0.0f32, 0.0f32);
+        for ray in rays {
+            apart = apart.max((ray.origin - mean.origin).abs().max_element());
+            turned = turned.max((ray.dir - mean.dir).abs().max_element());
+        }
+        // No ray is longer where it leaves the box, and none farther from the mean.
+        let SceneBox { min, max } = self.around;
+        let farthest = (0.5 * (min + max) - mean.origin).length() + 0.5 * (max - min).length();
+        let aside = apart + turned * farthest * LENGTH;
+        // A ray that is no number leaves none of the mean's.
+        if aside > self.reach || !(mean.origin.is_finite() && mean.dir.is_finite()) {
+            return Some(Intervals::ALL);
+        }
+        // Whatever of a ray lies around occupied cells, the mean is near to that.
+        let (near, far) = self.around.clip(&mean, 0.0, f32::MAX)?;
+        let step = (far - near) / INTERVALS as f32;
+        let rounding = 8.0 * f32::EPSILON * (mean.origin.abs().max_element() + far);
+        if aside + 0.5 * step + rounding > self.reach || rounding > MOST_ROUNDING * step {
+            return Some(Intervals::ALL);
+        }
+        let found = isa.run(LookUp { packets: self, ray: &mean, near, step });
+        (found != 0).then_some(Intervals { found: found | found << 1 | found >> 1, near, step })
+    }
+}
+
+/// Where along the rays of a packet occupied cells may be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in crate::render) struct Intervals {
+    /// Bit `i`: whether that is so from `near + i step` to `near + (i + 1) step` or in the intervals beside that.
+    found: u64,
+    near: f32,
+    /// World units along the rays; +∞ if nothing is known.
+    step: f32,
+}
+
+impl Intervals {
+    /// They may be anywhere.
+    pub const ALL: Self = Self { found: u64::MAX, near: 0.0, step: f32::INFINITY };
+}
+
+/// The bins of a ray that may have a sample in an occupied cell: its packet's [`Intervals`] in units of its bins.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::render) struct CandidateBins {
+    found: u64,
+    /// The middle of bin 0, in intervals from the first one's start.
+    first: f32,
+    /// Width of a bin, in intervals.
+    per_bin: f32,
+    /// Width of an interval, in bins.
+    bins: f32,
+}
+
+impl CandidateBins {
+    /// Every bin may have one.
+    pub const ALL: Self = Self { found: u64::MAX, first: 0.0, per_bin: 0.0, bins: 0.0 };
+
+    /// `start`: where along the ray its `bins` begin to count, world units.
+    pub fn new(intervals: &Intervals, bins: &Bins, start: f32) -> Self {
+        let Intervals { found, near, step } = *intervals;
+        let per_bin = bins.delta() / step;
+        // A sample lies up to half a bin from the middle, which is within the intervals beside its own.
+        if !(per_bin > 0.0 && 0.5 * per_bin + MOST_ROUNDING <= 1.0) {
+            return Self::ALL;
+        }
+        Self { found, first: (bins.middle(0) + (start - near)) / step, per_bin, bins: step / bins.delta() }
+    }
+
+    /// The first such bin from `bin` on; beyond all bins if there is none.
+    #[inline]
+    pub fn next(&self, bin: u32) -> u32 {
+        // `as` saturates. The last interval ends where rounding has it.
+        let at = ((self.first + bin as f32 * self.per_bin) as u32).min(INTERVALS - 1);
+        match (self.found >> at).trailing_zeros() {
+            0 => bin,
+            64 => u32::MAX,
+            more => bin.max((((at + more) as f32 - self.first) * self.bins) as u32),
+        }
+    }
+
+    /// A bin behind all that may have a sample in an occupied cell.
+    pub fn end(&self) -> u32 {
+        let intervals = 64 - self.found.leading_zeros();
+        if self.per_bin == 0.0 || intervals == INTERVALS {
+            return u32::MAX;
+        }
+        (((intervals as f32 - self.first) * self.bins) as u32).saturating_add(2)
+    }
+}
+
+/// More than the inverse length of a direction, which is 1 within 1e-3.
+const LENGTH: f32 = 1.002;
+/// Number of intervals that a packet's way through the box is divided into; each is looked up in its middle.
+const INTERVALS: u32 = 64;
+/// Largest error of a point's distance by rounding, in intervals.
+const MOST_ROUNDING: f32 = 0.25;
+
+/// Which of the [`INTERVALS`] intervals of `step` from `near` on may hold something; bit 0 is the first.
+struct LookUp<'a> {
+    packets: &'a Packets<'a>,
+    ray: &'a Ray,
+    near: f32,
+    step: f32,
+}
+
+impl Op for LookUp<'_> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) -> u64 {
+        let (near, step, half) = (V::splat(self.near), V::splat(self.step), V::splat(0.5));
+        let (blocks, mut found) = (self.packets.blocks.lanes::<V>(), 0);
+        for first in (0..INTERVALS).step_by(V::COUNT) {
+            let i = V::splat(first as f32).add(V::load(&LANES)).add(half);
+            let points = points_at(self.ray, near.add(i.mul(step)));
+            found |= u64::from(blocks.occupied(points)) << first;
+        }
+        found
+    }
+}
+
+/// The points of a ray at a vector of distances.
+#[inline(always)]
+pub(super) fn points_at<V: Lanes>(ray: &Ray, t: V) -> [V; 3] {
+    let (mut origin, mut dir) = ([t; 3], [t; 3]);
+    for axis in 0..3 {
+        (origin[axis], dir[axis]) =
+            (V::splat(ray.origin.to_array()[axis]), V::splat(ray.dir.to_array()[axis]));
+    }
+    along(origin, dir, t)
+}

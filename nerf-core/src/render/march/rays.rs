@@ -1,0 +1,256 @@
+//! Ray marching: each block takes the next occupied sample of as many active rays as it has room for.
+//!
+//! A ray has one sample in flight, so that its transmittance is known before the next one is evaluated. Where fewer rays
+//! are active than a vector has columns, the next samples of the same rays take the rest, which would hold copies
+//! otherwise; what turns out to lie behind the transmittance threshold is dropped and not counted. So the work of a frame
+//! depends on the scene and the request alone, as its pixels do.
+
+use super::coarse::{CandidateBins, Intervals, Packets};
+use super::ray::{ActiveRays, MarchAll, RayState, windows};
+use super::samples::ProposalSamples;
+use crate::camera::Ray;
+use crate::math::Math;
+use crate::memory::{Layout, head, head_mut, put};
+use crate::plan::{Plan, Span, SpanAll, Spans};
+use crate::render::field::Field;
+use crate::render::pixel::{PixelRay, Pixels, RaySource, Rect, Target};
+use crate::sampling::SampleJitter;
+use crate::simd::{MAX_LANES, VECTORS};
+use crate::space::SceneBox;
+use crate::volume::Accumulator;
+
+/// Rays that are looked up in the coarse occupancy grid together, across and down; of a row as many. No more than
+/// [`MAX_LANES`].
+const PACKET: (u32, u32) = (4, 4);
+
+/// The rays of a tile that meet something occupied; they stay where they are until the tile is done.
+pub(in crate::render) struct Rays<'f, 'w> {
+    field: Field<'f>,
+    /// A box around what the occupancy grid has.
+    occupied: Option<SceneBox>,
+    /// Whether no cell at a face of the scene box is occupied; always `false` in builds without vectors, which shortens their code.
+    inner: bool,
+    packets: [Option<Packets<'f>>; VECTORS as usize],
+    pub states: &'w mut [RayState],
+    pub active: ActiveRays<'w>,
+    pub samples: ProposalSamples<'w>,
+    /// Number of the rays in flight among those of their pixels.
+    pub turn: u32,
+}
+
+impl<'f, 'w> Rays<'f, 'w> {
+    /// `drawn`: samples of a ray that are drawn from a proposal's weights.
+    pub fn lay_out(
+        layout: &mut impl Layout<'w>,
+        field: Field<'f>,
+        (occupied, packets): (Option<SceneBox>, Option<Packets<'f>>),
+        drawn: usize,
+    ) -> Self {
+        let (plan, rays) = (field.plan, field.plan.batch.rays);
+        let inner = |SceneBox { min, max }: SceneBox| {
+            min.cmpgt(plan.bounds.min).all() && max.cmplt(plan.bounds.max).all()
+        };
+        Self {
+            field,
+            occupied,
+            inner: VECTORS && occupied.is_some_and(inner),
+            packets: [packets; VECTORS as usize],
+            states: layout.slice(rays, RayState::NONE),
+            active: ActiveRays::new(layout.slice(rays, 0)),
+            samples: ProposalSamples::lay_out(layout, [rays, field.block_samples(), drawn]),
+            turn: 0,
+        }
+    }
+
+    /// Makes the rays of a tile's pixels; those that meet nothing are finished at once. Returns how many do.
+    pub fn start<M: Math, const COLLIDE: bool>(
+        &mut self,
+        pixels: &mut Pixels<'_, '_>,
+        source: &impl RaySource,
+        target: &mut impl Target,
+    ) -> usize {
+        let (mut hits, tile) = (0, pixels.tile);
+        self.turn = pixels.turn;
+        if let Some(&Some(packets)) = self.packets.first()
+            && tile.width * tile.height > 1
+        {
+            let (across, down) = if tile.height > 1 { PACKET } else { (PACKET.0 * PACKET.1, 1) };
+            for part in tile.tiles(across, down) {
+                hits = self.start_packet::<M, COLLIDE>(&packets, part, hits, pixels, source, target);
+            }
+            return hits;
+        }
+        for y in tile.y..tile.y + tile.height {
+            for x in tile.x..tile.x + tile.width {
+                let ray = source.ray(x, y);
+                hits += usize::from(self.start_ray::<M, COLLIDE>((x, y), ray, hits, pixels, source, target));
+            }
+        }
+        hits
+    }
+
+    /// Makes the rays of a `part` of the tile, of which `hits` before them met something; returns how many do with them.
+    fn start_packet<M: Math, const COLLIDE: bool>(
+        &mut self,
+        packets: &Packets<'_>,
+        part: Rect,
+        mut hits: usize,
+        pixels: &mut Pixels<'_, '_>,
+        source: &impl RaySource,
+        target: &mut impl Target,
+    ) -> usize {
+        let (plan, isa) = (self.field.plan, self.field.isa());
+        let mut rays = [PixelRay::NONE.ray; MAX_LANES];
+        let rays = head_mut(&mut rays, (part.width * part.height) as usize);
+        source.rays(isa, part, rays);
+        let (rays, mut ranges) = (&*rays, [[0.0; MAX_LANES]; 2]);
+        for (i, ((x, y), ray)) in part.pixels().zip(rays).enumerate() {
+            let [t_min, t_max] = source.range(x, y, ray);
+            [ranges[0][i], ranges[1][i]] = plan.range_of(t_min, t_max);
+        }
+        pixels.counters.rays += rays.len() as u64;
+        let Some(intervals) = packets.intervals_of(isa, rays) else {
+            for (pixel, &end) in part.pixels().zip(&ranges[1]) {
+                pixels.miss::<M>(pixel, end, source, target);
+            }
+            return hits;
+        };
+        let (around, mut spans) = (self.occupied.unwrap_or(plan.bounds), Spans::NONE);
+        isa.run(SpanAll { plan, around: &around, rays, ranges: &ranges, to: &mut spans });
+        let (mut list, mut count) = ([0; MAX_LANES], 0);
+        for (i, (pixel, &ray)) in part.pixels().zip(rays).enumerate() {
+            let Some(state) = self.states.get_mut(hits + count) else { break };
+            let (range, span) = ([ranges[0][i], ranges[1][i]], spans.of(i, &ray));
+            begin::<COLLIDE>(plan, pixel, (ray, range, span), &intervals, source, state);
+            if state.next < state.end {
+                put(&mut list, count, (hits + count) as u32);
+                count += 1;
+            } else {
+                pixels.miss::<M>(pixel, range[1], source, target);
+            }
+        }
+        let list = head(&list, count);
+        self.march_all(list);
+        for from in list.iter().map(|&from| from as usize) {
+            let Some(&state) = self.states.get(from) else { break };
+            if state.next < state.end {
+                put(self.states, hits, state);
+                self.active.push(hits as u32);
+                hits += 1;
+            } else {
+                let PixelRay { x, y, range, .. } = state.pixel;
+                pixels.miss::<M>((x, y), range[1], source, target);
+            }
+        }
+        hits
+    }
+
+    /// Starts the ray of a pixel: marches it to its first occupied sample and stores it as the tile's ray number `hits`.
+    /// Returns `false` for a ray without one, which is finished at once.
+    #[inline(never)]
+    fn start_ray<M: Math, const COLLIDE: bool>(
+        &mut self,
+        pixel: (u32, u32),
+        ray: Ray,
+        hits: usize,
+        pixels: &mut Pixels<'_, '_>,
+        source: &impl RaySource,
+        target: &mut impl Target,
+    ) -> bool {
+        let (plan, isa) = (self.field.plan, self.field.isa());
+        let [t_min, t_max] = source.range(pixel.0, pixel.1, &ray);
+        let range = plan.range_of(t_min, t_max);
+        pixels.counters.rays += 1;
+        let mut intervals = Intervals::ALL;
+        if let Some(Some(packets)) = self.packets.first() {
+            let Some(found) = packets.intervals_of(isa, core::slice::from_ref(&ray)) else {
+                pixels.miss::<M>(pixel, range[1], source, target);
+                return false;
+            };
+            intervals = found;
+        }
+        let Some(state) = self.states.get_mut(hits) else { return false };
+        let around = if plan.occupancy.is_some() { self.occupied } else { Some(plan.bounds) };
+        // Nothing outside is occupied, so that most rays of most pictures end here.
+        let span = around.and_then(|around| plan.span(&around, &ray, range));
+        begin::<COLLIDE>(plan, pixel, (ray, range, span), &intervals, source, state);
+        let (drawn, meets_box) = (self.samples.is_on(), state.next < state.end);
+        // A proposal is asked in the middle of its bins.
+        let jitter = if drawn { SampleJitter::MIDDLE } else { state.pixel.jitter(plan, self.turn) };
+        let occupied = state.march(isa, plan, plan.marched_bins(), jitter);
+        if occupied {
+            self.active.push(hits as u32);
+        }
+        // Between the proposal's samples there may be drawn ones that are occupied.
+        let met = occupied || (drawn && meets_box);
+        if !met {
+            pixels.counters.samples_skipped += u64::from(plan.samples_per_ray());
+            pixels.finish::<M>(&state.pixel, None, source, target);
+        }
+        met
+    }
+
+    /// [`RayState::march`] of the rays `list`.
+    pub fn march_all(&mut self, list: &[u32]) {
+        let (plan, isa) = (self.field.plan, self.field.isa());
+        if let Some(occupancy) = windows(isa, plan) {
+            let (contraction, bins) = (plan.contraction.as_ref(), &plan.bins);
+            let (rays, inner) = (&mut *self.states, self.inner);
+            return isa.run(MarchAll { occupancy, contraction, bins, rays, list, inner });
+        }
+        for &ray in list {
+            if let Some(state) = self.states.get_mut(ray as usize) {
+                state.march(isa, plan, &plan.bins, state.pixel.jitter(plan, self.turn));
+            }
+        }
+    }
+
+    /// Takes the next sample of each active ray for a block with room for `room`, or several of each: a vector's columns where
+    /// there are fewer rays, and without a transmittance threshold all samples of as many rays as fit. `put` takes column, ray
+    /// and distance. Returns the number of samples.
+    pub fn take<const COLLIDE: bool>(&mut self, room: usize, mut put: impl FnMut(usize, u32, f32)) -> usize {
+        let (field, plan) = (self.field, self.field.plan);
+        let burst = match field.columns(1) {
+            _ if plan.transmittance_cut == 0.0 && !COLLIDE => room,
+            columns => (columns / self.active.len().max(1)).max(1),
+        };
+        let mut n = 0;
+        while n < room {
+            let Some(i) = self.active.pop() else { break };
+            let Some(state) = self.states.get_mut(i as usize) else { break };
+            for taken in 0..burst.min(room - n) {
+                let jitter = state.pixel.jitter(plan, self.turn);
+                // The next sample of an active ray is occupied.
+                if taken > 0 && !self.samples.march(field, i, state, jitter) {
+                    break;
+                }
+                put(n, i, self.samples.take(field, i, state, jitter, n));
+                state.next += 1;
+                n += 1;
+            }
+        }
+        n
+    }
+}
+
+/// Makes `state` that of a pixel's ray before its first sample. `intervals`: where along the ray occupied cells may be.
+fn begin<const COLLIDE: bool>(
+    plan: &Plan<'_>,
+    pixel: (u32, u32),
+    (ray, range, span): (Ray, [f32; 2], Option<Span>),
+    intervals: &Intervals,
+    source: &impl RaySource,
+    state: &mut RayState,
+) {
+    state.begin(pixel, ray, range, span);
+    if COLLIDE {
+        state.pixel.gathered = Accumulator::until(source.until(pixel.0));
+    }
+    if state.next < state.end {
+        for candidates in &mut state.candidates {
+            *candidates = CandidateBins::new(intervals, plan.marched_bins(), state.pixel.start);
+            state.end = state.end.min(candidates.end());
+            state.next = candidates.next(state.next).min(state.end);
+        }
+    }
+}

@@ -1,0 +1,124 @@
+//! Sixteen bins of a ray at a time: which of them have their sample in an occupied cell.
+
+use super::coarse::{CandidateBins, points_at};
+use crate::camera::Ray;
+use crate::sampling::{Bins, OccupancyGrid, OccupancyLanes};
+use crate::simd::Lanes;
+use crate::space::Contraction;
+
+#[cfg(test)]
+mod tests;
+
+/// Bins of a window.
+const WIDTH: u32 = 16;
+
+/// Bins of a ray that have been looked up.
+#[derive(Clone, Copy)]
+pub(in crate::render) struct Window {
+    /// The first bin behind it.
+    end: u32,
+    /// Its occupied bins; bit `i` is bin `end − 16 + i`.
+    live: u32,
+}
+
+impl Window {
+    /// Nothing has.
+    pub const NONE: Self = Self { end: 0, live: 0 };
+
+    /// The first occupied one of the bins from `from` on that have been looked up.
+    #[inline]
+    pub fn left(&self, from: u32) -> Option<u32> {
+        let left = if from < self.end { self.live >> (from + WIDTH - self.end) } else { 0 };
+        (left != 0).then(|| from + left.trailing_zeros())
+    }
+
+    /// The first occupied one of the bins `from..end`, or `end`; what [`Plan::first_occupied`](crate::plan::Plan::first_occupied)
+    /// says of their middles, bit for bit.
+    ///
+    /// `from` never falls from call to call, and the bins stay those of the first. `candidates` says
+    /// which of them need not be asked.
+    #[inline(always)]
+    pub(super) fn first_occupied<V: Lanes>(
+        &mut self,
+        (occupancy, lanes): (&OccupancyGrid<'_>, &OccupancyLanes<'_, V>),
+        contraction: Option<&Contraction>,
+        ray: &Ray,
+        (bins, candidates, inner): (&Bins, &CandidateBins, bool),
+        from: u32,
+        end: u32,
+    ) -> u32 {
+        if let Some(bin) = self.left(from) {
+            return end.min(bin);
+        }
+        let from = from.max(self.end);
+        if from >= end {
+            return end;
+        }
+        *self = LookUp { occupancy, contraction, ray, bins, candidates, inner, from, end }.first(lanes);
+        end.min(self.end - WIDTH + self.live.trailing_zeros())
+    }
+}
+
+/// The first window from bin `from` on with a sample that is [`OccupancyGrid::occupied`], or the last before `end`.
+struct LookUp<'a> {
+    occupancy: &'a OccupancyGrid<'a>,
+    contraction: Option<&'a Contraction>,
+    ray: &'a Ray,
+    bins: &'a Bins,
+    candidates: &'a CandidateBins,
+    inner: bool,
+    from: u32,
+    end: u32,
+}
+
+impl LookUp<'_> {
+    #[inline(always)]
+    fn first<V: Lanes>(self, lanes: &OccupancyLanes<'_, V>) -> Window {
+        let mut window = Window { end: self.from, live: 0 };
+        while window.live == 0 && window.end < self.end {
+            let from = self.candidates.next(window.end).min(self.end);
+            let live = if from < self.end { self.live(lanes, from) } else { 0 };
+            window = Window { end: from + WIDTH, live };
+        }
+        window
+    }
+
+    /// The occupied bins of the window that begins with bin `first`.
+    #[inline(always)]
+    fn live<V: Lanes>(&self, lanes: &OccupancyLanes<'_, V>, first: u32) -> u32 {
+        let Self { occupancy, ray, bins, .. } = *self;
+        let mut live = 0;
+        let whole = bins.whole_up_to(first + WIDTH - 1);
+        if let Some(contraction) = self.contraction {
+            let [near, far] = [first, first + WIDTH - 1].map(|bin| bins.at(bin, 0.5));
+            let kept = contraction.keeps(ray, near, far);
+            for from in (0..WIDTH).step_by(V::COUNT) {
+                let t: V = bins.middles(first + from, whole);
+                let points = if kept {
+                    contraction.kept_lanes(points_at(ray, t.mul(V::splat(contraction.radius()))))
+                } else {
+                    contraction.contract_lanes(points_at(ray, contraction.distance_lanes(t)))
+                };
+                live |= lanes.occupied(points) << from;
+            }
+            // All of space is in the box.
+            return live;
+        }
+        for from in (0..WIDTH).step_by(V::COUNT) {
+            let points = points_at::<V>(ray, bins.middles(first + from, whole));
+            live |= lanes.occupied(points) << from;
+        }
+        // Points outside of the box are looked up in cells at its faces.
+        if live == 0 || self.inner {
+            return live;
+        }
+        // Rounding keeps order: what lies between two points of the box is in it.
+        let inside = |i: u32| occupancy.contains(ray.at(bins.at(first + i, 0.5)));
+        if !(inside(0) && inside(WIDTH - 1)) {
+            for i in 0..WIDTH {
+                live &= !(u32::from(!inside(i)) << i);
+            }
+        }
+        live
+    }
+}

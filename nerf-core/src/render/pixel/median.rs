@@ -1,0 +1,53 @@
+//! Median distances of the rays in flight.
+
+use crate::memory::Layout;
+use crate::plan::Plan;
+use crate::volume::{Accumulator, median_in_bin};
+
+#[cfg(test)]
+mod tests;
+
+/// No half of the light is gone yet.
+const NOT_YET: f32 = f32::INFINITY;
+
+/// The rays' median distances, `[rays]`, or empty where they are not requested.
+pub(in crate::render) struct Medians<'w> {
+    distance: &'w mut [f32],
+}
+
+impl<'w> Medians<'w> {
+    /// Whether this build has medians.
+    pub const BUILT: bool = true;
+
+    pub fn lay_out(layout: &mut impl Layout<'w>, plan: &Plan<'_>) -> Self {
+        let rays = if plan.outputs.median_distance { plan.batch.rays } else { 0 };
+        Self { distance: layout.slice(rays, NOT_YET) }
+    }
+
+    /// The first `count` rays are new ones.
+    pub fn begin(&mut self, count: usize) {
+        self.distance.iter_mut().take(count).for_each(|distance| *distance = NOT_YET);
+    }
+
+    /// Whether the sample that `gathered` took last is where the light of a ray falls below one half.
+    ///
+    /// The test that ends rays, so that a cut of one half never comes first.
+    #[inline]
+    pub fn passes(&self, ray: u32, gathered: &Accumulator) -> bool {
+        let distance = self.distance.get(ray as usize);
+        distance.is_some_and(|&distance| distance == NOT_YET && gathered.transmittance() < 0.5)
+    }
+
+    /// Takes the sample that [`Medians::passes`]: of density `sigma`, in the interval of middle `mid` and width `delta`, with an
+    /// optical thickness of `before` in front of it.
+    pub fn put(&mut self, ray: u32, before: f32, sigma: f32, [mid, delta]: [f32; 2]) {
+        if let Some(distance) = self.distance.get_mut(ray as usize) {
+            *distance = median_in_bin(before, sigma, mid, delta);
+        }
+    }
+
+    /// The pixel's median distance, whose ray is counted from `start`; at `far` where there is none.
+    pub fn finish(&self, ray: usize, start: f32, far: f32) -> f32 {
+        self.distance.get(ray).map_or(0.0, |&distance| (start + distance).min(far))
+    }
+}

@@ -1,0 +1,28 @@
+//! Pixels: which rays a pixel has, and what it makes of them.
+//!
+//! Each effect has a file that does it and one with the same interface that does nothing, in builds without its feature.
+
+#[cfg_attr(not(feature = "anti-aliasing"), path = "anti_aliasing_off.rs")]
+mod anti_aliasing;
+#[cfg_attr(not(feature = "depth-of-field"), path = "depth_of_field_off.rs")]
+mod depth_of_field;
+#[cfg_attr(not(feature = "median"), path = "median_off.rs")]
+mod median;
+mod pixels;
+mod ray;
+mod rect;
+mod segment;
+mod source;
+mod surface;
+#[cfg_attr(not(feature = "tone-map"), path = "tone_off.rs")]
+mod tone;
+
+pub(super) use anti_aliasing::rays as rays_a_pixel;
+pub(super) use median::Medians;
+pub(super) use pixels::Pixels;
+pub(super) use ray::PixelRay;
+pub use rect::{Rect, Target};
+pub use segment::{Limit, RaySegment};
+pub(super) use source::{CameraRays, OwnRays, RaySource};
+pub(super) use surface::Surface;
+pub(super) use tone::samples_to_light;

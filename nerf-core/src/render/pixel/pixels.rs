@@ -1,0 +1,96 @@
+//! The pixels of the tile at hand: each takes its rays, and goes to the target after its last.
+
+use super::anti_aliasing::Sums;
+use super::tone;
+use super::{Medians, PixelRay, RaySource, Rect, Surface, Target};
+use crate::math::Math;
+use crate::memory::Layout;
+use crate::plan::Plan;
+use crate::render::Counters;
+use crate::volume::Pixel;
+use glam::Vec3;
+
+/// The pixels of a tile, and the work they took.
+pub(in crate::render) struct Pixels<'f, 'w> {
+    pub plan: &'f Plan<'f>,
+    sums: Sums<'w>,
+    /// Number of the rays in flight among those of their pixels.
+    pub turn: u32,
+    pub tile: Rect,
+    /// Whether colour is over the background.
+    pub background: bool,
+    /// What z_depth is measured along.
+    pub forward: Vec3,
+    pub counters: Counters,
+}
+
+impl<'f, 'w> Pixels<'f, 'w> {
+    pub fn lay_out(layout: &mut impl Layout<'w>, plan: &'f Plan<'f>) -> Self {
+        Self {
+            plan,
+            sums: Sums::lay_out(layout, &plan.effects, plan.outputs.surface(), plan.batch.rays),
+            turn: 0,
+            tile: Rect { x: 0, y: 0, width: 0, height: 0 },
+            background: true,
+            forward: Vec3::ZERO,
+            counters: Counters::default(),
+        }
+    }
+
+    /// Adds a ray to its pixel; one that met something has a number in `surface`.
+    #[inline(never)]
+    pub fn finish<M: Math>(
+        &mut self,
+        ray: &PixelRay,
+        hit: Option<(&Surface<'_>, usize)>,
+        source: &impl RaySource,
+        target: &mut impl Target,
+    ) {
+        let far = source.far(ray.x).min(ray.range[1]);
+        let cosine = ray.ray.dir.dot(self.forward);
+        let background = self.background::<M>();
+        let mut seen = ray.gathered.finish_from(ray.start, ray.done, background, far, cosine);
+        match hit {
+            Some((surface, index)) => surface.finish(index, ray.start, far, &mut seen),
+            None => seen.median_distance = self.median_of_missed(far),
+        }
+        self.put::<M>((ray.x, ray.y), seen, far, target);
+    }
+
+    /// Adds a ray that meets nothing, seen up to `end`, to its pixel.
+    pub fn miss<M: Math>(
+        &mut self,
+        (x, y): (u32, u32),
+        end: f32,
+        source: &impl RaySource,
+        target: &mut impl Target,
+    ) {
+        self.counters.samples_skipped += u64::from(self.plan.samples_per_ray());
+        let far = source.far(x).min(end);
+        let median_distance = self.median_of_missed(far);
+        let rgb = self.background::<M>();
+        let seen = Pixel { rgb, ray_distance: far, z_depth: far, median_distance, ..Pixel::BLANK };
+        self.put::<M>((x, y), seen, far, target);
+    }
+
+    fn median_of_missed(&self, far: f32) -> f32 {
+        if Medians::BUILT && self.plan.outputs.median_distance { far } else { 0.0 }
+    }
+
+    /// What shows behind a ray.
+    fn background<M: Math>(&self) -> [f32; 3] {
+        let shown = self.plan.outputs.rgb && self.background;
+        tone::background::<M>(&self.plan.effects.tone, if shown { self.plan.background } else { [0.0; 3] })
+    }
+
+    /// Adds what a ray saw to its pixel, and hands that on after its last.
+    fn put<M: Math>(&mut self, (x, y): (u32, u32), mut seen: Pixel, far: f32, target: &mut impl Target) {
+        let (effects, tile) = (&self.plan.effects, self.tile);
+        seen.rgb = tone::to_light::<M>(&effects.tone, seen.rgb);
+        let index = (y - tile.y) as usize * tile.width as usize + (x - tile.x) as usize;
+        if let Some(mut pixel) = self.sums.add(effects, index, self.turn, seen, far) {
+            pixel.rgb = tone::to_display::<M>(&effects.tone, pixel.rgb);
+            target.put(x, y, &pixel);
+        }
+    }
+}

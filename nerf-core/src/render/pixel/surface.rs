@@ -1,0 +1,47 @@
+//! What a ray's samples say beyond means of what they have: the median distance and the normal.
+//!
+//! Where one is not asked for, it has no memory.
+
+use super::Medians;
+use crate::memory::Layout;
+use crate::plan::Plan;
+#[cfg(feature = "normals")]
+use crate::volume::NormalSum;
+use crate::volume::Pixel;
+
+#[cfg(test)]
+mod tests;
+
+/// Median distances and normals of the rays in flight.
+pub(in crate::render) struct Surface<'w> {
+    pub medians: Medians<'w>,
+    /// `[rays]`, or empty.
+    #[cfg(feature = "normals")]
+    pub normals: &'w mut [NormalSum],
+}
+
+impl<'w> Surface<'w> {
+    pub fn lay_out(layout: &mut impl Layout<'w>, plan: &Plan<'_>) -> Self {
+        Self {
+            medians: Medians::lay_out(layout, plan),
+            #[cfg(feature = "normals")]
+            normals: layout.slice(if plan.outputs.normals { plan.batch.rays } else { 0 }, NormalSum::NONE),
+        }
+    }
+
+    /// The first `count` rays are new ones.
+    pub fn begin(&mut self, count: usize) {
+        self.medians.begin(count);
+        #[cfg(feature = "normals")]
+        self.normals.iter_mut().take(count).for_each(|sum| *sum = NormalSum::NONE);
+    }
+
+    /// Completes the pixel of ray `ray`, whose distances are counted from `start`; a distance without a surface is `far`.
+    pub fn finish(&self, ray: usize, start: f32, far: f32, pixel: &mut Pixel) {
+        pixel.median_distance = self.medians.finish(ray, start, far);
+        #[cfg(feature = "normals")]
+        if let Some(sum) = self.normals.get(ray) {
+            pixel.normal = sum.finish(pixel.opacity);
+        }
+    }
+}

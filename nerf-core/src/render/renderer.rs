@@ -1,0 +1,250 @@
+//! A scene made ready for one kernel.
+
+use super::field::Field;
+use super::frame::Frame;
+use super::march::CoarseOccupancy;
+use super::pixel::Pixels;
+use super::prepared::Prepared;
+#[cfg(feature = "train")]
+use super::prepared::tables_of;
+use super::stages::Proposer;
+use super::{Counters, Explanation, Rect, RenderError, Shares, Target, Worker, picture};
+use crate::blob::Blob;
+use crate::camera::Camera;
+#[cfg(feature = "train")]
+use crate::encoding::GridTables;
+use crate::math::MathBackend;
+use crate::matrix::Kernel;
+#[cfg(feature = "train")]
+use crate::matrix::Storage;
+use crate::memory::{Arena, Line, Measure};
+use crate::network::Network;
+#[cfg(feature = "train")]
+use crate::network::Weights;
+use crate::plan::{Batch, Plan};
+use crate::space::SceneBox;
+
+/// A scene made ready for one kernel.
+#[derive(Clone, Debug)]
+pub struct Renderer<'a> {
+    blob: Blob<'a>,
+    network: Network<'a>,
+    proposer: Proposer<'a>,
+    /// A box around what the occupancy grid has.
+    pub(super) occupied: Option<SceneBox>,
+    coarse: CoarseOccupancy,
+}
+
+impl<'a> Renderer<'a> {
+    /// Lines of memory [`Renderer::new`] needs: with portable instructions, which read the blob in place, those of coded tables
+    /// alone.
+    pub fn prepared_lines(blob: &Blob<'_>, kernel: Kernel) -> usize {
+        let mut measure = Measure::default();
+        Prepared::lay_out(&mut measure, blob, kernel);
+        measure.lines
+    }
+
+    /// Prepares a scene for `kernel`, unpacking its weights and decoding its tables once into `memory`.
+    ///
+    /// # Errors
+    /// [`RenderError::Memory`] if `memory` is smaller than [`Renderer::prepared_lines`] says, [`RenderError::Tables`] of a blob
+    /// that was opened undecoded, and [`RenderError::Network`] if the blob's parameters or tables are not those of its architecture.
+    pub fn new(blob: Blob<'a>, kernel: Kernel, memory: &'a mut [Line]) -> Result<Self, RenderError> {
+        let (expected, found) = (Self::prepared_lines(&blob, kernel), memory.len());
+        if found < expected {
+            return Err(RenderError::Memory { expected, found });
+        }
+        let mut prepared = Prepared::lay_out(&mut Arena::new(memory), &blob, kernel);
+        prepared.unpack(&blob, kernel).map_err(RenderError::Tables)?;
+        let Prepared { unpacked, decoded } = prepared;
+        let prepared = Prepared { unpacked: unpacked.map(|values| &*values), decoded: &*decoded };
+        let network = prepared.view(&blob, kernel).ok_or(RenderError::Network)?;
+        let proposer = prepared.view_proposal(&blob, kernel);
+        let (occupied, coarse) = Self::occupied(&blob);
+        Ok(Self { blob, network, proposer, occupied, coarse })
+    }
+
+    /// A scene over values that were prepared for `kernel`, with [`Renderer::occupied`] of its blob; `None` where they are too
+    /// few.
+    #[cfg(all(feature = "std", not(target_os = "none")))]
+    pub(crate) fn of_prepared(
+        blob: Blob<'a>,
+        kernel: Kernel,
+        prepared: &Prepared<&'a [f32], &'a [u8]>,
+        (occupied, coarse): (Option<SceneBox>, CoarseOccupancy),
+    ) -> Option<Self> {
+        let (network, proposer) = (prepared.view(&blob, kernel)?, prepared.view_proposal(&blob, kernel));
+        Some(Self { blob, network, proposer, occupied, coarse })
+    }
+
+    /// A box around what the occupancy grid has, and its blocks.
+    pub(crate) fn occupied(blob: &Blob<'_>) -> (Option<SceneBox>, CoarseOccupancy) {
+        let occupancy = blob.occupancy();
+        let around = occupancy.as_ref().and_then(|occupancy| occupancy.occupied_box());
+        (around, CoarseOccupancy::new(occupancy.as_ref()))
+    }
+
+    /// The scene of `blob` with other parameters, f32 in the same order: what rounding costs. Its proposal keeps its own, and
+    /// without other `tables` its grid, too.
+    ///
+    /// `None` if they are too few, of coded tables without others, and where there are no [`VECTORS`](crate::simd::VECTORS).
+    #[cfg(feature = "train")]
+    pub fn with_parameters(
+        blob: Blob<'a>,
+        kernel: Kernel,
+        parameters: &'a [f32],
+        tables: Option<GridTables<'a>>,
+    ) -> Option<Self> {
+        let in_place = Kernel::new(kernel.isa, Storage::F16);
+        let tables = tables.unwrap_or_else(|| tables_of(&blob, in_place, &[], &[]));
+        let weights = Weights::Prepared(parameters);
+        let network = Network::of_checked(blob.architecture(), weights, tables, kernel.isa)?;
+        let proposer = Proposer::view(&blob, in_place, &[]);
+        let (occupied, coarse) = Self::occupied(&blob);
+        Some(Self { blob, network, proposer, occupied, coarse })
+    }
+
+    /// The scene.
+    pub fn blob(&self) -> &Blob<'a> {
+        &self.blob
+    }
+
+    /// What it renders with.
+    pub fn kernel(&self) -> Kernel {
+        self.network.kernel()
+    }
+
+    /// The network.
+    #[cfg(any(feature = "train", feature = "instances"))]
+    #[cfg_attr(
+        not(feature = "train"),
+        allow(unreachable_pub, reason = "networks are public for trainers alone")
+    )]
+    pub fn network(&self) -> &Network<'a> {
+        &self.network
+    }
+
+    /// Lines of workspace that [`Renderer::worker`] needs for `plan`, as do [`Renderer::render`] and
+    /// [`Renderer::query`].
+    pub fn workspace_lines(&self, plan: &Plan<'_>) -> usize {
+        let mut measure = Measure::default();
+        Frame::lay_out(&mut measure, Field { network: &self.network, plan }, &self.proposer, (None, None));
+        Pixels::lay_out(&mut measure, plan);
+        measure.lines
+    }
+
+    /// Makes a worker for frames of `plan`: one for each thread, for as many calls as there are.
+    ///
+    /// # Errors
+    /// [`RenderError::OtherScene`] if the plan was made for another blob, and [`RenderError::Memory`] if `workspace` is
+    /// smaller than [`Renderer::workspace_lines`] says.
+    pub fn worker<'f>(
+        &'f self,
+        plan: &'f Plan<'f>,
+        workspace: &'f mut [Line],
+    ) -> Result<Worker<'f>, RenderError> {
+        if plan.scene != self.blob.identity() {
+            return Err(RenderError::OtherScene);
+        }
+        let (expected, found) = (self.workspace_lines(plan), workspace.len());
+        if found < expected {
+            return Err(RenderError::Memory { expected, found });
+        }
+        let mut arena = Arena::new(workspace);
+        let around = (self.occupied, self.coarse.packets(plan, self.occupied));
+        let field = Field { network: &self.network, plan };
+        let frame = Frame::lay_out(&mut arena, field, &self.proposer, around);
+        Ok(Worker::of_frame(frame, Pixels::lay_out(&mut arena, plan)))
+    }
+
+    /// [`Worker::render`] by a worker for this call alone.
+    ///
+    /// # Errors
+    /// As [`Renderer::worker`] and [`Worker::render`].
+    pub fn render(
+        &self,
+        plan: &Plan<'_>,
+        camera: &Camera,
+        rect: Rect,
+        workspace: &mut [Line],
+        target: &mut impl Target,
+    ) -> Result<Counters, RenderError> {
+        self.worker(plan, workspace)?.render(camera, rect, target)
+    }
+
+    /// [`Worker::query`] by a worker for this call alone.
+    ///
+    /// # Errors
+    /// As [`Renderer::worker`] and [`Worker::query`].
+    pub fn query(
+        &self,
+        plan: &Plan<'_>,
+        positions: &[[f32; 3]],
+        dirs: &[[f32; 3]],
+        workspace: &mut [Line],
+        sigma: &mut [f32],
+        rgb: &mut [[f32; 3]],
+    ) -> Result<Counters, RenderError> {
+        self.worker(plan, workspace)?.query(positions, dirs, sigma, rgb)
+    }
+
+    /// Says which stages a frame of `plan` has, which not, and why.
+    pub fn explain<'e>(&'e self, plan: &'e Plan<'e>) -> Explanation<'e> {
+        let workspace = self.workspace_lines(plan).saturating_mul(size_of::<Line>());
+        Explanation::new(plan, &self.blob, &self.network, self.proposer.macs(), workspace)
+    }
+
+    /// The work of the scene's frames, by stage.
+    pub fn shares(&self, counters: &Counters) -> Shares {
+        Shares::new(counters, &self.network, self.proposer.macs())
+    }
+
+    /// Lines of workspace one [`Renderer::render_picture`] call needs.
+    ///
+    /// Of `batch` only the samples matter, and only to portable instructions over weights read in place: others always take
+    /// whole blocks.
+    pub fn picture_workspace_lines(&self, batch: Batch) -> usize {
+        picture::lines(&self.network, batch)
+    }
+
+    /// Renders the pixels of `rect` of the 2D field, drawn in `size[0]` × `size[1]` pixels.
+    ///
+    /// Pixel (x, y) is the field's colour at its centre, ((x + ½) / width, (y + ½) / height) with
+    /// x to the right and y down: 0 to 1 over the picture whatever its aspect. So any size shows the
+    /// whole picture, [`PictureFacts`](crate::blob::PictureFacts) has the one without distortion, and
+    /// a `rect` of a larger size is a detail of it.
+    ///
+    /// `target` takes x, y and the display-encoded colour, in `[0, 1]`; each pixel comes once, row by
+    /// row. Within one kernel and maths backend it does not depend on `rect` or `batch` or on who else
+    /// renders at the same time, bit for bit. A colour that is NaN becomes black and is counted
+    /// ([`Counters::invalid_samples`]).
+    ///
+    /// # Errors
+    /// [`RenderError`] on a scene, a size of 0 or beyond [`MAX_RENDER_SIDE`](super::MAX_RENDER_SIDE), a rectangle outside
+    /// `size`, a batch that no [`Plan`](crate::plan::Plan) would take and on too little workspace;
+    /// nothing has been written then.
+    pub fn render_picture(
+        &self,
+        math: MathBackend,
+        batch: Batch,
+        size: [u32; 2],
+        rect: Rect,
+        workspace: &mut [Line],
+        target: &mut impl FnMut(u32, u32, [f32; 3]),
+    ) -> Result<Counters, RenderError> {
+        self.check_picture(batch, size, rect)?;
+        let (expected, found) = (self.picture_workspace_lines(batch), workspace.len());
+        if found < expected {
+            return Err(RenderError::Memory { expected, found });
+        }
+        Ok(picture::render(&self.network, math, batch, (size, rect), workspace, target))
+    }
+
+    /// Whether [`Renderer::render_picture`] takes these arguments; its workspace is another matter.
+    ///
+    /// # Errors
+    /// As [`Renderer::render_picture`], but for the workspace.
+    pub fn check_picture(&self, batch: Batch, size: [u32; 2], rect: Rect) -> Result<(), RenderError> {
+        picture::check(&self.blob, batch, size, rect)
+    }
+}

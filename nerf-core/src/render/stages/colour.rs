@@ -1,0 +1,206 @@
+//! Colours of samples: the colour branch over the picks of one block or of several, with the direction's share once a ray.
+
+use super::compositing::Compositing;
+use super::density::{Density, narrow};
+use crate::memory::{Layout, at, column, head, head_mut, put, put_column, tail};
+use crate::network::Scratch;
+use crate::render::Counters;
+use crate::render::field::Field;
+use crate::render::march::RayState;
+use crate::render::pixel::samples_to_light;
+
+/// Of a block of which less than this is picked, the picks are collected first: numerator and denominator.
+const QUEUED_BELOW: (usize, usize) = (3, 4);
+
+/// The colour branch at samples; all empty where colours are computed once a ray, or not at all.
+pub(in crate::render) struct Colour<'w> {
+    shares: &'w mut [f32],
+    /// The picks of several blocks, compacted: the trunk's outputs, `[activation_rows][samples]`, which the branch overwrites,
+    /// ray and weight, `[samples]` each. Empty where a block is one sample.
+    h: &'w mut [f32],
+    owner: &'w mut [u32],
+    weight: &'w mut [f32],
+    queued: usize,
+    /// `[3][stride]`: directions of a block of rays, then colours of a block of samples.
+    rgb: &'w mut [f32],
+}
+
+impl<'w> Colour<'w> {
+    pub fn lay_out(layout: &mut impl Layout<'w>, field: Field<'_>) -> Self {
+        let samples = if field.shades_samples() { field.block_samples() } else { 0 };
+        // Where a block is one sample, none waits for others.
+        let queue = if samples > 1 { samples } else { 0 };
+        Self {
+            shares: layout.slice(DirectionShares::values(field, field.block_samples()), 0.0),
+            h: layout.slice(field.network.activation_rows() * queue, 0.0),
+            owner: layout.slice(queue, 0),
+            weight: layout.slice(queue, 0.0),
+            queued: 0,
+            rgb: layout.slice(3 * samples, 0.0),
+        }
+    }
+
+    /// The direction's shares of its rays, and memory for directions or colours of a block.
+    pub fn shares(&mut self, field: Field<'_>) -> (DirectionShares<'_>, &mut [f32]) {
+        (DirectionShares { values: self.shares, block: field.block_samples() }, self.rgb)
+    }
+
+    /// Works out the direction's share of the colour branch for `rays`.
+    pub fn directions(
+        &mut self,
+        field: Field<'_>,
+        scratch: &mut Scratch<'_>,
+        rays: &[RayState],
+        counters: &mut Counters,
+    ) {
+        let (mut shares, dirs) = self.shares(field);
+        shares.fill(field, scratch, dirs, rays, counters);
+    }
+
+    /// Adds the colours of a block's `picked` picks to their rays, at once or with those of later blocks.
+    pub fn run(
+        &mut self,
+        field: Field<'_>,
+        density: &mut Density<'_>,
+        picks: &Compositing<'_>,
+        (n, picked): (usize, usize),
+        rays: &mut [RayState],
+        counters: &mut Counters,
+    ) {
+        if picked * QUEUED_BELOW.1 < density.owner.len() * QUEUED_BELOW.0 {
+            return self.queue(field, density, picks, picked, rays, counters);
+        }
+        self.flush(field, &mut density.scratch, rays, counters);
+        let (shares, rgb) = self.shares(field);
+        shares.evaluate(field, &mut density.scratch, head(density.owner, n), rgb);
+        counters.add_colour(field.network, picked);
+        for (&from, &weight) in head(picks.picked, picked).iter().zip(&*picks.weight) {
+            let rgb = column(self.rgb, density.scratch.stride, from as usize);
+            add_colour(rays, at(density.owner, from as usize), weight, rgb, counters);
+        }
+    }
+
+    /// Puts the block's picks into the queue, and that through the colour branch whenever it is full.
+    fn queue(
+        &mut self,
+        field: Field<'_>,
+        density: &mut Density<'_>,
+        picks: &Compositing<'_>,
+        picked: usize,
+        rays: &mut [RayState],
+        counters: &mut Counters,
+    ) {
+        let (room, stride) = (self.owner.len(), density.scratch.stride);
+        for (&column, &weight) in head(picks.picked, picked).iter().zip(&*picks.weight) {
+            let column = column as usize;
+            let from = density.scratch.front.chunks_exact(stride.max(1));
+            let rows = from.zip(self.h.chunks_exact_mut(room.max(1)));
+            for (h, to) in rows.take(field.network.trunk_rows()) {
+                put(to, self.queued, at(h, column));
+            }
+            put(self.owner, self.queued, at(density.owner, column));
+            put(self.weight, self.queued, weight);
+            self.queued += 1;
+            if self.queued == room {
+                self.flush(field, &mut density.scratch, rays, counters);
+            }
+        }
+    }
+
+    /// Sends the queue through the colour branch; the `h` of the block at work stays as it is.
+    pub fn flush(
+        &mut self,
+        field: Field<'_>,
+        scratch: &mut Scratch<'_>,
+        rays: &mut [RayState],
+        counters: &mut Counters,
+    ) {
+        let n = core::mem::take(&mut self.queued);
+        if n == 0 {
+            return;
+        }
+        let (room, stride) = (self.owner.len(), field.columns(n));
+        narrow(self.h, field.network.trunk_rows(), [room, stride], n);
+        let Scratch { encoded, back, .. } = scratch;
+        let mut scratch = Scratch { stride, encoded, front: self.h, back };
+        let shares = DirectionShares { values: self.shares, block: field.block_samples() };
+        shares.evaluate(field, &mut scratch, head(self.owner, n), self.rgb);
+        counters.add_colour(field.network, n);
+        for (i, (&owner, &weight)) in head(self.owner, n).iter().zip(&*self.weight).enumerate() {
+            add_colour(rays, owner, weight, column(self.rgb, stride, i), counters);
+        }
+    }
+}
+
+/// Adds a sample's colour to its ray.
+#[inline]
+fn add_colour(rays: &mut [RayState], owner: u32, weight: f32, colour: [f32; 3], counters: &mut Counters) {
+    let colour = counters.or_black(colour);
+    if let Some(state) = rays.get_mut(owner as usize) {
+        state.pixel.gathered.add_colour(weight, colour);
+    }
+}
+
+/// The direction's share of the colour branch, once a ray: `[rays][direction_rows]`, room for whole blocks of rays.
+pub(in crate::render) struct DirectionShares<'w> {
+    pub values: &'w mut [f32],
+    /// Rays that are encoded together.
+    pub block: usize,
+}
+
+impl DirectionShares<'_> {
+    /// Values of a field's rays, of which `block` are encoded together.
+    pub fn values(field: Field<'_>, block: usize) -> usize {
+        let rows = if field.shades_samples() { field.network.direction_rows() } else { 0 };
+        rows.saturating_mul(field.plan.batch.rays.div_ceil(block.max(1)) * block)
+    }
+
+    /// Works them out for some rays; what `scratch` and `dirs` (`[3][block]`) held is lost.
+    pub fn fill(
+        &mut self,
+        field: Field<'_>,
+        scratch: &mut Scratch<'_>,
+        dirs: &mut [f32],
+        rays: &[RayState],
+        counters: &mut Counters,
+    ) {
+        if self.values.is_empty() {
+            return;
+        }
+        let (network, block) = (field.network, self.block);
+        let rows = network.direction_rows();
+        let Scratch { encoded, front, back, .. } = scratch;
+        let shares = self.values.chunks_exact_mut((rows * block).max(1));
+        for (states, out) in rays.chunks(block.max(1)).zip(shares) {
+            let stride = field.columns(states.len());
+            let mut scratch = Scratch { stride, encoded, front, back: &mut [] };
+            for (column, state) in states.iter().enumerate() {
+                put_column(dirs, stride, column, state.pixel.ray.dir.to_array());
+            }
+            network.direction(field.plan.math, &mut scratch, dirs, back);
+            // Each ray's side by side: they are copied to every sample of it.
+            for (column, share) in out.chunks_exact_mut(rows.max(1)).take(states.len()).enumerate() {
+                for (to, from) in share.iter_mut().zip(back.chunks_exact(stride.max(1))) {
+                    *to = at(from, column);
+                }
+            }
+        }
+        counters.macs += rays.len() as u64 * network.direction_macs() as u64;
+    }
+
+    /// Colours of the samples whose `h` is in `scratch.front`, of the rays `owner`: `[3][scratch.stride]`.
+    pub fn evaluate(&self, field: Field<'_>, scratch: &mut Scratch<'_>, owner: &[u32], rgb: &mut [f32]) {
+        let (network, plan) = (field.network, field.plan);
+        let (stride, rows) = (scratch.stride, network.direction_rows());
+        let spread = |to: &mut [f32]| {
+            for (column, &ray) in owner.iter().enumerate() {
+                let share = head(tail(self.values, ray as usize * rows), rows);
+                for (to, &value) in to.chunks_exact_mut(stride.max(1)).zip(share) {
+                    put(to, column, value);
+                }
+            }
+        };
+        network.colour(plan.math, scratch, spread, rgb);
+        samples_to_light(&plan.effects.tone, plan.math, network.isa(), head_mut(rgb, 3 * stride));
+    }
+}

@@ -1,0 +1,285 @@
+//! Ray marching of fields shaded once a ray, a ray in each column of a block: compositing is vector arithmetic over rays.
+//!
+//! The results are those of single blocks, bit for bit. A column holds a ray from its first sample to its last; then the next
+//! active ray takes the column. When fewer rays are left than a vector has columns, blocks go on with them.
+
+use super::density::Density;
+use super::per_ray::Deferred;
+use crate::math::Math;
+use crate::matrix::Storage;
+use crate::memory::{Layout, at, head, put, tail, tail_mut};
+use crate::plan::Plan;
+use crate::render::Counters;
+use crate::render::field::Field;
+use crate::render::march::{RayState, Rays};
+use crate::sampling::Ends;
+use crate::simd::{BLOCK, Lanes, MAX_LANES, Op, VECTORS};
+use crate::volume::side_by_side::{self, add_samples, left_of};
+use core::marker::PhantomData;
+
+/// Rows of [`Columns`] without the sums of `h`.
+const ROWS: usize = 3 + 3 + 1 + 2 + 1 + Ends::PARTS + side_by_side::ROWS;
+
+/// Whether all samples lie in the middle of their bins, and those in the world.
+fn in_middles(plan: &Plan<'_>) -> bool {
+    plan.contraction.is_none() && plan.effects.jitter.is_none()
+}
+
+/// A value of each column.
+type Row = [f32; BLOCK];
+
+/// The march of rays side by side; empty where they are not marched so.
+pub(in crate::render) struct ColumnMarch<'w> {
+    /// `[rows][BLOCK]`.
+    memory: &'w mut [f32],
+}
+
+impl<'w> ColumnMarch<'w> {
+    pub fn lay_out(layout: &mut impl Layout<'w>, field: Field<'_>) -> Self {
+        let (network, sums) = (field.network, Deferred::row(field));
+        let paired = network.kernel().storage == Storage::Bf16;
+        let on =
+            VECTORS && sums > 0 && network.whole_blocks() && !paired && field.plan.marches_side_by_side();
+        Self { memory: layout.slice(if on { (ROWS + sums) * BLOCK } else { 0 }, 0.0) }
+    }
+
+    /// Marches the active rays while they fill a vector; those that are left stay active.
+    pub fn run<M: Math>(
+        &mut self,
+        field: Field<'_>,
+        rays: &mut Rays<'_, '_>,
+        density: &mut Density<'_>,
+        deferred: &mut Deferred<'_>,
+        counters: &mut Counters,
+    ) {
+        if !VECTORS || rays.active.len() < MAX_LANES {
+            return;
+        }
+        let Some(mut columns) = Columns::new(field.plan, self.memory) else { return };
+        let mut n = 0;
+        while n < BLOCK && columns.enter(rays, n) {
+            n += 1;
+        }
+        while n >= MAX_LANES {
+            counters.add_density(field.network, n);
+            let stride = n.next_multiple_of(MAX_LANES);
+            field.isa().run(Samples { stride, columns: &mut columns, to: density.positions });
+            density.evaluate(field, stride);
+            let h = head(density.scratch.front, field.network.trunk_rows() * stride);
+            let absorb =
+                Absorb::<M> { stride, sigma: density.sigma, h, columns: &mut columns, math: PhantomData };
+            field.isa().run_portable(stride, absorb);
+            let sigma = head(density.sigma, n);
+            counters.invalid_samples += sigma.iter().map(|sigma| u64::from(sigma.is_nan())).sum::<u64>();
+            n = columns.advance(rays, deferred, n);
+        }
+        for column in 0..n {
+            let owner = at(&columns.owner, column);
+            if let Some(ray) = rays.states.get_mut(owner as usize) {
+                // Its sample is not taken yet.
+                ray.next -= 1;
+                columns.end(ray, deferred, column);
+                rays.active.push(owner);
+            }
+        }
+    }
+}
+
+/// The rays that are marched side by side, one a column.
+struct Columns<'a> {
+    plan: &'a Plan<'a>,
+    /// Index of each column's ray in the tile.
+    owner: [u32; BLOCK],
+    origins: &'a mut [Row; 3],
+    dirs: &'a mut [Row; 3],
+    /// The sample's distance along its ray in the units of the bins, or the number of its bin ([`in_middles`]).
+    t: &'a mut Row,
+    /// The distance that it counts as, and the width of its interval.
+    intervals: &'a mut [Row; 2],
+    /// [`Plan::least_distance`].
+    near: &'a mut Row,
+    /// How the ray's outermost bins are cut.
+    ends: &'a mut [Row; Ends::PARTS],
+    /// Opacity, distance and optical thickness composited so far.
+    gathered: &'a mut side_by_side::Rows,
+    /// Σ weight · `h` so far, and behind it Σ weight.
+    sums: &'a mut [Row],
+}
+
+impl<'a> Columns<'a> {
+    /// Over `[rows][BLOCK]` values.
+    fn new(plan: &'a Plan<'a>, memory: &'a mut [f32]) -> Option<Self> {
+        let (rows, _) = memory.as_chunks_mut();
+        let (origins, rows) = rows.split_first_chunk_mut()?;
+        let (dirs, rows) = rows.split_first_chunk_mut()?;
+        let (t, rows) = rows.split_first_mut()?;
+        let (intervals, rows) = rows.split_first_chunk_mut()?;
+        let (near, rows) = rows.split_first_mut()?;
+        let (ends, rows) = rows.split_first_chunk_mut()?;
+        let (gathered, sums) = rows.split_first_chunk_mut()?;
+        Some(Self { plan, owner: [0; BLOCK], origins, dirs, t, intervals, near, ends, gathered, sums })
+    }
+
+    /// Puts the next sample of `ray` into column `at`.
+    #[inline(always)]
+    fn put_sample(&mut self, ray: &mut RayState, turn: u32, at: usize) {
+        self.t[at % BLOCK] = if in_middles(self.plan) {
+            ray.next as f32
+        } else {
+            ray.pixel.jitter(self.plan, turn).t(&self.plan.bins.with(ray.ends), ray.next)
+        };
+        ray.next += 1;
+    }
+
+    /// Starts the next active ray in column `at`; `false` if there is none.
+    fn enter(&mut self, rays: &mut Rays<'_, '_>, at: usize) -> bool {
+        let Some(owner) = rays.active.pop() else { return false };
+        let Some(ray) = rays.states.get_mut(owner as usize) else { return false };
+        let at = at % BLOCK;
+        let line = &ray.pixel;
+        self.owner[at] = owner;
+        for axis in 0..3 {
+            self.origins[axis][at] = line.ray.origin[axis];
+            self.dirs[axis][at] = line.ray.dir[axis];
+        }
+        self.near[at] = self.plan.least_distance(line.start, line.range[0]);
+        for (row, end) in self.ends.iter_mut().zip(ray.ends.parts()) {
+            row[at] = end;
+        }
+        side_by_side::put_column(&line.gathered, self.gathered, at);
+        for row in &mut *self.sums {
+            row[at] = 0.0;
+        }
+        self.put_sample(ray, rays.turn, at);
+        true
+    }
+
+    /// Writes the composited values of column `at` back to its ray.
+    #[inline]
+    fn end(&self, ray: &mut RayState, deferred: &mut Deferred<'_>, at: usize) {
+        side_by_side::take_column(&mut ray.pixel.gathered, self.gathered, at);
+        deferred.put(self.owner[at % BLOCK] as usize, self.sums.iter().map(|row| row[at % BLOCK]));
+    }
+
+    /// Copies column `from` to column `to`.
+    fn copy(&mut self, from: usize, to: usize) {
+        let (from, to) = (from % BLOCK, to % BLOCK);
+        self.owner[to] = self.owner[from];
+        (self.t[to], self.near[to]) = (self.t[from], self.near[from]);
+        let copy = |rows: &mut [Row]| {
+            for row in rows {
+                row[to] = row[from];
+            }
+        };
+        copy(self.origins);
+        copy(self.dirs);
+        copy(self.ends);
+        copy(self.gathered);
+        copy(self.sums);
+    }
+
+    /// Marches the ray of each of the first `n` columns to its next occupied sample, and replaces the rays that end. Returns
+    /// the number of columns that have a sample.
+    fn advance(&mut self, rays: &mut Rays<'_, '_>, deferred: &mut Deferred<'_>, mut n: usize) -> usize {
+        let (mut waiting, mut waits) = ([0; BLOCK], 0);
+        let (mut marching, mut marches) = ([0; BLOCK], 0);
+        for column in 0..n.min(BLOCK) {
+            let owner = self.owner[column];
+            let Some(ray) = rays.states.get_mut(owner as usize) else { return 0 };
+            ray.kept += 1;
+            ray.pixel.done = left_of(self.gathered)[column] < self.plan.transmittance_cut;
+            if !ray.pixel.done {
+                if ray.march_looked_up() {
+                    self.put_sample(ray, rays.turn, column);
+                    continue;
+                }
+                put(&mut marching, marches, owner);
+                marches += 1;
+            }
+            put(&mut waiting, waits, column);
+            waits += 1;
+        }
+        rays.march_all(head(&marching, marches));
+        // From the last on, so that a column that fills a gap has its sample.
+        for &column in head(&waiting, waits).iter().rev() {
+            let Some(ray) = rays.states.get_mut(at(&self.owner, column) as usize) else { return 0 };
+            if !ray.pixel.done && ray.next < ray.end {
+                self.put_sample(ray, rays.turn, column);
+                continue;
+            }
+            self.end(ray, deferred, column);
+            if !self.enter(rays, column) {
+                n -= 1;
+                self.copy(n, column);
+            }
+        }
+        n
+    }
+}
+
+/// The samples of a block's columns: their positions, `[3][stride]`, and their intervals.
+struct Samples<'a, 'c> {
+    stride: usize,
+    columns: &'a mut Columns<'c>,
+    to: &'a mut [f32],
+}
+
+impl Op for Samples<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let Self { stride, columns, to } = self;
+        let (spacing, middles) = (columns.plan.spacing(), in_middles(columns.plan));
+        for from in (0..stride.min(BLOCK)).step_by(V::COUNT) {
+            let row = |row: &Row| V::load(&row[from..]);
+            let (mut t, near) = (row(columns.t), row(columns.near));
+            let (mut origin, mut dir, mut ends) = ([t; 3], [t; 3], [t; Ends::PARTS]);
+            let values = origin.iter_mut().chain(&mut dir).chain(&mut ends);
+            let rows = columns.origins.iter().chain(&*columns.dirs).chain(&*columns.ends);
+            for (value, from) in values.zip(rows) {
+                *value = row(from);
+            }
+            if middles {
+                t = spacing.bins.points(t, V::splat(0.5), ends);
+            }
+            for (axis, point) in spacing.point(origin, dir, t).into_iter().enumerate() {
+                point.store(tail_mut(to, axis * stride + from));
+            }
+            let interval = spacing.interval(ends, near, t);
+            interval.t.store(&mut columns.intervals[0][from..]);
+            interval.delta.store(&mut columns.intervals[1][from..]);
+        }
+    }
+}
+
+/// Compositing of a block: its densities and `h` are added to its rays.
+struct Absorb<'a, 'c, M> {
+    stride: usize,
+    sigma: &'a [f32],
+    /// `[rows][stride]`.
+    h: &'a [f32],
+    columns: &'a mut Columns<'c>,
+    math: PhantomData<M>,
+}
+
+impl<M: Math> Op for Absorb<'_, '_, M> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let Columns { plan, intervals, gathered, sums, .. } = self.columns;
+        for from in (0..self.stride.min(BLOCK)).step_by(V::COUNT) {
+            let [t, delta] = intervals.each_ref().map(|row| V::load(&row[from..]));
+            let sample = [V::load(tail(self.sigma, from)), t, delta];
+            let weight = add_samples::<M, V>(gathered, from, sample, plan.colour_cut);
+            let (zero, mut h) = (V::splat(0.0), self.h.chunks_exact(self.stride));
+            let takes = zero.less(weight);
+            for sums in &mut **sums {
+                // Behind the rows of h stands the weight itself.
+                let more = h.next().map_or(weight, |row| V::load(tail(row, from)).mul(weight));
+                V::load(&sums[from..]).add(V::select(takes, more, zero)).store(&mut sums[from..]);
+            }
+        }
+    }
+}

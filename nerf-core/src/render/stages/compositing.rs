@@ -1,0 +1,215 @@
+//! Compositing: densities of a block become weights of its rays, and the rays that go on are marched to their next sample.
+
+use super::density::{Density, of_rays};
+use crate::math::Math;
+use crate::memory::{Layout, at, column, put, put_column, tail, tail_mut};
+use crate::plan::Plan;
+use crate::render::Counters;
+use crate::render::field::Field;
+use crate::render::march::{RayState, Rays};
+use crate::render::pixel::Medians;
+use crate::sampling::{Ends, SampleInterval};
+use crate::simd::{Lanes, MAX_LANES, Op, VECTORS};
+use crate::volume::{alpha, light, thickness};
+use core::marker::PhantomData;
+
+/// Rows of [`Compositing::rows`].
+const ROWS: usize = 4;
+
+/// The samples of a block, composited.
+pub(in crate::render) struct Compositing<'w> {
+    /// With vectors `[ROWS][samples]`: the optical thickness in front of each sample, the distance that it counts as, what it
+    /// keeps of the light, and what is left of that behind it. The latter two begin as optical thicknesses.
+    rows: &'w mut [f32],
+    /// The columns of the block whose colour or normal is evaluated, in order, and their weights: `[samples]` each, or empty where
+    /// the request has neither.
+    pub picked: &'w mut [u32],
+    pub weight: &'w mut [f32],
+}
+
+impl<'w> Compositing<'w> {
+    pub fn lay_out(layout: &mut impl Layout<'w>, field: Field<'_>) -> Self {
+        let samples = field.block_samples();
+        let picks = if field.plan.outputs.picks() { samples } else { 0 };
+        Self {
+            rows: layout.slice(if VECTORS { ROWS * samples } else { 0 }, 0.0),
+            picked: layout.slice(picks, 0),
+            weight: layout.slice(picks, 0.0),
+        }
+    }
+
+    /// Composites the densities of the block's `n` samples, picks those whose colour or normal is evaluated, and marches the
+    /// rays that go on to their next occupied sample. Returns how many of the samples lie before the end of their ray, and how
+    /// many were picked.
+    pub fn run<M: Math, const COLLIDE: bool>(
+        &mut self,
+        field: Field<'_>,
+        n: usize,
+        density: &Density<'_>,
+        rays: &mut Rays<'_, '_>,
+        medians: &mut Medians<'_>,
+        counters: &mut Counters,
+    ) -> (usize, usize) {
+        let plan = field.plan;
+        // Without vectors it would be the same work in more code.
+        if VECTORS && !COLLIDE {
+            self.absorb::<M>(field, n, density, rays);
+        }
+        let room = density.owner.len();
+        let Rays { states, active, samples, turn, .. } = rays;
+        let (mut used, mut picked) = (0, 0);
+        for column in 0..n {
+            let owner = at(density.owner, column);
+            let Some(state) = states.get_mut(owner as usize) else { break };
+            if state.pixel.done {
+                continue;
+            }
+            state.kept += 1;
+            used += 1;
+            let sigma = at(density.sigma, column);
+            if sigma.is_nan() {
+                counters.invalid_samples += 1;
+            } else if sigma > 0.0 {
+                let interval = |state: &RayState| {
+                    let SampleInterval { t, mid, delta } =
+                        samples.interval(field, owner, state, column, at(density.t, column));
+                    [t, mid, delta]
+                };
+                let mut before = state.pixel.gathered.optical_thickness();
+                let weight = if COLLIDE {
+                    let [_, mid, delta] = interval(state);
+                    state.pixel.gathered.add_thickness(thickness(sigma, delta));
+                    state.pixel.done = state.pixel.gathered.collide(before, sigma, mid, delta);
+                    state.pixel.done.then_some(1.0)
+                } else {
+                    if VECTORS {
+                        let [front, t, alpha, light] = self::column(self.rows, room, column);
+                        before = front;
+                        state.pixel.gathered.add_alpha(alpha, light, t);
+                    } else {
+                        let [t, _, delta] = interval(state);
+                        state.pixel.gathered.add_density::<M>(sigma, t, delta);
+                    }
+                    if medians.passes(owner, &state.pixel.gathered) {
+                        let [_, mid, delta] = interval(state);
+                        medians.put(owner, before, sigma, [mid, delta]);
+                    }
+                    state.pixel.done = state.pixel.gathered.transmittance() < plan.transmittance_cut;
+                    if plan.outputs.picks() {
+                        state.pixel.gathered.take_uncoloured(plan.colour_cut)
+                    } else {
+                        None
+                    }
+                };
+                if plan.outputs.picks()
+                    && let Some(weight) = weight
+                {
+                    put(self.picked, picked, column as u32);
+                    put(self.weight, picked, weight);
+                    picked += 1;
+                }
+            }
+            let last = column + 1 == n || at(density.owner, column + 1) != owner;
+            if last && !state.pixel.done {
+                let jitter = state.pixel.jitter(plan, *turn);
+                if samples.march(field, owner, state, jitter) {
+                    active.push(owner);
+                }
+            }
+        }
+        (used, picked)
+    }
+
+    /// Adds the optical thickness of the block's `n` samples to their rays, and works out what each keeps of the light.
+    ///
+    /// The exponentials are the same bits with every instruction set, sixteen at a time where there are so many.
+    fn absorb<M: Math>(
+        &mut self,
+        field: Field<'_>,
+        n: usize,
+        density: &Density<'_>,
+        rays: &mut Rays<'_, '_>,
+    ) {
+        let (plan, isa, room) = (field.plan, field.isa(), density.owner.len());
+        if plan.contraction.is_some() {
+            let (owner, t, columns) = (&*density.owner, &*density.t, field.columns(n));
+            let to = tail_mut(self.rows, room);
+            isa.run_columns(columns, Intervals { plan, columns, room, rays: rays.states, owner, t, to });
+        }
+        for column in 0..n {
+            let owner = at(density.owner, column);
+            let Some(state) = rays.states.get_mut(owner as usize) else { break };
+            let before = state.pixel.gathered.optical_thickness();
+            let (sigma, mut t, mut tau) = (at(density.sigma, column), 0.0, 0.0);
+            if sigma > 0.0 {
+                let delta;
+                if plan.contraction.is_some() {
+                    [t, delta] = self::column(tail(self.rows, room), room, column);
+                } else {
+                    let t_bins = at(density.t, column);
+                    let interval = rays.samples.interval(field, owner, state, column, t_bins);
+                    (t, delta) = (interval.t, interval.delta);
+                }
+                tau = thickness(sigma, delta);
+            }
+            let total = state.pixel.gathered.add_thickness(tau);
+            put_column(self.rows, room, column, [before, t, tau, total]);
+        }
+        // Portable lanes, of which there are as many with every instruction set.
+        let columns = field.columns(n).next_multiple_of(MAX_LANES).min(room);
+        if let Some((alpha, light)) = tail_mut(self.rows, 2 * room).split_at_mut_checked(room) {
+            let [alpha, light] = [alpha, light].map(|row| &mut row[..columns]);
+            isa.run_portable(columns, Absorb::<M> { alpha, light, math: PhantomData });
+        }
+    }
+}
+
+/// From optical thickness to [`alpha`], and from its sum to [`light`].
+struct Absorb<'a, M> {
+    alpha: &'a mut [f32],
+    light: &'a mut [f32],
+    math: PhantomData<M>,
+}
+
+impl<M: Math> Op for Absorb<'_, M> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        for (a, l) in self.alpha.chunks_exact_mut(V::COUNT).zip(self.light.chunks_exact_mut(V::COUNT)) {
+            alpha::<M, V>(V::load(a)).store(a);
+            light::<M, V>(V::load(l)).store(l);
+        }
+    }
+}
+
+/// The distances that the samples of an unbounded scene count as, and the widths of their intervals: `[2][room]`.
+struct Intervals<'a> {
+    plan: &'a Plan<'a>,
+    columns: usize,
+    room: usize,
+    rays: &'a [RayState],
+    owner: &'a [u32],
+    t: &'a [f32],
+    to: &'a mut [f32],
+}
+
+impl Op for Intervals<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let Self { plan, columns, room, rays, owner, t, to } = self;
+        for from in (0..columns).step_by(V::COUNT) {
+            let values = |state: &RayState| {
+                let [start, low, high, far, stop] = state.ends.parts();
+                [start, low, high, far, stop, plan.least_distance(state.pixel.start, state.pixel.range[0])]
+            };
+            let [start, low, high, far, stop, near] =
+                of_rays::<V, { Ends::PARTS + 1 }>(rays, &owner[from..], values);
+            let interval = plan.spacing().interval([start, low, high, far, stop], near, V::load(&t[from..]));
+            interval.t.store(tail_mut(to, from));
+            interval.delta.store(tail_mut(to, room + from));
+        }
+    }
+}

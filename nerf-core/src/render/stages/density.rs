@@ -1,0 +1,149 @@
+//! Trunk and density head of a block of samples.
+
+use crate::memory::{Layout, at, put, put_column, tail_mut};
+use crate::network::Scratch;
+use crate::render::field::Field;
+use crate::render::march::RayState;
+use crate::sampling::Spacing;
+use crate::simd::{Lanes, MAX_LANES, Op, VECTORS};
+
+/// The block of samples that goes through trunk and density head: `[samples]` each.
+pub(in crate::render) struct Density<'w> {
+    /// Index of each sample's ray; the samples of a ray are neighbours, in order.
+    pub owner: &'w mut [u32],
+    /// Each sample's distance along its ray, as the bins count it.
+    pub t: &'w mut [f32],
+    pub sigma: &'w mut [f32],
+    /// `[3][stride]`.
+    pub positions: &'w mut [f32],
+    /// `stride` is that of the block at work: no more columns than its samples need.
+    pub scratch: Scratch<'w>,
+}
+
+impl<'w> Density<'w> {
+    /// For blocks of `samples`, with so many rows of encoded inputs and of activations.
+    pub fn lay_out(layout: &mut impl Layout<'w>, samples: usize, encoded: usize, activations: usize) -> Self {
+        Self {
+            owner: layout.slice(samples, 0),
+            t: layout.slice(samples, 0.0),
+            sigma: layout.slice(samples, 0.0),
+            positions: layout.slice(3 * samples, 0.0),
+            scratch: Scratch {
+                stride: samples,
+                encoded: layout.slice(encoded * samples, 0.0),
+                front: layout.slice(activations * samples, 0.0),
+                back: layout.slice(activations * samples, 0.0),
+            },
+        }
+    }
+
+    /// Puts the sample at `t` of ray `owner` into column `column`.
+    #[inline]
+    pub fn put(&mut self, column: usize, owner: u32, t: f32) {
+        put(self.owner, column, owner);
+        put(self.t, column, t);
+    }
+
+    /// Puts the positions of the block's `n` samples where the network takes them.
+    pub fn place(&mut self, field: Field<'_>, n: usize, rays: &[RayState]) {
+        let stride = field.columns(n);
+        // What only fills the block up is a copy of its last sample; without vectors there is none.
+        if VECTORS {
+            let last = n.saturating_sub(1);
+            let (owner, t) = (at(self.owner, last), at(self.t, last));
+            (n..stride).for_each(|column| self.put(column, owner, t));
+        }
+        let (owner, t, to) = (&*self.owner, &*self.t, &mut *self.positions);
+        if VECTORS && field.plan.contraction.is_some() {
+            let spacing = field.plan.spacing();
+            return field.isa().run_columns(stride, Place { spacing, stride, rays, owner, t, to });
+        }
+        for column in 0..stride {
+            let Some(state) = rays.get(at(owner, column) as usize) else { break };
+            put_column(to, stride, column, field.plan.point(&state.pixel.ray, at(t, column)).to_array());
+        }
+    }
+
+    /// Trunk and density head of the block's `n` samples; its positions have the stride of `n`.
+    pub fn evaluate(&mut self, field: Field<'_>, n: usize) {
+        self.scratch.stride = field.columns(n);
+        field.network.trunk(field.plan.math, &mut self.scratch, self.positions);
+        field.network.density(field.plan.math, &self.scratch, self.sigma);
+    }
+
+    /// The same of the points where `rays` begin; each is a sample of its own.
+    pub fn evaluate_points(&mut self, field: Field<'_>, rays: &[RayState]) {
+        let (n, stride) = (rays.len(), field.columns(rays.len()));
+        for column in 0..stride {
+            let index = column.min(n.saturating_sub(1));
+            put(self.owner, column, index as u32);
+            put_column(self.positions, stride, column, at(rays, index).pixel.ray.origin.to_array());
+        }
+        self.evaluate(field, n);
+    }
+}
+
+/// The positions of a block's samples, `[3][stride]`.
+struct Place<'a> {
+    spacing: Spacing<'a>,
+    stride: usize,
+    rays: &'a [RayState],
+    owner: &'a [u32],
+    t: &'a [f32],
+    to: &'a mut [f32],
+}
+
+impl Op for Place<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let Self { spacing, stride, rays, owner, t, to } = self;
+        for from in (0..stride).step_by(V::COUNT) {
+            let line = |state: &RayState| [state.pixel.ray.origin.to_array(), state.pixel.ray.dir.to_array()];
+            let values = |state: &RayState| {
+                let [[x, y, z], [u, v, w]] = line(state);
+                [x, y, z, u, v, w]
+            };
+            let [x, y, z, u, v, w] = of_rays::<V, 6>(rays, &owner[from..], values);
+            let p = spacing.point([x, y, z], [u, v, w], V::load(&t[from..]));
+            for (axis, p) in p.into_iter().enumerate() {
+                p.store(tail_mut(to, axis * stride + from));
+            }
+        }
+    }
+}
+
+/// `N` values of the ray of each sample of a vector.
+#[inline(always)]
+pub(super) fn of_rays<V: Lanes, const N: usize>(
+    rays: &[RayState],
+    owner: &[u32],
+    of: impl Fn(&RayState) -> [f32; N],
+) -> [V; N] {
+    let mut rows = [[0.0; MAX_LANES]; N];
+    for (lane, &ray) in owner.iter().enumerate().take(V::COUNT) {
+        if let Some(state) = rays.get(ray as usize) {
+            for (row, value) in rows.iter_mut().zip(of(state)) {
+                row[lane] = value;
+            }
+        }
+    }
+    let mut values = [V::splat(0.0); N];
+    for (value, row) in values.iter_mut().zip(&rows) {
+        *value = V::load(row);
+    }
+    values
+}
+
+/// Moves the first `n` columns of a block, `[rows][from]`, together: `[rows][to]`, a stride that is no larger.
+pub(in crate::render) fn narrow(block: &mut [f32], rows: usize, [from, to]: [usize; 2], n: usize) {
+    if to < from {
+        for row in 1..rows {
+            for column in 0..n {
+                let value = at(block, row * from + column);
+                put(block, row * to + column, value);
+            }
+        }
+    }
+}

@@ -1,0 +1,23 @@
+//! The stages of a frame: each owns its buffers, and is handed the rays and the block at work.
+
+mod colour;
+mod columns;
+mod compositing;
+mod density;
+#[cfg_attr(not(feature = "normals"), path = "normals_off.rs")]
+mod normals;
+mod per_ray;
+mod points;
+#[cfg_attr(not(feature = "proposal"), path = "proposal_off.rs")]
+mod proposal;
+
+pub(super) use colour::Colour;
+pub(super) use columns::ColumnMarch;
+pub(super) use compositing::Compositing;
+pub(super) use density::Density;
+pub(super) use normals::Normals;
+pub(super) use per_ray::Deferred;
+pub(super) use points::{PointColour, evaluate_points, take_points};
+pub(super) use proposal::{Proposer, propose};
+#[cfg(feature = "instances")]
+pub(super) use {colour::DirectionShares, normals::Gradients, per_ray::RayNetworks};

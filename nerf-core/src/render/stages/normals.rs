@@ -1,0 +1,145 @@
+//! Normals: gradients of the samples that count, in blocks of their own.
+
+use super::compositing::Compositing;
+use super::density::{Density, narrow};
+use crate::memory::{Layout, at, column, head, put, put_column};
+use crate::network::{GradientScratch, Network, Scratch};
+use crate::render::Counters;
+use crate::render::field::Field;
+use crate::render::march::RayState;
+use crate::render::pixel::Surface;
+use glam::Vec3;
+
+#[cfg(test)]
+mod tests;
+
+/// The samples queued for their gradient; all empty where normals are not requested.
+pub(in crate::render) struct Normals<'w> {
+    /// Ray, distance along that and weight of picks of any number of blocks: `[samples]` each.
+    owner: &'w mut [u32],
+    t: &'w mut [f32],
+    weight: &'w mut [f32],
+    queued: usize,
+    gradients: Gradients<'w>,
+}
+
+impl<'w> Normals<'w> {
+    pub fn lay_out(layout: &mut impl Layout<'w>, field: Field<'_>) -> Self {
+        let samples = if field.plan.outputs.normals { field.block_samples() } else { 0 };
+        Self {
+            owner: layout.slice(samples, 0),
+            t: layout.slice(samples, 0.0),
+            weight: layout.slice(samples, 0.0),
+            queued: 0,
+            gradients: Gradients::lay_out(layout, [field.network].into_iter(), samples),
+        }
+    }
+
+    /// Queues a block's first `n` picks for their normals, which are computed whenever a block of them is full.
+    pub fn queue(
+        &mut self,
+        field: Field<'_>,
+        density: &mut Density<'_>,
+        picks: &Compositing<'_>,
+        n: usize,
+        (rays, surface): (&[RayState], &mut Surface<'_>),
+        counters: &mut Counters,
+    ) {
+        if !field.plan.outputs.normals {
+            return;
+        }
+        for (&column, &weight) in head(picks.picked, n).iter().zip(&*picks.weight) {
+            put(self.owner, self.queued, at(density.owner, column as usize));
+            put(self.t, self.queued, at(density.t, column as usize));
+            put(self.weight, self.queued, weight);
+            self.queued += 1;
+            if self.queued == self.owner.len() {
+                self.flush(field, density, rays, surface, counters);
+            }
+        }
+    }
+
+    /// Computes the normals of the queued samples; what the block at work left in the scratch is lost.
+    pub fn flush(
+        &mut self,
+        field: Field<'_>,
+        density: &mut Density<'_>,
+        rays: &[RayState],
+        surface: &mut Surface<'_>,
+        counters: &mut Counters,
+    ) {
+        let n = core::mem::take(&mut self.queued);
+        if n == 0 {
+            return;
+        }
+        let stride = field.columns(n);
+        for (column, (&owner, &t)) in head(self.owner, n).iter().zip(&*self.t).enumerate() {
+            let p = field.plan.point(&at(rays, owner as usize).pixel.ray, t);
+            put_column(density.positions, stride, column, p.to_array());
+        }
+        density.scratch.stride = stride;
+        let weights = |i: usize| (at(self.owner, i), at(self.weight, i));
+        self.gradients.run(field, density, n, counters, |i, gradient| {
+            let (owner, weight) = weights(i);
+            if let Some(sum) = surface.normals.get_mut(owner as usize) {
+                sum.add(weight, gradient);
+            }
+        });
+    }
+}
+
+/// Gradients of the raw density at a block of positions.
+pub(in crate::render) struct Gradients<'w> {
+    memory: GradientScratch<'w>,
+    /// ∂raw_sigma/∂x, `[3][samples]`.
+    gradient: &'w mut [f32],
+}
+
+impl<'w> Gradients<'w> {
+    /// For blocks of `samples` of any of `networks`.
+    pub fn lay_out<'n>(
+        layout: &mut impl Layout<'w>,
+        networks: impl Iterator<Item = &'n Network<'n>> + Clone,
+        samples: usize,
+    ) -> Self {
+        let most = |of: &dyn Fn(&Network<'n>) -> usize| networks.clone().map(of).max().unwrap_or(0);
+        Self {
+            memory: GradientScratch {
+                signs: layout.slice(most(&|network| network.sign_words(samples)), 0),
+                encoded: layout.slice(most(&|network| network.gradient_rows()) * samples, 0.0),
+            },
+            gradient: layout.slice(3 * samples, 0.0),
+        }
+    }
+
+    /// Computes the gradients in the world at the block's first `n` positions, and hands index and gradient of each to `put`.
+    pub fn run(
+        &mut self,
+        field: Field<'_>,
+        density: &mut Density<'_>,
+        n: usize,
+        counters: &mut Counters,
+        mut put_gradient: impl FnMut(usize, Vec3),
+    ) {
+        let (Field { network, plan }, stride) = (field, field.columns(n));
+        let positions = &mut *density.positions;
+        narrow(positions, 3, [density.scratch.stride, stride], n);
+        // What only fills the block up is a copy of its last sample.
+        let last: [f32; 3] = column(positions, stride, n.saturating_sub(1));
+        (n..stride).for_each(|column| put_column(positions, stride, column, last));
+        density.scratch.stride = stride;
+        let Scratch { encoded, front, back, .. } = &mut density.scratch;
+        let mut scratch = Scratch { stride, encoded, front, back };
+        let blur = plan.normal_deviation();
+        network.gradient(plan.math, &mut scratch, &mut self.memory, positions, blur, self.gradient);
+        counters.add_normals(network, n);
+        for i in 0..n {
+            let mut gradient = Vec3::from(column(self.gradient, stride, i));
+            if let Some(contraction) = &plan.contraction {
+                gradient = contraction.gradient_in_world(column::<3>(positions, stride, i).into(), gradient);
+            }
+            counters.invalid_samples += u64::from(!gradient.is_finite());
+            put_gradient(i, gradient);
+        }
+    }
+}

@@ -1,0 +1,187 @@
+//! Deferred shading: `h` is composited along each ray, and one network a ray makes a colour of its mean.
+//!
+//! ```text
+//! march: samples that count ─► Σ w h, Σ w of their ray       behind the march: P = Σ w h / Σ w ─► colour branch ─► ray
+//! ```
+
+use super::compositing::Compositing;
+use super::density::Density;
+use crate::memory::{Layout, at, column, head, head_mut, put, put_column, tail, tail_mut};
+use crate::network::{PER_RAY_BUILT, Scratch};
+use crate::render::Counters;
+use crate::render::field::Field;
+use crate::render::march::RayState;
+use crate::render::pixel::samples_to_light;
+
+/// What the rays in flight have gathered of `h`; all empty where colours are worked out at samples, or not at all.
+pub(in crate::render) struct Deferred<'w> {
+    /// `[rays][row]`: Σ weight · h, and behind it Σ weight.
+    sums: &'w mut [f32],
+    row: usize,
+    pub networks: RayNetworks<'w>,
+}
+
+impl<'w> Deferred<'w> {
+    pub fn lay_out(layout: &mut impl Layout<'w>, field: Field<'_>) -> Self {
+        let row = Self::row(field);
+        let samples = if row > 0 { field.block_samples() } else { 0 };
+        Self {
+            sums: layout.slice(field.plan.batch.rays.saturating_mul(row), 0.0),
+            row,
+            networks: RayNetworks::lay_out(layout, field.network.direction_rows(), samples),
+        }
+    }
+
+    /// Values that a ray gathers: a sum a row of `h`, and that of the weights.
+    pub fn row(field: Field<'_>) -> usize {
+        if field.shades_rays() { field.network.trunk_rows() + 1 } else { 0 }
+    }
+
+    /// Sets what ray `ray` has gathered.
+    pub fn put(&mut self, ray: usize, sums: impl Iterator<Item = f32>) {
+        let row = head_mut(tail_mut(self.sums, ray * self.row), self.row);
+        row.iter_mut().zip(sums).for_each(|(to, sum)| *to = sum);
+    }
+
+    pub fn is_on(&self) -> bool {
+        PER_RAY_BUILT && self.row > 0
+    }
+
+    /// The first `count` rays are new ones.
+    pub fn begin(&mut self, count: usize) {
+        if self.is_on() {
+            head_mut(self.sums, count * self.row).fill(0.0);
+        }
+    }
+
+    /// Adds the `h` of a block's first `n` picks, which is in `scratch.front`, to their rays.
+    pub fn add(&mut self, field: Field<'_>, density: &Density<'_>, picks: &Compositing<'_>, n: usize) {
+        for (&column, &weight) in head(picks.picked, n).iter().zip(&*picks.weight) {
+            let first = at(density.owner, column as usize) as usize * self.row;
+            if let Some([sums @ .., total]) = self.sums.get_mut(first..first + self.row) {
+                field.network.add_h(&density.scratch, column as usize, weight, sums);
+                *total += weight;
+            }
+        }
+    }
+
+    /// Gives each of `rays` that gathered something the colour of its network.
+    pub fn shade(
+        &mut self,
+        field: Field<'_>,
+        scratch: &mut Scratch<'_>,
+        rays: &mut [RayState],
+        counters: &mut Counters,
+    ) {
+        if self.is_on() {
+            let sums = head(self.sums, rays.len() * self.row);
+            self.networks.shade(field, scratch, sums, rays, counters, |state, _, _, rgb| {
+                state.pixel.gathered.colour_all(rgb);
+            });
+        }
+    }
+}
+
+/// Where the networks of rays are run, a block of rays at a time.
+pub(in crate::render) struct RayNetworks<'w> {
+    /// Index of each column's ray, `[samples]`.
+    owner: &'w mut [u32],
+    /// `[3][samples]` each.
+    dirs: &'w mut [f32],
+    rgb: &'w mut [f32],
+    /// The directions' share of the colour branch, `[direction_rows][samples]`.
+    share: &'w mut [f32],
+}
+
+impl<'w> RayNetworks<'w> {
+    pub fn lay_out(layout: &mut impl Layout<'w>, direction_rows: usize, samples: usize) -> Self {
+        Self {
+            owner: layout.slice(samples, 0),
+            dirs: layout.slice(3 * samples, 0.0),
+            rgb: layout.slice(3 * samples, 0.0),
+            share: layout.slice(direction_rows * samples, 0.0),
+        }
+    }
+
+    /// Runs the network of every one of `rays` that has a weight, and hands the ray, its index, weight and colour to `put`.
+    ///
+    /// `sums`: a row a ray, Σ weight · h and behind it Σ weight. A colour that is NaN is counted and black.
+    pub fn shade(
+        &mut self,
+        field: Field<'_>,
+        scratch: &mut Scratch<'_>,
+        sums: &[f32],
+        rays: &mut [RayState],
+        counters: &mut Counters,
+        mut put_colour: impl FnMut(&mut RayState, usize, f32, [f32; 3]),
+    ) {
+        let network = field.network;
+        let (rows, row) = (network.trunk_rows(), network.trunk_rows() + 1);
+        let weight = |ray: usize| at(sums, ray * row + rows);
+        let mut lit = (0..rays.len()).filter(|&ray| weight(ray) > 0.0);
+        loop {
+            let mut n = 0;
+            for (owner, ray) in self.owner.iter_mut().zip(lit.by_ref()) {
+                *owner = ray as u32;
+                n += 1;
+            }
+            if n == 0 {
+                return;
+            }
+            let stride = field.columns(n);
+            scratch.stride = stride;
+            for (column, &ray) in head(self.owner, n).iter().enumerate() {
+                let (mean_of, weight) = (head(tail(sums, ray as usize * row), rows), weight(ray as usize));
+                for (to, sum) in scratch.front.chunks_exact_mut(stride.max(1)).zip(mean_of) {
+                    put(to, column, sum / weight);
+                }
+            }
+            network.take_h(scratch);
+            self.run(field, scratch, rays, n, counters);
+            for i in 0..n {
+                let (ray, rgb) = (at(self.owner, i) as usize, column(self.rgb, stride, i));
+                if let Some(state) = rays.get_mut(ray) {
+                    put_colour(state, ray, weight(ray), counters.or_black(rgb));
+                }
+            }
+        }
+    }
+
+    /// Colours of the samples whose `h` is in `scratch.front`, each seen along its ray: as of rays that see them alone.
+    pub fn of_samples(
+        &mut self,
+        field: Field<'_>,
+        scratch: &mut Scratch<'_>,
+        rays: &[RayState],
+        counters: &mut Counters,
+    ) -> &[f32] {
+        self.owner.iter_mut().zip(0..).for_each(|(owner, ray)| *owner = ray);
+        self.run(field, scratch, rays, rays.len(), counters);
+        self.rgb
+    }
+
+    /// Colours of the first `n` columns, whose `h` is in `scratch.front`.
+    fn run(
+        &mut self,
+        field: Field<'_>,
+        scratch: &mut Scratch<'_>,
+        rays: &[RayState],
+        n: usize,
+        counters: &mut Counters,
+    ) {
+        let (network, plan, stride) = (field.network, field.plan, scratch.stride);
+        // What only fills the block up keeps any direction.
+        for (column, &ray) in head(self.owner, n).iter().enumerate() {
+            put_column(self.dirs, stride, column, at(rays, ray as usize).pixel.ray.dir.to_array());
+        }
+        if !(n == 1 && network.colour_of_one(plan.math, scratch, self.dirs, self.rgb)) {
+            network.direction(plan.math, scratch, self.dirs, self.share);
+            let share = &*self.share;
+            let fill = |to: &mut [f32]| to.iter_mut().zip(share).for_each(|(to, &share)| *to = share);
+            network.colour(plan.math, scratch, fill, self.rgb);
+        }
+        samples_to_light(&plan.effects.tone, plan.math, network.isa(), head_mut(self.rgb, 3 * stride));
+        counters.add_colour(network, n);
+        counters.macs += (n * network.direction_macs()) as u64;
+    }
+}

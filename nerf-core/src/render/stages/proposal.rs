@@ -1,0 +1,143 @@
+//! The coarse pass of a scene with a proposal network: where on its rays the scene's own is asked.
+//!
+//! The rays of a tile are marched through the proposal's bins as through the scene's, with a network of densities alone. Each
+//! ray draws its samples from the weights; from there on the frame is any other.
+
+use super::density::Density;
+use crate::blob::Blob;
+use crate::math::Math;
+use crate::matrix::{Kernel, Storage};
+use crate::memory::{at, put};
+use crate::network::{Network, Weights};
+use crate::plan::Plan;
+use crate::render::field::Field;
+use crate::render::march::Rays;
+use crate::render::pixel::{Pixels, RaySource, Target};
+use crate::sampling::SampleJitter;
+use crate::volume::Accumulator;
+
+#[cfg(test)]
+mod tests;
+
+/// Where a ray's march through the proposal ends: the transmittance, and so the weights, would draw less than a thousandth of
+/// the samples. It is no setting: where samples lie does not depend on
+/// [`Quality::transmittance_cut`](crate::plan::Quality::transmittance_cut), whose price stays what it is.
+const LEAST_TRANSMITTANCE: f32 = 1e-3;
+
+/// The proposal network of a scene, if it has one.
+#[derive(Clone, Debug)]
+pub(in crate::render) struct Proposer<'a> {
+    network: Option<Network<'a>>,
+}
+
+impl<'a> Proposer<'a> {
+    /// Parameters that are unpacked; 0 without a network.
+    pub fn parameters(blob: &Blob<'_>) -> usize {
+        blob.proposal().map_or(0, |it| it.architecture().density_parameters())
+    }
+
+    /// Decodes the proposal network's weights from the stored format `storage` into `to`: one value a parameter.
+    pub fn unpack(blob: &Blob<'_>, storage: Storage, to: &mut [f32]) {
+        if let Some(proposal) = blob.proposal() {
+            Weights::unpack(&proposal.architecture(), storage, proposal.weights, to);
+        }
+    }
+
+    /// The network over its weights: where they lie in the blob, or what [`Proposer::unpack`] made.
+    pub fn view(blob: &Blob<'a>, kernel: Kernel, unpacked: &'a [f32]) -> Self {
+        let network = blob.proposal().and_then(|it| {
+            let architecture = it.architecture();
+            let weights = Weights::view(&architecture, kernel.storage, it.weights, unpacked);
+            Network::of_density(&architecture, weights, kernel.isa)
+        });
+        Self { network }
+    }
+
+    /// Multiply-adds of an evaluation; 0 without a network.
+    pub fn macs(&self) -> u64 {
+        self.network.as_ref().map_or(0, |network| network.architecture().density_macs() as u64)
+    }
+
+    /// Samples of a ray that are drawn or the proposal's own; 0 where none are.
+    pub fn row(&self, plan: &Plan<'_>) -> usize {
+        if self.network.is_some() && plan.proposal.is_some() { plan.samples_per_ray() as usize } else { 0 }
+    }
+
+    /// Rows of encoded inputs and of activations that an evaluation needs in frames of `plan`.
+    pub fn rows(&self, plan: &Plan<'_>) -> (usize, usize) {
+        let network = self.network.as_ref().filter(|_| plan.proposal.is_some());
+        network.map_or((0, 0), |network| (network.encoded_rows(), network.activation_rows()))
+    }
+}
+
+/// Asks the proposal where the samples of the tile's first `hits` rays should be, and draws them.
+///
+/// Rays of which none is occupied are finished; those left move together. Returns their number.
+pub(in crate::render) fn propose<M: Math>(
+    proposer: &Proposer<'_>,
+    field: Field<'_>,
+    hits: usize,
+    (rays, density): (&mut Rays<'_, '_>, &mut Density<'_>),
+    pixels: &mut Pixels<'_, '_>,
+    source: &impl RaySource,
+    target: &mut impl Target,
+) -> usize {
+    let plan = field.plan;
+    let (Some(network), Some(coarse)) = (&proposer.network, &plan.proposal) else { return hits };
+    let own = plan.bins.count() as usize;
+    rays.samples.begin(hits);
+    loop {
+        let mut n = 0;
+        // The next bin of an active ray is occupied.
+        while n < density.owner.len()
+            && let Some(i) = rays.active.pop()
+        {
+            let Some(state) = rays.states.get_mut(i as usize) else { break };
+            density.put(n, i, coarse.at(state.next, 0.5));
+            rays.samples.take_bin(state.next, n);
+            state.next += 1;
+            n += 1;
+        }
+        if n == 0 {
+            break;
+        }
+        density.place(field, n, rays.states);
+        // Its columns are those of the scene's own blocks.
+        density.scratch.stride = field.columns(n);
+        network.trunk(plan.math, &mut density.scratch, density.positions);
+        network.density(plan.math, &density.scratch, density.sigma);
+        pixels.counters.proposal_evaluations += n as u64;
+        pixels.counters.macs += n as u64 * proposer.macs();
+        for column in 0..n {
+            let owner = at(density.owner, column);
+            let Some(state) = rays.states.get_mut(owner as usize) else { break };
+            let (sigma, ray) = (at(density.sigma, column), &mut state.pixel);
+            if sigma.is_nan() {
+                pixels.counters.invalid_samples += 1;
+            } else if sigma > 0.0 {
+                let weight = ray.gathered.add_density::<M>(sigma, at(density.t, column), coarse.delta());
+                rays.samples.put_weight(owner, column, own, weight);
+                ray.done = ray.gathered.transmittance() < LEAST_TRANSMITTANCE;
+            }
+            if !ray.done && state.march(field.isa(), plan, coarse, SampleJitter::MIDDLE) {
+                rays.active.push(owner);
+            }
+        }
+    }
+    let mut left = 0;
+    for from in 0..hits {
+        let mut state = at(rays.states, from);
+        let jitter = state.pixel.jitter(plan, rays.turn);
+        (state.next, state.end) = (0, rays.samples.draw(coarse, from, left, jitter));
+        (state.pixel.done, state.pixel.gathered) = (false, Accumulator::NONE);
+        if rays.samples.march(field, left as u32, &mut state, jitter) {
+            put(rays.states, left, state);
+            rays.active.push(left as u32);
+            left += 1;
+        } else {
+            pixels.counters.samples_skipped += u64::from(plan.samples_per_ray());
+            pixels.finish::<M>(&state.pixel, None, source, target);
+        }
+    }
+    left
+}

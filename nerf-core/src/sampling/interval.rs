@@ -1,0 +1,93 @@
+//! The interval of its ray that a sample stands for, and the sample's point.
+
+use super::{Bins, Ends};
+use crate::simd::Lanes;
+use crate::space::Contraction;
+
+/// The interval of a ray that a sample stands for, world units along the ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct SampleInterval<V = f32> {
+    /// Distance that the sample counts as.
+    pub t: V,
+    /// Middle of the interval.
+    pub mid: V,
+    /// Width of the interval.
+    pub delta: V,
+}
+
+/// How samples are spaced along a ray: in the bins of a scene, or at the equal steps of a contraction.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Spacing<'a> {
+    pub bins: &'a Bins,
+    /// The contraction whose steps the bins are.
+    pub contraction: Option<&'a Contraction>,
+}
+
+impl Spacing<'_> {
+    /// The point of a ray that its bins count as `t`, in the network's space: x, y, z.
+    #[inline(always)]
+    pub fn point<V: Lanes>(&self, origin: [V; 3], dir: [V; 3], t: V) -> [V; 3] {
+        match self.contraction {
+            Some(contraction) => {
+                contraction.contract_lanes(along(origin, dir, contraction.distance_lanes(t)))
+            }
+            None => along(origin, dir, t),
+        }
+    }
+
+    /// The interval of the sample that a ray's bins count as `t`. `ends`: how the ray's outermost bins are cut; `near`: the
+    /// least distance of an unbounded scene's samples, world units from where they are counted.
+    #[inline(always)]
+    pub fn interval<V: Lanes>(&self, ends: [V; Ends::PARTS], near: V, t: V) -> SampleInterval<V> {
+        if self.contraction.is_some() {
+            let [t, from, to] = self.edges(ends, near, t);
+            let delta = to.sub(from);
+            // The largest step of all may be longer than f32 tells apart.
+            return SampleInterval { t, mid: from.add(V::splat(0.5).mul(delta)), delta };
+        }
+        let [_, low, high, ..] = ends;
+        let cut = self.interval_of_cut(ends, t);
+        let (first, not_last) = (t.less(low), t.less(high));
+        let if_cut = |whole: V, cut: V| V::select(first, cut, V::select(not_last, whole, cut));
+        SampleInterval {
+            t: if_cut(t, cut.t),
+            mid: if_cut(t, cut.mid),
+            delta: if_cut(V::splat(self.bins.delta()), cut.delta),
+        }
+    }
+
+    /// [`Spacing::interval`] in a bin of a scene that is cut.
+    #[inline(always)]
+    pub fn interval_of_cut<V: Lanes>(&self, ends: [V; Ends::PARTS], t: V) -> SampleInterval<V> {
+        let [start, low, high, _, stop] = ends;
+        let (from, to) = (V::select(t.less(low), start, high), V::select(t.less(high), low, stop));
+        let delta = to.sub(from);
+        SampleInterval { t: t.max_of(from).min_of(to), mid: from.add(V::splat(0.5).mul(delta)), delta }
+    }
+
+    /// The distance that a sample counts as, and where its interval begins and ends: [`Spacing::interval`] whose neighbours
+    /// share their ends, bit for bit.
+    #[inline(always)]
+    pub fn edges<V: Lanes>(&self, ends: [V; Ends::PARTS], near: V, t: V) -> [V; 3] {
+        let [t, from, to] = self.bins.edges_around(ends, t);
+        match self.contraction {
+            // A thousand radii away a step's number is rounded to a ten-thousandth of the way: not in front of near.
+            Some(contraction) => {
+                let from = contraction.distance_lanes(from).max_of(near);
+                let to = contraction.distance_lanes(to).max_of(from);
+                [contraction.distance_lanes(t).max_of(near), from, to]
+            }
+            None => [t, from, to],
+        }
+    }
+}
+
+/// The points of rays at `t`: x, y, z.
+#[inline(always)]
+pub(crate) fn along<V: Lanes>(origin: [V; 3], dir: [V; 3], t: V) -> [V; 3] {
+    let mut points = [t; 3];
+    for axis in 0..3 {
+        points[axis] = origin[axis].add(dir[axis].mul(t));
+    }
+    points
+}
