@@ -165,6 +165,7 @@ impl Moving {
 
     /// Sets the weights of a batch's rays: 0 in masked patches, else 1; empty where nothing is masked.
     pub fn weigh(&self, batch: &mut Batch) {
+        batch.weights.clear();
         if self.masked.contains(&true) {
             let rays = batch.views.iter().zip(&batch.pixels);
             let masked = rays.map(|(&view, &pixel)| self.masked[self.tiles[view as usize].patch(pixel)]);

@@ -385,7 +385,6 @@ impl<'d> Trainer<'d> {
                 bank.set_cameras(poses.cast(&self.dataset.train));
             }
         }
-        batch.weights.clear();
         if let Some(moving) = moving {
             moving.weigh(batch);
         }
