@@ -10,6 +10,9 @@ const TRIAL: u32 = 1_500;
 const SUMMED_FROM: u32 = 1_000;
 /// Step from which on the withheld photographs are learned as well as the others.
 pub const LEARNED_FROM: u32 = 2_000;
+/// Fewest steps of a run with a trial, and share of a run by which one that has not come to its end is given up.
+const FEWEST_STEPS: u32 = 2 * TRIAL;
+const GIVEN_UP_AT: f64 = 0.5;
 /// Photographs that are withheld, and photographs of a capture from which on they are.
 const COUNT: usize = 6;
 const FEWEST: usize = 24;
@@ -60,8 +63,14 @@ impl Withheld {
         let fits = config.capture.withhold == Withholding::Auto
             && config.network.grid.is_some()
             && config.optimiser.weight_decay > 0.0
+            && config.optimiser.steps >= FEWEST_STEPS
             && views.len() >= FEWEST;
         fits.then(|| Self { sums: vec![[0.0; 5]; views.len()] })
+    }
+
+    /// Whether a run of which this share is done is too short for the trial.
+    pub fn is_given_up(share: f64) -> bool {
+        share > GIVEN_UP_AT
     }
 
     pub fn is_of(&self, views: &[View]) -> bool {
@@ -176,5 +185,8 @@ mod tests {
         assert!(Withheld::of(&views[..23], &config).is_none());
         config.capture.withhold = Withholding::Off;
         assert!(Withheld::of(&views, &config).is_none());
+        config.capture.withhold = Withholding::Auto;
+        config.optimiser.steps = FEWEST_STEPS - 1;
+        assert!(Withheld::of(&views, &config).is_none() && Withheld::is_given_up(0.6));
     }
 }

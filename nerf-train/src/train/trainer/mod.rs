@@ -412,7 +412,7 @@ impl<'d> Trainer<'d> {
             moving.add(&self.batch, self.engine.errors());
             moving.step(self.progressed.step);
         }
-        self.learn_withheld();
+        self.learn_withheld(share);
         self.mark_weighted(share);
         let p = &mut self.progressed;
         p.live_per_ray = live_per_ray;
@@ -466,7 +466,8 @@ impl<'d> Trainer<'d> {
     }
 
     /// Adds the errors of the step that was just taken, and decides the weight decay where it was the trial's last.
-    fn learn_withheld(&mut self) {
+    fn learn_withheld(&mut self, share: f64) {
+        self.withheld.take_if(|_| Withheld::is_given_up(share));
         let Some(withheld) = &mut self.withheld else { return };
         let step = self.progressed.step;
         withheld.add(&self.batch, step, self.engine.errors());
