@@ -27,6 +27,22 @@ pub trait Quads: Lanes {
     fn transpose(lanes: [Self; 4]) -> [Self; 4];
 }
 
+/// [`Lanes::weighted_rows`] of a leaf that has [`Quads`].
+macro_rules! weighted_rows_by_quads {
+    () => {
+        #[inline(always)]
+        fn weighted_rows<T: Table, const ROWS: usize>(
+            table: T,
+            rows: &[Self::Indices; ROWS],
+            weights: &[Self; ROWS],
+            features: usize,
+        ) -> [Self; 8] {
+            super::gather::weighted_rows(table, rows, weights, features)
+        }
+    };
+}
+pub(super) use weighted_rows_by_quads;
+
 /// [`Lanes::weighted_rows`], four values of a lane at a time; value by value of a table that has no four.
 #[inline(always)]
 pub fn weighted_rows<V: Quads, T: Table, const ROWS: usize>(
