@@ -4,7 +4,7 @@ use super::Op;
 use super::gather::{Quads, address, last_word, weighted_rows_by_quads};
 use crate::simd::lanes::{Indices, SQRT_HALF_BITS, bits_by_lane};
 use crate::simd::portable::Portable;
-use crate::simd::table::{Format, Table};
+use crate::simd::table::{Format, Table, Value};
 use crate::simd::{Lanes, MAX_LANES};
 use core::arch::x86_64::*;
 
@@ -154,7 +154,11 @@ impl Quads for F32x8 {
         offsets
     }
     #[inline(always)]
-    unsafe fn read_four<T: Table, const LANE: usize>(table: T, at: &[u32; 8], plus: usize) -> Self {
+    unsafe fn read_four<T: Value, const LANE: usize>(
+        table: Table<'_, T>,
+        at: &[u32; 8],
+        plus: usize,
+    ) -> Self {
         let [low, high] = [LANE, 4 + LANE].map(|lane| address(table, at[lane], plus));
         // SAFETY: the caller vouches for four values at each address; unaligned reads. Features as above.
         Self(unsafe {

@@ -3,7 +3,7 @@
 use super::Op;
 use super::gather::{Quads, address, last_word, weighted_rows_by_quads};
 use crate::simd::lanes::{Indices, SQRT_HALF_BITS, bits_by_lane};
-use crate::simd::table::{Format, Table};
+use crate::simd::table::{Format, Table, Value};
 use crate::simd::{Lanes, MAX_LANES};
 use core::arch::x86_64::*;
 
@@ -142,7 +142,11 @@ impl Quads for F32x16 {
         offsets
     }
     #[inline(always)]
-    unsafe fn read_four<T: Table, const LANE: usize>(table: T, at: &[u32; 16], plus: usize) -> Self {
+    unsafe fn read_four<T: Value, const LANE: usize>(
+        table: Table<'_, T>,
+        at: &[u32; 16],
+        plus: usize,
+    ) -> Self {
         let [a, b, c, d] = [0, 4, 8, 12].map(|group| address(table, at[group + LANE], plus));
         // SAFETY: the caller vouches for four values at each address; unaligned reads. Features as above.
         Self(unsafe {

@@ -1,7 +1,7 @@
 //! One vector of `f32`: the interface every elementary function and kernel is written against.
 
 use super::MAX_LANES;
-use super::table::{Table, widen_finite};
+use super::table::{Table, Value, widen_finite};
 
 /// A `u32` a lane: what table entries are counted by. Arithmetic wraps.
 pub trait Indices: Copy {
@@ -150,8 +150,8 @@ pub trait Lanes: Copy + sealed::Sealed {
     ///
     /// `rows`: the number of each row's first entry. Where that is beyond the table, it is any entry, or 0.
     #[inline(always)]
-    fn weighted_rows<T: Table, const ROWS: usize>(
-        table: T,
+    fn weighted_rows<T: Value, const ROWS: usize>(
+        table: Table<'_, T>,
         rows: &[Self::Indices; ROWS],
         weights: &[Self; ROWS],
         features: usize,
@@ -193,8 +193,8 @@ pub fn bits_by_lane<V: Lanes>(bytes: &[u8], at: V::Indices) -> u32 {
 
 /// [`Lanes::weighted_rows`], value by value.
 #[inline(always)]
-pub fn weighted_rows_by_lane<V: Lanes, T: Table, const ROWS: usize>(
-    table: T,
+pub fn weighted_rows_by_lane<V: Lanes, T: Value, const ROWS: usize>(
+    table: Table<'_, T>,
     rows: &[V::Indices; ROWS],
     weights: &[V; ROWS],
     features: usize,

@@ -53,7 +53,7 @@ pub use lanes::{Indices, Lanes};
 #[cfg(feature = "train")]
 pub use prefetch::prefetch;
 #[cfg(any(feature = "grid", feature = "train"))]
-pub use table::{F16Table, F32Table, Int8Table, Table};
+pub use table::{Table, Value};
 
 /// The widest vector of any instruction set.
 pub const MAX_LANES: usize = 16;

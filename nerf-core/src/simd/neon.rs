@@ -3,7 +3,7 @@
 use super::Op;
 use super::gather::{Quads, address, weighted_rows_by_quads};
 use crate::simd::lanes::{Indices, SQRT_HALF_BITS};
-use crate::simd::table::{Format, Table};
+use crate::simd::table::{Format, Table, Value};
 use crate::simd::{Lanes, MAX_LANES};
 use core::arch::aarch64::*;
 use core::arch::asm;
@@ -124,7 +124,7 @@ impl Quads for F32x4 {
         indices
     }
     #[inline(always)]
-    unsafe fn read_four<T: Table, const LANE: usize>(table: T, at: &U32x4, plus: usize) -> Self {
+    unsafe fn read_four<T: Value, const LANE: usize>(table: Table<'_, T>, at: &U32x4, plus: usize) -> Self {
         let offset = neon!(match LANE {
             0 => vgetq_lane_u32::<0>(at.0),
             1 => vgetq_lane_u32::<1>(at.0),

@@ -7,7 +7,7 @@
 use super::Op;
 use super::gather::{Quads, address, weighted_rows_by_quads};
 use crate::simd::lanes::{Indices, SQRT_HALF_BITS};
-use crate::simd::table::{Format, Table};
+use crate::simd::table::{Format, Table, Value};
 use crate::simd::{Lanes, MAX_LANES};
 use core::arch::wasm32::*;
 
@@ -123,7 +123,7 @@ impl Quads for F32x4 {
         indices
     }
     #[inline(always)]
-    unsafe fn read_four<T: Table, const LANE: usize>(table: T, at: &U32x4, plus: usize) -> Self {
+    unsafe fn read_four<T: Value, const LANE: usize>(table: Table<'_, T>, at: &U32x4, plus: usize) -> Self {
         let from = address(table, u32x4_extract_lane::<LANE>(at.0), plus);
         // SAFETY: the caller vouches for four values at the address; unaligned reads.
         Self(unsafe {
