@@ -182,6 +182,7 @@
 #[cfg(not(all(feature = "contraction", feature = "grid")))]
 mod absent;
 mod errors;
+mod names;
 
 pub mod memory;
 

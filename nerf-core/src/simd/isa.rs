@@ -2,22 +2,24 @@
 
 use super::portable::Portable;
 use super::{MAX_LANES, Op};
+use crate::names::names;
 
-/// The instructions that the inner loops use.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-#[non_exhaustive]
-pub enum Isa {
+names! {
+    /// The instructions that the inner loops use, slowest first among those of one machine.
+    #[derive(PartialOrd, Ord)]
+    #[non_exhaustive]
+    Isa:
     /// Plain, unfused f32: the oracle, the same bits on every target.
-    Portable,
+    Portable = "portable",
     /// AVX2, FMA and F16C, eight lanes.
-    Avx2,
+    Avx2 = "avx2",
     /// AVX-512 F, sixteen lanes.
-    Avx512,
+    Avx512 = "avx512",
     /// WebAssembly SIMD, four lanes, unfused: the portable bits. There if the build has the target feature `simd128`,
     /// since a module cannot ask.
-    Simd128,
+    Simd128 = "simd128",
     /// NEON, four lanes, fused: what every 64-bit ARM processor has.
-    Neon,
+    Neon = "neon",
 }
 
 /// Whether this target is taken to have vectors, the compiler's or an instruction set's own.
@@ -32,9 +34,6 @@ pub const VECTORS: bool = if cfg!(target_arch = "wasm32") {
 };
 
 impl Isa {
-    /// All instruction sets, slowest first among those of one machine.
-    pub const ALL: [Self; 5] = [Self::Portable, Self::Avx2, Self::Avx512, Self::Simd128, Self::Neon];
-
     /// The fastest of this machine.
     pub fn detect() -> Self {
         Self::ALL.into_iter().rev().find(|isa| isa.available()).unwrap_or(Self::Portable)
@@ -70,17 +69,6 @@ impl Isa {
     /// tables' memory for 2 % of a frame's time (`docs/kernels.md`).
     pub const fn reads_f16_tables(self) -> bool {
         !matches!(self, Self::Simd128)
-    }
-
-    /// Its name in reports and in [`crate::Kernel`]'s.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Portable => "portable",
-            Self::Avx2 => "avx2",
-            Self::Avx512 => "avx512",
-            Self::Simd128 => "simd128",
-            Self::Neon => "neon",
-        }
     }
 
     /// The number that a block's columns are a multiple of: two or one of the vectors of [`Isa::run`].
