@@ -2,7 +2,7 @@
 
 /// Declares an enum of choices, in the order of its `ALL`.
 macro_rules! names {
-    ($(#[$about:meta])* $choice:ident: $($(#[$doc:meta])* $variant:ident = $name:literal,)+) => {
+    ($(#[$about:meta])* pub enum $choice:ident { $($(#[$doc:meta])* $variant:ident = $name:literal,)+ }) => {
         $(#[$about])*
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum $choice {

@@ -8,14 +8,15 @@ names! {
     /// The storage of a scene's weights while it is rendered.
     #[derive(PartialOrd, Ord)]
     #[non_exhaustive]
-    Storage:
-    /// f16 as in the file, read in place: no memory of their own.
-    F16 = "f16",
-    /// Unpacked to f32 once: the same products, faster.
-    F32 = "f32",
-    /// Pairs of bf16, as are the activations: each rounded to 8 significant bits and summed in f32. Only by name:
-    /// [`Kernel::detect`] never chooses what rounds.
-    Bf16 = "bf16",
+    pub enum Storage {
+        /// f16 as in the file, read in place: no memory of their own.
+        F16 = "f16",
+        /// Unpacked to f32 once: the same products, faster.
+        F32 = "f32",
+        /// Pairs of bf16, as are the activations: each rounded to 8 significant bits and summed in f32. Only by name:
+        /// [`Kernel::detect`] never chooses what rounds.
+        Bf16 = "bf16",
+    }
 }
 
 impl Storage {

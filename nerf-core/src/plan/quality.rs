@@ -183,17 +183,18 @@ pub struct Choice {
 
 names! {
     /// Settings by what they may lose, dB against the exact rendering, best first; the scene's front says what they are.
-    Preset:
-    /// Nothing: 0 dB.
-    Exact = "exact",
-    /// Nothing that any picture shows: 0.01 dB.
-    High = "high",
-    /// 0.1 dB.
-    Balanced = "balanced",
-    /// 0.3 dB.
-    Fast = "fast",
-    /// 1 dB: to look around in.
-    Preview = "preview",
+    pub enum Preset {
+        /// Nothing: 0 dB.
+        Exact = "exact",
+        /// Nothing that any picture shows: 0.01 dB.
+        High = "high",
+        /// 0.1 dB.
+        Balanced = "balanced",
+        /// 0.3 dB.
+        Fast = "fast",
+        /// 1 dB: to look around in.
+        Preview = "preview",
+    }
 }
 
 impl Preset {

@@ -14,17 +14,18 @@ mod tests;
 
 names! {
     /// Whether a stage is part of a frame, and why not.
-    Switch:
-    /// It is.
-    On = "on",
-    /// The scene has nothing for it to do.
-    AbsentInScene = "off: absent in the scene",
-    /// Not requested, and no output needs it.
-    NotAskedFor = "off: not asked for",
-    /// This build has no code for it: a cargo feature is off.
-    NotBuilt = "off: not built in",
-    /// The request's [`Quality`](crate::plan::Quality) switches it off.
-    SwitchedOff = "off: switched off by the request",
+    pub enum Switch {
+        /// It is.
+        On = "on",
+        /// The scene has nothing for it to do.
+        AbsentInScene = "off: absent in the scene",
+        /// Not requested, and no output needs it.
+        NotAskedFor = "off: not asked for",
+        /// This build has no code for it: a cargo feature is off.
+        NotBuilt = "off: not built in",
+        /// The request's [`Quality`](crate::plan::Quality) switches it off.
+        SwitchedOff = "off: switched off by the request",
+    }
 }
 
 impl Switch {

@@ -8,18 +8,19 @@ names! {
     /// The instructions that the inner loops use, slowest first among those of one machine.
     #[derive(PartialOrd, Ord)]
     #[non_exhaustive]
-    Isa:
-    /// Plain, unfused f32: the oracle, the same bits on every target.
-    Portable = "portable",
-    /// AVX2, FMA and F16C, eight lanes.
-    Avx2 = "avx2",
-    /// AVX-512 F, sixteen lanes.
-    Avx512 = "avx512",
-    /// WebAssembly SIMD, four lanes, unfused: the portable bits. There if the build has the target feature `simd128`,
-    /// since a module cannot ask.
-    Simd128 = "simd128",
-    /// NEON, four lanes, fused: what every 64-bit ARM processor has.
-    Neon = "neon",
+    pub enum Isa {
+        /// Plain, unfused f32: the oracle, the same bits on every target.
+        Portable = "portable",
+        /// AVX2, FMA and F16C, eight lanes.
+        Avx2 = "avx2",
+        /// AVX-512 F, sixteen lanes.
+        Avx512 = "avx512",
+        /// WebAssembly SIMD, four lanes, unfused: the portable bits. There if the build has the target feature `simd128`,
+        /// since a module cannot ask.
+        Simd128 = "simd128",
+        /// NEON, four lanes, fused: what every 64-bit ARM processor has.
+        Neon = "neon",
+    }
 }
 
 /// Whether this target is taken to have vectors, the compiler's or an instruction set's own.
