@@ -179,7 +179,10 @@
 //! `docs/blob-format.md` (the file, normative), `docs/numerics.md` (worst errors, case by case, beside their bounds),
 //! `docs/journal/` and `docs/kernels.md` (what was measured and tried, the latter of the inner loops).
 
+#[cfg(not(all(feature = "contraction", feature = "grid")))]
+mod absent;
 mod errors;
+mod names;
 
 pub mod memory;
 

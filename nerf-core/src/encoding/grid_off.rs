@@ -1,6 +1,7 @@
 //! In the place of `grid` where the feature is off: there is no grid, and no code that encodes by one.
 
 use super::TableValues;
+use crate::absent::absent;
 use crate::simd::Isa;
 use crate::space::SceneBox;
 use core::marker::PhantomData;
@@ -12,24 +13,11 @@ use serde::{Deserialize, Serialize};
 pub enum GridEncoding {}
 
 impl GridEncoding {
-    /// Number of coordinates.
-    pub fn inputs(&self) -> u8 {
-        match *self {}
-    }
-
-    /// Number of encoded values.
-    pub fn outputs(&self) -> usize {
-        match *self {}
-    }
-
-    /// Values of all levels.
-    pub fn values(&self) -> usize {
-        match *self {}
-    }
-
-    /// Table entries an evaluation reads.
-    pub fn reads(&self) -> usize {
-        match *self {}
+    absent! {
+        pub fn inputs(&self) -> u8;
+        pub fn outputs(&self) -> usize;
+        pub fn values(&self) -> usize;
+        pub fn reads(&self) -> usize;
     }
 }
 

@@ -3,14 +3,14 @@
 use super::{HostError, Image, Scene, threads};
 use crate::blob::Blob;
 use crate::camera::Camera;
-use crate::plan::{Batch, Effects, Outputs, Plan, PlanError, Quality, Settings};
+use crate::plan::{Batch, Outputs, Plan, PlanError, Settings};
 use crate::render::RaySegment;
 use crate::volume::Pixel;
 use glam::Vec3;
 use std::num::NonZeroUsize;
 use std::vec::Vec;
 
-/// A request of a scene; each setting replaces its default.
+/// A request of a scene; what is not set has its default.
 #[derive(Clone, Debug)]
 #[must_use = "ask for something: render, render_rays, render_picture"]
 pub struct Request<'s> {
@@ -36,33 +36,9 @@ impl<'s> Request<'s> {
         self
     }
 
-    /// The shortcuts of a frame.
-    pub fn quality(mut self, quality: Quality) -> Self {
-        self.settings.quality = quality;
-        self
-    }
-
-    /// The effects of a frame, beyond one ray through each pixel's centre; by default none.
-    pub fn effects(mut self, effects: Effects) -> Self {
-        self.settings.effects = effects;
-        self
-    }
-
-    /// The background, which shows where opacity is below 1, display-encoded; by default the scene's.
-    pub fn background(mut self, background: [f32; 3]) -> Self {
-        self.settings.background = Some(background);
-        self
-    }
-
-    /// Between which distances on a ray the scene is seen, world units; by default everywhere.
-    pub fn range(mut self, t_min: f32, t_max: f32) -> Self {
-        self.settings.range = (t_min, t_max);
-        self
-    }
-
-    /// Blur of normals, in bins ([`Plan::with_normal_blur`]).
-    pub fn normal_blur(mut self, bins: f32) -> Self {
-        self.settings.normal_blur = bins;
+    /// The settings of a frame, in place of [`Settings::default`]: shortcuts, effects, background, range.
+    pub fn settings(mut self, settings: Settings) -> Self {
+        self.settings = settings;
         self
     }
 

@@ -4,7 +4,7 @@ use crate::camera::{Camera, Intrinsics, Lens, Pose, Ray};
 use crate::encoding::PositionEncoding;
 use crate::math::MathBackend;
 use crate::memory::Line;
-use crate::plan::{Batch, Outputs, Plan, Quality};
+use crate::plan::{Batch, Outputs, Plan, Quality, Settings};
 use crate::render::RaySegment;
 use crate::render::{MAX_RENDER_SIDE, Rect, RenderError, Renderer, Worker};
 use crate::testing::{architecture, body, bytes, every_kind, halve, parameters, pi, picture_body};
@@ -134,7 +134,8 @@ fn rays_that_are_none_are_refused_naming_the_first() {
     #[cfg(feature = "anti-aliasing")]
     {
         let effects = Effects { anti_aliasing: 4, ..Effects::NONE };
-        let error = scene.request().effects(effects).render_rays(&rays).unwrap_err();
+        let settings = Settings { effects, ..Settings::default() };
+        let error = scene.request().settings(settings).render_rays(&rays).unwrap_err();
         assert!(matches!(error, HostError::Render(RenderError::CameraEffects)), "{error}");
     }
     assert_eq!(Effects::NONE.anti_aliasing, 1);

@@ -1,25 +1,25 @@
 //! The storage of weights, and the instructions that multiply them.
 
+use crate::names::names;
 use crate::simd::{Isa, VECTORS};
 use core::fmt;
 
-/// The storage of a scene's weights while it is rendered.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-#[non_exhaustive]
-pub enum Storage {
-    /// f16 as in the file, read in place: no memory of their own.
-    F16,
-    /// Unpacked to f32 once: the same products, faster.
-    F32,
-    /// Pairs of bf16, as are the activations: each rounded to 8 significant bits and summed in f32. Only by name:
-    /// [`Kernel::detect`] never chooses what rounds.
-    Bf16,
+names! {
+    /// The storage of a scene's weights while it is rendered.
+    #[derive(PartialOrd, Ord)]
+    #[non_exhaustive]
+    pub enum Storage {
+        /// f16 as in the file, read in place: no memory of their own.
+        F16 = "f16",
+        /// Unpacked to f32 once: the same products, faster.
+        F32 = "f32",
+        /// Pairs of bf16, as are the activations: each rounded to 8 significant bits and summed in f32. Only by name:
+        /// [`Kernel::detect`] never chooses what rounds.
+        Bf16 = "bf16",
+    }
 }
 
 impl Storage {
-    /// All storages.
-    pub const ALL: [Self; 3] = [Self::F16, Self::F32, Self::Bf16];
-
     /// Whether products round weights and activations to fewer bits than the file and f32 have.
     pub const fn rounds(self) -> bool {
         matches!(self, Self::Bf16)
@@ -28,15 +28,6 @@ impl Storage {
     /// Whether weights are read where they lie in the blob: as f16, or since this target has no [`VECTORS`].
     pub(crate) const fn in_place(self) -> bool {
         matches!(self, Self::F16) || !VECTORS
-    }
-
-    /// The name in reports and in [`Kernel`]'s.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::F16 => "f16",
-            Self::F32 => "f32",
-            Self::Bf16 => "bf16",
-        }
     }
 }
 

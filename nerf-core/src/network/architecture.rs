@@ -228,22 +228,23 @@ impl Architecture {
 
     /// Multiply-adds of one density evaluation (trunk and density head).
     pub fn density_macs(&self) -> usize {
-        let of_density = |layer: &&Layer| matches!(layer.role, Role::Trunk(_) | Role::Density);
-        self.layers().iter().filter(of_density).map(Layer::macs).sum()
+        self.macs(|role| matches!(role, Role::Trunk(_) | Role::Density))
     }
 
     /// Multiply-adds of one colour evaluation on top of a density evaluation.
     pub fn colour_macs(&self) -> usize {
-        let of_colour = |layer: &&Layer| matches!(layer.role, Role::Colour(_) | Role::Rgb);
-        self.layers().iter().filter(of_colour).map(Layer::macs).sum()
+        self.macs(|role| matches!(role, Role::Colour(_) | Role::Rgb))
     }
 
     /// Multiply-adds of one gradient of the raw density: the trunk forward, and back.
     ///
     /// The density head costs none: its row of weights is where the backward pass begins.
     pub fn gradient_macs(&self) -> usize {
-        let of_trunk = |layer: &&Layer| matches!(layer.role, Role::Trunk(_));
-        2 * self.layers().iter().filter(of_trunk).map(Layer::macs).sum::<usize>()
+        2 * self.macs(|role| matches!(role, Role::Trunk(_)))
+    }
+
+    fn macs(&self, of: fn(Role) -> bool) -> usize {
+        self.layers().iter().filter(|layer| of(layer.role)).map(Layer::macs).sum()
     }
 
     /// Table entries that one evaluation reads: the corners of a grid's cells, which are no multiply-adds of a

@@ -61,29 +61,13 @@ impl<'a> Network<'a> {
         isa: Isa,
     ) -> Option<Self> {
         architecture.check().ok()?;
-        Self::of_checked(architecture, weights, tables, isa)
-    }
-
-    /// A network of an architecture that has been checked, as that of a blob; `None` if parameters or tables are too few.
-    pub(crate) fn of_checked(
-        architecture: &Architecture,
-        weights: Weights<'a>,
-        tables: GridTables<'a>,
-        isa: Isa,
-    ) -> Option<Self> {
         Self::of_layers(architecture, architecture.layers(), weights, tables, isa)
     }
 
-    /// [`Network::of_checked`] without the colour branch, over the parameters of trunk and density head
-    /// ([`Architecture::density_parameters`]); [`Network::colour`] must not be called.
-    #[cfg(feature = "proposal")]
-    pub(crate) fn of_density(architecture: &Architecture, weights: Weights<'a>, isa: Isa) -> Option<Self> {
-        let mut layers = architecture.layers();
-        layers.retain(|layer| matches!(layer.role, Role::Trunk(_) | Role::Density));
-        Self::of_layers(architecture, layers, weights, GridTables::NONE, isa)
-    }
-
-    fn of_layers(
+    /// A network of an architecture that has been checked, as that of a blob; `None` if parameters or tables are too few. Of its
+    /// [`layers`](Architecture::layers) those of the colour branch may be missing ([`Architecture::density_parameters`]):
+    /// [`Network::colour`] must not be called then.
+    pub(crate) fn of_layers(
         architecture: &Architecture,
         layers: Layers,
         weights: Weights<'a>,

@@ -2,6 +2,7 @@
 
 use crate::blob::{Blob, FrontPoint};
 use crate::math::MathBackend;
+use crate::names::names;
 
 #[cfg(test)]
 mod tests;
@@ -180,25 +181,23 @@ pub struct Choice {
     pub within: bool,
 }
 
-/// Settings by what they may lose, dB against the exact rendering; the scene's front says what they are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Preset {
-    /// Nothing: 0 dB.
-    Exact,
-    /// Nothing that any picture shows: 0.01 dB.
-    High,
-    /// 0.1 dB.
-    Balanced,
-    /// 0.3 dB.
-    Fast,
-    /// 1 dB: to look around in.
-    Preview,
+names! {
+    /// Settings by what they may lose, dB against the exact rendering, best first; the scene's front says what they are.
+    pub enum Preset {
+        /// Nothing: 0 dB.
+        Exact = "exact",
+        /// Nothing that any picture shows: 0.01 dB.
+        High = "high",
+        /// 0.1 dB.
+        Balanced = "balanced",
+        /// 0.3 dB.
+        Fast = "fast",
+        /// 1 dB: to look around in.
+        Preview = "preview",
+    }
 }
 
 impl Preset {
-    /// All of them, best first.
-    pub const ALL: [Self; 5] = [Self::Exact, Self::High, Self::Balanced, Self::Fast, Self::Preview];
-
     /// The most it may lose, dB.
     pub const fn loss_db(self) -> f32 {
         match self {
@@ -207,17 +206,6 @@ impl Preset {
             Self::Balanced => 0.1,
             Self::Fast => 0.3,
             Self::Preview => 1.0,
-        }
-    }
-
-    /// Its name in options and reports.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Exact => "exact",
-            Self::High => "high",
-            Self::Balanced => "balanced",
-            Self::Fast => "fast",
-            Self::Preview => "preview",
         }
     }
 }

@@ -4,6 +4,7 @@ use super::Counters;
 use super::field::Field;
 use crate::blob::Blob;
 use crate::camera::Lens;
+use crate::names::names;
 use crate::network::{Network, Shading};
 use crate::plan::{Lattice, Plan, ThinLens, Tone, ToneMap};
 use core::fmt;
@@ -11,33 +12,23 @@ use core::fmt;
 #[cfg(test)]
 mod tests;
 
-/// Whether a stage is part of a frame, and why not.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Switch {
-    /// It is.
-    On,
-    /// The scene has nothing for it to do.
-    AbsentInScene,
-    /// Not requested, and no output needs it.
-    NotAskedFor,
-    /// This build has no code for it: a cargo feature is off.
-    NotBuilt,
-    /// The request's [`Quality`](crate::plan::Quality) switches it off.
-    SwitchedOff,
+names! {
+    /// Whether a stage is part of a frame, and why not.
+    pub enum Switch {
+        /// It is.
+        On = "on",
+        /// The scene has nothing for it to do.
+        AbsentInScene = "off: absent in the scene",
+        /// Not requested, and no output needs it.
+        NotAskedFor = "off: not asked for",
+        /// This build has no code for it: a cargo feature is off.
+        NotBuilt = "off: not built in",
+        /// The request's [`Quality`](crate::plan::Quality) switches it off.
+        SwitchedOff = "off: switched off by the request",
+    }
 }
 
 impl Switch {
-    /// Its name in reports.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::On => "on",
-            Self::AbsentInScene => "off: absent in the scene",
-            Self::NotAskedFor => "off: not asked for",
-            Self::NotBuilt => "off: not built in",
-            Self::SwitchedOff => "off: switched off by the request",
-        }
-    }
-
     fn asked(asked: bool) -> Self {
         if asked { Self::On } else { Self::NotAskedFor }
     }

@@ -26,12 +26,6 @@ impl Pace {
     /// Nothing is known.
     pub const UNKNOWN: Self = Self { milliseconds: [f32::INFINITY; MAX_FRONT] };
 
-    /// The pace of `threads` threads that share the tiles of a frame, from that of one.
-    pub fn shared_by(self, threads: u32) -> Self {
-        let threads = threads.max(1) as f32;
-        Self { milliseconds: self.milliseconds.map(|one| one / threads) }
-    }
-
     /// The settings of the blob's front that lose least in a frame of at most `milliseconds`, at the pace that
     /// was measured, and how long they take; of two that lose the same, the cheaper.
     ///

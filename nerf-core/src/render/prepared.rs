@@ -73,7 +73,7 @@ impl<'a> Prepared<&'a [f32], &'a [u8]> {
         let [parameters, _, tables] = self.unpacked;
         let weights = Weights::view(blob.architecture(), kernel.storage, blob.weights(), parameters);
         let tables = tables_of(blob, kernel, tables, self.decoded);
-        Network::of_checked(blob.architecture(), weights, tables, kernel.isa)
+        Network::of_layers(blob.architecture(), blob.layers(), weights, tables, kernel.isa)
     }
 
     /// The scene's proposal network over its values, if it has one.

@@ -98,7 +98,7 @@ impl<'a> Renderer<'a> {
         let in_place = Kernel::new(kernel.isa, Storage::F16);
         let tables = tables.unwrap_or_else(|| tables_of(&blob, in_place, &[], &[]));
         let weights = Weights::Prepared(parameters);
-        let network = Network::of_checked(blob.architecture(), weights, tables, kernel.isa)?;
+        let network = Network::of_layers(blob.architecture(), blob.layers(), weights, tables, kernel.isa)?;
         let proposer = Proposer::view(&blob, in_place, &[]);
         let (occupied, coarse) = Self::occupied(&blob);
         Some(Self { blob, network, proposer, occupied, coarse })

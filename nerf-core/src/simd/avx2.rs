@@ -1,10 +1,10 @@
 //! AVX2 + FMA leaf: eight lanes.
 
 use super::Op;
-use super::gather::{Quads, address, last_word, weighted_rows};
+use super::gather::{Quads, address, last_word, weighted_rows_by_quads};
 use crate::simd::lanes::{Indices, SQRT_HALF_BITS, bits_by_lane};
 use crate::simd::portable::Portable;
-use crate::simd::table::{Format, Table};
+use crate::simd::table::{Format, Table, Value};
 use crate::simd::{Lanes, MAX_LANES};
 use core::arch::x86_64::*;
 
@@ -64,40 +64,22 @@ impl Lanes for F32x8 {
         // SAFETY: eight values are in bounds; unaligned stores are allowed. Features as above.
         unsafe { _mm256_storeu_ps(to.as_mut_ptr(), self.0) }
     }
-    one_instruction! {
-        add = _mm256_add_ps,
-        sub = _mm256_sub_ps,
-        mul = _mm256_mul_ps,
-        div = _mm256_div_ps,
-        max_of = _mm256_max_ps,
-        min_of = _mm256_min_ps,
-    }
-    #[inline(always)]
-    fn mul_add(self, b: Self, c: Self) -> Self {
-        Self(avx2!(_mm256_fmadd_ps(self.0, b.0, c.0)))
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        Self(avx2!(_mm256_sqrt_ps(self.0)))
-    }
-    #[inline(always)]
-    fn abs(self) -> Self {
-        Self(avx2!(_mm256_andnot_ps(_mm256_set1_ps(-0.0), self.0)))
-    }
-    #[inline(always)]
-    fn round_even(self) -> Self {
-        Self(avx2!(_mm256_round_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>(self.0)))
-    }
-    #[inline(always)]
-    fn floor(self) -> Self {
-        Self(avx2!(_mm256_floor_ps(self.0)))
-    }
-    #[inline(always)]
-    fn exp2_integer(self) -> Self {
-        Self(avx2!({
-            let biased = _mm256_add_epi32(_mm256_cvtps_epi32(self.0), _mm256_set1_epi32(127));
+    instructions! {
+        add(a, b) = _mm256_add_ps(a, b);
+        sub(a, b) = _mm256_sub_ps(a, b);
+        mul(a, b) = _mm256_mul_ps(a, b);
+        div(a, b) = _mm256_div_ps(a, b);
+        mul_add(a, b, c) = _mm256_fmadd_ps(a, b, c);
+        max_of(a, b) = _mm256_max_ps(a, b);
+        min_of(a, b) = _mm256_min_ps(a, b);
+        sqrt(a) = _mm256_sqrt_ps(a);
+        abs(a) = _mm256_andnot_ps(_mm256_set1_ps(-0.0), a);
+        round_even(a) = _mm256_round_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>(a);
+        floor(a) = _mm256_floor_ps(a);
+        exp2_integer(a) = {
+            let biased = _mm256_add_epi32(_mm256_cvtps_epi32(a), _mm256_set1_epi32(127));
             _mm256_castsi256_ps(_mm256_slli_epi32::<23>(biased))
-        }))
+        };
     }
     #[inline(always)]
     fn split_exponent(self) -> (Self, Self) {
@@ -156,15 +138,7 @@ impl Lanes for F32x8 {
             _mm256_movemask_ps(_mm256_castsi256_ps(bit)) as u32
         }
     }
-    #[inline(always)]
-    fn weighted_rows<T: Table, const ROWS: usize>(
-        table: T,
-        rows: &[U32x8; ROWS],
-        weights: &[Self; ROWS],
-        features: usize,
-    ) -> [Self; 8] {
-        weighted_rows(table, rows, weights, features)
-    }
+    weighted_rows_by_quads!();
 }
 
 impl Quads for F32x8 {
@@ -180,7 +154,11 @@ impl Quads for F32x8 {
         offsets
     }
     #[inline(always)]
-    unsafe fn read_four<T: Table, const LANE: usize>(table: T, at: &[u32; 8], plus: usize) -> Self {
+    unsafe fn read_four<T: Value, const LANE: usize>(
+        table: Table<'_, T>,
+        at: &[u32; 8],
+        plus: usize,
+    ) -> Self {
         let [low, high] = [LANE, 4 + LANE].map(|lane| address(table, at[lane], plus));
         // SAFETY: the caller vouches for four values at each address; unaligned reads. Features as above.
         Self(unsafe {
@@ -231,16 +209,13 @@ impl Indices for U32x8 {
     fn splat(x: u32) -> Self {
         Self(avx2!(_mm256_set1_epi32(x as i32)))
     }
-    one_instruction! {
-        add = _mm256_add_epi32,
-        mul = _mm256_mullo_epi32,
-        xor = _mm256_xor_si256,
-        and = _mm256_and_si256,
-        min = _mm256_min_epu32,
-    }
-    #[inline(always)]
-    fn shift_right_15(self) -> Self {
-        Self(avx2!(_mm256_srli_epi32::<15>(self.0)))
+    instructions! {
+        add(a, b) = _mm256_add_epi32(a, b);
+        mul(a, b) = _mm256_mullo_epi32(a, b);
+        xor(a, b) = _mm256_xor_si256(a, b);
+        and(a, b) = _mm256_and_si256(a, b);
+        min(a, b) = _mm256_min_epu32(a, b);
+        shift_right_15(a) = _mm256_srli_epi32::<15>(a);
     }
     #[inline(always)]
     fn store(self, to: &mut [u32; MAX_LANES]) {

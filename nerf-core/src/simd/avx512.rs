@@ -1,9 +1,9 @@
 //! AVX-512 F leaf: sixteen lanes.
 
 use super::Op;
-use super::gather::{Quads, address, last_word, weighted_rows};
+use super::gather::{Quads, address, last_word, weighted_rows_by_quads};
 use crate::simd::lanes::{Indices, SQRT_HALF_BITS, bits_by_lane};
-use crate::simd::table::{Format, Table};
+use crate::simd::table::{Format, Table, Value};
 use crate::simd::{Lanes, MAX_LANES};
 use core::arch::x86_64::*;
 
@@ -54,40 +54,22 @@ impl Lanes for F32x16 {
         // SAFETY: sixteen values are in bounds; unaligned stores are allowed. Features as above.
         unsafe { _mm512_storeu_ps(to.as_mut_ptr(), self.0) }
     }
-    one_instruction! {
-        add = _mm512_add_ps,
-        sub = _mm512_sub_ps,
-        mul = _mm512_mul_ps,
-        div = _mm512_div_ps,
-        max_of = _mm512_max_ps,
-        min_of = _mm512_min_ps,
-    }
-    #[inline(always)]
-    fn mul_add(self, b: Self, c: Self) -> Self {
-        Self(avx512!(_mm512_fmadd_ps(self.0, b.0, c.0)))
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        Self(avx512!(_mm512_sqrt_ps(self.0)))
-    }
-    #[inline(always)]
-    fn abs(self) -> Self {
-        Self(avx512!(_mm512_abs_ps(self.0)))
-    }
-    #[inline(always)]
-    fn round_even(self) -> Self {
-        Self(avx512!(_mm512_roundscale_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>(self.0)))
-    }
-    #[inline(always)]
-    fn floor(self) -> Self {
-        Self(avx512!(_mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(self.0)))
-    }
-    #[inline(always)]
-    fn exp2_integer(self) -> Self {
-        Self(avx512!({
-            let biased = _mm512_add_epi32(_mm512_cvtps_epi32(self.0), _mm512_set1_epi32(127));
+    instructions! {
+        add(a, b) = _mm512_add_ps(a, b);
+        sub(a, b) = _mm512_sub_ps(a, b);
+        mul(a, b) = _mm512_mul_ps(a, b);
+        div(a, b) = _mm512_div_ps(a, b);
+        mul_add(a, b, c) = _mm512_fmadd_ps(a, b, c);
+        max_of(a, b) = _mm512_max_ps(a, b);
+        min_of(a, b) = _mm512_min_ps(a, b);
+        sqrt(a) = _mm512_sqrt_ps(a);
+        abs(a) = _mm512_abs_ps(a);
+        round_even(a) = _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>(a);
+        floor(a) = _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(a);
+        exp2_integer(a) = {
+            let biased = _mm512_add_epi32(_mm512_cvtps_epi32(a), _mm512_set1_epi32(127));
             _mm512_castsi512_ps(_mm512_slli_epi32::<23>(biased))
-        }))
+        };
     }
     #[inline(always)]
     fn split_exponent(self) -> (Self, Self) {
@@ -145,15 +127,7 @@ impl Lanes for F32x16 {
             u32::from(_mm512_test_epi32_mask(_mm512_srlv_epi32(words, shift), _mm512_set1_epi32(1)))
         }
     }
-    #[inline(always)]
-    fn weighted_rows<T: Table, const ROWS: usize>(
-        table: T,
-        rows: &[U32x16; ROWS],
-        weights: &[Self; ROWS],
-        features: usize,
-    ) -> [Self; 8] {
-        weighted_rows(table, rows, weights, features)
-    }
+    weighted_rows_by_quads!();
 }
 
 impl Quads for F32x16 {
@@ -168,7 +142,11 @@ impl Quads for F32x16 {
         offsets
     }
     #[inline(always)]
-    unsafe fn read_four<T: Table, const LANE: usize>(table: T, at: &[u32; 16], plus: usize) -> Self {
+    unsafe fn read_four<T: Value, const LANE: usize>(
+        table: Table<'_, T>,
+        at: &[u32; 16],
+        plus: usize,
+    ) -> Self {
         let [a, b, c, d] = [0, 4, 8, 12].map(|group| address(table, at[group + LANE], plus));
         // SAFETY: the caller vouches for four values at each address; unaligned reads. Features as above.
         Self(unsafe {
@@ -225,16 +203,13 @@ impl Indices for U32x16 {
     fn splat(x: u32) -> Self {
         Self(avx512!(_mm512_set1_epi32(x as i32)))
     }
-    one_instruction! {
-        add = _mm512_add_epi32,
-        mul = _mm512_mullo_epi32,
-        xor = _mm512_xor_si512,
-        and = _mm512_and_si512,
-        min = _mm512_min_epu32,
-    }
-    #[inline(always)]
-    fn shift_right_15(self) -> Self {
-        Self(avx512!(_mm512_srli_epi32::<15>(self.0)))
+    instructions! {
+        add(a, b) = _mm512_add_epi32(a, b);
+        mul(a, b) = _mm512_mullo_epi32(a, b);
+        xor(a, b) = _mm512_xor_si512(a, b);
+        and(a, b) = _mm512_and_si512(a, b);
+        min(a, b) = _mm512_min_epu32(a, b);
+        shift_right_15(a) = _mm512_srli_epi32::<15>(a);
     }
     #[inline(always)]
     fn store(self, to: &mut [u32; MAX_LANES]) {

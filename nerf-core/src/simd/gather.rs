@@ -1,7 +1,7 @@
 //! Interpolation over a table by vectors that read four neighbouring values at once: written once over [`Quads`].
 
 use crate::simd::lanes::weighted_rows_by_lane;
-use crate::simd::table::Table;
+use crate::simd::table::{Table, Value};
 use crate::simd::{Indices, Lanes};
 
 /// The primitives of [`weighted_rows`]. A vector is groups of four lanes; while rows are summed, a group holds the four
@@ -20,17 +20,37 @@ pub trait Quads: Lanes {
     ///
     /// # Safety
     /// They are inside the table.
-    unsafe fn read_four<T: Table, const LANE: usize>(table: T, at: &Self::Offsets, plus: usize) -> Self;
+    unsafe fn read_four<T: Value, const LANE: usize>(
+        table: Table<'_, T>,
+        at: &Self::Offsets,
+        plus: usize,
+    ) -> Self;
     /// Lane `LANE` of each group in all four of it.
     fn repeat<const LANE: usize>(self) -> Self;
     /// The transpose of each group: vector `i` of the result has value `i` of each lane.
     fn transpose(lanes: [Self; 4]) -> [Self; 4];
 }
 
+/// [`Lanes::weighted_rows`] of a leaf that has [`Quads`].
+macro_rules! weighted_rows_by_quads {
+    () => {
+        #[inline(always)]
+        fn weighted_rows<T: Value, const ROWS: usize>(
+            table: Table<'_, T>,
+            rows: &[Self::Indices; ROWS],
+            weights: &[Self; ROWS],
+            features: usize,
+        ) -> [Self; 8] {
+            super::gather::weighted_rows(table, rows, weights, features)
+        }
+    };
+}
+pub(super) use weighted_rows_by_quads;
+
 /// [`Lanes::weighted_rows`], four values of a lane at a time; value by value of a table that has no four.
 #[inline(always)]
-pub fn weighted_rows<V: Quads, T: Table, const ROWS: usize>(
-    table: T,
+pub fn weighted_rows<V: Quads, T: Value, const ROWS: usize>(
+    table: Table<'_, T>,
     rows: &[V::Indices; ROWS],
     weights: &[V; ROWS],
     features: usize,
@@ -56,8 +76,8 @@ pub fn weighted_rows<V: Quads, T: Table, const ROWS: usize>(
 
 /// Four weighted values of each lane, from `plus` behind each of the `offsets` on.
 #[inline(always)]
-fn four<V: Quads, T: Table, const ROWS: usize>(
-    table: T,
+fn four<V: Quads, T: Value, const ROWS: usize>(
+    table: Table<'_, T>,
     offsets: &[V::Offsets; ROWS],
     weights: &[V; ROWS],
     plus: usize,
@@ -72,8 +92,8 @@ fn four<V: Quads, T: Table, const ROWS: usize>(
 
 /// Four weighted values of lane `LANE` of each group.
 #[inline(always)]
-fn sum_of_lane<V: Quads, T: Table, const ROWS: usize, const LANE: usize>(
-    table: T,
+fn sum_of_lane<V: Quads, T: Value, const ROWS: usize, const LANE: usize>(
+    table: Table<'_, T>,
     offsets: &[V::Offsets; ROWS],
     weights: &[V; ROWS],
     plus: usize,
@@ -89,14 +109,14 @@ fn sum_of_lane<V: Quads, T: Table, const ROWS: usize, const LANE: usize>(
 
 /// The address of value `offset + plus` of a table.
 #[inline(always)]
-pub fn address<T: Table>(table: T, offset: u32, plus: usize) -> *const u8 {
+pub fn address<T: Value>(table: Table<'_, T>, offset: u32, plus: usize) -> *const u8 {
     table.start().wrapping_add(T::FORMAT.bytes() * (offset as usize + plus))
 }
 
 /// The last entry that a row of two can begin with and still lie inside the table, where a row is a whole number
 /// of four values; `None` where it is not, or where nothing fits.
 #[inline(always)]
-fn last_row<T: Table>(table: T, features: usize) -> Option<u32> {
+fn last_row<T: Value>(table: Table<'_, T>, features: usize) -> Option<u32> {
     let entries = match features {
         2 => table.len() / 2,
         4 => table.len() / 4,

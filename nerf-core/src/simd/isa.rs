@@ -2,22 +2,25 @@
 
 use super::portable::Portable;
 use super::{MAX_LANES, Op};
+use crate::names::names;
 
-/// The instructions that the inner loops use.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-#[non_exhaustive]
-pub enum Isa {
-    /// Plain, unfused f32: the oracle, the same bits on every target.
-    Portable,
-    /// AVX2, FMA and F16C, eight lanes.
-    Avx2,
-    /// AVX-512 F, sixteen lanes.
-    Avx512,
-    /// WebAssembly SIMD, four lanes, unfused: the portable bits. There if the build has the target feature `simd128`,
-    /// since a module cannot ask.
-    Simd128,
-    /// NEON, four lanes, fused: what every 64-bit ARM processor has.
-    Neon,
+names! {
+    /// The instructions that the inner loops use, slowest first among those of one machine.
+    #[derive(PartialOrd, Ord)]
+    #[non_exhaustive]
+    pub enum Isa {
+        /// Plain, unfused f32: the oracle, the same bits on every target.
+        Portable = "portable",
+        /// AVX2, FMA and F16C, eight lanes.
+        Avx2 = "avx2",
+        /// AVX-512 F, sixteen lanes.
+        Avx512 = "avx512",
+        /// WebAssembly SIMD, four lanes, unfused: the portable bits. There if the build has the target feature `simd128`,
+        /// since a module cannot ask.
+        Simd128 = "simd128",
+        /// NEON, four lanes, fused: what every 64-bit ARM processor has.
+        Neon = "neon",
+    }
 }
 
 /// Whether this target is taken to have vectors, the compiler's or an instruction set's own.
@@ -32,9 +35,6 @@ pub const VECTORS: bool = if cfg!(target_arch = "wasm32") {
 };
 
 impl Isa {
-    /// All instruction sets, slowest first among those of one machine.
-    pub const ALL: [Self; 5] = [Self::Portable, Self::Avx2, Self::Avx512, Self::Simd128, Self::Neon];
-
     /// The fastest of this machine.
     pub fn detect() -> Self {
         Self::ALL.into_iter().rev().find(|isa| isa.available()).unwrap_or(Self::Portable)
@@ -47,9 +47,9 @@ impl Isa {
             Self::Simd128 => cfg!(all(target_arch = "wasm32", target_feature = "simd128")),
             Self::Neon => cfg!(all(target_arch = "aarch64", target_feature = "neon")),
             #[cfg(target_arch = "x86_64")]
-            Self::Avx2 => cpu::features().avx2,
+            Self::Avx2 => cpu::has(cpu::AVX2),
             #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => cpu::features().avx512,
+            Self::Avx512 => cpu::has(cpu::AVX512),
             #[cfg(not(target_arch = "x86_64"))]
             _ => false,
         }
@@ -59,7 +59,7 @@ impl Isa {
     pub fn multiplies_bf16(self) -> bool {
         match self {
             #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => cpu::features().avx512_bf16,
+            Self::Avx512 => cpu::has(cpu::AVX512_BF16),
             _ => false,
         }
     }
@@ -70,17 +70,6 @@ impl Isa {
     /// tables' memory for 2 % of a frame's time (`docs/kernels.md`).
     pub const fn reads_f16_tables(self) -> bool {
         !matches!(self, Self::Simd128)
-    }
-
-    /// Its name in reports and in [`crate::Kernel`]'s.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Portable => "portable",
-            Self::Avx2 => "avx2",
-            Self::Avx512 => "avx512",
-            Self::Simd128 => "simd128",
-            Self::Neon => "neon",
-        }
     }
 
     /// The number that a block's columns are a multiple of: two or one of the vectors of [`Isa::run`].
@@ -139,46 +128,40 @@ mod cpu {
     use core::arch::x86_64::{__cpuid_count, _xgetbv};
     use core::sync::atomic::{AtomicU8, Ordering};
 
-    pub struct Features {
-        pub avx2: bool,
-        pub avx512: bool,
-        /// AVX-512 F and BF16.
-        pub avx512_bf16: bool,
-    }
+    pub const AVX2: u8 = 1;
+    pub const AVX512: u8 = 2;
+    pub const AVX512_BF16: u8 = 4;
+    /// Set once `cpuid` and the OS were asked.
+    const ASKED: u8 = 0x80;
 
-    const NONE: Features = Features { avx2: false, avx512: false, avx512_bf16: false };
-
-    /// The answer of `cpuid` and the OS, asked once; bit 7 marks it as given.
     static FEATURES: AtomicU8 = AtomicU8::new(0);
 
     #[inline]
-    pub fn features() -> Features {
-        let mut bits = FEATURES.load(Ordering::Relaxed);
-        if bits == 0 {
-            bits = ask_once();
+    pub fn has(feature: u8) -> bool {
+        let mut features = FEATURES.load(Ordering::Relaxed);
+        if features == 0 {
+            features = ask_once();
         }
-        Features { avx2: bits & 1 != 0, avx512: bits & 2 != 0, avx512_bf16: bits & 4 != 0 }
+        features & feature != 0
     }
 
     #[cold]
     fn ask_once() -> u8 {
-        let asked = ask();
-        let bits =
-            0x80 | u8::from(asked.avx2) | u8::from(asked.avx512) << 1 | u8::from(asked.avx512_bf16) << 2;
-        FEATURES.store(bits, Ordering::Relaxed);
-        bits
+        let features = ASKED | ask();
+        FEATURES.store(features, Ordering::Relaxed);
+        features
     }
 
-    fn ask() -> Features {
+    fn ask() -> u8 {
         let leaf = |leaf, sub| __cpuid_count(leaf, sub);
         if leaf(0, 0).eax < 7 {
-            return NONE;
+            return 0;
         }
         let (one, seven) = (leaf(1, 0), leaf(7, 0));
         let has = |word: u32, bit: u32| word >> bit & 1 == 1;
         // XSAVE in use by the OS: only then does the next instruction exist.
         if !has(one.ecx, 27) {
-            return NONE;
+            return 0;
         }
         // SAFETY: OSXSAVE is set.
         let saved = unsafe { xcr0() };
@@ -186,10 +169,13 @@ mod cpu {
         let zmm = saved & 0b1110_0110 == 0b1110_0110;
         // FMA, AVX and F16C.
         let fma = has(one.ecx, 12) && has(one.ecx, 28) && has(one.ecx, 29);
+        let avx2 = ymm && fma && has(seven.ebx, 5);
         let avx512 = zmm && fma && has(seven.ebx, 16);
         // The subleaf exists where the first says so.
-        let bf16 = seven.eax >= 1 && has(leaf(7, 1).eax, 5);
-        Features { avx2: ymm && fma && has(seven.ebx, 5), avx512, avx512_bf16: avx512 && bf16 }
+        let bf16 = avx512 && seven.eax >= 1 && has(leaf(7, 1).eax, 5);
+        [(avx2, AVX2), (avx512, AVX512), (bf16, AVX512_BF16)]
+            .into_iter()
+            .fold(0, |features, (found, feature)| if found { features | feature } else { features })
     }
 
     #[target_feature(enable = "xsave")]

@@ -1,7 +1,7 @@
 //! One vector of `f32`: the interface every elementary function and kernel is written against.
 
 use super::MAX_LANES;
-use super::table::{Table, widen_finite};
+use super::table::{Table, Value, widen_finite};
 
 /// A `u32` a lane: what table entries are counted by. Arithmetic wraps.
 pub trait Indices: Copy {
@@ -23,34 +23,29 @@ pub trait Indices: Copy {
     fn store(self, to: &mut [u32; MAX_LANES]);
 }
 
+/// Methods of a value that is a vector of one lane, an expression each.
+macro_rules! expressions {
+    ($($name:ident($a:ident $(, $b:ident)*) = $value:expr;)+) => {$(
+        #[inline(always)]
+        fn $name(self $(, $b: Self)*) -> Self {
+            let $a = self;
+            $value
+        }
+    )+};
+}
+
 impl Indices for u32 {
     #[inline(always)]
     fn splat(x: u32) -> Self {
         x
     }
-    #[inline(always)]
-    fn add(self, b: Self) -> Self {
-        self.wrapping_add(b)
-    }
-    #[inline(always)]
-    fn mul(self, b: Self) -> Self {
-        self.wrapping_mul(b)
-    }
-    #[inline(always)]
-    fn xor(self, b: Self) -> Self {
-        self ^ b
-    }
-    #[inline(always)]
-    fn and(self, b: Self) -> Self {
-        self & b
-    }
-    #[inline(always)]
-    fn min(self, b: Self) -> Self {
-        Ord::min(self, b)
-    }
-    #[inline(always)]
-    fn shift_right_15(self) -> Self {
-        self >> 15
+    expressions! {
+        add(a, b) = a.wrapping_add(b);
+        mul(a, b) = a.wrapping_mul(b);
+        xor(a, b) = a ^ b;
+        and(a, b) = a & b;
+        min(a, b) = Ord::min(a, b);
+        shift_right_15(a) = a >> 15;
     }
     #[inline(always)]
     fn store(self, to: &mut [u32; MAX_LANES]) {
@@ -155,8 +150,8 @@ pub trait Lanes: Copy + sealed::Sealed {
     ///
     /// `rows`: the number of each row's first entry. Where that is beyond the table, it is any entry, or 0.
     #[inline(always)]
-    fn weighted_rows<T: Table, const ROWS: usize>(
-        table: T,
+    fn weighted_rows<T: Value, const ROWS: usize>(
+        table: Table<'_, T>,
         rows: &[Self::Indices; ROWS],
         weights: &[Self; ROWS],
         features: usize,
@@ -198,8 +193,8 @@ pub fn bits_by_lane<V: Lanes>(bytes: &[u8], at: V::Indices) -> u32 {
 
 /// [`Lanes::weighted_rows`], value by value.
 #[inline(always)]
-pub fn weighted_rows_by_lane<V: Lanes, T: Table, const ROWS: usize>(
-    table: T,
+pub fn weighted_rows_by_lane<V: Lanes, T: Value, const ROWS: usize>(
+    table: Table<'_, T>,
     rows: &[V::Indices; ROWS],
     weights: &[V; ROWS],
     features: usize,
@@ -257,41 +252,17 @@ impl Lanes for f32 {
             *first = self;
         }
     }
-    #[inline(always)]
-    fn add(self, b: Self) -> Self {
-        self + b
-    }
-    #[inline(always)]
-    fn sub(self, b: Self) -> Self {
-        self - b
-    }
-    #[inline(always)]
-    fn mul(self, b: Self) -> Self {
-        self * b
-    }
-    #[inline(always)]
-    fn div(self, b: Self) -> Self {
-        self / b
-    }
-    #[inline(always)]
-    fn mul_add(self, b: Self, c: Self) -> Self {
-        self * b + c
-    }
-    #[inline(always)]
-    fn max_of(self, b: Self) -> Self {
-        if self > b { self } else { b }
-    }
-    #[inline(always)]
-    fn min_of(self, b: Self) -> Self {
-        if self < b { self } else { b }
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        libm::sqrtf(self)
-    }
-    #[inline(always)]
-    fn abs(self) -> Self {
-        f32::from_bits(self.to_bits() & 0x7fff_ffff)
+    expressions! {
+        add(a, b) = a + b;
+        sub(a, b) = a - b;
+        mul(a, b) = a * b;
+        div(a, b) = a / b;
+        mul_add(a, b, c) = a * b + c;
+        max_of(a, b) = if a > b { a } else { b };
+        min_of(a, b) = if a < b { a } else { b };
+        sqrt(a) = libm::sqrtf(a);
+        abs(a) = f32::from_bits(a.to_bits() & 0x7fff_ffff);
+        exp2_integer(a) = f32::from_bits(((a as i32 + 127) as u32) << 23);
     }
     #[inline(always)]
     fn round_even(self) -> Self {
@@ -300,10 +271,6 @@ impl Lanes for f32 {
         let magic = if self < 0.0 { -MAGIC } else { MAGIC };
         let rounded = (self + magic) - magic;
         if self.abs() < MAGIC { rounded } else { self }
-    }
-    #[inline(always)]
-    fn exp2_integer(self) -> Self {
-        f32::from_bits(((self as i32 + 127) as u32) << 23)
     }
     #[inline(always)]
     fn split_exponent(self) -> (Self, Self) {

@@ -3,19 +3,21 @@
 //! samples.
 #![allow(unsafe_code, reason = "instructions that the compiler does not choose by itself")]
 
-/// Methods of a leaf's vector that are one instruction each: `name(self, b)` is `instruction(self.0, b.0)`.
+/// Methods of a leaf's vector, by the instructions that each is: in `name(a, b) = expression` the names are registers.
 #[cfg(any(
     target_arch = "x86_64",
     all(target_arch = "aarch64", target_feature = "neon"),
     all(target_arch = "wasm32", target_feature = "simd128")
 ))]
-macro_rules! one_instruction {
-    ($($name:ident = $instruction:ident,)+) => {$(
+macro_rules! instructions {
+    ($($name:ident($a:ident $(, $b:ident)*) = $value:expr;)+) => {$(
         #[inline(always)]
         #[allow(unused_unsafe, reason = "WebAssembly's are safe")]
-        fn $name(self, b: Self) -> Self {
+        fn $name(self $(, $b: Self)*) -> Self {
+            let $a = self.0;
+            $(let $b = $b.0;)*
             // SAFETY: a leaf's vectors exist only where its instructions do.
-            Self(unsafe { $instruction(self.0, b.0) })
+            Self(unsafe { $value })
         }
     )+};
 }
@@ -51,7 +53,7 @@ pub use lanes::{Indices, Lanes};
 #[cfg(feature = "train")]
 pub use prefetch::prefetch;
 #[cfg(any(feature = "grid", feature = "train"))]
-pub use table::{F16Table, F32Table, Int8Table, Table};
+pub use table::{Table, Value};
 
 /// The widest vector of any instruction set.
 pub const MAX_LANES: usize = 16;

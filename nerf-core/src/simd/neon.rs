@@ -1,9 +1,9 @@
 //! NEON leaf: four lanes, fused. Every 64-bit ARM processor has it, so that nothing is detected at run time.
 
 use super::Op;
-use super::gather::{Quads, address, weighted_rows};
+use super::gather::{Quads, address, weighted_rows_by_quads};
 use crate::simd::lanes::{Indices, SQRT_HALF_BITS};
-use crate::simd::table::{Format, Table};
+use crate::simd::table::{Format, Table, Value};
 use crate::simd::{Lanes, MAX_LANES};
 use core::arch::aarch64::*;
 use core::arch::asm;
@@ -51,47 +51,23 @@ impl Lanes for F32x4 {
         // SAFETY: four values are in bounds.
         unsafe { vst1q_f32(to.as_mut_ptr(), self.0) }
     }
-    one_instruction! {
-        add = vaddq_f32,
-        sub = vsubq_f32,
-        mul = vmulq_f32,
-        div = vdivq_f32,
-    }
-    #[inline(always)]
-    fn mul_add(self, b: Self, c: Self) -> Self {
-        Self(neon!(vfmaq_f32(c.0, self.0, b.0)))
-    }
-    // NEON's own maximum and minimum are NaN if either is.
-    #[inline(always)]
-    fn max_of(self, b: Self) -> Self {
-        Self::select(b.less(self), self, b)
-    }
-    #[inline(always)]
-    fn min_of(self, b: Self) -> Self {
-        Self::select(self.less(b), self, b)
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        Self(neon!(vsqrtq_f32(self.0)))
-    }
-    #[inline(always)]
-    fn abs(self) -> Self {
-        Self(neon!(vabsq_f32(self.0)))
-    }
-    #[inline(always)]
-    fn round_even(self) -> Self {
-        Self(neon!(vrndnq_f32(self.0)))
-    }
-    #[inline(always)]
-    fn floor(self) -> Self {
-        Self(neon!(vrndmq_f32(self.0)))
-    }
-    #[inline(always)]
-    fn exp2_integer(self) -> Self {
-        Self(neon!({
-            let biased = vaddq_s32(vcvtq_s32_f32(self.0), vdupq_n_s32(127));
+    instructions! {
+        add(a, b) = vaddq_f32(a, b);
+        sub(a, b) = vsubq_f32(a, b);
+        mul(a, b) = vmulq_f32(a, b);
+        div(a, b) = vdivq_f32(a, b);
+        mul_add(a, b, c) = vfmaq_f32(c, a, b);
+        // NEON's own maximum and minimum are NaN if either is.
+        max_of(a, b) = vbslq_f32(vcltq_f32(b, a), a, b);
+        min_of(a, b) = vbslq_f32(vcltq_f32(a, b), a, b);
+        sqrt(a) = vsqrtq_f32(a);
+        abs(a) = vabsq_f32(a);
+        round_even(a) = vrndnq_f32(a);
+        floor(a) = vrndmq_f32(a);
+        exp2_integer(a) = {
+            let biased = vaddq_s32(vcvtq_s32_f32(a), vdupq_n_s32(127));
             vreinterpretq_f32_s32(vshlq_n_s32::<23>(biased))
-        }))
+        };
     }
     #[inline(always)]
     fn split_exponent(self) -> (Self, Self) {
@@ -137,15 +113,7 @@ impl Lanes for F32x4 {
         }
         bits
     }
-    #[inline(always)]
-    fn weighted_rows<T: Table, const ROWS: usize>(
-        table: T,
-        rows: &[U32x4; ROWS],
-        weights: &[Self; ROWS],
-        features: usize,
-    ) -> [Self; 8] {
-        weighted_rows(table, rows, weights, features)
-    }
+    weighted_rows_by_quads!();
 }
 
 impl Quads for F32x4 {
@@ -156,7 +124,7 @@ impl Quads for F32x4 {
         indices
     }
     #[inline(always)]
-    unsafe fn read_four<T: Table, const LANE: usize>(table: T, at: &U32x4, plus: usize) -> Self {
+    unsafe fn read_four<T: Value, const LANE: usize>(table: Table<'_, T>, at: &U32x4, plus: usize) -> Self {
         let offset = neon!(match LANE {
             0 => vgetq_lane_u32::<0>(at.0),
             1 => vgetq_lane_u32::<1>(at.0),
@@ -218,16 +186,13 @@ impl Indices for U32x4 {
     fn splat(x: u32) -> Self {
         Self(neon!(vdupq_n_u32(x)))
     }
-    one_instruction! {
-        add = vaddq_u32,
-        mul = vmulq_u32,
-        xor = veorq_u32,
-        and = vandq_u32,
-        min = vminq_u32,
-    }
-    #[inline(always)]
-    fn shift_right_15(self) -> Self {
-        Self(neon!(vshrq_n_u32::<15>(self.0)))
+    instructions! {
+        add(a, b) = vaddq_u32(a, b);
+        mul(a, b) = vmulq_u32(a, b);
+        xor(a, b) = veorq_u32(a, b);
+        and(a, b) = vandq_u32(a, b);
+        min(a, b) = vminq_u32(a, b);
+        shift_right_15(a) = vshrq_n_u32::<15>(a);
     }
     #[inline(always)]
     fn store(self, to: &mut [u32; MAX_LANES]) {

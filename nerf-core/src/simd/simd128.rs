@@ -5,9 +5,9 @@
 //! to the engine.
 
 use super::Op;
-use super::gather::{Quads, address, weighted_rows};
+use super::gather::{Quads, address, weighted_rows_by_quads};
 use crate::simd::lanes::{Indices, SQRT_HALF_BITS};
-use crate::simd::table::{Format, Table};
+use crate::simd::table::{Format, Table, Value};
 use crate::simd::{Lanes, MAX_LANES};
 use core::arch::wasm32::*;
 
@@ -46,46 +46,21 @@ impl Lanes for F32x4 {
         // SAFETY: four values are in bounds; unaligned stores are allowed.
         unsafe { v128_store(to.as_mut_ptr().cast(), self.0) }
     }
-    one_instruction! {
-        add = f32x4_add,
-        sub = f32x4_sub,
-        mul = f32x4_mul,
-        div = f32x4_div,
-    }
-    #[inline(always)]
-    fn mul_add(self, b: Self, c: Self) -> Self {
-        self.mul(b).add(c)
-    }
-    // `pmax(b, a)` is `b < a ? a : b`, one instruction on x86; the plain `max` would spread NaNs.
-    #[inline(always)]
-    fn max_of(self, b: Self) -> Self {
-        Self(f32x4_pmax(b.0, self.0))
-    }
-    #[inline(always)]
-    fn min_of(self, b: Self) -> Self {
-        Self(f32x4_pmin(b.0, self.0))
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        Self(f32x4_sqrt(self.0))
-    }
-    #[inline(always)]
-    fn abs(self) -> Self {
-        Self(f32x4_abs(self.0))
-    }
-    #[inline(always)]
-    fn round_even(self) -> Self {
+    instructions! {
+        add(a, b) = f32x4_add(a, b);
+        sub(a, b) = f32x4_sub(a, b);
+        mul(a, b) = f32x4_mul(a, b);
+        div(a, b) = f32x4_div(a, b);
+        mul_add(a, b, c) = f32x4_add(f32x4_mul(a, b), c);
+        // `pmax(b, a)` is `b < a ? a : b`, one instruction on x86; the plain `max` would spread NaNs.
+        max_of(a, b) = f32x4_pmax(b, a);
+        min_of(a, b) = f32x4_pmin(b, a);
+        sqrt(a) = f32x4_sqrt(a);
+        abs(a) = f32x4_abs(a);
         // + 0: the portable instructions have no negative zero here.
-        Self(f32x4_add(f32x4_nearest(self.0), f32x4_splat(0.0)))
-    }
-    #[inline(always)]
-    fn floor(self) -> Self {
-        Self(f32x4_floor(self.0))
-    }
-    #[inline(always)]
-    fn exp2_integer(self) -> Self {
-        let biased = i32x4_add(i32x4_trunc_sat_f32x4(self.0), i32x4_splat(127));
-        Self(i32x4_shl(biased, 23))
+        round_even(a) = f32x4_add(f32x4_nearest(a), f32x4_splat(0.0));
+        floor(a) = f32x4_floor(a);
+        exp2_integer(a) = i32x4_shl(i32x4_add(i32x4_trunc_sat_f32x4(a), i32x4_splat(127)), 23);
     }
     #[inline(always)]
     fn split_exponent(self) -> (Self, Self) {
@@ -135,15 +110,7 @@ impl Lanes for F32x4 {
         let empty = i32x4_eq(v128_and(found, bit), u32x4_splat(0));
         u32::from(i32x4_bitmask(v128_andnot(inside, empty)))
     }
-    #[inline(always)]
-    fn weighted_rows<T: Table, const ROWS: usize>(
-        table: T,
-        rows: &[U32x4; ROWS],
-        weights: &[Self; ROWS],
-        features: usize,
-    ) -> [Self; 8] {
-        weighted_rows(table, rows, weights, features)
-    }
+    weighted_rows_by_quads!();
 }
 
 impl Quads for F32x4 {
@@ -156,7 +123,7 @@ impl Quads for F32x4 {
         indices
     }
     #[inline(always)]
-    unsafe fn read_four<T: Table, const LANE: usize>(table: T, at: &U32x4, plus: usize) -> Self {
+    unsafe fn read_four<T: Value, const LANE: usize>(table: Table<'_, T>, at: &U32x4, plus: usize) -> Self {
         let from = address(table, u32x4_extract_lane::<LANE>(at.0), plus);
         // SAFETY: the caller vouches for four values at the address; unaligned reads.
         Self(unsafe {
@@ -211,16 +178,13 @@ impl Indices for U32x4 {
     fn splat(x: u32) -> Self {
         Self(u32x4_splat(x))
     }
-    one_instruction! {
-        add = i32x4_add,
-        mul = i32x4_mul,
-        xor = v128_xor,
-        and = v128_and,
-        min = u32x4_min,
-    }
-    #[inline(always)]
-    fn shift_right_15(self) -> Self {
-        Self(u32x4_shr(self.0, 15))
+    instructions! {
+        add(a, b) = i32x4_add(a, b);
+        mul(a, b) = i32x4_mul(a, b);
+        xor(a, b) = v128_xor(a, b);
+        and(a, b) = v128_and(a, b);
+        min(a, b) = u32x4_min(a, b);
+        shift_right_15(a) = u32x4_shr(a, 15);
     }
     #[inline(always)]
     fn store(self, to: &mut [u32; MAX_LANES]) {

@@ -2,13 +2,6 @@
 
 use super::MAX_LANES;
 
-mod sealed {
-    pub trait Sealed {}
-    impl Sealed for super::F16Table<'_> {}
-    impl Sealed for super::F32Table<'_> {}
-    impl Sealed for super::Int8Table<'_> {}
-}
-
 /// The format of a table's values in memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
@@ -32,150 +25,103 @@ impl Format {
     }
 }
 
-/// Values that are read by index. Sealed: kernels read as many values as a table says it has.
-#[allow(clippy::len_without_is_empty, reason = "who reads by index asks for the length alone")]
-pub trait Table: Copy + sealed::Sealed {
-    /// The format of a value.
+/// A value of a table, as it lies in memory. Sealed: kernels read as many bytes as the format says.
+pub trait Value: Copy + Default + sealed::Sealed {
+    /// The format.
     const FORMAT: Format;
-
-    /// `count` values from `first` on; fewer where there are fewer.
-    fn part(self, first: usize, count: usize) -> Self;
-    /// Number of values.
-    fn len(self) -> usize;
-    /// The address of the first of `len()` values, at any alignment.
-    fn start(self) -> *const u8;
-    /// Value `at + plus` of each of the first `lanes`; 0 where there is none.
-    fn read(self, at: &[u32; MAX_LANES], plus: usize, lanes: usize) -> [f32; MAX_LANES];
-    /// The factor of a level's values; asked of a whole table, not of a part.
-    #[inline(always)]
-    fn scale(self, _level: usize) -> f32 {
-        1.0
-    }
+    /// The value in f32.
+    fn widen(self) -> f32;
 }
 
-/// Little-endian f16 at any alignment; finite.
-#[derive(Clone, Copy, Debug)]
-pub struct F16Table<'a>(&'a [[u8; 2]]);
-
-impl<'a> F16Table<'a> {
-    /// The f16 of `bytes`.
-    #[inline(always)]
-    pub fn new(bytes: &'a [u8]) -> Self {
-        Self(bytes.as_chunks().0)
-    }
+mod sealed {
+    pub trait Sealed {}
+    impl Sealed for [u8; 2] {}
+    impl Sealed for f32 {}
+    impl Sealed for u8 {}
 }
 
-impl Table for F16Table<'_> {
+impl Value for [u8; 2] {
     const FORMAT: Format = Format::F16;
 
     #[inline(always)]
-    fn part(self, first: usize, count: usize) -> Self {
-        let rest = self.0.get(first..).unwrap_or_default();
-        Self(rest.get(..count).unwrap_or(rest))
-    }
-    #[inline(always)]
-    fn len(self) -> usize {
-        self.0.len()
-    }
-    #[inline(always)]
-    fn start(self) -> *const u8 {
-        self.0.as_ptr().cast()
-    }
-    #[inline(always)]
-    fn read(self, at: &[u32; MAX_LANES], plus: usize, lanes: usize) -> [f32; MAX_LANES] {
-        let (mut bits, mut values) = ([0; MAX_LANES], [0.0; MAX_LANES]);
-        for lane in 0..lanes {
-            let bytes = self.0.get(at[lane] as usize + plus).copied();
-            bits[lane] = u16::from_le_bytes(bytes.unwrap_or_default());
-        }
-        for lane in 0..lanes {
-            values[lane] = widen_finite(bits[lane]);
-        }
-        values
+    fn widen(self) -> f32 {
+        widen_finite(u16::from_le_bytes(self))
     }
 }
 
-/// f32.
-#[derive(Clone, Copy, Debug)]
-pub struct F32Table<'a>(&'a [f32]);
-
-impl<'a> F32Table<'a> {
-    /// The f32 of `values`.
-    #[inline(always)]
-    pub fn new(values: &'a [f32]) -> Self {
-        Self(values)
-    }
-}
-
-impl Table for F32Table<'_> {
+impl Value for f32 {
     const FORMAT: Format = Format::F32;
 
     #[inline(always)]
-    fn part(self, first: usize, count: usize) -> Self {
-        let rest = self.0.get(first..).unwrap_or_default();
-        Self(rest.get(..count).unwrap_or(rest))
-    }
-    #[inline(always)]
-    fn len(self) -> usize {
-        self.0.len()
-    }
-    #[inline(always)]
-    fn start(self) -> *const u8 {
-        self.0.as_ptr().cast()
-    }
-    #[inline(always)]
-    fn read(self, at: &[u32; MAX_LANES], plus: usize, lanes: usize) -> [f32; MAX_LANES] {
-        let mut values = [0.0; MAX_LANES];
-        for lane in 0..lanes {
-            values[lane] = self.0.get(at[lane] as usize + plus).copied().unwrap_or_default();
-        }
-        values
+    fn widen(self) -> f32 {
+        self
     }
 }
 
-/// Signed bytes, with a scale for each level of a grid.
-#[derive(Clone, Copy, Debug)]
-pub struct Int8Table<'a> {
-    values: &'a [u8],
-    scales: &'a [[u8; 4]],
-}
-
-impl<'a> Int8Table<'a> {
-    /// The signed bytes of `values`; `scales`: little-endian f32 at any alignment.
-    #[inline(always)]
-    pub fn new(values: &'a [u8], scales: &'a [u8]) -> Self {
-        Self { values, scales: scales.as_chunks().0 }
-    }
-}
-
-impl Table for Int8Table<'_> {
+/// A signed byte.
+impl Value for u8 {
     const FORMAT: Format = Format::Int8;
 
     #[inline(always)]
-    fn part(self, first: usize, count: usize) -> Self {
+    fn widen(self) -> f32 {
+        f32::from(self.cast_signed())
+    }
+}
+
+/// Values that are read by index, with a scale for each level of a grid where they are integers.
+#[derive(Clone, Copy, Debug)]
+pub struct Table<'a, T> {
+    values: &'a [T],
+    scales: &'a [[u8; 4]],
+}
+
+impl<'a, T: Value> Table<'a, T> {
+    /// Finite `values`; `scales`: of integers, little-endian f32 at any alignment.
+    #[inline(always)]
+    pub fn new(values: &'a [T], scales: &'a [u8]) -> Self {
+        Self { values, scales: scales.as_chunks().0 }
+    }
+
+    /// `count` values from `first` on; fewer where there are fewer.
+    #[inline(always)]
+    pub fn part(self, first: usize, count: usize) -> Self {
         let rest = self.values.get(first..).unwrap_or_default();
         Self { values: rest.get(..count).unwrap_or(rest), ..self }
     }
+
+    /// Number of values.
     #[inline(always)]
-    fn len(self) -> usize {
+    #[allow(clippy::len_without_is_empty, reason = "who reads by index asks for the length alone")]
+    pub fn len(self) -> usize {
         self.values.len()
     }
+
+    /// The address of the first of `len()` values, at any alignment of less than f32.
     #[inline(always)]
-    fn start(self) -> *const u8 {
-        self.values.as_ptr()
+    pub fn start(self) -> *const u8 {
+        self.values.as_ptr().cast()
     }
+
+    /// Value `at + plus` of each of the first `lanes`; 0 where there is none.
     #[inline(always)]
-    fn read(self, at: &[u32; MAX_LANES], plus: usize, lanes: usize) -> [f32; MAX_LANES] {
-        let mut values = [0.0; MAX_LANES];
+    pub fn read(self, at: &[u32; MAX_LANES], plus: usize, lanes: usize) -> [f32; MAX_LANES] {
+        let (mut found, mut values) = ([T::default(); MAX_LANES], [0.0; MAX_LANES]);
         for lane in 0..lanes {
-            let byte = self.values.get(at[lane] as usize + plus).copied().unwrap_or_default();
-            values[lane] = f32::from(byte.cast_signed());
+            found[lane] = self.values.get(at[lane] as usize + plus).copied().unwrap_or_default();
+        }
+        for lane in 0..lanes {
+            values[lane] = found[lane].widen();
         }
         values
     }
+
+    /// The factor of a level's values.
     #[inline(always)]
-    fn scale(self, level: usize) -> f32 {
-        f32::from_le_bytes(self.scales.get(level).copied().unwrap_or_default())
+    pub fn scale(self, level: usize) -> f32 {
+        match T::FORMAT {
+            Format::Int8 => f32::from_le_bytes(self.scales.get(level).copied().unwrap_or_default()),
+            Format::F16 | Format::F32 => 1.0,
+        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! In the place of `contraction` where the feature is off: every scene has an end, and no code contracts.
 
 use super::scene_box::SceneBox;
+use crate::absent::absent;
 use crate::camera::Ray;
 use crate::simd::Lanes;
 use glam::Vec3;
@@ -16,61 +17,19 @@ impl Contraction {
         None
     }
 
-    /// No value.
-    pub fn centre(&self) -> Vec3 {
-        match *self {}
-    }
-
-    /// No value.
-    pub fn radius(&self) -> f32 {
-        match *self {}
-    }
-
-    /// No value.
-    pub fn power(&self) -> u8 {
-        match *self {}
-    }
-
-    /// No value.
-    pub fn contract(&self, _: Vec3) -> Vec3 {
-        match *self {}
-    }
-
-    /// No value.
-    pub fn contract_lanes<V: Lanes>(&self, _: [V; 3]) -> [V; 3] {
-        match *self {}
-    }
-
-    pub(crate) fn keeps(&self, _: &Ray, _: f32, _: f32) -> bool {
-        match *self {}
-    }
-
-    pub(crate) fn kept_lanes<V: Lanes>(&self, _: [V; 3]) -> [V; 3] {
-        match *self {}
-    }
-
-    #[cfg(feature = "normals")]
-    pub(crate) fn gradient_in_world(&self, _: Vec3, _: Vec3) -> Vec3 {
-        match *self {}
-    }
-
-    /// No value.
-    pub fn centred(&self, _: &Ray) -> (Ray, f32) {
-        match *self {}
-    }
-
-    /// No value.
-    pub fn distance(&self, _: f32) -> f32 {
-        match *self {}
-    }
-
-    /// No value.
-    pub fn distance_lanes<V: Lanes>(&self, _: V) -> V {
-        match *self {}
-    }
-
-    /// No value.
-    pub fn step_at(&self, _: f32) -> f32 {
-        match *self {}
+    absent! {
+        pub fn centre(&self) -> Vec3;
+        pub fn radius(&self) -> f32;
+        pub fn power(&self) -> u8;
+        pub fn contract(&self, Vec3) -> Vec3;
+        pub fn contract_lanes<V: Lanes>(&self, [V; 3]) -> [V; 3];
+        pub(crate) fn keeps(&self, &Ray, f32, f32) -> bool;
+        pub(crate) fn kept_lanes<V: Lanes>(&self, [V; 3]) -> [V; 3];
+        #[cfg(feature = "normals")]
+        pub(crate) fn gradient_in_world(&self, Vec3, Vec3) -> Vec3;
+        pub fn centred(&self, &Ray) -> (Ray, f32);
+        pub fn distance(&self, f32) -> f32;
+        pub fn distance_lanes<V: Lanes>(&self, V) -> V;
+        pub fn step_at(&self, f32) -> f32;
     }
 }

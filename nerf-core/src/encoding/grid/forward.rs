@@ -3,7 +3,7 @@
 use super::cell::{Cells, unit_positions};
 use super::{GridEncoding, GridLevel, GridTables, TableValues, with_table};
 use crate::memory::{head, head_mut, put, tail_mut};
-use crate::simd::{Isa, Lanes, Op, Table, VECTORS};
+use crate::simd::{Isa, Lanes, Op, Table, VECTORS, Value};
 
 /// Encodes a block of samples by a grid.
 ///
@@ -68,13 +68,13 @@ const AT_ONCE: usize = 8;
 struct Encode<'a, T> {
     grid: &'a GridEncoding,
     tables: &'a GridTables<'a>,
-    table: T,
+    table: Table<'a, T>,
     stride: usize,
     x: &'a [f32],
     out: &'a mut [f32],
 }
 
-impl<T: Table> Op for Encode<'_, T> {
+impl<T: Value> Op for Encode<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -92,7 +92,7 @@ impl<T: Table> Op for Encode<'_, T> {
     }
 }
 
-impl<T: Table> Encode<'_, T> {
+impl<T: Value> Encode<'_, T> {
     #[inline(always)]
     fn encode<V: Lanes, const ROWS: usize, const FEATURES: usize>(self) {
         let (stride, inputs) = (self.stride, usize::from(self.grid.inputs));
@@ -115,8 +115,8 @@ impl<T: Table> Encode<'_, T> {
 /// In WebAssembly a function of its own: within a larger one V8 makes what is the same for all vectors again for each.
 #[cfg_attr(target_arch = "wasm32", inline(never))]
 #[cfg_attr(not(target_arch = "wasm32"), inline(always))]
-fn encode_level<V: Lanes, T: Table, const ROWS: usize, const FEATURES: usize>(
-    table: T,
+fn encode_level<V: Lanes, T: Value, const ROWS: usize, const FEATURES: usize>(
+    table: Table<'_, T>,
     level: &GridLevel,
     units: &[[V; 3]],
     reads: &mut heapless::Vec<Read<V, ROWS>, AT_ONCE>,
@@ -158,7 +158,7 @@ impl<V: Lanes, const ROWS: usize> Read<V, ROWS> {
 
     /// Values of the level, of which the first `features` count.
     #[inline(always)]
-    fn interpolate<T: Table>(&self, table: T, level: &GridLevel, features: usize) -> [V; 4] {
+    fn interpolate<T: Value>(&self, table: Table<'_, T>, level: &GridLevel, features: usize) -> [V; 4] {
         let part = table.part(level.first * features, level.entries * features);
         let scale = V::splat(table.scale(level.index));
         let sums = V::weighted_rows(part, &self.rows, &self.weights, features);
@@ -177,7 +177,6 @@ mod tests {
 
     use super::super::tests::grids;
     use super::*;
-    use crate::simd::F32Table;
     use crate::testing::noise;
     use std::vec::Vec;
 
@@ -189,7 +188,7 @@ mod tests {
             let tables = GridTables::new(TableValues::F32(&values), None);
             let [mut found, mut expected] = [(); 2].map(|()| std::vec![0.0; grid.outputs() * 64]);
             encode_one_by_one(&grid, &tables, 64, &x, &mut found);
-            let table = F32Table::new(&values);
+            let table = Table::new(&values, &[]);
             let x = &x[..];
             Encode { grid: &grid, tables: &tables, table, stride: 64, x, out: &mut expected }.run::<f32>();
             assert!(found.iter().zip(&expected).all(|(a, b)| a.to_bits() == b.to_bits()), "{grid:?}");

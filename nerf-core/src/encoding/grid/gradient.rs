@@ -4,7 +4,7 @@ use super::cell::{Cells, unit_positions};
 use super::{GridEncoding, GridLevel, GridTables, TableValues, with_table};
 use crate::math::polynomial::exp;
 use crate::memory::{head, head_mut, tail, tail_mut};
-use crate::simd::{Isa, Lanes, Op, Table, VECTORS};
+use crate::simd::{Isa, Lanes, Op, Table, VECTORS, Value};
 
 /// Takes a gradient back through the encoding of a block of samples.
 ///
@@ -40,7 +40,7 @@ pub(super) fn grid_gradient_block(
 struct Gradient<'a, T> {
     grid: &'a GridEncoding,
     tables: &'a GridTables<'a>,
-    table: T,
+    table: Table<'a, T>,
     stride: usize,
     x: &'a [f32],
     of_encoded: &'a [f32],
@@ -48,7 +48,7 @@ struct Gradient<'a, T> {
     of_x: &'a mut [f32],
 }
 
-impl<T: Table> Op for Gradient<'_, T> {
+impl<T: Value> Op for Gradient<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -69,7 +69,7 @@ impl<T: Table> Op for Gradient<'_, T> {
     }
 }
 
-impl<T: Table> Gradient<'_, T> {
+impl<T: Value> Gradient<'_, T> {
     #[inline(always)]
     fn gradient<V: Lanes, const ROWS: usize, const FEATURES: usize>(self) {
         let stride = self.stride;
@@ -141,7 +141,6 @@ mod tests {
 
     use super::super::tests::grids;
     use super::*;
-    use crate::simd::F32Table;
     use crate::testing::noise;
     use std::vec::Vec;
 
@@ -152,7 +151,7 @@ mod tests {
             let x: Vec<f32> = noise(64 * usize::from(grid.inputs), 8).iter().map(|x| 0.5 + 0.5 * x).collect();
             let tables = GridTables::new(TableValues::F32(&values), None);
             let [mut found, mut expected] = [(); 2].map(|()| std::vec![0.0; x.len()]);
-            let table = F32Table::new(&values);
+            let table = Table::new(&values, &[]);
             let op = |of_x| Gradient {
                 grid: &grid,
                 tables: &tables,

@@ -112,15 +112,15 @@ macro_rules! with_table {
     ($values:expr, $table:ident => $body:expr) => {
         match $values {
             TableValues::F16(bytes) => {
-                let $table = crate::simd::F16Table::new(bytes);
+                let $table = crate::simd::Table::new(bytes.as_chunks::<2>().0, &[]);
                 $body
             }
             TableValues::Int8 { values, scales } => {
-                let $table = crate::simd::Int8Table::new(values, scales);
+                let $table = crate::simd::Table::new(values, scales);
                 $body
             }
             TableValues::F32(values) => {
-                let $table = crate::simd::F32Table::new(values);
+                let $table = crate::simd::Table::new(values, &[]);
                 $body
             }
         }

@@ -17,6 +17,8 @@ mod error;
 #[cfg(test)]
 mod tests;
 
+use crate::names::names;
+
 pub use error::EffectError;
 
 /// What is asked for beyond the plain picture.
@@ -81,34 +83,25 @@ impl Tone {
     pub const MAX_STOPS: f32 = 32.0;
 }
 
-/// A curve from `[0, ∞)` to `[0, 1]`, channel by channel on linear light.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-#[non_exhaustive]
-pub enum ToneMap {
-    /// None: what is beyond 1 is cut off where the colour is encoded.
-    #[default]
-    None,
-    /// `x / (1 + x)`.
-    ///
-    /// # Source
-    /// Reinhard et al. 2002, eq. 3; deviation: on each channel, not on luminance.
-    Reinhard,
-    /// A film's shoulder and toe: `x (2.51 x + 0.03) / (x (2.43 x + 0.59) + 0.14)`, at most 1.
-    ///
-    /// # Source
-    /// Narkowicz 2016, "ACES Filmic Tone Mapping Curve": a fit to the ACES reference for displays of 80 to
-    /// 100 nits.
-    Filmic,
-}
-
-impl ToneMap {
-    /// Its name in reports and on the command line.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::None => "none",
-            Self::Reinhard => "reinhard",
-            Self::Filmic => "filmic",
-        }
+names! {
+    /// A curve from `[0, ∞)` to `[0, 1]`, channel by channel on linear light.
+    #[derive(Default)]
+    #[non_exhaustive]
+    pub enum ToneMap {
+        /// None: what is beyond 1 is cut off where the colour is encoded.
+        #[default]
+        None = "none",
+        /// `x / (1 + x)`.
+        ///
+        /// # Source
+        /// Reinhard et al. 2002, eq. 3; deviation: on each channel, not on luminance.
+        Reinhard = "reinhard",
+        /// A film's shoulder and toe: `x (2.51 x + 0.03) / (x (2.43 x + 0.59) + 0.14)`, at most 1.
+        ///
+        /// # Source
+        /// Narkowicz 2016, "ACES Filmic Tone Mapping Curve": a fit to the ACES reference for displays of 80 to
+        /// 100 nits.
+        Filmic = "filmic",
     }
 }
 

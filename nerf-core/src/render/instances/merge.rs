@@ -22,7 +22,7 @@ use glam::Vec3;
 const WALL: f32 = 1e30;
 
 /// The part of a field that a ray is in, or comes to next: one bin.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Part {
     known: Known,
     /// The sample of the bin, as the field's plan counts it.
@@ -42,28 +42,15 @@ struct Part {
 }
 
 /// What is known of a part.
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, Copy, Default, PartialEq)]
 enum Known {
     /// The ray has left the field.
+    #[default]
     Nothing,
     /// Where it is.
     Place,
     /// What is there.
     Sample,
-}
-
-impl Part {
-    const NONE: Self = Self {
-        known: Known::Nothing,
-        t: 0.0,
-        from: 0.0,
-        to: 0.0,
-        counts_at: 0.0,
-        sigma: 0.0,
-        rgb: None,
-        deferred: false,
-        gradient: Vec3::ZERO,
-    };
 }
 
 /// A ray in the world; its start is where it comes to the first field.
@@ -125,7 +112,7 @@ impl<'f, 'w> Merge<'f, 'w> {
             instances,
             turn: 0,
             rays: layout.slice(each, RayState::NONE),
-            parts: layout.slice(each, Part::NONE),
+            parts: layout.slice(each, Part::default()),
             world: layout.slice(rays, WorldRay::NONE),
             surface: Surface::lay_out(layout, plan),
             shares: layout.slice(shares, 0.0),
@@ -228,7 +215,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         let scale = placement.scale();
         let offset = scale * start - ray.pixel.start;
         let [counts_at, from, to] = edges.map(|t| offset + scale * t);
-        *part = Part { known: Known::Place, t, from, to, counts_at, ..Part::NONE };
+        *part = Part { known: Known::Place, t, from, to, counts_at, ..Part::default() };
         state.next += 1;
     }
 

@@ -36,7 +36,7 @@ fn place_in_pixel(ray: u32, rays: u32) -> (f32, f32) {
 }
 
 /// What the rays of one pixel have given so far.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct PixelSum {
     rgb: [Sum; 3],
     opacity: Sum,
@@ -47,14 +47,6 @@ struct PixelSum {
 }
 
 impl PixelSum {
-    const NONE: Self = Self {
-        rgb: [Sum::ZERO; 3],
-        opacity: Sum::ZERO,
-        surface: Sum::ZERO,
-        ray_distance: Sum::ZERO,
-        z_depth: Sum::ZERO,
-    };
-
     fn add(&mut self, pixel: &Pixel) {
         // In full, so that a new field is not forgotten here.
         let Pixel { rgb, opacity, ray_distance, z_depth, median_distance: _, normal: _ } = *pixel;
@@ -87,7 +79,7 @@ impl PixelSum {
 }
 
 /// The same of median distances and normals, which are asked for more rarely.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct SurfaceSum {
     /// Rays half of whose light is gone, and where it was.
     halved: u16,
@@ -96,8 +88,6 @@ struct SurfaceSum {
 }
 
 impl SurfaceSum {
-    const NONE: Self = Self { halved: 0, median_distance: Sum::ZERO, normal: [Sum::ZERO; 3] };
-
     fn add(&mut self, pixel: &Pixel, far: f32) {
         if pixel.median_distance < far {
             self.halved += 1;
@@ -134,8 +124,8 @@ impl<'w> Sums<'w> {
     pub fn lay_out(layout: &mut impl Layout<'w>, effects: &Effects, surface: bool, pixels: usize) -> Self {
         let pixels = if rays(effects) > 1 { pixels } else { 0 };
         let surfaces = if surface { pixels } else { 0 };
-        let pixels = layout.slice(pixels, PixelSum::NONE);
-        Self { pixels, surfaces: layout.slice(surfaces, SurfaceSum::NONE) }
+        let pixels = layout.slice(pixels, PixelSum::default());
+        Self { pixels, surfaces: layout.slice(surfaces, SurfaceSum::default()) }
     }
 
     /// Adds the `ray`-th ray of a tile's `index`-th pixel; the pixel, once that was the last.
@@ -157,9 +147,9 @@ impl<'w> Sums<'w> {
         let sum = self.pixels.get_mut(index)?;
         let mut surface = self.surfaces.get_mut(index);
         if ray == 0 {
-            *sum = PixelSum::NONE;
+            *sum = PixelSum::default();
             if let Some(surface) = &mut surface {
-                **surface = SurfaceSum::NONE;
+                **surface = SurfaceSum::default();
             }
         }
         sum.add(pixel);

@@ -5,10 +5,11 @@
 
 use super::density::Density;
 use crate::blob::Blob;
+use crate::encoding::GridTables;
 use crate::math::Math;
 use crate::matrix::{Kernel, Storage};
 use crate::memory::{at, put};
-use crate::network::{Network, Weights};
+use crate::network::{Network, Role, Weights};
 use crate::plan::Plan;
 use crate::render::field::Field;
 use crate::render::march::Rays;
@@ -48,7 +49,9 @@ impl<'a> Proposer<'a> {
         let network = blob.proposal().and_then(|it| {
             let architecture = it.architecture();
             let weights = Weights::view(&architecture, kernel.storage, it.weights, unpacked);
-            Network::of_density(&architecture, weights, kernel.isa)
+            let mut layers = architecture.layers();
+            layers.retain(|layer| matches!(layer.role, Role::Trunk(_) | Role::Density));
+            Network::of_layers(&architecture, layers, weights, GridTables::NONE, kernel.isa)
         });
         Self { network }
     }

@@ -1,0 +1,13 @@
+//! Methods of types that have no value in a build without their feature.
+
+/// Declares them by their signatures; nothing calls them.
+macro_rules! absent {
+    ($($(#[$about:meta])* $visibility:vis fn $name:ident $(<$V:ident: $Bound:ident>)?(&self $(, $argument:ty)*) -> $result:ty;)+) => {$(
+        $(#[$about])*
+        #[allow(missing_docs, reason = "the type with the feature has them")]
+        $visibility fn $name $(<$V: $Bound>)?(&self $(, _: $argument)*) -> $result {
+            match *self {}
+        }
+    )+};
+}
+pub(crate) use absent;
