@@ -1,6 +1,6 @@
 //! Programs, data and rights that a test needs and a machine may lack.
 //!
-//! Tests that need more than Rust and a C and C++ compiler, another tool or target, run with `NERF_TESTS=all`. A test that is
+//! Tests that need more than Rust and a C and C++ compiler, another tool, target or minutes, run with `NERF_TESTS=all`. A test that is
 //! not asked for, or lacks what it needs, is left out, which is said past the capture of its output, once a test program; one
 //! that is asked for with the environment variable CI set fails instead. `NERF_SKIPPED` names a file that gets a line of each
 //! test left out: its program, the folder it runs in and its name, with tabs between them. `.ci/run` runs these once their
@@ -18,6 +18,7 @@ use std::sync::Mutex;
 const NEEDS: &[(&str, &str)] = &[
     ("/dev/full", "devices that are full"),
     ("Embree 3", "rays beside Embree's"),
+    ("a build of each effect", "each effect alone"),
     ("abidiff", "the C ABI against its baseline"),
     ("abidw", "the C ABI against its baseline"),
     ("arm-none-eabi-gcc", "firmware on an emulated microcontroller"),

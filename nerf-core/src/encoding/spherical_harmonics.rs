@@ -27,7 +27,6 @@ pub const MAX_HARMONICS_DEGREE: u8 = 4;
 ///
 /// # Panics
 /// With debug assertions, if a slice is shorter than that.
-#[inline]
 pub fn encode_harmonics_block(isa: Isa, degree: u8, stride: usize, dirs: &[f32], out: &mut [f32]) {
     let dirs = head(dirs, 3 * stride);
     let count = usize::from(degree) * usize::from(degree);

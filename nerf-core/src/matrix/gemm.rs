@@ -54,7 +54,6 @@ impl<'a, T> Init<'a, T> {
 ///
 /// # Panics
 /// If `n` is no multiple of [`Isa::columns`] or a slice is shorter than sizes and strides say.
-#[inline]
 pub fn gemm(isa: Isa, g: Gemm, a: &[f32], b: &[f32], c: &mut [f32], init: Init<'_>, relu: bool) {
     if g.m == 0 || g.n == 0 {
         return;

@@ -4,7 +4,7 @@ use super::common::{Global, check_counts, open_blob, read_file};
 use super::eval::Split;
 use super::options::data::DataOptions;
 use super::places;
-use crate::data::View;
+use crate::data::{View, reads_data};
 use crate::measure::audit::{self, AuditOptions, Summary, THRESHOLD_DB};
 use crate::measure::bench::Variants;
 use crate::measure::point::Clock;
@@ -89,7 +89,7 @@ impl Audit {
         }
         check_threshold(self.effect_threshold)?;
         places::check_report(self.report.as_ref())?;
-        let claims = Claims::default().reads("the blob", &self.file).reads_data(&self.data);
+        let claims = reads_data(Claims::default(), &self.data).reads("the blob", &self.file);
         Ok(claims.writes_folder("--report", self.report.as_deref()).settle()?)
     }
 }

@@ -5,7 +5,7 @@ use super::options::data::{DataOptions, print_report};
 use super::places;
 use crate::capture::check::Diagnosis;
 use crate::data::pictures::file::is_picture_name;
-use crate::data::{self, Downscale};
+use crate::data::{self, Downscale, reads_data};
 use crate::show::cameras::{checked, page};
 use crate::system::memory;
 use crate::system::output::claims::Claims;
@@ -48,7 +48,7 @@ impl Check {
         if let Some(folder) = &self.output {
             places::check_folder("-o", folder)?;
         }
-        let claims = Claims::default().reads_data(&self.data);
+        let claims = reads_data(Claims::default(), &self.data);
         claims.writes_folder("-o", self.output.as_deref()).settle()?;
         self.say_size(global)?;
         let mut dataset = self.data_options.read(&self.data, global)?;

@@ -5,7 +5,7 @@ use super::options::data::DataOptions;
 use super::options::quality::{QualityOptions, WhichBins};
 use super::places;
 use crate::data::names::FileNames;
-use crate::data::{Dataset, RefinedPoses, View};
+use crate::data::{Dataset, RefinedPoses, View, reads_data};
 use crate::fit::run::spread;
 use crate::measure::eval::{EvalOptions, Evaluation, own_background};
 use crate::measure::frame;
@@ -107,9 +107,8 @@ impl Eval {
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         check_counts([("--every", self.every)])?;
         places::check_report(self.report.as_ref())?;
-        Claims::default()
+        reads_data(Claims::default(), &self.data)
             .reads("the blob", &self.file)
-            .reads_data(&self.data)
             .writes_folder("--report", self.report.as_deref())
             .settle()?;
         let bytes = read_file(&self.file)?;

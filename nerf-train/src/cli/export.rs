@@ -4,7 +4,7 @@ use super::common::{Global, check_counts, open_blob, parse_numbers, read_file};
 use super::eval::Split;
 use super::options::data::DataOptions;
 use super::places;
-use crate::data::{View, origin_in_name};
+use crate::data::{View, origin_in_name, reads_data};
 use crate::show::export::{
     Field, Lattice, Mesh, Summary, Surface, mesh, points_of_surface, points_of_views, volume, write_glb,
     write_npz, write_obj, write_ply,
@@ -155,7 +155,7 @@ impl Export {
                 bail!("{flag}: says nothing of {}: expected it to be left out", kind.described(of_views));
             }
         }
-        let claims = Claims::default().reads("the blob", &self.file).reads_data(self.data.as_deref());
+        let claims = reads_data(Claims::default(), self.data.as_deref()).reads("the blob", &self.file);
         claims.writes("-o", &self.output).settle()?;
         Ok(kind)
     }

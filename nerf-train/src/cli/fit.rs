@@ -9,7 +9,7 @@ use super::options::grid::{TableSettings, check_memory, given, parse_bytes, set}
 use super::options::settings::{SetOption, read_config};
 use super::places;
 use crate::capture::check::Diagnosis;
-use crate::data::{Background, Dataset, is_blank, refined};
+use crate::data::{Background, Dataset, is_blank, reads_data, refined};
 use crate::fit::finish::Outcome;
 use crate::fit::run::{Ended, RunOptions, interrupted, run_since};
 use crate::fit::size::{self, Chosen};
@@ -225,7 +225,7 @@ impl Fit {
     }
 
     fn claims(&self) -> Claims {
-        let inputs = Claims::default().reads_data(&self.data);
+        let inputs = reads_data(Claims::default(), &self.data);
         let claims = self.conduct.claims(inputs.reads("the file of settings", self.config.as_deref()));
         match &self.live {
             Some(folder) => {

@@ -4,7 +4,7 @@ use super::audit::check_threshold;
 use super::common::{Global, tell};
 use super::options::data::read_with;
 use super::places;
-use crate::data::{Axes, Cameras, ReadOptions, View, Watch};
+use crate::data::{Axes, Cameras, ReadOptions, View, Watch, reads_data};
 use crate::fit::run::spread;
 use crate::measure::audit::THRESHOLD_DB;
 use crate::measure::import::{
@@ -113,11 +113,10 @@ impl Import {
         self.settings.check()?;
         check_threshold(self.effect_threshold)?;
         places::check_extension("-o", &self.output, places::BLOB)?;
-        Ok(Claims::default()
+        Ok(reads_data(Claims::default(), self.check.as_deref())
             .reads("the network", &self.checkpoint)
             .reads("the coarse network", self.coarse.as_deref())
             .reads("the occupancy grid", self.occupancy.as_deref())
-            .reads_data(self.check.as_deref())
             .writes("-o", &self.output)
             .settle()?)
     }

@@ -5,7 +5,7 @@ use super::eval::Split;
 use super::options::UpAxis;
 use super::options::data::{DataOptions, Space, print_report};
 use super::places;
-use crate::data::Background;
+use crate::data::{Background, reads_data};
 use crate::model::config::{Config, Preset};
 use crate::show::cameras::{Request, Scene, Summary, page};
 use crate::system::output::claims::Claims;
@@ -93,7 +93,7 @@ impl Show {
                 "--samples: expected none with --preset grid, whose rays are marched at a fixed step; expected --preset small or seed"
             );
         }
-        Claims::default().reads_data(&self.data).writes_folder("-o", &self.output).settle()?;
+        reads_data(Claims::default(), &self.data).writes_folder("-o", &self.output).settle()?;
         let dataset = self.data_options.read(&self.data, global)?;
         print_report(&dataset, global);
         let views = self.split.of(&dataset);

@@ -4,7 +4,7 @@ use super::common::{Global, background_name, check_counts, cpu_name, open_blob, 
 use super::eval::Split;
 use super::options::data::DataOptions;
 use super::places;
-use crate::data::View;
+use crate::data::{View, reads_data};
 use crate::lab::study::{Effort, Progressed, Study as Measured};
 use crate::measure::bench::Variants;
 use crate::measure::bench::source::unrounded;
@@ -133,8 +133,7 @@ impl Study {
     }
 
     fn claims(&self, output: Option<&Path>) -> anyhow::Result<()> {
-        let mut claims = Claims::default()
-            .reads_data(&self.data)
+        let mut claims = reads_data(Claims::default(), &self.data)
             .reads("the checkpoint", self.source.as_deref())
             .writes_folder("--report", self.report.as_deref());
         if let Some(output) = output {

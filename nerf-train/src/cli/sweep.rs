@@ -6,6 +6,7 @@ use super::options::ShardOption;
 use super::options::data::{DataOptions, Space, print_report};
 use super::options::settings::{SetOption, read_config};
 use super::places;
+use crate::data::reads_data;
 use crate::lab::sweep::{Combinations, Folder, Job, Knob, Mode, Point, Runner};
 use crate::model::config::Preset;
 use crate::model::picture_config::FieldPreset;
@@ -224,7 +225,7 @@ pub struct SceneSweep {
 impl SceneSweep {
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         self.max_seconds.iter().try_for_each(|&seconds| check_max_seconds(Some(seconds)))?;
-        let claims = Claims::default().reads_data(&self.data);
+        let claims = reads_data(Claims::default(), &self.data);
         self.lists.claim(claims.reads("the file of settings", self.config.as_deref()))?;
         let dataset = self.data_options.read(&self.data, global)?;
         print_report(&dataset, global);

@@ -34,13 +34,15 @@ pub use cameras::geometry::{LookAt, SceneBounds, frusta_box, scene_bounds};
 pub use cameras::origin::origin_in_name;
 pub use cameras::refined::{self, RefinedPoses};
 pub use layouts::choice::Layout;
-pub use layouts::files::files;
+pub use layouts::files::{files, reads_data};
 pub use pictures::scale::Downscale;
 pub use report::Report;
 pub use view::{Background, KeyPoint, View, is_blank, mean_colour, over};
 pub use watch::Watch;
 
 use crate::data::layouts::{blender, choice, cs180, nerfstudio, npz};
+use cameras::origin::{STATED, origin};
+use glam::DVec3;
 use nerf_core::camera::{Camera, Pose};
 use nerf_core::space::BoundsError;
 use serde::{Deserialize, Serialize};
@@ -114,6 +116,22 @@ impl Dataset {
             self.val = std::mem::take(&mut self.test);
         }
         instead
+    }
+
+    /// The data set with all it holds counted from `origin`, as its reader has done; says so, also in the name, which a
+    /// blob keeps.
+    pub(crate) fn counted_from(mut self, origin: DVec3) -> Self {
+        if origin == DVec3::ZERO {
+            return self;
+        }
+        let DVec3 { x, y, z } = origin;
+        self.name = format!("{}{STATED}{x}, {y}, {z})", self.name);
+        self.notes.push(format!(
+            "the cameras are far from the origin: all coordinates here, and those of a blob, count from ({x}, {y}, {z}) in \
+             the file's world; distances are the file's own"
+        ));
+        self.origin = origin.into();
+        self
     }
 
     /// All cameras that have a picture: training, validation, test.
@@ -229,7 +247,7 @@ const SHARED: &str = ", shared cameras";
 
 /// Which cameras the data set of this name had, which is how a blob keeps it.
 pub fn cameras_in_name(name: &str) -> Cameras {
-    let shared = name.ends_with(SHARED) || name.contains(&format!("{SHARED}{}", cameras::origin::STATED));
+    let shared = name.ends_with(SHARED) || name.contains(&format!("{SHARED}{STATED}"));
     if shared { Cameras::Shared } else { Cameras::Own }
 }
 
@@ -262,6 +280,13 @@ pub struct ReadOptions {
     pub origin: Option<[f64; 3]>,
     /// Whether a field is there already, and views of any split will do; else there must be training views.
     pub to_measure: bool,
+}
+
+impl ReadOptions {
+    /// What the coordinates of a data set with these cameras count from.
+    pub(crate) fn origin_for(&self, cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
+        self.origin.map_or_else(|| origin(cameras), DVec3::from)
+    }
 }
 
 /// Reads the data set at `path`: a folder, a `transforms*.json` or a `.npz`.

@@ -112,14 +112,14 @@ pub(crate) fn convention(views: usize, lattice: u32, background: [f32; 3], sampl
 
 /// Exports the last step, and measures the very blob that is exported.
 pub(super) fn finish(session: &mut Session<'_, '_>) -> anyhow::Result<Outcome> {
-    let mut candidate = session.trainer.candidate(true);
+    let mut candidate = Candidate::of(&session.trainer, true);
     let view_dependence = ask_direction(session, &mut candidate)?;
-    let draft = session.trainer.export(&candidate, &About::default())?.bytes;
+    let draft = candidate.export(&session.trainer, &About::default())?.bytes;
     let (occupancy_loss_db, trained) = ask_occupancy(session, &draft)?;
     let occupancy_required =
         occupancy_loss_db.is_none_or(|loss| loss.is_nan() || loss.abs() > OCCUPANCY_LOSS_DB);
 
-    let background = session.trainer.background();
+    let background = session.trainer.background;
     let (scores, lattice, shown) = evaluate(session, &draft)?;
     let (refined_poses, refined_scores) = refine(session, &draft, lattice)?;
     let all: Vec<&View> = session.dataset.val.iter().collect();
@@ -139,7 +139,7 @@ pub(super) fn finish(session: &mut Session<'_, '_>) -> anyhow::Result<Outcome> {
     let samples = session.trainer.config().sampling.samples;
     let convention = convention(all.len(), lattice, background, samples);
     let about = About { occupancy_required, psnr_db, convention: &convention, quantisation_loss_db };
-    let exported = session.trainer.export(&candidate, &about)?;
+    let exported = candidate.export(&session.trainer, &about)?;
     let watched = session.watched.iter().filter_map(|&view| session.dataset.val.get(view));
     Ok(Outcome {
         bytes: exported.bytes,
@@ -183,7 +183,7 @@ fn scores_of<'v>(
     parameters: Option<&[f32]>,
     views: impl IntoIterator<Item = &'v View>,
 ) -> anyhow::Result<Scores> {
-    let (kernel, background) = (session.options.kernel, session.trainer.background());
+    let (kernel, background) = (session.options.kernel, session.trainer.background);
     measure(blob, parameters, kernel, &Quality::default(), background, views, |_, _, _, _| {})
 }
 
@@ -197,7 +197,7 @@ pub(super) fn compare(
     let on = |lattice: u32| -> anyhow::Result<Vec<Scores>> {
         let views: Vec<_> = views.iter().map(|view| view.thinned(lattice)).collect();
         let measured = |&(bytes, quality): &(&[u8], Quality)| {
-            let (kernel, background) = (session.options.kernel, session.trainer.background());
+            let (kernel, background) = (session.options.kernel, session.trainer.background);
             let views = views.iter().map(|view| &**view);
             measure(bytes, None, kernel, &quality, background, views, |_, _, _, _| {})
         };
@@ -243,7 +243,7 @@ fn evaluate(session: &mut Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Scor
     let lattice = session.pace.lattice(session.times() * pixels, largest, session.pace.share(FINAL_SHARE));
     let kept: Vec<usize> = spread_indices(views.len(), SHOWN_VIEWS).collect();
     let (mut index, mut shown) = (0, Vec::new());
-    let (kernel, background) = (session.options.kernel, session.trainer.background());
+    let (kernel, background) = (session.options.kernel, session.trainer.background);
     let thinned: Vec<_> = views.iter().map(|view| view.thinned(lattice)).collect();
     let views = thinned.iter().map(|view| &**view);
     let each = |_: &View, frame: &Frame, truth: &[[f32; 3]], score: &ViewScore| {
@@ -349,7 +349,8 @@ pub(super) fn ask_direction(
         return Ok(None);
     };
     let flat = Candidate { architecture: Some(architecture), parameters, ..candidate.clone() };
-    let blob = |candidate| anyhow::Ok(session.trainer.export(candidate, &About::default())?.bytes);
+    let blob =
+        |candidate: &Candidate| anyhow::Ok(candidate.export(&session.trainer, &About::default())?.bytes);
     let (dependent, independent) = (blob(candidate)?, blob(&flat)?);
     let quality = Quality::default();
     let scores = compare(session, &views, &[(&dependent, quality), (&independent, quality)])?;

@@ -13,7 +13,7 @@ use crate::fit::validation::{self, ASKED_VIEWS, Due, pixels_of, watched};
 use crate::model::config::Config;
 use crate::system::output::ensure_folder;
 use crate::system::progress::{Message, Progress};
-use crate::train::candidate::About;
+use crate::train::candidate::{About, Candidate};
 use crate::train::checkpoint::{Checkpoint, damaged, settings};
 use crate::train::moving::in_words;
 use crate::train::schedule::{Clock, Done, duration};
@@ -80,7 +80,7 @@ pub fn run_since(
         live: None,
     };
     if let Some(folder) = &options.live {
-        session.live = Some(Live::begin(folder.clone(), dataset, session.trainer.background())?);
+        session.live = Some(Live::begin(folder.clone(), dataset, session.trainer.background)?);
     }
     let progress = progress(&session);
     drive(&mut session, options.checkpoint_every, progress, stop)
@@ -231,9 +231,9 @@ fn show_live(session: &mut Session<'_, '_>, progress: &Progress) -> anyhow::Resu
         return Ok(());
     }
     let (begun, state) = (Instant::now(), state(session));
-    let candidate = session.trainer.candidate(false);
+    let candidate = Candidate::of(&session.trainer, false);
     let about = About { occupancy_required: true, psnr_db: state.val_psnr_db, ..About::default() };
-    let blob = session.trainer.export(&candidate, &about)?.bytes;
+    let blob = candidate.export(&session.trainer, &about)?.bytes;
     let warning = session.live.as_mut().and_then(|live| live.write(&blob, &state, begun));
     warning.into_iter().for_each(|warning| progress.warn(warning));
     Ok(())

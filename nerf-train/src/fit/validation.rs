@@ -6,7 +6,7 @@ use crate::data::View;
 use crate::fit::session::Session;
 use crate::measure::eval::{Scores, measure};
 use crate::measure::frame;
-use crate::train::candidate::About;
+use crate::train::candidate::{About, Candidate};
 use crate::train::{CurvePoint, Snapshot};
 use nerf_core::plan::Quality;
 use std::time::Instant;
@@ -138,8 +138,8 @@ fn pictures_are_due(session: &Session<'_, '_>, share: f64, ended: bool) -> bool 
 pub(super) fn validate(session: &mut Session<'_, '_>, due: Due) -> anyhow::Result<()> {
     let (begun, mut point) = (Instant::now(), point(session));
     let allowed = session.pace.allowance(session.clock.own_seconds());
-    let candidate = session.trainer.candidate(false);
-    let bytes = session.trainer.export(&candidate, &About::default())?.bytes;
+    let candidate = Candidate::of(&session.trainer, false);
+    let bytes = candidate.export(&session.trainer, &About::default())?.bytes;
     session.pace.made(begun.elapsed().as_secs_f64());
 
     let watched = if due.validation { session.watched.clone() } else { Vec::new() };
@@ -188,7 +188,7 @@ pub(super) fn measure_priced(
 ) -> anyhow::Result<Scores> {
     let (mut begun, mut counted) = (Instant::now(), 0);
     let thinned: Vec<_> = views.iter().map(|view| view.thinned(lattice)).collect();
-    let (kernel, background) = (session.options.kernel, session.trainer.background());
+    let (kernel, background) = (session.options.kernel, session.trainer.background);
     let views = || thinned.iter().map(|view| &**view);
     let scores =
         measure(bytes, None, kernel, &Quality::default(), background, views(), |view, frame, _, _| {

@@ -1,7 +1,7 @@
 //! Settings of a 2D field, with presets.
 
 use crate::model::config::{
-    ConfigError, OptimiserConfig, TableConfig, at_most, check_table_values, rule, within,
+    ConfigError, OptimiserConfig, TableConfig, at_most, check_table, check_table_values, rule, within,
 };
 use crate::model::engine::{Adam, Model};
 use crate::model::quantise::TableStorage;
@@ -127,7 +127,7 @@ impl FieldConfig {
     pub fn check(&self) -> Result<(), ConfigError> {
         at_most("levels", MAX_LEVELS, self.levels)?;
         if let Some(grid) = &self.grid {
-            grid.check()?;
+            check_table(grid)?;
             rule("levels", self.levels == 0, "0 beside a grid, which takes their place", self.levels)?;
         }
         within("layers", 1..=MAX_TRUNK, self.layers)?;

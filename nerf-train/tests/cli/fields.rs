@@ -339,8 +339,9 @@ fn scenes_are_swept_too() {
     assert!(table.lines().skip(1).all(|row| row.contains(",ok,") || row.contains(",flat,")), "{table}");
     assert!(Path::new(&output).join("psnr_over_width.png").exists());
     let tables = folder.path("tables");
+    let small = ["--set", "occupancy.resolution=12"];
     let lists = ["--table", "9,10", "--features", "1,2", "--grid-levels", "3", "--finest", "32"];
-    ok(["sweep", "scene", &data, "-o", &tables, "-q", "--steps", "20"].into_iter().chain(lists));
+    ok(["sweep", "scene", &data, "-o", &tables, "-q", "--steps", "20"].into_iter().chain(lists).chain(small));
     let table = std::fs::read_to_string(format!("{tables}/table.csv")).expect("a table");
     assert!(table.starts_with("rank,table,grid-levels,features,finest,rate,"), "{table}");
     assert_eq!(table.lines().count(), 5, "{table}");
@@ -359,7 +360,7 @@ fn scenes_are_swept_too() {
     assert!(Path::new(&times).join("psnr_over_max-seconds.png").exists());
     // A layer in front of what a grid composites.
     let lists = ["--preset", "grid", "--layers", "0,1", "--table", "9", "--turns", "2", "--steps", "5"];
-    ok(["sweep", "scene", &data, "-o", &folder.path("layers"), "-q"].into_iter().chain(lists));
+    ok(["sweep", "scene", &data, "-o", &folder.path("layers"), "-q"].into_iter().chain(lists).chain(small));
     let wide = ["sweep", "scene", &data, "-o", &folder.path("wide"), "--preset", "grid", "--width", "64"];
     fails(wide, &["network.width"]);
 }

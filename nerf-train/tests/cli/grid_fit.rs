@@ -121,13 +121,14 @@ fn bad_values_are_refused_naming_the_field() {
 fn toml_files_set_what_flags_do() {
     let folder = Folder::new();
     let data = folder.npz("data.npz");
-    let text = "[network]\ncolour_width = 16\n[network.grid]\nlevels = 3\nlog2_entries = 9\nfinest = 40\n[optimiser]\nsteps = 3\n";
+    let text = "[network]\ncolour_width = 16\n[network.grid]\nlevels = 3\nlog2_entries = 9\nfinest = 40\n[occupancy]\nresolution = 12\n[optimiser]\nsteps = 3\n";
     let (config, by_file, by_flags) =
         (folder.file("run.toml", text), folder.path("a.nerf"), folder.path("b.nerf"));
     ok(["fit", &data, "-o", &by_file, "-q", "--config", &config]);
     let flags =
         ["--colour-width", "16", "--grid-levels", "3", "--table", "9", "--finest", "40", "--steps", "3"];
-    ok([&["fit", &data, "-o", &by_flags, "-q"], &flags[..]].concat());
+    let set = ["--set", "occupancy.resolution=12"];
+    ok([&["fit", &data, "-o", &by_flags, "-q"], &flags[..], &set].concat());
     let read = |file: &str| std::fs::read(file).expect("a blob");
     assert!(read(&by_file) == read(&by_flags));
     // A flag replaces the file's value.

@@ -289,7 +289,7 @@ fn demo_measures_its_distances() {
 fn toml_files_set_what_flags_do() {
     let folder = Folder::new();
     let data = folder.npz("data.npz");
-    let text = "seed = 3\n[network]\nwidth = 24\n[optimiser]\nsteps = 4\n";
+    let text = "seed = 3\n[network]\nwidth = 24\n[occupancy]\nresolution = 12\n[optimiser]\nsteps = 4\n";
     let (config, file) = (folder.file("run.toml", text), folder.path("a.nerf"));
     let flags = ["fit", &data, "-o", &file, "-q", "--depth", "2", "--config", &config];
     let inspected = || {

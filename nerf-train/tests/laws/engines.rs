@@ -43,7 +43,9 @@ fn after_20_steps_both_engines_have_gone_to_the_same_place() {
         // One of the two refines poses.
         ("unbounded grid", tiny_posed(20, PoseRefinement::Given), 3.3e-3),
     ] {
-        for seed in [0, 2] {
+        // The presets themselves are large: the tape takes seconds for each.
+        let seeds: &[u64] = if matches!(name, "small" | "grid") { &[0] } else { &[0, 2] };
+        for &seed in seeds {
             let config = Config { seed, ..config.clone() };
             let [start, fused] = trained(&dataset, config.clone(), 20);
             let [start_of_tape, tape] = trained(&dataset, by_tape(config), 20);

@@ -22,6 +22,7 @@ use nerf_train::model::export::Tables;
 use nerf_train::model::export::export;
 use nerf_train::model::quantise::TableStorage;
 use nerf_train::train::Trainer;
+use nerf_train::train::candidate::Candidate;
 
 fn psnr_db<'v>(
     outcome: &Outcome,
@@ -194,7 +195,7 @@ fn what_rounding_costs_is_measured_and_written_into_the_blob() {
     for step in 0..100 {
         trainer.step(f64::from(step) / 100.0).expect("a step");
     }
-    let parameters = trainer.candidate(true).parameters;
+    let parameters = Candidate::of(&trainer, true).parameters;
     let psnr_db = |parameters| {
         let (kernel, quality) = (Kernel::detect(), Quality::default());
         measure(

@@ -62,3 +62,32 @@ fn a_room_uses_only_those_in_front_of_it() {
 fn a_room_of_the_core_uses_only_those_in_front_of_it() {
     check(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../nerf-core/src"), &CORE, &["errors"], code_alone);
 }
+
+/// The types that have an `impl` of their own in this text, without those of traits.
+fn own_impls(text: &str) -> impl Iterator<Item = &str> {
+    let heads = text.split("\nimpl").skip(1).filter_map(|after| after.split('{').next());
+    heads.filter(|head| !head.contains(" for ")).map(|head| {
+        let generic = head.starts_with('<');
+        let name = if generic { head.split_once("> ").expect("a type").1 } else { head.trim_start() };
+        name.split(|c: char| !c.is_alphanumeric()).next().expect("a name")
+    })
+}
+
+#[test]
+fn the_impl_of_a_type_stands_in_its_file() {
+    let mut files = Vec::new();
+    sources(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"), &mut files);
+    let mut checked = 0;
+    for file in files {
+        let text = std::fs::read_to_string(&file).expect("a source file");
+        for name in own_impls(&text) {
+            let is_of = |after: &str| {
+                after.strip_prefix(name).is_some_and(|rest| !rest.starts_with(char::is_alphanumeric))
+            };
+            let declared = ["struct ", "enum "].iter().any(|kind| text.split(kind).skip(1).any(is_of));
+            assert!(declared, "{}: impl {name}", file.display());
+            checked += 1;
+        }
+    }
+    assert!(checked > 100, "{checked}");
+}

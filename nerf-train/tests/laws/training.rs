@@ -263,9 +263,9 @@ fn rates_far_too_high_end_in_a_message_or_a_finite_blob() {
     for rate in [0.1, 1.0, 10.0] {
         let sinusoidal = [Density::Relu, Density::Softplus];
         for (name, mut config, densities) in [
-            ("small", tiny(150), &sinusoidal[..]),
-            ("seed", tiny_seed(150), &sinusoidal),
-            ("grid", tiny_grid(150), &[Density::Exponential]),
+            ("small", tiny(90), &sinusoidal[..]),
+            ("seed", tiny_seed(90), &sinusoidal),
+            ("grid", tiny_grid(90), &[Density::Exponential]),
         ] {
             config.optimiser.rate = rate;
             config.optimiser.final_share = 1.0;

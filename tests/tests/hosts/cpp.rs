@@ -202,7 +202,7 @@ fn content_bytes(path: &Path, header: &[u8]) -> Vec<u8> {
 
 #[test]
 fn depth_map_is_the_rust_renderers_in_floats_and_in_steps() {
-    let (directory, [width, height]) = (paths::temporary(), [181, 127]);
+    let (directory, [width, height]) = (paths::temporary(), [131, 70]);
     let program = program(Language::Cpp, &examples().join("depth_map.cpp"), directory.path(), &[]);
     let (blob, file) = (Recipe::OCCUPANCY.blob(), directory.path().join("scene.nerf"));
     std::fs::write(&file, &blob).expect("a temporary file");

@@ -3,6 +3,7 @@
 use nerf_tests::build::{build_alone, run};
 use nerf_tests::paths;
 use nerf_tests::scenes::Recipe;
+use nerf_tests::tools::there_is;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::Command;
@@ -117,43 +118,50 @@ fn a_build_without_an_effect_has_none_of_its_code_and_draws_the_same_bits() {
     assert!(unbounded.has("contracted_span"));
     let of_contraction = |line: &&str| line.contains("nerf_core") && line.contains("contract");
     assert_eq!(all.symbols.lines().find(of_contraction), None);
-    for (feature, functions, files) in EFFECTS {
-        let alone = build(feature, &scene);
-        let (own, stand_in) = (alone.code_of(files, ".rs"), none.code_of(files, "_off.rs"));
-        println!(
-            "text: {} bytes with {feature} alone, {own} of them from its files; {stand_in} in their place",
-            alone.text
-        );
-        // What it adds is at least what its files become, so that nothing of it is in a build without.
-        assert!(stand_in <= STAND_IN && stand_in < own, "{feature}");
-        assert!(none.text + own - stand_in <= alone.text && alone.text < all.text, "{feature}");
-        assert_eq!(none.of("off"), alone.of("off"), "{feature}");
-        // What it adds is its own, and no other's business.
-        assert_eq!(alone.of(feature), all.of(feature), "{feature}");
-        for (kernel, line) in all.of(feature) {
-            assert!(
-                line != "not built" && !all.of("off").contains(&(kernel, line)),
-                "{feature} must be seen"
-            );
-        }
-        for (other, its_functions, its_files) in EFFECTS {
-            if other != feature {
-                assert!(alone.of(other).iter().all(|(_, line)| *line == "not built"), "{other} in {feature}");
-                assert_eq!(alone.code_of(its_files, ".rs"), 0, "{other} in {feature}");
-            }
-            for function in its_functions {
-                assert_eq!(
-                    alone.has(function),
-                    other == feature,
-                    "{function} in a build with {feature} alone"
-                );
-            }
-        }
+    for (_, functions, files) in EFFECTS {
         for function in functions {
             assert!(all.has(function) && !none.has(function), "{function}");
         }
         for file in files {
             assert!(all.code_of(&[file], ".rs") > 0 && none.code_of(&[file], ".rs") == 0, "{file}");
+        }
+    }
+    // Each in turn where another tool or target may be used, too; else all of them in two builds.
+    let each = there_is("a build of each effect", true);
+    let parts = if each { EFFECTS.chunks(1) } else { EFFECTS.chunks(4) };
+    parts.for_each(|part| compare(part, &none, &all, &scene));
+}
+
+/// Compares a build with some effects to those with none and with all.
+fn compare(part: &[(&str, &[&str], &[&str])], none: &Build, all: &Build, scene: &Path) {
+    let names: Vec<&str> = part.iter().map(|(feature, ..)| *feature).collect();
+    let names = names.join(",");
+    let some = build(&names, scene);
+    let files: Vec<&str> = part.iter().flat_map(|(.., files)| files.iter().copied()).collect();
+    let (own, stand_in) = (some.code_of(&files, ".rs"), none.code_of(&files, "_off.rs"));
+    println!(
+        "text: {} bytes with {names} alone, {own} of them from its files; {stand_in} in their place",
+        some.text
+    );
+    // What it adds is at least what its files become, so that nothing of it is in a build without.
+    assert!(stand_in <= STAND_IN * part.len() as u64 && stand_in < own, "{names}");
+    assert!(none.text + own - stand_in <= some.text && some.text < all.text, "{names}");
+    assert_eq!(none.of("off"), some.of("off"), "{names}");
+    for (feature, functions, files) in EFFECTS {
+        let is_built = part.iter().any(|(of_part, ..)| *of_part == feature);
+        for function in functions {
+            assert_eq!(some.has(function), is_built, "{function} in a build with {names} alone");
+        }
+        if !is_built {
+            assert!(some.of(feature).iter().all(|(_, line)| *line == "not built"), "{feature} in {names}");
+            assert_eq!(some.code_of(files, ".rs"), 0, "{feature} in {names}");
+            continue;
+        }
+        // What it adds is its own, and no other's business.
+        assert_eq!(some.of(feature), all.of(feature), "{feature}");
+        for (kernel, line) in all.of(feature) {
+            let seen = line != "not built" && !all.of("off").contains(&(kernel, line));
+            assert!(seen, "{feature} must be seen");
         }
     }
 }

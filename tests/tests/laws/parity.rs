@@ -72,19 +72,19 @@ fn largest_difference(a: &[[f32; 6]], b: &[[f32; 6]], channels: std::ops::Range<
 
 #[test]
 fn batch_and_tile_sizes_change_no_bit() {
-    sizes_change_no_bit(&RECIPES, &CUTS[..1], &[1, 3, 16, 17, 64, 100, 255, 256]);
+    sizes_change_no_bit(&RECIPES, &CUTS[..1], &[1, 3, 16, 17, 255]);
 }
 
 // In two, since tests run side by side, and by fewer sizes, since the cuts are what is new here; AddressSanitizer's
 // run leaves them out (.ci/run).
 #[test]
 fn batch_and_tile_sizes_change_no_bit_under_other_cuts() {
-    sizes_change_no_bit(&RECIPES[..2], &CUTS[1..], &[3, 17, 255]);
+    sizes_change_no_bit(&RECIPES[..2], &CUTS[1..], &[17]);
 }
 
 #[test]
 fn batch_and_tile_sizes_change_no_bit_of_occupancies_and_proposals_under_other_cuts() {
-    sizes_change_no_bit(&RECIPES[2..], &CUTS[1..], &[3, 17, 255]);
+    sizes_change_no_bit(&RECIPES[2..], &CUTS[1..], &[17]);
 }
 
 fn sizes_change_no_bit(recipes: &[(&str, Recipe)], cuts: &[(f32, f32)], rays: &[usize]) {

@@ -21,7 +21,6 @@ use crate::simd::{Isa, Lanes, Op, Table, VECTORS, Value};
 ///
 /// # Panics
 /// With debug assertions, if a slice is shorter than that. Entries beyond the end of a table have any value.
-#[inline]
 pub fn encode_grid_block(
     isa: Isa,
     grid: &GridEncoding,

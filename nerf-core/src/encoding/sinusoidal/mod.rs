@@ -70,7 +70,6 @@ impl SinusoidalEncoding {
 ///
 /// # Panics
 /// With debug assertions, if a slice is shorter than that.
-#[inline]
 pub fn encode_block(
     isa: Isa,
     math: MathBackend,

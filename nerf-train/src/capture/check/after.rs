@@ -1,7 +1,7 @@
 //! What the training photographs say of the capture once a field is fitted to them.
 
 use super::Diagnosis;
-use super::words::subject;
+use super::found::subject;
 use crate::data::cameras::bundle::median;
 use crate::system::summary::Short;
 use serde::Serialize;

@@ -6,34 +6,22 @@
 //! same place (`pairs.rs`), and fall into groups that are each right alone (`groups.rs`).
 
 pub mod after;
+mod found;
 mod grey;
 mod groups;
 mod links;
 mod pairs;
 mod spread;
-mod words;
 
 #[cfg(test)]
 mod tests;
 
 use crate::capture::exposure::LogGains;
-use crate::capture::sights::Sights;
 use crate::data::{Dataset, View};
 use crate::system::summary::Short;
 use anyhow::{Context, bail};
-use grey::Grey;
-use groups::{Groups, few};
-use links::Links;
-use pairs::Pair;
-use rayon::prelude::*;
+use found::Found;
 use serde::Serialize;
-use spread::Spread;
-use std::collections::BTreeSet;
-
-/// Fewer photographs than this are all fitted, whatever contradicts.
-const ENOUGH: usize = 10;
-/// Limits from which on a pose is wrong: contradicting key points, and their number over that of agreeing ones.
-const MISPLACED: (usize, usize) = (10, 2);
 
 /// What is in a capture and what is wrong with it; photographs by name, in the order of names.
 #[derive(Clone, Debug, Serialize)]
@@ -87,117 +75,6 @@ pub struct Photograph {
     pub sharpness: Short,
     /// Mean log gain.
     pub exposure: Option<Short>,
-}
-
-/// Why photographs fall into groups.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Reason {
-    Folded,
-    Misplaced,
-    Pieces,
-}
-
-/// What is found, by indices into `views`.
-struct Found<'v> {
-    views: Vec<&'v View>,
-    sharpness: Vec<f32>,
-    duplicates: Vec<[usize; 2]>,
-    spread: Option<Spread>,
-    gains: Option<LogGains>,
-    tracks: bool,
-    links: Links,
-    pairs: Vec<Pair>,
-    /// Photographs that take part in a pair.
-    judged: usize,
-    /// Photographs whose key points contradict their pose.
-    misplaced: Vec<usize>,
-    groups: Vec<Vec<usize>>,
-    reason: Option<Reason>,
-    outliers: Vec<usize>,
-}
-
-impl<'v> Found<'v> {
-    fn of(dataset: &'v Dataset) -> Self {
-        let mut views: Vec<&View> =
-            [&dataset.train, &dataset.val, &dataset.test].into_iter().flatten().collect();
-        views.sort_by(|a, b| a.name.cmp(&b.name));
-        let greys: Vec<Grey> = views.par_iter().map(|view| Grey::of(view)).collect();
-        let sights = Sights::of(&views, &dataset.points);
-        let wrong = |&view: &usize| {
-            let (bad, good) = (sights.contradictory[view], sights.of_views[view].len());
-            bad >= MISPLACED.0 && bad > MISPLACED.1 * good
-        };
-        let misplaced: Vec<usize> = (0..views.len()).filter(wrong).collect();
-        let mut pairs = pairs::compare(&views, &greys, &sights, &dataset.points);
-        pairs.retain(|pair| !pair.views.iter().any(|view| misplaced.contains(view)));
-        let judged = pairs.iter().flat_map(|pair| pair.views).collect::<BTreeSet<_>>().len();
-        let tracks = sights.count() > 0 || !misplaced.is_empty();
-        let mut found = Self {
-            sharpness: grey::sharpness(&views, &greys),
-            duplicates: grey::duplicates(&greys),
-            spread: Spread::of(&views),
-            gains: LogGains::measured(&views, &sights),
-            tracks,
-            links: if tracks { Links::of(&sights, &pairs) } else { Links::default() },
-            judged,
-            misplaced,
-            groups: Vec::new(),
-            reason: None,
-            outliers: Vec::new(),
-            pairs,
-            views,
-        };
-        found.settle_groups();
-        found
-    }
-
-    /// Groups for the first reason that there is, and the photographs that contradict them.
-    fn settle_groups(&mut self) {
-        let count = self.views.len();
-        let Groups { groups, outliers } = Groups::of(count, &self.pairs);
-        self.outliers = outliers;
-        let large = self.links.pieces.iter().filter(|piece| piece.len() > few(count));
-        let pieces: Vec<Vec<usize>> = large.cloned().collect();
-        let (misplaced, right): (Vec<usize>, Vec<usize>) =
-            (0..count).partition(|view| self.misplaced.contains(view));
-        if groups.len() > 1 {
-            (self.groups, self.reason) = (groups, Some(Reason::Folded));
-        } else if (few(count) + 1..=count / 2).contains(&misplaced.len()) {
-            (self.groups, self.reason) = (vec![right, misplaced], Some(Reason::Misplaced));
-        } else if pieces.len() > 1 {
-            (self.groups, self.reason) = (pieces, Some(Reason::Pieces));
-        }
-        if self.misplaced.len() <= few(count) {
-            self.outliers.extend(&self.misplaced);
-        }
-        self.outliers.sort_unstable();
-        self.outliers.dedup();
-        if self.outliers.len() > few(count) || count < ENOUGH {
-            self.outliers.clear();
-        }
-        let outliers = &self.outliers;
-        self.groups.iter_mut().for_each(|group| group.retain(|view| !outliers.contains(view)));
-    }
-
-    /// Whether the reconstruction lays two sides that look alike on top of each other; `None` where too few photographs can
-    /// be compared.
-    fn folded(&self) -> Option<bool> {
-        match self.reason {
-            Some(Reason::Folded) => Some(true),
-            _ => (2 * self.judged >= self.views.len() && self.judged > 0).then_some(false),
-        }
-    }
-
-    /// The pair that contradicts most, of two groups where there are some.
-    fn worst_pair(&self) -> Option<[usize; 2]> {
-        let group = |view: usize| self.groups.iter().position(|group| group.contains(&view));
-        let bad = self.pairs.iter().filter(|pair| pair.contradicts());
-        let apart = |pair: &Pair| group(pair.views[0]) != group(pair.views[1]);
-        let worst = bad.max_by(|a, b| {
-            apart(a).cmp(&apart(b)).then(a.different.total_cmp(&b.different)).then(b.views.cmp(&a.views))
-        });
-        worst.map(|pair| pair.views)
-    }
 }
 
 impl Diagnosis {

@@ -135,13 +135,13 @@ const BYTES_PER_OUTPUT: u64 = 2 * (12 + 4) + 8;
 
 impl Render {
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
-        let target = self.target()?;
-        self.claims(&target).settle()?;
+        let target = target::target(self)?;
+        target::claims(self, &target).settle()?;
         let bytes = read_file(&self.file)?;
         let blob = open_blob(&self.file, &bytes)?;
-        let Shots { cameras, fps } = self.shots(&blob, global)?;
+        let Shots { cameras, fps } = shots::shots(self, &blob, global)?;
         self.check_memory(&cameras)?;
-        let shard = self.part(&target, global)?;
+        let shard = target::part(self, &target, global)?;
         let plan = self.plan(&blob)?;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, global.kernel())];
         let renderer = Renderer::new(blob, global.kernel(), &mut memory)?;
@@ -152,7 +152,7 @@ impl Render {
         let range = |output| ranges.iter().find(|(of, _)| *of == output).map(|&(_, range)| range);
         let outputs = self.outputs().into_iter();
         let fps = self.fps.or(fps).unwrap_or(20.0);
-        let writers = outputs.map(|output| self.writer(&target, output, range(output), shard, fps));
+        let writers = outputs.map(|output| target::writer(self, &target, output, range(output), shard, fps));
         let mut writers = writers.collect::<anyhow::Result<Vec<_>>>()?;
         // Of all of them only now: one range of colours is for all parts.
         let mine = |(i, camera): (usize, Camera)| shard.takes(i).then_some(camera);
@@ -189,7 +189,7 @@ impl Render {
             None if self.transparent => plan.with_background([0.0; 3])?,
             None => plan,
         };
-        self.effects.in_light(plan, self.is_exr())
+        self.effects.in_light(plan, target::is_exr(self))
     }
 
     /// One range of colours for all frames of a video, by output.
@@ -202,7 +202,7 @@ impl Render {
     ) -> anyhow::Result<Ranges> {
         let distances: Vec<Output> =
             self.outputs().into_iter().filter(|output| output.is_distance()).collect();
-        if distances.is_empty() || !self.is_sequence() {
+        if distances.is_empty() || !target::is_sequence(self) {
             return Ok(Ranges::new());
         }
         let mut progress = Progress::steps("range of distances", cameras.len(), global.style());
@@ -236,7 +236,7 @@ impl Render {
         let each = BYTES_PER_PIXEL + BYTES_PER_OUTPUT * self.outputs().len() as u64;
         memory::check(what, pixels(largest), each, "choose a smaller --width")?;
         let distances = self.outputs().into_iter().filter(|output| output.is_distance()).count() as u64;
-        if distances > 0 && self.is_sequence() {
+        if distances > 0 && target::is_sequence(self) {
             let coarse = coarse(largest).map_or(0, |camera| pixels(&camera)) * cameras.len() as u64;
             let what = format!("the range of distances of {} frames", cameras.len());
             memory::check(what, coarse, 2 * 4 * (1 + distances), "choose fewer frames, or colour alone")?;

@@ -3,9 +3,10 @@
 use super::Render;
 use crate::cli::common::Global;
 use crate::cli::places;
+use crate::data::reads_data;
 use crate::lab::Shard;
 use crate::show::video::Ffmpeg;
-use crate::show::view::{Output, is_exr};
+use crate::show::view::{self, Output};
 use crate::show::writer::Writer;
 use crate::system::output::claims::{Claims, Existing};
 use anyhow::{Context, bail};
@@ -30,120 +31,117 @@ impl Target {
     }
 }
 
-impl Render {
-    pub(super) fn is_sequence(&self) -> bool {
-        self.orbit.is_some() || self.path.is_some() || !self.keyframes.is_empty()
-    }
+pub(super) fn is_sequence(render: &Render) -> bool {
+    render.orbit.is_some() || render.path.is_some() || !render.keyframes.is_empty()
+}
 
-    /// Whether floats are written: then colour is linear light.
-    pub(super) fn is_exr(&self) -> bool {
-        !self.is_sequence() && is_exr(&self.output)
-    }
+/// Whether floats are written: then colour is linear light.
+pub(super) fn is_exr(render: &Render) -> bool {
+    !is_sequence(render) && view::is_exr(&render.output)
+}
 
-    /// What `-o` names; refuses what cannot be before any work is done.
-    pub(super) fn target(&self) -> anyhow::Result<Target> {
-        let name = self.output.display();
-        let extension = places::extension(&self.output);
-        let extension = extension.as_deref();
-        if !self.is_sequence() {
-            if let Some("gif" | "mp4") = extension {
-                bail!(
-                    "-o: expected a picture (.png, .exr), found {name}; --orbit, --path and --keyframes make videos"
-                );
-            }
-            places::check_extension("-o", &self.output, places::VIEW)?;
-            return Ok(Target::Still);
-        }
-        let ends_in_slash = self.output.as_os_str().as_encoded_bytes().ends_with(b"/");
-        let target = if ends_in_slash || self.output.is_dir() {
-            Target::Frames
-        } else {
-            match extension {
-                Some("gif") => Target::Film(None),
-                Some("mp4") => Target::Film(Some(self.find_ffmpeg()?)),
-                None => Target::Frames,
-                Some(_) => bail!("-o: expected .gif, .mp4 or a folder for frames, found {name}"),
-            }
-        };
-        if self.transparent && !matches!(target, Target::Frames) {
+/// What `-o` names; refuses what cannot be before any work is done.
+pub(super) fn target(render: &Render) -> anyhow::Result<Target> {
+    let name = render.output.display();
+    let extension = places::extension(&render.output);
+    let extension = extension.as_deref();
+    if !is_sequence(render) {
+        if let Some("gif" | "mp4") = extension {
             bail!(
-                "--transparent: {name} cannot hold it: expected a folder for PNG frames, for example -o {}",
-                self.output.with_extension("").join("").display()
+                "-o: expected a picture (.png, .exr), found {name}; --orbit, --path and --keyframes make videos"
             );
         }
-        Ok(target)
+        places::check_extension("-o", &render.output, places::VIEW)?;
+        return Ok(Target::Still);
     }
-
-    fn find_ffmpeg(&self) -> anyhow::Result<Ffmpeg> {
-        Ffmpeg::find(self.ffmpeg.as_deref()).with_context(|| {
-            format!(
-                "{}: an MP4 needs ffmpeg: install it, name it with --ffmpeg or NERF_FFMPEG, or write {}",
-                self.output.display(),
-                self.output.with_extension("gif").display()
-            )
-        })
-    }
-
-    /// The file or folder of an output: the first one has the name that was given.
-    fn place_of(&self, output: Output) -> PathBuf {
-        if self.outputs().first() == Some(&output) {
-            return self.output.clone();
+    let ends_in_slash = render.output.as_os_str().as_encoded_bytes().ends_with(b"/");
+    let target = if ends_in_slash || render.output.is_dir() {
+        Target::Frames
+    } else {
+        match extension {
+            Some("gif") => Target::Film(None),
+            Some("mp4") => Target::Film(Some(find_ffmpeg(render)?)),
+            None => Target::Frames,
+            Some(_) => bail!("-o: expected .gif, .mp4 or a folder for frames, found {name}"),
         }
-        let mut name = self.output.file_stem().unwrap_or_default().to_owned();
-        name.push(format!("_{}", output.suffix()));
-        if let Some(extension) = self.output.extension() {
-            name.push(".");
-            name.push(extension);
-        }
-        self.output.with_file_name(name)
+    };
+    if render.transparent && !matches!(target, Target::Frames) {
+        bail!(
+            "--transparent: {name} cannot hold it: expected a folder for PNG frames, for example -o {}",
+            render.output.with_extension("").join("").display()
+        );
     }
+    Ok(target)
+}
 
-    pub(super) fn claims(&self, target: &Target) -> Claims {
-        let claims = Claims::default()
-            .reads("the blob", &self.file)
-            .reads("the program", self.ffmpeg.as_deref())
-            .reads_data(self.data.as_deref())
-            .reads_data(self.path.as_deref());
-        self.outputs().into_iter().fold(claims, |claims, output| {
-            let place = self.place_of(output);
-            let named = place == self.output;
-            let flag = if named { "-o".to_owned() } else { format!("{} beside -o", output.suffix()) };
-            match target {
-                Target::Frames => claims.writes_frames(&flag, &place),
-                _ if named => claims.writes(&flag, &place),
-                _ => claims.derives(&flag, &place, Existing::ReplaceOwn),
-            }
-        })
+fn find_ffmpeg(render: &Render) -> anyhow::Result<Ffmpeg> {
+    Ffmpeg::find(render.ffmpeg.as_deref()).with_context(|| {
+        format!(
+            "{}: an MP4 needs ffmpeg: install it, name it with --ffmpeg or NERF_FFMPEG, or write {}",
+            render.output.display(),
+            render.output.with_extension("gif").display()
+        )
+    })
+}
+
+/// The file or folder of an output: the first one has the name that was given.
+fn place_of(render: &Render, output: Output) -> PathBuf {
+    if render.outputs().first() == Some(&output) {
+        return render.output.clone();
     }
+    let mut name = render.output.file_stem().unwrap_or_default().to_owned();
+    name.push(format!("_{}", output.suffix()));
+    if let Some(extension) = render.output.extension() {
+        name.push(".");
+        name.push(extension);
+    }
+    render.output.with_file_name(name)
+}
 
-    /// The frames that are this process's: of a folder those of its part.
-    pub(super) fn part(&self, target: &Target, global: &Global) -> anyhow::Result<Shard> {
+pub(super) fn claims(render: &Render, target: &Target) -> Claims {
+    let claims = reads_data(Claims::default(), render.data.as_deref());
+    let claims = reads_data(claims, render.path.as_deref())
+        .reads("the blob", &render.file)
+        .reads("the program", render.ffmpeg.as_deref());
+    render.outputs().into_iter().fold(claims, |claims, output| {
+        let place = place_of(render, output);
+        let named = place == render.output;
+        let flag = if named { "-o".to_owned() } else { format!("{} beside -o", output.suffix()) };
         match target {
-            Target::Frames => self.shard.choose(global),
-            _ if self.shard.shard.is_some() => {
-                bail!("--shard: expected a folder for frames (-o frames/), found {}", self.output.display())
-            }
-            _ => Ok(Shard::WHOLE),
+            Target::Frames => claims.writes_frames(&flag, &place),
+            _ if named => claims.writes(&flag, &place),
+            _ => claims.derives(&flag, &place, Existing::ReplaceOwn),
         }
-    }
+    })
+}
 
-    /// A writer for an output; `range` is that of a distance's colours, world units.
-    pub(super) fn writer(
-        &self,
-        target: &Target,
-        output: Output,
-        range: Option<(f32, f32)>,
-        shard: Shard,
-        fps: f64,
-    ) -> anyhow::Result<Writer> {
-        let place = self.place_of(output);
-        Ok(match target {
-            Target::Still => Writer::still(output, place, self.transparent),
-            Target::Frames => {
-                let numbers = (shard.index - 1, shard.count);
-                Writer::frames(output, place, range, self.transparent, numbers)
-            }
-            Target::Film(ffmpeg) => Writer::film(output, place, ffmpeg.clone(), range, fps)?,
-        })
+/// The frames that are this process's: of a folder those of its part.
+pub(super) fn part(render: &Render, target: &Target, global: &Global) -> anyhow::Result<Shard> {
+    match target {
+        Target::Frames => render.shard.choose(global),
+        _ if render.shard.shard.is_some() => {
+            bail!("--shard: expected a folder for frames (-o frames/), found {}", render.output.display())
+        }
+        _ => Ok(Shard::WHOLE),
     }
+}
+
+/// A writer for an output; `range` is that of a distance's colours, world units.
+pub(super) fn writer(
+    render: &Render,
+    target: &Target,
+    output: Output,
+    range: Option<(f32, f32)>,
+    shard: Shard,
+    fps: f64,
+) -> anyhow::Result<Writer> {
+    let place = place_of(render, output);
+    Ok(match target {
+        Target::Still => Writer::still(output, place, render.transparent),
+        Target::Frames => {
+            let numbers = (shard.index - 1, shard.count);
+            Writer::frames(output, place, range, render.transparent, numbers)
+        }
+        Target::Film(ffmpeg) => Writer::film(output, place, ffmpeg.clone(), range, fps)?,
+    })
 }

@@ -1,6 +1,5 @@
 //! Worlds far from their origin, such as GPS coordinates, moved to where 32-bit numbers are fine enough.
 
-use crate::data::{Dataset, ReadOptions};
 use glam::DVec3;
 
 /// The world is moved where its cameras are further from the origin than this many times their distance from their
@@ -30,13 +29,6 @@ pub(crate) fn origin(cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
     if rounded.is_finite() { rounded } else { DVec3::ZERO }
 }
 
-impl ReadOptions {
-    /// What the coordinates of a data set with these cameras count from.
-    pub(crate) fn origin_for(&self, cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
-        self.origin.map_or_else(|| origin(cameras), DVec3::from)
-    }
-}
-
 /// The origin that the name of a data set states, which is how a blob keeps it; (0, 0, 0) where it states none.
 pub fn origin_in_name(name: &str) -> [f64; 3] {
     let stated = || {
@@ -48,27 +40,10 @@ pub fn origin_in_name(name: &str) -> [f64; 3] {
     stated().unwrap_or_default()
 }
 
-impl Dataset {
-    /// The data set with all it holds counted from `origin`, as its reader has done; says so, also in the name, which a
-    /// blob keeps.
-    pub(crate) fn counted_from(mut self, origin: DVec3) -> Self {
-        if origin == DVec3::ZERO {
-            return self;
-        }
-        let DVec3 { x, y, z } = origin;
-        self.name = format!("{}{STATED}{x}, {y}, {z})", self.name);
-        self.notes.push(format!(
-            "the cameras are far from the origin: all coordinates here, and those of a blob, count from ({x}, {y}, {z}) in \
-             the file's world; distances are the file's own"
-        ));
-        self.origin = origin.into();
-        self
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::Dataset;
 
     #[test]
     fn a_name_gives_its_origin_back() {

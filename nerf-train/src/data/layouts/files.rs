@@ -24,13 +24,15 @@ struct Frame {
     depth_file_path: Option<String>,
 }
 
-impl Claims {
-    /// Reads a data set, if there is one: a file or folder, and the files that its lists name wherever they lie.
-    pub fn reads_data<'p, P: AsRef<Path> + ?Sized + 'p>(self, path: impl Into<Option<&'p P>>) -> Self {
-        let Some(path) = path.into().map(P::as_ref) else { return self };
-        let claims = self.reads("the data set", path);
-        files(path).iter().fold(claims, |claims, file| claims.reads("a file of the data set,", file))
-    }
+/// As [`Claims::reads`], of a data set, if there is one: a file or folder, and the files that its lists name wherever they
+/// lie.
+pub fn reads_data<'p, P: AsRef<Path> + ?Sized + 'p>(
+    claims: Claims,
+    path: impl Into<Option<&'p P>>,
+) -> Claims {
+    let Some(path) = path.into().map(P::as_ref) else { return claims };
+    let claims = claims.reads("the data set", path);
+    files(path).iter().fold(claims, |claims, file| claims.reads("a file of the data set,", file))
 }
 
 /// The data set's own file, its lists of views, and the files that they name, as far as they exist.

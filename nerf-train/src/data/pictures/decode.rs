@@ -3,9 +3,10 @@
 use crate::system::input::{MAX_PICTURE_BYTES, read_limited};
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
-use std::io::{BufReader, Cursor, Read};
+use std::io::{BufRead, BufReader, Cursor, Read, Seek};
 use std::path::{Path, PathBuf};
 use zune_jpeg::errors::DecodeErrors;
+use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
 /// Most pixels of a picture, 16,384 × 16,384: a few bytes of header may ask for any number.
@@ -36,6 +37,15 @@ pub enum DecodeError {
     Size { file: PathBuf, found: (u32, u32) },
 }
 
+/// What pictures are read from. One type: all decoders are compiled once.
+pub(super) trait Source: BufRead + Seek {}
+impl<S: BufRead + Seek> Source for S {}
+
+/// A reader of the picture that `source` holds.
+pub(super) fn reader<'s>(source: impl Source + 's) -> ImageReader<Box<dyn Source + 's>> {
+    ImageReader::new(Box::new(source))
+}
+
 /// Decodes a picture of any bit depth and channel count, as it is stored, with its EXIF orientation.
 ///
 /// The format is told from the content, whatever the extension says. A JPEG that ends early or whose data is damaged
@@ -61,7 +71,9 @@ pub fn decode_of(
         return Err(DecodeError::Format { file: file.into() });
     }
     let text = |error: image::ImageError| damaged(error.to_string());
-    let mut decoder = ImageReader::with_format(Cursor::new(&bytes), format).into_decoder().map_err(text)?;
+    let mut reader = reader(Cursor::new(&bytes));
+    reader.set_format(format);
+    let mut decoder = reader.into_decoder().map_err(text)?;
     // What follows allocates all that the header asks for.
     let (width, height) = decoder.dimensions();
     if width.max(height) > MAX_SIDE || u64::from(width) * u64::from(height) > MAX_PIXELS {
@@ -88,7 +100,7 @@ pub fn dimensions(file: &Path) -> Result<(u32, u32), DecodeError> {
     if is_heif(&head) {
         return Err(DecodeError::Heif { file: file.into() });
     }
-    let reader = ImageReader::new(BufReader::new(opened()?)).with_guessed_format().map_err(unread)?;
+    let reader = reader(BufReader::new(opened()?)).with_guessed_format().map_err(unread)?;
     if reader.format().is_none() {
         return Err(DecodeError::Format { file: file.into() });
     }
@@ -111,7 +123,7 @@ fn check_jpeg(bytes: &[u8]) -> Result<(), String> {
         .set_strict_mode(true)
         .set_max_width(usize::from(u16::MAX))
         .set_max_height(usize::from(u16::MAX));
-    match zune_jpeg::JpegDecoder::new_with_options(Cursor::new(bytes), options).decode() {
+    match zune_jpeg::JpegDecoder::new_with_options(ZCursor::new(bytes), options).decode() {
         Ok(_) => Ok(()),
         // Against the letter of the standard, but nothing is lost.
         Err(DecodeErrors::FormatStatic(text)) if text.contains("Extra bytes between headers") => Ok(()),

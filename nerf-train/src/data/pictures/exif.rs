@@ -1,6 +1,9 @@
 //! Which device took a photograph, as its EXIF tags say.
 
-use image::{ImageDecoder, ImageReader};
+use super::decode::reader;
+use image::ImageDecoder;
+use std::fs::File;
+use std::io::BufReader;
 use std::path::Path;
 
 /// TIFF tags, and the one of the folder in which the focal length is.
@@ -14,7 +17,7 @@ const FOCAL_LENGTH: u16 = 0x920a;
 /// A phone has several lenses: their focal lengths tell them apart.
 pub(crate) fn device(file: &Path) -> String {
     let tags = || {
-        let reader = ImageReader::open(file).ok()?.with_guessed_format().ok()?;
+        let reader = reader(BufReader::new(File::open(file).ok()?)).with_guessed_format().ok()?;
         reader.into_decoder().ok()?.exif_metadata().ok()?
     };
     tags().and_then(|tags| device_in(&tags)).unwrap_or_default()

@@ -25,31 +25,29 @@ pub struct ConfigError {
     pub found: String,
 }
 
-impl Config {
-    pub fn check(&self) -> Result<(), ConfigError> {
-        let (n, s, g) = (&self.network, &self.sampling, &self.occupancy);
-        check_network(n)?;
-        if let Some(grid) = &n.grid {
-            check_beside_grid(n, grid, g)?;
-        }
-        let sound = s.distortion.is_finite() && s.distortion >= 0.0;
-        rule("sampling.distortion", sound, "finite, at least 0", s.distortion)?;
-        let depth = self.capture.depth;
-        rule("capture.depth", depth.is_finite() && depth >= 0.0, "finite, at least 0", depth)?;
-        if let Some(power) = s.contraction {
-            check_contraction(power, n, s, g)?;
-        }
-        check_sampling(s)?;
-        check_occupancy(g)?;
-        self.optimiser.check()?;
-        if let Jitter::Width(width) = s.jitter
-            && !(width.is_finite() && width >= 0.0)
-        {
-            let (expected, found) = ("a finite width of at least 0".into(), width.to_string());
-            return Err(ConfigError { field: "sampling.jitter", expected, found });
-        }
-        Ok(())
+pub(super) fn check(config: &Config) -> Result<(), ConfigError> {
+    let (n, s, g) = (&config.network, &config.sampling, &config.occupancy);
+    check_network(n)?;
+    if let Some(grid) = &n.grid {
+        check_beside_grid(n, grid, g)?;
     }
+    let sound = s.distortion.is_finite() && s.distortion >= 0.0;
+    rule("sampling.distortion", sound, "finite, at least 0", s.distortion)?;
+    let depth = config.capture.depth;
+    rule("capture.depth", depth.is_finite() && depth >= 0.0, "finite, at least 0", depth)?;
+    if let Some(power) = s.contraction {
+        check_contraction(power, n, s, g)?;
+    }
+    check_sampling(s)?;
+    check_occupancy(g)?;
+    config.optimiser.check()?;
+    if let Jitter::Width(width) = s.jitter
+        && !(width.is_finite() && width >= 0.0)
+    {
+        let (expected, found) = ("a finite width of at least 0".into(), width.to_string());
+        return Err(ConfigError { field: "sampling.jitter", expected, found });
+    }
+    Ok(())
 }
 
 fn check_network(n: &NetworkConfig) -> Result<(), ConfigError> {
@@ -65,7 +63,7 @@ fn check_network(n: &NetworkConfig) -> Result<(), ConfigError> {
 }
 
 fn check_beside_grid(n: &NetworkConfig, grid: &TableConfig, g: &OccupancyConfig) -> Result<(), ConfigError> {
-    grid.check()?;
+    check_table(grid)?;
     // A box that is no cube has no more.
     check_table_values(&grid.encoding(Vec3::ONE), "a cube")?;
     let levels = n.position_levels;
@@ -120,16 +118,14 @@ fn check_occupancy(g: &OccupancyConfig) -> Result<(), ConfigError> {
     within("occupancy.empty_share", 0.0..=1.0, g.empty_share)
 }
 
-impl TableConfig {
-    pub(crate) fn check(&self) -> Result<(), ConfigError> {
-        let Self { levels, features, log2_entries, coarsest, finest, storage: _, most_bytes: _ } = *self;
-        within("network.grid.levels", 1..=MAX_GRID_LEVELS, levels)?;
-        rule("network.grid.features", matches!(features, 1 | 2 | 4), "1, 2 or 4", features)?;
-        within("network.grid.log2_entries", 1..=MAX_LOG2_ENTRIES, log2_entries)?;
-        rule("network.grid.coarsest", coarsest >= 1, "at least 1", coarsest)?;
-        let most = format!("the coarsest level's {coarsest} to {MAX_GRID_RESOLUTION}");
-        rule("network.grid.finest", (coarsest..=MAX_GRID_RESOLUTION).contains(&finest), most, finest)
-    }
+pub(crate) fn check_table(grid: &TableConfig) -> Result<(), ConfigError> {
+    let TableConfig { levels, features, log2_entries, coarsest, finest, storage: _, most_bytes: _ } = *grid;
+    within("network.grid.levels", 1..=MAX_GRID_LEVELS, levels)?;
+    rule("network.grid.features", matches!(features, 1 | 2 | 4), "1, 2 or 4", features)?;
+    within("network.grid.log2_entries", 1..=MAX_LOG2_ENTRIES, log2_entries)?;
+    rule("network.grid.coarsest", coarsest >= 1, "at least 1", coarsest)?;
+    let most = format!("the coarsest level's {coarsest} to {MAX_GRID_RESOLUTION}");
+    rule("network.grid.finest", (coarsest..=MAX_GRID_RESOLUTION).contains(&finest), most, finest)
 }
 
 /// Checks the size of the tables of a grid over `what`.

@@ -1,11 +1,24 @@
-//! Named starting points, and what changes with what the data says of the surroundings.
+//! Named starting points.
 
 use super::{
-    CaptureConfig, Config, Density, Jitter, NetworkConfig, OccupancyConfig, OptimiserConfig, Preset,
-    SamplingConfig, Surroundings, TableConfig,
+    CaptureConfig, Config, Density, Jitter, NetworkConfig, OccupancyConfig, OptimiserConfig, SamplingConfig,
+    TableConfig,
 };
 use crate::model::engine::EngineKind;
 use crate::model::quantise::TableStorage;
+use serde::{Deserialize, Serialize};
+
+/// A named starting point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Preset {
+    /// A learned grid, and a small network that is asked once a ray: seconds to fit, milliseconds to draw.
+    Grid,
+    /// A small sinusoidal network, empty space skipped from the first step: the smallest files.
+    Small,
+    /// The classic recipe to the letter: 8×256, dense, 10,000 rays a step, Adam 5e-4.
+    Seed,
+}
 
 impl Preset {
     pub fn config(self) -> Config {
@@ -169,60 +182,5 @@ fn seed() -> Config {
             ..small.optimiser
         },
         ..small
-    }
-}
-
-impl Config {
-    /// What changes where no hull can be carved and the network itself must find the empty space:
-    /// a gentler start, or its densities die in the fog.
-    pub fn without_hull(mut self) -> Self {
-        if self.preset == Preset::Small {
-            self.network.density_bias = 0.5;
-            self.occupancy.from = 400;
-            self.optimiser.rate = 5e-3;
-        }
-        let preset = self.preset.config();
-        if let Some(grid) = &mut self.network.grid {
-            // What is found without a hull is a part of the box that the cameras' distances give: finer, where nobody
-            // has chosen.
-            if preset.network.grid.as_ref() == Some(&*grid) {
-                (grid.coarsest, grid.finest) = (32, 416);
-            }
-            if self.sampling.steps_across == preset.sampling.steps_across {
-                self.sampling.steps_across = 220;
-            }
-            // Opaque from the start, each view would be painted onto the shell of the box.
-            self.network.density_bias = 0.0;
-        }
-        self.occupancy.hull = false;
-        self
-    }
-
-    /// These settings, for what lies around a scene.
-    pub fn around(self, surroundings: Surroundings) -> Self {
-        match surroundings {
-            Surroundings::Known => self,
-            Surroundings::Unknown => self.without_hull(),
-            Surroundings::Unbounded => self.unbounded(),
-        }
-    }
-
-    /// What changes where photographs show whatever is behind the scene, too; of a preset without a grid as
-    /// [`Config::without_hull`].
-    pub fn unbounded(mut self) -> Self {
-        let Some(grid) = &mut self.network.grid else { return self.without_hull() };
-        (grid.log2_entries, grid.coarsest, grid.finest) = (16, 16, 1024);
-        self.sampling.contraction = Some(1);
-        self.sampling.steps_across = 160;
-        self.sampling.random_background = true;
-        self.sampling.live_samples = 4096;
-        // In turns, a short fit does not get out of its fog: 17.7 dB for 19.8 in a law's 1,500 steps.
-        self.optimiser.hashed_every = 1;
-        // A step absorbs less than what keeps a cell: what no view needs goes away.
-        self.network.density_bias = 1.9;
-        self.occupancy.resolution = 128;
-        self.occupancy.threshold = 0.1;
-        self.occupancy.hull = false;
-        self
     }
 }

@@ -43,31 +43,29 @@ pub fn checked(
     let request =
         Request { views, split: "checked", camera: None, rays: 0, step: 0, up: None, frustum: None };
     let mut scene = Scene::new(dataset, &config, &request)?;
-    scene.find(diagnosis, views);
+    find(&mut scene, diagnosis, views);
     Ok(scene)
 }
 
-impl Scene {
-    /// Colours the cameras by the diagnosis, and keeps its findings. `views`: the photographs of the diagnosis.
-    fn find(&mut self, diagnosis: &Diagnosis, views: &[View]) {
-        for camera in &mut self.cameras {
-            let of = diagnosis.views.iter().find(|view| view.name == camera.name);
-            let group = of.and_then(|view| view.group).map(|group| GROUPS[(group - 1) % GROUPS.len()]);
-            camera.colour = match () {
-                () if diagnosis.contradicting.contains(&camera.name) => Some(CONTRADICTING),
-                () if group.is_some() => group,
-                () if diagnosis.blurred.contains(&camera.name) => Some(BLURRED),
-                () => None,
-            };
-        }
-        let shown = |name: &String| {
-            let view = views.iter().find(|view| view.name == *name)?;
-            Some((name.clone(), Thumbnail::of(view, SIDE, [1.0; 3])))
+/// Colours the cameras by the diagnosis, and keeps its findings. `views`: the photographs of the diagnosis.
+fn find(scene: &mut Scene, diagnosis: &Diagnosis, views: &[View]) {
+    for camera in &mut scene.cameras {
+        let of = diagnosis.views.iter().find(|view| view.name == camera.name);
+        let group = of.and_then(|view| view.group).map(|group| GROUPS[(group - 1) % GROUPS.len()]);
+        camera.colour = match () {
+            () if diagnosis.contradicting.contains(&camera.name) => Some(CONTRADICTING),
+            () if group.is_some() => group,
+            () if diagnosis.blurred.contains(&camera.name) => Some(BLURRED),
+            () => None,
         };
-        self.findings = Some(Findings {
-            facts: diagnosis.facts.clone(),
-            lines: diagnosis.findings.clone(),
-            pair: diagnosis.worst_pair.iter().flatten().filter_map(shown).collect(),
-        });
     }
+    let shown = |name: &String| {
+        let view = views.iter().find(|view| view.name == *name)?;
+        Some((name.clone(), Thumbnail::of(view, SIDE, [1.0; 3])))
+    };
+    scene.findings = Some(Findings {
+        facts: diagnosis.facts.clone(),
+        lines: diagnosis.findings.clone(),
+        pair: diagnosis.worst_pair.iter().flatten().filter_map(shown).collect(),
+    });
 }

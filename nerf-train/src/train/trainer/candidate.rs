@@ -35,81 +35,75 @@ pub struct About<'a> {
     pub quantisation_loss_db: Option<f64>,
 }
 
-impl Trainer<'_> {
+impl Candidate {
     /// The run as it stands. Training is not changed by asking for it.
     ///
     /// `settle`: ask all cells of the occupancy grid once more. A grid field's are asked all the time, so that on the
     /// way its occupancy does as it is.
-    pub fn candidate(&self, settle: bool) -> Candidate {
-        let parameters = self.averaged_parameters();
-        let scene_box = self.bounds.scene_box;
-        let resolution = self.config.occupancy_resolution(scene_box.max - scene_box.min);
+    pub fn of(trainer: &Trainer<'_>, settle: bool) -> Self {
+        let parameters = averaged_parameters(trainer);
+        let scene_box = trainer.bounds.scene_box;
+        let resolution = trainer.config.occupancy_resolution(scene_box.max - scene_box.min);
         let full = || Occupancy::full(scene_box, resolution);
-        let mut occupancy = self.occupancy.clone().unwrap_or_else(full);
+        let mut occupancy = trainer.occupancy.clone().unwrap_or_else(full);
         let ask = DensityQuery {
-            isa: self.kernel.isa,
-            architecture: &self.model.architecture,
+            isa: trainer.kernel.isa,
+            architecture: &trainer.model.architecture,
             parameters: &parameters,
-            seed: self.config.seed,
-            contraction: self.bounds.contraction,
+            seed: trainer.config.seed,
+            contraction: trainer.bounds.contraction,
         };
-        if settle || self.config.network.grid.is_none() {
-            let threshold = self.threshold();
-            let threshold = self.step_width.map_or(threshold, |step| threshold.max(EXPORTED / step));
+        if settle || trainer.config.network.grid.is_none() {
+            let threshold = trainer.threshold();
+            let threshold = trainer.step_width.map_or(threshold, |step| threshold.max(EXPORTED / step));
             occupancy.settle(&ask, threshold);
         }
         if settle {
             occupancy.drop_unweighted();
         }
-        Candidate { step: self.progressed.step, live: occupancy.into_live(), parameters, architecture: None }
+        Self { step: trainer.progressed.step, live: occupancy.into_live(), parameters, architecture: None }
     }
 
-    /// In export order: the average, or the last where the run does not average.
-    fn averaged_parameters(&self) -> Vec<f32> {
-        let parameters = self.average.values().map_or_else(|| self.engine.parameters(), Cow::Borrowed);
-        self.model.fold(parameters).into_owned()
-    }
-
-    pub fn export(&self, candidate: &Candidate, about: &About<'_>) -> Result<Exported, TrainError> {
+    pub fn export(&self, trainer: &Trainer<'_>, about: &About<'_>) -> Result<Exported, TrainError> {
         let finite = |db: Option<f64>| db.map(|db| db as f32).filter(|db| db.is_finite());
-        let b = &self.bounds;
-        let architecture = candidate.architecture.as_ref().unwrap_or(&self.model.architecture);
-        let (parameters, tables) = candidate.parameters.split_at(architecture.parameters());
+        let b = &trainer.bounds;
+        let architecture = self.architecture.as_ref().unwrap_or(&trainer.model.architecture);
+        let (parameters, tables) = self.parameters.split_at(architecture.parameters());
         let exported = export(&Contents {
             architecture,
             parameters,
-            tables: Tables::of(self.config.network.grid.as_ref(), tables, self.engine.table_scales()),
+            tables: Tables::of(trainer.config.network.grid.as_ref(), tables, trainer.engine.table_scales()),
             content: Content::Scene(SceneFacts {
                 min: b.scene_box.min.into(),
                 max: b.scene_box.max.into(),
                 near: b.near,
                 far: b.far,
-                sampling: match self.step_width {
-                    Some(_) => b.sampling(self.config.sampling.steps_across),
-                    None => SceneSampling::Bins(self.config.sampling.samples),
+                sampling: match trainer.step_width {
+                    Some(_) => b.sampling(trainer.config.sampling.steps_across),
+                    None => SceneSampling::Bins(trainer.config.sampling.samples),
                 },
-                background: self.background(),
+                background: trainer.background,
                 occupancy_required: about.occupancy_required,
-                viewpoint: viewpoint(self.dataset, (b.near, b.far)),
+                viewpoint: viewpoint(trainer.dataset, (b.near, b.far)),
             }),
-            occupancy: Some((candidate.live.resolution(), candidate.live.bits())),
+            occupancy: Some((self.live.resolution(), self.live.bits())),
             provenance: Provenance {
-                data: &self.dataset.name,
+                data: &trainer.dataset.name,
                 made_by: MADE_BY,
-                steps: candidate.step,
-                seed: self.config.seed,
+                steps: self.step,
+                seed: trainer.config.seed,
                 psnr_db: finite(about.psnr_db),
                 psnr_convention: about.convention,
                 quantisation_loss_db: finite(about.quantisation_loss_db),
-                trained_parameters: self.parameters() as u32,
+                trained_parameters: trainer.parameters() as u32,
             },
         })?;
         Ok(exported)
     }
+}
 
-    /// What is behind the scene, display-encoded: the data's own colour; of an unbounded scene, where it shows through
-    /// what no photograph saw, their mean colour; or else black.
-    pub fn background(&self) -> [f32; 3] {
-        self.background
-    }
+/// In export order: the average, or the last where the run does not average.
+fn averaged_parameters(trainer: &Trainer<'_>) -> Vec<f32> {
+    let parameters = trainer.average.values().map_or_else(|| trainer.engine.parameters(), Cow::Borrowed);
+    trainer.model.fold(parameters).into_owned()
 }

@@ -45,7 +45,9 @@ pub(crate) const RESEEDS: u32 = 3;
 pub struct Trainer<'d> {
     config: Config,
     dataset: &'d Dataset,
-    background: [f32; 3],
+    /// Behind the scene, display-encoded: the data's own colour; of an unbounded scene, where it shows through what no
+    /// photograph saw, their mean colour; or else black.
+    pub(crate) background: [f32; 3],
     model: Model,
     kernel: Kernel,
     bounds: Bounds,

@@ -177,7 +177,7 @@ impl Bundle {
             }
         }
         self.observations = all;
-        self.align(anchor);
+        similarity::align(self, anchor);
         steps
     }
 }

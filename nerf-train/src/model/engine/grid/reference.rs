@@ -98,8 +98,8 @@ impl GridReferenceEngine {
     ) -> Result<(), EngineError> {
         let mut depths = Vec::new();
         if !samples.is_empty() {
-            let h = self.trunk::<NoneTape>(network, &batch.positions[samples.clone()])?;
-            let sigma = self.density(network, &h)?.as_vec();
+            let h = forward::trunk::<NoneTape>(self, network, &batch.positions[samples.clone()])?;
+            let sigma = forward::density(network, &h)?.as_vec();
             depths = sigma.iter().zip(&batch.deltas[samples.clone()]).map(|(s, d)| s * d).collect();
         }
         let rays = &batch.rays[indices.clone()];
@@ -159,10 +159,10 @@ impl GridReferenceEngine {
         let positions: Vec<_> = kept.samples.iter().map(|&i| batch.positions[i]).collect();
         let scale = |i: usize| batch.gradient_scales.get(kept.samples[i]).copied().unwrap_or(1.0);
 
-        let h = self.trunk::<Taped>(network, &positions)?;
+        let h = forward::trunk::<Taped>(self, network, &positions)?;
         let scales =
             device.try_tensor_from_vec((0..positions.len()).map(scale).collect(), (positions.len(),))?;
-        let sigma = with_gradient_scaled(self.density(network, &h)?, scales.clone())?;
+        let sigma = with_gradient_scaled(forward::density(network, &h)?, scales.clone())?;
         let tau = rows.of(sigma)?.try_mul(rows.constants(|i| batch.deltas[kept.samples[i]])?)?;
 
         // Russian roulette: inverse-probability weights, of what a sample shows and of the gradient of what it hides.
@@ -185,7 +185,7 @@ impl GridReferenceEngine {
         let sums = rows.sums(weights.with_empty_tape(), features)?;
         let shape = *sums.shape();
         let mean = sums.try_div(divisor.try_broadcast_like::<_, Axis<1>>(&shape)?)?;
-        let colour = self.colour(network, &mean, &dirs)?;
+        let colour = forward::colour(self, network, &mean, &dirs)?;
         let shape = *colour.shape();
         let shown = with_tape(colour, mean.split_tape().1)
             .try_mul(opacity.try_broadcast_like::<_, Axis<1>>(&shape)?)?;
@@ -215,7 +215,7 @@ impl GridReferenceEngine {
 
     /// Loss of a checked batch, and its gradients in the model's own order.
     fn differentiate(&mut self, batch: &Batch) -> Result<(StepLoss, Vec<f32>), EngineError> {
-        let network = self.network()?;
+        let network = forward::network(self)?;
         let (mut chunks, mut loss) = (Vec::new(), StepLoss::default());
         let mut gradients = vec![0.0; self.state.parameters.len()];
         let mut of_rays = OfRays::default();

@@ -153,10 +153,10 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
 
     /// Writes everything into `folder`, which exists.
     pub fn write(&self, setting: &Setting<'_>, folder: &Path) -> anyhow::Result<()> {
-        self.table().write_csv(folder.join("points.csv"))?;
+        tables::table(self).write_csv(folder.join("points.csv"))?;
         self.plot(setting).write(folder.join("front"))?;
         pictures::write(self, folder)?;
-        write_atomic(folder.join("report.md"), self.markdown(setting).as_bytes())?;
+        write_atomic(folder.join("report.md"), markdown::markdown(self, setting).as_bytes())?;
         summary::write(&self.summary(setting), folder)?;
         Ok(())
     }

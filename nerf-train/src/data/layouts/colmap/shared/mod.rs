@@ -160,7 +160,7 @@ impl<'a> Task<'a> {
                 },
             });
         }
-        let numbers = own.observe(model, points);
+        let numbers = observe(&mut own, model, points);
         if own.observations.is_empty() {
             return Ok(None);
         }
@@ -236,37 +236,35 @@ impl<'a> Task<'a> {
     }
 }
 
-impl Bundle {
-    /// Takes over the points that several photographs show, and where they do; the points' numbers.
-    fn observe(&mut self, model: &Model, points: &Points) -> Vec<u64> {
-        let places = points.numbers();
-        let mut photographs = vec![(usize::MAX, false); points.kept.len()];
-        let key_points = || {
-            let images = model.images.iter().enumerate();
-            let all = images.flat_map(|(i, image)| image.key_points.iter().map(move |key| (i, key)));
-            all.filter_map(|(i, (at, number))| Some((i, *places.get(number)? as usize, DVec2::from(*at))))
-        };
-        for (i, place, _) in key_points() {
-            let (first, several) = &mut photographs[place];
-            *several |= *first != usize::MAX && *first != i;
-            *first = (*first).min(i);
-        }
-        let (mut numbers, mut index) = (Vec::new(), HashMap::new());
-        for (place, (number, point)) in points.kept.iter().enumerate() {
-            if photographs[place].1 {
-                index.insert(place, numbers.len());
-                numbers.push(*number);
-                self.points.push(point.position.map(f64::from).into());
-            }
-        }
-        let seen = key_points().filter(|(.., at)| at.is_finite());
-        let seen = seen.filter_map(|(photograph, place, at)| {
-            Some(Observation { photograph, point: *index.get(&place)?, at })
-        });
-        self.observations = seen.collect();
-        self.observations.sort_by_key(|seen| (seen.point, seen.photograph));
-        numbers
+/// Takes over the points that several photographs show, and where they do; the points' numbers.
+fn observe(bundle: &mut Bundle, model: &Model, points: &Points) -> Vec<u64> {
+    let places = points.numbers();
+    let mut photographs = vec![(usize::MAX, false); points.kept.len()];
+    let key_points = || {
+        let images = model.images.iter().enumerate();
+        let all = images.flat_map(|(i, image)| image.key_points.iter().map(move |key| (i, key)));
+        all.filter_map(|(i, (at, number))| Some((i, *places.get(number)? as usize, DVec2::from(*at))))
+    };
+    for (i, place, _) in key_points() {
+        let (first, several) = &mut photographs[place];
+        *several |= *first != usize::MAX && *first != i;
+        *first = (*first).min(i);
     }
+    let (mut numbers, mut index) = (Vec::new(), HashMap::new());
+    for (place, (number, point)) in points.kept.iter().enumerate() {
+        if photographs[place].1 {
+            index.insert(place, numbers.len());
+            numbers.push(*number);
+            bundle.points.push(point.position.map(f64::from).into());
+        }
+    }
+    let seen = key_points().filter(|(.., at)| at.is_finite());
+    let seen = seen.filter_map(|(photograph, place, at)| {
+        Some(Observation { photograph, point: *index.get(&place)?, at })
+    });
+    bundle.observations = seen.collect();
+    bundle.observations.sort_by_key(|seen| (seen.point, seen.photograph));
+    numbers
 }
 
 /// The bundle with one camera a device, which begins at the median of its photographs' cameras.

@@ -1,11 +1,21 @@
-//! What is found, in sentences: what it is, and what to do.
+//! What is found, by indices, and in sentences: what it is, and what to do.
 
-use super::grey::is_blurred;
-use super::groups::few;
-use super::{ENOUGH, Found, Reason};
+use super::grey::{self, Grey, is_blurred};
+use super::groups::{Groups, few};
+use super::links::Links;
+use super::pairs::{self, Pair};
+use super::spread::Spread;
 use crate::capture::exposure::{CALLED_FOR, LogGains};
+use crate::capture::sights::Sights;
 use crate::data::names::count;
+use crate::data::{Dataset, View};
+use rayon::prelude::*;
+use std::collections::BTreeSet;
 
+/// Fewer photographs than this are all fitted, whatever contradicts.
+const ENOUGH: usize = 10;
+/// Limits from which on a pose is wrong: contradicting key points, and their number over that of agreeing ones.
+const MISPLACED: (usize, usize) = (10, 2);
 /// Smallest unseen sector that is warned of, degrees.
 const WIDE_GAP: f32 = 60.0;
 /// Ranges or names that are listed before the rest is counted.
@@ -13,18 +23,122 @@ const LISTED: usize = 6;
 /// Photographs on the smaller side of a bridge from which on it is said.
 const HANGING: usize = 3;
 
-/// `1 photograph is`, `2 photographs are`.
-pub(super) fn subject(n: usize, one: &str, many: &str) -> String {
-    format!("{} {}", count(n, "photograph"), if n == 1 { one } else { many })
+/// Why photographs fall into groups.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Reason {
+    Folded,
+    Misplaced,
+    Pieces,
 }
 
-impl Found<'_> {
+/// What is found, by indices into `views`.
+pub(super) struct Found<'v> {
+    pub views: Vec<&'v View>,
+    pub sharpness: Vec<f32>,
+    pub duplicates: Vec<[usize; 2]>,
+    pub spread: Option<Spread>,
+    pub gains: Option<LogGains>,
+    pub tracks: bool,
+    pub links: Links,
+    pub pairs: Vec<Pair>,
+    /// Photographs that take part in a pair.
+    judged: usize,
+    /// Photographs whose key points contradict their pose.
+    misplaced: Vec<usize>,
+    pub groups: Vec<Vec<usize>>,
+    reason: Option<Reason>,
+    pub outliers: Vec<usize>,
+}
+
+impl<'v> Found<'v> {
+    pub fn of(dataset: &'v Dataset) -> Self {
+        let mut views: Vec<&View> =
+            [&dataset.train, &dataset.val, &dataset.test].into_iter().flatten().collect();
+        views.sort_by(|a, b| a.name.cmp(&b.name));
+        let greys: Vec<Grey> = views.par_iter().map(|view| Grey::of(view)).collect();
+        let sights = Sights::of(&views, &dataset.points);
+        let wrong = |&view: &usize| {
+            let (bad, good) = (sights.contradictory[view], sights.of_views[view].len());
+            bad >= MISPLACED.0 && bad > MISPLACED.1 * good
+        };
+        let misplaced: Vec<usize> = (0..views.len()).filter(wrong).collect();
+        let mut pairs = pairs::compare(&views, &greys, &sights, &dataset.points);
+        pairs.retain(|pair| !pair.views.iter().any(|view| misplaced.contains(view)));
+        let judged = pairs.iter().flat_map(|pair| pair.views).collect::<BTreeSet<_>>().len();
+        let tracks = sights.count() > 0 || !misplaced.is_empty();
+        let mut found = Self {
+            sharpness: grey::sharpness(&views, &greys),
+            duplicates: grey::duplicates(&greys),
+            spread: Spread::of(&views),
+            gains: LogGains::measured(&views, &sights),
+            tracks,
+            links: if tracks { Links::of(&sights, &pairs) } else { Links::default() },
+            judged,
+            misplaced,
+            groups: Vec::new(),
+            reason: None,
+            outliers: Vec::new(),
+            pairs,
+            views,
+        };
+        found.settle_groups();
+        found
+    }
+
+    /// Groups for the first reason that there is, and the photographs that contradict them.
+    fn settle_groups(&mut self) {
+        let count = self.views.len();
+        let Groups { groups, outliers } = Groups::of(count, &self.pairs);
+        self.outliers = outliers;
+        let large = self.links.pieces.iter().filter(|piece| piece.len() > few(count));
+        let pieces: Vec<Vec<usize>> = large.cloned().collect();
+        let (misplaced, right): (Vec<usize>, Vec<usize>) =
+            (0..count).partition(|view| self.misplaced.contains(view));
+        if groups.len() > 1 {
+            (self.groups, self.reason) = (groups, Some(Reason::Folded));
+        } else if (few(count) + 1..=count / 2).contains(&misplaced.len()) {
+            (self.groups, self.reason) = (vec![right, misplaced], Some(Reason::Misplaced));
+        } else if pieces.len() > 1 {
+            (self.groups, self.reason) = (pieces, Some(Reason::Pieces));
+        }
+        if self.misplaced.len() <= few(count) {
+            self.outliers.extend(&self.misplaced);
+        }
+        self.outliers.sort_unstable();
+        self.outliers.dedup();
+        if self.outliers.len() > few(count) || count < ENOUGH {
+            self.outliers.clear();
+        }
+        let outliers = &self.outliers;
+        self.groups.iter_mut().for_each(|group| group.retain(|view| !outliers.contains(view)));
+    }
+
+    /// Whether the reconstruction lays two sides that look alike on top of each other; `None` where too few photographs can
+    /// be compared.
+    pub fn folded(&self) -> Option<bool> {
+        match self.reason {
+            Some(Reason::Folded) => Some(true),
+            _ => (2 * self.judged >= self.views.len() && self.judged > 0).then_some(false),
+        }
+    }
+
+    /// The pair that contradicts most, of two groups where there are some.
+    pub fn worst_pair(&self) -> Option<[usize; 2]> {
+        let group = |view: usize| self.groups.iter().position(|group| group.contains(&view));
+        let bad = self.pairs.iter().filter(|pair| pair.contradicts());
+        let apart = |pair: &Pair| group(pair.views[0]) != group(pair.views[1]);
+        let worst = bad.max_by(|a, b| {
+            apart(a).cmp(&apart(b)).then(a.different.total_cmp(&b.different)).then(b.views.cmp(&a.views))
+        });
+        worst.map(|pair| pair.views)
+    }
+
     fn name(&self, view: usize) -> &str {
         &self.views[view].name
     }
 
     /// Photographs that are blurred against their neighbours.
-    pub(super) fn blurred(&self) -> Vec<usize> {
+    pub fn blurred(&self) -> Vec<usize> {
         (0..self.views.len()).filter(|&view| is_blurred(self.sharpness[view])).collect()
     }
 
@@ -51,7 +165,7 @@ impl Found<'_> {
         runs.iter().take(LISTED).map(shown).collect::<Vec<_>>().join(", ") + &more
     }
 
-    pub(super) fn facts(&self) -> String {
+    pub fn facts(&self) -> String {
         let mut parts = Vec::new();
         parts.push(match &self.spread {
             Some(spread) => {
@@ -76,7 +190,7 @@ impl Found<'_> {
     }
 
     /// What is wrong or cannot be said, a sentence each, what matters most first.
-    pub(super) fn findings(&self) -> Vec<String> {
+    pub fn findings(&self) -> Vec<String> {
         let mut findings = vec![self.fold()];
         findings.extend(self.contradicting());
         findings.extend(self.linked());
@@ -211,4 +325,9 @@ impl Found<'_> {
         }
         found
     }
+}
+
+/// `1 photograph is`, `2 photographs are`.
+pub(super) fn subject(n: usize, one: &str, many: &str) -> String {
+    format!("{} {}", count(n, "photograph"), if n == 1 { one } else { many })
 }
