@@ -72,7 +72,7 @@ impl Audit {
             progress.get_or_insert_with(new).reach(done);
         })?;
         let on = (self.split.name(), views.len());
-        let summary = Summary::of(&findings, self.effect_threshold, on, lab.scene().background);
+        let summary = Summary::of(&findings, self.effect_threshold, on, lab.scene.background);
         let table = audit_table(&findings);
         if let Some(folder) = &self.report {
             table.write_csv(folder.join("audit.csv"))?;

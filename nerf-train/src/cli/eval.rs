@@ -131,7 +131,7 @@ impl Eval {
                 let db = [score.psnr_db, score.aligned_psnr_db].map(|db| format!("{db:.3}"));
                 let [raw, aligned] = db;
                 table.push([score.view.clone(), raw, aligned, format!("{:.4}", score.ssim)]);
-                progress.reach(table.rows().len());
+                progress.reach(table.rows.len());
                 if let (Some(folder), Ok(())) = (&self.report, &written) {
                     written =
                         frame::picture(frame).write_png(folder.join(format!("{}.png", names.stem(view))));

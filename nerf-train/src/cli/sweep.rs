@@ -147,7 +147,7 @@ fn numbers<T: Copy + Into<f64>>(list: &[T]) -> Vec<f64> {
 /// Writes the report of all that is finished in a folder, and prints its table.
 fn finish(folder: &Folder, global: &Global) -> anyhow::Result<()> {
     let records = write_report(folder)?;
-    let report = folder.path().join("report.md");
+    let report = folder.path.join("report.md");
     global.finish(&Summary::of(&records, &report))
 }
 
@@ -282,11 +282,11 @@ impl Merge {
         let parts = self.folders.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let Some(first) = parts.first() else { bail!("expected at least one folder") };
         // All are checked against each other before anything is written.
-        parts.iter().try_for_each(|part| first.check_same(part.header()))?;
-        let whole = Folder::open(&self.output, first.header().clone())?;
+        parts.iter().try_for_each(|part| first.check_same(&part.header))?;
+        let whole = Folder::open(&self.output, first.header.clone())?;
         for part in &parts {
             let new = whole.take_in(part)?;
-            global.say(format!("{}: {new} new runs", part.path().display()));
+            global.say(format!("{}: {new} new runs", part.path.display()));
         }
         finish(&whole, global)?;
         Ok(ExitCode::SUCCESS)

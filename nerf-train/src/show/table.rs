@@ -8,8 +8,9 @@ use std::path::Path;
 /// Named columns and rows of texts; every row has as many cells as there are columns.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Table {
-    columns: Vec<String>,
-    rows: Vec<Vec<String>>,
+    pub columns: Vec<String>,
+    /// Each as long as `columns`.
+    pub rows: Vec<Vec<String>>,
 }
 
 impl Table {
@@ -29,15 +30,6 @@ impl Table {
         row.resize(self.columns.len(), String::new());
         self.rows.push(row);
         self
-    }
-
-    pub fn columns(&self) -> &[String] {
-        &self.columns
-    }
-
-    /// The rows, each as long as [`columns`](Self::columns).
-    pub fn rows(&self) -> &[Vec<String>] {
-        &self.rows
     }
 
     /// The table as CSV (RFC 4180, lines end in "\n"): the column names first, quoted where needed; a line end in a
@@ -147,9 +139,9 @@ mod tests {
         let text = String::from_utf8(bytes.clone()).unwrap();
         assert!(text.starts_with("setting,\"PSNR, dB\",cost\nexact,27.31,100 %\n"), "{text}");
         let mut reader = csv::Reader::from_reader(bytes.as_slice());
-        assert_eq!(reader.headers().unwrap(), table.columns());
+        assert_eq!(reader.headers().unwrap(), table.columns);
         let rows: Vec<Vec<String>> = reader.deserialize().map(Result::unwrap).collect();
-        assert_eq!(rows[..2], table.rows()[..2]);
+        assert_eq!(rows[..2], table.rows[..2]);
         assert_eq!(rows[2][0], r"two\nlines");
         let folder = tempfile::tempdir().unwrap();
         table.write_csv(folder.path().join("a.csv")).unwrap();
@@ -184,7 +176,7 @@ mod tests {
     fn ragged_and_empty_tables_are_whole() {
         let mut table = Table::new(["a"]);
         table.push(["1"]).push(["2", "3", "4"]).push(Vec::<String>::new());
-        assert!(table.rows().iter().all(|row| row.len() == 3) && table.columns().len() == 3);
+        assert!(table.rows.iter().all(|row| row.len() == 3) && table.columns.len() == 3);
         assert!(table.to_markdown().lines().all(|line| line.matches('|').count() == 4));
         table.to_csv().unwrap();
         let none = Table::default();

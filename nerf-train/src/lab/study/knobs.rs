@@ -38,11 +38,11 @@ pub const KNOBS: &[Knob] = &[
         read: |lab, s| match (lab.is_marched(), s.quality.samples) {
             // Their number follows from the step.
             (true, _) => String::new(),
-            (false, 0) => lab.scene().samples().to_string(),
+            (false, 0) => lab.scene.samples().to_string(),
             (false, samples) => samples.to_string(),
         },
         values: |lab, base| {
-            let own = u32::from(lab.scene().samples());
+            let own = u32::from(lab.scene.samples());
             let count = |(n, d): (u32, u32)| (own * n / d).clamp(1, u32::from(MAX_SAMPLES)) as u16;
             let counts = SAMPLES.into_iter().filter(|_| !lab.is_marched()).map(count);
             vary(base, counts, |s, samples| s.quality.samples = samples)
@@ -58,7 +58,7 @@ pub const KNOBS: &[Knob] = &[
             false => String::new(),
         },
         values: |lab, base| {
-            let own = u32::from(lab.scene().samples());
+            let own = u32::from(lab.scene.samples());
             let count =
                 |share: u32| ((100 * own + share / 2) / share).clamp(1, u32::from(MAX_SAMPLES)) as u16;
             let counts = STEPS.into_iter().filter(|_| lab.is_marched()).map(count);
@@ -88,7 +88,7 @@ pub const KNOBS: &[Knob] = &[
         copy: |from, to| to.quality.occupancy = from.quality.occupancy,
         read: |_, s| if s.quality.occupancy { "on" } else { "off" }.into(),
         values: |lab, base| {
-            let can = lab.has_occupancy(0) && !lab.scene().occupancy_required;
+            let can = lab.has_occupancy(0) && !lab.scene.occupancy_required;
             vary(base, can.then_some(false), |s, on| s.quality.occupancy = on)
         },
     },

@@ -89,7 +89,7 @@ impl<'a, 'b> Study<'a, 'b> {
         if views.is_empty() {
             bail!("views: expected at least one, found none");
         }
-        let background = lab.scene().background;
+        let background = lab.scene.background;
         let count = effort.timing_views.clamp(1, views.len());
         // The middles of as many equal parts.
         let mut timing: Vec<usize> = (0..count).map(|i| (2 * i + 1) * views.len() / (2 * count)).collect();
@@ -158,7 +158,7 @@ impl<'a, 'b> Study<'a, 'b> {
 
     fn add_rows(&mut self) {
         let base = Settings::base();
-        self.add(Origin::Exact, Settings::exact(self.lab.blob()));
+        self.add(Origin::Exact, Settings::exact(&self.lab.blob));
         self.add(Origin::Base, base);
         for (index, knob) in KNOBS.iter().enumerate() {
             for settings in (knob.values)(self.lab, base) {
@@ -265,7 +265,7 @@ impl<'a, 'b> Study<'a, 'b> {
         // The same rays: a lens bends what is counted from its centre.
         let (cx, cy) = (i.cx - left as f32, i.cy - top as f32);
         let cut = Camera::new(Intrinsics { width, height, cx, cy, ..i }, *camera.lens(), *camera.pose())?;
-        let exact = Settings::exact(self.lab.blob());
+        let exact = Settings::exact(&self.lab.blob);
         let scalar = Settings { kernel: Kernel::IN_PLACE, ..exact };
         let background = self.background;
         self.oracle_max = self.lab.prepared(&[exact, scalar], |bench| {
@@ -322,7 +322,7 @@ impl<'a, 'b> Study<'a, 'b> {
         let point = |i: usize| {
             let Price { loss_db, cost } = prices[i];
             let quality = &self.points[i].settings.quality;
-            quality.front_point(self.lab.blob(), loss_db as f32, cost as f32)
+            quality.front_point(&self.lab.blob, loss_db as f32, cost as f32)
         };
         front.into_iter().map(point).collect()
     }

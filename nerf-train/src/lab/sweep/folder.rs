@@ -20,8 +20,8 @@ const FILE: &str = "sweep.json";
 /// ([`Shard`](crate::lab::Shard)) into one folder or into several that are merged.
 #[derive(Clone, Debug)]
 pub struct Folder {
-    path: PathBuf,
-    header: Header,
+    pub path: PathBuf,
+    pub header: Header,
 }
 
 impl Folder {
@@ -47,14 +47,6 @@ impl Folder {
         }
         let header = read_json(&file, "description")?;
         Ok(Self { path: path.into(), header })
-    }
-
-    pub fn header(&self) -> &Header {
-        &self.header
-    }
-
-    pub fn path(&self) -> &Path {
-        &self.path
     }
 
     /// Refuses another sweep than `other` describes.

@@ -126,7 +126,7 @@ fn shards_merge_to_what_one_process_finds() {
     let parts =
         [1, 2].map(|index| sweep(&job, &at(&format!("part{index}")), &points, Shard { index, count: 2 }));
     assert_eq!(parts.each_ref().map(|part| records(part).unwrap().len()), [2, 1]);
-    let merged = Folder::open(&at("merged"), parts[0].header().clone()).unwrap();
+    let merged = Folder::open(&at("merged"), parts[0].header.clone()).unwrap();
     assert_eq!(parts.each_ref().map(|part| merged.take_in(part).unwrap()), [2, 1]);
     assert_eq!(parts.each_ref().map(|part| merged.take_in(part).unwrap()), [0, 0]);
     // Time differs from run to run, nothing else does.
@@ -197,7 +197,7 @@ fn of_two_sweeps_that_begin_at_once_one_wins_whole() {
         let other = |error: &anyhow::Error| error.to_string().contains("has another");
         let lost = opened.iter().filter(|folder| folder.as_ref().is_err_and(other));
         assert_eq!(lost.count(), 2, "{opened:?}");
-        assert!(Folder::existing(&path).unwrap().header() == &job(&photo, won[0]).header(Mode::Full));
+        assert!(Folder::existing(&path).unwrap().header == job(&photo, won[0]).header(Mode::Full));
     }
 }
 

@@ -42,7 +42,7 @@ pub const EFFECTS: &[Effect] = &[
         instead: "the mean over directions",
         without: |lab, with, rays| {
             let parameters = lab.parameters();
-            let Some((flat, parameters)) = flattened(lab.blob().architecture(), &parameters, rays) else {
+            let Some((flat, parameters)) = flattened(lab.blob.architecture(), &parameters, rays) else {
                 return Ok(Err("colour does not depend on direction"));
             };
             let variant = lab.add_network("without view dependence", &flat, &parameters)?;
@@ -56,7 +56,7 @@ pub const EFFECTS: &[Effect] = &[
             if !lab.has_occupancy(0) {
                 return Ok(Err("the scene has none"));
             }
-            if lab.scene().occupancy_required {
+            if lab.scene.occupancy_required {
                 return Ok(Err("it is part of the model"));
             }
             let quality = Quality { occupancy: false, ..with.settings.quality };
@@ -137,7 +137,7 @@ pub fn audit(
     if views.is_empty() {
         bail!("views: expected at least one, found none");
     }
-    let background = lab.scene().background;
+    let background = lab.scene.background;
     let with = Without { settings: Settings::base(), background };
     let mut ways = vec![with];
     let mut found: Vec<(&'static Effect, Result<usize, &'static str>)> = Vec::new();

@@ -36,8 +36,8 @@ pub struct Variant {
 /// A blob, its variants, and the weights it was rounded from where they are at hand.
 #[derive(Clone, Debug)]
 pub struct Variants<'b> {
-    blob: Blob<'b>,
-    scene: SceneFacts,
+    pub blob: Blob<'b>,
+    pub scene: SceneFacts,
     cells: Option<LiveCells>,
     pub variants: Vec<Variant>,
     /// The weights that the blob was rounded from, in export order.
@@ -68,14 +68,6 @@ impl<'b> Variants<'b> {
         let variants =
             vec![Variant { name: "as it is".into(), bytes: bytes.to_vec(), has_occupancy: cells.is_some() }];
         Ok(Self { blob, scene, cells, variants, source: None })
-    }
-
-    pub fn blob(&self) -> &Blob<'b> {
-        &self.blob
-    }
-
-    pub fn scene(&self) -> &SceneFacts {
-        &self.scene
     }
 
     /// Whether its rays are marched at a step of the scene's own; else their samples lie in bins between near and far.

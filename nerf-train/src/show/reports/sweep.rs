@@ -23,7 +23,7 @@ const THUMBNAIL: usize = 256;
 /// Returns the records.
 pub fn write_report(folder: &Folder) -> anyhow::Result<Vec<Record>> {
     let records = records(folder)?;
-    let path = folder.path();
+    let path = &folder.path;
     let table = table(&records);
     table.write_csv(path.join("table.csv"))?;
     write_atomic(path.join("report.md"), markdown(folder, &records).as_bytes())?;
@@ -120,7 +120,7 @@ fn measured(kind: Kind) -> &'static str {
 }
 
 fn markdown(folder: &Folder, records: &[Record]) -> String {
-    let header = folder.header();
+    let header = &folder.header;
     let mut text = format!("# Sweep of {}\n\n", markdown_text(&header.data));
     // Writing into a String cannot fail.
     let _ = writeln!(text, "{} finished runs. PSNR: {}.\n", records.len(), measured(header.kind));
@@ -199,8 +199,8 @@ fn summarised(records: &[Record], knob: Knob) -> Vec<Series> {
 }
 
 fn knob_plot(folder: &Folder, records: &[Record], knob: Knob) -> LinePlot {
-    let title = format!("{}: PSNR over {}", folder.header().data, knob.axis());
-    let mut plot = LinePlot::new(title, knob.axis(), measured(folder.header().kind));
+    let title = format!("{}: PSNR over {}", folder.header.data, knob.axis());
+    let mut plot = LinePlot::new(title, knob.axis(), measured(folder.header.kind));
     let curves = curves(records, knob, |record| record.point.get(knob).unwrap_or(f64::NAN));
     plot.series = if (1..=MAX_SERIES).contains(&curves.len()) { curves } else { summarised(records, knob) };
     plot.log_x = knob == Knob::Rate;
@@ -210,8 +210,8 @@ fn knob_plot(folder: &Folder, records: &[Record], knob: Knob) -> LinePlot {
 
 /// Every run over the time it took: which settings are worth waiting for.
 fn time_plot(folder: &Folder, records: &[Record]) -> LinePlot {
-    let title = format!("{}: PSNR over training time", folder.header().data);
-    let mut plot = LinePlot::new(title, "training time, s", measured(folder.header().kind));
+    let title = format!("{}: PSNR over training time", folder.header.data);
+    let mut plot = LinePlot::new(title, "training time, s", measured(folder.header.kind));
     // One curve a value of the setting with fewest, along the others.
     let group = varied(records).into_iter().min_by_key(|&knob| values(records, knob).len());
     let all = |keep: &dyn Fn(&Record) -> bool| {
@@ -259,7 +259,7 @@ fn sheet(folder: &Folder, records: &[Record]) -> Option<Picture> {
     }
     let columns = varied(records).last().map_or(1, |&knob| values(records, knob).len());
     let columns = if columns > 1 && columns <= 10 { columns } else { 6 };
-    (!cells.is_empty()).then(|| contact_sheet(&folder.header().data, &cells, columns))
+    (!cells.is_empty()).then(|| contact_sheet(&folder.header.data, &cells, columns))
 }
 
 /// What a sweep came to, for scripts.

@@ -95,7 +95,7 @@ fn method(findings: &Findings<'_, '_, '_>, line: Line<'_>) {
     line(format_args!(
         "- *exact*: every sample inside the scene box{}, no cuts, polynomial encoding, f32 on {}. Against the \
          portable oracle it differs by at most {:.1e} in a square of 16 pixels in the middle of {}.",
-        if study.lab.scene().occupancy_required {
+        if study.lab.scene.occupancy_required {
             " and its occupancy grid, which is part of the model"
         } else {
             ""
