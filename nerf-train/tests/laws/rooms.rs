@@ -63,7 +63,7 @@ fn a_room_of_the_core_uses_only_those_in_front_of_it() {
     check(
         &Path::new(env!("CARGO_MANIFEST_DIR")).join("../nerf-core/src"),
         &CORE,
-        &["errors", "names"],
+        &["absent", "errors", "names"],
         code_alone,
     );
 }
