@@ -102,7 +102,7 @@ fn contracted_span(
     Some(Span { ray: centred, start, bins, ends: walk.ends() }).filter(|_| enter < far.min(stop))
 }
 
-/// The parts of a vector of rays through a scene with an end that are sampled.
+/// Sampled intervals of a vector of rays through a bounded scene.
 struct SpanLanes<V> {
     origin: [V; 3],
     start: V,

@@ -21,7 +21,7 @@ names! {
         AbsentInScene = "off: absent in the scene",
         /// Not requested, and no output needs it.
         NotAskedFor = "off: not asked for",
-        /// This build has no code for it: a cargo feature is off.
+        /// Its cargo feature is off: the build has no code for the stage.
         NotBuilt = "off: not built in",
         /// The request's [`Quality`](crate::plan::Quality) switches it off.
         SwitchedOff = "off: switched off by the request",

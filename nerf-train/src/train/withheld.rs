@@ -5,22 +5,22 @@ use crate::model::config::{Config, OptimiserConfig, Withholding};
 use crate::model::engine::Batch;
 use serde::{Deserialize, Serialize};
 
-/// Steps in which photographs are withheld, and from which on their errors are summed.
+/// Steps of the trial, in which photographs are withheld, and the step from which on errors are summed.
 const TRIAL: u32 = 1_500;
 const SUMMED_FROM: u32 = 1_000;
 /// Step from which on the withheld photographs are learned as well as the others.
 pub const LEARNED_FROM: u32 = 2_000;
-/// Fewest steps of a run with a trial, and share of a run by which one that has not come to its end is given up.
+/// Fewest steps of a run that has a trial, and share of the run at which an unfinished trial ends without a verdict.
 const FEWEST_STEPS: u32 = 2 * TRIAL;
 const GIVEN_UP_AT: f64 = 0.5;
-/// Photographs that are withheld, and photographs of a capture from which on they are.
+/// Number of withheld photographs, and fewest photographs of a capture that has a trial.
 const COUNT: usize = 6;
 const FEWEST: usize = 24;
 /// Gap up to which the weight decay stays as it was set, and gap from which on it is [`MOST`] times as much, dB. Captures that
 /// lose by more decay have gaps of 0.8 to 2.9. One whose light turned with its object has 5.0, and gains 2.4 dB by it.
 const GAPS: [f64; 2] = [3.5, 5.0];
 const MOST: f64 = 30.0;
-/// Rays of a photograph from which on its error is known.
+/// Fewest rays of a photograph whose error is known.
 const KNOWN: f64 = 64.0;
 
 /// Errors of a run's photographs while some of them are withheld.
@@ -40,9 +40,9 @@ pub struct WithheldFound {
 }
 
 impl WithheldFound {
-    /// Whether a checkpoint's can be those of a run with these settings.
+    /// Whether the verdict of a checkpoint, which may hold anything, is within the bounds of [`Withheld::verdict`].
     pub fn is_sound(&self, optimiser: &OptimiserConfig) -> bool {
-        (0.0..=1.0).contains(&(optimiser.rate * self.weight_decay))
+        (0.0..=1.0 / optimiser.rate).contains(&self.weight_decay)
     }
 }
 

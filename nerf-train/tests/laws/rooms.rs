@@ -68,7 +68,7 @@ fn a_room_of_the_core_uses_only_those_in_front_of_it() {
     );
 }
 
-/// The types that have an `impl` of their own in this text, without those of traits.
+/// Names of the types with an inherent `impl` in this text.
 fn own_impls(text: &str) -> impl Iterator<Item = &str> {
     let heads = text.split("\nimpl").skip(1).filter_map(|after| after.split('{').next());
     heads.filter(|head| !head.contains(" for ")).map(|head| {

@@ -31,7 +31,7 @@ impl<'w> Medians<'w> {
 
     /// Whether the sample that `gathered` took last is where the light of a ray falls below one half.
     ///
-    /// The test that ends rays, so that a cut of one half never comes first.
+    /// The same comparison as the one that ends rays: a threshold of one half never ends a ray before its median is known.
     #[inline]
     pub fn passes(&self, ray: u32, gathered: &Accumulator) -> bool {
         let distance = self.distance.get(ray as usize);

@@ -13,7 +13,7 @@ pub(in crate::render) struct PixelRay {
     pub ray: Ray,
     /// How far that is along the ray.
     pub start: f32,
-    /// The distances that are seen of it.
+    /// Nearest and farthest visible distance along the ray, world units.
     pub range: [f32; 2],
     pub x: u32,
     pub y: u32,

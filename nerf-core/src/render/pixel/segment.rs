@@ -3,7 +3,7 @@
 use crate::camera::Ray;
 use glam::Vec3;
 
-/// A ray of the caller's, and the distances that are seen of it.
+/// A ray given by the caller, and its visible distances.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RaySegment {
     /// From where, in which direction.

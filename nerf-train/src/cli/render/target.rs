@@ -115,7 +115,7 @@ pub(super) fn claims(render: &Render, target: &Target) -> Claims {
     })
 }
 
-/// The frames that are this process's: of a folder those of its part.
+/// Frames that this process renders: its shard of a folder of frames, all of any other output.
 pub(super) fn part(render: &Render, target: &Target, global: &Global) -> anyhow::Result<Shard> {
     match target {
         Target::Frames => render.shard.choose(global),
