@@ -23,7 +23,7 @@ use std::fmt::Display;
 use std::path::Path;
 
 /// First bytes of a checkpoint; the last is the version.
-const MAGIC: [u8; 8] = *b"NERFCKP\x0d";
+const MAGIC: [u8; 8] = *b"NERFCKP\x0e";
 
 /// A run of a scene or a picture, stopped between two steps.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -22,6 +22,8 @@ pub struct Gains {
     moment2: Vec<[f32; 3]>,
     steps: u32,
     on_trial: bool,
+    /// Whether they are kept, whatever the trial finds.
+    own: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -76,15 +78,20 @@ impl Gains {
         match sights.and_then(|sights| LogGains::measured(views, sights)) {
             Some(log) => {
                 let found = ExposureFound::of(&log, true, own);
-                (found.fitted.then(|| Self::begin(log, false)), Some(found))
+                (found.fitted.then(|| Self { on_trial: false, ..Self::begin(log, own) }), Some(found))
             }
-            None => (Some(Self::begin(LogGains::none(views.len()), !own)), None),
+            None => (Some(Self::begin(LogGains::none(views.len()), own)), None),
         }
     }
 
-    fn begin(log: LogGains, on_trial: bool) -> Self {
+    /// Gains to learn for photographs that were found to contradict each other.
+    pub fn of_contradicting(views: &[View]) -> Self {
+        Self::begin(LogGains::none(views.len()), true)
+    }
+
+    fn begin(log: LogGains, own: bool) -> Self {
         let zeros = vec![[0.0; 3]; log.0.len()];
-        Self { log, moment1: zeros.clone(), moment2: zeros, steps: 0, on_trial }
+        Self { log, moment1: zeros.clone(), moment2: zeros, steps: 0, on_trial: true, own }
     }
 
     /// Factors on the colours of each of a batch's rays, by their photographs.
@@ -120,7 +127,7 @@ impl Gains {
             return None;
         }
         self.on_trial = false;
-        Some(ExposureFound::of(&self.log, false, false))
+        Some(ExposureFound::of(&self.log, false, self.own))
     }
 
     pub fn views(&self) -> usize {

@@ -151,7 +151,7 @@ impl Default for CaptureConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Exposure {
-    /// Where they differ by enough.
+    /// Where they differ by enough; in a box, where withheld photographs contradict the others.
     Auto,
     /// Each.
     Own,

@@ -74,7 +74,7 @@ pub struct Batch {
     pub surfaces: Vec<Surface>,
     /// Position of each sample of those rays along its ray, 0 to 1 as [`Surface::at`].
     pub along: Vec<f32>,
-    /// Index of each ray's photograph. Of a grid's batches of an unbounded scene only, as what follows.
+    /// Index of each ray's photograph. Of a grid's batches only, as what follows.
     pub views: Vec<u32>,
     /// Index of each ray's pixel in its photograph.
     pub pixels: Vec<u32>,
@@ -83,7 +83,7 @@ pub struct Batch {
     /// What is asked of the rays themselves, if anything is: the gradient that is followed leaves out that the colour
     /// depends on the direction, and that the distortion loss depends on distances.
     pub question: Option<RayQuestion>,
-    /// Gain of each ray's photograph, red, green, blue; empty: 1.
+    /// Gain of each ray's photograph on what the field shows, red, green, blue; empty: 1. The background has none.
     pub gains: Vec<[f32; 3]>,
     /// Weight of each ray's squared error in the loss; empty: 1.
     pub weights: Vec<f32>,

@@ -4,7 +4,7 @@ pub mod candidate;
 
 use crate::capture::sights::{self, Sights};
 use crate::data::{Background, Dataset, View, mean_colour};
-use crate::model::config::{Config, Density, SamplingConfig};
+use crate::model::config::{Config, Density, Exposure, SamplingConfig};
 use crate::model::engine::{Batch, Engine, Model, Phase, Phases, engine_for};
 use crate::train::average::Average;
 use crate::train::checkpoint::{Checkpoint, fingerprint, settings};
@@ -97,10 +97,7 @@ impl<'d> Trainer<'d> {
         if let Some(sights) = sights.as_ref().filter(|_| config.capture.depth > 0.0) {
             bank = bank.with_sights(sights);
         }
-        let (gains, exposure) = match unbounded {
-            true => Gains::of(&dataset.train, sights.as_ref(), config.capture.exposure),
-            false => (None, None),
-        };
+        let (gains, exposure) = gains_at_first(dataset, sights.as_ref(), &config);
         let (poses, poses_found) = match unbounded {
             true => Poses::of(dataset, sights.is_some(), config.capture.poses),
             false => (None, None),
@@ -476,6 +473,11 @@ impl<'d> Trainer<'d> {
         if let Some(found) = withheld.verdict(step, &self.config.optimiser) {
             (self.withheld, self.withheld_found) = (None, Some(found));
             self.apply_weight_decay();
+            // Key points say more of exposure than contradictions do.
+            let unknown = self.exposure.is_none() && self.gains.is_none();
+            if found.contradict() && unknown && self.config.capture.exposure == Exposure::Auto {
+                self.gains = Some(Gains::of_contradicting(&self.dataset.train));
+            }
         }
     }
 
@@ -585,6 +587,7 @@ impl<'d> Trainer<'d> {
             Some(_) => Poses::of(self.dataset, self.sights.is_some(), self.config.capture.poses),
             None => (None, None),
         };
+        (self.gains, self.exposure) = gains_at_first(self.dataset, self.sights.as_ref(), &self.config);
         self.moving =
             self.moving.as_ref().and_then(|_| Moving::of(&self.dataset.train, self.config.capture.moving));
         (self.withheld, self.withheld_found) =
@@ -604,6 +607,20 @@ impl<'d> Trainer<'d> {
 pub struct RefinedCameras {
     pub train: Vec<Camera>,
     pub val: Vec<Camera>,
+}
+
+/// Gains to learn from the first step on, and what is known of exposure. A scene that ends at a box has none before its
+/// photographs contradict each other, unless the settings ask for them.
+fn gains_at_first(
+    dataset: &Dataset,
+    sights: Option<&Sights>,
+    config: &Config,
+) -> (Option<Gains>, Option<ExposureFound>) {
+    let exposure = config.capture.exposure;
+    if config.sampling.contraction.is_none() && exposure == Exposure::Auto {
+        return (None, None);
+    }
+    Gains::of(&dataset.train, sights, exposure)
 }
 
 /// Photographs to withhold. None beside poses that move: the others' would move away from theirs.

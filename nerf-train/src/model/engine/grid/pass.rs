@@ -187,19 +187,21 @@ impl Scratch {
         for (i, index) in rays.enumerate() {
             let (ray, transmittance) = (&batch.rays[index], self.evaluated.rays[i].transmittance);
             let shown = self.shade.shown(i, chunk);
-            let seen: [f32; 3] = std::array::from_fn(|k| shown[k] + ray.background[k] * transmittance);
             let gain = batch.gains.get(index).copied().unwrap_or([1.0; 3]);
-            let error: [f32; 3] =
-                std::array::from_fn(|k| clipped_error(gain[k] * seen[k], ray.rgb[k], gain[k]));
+            let error: [f32; 3] = std::array::from_fn(|k| {
+                let seen = gain[k] * shown[k] + ray.background[k] * transmittance;
+                clipped_error(seen, ray.rgb[k], gain[k])
+            });
             let weight = batch.weights.get(index).copied().unwrap_or(1.0);
             squared += f64::from(weight) * error.iter().map(|&e| f64::from(e) * f64::from(e)).sum::<f64>();
-            let gradient: [f32; 3] = std::array::from_fn(|k| scale * weight * error[k] * gain[k]);
+            let by_seen: [f32; 3] = std::array::from_fn(|k| scale * weight * error[k]);
+            let gradient: [f32; 3] = std::array::from_fn(|k| by_seen[k] * gain[k]);
             if let Some(&view) = batch.views.get(index) {
                 pass.errors.push((index as u32, error));
-                pass.gains.push((view, std::array::from_fn(|k| gradient[k] * seen[k])));
+                pass.gains.push((view, std::array::from_fn(|k| gradient[k] * shown[k])));
             }
             self.by_shown.push(gradient);
-            let of_background: f32 = gradient.iter().zip(ray.background).map(|(g, c)| g * c).sum();
+            let of_background: f32 = by_seen.iter().zip(ray.background).map(|(g, c)| g * c).sum();
             let of_surface = draw_to_surface(
                 batch,
                 index,

@@ -108,15 +108,11 @@ impl GridReferenceEngine {
         loss.kept += kept.samples.len();
         if kept.samples.is_empty() {
             for ((ray, transmittance), index) in rays.iter().zip(&kept.unkept).zip(indices) {
-                let gain = batch.gains.get(index).copied().unwrap_or([1.0; 3]);
-                let shown = |k: usize| gain[k] * transmittance * ray.background[k];
-                let error = [0, 1, 2].map(|k| shown(k) - ray.rgb[k]);
+                let error = [0, 1, 2].map(|k| transmittance * ray.background[k] - ray.rgb[k]);
                 let weight = batch.weights.get(index).copied().unwrap_or(1.0);
                 let squared: f64 =
                     f64::from(weight) * error.map(|e| f64::from(e).powi(2)).iter().sum::<f64>();
-                if let Some(&view) = batch.views.get(index) {
-                    let scale = 2.0 * weight / (3 * batch.rays.len()) as f32;
-                    of_rays.gains.push((view, [0, 1, 2].map(|k| scale * error[k] * shown(k))));
+                if batch.views.len() > index {
                     of_rays.errors.push((index as u32, error));
                 }
                 loss.mse += squared / (3 * batch.rays.len()) as f64;
@@ -189,11 +185,11 @@ impl GridReferenceEngine {
         let shape = *colour.shape();
         let shown = with_tape(colour, mean.split_tape().1)
             .try_mul(opacity.try_broadcast_like::<_, Axis<1>>(&shape)?)?;
-        let seen = over(shown, transmittance, of_rays(|ray| ray.background)?)?;
         let gains =
             indices.clone().flat_map(|ray| batch.gains.get(ray).copied().unwrap_or([1.0; 3])).collect();
         let gains = device.try_tensor_from_vec(gains, (rays.len(), 3))?;
-        let seen = seen.try_mul(gains.retaped::<Taped>())?;
+        let shown = shown.try_mul(gains.retaped::<Taped>())?;
+        let seen = over(shown, transmittance, of_rays(|ray| ray.background)?)?;
         let rgb = rays.iter().flat_map(|ray| ray.rgb);
         let errors = seen.as_vec().into_iter().zip(rgb).map(|(seen, rgb)| seen - rgb).collect();
         let root = |ray: usize| batch.weights.get(ray).map_or(1.0, |weight| weight.sqrt());

@@ -158,15 +158,14 @@ fn gradients_of_log_gains_are_finite_differences() {
         let error = (expected - f64::from(found[view][channel])).abs();
         assert!(error < 1e-5, "{name}, photograph {view}, channel {channel}: {expected}, {found:?}");
     }
-    // A photograph that is white, and a field that is whiter.
-    let white = |rgb| {
+    // A photograph that is white, and a background that is whiter, which has no gain.
+    let mut white = |rgb| {
         let mut batch = batch_of(1, 5);
-        (batch.rays[0].rgb, batch.rays[0].background, batch.rays[0].samples) = ([rgb; 3], [1.0; 3], 0);
+        (batch.rays[0].rgb, batch.rays[0].background, batch.rays[0].samples) = ([rgb; 3], [1.5; 3], 0);
         (batch.positions, batch.deltas) = (Vec::new(), Vec::new());
-        (batch.views, batch.gains) = (vec![0], vec![[1.5; 3]]);
+        (batch.views, batch.gains) = (vec![0], vec![[2.0; 3]]);
         engine.step(&batch, 0.0).unwrap().mse
     };
-    let mut white = white;
     assert_eq!((white(1.0), white(0.5)), (0.0, 1.0));
 }
 

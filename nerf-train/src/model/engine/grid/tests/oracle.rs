@@ -178,7 +178,7 @@ pub(super) fn loss(m: &Model, bounds: &SceneBox, p: &[f64], batch: &Batch) -> Fo
         let shown = shown(m, p, &weights, &features, &ray.dir);
         for (k, shown) in shown.into_iter().enumerate() {
             let gain = f64::from(batch.gains.get(index).map_or(1.0, |gain| gain[k]));
-            let shown = gain * (shown + transmittance * f64::from(ray.background[k]));
+            let shown = gain * shown + transmittance * f64::from(ray.background[k]);
             let error = shown - f64::from(ray.rgb[k]);
             found.loss += f64::from(batch.weights.get(index).copied().unwrap_or(1.0)) * error * error;
         }
