@@ -1,7 +1,7 @@
 // nerf_render: render radiance fields from C++17.
 //
-// What nerf_render.h says in C, with memory that frees itself, views that know their length, and errors
-// that are values: nothing here throws, and -fno-exceptions -fno-rtti is fine. Header only.
+// nerf_render.h in C++: memory that frees itself, views that know their length, and errors that are values. Nothing
+// here throws, and -fno-exceptions -fno-rtti is fine. Header only.
 //
 //     auto scene = nerf::scene::open_file("scene.nerf");
 //     if (!scene) return complain(scene.error().text());
@@ -14,10 +14,10 @@
 //     if (!worker) return complain(worker.error().text());
 //     auto counters = worker->render(camera, target);
 //
-// - Names, units and rules are those of nerf_render.h: a wrapper begins where C needs a struct_size.
+// - Names, units and rules are those of nerf_render.h. There is a wrapper for whatever needs a struct_size in C.
 // - nerf::memory is owned or lent by the caller: without a heap, lend everything.
 // - A scene never changes: threads may share it, each with a worker of its own.
-// - What was moved from is empty: calls on it are NERF_STATUS_NULL_POINTER, not undefined.
+// - A moved-from object is empty: calls on it are NERF_STATUS_NULL_POINTER, not undefined.
 #ifndef NERF_RENDER_HPP
 #define NERF_RENDER_HPP
 
@@ -44,19 +44,19 @@ namespace nerf {
 
 namespace detail {
 
-/// The type of a container's elements, constant where they are.
+/// The type of a container's elements, const if they are.
 template <class C>
 using element = std::remove_pointer_t<decltype(std::data(std::declval<C &>()))>;
 
-/// Whether C (as deduced for a C &&) can lend its elements: it is named, or it is a view, whose elements are as
-/// constant as they are, however constant the view. A temporary that owns them would take them along.
+/// Whether C (as deduced for a C &&) can lend its elements: it is an lvalue, or a view, whose own constness does not
+/// make its elements const. A temporary that owns its elements would take them along.
 template <class C>
 inline constexpr bool lends = std::is_lvalue_reference_v<C> || std::is_same_v<element<C>, element<const C>>;
 
-/// The base that tells strided views from containers.
+/// Base class by which strided views are told from containers.
 struct strided_view {};
 
-/// The C library reads and writes floats by copying them, whatever structure they are in.
+/// Casts a pointer to floats, whatever structure holds them: the C library reads and writes them by copying.
 template <class T, class E>
 T *floats_at(E *first) noexcept {
     using untyped = std::conditional_t<std::is_const_v<T>, const void, void>;
@@ -65,8 +65,8 @@ T *floats_at(E *first) noexcept {
 
 } // namespace detail
 
-/// Elements that lie side by side in somebody else's memory; made of arrays, std::vector, std::array,
-/// std::span and whatever else has data and size.
+/// A view of contiguous elements in memory that it does not own; made from arrays, std::vector, std::array, std::span
+/// and any other container with data and size.
 template <class T>
 class span {
 public:
@@ -90,7 +90,7 @@ private:
     std::size_t size_ = 0;
 };
 
-/// Bytes of anything that lies side by side: a blob in a std::vector<char>, an array in flash, a mapped file.
+/// The bytes of any contiguous container: a blob in a std::vector<char>, an array in flash, a mapped file.
 class bytes {
 public:
     constexpr bytes(const void *data, std::size_t size) noexcept : data_(data), size_(size) {}
@@ -99,7 +99,7 @@ public:
     constexpr bytes(const C &container) noexcept
         : data_(std::data(container)), size_(std::size(container) * sizeof(E)) {}
 
-    /// Not of a temporary that owns its bytes: they would be gone.
+    /// Deleted for a temporary that owns its bytes: they would be gone.
     template <class C, class = std::enable_if_t<!detail::lends<C>>>
     bytes(C &&container) = delete;
 
@@ -111,17 +111,17 @@ private:
     std::size_t size_;
 };
 
-/// Numbers in somebody else's memory, `each` to a ray or point, side by side or a stride apart. T is float or const float.
+/// A view of floats that it does not own, `each` per ray or point, contiguous or strided. T is float or const float.
 ///
-/// Made of floats in whatever has data and size, of any trivially copyable structures of so many floats (a host's own
-/// vector), or with nerf::member of one field of larger structures.
+/// Made from a container of floats, or of trivially copyable structures of `each` floats (a host's own vector), or
+/// with nerf::member from one field of larger structures.
 template <class T, std::size_t each>
 class strided : detail::strided_view {
 public:
     constexpr strided() noexcept = default;
     strided(T *data, std::size_t count, std::size_t stride) noexcept : data_(data), count_(count), stride_(stride) {}
 
-    /// A view to read of one to write.
+    /// Converts a writable view into a read-only one.
     template <class U, class = std::enable_if_t<std::is_same_v<const U, T>>>
     strided(const strided<U, each> &other) noexcept
         : data_(other.data_), count_(other.count_), stride_(other.stride_), whole_(other.whole_) {}
@@ -140,10 +140,10 @@ public:
     /// Number of rays or points.
     std::size_t size() const noexcept { return count_; }
     bool empty() const noexcept { return data_ == nullptr; }
-    /// Bytes from one to the next; 0 for side by side.
+    /// Bytes from one ray's or point's floats to the next; 0 if they are contiguous.
     std::size_t stride() const noexcept { return stride_; }
     nerf_floats c() const noexcept { return {data_, stride_}; }
-    /// Whether there are so many, and none beyond them.
+    /// Whether the view holds exactly `count` rays or points.
     bool holds(std::size_t count) const noexcept { return whole_ && count_ == count; }
 
 private:
@@ -156,14 +156,14 @@ private:
     bool whole_ = true;
 };
 
-/// Points, directions or colours.
+/// Points, directions or colours: three floats each.
 template <class T>
 using triples = strided<T, 3>;
-/// One number each.
+/// One float per ray or point.
 template <class T>
 using numbers = strided<T, 1>;
 
-/// A field of the structures in a container: `nerf::member(rays, &my_ray::origin)`.
+/// A view of one field of the structures in a container: `nerf::member(rays, &my_ray::origin)`.
 template <class C, class S, class F>
 auto member(C &&container, F S::*field) noexcept {
     using element = detail::element<C>;
@@ -176,12 +176,12 @@ auto member(C &&container, F S::*field) noexcept {
         count == 0 ? nullptr : detail::floats_at<number>(std::addressof(first->*field)), count, sizeof(S));
 }
 
-/// Whether the library speaks the ABI this header was written for.
+/// Whether the library has the ABI that this header was written for.
 inline bool abi_matches() noexcept { return nerf_abi_version() == NERF_ABI_VERSION; }
 /// The library's version, "0.1.0".
 inline std::string_view version() noexcept { return nerf_version_text(); }
 
-/// A text inside a blob; it lives as long as the blob.
+/// A view of a text inside a blob; it lives as long as the blob.
 inline std::string_view view(const nerf_text &text) noexcept { return {text.data, text.length}; }
 
 // --------------------------------------------------------------------------------------- errors
@@ -191,11 +191,11 @@ struct error {
     nerf_status status = NERF_STATUS_OK;
     char message[256] = {};
 
-    /// The sentence, or what the status means where there is none; never null.
+    /// The message, or the meaning of the status if there is none; never null.
     const char *text() const noexcept { return message[0] == '\0' ? nerf_status_text(status) : message; }
 };
 
-/// A value, or why there is none. Test it before using it.
+/// A value, or the error that explains why there is none. Test it before using it.
 template <class T>
 class [[nodiscard]] result {
 public:
@@ -205,7 +205,7 @@ public:
     explicit operator bool() const noexcept { return value_.has_value(); }
     T &operator*() & noexcept { return assert(value_), *value_; }
     const T &operator*() const & noexcept { return assert(value_), *value_; }
-    /// Of a result that is going away the value moves out: `auto w = *scene.workspace(...)`.
+    /// Moves the value out of a temporary result: `auto w = *scene.worker(...)`.
     T &&operator*() && noexcept { return assert(value_), std::move(*value_); }
     T &value() & noexcept { return **this; }
     const T &value() const & noexcept { return **this; }
@@ -213,7 +213,7 @@ public:
     T *operator->() noexcept { return assert(value_), &*value_; }
     const T *operator->() const noexcept { return assert(value_), &*value_; }
 
-    /// Status 0 where there is a value.
+    /// The error; its status is 0 if there is a value.
     const nerf::error &error() const noexcept { return error_; }
     nerf_status status() const noexcept { return error_.status; }
 
@@ -222,7 +222,7 @@ private:
     nerf::error error_;
 };
 
-/// Done, or why not.
+/// Success, or the error that explains the failure.
 template <>
 class [[nodiscard]] result<void> {
 public:
@@ -236,7 +236,7 @@ private:
     nerf::error error_;
 };
 
-/// The memory that a call needs, bytes, and its alignment.
+/// Size of the memory that a call needs, bytes, and its alignment.
 struct layout {
     std::size_t size = 0;
     std::size_t align = 1;
@@ -244,7 +244,7 @@ struct layout {
 
 namespace detail {
 
-/// `call(value, message, capacity)` is a call of the C library; `value` its result.
+/// Runs a call of the C library, `call(value, message, capacity)`, which writes its result to `value`.
 template <class T, class Call>
 result<T> checked(T value, Call &&call) noexcept {
     error why;
@@ -252,7 +252,7 @@ result<T> checked(T value, Call &&call) noexcept {
     return why.status == NERF_STATUS_OK ? result<T>(std::move(value)) : result<T>(why);
 }
 
-/// A call whose last argument before the message receives a value.
+/// Runs a call whose last argument before the message receives a value.
 template <class T, class Call, class... Arguments>
 result<T> made(Call &&call, Arguments... arguments) noexcept {
     return checked(T(), [&](T &to, char *message, std::size_t capacity) {
@@ -260,7 +260,7 @@ result<T> made(Call &&call, Arguments... arguments) noexcept {
     });
 }
 
-/// A call whose last arguments before the message receive a size and an alignment.
+/// Runs a call whose last arguments before the message receive a size and an alignment.
 template <class Call, class... Arguments>
 result<layout> layout_of(Call &&call, Arguments... arguments) noexcept {
     return checked(layout(), [&](layout &to, char *message, std::size_t capacity) {
@@ -268,13 +268,13 @@ result<layout> layout_of(Call &&call, Arguments... arguments) noexcept {
     });
 }
 
-/// A structure of the C library: its size, else zeros.
+/// A structure of the C library with its size set and zeros elsewhere.
 template <class C>
 struct sized : C {
     sized() noexcept : C() { this->struct_size = sizeof(C); }
 };
 
-/// A value that is empty where it was moved from.
+/// A value that becomes empty when it is moved from.
 template <class T>
 struct moved {
     T value = {};
@@ -287,7 +287,7 @@ struct moved {
     }
 };
 
-/// Ends what a pointer owns, if it owns it. A pointer to a function, so that a program that only lends links no heap.
+/// Deleter that frees only what is owned. A function pointer, so that a program that only lends links no heap.
 template <class T>
 struct ending {
     void (*end)(T *, std::size_t align) noexcept = nullptr;
@@ -313,12 +313,12 @@ error failed(nerf_status status, const char (&message)[length]) noexcept {
 
 // --------------------------------------------------------------------------------------- memory
 
-/// Bytes for a scene or a worker: owned and freed, or lent by the caller. Movable.
+/// Memory for a scene or a worker: owned and freed, or lent by the caller. Movable.
 class memory {
 public:
     memory() noexcept = default;
 
-    /// Memory from the heap; NERF_STATUS_OUT_OF_MEMORY where there is not enough.
+    /// Allocates memory from the heap; NERF_STATUS_OUT_OF_MEMORY if there is not enough.
     static result<memory> allocate(const layout &needed) noexcept {
         memory owned;
         owned.data_.reset(::operator new(needed.size, std::align_val_t{needed.align}, std::nothrow));
@@ -330,12 +330,12 @@ public:
         owned.data_.get_deleter() = {free, needed.align};
         return owned;
     }
-    /// Memory of the layout that was found, or why there is none.
+    /// Allocates memory of the layout in `needed`, or passes its error on.
     static result<memory> allocate(const result<layout> &needed) noexcept {
         return needed ? allocate(*needed) : result<memory>(needed.error());
     }
 
-    /// Memory of the caller's, which stays where it is for as long as it is used; never freed.
+    /// Lends the caller's memory, which must stay in place while it is used; never freed.
     template <class C>
     static memory lend(C &&container) noexcept {
         using element = detail::element<C>;
@@ -357,7 +357,7 @@ private:
 
 // --------------------------------------------------------------------------------------- camera
 
-/// Just enough for cameras.
+/// A minimal vector, for cameras.
 struct vec3 {
     float x = 0.0f, y = 0.0f, z = 0.0f;
 
@@ -374,7 +374,7 @@ inline vec3 cross(vec3 a, vec3 b) noexcept {
 
 namespace detail {
 
-/// Two directions across `up`, as in nerf-train's orbits.
+/// Two directions perpendicular to `up` and to each other, as in nerf-train's orbits.
 /// Source: Duff et al. 2017, "Building an orthonormal basis, revisited".
 inline std::pair<vec3, vec3> across(vec3 up) noexcept {
     const float sign = std::copysign(1.0f, up.z), a = -1.0f / (sign + up.z), b = up.x * up.y * a;
@@ -383,7 +383,7 @@ inline std::pair<vec3, vec3> across(vec3 up) noexcept {
 
 } // namespace detail
 
-/// The ray of an image point: `dir` is of unit length, and `z_depth` = z_per_distance * `ray_distance`.
+/// The ray through an image point: `dir` is of unit length, and `z_depth` = z_per_distance * `ray_distance`.
 struct ray {
     vec3 origin, dir;
     float z_per_distance = 0.0f;
@@ -391,7 +391,7 @@ struct ray {
 
 /// A pinhole camera; every field of nerf_camera is there, lens included. Looks down -Z, +Y up, +X right.
 struct camera : detail::sized<nerf_camera> {
-    /// At the world's origin, with the principal point in the middle; `focal` in pixels.
+    /// A camera at the world's origin, with the principal point in the middle; `focal` in pixels.
     camera(std::uint32_t columns, std::uint32_t rows, float focal) noexcept {
         width = columns;
         height = rows;
@@ -401,14 +401,14 @@ struct camera : detail::sized<nerf_camera> {
         c2w[0] = c2w[5] = c2w[10] = 1.0f;
     }
 
-    /// With `fov` radians from the bottom of the image to its top.
+    /// A camera whose field of view is `fov` radians from the bottom of the image to its top.
     static camera from_vertical_fov(std::uint32_t columns, std::uint32_t rows, float fov) noexcept {
         return {columns, rows, 0.5f * static_cast<float>(rows) / std::tan(0.5f * fov)};
     }
 
-    /// The camera of a renderer's own matrices, 16 floats each, column-major as in OpenGL and glTF: `view` takes the world to
-    /// the eye (a rotation and a translation), `projection` a perspective one of depth along -Z; its near and far planes
-    /// are not those of a field. NERF_STATUS_CAMERA for any other kind.
+    /// The camera of a renderer's own matrices, 16 floats each, column-major as in OpenGL and glTF. `view` takes the
+    /// world to the eye by a rotation and a translation. `projection` is perspective, along -Z; its near and far
+    /// planes are ignored. NERF_STATUS_CAMERA for any other kind.
     static result<camera> from_matrices(std::uint32_t columns, std::uint32_t rows, span<const float> view,
                                         span<const float> projection) noexcept {
         if (view.size() != 16 || projection.size() != 16) {
@@ -441,8 +441,8 @@ struct camera : detail::sized<nerf_camera> {
         return made;
     }
 
-    /// Puts it at `eye`, looking at `target`, with `up` upwards in its image. Where there is no such view
-    /// (they coincide, or `up` is the line of sight), rendering says NERF_STATUS_CAMERA.
+    /// Places the camera at `eye`, looking at `target`, with `up` upwards in its image. If there is no such view
+    /// (`eye` equals `target`, or `up` is the line of sight), rendering returns NERF_STATUS_CAMERA.
     camera &look_at(vec3 eye, vec3 target, vec3 up = {0.0f, 0.0f, 1.0f}) noexcept {
         const auto three = [](const vec3 &of) { return detail::floats_at<const float>(&of); };
         if (nerf_camera_look_at(this, three(eye), three(target), three(up), nullptr, 0) != NERF_STATUS_OK) {
@@ -451,8 +451,8 @@ struct camera : detail::sized<nerf_camera> {
         return *this;
     }
 
-    /// Puts it on a sphere around `target`: `azimuth` turns around `up`, `elevation` rises towards it, both in
-    /// radians. `up`: of unit length, a world axis or any other direction.
+    /// Places the camera on a sphere around `target`: `azimuth` rotates around `up`, `elevation` rises towards it,
+    /// both in radians. `up`: of unit length, a world axis or any other direction.
     camera &orbit(vec3 target, float radius, float azimuth, float elevation,
                   vec3 up = {0.0f, 0.0f, 1.0f}) noexcept {
         const auto [side, ahead] = detail::across(up);
@@ -478,7 +478,7 @@ struct camera : detail::sized<nerf_camera> {
 
 using rect = nerf_rect;
 
-/// Stands for all of an image.
+/// Placeholder rectangle: the whole image.
 inline constexpr rect whole{0, 0, std::numeric_limits<std::uint32_t>::max(), std::numeric_limits<std::uint32_t>::max()};
 
 /// An image cut into rectangles of at most side x side pixels (side > 0), row by row.
@@ -497,15 +497,15 @@ private:
     std::uint32_t across() const noexcept { return count(width); }
 };
 
-/// From a pixel to the one below (negative where the last row is first in memory) and to its right neighbour, bytes; 0 is
-/// side by side.
+/// Bytes from a pixel to the one below (`row`, negative if the last row is first in memory) and to its right
+/// neighbour (`pixel`); 0 if they are contiguous.
 struct strides {
     std::ptrdiff_t row = 0;
     std::size_t pixel = 0;
 };
 
-/// A plane, to which one output goes or of which a limit is read: every pixel of the target's window, in a view that knows
-/// its end. One that is left out is not computed.
+/// A plane that receives one output, or that limits are read from: a view of every pixel of the target's window that
+/// knows its end. A plane that is left out is not computed.
 class plane {
 public:
     plane() noexcept = default;
@@ -515,15 +515,15 @@ public:
     static plane rgba_u8(span<std::uint8_t> s, strides by = {}) noexcept { return {NERF_FORMAT_RGBA_U8, s, by}; }
     static plane rgb_f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_RGB_F32, s, by}; }
     static plane rgba_f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_RGBA_F32, s, by}; }
-    // Opacity and distances.
+    // Opacity or distances.
     static plane f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_F32, s, by}; }
     // Normals.
     static plane vec3_f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_VEC3_F32, s, by}; }
-    // Limits, which are read.
+    // Limits, an input.
     static plane limit(span<const float> s, strides by = {}) noexcept {
         return {NERF_FORMAT_F32, span<float>(const_cast<float *>(s.data()), s.size()), by};
     }
-    // A field of structures that lie side by side: three floats are colour, or with `normals` a normal; four are RGBA.
+    // A field of contiguous structures: three floats are colour, or with `normals` a normal; four are RGBA.
     template <class C, class S, class F>
     static plane member(C &&pixels, F S::*field, bool normals = false) noexcept {
         static_assert(sizeof(F) == 4 || sizeof(F) == 12 || sizeof(F) == 16, "expected one, three or four floats");
@@ -537,7 +537,7 @@ public:
         return of;
     }
 
-    /// Whether it is there; a view without elements is, and too short.
+    /// Whether the plane is given. A view without elements is given, but too short.
     explicit operator bool() const noexcept { return there_; }
 
 private:
@@ -563,15 +563,15 @@ private:
     bool there_ = false;
 };
 
-/// Planes of an image, or of a window of it: any rectangle in there can be rendered into its place. Of rays they are a row.
+/// Planes of an image, or of a window of it; any rectangle inside can be rendered into them. For rays, one row.
 struct target {
     plane rgb = {}, opacity = {}, ray_distance = {}, z_depth = {}, median_distance = {}, normals = {};
-    /// Limits, where the ray of each pixel ends: what a host has traced there, or a depth buffer. One of the two at most.
+    /// Limits at which each pixel's ray ends: hits that a host has traced, or a depth buffer. At most one of the two.
     plane limit_ray_distance = {}, limit_z_depth = {};
-    /// The part of the image that the planes hold; empty for all of it.
+    /// The part of the image that the planes hold; empty for the whole image.
     rect window = {};
 
-    /// NERF_OUTPUT_* of the planes that are there, or-ed.
+    /// NERF_OUTPUT_* of the planes that are given, or-ed.
     std::uint32_t outputs() const noexcept {
         const auto bit = [](const plane &p, std::uint32_t output) { return p ? output : 0u; };
         return bit(rgb, NERF_OUTPUT_RGB) | bit(opacity, NERF_OUTPUT_OPACITY) |
@@ -579,7 +579,7 @@ struct target {
                bit(median_distance, NERF_OUTPUT_MEDIAN_DISTANCE) | bit(normals, NERF_OUTPUT_NORMALS);
     }
 
-    /// The C target of a rectangle of a width x height image, checked against the views' ends.
+    /// The C target for a rectangle of a width x height image, checked against the ends of the views.
     result<nerf_target> at(const rect &part, std::uint32_t width, std::uint32_t height) const noexcept {
         const rect all = window.width == 0 || window.height == 0 ? rect{0, 0, width, height} : window;
         const auto inside = [](std::uint32_t begin, std::uint32_t length, std::uint32_t from, std::uint32_t all_of) {
@@ -632,7 +632,7 @@ private:
 
 // ------------------------------------------------------------------------------ settings, figures
 
-/// Options of opening a scene: the instructions it runs on, and the storage of its weights.
+/// Options of opening a scene: its instruction set, and the storage of its weights.
 struct open_options : detail::sized<nerf_open_options> {
     open_options(nerf_kernel with = NERF_KERNEL_AUTO, nerf_storage in = NERF_STORAGE_AUTO) noexcept {
         kernel = with;
@@ -640,8 +640,8 @@ struct open_options : detail::sized<nerf_open_options> {
     }
 };
 
-/// Options of a frame; every field of nerf_render_options is there. As made they are the defaults: cuts that cost nothing
-/// visible.
+/// Options of a frame, with every field of nerf_render_options. Default-constructed they are the defaults: cuts that
+/// cost nothing visible.
 struct options : detail::sized<nerf_render_options> {
     /// Options without a cut or a blur.
     static options uncut() noexcept {
@@ -651,7 +651,7 @@ struct options : detail::sized<nerf_render_options> {
     }
 };
 
-/// The work of a call, exact; += adds up tiles.
+/// Exact counts of the work a call did; += adds up tiles.
 struct counters : detail::sized<nerf_counters> {
     counters &operator+=(const nerf_counters &other) noexcept {
         using work = nerf_counters;
@@ -664,12 +664,12 @@ struct counters : detail::sized<nerf_counters> {
     }
 };
 
-/// The point of a scene's front that was chosen.
+/// The chosen point of a scene's Pareto front.
 using choice = detail::sized<nerf_choice>;
 
-/// The time that frames take on one thread of this host, point by point of the scene's front.
+/// The time that a frame takes on one thread of this host, for each point of the scene's Pareto front.
 struct pace : detail::sized<nerf_pace> {
-    /// The pace where `threads` threads share a frame's tiles.
+    /// The pace if `threads` threads share a frame's tiles.
     pace shared_among(unsigned threads) const noexcept {
         pace all = *this;
         for (float &frame : all.milliseconds) {
@@ -681,11 +681,11 @@ struct pace : detail::sized<nerf_pace> {
 
 namespace detail {
 
-/// Stands for no progress callback and for the library's clock.
+/// Type of an absent progress callback, and of the library's own clock.
 struct none {};
 
-/// `F(done, all)` or `F()`, giving whether to go on, or nothing. Nothing it throws may come out: noexcept. `user` points to
-/// a pointer to it, which may be a function.
+/// Calls `F(done, all)` or `F()`, which returns whether to continue, or nothing. noexcept, since no exception may
+/// reach C. `user` points to a pointer to the callable, which may be a function.
 template <class F>
 int32_t progress(void *user, std::uint64_t done, std::uint64_t all) noexcept {
     F &f = **static_cast<F **>(user);
@@ -716,18 +716,18 @@ std::uint64_t clock(void *user) noexcept {
 
 class worker;
 
-/// An opened scene, or an opened picture (a 2D field), with the memory it lies in. Movable.
+/// An opened scene, or an opened picture (a 2D field), with its memory. Movable.
 class scene {
 public:
-    /// An empty one.
+    /// An empty scene.
     scene() noexcept = default;
 
-    /// The memory that a blob's scene lies in.
+    /// Layout of the memory that a scene needs for a blob.
     static result<layout> memory_layout(bytes blob, const open_options &how = {}) noexcept {
         return detail::layout_of(nerf_scene_memory, blob.data(), blob.size(), &how);
     }
 
-    /// Opens a blob in the caller's memory, or owned one. `blob` is borrowed: it stays as it is for as long as
+    /// Opens a blob in memory that the caller lends or hands over. `blob` is borrowed: it must stay unchanged while
     /// the scene is used.
     static result<scene> open(bytes blob, memory home, const open_options &how = {}) noexcept {
         scene opened;
@@ -746,7 +746,7 @@ public:
         return home ? open(blob, std::move(*home), how) : result<scene>(home.error());
     }
 
-    /// Opens a file, in memory of the library's own; only with a library that was built with `std`.
+    /// Opens a file, in memory that the library owns; only with a library that was built with `std`.
     static result<scene> open_file(const char *path, const open_options &how = {}) noexcept {
         return detail::checked(scene(), [&](scene &to, char *message, std::size_t capacity) {
             const nerf_scene *handle = nullptr;
@@ -756,24 +756,24 @@ public:
         });
     }
 
-    /// The same of a std::string, a std::filesystem::path (where its characters are char) and the like.
+    /// Opens a file by std::string, std::filesystem::path (if its characters are char) or another type with c_str().
     template <class P, class = std::enable_if_t<std::is_same_v<decltype(std::declval<const P &>().c_str()), const char *>>>
     static result<scene> open_file(const P &path, const open_options &how = {}) noexcept {
         return open_file(path.c_str(), how);
     }
 
-    /// For calls of the C library; null if empty.
+    /// Handle for calls of the C library; null if empty.
     const nerf_scene *get() const noexcept { return handle_.get(); }
 
     /// The facts of the scene; all zeros if empty.
     const nerf_scene_info &info() const noexcept { return info_.value; }
     bool is_picture() const noexcept { return info().kind == NERF_KIND_PICTURE; }
 
-    /// Whether it has a viewpoint: where somebody stood who took its photographs.
+    /// Whether the scene has a default viewpoint, from which its photographs were taken.
     bool has_viewpoint() const noexcept { return info().up[0] != 0.0f || info().up[1] != 0.0f || info().up[2] != 0.0f; }
 
-    // Of an orbit through there; of a scene that does not say, around the middle of its box, half way between near and
-    // far, with z up.
+    // The default orbit, through the viewpoint. Without a viewpoint it is around the middle of the scene box, with a
+    // radius half way between near and far, and z up.
 
     vec3 centre() const noexcept {
         return has_viewpoint() ? vector(info().target) : 0.5f * (vector(info().box_min) + vector(info().box_max));
@@ -782,61 +782,61 @@ public:
     float orbit_radius() const noexcept {
         return has_viewpoint() ? std::sqrt(dot(eye(), eye())) : 0.5f * (info().near_distance + info().far_distance);
     }
-    /// The angle at which it begins, radians, as nerf::camera::orbit counts them.
+    /// Azimuth of the orbit's start, radians, as in nerf::camera::orbit.
     float start_azimuth() const noexcept {
         const auto [side, ahead] = detail::across(up());
         return has_viewpoint() ? std::atan2(dot(eye(), ahead), dot(eye(), side)) : 0.6f;
     }
-    /// The angle above the ground, radians.
+    /// Elevation of the orbit's start, radians, as in nerf::camera::orbit.
     float start_elevation() const noexcept {
         const auto [side, ahead] = detail::across(up());
         const float flat = std::hypot(dot(eye(), ahead), dot(eye(), side));
         return has_viewpoint() ? std::atan2(dot(eye(), up()), flat) : 0.4f;
     }
-    /// A camera at its beginning; `fov`: radians, bottom to top.
+    /// A camera at the orbit's start; `fov`: radians, bottom to top.
     camera start_camera(std::uint32_t width, std::uint32_t height, float fov) const noexcept {
         auto start = camera::from_vertical_fov(width, height, fov);
         return start.orbit(centre(), orbit_radius(), start_azimuth(), start_elevation(), up());
     }
 
-    /// A worker of this scene, in memory of the heap: one for each thread. `outputs`: those of the targets that it will
-    /// render into; for queries NERF_OUTPUT_RGB or 0.
+    /// Opens a worker of this scene in memory from the heap: one for each thread. `outputs`: NERF_OUTPUT_* of the
+    /// targets that it will render into; for queries NERF_OUTPUT_RGB or 0.
     result<nerf::worker> worker(std::uint32_t outputs, const options &how = {}) const noexcept;
-    /// A worker in the caller's memory, or owned one.
+    /// Opens a worker in memory that the caller lends or hands over.
     result<nerf::worker> worker(std::uint32_t outputs, const options &how, memory home) const noexcept;
-    /// The memory that a worker lies in.
+    /// Layout of the memory that a worker needs.
     result<layout> worker_layout(std::uint32_t outputs, const options &how = {}) const noexcept {
         const auto asked = request<nerf_request>(outputs, how);
         return detail::layout_of(nerf_worker_size, &asked);
     }
 
-    // The five below set the shortcuts of `how` (samples, cuts, occupancy grid, maths, proposal); the rest of it
-    // stays.
+    // The five below set the quality settings of `how` (samples, cuts, occupancy grid, maths, proposal) and leave the
+    // rest unchanged.
 
-    /// The cheapest settings that lose at most `loss_db` against the exact rendering.
+    /// Chooses the cheapest settings that lose at most `loss_db` against the exact rendering.
     result<choice> within_loss(float loss_db, options &how) const noexcept {
         return chosen(nerf_quality_within_loss, how, loss_db);
     }
-    /// Those that lose least at `ratio` of the exact rendering's multiply-adds.
+    /// Chooses the settings that lose least at `ratio` of the exact rendering's multiply-adds.
     result<choice> within_cost(float ratio, options &how) const noexcept {
         return chosen(nerf_quality_within_cost, how, ratio);
     }
-    /// Those that lose least in `milliseconds` a frame, at a pace that was measured.
+    /// Chooses the settings that lose least in at most `milliseconds` per frame, at a measured pace.
     result<choice> within_time(float milliseconds, const pace &at, options &how) const noexcept {
         return chosen(nerf_quality_within_time, how, milliseconds, &at);
     }
-    /// Those of one point of the front, dearest first; info().front_points says how many there are.
+    /// Chooses the settings of one point of the Pareto front; 0 is the most expensive of info().front_points.
     result<choice> point(std::uint32_t index, options &how) const noexcept {
         return chosen(nerf_quality_point, how, index);
     }
-    /// Those of a preset, which lose no more than it says.
+    /// Chooses the settings of a preset, which lose at most what it allows.
     result<void> preset(nerf_preset wish, options &how) const noexcept {
         error why;
         why.status = nerf_quality_preset(get(), wish, &how, why.message, sizeof why.message);
         return why;
     }
 
-    /// The workspace that measuring the pace needs.
+    /// Layout of the workspace that measuring the pace needs.
     result<layout> pace_layout(std::uint32_t outputs, const options &how = {}) const noexcept {
         const auto asked = request<nerf_pace_request>(outputs, how);
         return detail::layout_of(nerf_pace_workspace_size, &asked);
@@ -844,8 +844,8 @@ public:
     result<memory> pace_workspace(std::uint32_t outputs, const options &how = {}) const noexcept {
         return memory::allocate(pace_layout(outputs, how));
     }
-    /// Renders some pixels at each point of the front on this thread, cheapest first, until a frame would take
-    /// more than `limit` milliseconds. `clock`: microseconds since any moment; the library's own if left out.
+    /// Renders some pixels at each point of the Pareto front on this thread, cheapest first, until a frame would take
+    /// more than `limit` milliseconds. `clock`: microseconds since any fixed moment; the library's own if left out.
     template <class F = detail::none>
     result<pace> measure_pace(const nerf_camera &camera, std::uint32_t outputs, float limit, memory &workspace,
                               const options &how = {}, F &&clock = {}) const noexcept {
@@ -879,7 +879,7 @@ private:
         return opened == NERF_STATUS_OK ? nerf_scene_describe(handle, &info_.value) : opened;
     }
     static vec3 vector(const float (&of)[3]) noexcept { return {of[0], of[1], of[2]}; }
-    /// The vector from the centre of the orbit to where the photographs were taken.
+    /// The vector from the centre of the orbit to the viewpoint.
     vec3 eye() const noexcept { return vector(info().eye) - vector(info().target); }
 
     memory home_;
@@ -889,12 +889,12 @@ private:
 
 // --------------------------------------------------------------------------------------- worker
 
-/// A scene that stands somewhere in a host's world: rotated, scaled alike along all axes, and moved.
+/// A scene placed in a host's world: rotated, scaled uniformly, and moved.
 struct instance : detail::sized<nerf_instance> {
     /// The scene in its own coordinates.
     explicit instance(const nerf::scene &of) noexcept { scene = of.get(); }
-    /// `matrix`: 16 floats, column-major as in OpenGL and glTF, that take the scene's coordinates to the world's. Another
-    /// number of them is no instance (`struct_size` 0), which is refused when a worker is opened.
+    /// `matrix`: 16 floats, column-major as in OpenGL and glTF, from the scene's coordinates to the world's. With
+    /// another number of floats the instance is invalid (`struct_size` 0), and opening a worker refuses it.
     instance(const nerf::scene &of, span<const float> matrix) noexcept : instance(of) {
         struct_size = matrix.size() == 16 ? sizeof(nerf_instance) : 0;
         for (std::size_t i = 0; i < 12 && struct_size != 0; ++i) {
@@ -903,26 +903,26 @@ struct instance : detail::sized<nerf_instance> {
     }
 };
 
-/// Rays of a host's own. What is left empty is not given: `t_min` is then 0, and `t_max` no end. In C++20
-/// `{.origins = ..., .dirs = ...}`.
+/// The host's own rays. Views may be left empty: `t_min` is then 0, and `t_max` infinite. With designated
+/// initialisers (C++20): `{.origins = ..., .dirs = ...}`.
 struct rays {
     triples<const float> origins, dirs;
     numbers<const float> t_min = {}, t_max = {};
-    /// Random numbers of sample_rays, in [0, 1); 1, to which a float rounds what is just below, is taken for the largest float
-    /// below it. render_rays refuses them.
+    /// Random numbers for sample_rays, in [0, 1); empty for render_rays. 1, which rounding to float produces, counts
+    /// as the largest float below it.
     numbers<const float> random = {};
-    /// The axis that z_depth is measured along, of unit length.
+    /// The axis, of unit length, along which z_depth is measured.
     std::optional<vec3> axis = {};
 };
 
-/// Scene, options, outputs and memory, made ready for any number of calls: one for each thread. Movable; the scene stays
-/// where it is for as long as it is used.
+/// Scene, options, outputs and memory, prepared for any number of calls: one for each thread. Movable; the scene must
+/// stay in place while the worker is used.
 class worker {
 public:
-    /// An empty one.
+    /// An empty worker.
     worker() noexcept = default;
 
-    /// Looks at several scenes at once, each where the host has placed it, or at one; the rest as in scene::worker.
+    /// Opens a worker of one or several scenes, each where the host has placed it; the rest as in scene::worker.
     static result<worker> open(span<const instance> instances, std::uint32_t outputs, const options &how = {}) noexcept {
         return open_on_heap(request(instances, outputs, how));
     }
@@ -935,14 +935,14 @@ public:
         return layout_of(request(instances, outputs, how));
     }
 
-    /// For calls of the C library; null if empty.
+    /// Handle for calls of the C library; null if empty.
     nerf_worker *get() const noexcept { return handle_.value; }
 
     /// Renders a camera's image, or a rectangle of it.
     ///
-    /// `progress`: called as (pixels done, all) or () before the first tile of at most 16x16 pixels and after
-    /// each, on this thread; it says whether to go on, or nothing. Must not throw. After NERF_STATUS_CANCELLED
-    /// each such tile is finished or untouched.
+    /// `progress`: called as (pixels done, all) or () before the first tile of at most 16x16 pixels and after each,
+    /// on this thread; returns whether to continue, or nothing. Must not throw. After NERF_STATUS_CANCELLED each tile
+    /// is finished or untouched.
     template <class F = detail::none>
     result<counters> render(const nerf_camera &camera, const target &to, const rect &part = whole,
                             F &&progress = {}) noexcept {
@@ -951,7 +951,7 @@ public:
         return draw(nerf_render, frame, camera.width, camera.height, to, part, progress);
     }
 
-    /// Renders a picture (a 2D field) at width x height pixels, or a rectangle of that; the rest as above.
+    /// Renders a picture (a 2D field) at width x height pixels, or a rectangle of it; the rest as in render.
     template <class F = detail::none>
     result<counters> render_picture(std::uint32_t width, std::uint32_t height, const target &to, const rect &part = whole,
                                     F &&progress = {}) noexcept {
@@ -961,15 +961,15 @@ public:
         return draw(nerf_render_picture, frame, width, height, to, part, progress);
     }
 
-    /// Renders rays of the host's own: pixel i of the planes is what ray i sees.
+    /// Renders the host's own rays: pixel i of the planes is what ray i sees.
     result<counters> render_rays(const rays &of, const target &to) noexcept { return trace(nerf_render_rays, of, to); }
 
-    /// Draws where a photon on each ray collides, by its number of `of.random`.
+    /// Samples the point at which a photon on each ray collides, by its number of `of.random`.
     result<counters> sample_rays(const rays &of, const target &to) noexcept { return trace(nerf_sample_rays, of, to); }
 
-    /// Density and colour at points seen along unit directions.
+    /// Evaluates density and colour at points seen along unit directions.
     ///
-    /// `rgb` is display-encoded unless the options say linear; it may be empty, and `dirs` then, too.
+    /// `rgb` is display-encoded unless the options say linear; if it is empty, `dirs` may be empty, too.
     result<counters> query(triples<const float> positions, triples<const float> dirs, numbers<float> sigma,
                            triples<float> rgb) noexcept {
         const std::size_t n = sigma.size();
@@ -986,8 +986,8 @@ public:
         return detail::made<counters>(nerf_query, get(), &asked);
     }
 
-    /// Says in English which stages a frame has and why; with counters, where its work went. Gives the bytes
-    /// of the whole text with its NUL; `text` gets what fits.
+    /// Explains in English which stages a frame has and why; with counters, where the work went. Returns the bytes of
+    /// the whole text with its NUL; `text` receives as much as fits.
     result<std::size_t> explain(span<char> text, const nerf_counters *work = nullptr) noexcept {
         return detail::made<std::size_t>(nerf_explain, get(), work, text.data(), text.size());
     }
@@ -1004,7 +1004,7 @@ private:
         asked.outputs = outputs;
         return asked;
     }
-    /// The first instance that was made of another number of floats than 16.
+    /// The error of the first instance that was made from another number of floats than 16.
     static error wrong_instance(const nerf_request &asked) noexcept {
         error why;
         for (std::size_t i = 0; i < asked.instance_count && why.status == NERF_STATUS_OK; ++i) {

@@ -1,6 +1,6 @@
-//! Methods of types that have no value in a build without their feature.
+//! Methods of types that have no values in a build without their feature.
 
-/// Declares them by their signatures; nothing calls them.
+/// Declares methods by their signatures. They are never called, since `self` cannot exist.
 macro_rules! absent {
     ($($(#[$about:meta])* $visibility:vis fn $name:ident $(<$V:ident: $Bound:ident>)?(&self $(, $argument:ty)*) -> $result:ty;)+) => {$(
         $(#[$about])*

@@ -1,6 +1,6 @@
-//! Errors that are sentences: a variant is declared with what it says.
+//! Error enums whose variants are declared with their messages.
 
-/// Declares an error: each of its variants with the sentence it says, which names what its fields are.
+/// Declares an error enum: each variant with its message, which explains the variant's fields.
 macro_rules! errors {
     ($(#[$about:meta])* $error:ident: $(
         $(#[$doc:meta])* $name:ident $(($at:ident: $of:ty))? $({$($field:ident: $type:ty),+})?

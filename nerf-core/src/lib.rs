@@ -1,14 +1,14 @@
 #![no_std]
-// The room `host` is not there.
+// The module `host`, to which docs link, is not compiled.
 #![cfg_attr(target_os = "none", allow(rustdoc::broken_intra_doc_links))]
 //! Radiance fields in fixed memory: open one small file, render any view of it, allocate nothing.
 //!
-//! Programs with an operating system open a `Scene` (feature `std`, module `host`), which owns its bytes and renders on all
-//! cores. Everything below it needs neither `std` nor `alloc`, reads fp16 weights where they lie, and does all
-//! arithmetic of the hot path in f32. Memory is the caller's, asked for by size first: a [`Renderer`] is a scene made
-//! ready, a [`Plan`] what is asked of it, a [`Worker`] both in memory of its own, for any number of calls. On microcontrollers
-//! nothing panics from blob to pixel in a build without debug assertions; `examples/firmware` lets the linker
-//! prove it.
+//! Programs with an operating system open a `Scene` (feature `std`, module `host`), which owns its bytes and renders
+//! on all cores. Everything below it needs neither `std` nor `alloc`, reads fp16 weights in place, and does all
+//! arithmetic of the hot path in f32. The caller queries the size of a workspace and supplies it: a [`Renderer`] is a
+//! prepared scene, a [`Plan`] the settings of a frame, a [`Worker`] both with their own memory, for any number of
+//! calls. On microcontrollers nothing panics from blob to pixel in a build without debug assertions;
+//! `examples/firmware` lets the linker prove it.
 //!
 //! # The pipeline
 //!
@@ -29,18 +29,18 @@
 //!                                        (median_distance, normal, if asked for)
 //! ```
 //!
-//! Fields that are shaded once a ray ([`Shading::PerRay`](network::Shading::PerRay)), the default of learned grids, differ:
-//! density is read from the encoding, or from one layer behind it; the same values of the samples above the cut are
-//! composited along the ray, and the colour branch maps their mean and `PE(dir)` to colour, once a ray.
+//! Fields that are shaded once a ray ([`Shading::PerRay`](network::Shading::PerRay)), the default of learned grids,
+//! differ. Density is computed from `h`, the encoded position itself or the output of a short trunk. `h` of the
+//! samples above the cut is composited along the ray, and the colour branch maps its mean and `PE(dir)` to colour,
+//! once a ray.
 //!
-//! A 2D field, an image as a network, takes the short way: pixel centres go through encoding, trunk and
-//! colour branch in the same blocks, and what comes out is the pixel
-//! ([`Renderer::render_picture`]).
+//! A 2D field, an image as a network, skips ray marching and compositing: pixel centres go through encoding, trunk
+//! and colour branch in the same blocks, whose output is the pixel ([`Renderer::render_picture`]).
 //!
-//! Modules stand in the order data flows, and each uses those above it: the stages are made of [`memory`], `simd`,
-//! `math` and `matrix`; [`camera`] makes rays, `sampling` says where on them the network is asked, [`encoding`] and
-//! [`network`] answer, [`volume`] adds up. [`blob`] is the file, [`plan`] decides what of it a frame needs, and [`render`]
-//! runs it.
+//! Modules are listed in the order of the data flow, and each uses those above it. [`memory`], `simd`, `math` and
+//! `matrix` are the basis; [`camera`] makes rays, `sampling` places samples on them, [`encoding`] and [`network`]
+//! evaluate these, [`volume`] composites. [`blob`] is the file, [`plan`] decides which parts of it a frame needs, and
+//! [`render`] executes the plan.
 //!
 //! # Conventions
 //!
@@ -52,16 +52,16 @@
 //! | [`camera::Ray::dir`] | unit length, so `t`, `near` and `far` are world units **along the ray** |
 //! | `ray_distance` | mean of `t` under the weights, world units along the ray |
 //! | `z_depth` | `ray_distance` times the cosine between ray and view axis |
-//! | `median_distance` | first `t` at which the transmittance is below one half, `far` where there is none |
-//! | `normal` | mean of −∇sigma/\|∇sigma\| under the weights, world space, unit length: it points out of what is dense |
-//! | no surface | where `opacity <=` [`volume::OPACITY_EPSILON`] both mean distances are `far`, and the normal is 0 |
+//! | `median_distance` | first `t` at which the transmittance is below one half, else `far` |
+//! | `normal` | mean of −∇sigma/\|∇sigma\| under the weights, world space, unit length: it points towards lower density |
+//! | no surface | if `opacity <=` [`volume::OPACITY_EPSILON`], both mean distances are `far` and the normal is 0 |
 //! | `sigma` | density, `>= 0`, per world unit |
-//! | `alpha` | `−expm1(−sigma delta)`: what one bin keeps of the light |
+//! | `alpha` | `−expm1(−sigma delta)`: fraction of the light that one bin absorbs |
 //! | `transmittance` | `exp(−Σ sigma delta)` over the bins in front, summed in log space, compensated |
 //! | `weights`, `opacity` | `transmittance · alpha`; their sum, `<= 1` |
-//! | samples | where a ray is in the scene box, wherever the camera is: at the step the scene names, or in its bins from near to far and as many more as the box needs; of an unbounded scene from near on, at steps that grow beyond its ball ([`space::Contraction`]) |
-//! | `far` | one number for all pixels of a camera: the scene's far, or the farthest corner of its box if that is farther ([`Plan::far_from`]); of an unbounded scene its far behind the middle |
-//! | last bin | finite: a march's ends where the ray leaves the box |
+//! | samples | on the part of a ray inside the scene box, for any camera position: at the scene's step, or in its bins from near to far and as many more as the box needs; in an unbounded scene from near on, at steps that grow outside the inner ball ([`space::Contraction`]) |
+//! | `far` | one number for all pixels of a camera: the scene's far, or the distance of the farthest corner of its box if that is larger ([`Plan::far_from`]); in an unbounded scene its far behind the middle |
+//! | last bin | finite: in a march it ends where the ray leaves the box |
 //! | colour | display-encoded (sRGB, as the training images were), `[0, 1]`, composited in that space |
 //! | 2D field | x right, y down, 0 to 1 over the image whatever its aspect; pixel (x, y) is ((x + ½) / width, (y + ½) / height) |
 //! | sinusoidal encoding | `[identity,]` then per level `k` `sin(2^k s x)` of all inputs, `cos(2^k s x)` of all inputs; `s` is π or 1 |
@@ -74,27 +74,27 @@
 //! | --- | --- | --- |
 //! | `libm` | yes | `MathBackend::Libm` |
 //! | `micromath` | yes | `MathBackend::Micromath`: small and rough |
-//! | `jitter` | yes | [`plan::Jitter`]: samples at random places in their bins |
+//! | `jitter` | yes | [`plan::Jitter`]: samples at random positions in their bins |
 //! | `anti-aliasing` | yes | several rays a pixel |
-//! | `depth-of-field` | yes | [`plan::ThinLens`]: an aperture that is no pinhole |
+//! | `depth-of-field` | yes | [`plan::ThinLens`]: an aperture of finite size |
 //! | `tone-map` | yes | [`plan::Tone`]: exposure, tone curve, linear output |
 //! | `lens` | yes | lens distortion ([`Lens`]) |
 //! | `median` | yes | the output `median_distance` |
 //! | `normals` | yes | the output `normals`: the gradient of the density, backward through the network |
-//! | `proposal` | yes | samples drawn from a coarse proposal network, where a scene has one |
+//! | `proposal` | yes | samples drawn from a coarse proposal network, if the scene has one |
 //! | `grid` | yes | learned multiresolution grids ([`encoding::GridEncoding`]), and spherical harmonics |
 //! | `coded` | yes | entropy-coded tables of grids, decoded into memory when a scene is opened; firmware reads int8 tables in place |
 //! | `contraction` | yes | unbounded scenes ([`space::Contraction`]) |
 //! | `instances` | yes | several fields in one world ([`Worker::of_instances`]); brings `median` and `normals` |
 //! | `std` | yes | [`host`]: scenes that own their bytes, files, threads |
-//! | `train` | no | for trainers and tests: the parts a renderer is made of are public (`simd`, `math`, `matrix`, `sampling`, networks and encodings at work), and backward kernels |
+//! | `train` | no | for trainers and tests: the parts of a renderer are public (`simd`, `math`, `matrix`, `sampling`, evaluation of networks and encodings), and backward kernels |
 //!
-//! The project's own polynomials ([`MathBackend::Polynomial`]) are always there. An effect or output whose
-//! feature is off has no code in the build; asking for it is an error that names the feature.
+//! The project's own polynomials ([`MathBackend::Polynomial`]) are always built in. An effect or output whose feature
+//! is off has no code in the build; requesting it is an error that names the feature.
 //!
 //! # Example
 //!
-//! A uniform grey fog in the box `[-1, 1]³`, written, opened and looked at in 2×2 pixels:
+//! A uniform grey fog in the box `[-1, 1]³`, written, opened and rendered in 2×2 pixels:
 //!
 //! ```
 //! use glam::Vec3;
@@ -176,8 +176,8 @@
 //! # Where to read on
 //!
 //! `docs/conventions.md` (conventions with their reasons), `docs/architecture.md` (one frame step by step, memory),
-//! `docs/blob-format.md` (the file, normative), `docs/numerics.md` (worst errors, case by case, beside their bounds),
-//! `docs/journal/` and `docs/kernels.md` (what was measured and tried, the latter of the inner loops).
+//! `docs/blob-format.md` (the file, normative), `docs/numerics.md` (worst errors and their bounds, case by case),
+//! `docs/journal/` and `docs/kernels.md` (measurements and experiments, the latter of the inner loops).
 
 #[cfg(not(all(feature = "contraction", feature = "grid")))]
 mod absent;

@@ -1,6 +1,6 @@
-//! Choices that have names in options and reports: a variant is declared with its name.
+//! Enums of choices whose variants are declared with their names in options and reports.
 
-/// Declares an enum of choices, in the order of its `ALL`.
+/// Declares an enum of choices; `ALL` has the order of declaration.
 macro_rules! names {
     ($(#[$about:meta])* pub enum $choice:ident { $($(#[$doc:meta])* $variant:ident = $name:literal,)+ }) => {
         $(#[$about])*
@@ -13,7 +13,7 @@ macro_rules! names {
             /// Every choice.
             pub const ALL: [Self; [$($name),+].len()] = [$(Self::$variant),+];
 
-            /// The name in options and reports.
+            /// Name of the choice in options and reports.
             pub const fn name(self) -> &'static str {
                 match self {
                     $(Self::$variant => $name,)+

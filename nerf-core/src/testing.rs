@@ -11,12 +11,12 @@ use crate::network::{Architecture, DensityActivation, Shading, TrunkLayer};
 use std::vec;
 use std::vec::Vec;
 
-/// An encoding with identity and `s = π`.
+/// A sinusoidal encoding with identity and `s = π`.
 pub const fn pi(inputs: u8, levels: u8) -> SinusoidalEncoding {
     SinusoidalEncoding { inputs, levels, scale: AngleScale::Pi, identity: true }
 }
 
-/// A scene network; a `true` in `trunk` is a skip.
+/// The architecture of a scene network. `trunk`: width of each layer, and whether it is a skip layer.
 pub fn architecture(
     position: impl Into<PositionEncoding>,
     direction: Option<SinusoidalEncoding>,
@@ -39,15 +39,14 @@ pub fn every_kind() -> Architecture {
     architecture(pi(3, 4), Some(pi(3, 2)), &[(24, false), (20, false), (17, true)], &[12, 9])
 }
 
-/// How far `kernel` may be off where exact kernels stay below `exact`: 1% where weights and activations are
-/// rounded to bf16's 8 bits.
+/// Error bound for `kernel`: `exact`, but at least 1% if weights and activations are rounded to bf16's 8 bits.
 pub fn tolerance(kernel: Kernel, exact: f64) -> f64 {
     if kernel.rounds() { exact.max(1e-2) } else { exact }
 }
 
-/// The worse of two errors.
+/// Comparison of errors in which NaN is the largest.
 pub trait Worse {
-    /// The larger one; what is no number is worse than any, where `max` would drop it.
+    /// The larger of two errors. NaN counts as larger than any number, whereas `max` would drop it.
     fn worse(self, other: Self) -> Self;
 }
 
@@ -71,7 +70,7 @@ fn what_is_no_number_is_worst() {
     }
 }
 
-/// Repeatable values in [-1, 1).
+/// `n` reproducible pseudo-random values in [-1, 1).
 pub fn noise(n: usize, seed: u32) -> Vec<f32> {
     let mut state = seed;
     let mut next = || {
@@ -81,7 +80,7 @@ pub fn noise(n: usize, seed: u32) -> Vec<f32> {
     (0..n).map(|_| next()).collect()
 }
 
-/// Parameters of the size a fitted network has: He's deviation, biases around 0.1.
+/// Parameters of the size of a fitted network's: weights with He's standard deviation, biases around 0.1.
 pub fn parameters(architecture: &Architecture, seed: u32) -> Vec<f32> {
     let mut all = noise(architecture.parameters(), seed);
     for layer in &architecture.layers() {
@@ -92,13 +91,13 @@ pub fn parameters(architecture: &Architecture, seed: u32) -> Vec<f32> {
     all
 }
 
-/// Little-endian f16, and the same values back in f32.
+/// Rounds parameters to little-endian f16, and returns the rounded values in f32, too.
 pub fn halve(parameters: &[f32]) -> (Vec<u8>, Vec<f32>) {
     let halves = parameters.iter().map(|&p| half::f16::from_f32(p));
     (halves.clone().flat_map(|h| h.to_le_bytes()).collect(), halves.map(|h| h.to_f32()).collect())
 }
 
-/// The scene of the tests: `[-1, 1]³` seen from 2 to 6 in 32 bins.
+/// The scene of the tests: box `[-1, 1]³`, near 2, far 6, 32 bins.
 pub const SCENE: SceneFacts = SceneFacts {
     min: [-1.0; 3],
     max: [1.0; 3],
@@ -110,14 +109,14 @@ pub const SCENE: SceneFacts = SceneFacts {
     viewpoint: None,
 };
 
-/// The picture of the tests.
+/// Size of the picture of the tests.
 pub const PICTURE: PictureFacts = PictureFacts { width: 30, height: 20 };
 
 /// The provenance of test blobs.
 pub const PROVENANCE: Provenance<'static> =
     Provenance { data: "none", made_by: "unit tests", ..Provenance::NONE };
 
-/// A body of the tests' scene.
+/// A blob body with the tests' scene.
 pub fn body<'a>(
     architecture: Architecture,
     occupancy: Option<StoredOccupancy<'a>>,
@@ -135,12 +134,12 @@ pub fn body<'a>(
     }
 }
 
-/// A body of the tests' picture.
+/// A blob body with the tests' picture.
 pub fn picture_body(architecture: Architecture, weights: &[u8]) -> Body<'_> {
     Body { content: Content::Picture(PICTURE), ..body(architecture, None, weights) }
 }
 
-/// The bytes of a blob.
+/// Writes a blob and returns its bytes.
 pub fn bytes(body: &Body<'_>) -> Vec<u8> {
     let mut out = vec![0; blob::encoded_len(body).unwrap()];
     blob::write(body, &mut out).unwrap();

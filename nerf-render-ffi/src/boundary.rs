@@ -1,4 +1,4 @@
-//! The border of every call: messages, panics, versioned structures.
+//! The boundary of every call: messages, panics, versioned structures.
 
 use crate::failure::Failure;
 use crate::span::{Span, check_aligned};
@@ -8,7 +8,7 @@ use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
 use nerf_core::memory::Line;
 
-/// Largest `struct_size` that is believed: beyond it the field is garbage, not a later version.
+/// Largest `struct_size` that is accepted: a larger one is garbage, not a later version.
 const MAX_STRUCT_SIZE: usize = 4096;
 
 /// A structure that begins with `size_t struct_size` and may grow at its end.
@@ -28,7 +28,7 @@ pub(crate) unsafe trait Versioned: Copy {
 /// value.
 macro_rules! versioned {
     (unsafe $type:ty, $name:literal, $size:expr) => {
-        // SAFETY: the caller's promise, but for the first field.
+        // SAFETY: the caller promises all but the first field, which is asserted below.
         unsafe impl $crate::boundary::Versioned for $type {
             const NAME: &'static str = $name;
             const SIZE_V2: usize = {
@@ -40,7 +40,7 @@ macro_rules! versioned {
 }
 pub(crate) use versioned;
 
-/// The size of a structure by the width of pointers.
+/// Picks the size of a structure by the target's pointers, 32 or 64 bits.
 pub(crate) const fn by_width(bytes_32: usize, bytes_64: usize) -> usize {
     if size_of::<usize>() == 4 { bytes_32 } else { bytes_64 }
 }
@@ -56,13 +56,13 @@ impl Message {
     /// No buffer.
     pub const NONE: Self = Self { text: core::ptr::null_mut(), capacity: 0 };
 
-    /// The first byte, which a call that succeeds writes, too.
+    /// The buffer's first byte, which even a successful call writes; empty without a buffer.
     pub fn first(&self) -> Result<Span, Failure> {
         Span::new("message", self.text.cast(), usize::from(!self.text.is_null() && self.capacity > 0))
     }
 
-    /// Writes what `say` says, cut at the capacity, always with a NUL at its end; returns the bytes of the whole text with
-    /// its NUL.
+    /// Writes what `say` produces, cut at the capacity and NUL-terminated. Returns the length of the uncut text with
+    /// its NUL, bytes.
     pub fn write(&self, say: impl FnOnce(&mut Cut)) -> usize {
         let there = !self.text.is_null() && self.capacity > 0;
         let room = if there { self.capacity - 1 } else { 0 };
@@ -76,7 +76,7 @@ impl Message {
     }
 }
 
-/// Counts a text's bytes and keeps as many as there is room for, never half a character.
+/// Counts a text's bytes and keeps as many as fit, never part of a character.
 pub(crate) struct Cut {
     text: *mut c_char,
     /// Bytes that may be written, without the NUL.
@@ -105,7 +105,7 @@ impl Write for Cut {
 
 /// Why a call failed: a sentence and a status.
 pub(crate) trait Reason: fmt::Display {
-    /// A defect of this library.
+    /// The reason after a panic: a defect of this library.
     #[cfg(feature = "std")]
     fn panic() -> Self;
     fn status(&self) -> Status;
@@ -128,7 +128,7 @@ pub(crate) fn call(message: Message, body: impl FnOnce() -> Result<(), Failure>)
 pub(crate) fn call_with_reason<R: Reason>(message: Message, body: impl FnOnce() -> Result<(), R>) -> Status {
     #[cfg(feature = "std")]
     let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(body)).unwrap_or_else(|payload| {
-        // A payload's own drop may panic, too; it is small, so that it is left behind.
+        // A payload's own drop may panic, too; it is small, so it is leaked.
         core::mem::forget(payload);
         Err(R::panic())
     });
@@ -136,7 +136,7 @@ pub(crate) fn call_with_reason<R: Reason>(message: Message, body: impl FnOnce() 
     let result = body();
     message.write(|cut| {
         if let Err(reason) = &result {
-            // Nothing fails: the text is cut.
+            // Cannot fail: the text is cut.
             let _ = reason.say(cut);
         }
     });
@@ -176,8 +176,8 @@ pub(crate) unsafe fn span_of(name: &'static str, first: *const usize, count: usi
     Span::new(name, first.cast(), size.checked_mul(count).ok_or(Failure::Overflow(name))?)
 }
 
-/// A copy of the caller's structure; what this build does not know of it must be zero, and what the caller's
-/// header did not know is zero.
+/// Copies the caller's structure. Fields that this build does not know must be zero. Fields that the caller's header
+/// lacks become zero.
 ///
 /// # Safety
 /// `at` is NULL or points to `struct_size` readable bytes.
@@ -200,7 +200,7 @@ pub(crate) unsafe fn read_versioned<T: Versioned>(at: *const T) -> Result<T, Fai
     }
 }
 
-/// [`read_versioned`] of a structure that may be left out: NULL is all zeros.
+/// [`read_versioned`] for an optional structure: NULL reads as all zeros.
 ///
 /// # Safety
 /// That of [`read_versioned`].
@@ -213,7 +213,7 @@ pub(crate) unsafe fn read_or_zeros<T: Versioned>(at: *const T) -> Result<T, Fail
     unsafe { read_versioned(at) }
 }
 
-/// The value that a number names; `names`: by the numbers of a C enum, `None` where one names nothing here.
+/// The value of the C enum's number `found`. `names` is indexed by it, with `None` for a value that this build lacks.
 pub(crate) fn named<T: Copy>(
     names: &[Option<T>],
     name: &'static str,
@@ -224,19 +224,19 @@ pub(crate) fn named<T: Copy>(
     known.ok_or(Failure::Setting { name, expected, found })
 }
 
-/// The number of a value that has one.
+/// The C enum's number of `value`: its index in `names`.
 pub(crate) fn number_of<T: PartialEq>(names: &[Option<T>], value: T) -> u32 {
     names.iter().position(|named| named.as_ref() == Some(&value)).unwrap_or_default() as u32
 }
 
-/// A checked place for a structure of results.
+/// A checked pointer to a structure that receives results.
 pub(crate) struct Out<T> {
     at: *mut T,
     size: usize,
 }
 
 impl<T: Versioned> Out<T> {
-    /// Checks the place before any work is done.
+    /// Checks the pointer before any work is done.
     ///
     /// # Safety
     /// `at` is NULL or points to `struct_size` bytes that may be read and written until the call ends.
@@ -246,7 +246,7 @@ impl<T: Versioned> Out<T> {
         Ok(Self { at, size })
     }
 
-    /// [`Out::new`] of a place that may be NULL.
+    /// [`Out::new`] for a pointer that may be NULL.
     ///
     /// # Safety
     /// That of [`Out::new`].
@@ -255,8 +255,8 @@ impl<T: Versioned> Out<T> {
         if at.is_null() { Ok(None) } else { unsafe { Self::new(at).map(Some) } }
     }
 
-    /// Copies `value` into the caller's structure, up to its `struct_size`, which is left as it is. Fields of the structure
-    /// that this build does not know become zero.
+    /// Copies `value` into the caller's structure, up to its `struct_size`, which stays unchanged. Fields that this
+    /// build does not know become zero.
     pub fn write(self, value: T) {
         let known = self.size.min(size_of::<T>());
         let (from, to) = ((&raw const value).cast::<u8>(), self.at.cast::<u8>());
@@ -269,7 +269,7 @@ impl<T: Versioned> Out<T> {
     }
 }
 
-/// Runs the body of a size query: writes the bytes it returns, and the alignment of a line.
+/// Runs the body of a size query; writes the size that it returns, and the alignment of a [`Line`].
 ///
 /// # Safety
 /// `size` and `align` are NULL, or may be written until the call ends.
@@ -291,7 +291,7 @@ pub(crate) unsafe fn call_for_size(
     })
 }
 
-/// An error unless a result can be written at `at`, as far as an address can tell.
+/// Returns an error if `at` is NULL or misaligned for `T`.
 pub(crate) fn check_out<T>(name: &'static str, at: *mut T) -> Result<(), Failure> {
     if at.is_null() {
         return Err(Failure::Null(name));

@@ -47,9 +47,9 @@ pub struct Camera {
     pub k1: f32,
     /// Radial distortion, fourth order.
     pub k2: f32,
-    /// Tangential distortion.
+    /// First coefficient of tangential distortion.
     pub p1: f32,
-    /// Tangential distortion.
+    /// Second coefficient of tangential distortion.
     pub p2: f32,
     /// Camera-to-world, the upper three rows of the 4x4 matrix, row-major: a rotation (columns
     /// right, up, backward) and in `c2w[3]`, `c2w[7]`, `c2w[11]` the camera's centre.
@@ -64,14 +64,14 @@ pub struct Camera {
     pub k6: f32,
     /// A `nerf_lens_model`; 0 is a perspective camera.
     pub lens_model: u32,
-    /// Zero.
+    /// Reserved; must be 0.
     pub reserved: u32,
 }
 
 versioned!(unsafe Camera, "camera", by_width(116, 120));
 
 impl Camera {
-    /// The camera behind a pointer, checked.
+    /// Reads and checks the camera at `at`.
     ///
     /// # Safety
     /// `at` is NULL or points to `struct_size` readable bytes.
@@ -91,7 +91,7 @@ impl Camera {
     }
 }
 
-/// Three numbers behind a pointer.
+/// Reads the three floats at `at`.
 ///
 /// # Safety
 /// `at` is NULL or points to three floats.
@@ -101,12 +101,11 @@ pub(crate) unsafe fn read_vec3(name: &'static str, at: *const f32) -> Result<Vec
     Ok(Vec3::from_array(unsafe { at.cast::<[f32; 3]>().read() }))
 }
 
-/// Turns a camera so that it stands at `eye` and looks at `target`, with `up` upwards in its image.
+/// Sets a camera's pose: at `eye`, looking at `target`, with `up` upwards in its image.
 ///
-/// `camera`: `struct_size` set by the caller; its `c2w` is written, on success only, the rest stays. `eye`,
-/// `target`, `up`: three floats each, world units; `up` of any length. Where `eye` is `target`, or `up` points along
-/// the view, there is no such camera: `NERF_STATUS_CAMERA`. `message`: as in
-/// `nerf_scene_memory`.
+/// `camera`: `struct_size` set by the caller; only its `c2w` is written, on success. `eye`, `target`, `up`: three
+/// floats each, world units; `up` of any length. If `eye` equals `target`, or `up` points along the view, there is no
+/// such camera: `NERF_STATUS_CAMERA`. `message`: as in `nerf_scene_memory`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.
@@ -132,13 +131,13 @@ pub unsafe extern "C" fn nerf_camera_look_at(
     })
 }
 
-/// The ray through an image point: what is seen there, and where to ask `nerf_query`.
+/// Computes the ray through an image point, for example to evaluate points along it with `nerf_query`.
 ///
-/// `x`, `y`: pixels from the left and the top, fractions too; a pixel's centre is at + 0.5. They may lie beyond the
-/// image; where no direction of f32 is seen, or none in front of every fold of the lens, it is `NERF_STATUS_CAMERA`.
+/// `x`, `y`: pixels from the left and the top, fractions too; a pixel's centre is at + 0.5. They may lie outside the
+/// image. `NERF_STATUS_CAMERA` if the point has no direction in f32, or none in front of every fold of the lens.
 /// `origin`, `dir`: three floats each, world space, `dir` of unit length, the lens taken into account.
-/// `z_per_distance`: NULL, or one float: how much `z_depth` one unit of `ray_distance` is along this ray. Written on
-/// success only. `message`: as in `nerf_camera_look_at`.
+/// `z_per_distance`: NULL, or one float: `z_depth` per unit of `ray_distance` along this ray. Written on success
+/// only. `message`: as in `nerf_camera_look_at`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.

@@ -3,38 +3,38 @@
 use crate::boundary::{by_width, versioned};
 use nerf_core::render;
 
-/// The work a call did; exact, no clock readings. A picture (a 2D field) has no rays and no samples:
-/// only its colour evaluations, multiply-adds and invalid samples count.
+/// Exact counts of the work a call did; no times. A picture (a 2D field) has no rays and no samples: only its colour
+/// evaluations, multiply-adds and invalid samples are counted.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Counters {
     /// `sizeof(nerf_counters)`, set by the caller.
     pub struct_size: usize,
-    /// Rays.
+    /// Number of rays.
     pub rays: u64,
-    /// Samples the network was asked for.
+    /// Samples at which the network was evaluated.
     pub samples_kept: u64,
-    /// Samples it was not asked for: outside box or occupancy grid, or behind the transmittance cut.
+    /// Samples that were skipped: outside the scene box, in an empty cell, or after the transmittance cut.
     pub samples_skipped: u64,
-    /// Evaluations of trunk and density head.
+    /// Evaluations of the trunk and density head.
     pub density_evaluations: u64,
-    /// Evaluations of the colour branch: samples, or of a field shaded once a ray the rays that it was run for; of a
-    /// picture, of the whole network.
+    /// Evaluations of the colour branch: one per sample, or one per ray in a field shaded once a ray. For a picture,
+    /// evaluations of the whole network.
     pub colour_evaluations: u64,
-    /// Multiply-adds of the network and of its proposal.
+    /// Multiply-adds of the network and of the proposal network.
     pub macs: u64,
-    /// Samples whose density was NaN (they count as empty), whose colour was (black) or whose gradient was
-    /// no finite vector (they have no normal).
+    /// Samples whose density was NaN (treated as empty), whose colour was NaN (black), or whose density gradient was
+    /// not finite (no normal).
     pub invalid_samples: u64,
-    /// Gradients of the density, for normals.
+    /// Evaluations of the density's gradient, for normals.
     pub normal_evaluations: u64,
-    /// Evaluations of the coarse proposal network, which are no samples.
+    /// Evaluations of the coarse proposal network; they are not counted as samples.
     pub proposal_evaluations: u64,
 }
 
 versioned!(unsafe Counters, "counters", by_width(if align_of::<u64>() == 4 { 76 } else { 80 }, 80));
 
-/// Conversions of the fields from and to the core's.
+/// Implements the conversions from and to the core's counters, field by field.
 macro_rules! convert {
     ($($field:ident),+) => {
         impl From<Counters> for render::Counters {

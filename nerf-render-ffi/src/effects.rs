@@ -5,11 +5,11 @@ use crate::failure::Failure;
 use crate::render_options::{at_most, flag};
 use nerf_core::plan;
 
-/// The tone curve, on each linear channel, that brings light beyond 1 back into the picture.
+/// The tone curve, applied to each linear channel, that compresses light above 1 into the displayable range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum ToneMap {
-    /// None: what is beyond 1 is cut off where the colour is encoded.
+    /// None: light above 1 is clipped when the colour is encoded.
     None = 0,
     /// `x / (1 + x)` (Reinhard et al. 2002).
     Reinhard = 1,
@@ -21,36 +21,36 @@ pub enum ToneMap {
 const TONE_MAPS: [Option<plan::ToneMap>; 3] =
     [Some(plan::ToneMap::None), Some(plan::ToneMap::Reinhard), Some(plan::ToneMap::Filmic)];
 
-/// Effects: what a frame does beyond one ray through each pixel's centre. All zeros is none, and costs nothing.
+/// Effects: what a frame does beyond one ray through each pixel's centre. All zeros for none, which costs nothing.
 ///
 /// An effect that this build of the library lacks is `NERF_STATUS_OPTIONS`.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Effects {
-    /// 1: samples lie at random places in their bins, by `seed`. Else 0.
+    /// 1: each sample lies at a random position in its sample interval, by `seed`. Else 0.
     pub jitter: u32,
-    /// Rays a pixel, at most 256; 0 and 1 are one through its centre. More take more memory.
+    /// Rays per pixel, at most 256; 0 and 1 are one ray through its centre. More rays take more memory.
     pub anti_aliasing: u32,
-    /// Read only where `jitter` is 1; places on the aperture depend on it, too.
+    /// Seed, read only if `jitter` is 1. Positions on the aperture then depend on it, too.
     pub seed: u64,
     /// Radius of a thin lens' aperture, world units, at most 1e9; 0 is a pinhole.
     pub aperture_radius: f32,
-    /// Distance from the camera to its plane of focus along the view axis, world units, 1e-6 to 1e9; read only where
+    /// Distance from the camera to its plane of focus along the view axis, world units, 1e-6 to 1e9; read only if
     /// there is an aperture.
     pub focus_distance: f32,
-    /// Doublings of the light, -32 to 32; 0 leaves it as it is.
+    /// Exposure in stops, each a doubling of the light, -32 to 32; 0 for no change.
     pub exposure: f32,
-    /// A `nerf_tone_map`.
+    /// Tone curve: a `nerf_tone_map`.
     pub tone_map: u32,
-    /// 1: colour is linear light, unbounded above: each sample is decoded, and the background, before they are composited.
-    /// Also of RGBA planes (premultiplied) and of queries. 0: display-encoded.
+    /// 1: colour is linear light, unbounded above: samples and background are decoded before compositing. This also
+    /// applies to RGBA planes (premultiplied) and to queries. 0: display-encoded.
     pub linear: u32,
-    /// Zeros.
+    /// Reserved; must be zeros.
     pub reserved: [u32; 5],
 }
 
 impl Effects {
-    /// The effects as the renderer has them, which checks the ranges of what is no integer.
+    /// Converts the effects to the renderer's, which checks the ranges of the floats.
     pub(crate) fn read(&self) -> Result<plan::Effects, Failure> {
         if self.reserved != [0; 5] {
             return Err(Failure::Reserved("options.effects.reserved"));

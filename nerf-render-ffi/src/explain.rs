@@ -1,4 +1,4 @@
-//! A frame in words.
+//! Explains a frame in words.
 
 use crate::boundary::{Message, call, check_out, read_versioned};
 use crate::counters::Counters;
@@ -8,14 +8,14 @@ use core::ffi::c_char;
 use core::fmt::Write;
 use nerf_core::render;
 
-/// Says in English which stages a worker's frames have, which not, and why; with counters, where its work went.
+/// Explains in English which stages a worker's frames have, which not, and why; with counters, where the work went.
 ///
-/// For people: the wording may change from version to version. Of several instances each has its own part.
+/// For people to read: the wording may change between versions. Each of several instances has its own part.
 ///
-/// `counters`: NULL, or what a call of this worker wrote; of several instances it is not looked at. `text`: NULL, or
-/// `capacity` bytes, which get the text, cut where it does not fit, always with a NUL. `needed`: NULL, or the bytes of the
-/// whole text with its NUL. Text and `needed` are written on success only; a text that was cut is a success. `message`: as in
-/// `nerf_scene_memory`.
+/// `counters`: NULL, or what a call of this worker wrote; ignored if there are several instances. `text`: NULL, or
+/// `capacity` bytes for the text, cut if it does not fit, always NUL-terminated. `needed`: NULL, or receives the
+/// bytes of the whole text with its NUL. `text` and `needed` are written on success only; a cut text is a success.
+/// `message`: as in `nerf_scene_memory`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
@@ -50,7 +50,7 @@ pub unsafe extern "C" fn nerf_explain(
                         explanation = explanation.with_counters(work);
                     }
                     if cfg!(feature = "messages") {
-                        // Nothing fails: the text is cut.
+                        // Cannot fail: the text is cut.
                         let _ = if alone {
                             write!(cut, "{explanation}")
                         } else {

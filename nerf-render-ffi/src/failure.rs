@@ -142,7 +142,7 @@ fn status_of_render(error: &RenderError) -> Status {
 }
 
 impl Failure {
-    /// The failure of one of the instances of a request.
+    /// Turns the failure of one instance of a request into one that names its index.
     #[cfg(feature = "instances")]
     pub fn of_instance(self, index: usize) -> Self {
         let problem = match self {
@@ -156,7 +156,7 @@ impl Failure {
         Self::Instance { index, problem }
     }
 
-    /// The failure of a workspace that the renderer refuses; sizes are in bytes.
+    /// Converts the renderer's error about a workspace; sizes become bytes.
     pub fn of_workspace(error: RenderError) -> Self {
         match error {
             RenderError::Memory { expected, found } => Self::Memory {
@@ -169,7 +169,7 @@ impl Failure {
     }
 }
 
-/// Errors of the core, each a variant.
+/// Implements `From` for the core's errors, each of which is a variant of `Failure`.
 macro_rules! from_errors {
     ($($name:ident($error:ty)),+) => {
         $(impl From<$error> for Failure {

@@ -13,7 +13,7 @@ use core::ffi::{c_char, c_void};
 use nerf_core::render::{self, Limit};
 use nerf_core::volume::Pixel;
 
-/// Pixels of an image, `x..x + width`, `y..y + height`.
+/// A rectangle of an image's pixels, `x..x + width`, `y..y + height`.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Rect {
@@ -28,7 +28,7 @@ pub struct Rect {
 }
 
 impl Rect {
-    /// The rectangle behind a pointer, or all of a `width` × `height` image.
+    /// Reads and checks the rectangle at `at`; NULL for the whole `width` × `height` image.
     ///
     /// # Safety
     /// `at` is NULL or points to a readable rectangle.
@@ -48,7 +48,7 @@ impl Rect {
     }
 }
 
-/// A frame: what is rendered of an image, and where to.
+/// A frame: the part of an image to render, and the planes to render it into.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Frame {
@@ -56,17 +56,17 @@ pub struct Frame {
     pub struct_size: usize,
     /// The camera that a scene is seen from; NULL for a picture.
     pub camera: *const Camera,
-    /// NULL for the whole image; an empty one is rendered with nothing written.
+    /// Rectangle to render; NULL for the whole image. For an empty one nothing is written.
     pub rect: *const Rect,
-    /// The planes that the pixels go to; those that the worker was not opened for are NULL.
+    /// Planes that receive the pixels; those that the worker was not opened for must be NULL.
     pub target: *const Target,
-    /// Width of a picture's image, pixels; of a scene 0.
+    /// Width of a picture's image, pixels; 0 for a scene.
     pub width: u32,
-    /// Height of a picture's image, pixels; of a scene 0.
+    /// Height of a picture's image, pixels; 0 for a scene.
     pub height: u32,
     /// NULL, or called with `user` before the first tile and after each tile of at most 16x16 pixels.
     pub progress: Progress,
-    /// Handed to `progress`.
+    /// Argument passed to `progress`.
     pub user: *mut c_void,
 }
 
@@ -74,8 +74,8 @@ versioned!(unsafe Frame, "frame", by_width(32, 56));
 
 /// Renders a rectangle of a camera's image into the planes of a target.
 ///
-/// The pixels do not depend on the rectangle, the batch, what the worker did before or on who else renders, bit for bit
-/// within one kernel. `frame->target` may carry limits: what a depth buffer holds.
+/// Within one kernel pixels are equal bit for bit, whatever the rectangle, the batch, the worker's earlier calls and
+/// other threads. `frame->target` may contain limits, such as a depth buffer.
 ///
 /// `counters`: NULL, or written on success, with `struct_size` set by the caller. `message`: as in `nerf_scene_memory`.
 ///
@@ -113,7 +113,7 @@ pub unsafe extern "C" fn nerf_render(
             let mut put = |x: u32, y: u32, pixel: &Pixel| {
                 pixels.put(((y - tile.y) * tile.width + (x - tile.x)) as usize, pixel);
             };
-            // One instance of the frame loop, whether there is a plane or not.
+            // One closure for both cases, so that the frame loop is instantiated once.
             let limit = |x: u32, y: u32| limit.map_or(Limit::NONE, |limit| limit.at(x - rect.x, y - rect.y));
             Ok(fields.render_limited(&camera, tile, limit, &mut put)?)
         })
@@ -124,14 +124,14 @@ pub unsafe extern "C" fn nerf_render(
     })
 }
 
-/// Renders a rectangle of a picture (a 2D field: `NERF_KIND_PICTURE`), drawn in `frame->width` x `frame->height` pixels.
+/// Renders a rectangle of a picture (a 2D field: `NERF_KIND_PICTURE`) at `frame->width` x `frame->height` pixels.
 ///
-/// Pixel (x, y) is the field's colour at its centre, ((x + 0.5) / width, (y + 0.5) / height): any size from 1x1 to
-/// 8388608x8388608 shows the whole picture, `picture_width` x `picture_height` of `nerf_scene_info` without distortion, and
-/// a rectangle of a larger size is a detail of it.
+/// Pixel (x, y) is the field's colour at its centre, ((x + 0.5) / width, (y + 0.5) / height). Every size from 1x1 to
+/// 8388608x8388608 shows the whole picture; `picture_width` x `picture_height` of `nerf_scene_info` is undistorted. A
+/// rectangle of a larger size shows a detail.
 ///
-/// `worker`: of the picture; of its options only maths and batch matter. The target has a plane for `rgb` alone; a picture
-/// is opaque, so that the alpha of RGBA formats is 1. The rest as in `nerf_render`.
+/// `worker`: opened for the picture; of its options only maths and batch matter. The target may have only the plane
+/// `rgb`. A picture is opaque, so the alpha of RGBA formats is 1. The rest as in `nerf_render`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `worker` and its scene are intact.
@@ -177,7 +177,7 @@ pub unsafe extern "C" fn nerf_render_picture(
     })
 }
 
-/// Renders `rect`, the canvas' own, tile by tile: `draw` puts every pixel of one, row by row, into the worker's.
+/// Renders `rect`, the canvas' rectangle, by tiles: `draw` renders one into the worker's `pixels`, row by row.
 fn render_tiles(
     worker: &mut State,
     frame: &Frame,

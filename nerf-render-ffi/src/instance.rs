@@ -1,4 +1,4 @@
-//! Fields that a host has placed in a world of its own.
+//! Scenes that a host has placed in its own world.
 
 #[cfg(feature = "instances")]
 use crate::boundary::read_versioned;
@@ -13,16 +13,16 @@ use nerf_core::plan::PlanError;
 #[cfg(feature = "instances")]
 use nerf_core::space::Placement;
 
-/// A scene that stands somewhere in the host's world.
+/// A scene that a transform places in the host's world.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Instance {
-    /// `sizeof(nerf_instance)`: also from one of an array to the next.
+    /// `sizeof(nerf_instance)`; the first one's is the stride of an array.
     pub struct_size: usize,
     /// The scene.
     pub scene: *const Scene,
-    /// Takes the scene's coordinates to the world's: the upper three rows of the 4x4 matrix, row-major, a rotation times
-    /// one scale and a translation. All zeros is the identity.
+    /// Transform from the scene's coordinates to the world's: the upper three rows of the 4x4 matrix, row-major, a
+    /// rotation times one scale and a translation. All zeros for the identity.
     pub to_world: [f32; 12],
 }
 
@@ -30,11 +30,11 @@ versioned!(unsafe Instance, "instances", by_width(56, 64));
 
 #[cfg(feature = "instances")]
 reasons! {
-    /// A problem of one instance, but for its transform: what follows `instances[i]` in a message.
+    /// A problem of one instance other than its transform; displayed after `instances[i]` in a message.
     Problem:
     StructSize { expected: usize, found: usize } => StructSize,
         ".struct_size: expected {expected} (to 4096 with a tail of zeros), found {found}";
-    // The first one's size is the step from one to the next.
+    // The first instance's size is the stride of the array.
     OtherSize { expected: usize, found: usize } => StructSize,
         ".struct_size: expected {expected}, as of the first, found {found}";
     Reserved => Reserved, ": expected zeros in unknown fields";
@@ -46,7 +46,7 @@ reasons! {
 
 #[cfg(feature = "instances")]
 impl Instance {
-    /// The `index`-th of an array, checked.
+    /// Reads and checks instance `index` of an array.
     ///
     /// # Safety
     /// `first` is NULL or points to more than `index` instances, each of as many bytes as the first says.
@@ -63,7 +63,7 @@ impl Instance {
         check_aligned("instances", at as usize, align_of::<Self>())?;
         // SAFETY: as above, aligned, and `struct_size` comes first.
         let found = unsafe { at.cast::<usize>().read() };
-        // It would be read for as long as it says, which the array need not be.
+        // Reading as many bytes as another size says could go past the end of the array.
         if found != expected {
             return Err(Failure::Instance { index, problem: Problem::OtherSize { expected, found } });
         }

@@ -1,9 +1,8 @@
 //! C ABI of `nerf-core`: render radiance fields from C and C++.
 //!
-//! One file per C type, in the order a host meets them. The contract is prose, in this crate's
-//! README; `include/nerf_render.h` is generated from these files. Nothing here allocates, and
-//! nothing is owned: scenes and workers lie in memory of the caller. The one exception has a room
-//! of its own, `scene_file.rs`, and needs the feature `std`.
+//! One file per C type, in the order a host meets them. The contract is prose, in this crate's README;
+//! `include/nerf_render.h` is generated from these files. Nothing here allocates or owns memory: scenes and workers
+//! lie in the caller's. The one exception is `scene_file.rs`, which needs the feature `std`.
 #![cfg_attr(not(feature = "std"), no_std)]
 #![allow(unsafe_code, reason = "this crate is the boundary: it turns C's pointers into slices")]
 
@@ -14,7 +13,7 @@ mod panic_handler;
 mod span;
 mod tile_pixels;
 
-// What follows is the header's order, which is the order of use.
+// From here on in the header's order, which is the order of use.
 mod version;
 
 mod status;

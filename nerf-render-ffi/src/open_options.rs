@@ -4,25 +4,25 @@ use crate::boundary::{by_width, named, number_of, read_or_zeros, versioned};
 use crate::failure::Failure;
 use nerf_core::Isa;
 
-/// The instructions that the inner loops use.
+/// The instruction set that the inner loops use.
 ///
-/// Pictures of one kernel and one storage are the same bit for bit, whatever the rectangles and threads.
+/// With the same kernel and storage pictures are equal bit for bit, whatever the rectangles and threads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Kernel {
-    /// The fastest of this machine, or what the environment variable `NERF_KERNEL` names ("portable", "avx2", "avx512",
-    /// "simd128", "neon", each with "-f16" or "-bf16" behind it where weights are not f32) where the library was built
-    /// with std.
+    /// The fastest of this machine. In a library built with std, the environment variable `NERF_KERNEL` can name
+    /// another ("portable", "avx2", "avx512", "simd128", "neon", each followed by "-f16" or "-bf16" if weights are
+    /// not f32).
     Auto = 0,
-    /// Plain, unfused f32: on every machine.
+    /// Portable code, unfused f32; available on every machine.
     Portable = 1,
     /// AVX2, FMA and F16C.
     Avx2 = 2,
     /// AVX-512 F.
     Avx512 = 3,
-    /// WebAssembly SIMD: the portable bits, faster; there in a library built with `simd128`.
+    /// WebAssembly SIMD: the same bits as portable code, faster. Only in a library built with `simd128`.
     Simd128 = 4,
-    /// NEON: on every 64-bit ARM processor.
+    /// NEON: available on every 64-bit ARM processor.
     Neon = 5,
 }
 
@@ -34,14 +34,14 @@ const ISAS: [Option<Isa>; 6] =
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Storage {
-    /// f32; read in place where a build has no vectors, as on microcontrollers.
+    /// f32; in a build without vector instructions, as for microcontrollers, f16 read in place.
     Auto = 0,
-    /// f16, read in place: the scene takes no memory for them.
+    /// f16, read in place: the weights take no memory in the scene.
     F16 = 1,
-    /// f32, unpacked when the scene is opened: the same products, faster. A grid's tables are read in place nevertheless,
-    /// but for WebAssembly's kernel, which unpacks f16 ones.
+    /// f32, unpacked when the scene is opened: the same products, faster. A grid's tables are still read in place,
+    /// except that the WebAssembly kernel unpacks f16 tables.
     F32 = 2,
-    /// Pairs of bf16, as are the activations: rounded to 8 significant bits. With AVX-512 BF16 alone.
+    /// Pairs of bf16, as are the activations: rounded to 8 significant bits. Only with AVX-512 BF16.
     Bf16 = 3,
 }
 
@@ -49,28 +49,28 @@ pub enum Storage {
 const STORAGES: [Option<nerf_core::Storage>; 4] =
     [None, Some(nerf_core::Storage::F16), Some(nerf_core::Storage::F32), Some(nerf_core::Storage::Bf16)];
 
-/// The numbers of a kernel's instructions and storage.
+/// The `nerf_kernel` and `nerf_storage` numbers of a kernel.
 pub(crate) fn numbers_of(kernel: nerf_core::Kernel) -> (u32, u32) {
     (number_of(&ISAS, kernel.isa), number_of(&STORAGES, kernel.storage))
 }
 
-/// Options of opening a scene; NULL in its place means all zeros.
+/// Options of opening a scene; NULL means all zeros.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct OpenOptions {
     /// `sizeof(nerf_open_options)`.
     pub struct_size: usize,
-    /// A `nerf_kernel`.
+    /// Instruction set: a `nerf_kernel`.
     pub kernel: u32,
-    /// A `nerf_storage`.
+    /// Storage of the weights: a `nerf_storage`.
     pub storage: u32,
-    /// Zeros.
+    /// Reserved; must be zeros.
     pub reserved: [u32; 6],
 }
 
 versioned!(unsafe OpenOptions, "options", by_width(36, 40));
 
-/// The kernel that the caller asks for.
+/// Reads the kernel that the caller asks for.
 ///
 /// # Safety
 /// `options` is NULL or points to `struct_size` readable bytes.
@@ -88,7 +88,7 @@ pub(crate) unsafe fn read_kernel(options: *const OpenOptions) -> Result<nerf_cor
         0 => None,
         found => Some(named(&STORAGES, "options.storage", "a nerf_storage", found)?),
     };
-    // The environment speaks where the caller does not.
+    // `NERF_KERNEL` counts only if the caller names no instruction set.
     let open = if isa.is_some() { nerf_core::Kernel::detect() } else { automatic()? };
     available(nerf_core::Kernel::new(isa.unwrap_or(open.isa), storage.unwrap_or(open.storage)))
 }

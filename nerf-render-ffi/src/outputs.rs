@@ -4,21 +4,21 @@ use crate::failure::Failure;
 use crate::render_options::at_most;
 use nerf_core::plan::Outputs;
 
-/// Colour is wanted.
+/// Requests colour.
 pub const NERF_OUTPUT_RGB: u32 = 1;
-/// Opacity is wanted.
+/// Requests opacity.
 pub const NERF_OUTPUT_OPACITY: u32 = 2;
-/// Distance along the ray is wanted.
+/// Requests the mean distance along the ray.
 pub const NERF_OUTPUT_RAY_DISTANCE: u32 = 4;
-/// Distance along the view axis is wanted.
+/// Requests the mean distance along the view axis.
 pub const NERF_OUTPUT_Z_DEPTH: u32 = 8;
-/// Distance along the ray at which half of the light is gone is wanted.
+/// Requests the distance along the ray at which less than half of the light is left.
 pub const NERF_OUTPUT_MEDIAN_DISTANCE: u32 = 16;
-/// Normals are wanted.
+/// Requests normals.
 pub const NERF_OUTPUT_NORMALS: u32 = 32;
 
 pub(crate) fn read_outputs(name: &'static str, found: u32) -> Result<Outputs, Failure> {
-    // The last bit is that of normals.
+    // Normals have the highest bit.
     at_most(name, "NERF_OUTPUT_* or-ed", found, 2 * NERF_OUTPUT_NORMALS - 1)?;
     let has = |output: u32| found & output != 0;
     Ok(Outputs {

@@ -1,4 +1,4 @@
-//! The pace of frames on this host, measured.
+//! Measures the time per frame on this host.
 
 use crate::boundary::{Message, Out, by_width, call, call_for_size, read_versioned, versioned};
 use crate::camera::Camera;
@@ -14,26 +14,26 @@ use nerf_core::blob::MAX_FRONT;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Plan, Quality};
 
-/// The time that a frame takes at each point of a scene's front, on one thread of this host.
+/// The time that a frame takes at each point of a scene's Pareto front, on one thread of this host.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Pace {
     /// `sizeof(nerf_pace)`, set by the caller.
     pub struct_size: usize,
-    /// Milliseconds, in the front's order; infinity where nothing was measured. A host that renders tiles on
-    /// n threads divides by n.
+    /// Milliseconds per frame, in the order of the scene's Pareto front; infinity for points that were not measured.
+    /// Divide by n if n threads render tiles.
     pub milliseconds: [f32; 16],
 }
 
-// The header spells the format's cap out.
+// The array length above is a literal for the C header.
 const _: () = assert!(MAX_FRONT == 16);
 
 versioned!(unsafe Pace, "pace", by_width(68, 72));
 
-/// Microseconds since any moment, never falling.
+/// Returns microseconds since any fixed moment, never decreasing.
 pub type Clock = Option<unsafe extern "C-unwind" fn(user: *mut c_void) -> u64>;
 
-/// Frames whose pace is measured.
+/// A request to measure the time per frame.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct PaceRequest {
@@ -41,23 +41,23 @@ pub struct PaceRequest {
     pub struct_size: usize,
     /// The scene.
     pub scene: *const Scene,
-    /// The view; not read where only the workspace's size is asked for.
+    /// The view; not read by `nerf_pace_workspace_size`.
     pub camera: *const Camera,
-    /// NULL for the defaults; what shortcuts they have does not matter.
+    /// NULL for the defaults; samples, cuts, occupancy grid, maths and proposal are ignored.
     pub options: *const RenderOptions,
     /// `NERF_OUTPUT_*` of the planes that will not be NULL, or-ed.
     pub outputs: u32,
-    /// Milliseconds of a frame: measuring stops behind the first point whose frame would take longer.
+    /// Milliseconds per frame: measuring stops after the first point whose frame would take longer.
     pub limit_milliseconds: f32,
-    /// Called with `user`, must not touch the workspace; NULL for the library's own, which a build without std has not.
+    /// Called with `user`; must not touch the workspace. NULL for the library's own, which a build without std lacks.
     pub clock: Clock,
-    /// Handed to `clock`.
+    /// Argument passed to `clock`.
     pub user: *mut c_void,
 }
 
 versioned!(unsafe PaceRequest, "request", by_width(32, 56));
 
-/// Says how much workspace `nerf_pace_measure` needs, and at which alignment.
+/// Computes the size and alignment of the workspace that `nerf_pace_measure` needs.
 ///
 /// `size`, `align` and `message` as in `nerf_worker_size`.
 ///
@@ -82,14 +82,14 @@ pub unsafe extern "C" fn nerf_pace_workspace_size(
     unsafe { call_for_size((size, align), message, body) }
 }
 
-/// Measures what a frame takes on this thread at each point of the scene's front.
+/// Measures how long a frame takes on this thread at each point of the scene's Pareto front.
 ///
-/// Renders about 2,048 pixels over the whole view at each point, cheapest first, and stops behind the first whose
-/// frame would take more than the limit; dearer ones stay at infinity. Measure on an idle host.
+/// Renders about 2,048 pixels, spread over the view, at each point, cheapest first. Stops after the first point whose
+/// frame would take more than the limit; more expensive points stay at infinity. Measure on an idle host.
 ///
-/// `workspace`: of the size and alignment that `nerf_pace_workspace_size` says, apart from scene and blob. `pace`:
-/// `struct_size` set by the caller; written on success. A scene without a front is `NERF_STATUS_NO_FRONT`. `message`: as in
-/// `nerf_scene_memory`.
+/// `workspace`: of the size and alignment that `nerf_pace_workspace_size` says, not overlapping scene or blob.
+/// `pace`: `struct_size` set by the caller; written on success. A scene without a front is `NERF_STATUS_NO_FRONT`.
+/// `message`: as in `nerf_scene_memory`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; the scene is intact.
@@ -131,7 +131,7 @@ pub unsafe extern "C" fn nerf_pace_measure(
     })
 }
 
-/// A scene, and what its frames consist of.
+/// Reads and checks a request; returns it with its scene and the plan of its frames.
 ///
 /// # Safety
 /// That of [`nerf_pace_measure`].
@@ -142,14 +142,14 @@ unsafe fn planned<'s>(at: *const PaceRequest) -> Result<(PaceRequest, &'s Scene,
     let scene = unsafe { Scene::of(request.scene)? };
     // SAFETY: the options are as this function's `# Safety` has them.
     let mut settings = unsafe { Settings::read(request.options)? };
-    // Each point brings its own; what the caller's are is no reason to refuse.
+    // Each point replaces these settings, so the caller's must not cause an error.
     settings.frame.quality = Quality::exact(scene.renderer().blob());
     let outputs = read_outputs("request.outputs", request.outputs)?;
     let plan = settings.plan(scene.renderer().blob(), outputs, 1.0)?;
     Ok((request, scene, plan))
 }
 
-/// The caller's clock, or the library's own.
+/// Returns a function that reads the caller's clock, or the library's own.
 fn time(clock: Clock, user: *mut c_void) -> Result<impl FnMut() -> u64, Failure> {
     #[cfg(feature = "std")]
     let start = std::time::Instant::now();
@@ -157,7 +157,7 @@ fn time(clock: Clock, user: *mut c_void) -> Result<impl FnMut() -> u64, Failure>
     if clock.is_none() {
         return Err(Failure::Null("clock"));
     }
-    // As with a progress function: where nothing unwinds, a call that might would need a panic.
+    // As in `progress::call`: nothing unwinds here, and a call that might would link a panic for that case.
     #[cfg(not(feature = "std"))]
     // SAFETY: the two ABIs pass the same arguments in the same way, and there are no exceptions.
     let clock: Option<unsafe extern "C" fn(*mut c_void) -> u64> = unsafe { core::mem::transmute(clock) };

@@ -4,7 +4,7 @@ use core::panic::PanicInfo;
 
 #[cfg_attr(target_arch = "wasm32", link(wasm_import_module = "env"))]
 unsafe extern "C" {
-    /// Defined by the host; must not return. A library that refers to it can panic: it is missing at link
+    /// Defined by the host; must not return. Only a library that can panic refers to it: then it is undefined at link
     /// time, or among a module's imports.
     fn nerf_panicked() -> !;
 }

@@ -48,7 +48,7 @@ impl PixelFormat {
     }
 }
 
-/// The number that a plane has for a format; as a message names it.
+/// A plane's format number, which messages display by name.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FormatNumber(pub u32);
 
@@ -62,7 +62,7 @@ impl fmt::Display for FormatNumber {
     }
 }
 
-/// The part of a pixel that a plane takes.
+/// The part of a pixel that a plane holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Channel {
     Colour,
@@ -74,13 +74,13 @@ pub(crate) enum Channel {
     /// The density of a point.
     Density,
     PointColour,
-    /// Limits, which are read.
+    /// An input, as is `LimitZDepth`.
     LimitRayDistance,
     LimitZDepth,
 }
 
 impl Channel {
-    /// The plane's name in messages, and its `NERF_OUTPUT_*`: 0 where none is needed.
+    /// The plane's name in messages, and its `NERF_OUTPUT_*` bit, 0 if it needs none.
     fn about(self) -> (&'static str, u32) {
         match self {
             Self::Colour => ("target.rgb", NERF_OUTPUT_RGB),
@@ -101,12 +101,12 @@ impl Channel {
         self.about().0
     }
 
-    /// Whether the `outputs` have this channel; a channel that needs no output is in all of them.
+    /// Whether `outputs` has this channel's bit; a channel that needs none is in all of them.
     pub fn is_in(self, outputs: u32) -> bool {
         self.about().1 & !outputs == 0
     }
 
-    /// The formats that suit, for messages.
+    /// Names of the formats that suit this channel, for messages.
     pub fn formats(self) -> &'static str {
         match self {
             Self::Colour => "NERF_FORMAT_RGB_U8, RGB_F32, RGBA_U8 or RGBA_F32",
@@ -116,7 +116,7 @@ impl Channel {
         }
     }
 
-    /// The format of that number, if it suits.
+    /// The format with this number, if it suits this channel.
     pub fn format(self, number: u32) -> Option<PixelFormat> {
         use PixelFormat::*;
         let suits: &[PixelFormat] = match self {
@@ -129,7 +129,7 @@ impl Channel {
     }
 }
 
-/// Writes one pixel.
+/// Writes one channel of a pixel to `to`.
 ///
 /// # Safety
 /// `to` is aligned for `format` and writable for its size.
@@ -155,7 +155,7 @@ pub(crate) unsafe fn put(to: *mut u8, format: PixelFormat, channel: Channel, pix
     }
 }
 
-/// A channel in 8 bits, rounded half up.
+/// Converts a channel to 8 bits, clamped and rounded half up.
 fn byte(x: f32) -> u8 {
     (x.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
 }

@@ -2,25 +2,25 @@
 
 use core::ffi::c_void;
 
-/// A callback of this library's caller, for a build without std.
+/// A [`Progress`] callback in a build without std, where nothing unwinds.
 #[cfg(not(feature = "std"))]
 type Bare = unsafe extern "C" fn(user: *mut c_void, pixels_done: u64, pixels_all: u64) -> i32;
 
-/// Called before the first tile and after each tile, on the thread that renders, with the pixels
-/// done so far, which only grow, of all; a return value other than 0 cancels.
+/// Called before the first tile and after each tile, on the rendering thread, with the number of pixels done so far,
+/// which never decreases, and of all pixels; a return value other than 0 cancels.
 ///
 /// It may call this library, but not with the worker of the render it is called from. It must not
 /// let a C++ exception escape.
 pub type Progress =
     Option<unsafe extern "C-unwind" fn(user: *mut c_void, pixels_done: u64, pixels_all: u64) -> i32>;
 
-/// Calls the caller; whether it goes on.
+/// Calls the callback, if there is one; returns whether to continue.
 ///
 /// # Safety
 /// `progress` may be called with `user`.
 pub(crate) unsafe fn call(progress: Progress, user: *mut c_void, done: u64, all: u64) -> bool {
     let Some(progress) = progress else { return true };
-    // Where nothing unwinds, a call that might would need a panic at the border it must not cross.
+    // Without std nothing unwinds, and a call that might would link a panic for that case.
     #[cfg(not(feature = "std"))]
     // SAFETY: the two ABIs pass the same arguments in the same way, and there are no exceptions.
     let progress = unsafe {

@@ -1,4 +1,4 @@
-//! Settings by what they may lose, cost or take.
+//! Chooses settings by loss, cost or time.
 
 use crate::boundary::{Message, Out, by_width, call, read_versioned, versioned};
 use crate::failure::Failure;
@@ -11,41 +11,41 @@ use nerf_core::blob::Blob;
 use nerf_core::plan::{self, Quality};
 use nerf_core::render;
 
-/// Settings by what they may lose, dB against the exact rendering; the scene's front says what they are.
+/// A limit on the loss against the exact rendering; the scene's Pareto front says which settings keep it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Preset {
     /// No loss: 0 dB.
     Exact = 0,
-    /// No loss that any picture shows: 0.01 dB.
+    /// No visible loss: 0.01 dB.
     High = 1,
     /// 0.1 dB.
     Balanced = 2,
     /// 0.3 dB.
     Fast = 3,
-    /// 1 dB: to look around in.
+    /// 1 dB: for looking around.
     Preview = 4,
 }
 
-/// The point of a scene's front that was chosen: what its settings lose and cost.
+/// The chosen point of a scene's Pareto front: loss and cost of its settings.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Choice {
     /// `sizeof(nerf_choice)`, set by the caller.
     pub struct_size: usize,
-    /// dB the settings lose against the exact rendering, as a study measured; below 0 a gain.
+    /// Loss of the settings against the exact rendering, dB, as a study measured it; negative for a gain.
     pub loss_db: f32,
-    /// Their multiply-adds relative to the exact rendering's.
+    /// Multiply-adds of the settings relative to the exact rendering's.
     pub cost: f32,
-    /// Milliseconds a frame is expected to take; NaN where time was not asked for.
+    /// Expected milliseconds per frame; NaN unless the choice was by time.
     pub milliseconds: f32,
-    /// 1 if they meet the limit that was asked for; 0 if no point of the front does, and these come nearest.
+    /// 1 if the settings meet the limit; 0 if no point of the front does, and these come nearest.
     pub within: u32,
 }
 
 versioned!(unsafe Choice, "choice", by_width(20, 24));
 
-/// Writes the settings of a choice, and what a frame should take, into the caller's options, and the choice itself.
+/// Writes the chosen settings into the caller's options, and the choice into `choice` unless that is NULL.
 ///
 /// # Safety
 /// Pointers are NULL or point to what the callers of this describe.
@@ -75,18 +75,18 @@ unsafe fn answer(
     Ok(())
 }
 
-/// A choice that no time was asked for.
+/// Pairs a choice with NaN for its time.
 fn without_time(choice: plan::Choice) -> (plan::Choice, f32) {
     (choice, f32::NAN)
 }
 
 /// Sets the cheapest settings that lose at most `loss_db` against the exact rendering.
 ///
-/// `options`: `struct_size` set by the caller; its shortcuts (samples, cuts, occupancy grid, maths, proposal) are
-/// replaced, the rest stays. `choice`: NULL, or written. Where every point of the scene's front loses more, the
-/// one that loses least is set, and `choice->within` is 0. A scene without a front, or with none that this build
-/// can render, is `NERF_STATUS_NO_FRONT`, and nothing is written. A point may cut transmittance above one half,
-/// which a frame with a median distance refuses. `message`: as in `nerf_scene_memory`.
+/// `options`: `struct_size` set by the caller; its quality settings (samples, cuts, occupancy grid, maths, proposal)
+/// are replaced, the rest is kept. `choice`: NULL, or written. If every point of the scene's Pareto front loses more,
+/// the one that loses least is set, and `choice->within` is 0. A scene without a front, or with no point that this
+/// build can render, is `NERF_STATUS_NO_FRONT`, and nothing is written. A point's transmittance cut may be above one
+/// half, which a frame with a median distance refuses. `message`: as in `nerf_scene_memory`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `scene` is intact.
@@ -108,7 +108,7 @@ pub unsafe extern "C" fn nerf_quality_within_loss(
 
 /// Sets the settings that lose least at no more than `ratio` of the exact rendering's multiply-adds.
 ///
-/// Where every point of the scene's front costs more, the cheapest. The rest as in
+/// If every point of the scene's Pareto front costs more, the cheapest is set. The rest as in
 /// `nerf_quality_within_loss`.
 ///
 /// # Safety
@@ -130,10 +130,10 @@ pub unsafe extern "C" fn nerf_quality_within_cost(
 }
 
 /// Sets the settings that lose least in a frame of at most `milliseconds`, at a pace that `nerf_pace_measure`
-/// found.
+/// measured.
 ///
-/// Where every point of the scene's front takes longer, the fastest. The rest as in
-/// `nerf_quality_within_loss`; `choice->milliseconds` is what a frame should take.
+/// If every point of the scene's Pareto front takes longer, the fastest is set. `choice->milliseconds` is the
+/// expected time of a frame. The rest as in `nerf_quality_within_loss`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described there, `pace` to a pace; `scene` is intact.
@@ -156,10 +156,10 @@ pub unsafe extern "C" fn nerf_quality_within_time(
     })
 }
 
-/// Sets the settings of one point of the scene's front, of which `nerf_scene_info` says how many there are.
+/// Sets the settings of one point of the scene's Pareto front; `front_points` of `nerf_scene_info` is their number.
 ///
-/// `point`: from 0, dearest first. For hosts that show the whole trade or choose by rules of their own. A point
-/// that does not exist is `NERF_STATUS_OPTIONS`, one that this build cannot render `NERF_STATUS_NO_FRONT`. The
+/// `point`: from 0, most expensive first. For hosts that show the whole trade-off or choose by rules of their own. A
+/// point that does not exist is `NERF_STATUS_OPTIONS`, one that this build cannot render `NERF_STATUS_NO_FRONT`. The
 /// rest as in `nerf_quality_within_loss`; `choice->within` is 1.
 ///
 /// # Safety
@@ -187,11 +187,11 @@ pub unsafe extern "C" fn nerf_quality_point(
     })
 }
 
-/// Sets the settings of a `nerf_preset`, which lose no more than it says.
+/// Sets the settings of a `nerf_preset`, which lose at most what the preset allows.
 ///
-/// Of a scene without a front it is not known what they lose: `NERF_PRESET_EXACT` is every sample inside the scene box,
-/// `NERF_PRESET_HIGH` the defaults, and the others are what loses 0.05, 0.2 and 0.9 dB in the scene of the project's own
-/// study: transmittance cuts of 0.03, 0.1 and 0.1, colour cuts of 0.03, 0.03 and 0.1, and for `NERF_PRESET_PREVIEW` four
+/// For a scene without a front the loss is not known. `NERF_PRESET_EXACT` is then every sample inside the scene box
+/// and `NERF_PRESET_HIGH` the defaults. The others lose 0.05, 0.2 and 0.9 dB in the scene of the project's own study:
+/// transmittance cuts of 0.03, 0.1 and 0.1, colour cuts of 0.03, 0.03 and 0.1, and for `NERF_PRESET_PREVIEW` four
 /// fifths of the samples. `options` and `message` as in `nerf_quality_within_loss`.
 ///
 /// # Safety

@@ -13,37 +13,37 @@ use nerf_core::camera::is_unit;
 use nerf_core::render::{self, RenderError};
 use nerf_core::volume::Pixel;
 
-/// Points that are copied in and out together.
+/// Number of points that are copied in and out together.
 const CHUNK: usize = 64;
 
-/// Points that are seen along directions.
+/// Points, and the directions that they are seen along.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Points {
     /// `sizeof(nerf_points)`.
     pub struct_size: usize,
-    /// Number of them.
+    /// Number of points.
     pub count: usize,
-    /// x, y, z, world space. Points outside the scene box, or in a cell that the occupancy grid calls empty, have density 0
-    /// and black colour.
+    /// Position of each point: x, y, z, world space. Points outside the scene box, or in a cell that the occupancy
+    /// grid calls empty, have density 0 and black colour.
     pub positions: Floats,
-    /// Directions from the camera to the point, of unit length (the square is 1 within 1e-3); not read where there is no
-    /// plane for colour.
+    /// Direction from the camera to each point, of unit length (the square is 1 within 1e-3); not read if `rgb` is
+    /// NULL.
     pub dirs: Floats,
-    /// Receives the density of each, per world unit: a row of `count` pixels, `NERF_FORMAT_F32`, of which only `pixel_stride`
-    /// matters.
+    /// Receives the density of each point, per world unit: a row of `count` pixels, `NERF_FORMAT_F32`, of which only
+    /// `pixel_stride` matters.
     pub sigma: Plane,
-    /// Receives the colour of each, display-encoded unless the options say linear: `NERF_FORMAT_RGB_F32`; NULL if not wanted.
+    /// Receives each point's colour, display-encoded unless the options say linear: `NERF_FORMAT_RGB_F32`; or NULL.
     pub rgb: Plane,
 }
 
 versioned!(unsafe Points, "points", by_width(64, 112));
 
-/// Asks for density and colour at points seen along directions.
+/// Evaluates density and colour at points seen along directions.
 ///
-/// `worker`: opened with `NERF_OUTPUT_RGB` where colour is wanted; of its options only occupancy grid, maths and tone matter
-/// to the results. Results must not overlap anything else. A direction that is not of unit length is
-/// `NERF_STATUS_DIRECTION`, with nothing written. `counters` and `message`: as in `nerf_render`.
+/// `worker`: opened with `NERF_OUTPUT_RGB` if colour is wanted; of its options only occupancy grid, maths and tone
+/// affect the results. `sigma` and `rgb` must not overlap anything else. If a direction is not of unit length,
+/// nothing is written: `NERF_STATUS_DIRECTION`. `counters` and `message`: as in `nerf_render`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
@@ -67,7 +67,7 @@ pub unsafe extern "C" fn nerf_query(
         let mut canvas = unsafe { Canvas::of_points(&points.sigma, &points.rgb, n, &read, worker)? };
         // SAFETY: all of them were found inside of arrays that the caller vouches for.
         let dir_at = |i: usize| unsafe { dirs.three(i) };
-        // All of them before the first result is written, and numbered as the caller has them.
+        // Every direction is checked before the first result is written, so the index is the caller's.
         if colour && let Some(index) = (0..n).find(|&i| !is_unit(Vec3::from(dir_at(i)))) {
             return Err(RenderError::Direction { index, found: dir_at(index) }.into());
         }

@@ -1,4 +1,4 @@
-//! Rays of the caller's own: what each sees, and where a photon on it collides.
+//! The caller's own rays: what each sees, and where a photon on it collides.
 
 use crate::boundary::{Message, by_width, call, versioned};
 use crate::camera::read_vec3;
@@ -14,18 +14,18 @@ use nerf_core::camera::Ray;
 use nerf_core::render::RaySegment;
 use nerf_core::volume::Pixel;
 
-/// Numbers of the caller's, one or three to each ray or point.
+/// The caller's floats, one or three per ray or point.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Floats {
-    /// The first of them.
+    /// Address of the first element.
     pub data: *const f32,
-    /// Bytes from one ray's or point's to the next; 0 for side by side.
+    /// Bytes from one element, of one or three floats, to the next; 0 if they are contiguous.
     pub stride: usize,
 }
 
 impl Floats {
-    /// `count` groups of `each` numbers, checked.
+    /// Checks address, stride and extent of `count` elements of `each` floats.
     pub(crate) fn check(
         &self,
         name: &'static str,
@@ -49,7 +49,7 @@ impl Floats {
     }
 }
 
-/// Numbers whose extent was checked.
+/// Elements that [`Floats::check`] has checked.
 #[derive(Clone, Copy)]
 pub(crate) struct Numbers {
     data: *const u8,
@@ -57,7 +57,7 @@ pub(crate) struct Numbers {
 }
 
 impl Numbers {
-    /// The `i`-th.
+    /// Element `i`, one float.
     ///
     /// # Safety
     /// `i` is below the count that was checked, and the caller's memory is readable.
@@ -67,7 +67,7 @@ impl Numbers {
         unsafe { self.data.add(i * self.stride).cast::<f32>().read() }
     }
 
-    /// The `i`-th three.
+    /// Element `i`, three floats.
     ///
     /// # Safety
     /// That of [`Numbers::one`].
@@ -78,50 +78,49 @@ impl Numbers {
     }
 }
 
-/// Rays of the caller's own, in any order, from anywhere.
+/// The caller's own rays, in any order, from anywhere.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Rays {
     /// `sizeof(nerf_rays)`.
     pub struct_size: usize,
-    /// Number of them.
+    /// Number of rays.
     pub count: usize,
-    /// The origin of each, x, y, z.
+    /// Origin of each ray: x, y, z, world space.
     pub origins: Floats,
-    /// The direction of each, x, y, z, of unit length: the square of its length is 1 within 1e-3. It is used as
-    /// it is, so that distances are off by as much.
+    /// Direction of each ray: x, y, z, of unit length (the square is 1 within 1e-3). It is not normalised, so
+    /// distances have the same relative error.
     pub dirs: Floats,
-    /// The distance from which on a ray sees, world units along it, at least 0; NULL for 0. The samples of a scene that is
-    /// marched (`step` of `nerf_scene_info` is not 0) are counted from here, so that another `t_min` moves all of them;
-    /// those of another scene stay where they are, and the one whose bin `t_min` lies in counts for what is left of the
-    /// bin.
+    /// Distance along each ray at which visibility begins, world units, at least 0; NULL for 0. In a scene that is
+    /// marched (`step` of `nerf_scene_info` is not 0) samples are counted from here, so another `t_min` moves all of
+    /// them. In other scenes samples stay where they are, and `t_min` cuts the sample interval that it lies in.
     pub t_min: Floats,
-    /// The distance up to which a ray sees, at least `t_min`, may be infinite; NULL for no end. It cuts the bin it lies in:
-    /// opacity goes continuously with it.
+    /// Distance along each ray at which visibility ends, at least `t_min`, may be infinite; NULL for no end. It cuts
+    /// the sample interval that it lies in: opacity is a continuous function of it.
     pub t_max: Floats,
-    /// One random number in [0, 1) a ray for `nerf_sample_rays`; NULL for `nerf_render_rays`. 1 is taken for the largest
-    /// float below 1, since rounding to float produces it.
+    /// One random number in [0, 1) per ray for `nerf_sample_rays`; NULL for `nerf_render_rays`. 1 counts as the
+    /// largest float below 1, since rounding to float produces it.
     pub random: Floats,
-    /// Three numbers, of unit length as `dirs` are: what `z_depth` is measured along, of a camera the direction of its ray
-    /// through (cx, cy). NULL where that is not asked for.
+    /// Axis that `z_depth` is measured along: three floats, of unit length as `dirs` are. For a camera it is the
+    /// direction of the ray through (cx, cy). May be NULL without a plane for `z_depth`.
     pub axis: *const f32,
-    /// The target of the results: planes of one row of `count` pixels, of which only `pixel_stride` matters. They may be
-    /// fields of the structures that the rays are in. No limits: `t_max` is the ray's.
+    /// Planes for the results: one row of `count` pixels, of which only `pixel_stride` matters. They may be fields of
+    /// the structures that hold the rays. Limits must be NULL: each ray has its `t_max`.
     pub target: *const Target,
 }
 
 versioned!(unsafe Rays, "rays", by_width(56, 112));
 
-/// Renders rays of the caller's own: each is a pixel of the target.
+/// Renders the caller's own rays: ray i is pixel i of the target.
 ///
-/// A ray may begin anywhere: outside of the scene, inside, behind it. Where it meets no surface, distances are one that is
-/// beyond everything in the scene, or `t_max`. The rays of a camera give its pixels, bit for bit, without jitter. A plane of
-/// opacity alone is what a shadow ray needs: the same bits as beside others, for less work.
+/// A ray may begin anywhere: outside the scene, inside it or behind it. Without a surface, distances are no less than
+/// any in the scene, or `t_max`. A camera's rays give its pixels, bit for bit, without jitter. For a shadow ray a
+/// plane of opacity alone is enough: it gets the same bits as together with other planes, for less work.
 ///
-/// Rays are checked before the first result is written: `NERF_STATUS_RAY` names the first that has an origin that is not
-/// finite, a direction that is not of unit length or an empty range; it is also the status of `random` that is not NULL.
-/// Options with anti-aliasing or an aperture, which belong to cameras, are `NERF_STATUS_OPTIONS`. `counters` and `message`:
-/// as in `nerf_render`.
+/// Rays are checked before the first result is written. `NERF_STATUS_RAY` names the first with an origin that is not
+/// finite, a direction that is not of unit length or an empty range. It is also the status if `random` is not NULL.
+/// Options with anti-aliasing or an aperture, which belong to cameras, are `NERF_STATUS_OPTIONS`. `counters` and
+/// `message`: as in `nerf_render`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
@@ -139,14 +138,15 @@ pub unsafe extern "C" fn nerf_render_rays(
     })
 }
 
-/// Draws where a photon that flies along each ray collides with the field: for path tracers.
+/// Samples the point at which a photon along each ray collides with the field, for path tracers.
 ///
-/// A ray collides where its opacity reaches its number of `random`. Then `opacity` is 1, the distances are that point's, and
-/// colour and normal are the field's there. Else opacity is 0, distances are infinite, and colour is the background (0 in
-/// RGBA planes). Over uniform numbers the mean of the colours is what `nerf_render_rays` composites without cuts, which are
-/// not used here. Of a field shaded once a ray it is not: a colour is that of the field's network for one sample by itself.
-/// The means of opacity, distance and normal are; the field's own colour is that of `nerf_render_rays` of the same ray.
-/// `NERF_STATUS_RAY` also where a number is not in [0, 1]. The rest as in `nerf_render_rays`.
+/// A ray collides where its opacity reaches its number of `random`. Then `opacity` is 1, the distances are that
+/// point's, and colour and normal are the field's there. Otherwise opacity is 0, distances are infinite, and colour
+/// is the background (0 in RGBA planes). The options' cuts are not used. Over uniform numbers the mean of the colours
+/// is what `nerf_render_rays` composites without cuts, except in a field shaded once a ray: there each colour is the
+/// network's for one sample alone, and only `nerf_render_rays` gives the field's own. The means of opacity, distance
+/// and normal agree in every field. `NERF_STATUS_RAY` also if a number is not in [0, 1]. The rest as in
+/// `nerf_render_rays`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described there; `worker` and its scenes are intact.
@@ -164,7 +164,7 @@ pub unsafe extern "C" fn nerf_sample_rays(
     })
 }
 
-/// The arrays of a call, checked, and where they lie.
+/// The checked input arrays of a call, and the memory that they occupy, `read`.
 struct Arrays {
     origins: Numbers,
     dirs: Numbers,
@@ -212,7 +212,7 @@ impl Arrays {
     }
 }
 
-/// Renders rays, or draws where photons on them collide.
+/// Renders rays or, if `collide`, samples the points at which photons on them collide.
 ///
 /// # Safety
 /// That of [`nerf_render_rays`].

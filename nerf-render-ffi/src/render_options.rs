@@ -1,4 +1,4 @@
-//! The shortcuts of a frame.
+//! Options of a frame.
 
 use crate::boundary::{by_width, named, number_of, read_or_zeros, versioned};
 use crate::effects::Effects;
@@ -7,19 +7,19 @@ use nerf_core::MathBackend;
 use nerf_core::blob::{Blob, MAX_SAMPLES};
 use nerf_core::plan::{self, Batch, Outputs, Plan, Quality, Tone, ToneMap};
 
-/// Most rays in flight: the pixels of one tile.
+/// Largest `batch_rays`: the pixels of one tile.
 const MAX_RAYS: u32 = 256;
 
-/// Values of a flag.
+/// Values of a flag, for messages.
 const FLAG: &str = "0 or 1";
 
-/// Default of `transmittance_cut`: no difference to be seen from none.
+/// Default of `transmittance_cut`: no visible difference from no cut.
 pub const NERF_TRANSMITTANCE_CUT_DEFAULT: f32 = 2e-2;
-/// Default of `colour_cut`: no difference to be seen from none.
+/// Default of `colour_cut`: no visible difference from no cut.
 pub const NERF_COLOUR_CUT_DEFAULT: f32 = 5e-3;
-/// Default of `normal_blur`: one bin.
+/// Default of `normal_blur`: one sample interval.
 pub const NERF_NORMAL_BLUR_DEFAULT: f32 = 1.0;
-/// In the place of a cut or a blur: none at all.
+/// Value that turns off a cut or a blur.
 pub const NERF_NONE: f32 = -1.0;
 
 /// The backend of the elementary functions.
@@ -30,7 +30,7 @@ pub enum Maths {
     Polynomial = 0,
     /// The `libm` crate, one value at a time.
     Libm = 1,
-    /// The `micromath` crate: small and rough.
+    /// The `micromath` crate: small code, low accuracy.
     Micromath = 2,
     /// Angle doubling from level to level of the encoding; errors grow with the level.
     Recurrence = 3,
@@ -50,63 +50,64 @@ const MATHS: [Option<MathBackend>; 4] = [
     Some(MathBackend::Recurrence),
 ];
 
-/// The shortcuts of a frame.
+/// Options of a frame: quality settings, batches, distances and effects.
 ///
-/// All zeros (but for `struct_size`) is the defaults, as is NULL in its place: cuts that cost nothing visible. With
-/// `transmittance_cut` and `colour_cut` at `NERF_NONE` it is the exact picture: every sample that the occupancy grid does not
-/// call empty.
+/// All zeros (except `struct_size`), or NULL for the structure, are the defaults: cuts that cost nothing visible.
+/// With `transmittance_cut` and `colour_cut` at `NERF_NONE` the picture is exact: it uses every sample that the
+/// occupancy grid does not call empty.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct RenderOptions {
     /// `sizeof(nerf_render_options)`.
     pub struct_size: usize,
-    /// Samples per ray, at most 4096; 0 for what the scene was made for. Of a scene that is marched (`step` of
-    /// `nerf_scene_info` is not 0) so many steps to the diagonal of its box; of another so many between its near and far.
-    /// With a proposal network these are drawn from it, and its own come on top.
+    /// Samples per ray, at most 4096; 0 for the scene's own number. In a scene that is marched (`step` of
+    /// `nerf_scene_info` is not 0), the number of steps along the diagonal of its box; in others, the number between
+    /// its near and far. With a proposal network these samples are drawn from it, in addition to its own.
     pub samples: u32,
-    /// A ray ends where its transmittance falls below this, less than 1; 0 for `NERF_TRANSMITTANCE_CUT_DEFAULT`,
-    /// `NERF_NONE` (or anything below 0) never ends one.
+    /// Transmittance threshold, less than 1: a ray ends once its transmittance falls below it. 0 for
+    /// `NERF_TRANSMITTANCE_CUT_DEFAULT`; `NERF_NONE` (or anything below 0) never ends one.
     pub transmittance_cut: f32,
-    /// 1: cells that the occupancy grid calls empty are computed, too. Else 0.
+    /// 1: cells that the occupancy grid calls empty are evaluated, too. Else 0.
     pub ignore_occupancy: u32,
     /// A `nerf_maths`.
     pub maths: u32,
     /// 1: `background` replaces the scene's. Else 0.
     pub background_set: u32,
-    /// Display-encoded, in `[0, 1]`; read only where `background_set` is 1.
+    /// Background colour, display-encoded, in `[0, 1]`; read only if `background_set` is 1.
     pub background: [f32; 3],
-    /// Rays in flight, at most 256; 0 for what keeps vectors busy. Never changes a picture, only
-    /// memory and time; tiles have no more pixels than this.
+    /// Rays in one batch, at most 256; 0 for a number that keeps vector units busy. Never changes a picture, only
+    /// memory and time; a tile has at most this many pixels.
     pub batch_rays: u32,
-    /// Samples that go through the network together, at most 64; 0 for what keeps vectors busy.
-    /// Only portable instructions over f16 weights take fewer than 64.
+    /// Samples that the network evaluates together, at most 64; 0 for a number that keeps vector units busy. Only the
+    /// portable kernel with f16 weights uses fewer than 64.
     pub batch_samples: u32,
-    /// Samples whose weight is at most this take the colour of one behind them, less than 1; 0 for `NERF_COLOUR_CUT_DEFAULT`,
-    /// `NERF_NONE` asks the network for every colour. Opacity and distances never depend on it.
+    /// Weight threshold, less than 1: weight along a ray accumulates until it exceeds this, then the next colour is
+    /// evaluated for all of it. 0 for `NERF_COLOUR_CUT_DEFAULT`, `NERF_NONE` evaluates every colour. Never affects
+    /// opacity or distances.
     pub colour_cut: f32,
-    /// Width, in bins, of the Gaussian that the density is blurred by before its gradient is taken for normals (standard
-    /// deviation: this over the root of 12); 0 for `NERF_NORMAL_BLUR_DEFAULT`. `NERF_NONE` is the gradient itself, which is
-    /// mostly noise finer than a bin.
+    /// Width of the Gaussian blur of the density before its gradient is taken for normals, in sample intervals
+    /// (standard deviation: width / sqrt(12)). 0 for `NERF_NORMAL_BLUR_DEFAULT`; `NERF_NONE` is the gradient itself,
+    /// which is mostly noise finer than a sample interval.
     pub normal_blur: f32,
-    /// 1: samples are even where the scene would take them from its proposal network. Else 0.
+    /// 1: samples are uniform even if the scene has a proposal network. Else 0.
     pub ignore_proposal: u32,
-    /// The distance from which on rays see, world units, at least 0.
+    /// Distance along a ray at which visibility begins, world units, at least 0.
     pub near_distance: f32,
-    /// The distance up to which rays see, world units; 0 for no end.
+    /// Distance along a ray at which visibility ends, world units; 0 for no end.
     pub far_distance: f32,
-    /// 1: a scene that is not marched has no samples but those between its own near and far, which it was trained on,
-    /// wherever the camera is: to reproduce figures that were measured so. Else 0: as many more as its box needs.
+    /// 1: a scene that is not marched is sampled only between its own near and far, where it was trained: to
+    /// reproduce figures that were measured so. 0: the rest of its box is sampled, too.
     pub own_bins: u32,
-    /// Zero.
+    /// Reserved; must be 0.
     pub reserved: u32,
-    /// Effects: all zeros is none.
+    /// Effects; all zeros for none.
     pub effects: Effects,
 }
 
 versioned!(unsafe RenderOptions, "options", by_width(128, 136));
 
 impl RenderOptions {
-    /// These options with other shortcuts.
+    /// These options with the settings of `quality`.
     pub(crate) fn with(self, quality: &Quality) -> Self {
         Self {
             samples: quality.samples.into(),
@@ -128,7 +129,7 @@ pub(crate) struct Settings {
 }
 
 impl Settings {
-    /// The options behind a pointer, or the defaults.
+    /// Reads and checks the options at `at`; NULL for the defaults.
     ///
     /// # Safety
     /// `at` is NULL or points to `struct_size` readable bytes.
@@ -170,15 +171,15 @@ impl Settings {
         Ok(Self { frame, batch: Batch { rays, samples: or(o.batch_samples, Batch::FULL.samples) } })
     }
 
-    /// The frame these settings make of a scene, of whose units one is `scale` of the world's.
+    /// The plan of a frame of a scene, whose unit is `scale` world units.
     pub fn plan<'a>(&self, blob: &Blob<'a>, outputs: Outputs, scale: f32) -> Result<Plan<'a>, Failure> {
         let (near, far) = self.frame.range;
         let of_scene = plan::Settings { range: (near / scale, far / scale), ..self.frame };
         Ok(of_scene.plan(blob, outputs, self.batch)?)
     }
 
-    /// An error unless the tone stage is none but that to linear light: what is premultiplied in display-encoded values is no
-    /// light, and a curve of what is premultiplied is not that of the colour.
+    /// Returns an error if the tone stage does not suit a target with alpha. Premultiplied display-encoded values are
+    /// not light, so exposure needs linear output. A tone curve of premultiplied values is not that of the colour.
     pub fn check_tone_of_alpha(&self) -> Result<(), Failure> {
         let tone = self.frame.effects.tone;
         let fits = tone == Tone::NONE || (tone.linear && tone.map == ToneMap::None);
@@ -186,7 +187,7 @@ impl Settings {
     }
 }
 
-/// A cut or a blur: 0 is the default, and less is none.
+/// Resolves a cut or a blur: 0 is the default, below 0 is none.
 fn or_default(asked: f32, default: f32) -> f32 {
     if asked == 0.0 {
         default
@@ -197,7 +198,7 @@ fn or_default(asked: f32, default: f32) -> f32 {
     }
 }
 
-/// The other way: a cut of 0 is none.
+/// The inverse of `or_default`: a cut of 0, which is none, becomes `NERF_NONE`.
 fn or_none(cut: f32) -> f32 {
     if cut == 0.0 { NERF_NONE } else { cut }
 }

@@ -13,9 +13,9 @@ use nerf_core::render::Renderer;
 
 /// An opened scene: lies at the beginning of the memory it was opened in and borrows the blob.
 ///
-/// It owns nothing and never changes: threads may use it at the same time, and there is nothing to
-/// close. It ends where the caller reuses its memory or the blob's. (One from `nerf_scene_open_file` lies in
-/// memory of the library's own and ends with `nerf_scene_close`.)
+/// A scene owns nothing and never changes: threads may use it at the same time, and there is nothing to close. It is
+/// valid until the caller reuses its memory or the blob's. (A scene from `nerf_scene_open_file` lies in memory of the
+/// library's own and is valid until `nerf_scene_close`.)
 #[repr(align(64))]
 pub struct Scene {
     renderer: Renderer<'static>,
@@ -25,14 +25,14 @@ pub struct Scene {
     pub(crate) owned: Option<crate::scene_file::Owned>,
 }
 
-/// Threads share a scene without a lock.
+/// Compile-time check: threads may share a scene without a lock.
 const _: () = {
     const fn shared<T: Send + Sync>() {}
     shared::<Scene>();
 };
 
 impl Scene {
-    /// The scene behind a handle.
+    /// The scene that a handle points to.
     ///
     /// # Safety
     /// `scene` is NULL or a handle whose memory and blob are intact during `'a`.
@@ -49,19 +49,19 @@ impl Scene {
         &self.renderer
     }
 
-    /// An error where memory that will be written to holds part of the blob or of the scene.
+    /// Returns an error if `span`, memory that will be written to, overlaps the blob or the scene's memory.
     pub(crate) fn check_apart(&self, name: &'static str, span: Span) -> Result<(), Failure> {
         span.check_apart(name, self.blob, "the blob")?;
         span.check_apart(name, self.memory, "the scene's memory")
     }
 }
 
-/// Lines of memory a scene takes.
+/// Number of lines of memory that a scene takes.
 pub(crate) fn memory_lines(blob: &Blob<'_>, kernel: Kernel) -> usize {
     lines_for::<Scene>(1) + Renderer::prepared_lines(blob, kernel)
 }
 
-/// Parses and checks a blob; its coded tables are checked where opening the scene decodes them.
+/// Parses and checks a blob, except its coded tables, which are checked when opening the scene decodes them.
 ///
 /// # Safety
 /// `blob` is NULL or points to `blob_size` bytes that stay as they are during `'a`.
@@ -72,7 +72,7 @@ unsafe fn open_blob<'a>(blob: *const c_void, blob_size: usize) -> Result<Blob<'a
     Ok(Blob::open_undecoded(bytes)?)
 }
 
-/// Says how much memory `nerf_scene_open` needs for a blob, and at which alignment.
+/// Computes the size and alignment of the memory that `nerf_scene_open` needs for a blob.
 ///
 /// `blob`: `blob_size` bytes at any alignment. `options`: NULL for all zeros. `size` and `align`
 /// are written on success only. `message`: NULL, or `message_capacity` bytes for a sentence about
@@ -104,10 +104,10 @@ pub unsafe extern "C" fn nerf_scene_memory(
 
 /// Opens a scene in the caller's memory; allocates nothing and owns nothing.
 ///
-/// The scene borrows `blob` and `memory`: both stay where and as they are for as long as it is
-/// used. `memory`: at least the size and alignment that `nerf_scene_memory` says, apart from the
-/// blob. `scene` receives the handle on success only; there is nothing to close. `message`: as in
-/// `nerf_scene_memory`; it and `scene` lie apart from blob and memory.
+/// The scene borrows `blob` and `memory`: the caller leaves both in place and unchanged while the scene is used.
+/// `memory`: at least the size and alignment that `nerf_scene_memory` says, not overlapping the blob. `scene`
+/// receives the handle on success only; there is nothing to close. `message`: as in `nerf_scene_memory`. Neither
+/// `message` nor `scene` may overlap blob or memory.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.
@@ -146,9 +146,9 @@ pub unsafe extern "C" fn nerf_scene_open(
 /// Opens a scene at the beginning of `memory`.
 ///
 /// # Safety
-/// `blob` and the `memory_size` bytes at `memory`, which is aligned for a line, are apart from each other and the
-/// caller's to lend for as long as the scene is used.
-// In its caller's frame, whose stack a microcontroller has once.
+/// `memory` is aligned for a line and `memory_size` bytes long. It does not overlap `blob`, and both are the caller's
+/// to lend while the scene is used.
+// Inlined, so that a microcontroller's stack has one frame less.
 #[inline(always)]
 pub(crate) unsafe fn open_in(
     blob: *const [u8],

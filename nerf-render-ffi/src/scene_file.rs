@@ -14,9 +14,9 @@ use nerf_core::memory::Line;
 use std::fs::File;
 use std::io::{self, Read};
 
-/// Blob and memory of a scene that was opened from a file; they end in `nerf_scene_close`.
+/// Blob and memory of a scene that was opened from a file; `nerf_scene_close` frees them.
 ///
-/// Pointers and no boxes, since the scene borrows both, and lies in one of them itself.
+/// Pointers rather than boxes, since the scene borrows both, and itself lies in `memory`.
 pub(crate) struct Owned {
     blob: NonNull<[u8]>,
     memory: NonNull<[Line]>,
@@ -94,11 +94,11 @@ impl From<io::Error> for Cause {
     }
 }
 
-/// Opens a scene from a file, in memory of the library's own: `nerf_scene_close` frees it.
+/// Opens a scene from a file, in memory that the library owns: `nerf_scene_close` frees it.
 ///
-/// For hosts with a heap; only in a library built with `std`. `path`: UTF-8 on Windows, the system's bytes
-/// elsewhere, NUL-terminated. `options`: NULL for all zeros. `scene` receives the handle on success only;
-/// nothing is left behind otherwise. `message`: as in `nerf_scene_memory`, with the path in front.
+/// For hosts with a heap; only in a library built with `std`. `path`: UTF-8 on Windows, the system's bytes elsewhere,
+/// NUL-terminated. `options`: NULL for all zeros. `scene` receives the handle on success only; on failure nothing
+/// stays allocated. `message`: as in `nerf_scene_memory`, preceded by the path.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.
@@ -170,10 +170,10 @@ pub unsafe extern "C" fn nerf_scene_close(scene: *const Scene) {
     });
 }
 
-/// The bytes of a file, unless its first ones already say that it is no blob, or is cut.
+/// Reads a file; an error if its header already shows that it is no blob, or of another length.
 fn read(path: &CStr) -> Result<Vec<u8>, Cause> {
     let path = as_path(path)?;
-    // Before it is opened, since opening a pipe waits for somebody to write.
+    // Checked before opening, since opening a pipe blocks until something writes to it.
     if !std::fs::metadata(path)?.is_file() {
         return Err(Cause::NotRegular);
     }
@@ -199,7 +199,7 @@ fn read(path: &CStr) -> Result<Vec<u8>, Cause> {
     }
     let whole = usize::try_from(found).map_err(|_| Failure::Overflow("path"))?;
     bytes.try_reserve_exact(whole - bytes.len()).map_err(|_| Cause::OutOfMemory { bytes: whole })?;
-    // No further than it was long when it was opened: a file that grows meanwhile is refused by its checksum.
+    // No further than the length at opening: a file that grows meanwhile is refused by its checksum.
     file.take(found - bytes.len() as u64).read_to_end(&mut bytes)?;
     Ok(bytes)
 }
@@ -214,7 +214,7 @@ fn as_path(path: &CStr) -> Result<&str, Cause> {
     path.to_str().map_err(|error| io::Error::new(io::ErrorKind::InvalidInput, error).into())
 }
 
-/// `count` values, or what it would have taken.
+/// Makes `count` values; an error with their size if there is not enough memory.
 fn filled<T: Clone>(count: usize, value: T) -> Result<Vec<T>, Cause> {
     let mut values = Vec::new();
     let bytes = count.saturating_mul(size_of::<T>());

@@ -24,12 +24,12 @@ pub enum Kind {
 pub enum TableStorage {
     /// There is no learned grid.
     None = 0,
-    /// Two bytes a value.
+    /// Two bytes per value.
     F16 = 1,
-    /// A byte a value, and a scale a level.
+    /// One byte per value, and one scale per level.
     Int8 = 2,
-    /// The same bytes, entropy-coded: `nerf_scene_open` decodes them into the scene's memory. A library without the feature
-    /// `coded`, for a microcontroller, refuses the file and says so: fit it with `--export int8`, which is read in place.
+    /// As `NERF_TABLE_STORAGE_INT8`, entropy-coded: `nerf_scene_open` decodes it into the scene's memory. A library
+    /// without the feature `coded` (microcontrollers) refuses it: fit with `--export int8`, which is read in place.
     Coded = 3,
 }
 
@@ -37,9 +37,9 @@ pub enum TableStorage {
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Text {
-    /// First byte; never NULL.
+    /// Address of the first byte; never NULL.
     pub data: *const c_char,
-    /// Bytes.
+    /// Length, bytes.
     pub length: usize,
 }
 
@@ -49,7 +49,7 @@ impl Text {
     }
 }
 
-/// The facts of a scene; zeros in those that a picture (a 2D field) has not.
+/// The facts of a scene; those that do not apply to a picture (a 2D field) are 0 for one.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct SceneInfo {
@@ -59,17 +59,17 @@ pub struct SceneInfo {
     pub kind: u32,
     /// The `nerf_kernel` the scene runs on; never `NERF_KERNEL_AUTO`.
     pub kernel: u32,
-    /// Smallest corner of the scene box, world units; outside of the box density is 0, but where the scene has no end
-    /// (`contraction_radius`).
+    /// Smallest corner of the scene box, world units. Outside the box density is 0, unless the scene is unbounded
+    /// (`contraction_radius` is not 0).
     pub box_min: [f32; 3],
     /// Largest corner of the scene box, world units.
     pub box_max: [f32; 3],
-    /// Near: where the scene began on the rays of the cameras it was made from, world units. Half way between it and far is
-    /// a good place for a camera; any other is as well. (`near` alone is a macro on Windows.)
+    /// Distance at which the scene begins on the rays of the cameras it was made from, world units. Half way between
+    /// it and far is a good place for a camera; any other works as well. (`near` alone is a macro on Windows.)
     pub near_distance: f32,
-    /// Far: where the scene ended on them.
+    /// Distance along the same rays at which the scene ends, world units.
     pub far_distance: f32,
-    /// Samples per ray the scene was made for: between near and far, or where it is marched (`step`) the most in its box.
+    /// Samples per ray the scene was made for: between near and far, or if marched (`step`) the most in its box.
     pub samples: u32,
     /// The background, which shows where opacity is below 1, display-encoded.
     pub background: [f32; 3],
@@ -77,15 +77,15 @@ pub struct SceneInfo {
     pub view_dependent: u32,
     /// 1 if the occupancy grid is part of the model and cannot be ignored.
     pub occupancy_required: u32,
-    /// Cells of the occupancy grid along x, y, z; zeros without an occupancy grid.
+    /// Number of cells of the occupancy grid along x, y, z; zeros without an occupancy grid.
     pub occupancy_resolution: [u32; 3],
-    /// Share of the cells that may hold something; 1 without an occupancy grid.
+    /// Fraction of the cells that may be occupied; 1 without an occupancy grid.
     pub occupied_share: f32,
-    /// Trunk layers in use of `trunk_widths`.
+    /// Number of trunk layers: entries of `trunk_widths` in use.
     pub trunk_layers: u32,
     /// Widths of the trunk's layers.
     pub trunk_widths: [u32; 16],
-    /// Colour layers in use of `colour_widths`.
+    /// Number of the colour branch's hidden layers: entries of `colour_widths` in use.
     pub colour_layers: u32,
     /// Widths of the colour branch's hidden layers.
     pub colour_widths: [u32; 4],
@@ -93,62 +93,62 @@ pub struct SceneInfo {
     pub psnr_db: f32,
     /// PSNR lost on the same views by rounding weights and tables to their storage, dB; NaN if not measured.
     pub quantisation_loss_db: f32,
-    /// Optimiser steps.
+    /// Number of optimiser steps of the training run.
     pub steps: u32,
-    /// Parameters of the network.
+    /// Number of parameters of the network.
     pub parameters: u64,
-    /// Multiply-adds of one density evaluation; of a picture, of the trunk.
+    /// Multiply-adds of one density evaluation; for a picture, of the trunk.
     pub density_macs: u64,
-    /// Multiply-adds of one colour evaluation on top of that.
+    /// Additional multiply-adds of one colour evaluation.
     pub colour_macs: u64,
-    /// Seed of the run.
+    /// Seed of the training run.
     pub seed: u64,
-    /// The data the scene was fitted to, by name.
+    /// Name of the data the scene was fitted to.
     pub data: Text,
-    /// The program and settings that made it.
+    /// The program and settings that made the scene.
     pub made_by: Text,
-    /// The convention of the PSNR: views, background, samples.
+    /// How the PSNR was measured: views, background, samples.
     pub psnr_convention: Text,
-    /// Size of the picture the 2D field was made of, pixels to a row; 0 in a scene.
+    /// Width of the picture the 2D field was made from, pixels; 0 for a scene.
     pub picture_width: u32,
-    /// Size of the picture the 2D field was made of, rows; 0 in a scene.
+    /// Height of the picture the 2D field was made from, pixels; 0 for a scene.
     pub picture_height: u32,
     /// Samples per ray of the coarse proposal network; 0 without one.
     pub proposal_samples: u32,
-    /// Points of the front that a study measured: settings, what they lose and what they cost. 0 without one.
+    /// Number of points of the Pareto front that a study measured, settings with their loss and cost; 0 without one.
     pub front_points: u32,
     /// Multiply-adds of one evaluation of the proposal network; 0 without one.
     pub proposal_macs: u64,
-    /// World units from sample to sample, of a scene that is marched where a ray is in its box; 0 where rays have bins
-    /// between near and far. Of an unbounded scene that of its ball; beyond, steps grow.
+    /// Distance between samples, world units, in a scene that is marched through its box; 0 if rays have bins between
+    /// near and far. In an unbounded scene it holds inside the ball of `contraction_radius`; outside, steps grow.
     pub step: f32,
     /// A `nerf_table_storage`: what the learned grid's tables are stored in.
     pub table_storage: u32,
-    /// Radius of the ball around the middle of the scene box, beyond which unbounded space is contracted into the box, a
-    /// cube of 4 radii, world units; 0 where the scene ends at its box.
+    /// Radius of the ball around the middle of the scene box outside which unbounded space is contracted into the
+    /// box, a cube of 4 radii, world units; 0 if the scene ends at its box.
     pub contraction_radius: f32,
-    /// The power that steps beyond that ball grow with, 1, 2 or 4; 0 where the scene ends at its box.
+    /// Power that steps outside that ball grow with: 1, 2 or 4; 0 if the scene ends at its box.
     pub contraction_power: u32,
-    /// The `nerf_storage` that its weights lie in; never `NERF_STORAGE_AUTO`.
+    /// The `nerf_storage` of the weights; never `NERF_STORAGE_AUTO`.
     pub storage: u32,
-    /// The position of somebody who took the photographs, world units: a view from here towards `target` shows what was seen.
-    /// Zeros, as all of the four, where the file does not say: of a scene that does, `up` is not 0.
+    /// Position of the default viewpoint, world units: a view from here towards `target` shows what was photographed.
+    /// `eye`, `target`, `up` and `arc` are 0 if the file has no viewpoint; otherwise `up` is not 0.
     pub eye: [f32; 3],
     /// The subject of the photographs, world units: the centre of an orbit.
     pub target: [f32; 3],
-    /// The upward direction of those who took them, unit length: the axis of an orbit.
+    /// Upward direction of the photographs, unit length: the axis of an orbit.
     pub up: [f32; 3],
-    /// The arc around `target` that they were taken from, radians around `up` with `eye` in the middle; 2 pi: all the way.
-    /// Beyond it nobody saw the scene.
+    /// Arc around `target` that the photographs were taken from, radians around `up` with `eye` in the middle; 2 pi
+    /// for a full circle. No photograph was taken outside the arc.
     pub arc: f32,
 }
 
-// The header spells the format's caps out.
+// The array lengths above are literals for the C header.
 const _: () = assert!(MAX_TRUNK == 16 && MAX_COLOUR == 4);
 
 versioned!(unsafe SceneInfo, "info", by_width(if align_of::<u64>() == 4 { 284 } else { 288 }, 320));
 
-/// Says what a scene is: where to put a camera, what it costs, where it comes from.
+/// Describes a scene: where to put a camera, what it costs, where it comes from.
 ///
 /// `info`: `struct_size` set by the caller, the rest is written on success; fields that a newer
 /// header has and this library does not know become zero. Its texts point into the blob.

@@ -1,9 +1,9 @@
-//! Ranges of addresses, checked before anything is made of them.
+//! Address ranges, and checks that they do not overlap.
 
 use crate::failure::Failure;
 use core::ffi::c_void;
 
-/// `length` bytes from `start` on; the end does not overflow.
+/// An address range of `length` bytes from `start`; its end does not overflow.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Span {
     start: usize,
@@ -14,14 +14,14 @@ impl Span {
     /// No bytes.
     pub const EMPTY: Self = Self { start: 0, length: 0 };
 
-    /// The bytes from `start` on; an error where no Rust slice could be that long.
+    /// The range of `length` bytes from `start`; an error if no Rust slice could be that long.
     pub fn new(name: &'static str, start: *const c_void, length: usize) -> Result<Self, Failure> {
         let start = start as usize;
         let fits = isize::try_from(length).is_ok() && start.checked_add(length).is_some();
         if fits { Ok(Self { start, length }) } else { Err(Failure::Overflow(name)) }
     }
 
-    /// `count` values of `T`, aligned for it, not at NULL.
+    /// The range of `count` values of `T`; an error if `start` is NULL or misaligned.
     pub fn of<T>(name: &'static str, start: *const T, count: usize) -> Result<Self, Failure> {
         if start.is_null() {
             return Err(Failure::Null(name));
@@ -31,19 +31,19 @@ impl Span {
         Self::new(name, start.cast(), length)
     }
 
-    /// Whether a byte belongs to both.
+    /// Whether the two share a byte.
     fn meets(self, other: Self) -> bool {
         let shared = self.start.max(other.start)..(self.start + self.length).min(other.start + other.length);
         !shared.is_empty()
     }
 
-    /// An error where the two share a byte.
+    /// Returns an error if the two share a byte.
     pub fn check_apart(self, name: &'static str, other: Self, of: &'static str) -> Result<(), Failure> {
         if self.meets(other) { Err(Failure::Overlap { name, other: of }) } else { Ok(()) }
     }
 }
 
-/// Pieces of `size` bytes, each a `stride` behind the one before; they lie in `span`.
+/// Elements of `size` bytes, each `stride` bytes after the previous one, all within `span`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pieces {
     pub span: Span,
@@ -52,14 +52,14 @@ pub(crate) struct Pieces {
 }
 
 impl Pieces {
-    /// No pieces.
+    /// No elements.
     pub const NONE: Self = Self { span: Span::EMPTY, stride: 1, size: 0 };
 
-    /// An error where the two share a byte, or may: fields of the same structures do not.
+    /// Returns an error if the two share a byte, or may: fields of the same structures do not.
     pub fn check_apart(self, name: &'static str, other: Self, of: &'static str) -> Result<(), Failure> {
         let behind = other.span.start.wrapping_sub(self.span.start);
         if self.stride == other.stride && self.stride > 0 {
-            // Where the other's pieces begin in the gaps of these: the address space is a multiple of no stride.
+            // Offset of the other's elements within a stride, without wrapping around the address space.
             let offset = if other.span.start >= self.span.start {
                 behind % self.stride
             } else {
@@ -76,7 +76,7 @@ impl Pieces {
 /// The bytes of a plane: pixels in columns and rows, with gaps. A row is no longer than its stride.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlaneBytes {
-    /// The lowest address of all.
+    /// Lowest address of the plane.
     first: usize,
     columns: usize,
     rows: usize,
@@ -86,7 +86,7 @@ pub(crate) struct PlaneBytes {
 }
 
 impl PlaneBytes {
-    /// `data`: the top left pixel; rows go up where the row stride is negative. Checked before: no address overflows.
+    /// `data`: the top left pixel; a negative row stride stores rows bottom up. The caller has checked for overflow.
     pub fn new(
         data: usize,
         (columns, rows): (usize, usize),
@@ -97,7 +97,7 @@ impl PlaneBytes {
         Self { first: data - up, columns, rows, pixel_stride, row_stride: row_stride.unsigned_abs(), size }
     }
 
-    /// An error where the two share a byte.
+    /// Returns an error if the two share a byte.
     pub fn check_apart(&self, name: &'static str, other: &Self, of: &'static str) -> Result<(), Failure> {
         if self.meets(other) { Err(Failure::Overlap { name, other: of }) } else { Ok(()) }
     }
@@ -117,12 +117,12 @@ impl PlaneBytes {
         self.columns == 0 || self.rows == 0
     }
 
-    /// Bytes from a row's first to behind its last; of a plane that is not empty.
+    /// Bytes from the first pixel of a row to the end of its last; the plane must not be empty.
     fn row_length(&self) -> usize {
         (self.columns - 1) * self.pixel_stride + self.size
     }
 
-    /// Whether the two are channels of one structure, side by side: the usual case, without a look at each pixel.
+    /// Whether the two are interleaved channels of one structure: the usual case, found without visiting each pixel.
     fn are_channels_with(&self, other: &Self) -> bool {
         let (low, high) = if self.first <= other.first { (self, other) } else { (other, self) };
         let offset = high.first - low.first;
@@ -132,10 +132,10 @@ impl PlaneBytes {
             && offset.saturating_add(high.size) <= low.pixel_stride
     }
 
-    /// Whether a pixel has one of the `length` bytes from `at` on; of a plane that is not empty.
+    /// Whether a pixel contains one of the `length` bytes from `at`; the plane must not be empty.
     fn has_any(&self, at: usize, length: usize) -> bool {
         let (start, end) = (at.saturating_sub(self.first), (at + length).saturating_sub(self.first));
-        // The first of pieces, a stride apart, that ends behind a place.
+        // Index of the first element, of those a stride apart, that ends after `place`.
         let behind = |place: usize, stride: usize, size: usize| {
             place
                 .checked_sub(size)
@@ -152,7 +152,7 @@ impl PlaneBytes {
     }
 }
 
-/// An error unless `value` is a multiple of `expected`.
+/// Returns an error unless `value` is a multiple of `expected`.
 pub(crate) fn check_aligned(name: &'static str, value: usize, expected: usize) -> Result<(), Failure> {
     if value.is_multiple_of(expected) {
         Ok(())

@@ -8,7 +8,7 @@ use core::ffi::{CStr, c_char};
 pub enum Status {
     /// Done.
     Ok = 0,
-    /// A pointer that must not be NULL is.
+    /// A required pointer is NULL.
     NullPointer = 1,
     /// `struct_size` is smaller than in version 2 of the structure, or absurdly large.
     StructSize = 2,
@@ -18,7 +18,7 @@ pub enum Status {
     Alignment = 4,
     /// Memory is smaller than the size query says.
     Memory = 5,
-    /// Two pieces of memory overlap that must not.
+    /// Two ranges of memory overlap that must not.
     Overlap = 6,
     /// A size or a range of addresses overflows.
     Overflow = 7,
@@ -30,7 +30,7 @@ pub enum Status {
     Camera = 10,
     /// The rectangle is not inside the image.
     Rect = 11,
-    /// No plane is wanted, one is that has no place there, or a plane's format or stride is wrong.
+    /// There is no plane, one that does not belong there, or one with a wrong format or stride.
     Target = 12,
     /// The blob is a picture (a 2D field), not a scene: `nerf_render_picture` renders it.
     NotAScene = 13,
@@ -44,14 +44,14 @@ pub enum Status {
     Panic = 17,
     /// The blob is a scene, not a picture (a 2D field): `nerf_render` renders it.
     NotAPicture = 18,
-    /// The scene has no front of accuracy against work: `nerf-train study` measures one.
+    /// The scene has no Pareto front of accuracy against work: `nerf-train study` measures one.
     NoFront = 19,
     /// The file cannot be read.
     File = 20,
-    /// The system has no memory left for what the library was asked to own.
+    /// An allocation failed for lack of memory.
     OutOfMemory = 21,
-    /// A ray of the caller's has no direction of unit length, no finite origin, no range or no random number, or has one
-    /// where none is drawn.
+    /// A ray has no direction of unit length, no finite origin, no valid range or no valid random number, or rays to
+    /// be rendered have random numbers.
     Ray = 22,
     /// An instance's transform is not a rotation, one scale and a translation.
     Transform = 23,
@@ -75,7 +75,7 @@ pub enum Status {
     BlobContent = 39,
 }
 
-/// Declares what the statuses mean.
+/// Declares the text of each status.
 macro_rules! texts {
     ($($status:ident: $text:literal;)+) => {
         impl Status {
@@ -127,7 +127,7 @@ texts! {
     BlobContent: c"the blob's content breaks a rule of the format";
 }
 
-/// The meaning of a status, in English; static, never NULL, also for numbers that are no status.
+/// Returns the meaning of a status, in English; static, never NULL, also for numbers that are no status.
 #[unsafe(no_mangle)]
 pub extern "C" fn nerf_status_text(status: i32) -> *const c_char {
     let known = Status::ALL.iter().find(|known| **known as i32 == status);

@@ -1,4 +1,4 @@
-//! The target of a picture: planes in the caller's memory.
+//! The target of a render: planes in the caller's memory.
 
 use crate::boundary::{by_width, read_versioned, versioned};
 use crate::failure::Failure;
@@ -10,27 +10,27 @@ use core::ffi::c_void;
 use nerf_core::render::{Limit, Rect};
 use nerf_core::volume::Pixel;
 
-/// One plane of a picture, in the caller's memory; it begins with the **rectangle's** top left pixel. Of rays and points it
-/// is one row.
+/// One plane of a target, in the caller's memory. It begins with the top left pixel of the **rectangle**, not of the
+/// image. For rays and points it is one row.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Plane {
-    /// The rectangle's top left pixel; NULL if the plane is not wanted, which then costs nothing.
+    /// Address of the rectangle's top left pixel; NULL to leave the plane out, which then costs nothing.
     pub data: *mut c_void,
     /// Bytes from a pixel to its right neighbour; 0 for the size of a pixel.
     pub pixel_stride: usize,
-    /// Bytes from a pixel to the one below; negative where rows go up; 0 for rows without a gap.
+    /// Bytes from a pixel to the one below; negative if rows are stored bottom up; 0 for rows without a gap.
     pub row_stride: isize,
     /// A `nerf_format`: RGB or RGBA for `rgb`, VEC3_F32 for `normals`, F32 for the others.
     pub format: u32,
-    /// Zero.
+    /// Reserved; must be 0.
     pub reserved: u32,
 }
 
-/// The target of a picture: a plane that is NULL is not computed, and takes no memory.
+/// The target of a render: a plane that is NULL is not computed, and takes no memory.
 ///
-/// Planes may share memory as channels of one structure; what lies between their pixels is never
-/// touched. Two that are written to must not share a byte (`NERF_STATUS_OVERLAP`).
+/// Planes may share memory as channels of one structure; bytes between pixels are never touched. Those written to
+/// must not share a byte (`NERF_STATUS_OVERLAP`). `far`: no less than any distance in the scene, up to a limit.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Target {
@@ -44,24 +44,24 @@ pub struct Target {
     pub ray_distance: Plane,
     /// Mean distance along the view axis, world units; `far` where opacity is 1e-4 or less.
     pub z_depth: Plane,
-    /// First distance along the ray at which less than half of the light is left, world units; `far` where
-    /// there is none. Needs a `transmittance_cut` of at most 0.5.
+    /// Smallest distance along the ray at which less than half of the light is left, world units; `far` if there is
+    /// none. Needs a `transmittance_cut` of at most 0.5.
     pub median_distance: Plane,
     /// The surface's normal, the mean of -grad(density)/|grad(density)| along the ray: world space, unit
     /// length, or 0 where opacity is 1e-4 or less or directions cancel. Costs about as much as two more
     /// samples a ray.
     pub normals: Plane,
-    /// Read, not written: where each pixel's ray ends, world units along it, as of what a host has traced there; infinity
-    /// or a NaN is no end. NULL for none. It cuts the bin it lies in, so that edges are smooth, and what is behind it costs
-    /// nothing.
+    /// Input: distance along each pixel's ray at which it ends, world units, such as a hit that the host has traced.
+    /// Infinity or NaN for no end; NULL for no limits. It cuts the sample interval that it lies in, so edges are
+    /// smooth, and samples after it cost nothing.
     pub limit_ray_distance: Plane,
-    /// Read, not written: the same ends, world units along the view axis, as of a depth buffer. One of the two at most.
+    /// Input: the same limits as distances along the view axis, such as a depth buffer. At most one of the two.
     pub limit_z_depth: Plane,
 }
 
 versioned!(unsafe Target, "target", by_width(164, 264));
 
-/// A plane that can be written to without a further check.
+/// A checked plane, whose pixels can be accessed without a further check.
 #[derive(Clone, Copy)]
 struct Surface {
     channel: Channel,
@@ -71,19 +71,19 @@ struct Surface {
     row_stride: isize,
 }
 
-/// Columns and rows of what the planes are laid over: the pixels of a rectangle, or a row of them.
+/// Columns and rows of a plane: those of a rectangle, or `(count, 1)` for rays and points.
 type Extent = (usize, usize);
 
 /// A checked target.
 pub(crate) struct Canvas {
     surfaces: [Option<Surface>; 6],
     limit: Option<Surface>,
-    /// The canvas' top left pixel in the image.
+    /// The rectangle's top left pixel in the image.
     origin: [u32; 2],
 }
 
 impl Canvas {
-    /// The planes of a rectangle of an image.
+    /// Checks the planes for a rectangle of an image.
     ///
     /// # Safety
     /// `at` is NULL or points to `struct_size` readable bytes; its planes are NULL or span memory that is writable while the
@@ -96,14 +96,14 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// An error where there is a plane that a picture has not.
+    /// Returns an error if there is a plane other than colour, which is all that a picture has.
     pub fn check_picture(&self) -> Result<(), Failure> {
         let planes = self.surfaces.iter().chain([&self.limit]).flatten();
         let other = planes.map(|surface| surface.channel).find(|channel| *channel != Channel::Colour);
         other.map_or(Ok(()), |channel| Err(Failure::ScenePlane(channel.name())))
     }
 
-    /// The planes of `count` rays; `read` is memory that they must not lie over.
+    /// Checks the planes for `count` rays, which must not overlap the memory in `read`.
     ///
     /// # Safety
     /// That of [`Canvas::of_image`].
@@ -117,7 +117,7 @@ impl Canvas {
         unsafe { Self::of_target(at, (count, 1), Some(read), worker) }
     }
 
-    /// The planes of `count` points; `rgb` may be none.
+    /// Checks the planes for `count` points, which must not overlap the memory in `read`. `rgb.data` may be NULL.
     ///
     /// # Safety
     /// That of [`Canvas::of_image`].
@@ -151,8 +151,8 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// Checks every plane against its extent, the scenes, the worker and the other planes; those of rays against what is
-    /// read of the rays, too.
+    /// Checks every plane against its extent, the scenes, the worker and the other planes. `rays`, if given, is the
+    /// memory of the rays' inputs, which the planes must not overlap either.
     ///
     /// # Safety
     /// That of [`Canvas::of_image`].
@@ -201,14 +201,14 @@ impl Canvas {
                 None => canvas.limit = Some(checked),
             }
         }
-        // What lies beside no rays at all may be nowhere.
+        // Without rays no plane is needed.
         if canvas.surfaces.iter().all(Option::is_none) && extent.0 > 0 {
             return Err(Failure::NoPlane);
         }
         Ok(canvas)
     }
 
-    /// Lets the worker composite as the planes need it.
+    /// Checks the tone of planes with alpha; without any, has the worker composite over the background.
     pub fn set_up(&self, worker: &mut State) -> Result<(), Failure> {
         let alpha = self.surfaces.iter().flatten().any(|surface| surface.format.has_alpha());
         if alpha {
@@ -218,17 +218,17 @@ impl Canvas {
         Ok(())
     }
 
-    /// Whether a plane is there.
+    /// Whether there is a plane for `channel`.
     pub fn has(&self, channel: Channel) -> bool {
         self.surfaces.iter().flatten().any(|surface| surface.channel == channel)
     }
 
-    /// The limits of the pixels' rays; `None` if there are none.
+    /// The plane of limits, if there is one.
     pub fn limit(&self) -> Option<LimitPlane> {
         self.limit.map(LimitPlane)
     }
 
-    /// Writes a finished tile, row by row; it lies in the rectangle.
+    /// Copies a finished tile, which must lie in the rectangle, into the planes.
     pub fn write(&mut self, tile: Rect, pixels: &TilePixels<'_>) {
         let [left, top] = self.origin;
         for surface in self.surfaces.iter().flatten() {
@@ -246,7 +246,7 @@ impl Canvas {
         }
     }
 
-    /// Writes pixel `i` of a row.
+    /// Writes pixel `i` of a row to every plane.
     #[inline]
     pub fn put(&mut self, i: usize, pixel: &Pixel) {
         for surface in self.surfaces.iter().flatten() {
@@ -256,12 +256,12 @@ impl Canvas {
     }
 }
 
-/// The limits of the rays of a rectangle's pixels.
+/// A checked plane of limits, one for each pixel of a rectangle.
 #[derive(Clone, Copy)]
 pub(crate) struct LimitPlane(Surface);
 
 impl LimitPlane {
-    /// That of a pixel of the rectangle.
+    /// The limit of a pixel of the rectangle.
     #[inline]
     pub fn at(&self, x: u32, y: u32) -> Limit {
         // SAFETY: the pixel lies in the rectangle that `check` was given; the memory is readable by the promise of
@@ -272,12 +272,12 @@ impl LimitPlane {
 }
 
 impl Surface {
-    /// The bytes of its pixels.
+    /// The bytes that the plane's pixels occupy.
     fn bytes(&self, extent: Extent) -> PlaneBytes {
         PlaneBytes::new(self.data as usize, extent, (self.pixel_stride, self.row_stride), self.format.size())
     }
 
-    /// A pixel's place.
+    /// The address of a pixel.
     ///
     /// # Safety
     /// The pixel lies in the extent that was checked.
@@ -288,7 +288,7 @@ impl Surface {
     }
 }
 
-/// Output, format, strides, alignment and extent of a plane, which lies apart from scenes and worker.
+/// Checks a plane: output, format, strides, alignment, extent, and that it overlaps neither scenes nor worker.
 fn check(
     channel: Channel,
     plane: &Plane,
@@ -310,7 +310,7 @@ fn check(
     let row = columns.checked_mul(pixel_stride).and_then(|gap| gap.checked_add(format.size()));
     let row = row.ok_or(overflow)?;
     let tight = pixel_stride.checked_mul(columns + 1).and_then(|bytes| isize::try_from(bytes).ok());
-    // A row of its own has none below it.
+    // A single row needs no stride.
     let own = if rows == 0 { 0 } else { plane.row_stride };
     let row_stride = if own == 0 { tight.ok_or(overflow)? } else { own };
     if row_stride.unsigned_abs() < row {

@@ -1,4 +1,4 @@
-//! A tile's pixels, finished aside.
+//! The pixels of a tile, before they are copied into the planes.
 
 use nerf_core::memory::{Layout, Measure};
 use nerf_core::plan::Outputs;
@@ -17,29 +17,28 @@ impl Plain {
     const BLANK: Self = Self { rgb: [0.0; 3], opacity: 0.0, ray_distance: 0.0, z_depth: 0.0 };
 }
 
-/// A tile's pixels, row by row; what only some calls ask for has no memory in the others.
+/// A tile's pixels, row by row. Outputs that were not requested take no memory.
 pub(crate) struct TilePixels<'w> {
     plain: &'w mut [Plain],
-    /// `[pixels]`, or empty.
+    /// `[pixels]`, or empty if not requested.
     median_distance: &'w mut [f32],
-    /// `[pixels]`, or empty.
+    /// `[pixels]`, or empty if not requested.
     normals: &'w mut [[f32; 3]],
 }
 
-/// `pixels` if they are asked for.
 fn if_asked(asked: bool, pixels: usize) -> usize {
     if asked { pixels } else { 0 }
 }
 
 impl<'w> TilePixels<'w> {
-    /// Lines that `pixels` take.
+    /// Number of memory lines that `pixels` pixels take.
     pub fn lines(pixels: usize, outputs: Outputs) -> usize {
         let mut measure = Measure::default();
         Self::lay_out(&mut measure, pixels, outputs);
         measure.lines
     }
 
-    /// Blank pixels.
+    /// Allocates `pixels` blank pixels from `layout`.
     pub fn lay_out(layout: &mut impl Layout<'w>, pixels: usize, outputs: Outputs) -> Self {
         Self {
             plain: layout.slice(pixels, Plain::BLANK),
@@ -48,7 +47,7 @@ impl<'w> TilePixels<'w> {
         }
     }
 
-    /// Keeps the tile's pixel `i`.
+    /// Stores pixel `i` of the tile.
     pub fn put(&mut self, i: usize, pixel: &Pixel) {
         let Pixel { rgb, opacity, ray_distance, z_depth, .. } = *pixel;
         if let Some(plain) = self.plain.get_mut(i) {
@@ -62,7 +61,7 @@ impl<'w> TilePixels<'w> {
         }
     }
 
-    /// The tile's pixel `i`; blank beyond the last.
+    /// Pixel `i` of the tile; blank if `i` is out of range.
     pub fn get(&self, i: usize) -> Pixel {
         let plain = self.plain.get(i).copied().unwrap_or(Plain::BLANK);
         let Plain { rgb, opacity, ray_distance, z_depth } = plain;

@@ -1,4 +1,4 @@
-//! Scenes, options, outputs and memory, checked once for any number of calls.
+//! A worker: scenes, options, outputs and memory, checked once for any number of calls.
 
 use crate::boundary::{
     Message, Out, Versioned, by_width, call, call_for_size, check_out, read_versioned, span_of, versioned,
@@ -22,25 +22,25 @@ use nerf_core::render::{self, TILE_SIDE};
 #[cfg(feature = "instances")]
 use nerf_core::space::Placement;
 
-/// A request that a worker is opened for; what it points to is read by the call alone, but for the scenes.
+/// A request to open a worker. Its pointers are read by that call alone, except for the scenes, which are borrowed.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Request {
     /// `sizeof(nerf_request)`.
     pub struct_size: usize,
-    /// The scene, or a picture (a 2D field), in coordinates of its own; NULL where there are `instances`.
+    /// The scene, or a picture (a 2D field), in its own coordinates; NULL if there are `instances`.
     pub scene: *const Scene,
-    /// NULL, or scenes that the host has placed in a world of its own: cameras, rays, points and distances are that
-    /// world's. Where they overlap, densities add and colours are mixed by density. An unbounded scene is the last, and
-    /// shows its background. In a library built with `instances`.
+    /// NULL, or scenes that the host has placed in its own world: cameras, rays, points and distances are in that
+    /// world. Where instances overlap, densities add and colours are mixed by density. An unbounded scene must be the
+    /// last; its background is shown. Only in a library built with `instances`.
     pub instances: *const crate::instance::Instance,
-    /// Number of instances; with `scene` 0.
+    /// Number of instances; 0 with `scene`.
     pub instance_count: usize,
     /// NULL for the defaults.
     pub options: *const RenderOptions,
-    /// `NERF_OUTPUT_*` of what targets will have planes for, or-ed; for queries `NERF_OUTPUT_RGB` or 0.
+    /// `NERF_OUTPUT_*` of the planes that targets will have, or-ed; for queries `NERF_OUTPUT_RGB` or 0.
     pub outputs: u32,
-    /// Zero.
+    /// Reserved; must be 0.
     pub reserved: u32,
 }
 
@@ -49,15 +49,15 @@ versioned!(unsafe Request, "request", by_width(28, 48));
 /// A scene of a worker, with its plan.
 pub(crate) struct Member {
     pub scene: &'static Scene,
-    /// `None` of a picture, which has none.
+    /// `None` for a picture.
     pub plan: Option<Plan<'static>>,
 }
 
 /// A worker: lies at the beginning of the memory it was opened in and borrows the scenes.
 ///
-/// It owns nothing, and there is nothing to close. One call at a time works with it, of one thread: another is
-/// `NERF_STATUS_BUSY`, as is every one after `NERF_STATUS_PANIC`. It ends where the caller reuses its memory or a
-/// scene's.
+/// A worker owns nothing, and there is nothing to close. One call at a time may use it: a concurrent one is
+/// `NERF_STATUS_BUSY`, as is every call after `NERF_STATUS_PANIC`. It is valid until the caller reuses its memory or
+/// a scene's.
 #[repr(align(64))]
 pub struct Worker {
     /// Set while a call uses the state. It lies outside of the state, since concurrent calls read it.
@@ -65,30 +65,30 @@ pub struct Worker {
     state: UnsafeCell<State>,
 }
 
-/// The work of a worker, made ready: fields, or the memory of a picture.
+/// The prepared renderer of a worker: fields, or the memory of a picture.
 #[allow(clippy::large_enum_variant, reason = "one lies in each worker, and nothing here allocates")]
 pub(crate) enum Work {
     Fields(render::Worker<'static>),
-    /// The memory that a picture is rendered in.
+    /// Workspace for rendering a picture.
     Picture(&'static mut [Line]),
 }
 
-/// State of a worker. A call has it for itself from setting [`Worker::busy`] until clearing it.
+/// State of a worker. A call has exclusive access from setting [`Worker::busy`] until clearing it.
 pub(crate) struct State {
     pub(crate) work: Work,
     pub(crate) members: &'static [Member],
     pub(crate) settings: Settings,
-    /// `NERF_OUTPUT_*`.
+    /// `NERF_OUTPUT_*`, or-ed.
     pub(crate) outputs: u32,
-    /// A tile is finished aside and then copied, so that not even a panic leaves half of one.
+    /// The tile in progress, copied to the target once it is finished, so that not even a panic leaves half of one.
     pub(crate) pixels: TilePixels<'static>,
     pub(crate) memory: Span,
-    /// Bytes that were needed.
+    /// Bytes of memory that the worker takes.
     pub(crate) size: usize,
 }
 
 impl Worker {
-    /// Whether the flag was set already; sets it.
+    /// Sets the flag; returns whether it was set already.
     fn take(&self) -> bool {
         #[cfg(target_has_atomic = "8")]
         let taken = self.busy.swap(true, Ordering::Acquire);
@@ -102,7 +102,7 @@ impl Worker {
     }
 }
 
-/// Runs the body of a call with a worker's state, for itself.
+/// Runs the body of a call with exclusive access to a worker's state.
 ///
 /// After a panic of the body, which leaves its work half done, the worker stays busy.
 ///
@@ -116,10 +116,10 @@ pub(crate) unsafe fn with_worker(
         return Err(Failure::Null("worker"));
     }
     check_aligned("worker", worker as usize, align_of::<Worker>())?;
-    // SAFETY: not NULL, aligned, and a worker by this function's contract. A call at work, of another thread or further
-    // up this stack, has a `&mut State`: this shared reference leaves it valid under Stacked and under Tree Borrows, since
-    // flag and state lie in cells of their own, for which a shared reference claims nothing, neither that they stay as
-    // they are nor that nobody else refers to them.
+    // SAFETY: not NULL, aligned, and a worker by this function's contract. A running call, of another thread or
+    // further up this stack, has a `&mut State`: this shared reference leaves it valid under Stacked and under Tree
+    // Borrows, since flag and state lie in `UnsafeCell`s, for which a shared reference claims neither that they are
+    // unchanged nor that it is the only one.
     let worker = unsafe { &*worker };
     if worker.take() {
         return Err(Failure::Busy);
@@ -131,8 +131,8 @@ pub(crate) unsafe fn with_worker(
     result
 }
 
-/// Runs the body of a call with a worker's state and what the caller asks of it; writes the work it was where the caller
-/// wants to know it.
+/// Runs the body of a call with a worker's state and the caller's structure `asked`. Writes the counters that the
+/// body returns unless `counters` is NULL.
 ///
 /// # Safety
 /// `worker` as in [`with_worker`]; `asked` and `counters` are NULL or point to structures of their `struct_size`.
@@ -156,13 +156,13 @@ pub(crate) unsafe fn with_worker_and<T: Versioned>(
 }
 
 impl State {
-    /// An error where memory that will be written to, or is read, holds part of a blob, a scene or the worker.
+    /// Returns an error if `span` overlaps a blob, a scene or the worker's memory.
     pub(crate) fn check_apart(&self, name: &'static str, span: Span) -> Result<(), Failure> {
         span.check_apart(name, self.memory, "the worker's memory")?;
         self.members.iter().try_for_each(|member| member.scene.check_apart(name, span))
     }
 
-    /// The fields that frames are rendered of.
+    /// The fields that frames are rendered from; an error for a picture.
     pub(crate) fn fields(&mut self) -> Result<&mut render::Worker<'static>, Failure> {
         match &mut self.work {
             Work::Fields(fields) => Ok(fields),
@@ -171,14 +171,14 @@ impl State {
     }
 }
 
-/// Width and height of the tiles a batch is rendered in: no more pixels than rays.
+/// Width and height of the tiles that a frame is rendered in: at most as many pixels as a batch has rays.
 pub(crate) fn tile_size(batch: Batch) -> (u32, u32) {
     let side = TILE_SIDE as usize;
     let width = side.min(batch.rays).max(1);
     (width as u32, side.min(batch.rays / width).max(1) as u32)
 }
 
-/// A request, checked; the scenes one by one.
+/// A checked request; its scenes are checked one by one when they are read.
 #[derive(Clone, Copy)]
 struct Checked {
     request: Request,
@@ -187,12 +187,12 @@ struct Checked {
     placed: bool,
 }
 
-/// The shares of a worker's memory, in lines, but for members and instances.
+/// Sizes of the parts of a worker's memory, in lines, except for members and instances.
 struct Shares {
     own: usize,
     pixels: usize,
     rest: usize,
-    /// Bytes of all.
+    /// Bytes of the whole memory.
     bytes: usize,
 }
 
@@ -218,7 +218,7 @@ impl Checked {
         // SAFETY: `options` is as this function's `# Safety` has it.
         let mut settings = unsafe { Settings::read(request.options)? };
         if placed {
-            // Fields that are merged have their own bins alone.
+            // Merged fields take uniform samples, none from proposal networks.
             settings.frame.quality.proposal = false;
         }
         let outputs = read_outputs("request.outputs", request.outputs)?;
@@ -229,7 +229,7 @@ impl Checked {
         self.request.instance_count.max(1)
     }
 
-    /// One of the scenes.
+    /// The scene with index `_index`.
     ///
     /// # Safety
     /// As in [`Checked::read`]; the scenes stay as they are during `'a`.
@@ -246,7 +246,7 @@ impl Checked {
         unsafe { Scene::of(self.request.scene) }
     }
 
-    /// The placement of one of the instances.
+    /// The placement of instance `index`; the identity without instances.
     ///
     /// # Safety
     /// As in [`Checked::read`].
@@ -259,7 +259,7 @@ impl Checked {
         unsafe { Instance::read(self.request.instances, index)?.placement(index) }
     }
 
-    /// The failure of one of the scenes, named by its index where they are instances.
+    /// The failure of the scene `_index`, named by its index if the request has instances.
     fn of_scene(&self, _index: usize, failure: Failure) -> Failure {
         #[cfg(feature = "instances")]
         if self.placed {
@@ -268,7 +268,7 @@ impl Checked {
         failure
     }
 
-    /// The plan of one of the scenes, in its own units; `None` of a picture.
+    /// The plan of scene `index`, in the scene's units; `None` for a picture.
     fn plan(&self, index: usize, scene: &Scene, scale: f32) -> Result<Option<Plan<'static>>, Failure> {
         let blob = scene.renderer().blob();
         if blob.picture().is_some() && !self.placed {
@@ -278,7 +278,7 @@ impl Checked {
         plan.map(Some).map_err(|failure| self.of_scene(index, failure))
     }
 
-    /// The memory that a worker takes.
+    /// Computes the size of the memory that a worker takes.
     ///
     /// # Safety
     /// That of [`Checked::scene`].
@@ -289,7 +289,7 @@ impl Checked {
         let rest = match self.plan(index, last, 1.0)? {
             #[cfg(feature = "instances")]
             Some(plan) if self.placed => {
-                // What opening refuses is refused here.
+                // Whatever opening a worker refuses is refused here, too.
                 for index in 0..self.count() {
                     // SAFETY: the caller's promise.
                     let scene = unsafe { self.scene(index)? };
@@ -316,9 +316,9 @@ impl Checked {
     }
 }
 
-/// Says how much memory a worker for a request takes, and at which alignment.
+/// Computes the size and alignment of the memory that a worker for a request takes.
 ///
-/// It depends on the scene's network, the outputs, the batch and the number of instances, not on the size of pictures.
+/// The size depends on the scene's network, the outputs, the batch and the number of instances, not on the picture's.
 ///
 /// `size` and `align` are written on success only. `message`: as in `nerf_scene_memory`.
 ///
@@ -337,12 +337,12 @@ pub unsafe extern "C" fn nerf_worker_size(
     unsafe { call_for_size((size, align), message, || Ok(Checked::read(request)?.shares()?.bytes)) }
 }
 
-/// Opens a worker in the caller's memory: everything that a call of it does not change is checked and made ready here.
+/// Opens a worker in the caller's memory: whatever does not change from call to call is checked and prepared here.
 ///
-/// The worker borrows `memory` and the scenes: they stay where and as they are for as long as it is used. One for each
-/// thread. `memory`: at least the size and alignment that `nerf_worker_size` says, apart from scenes, blobs and all that is
-/// passed here. `worker` receives the handle on success only; there is nothing to close. `message`: as in
-/// `nerf_worker_size`.
+/// The worker borrows `memory` and the scenes: the caller leaves them in place and unchanged while the worker is
+/// used. Each thread needs its own. `memory`: at least the size and alignment that `nerf_worker_size` says, not
+/// overlapping scenes, blobs and anything else that is passed here. `worker` receives the handle on success only;
+/// there is nothing to close. `message`: as in `nerf_worker_size`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; scenes are intact.
@@ -395,13 +395,13 @@ pub unsafe extern "C" fn nerf_worker_open(
     })
 }
 
-/// The rest of the memory that a worker lies in.
+/// The unused rest of the memory that a worker lies in.
 struct Lent {
     at: *mut Line,
 }
 
 impl Lent {
-    /// The next lines.
+    /// Splits off and returns the next `count` lines.
     ///
     /// # Safety
     /// `count` lines are left, and lent to the worker alone.
@@ -415,7 +415,7 @@ impl Lent {
         }
     }
 
-    /// A slice of `count` values in the next unused lines of the lent memory.
+    /// Makes `count` values in the next unused lines and returns them.
     ///
     /// # Safety
     /// That of [`Lent::lines`], of as many lines as the values take.
@@ -441,8 +441,8 @@ impl Lent {
 /// Opens a worker at the beginning of `memory`.
 ///
 /// # Safety
-/// `memory` has as many lines as the shares say, is apart from the scenes and lent for as long as the worker is used, as
-/// are the scenes.
+/// `memory` has as many lines as the shares say and does not overlap the scenes. It and the scenes are lent while the
+/// worker is used.
 unsafe fn open_in(
     checked: &Checked,
     shares: &Shares,

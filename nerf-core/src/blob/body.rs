@@ -7,13 +7,13 @@ use crate::space::{Contraction, SceneBox};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-/// Most samples per ray a blob may ask for.
+/// Maximum number of samples per ray.
 pub const MAX_SAMPLES: u16 = 4096;
 /// Longest side of a picture, pixels.
 pub const MAX_PICTURE_SIDE: u32 = 65_535;
-/// Most cells of the occupancy grid along one axis.
+/// Maximum number of cells of the occupancy grid along one axis.
 pub const MAX_OCCUPANCY_RESOLUTION: u16 = 512;
-/// Longest text of the provenance, bytes.
+/// Maximum length of each text of the provenance, bytes.
 pub const MAX_TEXT: usize = 1024;
 
 /// The body of a blob, in file order.
@@ -21,43 +21,43 @@ pub const MAX_TEXT: usize = 1024;
 pub struct Body<'a> {
     /// The network's shape.
     pub architecture: Architecture,
-    /// The content: a scene or a picture.
+    /// Whether the blob is a scene or a picture, with its bounds or size.
     pub content: Content,
-    /// The cells of the scene box that may hold something.
+    /// The occupancy grid, if the scene has one.
     #[serde(borrow)]
     pub occupancy: Option<StoredOccupancy<'a>>,
-    /// The Pareto front of accuracy against work, as a study measured it: dearest point first; empty without one.
+    /// The Pareto front of accuracy against work, most expensive point first; empty if none was measured.
     pub front: ParetoFront,
-    /// A second, cheaper network that says where on a ray the scene's own is asked.
+    /// A second, cheaper network whose weights say where on a ray the scene's network is evaluated.
     #[serde(borrow)]
     pub proposal: Option<Proposal<'a>>,
-    /// The blob's provenance.
+    /// Data, program, settings and PSNR that the blob results from.
     pub provenance: Provenance<'a>,
     /// The parameters as little-endian f16, in the order of [`Architecture::layers`].
     #[serde(serialize_with = "as_bytes")]
     pub weights: &'a [u8],
-    /// The entries of the position's grid; present exactly if it is one.
+    /// The table entries of the grid encoding; present exactly if the position is encoded by a grid.
     #[serde(borrow)]
     pub tables: Option<StoredTables<'a>>,
 }
 
-/// The entries of a grid as a file has them: level by level, entry by entry, feature by feature.
+/// The entries of a grid as stored in the file: level by level, entry by entry, feature by feature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum StoredTables<'a> {
     /// Little-endian f16, finite.
     F16(#[serde(serialize_with = "as_bytes")] &'a [u8]),
-    /// Signed bytes; those of a level times its scale are its values.
+    /// Signed bytes; a value is its byte times the scale of its level.
     Int8 {
-        /// A little-endian f32 a level; above 0, and 128 times it finite.
+        /// One little-endian f32 per level, above 0; 128 times the scale is finite.
         #[serde(serialize_with = "as_bytes")]
         scales: &'a [u8],
-        /// The bytes.
+        /// One signed byte per value.
         #[serde(serialize_with = "as_bytes")]
         bytes: &'a [u8],
     },
-    /// The values of [`StoredTables::Int8`], entropy-coded: a renderer has them decoded in memory of its own.
+    /// The values of [`StoredTables::Int8`], entropy-coded; a renderer decodes them into its own memory.
     Coded {
-        /// The length of a step in each level, f32.
+        /// Scales as in [`StoredTables::Int8`].
         #[serde(serialize_with = "as_bytes")]
         scales: &'a [u8],
         /// The coded bytes.
@@ -67,14 +67,14 @@ pub enum StoredTables<'a> {
 }
 
 impl<'a> StoredTables<'a> {
-    /// The entries' bytes, as they lie in the file.
+    /// The bytes of the entries, as stored in the file.
     pub const fn bytes(&self) -> &'a [u8] {
         match self {
             Self::F16(bytes) | Self::Int8 { bytes, .. } | Self::Coded { bytes, .. } => bytes,
         }
     }
 
-    /// The levels' scales, if they have any.
+    /// The scales of the levels; `None` for f16.
     pub const fn scales(&self) -> Option<&'a [u8]> {
         match self {
             Self::F16(_) => None,
@@ -82,7 +82,7 @@ impl<'a> StoredTables<'a> {
         }
     }
 
-    /// `f16`, `int8` or `coded`.
+    /// Name of the format: `f16`, `int8` or `coded`.
     pub const fn name(&self) -> &'static str {
         match self {
             Self::F16(_) => "f16",
@@ -94,7 +94,7 @@ impl<'a> StoredTables<'a> {
 
 /// The content of a blob: what the network is a field of.
 ///
-/// A picture goes with 2 inputs and no density head, a scene with 3 inputs and one.
+/// A picture's network has 2 inputs and no density head, a scene's 3 inputs and a density head.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Content {
     /// Colour over a plane: a 2D field.
@@ -103,14 +103,14 @@ pub enum Content {
     Scene(SceneFacts),
 }
 
-/// Size of the picture a 2D field was made of. It can be rendered at any other.
+/// Size of the picture that a 2D field was fitted to. The field can be rendered at any other size.
 ///
 /// The network takes x to the right and y down, both 0 to 1 over the picture whatever its aspect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PictureFacts {
-    /// Pixels to a row, 1 to [`MAX_PICTURE_SIDE`].
+    /// Pixels per row, 1 to [`MAX_PICTURE_SIDE`].
     pub width: u32,
-    /// Rows, 1 to [`MAX_PICTURE_SIDE`].
+    /// Number of rows, 1 to [`MAX_PICTURE_SIDE`].
     pub height: u32,
 }
 
@@ -121,56 +121,56 @@ pub struct SceneFacts {
     pub min: [f32; 3],
     /// Largest corner of the scene box, world units.
     pub max: [f32; 3],
-    /// The distance where the scene begins on the rays of the cameras it was made from, world units along the ray.
+    /// Near plane of the cameras that the scene was trained on, world units along the ray.
     pub near: f32,
-    /// The distance where it ends on them.
+    /// Far plane of those cameras, world units along the ray.
     pub far: f32,
-    /// The samples of a ray.
+    /// Placement of the samples along a ray.
     pub sampling: SceneSampling,
-    /// The background, which shows where opacity is below 1, display-encoded.
+    /// Background colour, seen through an opacity below 1; display-encoded.
     pub background: [f32; 3],
-    /// Whether the occupancy grid is part of the model: outside of it the network was never trained,
-    /// and rendering without it is refused.
+    /// Whether the occupancy grid is part of the model: the network was never trained in empty cells, and rendering
+    /// without the grid is refused.
     pub occupancy_required: bool,
-    /// Default viewpoint; `None` where the photographs' cameras are not known.
+    /// Default viewpoint; `None` if the photographs' cameras are not known.
     pub viewpoint: Option<Viewpoint>,
 }
 
-/// The viewpoint of somebody who took a scene's photographs: a view from there shows what was seen.
+/// A viewpoint among the scene's photographs: a view from there shows parts that were photographed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Viewpoint {
     /// The camera's position, world units.
     pub eye: [f32; 3],
-    /// The point that it looks at: the photographs' subject, world units; not along `up` from the eye.
+    /// Point the camera looks at, the photographs' subject, world units; not along `up` from the eye.
     pub target: [f32; 3],
-    /// The upward direction of those who took them; unit length within 1e-3.
+    /// Upward direction of the photographs; unit length within 1e-3.
     pub up: [f32; 3],
-    /// The arc around the target that they covered, radians around `up`, with the eye in the middle: 0 to 2π.
+    /// Arc around the target that the photographs cover, radians around `up`, centred on the eye: 0 to 2π.
     pub arc: f32,
 }
 
 /// The samples of a ray, at which a scene's field is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum SceneSampling {
-    /// The middles of this number of equal bins of `near..far`: the network was trained on these alone. With a proposal,
-    /// the number of samples drawn from it. 1 to [`MAX_SAMPLES`].
+    /// The middles of this number of equal bins of `near..far`, at which the network was trained. With a proposal
+    /// network, the number of samples drawn from it. 1 to [`MAX_SAMPLES`].
     Bins(u16),
-    /// Even steps of this length, world units, from where the ray enters the scene box to where it leaves it. Finite, above
-    /// 0, and at most [`MAX_SAMPLES`] of them to the box's diagonal.
+    /// Steps of this length, world units, from the point where the ray enters the scene box to the point where it
+    /// leaves. Finite, above 0, and at most [`MAX_SAMPLES`] steps along the box's diagonal.
     March(f32),
-    /// Steps through all of space, contracted into the scene box, which is a cube: equal ones along the ray where it is
-    /// near the middle of that, and at longer ones beyond ([`Contraction`]), from `near` on to `far` behind the middle.
+    /// Steps through unbounded space, which is contracted into the scene box, a cube ([`Contraction`]). Steps are
+    /// equal in the inner ball and grow outside of it, from `near` to `far` after the ball's middle.
     Contracted {
-        /// Radii of the inner ball to a step: above 0, at most 1, and at most [`MAX_SAMPLES`] steps to a
-        /// ray that comes from far away.
+        /// Length of a step in the inner ball, in radii of the ball: above 0, at most 1, and at most [`MAX_SAMPLES`]
+        /// steps on a ray that comes from far away.
         step: f32,
-        /// The power that steps beyond it grow with: 1, 2 or 4.
+        /// Power with which steps outside of the ball grow: 1, 2 or 4.
         power: u8,
     },
 }
 
 impl SceneFacts {
-    /// Samples a ray: bins of `near..far`, or steps that the longest ray through the box takes.
+    /// Number of samples per ray: bins of `near..far`, or steps on the longest ray through the box.
     pub fn samples(&self) -> u16 {
         match self.sampling {
             SceneSampling::Bins(samples) => samples,
@@ -181,7 +181,7 @@ impl SceneFacts {
         }
     }
 
-    /// World units from sample to sample; of a contracted scene, in the inner ball.
+    /// Distance between samples, world units; in a contracted scene, inside the inner ball.
     pub fn step(&self) -> f32 {
         match self.sampling {
             SceneSampling::Contracted { step, .. } => {
@@ -192,7 +192,7 @@ impl SceneFacts {
         }
     }
 
-    /// The contraction of an unbounded scene.
+    /// The contraction; `None` in a bounded scene.
     pub fn contraction(&self) -> Option<Contraction> {
         let cube = SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) };
         match self.sampling {
@@ -201,18 +201,19 @@ impl SceneFacts {
         }
     }
 
-    /// The length of a ray of a contracted scene that begins at the rim of the inner ball, in radii as its steps count them.
+    /// Length of a ray of a contracted scene from the rim of the inner ball to `far`, in radii as counted by its
+    /// steps.
     pub(crate) fn reach(&self) -> f32 {
         self.contraction().map_or(0.0, |contraction| 1.0 + contraction.step_at(self.far))
     }
 
-    /// The longest way through the scene box.
+    /// Length of the scene box's diagonal, world units.
     pub(crate) fn diagonal(&self) -> f32 {
         (Vec3::from(self.max) - Vec3::from(self.min)).length()
     }
 }
 
-/// Steps that a way of `length` takes, the last one whole or not; at least 1.
+/// Number of steps that cover `length`, rounded up; at least 1.
 pub(crate) fn steps(length: f32, step: f32) -> u32 {
     let steps = length / step;
     // `as` saturates, and takes NaN to 0.
@@ -231,37 +232,37 @@ pub struct StoredOccupancy<'a> {
 }
 
 impl StoredOccupancy<'_> {
-    /// Bytes an occupancy grid of this resolution takes; the most there can be where `usize` does not count that far.
+    /// Size of an occupancy grid of this resolution, bytes; `usize::MAX` on overflow.
     pub fn bytes(resolution: [u16; 3]) -> usize {
         let cells: u64 = resolution.iter().map(|&side| u64::from(side)).product();
         usize::try_from(cells.div_ceil(8)).unwrap_or(usize::MAX)
     }
 }
 
-/// Who made the blob, from what, and how good it is.
+/// Origin of a blob: data, program, settings and measured PSNR.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Provenance<'a> {
-    /// The data it was fitted to, by name.
+    /// Name of the data that the network was fitted to.
     pub data: &'a str,
-    /// The program and settings that made it.
+    /// Program and settings that made the blob.
     pub made_by: &'a str,
-    /// Optimiser steps.
+    /// Number of optimiser steps.
     pub steps: u32,
-    /// Seed of the run.
+    /// Seed of the training run.
     pub seed: u64,
-    /// Mean PSNR over the validation views, dB, measured on this very blob; absent if there were none.
+    /// Mean PSNR of this blob over the validation views, dB; `None` without validation views.
     pub psnr_db: Option<f32>,
     /// The convention of the PSNR: views, background, samples.
     pub psnr_convention: &'a str,
-    /// PSNR lost on those views by rounding weights and tables to their stored format, dB (negative: a gain); absent if not
-    /// measured.
+    /// PSNR lost on the validation views by rounding weights and tables to their stored format, dB (negative: a
+    /// gain); `None` if not measured.
     pub quantisation_loss_db: Option<f32>,
-    /// Parameters before folding.
+    /// Number of trained parameters, before layers are folded for the export.
     pub trained_parameters: u32,
 }
 
 impl Provenance<'_> {
-    /// Provenance that says nothing.
+    /// Empty provenance.
     pub const NONE: Self = Self {
         data: "",
         made_by: "",

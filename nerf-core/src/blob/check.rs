@@ -1,4 +1,4 @@
-//! The rules of the format, met in one pass over the opened or unwritten body.
+//! The rules of the format, checked in one pass over a body after it is read or before it is written.
 
 use super::body::{
     Body, Content, MAX_OCCUPANCY_RESOLUTION, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts,
@@ -16,18 +16,18 @@ use crate::space::{BoundsError, Contraction, SceneBox};
 use core::f32::consts::TAU;
 use glam::Vec3;
 
-/// Most values that one byte of coded tables can hold, rounded up: each of a value's two symbols has a probability of at most
-/// 1 - 15/2^15.
+/// Maximum number of values per byte of coded tables, rounded up: each of a value's two symbols has a probability of
+/// at most 1 - 15/2^15.
 #[cfg(feature = "grid")]
 const MAX_VALUES_OF_A_BYTE: usize = 6100;
 
-/// Every rule of the format but those of header and encoding.
+/// Checks every rule of the format except those of the header and of the canonical form.
 pub(super) fn check(body: &Body<'_>) -> Result<(), BlobError> {
     check_undecoded(body)?;
     check_coded(body)
 }
 
-/// The rules of coded tables, met by decoding them.
+/// Checks coded tables by decoding them.
 pub(super) fn check_coded(body: &Body<'_>) -> Result<(), BlobError> {
     match (body.architecture.position.grid(), body.tables) {
         (Some(grid), Some(StoredTables::Coded { bytes, .. })) => coded::decode_tables(grid, bytes, |_| {}),
@@ -35,7 +35,7 @@ pub(super) fn check_coded(body: &Body<'_>) -> Result<(), BlobError> {
     }
 }
 
-/// Every rule of [`check`] but those of coded tables.
+/// Checks every rule of [`check`] except those of coded tables.
 pub(super) fn check_undecoded(body: &Body<'_>) -> Result<(), BlobError> {
     body.architecture.check().map_err(BlobError::Architecture)?;
     let density_head = body.architecture.density.is_some();
@@ -96,7 +96,7 @@ fn check_scene(scene: &SceneFacts, architecture: &Architecture) -> Result<(), Bl
         SceneSampling::Bins(samples) if !(1..=MAX_SAMPLES).contains(&samples) => {
             return Err(BlobError::Field(Section::Samples));
         }
-        // Bins too narrow for f32: what opens can be planned.
+        // Refuses bins too narrow for f32, so that every opened scene can be planned.
         SceneSampling::Bins(samples) => {
             Bins::new(near, far, u32::from(samples)).map_err(BlobError::Bounds)?;
         }
@@ -127,12 +127,12 @@ fn check_scene(scene: &SceneFacts, architecture: &Architecture) -> Result<(), Bl
     }
     match architecture.position.sinusoidal() {
         Some(encoding) => check_domain(&bounds, encoding),
-        // A grid spans the box, wherever that is.
+        // A grid spans the scene box, at any coordinates.
         None => Ok(()),
     }
 }
 
-/// Whether a camera can be placed by it.
+/// Whether the viewpoint determines a camera pose.
 fn looks_somewhere(viewpoint: &Viewpoint) -> bool {
     let (eye, up) = (Vec3::from(viewpoint.eye), Vec3::from(viewpoint.up));
     let back = eye - Vec3::from(viewpoint.target);
@@ -143,7 +143,8 @@ fn looks_somewhere(viewpoint: &Viewpoint) -> bool {
         && (0.0..=TAU).contains(&viewpoint.arc)
 }
 
-/// Whether rays of the scene can have `samples` samples. Checked when a blob is opened, so that a plan cannot fail by it.
+/// Whether rays of the scene can have `samples` samples. Checked when a blob is opened, so that planning cannot fail
+/// there.
 pub(super) fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
     (1..=MAX_SAMPLES).contains(&samples)
         && match scene.sampling {
@@ -160,7 +161,7 @@ fn check_domain(bounds: &SceneBox, position: &SinusoidalEncoding) -> Result<(), 
     let found = reach * (1u32 << position.levels.saturating_sub(1)) as f32;
     let limit = match position.scale {
         AngleScale::One => SIN_COS_DOMAIN,
-        // Reduced exactly, whatever its size, as long as it is a number.
+        // Angles of any finite size are reduced exactly.
         AngleScale::Pi => f32::MAX,
     };
     if found > limit { Err(BlobError::EncodingDomain { found, limit }) } else { Ok(()) }
@@ -179,11 +180,11 @@ fn check_occupancy(occupancy: &StoredOccupancy<'_>) -> Result<(), BlobError> {
     Ok(())
 }
 
-/// Checks the proposal as the scene's own network, but for the heads it has not.
+/// Checks the proposal network by the rules of the scene's network, without the colour branch.
 fn check_proposal(proposal: &Proposal<'_>, scene: &SceneFacts) -> Result<(), BlobError> {
     let architecture = proposal.architecture();
     architecture.check().map_err(BlobError::ProposalArchitecture)?;
-    // Samples are drawn between near and far.
+    // A proposal draws samples between near and far: only scenes with bins have one.
     let bins = matches!(scene.sampling, SceneSampling::Bins(_));
     if !(bins && samples_fit(scene, proposal.samples)) {
         return Err(BlobError::Field(Section::ProposalSamples));
@@ -204,8 +205,8 @@ fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
     if body.tables.is_some() { Err(BlobError::Field(Section::Tables)) } else { Ok(()) }
 }
 
-/// Whether there are tables where there is a grid, as many values as that has, and all finite; and scales, if these
-/// have any.
+/// Checks that a grid has tables with the right number of finite values and scales, and that other positions have
+/// none.
 #[cfg(feature = "grid")]
 fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
     let (grid, tables) = match (body.architecture.position.grid(), &body.tables) {
@@ -217,7 +218,7 @@ fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
         check_length(Section::TableScales, 4 * grid.resolutions.len(), scales)?;
         for (level, &scale) in scales.as_chunks().0.iter().enumerate() {
             let found = f32::from_le_bytes(scale);
-            // So that every value of the level is finite.
+            // Ensures that every value of the level is finite.
             let fits = found > 0.0 && found <= f32::MAX / 128.0;
             if !fits {
                 return Err(BlobError::TableScale { level: level as u8, found });
@@ -227,7 +228,7 @@ fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
     let bytes = match tables {
         StoredTables::F16(bytes) => bytes,
         StoredTables::Int8 { bytes, .. } => return check_length(Section::Tables, grid.values(), bytes),
-        // So that no few bytes ask for much memory.
+        // Ensures that a short file cannot demand much memory.
         StoredTables::Coded { bytes, .. } => {
             let least = grid.values().div_ceil(MAX_VALUES_OF_A_BYTE);
             return check_length(Section::Tables, least.max(bytes.len()), bytes);
@@ -246,13 +247,13 @@ fn check_length(section: Section, expected: usize, bytes: &[u8]) -> Result<(), B
     if expected == found { Ok(()) } else { Err(BlobError::Length { section, expected, found }) }
 }
 
-/// The first f16 that is infinite or NaN.
+/// Index of the first f16 that is infinite or NaN.
 fn first_not_finite(bytes: &[u8]) -> Option<usize> {
     // An f16 is finite unless its five exponent bits are all set.
     bytes.as_chunks().0.iter().position(|&[_, high]| high & 0x7c == 0x7c)
 }
 
-/// Whether `weights` are the `parameters` of these layers, and finite.
+/// Checks that `weights` are `parameters` finite f16. `layers` name the faulty one.
 fn check_values(
     layers: &Layers,
     parameters: usize,
@@ -268,8 +269,8 @@ fn check_values(
     })
 }
 
-/// Whether every point can be planned, and together they are a front; `occupancy` and `proposal` say whether
-/// the scene has them.
+/// Checks that every point can be planned and that the points form a Pareto front. `occupancy` and `proposal` say
+/// whether the scene has these.
 fn check_front(
     front: &[FrontPoint],
     scene: &SceneFacts,

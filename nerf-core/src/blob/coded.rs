@@ -1,8 +1,8 @@
 //! Tables of bytes, entropy-coded: rANS with adaptive models, as `docs/blob-format.md` specifies it.
 //!
-//! A byte is two symbols of 16 values. What was decoded before a symbol says which model it has, and a model learns from each
-//! symbol that it decodes: no file holds probabilities. Decoding is a bijection between states, so that bytes that end in
-//! the coder's first state, with none left, are those that an encoder writes.
+//! A byte is two symbols of 16 values. The symbols decoded before select the model of the next, and a model adapts to
+//! each symbol that it decodes: no file holds probabilities. Decoding is a bijection between states, so that bytes
+//! are those that an encoder writes exactly if decoding ends in the encoder's initial state with no bytes left.
 //!
 //! # Source
 //! Duda 2013, "Asymmetric numeral systems", arXiv:1311.2540. The update of the models is that of Giesen's "Mixing discrete
@@ -11,34 +11,34 @@
 use super::error::BlobError;
 use crate::encoding::GridEncoding;
 
-/// Symbols of a model.
+/// Number of symbols of a model.
 const SYMBOLS: usize = 16;
-/// Binary logarithm of what the frequencies of a model add up to.
+/// Binary logarithm of the sum of a model's frequencies.
 const BITS: u32 = 15;
-/// Least state between two symbols, and the one that an encoder begins with.
+/// Least state between two symbols; also the encoder's initial state.
 const LEAST: u32 = 1 << 16;
-/// The number that is added to a byte, modulo 256: small magnitudes then have one upper half in common.
+/// Number added to a byte, modulo 256, so that all small magnitudes have the same upper half.
 const OFFSET: u8 = 0x88;
-/// The upper half of values from -8 to 7.
+/// Upper half of the values from -8 to 7.
 const SMALL: usize = 8;
-/// Magnitudes that models tell apart.
+/// Number of classes of magnitudes, each with its own models.
 const CLASSES: usize = 8;
-/// Most features of an entry.
+/// Maximum number of features of an entry.
 const MAX_FEATURES: usize = 4;
-/// Models of upper halves, and as many of lower halves of small values.
+/// Number of models of upper halves, and of lower halves of small values.
 const CONTEXTS: usize = CLASSES * MAX_FEATURES;
 
-/// A distribution of symbols that follows what it sees.
+/// An adaptive distribution of symbols.
 #[derive(Clone, Copy, Debug)]
 struct Model {
-    /// The beginning of each symbol's interval; it ends where the next one's begins, the last at 2^[`BITS`].
+    /// Beginning of each symbol's interval, which ends at the beginning of the next; the last ends at 2^[`BITS`].
     begins: [i16; SYMBOLS],
-    /// The number of symbols it has adapted to; 255 is the most that is counted.
+    /// Number of symbols that the model has adapted to, at most 255.
     seen: u8,
 }
 
 impl Model {
-    /// Sixteen symbols of the same frequency.
+    /// The initial model: sixteen symbols of the same frequency.
     const EVEN: Self = {
         let mut begins = [0; SYMBOLS];
         let mut symbol = 0;
@@ -49,12 +49,12 @@ impl Model {
         Self { begins, seen: 0 }
     };
 
-    /// The symbol whose interval holds `slot`, below 2^[`BITS`].
+    /// The symbol whose interval holds `slot`, a number below 2^[`BITS`].
     #[inline(always)]
     fn symbol_at(&self, slot: u32) -> usize {
         let (slot, begins) = (slot as i16, &self.begins);
         let reached = |symbol: usize| usize::from(begins[symbol] <= slot);
-        // Of four, then of one: 39 MB/s, where counting all sixteen by vectors is 27.
+        // Finds the group of four, then the symbol: 39 MB/s. Counting all sixteen by vectors: 27 MB/s.
         let four = 4 * (reached(4) + reached(8) + reached(12));
         four + reached(four + 1) + reached(four + 2) + reached(four + 3)
     }
@@ -67,8 +67,8 @@ impl Model {
         (begin, end - begin)
     }
 
-    /// Moves the intervals towards those of a distribution in which `symbol` has all but 1 for each of the others: by a
-    /// 16th of the way at first, by a 128th in the end. Rounding down leaves each a length of 1.
+    /// Moves the intervals towards a distribution that gives every other symbol 1 and `symbol` the rest: by a 16th of
+    /// the difference at first, by a 128th in the end. Rounding down keeps every interval at least 1 long.
     #[inline(always)]
     fn learn(&mut self, symbol: usize) {
         let rate = 4 + [16, 32, 128].iter().filter(|&&seen| self.seen >= seen).count();
@@ -80,10 +80,10 @@ impl Model {
     }
 }
 
-/// The models of a level, and which of them is next.
+/// The models of a level, with the context that selects the next one.
 struct Models {
     models: [Model; 2 * CONTEXTS + SYMBOLS],
-    /// The values decoded last, newest first: the context of the next.
+    /// The last decoded values, newest first: the context of the next value.
     last: [u8; MAX_FEATURES],
     features: usize,
     feature: usize,
@@ -96,11 +96,12 @@ impl Models {
         Self { models, last: [0; MAX_FEATURES], features, feature: 0 }
     }
 
-    /// Codes a value: `code` is handed the model of each symbol and says which it is; it learns that.
+    /// Codes one value. `code` gets the model of each of its two symbols and returns the symbol, to which the model
+    /// then adapts.
     #[inline(always)]
     fn value(&mut self, mut code: impl FnMut(&Model, Half) -> Option<usize>) -> Option<u8> {
         let magnitude = |value: u8| u32::from(value.cast_signed().unsigned_abs());
-        // The value before, and the same feature of the entry before.
+        // Magnitudes of the previous value and of the same feature of the previous entry.
         let around = magnitude(self.last[0]) + magnitude(self.last[self.features - 1]);
         let class = (u32::BITS - around.leading_zeros()).min(CLASSES as u32 - 1) as usize;
         let context = self.feature * CLASSES + class;
@@ -122,7 +123,7 @@ impl Models {
     }
 }
 
-/// Half of a byte.
+/// The half of a byte that a symbol codes.
 #[derive(Clone, Copy)]
 #[cfg_attr(not(any(feature = "train", test)), allow(dead_code, reason = "an encoder's"))]
 enum Half {
@@ -130,8 +131,8 @@ enum Half {
     Lower,
 }
 
-/// Decodes the values of all levels of `grid` in order, each handed to `put`. Whatever the bytes, it ends behind the last
-/// value or where they do, and a byte holds no more than 6,100 values.
+/// Decodes the values of all levels of `grid` in order and passes each to `put`. For any bytes, decoding ends after
+/// the last value or the last byte, and one byte yields at most 6,100 values.
 ///
 /// # Errors
 /// [`BlobError::CodedEnd`] and [`BlobError::CodedRest`].
@@ -163,9 +164,9 @@ pub fn decode_tables(grid: &GridEncoding, bytes: &[u8], mut put: impl FnMut(u8))
     if left == 0 && state == LEAST { Ok(()) } else { Err(BlobError::CodedRest { state, bytes: left as u64 }) }
 }
 
-/// Encodes the values of all levels of `grid`, signed bytes, into the end of `out`; returns the bytes.
+/// Encodes the values of all levels of `grid`, signed bytes, into the end of `out` and returns the encoded bytes.
 ///
-/// `symbols`: memory for two intervals a value. `None` if that or `out` is too small, or there are fewer values.
+/// `symbols`: memory for two intervals per value. `None` if `symbols`, `out` or `values` is too short.
 #[cfg(any(feature = "train", test))]
 pub fn encode_tables<'o>(
     grid: &GridEncoding,
@@ -198,7 +199,7 @@ pub fn encode_tables<'o>(
         out.get_mut(at..at + bytes.len())?.copy_from_slice(bytes);
         Some(at)
     };
-    // The last symbol first: a decoder goes the other way.
+    // The last symbol first, since a decoder reads in the opposite order.
     for &[begin, length] in symbols.iter().rev() {
         let (begin, length) = (u32::from(begin), u32::from(length));
         if u64::from(state) >= u64::from(length) << (32 - BITS) {

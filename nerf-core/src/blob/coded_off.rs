@@ -1,4 +1,4 @@
-//! Stand-in for `coded` in builds without that feature: coded tables are refused.
+//! Replaces `coded` in builds without that feature: coded tables are refused.
 
 use super::error::BlobError;
 use crate::encoding::GridEncoding;

@@ -7,10 +7,10 @@ use crate::network::{ArchitectureError, Role};
 use crate::space::BoundsError;
 use core::fmt;
 
-/// Declares the parts of the body: each with its name, and what a value of it may be.
+/// Declares the sections of the body, each with its name and the range of its values.
 macro_rules! sections {
     ($($section:ident: $name:literal, $range:literal;)+) => {
-        /// A part of the body, for messages.
+        /// A section of the body, for messages.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         #[non_exhaustive]
         pub enum Section {
@@ -18,7 +18,7 @@ macro_rules! sections {
         }
 
         impl Section {
-            /// The values that it may have.
+            /// The range of the section's values, for messages.
             const fn range(self) -> &'static str {
                 match self {
                     $(Self::$section => $range,)+
@@ -61,15 +61,15 @@ sections! {
 }
 
 errors! {
-    /// A fault of a point of the front.
+    /// A fault of a point of the Pareto front.
     FrontFault:
-    /// Samples that are none, more than [`MAX_SAMPLES`], or in bins too narrow for the scene.
+    /// No samples, more than [`MAX_SAMPLES`], or bins too narrow for the scene.
     Samples { found: u16 } => "samples: expected 1 to {MAX_SAMPLES} bins of some width, found {found}";
     /// A transmittance cut outside `[0, 1)`.
     TransmittanceCut { found: f32 } => "transmittance_cut: expected 0 <= cut < 1, found {found}";
     /// A colour cut outside `[0, 1)`.
     ColourCut { found: f32 } => "colour_cut: expected 0 <= cut < 1, found {found}";
-    /// An occupancy grid the scene has not, or none where it is part of the model.
+    /// The point uses an occupancy grid that the scene does not have, or does not use one that is part of the model.
     Occupancy { found: bool } =>
         "occupancy: expected {expected}",
         expected = match found {
@@ -78,100 +78,100 @@ errors! {
         };
     /// A tag that names no maths backend.
     Math { found: u8 } => "math: expected a tag below {tags}, found {found}", tags = MathBackend::TAGS;
-    /// A proposal the scene has not.
+    /// The point uses a proposal network that the scene does not have.
     Proposal => "proposal: expected false in a scene without one";
     /// A loss that is not finite.
     LossDb { found: f32 } => "loss_db: expected a finite value, found {found}";
     /// A cost that is not finite and above 0.
     Cost { found: f32 } => "cost: expected a finite value above 0, found {found}";
-    /// A cost that is not below that of the point before.
+    /// A cost that is not below that of the previous point.
     CostOrder { before: f32, found: f32 } =>
         "cost: expected less than the {before} of the point before, found {found}";
-    /// A loss below that of the point before, which is thus neither cheaper nor better.
+    /// A loss below that of the previous point, which is then neither cheaper nor better than this one.
     LossOrder { before: f32, found: f32 } =>
         "loss_db: expected at least the {before} of the point before, found {found}";
 }
 
 errors! {
-    /// Why bytes are no blob this version can open.
+    /// Why a blob cannot be opened or written.
     BlobError:
     /// The file does not begin with the magic bytes.
     NotABlob => "not a .nerf blob: the first bytes are not its magic";
-    /// The file ends before the bytes that its header announces, or that a header takes.
+    /// The file is shorter than its header says, or than a header.
     Truncated { expected: u64, found: u64 } => "truncated: expected {expected} bytes, found {found}";
     /// Bytes follow the body.
     TrailingBytes { expected: u64, found: u64 } => "trailing bytes: expected {expected} bytes, found {found}";
-    /// Made by another version of the format.
+    /// The file has another format version.
     Version { expected: u16, found: u16 } =>
         "format version: this build reads version {expected}, found {found} ({advice})",
         advice = match found < expected {
             true => "older: fit or import the scene again with this build",
             false => "newer: open it with a newer build",
         };
-    /// Written with the other byte order.
+    /// The endian tag is wrong: the file was written with the other byte order.
     Endian { found: u16 } => "endian tag: expected 0xfeff, found {found:#06x}";
-    /// Flags that this version does not know.
+    /// The header has flags that this version does not know.
     Flags { found: u32 } => "flags: expected 0, found {found:#x}";
-    /// Reserved bytes of the header that are not 0.
+    /// The reserved bytes of the header are not 0.
     Reserved { found: u32 } => "reserved header bytes: expected 0, found {found:#x}";
-    /// A bit flipped somewhere: the CRC-32 in the header is not that of header and body.
+    /// The CRC-32 in the header is not that of header and body: the file is damaged.
     Checksum { expected: u32, found: u32 } =>
         "CRC-32: expected {expected:#010x}, found {found:#010x} (the file is damaged)";
-    /// A section of the body is no postcard of this format's shape: a list beyond its cap, a number beyond its type, a
-    /// tag without a meaning, text that is not UTF-8, an end too early.
+    /// A section of the body cannot be decoded: a list longer than its limit, a number too large for its type, an
+    /// unknown tag, text that is not UTF-8, or an early end.
     Body(section: Section) =>
         "{section}: expected this format's lists, numbers, tags and texts and an end, found others";
-    /// The body is not the one form of what it says: a number in more bytes than it takes, bytes behind the last. `at`
-    /// counts bytes from the end of the header.
+    /// The body is not in canonical form: a number takes more bytes than needed, or bytes follow the last section.
+    /// `at` is the offset of the first difference from the end of the header.
     Form { at: u64 } => "body: expected canonical postcard, found another form at byte {at}";
-    /// The architecture is outside the format's caps.
+    /// The architecture is outside the format's limits.
     Architecture(error: ArchitectureError) => "architecture: {error}";
-    /// The proposal network is outside the format's caps.
+    /// The proposal network is outside the format's limits.
     ProposalArchitecture(error: ArchitectureError) => "proposal: {error}";
-    /// A point of the front that cannot be rendered, or makes it no front.
+    /// A point of the Pareto front cannot be rendered, or does not belong to a Pareto front.
     Front { index: u8, fault: FrontFault } => "front point {index}: {fault}";
-    /// The scene's bounds hold nothing.
+    /// The scene box is empty or not finite, or near and far are out of order.
     Bounds(error: BoundsError) => "scene: {error}";
-    /// The network has a density head but is said to be a picture, or the other way round.
+    /// A picture whose network has a density head, or a scene whose network has none.
     Kind { density_head: bool, scene: bool } =>
         "content: expected a {expected} of a network {with} density head, found a {found}",
         expected = kind(*density_head), with = if *density_head { "with a" } else { "without a" }, found = kind(*scene);
-    /// The picture has a side of 0 or beyond [`MAX_PICTURE_SIDE`].
+    /// The picture has a side of 0 or above [`MAX_PICTURE_SIDE`].
     PictureSize { width: u32, height: u32 } =>
         "picture: expected sides of 1 to {MAX_PICTURE_SIDE} pixels, found {width}x{height}";
-    /// The step of a scene's march is no number above 0, or too small for its box.
+    /// The step of the ray march is not above 0, not finite, or too small for the scene box.
     Step { found: f32 } =>
         "scene.sampling: expected a finite step above 0, at most {MAX_SAMPLES} of them to the box's diagonal, found {found}";
-    /// An unbounded scene whose box is no cube, or whose steps are out of range.
+    /// An unbounded scene whose scene box is not a cube, or whose power or step is out of range.
     Contraction { step: f32, power: u8 } =>
         "scene.sampling: expected a contraction into a cube with a power of 1, 2 or 4 and steps above 0 and at most 1, \
          at most {MAX_SAMPLES} of them, found power {power} and step {step}";
     /// A value outside its range.
     Field(section: Section) => "{section}: expected {range}, found otherwise", range = section.range();
-    /// A section of the wrong length.
+    /// A section has the wrong length.
     Length { section: Section, expected: u64, found: u64 } =>
         "{section}: expected {expected} bytes, found {found}";
-    /// Scene coordinates times `2^(levels − 1)`, the factor of the highest level, leave the encoding's domain.
+    /// Scene coordinates times `2^(levels − 1)`, the factor of the highest level, are outside the encoding's domain.
     EncodingDomain { found: f32, limit: f32 } =>
         "scene box: 2^(levels - 1) times its coordinates reaches {found}, the encoding ends at {limit}";
-    /// A weight of the scene's network or of the proposal is infinite or NaN; `index` counts the layer's weights, then its
-    /// biases.
+    /// A parameter of the scene's network or of the proposal network is infinite or NaN. `index` counts the layer's
+    /// weights, then its biases.
     Weight { section: Section, role: Role, index: u32 } =>
         "{section}: layer {role:?}, parameter {index} is not finite";
-    /// The scale of a level of int8 or coded tables that is not above 0, or makes a value infinite.
+    /// The scale of a level of int8 or coded tables is not above 0, or makes a value infinite.
     TableScale { level: u8, found: f32 } =>
         "tables.scales: level {level}: expected a number above 0 of which 128 are finite, found {found}";
     /// A value of the grid's tables is infinite or NaN.
     TableValue { level: u8, index: u32 } => "tables: level {level}, value {index} is not finite";
-    /// The bytes of coded tables end before this value.
+    /// The coded bytes end before value `index` of level `level`.
     CodedEnd { level: u8, index: u32 } =>
         "tables: level {level}: expected value {index}, found the end of the coded bytes";
-    /// The bytes of coded tables are not what an encoder of their values writes: the decoder does not end with the last byte
-    /// and in the coder's first state, or begins below that.
+    /// The coded bytes are not what an encoder writes: the decoder's initial state is too low, or it does not end
+    /// with the last byte in the encoder's initial state.
     CodedRest { state: u32, bytes: u64 } =>
         "tables: expected coded bytes that end in state 65536 behind the last value, found state {state} and {bytes} \
          bytes more";
-    /// The file needs what this build has no code for.
+    /// The file needs a feature that this build was compiled without.
     NotBuilt { feature: &'static str } =>
         "{part}: expected a build with the feature `{feature}`{advice}, found one without",
         part = match *feature {
@@ -179,13 +179,13 @@ errors! {
             "coded" => Section::Tables,
             _ => Section::Position,
         },
-        // int8 needs no memory to be decoded into.
+        // int8 tables are read in place and need no decoder.
         advice = if *feature == "coded" { " (or a file fitted with --export int8)" } else { "" };
     /// The output buffer of a write is too small.
     Space { expected: u64, found: u64 } => "output buffer: expected {expected} bytes, found {found}";
 }
 
-/// The content of a blob with or without densities.
+/// Name of the content of a blob with or without a density head.
 const fn kind(density: bool) -> &'static str {
     if density { "scene" } else { "picture" }
 }

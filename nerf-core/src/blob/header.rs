@@ -14,9 +14,9 @@ use super::BlobError;
 use core::ops::Range;
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 
-/// First bytes of every blob; in the manner of PNG, a text-mode copy damages them.
+/// First bytes of every blob; as in PNG, a copy in text mode damages them detectably.
 pub const MAGIC: [u8; 8] = *b"\x89NERF\r\n\x1a";
-/// The version this build writes, and the only one it reads: none before it was released.
+/// Format version that this build writes, and the only one it reads: no earlier version was released.
 pub const FORMAT_VERSION: u16 = 7;
 /// Length of the header, bytes.
 pub const HEADER_LEN: usize = 32;
@@ -29,10 +29,10 @@ const CHECKSUM: Range<usize> = 24..28;
 const RESERVED: Range<usize> = 28..HEADER_LEN;
 
 const ENDIAN_TAG: u16 = 0xfeff;
-/// One 1 KiB table: a microcontroller carries it too.
+/// A single 1 KiB table, small enough for a microcontroller.
 const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
 
-/// The header of `body`.
+/// Makes the header of `body`.
 pub(super) fn write(body: &[u8]) -> [u8; HEADER_LEN] {
     let mut header = [0; HEADER_LEN];
     header[..MAGIC.len()].copy_from_slice(&MAGIC);
@@ -86,7 +86,7 @@ pub(super) fn open(bytes: &[u8]) -> Result<&[u8], BlobError> {
     Ok(body)
 }
 
-/// The bytes of a field.
+/// Copies the bytes `at` out of the header.
 fn field<const N: usize>(header: &[u8; HEADER_LEN], at: Range<usize>) -> [u8; N] {
     let mut bytes = [0; N];
     for (to, from) in bytes.iter_mut().zip(header.get(at).unwrap_or_default()) {

@@ -1,10 +1,10 @@
-//! The coarse network that says where on a ray the scene's own is worth asking.
+//! The proposal network: a coarse network whose weights say where on a ray the scene's network is evaluated.
 
 use crate::encoding::SinusoidalEncoding;
 use crate::network::{Architecture, DensityActivation, MAX_TRUNK, Shading, TrunkLayer};
 use serde::{Deserialize, Serialize, Serializer};
 
-/// A network of densities alone: encoding, trunk and density head over the scene's own box.
+/// A network with densities only: encoding, trunk and density head, over the scene box.
 ///
 /// # Source
 /// Mildenhall et al. 2020, section 5.2: the coarse network, of which rendering uses only the weights
@@ -15,9 +15,9 @@ pub struct Proposal<'a> {
     pub position: SinusoidalEncoding,
     /// The trunk, in order; the first layer takes `PE(x)` and has no skip.
     pub trunk: heapless::Vec<TrunkLayer, MAX_TRUNK>,
-    /// The density head.
+    /// Activation of the density head.
     pub density: DensityActivation,
-    /// Samples per ray the proposal is asked at, `near..far` cut into equal bins.
+    /// Samples per ray at which the proposal is evaluated, one in each of equal bins of `near..far`.
     pub samples: u16,
     /// The parameters as little-endian f16, in the order of [`Architecture::layers`]: trunk, density head.
     #[serde(serialize_with = "as_bytes")]
@@ -25,8 +25,8 @@ pub struct Proposal<'a> {
 }
 
 impl Proposal<'_> {
-    /// The shape as that of a scene's network; the rgb head that every one of those has is not in
-    /// [`Proposal::weights`], which end after [`Architecture::density_parameters`].
+    /// The shape as a scene's architecture. Its rgb head has no parameters in [`Proposal::weights`], which end after
+    /// [`Architecture::density_parameters`].
     pub fn architecture(&self) -> Architecture {
         Architecture {
             position: self.position.into(),
@@ -39,7 +39,7 @@ impl Proposal<'_> {
     }
 }
 
-/// Serialises all bytes in one call, where serde would make one for each: the same form.
+/// Serialises all bytes in one call instead of one call per byte; the bytes written are the same.
 pub(super) fn as_bytes<S: Serializer>(bytes: &&[u8], serializer: S) -> Result<S::Ok, S::Error> {
     serializer.serialize_bytes(bytes)
 }

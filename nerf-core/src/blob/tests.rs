@@ -23,7 +23,7 @@ mod proposal;
 const VIEWPOINT: Viewpoint =
     Viewpoint { eye: [4.0, 0.0, 0.0], target: [0.0; 3], up: [0.0, 0.0, 1.0], arc: 1.0 };
 
-/// The error of a body that cannot be written; its length cannot be asked for either.
+/// The error of a body that cannot be written; `encoded_len` gives the same error.
 fn refused(body: &Body<'_>) -> BlobError {
     let mut out = vec![0; 1 << 16];
     let error = write(body, &mut out).map(drop).unwrap_err();

@@ -17,11 +17,12 @@ use postcard::de_flavors::Slice;
 use postcard::ser_flavors::Flavor;
 use serde::Deserialize;
 
-/// The first byte of a body whose position is a grid.
+/// First byte of a body whose position is encoded by a grid.
 #[cfg(not(feature = "grid"))]
 const GRID_TAG: u8 = 1;
 
-/// The body, section by section, so that an error can say which one. Not a function: a body is large to pass on.
+/// Reads the body section by section, so that an error can name the section. A macro, since a function would move the
+/// large body.
 macro_rules! read_body {
     ($input:expr) => {
         Body {
@@ -51,7 +52,7 @@ pub struct Blob<'a> {
 }
 
 impl<'a> Blob<'a> {
-    /// Checks `bytes` once; nothing is copied but the description, no byte needs any alignment.
+    /// Checks `bytes` once. Weights and tables are borrowed, not copied, and need no alignment.
     ///
     /// # Errors
     /// [`BlobError`] says what was expected and found. No input panics or is read out of bounds.
@@ -61,8 +62,8 @@ impl<'a> Blob<'a> {
         Ok(blob)
     }
 
-    /// [`Blob::open`] without a check of coded tables, which takes as long as decoding them. For a caller that decodes them
-    /// next, as [`Renderer::new`](crate::render::Renderer::new) does.
+    /// [`Blob::open`] without checking coded tables, which takes as long as decoding them. For callers that decode
+    /// them next, such as [`Renderer::new`](crate::render::Renderer::new).
     ///
     /// # Errors
     /// As [`Blob::open`].
@@ -79,21 +80,21 @@ impl<'a> Blob<'a> {
         Ok(Self { body })
     }
 
-    /// [`Blob::open`] of bytes that it has checked before.
+    /// Reads bytes that [`Blob::open`] has already checked.
     #[cfg(all(feature = "std", not(target_os = "none")))]
     pub(crate) fn decode(bytes: &'a [u8]) -> Result<Self, BlobError> {
         let mut input = Deserializer::from_bytes(bytes.get(header::HEADER_LEN..).unwrap_or_default());
         Ok(Self { body: read_body!(&mut input) })
     }
 
-    /// The blob with other weights, which nothing has checked.
+    /// Replaces the weights by unchecked ones.
     #[cfg(test)]
     pub(crate) fn with_weights(mut self, weights: &'a [u8]) -> Self {
         self.body.weights = weights;
         self
     }
 
-    /// The identity among blobs that are borrowed at the same time: the address of the weights.
+    /// Address of the weights, which identifies a blob among those borrowed at the same time.
     pub(crate) fn identity(&self) -> usize {
         self.body.weights.as_ptr().addr()
     }
@@ -103,7 +104,7 @@ impl<'a> Blob<'a> {
         &self.body.architecture
     }
 
-    /// The network's layers, in the order of their parameters; made anew, since a renderer has its own.
+    /// Computes the network's layers, in the order of their parameters.
     pub fn layers(&self) -> Layers {
         self.body.architecture.layers()
     }
@@ -116,7 +117,7 @@ impl<'a> Blob<'a> {
         }
     }
 
-    /// Size of the picture a 2D field was made of; `None` in a scene.
+    /// Size of the picture that a 2D field was fitted to; `None` in a scene.
     pub fn picture(&self) -> Option<PictureFacts> {
         match self.body.content {
             Content::Picture(picture) => Some(picture),
@@ -136,7 +137,7 @@ impl<'a> Blob<'a> {
         Some(OccupancyGrid::new(self.scene_box()?, occupancy.resolution, occupancy.bits))
     }
 
-    /// The Pareto front of accuracy against work, dearest point first; empty where no study measured it.
+    /// The Pareto front of accuracy against work, most expensive point first; empty if none was measured.
     pub fn front(&self) -> &[FrontPoint] {
         &self.body.front
     }
@@ -146,7 +147,7 @@ impl<'a> Blob<'a> {
         self.body.proposal.as_ref()
     }
 
-    /// The blob's provenance.
+    /// Data, program, settings and PSNR that the blob results from.
     pub fn provenance(&self) -> &Provenance<'a> {
         &self.body.provenance
     }
@@ -156,12 +157,12 @@ impl<'a> Blob<'a> {
         self.body.weights
     }
 
-    /// The entries of the position's grid, if it is one.
+    /// The table entries of the grid encoding, if the position is encoded by a grid.
     pub fn tables(&self) -> Option<StoredTables<'a>> {
         self.body.tables
     }
 
-    /// Bytes that coded tables are decoded to; 0 of any others, which are read where they lie.
+    /// Number of bytes that coded tables decode to; 0 for other tables, which are read in place.
     pub fn decoded_len(&self) -> usize {
         self.coded().map_or(0, |(grid, _)| grid.values())
     }
@@ -169,14 +170,15 @@ impl<'a> Blob<'a> {
     /// Decodes coded tables into `to`, [`Blob::decoded_len`] bytes, in the layout of int8 tables. Other tables are left alone.
     ///
     /// # Errors
-    /// No error after [`Blob::open`]; after [`Blob::open_undecoded`] the one that it would have said of the coded bytes.
+    /// None after [`Blob::open`]. After [`Blob::open_undecoded`], the error that [`Blob::open`] gives for the coded
+    /// bytes.
     pub fn decode_tables(&self, to: &mut [u8]) -> Result<(), BlobError> {
         let Some((grid, bytes)) = self.coded() else { return Ok(()) };
         let mut to = to.iter_mut();
         coded::decode_tables(grid, bytes, |value| to.next().into_iter().for_each(|to| *to = value))
     }
 
-    /// The grid of coded tables and the bytes they are decoded from.
+    /// The grid and the coded bytes; `None` unless tables are coded.
     fn coded(&self) -> Option<(&GridEncoding, &'a [u8])> {
         match (self.body.architecture.position.grid(), self.body.tables) {
             (Some(grid), Some(StoredTables::Coded { bytes, .. })) => Some((grid, bytes)),
@@ -185,7 +187,7 @@ impl<'a> Blob<'a> {
     }
 }
 
-/// The next section.
+/// Reads the next section.
 fn read<'a, T: Deserialize<'a>>(
     input: &mut Deserializer<'a, Slice<'a>>,
     section: Section,
@@ -193,7 +195,7 @@ fn read<'a, T: Deserialize<'a>>(
     T::deserialize(input).map_err(|_| BlobError::Body(section))
 }
 
-/// Refuses `bytes` unless they are what writing `body` gives, and says where they differ: one meaning, one form.
+/// Checks that `bytes` are exactly what writing `body` gives: the format has one form for each content.
 fn check_form(body: &Body<'_>, bytes: &[u8]) -> Result<(), BlobError> {
     let mut rest = bytes;
     match postcard::serialize_with_flavor(body, Compare { rest: &mut rest }) {
@@ -202,16 +204,16 @@ fn check_form(body: &Body<'_>, bytes: &[u8]) -> Result<(), BlobError> {
     }
 }
 
-/// Compares what is serialised with bytes that are already there.
+/// A serialiser that compares its output with existing bytes.
 struct Compare<'c, 'a> {
-    /// The bytes that were not compared yet.
+    /// Bytes not compared yet.
     rest: &'c mut &'a [u8],
 }
 
 impl Flavor for Compare<'_, '_> {
     type Output = ();
 
-    // One call for each of a body's many fields: inlined they would be a large part of a microcontroller's code.
+    // Called for each of a body's many fields: inlined, the calls would be a large part of a microcontroller's code.
     #[inline(never)]
     fn try_push(&mut self, byte: u8) -> postcard::Result<()> {
         self.try_extend(&[byte])

@@ -5,22 +5,23 @@ use super::check::check;
 use super::error::BlobError;
 use super::header::{self, HEADER_LEN};
 
-/// Bytes the blob of `body` takes.
+/// Size of the blob of `body`, bytes.
 ///
 /// # Errors
 /// The errors of [`write()`].
 pub fn encoded_len(body: &Body<'_>) -> Result<usize, BlobError> {
     check(body)?;
     let size = postcard::ser_flavors::Size::default();
-    // Counting does not fail; what it could not count would fit nowhere.
+    // Counting does not fail; if it did, no buffer would be large enough.
     let length = postcard::serialize_with_flavor(body, size).unwrap_or(usize::MAX);
     Ok(HEADER_LEN.saturating_add(length))
 }
 
-/// Writes the blob of `body` to the front of `out` and returns its bytes.
+/// Writes the blob of `body` to the beginning of `out` and returns its bytes.
 ///
 /// # Errors
-/// [`BlobError`] of everything that [`super::Blob::open`] would refuse, and of a buffer that is too small.
+/// The [`BlobError`] with which [`super::Blob::open`] would refuse the blob, or [`BlobError::Space`] if `out` is too
+/// small.
 pub fn write<'o>(body: &Body<'_>, out: &'o mut [u8]) -> Result<&'o [u8], BlobError> {
     let expected = encoded_len(body)?;
     let found = out.len();

@@ -14,12 +14,13 @@ use glam::{Mat3, Vec2, Vec3};
 #[cfg(test)]
 mod tests;
 
-/// Longest side of an image, pixels: up to it every pixel's centre is exact in f32, so that no two are one.
+/// Maximum side of an image, pixels: up to this size the centre of every pixel is exact in f32.
 pub const MAX_IMAGE_SIDE: u32 = 1 << 23;
-/// Furthest image point from the principal point, in focal lengths: its square is well inside f32.
+/// Maximum distance of an image point from the principal point along an axis, in focal lengths; its square is well
+/// inside f32.
 const MAX_NORMALISED: f32 = 1e9;
 
-/// A pinhole's intrinsics, in pixels; pixel (0, 0) is top left and its centre is (0.5, 0.5).
+/// Pinhole intrinsics, in pixels; pixel (0, 0) is top left and its centre is (0.5, 0.5).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Intrinsics {
     /// Image width, pixels.
@@ -37,7 +38,7 @@ pub struct Intrinsics {
 }
 
 impl Intrinsics {
-    /// A camera with square pixels and its principal point at the image centre.
+    /// Intrinsics with square pixels and the principal point at the image centre.
     pub fn centred(width: u32, height: u32, focal: f32) -> Self {
         Self { width, height, fx: focal, fy: focal, cx: width as f32 / 2.0, cy: height as f32 / 2.0 }
     }
@@ -46,14 +47,15 @@ impl Intrinsics {
 /// A camera-to-world transform: the camera looks down −Z, +Y is up, +X right (OpenGL, Blender).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
-    /// Columns are the camera's right, up and backward axes in world space, orthonormal.
+    /// Camera-to-world rotation: its columns are the camera's right, up and backward axes in world space,
+    /// orthonormal.
     pub rotation: Mat3,
-    /// The camera's centre, world units.
+    /// Centre of projection, world units.
     pub position: Vec3,
 }
 
 impl Pose {
-    /// The pose of the upper three rows of a row-major camera-to-world matrix.
+    /// Makes a pose from the upper three rows of a row-major camera-to-world matrix; does not check it.
     pub fn from_rows(c2w: [[f32; 4]; 3]) -> Self {
         let column = |j: usize| Vec3::new(c2w[0][j], c2w[1][j], c2w[2][j]);
         Self { rotation: Mat3::from_cols(column(0), column(1), column(2)), position: column(3) }
@@ -69,10 +71,10 @@ impl Pose {
         ]
     }
 
-    /// A camera at `eye` that looks at `target`, with `up` upwards in its image.
+    /// The pose of a camera at `eye` that looks at `target`, with `up` upwards in its image.
     ///
-    /// `None` where `eye` equals `target` or `up` is parallel to the line of sight (within 1e-4 rad,
-    /// where the cross product is rounding noise), and where either difference is no number.
+    /// `None` if `eye` equals `target`, if `up` is 0 or parallel to the line of sight (within 1e-4 rad, where the
+    /// cross product is rounding noise), or if a component is NaN.
     pub fn look_at(eye: Vec3, target: Vec3, up: Vec3) -> Option<Self> {
         let backward = unit(eye - target)?;
         let side = unit(up)?.cross(backward);
@@ -83,7 +85,7 @@ impl Pose {
         Some(Self { rotation: Mat3::from_cols(right, backward.cross(right), backward), position: eye })
     }
 
-    /// Whether it is finite, not too far away, and a rotation.
+    /// Checks that the position is finite and within 1e9, and the rotation a rotation within 1e-3.
     fn check(&self) -> Result<(), CameraError> {
         let position_fits = self.position.is_finite() && self.position.abs().max_element() <= 1e9;
         if !position_fits || !self.rotation.is_finite() {
@@ -109,7 +111,7 @@ impl Pose {
 
 /// `v` at unit length; `None` for 0 and for NaN.
 fn unit(v: Vec3) -> Option<Vec3> {
-    // Its square leaves f32 long before `v` does; a power of two changes no digit.
+    // The square of `v` overflows or underflows long before `v`; scaling by a power of two is exact.
     const UP: f32 = 1.267_650_6e30; // 2^100
     const DOWN: f32 = 8.271_806e-25; // 2^-80
     let size = v.abs().max_element();
@@ -123,7 +125,7 @@ fn unit(v: Vec3) -> Option<Vec3> {
     (v * scale).try_normalize()
 }
 
-/// A checked camera: every pixel of it has a ray.
+/// A checked camera: every pixel has a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     intrinsics: Intrinsics,
@@ -135,11 +137,11 @@ impl Camera {
     /// Checks the parts once, so that [`Camera::ray`] cannot fail.
     ///
     /// # Errors
-    /// [`CameraError`] on sides of 0 or beyond [`MAX_IMAGE_SIDE`], focal lengths that are not positive and
-    /// finite, a principal point or a lens that is no number, a pose that is not finite or not a rotation within
-    /// 1e-3 (scaled, sheared, reflected, singular), an image point more than 1e9 focal lengths off the principal
-    /// point, and a lens that cannot be inverted at some point of the image, that turns back on the way there from
-    /// the axis, or that this build lacks (feature `lens`).
+    /// [`CameraError`] on sides of 0 or beyond [`MAX_IMAGE_SIDE`], focal lengths that are not positive and finite, a
+    /// principal point or a lens that is not finite, a pose that is not finite or not a rotation within 1e-3 (scaled,
+    /// sheared, reflected, singular), an image point more than 1e9 focal lengths off the principal point, and a lens
+    /// that cannot be inverted at some point of the image, that folds between the axis and such a point, or that
+    /// needs the feature `lens`.
     pub fn new(intrinsics: Intrinsics, lens: Lens, pose: Pose) -> Result<Self, CameraError> {
         let Intrinsics { width, height, fx, fy, cx, cy } = intrinsics;
         if ![width, height].iter().all(|side| (1..=MAX_IMAGE_SIDE).contains(side)) {
@@ -176,7 +178,7 @@ impl Camera {
         Ok(camera)
     }
 
-    /// Whether the image's corners, and so all of its points, have a direction.
+    /// Checks that the image's corners, and so all of its points, have a direction in f32.
     fn check_view(&self) -> Result<(), CameraError> {
         let (w, h) = (self.intrinsics.width as f32, self.intrinsics.height as f32);
         for (x, y) in [(0.0, 0.0), (w, h)] {
@@ -188,8 +190,8 @@ impl Camera {
         Ok(())
     }
 
-    /// Inverts the lens on a lattice over the image, unless it bends too little to fail; that no fold lies in front of
-    /// a point is asked along the border, which is behind all others.
+    /// Inverts the lens at 17×17 points over the image, unless its distortion is too weak to fail. Folds between axis
+    /// and point are searched only for points on the border, beyond all others.
     fn check_lens(&self) -> Result<(), CameraError> {
         if self.lens == Lens::NONE {
             return Ok(());
@@ -216,7 +218,7 @@ impl Camera {
         Ok(())
     }
 
-    /// The same camera at another pose.
+    /// The camera at another pose.
     ///
     /// # Errors
     /// [`CameraError`] if the pose is not finite, too far away or no rotation.
@@ -240,7 +242,7 @@ impl Camera {
         &self.pose
     }
 
-    /// Normalised image coordinates (+y down) of the image point `(x, y)`, in pixels.
+    /// Normalised image coordinates (+y down) of the image point `(x, y)`, pixels.
     fn normalised(&self, x: f32, y: f32) -> (f32, f32) {
         let i = &self.intrinsics;
         ((x - i.cx) / i.fx, (y - i.cy) / i.fy)
@@ -264,23 +266,24 @@ impl Camera {
         self.towards(self.lens.straighten(u, v))
     }
 
-    /// The ray along a direction of the camera: right, down, forward, of any length.
+    /// The ray along a direction in camera coordinates (right, down, forward), of any length.
     fn towards(&self, dir: Vec3) -> Ray {
         let local = Vec3::new(dir.x, -dir.y, -dir.z);
         let dir = self.pose.rotation * local;
         Ray { origin: self.pose.position, dir: dir.normalize() }
     }
 
-    /// [`Camera::ray`] through a point that may lie beyond the image, where [`Camera::new`] has not asked; `None` where
-    /// the lens has no inverse or folds on the way there, and where the direction leaves f32.
+    /// [`Camera::ray`] through a point that may lie outside of the image, for which [`Camera::new`] did not check the
+    /// lens. `None` if the lens has no inverse there or folds between axis and point, or if the direction overflows
+    /// f32.
     pub fn try_ray(&self, x: f32, y: f32) -> Option<Ray> {
         let (u, v) = self.normalised(x, y);
         let ray = self.towards(self.lens.invert(u, v, true)?);
         ray.dir.is_normalized().then_some(ray)
     }
 
-    /// The image point where a point of the world is seen, in pixels, within the image or beyond; `None` where it is at the
-    /// camera or, but for fisheyes, behind it.
+    /// Projects a point of the world to an image point, pixels, which may lie outside of the image. `None` if the
+    /// point is at the camera or, except for fisheyes, behind it.
     pub fn project(&self, point: Vec3) -> Option<(f32, f32)> {
         let local = self.pose.rotation.transpose() * (point - self.pose.position);
         if local == Vec3::ZERO {
@@ -291,11 +294,11 @@ impl Camera {
         Some((i.cx + i.fx * u, i.cy + i.fy * v))
     }
 
-    /// One pixel for each `right` by `down` of them, as an image of its own, seen through their middles; at
-    /// least one along each side, and none beyond the edges.
+    /// A smaller camera with one pixel, seen through the middle, for each block of `right` by `down` pixels.
+    /// Incomplete blocks at the edges are dropped, and each side keeps at least one pixel.
     pub fn thinned(&self, right: u32, down: u32) -> Self {
         let Intrinsics { width, height, fx, fy, cx, cy } = self.intrinsics;
-        // Neither side is 0 (`new`).
+        // No side is 0, as checked by `new`.
         let (right, down) = (right.clamp(1, width.max(1)), down.clamp(1, height.max(1)));
         let (x, y) = (right as f32, down as f32);
         let intrinsics = Intrinsics {
@@ -306,7 +309,7 @@ impl Camera {
             cx: cx / x,
             cy: cy / y,
         };
-        // The same directions, all of which were checked.
+        // All directions are among those checked by `new`.
         Self { intrinsics, ..*self }
     }
 
@@ -317,9 +320,9 @@ impl Camera {
 }
 
 errors! {
-    /// A camera that cannot make rays.
+    /// Invalid parameters of a camera.
     CameraError:
-    /// Width or height is 0 or beyond [`MAX_IMAGE_SIDE`].
+    /// Width or height is 0 or above [`MAX_IMAGE_SIDE`].
     ImageSize { width: u32, height: u32 } =>
         "image size: expected sides of 1 to {MAX_IMAGE_SIDE} pixels, found {width}x{height}";
     /// A focal length is not positive and finite.
@@ -328,26 +331,26 @@ errors! {
     /// The principal point is not finite.
     PrincipalPoint { name: &'static str, value: f32 } =>
         "{name}: expected a finite principal point in pixels, found {value}";
-    /// A NaN or infinity in the pose, or a position beyond 1e9 world units.
+    /// The pose contains a NaN or an infinity, or a position beyond 1e9 world units.
     PoseNotFinite =>
         "camera-to-world pose: expected finite numbers and a position within 1e9, found otherwise";
-    /// The upper left 3×3 of the pose is no rotation.
+    /// The upper left 3×3 of the pose is not a rotation.
     PoseNotRotation { off: f32, determinant: f32 } =>
         "camera-to-world pose: expected a rotation (|RtR - I| <= 1e-3, determinant 1), \
          found |RtR - I| = {off}, determinant {determinant}";
-    /// An image point is so far off the axis that its direction leaves f32.
+    /// An image point is more than 1e9 focal lengths off the principal point.
     FieldOfView { x: f32, y: f32 } =>
         "intrinsics: expected image points within {MAX_NORMALISED} focal lengths of the principal \
          point, found pixel ({x}, {y}) beyond";
-    /// A coefficient of the lens is no finite number.
+    /// A coefficient of the lens is not finite.
     LensNotFinite { name: &'static str, value: f32 } =>
         "lens {name}: expected a finite number, found {value}";
-    /// A coefficient that a fisheye does not have is not 0.
+    /// A coefficient that fisheyes do not have is not 0.
     LensNotOfFisheyes { name: &'static str, value: f32 } =>
         "lens {name}: expected 0 in a fisheye, found {value}";
-    /// The lens model has no inverse at an image point, or turns back on the way to it from the axis.
+    /// The lens has no inverse at an image point, or folds between the axis and the point.
     LensNotInvertible { x: f32, y: f32 } =>
         "lens: expected a distortion that does not turn back up to pixel ({x}, {y}) of the image";
-    /// Lens distortion, in a build without the feature `lens`.
+    /// The lens distorts, in a build without the feature `lens`.
     LensNotBuilt { lens: Lens } => "lens: expected a build with the feature lens, or zeros, found {lens:?}";
 }

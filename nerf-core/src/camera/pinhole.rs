@@ -3,10 +3,10 @@
 use super::{Camera, Ray};
 use crate::simd::{Lanes, MAX_LANES, Op};
 
-/// [`Camera::ray`] through up to [`MAX_LANES`] points of a camera whose lens moves nothing, bit for bit.
+/// [`Camera::ray`] through up to [`MAX_LANES`] points of a camera without lens distortion, bit for bit.
 pub(crate) struct PinholeRays<'a> {
     pub camera: &'a Camera,
-    /// x and y of the points, pixels.
+    /// Image coordinates x and y of the points, pixels.
     pub points: &'a [[f32; MAX_LANES]; 2],
     pub to: &'a mut [Ray],
 }

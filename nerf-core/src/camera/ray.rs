@@ -19,10 +19,10 @@ impl Ray {
     }
 }
 
-/// Largest error of the square of a unit vector's length: sloppy roots pass, what is no direction does not.
+/// Maximum error of a unit vector's squared length, loose enough for inexact normalisation.
 const NEARLY_UNIT: f32 = 1e-3;
 
-/// Whether `dir` is a direction: its squared length is 1 within 1e-3.
+/// Whether `dir` has unit length: its squared length is 1 within 1e-3.
 pub fn is_unit(dir: Vec3) -> bool {
     (dir.length_squared() - 1.0).abs() <= NEARLY_UNIT
 }

@@ -200,12 +200,12 @@ fn a_folded_lens_is_refused() {
     assert!((-8..=8).all(|s| border(s).is_some()));
     let found = Camera::new(Intrinsics::centred(104, 104, 10.0), lens, IDENTITY);
     assert!(matches!(found, Err(CameraError::LensNotInvertible { .. })), "{found:?}");
-    // The same fold between the points at which the lens is asked: 5.2 apart. And one that is all but a fold.
+    // The same fold between the points at which the lens is checked, 5.2 apart. Then a lens that nearly folds.
     for (lens, focal) in [(lens, 1.25), (Lens { k1: -1.0, k2: 0.452, ..Lens::NONE }, 10.0)] {
         let found = Camera::new(Intrinsics::centred(104, 104, focal), lens, IDENTITY);
         assert!(matches!(found, Err(CameraError::LensNotInvertible { .. })), "{found:?}");
     }
-    // Bending outwards: where Newton's method would start behind the fold, or leap over the axis from before it.
+    // Outward distortion: Newton's method would start behind the fold, or jump across the axis from before it.
     let pincushion = Lens { k1: 0.389, k2: -0.0057, ..Lens::NONE };
     for (lens, focal) in [(Lens { k1: 0.3, k2: -0.2, ..Lens::NONE }, 45.0), (pincushion, 10.0)] {
         let found = Camera::new(Intrinsics::centred(104, 104, focal), lens, IDENTITY);

@@ -1,4 +1,4 @@
-//! In the place of `grid` where the feature is off: there is no grid, and no code that encodes by one.
+//! Replaces `grid` in builds without that feature: there is no grid and no code that encodes by one.
 
 use super::TableValues;
 use crate::absent::absent;
@@ -7,7 +7,7 @@ use crate::space::SceneBox;
 use core::marker::PhantomData;
 use serde::{Deserialize, Serialize};
 
-/// No value: this build has no grids. Opening a file with one is
+/// A type without values: this build has no grids. Opening a file with a grid is
 /// [`BlobError::NotBuilt`](crate::blob::BlobError::NotBuilt).
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum GridEncoding {}
@@ -21,7 +21,7 @@ impl GridEncoding {
     }
 }
 
-/// Nothing: this build has no grids.
+/// The tables of a grid, always absent: this build has no grids.
 #[derive(Clone, Copy, Debug)]
 pub struct GridTables<'a>(PhantomData<&'a ()>);
 
@@ -29,12 +29,12 @@ impl<'a> GridTables<'a> {
     /// The tables of a network without a grid.
     pub const NONE: Self = Self(PhantomData);
 
-    /// Nothing.
+    /// Returns [`GridTables::NONE`].
     pub fn new(_values: TableValues<'a>, _bounds: Option<&SceneBox>) -> Self {
         Self::NONE
     }
 
-    /// Whether they are those of `grid`.
+    /// Whether the tables fit `grid`, which cannot exist.
     pub(crate) fn fit(&self, grid: &GridEncoding) -> bool {
         match *grid {}
     }

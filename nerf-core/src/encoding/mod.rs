@@ -1,9 +1,9 @@
-//! Encodings: what the network's first layer sees of a position, its colour layer of a direction.
+//! Encodings: the inputs of the network's first layer from a position, and of its colour branch from a direction.
 //!
-//! | of | encoding | values |
+//! | input | encoding | values |
 //! | --- | --- | --- |
 //! | position, direction | [`SinusoidalEncoding`] | sines and cosines of each coordinate |
-//! | position | [`GridEncoding`] (feature `grid`) | interpolated entries of tables that were learned |
+//! | position | [`GridEncoding`] (feature `grid`) | interpolated entries of learned tables |
 //! | direction | [`DirectionEncoding::SphericalHarmonics`] (feature `grid`) | the first `degree²` real spherical harmonics |
 
 #[cfg(feature = "grid")]
@@ -47,7 +47,7 @@ use serde::{Deserialize, Serialize};
 pub enum PositionEncoding {
     /// Sines and cosines.
     Sinusoidal(SinusoidalEncoding),
-    /// A multiresolution grid of learned features. Without the feature `grid` there is no such value.
+    /// A multiresolution grid of learned features. Without the feature `grid` this variant cannot exist.
     Grid(GridEncoding),
 }
 
@@ -96,9 +96,9 @@ impl From<SinusoidalEncoding> for PositionEncoding {
 pub enum DirectionEncoding {
     /// Sines and cosines.
     Sinusoidal(SinusoidalEncoding),
-    /// Real spherical harmonics. Without the feature `grid` no network has them.
+    /// Real spherical harmonics. Without the feature `grid` networks with them are refused.
     SphericalHarmonics {
-        /// Bands, 1 to [`MAX_HARMONICS_DEGREE`]; they have `degree²` functions together.
+        /// Number of bands, 1 to [`MAX_HARMONICS_DEGREE`], which have `degree²` functions together.
         degree: u8,
     },
 }
@@ -127,19 +127,19 @@ impl From<SinusoidalEncoding> for DirectionEncoding {
     }
 }
 
-/// The values of a grid's tables, where they lie.
+/// The values of a grid's tables, borrowed in one of three formats.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub enum TableValues<'a> {
-    /// Little-endian f16, finite, at any alignment: as a file has them.
+    /// Little-endian f16, finite, at any alignment, as stored in a file.
     F16(&'a [u8]),
-    /// Signed bytes, as a file has them, too; those of a level times its scale are its values.
+    /// Signed bytes, as stored in a file; a value is its byte times the scale of its level.
     Int8 {
-        /// The bytes.
+        /// One signed byte per value.
         values: &'a [u8],
-        /// A little-endian f32 a level, at any alignment; above 0, and 128 times it finite.
+        /// One little-endian f32 per level, at any alignment, above 0; 128 times the scale is finite.
         scales: &'a [u8],
     },
-    /// f32, as a trainer has them.
+    /// f32, as used in training.
     F32(&'a [f32]),
 }

@@ -9,7 +9,7 @@ mod tests;
 /// Whether this build has spherical harmonics.
 pub(crate) const BUILT: bool = true;
 
-/// Most bands of spherical harmonics.
+/// Maximum number of bands of spherical harmonics.
 pub const MAX_HARMONICS_DEGREE: u8 = 4;
 
 /// Encodes a block of directions by the `degree²` real spherical harmonics of the bands below `degree`.
@@ -26,7 +26,7 @@ pub const MAX_HARMONICS_DEGREE: u8 = 4;
 /// Sloan 2013, "Efficient Spherical Harmonic Evaluation"; the order and signs are tiny-cuda-nn's.
 ///
 /// # Panics
-/// With debug assertions, if a slice is shorter than that.
+/// With debug assertions, if a slice is too short.
 pub fn encode_harmonics_block(isa: Isa, degree: u8, stride: usize, dirs: &[f32], out: &mut [f32]) {
     let dirs = head(dirs, 3 * stride);
     let count = usize::from(degree) * usize::from(degree);

@@ -1,26 +1,26 @@
-//! Why a scene was not opened or rendered.
+//! Errors of opening and rendering a scene.
 
 use crate::blob::BlobError;
 use crate::plan::PlanError;
 use crate::render::RenderError;
 use std::path::PathBuf;
 
-/// Why a scene was not opened or rendered.
+/// The reason why a scene was not opened or rendered.
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum HostError {
     /// The file could not be read.
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The operating system's error.
         source: std::io::Error,
     },
-    /// The file is no blob.
+    /// The file is not a valid blob.
     Open {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The fault.
+        /// The error in its bytes.
         source: BlobError,
     },
     /// The request does not go with the scene.

@@ -8,7 +8,7 @@ use std::vec::Vec;
 /// One value for each pixel of an image.
 ///
 /// # Errors
-/// [`RenderError::ImageMemory`] where there is not enough for them.
+/// [`RenderError::ImageMemory`] if there is not enough memory for them.
 pub(super) fn plane<T: Clone>(width: usize, height: usize, value: T) -> Result<Vec<T>, RenderError> {
     let error = RenderError::ImageMemory { width, height };
     let (count, mut values) = (width.checked_mul(height).ok_or(error)?, Vec::new());
@@ -17,26 +17,27 @@ pub(super) fn plane<T: Clone>(width: usize, height: usize, value: T) -> Result<V
     Ok(values)
 }
 
-/// A rendered image, plane by plane, each row by row from the top left; empty where its output was not asked for.
+/// A rendered image, plane by plane, each row by row from the top left. A plane is empty if its output was not
+/// requested.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
     /// Width, pixels.
     pub width: usize,
     /// Height, pixels.
     pub height: usize,
-    /// Colour over the background: display-encoded in `[0, 1]`, unless linear output was asked for.
+    /// Colour over the background: display-encoded in `[0, 1]`, unless linear output was requested.
     pub rgb: Vec<[f32; 3]>,
-    /// `[0, 1]`.
+    /// Opacity, `[0, 1]`.
     pub opacity: Vec<f32>,
-    /// World units along the ray.
+    /// Mean distance along the ray, world units.
     pub ray_distance: Vec<f32>,
-    /// World units along the view axis.
+    /// Mean distance along the view axis, world units.
     pub z_depth: Vec<f32>,
-    /// World units along the ray.
+    /// Median distance along the ray, world units.
     pub median_distance: Vec<f32>,
-    /// World space, unit length, or 0 where there is no surface.
+    /// Normals in world space, of unit length, or 0 if there is no surface.
     pub normals: Vec<[f32; 3]>,
-    /// The work it took.
+    /// The work of the render.
     pub counters: Counters,
 }
 
@@ -44,7 +45,7 @@ impl Image {
     /// A black image with the planes of `outputs`.
     ///
     /// # Errors
-    /// [`RenderError::ImageMemory`] where there is not enough for them.
+    /// [`RenderError::ImageMemory`] if there is not enough memory for them.
     pub(super) fn new(width: usize, height: usize, outputs: &Outputs) -> Result<Self, RenderError> {
         let plane = |asked: bool| if asked { plane(width, height, 0.0) } else { Ok(Vec::new()) };
         let triples = |asked: bool| if asked { self::plane(width, height, [0.0; 3]) } else { Ok(Vec::new()) };
@@ -61,7 +62,7 @@ impl Image {
         })
     }
 
-    /// Takes pixel `i`.
+    /// Stores pixel `i` in the planes.
     pub(super) fn put(&mut self, i: usize, pixel: &Pixel) {
         let planes = [
             (&mut self.opacity, pixel.opacity),
@@ -81,7 +82,7 @@ impl Image {
         }
     }
 
-    /// Its colours as bytes, red, green, blue, row by row: what picture files take.
+    /// The colours as bytes, red, green, blue, row by row: the layout of picture files.
     pub fn rgb8(&self) -> Vec<u8> {
         self.rgb.iter().flatten().map(|c| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8).collect()
     }

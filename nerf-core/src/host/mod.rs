@@ -1,6 +1,6 @@
-//! Scenes that own what they need, rendered on all cores: for programs with an operating system (feature `std`).
+//! Scenes that own their data, rendered on all cores: for programs with an operating system (feature `std`).
 //!
-//! The same bits as by hand from a [`Renderer`], whatever the number of threads.
+//! The results are those of a [`Renderer`], bit for bit, whatever the number of threads.
 
 mod error;
 mod image;

@@ -1,4 +1,4 @@
-//! A request of a scene.
+//! Requests to render a scene.
 
 use super::{HostError, Image, Scene, threads};
 use crate::blob::Blob;
@@ -10,7 +10,7 @@ use glam::Vec3;
 use std::num::NonZeroUsize;
 use std::vec::Vec;
 
-/// A request of a scene; what is not set has its default.
+/// A request to render a scene; settings that are not given have their defaults.
 #[derive(Clone, Debug)]
 #[must_use = "ask for something: render, render_rays, render_picture"]
 pub struct Request<'s> {
@@ -66,10 +66,10 @@ impl<'s> Request<'s> {
         Ok(threads::render(&renderer, &plan, camera, self.threads)?)
     }
 
-    /// Renders rays of the caller's, each a pixel of its own; the `z_depth` of those is 0.
+    /// Renders rays of the caller's, each a pixel of its own with a `z_depth` of 0.
     ///
     /// # Errors
-    /// As [`Request::render`], and [`HostError::Render`] with the index of the first ray that is none.
+    /// As [`Request::render`], and [`HostError::Render`] with the index of the first ray that is invalid.
     pub fn render_rays(&self, rays: &[RaySegment]) -> Result<Vec<Pixel>, HostError> {
         self.render_rays_along(rays, None)
     }
@@ -84,7 +84,7 @@ impl<'s> Request<'s> {
         axis: Option<Vec3>,
     ) -> Result<Vec<Pixel>, HostError> {
         let renderer = self.scene.renderer();
-        // Memory is made ready for no more rays than there are.
+        // Memory is prepared for no more rays than there are.
         let batch = Batch { rays: rays.len().clamp(1, Batch::FULL.rays), ..Batch::FULL };
         let plan = self.settings.plan(renderer.blob(), self.outputs, batch)?;
         Ok(threads::render_rays(&renderer, &plan, rays, axis, self.threads)?.0)

@@ -25,7 +25,7 @@ use std::vec;
 /// ```
 #[derive(Clone, Debug)]
 pub struct Scene {
-    /// Checked once, and never changed.
+    /// Bytes of the blob: checked once, and never changed.
     bytes: Box<[u8]>,
     kernel: Kernel,
     prepared: Prepared<Box<[f32]>, Box<[u8]>>,
@@ -38,7 +38,7 @@ const _: () = {
 };
 
 impl Scene {
-    /// Reads a file and makes it ready for this machine's fastest instructions that compute in f32.
+    /// Reads a file and prepares it for this machine's fastest instructions that compute in f32.
     ///
     /// # Errors
     /// [`HostError::Read`] and [`HostError::Open`], which name the file.
@@ -56,7 +56,7 @@ impl Scene {
         Self::for_kernel(bytes, Kernel::detect())
     }
 
-    /// Opens a file's bytes for other instructions; on a machine without them, plain f32.
+    /// Opens a file's bytes for `kernel`; on a machine without its instructions, for [`Kernel::IN_PLACE`].
     ///
     /// # Errors
     /// As [`Scene::from_bytes`].

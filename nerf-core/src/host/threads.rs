@@ -1,4 +1,4 @@
-//! One frame on many threads: tiles are rendered where there is time, and put together under a lock.
+//! One frame on many threads: each thread takes the next tile, and its pixels are stored under a lock.
 
 use super::Image;
 use super::image::plane;
@@ -14,16 +14,16 @@ use std::sync::{Mutex, PoisonError};
 use std::vec;
 use std::vec::Vec;
 
-/// Rows of a 2D field that threads take.
+/// Number of rows of a 2D field that a thread takes at a time.
 const BAND: u32 = 8;
-/// Rays that threads take together.
+/// Number of rays that a thread takes at a time.
 const CHUNK: u32 = 256;
 
 /// Renders all of `camera`'s image on `threads` threads; its planes are those of the plan's outputs.
 ///
 /// # Errors
-/// [`RenderError::OtherScene`] if the plan was made for another scene, and [`RenderError::ImageMemory`] if there is not
-/// enough for the image.
+/// [`RenderError::OtherScene`] if the plan was made for another scene, and [`RenderError::ImageMemory`] if there is
+/// not enough memory for the image.
 pub fn render(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,
@@ -55,7 +55,7 @@ pub fn render(
 /// [`Worker::render_rays`]: crate::render::Worker::render_rays
 ///
 /// # Errors
-/// As there, and [`RenderError::OtherScene`] if the plan was made for another scene.
+/// As [`Worker::render_rays`], and [`RenderError::OtherScene`] if the plan was made for another scene.
 pub fn render_rays(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,
@@ -86,10 +86,10 @@ pub fn render_rays(
 
 /// Renders a 2D field in `size` (width, height) pixels on `threads` threads; row by row from the top left.
 ///
-/// `each` is told, now and then, how many more rows are done.
+/// `each` is called with the number of rows finished since its last call.
 ///
 /// # Errors
-/// [`RenderError`] if the blob is a scene, on a size beyond the format's, and if there is not enough memory for it.
+/// [`RenderError`] if the blob is a scene, on a size above the limit, and if there is not enough memory for it.
 pub fn render_picture(
     renderer: &Renderer<'_>,
     math: MathBackend,
@@ -125,13 +125,13 @@ pub fn render_picture(
     Ok((rgb, counters))
 }
 
-/// The state that threads share: the tasks that are left, and where results go.
+/// The state that threads share: the tasks that are left, and the receiver of results.
 struct Tasks<I, F> {
     shared: Mutex<(I, F)>,
 }
 
 impl<I: Iterator, F> Tasks<I, F> {
-    /// Takes task after task until none is left, and hands on what each has found.
+    /// Runs task after task until none is left, and passes on the results of each.
     fn each<T>(
         &self,
         mut run: impl FnMut(I::Item, &mut Vec<T>) -> Result<Counters, RenderError>,
@@ -139,7 +139,7 @@ impl<I: Iterator, F> Tasks<I, F> {
     where
         F: FnMut(T),
     {
-        // A thread that panicked ends the whole; until then the others find what it left in order.
+        // A panic in one thread ends the whole render; until then the others find the shared state consistent.
         let lock = || self.shared.lock().unwrap_or_else(PoisonError::into_inner);
         let (mut found, mut counters) = (Vec::new(), Counters::default());
         loop {
@@ -151,7 +151,8 @@ impl<I: Iterator, F> Tasks<I, F> {
     }
 }
 
-/// Runs `work` on `threads` threads, this one among them, until the tasks are done; `take` gets what they find, in any order.
+/// Runs `work` on `threads` threads, including this one, until the tasks are done; `take` gets their results, in any
+/// order.
 fn in_parallel<I: Iterator + Send, F: Send>(
     threads: NonZeroUsize,
     tasks: I,
@@ -174,7 +175,7 @@ fn in_parallel<I: Iterator + Send, F: Send>(
     })
 }
 
-/// The error of a part that begins at index `first` of the whole, as the whole has it.
+/// The error of a chunk that begins at index `first` of all rays, with its index among all rays.
 fn behind(error: RenderError, first: usize) -> RenderError {
     match error {
         RenderError::Ray { index } => RenderError::Ray { index: first + index },

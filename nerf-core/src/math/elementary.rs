@@ -1,4 +1,4 @@
-//! One elementary function over a slice, with an instruction set: what tests and benchmarks of the backends call.
+//! One elementary function over a slice with an instruction set, for tests and benchmarks of the backends.
 
 use super::{Math, MathBackend, with_math};
 use crate::simd::{Isa, Lanes, Op};
@@ -18,7 +18,7 @@ pub enum Elementary {
     Cos,
     /// `e^x`, of arguments clamped to `[-87, 88]`.
     Exp,
-    /// `e^x − 1`, clamped likewise.
+    /// `e^x − 1`, of arguments clamped to `[-87, 88]`.
     Expm1,
     /// `e^−x`, as in transmittance.
     Decay,
@@ -29,8 +29,8 @@ pub enum Elementary {
 }
 
 impl Elementary {
-    /// `out[i] = f(x[i])` by a backend with an instruction set; what is left beyond the shorter slice, or beyond the last whole
-    /// vector of 16, is computed one by one.
+    /// `out[i] = f(x[i])` by a backend with an instruction set. Values after the last whole vector of 16 are computed
+    /// one by one; values after the end of the shorter slice are left alone.
     pub fn apply(self, isa: Isa, math: MathBackend, x: &[f32], out: &mut [f32]) {
         let whole = x.len().min(out.len()) / 16 * 16;
         let ((x, rest), (out, rest_out)) = (x.split_at(whole), out.split_at_mut(whole));

@@ -4,7 +4,8 @@ use super::{Math, sin_cos_of_reduced};
 use crate::simd::Lanes;
 use micromath::F32Ext;
 
-/// See [`super::MathBackend::Micromath`]. It has no expm1, and its power is off by 0.14 on the sRGB curve.
+/// See [`super::MathBackend::Micromath`]. The crate has no expm1, and the error of its power is 0.14 on the sRGB
+/// curve.
 pub struct Micromath;
 
 impl Math for Micromath {
@@ -19,10 +20,10 @@ impl Math for Micromath {
     #[inline(always)]
     fn exp<V: Lanes>(x: V) -> V {
         let e = V::splat(-87.0).max_of(V::splat(88.0).min_of(x)).map(F32Ext::exp);
-        // The crate turns a NaN into a number, which would then not be counted as an invalid sample.
+        // A NaN stays a NaN: the crate returns a number, which would not be counted as an invalid sample.
         V::select(x.equals(x), e, x)
     }
-    /// `exp` by `expm1`: with the crate's own rough one the weights of a ray would add up to more than 1.
+    /// `e^−x` by `expm1`: with the crate's inexact `exp` the weights of a ray would add up to more than 1.
     #[inline(always)]
     fn decay<V: Lanes>(x: V) -> V {
         V::splat(1.0).add(Self::expm1(x.neg()))

@@ -1,11 +1,11 @@
-//! Elementary functions; the only room that names `libm` or `micromath`, but for the root of one lane
+//! Elementary functions; the only module that uses `libm` or `micromath`, except for the root of one lane
 //! ([`Lanes::sqrt`]).
 //!
 //! | backend | sin/cos of the encoding | exp, softplus | expm1 | powers (tone stage) |
 //! | --- | --- | --- | --- | --- |
 //! | [`MathBackend::Polynomial`] | own f32 polynomials | own | own | own |
 //! | [`MathBackend::Libm`] | `libm` after exact reduction | `libm` | `libm` | `libm` |
-//! | [`MathBackend::Micromath`] | `micromath` after exact reduction | `micromath` | own (it has none); so transmittance too | own |
+//! | [`MathBackend::Micromath`] | `micromath` after exact reduction | `micromath` | own, since the crate has none; transmittance, too | own |
 //! | [`MathBackend::Recurrence`] | own at level 0, then angle doubling | own | own | own |
 
 #[cfg(feature = "train")]
@@ -45,10 +45,10 @@ pub enum MathBackend {
 }
 
 impl MathBackend {
-    /// Tags there are; which of them this build has is [`MathBackend::from_tag`]'s to say.
+    /// Number of tags; [`MathBackend::from_tag`] says which of them this build supports.
     pub const TAGS: u8 = 4;
 
-    /// The number by which files name the backend, the same in every build.
+    /// Number of the backend in files, the same in every build.
     pub const fn tag(self) -> u8 {
         match self {
             Self::Polynomial => 0,
@@ -60,7 +60,7 @@ impl MathBackend {
         }
     }
 
-    /// The backend of a tag; `None` where this build is without it.
+    /// The backend with this tag; `None` if this build does not have it.
     pub const fn from_tag(tag: u8) -> Option<Self> {
         match tag {
             0 => Some(Self::Polynomial),
@@ -74,9 +74,9 @@ impl MathBackend {
     }
 }
 
-/// The elementary functions of one backend; those that it does not define are the project's own.
+/// The elementary functions of one backend; by default the project's own polynomials.
 pub trait Math {
-    /// Whether the encoding goes from level to level by angle doubling.
+    /// Whether the encoding computes each level from the previous one by angle doubling.
     const DOUBLING: bool = false;
     /// `(sin πu, cos πu)`, `u` finite: `u mod 2` is exact, so that no backend sees a large angle.
     #[inline(always)]
@@ -88,7 +88,7 @@ pub trait Math {
     fn sin_cos<V: Lanes>(x: V) -> (V, V) {
         polynomial::sin_cos(x)
     }
-    /// `e^x`, finite and positive for every `x` that is no NaN.
+    /// `e^x`, finite and positive for every `x` except NaN.
     #[inline(always)]
     fn exp<V: Lanes>(x: V) -> V {
         polynomial::exp(x)
@@ -108,7 +108,7 @@ pub trait Math {
     fn softplus<V: Lanes>(x: V) -> V {
         polynomial::softplus(x)
     }
-    /// `x^p` for a positive normal `x` and a result that is one, too.
+    /// `x^p` for a positive normal `x`, if the result is positive and normal, too.
     #[cfg(any(feature = "tone-map", feature = "train"))]
     #[inline(always)]
     fn pow<V: Lanes>(x: V, p: f32) -> V {
@@ -122,7 +122,7 @@ pub trait Math {
     }
 }
 
-/// `(sin πu, cos πu)` by the sine and cosine of a backend, after the reduction `u mod 2`, which is exact.
+/// `(sin πu, cos πu)` by a backend's sine and cosine, after the exact reduction `u mod 2`.
 #[cfg(any(feature = "libm", feature = "micromath"))]
 #[inline(always)]
 fn sin_cos_of_reduced<M: Math, V: Lanes>(u: V) -> (V, V) {
@@ -131,8 +131,8 @@ fn sin_cos_of_reduced<M: Math, V: Lanes>(u: V) -> (V, V) {
     M::sin_cos(u.mul(V::splat(core::f32::consts::PI)))
 }
 
-/// Runs `$body` with `$M` bound to the [`Math`] of a backend, for what is no encoding: there the recurrence is the
-/// polynomials, and needs no code of its own.
+/// Evaluates `$body` with `$M` bound to the [`Math`] of a backend, except for encodings: elsewhere the recurrence
+/// equals the polynomials, and needs no code of its own.
 macro_rules! with_math {
     ($backend:expr, $M:ident => $body:expr) => {
         match $backend {
@@ -155,7 +155,7 @@ macro_rules! with_math {
 }
 pub(crate) use with_math;
 
-/// The same for an encoding.
+/// `with_math` for encodings, where the recurrence has its own code.
 macro_rules! with_encoding_math {
     ($backend:expr, $M:ident => $body:expr) => {
         match $backend {

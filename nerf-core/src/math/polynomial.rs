@@ -22,7 +22,7 @@ fn horner<V: Lanes, const N: usize>(x: V, c: [f32; N]) -> V {
     sum
 }
 
-/// Turns `(sin r, cos r)` into `(sin, cos)` of `r + n·π/2`, for `n` in `-2..=2`.
+/// Computes `(sin, cos)` of `r + n·π/2` from `(sin r, cos r)`, for `n` in `-2..=2`.
 #[inline(always)]
 fn rotate<V: Lanes>(n: V, sin: V, cos: V) -> (V, V) {
     let quarter = n.abs().equals(V::splat(1.0));
@@ -81,7 +81,7 @@ pub fn sin_cos<V: Lanes>(x: V) -> (V, V) {
 /// # Accuracy
 /// Within 3e-7 (`math/tests.rs`).
 /// # Source
-/// Cephes (Moshier 1992), `atanf`, without its third of three parts: the quotient is at most 1.
+/// Cephes (Moshier 1992), `atanf`, without its third range: the quotient is at most 1.
 #[cfg(feature = "lens")]
 pub fn angle(y: f32, x: f32) -> f32 {
     use core::f32::consts::{FRAC_PI_2, FRAC_PI_4};
@@ -89,7 +89,7 @@ pub fn angle(y: f32, x: f32) -> f32 {
     if high == 0.0 {
         return 0.0;
     }
-    // tan(π/8): beyond it, the angle from an eighth of a turn.
+    // Above tan(π/8), the angle relative to an eighth of a turn.
     let turned = low > 0.414_213_57 * high;
     let q = if turned { (low - high) / (low + high) } else { low / high };
     let z = q * q;
@@ -99,7 +99,7 @@ pub fn angle(y: f32, x: f32) -> f32 {
     if x < 0.0 { PI - acute } else { acute }
 }
 
-/// `x` clamped to where `exp` neither overflows nor leaves the normal numbers.
+/// Clamps `x` to the range in which `exp` is a normal number.
 #[inline(always)]
 fn clamp_exp<V: Lanes>(x: V) -> V {
     V::splat(-87.0).max_of(V::splat(88.0).min_of(x))
@@ -115,7 +115,7 @@ fn split_exp<V: Lanes>(x: V) -> (V, V) {
     (n.exp2_integer(), q.mul(r).mul_add(r, r))
 }
 
-/// `e^x`; arguments beyond −87 and 88 give the value there, so that the result is finite and > 0.
+/// `e^x`, of arguments clamped to `[-87, 88]`, so that the result is finite and > 0.
 ///
 /// # Accuracy
 /// Max relative error 2e-7 on `[-87, 88]`.
@@ -143,7 +143,7 @@ pub fn expm1<V: Lanes>(x: V) -> V {
 fn ln_1p_unit<V: Lanes>(x: V) -> V {
     let one = V::splat(1.0);
     let sum = one.add(x);
-    // What rounding `1 + x` lost, put back as a first-order term.
+    // The rounding error of `1 + x`, corrected to first order.
     let lost = x.sub(sum.sub(one)).div(sum);
     ln(sum).add(lost)
 }
@@ -151,7 +151,7 @@ fn ln_1p_unit<V: Lanes>(x: V) -> V {
 /// `ln x` for a positive normal `x`.
 ///
 /// # Accuracy
-/// Max error 2e-7 of the larger of 1 and the result.
+/// Max error 2e-7, relative to the larger of 1 and the result.
 #[inline(always)]
 pub fn ln<V: Lanes>(x: V) -> V {
     let (m, e) = x.split_exponent();

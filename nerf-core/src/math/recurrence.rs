@@ -1,4 +1,4 @@
-//! Polynomials, but the encoding's levels follow each other by angle doubling.
+//! Polynomials, with angle doubling from level to level of the encoding.
 
 use super::Math;
 use crate::simd::Lanes;
@@ -10,9 +10,9 @@ impl Math for Recurrence {
     const DOUBLING: bool = true;
 }
 
-/// `(sin 2a, cos 2a)` from `(sin a, cos a)`, pulled back to the unit circle to first order.
+/// `(sin 2a, cos 2a)` from `(sin a, cos a)`, normalised to the unit circle to first order.
 ///
-/// `cos 2a = (c − s)(c + s)` keeps the error from growing faster than it must.
+/// `cos 2a = (c − s)(c + s)` lets the error grow no faster than necessary.
 #[inline(always)]
 pub(crate) fn double<V: Lanes>(sin: V, cos: V) -> (V, V) {
     let s = sin.add(sin).mul(cos);

@@ -1,6 +1,6 @@
-//! Sums that do not lose small terms.
+//! Compensated summation.
 
-/// A sum that keeps what rounding loses (Kahan 1965): 4,096 terms err like one.
+/// A compensated sum (Kahan 1965): the rounding error of 4,096 terms is that of one.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sum {
     pub value: f32,

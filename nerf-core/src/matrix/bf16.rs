@@ -1,23 +1,23 @@
-//! Dense layers in bf16 with f32 sums: two multiply-adds a lane where the CPU has `vdpbf16ps`.
+//! Dense layers in bf16 with f32 sums: two multiply-adds per lane if the CPU has `vdpbf16ps`.
 //!
-//! Inputs come in pairs: a 32-bit word holds input `2q` (low half) and `2q + 1` (high half) of one sample,
-//! or of one row of weights; an odd last input is paired with 0. Words travel in `f32` slices as bits, so
-//! that one workspace serves every storage.
+//! Inputs come in pairs: a 32-bit word holds input `2q` (low half) and `2q + 1` (high half) of one sample, or of one
+//! row of weights. An odd last input is paired with 0. Words are stored as bits in `f32` slices, so that one
+//! workspace serves every storage.
 
 use super::Init;
 use crate::simd::Isa;
 use half::bf16;
 
-/// One matrix of a layer with what it is multiplied by.
+/// One matrix of a layer, and the inputs that it is multiplied by.
 #[derive(Clone, Copy, Debug)]
 pub struct PairedInput<'a> {
-    /// `[outputs][row]`, of which `pairs` count: the weights, in pairs.
+    /// Weights in pairs, `[outputs][row]`; the first `pairs` words of each row are used.
     pub weights: &'a [f32],
     /// Distance between rows of weights, words.
     pub row: usize,
-    /// Pairs of inputs.
+    /// Number of pairs of inputs.
     pub pairs: usize,
-    /// `[pairs][stride]`: the samples, in pairs.
+    /// Inputs of the samples in pairs, `[pairs][stride]`.
     pub inputs: &'a [f32],
 }
 
@@ -30,31 +30,31 @@ pub enum PairedOutput {
     Pairs,
 }
 
-/// Pairs that `count` values make.
+/// Number of pairs of `count` values, rounded up.
 pub const fn pairs(count: usize) -> usize {
     count.div_ceil(2)
 }
 
-/// The word of two values, each rounded to the nearest bf16, ties to even.
+/// Packs two values into a word, each rounded to the nearest bf16, ties to even.
 #[inline]
 pub fn pair(low: f32, high: f32) -> f32 {
     let [low, high] = [low, high].map(|x| u32::from(bf16::from_f32(x).to_bits()));
     f32::from_bits(high << 16 | low)
 }
 
-/// The two values of a word.
+/// Unpacks the two values of a word.
 #[inline]
 pub fn unpair(word: f32) -> [f32; 2] {
     [f32::from_bits(word.to_bits() << 16), f32::from_bits(word.to_bits() & 0xffff_0000)]
 }
 
-/// Turns `rows` rows of `stride` f32 into pairs, in place.
+/// Converts `rows` rows of `stride` f32 into pairs, in place.
 pub fn pair_rows(values: &mut [f32], rows: usize, stride: usize) {
     for q in 0..pairs(rows) {
         let (low, high) = (2 * q * stride, (2 * q + 1) * stride);
         for column in 0..stride {
             let odd = if 2 * q + 1 < rows { values[high + column] } else { 0.0 };
-            // Rows of words trail the rows they are made of.
+            // Writing never overtakes reading.
             values[q * stride + column] = pair(values[low + column], odd);
         }
     }
@@ -62,12 +62,11 @@ pub fn pair_rows(values: &mut [f32], rows: usize, stride: usize) {
 
 /// `to = act(init + Σ weights inputs)` over both `parts`, in order; `act` is ReLU or nothing.
 ///
-/// `stride`: samples, a multiple of 16. With [`Init::Accumulate`] sums start from `[outputs][stride]` f32
-/// in `to`, also where pairs are written over them. Each element is summed by itself in ascending pairs,
-/// whatever the sizes.
+/// `stride`: number of samples, a multiple of 16. With [`Init::Accumulate`] sums start from `[outputs][stride]` f32
+/// in `to`, even if pairs overwrite them. Each element is summed by itself in ascending pairs, for any sizes.
 ///
 /// # Panics
-/// If `stride` is no multiple of 16 or a slice is shorter than that.
+/// If `stride` is no multiple of 16 or a slice is too short.
 #[allow(clippy::too_many_arguments, reason = "one layer, described in full")]
 pub fn dense_bf16(
     isa: Isa,
@@ -116,7 +115,7 @@ struct Layer<'a> {
 }
 
 impl Layer<'_> {
-    /// The oracle: one element after the other.
+    /// The oracle: computes one element after the other.
     fn plain(self) {
         for row in (0..self.outputs).step_by(2) {
             for column in 0..self.stride {
@@ -174,7 +173,7 @@ mod avx512 {
             }
         }
 
-        /// `PAIRS` pairs of rows of outputs from `row` on, tile by tile.
+        /// Computes `PAIRS` pairs of rows of outputs from `row` on, tile by tile.
         #[inline]
         #[target_feature(enable = "avx512f,avx512bf16")]
         fn panel<const PAIRS: usize>(&mut self, row: usize) {
@@ -190,7 +189,7 @@ mod avx512 {
             }
         }
 
-        /// `PAIRS` pairs of rows × `COLS` vectors of outputs, held in registers over all inputs.
+        /// Computes `PAIRS` pairs of rows × `COLS` vectors of outputs, held in registers over all inputs.
         #[inline]
         #[target_feature(enable = "avx512f,avx512bf16")]
         fn tile<const PAIRS: usize, const COLS: usize>(&mut self, row: usize, column: usize) {
@@ -250,7 +249,7 @@ mod avx512 {
             }
         }
 
-        /// A NaN stays a NaN.
+        /// Applies the ReLU, if any. A NaN stays a NaN.
         #[inline]
         #[target_feature(enable = "avx512f")]
         fn act(&self, sum: __m512) -> __m512 {
@@ -258,7 +257,7 @@ mod avx512 {
         }
     }
 
-    /// Sixteen words as what they hold.
+    /// Reinterprets sixteen words as pairs of bf16.
     #[inline]
     #[target_feature(enable = "avx512f")]
     fn words(x: __m512) -> __m512bh {
@@ -266,7 +265,7 @@ mod avx512 {
         unsafe { core::mem::transmute(x) }
     }
 
-    /// Sixteen pairs, rounded to bf16.
+    /// Packs sixteen pairs, rounded to bf16.
     #[inline]
     #[target_feature(enable = "avx512f,avx512bf16")]
     fn pair(low: __m512, high: __m512) -> __m512 {

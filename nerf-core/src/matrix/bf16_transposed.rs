@@ -1,17 +1,16 @@
-//! Products with the transpose of paired weights: the backward pass through a layer of the storage that rounds.
+//! Products with the transpose of paired weights: the backward pass through a layer stored in bf16.
 
 use super::bf16::{pairs, unpair};
 use crate::simd::{Isa, Lanes, Op};
 
-/// `to = start + Wᵀ from`, in f32 but for the weights, which are pairs of bf16 as [`super::dense_bf16`] has
-/// them.
+/// `to = start + Wᵀ from`, in f32 except for the weights, which are pairs of bf16 as in [`super::dense_bf16`].
 ///
-/// `weights`: `[outputs][row]`, of which the pairs of `inputs` count. `from`: `[outputs][stride]` f32, `to`:
-/// `[inputs][stride]` f32; it starts from what it holds if `accumulate`, else from 0. `stride`: samples, a
-/// multiple of 16. Each element is summed by itself, in ascending outputs.
+/// `weights`: `[outputs][row]`; the first pairs of each row, for `inputs`, are used. `from`: `[outputs][stride]` f32,
+/// `to`: `[inputs][stride]` f32. `start` is the content of `to` if `accumulate`, else 0. `stride`: number of samples,
+/// a multiple of 16. Each element is summed by itself, in ascending outputs.
 ///
 /// # Panics
-/// If `stride` is no multiple of 16 or a slice is shorter than that.
+/// If `stride` is no multiple of 16 or a slice is too short.
 #[allow(clippy::too_many_arguments, reason = "one product, described in full")]
 pub fn transposed_bf16(
     isa: Isa,
@@ -59,7 +58,7 @@ impl Op for Transposed<'_> {
 }
 
 impl Transposed<'_> {
-    /// Two rows × `COLS` vectors, held in registers over all outputs.
+    /// Computes two rows × `COLS` vectors, held in registers over all outputs.
     #[inline(always)]
     fn tile<V: Lanes, const COLS: usize>(&mut self, pair: usize, column: usize) {
         let stride = self.stride;

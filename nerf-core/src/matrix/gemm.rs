@@ -1,4 +1,4 @@
-//! `C = init + A B`, the one product behind every dense layer, forward and backward.
+//! `C = init + A B`, the product of every dense f32 layer, forward and backward.
 
 use crate::simd::{Isa, Lanes, Op};
 
@@ -7,13 +7,13 @@ use crate::simd::{Isa, Lanes, Op};
 pub struct Gemm {
     /// Rows of A and C.
     pub m: usize,
-    /// Columns of B and C: a multiple of [`Isa::columns`].
+    /// Columns of B and C, a multiple of [`Isa::columns`].
     pub n: usize,
     /// Columns of A, rows of B.
     pub k: usize,
     /// Distance from `A[i][p]` to `A[i+1][p]`.
     pub a_row: usize,
-    /// Distance from `A[i][p]` to `A[i][p+1]`: so a transposed or a packed A costs nothing.
+    /// Distance from `A[i][p]` to `A[i][p+1]`; not 1 if A is transposed.
     pub a_col: usize,
     /// Distance from `B[p]` to `B[p+1]`; columns of B are contiguous.
     pub b_row: usize,
@@ -27,19 +27,19 @@ pub enum Init<'a, T = f32> {
     /// 0.
     #[cfg_attr(not(any(feature = "normals", feature = "train")), allow(dead_code, reason = "of gradients"))]
     Zero,
-    /// `bias[i]` in the whole row `i`: `[m]` f32, or `[2 m]` bytes of little-endian f16.
+    /// `bias[i]` in the whole row `i`; `[m]` f32, or `[2 m]` bytes of little-endian f16.
     Bias(&'a [T]),
-    /// The value that C holds.
+    /// The content of C.
     Accumulate,
 }
 
 impl<'a, T> Init<'a, T> {
-    /// The value that C holds if `accumulate`, else the bias.
+    /// [`Init::Accumulate`] if `accumulate`, else the bias.
     pub fn bias_unless(accumulate: bool, bias: &'a [T]) -> Self {
         if accumulate { Self::Accumulate } else { Self::Bias(bias) }
     }
 
-    /// The value that C holds if `accumulate`, else 0.
+    /// [`Init::Accumulate`] if `accumulate`, else 0.
     #[cfg(feature = "normals")]
     pub fn zero_unless(accumulate: bool) -> Self {
         if accumulate { Self::Accumulate } else { Self::Zero }
@@ -48,12 +48,12 @@ impl<'a, T> Init<'a, T> {
 
 /// `C[i][j] = act(init + Σ_p A[i][p] B[p][j])`, summed in ascending `p`; `act` is ReLU or nothing.
 ///
-/// Every element is summed by itself in the same order whatever the sizes, so that a result does
-/// not depend on how work is cut into products; instruction sets differ in whether each step is fused.
-/// A NaN stays a NaN through the ReLU.
+/// Every element is summed by itself in the same order for any sizes, so that a result does not depend on how work is
+/// split into products. Instruction sets differ in whether multiply-adds are fused. A NaN stays a NaN through the
+/// ReLU.
 ///
 /// # Panics
-/// If `n` is no multiple of [`Isa::columns`] or a slice is shorter than sizes and strides say.
+/// If `n` is no multiple of [`Isa::columns`] or a slice is too short for sizes and strides.
 pub fn gemm(isa: Isa, g: Gemm, a: &[f32], b: &[f32], c: &mut [f32], init: Init<'_>, relu: bool) {
     if g.m == 0 || g.n == 0 {
         return;
@@ -109,7 +109,7 @@ impl Op for Product<'_> {
 }
 
 impl Product<'_> {
-    /// `ROWS` rows of C from `row` on, tile by tile.
+    /// Computes `ROWS` rows of C from `row` on, tile by tile.
     #[inline(always)]
     fn panel<V: Lanes, const ROWS: usize>(&mut self, row: usize) {
         let mut col = 0;
@@ -128,7 +128,7 @@ impl Product<'_> {
         }
     }
 
-    /// `ROWS` × `COLS` vectors of C, held in registers over all of `k`.
+    /// Computes `ROWS` × `COLS` vectors of C, held in registers over all of `k`.
     #[inline(always)]
     fn tile<V: Lanes, const ROWS: usize, const COLS: usize>(&mut self, row: usize, col: usize) {
         let g = &self.g;

@@ -1,20 +1,20 @@
-//! Dense layers whose f16 weights are read where they lie: microcontrollers, and scenes without memory of their own.
+//! Dense layers whose f16 weights are read in place: for microcontrollers, and scenes without memory for unpacked
+//! weights.
 
 use super::{Gemm, Init};
 use crate::memory::{at, tail, tail_mut};
 use crate::simd::{Isa, Lanes, Op};
 
-/// As [`super::gemm`], with A as little-endian f16 at any alignment, and any
-/// number of columns: where they are no multiple of [`Isa::columns`], with portable instructions one by one. `c_row` is at
-/// least `n`.
+/// [`super::gemm`] with A as little-endian f16 at any alignment, and any number of columns: if that is no multiple of
+/// [`Isa::columns`], columns are computed one by one with portable instructions. `c_row` is at least `n`.
 ///
 /// # Panics
-/// With debug assertions, if a slice is shorter than sizes and strides say; without, what is not there is 0.
+/// With debug assertions, if a slice is too short for sizes and strides. Without, missing values count as 0.
 pub fn gemm_f16(isa: Isa, g: Gemm, a: &[u8], b: &[f32], c: &mut [f32], init: Init<'_, u8>, relu: bool) {
     isa.run_columns(g.n, Product { g, a, b, c, init, relu });
 }
 
-/// The `i`-th little-endian f16 of `bytes`.
+/// Reads the `i`-th little-endian f16 of `bytes`.
 #[inline(always)]
 pub fn f16_at(bytes: &[u8], i: usize) -> f32 {
     let pair = tail(bytes, 2 * i).first_chunk();
@@ -22,13 +22,13 @@ pub fn f16_at(bytes: &[u8], i: usize) -> f32 {
     widen(pair.copied().unwrap_or_default())
 }
 
-/// A little-endian f16.
+/// Converts a little-endian f16 to f32.
 ///
-/// The conversion of `half` where no instruction converts, but for the order of its questions: weights are normal
-/// numbers, and there is one of them for every multiplication.
+/// The software conversion of the crate `half`, but testing for normal numbers first: nearly all weights are normal,
+/// and every multiplication converts one.
 #[inline(always)]
 fn widen(bytes: [u8; 2]) -> f32 {
-    /// The difference of the exponents' biases, in place.
+    /// Difference of the exponent biases, shifted to the exponent's position.
     const BIAS: u32 = (127 - 15) << 23;
     let bits = u32::from(u16::from_le_bytes(bytes));
     let (sign, magnitude) = ((bits & 0x8000) << 16, bits & 0x7fff);
@@ -38,7 +38,7 @@ fn widen(bytes: [u8; 2]) -> f32 {
             0x0400..0x7c00 => widened,
             // No leading 1: a multiple of 2^-24.
             0..0x0400 => (magnitude as f32 * (1.0 / 16_777_216.0)).to_bits(),
-            // Infinities and NaN have the largest exponent here, too.
+            // Infinities and NaN have the largest exponent in f32, too.
             _ => widened + BIAS,
         },
     )

@@ -1,4 +1,4 @@
-//! The storage of weights, and the instructions that multiply them.
+//! The storage of weights, and the instruction set that multiplies them.
 
 use crate::names::names;
 use crate::simd::{Isa, VECTORS};
@@ -9,12 +9,12 @@ names! {
     #[derive(PartialOrd, Ord)]
     #[non_exhaustive]
     pub enum Storage {
-        /// f16 as in the file, read in place: no memory of their own.
+        /// f16 as in the file, read in place: needs no memory.
         F16 = "f16",
-        /// Unpacked to f32 once: the same products, faster.
+        /// Unpacked to f32 once: the same products as with f16, faster.
         F32 = "f32",
-        /// Pairs of bf16, as are the activations: each rounded to 8 significant bits and summed in f32. Only by name:
-        /// [`Kernel::detect`] never chooses what rounds.
+        /// Pairs of bf16, for weights and activations: rounded to 8 significant bits, summed in f32.
+        /// [`Kernel::detect`] never chooses it.
         Bf16 = "bf16",
     }
 }
@@ -25,14 +25,14 @@ impl Storage {
         matches!(self, Self::Bf16)
     }
 
-    /// Whether weights are read where they lie in the blob: as f16, or since this target has no [`VECTORS`].
+    /// Whether weights are read in place in the blob: with f16, and always if the target has no [`VECTORS`].
     pub(crate) const fn in_place(self) -> bool {
         matches!(self, Self::F16) || !VECTORS
     }
 }
 
-/// The instructions and the storage that a scene is rendered with. Shown and parsed as `avx2` where weights are f32, else as
-/// `avx2-f16`.
+/// The instruction set and the storage that a scene is rendered with. Displayed and parsed as `avx2` if weights are
+/// f32, else as `avx2-f16`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Kernel {
     /// Instruction set.
@@ -42,26 +42,26 @@ pub struct Kernel {
 }
 
 impl Kernel {
-    /// The kernel of every machine: portable instructions, weights read in place. The oracle.
+    /// The kernel that every machine has, and the oracle of all others: portable instructions, weights read in place.
     pub const IN_PLACE: Self = Self::new(Isa::Portable, Storage::F16);
 
-    /// The pair.
+    /// Makes a kernel; it need not be [available](Kernel::available).
     pub const fn new(isa: Isa, storage: Storage) -> Self {
         Self { isa, storage }
     }
 
-    /// The fastest of this machine that does not round: f32, or in place where there are no vectors.
+    /// The fastest kernel of this machine that does not round: f32, or in place if the target has no vectors.
     pub fn detect() -> Self {
         Self::new(Isa::detect(), if VECTORS { Storage::F32 } else { Storage::F16 })
     }
 
-    /// Every pair that this build and this machine have, slowest instructions first.
+    /// Every kernel that this build and this machine support, slowest instruction set first.
     pub fn all() -> impl Iterator<Item = Self> + Clone {
         let pairs = |isa| Storage::ALL.into_iter().map(move |storage| Self::new(isa, storage));
         Isa::ALL.into_iter().flat_map(pairs).filter(|kernel| kernel.available())
     }
 
-    /// Whether this build and this machine have it.
+    /// Whether this build and this machine support the kernel.
     pub fn available(self) -> bool {
         self.isa.available()
             && match self.storage {
@@ -76,7 +76,7 @@ impl Kernel {
         self.storage.rounds()
     }
 
-    /// The kernel that is shown as `name`.
+    /// Parses the displayed form of a kernel; `None` if the name is unknown.
     pub fn by_name(name: &str) -> Option<Self> {
         let (isa, storage) = name.split_once('-').unwrap_or((name, Storage::F32.name()));
         let isa = Isa::ALL.into_iter().find(|it| it.name() == isa)?;

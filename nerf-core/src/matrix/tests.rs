@@ -162,7 +162,7 @@ fn paired_layers_equal_the_oracle_with_every_kernel() {
 #[test]
 fn transposed_paired_weights_equal_plain_loops_with_every_kernel() {
     for (outputs, inputs, stride) in [(1, 1, 16), (6, 63, 64), (13, 8, 80), (128, 27, 64), (3, 2, 48)] {
-        // Rows with a word to spare at each end, as those of a part of a layer have.
+        // Rows with an extra word at each end, as in one part of a layer.
         let row = pairs(inputs) + 2;
         let weights: Vec<Vec<f32>> = (0..outputs).map(|o| noise(inputs, 1 + o as u32)).collect();
         let words: Vec<f32> = weights

@@ -1,9 +1,9 @@
-//! Typed slices out of the caller's memory: a stage lists its buffers once, and the list is measured and carved.
+//! Typed slices in the caller's memory: a stage lists its buffers once, and the list is both measured and allocated.
 
 use core::mem::{MaybeUninit, align_of, size_of};
 
-/// One cache line of workspace. A slice of lines is how memory is handed to this crate: it brings
-/// the alignment that every instruction set's loads like.
+/// One cache line of workspace. Callers pass memory to this crate as slices of lines, which have the alignment that
+/// loads of every instruction set prefer.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub struct Line([MaybeUninit<u8>; 64]);
@@ -13,21 +13,21 @@ impl Line {
     pub const UNINIT: Self = Self([MaybeUninit::uninit(); 64]);
 }
 
-/// Lines that `count` values of `T` take.
+/// Number of lines that `count` values of `T` take.
 pub const fn lines_for<T>(count: usize) -> usize {
     count.saturating_mul(size_of::<T>()).div_ceil(size_of::<Line>())
 }
 
-/// The memory of a stage: the stage lists its buffers once, and the same list is measured and carved.
+/// The memory of a stage: the stage lists its buffers once, and the same list is measured or allocated.
 pub trait Layout<'w> {
-    /// `count` values on lines of their own, all `value`; none where there is no memory, or not enough.
+    /// Returns `count` values, all `value`, on lines of their own; an empty slice if memory is measured or too small.
     fn slice<T: Copy>(&mut self, count: usize, value: T) -> &'w mut [T];
 }
 
-/// Counts the lines that a list of buffers takes; its slices are empty.
+/// Counts the lines that a list of buffers takes; returns empty slices.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Measure {
-    /// Lines so far.
+    /// Number of lines counted so far.
     pub lines: usize,
 }
 
@@ -38,7 +38,7 @@ impl<'w> Layout<'w> for Measure {
     }
 }
 
-/// Hands out slices from the front of a workspace.
+/// Allocates slices from the beginning of a workspace.
 pub struct Arena<'w> {
     rest: &'w mut [Line],
 }

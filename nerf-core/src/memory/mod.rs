@@ -1,5 +1,5 @@
-//! Memory that the caller gives: what a stage needs is listed once ([`Layout`]), measured by [`Measure`] and cut out by
-//! [`Arena`].
+//! Memory that the caller supplies: a stage lists its buffers once ([`Layout`]); [`Measure`] measures the list and
+//! [`Arena`] allocates it.
 
 #[allow(unsafe_code, reason = "values are placed in the caller's bytes")]
 mod arena;

@@ -1,7 +1,7 @@
-//! Slicing without a panic: what the stages between the kernels are cut with.
+//! Slicing without panics, for the stages between the kernels.
 //!
-//! A length that does not fit is a defect. Builds with debug assertions stop there; in others the slice is as
-//! long as there is memory, so that a microcontroller's build has no panic, and no code for one.
+//! A length that does not fit is a bug. Builds with debug assertions panic; others return a slice that is as long as
+//! possible, so that a microcontroller's build contains no panic.
 
 /// The first `n` values.
 #[inline(always)]
@@ -18,21 +18,21 @@ pub fn head_mut<T>(all: &mut [T], n: usize) -> &mut [T] {
     &mut all[..n.min(found)]
 }
 
-/// The values behind the first `n`.
+/// The values after the first `n`.
 #[inline(always)]
 pub fn tail<T>(all: &[T], n: usize) -> &[T] {
     debug_assert!(n <= all.len(), "expected {n} values, found {}", all.len());
     all.get(n..).unwrap_or_default()
 }
 
-/// The values behind the first `n`.
+/// The values after the first `n`.
 #[inline(always)]
 pub fn tail_mut<T>(all: &mut [T], n: usize) -> &mut [T] {
     debug_assert!(n <= all.len(), "expected {n} values, found {}", all.len());
     all.get_mut(n..).unwrap_or_default()
 }
 
-/// Column `column` of a block of `N` rows, `[N][stride]`.
+/// Reads column `column` of a block of `N` rows, `[N][stride]`.
 #[inline]
 pub fn column<const N: usize>(block: &[f32], stride: usize, column: usize) -> [f32; N] {
     debug_assert!((N - 1) * stride + column < block.len(), "column {column} of {stride}");
@@ -47,7 +47,7 @@ pub fn put_column<const N: usize>(block: &mut [f32], stride: usize, column: usiz
     }
 }
 
-/// Value `i`.
+/// Reads value `i`.
 #[inline(always)]
 pub fn at<T: Copy + Default>(all: &[T], i: usize) -> T {
     debug_assert!(i < all.len(), "expected more than {i} values, found {}", all.len());

@@ -1,4 +1,4 @@
-//! The shape of a network, and the place of each layer's parameters.
+//! The shape of a network, and the position of each layer's parameters.
 
 use crate::encoding::{
     DirectionEncoding, GridEncoding, HARMONICS_BUILT, MAX_HARMONICS_DEGREE, MAX_LEVELS, PositionEncoding,
@@ -9,13 +9,13 @@ use crate::encoding::{MAX_GRID_RESOLUTION, MAX_GRID_VALUES, MAX_LOG2_ENTRIES};
 use crate::errors::errors;
 use serde::{Deserialize, Serialize};
 
-/// Most trunk layers.
+/// Maximum number of trunk layers.
 pub const MAX_TRUNK: usize = 16;
-/// Most hidden layers of the colour branch.
+/// Maximum number of hidden layers of the colour branch.
 pub const MAX_COLOUR: usize = 4;
-/// Most layers in all: trunk, density head, colour branch, colour head.
+/// Maximum number of layers: trunk, density head, colour branch, colour head.
 pub const MAX_LAYERS: usize = MAX_TRUNK + MAX_COLOUR + 2;
-/// Most outputs of one layer.
+/// Maximum number of outputs of a layer.
 pub const MAX_WIDTH: usize = 512;
 
 /// One dense+ReLU layer of the trunk.
@@ -34,60 +34,62 @@ pub enum DensityActivation {
     Relu,
     /// `ln(1 + exp(raw − 1))`.
     ShiftedSoftplus,
-    /// `exp(min(raw, 20))`, 20 being [`EXPONENTIAL_LIMIT`]; its derivative is 0 above.
+    /// `exp(min(raw, 20))`, 20 being [`EXPONENTIAL_LIMIT`]; the derivative is 0 above.
     Exponential,
 }
 
-/// The raw density from which on an [exponential](DensityActivation::Exponential) one grows no more: what is as
-/// dense is opaque within 1e-7 world units.
+/// Raw density at which the [exponential](DensityActivation::Exponential) activation is clamped; such a density is
+/// opaque within 1e-7 world units.
 pub const EXPONENTIAL_LIMIT: f32 = 20.0;
 
-/// The number of times that a field's colour is worked out.
+/// How often a field's colour branch is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Shading {
-    /// At every sample that counts: the colour branch takes the sample's `h`, and colours are composited.
+    /// At every sample whose weight is above the cut: the colour branch takes the trunk's output `h` of the sample,
+    /// and colours are composited.
     PerSample,
-    /// Once a ray (deferred shading): `h` is composited, and the colour branch takes its mean under the weights.
+    /// Once a ray (deferred shading): the trunk's outputs `h` are composited, and the colour branch takes their
+    /// weighted mean.
     ///
     /// ```text
     /// A = Σ w_i;  P = Σ w_i h_i / A;  colour = A · sigmoid(branch [P, PE(d)]) + T_end · background
     /// ```
     ///
-    /// Beside a grid the trunk may be empty: `h` is then the encoded position itself.
+    /// With a grid the trunk may be empty: `h` is then the encoded position itself.
     PerRay,
 }
 
-/// A network's shape; everything else about a layer follows from it.
+/// A network's shape, from which [`Architecture::layers`] derives all layers.
 ///
-/// The linear feature layer of the classic recipe is not here: no activation follows it, so it is
-/// folded into the first colour layer when a network is exported.
+/// The original NeRF's linear feature layer is missing: no activation follows it, so it is folded into the first
+/// colour layer when a network is exported.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Architecture {
     /// Encoding of the position (3 inputs), or of the image point (2 inputs).
     pub position: PositionEncoding,
     /// Encoding of the viewing direction, if colour depends on it.
     pub direction: Option<DirectionEncoding>,
-    /// The trunk, in order; the first layer takes `PE(x)` and has no skip. Empty only behind a grid that is shaded
-    /// [once a ray](Shading::PerRay).
+    /// The trunk, in order; the first layer takes `PE(x)` and has no skip. May be empty only with a grid that is
+    /// shaded [once a ray](Shading::PerRay).
     pub trunk: heapless::Vec<TrunkLayer, MAX_TRUNK>,
-    /// The density head; absent in a 2D field.
+    /// Activation of the density head; `None` in a 2D field.
     pub density: Option<DensityActivation>,
     /// Widths of the colour branch's hidden dense+ReLU layers; the first takes `[h, PE(d)]`.
     pub colour: heapless::Vec<u16, MAX_COLOUR>,
-    /// Shading: once a sample, or once a ray.
+    /// Whether colour is evaluated once a sample or once a ray.
     pub shading: Shading,
 }
 
-/// The role of a layer.
+/// The role of a layer in its network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
     /// Trunk layer of this index.
     Trunk(u8),
-    /// `h` → raw_sigma.
+    /// Density head: the trunk's output `h` → raw_sigma.
     Density,
     /// Hidden layer of the colour branch of this index.
     Colour(u8),
-    /// → three colour channels, sigmoid.
+    /// Colour head: three channels, sigmoid.
     Rgb,
 }
 
@@ -96,9 +98,9 @@ pub enum Role {
 pub struct Layer {
     /// The layer's role.
     pub role: Role,
-    /// Inputs taken from the layer before (or from `PE(x)` in the first).
+    /// Number of inputs from the previous layer, or from `PE(x)` in the first layer.
     pub main: usize,
-    /// Inputs appended to those: `PE(x)` in a skip layer, `PE(d)` where the direction joins; else 0.
+    /// Number of appended inputs: `PE(x)` in a skip layer, `PE(d)` in the first layer of the colour branch, else 0.
     pub extra: usize,
     /// Number of outputs.
     pub outputs: usize,
@@ -109,12 +111,12 @@ pub struct Layer {
 }
 
 impl Layer {
-    /// Row length of `W`.
+    /// Number of inputs: the row length of `W`.
     pub fn inputs(&self) -> usize {
         self.main + self.extra
     }
 
-    /// Multiply-adds of one evaluation.
+    /// Multiply-adds of one evaluation of the layer.
     pub fn macs(&self) -> usize {
         self.inputs() * self.outputs
     }
@@ -124,7 +126,7 @@ impl Layer {
 pub type Layers = heapless::Vec<Layer, MAX_LAYERS>;
 
 impl Architecture {
-    /// Checks every cap and the rules that span fields.
+    /// Checks every limit, and the rules that involve several fields.
     ///
     /// # Errors
     /// [`ArchitectureError`] names the field.
@@ -182,7 +184,7 @@ impl Architecture {
         Ok(())
     }
 
-    /// Every layer with the place of its parameters; each layer is `W` row-major, then `b`.
+    /// All layers, with the positions of their parameters; each layer is `W` row-major, then `b`.
     ///
     /// Meaningful for an architecture that passes [`Architecture::check`].
     pub fn layers(&self) -> Layers {
@@ -220,7 +222,7 @@ impl Architecture {
         self.layers().last().map_or(0, |rgb| rgb.bias + rgb.outputs)
     }
 
-    /// Number of parameters of trunk and density head, which come first.
+    /// Number of parameters of trunk and density head, which are stored first.
     pub fn density_parameters(&self) -> usize {
         let colour = |layer: &&Layer| matches!(layer.role, Role::Colour(_) | Role::Rgb);
         self.layers().iter().find(colour).map_or(0, |layer| layer.weights)
@@ -236,9 +238,9 @@ impl Architecture {
         self.macs(|role| matches!(role, Role::Colour(_) | Role::Rgb))
     }
 
-    /// Multiply-adds of one gradient of the raw density: the trunk forward, and back.
+    /// Multiply-adds of one gradient of the raw density: forward and backward pass through the trunk.
     ///
-    /// The density head costs none: its row of weights is where the backward pass begins.
+    /// The density head costs none: the backward pass begins with its row of weights.
     pub fn gradient_macs(&self) -> usize {
         2 * self.macs(|role| matches!(role, Role::Trunk(_)))
     }
@@ -247,19 +249,19 @@ impl Architecture {
         self.layers().iter().filter(|layer| of(layer.role)).map(Layer::macs).sum()
     }
 
-    /// Table entries that one evaluation reads: the corners of a grid's cells, which are no multiply-adds of a
-    /// layer and are not counted among them; 0 of a sinusoidal encoding.
+    /// Table entries that one evaluation reads: the corners of a grid's cells, whose interpolation is not counted as
+    /// multiply-adds; 0 for a sinusoidal encoding.
     pub fn table_reads(&self) -> usize {
         self.position.grid().map_or(0, |grid| grid.reads())
     }
 
-    /// Values of `h`: the last trunk layer's outputs, or of an empty trunk the encoded position.
+    /// Number of values of `h`: outputs of the last trunk layer, or of the encoding if the trunk is empty.
     pub fn h_rows(&self) -> usize {
         let empty = || if PER_RAY_BUILT { self.position.outputs() } else { 0 };
         self.trunk.last().map_or_else(empty, |layer| usize::from(layer.width))
     }
 
-    /// Outputs of the widest trunk layer; 0 of an empty trunk.
+    /// Outputs of the widest trunk layer; 0 if the trunk is empty.
     pub fn trunk_width(&self) -> usize {
         self.trunk.iter().map(|layer| usize::from(layer.width)).max().unwrap_or(0)
     }
@@ -283,7 +285,7 @@ fn check_width(field: &'static str, index: usize, width: u16) -> Result<(), Arch
     Ok(())
 }
 
-/// Checks every cap of a grid.
+/// Checks every limit of a grid.
 #[cfg(feature = "grid")]
 pub(crate) fn check_grid(grid: &GridEncoding) -> Result<(), ArchitectureError> {
     use ArchitectureError as E;
@@ -308,17 +310,17 @@ pub(crate) fn check_grid(grid: &GridEncoding) -> Result<(), ArchitectureError> {
     if found > MAX_GRID_VALUES { Err(E::GridValues { found }) } else { Ok(()) }
 }
 
-/// Nothing: this build has no grid to check.
+/// Never called: this build has no grids.
 #[cfg(not(feature = "grid"))]
 fn check_grid(grid: &GridEncoding) -> Result<(), ArchitectureError> {
     match *grid {}
 }
 
-/// Whether fields are shaded once a ray in this build: their networks are meant to read a grid.
+/// Whether this build supports shading once a ray, which is meant for networks with a grid.
 pub(crate) const PER_RAY_BUILT: bool = cfg!(feature = "grid");
 
 errors! {
-    /// An architecture outside the format's caps.
+    /// An architecture outside the format's limits.
     #[derive(Eq)]
     ArchitectureError:
     /// An encoding takes the wrong number of inputs.
@@ -334,14 +336,14 @@ errors! {
     /// A grid without levels.
     GridLevels => "position grid: expected 1 to 32 levels, found none";
     /// A grid with no cells along an axis, with more than
-    /// [`MAX_GRID_RESOLUTION`](crate::encoding::MAX_GRID_RESOLUTION), or with some along an axis it has not.
+    /// [`MAX_GRID_RESOLUTION`](crate::encoding::MAX_GRID_RESOLUTION), or with cells along z in two dimensions.
     GridResolution { level: usize, axis: usize, found: u16 } =>
         "position grid level {level}: expected 1 to 16384 cells along an axis (along z none in a 2D field), \
          found {found} along axis {axis}";
     /// A grid whose tables have more than [`MAX_GRID_VALUES`](crate::encoding::MAX_GRID_VALUES) values.
     GridValues { found: u64 } =>
         "position grid: expected tables of at most 2^27 values together, found {found}";
-    /// A skip layer behind a grid: PE(x) is appended to a later layer of sinusoidal networks alone.
+    /// A skip layer with a grid: `PE(x)` is appended to later layers only with a sinusoidal encoding.
     SkipBesideGrid { layer: usize } =>
         "trunk layer {layer}: expected no skip beside a position grid, found one";
     /// Spherical harmonics of degree 0, or above [`MAX_HARMONICS_DEGREE`].
@@ -351,17 +353,17 @@ errors! {
     /// Spherical harmonics in a build without the feature `grid`.
     HarmonicsNotBuilt =>
         "direction encoding: expected a build with the feature `grid` for spherical harmonics, found one without";
-    /// A direction branch in a network that has no density head (a 2D field).
+    /// A direction encoding in a network without a density head (a 2D field).
     DirectionWithoutDensity => "direction encoding: expected none in a 2D field, found one";
-    /// Shading once a ray in a network that has no density head (a 2D field).
+    /// Shading once a ray in a network without a density head (a 2D field).
     PerRayWithoutDensity => "shading: expected once a sample in a 2D field, found once a ray";
     /// Shading once a ray in a build without the feature `grid`.
     PerRayNotBuilt =>
         "shading: expected a build with the feature `grid` for shading once a ray, found one without";
-    /// The trunk has no layer, which only a grid that is shaded once a ray may do without.
+    /// An empty trunk, which is allowed only with a grid that is shaded once a ray.
     NoTrunk =>
         "trunk: expected 1 to {MAX_TRUNK} layers, or none behind a position grid shaded once a ray, found none";
-    /// The first layer already takes `PE(x)`: a skip there would append it twice.
+    /// A skip at the first layer, which already takes `PE(x)`.
     SkipAtFirstLayer => "trunk layer 0: expected no skip, found one";
     /// A width of 0 or above [`MAX_WIDTH`].
     Width { field: &'static str, index: usize, found: u16 } =>

@@ -1,11 +1,11 @@
-//! The gradient of the raw density in space, by reverse mode: forward through the trunk, and back.
+//! The gradient of the raw density in space, by reverse mode: a forward and a backward pass through the trunk.
 //!
 //! ```text
 //! ∂raw/∂h = w of the density head ─► ReLU: 0 where the unit was off ─► Wᵀ … ─► ∂raw/∂PE(x) ─► ∂raw/∂x
 //!                                                                    └─ a skip layer's share of it ─┘
 //! ```
 //!
-//! The raw density's gradient points as sigma's does, since every activation increases, and is not lost
+//! The raw density's gradient has the direction of sigma's, since every activation increases, and does not vanish
 //! where sigma is flat.
 
 use super::architecture::{Layer, Role};
@@ -20,40 +20,41 @@ use core::ops::Range;
 #[cfg(test)]
 mod tests;
 
-/// Units whose signs share a word.
+/// Number of units whose signs are stored in one word.
 const SIGNS: usize = 16;
 
-/// Memory for one block's backward pass, beside its [`Scratch`].
+/// Memory for one block's backward pass, in addition to its [`Scratch`].
 #[derive(Debug)]
 pub struct GradientScratch<'w> {
-    /// A bit for each unit, whether it was on: [`Network::sign_words`].
+    /// One bit for each unit, set if its output was above 0; length [`Network::sign_words`].
     pub signs: &'w mut [u16],
     /// ∂raw/∂PE(x): `[gradient_rows][stride]`.
     pub encoded: &'w mut [f32],
 }
 
 impl Network<'_> {
-    /// Words of [`GradientScratch::signs`] for blocks of up to `samples`.
+    /// Number of words of [`GradientScratch::signs`] for blocks of up to `samples` samples.
     pub fn sign_words(&self, samples: usize) -> usize {
         self.trunk_layers().map(|layer| sign_words(layer, samples)).sum()
     }
 
-    /// Rows of [`GradientScratch::encoded`].
+    /// Number of rows of [`GradientScratch::encoded`].
     pub fn gradient_rows(&self) -> usize {
         self.architecture.position.outputs()
     }
 
-    /// ∂raw_sigma/∂x of a block of samples; 0 in a 2D field, which has no density.
+    /// Computes ∂raw_sigma/∂x of a block of samples; 0 in a 2D field, which has no density.
     ///
-    /// `positions`: `[3][stride]`, inside the scene box; `gradient`: `[3][stride]`, 1/world unit². What
-    /// `scratch` held is lost.
+    /// `positions`: `[3][stride]`, inside the scene box; `gradient`: `[3][stride]`, 1/world unit². Overwrites
+    /// `scratch`.
     ///
-    /// `blur`: standard deviation, world units, of the Gaussian that the gradient is a mean over: levels of the encoding
-    /// finer than that are damped, with the network taken as linear around each sample. 0 for the gradient
-    /// itself. Of a grid it is that of the cell a sample falls into; on a face, of the one further on.
+    /// `blur`: standard deviation, world units, of the Gaussian over which the gradient is averaged: finer levels of
+    /// the encoding are damped, with the network taken as linear around each sample. 0 gives the gradient itself. For
+    /// a grid, the gradient is that of the sample's cell; on a face between two cells, of the one with the larger
+    /// index.
     ///
-    /// A unit whose sum is exactly 0 counts as off. The backward pass is f32 and takes the units that were on in the kernel's
-    /// own forward pass; weights of a storage that rounds are bf16 in it, too.
+    /// A unit whose sum is exactly 0 counts as off. The backward pass is f32 and uses the units that were on in the
+    /// kernel's own forward pass. With weights stored as bf16 it uses these, too.
     ///
     /// # Panics
     /// If a slice is shorter than its rows times [`Scratch::stride`], as [`Network::trunk`] does.
@@ -87,7 +88,7 @@ impl Network<'_> {
             end += signs.len();
         });
         if paired && encoding.sinusoidal().is_some() {
-            // The trunk took them as pairs of bf16; the derivative takes them as they were.
+            // The trunk converted the encoded values to pairs of bf16; the derivative needs them in f32.
             self.encode_position(math, stride, positions, scratch.encoded);
         }
         for (row, of_h) in scratch.front.chunks_exact_mut(stride.max(1)).take(head.main).enumerate() {
@@ -111,7 +112,7 @@ impl Network<'_> {
         self.gradient_of_position(scratch, memory, positions, blur, gradient);
     }
 
-    /// ∂raw/∂x from ∂raw/∂PE(x); of a sinusoidal encoding `scratch` holds what was encoded.
+    /// Computes ∂raw/∂x from ∂raw/∂PE(x). With a sinusoidal encoding, `scratch` must hold the encoded values.
     fn gradient_of_position(
         &self,
         scratch: &Scratch<'_>,
@@ -136,7 +137,7 @@ impl Network<'_> {
         self.layers.iter().filter(|layer| matches!(layer.role, Role::Trunk(_)))
     }
 
-    /// Weight `i` of a layer of one output, whose inputs are all of one part.
+    /// Weight `i` of a layer with one output and no appended inputs.
     fn weight(&self, layer: &Layer, i: usize) -> f32 {
         match self.weights() {
             Weights::Prepared(parameters) | Weights::Transposed(parameters) => parameters[layer.weights + i],
@@ -145,10 +146,9 @@ impl Network<'_> {
         }
     }
 
-    /// `to = start + Wᵀ from` over those columns of W that are `inputs`: all of one of its two parts.
+    /// `to = start + Wᵀ from` over the columns `inputs` of W: either all main or all appended inputs.
     ///
-    /// `from`: `[outputs][stride]`, `to`: `[inputs][stride]`; it starts from what it holds if `accumulate`,
-    /// else from 0.
+    /// `from`: `[outputs][stride]`, `to`: `[inputs][stride]`; `start` is the content of `to` if `accumulate`, else 0.
     fn back(
         &self,
         layer: &Layer,
@@ -180,15 +180,15 @@ impl Network<'_> {
     }
 }
 
-/// Words that the signs of a layer's outputs take.
+/// Number of words for the signs of a layer's outputs.
 fn sign_words(layer: &Layer, samples: usize) -> usize {
     (layer.outputs * samples).div_ceil(SIGNS)
 }
 
-/// Sets the bits of the units that are on.
+/// Sets the bits of the units whose outputs are above 0.
 ///
-/// `outputs`: `[rows][stride]` behind the ReLU, or pairs of rows if `paired`, where `stride` is a multiple
-/// of [`SIGNS`] then. `signs`: sample after sample, row after row.
+/// `outputs`: `[rows][stride]` after the ReLU, or pairs of rows if `paired`; `stride` is then a multiple of
+/// [`SIGNS`]. `signs`: one bit per output, row after row.
 fn record(signs: &mut [u16], outputs: &[f32], rows: usize, stride: usize, paired: bool) {
     if !paired {
         for (sign, outputs) in signs.iter_mut().zip(head(outputs, rows * stride).chunks(SIGNS)) {
@@ -204,13 +204,13 @@ fn record(signs: &mut [u16], outputs: &[f32], rows: usize, stride: usize, paired
     }
 }
 
-/// The signs of up to [`SIGNS`] values.
+/// Packs the signs of up to [`SIGNS`] values into a word.
 #[inline]
 fn word(outputs: &[f32], value: impl Fn(f32) -> f32) -> u16 {
     outputs.iter().enumerate().fold(0, |word, (i, &x)| word | u16::from(value(x) > 0.0) << i)
 }
 
-/// Masks the values of units that are off: the derivative of the ReLU.
+/// Sets the values of units that were off to 0: the derivative of the ReLU.
 fn mask(values: &mut [f32], signs: &[u16]) {
     for (values, &signs) in values.chunks_mut(SIGNS).zip(signs) {
         for (i, value) in values.iter_mut().enumerate() {

@@ -12,10 +12,10 @@ use std::vec::Vec;
 
 const STRIDE: usize = 64;
 
-/// What a network gave for a block: sigma and the three colour rows.
+/// Results of a network for a block: sigma and the three colour rows.
 type Answer = (Vec<f32>, Vec<f32>);
 
-/// Everything a network can do to a block: `positions` and `dirs` are `[inputs][stride]`.
+/// Evaluates density and colour of a block: `positions` and `dirs` are `[inputs][stride]`.
 fn evaluate(network: &Network<'_>, stride: usize, positions: &[f32], dirs: &[f32]) -> Answer {
     let math = MathBackend::Polynomial;
     let mut encoded = vec![0.0; network.encoded_rows() * stride];
@@ -42,7 +42,7 @@ fn encode_f64(e: &SinusoidalEncoding, x: &[f64]) -> Vec<f64> {
     out
 }
 
-/// Sample by sample, straight from the drawing in the module's docs; parameters consumed in order.
+/// Oracle: one sample at a time, directly from the diagram in the module's docs; parameters consumed in order.
 fn oracle(a: &Architecture, p: &[f32], x: &[f64], d: &[f64]) -> (f64, [f64; 3]) {
     let mut rest = p;
     let mut dense = |input: &[f64], outputs: usize, relu: bool| -> Vec<f64> {
@@ -129,7 +129,7 @@ fn every_architecture_is_its_drawing_with_every_kernel() {
         a.check().unwrap();
         let (bytes, parameters) = halve(&parameters(&a, 3));
         let (positions, dirs) = block(5);
-        // sigma and rgb, kernels that are exact and kernels that round.
+        // Bounds of sigma and rgb, for kernels that are exact and kernels that round.
         let mut worst = [[0.0f64; 2]; 2];
         for kernel in Kernel::all() {
             let mut memory = vec![0.0; a.parameters()];
@@ -181,7 +181,7 @@ fn weights_in_place_and_unpacked_agree_bit_for_bit() {
 #[test]
 fn unpacking_is_exact_for_every_finite_half() {
     let bits: Vec<u16> = (0..=u16::MAX).filter(|b| b & 0x7c00 != 0x7c00).collect();
-    // One byte in front: no alignment is needed.
+    // Offset by one byte: no alignment is needed.
     let bytes: Vec<u8> = core::iter::once(0).chain(bits.iter().flat_map(|b| b.to_le_bytes())).collect();
     let mut unpacked = vec![0.0; bits.len()];
     unpack(&bytes[1..], &mut unpacked);

@@ -1,4 +1,4 @@
-//! A network at work: weights where they lie, samples in blocks.
+//! Evaluation of a network over blocks of samples.
 
 use super::architecture::{
     Architecture, DensityActivation, EXPONENTIAL_LIMIT, Layer, Layers, PER_RAY_BUILT, Role,
@@ -16,7 +16,7 @@ use crate::memory::{at, head_mut, tail};
 use crate::simd::{Isa, Lanes, MAX_LANES, Op, VECTORS};
 use core::marker::PhantomData;
 
-/// A network that can be evaluated: shape, parameters, instructions and maths backend.
+/// A network that can be evaluated: shape, parameters, tables and instruction set.
 #[derive(Clone, Debug)]
 pub struct Network<'a> {
     pub(super) architecture: Architecture,
@@ -26,33 +26,32 @@ pub struct Network<'a> {
     pub(super) isa: Isa,
 }
 
-/// Memory for one block of samples, `[channel][stride]` each.
+/// Memory for evaluating one block of samples; each slice is `[channel][stride]`.
 #[derive(Debug)]
 pub struct Scratch<'w> {
-    /// Samples of a block.
+    /// Number of samples of a block.
     pub stride: usize,
     /// Encoded inputs, `[encoded][stride]`.
     pub encoded: &'w mut [f32],
-    /// Activations, `[width][stride]`.
+    /// Ping-pong buffer of activations, `[width][stride]`.
     pub front: &'w mut [f32],
-    /// Activations, `[width][stride]`.
+    /// Ping-pong buffer of activations, `[width][stride]`.
     pub back: &'w mut [f32],
 }
 
 impl<'a> Network<'a> {
-    /// A network over parameters that fit its architecture.
+    /// Makes a network without a grid from its architecture and parameters.
     ///
-    /// `None` if the architecture breaks a cap or the parameters are too few, and where
-    /// there are no [`VECTORS`] for any but those read in place; of an architecture whose position is a
-    /// grid, too, which takes [`Network::with_grid`].
+    /// `None` if the architecture exceeds a limit or has a grid ([`Network::with_grid`] takes those), if there are
+    /// too few parameters, or if parameters are not read in place although the target has no [`VECTORS`].
     #[cfg(feature = "train")]
     pub fn new(architecture: &Architecture, weights: Weights<'a>, isa: Isa) -> Option<Self> {
         Self::with_grid(architecture, weights, GridTables::NONE, isa)
     }
 
-    /// [`Network::new`] with the tables of the architecture's grid; `None` if they are too short, too.
+    /// [`Network::new`] with the tables of the architecture's grid; also `None` if the tables are too short.
     ///
-    /// Without a grid they are not used.
+    /// Without a grid the tables are not used.
     #[cfg(feature = "train")]
     pub fn with_grid(
         architecture: &Architecture,
@@ -64,9 +63,9 @@ impl<'a> Network<'a> {
         Self::of_layers(architecture, architecture.layers(), weights, tables, isa)
     }
 
-    /// A network of an architecture that has been checked, as that of a blob; `None` if parameters or tables are too few. Of its
-    /// [`layers`](Architecture::layers) those of the colour branch may be missing ([`Architecture::density_parameters`]):
-    /// [`Network::colour`] must not be called then.
+    /// Makes a network of a checked architecture, such as a blob's; `None` if there are too few parameters or table
+    /// values. `layers` are its [`layers`](Architecture::layers), or only trunk and density head
+    /// ([`Architecture::density_parameters`]); [`Network::colour`] must not be called then.
     pub(crate) fn of_layers(
         architecture: &Architecture,
         layers: Layers,
@@ -107,7 +106,7 @@ impl<'a> Network<'a> {
         self.isa
     }
 
-    /// The parameters, in a way that leaves a build without [`VECTORS`] but one answer.
+    /// The parameters; in a build without [`VECTORS`] the compiler knows that they are read in place.
     #[inline(always)]
     pub(super) fn weights(&self) -> Weights<'a> {
         match self.weights {
@@ -117,35 +116,35 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Whether [`Scratch::stride`] must be a multiple of [`Network::columns`]: only portable instructions over weights read in
-    /// place take any.
+    /// Whether [`Scratch::stride`] must be a multiple of [`Network::columns`]: only portable instructions over
+    /// weights read in place accept any stride.
     pub fn whole_blocks(&self) -> bool {
         VECTORS && (self.isa != Isa::Portable || !matches!(self.weights, Weights::InPlace(_)))
     }
 
-    /// The number that a block's columns are a multiple of, where it takes [whole ones](Network::whole_blocks).
+    /// Number of which [`Scratch::stride`] is a multiple, if [`Network::whole_blocks`].
     pub fn columns(&self) -> usize {
         if let Weights::Paired(_) = self.weights() { MAX_LANES } else { self.isa.columns() }
     }
 
-    /// Rows of [`Scratch::encoded`].
+    /// Number of rows of [`Scratch::encoded`].
     pub fn encoded_rows(&self) -> usize {
         let direction = self.architecture.direction.map_or(0, |direction| direction.outputs());
         self.architecture.position.outputs().max(direction)
     }
 
-    /// Rows of [`Scratch::front`] and [`Scratch::back`].
+    /// Number of rows of [`Scratch::front`] and [`Scratch::back`].
     pub fn activation_rows(&self) -> usize {
         self.layers.iter().map(|layer| layer.outputs).max().unwrap_or(0).max(self.trunk_rows())
     }
 
-    /// Rows of `h`, what [`Network::trunk`] leaves in [`Scratch::front`]: the last layer's outputs, or of an empty trunk
-    /// the encoded position.
+    /// Number of rows of the trunk's output `h`, which [`Network::trunk`] leaves in [`Scratch::front`]: the outputs
+    /// of the last trunk layer, or the encoded position if the trunk is empty.
     pub fn trunk_rows(&self) -> usize {
         self.architecture.h_rows()
     }
 
-    /// Outputs of the layer where the direction joins; 0 without view dependence.
+    /// Outputs of the layer that takes the direction; 0 without view dependence.
     pub fn direction_rows(&self) -> usize {
         self.direction_layer().map_or(0, |layer| layer.outputs)
     }
@@ -161,7 +160,7 @@ impl<'a> Network<'a> {
         self.direction_layer().map_or(0, |layer| layer.extra * layer.outputs)
     }
 
-    /// The direction's share of the colour branch, once per ray: `bias + W PE(d)`.
+    /// Evaluates the part of the colour branch that depends on the direction alone, once per ray: `bias + W PE(d)`.
     ///
     /// `dirs`: `[3][stride]`, unit; `out`: `[direction_rows][stride]`.
     pub fn direction(&self, math: MathBackend, scratch: &mut Scratch<'_>, dirs: &[f32], out: &mut [f32]) {
@@ -171,19 +170,19 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Encodes a block of positions and runs the trunk; `h` is then in [`Scratch::front`].
+    /// Encodes a block of positions and evaluates the trunk; leaves its output `h` in [`Scratch::front`].
     ///
     /// `positions`: `[inputs][stride]`, inside the scene box.
     ///
     /// # Panics
-    /// If a slice is shorter than its rows times [`Scratch::stride`] (where weights are read in place, only with
-    /// debug assertions), or if the stride must be a multiple of [`Network::columns`] and is none
-    /// ([`Network::whole_blocks`]). So do the three methods beside it.
+    /// If a slice is shorter than its rows times [`Scratch::stride`] (with weights read in place, only with debug
+    /// assertions), or if the stride is not a multiple of [`Network::columns`] although it must be
+    /// ([`Network::whole_blocks`]). The same holds for `direction`, `density` and `colour`.
     pub fn trunk(&self, math: MathBackend, scratch: &mut Scratch<'_>, positions: &[f32]) {
         self.trunk_with(math, scratch, positions, |_, _| {});
     }
 
-    /// [`Network::trunk`], of which `each` sees every layer with its outputs.
+    /// [`Network::trunk`] that calls `each` with every layer and its outputs.
     #[inline]
     pub(super) fn trunk_with(
         &self,
@@ -210,7 +209,8 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// sigma of the block whose `h` is in [`Scratch::front`]; `sigma`: `[stride]`, 1/world unit.
+    /// Computes the densities of the block whose trunk output `h` is in [`Scratch::front`]. `sigma`: `[stride]`,
+    /// 1/world unit.
     pub fn density(&self, math: MathBackend, scratch: &Scratch<'_>, sigma: &mut [f32]) {
         let layer = self.layers.iter().find(|layer| layer.role == Role::Density);
         if let (Some(layer), Some(activation)) = (layer, self.architecture.density) {
@@ -221,7 +221,8 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Adds `weight` times the `h` of sample `column` of the block in [`Scratch::front`] to `sums`, a value a row.
+    /// Adds `weight` times the trunk's output `h` of sample `column`, read from [`Scratch::front`], to `sums`, one
+    /// per row.
     #[inline]
     pub(crate) fn add_h(&self, scratch: &Scratch<'_>, column: usize, weight: f32, sums: &mut [f32]) {
         let rows = scratch.front.chunks_exact(scratch.stride.max(1));
@@ -238,15 +239,16 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// The `h` of a block that was put into [`Scratch::front`], a row a value, in the form that the colour branch takes.
+    /// Converts values of the trunk's output `h` that the caller put into [`Scratch::front`], f32, to the form that
+    /// the colour branch takes.
     pub(crate) fn take_h(&self, scratch: &mut Scratch<'_>) {
         self.take_rows(self.trunk_rows(), scratch.stride, scratch.front);
     }
 
-    /// Colours of the block whose `h` is in [`Scratch::front`], which is used up.
+    /// Computes the colours of the block whose trunk output `h` is in [`Scratch::front`], and overwrites `h`.
     ///
-    /// `direction`: fills `[direction_rows][stride]` with what [`Network::direction`] gave for each
-    /// sample's ray; not called without view dependence. `rgb`: `[3][stride]`.
+    /// `direction`: fills `[direction_rows][stride]` with the result of [`Network::direction`] for each sample's ray.
+    /// Not called without view dependence. `rgb`: `[3][stride]`.
     pub fn colour(
         &self,
         math: MathBackend,
@@ -280,10 +282,11 @@ impl<'a> Network<'a> {
         with_math!(math, M => self.isa.run_columns(stride, Sigmoid::<M> { values, math: PhantomData }));
     }
 
-    /// [`Network::direction`] and [`Network::colour`] of a block's first sample alone, with the same bits: vectors are a
-    /// layer's outputs. `false`, and nothing is done, where weights do not lie that way.
+    /// [`Network::direction`] and [`Network::colour`] of a block's first sample alone, with the same bits: vectors
+    /// run over a layer's outputs. Returns `false` and does nothing unless weights are [`Weights::Transposed`] and
+    /// layers fit vectors.
     ///
-    /// `dirs`: `[3][stride]`; `rgb`: `[3][stride]`, of which the other columns are left without a meaning.
+    /// `dirs`: `[3][stride]`; `rgb`: `[3][stride]`, whose other columns are unspecified.
     pub(crate) fn colour_of_one(
         &self,
         math: MathBackend,
@@ -295,19 +298,19 @@ impl<'a> Network<'a> {
         let (isa, stride) = (self.isa, scratch.stride);
         let hidden = || self.layers.iter().filter(|layer| matches!(layer.role, Role::Colour(_)));
         let Some(to_rgb) = self.layers.iter().find(|layer| layer.role == Role::Rgb) else { return false };
-        // The direction joins in a hidden layer.
+        // The direction must enter a hidden layer.
         if hidden().count() == 0 || hidden().any(|layer| !layer.outputs.is_multiple_of(isa.columns())) {
             return false;
         }
         if let Some(encoding) = &self.architecture.direction {
             self.encode_direction(math, encoding, scratch, dirs);
         }
-        // From one input of a layer to the next.
+        // Distance between the inputs of a layer, values.
         let mut apart = stride;
         for layer in hidden() {
             let (m, to) = (layer.outputs, head_mut(scratch.back, layer.outputs));
             to.copy_from_slice(&parameters[layer.bias..][..m]);
-            // In the order in which a block adds them.
+            // In the order in which a block of samples is summed.
             let of_direction = (layer.main, layer.extra, &*scratch.encoded, stride);
             for (first, k, from, a_col) in [of_direction, (0, layer.main, &*scratch.front, apart)] {
                 let g = Gemm { m: 1, n: m, k, a_row: 0, a_col, b_row: m, c_row: m };
@@ -317,7 +320,7 @@ impl<'a> Network<'a> {
             core::mem::swap(&mut scratch.front, &mut scratch.back);
             apart = 1;
         }
-        // Three outputs fill no vector: its first lane is the sample's, the others begin with later inputs.
+        // Three outputs do not fill a vector: only its first lane is used, the others start at later inputs.
         let (k, n) = (to_rgb.main, isa.columns());
         let g = Gemm { m: 3, n, k, a_row: k, a_col: 1, b_row: 1, c_row: stride };
         let bias = Init::Bias(&parameters[to_rgb.bias..]);
@@ -342,7 +345,7 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Encodes a block of directions into [`Scratch::encoded`], as the products take them.
+    /// Encodes a block of directions into [`Scratch::encoded`], in the form that the products take.
     fn encode_direction(
         &self,
         math: MathBackend,
@@ -361,17 +364,17 @@ impl<'a> Network<'a> {
         self.take_rows(encoding.outputs(), scratch.stride, scratch.encoded);
     }
 
-    /// Turns rows of f32 into the form that the products take.
+    /// Converts rows of f32 into the form that the products take.
     fn take_rows(&self, rows: usize, stride: usize, values: &mut [f32]) {
         if let Weights::Paired(_) = self.weights() {
             pair_rows(values, rows, stride);
         }
     }
 
-    /// `to = act(init + W [main, extra])` over the `inputs` that are there, in this order; `init` is what `to` holds if
+    /// `to = act(init + W [main, extra])` over those `inputs` that are given. `init` is the content of `to` if
     /// `accumulate`, else the bias.
     ///
-    /// A hidden layer has a ReLU, and its outputs are in the form that the next layer takes.
+    /// A hidden layer applies the ReLU and writes its outputs in the form that the next layer takes.
     fn dense(
         &self,
         layer: &Layer,
@@ -401,7 +404,7 @@ impl<'a> Network<'a> {
                     let init = Init::bias_unless(accumulate, tail(bytes, 2 * layer.bias));
                     gemm_f16(self.isa, g, tail(bytes, 2 * offset), from, to, init, hidden && last);
                 }
-                // Both parts at once: what lies between them is not rounded.
+                // Both parts in one product, so that their intermediate sum is not rounded.
                 Weights::Paired(words) => {
                     return self.dense_paired(words, layer, inputs, stride, to, accumulate, hidden);
                 }
@@ -410,7 +413,7 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// [`Network::dense`] with pairs of bf16.
+    /// [`Network::dense`] with weights in pairs of bf16.
     #[allow(clippy::too_many_arguments, reason = "as the method it is half of")]
     fn dense_paired(
         &self,
@@ -469,7 +472,7 @@ impl<M: Math> Op for Density<'_, M> {
                 // The maximum of 0 and −0 may be −0; adding 0 makes it 0.
                 DensityActivation::Relu => V::splat(0.0).max_of(raw).add(V::splat(0.0)),
                 DensityActivation::ShiftedSoftplus => M::softplus(raw.sub(V::splat(1.0))),
-                // What is no number stays so.
+                // A NaN stays a NaN.
                 DensityActivation::Exponential => M::exp(V::splat(EXPONENTIAL_LIMIT).min_of(raw)),
             };
             sigma.store(values);

@@ -1,30 +1,30 @@
-//! The parameters of a network as a storage has them.
+//! The parameters of a network in the format of a [`Storage`].
 
 use super::architecture::{Architecture, Layer, Role, Shading};
 use crate::matrix::{Storage, f16_at, pair};
 
-/// The parameters of a network, where they lie.
+/// The parameters of a network, borrowed in one of four formats.
 #[derive(Clone, Copy, Debug)]
 pub enum Weights<'a> {
-    /// Little-endian f16, read in place: no memory but the activations.
+    /// Little-endian f16, read in place: needs no memory except for activations.
     InPlace(&'a [u8]),
-    /// f32, for instructions with vectors.
+    /// f32, for instruction sets with vectors.
     Prepared(&'a [f32]),
-    /// [`Weights::Prepared`] whose hidden colour layers have transposed weights, `[inputs][outputs]`: of a field shaded
-    /// once a ray. The colour of a single ray then takes vectors of outputs.
+    /// [`Weights::Prepared`] with transposed hidden colour layers, `[inputs][outputs]`, for fields shaded once a ray:
+    /// the colour of a single ray is then computed in vectors of outputs.
     Transposed(&'a [f32]),
-    /// Pairs of bf16, each layer where its f32 would be: [`Weights::prepare`] makes them.
+    /// Pairs of bf16; each layer begins at the same index as in f32. Made by [`Weights::prepare`].
     Paired(&'a [f32]),
 }
 
 impl<'a> Weights<'a> {
-    /// Unpacks little-endian f16 `bytes` once, as `storage` has it, unless it has them in place.
+    /// Unpacks little-endian f16 `bytes` into `memory` in the format of `storage`, unless that reads them in place.
     ///
-    /// `memory`: one value for each parameter of the `architecture`, or for its trunk and density head
-    /// alone ([`Architecture::density_parameters`]) where no colour will be asked for; unused in place.
+    /// `memory`: one value for each parameter of the `architecture`, or only for trunk and density head
+    /// ([`Architecture::density_parameters`]) if colours are not evaluated; unused in place.
     ///
     /// # Panics
-    /// If `bytes` or `memory` is shorter than that.
+    /// If `bytes` or `memory` is too short.
     #[cfg(feature = "train")]
     pub fn prepare(
         architecture: &Architecture,
@@ -38,7 +38,7 @@ impl<'a> Weights<'a> {
         Self::view(architecture, storage, bytes, memory)
     }
 
-    /// The parameters for `storage`: in place in `bytes`, or what [`Weights::unpack`] made of them.
+    /// The parameters for `storage`: `bytes` if read in place, else `unpacked` by [`Weights::unpack`].
     pub(crate) fn view(
         architecture: &Architecture,
         storage: Storage,
@@ -53,7 +53,7 @@ impl<'a> Weights<'a> {
         }
     }
 
-    /// Unpacks little-endian f16 `bytes` as a `storage` has them that does not read them in place.
+    /// Unpacks little-endian f16 `bytes` in the format of a `storage` that does not read them in place.
     pub(crate) fn unpack(architecture: &Architecture, storage: Storage, bytes: &[u8], memory: &mut [f32]) {
         unpack(bytes, memory);
         if storage != Storage::Bf16 {
@@ -64,7 +64,7 @@ impl<'a> Weights<'a> {
         }
         let parameters = memory.len();
         for layer in architecture.layers().iter().filter(|layer| layer.bias + layer.outputs <= parameters) {
-            // Rows of words are no longer than the rows they are made of, and trail them.
+            // A row of words is no longer than its row of f32, so that writing never overtakes reading.
             let mut to = layer.weights;
             for row in 0..layer.outputs {
                 let row = layer.weights + row * layer.inputs();
@@ -80,7 +80,7 @@ impl<'a> Weights<'a> {
     }
 }
 
-/// Puts the weights of the colour branch's hidden layers into `memory` once more, transposed.
+/// Overwrites the weights of the colour branch's hidden layers in `memory` by their transpose.
 fn transpose_colour(architecture: &Architecture, bytes: &[u8], memory: &mut [f32]) {
     let parameters = memory.len();
     let hidden =
@@ -93,7 +93,7 @@ fn transpose_colour(architecture: &Architecture, bytes: &[u8], memory: &mut [f32
     }
 }
 
-/// Unpacks little-endian f16 parameters; `parameters` is as long as `bytes` has pairs, or shorter.
+/// Unpacks little-endian f16 to fill `parameters`; `bytes` holds at least two bytes for each.
 pub fn unpack(bytes: &[u8], parameters: &mut [f32]) {
     for (i, parameter) in parameters.iter_mut().enumerate() {
         *parameter = f16_at(bytes, i);

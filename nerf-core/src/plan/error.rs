@@ -23,10 +23,10 @@ errors! {
     MedianBehindCut { found: f32 } =>
         "quality.transmittance_cut: expected at most 0.5, since median_distance is asked for and rays would end in front \
          of it, found {found}";
-    /// A range of distances that is none: not `0 <= t_min <= t_max`.
+    /// A range of distances that does not satisfy `0 <= t_min <= t_max`.
     Range { t_min: f32, t_max: f32 } =>
         "near/far: expected 0 <= near <= far, found near {t_min}, far {t_max}";
-    /// A blur of normals that is no finite number of bins, or less than none.
+    /// A blur of normals that is not finite, or below 0.
     NormalBlur { found: f32 } => "normal_blur: expected a finite number of bins, at least 0, found {found}";
     /// An output or effect that this build has no code for.
     NotBuilt { effect: &'static str } =>
@@ -35,10 +35,10 @@ errors! {
     ColourCut { found: f32 } => "quality.colour_cut: expected 0 <= cut < 1, found {found}";
     /// A background outside `[0, 1]`.
     Background { found: [f32; 3] } => "background: expected channels in 0..=1, found {found:?}";
-    /// A batch of nothing, of more than [`Batch::MAX_RAYS`] rays or of more than 64 samples.
+    /// A batch without rays or samples, with more than [`Batch::MAX_RAYS`] rays or with more than 64 samples.
     Batch { found: Batch } =>
         "batch: expected 1 to {most} rays and 1 to {BLOCK} samples, found {found:?}", most = Batch::MAX_RAYS;
-    /// Near and far leave no bins.
+    /// Near and far planes that leave no bins.
     Bounds(error: BoundsError) => "{error}";
     /// An effect that is out of range or not in this build.
     Effects(error: EffectError) => "{error}";

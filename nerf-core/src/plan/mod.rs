@@ -1,4 +1,4 @@
-//! What a frame consists of: what the scene holds, met with what the caller asks for.
+//! The plan of a frame: its stages, decided from what the scene holds and what the caller requests.
 
 use crate::blob::{Blob, MAX_SAMPLES, SceneFacts, SceneSampling, steps};
 use crate::camera::Ray;
@@ -23,28 +23,28 @@ pub use quality::{Choice, Preset, Quality};
 pub use settings::Settings;
 pub(crate) use span::{Lattice, Span, SpanAll, Spans};
 
-/// What a pixel is asked for; what is off is not computed.
+/// Outputs of a pixel; an output that is off is not computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Outputs {
     /// Colour over the background: without it the colour branch never runs.
     pub rgb: bool,
-    /// Opacity.
+    /// Opacity, `[0, 1]`.
     pub opacity: bool,
-    /// Distance along the ray.
+    /// Mean distance along the ray, world units.
     pub ray_distance: bool,
-    /// Distance along the view axis.
+    /// Mean distance along the view axis, world units.
     pub z_depth: bool,
-    /// Distance along the ray at which half of the light is gone (feature `median`).
+    /// Distance along the ray at which the transmittance falls below one half, world units (feature `median`).
     pub median_distance: bool,
-    /// Normals, by the gradient of the density: about one [`Architecture::gradient_macs`] a ray that meets
-    /// something (feature `normals`).
+    /// Normals, from the gradient of the density; they cost about one [`Architecture::gradient_macs`] for each ray
+    /// that meets something (feature `normals`).
     ///
     /// [`Architecture::gradient_macs`]: crate::network::Architecture::gradient_macs
     pub normals: bool,
 }
 
 impl Outputs {
-    /// Nothing: what others are made of.
+    /// No output: the base of the other constants.
     pub const NONE: Self = Self {
         rgb: false,
         opacity: false,
@@ -55,21 +55,21 @@ impl Outputs {
     };
     /// Colour and opacity.
     pub const RGB: Self = Self { rgb: true, opacity: true, ..Self::NONE };
-    /// Colour, opacity and both mean distances, what every build has. Median distance and normals are asked
-    /// for by name.
+    /// Colour, opacity and both mean distances: the outputs of every build. Median distance and normals must be
+    /// requested by name.
     pub const ALL: Self = Self { ray_distance: true, z_depth: true, ..Self::RGB };
 
-    /// Whether single samples are picked for more than their density.
+    /// Whether samples are picked for their colour or normal.
     pub(crate) const fn picks(&self) -> bool {
         self.rgb || (cfg!(feature = "normals") && self.normals)
     }
 
-    /// Whether something is asked for that only the samples near a surface say.
+    /// Whether an output of the surface is requested: median distance or normals.
     pub(crate) const fn surface(&self) -> bool {
         self.median_distance || self.normals
     }
 
-    /// An output that is asked for and that this build lacks.
+    /// Name of a requested output that this build lacks.
     fn not_built(&self) -> Option<&'static str> {
         [
             ("median_distance", self.median_distance, cfg!(feature = "median")),
@@ -80,26 +80,26 @@ impl Outputs {
     }
 }
 
-/// How much goes through the renderer at once; never changes a picture, only memory and time.
+/// Numbers of rays and samples processed at once; they never change a picture, only memory and time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Batch {
-    /// Rays in flight.
+    /// Number of rays in flight.
     pub rays: usize,
-    /// Samples that go through the network together: 64 with vectors.
+    /// Number of samples that go through the network together: 64 with vectors.
     pub samples: usize,
 }
 
 impl Batch {
-    /// Most rays in flight: more than any picture needs, few enough for 32-bit columns.
+    /// Maximum number of rays in flight: more than any picture needs, few enough for 32-bit columns.
     pub const MAX_RAYS: usize = 1 << 24;
 
-    /// One of everything: what a microcontroller has room for. Only for weights read in place.
+    /// One ray and one sample, for microcontrollers. Only for weights read in place.
     pub const SMALLEST: Self = Self { rays: 1, samples: 1 };
 
-    /// As many rays as a tile has pixels and whole blocks: what keeps any instruction set busy.
+    /// One ray for each pixel of a tile, and whole blocks: enough to keep any instruction set busy.
     pub const FULL: Self = Self { rays: 256, samples: BLOCK };
 
-    /// Whether there is something in it, and no more than [`Batch::MAX_RAYS`] and 64 samples.
+    /// Whether the batch has 1 to [`Batch::MAX_RAYS`] rays and 1 to 64 samples.
     pub(crate) fn is_valid(&self) -> bool {
         (1..=Self::MAX_RAYS).contains(&self.rays) && (1..=BLOCK).contains(&self.samples)
     }
@@ -108,22 +108,23 @@ impl Batch {
 /// The stages of a frame, decided once.
 #[derive(Clone, Copy, Debug)]
 pub struct Plan<'a> {
-    /// [`Blob::identity`] of the one it was made for.
+    /// [`Blob::identity`] of the blob that the plan was made for.
     pub(crate) scene: usize,
     pub(crate) bounds: SceneBox,
-    /// Of an unbounded scene: then the bins of a ray are steps of this, which [`Plan::point`] and [`Plan::interval`]
-    /// turn into points and distances.
+    /// Contraction of an unbounded scene. The bins of a ray are then its steps, which [`Plan::point`] and
+    /// [`Plan::interval`] turn into points and distances.
     pub(crate) contraction: Option<Contraction>,
     /// How the samples of a ray are found from `bins`.
     pub(crate) lattice: Lattice,
-    /// The samples of a ray; with a proposal only their number counts.
+    /// The bins of a ray; with a proposal only their number is used.
     pub(crate) bins: Bins,
-    /// Samples a ray that were asked for.
+    /// Requested number of samples a ray.
     samples: u16,
-    /// What the caller wants to see of a ray, world units along it.
+    /// Nearest visible distance along a ray, world units.
     pub(crate) t_min: f32,
+    /// Farthest visible distance along a ray, world units.
     pub(crate) t_max: f32,
-    /// Where the proposal is asked, if samples are drawn from one.
+    /// The bins at which the proposal network is evaluated, if samples are drawn from one.
     pub(crate) proposal: Option<Bins>,
     pub(crate) near: f32,
     pub(crate) far: f32,
@@ -139,10 +140,10 @@ pub struct Plan<'a> {
 }
 
 impl<'a> Plan<'a> {
-    /// The default blur of normals: one bin, the finest that the samples of a ray tell apart.
+    /// The default blur of normals: one bin, the finest scale that the samples of a ray resolve.
     pub const NORMAL_BLUR: f32 = 1.0;
 
-    /// What `blob` holds, met with what is asked for.
+    /// Makes the plan of a frame from what `blob` holds and what is requested.
     ///
     /// # Errors
     /// [`PlanError`] names the setting that does not go with the scene.
@@ -217,10 +218,11 @@ impl<'a> Plan<'a> {
         Ok(Self { background, normal_blur, effects, t_min, t_max, ..plan })
     }
 
-    /// The same frame of what lies between these distances on a ray, world units; by default 0 and no end.
+    /// The same frame with only the distances from `t_min` to `t_max` of a ray visible, world units; by default 0
+    /// to infinity.
     ///
-    /// They cut the bins they lie in: opacity goes continuously with both. Whatever is marched behind `t_max` is
-    /// as if it were not there, and a pixel without a surface has no larger distance.
+    /// Both cut the bins they lie in: opacity is continuous in both. Nothing behind `t_max` is visible, and a pixel
+    /// without a surface has a distance of at most `t_max`.
     ///
     /// # Errors
     /// [`PlanError::Range`] unless `0 <= t_min <= t_max`; `t_max` may be infinite.
@@ -232,13 +234,13 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
-    /// What [`Plan::with_range`] set.
+    /// The visible distances, `t_min` and `t_max`, that [`Plan::with_range`] set.
     pub fn range(&self) -> (f32, f32) {
         (self.t_min, self.t_max)
     }
 
-    /// The same frame with no bins but those the scene's network was trained on, from its near to its far: what figures
-    /// that were measured so are reproduced with. A scene that names a step is not changed.
+    /// The same frame with only the bins that the scene's network was trained on, from its near to its far plane. It
+    /// reproduces figures that were measured with them. A scene that names a step is not changed.
     #[must_use]
     pub fn with_own_bins(mut self) -> Self {
         if self.lattice == Lattice::Extended {
@@ -247,11 +249,11 @@ impl<'a> Plan<'a> {
         self
     }
 
-    /// The same frame with normals of another blur, in bins; 0 for the density's gradient itself.
+    /// The same frame with another blur of normals, in bins; 0 for the density's gradient itself.
     ///
-    /// A field that was fitted through samples a bin apart varies on scales far finer than a bin, which no sum along a
-    /// ray shows, but which are most of its gradient: 2^9 π for the tenth level of an encoding. A blur of
-    /// one bin takes the gradient's mean over a Gaussian as wide as a bin (deviation: a bin's width / √12).
+    /// A field fitted through samples one bin apart also varies on far finer scales. No sum along a ray shows these,
+    /// but they are most of the gradient: 2^9 π for the tenth level of an encoding. A blur of one bin takes the
+    /// gradient's mean over a Gaussian as wide as a bin (standard deviation: a bin's width / √12).
     ///
     /// # Errors
     /// [`PlanError::NormalBlur`] unless it is finite and at least 0.
@@ -265,9 +267,9 @@ impl<'a> Plan<'a> {
 
     /// The standard deviation of the normals' blur, world units.
     pub(crate) fn normal_deviation(&self) -> f32 {
-        // 1/√12: the standard deviation of what is spread evenly over a bin.
+        // 1/√12: the standard deviation of a uniform distribution over a bin.
         const EVEN: f32 = 0.288_675_13;
-        // Drawn samples have no bins: their mean distance stands in.
+        // Drawn samples have no bins: their mean spacing is used.
         let width = match self.proposal {
             Some(_) => (self.far - self.near) / self.samples_per_ray() as f32,
             None => self.bins.delta() * self.contraction.map_or(1.0, |contraction| contraction.radius()),
@@ -275,7 +277,7 @@ impl<'a> Plan<'a> {
         self.normal_blur * width * EVEN
     }
 
-    /// What a pixel is asked for.
+    /// The requested outputs of a pixel.
     pub fn outputs(&self) -> Outputs {
         self.outputs
     }
@@ -292,10 +294,10 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
-    /// The same frame with effects; in place of those it had.
+    /// The same frame with other effects.
     ///
-    /// What asks for nothing is left out: a lens without aperture, and the tone stage of a frame without
-    /// colour.
+    /// Effects that would change nothing are left out: a lens without aperture, and the tone stage of a frame
+    /// without colour.
     ///
     /// # Errors
     /// [`PlanError::Effects`] on a setting that is out of range or not in this build.
@@ -307,8 +309,8 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
-    /// Samples of a ray: the scene's bins or the steps through its box, or with a proposal those drawn and the
-    /// proposal's own. A ray that needs more bins than the scene has takes more.
+    /// Number of samples of a ray: the scene's bins or the steps through its box; with a proposal, the drawn samples
+    /// and the proposal's own. A ray that needs more bins than the scene has takes more.
     pub(crate) fn samples_per_ray(&self) -> u32 {
         u32::from(self.samples) + self.proposal.map_or(0, |coarse| coarse.count())
     }
@@ -326,7 +328,7 @@ impl<'a> Plan<'a> {
     ) -> u32 {
         let t = |bin| place.t(bins, bin);
         match &self.occupancy {
-            // What is straight in the world is not in the occupancy's cells.
+            // A ray that is straight in the world is curved in the occupancy grid.
             Some(occupancy) if self.contraction.is_some() => {
                 (from..end).find(|&bin| occupancy.occupied(self.point(ray, t(bin)))).unwrap_or(end)
             }
@@ -336,20 +338,20 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// What is sampled of `ray` within a `range` of distances; nothing outside of `around` is worth it.
+    /// The part of `ray` that is sampled within a `range` of distances; nothing outside of `around` needs samples.
     #[inline]
     pub(crate) fn span(&self, around: &SceneBox, ray: &Ray, range: [f32; 2]) -> Option<Span> {
         Span::new(self, around, ray, range)
     }
 
-    /// The distances that are seen of a ray whose own range is `t_min` to `t_max`.
+    /// The visible distances of a ray whose own range is `t_min` to `t_max`.
     #[inline]
     pub(crate) fn range_of(&self, t_min: f32, t_max: f32) -> [f32; 2] {
         [self.t_min.max(t_min), self.t_max.min(t_max)]
     }
 
-    /// The distance of pixels without a surface in a frame seen from `eye`: at least that of anything in the scene, and
-    /// the same for all of them.
+    /// The distance of pixels without a surface in a frame seen from `eye`: at least that of anything in the scene,
+    /// and the same for all such pixels.
     pub fn far_from(&self, eye: Vec3) -> f32 {
         if self.lattice == Lattice::Own {
             return self.far.min(self.t_max);
@@ -373,7 +375,7 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Where the network has a point of the world; a NaN stays one, which is in no box.
+    /// A point of the world, in the network's space; NaN stays NaN, which is in no box.
     #[inline]
     pub(crate) fn inside(&self, p: Vec3) -> Vec3 {
         match &self.contraction {
@@ -382,19 +384,18 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Whether rays may be marched side by side: nothing that is asked for needs samples of a proposal network, medians or
-    /// normals.
+    /// Whether rays may be marched side by side: in frames without a proposal network, median distances and normals.
     pub(crate) fn marches_side_by_side(&self) -> bool {
         self.proposal.is_none() && !self.outputs.surface()
     }
 
-    /// How the samples of a ray are spaced, where they are not those of a proposal.
+    /// The spacing of a ray's samples, unless they are drawn from a proposal.
     #[inline(always)]
     pub(crate) fn spacing(&self) -> Spacing<'_> {
         Spacing { bins: &self.bins, contraction: self.contraction.as_ref() }
     }
 
-    /// The point of a ray that its bins count as `t`, where the network has it.
+    /// The point of a ray at `t`, in units of its bins, in the network's space.
     #[inline]
     pub(crate) fn point(&self, ray: &Ray, t: f32) -> Vec3 {
         match &self.contraction {
@@ -408,14 +409,15 @@ impl<'a> Plan<'a> {
         self.proposal.as_ref().unwrap_or(&self.bins)
     }
 
-    /// The least distance of an unbounded scene's samples on a ray that is seen from `t_min` on, counted from `start`.
+    /// The least distance of an unbounded scene's samples, counted from `start`, on a ray that is visible from
+    /// `t_min` on.
     #[inline]
     pub(crate) fn least_distance(&self, start: f32, t_min: f32) -> f32 {
         self.near.max(t_min) - start
     }
 
-    /// The interval of the sample that the bins of a ray count as `t`; the ray is seen from `t_min` on, and its samples are
-    /// counted from `start`.
+    /// The interval of the sample at `t`, in units of the ray's bins. The ray is visible from `t_min` on, and its
+    /// samples are counted from `start`.
     #[inline]
     pub(crate) fn interval(&self, ends: &Ends, start: f32, t_min: f32, t: f32) -> SampleInterval {
         let bins = self.bins.with(*ends);
@@ -423,7 +425,7 @@ impl<'a> Plan<'a> {
             return self.spacing().interval(ends.parts(), self.least_distance(start, t_min), t);
         }
         if bins.is_whole_around(t) {
-            // A jittered sample lies anywhere in its bin, which stays where it is.
+            // A jittered sample lies anywhere in its bin; the bin does not move.
             let jittered = self.outputs.median_distance && self.effects.jitter.is_some();
             let mid = if jittered { bins.middle_around(t) } else { t };
             return SampleInterval { t, mid, delta: bins.delta() };

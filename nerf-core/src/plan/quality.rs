@@ -1,4 +1,4 @@
-//! The shortcuts of a frame, and which of them a scene's front offers at what price.
+//! The shortcuts of a frame, and those that a scene's Pareto front offers, with their loss and cost.
 
 use crate::blob::{Blob, FrontPoint};
 use crate::math::MathBackend;
@@ -10,30 +10,31 @@ mod tests;
 /// The shortcuts of a frame; each costs accuracy and saves time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
-    /// Samples per ray; 0 for what the scene was made for. Of a scene with bins, so many between its near and far, and as
-    /// wide ones wherever else a ray is in its box; of one that is marched, so many steps to the diagonal of its box.
-    /// With a proposal these are drawn from it, and the proposal's own, whose number is the scene's, come on top.
+    /// Samples per ray; 0 for the scene's own number. In a scene with bins, the number between its near and far
+    /// planes; elsewhere in its box a ray has bins of the same width. In a scene that is marched, the number of steps
+    /// on the diagonal of its box. With a proposal, the number drawn from it, in addition to the proposal's own
+    /// samples.
     pub samples: u16,
-    /// A ray ends where its transmittance falls below this, and is opaque; 0 never ends one.
+    /// Transmittance below which a ray ends and counts as opaque; 0 ends no ray.
     pub transmittance_cut: f32,
-    /// A sample's colour is asked for where the weight that waits for one exceeds this: its own, and that
-    /// of the samples in front of it that were too light. 0 asks for every colour with a weight. A sample's
-    /// normal is asked for in the same way, and in a field shaded once a ray its `h` is composited so.
+    /// Weight above which a sample's colour is evaluated: its own weight, plus that of the samples in front of it
+    /// that were too light for a colour. 0 evaluates the colour of every sample with a weight.
     ///
+    /// The same rule decides whose normal is evaluated and, in a field shaded once a ray, whose `h` is composited.
     /// Opacity and distances never depend on it.
     pub colour_cut: f32,
     /// Whether cells that the occupancy grid calls empty are skipped.
     pub occupancy: bool,
     /// The implementation of the elementary functions.
     pub math: MathBackend,
-    /// Whether samples are drawn from the scene's proposal network, if it has one; else they are even.
-    /// No shortcut: it is how such a scene was made, and may cost more or less than even samples.
+    /// Whether samples are drawn from the scene's proposal network, if it has one; else they are uniform.
+    /// Not a shortcut: such a scene was trained with it, and it may cost more or less than uniform samples.
     pub proposal: bool,
 }
 
 impl Quality {
-    /// The default transmittance cut: with the default colour cut 0.01 dB against no cut, and less than half the
-    /// evaluations (`docs/journal/2026-11-22-frames.md`).
+    /// The default transmittance cut: with the default colour cut it loses 0.01 dB against no cut, with less than
+    /// half the evaluations (`docs/journal/2026-11-22-frames.md`).
     pub const TRANSMITTANCE_CUT: f32 = 2e-2;
     /// The default colour cut.
     pub const COLOUR_CUT: f32 = 5e-3;
@@ -48,27 +49,27 @@ impl Quality {
         proposal: true,
     };
 
-    /// [`Quality::EXACT`] in this scene: behind its occupancy grid where that is part of the model.
+    /// [`Quality::EXACT`] in this scene: with its occupancy grid if that is part of the model.
     pub fn exact(blob: &Blob<'_>) -> Self {
         let occupancy_required = blob.scene().is_some_and(|scene| scene.occupancy_required);
         Self { occupancy: occupancy_required, ..Self::EXACT }
     }
 
-    /// The cheapest settings of the blob's front that lose at most `db` against the exact rendering.
+    /// The cheapest settings of the blob's Pareto front that lose at most `db` against the exact rendering.
     ///
-    /// Where every point loses more, the one that loses least. `None` without a front, or with one that
-    /// needs maths backends or a proposal this build is without. The settings may cut beyond one half, which a
-    /// frame with a median distance refuses.
+    /// If every point loses more, the one that loses least. `None` without a front, or with one that needs
+    /// maths backends or a proposal that this build lacks. The transmittance cut may exceed one half, which a
+    /// plan with a median distance refuses.
     pub fn within_loss(blob: &Blob<'_>, db: f32) -> Option<Choice> {
         // Dearest first, and so from the least loss to the most.
         let last = Self::choices(blob).take_while(|choice| choice.loss_db <= db).last();
         last.map(|choice| Choice { within: true, ..choice }).or_else(|| Self::choices(blob).next())
     }
 
-    /// The settings of the blob's front that lose least at no more than `ratio` of the exact rendering's
-    /// multiply-adds; of two that lose the same, the cheaper.
+    /// The settings of the blob's Pareto front with the least loss at no more than `ratio` of the exact rendering's
+    /// multiply-adds; of equal losses, the cheaper.
     ///
-    /// Where every point costs more, the cheapest. `None` as with [`Quality::within_loss`].
+    /// If every point costs more, the cheapest. `None` as with [`Quality::within_loss`].
     pub fn within_cost(blob: &Blob<'_>, ratio: f32) -> Option<Choice> {
         let mut affordable = Self::choices(blob).filter(|choice| choice.cost <= ratio);
         let Some(first) = affordable.next() else { return Self::choices(blob).last() };
@@ -78,11 +79,11 @@ impl Quality {
 
     /// The settings of a preset in this scene; they lose no more than [`Preset::loss_db`] says.
     ///
-    /// The front decides. Where even its best point loses too much, [`Quality::exact`], which loses
-    /// nothing by definition.
+    /// They are a point of the scene's Pareto front. If even its best point loses too much, [`Quality::exact`],
+    /// which loses nothing by definition.
     ///
-    /// Without a front what they lose in this scene is not known. `Preset::Exact` is then [`Quality::exact`],
-    /// `Preset::High` [`Quality::default`]; the others cut what a study of another scene says:
+    /// Without a front the loss in this scene is not known. `Preset::Exact` is then [`Quality::exact`], and
+    /// `Preset::High` [`Quality::default`]; the others have the cuts from a study of another scene:
     ///
     /// | preset | transmittance cut | colour cut | samples | lost there |
     /// | --- | ---: | ---: | ---: | ---: |
@@ -101,7 +102,7 @@ impl Quality {
         }
     }
 
-    /// A preset below exact of a scene without a front.
+    /// The settings of a preset in a scene without a front.
     fn unmeasured(blob: &Blob<'_>, preset: Preset) -> Self {
         let all = blob.scene().map_or(0, |scene| scene.samples());
         let (transmittance_cut, colour_cut, samples) = match preset {
@@ -113,11 +114,11 @@ impl Quality {
         Self { transmittance_cut, colour_cut, samples, ..Self::default() }
     }
 
-    /// These settings as a point of the blob's front, for who measured them.
+    /// These settings as a point of the blob's front, with their measured loss and cost.
     ///
     /// `loss_db`: PSNR of [`Quality::exact`] minus that of these settings, against ground truth.
-    /// `cost`: their multiply-adds over those of the exact rendering. What the scene has not is off, and
-    /// its own number of samples is spelt out, as a file has them; [`crate::blob::write()`] checks the rest.
+    /// `cost`: their multiply-adds over those of the exact rendering. Stages that the scene lacks are off, and
+    /// its own number of samples is written out, as in a file; [`crate::blob::write()`] checks the rest.
     pub fn front_point(&self, blob: &Blob<'_>, loss_db: f32, cost: f32) -> FrontPoint {
         let own = blob.scene().map_or(0, |scene| scene.samples());
         FrontPoint {
@@ -132,8 +133,8 @@ impl Quality {
         }
     }
 
-    /// Every point of the blob's front that this build can render, with its index: dearest first, none of them
-    /// chosen.
+    /// Every point of the blob's front that this build can render, with its index: dearest first, with
+    /// [`Choice::within`] false.
     pub fn front<'b>(blob: &'b Blob<'_>) -> impl Iterator<Item = (usize, Choice)> + 'b {
         let built = |point: &FrontPoint| !point.proposal || cfg!(feature = "proposal");
         blob.front().iter().enumerate().filter(move |(_, point)| built(point)).filter_map(|(index, point)| {
@@ -168,37 +169,38 @@ impl Default for Quality {
     }
 }
 
-/// The point of the blob's front that was chosen.
+/// A point of the blob's front.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
-    /// The settings.
+    /// The settings of the point.
     pub quality: Quality,
-    /// dB they lose against the exact rendering, as it was measured; below 0 a gain.
+    /// Measured loss against the exact rendering, dB; below 0 a gain.
     pub loss_db: f32,
-    /// Their multiply-adds relative to the exact rendering's.
+    /// Multiply-adds relative to those of the exact rendering.
     pub cost: f32,
-    /// Whether they meet the limit that was asked for; else no point of the front does, and these come nearest.
+    /// Whether the settings meet the requested limit; if not, no point of the front does, and these come nearest.
     pub within: bool,
 }
 
 names! {
-    /// Settings by what they may lose, dB against the exact rendering, best first; the scene's front says what they are.
+    /// Limits of the loss against the exact rendering, dB, best first; the scene's front has the settings that meet
+    /// them.
     pub enum Preset {
-        /// Nothing: 0 dB.
+        /// No loss: 0 dB.
         Exact = "exact",
-        /// Nothing that any picture shows: 0.01 dB.
+        /// No visible loss: 0.01 dB.
         High = "high",
         /// 0.1 dB.
         Balanced = "balanced",
         /// 0.3 dB.
         Fast = "fast",
-        /// 1 dB: to look around in.
+        /// 1 dB: for moving around in a scene.
         Preview = "preview",
     }
 }
 
 impl Preset {
-    /// The most it may lose, dB.
+    /// Maximum loss, dB.
     pub const fn loss_db(self) -> f32 {
         match self {
             Self::Exact => 0.0,

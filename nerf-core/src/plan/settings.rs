@@ -3,9 +3,9 @@
 use super::{Batch, Effects, Outputs, Plan, PlanError, Quality};
 use crate::blob::Blob;
 
-/// The settings of a frame: all that a [`Plan`] is made of beside the scene, the outputs and the batch.
+/// The settings of a frame: all that a [`Plan`] is made of, except the scene, the outputs and the batch.
 ///
-/// By default shortcuts that cost nothing visible, the scene everywhere over its own background, and no effect.
+/// The default: shortcuts without visible loss, the scene at all distances over its own background, and no effect.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     /// Shortcuts.
@@ -14,7 +14,7 @@ pub struct Settings {
     pub effects: Effects,
     /// Background, display-encoded; `None` is the scene's.
     pub background: Option<[f32; 3]>,
-    /// Distances on a ray between which the scene is seen, world units ([`Plan::with_range`]).
+    /// Nearest and farthest visible distance along a ray, world units ([`Plan::with_range`]).
     pub range: (f32, f32),
     /// Blur of normals, bins ([`Plan::with_normal_blur`]).
     pub normal_blur: f32,

@@ -1,4 +1,4 @@
-//! Which part of a ray is sampled, and where.
+//! The part of a ray that is sampled, and the bins of its samples.
 
 use super::Plan;
 use crate::camera::Ray;
@@ -11,16 +11,17 @@ use glam::Vec3;
 #[cfg(test)]
 mod tests;
 
-/// How the samples of a ray are found from a plan's bins.
+/// Placement of a ray's samples from a plan's bins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Lattice {
     /// The bins are the scene's, from near to far, and there are no others.
     Own,
-    /// The scene's bins go on in front of near and behind far: a ray takes those it needs.
+    /// The scene's bins continue in front of near and behind far: a ray takes those it needs.
     Extended,
     /// The first bin begins where the ray enters the scene box.
     March,
-    /// The scene has no end: bins count the steps of its contraction, from the point of the ray nearest to its middle.
+    /// The scene is unbounded: bins count the steps of its contraction, from the point of the ray nearest to its
+    /// middle.
     Contracted,
 }
 
@@ -28,22 +29,23 @@ pub(crate) enum Lattice {
 pub(crate) struct Span {
     /// The ray, from the point its samples are counted from.
     pub ray: Ray,
-    /// How far that is along the ray, world units.
+    /// Distance of that point along the ray, world units.
     pub start: f32,
-    /// The bins that may have a sample worth asking for.
+    /// The bins that may need a sample.
     pub bins: Range<u32>,
-    /// How the outermost bins of the ray are cut.
+    /// Cuts of the ray's outermost bins.
     pub ends: Ends,
 }
 
-/// What rounding may move a point by, that is so far away: the slab test and the way to the point.
+/// Largest error of a point by rounding, relative to its distance: that of the slab test and of the way to the point.
 const ROUNDING: f32 = 4.0 * f32::EPSILON;
 
 impl Span {
-    /// What is sampled of `ray` within a `range` of distances ([`Plan::range_of`]); nothing outside of `around` is worth it.
+    /// The part of `ray` that is sampled within a `range` of distances ([`Plan::range_of`]); nothing outside of
+    /// `around` needs samples.
     ///
-    /// Distances within the scene are small, whatever the way there: samples are counted from a point at the box, and
-    /// only what leaves the frame has the way there added.
+    /// Samples are counted from a point at the box, so that distances in the scene are small however far away it is.
+    /// The distance to that point is added to the frame's outputs alone.
     pub fn new(plan: &Plan<'_>, around: &SceneBox, ray: &Ray, range: [f32; 2]) -> Option<Self> {
         if range[0] >= range[1] {
             return None;
@@ -52,7 +54,7 @@ impl Span {
             return contracted_span(plan, contraction, ray, range);
         }
         let walk = plan.marched_bins();
-        // What of a proposal's samples counts is cut when they are drawn.
+        // With a proposal, the range cuts the drawn samples instead.
         let (t_min, t_max) = if plan.proposal.is_some() { (0.0, f32::MAX) } else { range.into() };
         let (near, far) = match plan.lattice {
             Lattice::Own => (plan.near.max(t_min), plan.far.min(t_max)),
@@ -68,7 +70,7 @@ impl Span {
                 (ray.at(start), start, f32::MAX)
             }
             Lattice::March => {
-                // Once more, from beside the box: the first answer is as exact as the way is short.
+                // Once more, from a point next to the box: the error of the first result grows with the distance.
                 let beside = Ray { origin: ray.at(enter), ..*ray };
                 let (first, last) = plan.bounds.clip(&beside, near - enter, f32::MAX)?;
                 (beside.at(first), enter + first, last - first)
@@ -82,7 +84,7 @@ impl Span {
     }
 }
 
-/// What is sampled of a ray through an unbounded scene: from near on, where the caller does not begin behind it.
+/// The part of a ray through an unbounded scene that is sampled: from near on, or from `t_min` if that is farther.
 #[inline(never)]
 fn contracted_span(
     plan: &Plan<'_>,
@@ -90,7 +92,7 @@ fn contracted_span(
     ray: &Ray,
     [t_min, t_max]: [f32; 2],
 ) -> Option<Span> {
-    // What is as far away as f32 goes has no point nearest to the middle.
+    // A ray from about the largest f32 has no finite point nearest to the middle.
     let (centred, start) = contraction.centred(ray);
     if !(ray.origin.is_finite() && ray.dir.is_finite() && centred.origin.is_finite()) {
         return None;
@@ -106,7 +108,7 @@ fn contracted_span(
 struct SpanLanes<V> {
     origin: [V; 3],
     start: V,
-    /// The first bin and the end of them, which is 0 where the scene is not met.
+    /// The first bin and the end of the bins; the end is 0 if the ray misses the scene.
     bins: [V; 2],
     /// [`Ends::parts`].
     ends: [V; Ends::PARTS],
@@ -151,7 +153,7 @@ type Row = [f32; MAX_LANES];
 pub(crate) struct Spans {
     origin: [Row; 3],
     start: Row,
-    /// The first bin and the end of them, which is not behind that where nothing is sampled.
+    /// The first bin and the end of the bins; the end is not behind the first bin if nothing is sampled.
     bins: [Row; 2],
     ends: [Row; Ends::PARTS],
 }
@@ -164,7 +166,7 @@ impl Spans {
         ends: [[0.0; MAX_LANES]; Ends::PARTS],
     };
 
-    /// That of `ray`, which is number `i`.
+    /// The span of `ray`, which is number `i`; `None` if nothing is sampled.
     #[inline]
     pub fn of(&self, i: usize, ray: &Ray) -> Option<Span> {
         let at = |row: &Row| row[i % MAX_LANES];
@@ -177,12 +179,12 @@ impl Spans {
     }
 }
 
-/// [`Span::new`] of rays through a scene with an end, without a proposal, bit for bit.
+/// [`Span::new`] of several rays through a bounded scene without a proposal, bit for bit.
 pub(crate) struct SpanAll<'a> {
     pub plan: &'a Plan<'a>,
     pub around: &'a SceneBox,
     pub rays: &'a [Ray],
-    /// [`Plan::range_of`] of each.
+    /// [`Plan::range_of`] of each ray.
     pub ranges: &'a [Row; 2],
     pub to: &'a mut Spans,
 }

@@ -1,51 +1,51 @@
-//! The work a render did: what makes "paid only for what was used" testable without a clock.
+//! Counters of a render's work: they make "paid only for what was used" testable without a clock.
 
 use crate::network::Network;
 
-/// The work a render did; of a 2D field only colour evaluations, MACs and invalid samples.
+/// The work of a render; that of a 2D field has only colour evaluations, multiply-adds and invalid samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Rays.
+    /// Number of rays, including those that meet nothing.
     pub rays: u64,
-    /// Samples the network was asked for.
+    /// Samples at which the network was evaluated.
     pub samples_kept: u64,
-    /// Samples of the rays that it was not asked for: outside box or occupancy grid, or behind the cut. With
-    /// `samples_kept` the scene's samples of every ray, or more where a ray's way through the box is longer
-    /// than `near..far`: it goes on there with samples as far apart.
+    /// Samples of the rays without an evaluation: outside the box, in empty cells, or behind the cut. Together with
+    /// `samples_kept`, the scene's samples of every ray, or more if a ray's path through the box is longer than
+    /// `near..far`: it continues there with the same spacing.
     pub samples_skipped: u64,
-    /// Evaluations of the proposal network, which are no samples.
+    /// Evaluations of the proposal network, which do not count as samples.
     pub proposal_evaluations: u64,
     /// Evaluations of trunk and density head.
     pub density_evaluations: u64,
-    /// Evaluations of the colour branch: samples, or of a field shaded once a ray the rays that it was run for; of a 2D
-    /// field, of the whole network.
+    /// Evaluations of the colour branch, for samples or, in a field shaded once a ray, for rays; in a 2D field,
+    /// evaluations of the whole network.
     pub colour_evaluations: u64,
-    /// Gradients of the density: trunk forward and back.
+    /// Gradients of the density, each a forward and a backward pass of the trunk.
     pub normal_evaluations: u64,
-    /// Multiply-adds of the network's layers and of its proposal's. Reading a grid's tables is none: density
-    /// evaluations times [`Architecture::table_reads`](crate::network::Architecture::table_reads) says how often.
+    /// Multiply-adds of the layers of the network and its proposal network. Table reads do not count: their number is
+    /// density evaluations times [`Architecture::table_reads`](crate::network::Architecture::table_reads).
     pub macs: u64,
-    /// Samples whose density was NaN, which count as empty (the proposal's among them), and samples (of a field shaded
-    /// once a ray, rays) whose colour was asked for and was NaN, which count as black, or samples whose gradient was and is not finite, which
-    /// have no normal.
+    /// Invalid results of the network. A density that is NaN counts as empty (the proposal's too). A colour that is
+    /// NaN (in a field shaded once a ray, that of a ray) counts as black. A sample whose gradient is not finite has
+    /// no normal.
     pub invalid_samples: u64,
 }
 
 impl Counters {
-    /// `n` samples through trunk and density head.
+    /// Counts `n` samples evaluated by trunk and density head.
     pub(super) fn add_density(&mut self, network: &Network<'_>, n: usize) {
         self.samples_kept += n as u64;
         self.density_evaluations += n as u64;
         self.macs += (n * network.architecture().density_macs()) as u64;
     }
 
-    /// `n` samples through the colour branch; the direction's share was paid once per ray.
+    /// Counts `n` samples evaluated by the colour branch; the direction's share is counted once a ray.
     pub(super) fn add_colour(&mut self, network: &Network<'_>, n: usize) {
         self.colour_evaluations += n as u64;
         self.macs += (n * (network.architecture().colour_macs() - network.direction_macs())) as u64;
     }
 
-    /// A colour of the network; one that is NaN is counted, and black.
+    /// Returns `colour`, or black if it is NaN, which is counted.
     pub(super) fn or_black(&mut self, colour: [f32; 3]) -> [f32; 3] {
         if colour.iter().any(|c| c.is_nan()) {
             self.invalid_samples += 1;
@@ -54,7 +54,7 @@ impl Counters {
         colour
     }
 
-    /// `n` samples through the trunk and back.
+    /// Counts `n` gradients: forward and backward passes of the trunk.
     #[cfg(feature = "normals")]
     pub(super) fn add_normals(&mut self, network: &Network<'_>, n: usize) {
         self.normal_evaluations += n as u64;

@@ -13,10 +13,10 @@ errors! {
     NotAPicture => "blob: expected a 2D field, found a scene";
     /// The plan was made for another blob.
     OtherScene => "plan: expected one of this scene, found one of another";
-    /// A picture with a side of 0 or beyond [`MAX_RENDER_SIDE`](super::MAX_RENDER_SIDE).
+    /// A picture with a side of 0 or above [`MAX_RENDER_SIDE`](super::MAX_RENDER_SIDE).
     Size { width: u32, height: u32 } =>
         "size: expected sides of 1 to {MAX_IMAGE_SIDE} pixels, found {width}x{height}";
-    /// A batch of nothing, of more than [`Batch::MAX_RAYS`] rays or of more than 64 samples.
+    /// A batch without rays or samples, with more than [`Batch::MAX_RAYS`] rays or with more than 64 samples.
     Batch { found: Batch } => "{error}", error = PlanError::Batch { found: *found };
     /// The rectangle is not inside the image, whose width and height are given.
     Rect { rect: Rect, width: u32, height: u32 } =>
@@ -24,7 +24,7 @@ errors! {
         w = rect.width, h = rect.height, x = rect.x, y = rect.y;
     /// Too little memory, in lines of 64 bytes.
     Memory { expected: usize, found: usize } => "workspace: expected {expected} lines of 64 bytes, found {found}";
-    /// Parameters or tables that are not those of the scene's architecture.
+    /// Parameters or tables that do not fit the scene's architecture.
     Network => "network: expected the parameters and tables of its architecture, found others";
     /// Coded tables of a blob that [`Blob::open`](crate::blob::Blob::open) refuses.
     Tables(error: BlobError) => "{error}";
@@ -37,16 +37,16 @@ errors! {
         "query: expected slices of one length, found positions {positions}, dirs {dirs}, sigma {sigma}, rgb {rgb}";
     /// A ray of the caller's that is not finite or whose direction is not of unit length.
     Ray { index: usize } => "rays[{index}]: expected a finite origin and a direction of unit length";
-    /// A ray of the caller's whose range is none: not `0 <= t_min <= t_max`.
+    /// A ray of the caller's whose range does not satisfy `0 <= t_min <= t_max`.
     RayRange { index: usize, t_min: f32, t_max: f32 } =>
         "rays[{index}]: expected 0 <= t_min <= t_max, found t_min {t_min}, t_max {t_max}";
-    /// A random number of a ray that is not in `[0, 1]`, or is not there, or has no ray.
+    /// A random number outside `[0, 1]`, a ray without a number, or a number without a ray.
     Random { index: usize } => "random[{index}]: expected a number in [0, 1] for every ray and no more";
     /// An axis for z_depth that is not of unit length.
     Axis { found: [f32; 3] } => "axis: expected a vector of unit length, found {found:?}";
     /// Rays of the caller's under a plan with several rays a pixel or with an aperture, which only a camera has.
     CameraEffects => "effects: expected no anti-aliasing and no aperture, which are a camera's, for rays";
-    /// No field to look at.
+    /// No instance to render.
     #[cfg(feature = "instances")]
     NoInstances => "instances: expected at least one, found none";
     /// An instance that cannot be rendered with the others.
@@ -62,12 +62,12 @@ errors! {
     /// What keeps an instance from being rendered with the others.
     #[derive(Eq)]
     InstanceProblem:
-    /// Its plan was made for another blob.
+    /// The instance's plan was made for another blob.
     OtherScene => "expected a plan of this scene, found one of another";
-    /// Outputs, effects or batch are not those of the last.
+    /// Outputs, effects or batch are not those of the last instance.
     OtherRequest => "expected outputs, effects and batch of the last instance, found others";
-    /// It draws samples from a proposal network: [`Quality::proposal`](crate::plan::Quality) is to be off.
+    /// The instance draws samples from a proposal network: [`Quality::proposal`](crate::plan::Quality) must be off.
     Proposal => "expected a plan without a proposal network, found one with it";
-    /// It is unbounded, and not the last.
+    /// The instance is unbounded, and not the last.
     Unbounded => "expected an unbounded scene as the last instance alone, found one in front of it";
 }

@@ -1,4 +1,4 @@
-//! What a frame does and what not, and why; with counters, where its work went.
+//! Report of a frame: which stages run, which do not and why, and with counters the work of each.
 
 use super::Counters;
 use super::field::Field;
@@ -13,9 +13,9 @@ use core::fmt;
 mod tests;
 
 names! {
-    /// Whether a stage is part of a frame, and why not.
+    /// Whether a stage is part of a frame, and if not, why.
     pub enum Switch {
-        /// It is.
+        /// The stage runs.
         On = "on",
         /// The scene has nothing for it to do.
         AbsentInScene = "off: absent in the scene",
@@ -33,12 +33,12 @@ impl Switch {
         if asked { Self::On } else { Self::NotAskedFor }
     }
 
-    /// Of a stage that only some builds have.
+    /// The switch of a stage that only some builds have.
     fn built(built: bool, asked: bool) -> Self {
         if built { Self::asked(asked) } else { Self::NotBuilt }
     }
 
-    /// On as long as `self` is; else for a reason of its own.
+    /// `other` if `self` is on, else `self` with its reason.
     fn and(self, other: Self) -> Self {
         if self == Self::On { other } else { self }
     }
@@ -47,19 +47,19 @@ impl Switch {
 /// A stage of a frame that may be absent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stage {
-    /// What it is called.
+    /// Name of the stage in the report.
     pub name: &'static str,
-    /// Whether it is there.
+    /// Whether the stage runs, and if not, why.
     pub switch: Switch,
 }
 
-/// A frame in words: its [`Display`](fmt::Display) is a table of lines, and allocates nothing.
+/// Report of a frame: its [`Display`](fmt::Display) writes a table, a line for each stage, and allocates nothing.
 #[derive(Clone, Copy, Debug)]
 pub struct Explanation<'e> {
     plan: &'e Plan<'e>,
     blob: &'e Blob<'e>,
     network: &'e Network<'e>,
-    /// Multiply-adds of an evaluation of the proposal.
+    /// Multiply-adds of one evaluation of the proposal network.
     proposal_macs: u64,
     /// Bytes.
     workspace: usize,
@@ -77,12 +77,12 @@ impl<'e> Explanation<'e> {
         Self { plan, blob, network, proposal_macs, workspace, counters: None }
     }
 
-    /// The same with the work of a frame that was rendered so.
+    /// Adds the counters of a frame that was rendered with this plan, and so the work of each stage.
     pub fn with_counters(self, counters: Counters) -> Self {
         Self { counters: Some(counters), ..self }
     }
 
-    /// The same for a host that needs `bytes` of workspace, its own among them.
+    /// Replaces the reported workspace by `bytes`, for a host that needs more than the renderer.
     pub fn with_workspace(self, bytes: usize) -> Self {
         Self { workspace: bytes, ..self }
     }
@@ -231,7 +231,7 @@ impl fmt::Display for Explanation<'_> {
             }
             writeln!(f)?;
         }
-        // What it does is the camera's, which a plan does not know.
+        // The camera sets the distortion, and a plan does not know the camera.
         let lens = if Lens::BUILT { "as the camera has it" } else { Switch::NotBuilt.name() };
         writeln!(f, "lens distortion    {lens}")?;
         writeln!(f, "maths              {:?}", plan.math)?;
@@ -272,7 +272,7 @@ impl fmt::Display for Explanation<'_> {
 pub struct Shares {
     /// The proposal network.
     pub proposal: u64,
-    /// The directions' share of the colour layer, once a ray.
+    /// The direction's part of the colour branch, once a ray.
     pub direction: u64,
     /// Trunk and density head.
     pub density: u64,
@@ -283,7 +283,7 @@ pub struct Shares {
 }
 
 impl Shares {
-    /// The work of frames of a scene's network, whose proposal takes `proposal_macs` an evaluation.
+    /// Splits `counters` by stage; an evaluation of the proposal network takes `proposal_macs` multiply-adds.
     pub(super) fn new(counters: &Counters, network: &Network<'_>, proposal_macs: u64) -> Self {
         let a = network.architecture();
         let per_colour = (a.colour_macs() - network.direction_macs()) as u64;

@@ -1,4 +1,4 @@
-//! A field and what is asked of it, as every stage of a frame is handed them.
+//! A field and the plan of its frames, which every stage of a frame takes.
 
 use crate::network::{Network, PER_RAY_BUILT, Shading};
 use crate::plan::Plan;
@@ -16,14 +16,14 @@ impl Field<'_> {
         self.network.isa()
     }
 
-    /// Samples of a block.
+    /// Number of samples in a block.
     pub fn block_samples(&self) -> usize {
         if self.network.whole_blocks() { BLOCK } else { self.plan.batch.samples }
     }
 
-    /// Columns that `n` samples take: as many as they are, or a multiple of [`Network::columns`] for the kernels that need it.
+    /// Number of columns for `n` samples: `n`, or a multiple of [`Network::columns`] for the kernels that need it.
     ///
-    /// A column's result does not depend on how many stand beside it.
+    /// A column's result does not depend on the number of columns.
     pub fn columns(&self, n: usize) -> usize {
         if self.network.whole_blocks() { n.next_multiple_of(self.network.columns()) } else { n }
     }

@@ -28,7 +28,7 @@ pub(super) struct Frame<'f, 'w> {
 }
 
 impl<'f, 'w> Frame<'f, 'w> {
-    /// All memory of a frame but its pixels': measured and carved by this list alone.
+    /// All memory of a frame except that of its pixels: this list alone both measures and allocates it.
     pub fn lay_out(
         layout: &mut impl Layout<'w>,
         field: Field<'f>,
@@ -53,13 +53,14 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
     }
 
-    /// The distance of pixels without a surface.
+    /// The distance of pixels without a surface, by the position they are seen from.
     pub fn far(&self) -> impl Fn(Vec3) -> f32 + use<'f> {
         let plan = self.field.plan;
         move |eye| plan.far_from(eye)
     }
 
-    /// A ray of each pixel of the tile; with `COLLIDE` each as far as its random number has it collide.
+    /// Renders one ray of each pixel of the tile; with `COLLIDE` each ray ends at the collision that its random
+    /// number draws.
     #[inline(never)]
     pub fn turn<M: Math, const COLLIDE: bool>(
         &mut self,

@@ -1,4 +1,4 @@
-//! What a frame takes on this host: the measurement that turns a limit in milliseconds into settings.
+//! Time of a frame on this host: the measurement that turns a limit in milliseconds into settings.
 
 use super::{Rect, RenderError, Renderer};
 use crate::blob::{Blob, MAX_FRONT};
@@ -10,27 +10,28 @@ use crate::volume::Pixel;
 #[cfg(test)]
 mod tests;
 
-/// Most rays of a sample of a view, about: a few per cent of a small picture's, and enough to fill blocks.
+/// Approximate maximum number of rays that sample a view: a few per cent of a small picture's, and enough to fill
+/// blocks.
 const SAMPLED_RAYS: u64 = 2048;
 
-/// Milliseconds of a frame at each point of a scene's front, in the front's order.
+/// Milliseconds of a frame at each point of a scene's Pareto front, in the front's order.
 ///
-/// True of one host, camera and number of threads; [`Pace::measure`] measures it.
+/// Valid for one host, camera and number of threads; [`Pace::measure`] measures it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pace {
-    /// Where nothing was measured, infinity.
+    /// Milliseconds of a frame by index of the point; infinity if it was not measured.
     pub milliseconds: [f32; MAX_FRONT],
 }
 
 impl Pace {
-    /// Nothing is known.
+    /// A pace without measurements.
     pub const UNKNOWN: Self = Self { milliseconds: [f32::INFINITY; MAX_FRONT] };
 
-    /// The settings of the blob's front that lose least in a frame of at most `milliseconds`, at the pace that
-    /// was measured, and how long they take; of two that lose the same, the cheaper.
+    /// The settings of the blob's Pareto front with the least loss whose measured time is at most `milliseconds`,
+    /// and that time; of equal losses, the cheaper.
     ///
-    /// Where every point takes longer, the fastest, and [`Choice::within`] says so. `None` without a front,
-    /// or where nothing was measured.
+    /// If every point takes longer, the fastest, with [`Choice::within`] false. `None` without a front, or if
+    /// nothing was measured.
     pub fn within(&self, blob: &Blob<'_>, milliseconds: f32) -> Option<(Choice, f32)> {
         let timed = || {
             let known = |(_, time): &(Choice, f32)| time.is_finite();
@@ -56,12 +57,12 @@ impl Pace {
 
     /// Measures what a frame takes on one thread at each point of the scene's front.
     ///
-    /// `plan`: what a frame consists of; its shortcuts are replaced by each point's. `clock`: microseconds
+    /// `plan`: the plan of a frame, whose shortcuts are replaced by those of each point. `clock`: microseconds
     /// since any moment, never falling. Every n-th pixel of every n-th row is rendered, about 2,048 of them
-    /// over the whole view, since single tiles may be empty; the cheapest point first, each twice, of which
-    /// the shorter counts. Once a frame would take more than `limit_milliseconds`, dearer points stay
-    /// unknown: where a picture is far larger than the sample, the whole takes little longer than such a frame. A scene
-    /// without a front has no pace.
+    /// over the whole view, since single tiles may be empty. The cheapest point comes first; each is rendered
+    /// twice, and the shorter time is taken. Once a frame would take more than `limit_milliseconds`, dearer
+    /// points are not measured: for a picture far larger than the sample, the whole measurement takes little
+    /// longer than one frame at that limit. A scene without a front has no pace.
     ///
     /// # Errors
     /// [`RenderError::Memory`] on less workspace than [`Pace::lines`] says.
@@ -105,7 +106,7 @@ impl Pace {
     }
 }
 
-/// Pixels along each axis of which one is sampled: as many, unless a side has fewer.
+/// Steps between sampled pixels, right and down: equal, unless a side is shorter than the step.
 fn steps(camera: &Camera) -> (u32, u32) {
     let i = camera.intrinsics();
     let (width, height) = (u64::from(i.width), u64::from(i.height));

@@ -1,4 +1,4 @@
-//! A picture of a 2D field: every pixel is one question to the network, and nothing is added up.
+//! A picture of a 2D field: every pixel is one evaluation of the network, without compositing.
 
 use super::{Counters, Rect, RenderError};
 use crate::blob::Blob;
@@ -14,10 +14,10 @@ mod tests;
 
 /// Longest side of a rendered picture, pixels: that of an image.
 ///
-/// Up to it no two pixels ask for the same point, and none asks for 1.
+/// Up to this size no two pixels have the same coordinate, and none has the coordinate 1.
 pub const MAX_RENDER_SIDE: u32 = MAX_IMAGE_SIDE;
 
-/// The memory a picture is worked out in.
+/// The workspace of a picture.
 struct Buffers<'w> {
     /// `[2][stride]`.
     positions: &'w mut [f32],
@@ -87,7 +87,7 @@ pub(super) fn render(
     }
 }
 
-/// Whether a picture of `size` may be rendered so.
+/// Checks the blob, `batch`, `size` and `rect` of a picture.
 pub(super) fn check(blob: &Blob<'_>, batch: Batch, size: [u32; 2], rect: Rect) -> Result<(), RenderError> {
     let [width, height] = size;
     if blob.picture().is_none() {

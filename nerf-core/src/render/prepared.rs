@@ -1,4 +1,4 @@
-//! A scene's values as a kernel takes them: read where they lie in the blob, or unpacked and decoded once.
+//! A scene's values as a kernel takes them: read in place from the blob, or unpacked and decoded once.
 
 use super::stages::Proposer;
 use crate::blob::{Blob, BlobError, StoredTables};
@@ -7,9 +7,10 @@ use crate::matrix::Kernel;
 use crate::memory::Layout;
 use crate::network::{Network, Weights, unpack};
 
-/// The values of a scene that a kernel does not read where they lie in the blob.
+/// The values of a scene that a kernel does not read in place from the blob.
 ///
-/// `F` and `B` are numbers of values, slices of the caller's memory, or boxes; what is read in place has none.
+/// `F` and `B` are numbers of values, slices of the caller's memory, or boxes; empty for values that are read in
+/// place.
 #[derive(Clone, Debug)]
 pub(crate) struct Prepared<F, B> {
     /// f32: the network's parameters, those of the proposal network, and f16 tables.
@@ -67,7 +68,7 @@ impl<F: AsMut<[f32]>, B: AsMut<[u8]>> Prepared<F, B> {
 }
 
 impl<'a> Prepared<&'a [f32], &'a [u8]> {
-    /// The scene's network over its values, wherever they lie; `None` where these are too few.
+    /// The scene's network, over its values in the blob or in `self`; `None` if there are too few.
     #[inline]
     pub fn view(&self, blob: &Blob<'a>, kernel: Kernel) -> Option<Network<'a>> {
         let [parameters, _, tables] = self.unpacked;
@@ -83,7 +84,7 @@ impl<'a> Prepared<&'a [f32], &'a [u8]> {
     }
 }
 
-/// The tables of a scene's grid: where they lie in the blob, or as f32 or bytes that were made of them.
+/// The tables of a scene's grid: in place in the blob, or as f32 (`widened`) or bytes (`decoded`) made from them.
 pub(super) fn tables_of<'a>(
     blob: &Blob<'a>,
     kernel: Kernel,
@@ -100,7 +101,7 @@ pub(super) fn tables_of<'a>(
     GridTables::new(values, blob.scene_box().as_ref())
 }
 
-/// The f16 tables of an instruction set that does not read them where they lie.
+/// The blob's f16 tables, if the kernel does not read them in place.
 fn widened_tables<'a>(blob: &Blob<'a>, kernel: Kernel) -> Option<&'a [u8]> {
     match blob.tables() {
         Some(StoredTables::F16(bytes)) if !(kernel.storage.in_place() || kernel.isa.reads_f16_tables()) => {

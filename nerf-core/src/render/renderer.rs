@@ -1,4 +1,4 @@
-//! A scene made ready for one kernel.
+//! A scene prepared for one kernel.
 
 use super::field::Field;
 use super::frame::Frame;
@@ -24,20 +24,20 @@ use crate::network::Weights;
 use crate::plan::{Batch, Plan};
 use crate::space::SceneBox;
 
-/// A scene made ready for one kernel.
+/// A scene prepared for one kernel.
 #[derive(Clone, Debug)]
 pub struct Renderer<'a> {
     blob: Blob<'a>,
     network: Network<'a>,
     proposer: Proposer<'a>,
-    /// A box around what the occupancy grid has.
+    /// A box around the occupied cells of the occupancy grid.
     pub(super) occupied: Option<SceneBox>,
     coarse: CoarseOccupancy,
 }
 
 impl<'a> Renderer<'a> {
-    /// Lines of memory [`Renderer::new`] needs: with portable instructions, which read the blob in place, those of coded tables
-    /// alone.
+    /// Number of lines of memory that [`Renderer::new`] needs. Portable instructions read the blob in place, and need
+    /// lines for coded tables alone.
     pub fn prepared_lines(blob: &Blob<'_>, kernel: Kernel) -> usize {
         let mut measure = Measure::default();
         Prepared::lay_out(&mut measure, blob, kernel);
@@ -47,8 +47,9 @@ impl<'a> Renderer<'a> {
     /// Prepares a scene for `kernel`, unpacking its weights and decoding its tables once into `memory`.
     ///
     /// # Errors
-    /// [`RenderError::Memory`] if `memory` is smaller than [`Renderer::prepared_lines`] says, [`RenderError::Tables`] of a blob
-    /// that was opened undecoded, and [`RenderError::Network`] if the blob's parameters or tables are not those of its architecture.
+    /// [`RenderError::Memory`] if `memory` is smaller than [`Renderer::prepared_lines`] says, [`RenderError::Tables`]
+    /// of a blob that was opened undecoded, and [`RenderError::Network`] if the blob's parameters or tables are not
+    /// those of its architecture.
     pub fn new(blob: Blob<'a>, kernel: Kernel, memory: &'a mut [Line]) -> Result<Self, RenderError> {
         let (expected, found) = (Self::prepared_lines(&blob, kernel), memory.len());
         if found < expected {
@@ -64,8 +65,8 @@ impl<'a> Renderer<'a> {
         Ok(Self { blob, network, proposer, occupied, coarse })
     }
 
-    /// A scene over values that were prepared for `kernel`, with [`Renderer::occupied`] of its blob; `None` where they are too
-    /// few.
+    /// A scene over values that were prepared for `kernel`, with [`Renderer::occupied`] of its blob; `None` if there
+    /// are too few values.
     #[cfg(all(feature = "std", not(target_os = "none")))]
     pub(crate) fn of_prepared(
         blob: Blob<'a>,
@@ -77,17 +78,18 @@ impl<'a> Renderer<'a> {
         Some(Self { blob, network, proposer, occupied, coarse })
     }
 
-    /// A box around what the occupancy grid has, and its blocks.
+    /// A box around the occupied cells of the occupancy grid, and the coarse grid made of it.
     pub(crate) fn occupied(blob: &Blob<'_>) -> (Option<SceneBox>, CoarseOccupancy) {
         let occupancy = blob.occupancy();
         let around = occupancy.as_ref().and_then(|occupancy| occupancy.occupied_box());
         (around, CoarseOccupancy::new(occupancy.as_ref()))
     }
 
-    /// The scene of `blob` with other parameters, f32 in the same order: what rounding costs. Its proposal keeps its own, and
-    /// without other `tables` its grid, too.
+    /// The scene of `blob` with other parameters, f32 in the same order, to measure the loss by rounding. Its
+    /// proposal network keeps its own, and so does its grid without other `tables`.
     ///
-    /// `None` if they are too few, of coded tables without others, and where there are no [`VECTORS`](crate::simd::VECTORS).
+    /// `None` if there are too few parameters, if the blob's tables are coded and no others are given, and in builds
+    /// without [`VECTORS`](crate::simd::VECTORS).
     #[cfg(feature = "train")]
     pub fn with_parameters(
         blob: Blob<'a>,
@@ -104,17 +106,17 @@ impl<'a> Renderer<'a> {
         Some(Self { blob, network, proposer, occupied, coarse })
     }
 
-    /// The scene.
+    /// The scene's blob.
     pub fn blob(&self) -> &Blob<'a> {
         &self.blob
     }
 
-    /// What it renders with.
+    /// The kernel that the scene was prepared for.
     pub fn kernel(&self) -> Kernel {
         self.network.kernel()
     }
 
-    /// The network.
+    /// The scene's network.
     #[cfg(any(feature = "train", feature = "instances"))]
     #[cfg_attr(
         not(feature = "train"),
@@ -124,8 +126,8 @@ impl<'a> Renderer<'a> {
         &self.network
     }
 
-    /// Lines of workspace that [`Renderer::worker`] needs for `plan`, as do [`Renderer::render`] and
-    /// [`Renderer::query`].
+    /// Number of lines of workspace that [`Renderer::worker`], [`Renderer::render`] and [`Renderer::query`] need for
+    /// `plan`.
     pub fn workspace_lines(&self, plan: &Plan<'_>) -> usize {
         let mut measure = Measure::default();
         Frame::lay_out(&mut measure, Field { network: &self.network, plan }, &self.proposer, (None, None));
@@ -133,11 +135,11 @@ impl<'a> Renderer<'a> {
         measure.lines
     }
 
-    /// Makes a worker for frames of `plan`: one for each thread, for as many calls as there are.
+    /// Makes a worker for frames of `plan`: one for each thread, for any number of calls.
     ///
     /// # Errors
-    /// [`RenderError::OtherScene`] if the plan was made for another blob, and [`RenderError::Memory`] if `workspace` is
-    /// smaller than [`Renderer::workspace_lines`] says.
+    /// [`RenderError::OtherScene`] if the plan was made for another blob, and [`RenderError::Memory`] if `workspace`
+    /// is smaller than [`Renderer::workspace_lines`] says.
     pub fn worker<'f>(
         &'f self,
         plan: &'f Plan<'f>,
@@ -188,41 +190,41 @@ impl<'a> Renderer<'a> {
         self.worker(plan, workspace)?.query(positions, dirs, sigma, rgb)
     }
 
-    /// Says which stages a frame of `plan` has, which not, and why.
+    /// Reports which stages a frame of `plan` runs, which it does not, and why.
     pub fn explain<'e>(&'e self, plan: &'e Plan<'e>) -> Explanation<'e> {
         let workspace = self.workspace_lines(plan).saturating_mul(size_of::<Line>());
         Explanation::new(plan, &self.blob, &self.network, self.proposer.macs(), workspace)
     }
 
-    /// The work of the scene's frames, by stage.
+    /// Splits the work in `counters`, of this scene's frames, by stage.
     pub fn shares(&self, counters: &Counters) -> Shares {
         Shares::new(counters, &self.network, self.proposer.macs())
     }
 
-    /// Lines of workspace one [`Renderer::render_picture`] call needs.
+    /// Number of lines of workspace that one [`Renderer::render_picture`] call needs.
     ///
-    /// Of `batch` only the samples matter, and only to portable instructions over weights read in place: others always take
+    /// Only `batch.samples` matters, and only for portable instructions over weights read in place: all others take
     /// whole blocks.
     pub fn picture_workspace_lines(&self, batch: Batch) -> usize {
         picture::lines(&self.network, batch)
     }
 
-    /// Renders the pixels of `rect` of the 2D field, drawn in `size[0]` × `size[1]` pixels.
+    /// Renders the pixels of `rect` of the 2D field, as a picture of `size[0]` × `size[1]` pixels.
     ///
     /// Pixel (x, y) is the field's colour at its centre, ((x + ½) / width, (y + ½) / height) with
-    /// x to the right and y down: 0 to 1 over the picture whatever its aspect. So any size shows the
-    /// whole picture, [`PictureFacts`](crate::blob::PictureFacts) has the one without distortion, and
-    /// a `rect` of a larger size is a detail of it.
+    /// x to the right and y down: 0 to 1 over the picture whatever its aspect ratio. So any size shows the
+    /// whole picture, [`PictureFacts`](crate::blob::PictureFacts) has the size without distortion, and
+    /// a `rect` of a larger size shows a detail.
     ///
     /// `target` takes x, y and the display-encoded colour, in `[0, 1]`; each pixel comes once, row by
-    /// row. Within one kernel and maths backend it does not depend on `rect` or `batch` or on who else
-    /// renders at the same time, bit for bit. A colour that is NaN becomes black and is counted
+    /// row. Within one kernel and maths backend a pixel does not depend on `rect`, on `batch` or on other
+    /// threads, bit for bit. A colour that is NaN becomes black and is counted
     /// ([`Counters::invalid_samples`]).
     ///
     /// # Errors
-    /// [`RenderError`] on a scene, a size of 0 or beyond [`MAX_RENDER_SIDE`](super::MAX_RENDER_SIDE), a rectangle outside
-    /// `size`, a batch that no [`Plan`](crate::plan::Plan) would take and on too little workspace;
-    /// nothing has been written then.
+    /// [`RenderError`] on a scene, a size of 0 or above [`MAX_RENDER_SIDE`](super::MAX_RENDER_SIDE), a rectangle
+    /// outside `size`, a batch that a [`Plan`](crate::plan::Plan) would refuse, and too little workspace; nothing has
+    /// been written then.
     pub fn render_picture(
         &self,
         math: MathBackend,
@@ -240,10 +242,10 @@ impl<'a> Renderer<'a> {
         Ok(picture::render(&self.network, math, batch, (size, rect), workspace, target))
     }
 
-    /// Whether [`Renderer::render_picture`] takes these arguments; its workspace is another matter.
+    /// Checks the arguments of [`Renderer::render_picture`], except the workspace.
     ///
     /// # Errors
-    /// As [`Renderer::render_picture`], but for the workspace.
+    /// As [`Renderer::render_picture`], except for the workspace.
     pub fn check_picture(&self, batch: Batch, size: [u32; 2], rect: Rect) -> Result<(), RenderError> {
         picture::check(&self.blob, batch, size, rect)
     }

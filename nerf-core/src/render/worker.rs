@@ -1,4 +1,4 @@
-//! A renderer, a plan and memory, made ready once for any number of calls.
+//! Workers: a renderer, a plan and memory, prepared once for any number of calls.
 
 #[cfg(feature = "instances")]
 use super::Renderer;
@@ -15,18 +15,18 @@ use crate::plan::Plan;
 use crate::volume::Pixel;
 use glam::Vec3;
 
-/// Side of the squares that a rectangle is rendered in, pixels: neighbouring rays end together.
+/// Side of the square tiles that a rectangle is rendered in, pixels: neighbouring rays tend to end together.
 pub const TILE_SIDE: u32 = 16;
 
 /// Renders frames of one plan in memory of its own; [`Renderer::worker`](super::Renderer::worker) makes it.
 ///
-/// What a call costs beyond its rays and points is a few comparisons: the memory is made ready once.
+/// Apart from its rays and points a call costs a few comparisons, since the memory is prepared once.
 pub struct Worker<'f> {
     fields: Fields<'f>,
     pixels: Pixels<'f, 'f>,
 }
 
-/// What a worker looks at.
+/// The field or fields that a worker renders.
 #[cfg_attr(
     feature = "instances",
     allow(clippy::large_enum_variant, reason = "a worker is one or the other, and there is no heap")
@@ -37,7 +37,7 @@ enum Fields<'f> {
     Several(Merge<'f, 'f>),
 }
 
-/// The same of one field or of several.
+/// Evaluates `$body` for one field or for several.
 macro_rules! of_fields {
     ($fields:expr, $it:ident => $body:expr) => {
         match $fields {
@@ -50,8 +50,8 @@ macro_rules! of_fields {
 
 #[cfg(feature = "instances")]
 impl<'f> Worker<'f> {
-    /// Lines of memory that [`Worker::of_instances`] needs for these fields, of whose instances the last has the plan
-    /// `plan`.
+    /// Number of lines of memory that [`Worker::of_instances`] needs for instances of these fields; `plan`: that of
+    /// the last instance.
     pub fn instances_lines<'n>(
         renderers: impl Iterator<Item = &'n Renderer<'n>> + Clone,
         plan: &Plan<'_>,
@@ -62,13 +62,13 @@ impl<'f> Worker<'f> {
         measure.lines
     }
 
-    /// A worker that looks at several fields at once, or at one that a host has placed.
+    /// A worker that renders several fields at once, or one that a host has placed.
     ///
-    /// Cameras, rays, points and distances are the world's that the instances are placed in. Where fields overlap densities
-    /// add, and colours are mixed by density; a field shaded once a ray has one network for the mean of its own `h` under its
-    /// share of the weights, and the ray's colour is the networks' colours under the fields' shares. So two instances of a
-    /// field in one place are that field of twice the density. Rays are not drawn to each field's own end: one field hides another, and is not
-    /// asked where it is hidden.
+    /// Cameras, rays, points and distances are in the world that the instances are placed in. Where fields overlap,
+    /// densities add and colours are mixed by density. A field shaded once a ray evaluates its colour branch once,
+    /// for the mean of its own `h` under its fraction of the weights, and the ray's colour is the mean of the fields'
+    /// colours under these fractions. So two instances of a field in one place are that field with twice the density.
+    /// Fields hide one another: a field is not evaluated where another one hides it.
     ///
     /// # Errors
     /// [`RenderError::NoInstances`], [`RenderError::Instance`] with the first that does not go with the others, and
@@ -93,7 +93,7 @@ impl<'f> Worker<'f> {
         Self { fields: Fields::One(frame), pixels }
     }
 
-    /// The plan of its frames; of several fields that of the last.
+    /// The plan of the worker's frames; with several fields, that of the last.
     pub fn plan(&self) -> &'f Plan<'f> {
         self.pixels.plan
     }
@@ -104,8 +104,8 @@ impl<'f> Worker<'f> {
 
     /// Renders the pixels of `rect`.
     ///
-    /// Within one kernel and maths backend the pixels do not depend on `rect`, on the plan's batch, on what the worker
-    /// did before or on who else renders at the same time, bit for bit.
+    /// Within one kernel and maths backend the pixels do not depend on `rect`, on the plan's batch, on earlier calls
+    /// or on other threads, bit for bit.
     ///
     /// # Errors
     /// [`RenderError::Rect`] on a rectangle outside the image; nothing has been written then.
@@ -118,10 +118,10 @@ impl<'f> Worker<'f> {
         self.render_limited(camera, rect, |_, _| Limit::NONE, target)
     }
 
-    /// [`Worker::render`] where something stands in front: the ray of pixel (x, y) ends at `limit`, as of a depth buffer.
+    /// [`Worker::render`] against a depth buffer: the ray of pixel (x, y) ends at `limit(x, y)`.
     ///
-    /// The last bin is cut there, not dropped: opacity goes continuously with the limit. Where a ray meets no surface in
-    /// front of it, distances are the limit's, if that is nearer than far.
+    /// The last bin is cut there, not dropped: opacity is continuous in the limit. If a ray meets no surface in front
+    /// of the limit, its distances are those of the limit, or far if that is nearer.
     ///
     /// # Errors
     /// As [`Worker::render`].
@@ -166,23 +166,23 @@ impl<'f> Worker<'f> {
         });
     }
 
-    /// Whether colour is composited over the plan's background, as it is from the beginning, or over nothing.
+    /// Sets whether colour is composited over the plan's background, as by default, or over nothing.
     pub fn show_background(&mut self, shown: bool) {
         self.pixels.background = shown;
     }
 
-    /// Renders rays of the caller's own, each a pixel: `target` takes its index and what it sees.
+    /// Renders rays of the caller's own, each a pixel: `target` takes the ray's index and its pixel.
     ///
-    /// A ray begins anywhere, in the scene or outside of it; where it meets no surface, distances are
-    /// [`Plan::far_from`](crate::plan::Plan::far_from) of its origin. `axis`, of unit length, is what `z_depth` is
-    /// measured along; without one it is 0. The rays of a camera give its pixels, bit for bit, but for jitter, whose
+    /// A ray may begin inside or outside of the scene; if it meets no surface, its distances are
+    /// [`Plan::far_from`](crate::plan::Plan::far_from) of its origin. `z_depth` is measured along `axis`, of unit
+    /// length; without an axis it is 0. The rays of a camera give its pixels, bit for bit, except with jitter, whose
     /// noise is that of a row of pixels.
     ///
     /// # Errors
-    /// [`RenderError::Ray`] with the index of the first ray that is not finite or whose direction is not of unit length,
-    /// [`RenderError::RayRange`] with that of the first without `0 <= t_min <= t_max`, [`RenderError::Axis`], and
-    /// [`RenderError::CameraEffects`] on a plan with several rays a pixel or a lens with an aperture, which are a camera's;
-    /// nothing has been written then.
+    /// [`RenderError::Ray`] with the index of the first ray that is not finite or whose direction is not of unit
+    /// length, [`RenderError::RayRange`] with that of the first without `0 <= t_min <= t_max`, [`RenderError::Axis`],
+    /// and [`RenderError::CameraEffects`] on a plan with several rays a pixel or a lens with an aperture, which are a
+    /// camera's; nothing has been written then.
     pub fn render_rays(
         &mut self,
         rays: &[RaySegment],
@@ -192,11 +192,11 @@ impl<'f> Worker<'f> {
         self.render_rays_with(rays.len(), &|i| ray_at(rays, i), axis, target)
     }
 
-    /// [`Worker::render_rays`] of rays that lie somewhere else: `ray` says which is the `i`-th of `count`, as often as it
-    /// is asked.
+    /// [`Worker::render_rays`] with rays from a function: `ray(i)` returns the `i`-th of `count`, the same at every
+    /// call.
     ///
     /// # Errors
-    /// As there.
+    /// As [`Worker::render_rays`].
     pub fn render_rays_with(
         &mut self,
         count: usize,
@@ -208,25 +208,25 @@ impl<'f> Worker<'f> {
         Ok(self.rows_of_rays::<false>(count, ray, &|_| 0.0, axis, target))
     }
 
-    /// Draws where a photon that flies along each ray collides, for path tracers: `target` takes the index of the ray and
-    /// what there is.
+    /// Draws the point of each ray where a photon along it collides, for path tracers: `target` takes the ray's index
+    /// and its pixel.
     ///
-    /// `random`: a number in `[0, 1]` a ray; 1, to which a number just below it is rounded in f32, counts as the largest
-    /// f32 below it. A ray collides where its opacity reaches that: there `opacity` is 1, the
-    /// distances are that point's, colour and normal the sample's. One that does not has opacity 0, infinite distances and
-    /// the background's colour. Colour is that of one sample in [`Worker::render_rays`], and its probability that sample's
-    /// weight: over uniform numbers the mean of the colours is what that composites without cuts. The plan's cuts are not
-    /// used.
+    /// `random`: a number in `[0, 1]` for each ray; 1, to which a number just below it is rounded in f32, counts as
+    /// the largest f32 below 1. A ray collides where its opacity reaches its number. Then `opacity` is 1, the
+    /// distances are those of that point, and colour and normal those of its sample. A ray without a collision has
+    /// opacity 0, infinite distances and the background's colour. The probability of a sample is its weight in
+    /// [`Worker::render_rays`]: over uniform numbers the mean colour is the one composited there without cuts. The
+    /// plan's cuts are not used.
     ///
-    /// Of a field shaded once a ray ([`Shading::PerRay`](crate::network::Shading::PerRay)) the colour is that of the ray's
-    /// network for the one sample by itself, as [`Worker::query`] gives it. A network is not linear: the mean of these is
-    /// *not* what [`Worker::render_rays`] composites. The means of opacity, distance and normal are, so that a path tracer
-    /// that is to see the field's own picture draws the place here and takes the colour from [`Worker::render_rays`] of the
-    /// same ray.
+    /// In a field shaded once a ray ([`Shading::PerRay`](crate::network::Shading::PerRay)) the colour branch is
+    /// evaluated for that one sample alone, as by [`Worker::query`]. A network is not linear: the mean of these
+    /// colours is *not* what [`Worker::render_rays`] composites. The means of opacity, distance and normal are. A
+    /// path tracer that must show the field's own picture draws the point here, and takes the colour from
+    /// [`Worker::render_rays`] of the same ray.
     ///
     /// # Errors
-    /// As [`Worker::render_rays`]; [`RenderError::Random`] with the index of the first number that is not in `[0, 1]`, or of
-    /// the first ray without one.
+    /// As [`Worker::render_rays`]; [`RenderError::Random`] with the index of the first number that is not in
+    /// `[0, 1]`, or of the first ray without one.
     pub fn sample_rays(
         &mut self,
         rays: &[RaySegment],
@@ -241,10 +241,10 @@ impl<'f> Worker<'f> {
         self.sample_rays_with(rays.len(), &|i| ray_at(rays, i), &number, axis, target)
     }
 
-    /// [`Worker::sample_rays`] of rays and numbers that lie somewhere else, as [`Worker::render_rays_with`] has them.
+    /// [`Worker::sample_rays`] with rays and numbers from functions, as in [`Worker::render_rays_with`].
     ///
     /// # Errors
-    /// As there.
+    /// As [`Worker::sample_rays`].
     pub fn sample_rays_with(
         &mut self,
         count: usize,
@@ -320,16 +320,16 @@ impl<'f> Worker<'f> {
         self.counters()
     }
 
-    /// Asks for density and colour at points seen along directions.
+    /// Evaluates density and colour at points seen along directions.
     ///
-    /// `positions`, `dirs` (unit): `[n]`, world space; `sigma`: `[n]`, 1/world unit; `rgb`: `[n]`,
-    /// display-encoded, or empty where it is not wanted. Points outside the scene box or in a cell the plan's occupancy calls empty, and
-    /// points where its density is NaN, have density 0 and black colour; where its colour is NaN, it is
-    /// black ([`Counters::invalid_samples`]). Of a field shaded once a ray it is the colour of a ray that meets that point
-    /// alone.
+    /// `positions`, `dirs` (unit): `[n]`, world space; `sigma`: `[n]`, 1/world unit; `rgb`: `[n]`, display-encoded,
+    /// or empty if it is not wanted. Points outside the scene box or in an empty cell of the plan's occupancy grid,
+    /// and points whose density is NaN, have density 0 and black colour. A colour that is NaN becomes black
+    /// ([`Counters::invalid_samples`]). In a field shaded once a ray, the colour is that of a ray that meets this
+    /// point alone.
     ///
     /// # Errors
-    /// [`RenderError`] on lengths that differ, and on a direction that is not of unit length where colour is asked for.
+    /// [`RenderError`] on lengths that differ, and on a direction that is not of unit length if colour is requested.
     pub fn query(
         &mut self,
         positions: &[[f32; 3]],
@@ -347,7 +347,7 @@ impl<'f> Worker<'f> {
             });
         }
         let plan = self.plan();
-        // A position outside the box is never encoded, nor is what is no direction.
+        // Positions outside the box are never encoded, and neither are directions that are not of unit length.
         if plan.outputs.rgb
             && !rgb.is_empty()
             && let Some((index, &found)) =
@@ -369,7 +369,7 @@ impl<'f> Worker<'f> {
     }
 }
 
-/// The `i`-th of some rays, of which there are as many.
+/// The `i`-th of `rays`; callers keep `i` in range.
 fn ray_at(rays: &[RaySegment], i: usize) -> RaySegment {
     rays.get(i).copied().unwrap_or(Ray { origin: Vec3::ZERO, dir: Vec3::NEG_Z }.into())
 }

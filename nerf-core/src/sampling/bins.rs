@@ -4,10 +4,10 @@ use crate::simd::{LANES, Lanes};
 use crate::space::BoundsError;
 use core::ops::Range;
 
-/// `near..far` cut into `count` equal bins; every ray of a picture shares them.
+/// `near..far` split into `count` equal bins, the same for every ray of a picture.
 ///
-/// `t_edges[i] = near + i delta`, `t_mid[i] = near + (i + ½) delta`, world units along the ray. A ray that uses only a
-/// part of them has its first and last bin cut to that ([`Bins::cut`]).
+/// `t_edges[i] = near + i delta`, `t_mid[i] = near + (i + ½) delta`, world units along the ray. For a ray that uses
+/// only a part of this range, the first and last bin are cut to that part ([`Bins::cut`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bins {
     near: f32,
@@ -16,20 +16,21 @@ pub struct Bins {
     ends: Ends,
 }
 
-/// Where the part of the bins that a ray uses begins and ends.
+/// The cuts of the first and last bin that a ray uses; distances along the ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Ends {
-    /// What of the first bin counts, if that is not all of it: from `start`, to `low` where it ends; −∞ else.
+    /// `start..low`: the used part of the first bin if it is cut, from `start` to the bin's end `low`; else both −∞.
     start: f32,
     low: f32,
-    /// Where the last bin begins, if it is cut, or +∞; where it ends, and up to where it counts.
+    /// `high..far`: the last bin if it is cut; else `high` is +∞ and `far` the end of all bins. `stop`: end of the
+    /// used part of a cut last bin; else +∞.
     high: f32,
     far: f32,
     stop: f32,
 }
 
 impl Ends {
-    /// Of a ray without bins.
+    /// The ends of a ray without bins.
     pub const NONE: Self = Self {
         start: f32::NEG_INFINITY,
         low: f32::NEG_INFINITY,
@@ -41,13 +42,13 @@ impl Ends {
     /// Number of [`Ends::parts`].
     pub const PARTS: usize = 5;
 
-    /// All of it.
+    /// The five distances as an array, in the order that [`Ends::of_parts`] takes.
     #[inline]
     pub fn parts(&self) -> [f32; Self::PARTS] {
         [self.start, self.low, self.high, self.far, self.stop]
     }
 
-    /// The ends that [`Ends::parts`] gives.
+    /// The inverse of [`Ends::parts`].
     #[inline]
     pub fn of_parts([start, low, high, far, stop]: [f32; Self::PARTS]) -> Self {
         Self { start, low, high, far, stop }
@@ -72,22 +73,22 @@ impl Bins {
         Self { near, delta, count, ends: Ends { far, ..Ends::NONE } }
     }
 
-    /// What [`Bins::cut`] made of these bins.
+    /// These bins with the ends of a ray, from [`Bins::cut`].
     #[inline]
     pub(crate) fn with(&self, ends: Ends) -> Self {
         Self { ends, ..*self }
     }
 
-    /// Where they begin and end.
+    /// The cuts of the first and last bin.
     #[inline]
     pub(crate) fn ends(&self) -> Ends {
         self.ends
     }
 
-    /// The same bins for a ray that ends at `far` and of which `start..stop` counts, and the numbers of those that do.
+    /// Cuts the bins for a ray that ends at `far` and uses only `start..stop`; also returns the range of bins used.
     ///
-    /// At `far` the last bin is cut: it has its samples in front of that. `start` and `stop` cut widths alone: the sample
-    /// stays where it is, so that what it gives goes continuously with both. Other bins do not move by a bit.
+    /// `far` cuts the last bin and moves its samples in front of `far`. `start` and `stop` cut only widths and leave
+    /// the samples in place, so that a sample's contribution is continuous in both. Other bins keep every bit.
     pub fn cut(&self, start: f32, far: f32, stop: f32) -> (Self, Range<u32>) {
         let (mut ends, mut bins) = (self.ends, 0..self.count);
         if start > self.near {
@@ -98,7 +99,7 @@ impl Bins {
         let stop = stop.min(far);
         if stop < ends.far {
             let bin = ((stop - self.near) / self.delta) as u32;
-            // Beginning where the part ends is beginning behind it.
+            // A bin that begins exactly at `stop` is not used.
             let last = if self.edge(bin) < stop { bin } else { bin.saturating_sub(1) };
             bins.end = bins.end.min(last.saturating_add(1));
             ends = Ends { high: self.edge(last), far: self.edge(last + 1).min(far), stop, ..ends };
@@ -106,7 +107,8 @@ impl Bins {
         (self.with(ends), bins)
     }
 
-    /// By how much bins have to move, by whole ones, to be where `enter..exit` is; 0 if they are.
+    /// Distance, a multiple of the bin width, by which bins must move to begin at or just before `enter`; 0 if they
+    /// cover `enter..exit`.
     pub(crate) fn shift(&self, enter: f32, exit: f32) -> f32 {
         let index = (enter - self.near) / self.delta;
         if index >= 0.0 && exit <= self.ends.far {
@@ -117,7 +119,7 @@ impl Bins {
         (if whole > index { whole - 1.0 } else { whole }) * self.delta
     }
 
-    /// [`Bins::cut`] of a vector of rays, as [`Ends::parts`]; the numbers of bins are whole.
+    /// [`Bins::cut`] for a vector of rays: returns [`Ends::parts`] and the range of bins, integers.
     #[inline(always)]
     pub(crate) fn cut_lanes<V: Lanes>(&self, start: V, far: V, stop: V) -> ([V; Ends::PARTS], [V; 2]) {
         let [all_start, all_low, all_high, all_far, all_stop] = self.ends.parts().map(V::splat);
@@ -139,7 +141,7 @@ impl Bins {
         (ends, [V::select(late, first, V::splat(0.0)), V::select(early, end.min_of(count), count)])
     }
 
-    /// [`Bins::shift`] of a vector of rays.
+    /// [`Bins::shift`] for a vector of rays.
     #[inline(always)]
     pub(crate) fn shift_lanes<V: Lanes>(&self, enter: V, exit: V) -> V {
         let (zero, delta) = (V::splat(0.0), V::splat(self.delta));
@@ -149,7 +151,7 @@ impl Bins {
         V::select(index.less(zero), shift, fits)
     }
 
-    /// [`Bins::overlapping`] of a vector of rays; the numbers are whole.
+    /// [`Bins::overlapping`] for a vector of rays: the first bin and the end of the range, integers.
     #[inline(always)]
     pub(crate) fn overlapping_lanes<V: Lanes>(&self, enter: V, exit: V) -> [V; 2] {
         let (near, delta, count) = (V::splat(self.near), V::splat(self.delta), V::splat(self.count as f32));
@@ -160,20 +162,20 @@ impl Bins {
         [whole(first).min_of(count), whole(last).min_of(count)]
     }
 
-    /// Far from the origin [`Bins::at`] rounds by many bins at once: by how many.
+    /// Rounding error of [`Bins::at`], in bins; far from the origin it is many bins.
     #[inline]
     fn rounding(&self) -> f32 {
         let far = self.near + self.count as f32 * self.delta;
         2.0 * f32::EPSILON * far / self.delta
     }
 
-    /// Where bin `i` would begin if it were not cut.
+    /// Beginning of bin `i` without cuts.
     #[inline]
     fn edge(&self, i: u32) -> f32 {
         self.near + i as f32 * self.delta
     }
 
-    /// The middle of bin `i` if that is not cut.
+    /// Middle of bin `i` without cuts.
     pub(crate) fn middle(&self, i: u32) -> f32 {
         self.near + (i as f32 + 0.5) * self.delta
     }
@@ -183,13 +185,12 @@ impl Bins {
         self.count
     }
 
-    /// Width of a bin that is not cut.
+    /// Width of a bin without cuts.
     pub fn delta(&self) -> f32 {
         self.delta
     }
 
-    /// The point of the bin around `t` that is nearest to `t`, and where that bin begins and ends, cut to `ends`
-    /// ([`Ends::parts`]).
+    /// `t` clamped to its bin, and the beginning and end of that bin, with the cuts `ends` ([`Ends::parts`]).
     #[inline(always)]
     pub(crate) fn edges_around<V: Lanes>(&self, ends: [V; Ends::PARTS], t: V) -> [V; 3] {
         let [start, low, high, _, stop] = ends;
@@ -201,30 +202,30 @@ impl Bins {
         [t.max_of(from).min_of(to), from, to]
     }
 
-    /// Number of the bin around `t`, as if there were any number of them from 0 on.
+    /// Index of the bin that contains `t`, at least 0 but not limited by the number of bins.
     #[inline(always)]
     fn bin_around<V: Lanes>(&self, t: V) -> V {
         let (near, delta, one) = (V::splat(self.near), V::splat(self.delta), V::splat(1.0));
         let edge = |i: V| near.add(i.mul(delta));
-        // Near an edge the quotient may round to the bin beside it.
+        // Near an edge the quotient may round to the neighbouring bin.
         let bin = whole(t.sub(near).div(delta));
         let bin = V::select(t.less(edge(bin)), bin.sub(one).max_of(V::splat(0.0)), bin);
         V::select(t.less(edge(bin.add(one))), bin, bin.add(one))
     }
 
-    /// Whether the bin around `t` is not cut.
+    /// Whether the bin that contains `t` is not cut.
     #[inline]
     pub(crate) fn is_whole_around(&self, t: f32) -> bool {
         t >= self.ends.low && t < self.ends.high
     }
 
-    /// The point of bin `i` at fraction `u` in `[0, 1]`; its middle at ½. Never beyond `far`, as rounding may be.
+    /// The point of bin `i` at fraction `u` in `[0, 1]`, ½ being the middle; clamped to `far` against rounding.
     #[inline]
     pub fn at(&self, i: u32, u: f32) -> f32 {
         self.points(i as f32, u, self.ends.parts())
     }
 
-    /// [`Bins::at`] of a vector of bins, each of its own ray with [`Ends::parts`].
+    /// [`Bins::at`] for a vector of bins, each of its own ray with [`Ends::parts`].
     #[inline(always)]
     pub(crate) fn points<V: Lanes>(&self, bins: V, u: V, ends: [V; Ends::PARTS]) -> V {
         let [_, _, high, far, _] = ends;
@@ -234,15 +235,15 @@ impl Bins {
         V::select(t.less(far), t, far)
     }
 
-    /// Whether the middle of bin `last`, and of each before it, is that of a whole bin.
+    /// Whether bin `last` and all before it are not cut at the end, so that their middles are those of whole bins.
     #[inline(always)]
     pub(crate) fn whole_up_to(&self, last: u32) -> bool {
         let Ends { high, far, .. } = self.ends;
         self.edge(last) < high && self.near + (last as f32 + 0.5) * self.delta < far
     }
 
-    /// The middles of a vector of bins from `first` on, a number below 2^23: [`Bins::at`] ½ of each; `whole`: as
-    /// [`Bins::whole_up_to`] says of the last.
+    /// The middles of a vector of bins from `first` on, an index below 2^23: [`Bins::at`] ½ of each. `whole`: the
+    /// result of [`Bins::whole_up_to`] for the last of them.
     #[inline(always)]
     pub(crate) fn middles<V: Lanes>(&self, first: u32, whole: bool) -> V {
         let (i, half) = (V::splat(first as f32).add(V::load(&LANES)), V::splat(0.5));
@@ -253,23 +254,23 @@ impl Bins {
         self.points(i, half, [V::splat(start), V::splat(low), V::splat(high), V::splat(far), V::splat(stop)])
     }
 
-    /// The point of bin `i` at fraction `u` in `[0, 1)`, never on the edge where the next bin begins: rounding may
-    /// put [`Bins::at`] there.
+    /// The point of bin `i` at fraction `u` in `[0, 1)`, never on the edge at which the next bin begins, to which
+    /// [`Bins::at`] may round.
     #[inline]
     pub fn within(&self, i: u32, u: f32) -> f32 {
         let (start, end) = (self.at(i, 0.0), self.at(i, 1.0));
-        // Bins without a number in between are all edge.
+        // A bin may be too narrow for a number between its edges.
         self.at(i, u).min(end.next_down()).max(start)
     }
 
-    /// The middle of the bin that `t` lies in, from its front edge up to the next; of the first or last beyond them.
+    /// The middle of the bin that contains `t`; of the first or last bin if `t` is outside of all.
     #[inline]
     pub fn middle_around(&self, t: f32) -> f32 {
         self.at((self.bin_around(t) as u32).min(self.count - 1), 0.5)
     }
 
-    /// The bins that may have a point in `enter..=exit`, the middle or another: a superset, by one or two
-    /// at each end as long as a bin is wider than the spacing of f32 at `far`.
+    /// The bins that may have a point in `enter..=exit`. This is a superset, larger by one or two bins at each end if
+    /// a bin is wider than the spacing of f32 at `far`.
     pub fn overlapping(&self, enter: f32, exit: f32) -> Range<u32> {
         let index = |t: f32| (t - self.near) / self.delta;
         let rounding = self.rounding();
@@ -280,7 +281,7 @@ impl Bins {
     }
 }
 
-/// `as u32`, as far as bins are counted by vectors: [`Lanes::to_indices`] takes the result.
+/// Rounds down to an integer in `0..=2^23`, which [`Lanes::to_indices`] accepts.
 #[inline(always)]
 fn whole<V: Lanes>(x: V) -> V {
     x.max_of(V::splat(0.0)).min_of(V::splat(8_388_608.0)).floor()

@@ -1,4 +1,4 @@
-//! Samples where the weights are: the fine samples of a ray with a coarse network.
+//! Importance sampling: the fine samples of a ray, from the weights of a coarse network.
 
 use super::Bins;
 use crate::math::Sum;
@@ -7,30 +7,27 @@ use crate::memory::{at, put, tail};
 #[cfg(test)]
 mod tests;
 
-/// What every bin's weight counts more than it is: bins that seem empty keep a few samples, and a ray on
-/// which the coarse network sees nothing gets even ones.
+/// Constant added to every bin's weight, so that bins that seem empty keep a few samples, and a ray without any
+/// weight gets uniform samples.
 pub const WEIGHT_FLOOR: f32 = 1e-5;
 
 /// Draws samples from the weights of `bins` and merges them with the bins' middles, in place.
 ///
-/// `row`: `[drawn + bins]`. On entry its last values, one a bin, are the weights, in `[0, 1]`: what is
-/// NaN or negative counts as 0, what is above 1 as 1. On return all of it is `t`, world units along the
-/// ray, ascending: the middle of every bin, and `drawn` more. A row shorter than there are bins stays as
-/// it is.
+/// `row`: `[drawn + bins]`. On entry its last values, one per bin, are the weights, in `[0, 1]`: NaN and negative
+/// weights count as 0, weights above 1 as 1. On return the whole row holds `t`, world units along the ray, ascending:
+/// the middle of every bin, and `drawn` more. A row with fewer values than bins is left alone.
 ///
-/// The density of the drawn samples is constant in a bin and proportional to its weight plus
-/// [`WEIGHT_FLOOR`]. They are its inverse distribution function at `(k + within(k)) / drawn`; `within` gives
-/// places in `[0, 1)`. Where it always gives ½ there is no chance in it, and the same weights give the same
-/// bits.
+/// The probability density of the drawn samples is constant in a bin and proportional to its weight plus
+/// [`WEIGHT_FLOOR`]. The samples are its inverse distribution function at `(k + within(k)) / drawn`; `within` returns
+/// numbers in `[0, 1)`. If it always returns ½, sampling is deterministic, and the same weights give the same bits.
 ///
 /// # Source
-/// Mildenhall et al. 2020, section 5.2, and the authors' code (`sample_pdf`): floor, union with the coarse
-/// samples. Deviations: the middles of the strata, not `linspace(0, 1)`, so that no sample lies at an end;
-/// the bins' own edges, not the middles between samples, which are the same thing with bins as here.
+/// Mildenhall et al. 2020, section 5.2, and the authors' code (`sample_pdf`): floor, union with the coarse samples.
+/// Deviations: the middles of the strata, not `linspace(0, 1)`, so that no sample lies at an end; the bins' own
+/// edges, which here equal the midpoints between samples.
 ///
 /// # Accuracy
-/// The distribution function at the returned `t` is off by 4 ulp of 1, and by what rounding `t` itself
-/// moves it.
+/// The distribution function at the returned `t` has an error of 4 ulp of 1, plus the effect of rounding `t` itself.
 ///
 /// # Examples
 /// ```
@@ -49,8 +46,8 @@ pub fn sample_pdf(bins: &Bins, row: &mut [f32], within: impl Fn(u32) -> f32) {
     let mut total = Sum::ZERO;
     tail(row, drawn).iter().for_each(|&weight| total.add(mass(weight)));
     let step = total.value / drawn.max(1) as f32;
-    // Behind a bin there are at most its middle, those in front and what has been drawn so far: the
-    // weights that are still to be read lie behind that.
+    // After a bin, at most its middle, the middles before it and the samples drawn so far are written, so that the
+    // weights not yet read are not overwritten.
     let (mut written, mut k) = (0, 0);
     let mut push = |row: &mut [f32], t: f32| {
         put(row, written, t);
@@ -82,7 +79,7 @@ pub fn sample_pdf(bins: &Bins, row: &mut [f32], within: impl Fn(u32) -> f32) {
     }
 }
 
-/// Middle and width of what sample `k` of a row stands for: the interval that is nearer to it than to any other
+/// Middle and width of the sample interval of sample `k` of a row: the points that are nearer to it than to any other
 /// sample.
 ///
 /// `row`: ascending `t`, `k` one of its indices. The first interval begins at `near`, the last ends at `far`,
@@ -95,9 +92,9 @@ pub fn sample_interval(near: f32, far: f32, row: &[f32], k: usize) -> (f32, f32)
     (between(start, end), end - start)
 }
 
-/// What a weight counts.
+/// The sampling weight of a bin: its weight clamped to `[0, 1]`, plus [`WEIGHT_FLOOR`].
 #[inline]
 fn mass(weight: f32) -> f32 {
-    // A NaN is not above 0.
+    // A NaN is not above 0 and counts as 0.
     WEIGHT_FLOOR + if weight > 0.0 { weight.min(1.0) } else { 0.0 }
 }

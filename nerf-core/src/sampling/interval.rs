@@ -1,13 +1,13 @@
-//! The interval of its ray that a sample stands for, and the sample's point.
+//! The sample interval, and the point in space of a sample.
 
 use super::{Bins, Ends};
 use crate::simd::Lanes;
 use crate::space::Contraction;
 
-/// The interval of a ray that a sample stands for, world units along the ray.
+/// The interval of a ray over which a sample's density is taken as constant, world units along the ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct SampleInterval<V = f32> {
-    /// Distance that the sample counts as.
+    /// Distance of the sample.
     pub t: V,
     /// Middle of the interval.
     pub mid: V,
@@ -15,16 +15,16 @@ pub(crate) struct SampleInterval<V = f32> {
     pub delta: V,
 }
 
-/// How samples are spaced along a ray: in the bins of a scene, or at the equal steps of a contraction.
+/// Spacing of the samples along a ray: in the bins of a scene, or at the steps of a contraction.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Spacing<'a> {
     pub bins: &'a Bins,
-    /// The contraction whose steps the bins are.
+    /// Contraction of an unbounded scene, whose bins are in units of its steps.
     pub contraction: Option<&'a Contraction>,
 }
 
 impl Spacing<'_> {
-    /// The point of a ray that its bins count as `t`, in the network's space: x, y, z.
+    /// The point at `t` of the bins, in the network's space: x, y, z.
     #[inline(always)]
     pub fn point<V: Lanes>(&self, origin: [V; 3], dir: [V; 3], t: V) -> [V; 3] {
         match self.contraction {
@@ -35,8 +35,8 @@ impl Spacing<'_> {
         }
     }
 
-    /// The interval of the sample that a ray's bins count as `t`. `ends`: how the ray's outermost bins are cut; `near`: the
-    /// least distance of an unbounded scene's samples, world units from where they are counted.
+    /// The interval of the sample at `t` of the bins. `ends`: cuts of the ray's first and last bin. `near`: least
+    /// distance of an unbounded scene's samples, world units from the point at which `t` is 0.
     #[inline(always)]
     pub fn interval<V: Lanes>(&self, ends: [V; Ends::PARTS], near: V, t: V) -> SampleInterval<V> {
         if self.contraction.is_some() {
@@ -56,7 +56,7 @@ impl Spacing<'_> {
         }
     }
 
-    /// [`Spacing::interval`] in a bin of a scene that is cut.
+    /// [`Spacing::interval`] for a cut bin of a bounded scene.
     #[inline(always)]
     pub fn interval_of_cut<V: Lanes>(&self, ends: [V; Ends::PARTS], t: V) -> SampleInterval<V> {
         let [start, low, high, _, stop] = ends;
@@ -65,13 +65,14 @@ impl Spacing<'_> {
         SampleInterval { t: t.max_of(from).min_of(to), mid: from.add(V::splat(0.5).mul(delta)), delta }
     }
 
-    /// The distance that a sample counts as, and where its interval begins and ends: [`Spacing::interval`] whose neighbours
-    /// share their ends, bit for bit.
+    /// Distance of the sample at `t`, and beginning and end of its interval: as [`Spacing::interval`], but
+    /// neighbouring intervals share their edges bit for bit.
     #[inline(always)]
     pub fn edges<V: Lanes>(&self, ends: [V; Ends::PARTS], near: V, t: V) -> [V; 3] {
         let [t, from, to] = self.bins.edges_around(ends, t);
         match self.contraction {
-            // A thousand radii away a step's number is rounded to a ten-thousandth of the way: not in front of near.
+            // A thousand radii away rounding a step moves it by a ten-thousandth of the distance; it must not pass
+            // near.
             Some(contraction) => {
                 let from = contraction.distance_lanes(from).max_of(near);
                 let to = contraction.distance_lanes(to).max_of(from);
@@ -82,7 +83,7 @@ impl Spacing<'_> {
     }
 }
 
-/// The points of rays at `t`: x, y, z.
+/// The points of rays at distance `t`: x, y, z.
 #[inline(always)]
 pub(crate) fn along<V: Lanes>(origin: [V; 3], dir: [V; 3], t: V) -> [V; 3] {
     let mut points = [t; 3];

@@ -1,4 +1,4 @@
-//! Jitter: where within their bins a ray's samples lie.
+//! Jitter: positions of a ray's samples inside their bins.
 
 use super::{Bins, Purpose, pixel_stream, uniform};
 
@@ -10,21 +10,21 @@ mod tests;
 pub(crate) struct SampleJitter {
     seed: Option<u64>,
     stream: u64,
-    /// The ray's number in its pixel, in the upper half.
+    /// Index of the ray in its pixel, in the upper half.
     first: u64,
 }
 
 impl SampleJitter {
-    /// The middle of each bin.
+    /// No jitter: the middle of each bin.
     pub const MIDDLE: Self = Self { seed: None, stream: 0, first: 0 };
 
-    /// Of the `ray`-th ray of pixel `(x, y)`; the middle of each bin without a seed.
+    /// The jitter of the `ray`-th ray of pixel `(x, y)`; the middle of each bin without a seed.
     #[inline]
     pub fn of(seed: Option<u64>, x: u32, y: u32, ray: u32) -> Self {
         Self { seed, stream: pixel_stream(x, y), first: u64::from(ray) << 32 }
     }
 
-    /// Where in the `k`-th of equal parts a ray's drawn sample lies, in `[0, 1)`.
+    /// Position of a ray's drawn sample in the `k`-th of equal strata, in `[0, 1)`.
     #[cfg_attr(not(feature = "proposal"), allow(dead_code, reason = "only proposals draw samples"))]
     #[inline]
     pub fn within(&self, k: u32) -> f32 {
@@ -34,7 +34,7 @@ impl SampleJitter {
         }
     }
 
-    /// The sample of `bin`, world units along the ray; never falls from bin to bin.
+    /// Distance of the sample of `bin`, world units along the ray; does not decrease from bin to bin.
     #[inline]
     pub fn t(&self, bins: &Bins, bin: u32) -> f32 {
         match self.seed {
@@ -44,7 +44,7 @@ impl SampleJitter {
     }
 }
 
-/// A random point of `bin`: a function of seed, pixel, ray and bin alone, so that neither tile nor thread changes it.
+/// A random point of `bin`: a function of seed, pixel, ray and bin alone, independent of tile and thread.
 #[inline(never)]
 fn jittered(seed: u64, stream: u64, index: u64, bins: &Bins, bin: u32) -> f32 {
     bins.within(bin, uniform(seed, Purpose::Jitter, stream, index))

@@ -1,4 +1,4 @@
-//! Where along a ray the network is asked.
+//! Placement of the samples along a ray, and the occupancy grid.
 
 mod bins;
 #[cfg(feature = "proposal")]

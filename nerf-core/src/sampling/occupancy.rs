@@ -6,7 +6,7 @@ use crate::simd::{Indices, Lanes};
 use crate::space::SceneBox;
 use glam::Vec3;
 
-/// Cells that f32 counts, and [`Lanes::to_indices`] takes.
+/// Maximum number of cells whose index is exact in f32 and fits [`Lanes::to_indices`].
 const EXACT_CELLS: u64 = 1 << 23;
 
 /// A borrowed bit per cell of the scene box, x slowest.
@@ -18,20 +18,20 @@ pub struct OccupancyGrid<'a> {
     bits: &'a [u8],
 }
 
-/// An [`OccupancyGrid`], with all that vectors of points are compared with.
+/// An [`OccupancyGrid`] with its constants in vectors, for lookups of several points at once.
 pub(crate) struct OccupancyLanes<'a, V> {
     min: [V; 3],
     scale: [V; 3],
     last: [V; 3],
-    /// Cells along y and z.
+    /// Number of cells along y and z.
     sides: [V; 2],
-    /// Whether f32 counts the cells.
+    /// Whether cell indices are exact in f32.
     exact: bool,
     bits: &'a [u8],
 }
 
 impl<V: Lanes> OccupancyLanes<'_, V> {
-    /// [`OccupancyGrid::occupied`] of a vector of points of the box, x, y, z: bit `i` of the point in lane `i`.
+    /// [`OccupancyGrid::occupied`] for a vector of points of the box, x, y, z: bit `i` of the result is lane `i`.
     #[inline(always)]
     pub fn occupied(&self, points: [V; 3]) -> u32 {
         let mut cells = points;
@@ -52,10 +52,11 @@ impl<V: Lanes> OccupancyLanes<'_, V> {
 }
 
 impl<'a> OccupancyGrid<'a> {
-    /// An occupancy grid of `resolution` cells over `bounds`; bit `(x * ny + y) * nz + z`, LSB first.
+    /// Makes an occupancy grid of `resolution` cells over `bounds`; a cell has bit `(x * ny + y) * nz + z`, LSB
+    /// first.
     ///
-    /// A cell without a bit counts as empty, and so does everything where `resolution` has a 0 or more cells
-    /// than `u32` counts.
+    /// A cell without a bit counts as empty. All cells are empty if `resolution` contains a 0 or has more cells than
+    /// `u32` can count.
     pub fn new(bounds: SceneBox, resolution: [u16; 3], bits: &'a [u8]) -> Self {
         let sides = Vec3::from(resolution.map(f32::from));
         let cells: u64 = resolution.iter().map(|&side| u64::from(side)).product();
@@ -70,14 +71,13 @@ impl<'a> OccupancyGrid<'a> {
 
     /// Whether the cell of `p` may hold something; `false` outside the box.
     ///
-    /// The box is closed, exactly as [`SceneBox::contains`] has it: a point on its largest face belongs
-    /// to the last cell.
+    /// The box is closed, as in [`SceneBox::contains`]: a point on its largest face belongs to the last cell.
     #[inline]
     pub fn occupied(&self, p: Vec3) -> bool {
         self.cell_of(p).is_some_and(|cell| self.bit(self.index_of(cell)))
     }
 
-    /// The same for vectors of points.
+    /// The grid with its constants in vectors.
     #[inline(always)]
     pub(crate) fn lanes<V: Lanes>(&self) -> OccupancyLanes<'a, V> {
         let resolution = self.resolution.map(f32::from);
@@ -92,7 +92,7 @@ impl<'a> OccupancyGrid<'a> {
         }
     }
 
-    /// Whether a point lies in the box.
+    /// Whether a point lies in the scene box.
     #[inline(always)]
     pub(crate) fn contains(&self, p: Vec3) -> bool {
         self.bounds.contains(p)
@@ -101,7 +101,7 @@ impl<'a> OccupancyGrid<'a> {
     /// Cell x, y, z of `p`; `None` outside the box.
     #[inline]
     fn cell_of(&self, p: Vec3) -> Option<[usize; 3]> {
-        // Asked of `p` itself: scaled to cells, rounding moves a face by a cell's last digit.
+        // Tests `p` itself, since after scaling to cells rounding may move it across a face.
         if !self.bounds.contains(p) {
             return None;
         }
@@ -115,22 +115,21 @@ impl<'a> OccupancyGrid<'a> {
     #[inline]
     fn index_of(&self, [x, y, z]: [usize; 3]) -> usize {
         let [_, ny, nz] = self.resolution.map(usize::from);
-        // Where more cells are than `u32` counts there is no bit (`new`).
+        // Grids with more cells than `u32` can count have no bits (`new`), so that wrapping is harmless.
         x.wrapping_mul(ny).wrapping_add(y).wrapping_mul(nz).wrapping_add(z)
     }
 
-    /// The first bin of `from..end` whose sample lies in an occupied cell, or `end`; that of `bin` lies at `t(bin)`, which must
-    /// not fall from bin to bin.
+    /// Finds the first bin of `from..end` whose sample lies in an occupied cell, else `end`. The sample of `bin` lies
+    /// at `t(bin)`, which must not decrease from bin to bin.
     ///
-    /// Exactly the first for which [`OccupancyGrid::occupied`] says so, without asking at every bin: where
-    /// bins are smaller than cells the walk goes from cell to cell.
+    /// The result equals a test of every bin with [`OccupancyGrid::occupied`], but if bins are smaller than cells the
+    /// march goes from cell to cell.
     ///
     /// # Source
-    /// Amanatides and Woo 1987; deviation: only the bins' samples count, so that the distance to a
-    /// cell's exit says how many bins to pass, and the last of them is looked up before it is believed, since the estimate is
-    /// off by one where samples lie anywhere.
-    /// Rounding keeps order: a coordinate that does not fall along the ray does not fall in f32 either,
-    /// so that all bins between two in one cell are in it.
+    /// Amanatides and Woo 1987; deviation: only the bins' samples are tested. The distance to a cell's exit gives the
+    /// number of bins to skip, and the cell of the last of them is verified, since jitter makes the estimate inexact
+    /// by one. Rounding is monotone: a coordinate that does not decrease along the ray does not decrease in f32
+    /// either, so that all bins between two bins of one cell are in it.
     #[inline]
     pub fn first_occupied(&self, ray: &Ray, bins: &Bins, from: u32, end: u32, t: impl Fn(u32) -> f32) -> u32 {
         let cells_per_bin = ray.dir.abs() * self.cells_per_unit * bins.delta();
@@ -155,7 +154,7 @@ impl<'a> OccupancyGrid<'a> {
         end
     }
 
-    /// How many more bins have their middle in the cell of `p`, but for rounding.
+    /// Number of further bins whose middle lies in the cell of `p`, up to rounding.
     #[inline]
     fn bins_to_exit(&self, p: Vec3, cell: [usize; 3], dir: Vec3, cells_per_bin: Vec3) -> u32 {
         let low = Vec3::from(cell.map(|side| side as f32));
@@ -165,15 +164,15 @@ impl<'a> OccupancyGrid<'a> {
         (ahead / cells_per_bin).min_element() as u32
     }
 
-    /// A box around all occupied cells, a cell wider on every side, as far as the scene box goes; `None`
-    /// if there is none. Whatever [`OccupancyGrid::occupied`] says of a point outside it is `false`.
+    /// Bounding box of all occupied cells, a cell larger on every side but clipped to the scene box; `None` if all
+    /// cells are empty. Points outside of it are never [`OccupancyGrid::occupied`].
     pub fn occupied_box(&self) -> Option<SceneBox> {
         let [_, ny, nz] = self.resolution.map(usize::from);
         let (mut low, mut high) = ([usize::MAX; 3], [0; 3]);
         for (i, &byte) in self.bits.iter().enumerate().filter(|(_, byte)| **byte != 0) {
             for bit in (0..8).filter(|bit| byte >> bit & 1 == 1) {
                 let index = 8 * i + bit;
-                // No 0 among them, or there are no bits.
+                // A grid with bits has no side of 0.
                 let (ny, nz) = (ny.max(1), nz.max(1));
                 let cell = [index / nz / ny, index / nz % ny, index % nz];
                 for axis in 0..3 {
@@ -190,24 +189,24 @@ impl<'a> OccupancyGrid<'a> {
         })
     }
 
-    /// Cells a world unit along x, y, z.
+    /// Number of cells per world unit along x, y, z.
     pub(crate) fn cells_per_unit(&self) -> Vec3 {
         self.cells_per_unit
     }
 
-    /// Blocks of `side` cells along x, y, z; the last ones may have fewer.
+    /// Number of blocks of `side` cells along x, y, z; the last blocks may have fewer cells.
     pub(crate) fn blocks(&self, side: u16) -> [u16; 3] {
         self.resolution.map(|cells| cells.div_ceil(side))
     }
 
-    /// Sets the bit of each block of `side` cells that has an occupied one, x slowest.
+    /// Sets the bit of each block of `side`³ cells that contains an occupied cell, x slowest.
     pub(crate) fn mark_blocks(&self, side: u16, blocks: &mut [u8]) {
         let [_, ny, nz] = self.blocks(side).map(usize::from);
         let (side, [_, cells_y, cells_z]) = (usize::from(side), self.resolution.map(usize::from));
         for (i, &byte) in self.bits.iter().enumerate().filter(|(_, byte)| **byte != 0) {
             for bit in (0..8).filter(|bit| byte >> bit & 1 == 1) {
                 let index = 8 * i + bit;
-                // No 0 among them, or there are no bits.
+                // A grid with bits has no side of 0.
                 let (y, z) = (index / cells_z.max(1), index % cells_z.max(1));
                 let (x, y) = (y / cells_y.max(1), y % cells_y.max(1));
                 let block = (x / side * ny + y / side) * nz + z / side;
@@ -218,7 +217,7 @@ impl<'a> OccupancyGrid<'a> {
         }
     }
 
-    /// The grid of these blocks, whose bits are `blocks`.
+    /// The coarser grid of blocks of `side`³ cells, whose bits are `blocks`.
     pub(crate) fn of_blocks<'b>(&self, side: u16, blocks: &'b [u8]) -> OccupancyGrid<'b> {
         OccupancyGrid {
             bounds: self.bounds,
@@ -234,7 +233,7 @@ impl<'a> OccupancyGrid<'a> {
         self.bits.get(index / 8).is_some_and(|byte| byte >> (index % 8) & 1 == 1)
     }
 
-    /// Share of the cells that may hold something.
+    /// Fraction of the cells that are occupied.
     pub fn occupied_share(&self) -> f32 {
         let cells: u64 = self.resolution.iter().map(|&side| u64::from(side)).product();
         let set: u32 = self.bits.iter().map(|byte| byte.count_ones()).sum();

@@ -1,30 +1,30 @@
-//! Counter-based random numbers: a value is a function of what it is for, not of a history.
+//! Counter-based random numbers: a value depends on seed, purpose, stream and index, not on earlier calls.
 
-/// What a number is drawn for; keeps the streams apart.
+/// The purpose of a random number, which separates independent streams.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Purpose {
     /// Initial parameters.
     Parameters = 1,
-    /// Which image a ray comes from.
+    /// Choice of the image of a training ray.
     Image = 2,
-    /// Which pixel a ray comes from.
+    /// Choice of the pixel of a training ray.
     Pixel = 3,
-    /// Where in its bin a sample lies.
+    /// Position of a sample inside its bin.
     Jitter = 4,
     /// Background colours.
     Background = 5,
-    /// Points of culled space.
+    /// Points in empty cells of the occupancy grid.
     Empty = 6,
-    /// Where in a cell the occupancy grid asks for density.
+    /// Points inside a cell at which the occupancy grid evaluates density.
     Cell = 7,
-    /// Where a ray goes through the aperture.
+    /// Point of the aperture that a ray passes.
     Aperture = 8,
-    /// Which samples of little weight are trained on.
+    /// Russian roulette: choice of the samples of low weight that are trained on.
     Faint = 9,
 }
 
-/// 32 random bits for the `index`-th number of `stream` (a step, a pixel) in a run.
+/// Returns 32 random bits: the `index`-th number of `stream` (a step, a pixel) for `seed` and `purpose`.
 ///
 /// # Source
 /// SplitMix64's finaliser (Steele, Lea and Flood 2014) over the mixed counters.
@@ -34,7 +34,7 @@ pub fn uniform_u32(seed: u64, purpose: Purpose, stream: u64, index: u64) -> u32 
     (mix(mixed.wrapping_add(index.wrapping_mul(0x9e37_79b9_7f4a_7c15))) >> 32) as u32
 }
 
-/// As [`uniform_u32`], in `[0, 1)` with 24 random bits.
+/// [`uniform_u32`] scaled to `[0, 1)`, with 24 random bits.
 #[inline]
 pub fn uniform(seed: u64, purpose: Purpose, stream: u64, index: u64) -> f32 {
     (uniform_u32(seed, purpose, stream, index) >> 8) as f32 / 16_777_216.0
@@ -48,18 +48,18 @@ fn mix(mut z: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// The random stream of a pixel: the same whatever image, tile or thread it is in.
+/// The random stream of a pixel, independent of image, tile and thread.
 #[cfg(any(feature = "jitter", feature = "depth-of-field"))]
 pub(crate) fn pixel_stream(x: u32, y: u32) -> u64 {
     u64::from(y) << 32 | u64::from(x)
 }
 
-/// The golden ratio's fraction, in 2^-32.
+/// Fractional part of the golden ratio, in units of 2^-32.
 #[cfg(any(feature = "anti-aliasing", feature = "depth-of-field"))]
 pub(crate) const GOLDEN: u32 = 0x9e37_79b9;
 
-/// How many of the first `count` multiples of `ratio`, modulo 1 and in 2^-32, are below the `index`-th: an even
-/// shuffle of `0..count`, exact in integers.
+/// Rank of the `index`-th among the first `count` multiples of `ratio`, modulo 1 and in units of 2^-32: a
+/// low-discrepancy permutation of `0..count`, exact in integers.
 #[cfg(any(feature = "anti-aliasing", feature = "depth-of-field"))]
 pub(crate) fn rank(ratio: u32, index: u32, count: u32) -> u32 {
     let own = index.wrapping_mul(ratio);

@@ -254,7 +254,7 @@ fn a_walk_through_a_corner_meets_both_diagonal_cells() {
     assert_eq!(occupancy.occupied_share(), 0.25);
 }
 
-/// Rays that are random, parallel to axes, in a plane of cell borders, or start on one.
+/// Rays that are random, parallel to axes, in a plane of cell faces, or start on one.
 fn walking_rays(bounds: &SceneBox, resolution: [u16; 3]) -> vec::Vec<Ray> {
     let noise = crate::testing::noise(6 * 400, 77);
     let size = (bounds.max - bounds.min) / Vec3::from(resolution.map(f32::from));

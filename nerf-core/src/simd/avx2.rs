@@ -8,7 +8,7 @@ use crate::simd::table::{Format, Table, Value};
 use crate::simd::{Lanes, MAX_LANES};
 use core::arch::x86_64::*;
 
-/// Eight f32 in a `ymm` register. Made only inside [`run`], where the instructions are known to exist.
+/// Eight f32 in a `ymm` register. Made only inside [`run`], whose caller guarantees the instructions.
 #[derive(Clone, Copy)]
 pub struct F32x8(__m256);
 
@@ -21,16 +21,17 @@ pub unsafe fn run<O: Op>(op: O) -> O::Output {
     op.run::<F32x8>()
 }
 
-/// Runs `op` with portable lanes in `ymm` registers: products and sums are not fused, so that bits stay as they are.
+/// Runs `op` with portable lanes in `ymm` registers. Products and sums are not fused, so that results have the
+/// portable bits.
 ///
 /// # Safety
-/// As of [`run`].
+/// As for [`run`].
 #[target_feature(enable = "avx2")]
 pub unsafe fn run_portable<O: Op>(op: O) -> O::Output {
     op.run::<Portable>()
 }
 
-/// An intrinsic that needs what [`run`]'s contract promises.
+/// Calls an intrinsic under the safety contract of [`run`].
 macro_rules! avx2 {
     ($e:expr) => {
         // SAFETY: F32x8 exists only inside `run`, whose caller vouches for AVX2, FMA and F16C.
@@ -132,7 +133,7 @@ impl Lanes for F32x8 {
         unsafe {
             let from = _mm256_min_epu32(_mm256_srli_epi32::<3>(at.0), _mm256_set1_epi32(last as i32));
             let words = _mm256_i32gather_epi32::<1>(bytes.as_ptr().cast(), from);
-            // Beyond the last byte that is more than a word has: 0.
+            // Beyond the last byte the shift exceeds a word: 0.
             let shift = _mm256_sub_epi32(at.0, _mm256_slli_epi32::<3>(from));
             let bit = _mm256_slli_epi32::<31>(_mm256_srlv_epi32(words, shift));
             _mm256_movemask_ps(_mm256_castsi256_ps(bit)) as u32
@@ -142,7 +143,7 @@ impl Lanes for F32x8 {
 }
 
 impl Quads for F32x8 {
-    // Taking lanes out of registers is slower.
+    // Through memory: extracting lanes from registers is slower.
     const OFFSETS_IN_MEMORY: bool = true;
     type Offsets = [u32; 8];
 
@@ -200,7 +201,7 @@ impl Quads for F32x8 {
         })
     }
 }
-/// Eight u32 in a `ymm` register. Made only where `F32x8` is.
+/// Eight u32 in a `ymm` register. Made only where `F32x8` is made.
 #[derive(Clone, Copy)]
 pub struct U32x8(__m256i);
 

@@ -7,7 +7,7 @@ use crate::simd::table::{Format, Table, Value};
 use crate::simd::{Lanes, MAX_LANES};
 use core::arch::x86_64::*;
 
-/// Sixteen f32 in a `zmm` register. Made only inside [`run`], where the instructions are known to exist.
+/// Sixteen f32 in a `zmm` register. Made only inside [`run`], whose caller guarantees the instructions.
 #[derive(Clone, Copy)]
 pub struct F32x16(__m512);
 
@@ -20,7 +20,7 @@ pub unsafe fn run<O: Op>(op: O) -> O::Output {
     op.run::<F32x16>()
 }
 
-/// An intrinsic that needs what [`run`]'s contract promises.
+/// Calls an intrinsic under the safety contract of [`run`].
 macro_rules! avx512 {
     ($e:expr) => {
         // SAFETY: F32x16 exists only inside `run`, whose caller vouches for AVX-512 F.
@@ -122,7 +122,7 @@ impl Lanes for F32x16 {
         unsafe {
             let from = _mm512_min_epu32(_mm512_srli_epi32::<3>(at.0), _mm512_set1_epi32(last as i32));
             let words = _mm512_i32gather_epi32::<1>(from, bytes.as_ptr().cast());
-            // Beyond the last byte that is more than a word has: 0.
+            // Beyond the last byte the shift exceeds a word: 0.
             let shift = _mm512_sub_epi32(at.0, _mm512_slli_epi32::<3>(from));
             u32::from(_mm512_test_epi32_mask(_mm512_srlv_epi32(words, shift), _mm512_set1_epi32(1)))
         }
@@ -131,7 +131,7 @@ impl Lanes for F32x16 {
 }
 
 impl Quads for F32x16 {
-    // Taking lanes out of registers is slower.
+    // Through memory: extracting lanes from registers is slower.
     const OFFSETS_IN_MEMORY: bool = true;
     type Offsets = [u32; 16];
 
@@ -194,7 +194,7 @@ impl Quads for F32x16 {
         })
     }
 }
-/// Sixteen u32 in a `zmm` register. Made only where `F32x16` is.
+/// Sixteen u32 in a `zmm` register. Made only where `F32x16` is made.
 #[derive(Clone, Copy)]
 pub struct U32x16(__m512i);
 

@@ -1,37 +1,37 @@
-//! Interpolation over a table by vectors that read four neighbouring values at once: written once over [`Quads`].
+//! Interpolation over a table with loads of four neighbouring values at once, generic over [`Quads`].
 
 use crate::simd::lanes::weighted_rows_by_lane;
 use crate::simd::table::{Table, Value};
 use crate::simd::{Indices, Lanes};
 
-/// The primitives of [`weighted_rows`]. A vector is groups of four lanes; while rows are summed, a group holds the four
-/// values of one of its lanes.
+/// The primitives of [`weighted_rows`]. A vector consists of groups of four lanes. While rows are summed, a group
+/// holds four values of one of its lanes.
 pub trait Quads: Lanes {
-    /// Whether offsets reach scalar registers through memory, from where each is an address at once.
+    /// Whether offsets are moved to scalar registers through memory.
     const OFFSETS_IN_MEMORY: bool = false;
-    /// Whether sums go through memory, so that the reads of the next lanes stay behind those of this one.
+    /// Whether sums go through memory, so that the compiler does not move the loads of the next lanes before these.
     const SUMS_IN_MEMORY: bool = false;
     /// An offset into a table for each lane.
     type Offsets: Copy;
 
-    /// Offsets that are read one by one.
+    /// Converts indices to offsets that can be read one by one.
     fn offsets(indices: Self::Indices) -> Self::Offsets;
-    /// Four values of lane `LANE` of each group, from `plus` behind its offset on.
+    /// Loads four values for lane `LANE` of each group, beginning `plus` values after the lane's offset.
     ///
     /// # Safety
-    /// They are inside the table.
+    /// All four values are inside the table, for each group.
     unsafe fn read_four<T: Value, const LANE: usize>(
         table: Table<'_, T>,
         at: &Self::Offsets,
         plus: usize,
     ) -> Self;
-    /// Lane `LANE` of each group in all four of it.
+    /// Copies lane `LANE` of each group to all four lanes of the group.
     fn repeat<const LANE: usize>(self) -> Self;
     /// The transpose of each group: vector `i` of the result has value `i` of each lane.
     fn transpose(lanes: [Self; 4]) -> [Self; 4];
 }
 
-/// [`Lanes::weighted_rows`] of a leaf that has [`Quads`].
+/// Defines [`Lanes::weighted_rows`] for a leaf with [`Quads`].
 macro_rules! weighted_rows_by_quads {
     () => {
         #[inline(always)]
@@ -47,7 +47,8 @@ macro_rules! weighted_rows_by_quads {
 }
 pub(super) use weighted_rows_by_quads;
 
-/// [`Lanes::weighted_rows`], four values of a lane at a time; value by value of a table that has no four.
+/// [`Lanes::weighted_rows`], four values of a lane at a time; value by value if rows are not a multiple of four
+/// values.
 #[inline(always)]
 pub fn weighted_rows<V: Quads, T: Value, const ROWS: usize>(
     table: Table<'_, T>,
@@ -74,7 +75,7 @@ pub fn weighted_rows<V: Quads, T: Value, const ROWS: usize>(
     [a, b, c, d, e, f, g, h]
 }
 
-/// Four weighted values of each lane, from `plus` behind each of the `offsets` on.
+/// Four weighted sums for each lane, of the values from `plus` after each of the `offsets` on.
 #[inline(always)]
 fn four<V: Quads, T: Value, const ROWS: usize>(
     table: Table<'_, T>,
@@ -90,7 +91,7 @@ fn four<V: Quads, T: Value, const ROWS: usize>(
     ])
 }
 
-/// Four weighted values of lane `LANE` of each group.
+/// Four weighted sums for lane `LANE` of each group.
 #[inline(always)]
 fn sum_of_lane<V: Quads, T: Value, const ROWS: usize, const LANE: usize>(
     table: Table<'_, T>,
@@ -113,8 +114,8 @@ pub fn address<T: Value>(table: Table<'_, T>, offset: u32, plus: usize) -> *cons
     table.start().wrapping_add(T::FORMAT.bytes() * (offset as usize + plus))
 }
 
-/// The last entry that a row of two can begin with and still lie inside the table, where a row is a whole number
-/// of four values; `None` where it is not, or where nothing fits.
+/// Index of the last entry at which a row of two entries can begin inside the table. `None` if a row is not a
+/// multiple of four values, or does not fit into the table.
 #[inline(always)]
 fn last_row<T: Value>(table: Table<'_, T>, features: usize) -> Option<u32> {
     let entries = match features {
@@ -125,7 +126,7 @@ fn last_row<T: Value>(table: Table<'_, T>, features: usize) -> Option<u32> {
     u32::try_from(entries.checked_sub(2)?).ok()
 }
 
-/// The last byte that four can be read from and still lie inside `bytes`, if an offset to it fits a lane.
+/// Offset of the last four bytes of `bytes`; `None` if there are fewer, or the offset does not fit a lane.
 #[cfg(target_arch = "x86_64")]
 #[inline(always)]
 pub fn last_word(bytes: &[u8]) -> Option<u32> {

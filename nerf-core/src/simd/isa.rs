@@ -1,11 +1,11 @@
-//! Instruction sets of this machine, and the one place where one becomes a function.
+//! Instruction sets: detection, and dispatch of an [`Op`] to the leaf of one.
 
 use super::portable::Portable;
 use super::{MAX_LANES, Op};
 use crate::names::names;
 
 names! {
-    /// The instructions that the inner loops use, slowest first among those of one machine.
+    /// The instruction set that the inner loops use, ordered from slowest to fastest on one machine.
     #[derive(PartialOrd, Ord)]
     #[non_exhaustive]
     pub enum Isa {
@@ -15,32 +15,32 @@ names! {
         Avx2 = "avx2",
         /// AVX-512 F, sixteen lanes.
         Avx512 = "avx512",
-        /// WebAssembly SIMD, four lanes, unfused: the portable bits. There if the build has the target feature `simd128`,
-        /// since a module cannot ask.
+        /// WebAssembly SIMD, four lanes, unfused: the same bits as portable. Available if the build has the target
+        /// feature `simd128`, since a module cannot detect it.
         Simd128 = "simd128",
-        /// NEON, four lanes, fused: what every 64-bit ARM processor has.
+        /// NEON, four lanes, fused; every 64-bit ARM processor has it.
         Neon = "neon",
     }
 }
 
-/// Whether this target is taken to have vectors, the compiler's or an instruction set's own.
+/// Whether this target is assumed to have vector instructions.
 ///
-/// Where there are none, as on microcontrollers and in WebAssembly without `simd128`, every instruction set is the
-/// portable one, weights are read in place, and a build has no code for anything else.
+/// On microcontrollers and in WebAssembly without `simd128` there are none: every instruction set is the portable
+/// one, weights are read in place, and a build has no other code.
 pub const VECTORS: bool = if cfg!(target_arch = "wasm32") {
     cfg!(target_feature = "simd128")
 } else {
-    // Machines with an operating system, where trainers keep their weights in f32, too.
+    // Machines with an operating system are included, since trainers keep their weights in f32.
     !cfg!(target_os = "none") || cfg!(any(target_arch = "x86_64", target_arch = "aarch64"))
 };
 
 impl Isa {
-    /// The fastest of this machine.
+    /// The fastest instruction set of this machine.
     pub fn detect() -> Self {
         Self::ALL.into_iter().rev().find(|isa| isa.available()).unwrap_or(Self::Portable)
     }
 
-    /// Whether this build and this machine have it.
+    /// Whether this build and this machine support the instruction set.
     pub fn available(self) -> bool {
         match self {
             Self::Portable => true,
@@ -55,7 +55,7 @@ impl Isa {
         }
     }
 
-    /// Whether this machine has instructions of it that multiply bf16: AVX-512 BF16.
+    /// Whether this machine can multiply bf16 with this instruction set: AVX-512 with AVX-512 BF16.
     pub fn multiplies_bf16(self) -> bool {
         match self {
             #[cfg(target_arch = "x86_64")]
@@ -64,15 +64,15 @@ impl Isa {
         }
     }
 
-    /// Whether f16 tables are read in place. If not, they are widened to f32 once, when a scene is prepared.
+    /// Whether f16 tables are read in place. If not, they are converted to f32 once, when a scene is prepared.
     ///
-    /// WebAssembly widens, since it has no instruction for f16. Portable code has none either, but widening would double the
-    /// tables' memory for 2 % of a frame's time (`docs/kernels.md`).
+    /// WebAssembly converts, since it has no instruction for f16. Portable code has none either, but conversion would
+    /// double the tables' memory for 2 % of a frame's time (`docs/kernels.md`).
     pub const fn reads_f16_tables(self) -> bool {
         !matches!(self, Self::Simd128)
     }
 
-    /// The number that a block's columns are a multiple of: two or one of the vectors of [`Isa::run`].
+    /// Number of which a block's columns must be a multiple: one or two vectors of [`Isa::run`].
     #[inline]
     pub fn columns(self) -> usize {
         match self {
@@ -83,17 +83,18 @@ impl Isa {
         }
     }
 
-    /// Runs `op` over `columns` samples as [`Isa::run`] does: one by one where they fill no vector.
+    /// Runs `op` over `columns` samples: as [`Isa::run`] if they fill whole vectors, else one by one.
     #[inline]
     pub fn run_columns<O: Op>(self, columns: usize, op: O) -> O::Output {
         if VECTORS && columns.is_multiple_of(self.columns()) { self.run(op) } else { op.run::<f32>() }
     }
 
-    /// Runs `op` over `columns` samples with the bits of [`Isa::Portable`], in the widest vectors that give them.
+    /// Runs `op` over `columns` samples with the same bits as [`Isa::Portable`], in the widest vectors that give
+    /// them.
     #[inline]
     pub(crate) fn run_portable<O: Op>(self, columns: usize, op: O) -> O::Output {
         match self {
-            // SAFETY: the CPU and the OS have what the leaf needs; `available` asked them.
+            // SAFETY: the CPU and the OS support the leaf's instructions; `available` checked it.
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 | Self::Avx512 if columns.is_multiple_of(16) && Self::Avx2.available() => unsafe {
                 super::avx2::run_portable(op)
@@ -102,11 +103,11 @@ impl Isa {
         }
     }
 
-    /// Runs `op` with these instructions, or with the portable ones where the machine lacks them.
+    /// Runs `op` with this instruction set, or with the portable one if the machine does not support it.
     #[inline]
     pub fn run<O: Op>(self, op: O) -> O::Output {
         match self {
-            // SAFETY: the CPU and the OS have what the leaf needs; `available` asked them.
+            // SAFETY: the CPU and the OS support the leaf's instructions; `available` checked it.
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 if self.available() => unsafe { super::avx2::run(op) },
             // SAFETY: as above.
@@ -116,7 +117,7 @@ impl Isa {
             Self::Simd128 => super::simd128::run(op),
             #[cfg(all(target_arch = "aarch64", target_feature = "neon"))]
             Self::Neon => super::neon::run(op),
-            // Bit for bit the same; sixteen lanes of code are many where no vector holds them.
+            // Bit for bit the same as `Portable`, whose sixteen lanes take much code without vectors.
             _ if !VECTORS => op.run::<f32>(),
             _ => op.run::<Portable>(),
         }
@@ -131,7 +132,7 @@ mod cpu {
     pub const AVX2: u8 = 1;
     pub const AVX512: u8 = 2;
     pub const AVX512_BF16: u8 = 4;
-    /// Set once `cpuid` and the OS were asked.
+    /// Set after `cpuid` and the OS were queried.
     const ASKED: u8 = 0x80;
 
     static FEATURES: AtomicU8 = AtomicU8::new(0);
@@ -159,7 +160,7 @@ mod cpu {
         }
         let (one, seven) = (leaf(1, 0), leaf(7, 0));
         let has = |word: u32, bit: u32| word >> bit & 1 == 1;
-        // XSAVE in use by the OS: only then does the next instruction exist.
+        // OSXSAVE: without it the next instruction is invalid.
         if !has(one.ecx, 27) {
             return 0;
         }
@@ -171,7 +172,7 @@ mod cpu {
         let fma = has(one.ecx, 12) && has(one.ecx, 28) && has(one.ecx, 29);
         let avx2 = ymm && fma && has(seven.ebx, 5);
         let avx512 = zmm && fma && has(seven.ebx, 16);
-        // The subleaf exists where the first says so.
+        // The first subleaf says whether subleaf 1 exists.
         let bf16 = avx512 && seven.eax >= 1 && has(leaf(7, 1).eax, 5);
         [(avx2, AVX2), (avx512, AVX512), (bf16, AVX512_BF16)]
             .into_iter()

@@ -1,9 +1,9 @@
-//! One vector of `f32`: the interface every elementary function and kernel is written against.
+//! Vectors of `f32`: the traits that elementary functions and kernels are generic over.
 
 use super::MAX_LANES;
 use super::table::{Table, Value, widen_finite};
 
-/// A `u32` a lane: what table entries are counted by. Arithmetic wraps.
+/// A vector of `u32`, used as indices of table entries. Arithmetic wraps.
 pub trait Indices: Copy {
     /// `x` in every lane.
     fn splat(x: u32) -> Self;
@@ -11,19 +11,19 @@ pub trait Indices: Copy {
     fn add(self, b: Self) -> Self;
     /// `self · b`.
     fn mul(self, b: Self) -> Self;
-    /// The bits that differ.
+    /// `self ^ b`.
     fn xor(self, b: Self) -> Self;
-    /// The bits that both have.
+    /// `self & b`.
     fn and(self, b: Self) -> Self;
     /// The smaller.
     fn min(self, b: Self) -> Self;
-    /// The upper 17 bits.
+    /// `self >> 15`.
     fn shift_right_15(self) -> Self;
-    /// Writes the lanes to the first of `to`.
+    /// Writes the lanes to the beginning of `to`.
     fn store(self, to: &mut [u32; MAX_LANES]);
 }
 
-/// Methods of a value that is a vector of one lane, an expression each.
+/// Declares methods of a one-lane vector, each by an expression.
 macro_rules! expressions {
     ($($name:ident($a:ident $(, $b:ident)*) = $value:expr;)+) => {$(
         #[inline(always)]
@@ -53,33 +53,33 @@ impl Indices for u32 {
     }
 }
 
-/// `COUNT` values of f32 that move through arithmetic together.
+/// A vector of `COUNT` f32.
 ///
-/// `f32` itself is the one-lane instance; the vector instances are the leaves of this room, and there are no others: it
-/// is sealed. Every operation acts on each lane alone, so that a value never depends on its neighbours.
+/// `f32` itself is the one-lane instance; each leaf of this module has one. The trait is sealed. Every operation acts
+/// on each lane alone, so that a value never depends on its neighbours.
 pub trait Lanes: Copy + sealed::Sealed {
-    /// Lanes of a vector: a divisor of [`MAX_LANES`], of which blocks have a multiple.
+    /// Number of lanes, a divisor of [`MAX_LANES`].
     const COUNT: usize;
-    /// Rows of C a register tile of the product kernel covers.
+    /// Rows of C in a register tile of the matrix product.
     const TILE_ROWS: usize;
-    /// Vectors of C a register tile of the product kernel covers.
+    /// Vectors per row of C in a register tile of the matrix product.
     const TILE_COLS: usize;
     /// The result of a comparison.
     type Mask: Copy;
-    /// A `u32` for each lane.
+    /// A vector of `u32` with as many lanes.
     type Indices: Indices;
 
     /// `x` in every lane.
     fn splat(x: f32) -> Self;
-    /// The first `COUNT` values of `from`.
+    /// Loads the first `COUNT` values of `from`.
     ///
     /// # Panics
-    /// If `from` is shorter than that; one lane only with debug assertions, else it is 0.
+    /// If `from` is too short. A single lane panics only with debug assertions, and is 0 without.
     fn load(from: &[f32]) -> Self;
     /// Writes the lanes to the first `COUNT` values of `to`.
     ///
     /// # Panics
-    /// If `to` is shorter than that; one lane only with debug assertions, else it is lost.
+    /// If `to` is too short. A single lane panics only with debug assertions, and is not written without.
     fn store(self, to: &mut [f32]);
     /// `self + b`.
     fn add(self, b: Self) -> Self;
@@ -89,19 +89,19 @@ pub trait Lanes: Copy + sealed::Sealed {
     fn mul(self, b: Self) -> Self;
     /// `self / b`.
     fn div(self, b: Self) -> Self;
-    /// `self * b + c`: fused by AVX2, AVX-512 and NEON, two roundings elsewhere.
+    /// `self * b + c`: fused with AVX2, AVX-512 and NEON, two roundings with other instruction sets.
     fn mul_add(self, b: Self, c: Self) -> Self;
-    /// The larger; `self` only if it is greater, so that a NaN in `b` stays.
+    /// The larger value: `self` if `self > b`, else `b`, so that a NaN in `b` stays.
     fn max_of(self, b: Self) -> Self;
-    /// The smaller; `self` only if it is less, so that a NaN in `b` stays.
+    /// The smaller value: `self` if `self < b`, else `b`, so that a NaN in `b` stays.
     fn min_of(self, b: Self) -> Self;
-    /// The root, rounded correctly.
+    /// The square root, correctly rounded.
     fn sqrt(self) -> Self;
     /// `|self|`.
     fn abs(self) -> Self;
     /// The nearest integer, ties to even, for every finite value.
     fn round_even(self) -> Self;
-    /// The largest integer that is not larger, for every finite value.
+    /// The largest integer that is at most `self`, for every finite value.
     #[inline(always)]
     fn floor(self) -> Self {
         let nearest = self.round_even();
@@ -111,17 +111,17 @@ pub trait Lanes: Copy + sealed::Sealed {
     fn exp2_integer(self) -> Self;
     /// Splits a positive normal number into `(m, e)` with `self = m 2^e`, `m` in `[√½, √2)`.
     fn split_exponent(self) -> (Self, Self);
-    /// The lanes where `self == b`.
+    /// Mask of the lanes with `self == b`.
     fn equals(self, b: Self) -> Self::Mask;
-    /// The lanes where `self < b`.
+    /// Mask of the lanes with `self < b`.
     fn less(self, b: Self) -> Self::Mask;
-    /// `a` where the mask holds, else `b`.
+    /// `a` in the lanes of the mask, `b` in the others.
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
 
-    /// A whole number in `0..=2^23` in each lane, as `u32`.
+    /// Converts integers in `0..=2^23` to `u32`.
     fn to_indices(self) -> Self::Indices;
 
-    /// Finite f16, the first `COUNT` of `bits`.
+    /// Converts the first `COUNT` of `bits`, finite f16.
     #[inline(always)]
     fn from_f16(bits: &[u16; MAX_LANES]) -> Self {
         let mut values = [0.0; MAX_LANES];
@@ -131,7 +131,7 @@ pub trait Lanes: Copy + sealed::Sealed {
         Self::load(&values)
     }
 
-    /// The nearest f16 of each lane, ties to even; beyond the largest, infinity.
+    /// Rounds each lane to the nearest f16, ties to even; values above the largest become infinity.
     #[inline(always)]
     fn to_f16(self) -> [u16; MAX_LANES] {
         let mut values = [0.0; MAX_LANES];
@@ -139,16 +139,16 @@ pub trait Lanes: Copy + sealed::Sealed {
         values.map(|value| half::f16::from_f32(value).to_bits())
     }
 
-    /// Bit `i` of the result: bit `at[i]` of `bytes`, LSB first, in lane `i`; 0 beyond their end.
+    /// Reads bit `at[i]` of `bytes`, LSB first, into bit `i` of the result, for each lane `i`; 0 beyond their end.
     #[inline(always)]
     fn bits(bytes: &[u8], at: Self::Indices) -> u32 {
         bits_by_lane::<Self>(bytes, at)
     }
 
-    /// `Σ_r weights[r] · row r` of each lane, of rows of two neighbouring entries of 1, 2 or 4 `features`, summed
-    /// from 0 in ascending `r`; the first `2 · features` results count.
+    /// `Σ_r weights[r] · row r` for each lane, where a row is two neighbouring entries of 1, 2 or 4 `features`,
+    /// summed from 0 in ascending `r`. The first `2 · features` results are valid.
     ///
-    /// `rows`: the number of each row's first entry. Where that is beyond the table, it is any entry, or 0.
+    /// `rows`: index of each row's first entry. An index beyond the table reads any entry, or 0.
     #[inline(always)]
     fn weighted_rows<T: Value, const ROWS: usize>(
         table: Table<'_, T>,
@@ -165,7 +165,7 @@ pub trait Lanes: Copy + sealed::Sealed {
         Self::splat(-0.0).sub(self)
     }
 
-    /// `f` of every lane, one by one.
+    /// Applies `f` to every lane, one by one.
     #[inline(always)]
     fn map(self, f: impl Fn(f32) -> f32) -> Self {
         let mut lanes = [0.0; MAX_LANES];
@@ -210,21 +210,21 @@ pub fn weighted_rows_by_lane<V: Lanes, T: Value, const ROWS: usize>(
     sums
 }
 
-/// The number of each lane.
+/// Index of each lane.
 pub(crate) const LANES: [f32; MAX_LANES] =
     [0., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10., 11., 12., 13., 14., 15.];
 
 pub(super) mod sealed {
-    /// Keeps [`super::Lanes`] to the types of this room.
+    /// Restricts [`super::Lanes`] to the types of this module.
     pub trait Sealed {}
 }
 
-/// Fails to compile for a number of lanes that does not divide [`MAX_LANES`].
+/// Fails to compile if the number of lanes does not divide [`MAX_LANES`].
 pub(super) const fn divides<V: Lanes>() {
     assert!(MAX_LANES.is_multiple_of(V::COUNT));
 }
 
-/// √½ as bits: the border between the halves of `split_exponent`.
+/// Bits of √½, the lower bound of the mantissa in `split_exponent`.
 pub(crate) const SQRT_HALF_BITS: u32 = 0x3f35_04f3;
 
 impl sealed::Sealed for f32 {}

@@ -1,9 +1,9 @@
-//! Vectors: an [`Op`] is written once, generic over [`Lanes`]; a leaf per instruction set compiles it for that set, and
-//! [`Isa::run`] picks the leaf. Activations are laid out `[channel][BLOCK]`: a vector holds one channel of neighbouring
-//! samples.
+//! SIMD kernels: an [`Op`] is written once, generic over [`Lanes`]. A module per instruction set, called a leaf,
+//! compiles it for that set, and [`Isa::run`] picks the leaf. Activations are laid out `[channel][BLOCK]`: a vector
+//! holds one channel of neighbouring samples.
 #![allow(unsafe_code, reason = "instructions that the compiler does not choose by itself")]
 
-/// Methods of a leaf's vector, by the instructions that each is: in `name(a, b) = expression` the names are registers.
+/// Declares methods of a leaf's vector by their intrinsics: in `name(a, b) = expression`, `a` and `b` are registers.
 #[cfg(any(
     target_arch = "x86_64",
     all(target_arch = "aarch64", target_feature = "neon"),
@@ -55,16 +55,16 @@ pub use prefetch::prefetch;
 #[cfg(any(feature = "grid", feature = "train"))]
 pub use table::{Table, Value};
 
-/// The widest vector of any instruction set.
+/// Number of lanes of the widest vector of any instruction set.
 pub const MAX_LANES: usize = 16;
 
-/// Samples that go through the network together, with every instruction set.
+/// Number of samples evaluated together, with every instruction set.
 pub const BLOCK: usize = 64;
 
 /// A loop that can be compiled for every instruction set.
 pub trait Op {
     /// The loop's result.
     type Output;
-    /// The loop; must be `#[inline(always)]`, or it loses the leaf's instructions.
+    /// Runs the loop. Must be `#[inline(always)]`, or it is not compiled for the leaf's instruction set.
     fn run<V: Lanes>(self) -> Self::Output;
 }

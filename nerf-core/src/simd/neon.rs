@@ -1,4 +1,4 @@
-//! NEON leaf: four lanes, fused. Every 64-bit ARM processor has it, so that nothing is detected at run time.
+//! NEON leaf: four lanes, fused. Every 64-bit ARM processor has NEON, so that nothing is detected at run time.
 
 use super::Op;
 use super::gather::{Quads, address, weighted_rows_by_quads};
@@ -12,7 +12,7 @@ use core::arch::asm;
 #[derive(Clone, Copy)]
 pub struct F32x4(float32x4_t);
 
-/// An intrinsic: safe to call where its instructions exist.
+/// Calls an intrinsic, which is safe on every target for which this file is compiled.
 macro_rules! neon {
     ($e:expr) => {
         // SAFETY: this file is compiled only where the target has NEON (`mod.rs`).
@@ -165,7 +165,7 @@ impl Quads for F32x4 {
         })
     }
 }
-/// Four f16, widened. The intrinsic for it is younger than the oldest compiler that is supported.
+/// Converts four f16 to f32, in assembly: the oldest supported compiler lacks the intrinsic.
 #[inline(always)]
 fn widen(bits: uint16x4_t) -> float32x4_t {
     let values: float32x4_t;

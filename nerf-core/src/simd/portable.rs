@@ -1,11 +1,10 @@
-//! Sixteen lanes in plain, unfused f32: what the portable instructions are where a block is at hand.
+//! Portable leaf: sixteen lanes of plain, unfused f32.
 //!
-//! Bit for bit what one lane at a time gives; the compiler vectorises it with whatever the target
-//! has.
+//! Bit for bit the same as one lane at a time; the compiler vectorises it with the target's instructions.
 
 use crate::simd::{Indices, Lanes};
 
-/// Methods of two vectors that are those of one lane.
+/// Defines methods of two vectors lane by lane.
 macro_rules! by_lane {
     ($of:ident: $($name:ident)+) => {$(
         #[inline(always)]

@@ -1,8 +1,9 @@
-//! Memory that is needed soon.
+//! Prefetching.
 
-/// Asks for the cache line of `values[index]`; nothing beyond the slice, and where a target has no such instruction.
+/// Prefetches the cache line of `values[index]`. Does nothing if the index is out of range, or on targets other than
+/// x86_64.
 ///
-/// For loops over places that only the data knows, such as the entries of a hashed table.
+/// For loops over data-dependent addresses, such as the entries of a hash table.
 #[inline(always)]
 pub fn prefetch(values: &[f32], index: usize) {
     #[cfg(target_arch = "x86_64")]

@@ -1,8 +1,8 @@
-//! WebAssembly SIMD leaf: four lanes, unfused, so that it gives bit for bit what the portable instructions give.
+//! WebAssembly SIMD leaf: four lanes, unfused, so that results equal those of the portable leaf bit for bit.
 //!
-//! Without run-time detection: a module with these instructions loads only where they exist, so that the
-//! leaf is there if the build has the target feature. Relaxed SIMD could fuse, but what it computes is up
-//! to the engine.
+//! There is no run-time detection: a module with these instructions loads only if the engine supports them, so that
+//! the leaf is available if the build has the target feature. Relaxed SIMD could fuse, but its results depend on the
+//! engine.
 
 use super::Op;
 use super::gather::{Quads, address, weighted_rows_by_quads};
@@ -57,7 +57,7 @@ impl Lanes for F32x4 {
         min_of(a, b) = f32x4_pmin(b, a);
         sqrt(a) = f32x4_sqrt(a);
         abs(a) = f32x4_abs(a);
-        // + 0: the portable instructions have no negative zero here.
+        // Adding 0 removes the negative zero, as in the portable leaf.
         round_even(a) = f32x4_add(f32x4_nearest(a), f32x4_splat(0.0));
         floor(a) = f32x4_floor(a);
         exp2_integer(a) = i32x4_shl(i32x4_add(i32x4_trunc_sat_f32x4(a), i32x4_splat(127)), 23);
@@ -83,7 +83,7 @@ impl Lanes for F32x4 {
     }
     #[inline(always)]
     fn to_indices(self) -> U32x4 {
-        // WebAssembly's conversion saturates, for which x86 takes five instructions.
+        // Not WebAssembly's conversion: it saturates, which takes five instructions on x86.
         let whole = f32x4_splat(8_388_608.0);
         U32x4(i32x4_sub(f32x4_add(self.0, whole), whole))
     }
@@ -102,7 +102,7 @@ impl Lanes for F32x4 {
             let found = v128_load8_lane::<8>(found, start.add(u32x4_extract_lane::<2>(byte) as usize));
             v128_load8_lane::<12>(found, start.add(u32x4_extract_lane::<3>(byte) as usize))
         };
-        // Of the table, byte i is bit i; only the lowest byte of each lane of `found` is not 0.
+        // Byte i of the table is bit i; only the lowest byte of each lane of `found` is not 0.
         let bit = u8x16_swizzle(
             i64x2_splat(0x8040_2010_0804_0201u64.cast_signed()),
             v128_and(at.0, u32x4_splat(7)),
@@ -114,7 +114,7 @@ impl Lanes for F32x4 {
 }
 
 impl Quads for F32x4 {
-    // Else V8 moves the next lanes' reads to the front, and most of what they found to the stack.
+    // Otherwise V8 hoists the next lanes' loads and spills most of their results to the stack.
     const SUMS_IN_MEMORY: bool = true;
     type Offsets = U32x4;
 
@@ -153,10 +153,10 @@ impl Quads for F32x4 {
         ]
     }
 }
-/// Four f16, finite, each with its sign above it, widened.
+/// Converts four finite f16, each with its sign extended, to f32.
 ///
-/// `v = 2 v − v`; of a subnormal, which has no leading 1, `v = (2^-14 + v) − 2^-14`: both exact, and no f32 is subnormal
-/// on the way: multiplications of many Intel cores stall on those.
+/// `v = 2 v − v`; for a subnormal, which has no leading 1, `v = (2^-14 + v) − 2^-14`. Both are exact. No intermediate
+/// f32 is subnormal, on which multiplications of many Intel cores stall.
 #[inline(always)]
 fn widen_finite(bits: v128) -> v128 {
     const SMALLEST_NORMAL: i32 = (127 - 14) << 23;
@@ -169,7 +169,7 @@ fn widen_finite(bits: v128) -> v128 {
     v128_or(f32x4_sub(more, less), v128_and(bits, u32x4_splat(0x8000_0000)))
 }
 
-/// Four u32 in a `v128`. Made only where `F32x4` is.
+/// Four u32 in a `v128`. Made only where `F32x4` is made.
 #[derive(Clone, Copy)]
 pub struct U32x4(v128);
 

@@ -1,13 +1,13 @@
-//! Tables that are read by index: what an interpolation needs beside the arithmetic of vectors.
+//! Tables that are read by index, for interpolation.
 
 use super::MAX_LANES;
 
 /// The format of a table's values in memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
-    /// Two bytes, little-endian.
+    /// f16: two bytes, little-endian.
     F16,
-    /// Four bytes.
+    /// f32: four bytes.
     F32,
     /// One byte, signed.
     Int8,
@@ -25,9 +25,9 @@ impl Format {
     }
 }
 
-/// A value of a table, as it lies in memory. Sealed: kernels read as many bytes as the format says.
+/// A value of a table, as stored in memory. Sealed, since kernels read as many bytes as the format says.
 pub trait Value: Copy + Default + sealed::Sealed {
-    /// The format.
+    /// Format of the value.
     const FORMAT: Format;
     /// The value in f32.
     fn widen(self) -> f32;
@@ -58,7 +58,7 @@ impl Value for f32 {
     }
 }
 
-/// A signed byte.
+/// A signed byte, stored as `u8`.
 impl Value for u8 {
     const FORMAT: Format = Format::Int8;
 
@@ -68,7 +68,7 @@ impl Value for u8 {
     }
 }
 
-/// Values that are read by index, with a scale for each level of a grid where they are integers.
+/// Values that are read by index; integers have a scale for each level of a grid.
 #[derive(Clone, Copy, Debug)]
 pub struct Table<'a, T> {
     values: &'a [T],
@@ -76,13 +76,13 @@ pub struct Table<'a, T> {
 }
 
 impl<'a, T: Value> Table<'a, T> {
-    /// Finite `values`; `scales`: of integers, little-endian f32 at any alignment.
+    /// A table of finite `values`. `scales`, for integers only: little-endian f32 at any alignment.
     #[inline(always)]
     pub fn new(values: &'a [T], scales: &'a [u8]) -> Self {
         Self { values, scales: scales.as_chunks().0 }
     }
 
-    /// `count` values from `first` on; fewer where there are fewer.
+    /// The `count` values from `first` on, or as many as there are.
     #[inline(always)]
     pub fn part(self, first: usize, count: usize) -> Self {
         let rest = self.values.get(first..).unwrap_or_default();
@@ -96,13 +96,13 @@ impl<'a, T: Value> Table<'a, T> {
         self.values.len()
     }
 
-    /// The address of the first of `len()` values, at any alignment of less than f32.
+    /// Address of the first of `len()` values; aligned only as `T`.
     #[inline(always)]
     pub fn start(self) -> *const u8 {
         self.values.as_ptr().cast()
     }
 
-    /// Value `at + plus` of each of the first `lanes`; 0 where there is none.
+    /// Reads value `at[lane] + plus` for each of the first `lanes`; 0 if the index is beyond the table.
     #[inline(always)]
     pub fn read(self, at: &[u32; MAX_LANES], plus: usize, lanes: usize) -> [f32; MAX_LANES] {
         let (mut found, mut values) = ([T::default(); MAX_LANES], [0.0; MAX_LANES]);
@@ -115,7 +115,7 @@ impl<'a, T: Value> Table<'a, T> {
         values
     }
 
-    /// The factor of a level's values.
+    /// Scale of a level's values; 1 for floats.
     #[inline(always)]
     pub fn scale(self, level: usize) -> f32 {
         match T::FORMAT {
@@ -125,11 +125,11 @@ impl<'a, T: Value> Table<'a, T> {
     }
 }
 
-/// A finite f16, widened without a branch.
+/// Converts a finite f16 to f32 without a branch.
 #[inline(always)]
 pub fn widen_finite(bits: u16) -> f32 {
     let (sign, magnitude) = (u32::from(bits & 0x8000) << 16, u32::from(bits & 0x7fff));
-    // The difference of the exponents' biases, in place.
+    // Adds the difference of the exponent biases, shifted to the exponent's position.
     let normal = (magnitude << 13) + ((127 - 15) << 23);
     // No leading 1: a multiple of 2^-24.
     let subnormal = (magnitude as f32 * (1.0 / 16_777_216.0)).to_bits();

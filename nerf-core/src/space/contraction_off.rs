@@ -1,4 +1,4 @@
-//! In the place of `contraction` where the feature is off: every scene has an end, and no code contracts.
+//! Replaces `contraction` in builds without that feature: every scene is bounded.
 
 use super::scene_box::SceneBox;
 use crate::absent::absent;
@@ -6,13 +6,13 @@ use crate::camera::Ray;
 use crate::simd::Lanes;
 use glam::Vec3;
 
-/// No value: this build has no contraction. Opening a file with one is
+/// A type without values: this build has no contraction. Opening a file with one is
 /// [`BlobError::NotBuilt`](crate::blob::BlobError::NotBuilt).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Contraction {}
 
 impl Contraction {
-    /// `None`.
+    /// Returns `None`: this build has no contraction.
     pub fn new(_: &SceneBox, _: u8) -> Option<Self> {
         None
     }

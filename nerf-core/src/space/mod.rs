@@ -1,4 +1,4 @@
-//! The space of a scene: its box, the contraction of what has no end into one, and its place in a host's world.
+//! The space of a scene: the scene box, the contraction of unbounded scenes, and the placement in a host's world.
 
 #[cfg(feature = "contraction")]
 mod contraction;

@@ -4,12 +4,12 @@ use crate::camera::Ray;
 use crate::errors::errors;
 use glam::{Mat3, Vec3};
 
-/// Largest error of a rotation's columns, relative to their length.
+/// Maximum error of the lengths and dot products of a rotation's columns, relative to their length.
 const TOLERANCE: f32 = 1e-3;
-/// Largest scale, and one over the smallest: distances in both units stay well inside f32.
+/// Maximum scale, and reciprocal of the minimum: distances in both units stay well inside f32.
 const MAX_SCALE: f32 = 1e9;
 
-/// The placement of a field in a host's world: rotated, scaled alike along all axes, and moved.
+/// The placement of a field in a host's world: rotation, uniform scale and translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
     rotation: Mat3,
@@ -18,28 +18,28 @@ pub struct Placement {
 }
 
 errors! {
-    /// A transform that no field can be placed by.
+    /// A transform that is no valid placement.
     #[derive(Eq)]
     PlacementError:
-    /// A number that is not finite.
+    /// The matrix contains a number that is not finite.
     NotFinite => "expected a rotation, one scale and a translation, found a number that is not finite";
-    /// A transform of space to a plane or less, or a scale that is not in `[1e-9, 1e9]`.
+    /// The scale is not in `[1e-9, 1e9]`, as in a singular matrix.
     Singular => "expected a rotation, one scale and a translation, found a scale that is not in [1e-9, 1e9]";
-    /// Axes of different lengths, or not at right angles.
+    /// The axes have different lengths, or are not at right angles.
     Sheared =>
         "expected a rotation, one scale and a translation, found axes of different lengths or not at right angles";
-    /// A transform that takes right hands to left ones.
+    /// The matrix contains a reflection.
     Mirrored => "expected a rotation, one scale and a translation, found a mirrored one";
 }
 
 impl Placement {
-    /// The field's own coordinates are the world's.
+    /// The placement at which the field's coordinates equal the world's.
     pub const IDENTITY: Self = Self { rotation: Mat3::IDENTITY, scale: 1.0, translation: Vec3::ZERO };
 
-    /// The placement by the upper three rows of a row-major matrix that takes the field's coordinates to the world's.
+    /// Makes a placement from the upper three rows of a row-major field-to-world matrix.
     ///
     /// # Errors
-    /// [`PlacementError`] where that is not a rotation times one scale, and a translation.
+    /// [`PlacementError`] if the matrix is not a rotation times a uniform scale, plus a translation.
     pub fn from_rows(to_world: [[f32; 4]; 3]) -> Result<Self, PlacementError> {
         if !to_world.iter().flatten().all(|x| x.is_finite()) {
             return Err(PlacementError::NotFinite);
@@ -60,33 +60,34 @@ impl Placement {
         if x.cross(y).dot(z) < 0.0 {
             return Err(PlacementError::Mirrored);
         }
-        // Exactly at right angles, so that a direction of unit length stays one.
+        // Orthogonalised, so that unit directions keep their length.
         let x = x.normalize();
         let z = x.cross(y).normalize();
         Ok(Self { rotation: Mat3::from_cols(x, z.cross(x), z), scale, translation: column(3) })
     }
 
-    /// World units to one of the field's.
+    /// World units per unit of the field.
     pub fn scale(&self) -> f32 {
         self.scale
     }
 
-    /// A point of the world, where the field has it.
+    /// Transforms a point from the world's to the field's coordinates.
     pub fn point_in_field(&self, p: Vec3) -> Vec3 {
         self.rotation.transpose() * ((p - self.translation) / self.scale)
     }
 
-    /// A direction of unit length, where the field has it.
+    /// Transforms a unit direction from the world's to the field's coordinates.
     pub fn dir_in_field(&self, dir: Vec3) -> Vec3 {
         self.rotation.transpose() * dir
     }
 
-    /// A ray of the world, where the field has it: distances along it are divided by [`Placement::scale`].
+    /// Transforms a ray from the world's to the field's coordinates; distances along it are divided by
+    /// [`Placement::scale`].
     pub fn ray_in_field(&self, ray: &Ray) -> Ray {
         Ray { origin: self.point_in_field(ray.origin), dir: self.dir_in_field(ray.dir) }
     }
 
-    /// A direction of the field, where the world has it.
+    /// Transforms a direction from the field's to the world's coordinates.
     pub fn dir_in_world(&self, dir: Vec3) -> Vec3 {
         self.rotation * dir
     }

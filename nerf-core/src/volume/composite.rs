@@ -6,11 +6,10 @@ use crate::math::{MathBackend, with_math};
 
 /// Composites samples along one ray into colour, opacity and distance.
 ///
-/// `sigma`: `[n]`, 1/world unit, >= 0.  `rgb`: `[n]`.  `t_edges`: `[n + 1]`, world units, ascending.
-/// Distances are taken at the middle of each bin. A sample whose density is NaN or whose colour is
-/// not finite is empty. `z_depth` equals `ray_distance`: one ray has no
-/// view axis. Median distance and normal stay 0. Exponentials are the project's own;
-/// [`composite_with`] takes another backend's.
+/// `sigma`: `[n]`, 1/world unit, >= 0. `rgb`: `[n]`. `t_edges`: `[n + 1]`, world units, ascending. Distances are
+/// those of the bins' middles. A sample whose density is NaN or whose colour is not finite is empty. `z_depth` equals
+/// `ray_distance`, since a single ray has no view axis. Median distance and normal stay 0. Exponentials are the
+/// project's own; [`composite_with`] takes another backend's.
 ///
 /// # Errors
 /// [`VolumeError`] on lengths that do not fit and on edges that are not finite and ascending.
@@ -35,7 +34,7 @@ pub fn composite(
     composite_with(MathBackend::Polynomial, sigma, rgb, t_edges, background)
 }
 
-/// As [`composite`], with the exponentials of a maths backend: what a frame of it does with a ray's samples.
+/// [`composite`] with the exponentials of a maths backend, as a frame rendered with that backend.
 ///
 /// # Errors
 /// As [`composite`].
@@ -67,12 +66,12 @@ pub fn composite_with(
 }
 
 errors! {
-    /// Samples that make no ray.
+    /// Invalid samples of a ray.
     #[derive(Eq)]
     VolumeError:
-    /// `rgb` must be as long as `sigma`, `t_edges` one longer.
+    /// `rgb` is not as long as `sigma`, or `t_edges` not one longer.
     Lengths { sigma: usize, rgb: usize, t_edges: usize } =>
         "samples: expected n sigma, n rgb, n + 1 t_edges, found {sigma}, {rgb}, {t_edges}";
-    /// An edge is not finite or lies before the one in front of it.
+    /// An edge is not finite or is less than the previous edge.
     Edges { bin: usize } => "t_edges: expected finite ascending values, bin {bin} has none";
 }

@@ -1,9 +1,9 @@
-//! The median distance: where half of the light is gone.
+//! The median distance, at which half of the light is absorbed.
 
 use super::thickness_in_bin;
 use core::f32::consts::LN_2;
 
-/// Where in a bin the transmittance falls to one half, world units along the ray.
+/// Distance along the ray, world units, at which the transmittance falls to one half inside a bin.
 ///
 /// `thickness`: Σ sigma·delta of the bins in front, below ln 2 up to rounding. `sigma`: the bin's density,
 /// not 0. `t`: its middle, `delta`: its width, world units along the ray. Density is constant within a
@@ -11,7 +11,7 @@ use core::f32::consts::LN_2;
 ///
 /// `t_edge + (ln 2 − thickness) / sigma`
 ///
-/// is exact; rounding does not leave the bin. In a wall (`sigma = +inf`) it is the front edge.
+/// is exact. The result is clamped to the bin; if `sigma` is +inf it is the front edge.
 #[inline(never)]
 pub(crate) fn median_in_bin(thickness: f32, sigma: f32, t: f32, delta: f32) -> f32 {
     thickness_in_bin(LN_2 - thickness, sigma, t, delta)

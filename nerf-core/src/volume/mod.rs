@@ -24,7 +24,7 @@ pub(crate) use normal::NormalSum;
 /// At or below this opacity a pixel has no surface: its distances are `far`.
 pub const OPACITY_EPSILON: f32 = 1e-4;
 
-/// Optical thickness beyond which a sample is an opaque wall; `e^-100` is 0 in any picture.
+/// Maximum optical thickness, at which a sample is opaque: `e^-100` is 0 in any picture.
 const MAX_TAU: f32 = 100.0;
 
 /// Optical thickness of a sample: `sigma` 1/world unit, `delta` world units.
@@ -33,15 +33,15 @@ pub(crate) fn thickness(sigma: f32, delta: f32) -> f32 {
     (sigma.clamp(0.0, f32::MAX) * delta.clamp(0.0, f32::MAX)).min(MAX_TAU)
 }
 
-/// What a sample of optical thickness `tau` keeps of the light that reaches it.
+/// Opacity of a sample of optical thickness `tau`.
 #[inline(always)]
 pub(crate) fn alpha<M: Math, V: Lanes>(tau: V) -> V {
     M::expm1(tau.neg()).neg()
 }
 
-/// Where in a bin an optical thickness of `left` is behind the ray: density is constant in there. `sigma`: not 0; `t`: the
-/// bin's middle, `delta`: its width, world units along the ray. Rounding does not leave the bin; in a wall (`sigma = +inf`)
-/// it is the front edge.
+/// Distance along the ray at which the optical thickness since the bin's front edge is `left`, for constant density
+/// in the bin. `sigma`: not 0; `t`: the bin's middle, `delta`: its width, world units along the ray. The result is
+/// clamped to the bin; if `sigma` is +inf it is the front edge.
 #[inline]
 pub(crate) fn thickness_in_bin(left: f32, sigma: f32, t: f32, delta: f32) -> f32 {
     // Neither operand of the clamp is NaN: sigma is not 0, and the difference is finite.
@@ -49,18 +49,18 @@ pub(crate) fn thickness_in_bin(left: f32, sigma: f32, t: f32, delta: f32) -> f32
     (t - 0.5 * delta) + inside
 }
 
-/// What is left of the light behind an optical thickness of `total`.
+/// Transmittance after an optical thickness of `total`.
 #[inline(always)]
 pub(crate) fn light<M: Math, V: Lanes>(total: V) -> V {
     V::select(total.less(V::splat(MAX_TAU)), M::decay(total), V::splat(0.0))
 }
 
-/// Directions whose weighted mean is no longer than this cancel: what is left of them is rounding.
+/// Length of a weighted mean of unit vectors at or below which it is rounding noise: the directions cancel.
 #[cfg(any(feature = "normals", feature = "anti-aliasing"))]
 const MEAN_EPSILON: f32 = 1e-6;
 
-/// The direction of `sum`, of normals whose weights add up to `weight`; 0 where `opacity` is at most
-/// [`OPACITY_EPSILON`], and where the directions cancel.
+/// Direction of `sum`, a sum of normals with a total weight of `weight`; 0 if `opacity` is at most
+/// [`OPACITY_EPSILON`], or if the directions cancel.
 #[cfg(any(feature = "normals", feature = "anti-aliasing"))]
 pub(crate) fn mean_direction(sum: [f32; 3], weight: f32, opacity: f32) -> [f32; 3] {
     let sum = glam::Vec3::from(sum);
@@ -75,20 +75,20 @@ pub(crate) fn mean_direction(sum: [f32; 3], weight: f32, opacity: f32) -> [f32; 
 /// One finished pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pixel {
-    /// Colour over the background, display-encoded unless the frame's
-    /// [`Tone`](crate::plan::Tone) is linear; 0 if colour was not asked for.
+    /// Colour over the background, display-encoded unless the frame's [`Tone`](crate::plan::Tone) is linear; 0 if not
+    /// requested.
     pub rgb: [f32; 3],
     /// Σ weights, in `[0, 1]`.
     pub opacity: f32,
-    /// Mean distance along the ray, world units; `far` where opacity is at most [`OPACITY_EPSILON`].
+    /// Mean distance along the ray, world units; `far` if opacity is at most [`OPACITY_EPSILON`].
     pub ray_distance: f32,
-    /// Mean distance along the view axis, world units; `far` where opacity is at most [`OPACITY_EPSILON`].
+    /// Mean distance along the view axis, world units; `far` if opacity is at most [`OPACITY_EPSILON`].
     pub z_depth: f32,
-    /// First distance along the ray at which the transmittance is below one half, world units; `far` where
-    /// there is none, 0 if it was not asked for.
+    /// First distance along the ray at which the transmittance is below one half, world units; `far` if there is
+    /// none, 0 if not requested.
     pub median_distance: f32,
-    /// Mean of −∇sigma/|∇sigma| under the weights, world space, unit length; 0 where opacity is at most
-    /// [`OPACITY_EPSILON`], where the directions cancel, and if it was not asked for.
+    /// Mean of −∇sigma/|∇sigma| under the weights, world space, unit length; 0 if opacity is at most
+    /// [`OPACITY_EPSILON`], if the directions cancel, or if not requested.
     pub normal: [f32; 3],
 }
 
@@ -104,7 +104,7 @@ impl Pixel {
     };
 }
 
-/// What a ray has gathered so far, front to back.
+/// The sums of a ray's samples composited so far, front to back.
 ///
 /// `alpha = −expm1(−sigma delta)`, `transmittance = exp(−Σ sigma delta)` summed in log space with
 /// compensation, `weight = transmittance · alpha`.
@@ -117,35 +117,35 @@ pub(crate) struct Accumulator {
     rgb: [Sum; 3],
     opacity: Sum,
     distance: Sum,
-    /// Weight that no colour has been asked for yet.
+    /// Weight of samples without a colour yet.
     uncoloured: f32,
-    /// What is left of the light, `exp(−tau)`.
+    /// Transmittance, `exp(−tau)`.
     left: f32,
 }
 
 impl Accumulator {
-    /// A ray that has met nothing.
+    /// A ray without samples.
     pub const NONE: Self = {
         let zero = Sum::ZERO;
         Self { tau: zero, rgb: [zero; 3], opacity: zero, distance: zero, uncoloured: 0.0, left: 1.0 }
     };
 
-    /// `Σ sigma delta` of everything gathered so far that had a weight.
+    /// Optical thickness so far, `Σ sigma delta`.
     #[inline]
     pub fn optical_thickness(&self) -> f32 {
         self.tau.value
     }
 
-    /// What is left of the light behind everything gathered so far: `exp(−Σ sigma delta)`.
+    /// Transmittance after the samples so far: `exp(−Σ sigma delta)`.
     #[inline]
     pub fn transmittance(&self) -> f32 {
         self.left
     }
 
-    /// Adds the density of the sample at `t` behind everything gathered so far; returns its weight.
+    /// Adds the density of the next sample, at `t`, and returns its weight.
     ///
-    /// `sigma`: 1/world unit, clamped to `>= 0`; `delta`, `t`: world units along the ray, `t` finite.
-    /// +inf is an opaque wall, but 0 times +inf is nothing. A NaN in `sigma` is the caller's to leave out.
+    /// `sigma`: 1/world unit, clamped to `>= 0`; `delta`, `t`: world units along the ray, `t` finite. A `sigma` or
+    /// `delta` of +inf is opaque, but 0 times +inf is 0. Callers must leave out samples with a NaN in `sigma`.
     #[inline]
     pub fn add_density<M: Math>(&mut self, sigma: f32, t: f32, delta: f32) -> f32 {
         let tau = thickness(sigma, delta);
@@ -153,19 +153,20 @@ impl Accumulator {
         self.add_alpha(alpha::<M, f32>(tau), light::<M, f32>(total), t)
     }
 
-    /// The first half of [`Accumulator::add_density`]: adds the optical thickness of a sample; returns `Σ sigma delta` up
-    /// to and with it.
+    /// The first half of [`Accumulator::add_density`]: adds the optical thickness of a sample and returns
+    /// `Σ sigma delta` including it.
     #[inline]
     pub(crate) fn add_thickness(&mut self, tau: f32) -> f32 {
-        // Behind a term that was larger than all before it, Kahan's sum may move by an ulp when 0 is added: what
-        // weighs nothing changes no bit.
+        // A sample of thickness 0 must change no bit, but after a term larger than all before it Kahan's sum may
+        // change by an ulp when 0 is added.
         if tau > 0.0 {
             self.tau.add(tau);
         }
         self.tau.value
     }
 
-    /// The second half: `alpha` of the sample at `t`, and the light behind it; returns its weight.
+    /// The second half of [`Accumulator::add_density`]: adds the sample at `t` with opacity `alpha` and returns its
+    /// weight. `light`: the transmittance after it.
     #[inline]
     pub(crate) fn add_alpha(&mut self, alpha: f32, light: f32, t: f32) -> f32 {
         let weight = self.left * alpha;
@@ -179,16 +180,16 @@ impl Accumulator {
         weight
     }
 
-    /// A ray that has met nothing and collides once an optical thickness of `total` is behind it: its own counts from
-    /// `-total` to 0.
+    /// A ray that collides after an optical thickness of `total`: its sum starts at `-total` and the collision is at
+    /// 0.
     pub(crate) fn until(total: f32) -> Self {
         let mut ray = Self::NONE;
         ray.tau.add(-total);
         ray
     }
 
-    /// Whether such a ray, at an optical thickness of `before`, collides in the bin of density `sigma` (not 0), middle `t`
-    /// and width `delta`; then it sees that point alone.
+    /// Whether a ray made by [`Accumulator::until`], with sum `before`, collides in the bin of density `sigma` (not
+    /// 0), middle `t` and width `delta`. If so, adds opacity 1 at the collision's distance.
     #[inline]
     pub(crate) fn collide(&mut self, before: f32, sigma: f32, t: f32, delta: f32) -> bool {
         let collides = -before < thickness(sigma, delta);
@@ -199,17 +200,17 @@ impl Accumulator {
         collides
     }
 
-    /// The weight that still waits for a colour, if it is more than `cut`: the sample that was added last
-    /// is worth asking for its colour, which goes to [`Accumulator::add_colour`] with this weight.
+    /// Takes the weight without a colour if it is more than `cut`. The caller then evaluates the colour of the last
+    /// sample and passes it to [`Accumulator::add_colour`] with this weight.
     ///
-    /// Samples too light to ask thus take the colour of the next one behind them that is asked, and never
-    /// more than `cut` of a ray is left without any. With a cut of 0 this is the last sample's own weight.
+    /// Samples of low weight thus get the colour of the next evaluated sample, and at most `cut` of a ray stays
+    /// without a colour. With a cut of 0 this is the last sample's own weight.
     #[inline]
     pub fn take_uncoloured(&mut self, cut: f32) -> Option<f32> {
         (self.uncoloured > cut).then(|| core::mem::take(&mut self.uncoloured))
     }
 
-    /// Adds a colour with the weight that [`Accumulator::take_uncoloured`] gave, front to back.
+    /// Adds a colour with the weight from [`Accumulator::take_uncoloured`], front to back.
     #[inline]
     pub fn add_colour(&mut self, weight: f32, rgb: [f32; 3]) {
         for (sum, c) in self.rgb.iter_mut().zip(rgb) {
@@ -217,21 +218,21 @@ impl Accumulator {
         }
     }
 
-    /// Gives all weight that was [taken](Accumulator::take_uncoloured) one colour.
+    /// Adds one colour with all weight that was [taken](Accumulator::take_uncoloured).
     #[inline]
     pub(crate) fn colour_all(&mut self, rgb: [f32; 3]) {
         self.add_colour(self.opacity.value - self.uncoloured, rgb);
     }
 
-    /// The pixel, over `background`, of samples whose `t` were counted from `start` along the ray; `z_per_distance` is the
-    /// cosine between ray and view axis. No distance is beyond `far`. One that was `cut` is opaque: what is left of its light
-    /// takes its mean colour too.
+    /// Makes the pixel, over `background`, of samples whose `t` begin at `start` along the ray. `z_per_distance` is
+    /// the cosine between ray and view axis. Distances are clamped to `far`. A ray that was `cut`, terminated early,
+    /// becomes opaque: its remaining transmittance gets its mean colour.
     ///
-    /// Weight that is left without a colour takes the mean of the ray's colours, as long as it is the smaller part. Median
-    /// distance and normal are not its business: they stay 0.
+    /// Weight without a colour gets the mean of the ray's colours if it is less than the coloured weight. Median
+    /// distance and normal stay 0.
     ///
     /// # Source
-    /// Müller et al. 2022, their renderer.
+    /// Müller et al. 2022, the authors' renderer.
     pub(crate) fn finish_from(
         &self,
         start: f32,
@@ -254,7 +255,7 @@ impl Accumulator {
         Pixel { rgb, opacity, ray_distance, z_depth, ..Pixel::BLANK }
     }
 
-    /// Adds the sample at `t` behind everything gathered so far; returns its weight.
+    /// Adds the next sample, at `t`, with its colour and returns its weight.
     ///
     /// [`Accumulator::add_density`] and [`Accumulator::add_colour`] in one, without a cut.
     #[cfg(feature = "train")]
@@ -273,15 +274,15 @@ impl Accumulator {
         self.finish_from(0.0, false, background, far, z_per_distance)
     }
 
-    /// Optical thickness, opacity and distance, each with what rounding lost of it, then the weight without a colour and the
-    /// transmittance: all of it but the colour.
+    /// The state except for the colour: optical thickness, opacity and distance, each with its rounding error, then
+    /// the weight without a colour and the transmittance.
     #[inline]
     fn state(&self) -> [f32; side_by_side::ROWS] {
         let Self { tau, opacity, distance, uncoloured, left, .. } = self;
         [tau.value, tau.lost, opacity.value, opacity.lost, distance.value, distance.lost, *uncoloured, *left]
     }
 
-    /// Sets what [`Accumulator::state`] gives.
+    /// The inverse of [`Accumulator::state`].
     #[inline]
     fn set_state(
         &mut self,

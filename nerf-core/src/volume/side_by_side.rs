@@ -1,18 +1,19 @@
-//! Compositing of several rays at once: the state of [`Accumulator`] without colour, a row a value and a column a ray.
+//! Compositing of several rays at once: the state of [`Accumulator`] without colour, one row per value and one column
+//! per ray.
 
 use super::{Accumulator, MAX_TAU, alpha, light};
 use crate::math::Math;
 use crate::simd::{BLOCK, Lanes};
 
-/// Number of rows.
+/// Number of rows of [`Rows`].
 pub(crate) const ROWS: usize = 8;
 /// The state of a block of rays.
 pub(crate) type Rows = [[f32; BLOCK]; ROWS];
-/// First row of each sum, whose value is followed by what rounding lost.
+/// First row of each sum (`TAU`, `OPACITY`, `DISTANCE`): its value; the next row is its rounding error.
 const TAU: usize = 0;
 const OPACITY: usize = 2;
 const DISTANCE: usize = 4;
-/// Weight without a colour yet, and transmittance.
+/// Rows of the weight without a colour (`UNCOLOURED`) and of the transmittance (`LEFT`).
 const UNCOLOURED: usize = 6;
 const LEFT: usize = 7;
 
@@ -24,7 +25,7 @@ pub(crate) fn put_column(ray: &Accumulator, rows: &mut Rows, column: usize) {
     }
 }
 
-/// Reads the state of a ray, all but its colour, back from column `column` of a block.
+/// Reads the state of a ray, without its colour, from column `column` of a block.
 #[inline]
 pub(crate) fn take_column(ray: &mut Accumulator, rows: &Rows, column: usize) {
     ray.set_state(rows.each_ref().map(|row| row[column % BLOCK]));
@@ -35,8 +36,8 @@ pub(crate) fn left_of(rows: &Rows) -> &[f32; BLOCK] {
     &rows[LEFT]
 }
 
-/// Adds a sample to each ray of a vector that begins at column `from`: [`Accumulator::add_density`]. Returns the weight that
-/// [`Accumulator::take_uncoloured`] gives for each, or 0.
+/// [`Accumulator::add_density`] for each ray of a vector that begins at column `from`. Returns for each the weight
+/// that [`Accumulator::take_uncoloured`] gives, or 0.
 ///
 /// `sigma` 1/world unit, NaN as 0; `t`, `delta`: world units along the ray.
 #[inline(always)]
@@ -47,7 +48,7 @@ pub(crate) fn add_samples<M: Math, V: Lanes>(
     cut: f32,
 ) -> V {
     let (zero, most) = (V::splat(0.0), V::splat(f32::MAX));
-    // No sample without a density changes a bit.
+    // A sample without density must change no bit.
     let dense = zero.less(sigma);
     let sigma = V::select(dense, sigma, zero).min_of(most);
     let tau = sigma.mul(delta.max_of(zero).min_of(most)).min_of(V::splat(MAX_TAU));
@@ -64,7 +65,8 @@ pub(crate) fn add_samples<M: Math, V: Lanes>(
     V::select(takes, waiting, zero)
 }
 
-/// Adds `x` where it `counts` to the sums whose value is row `first` and whose rest is the next: [`Sum::add`].
+/// `Sum::add` of `x`, in the lanes of `counts`, to the sums with values in row `first` and rounding errors in the
+/// next row.
 #[inline(always)]
 fn add<V: Lanes>((rows, from): (&mut Rows, usize), first: usize, x: V, counts: V::Mask) -> V {
     let [value, lost] = [first, first + 1].map(|row| V::load(&rows[row][from..]));

@@ -9,7 +9,7 @@ use std::vec::Vec;
 
 const SIZES: [f32; 7] = [0.0, 1e-30, 1e-10, 1.0, 1e10, 1e30, f32::INFINITY];
 
-/// Repeatable values in [0, 1).
+/// Reproducible pseudo-random values in [0, 1).
 fn noise(n: usize, seed: u32) -> Vec<f32> {
     testing::noise(n, seed).into_iter().map(|x| 0.5 + 0.5 * x).collect()
 }
@@ -294,7 +294,7 @@ fn no_backend_makes_light() {
 #[cfg(feature = "median")]
 #[test]
 fn half_of_the_light_is_left_ln_2_behind_the_edge_of_a_medium_of_density_1() {
-    // It begins at 2, in bins of 0.5.
+    // Bins begin at 2 and are 0.5 wide.
     let t = super::median_in_bin(0.5, 1.0, 2.75, 0.5);
     assert!((t - (2.0 + core::f32::consts::LN_2)).abs() < 1e-6);
 }

@@ -10,18 +10,18 @@ use std::borrow::Borrow;
 
 /// Rounds of iteratively reweighted least squares.
 const ROUNDS: usize = 30;
-/// Smallest residual that a weight is the inverse of.
+/// Lower limit of the residual whose inverse is a weight.
 const SMALLEST_RESIDUAL: f64 = 0.02;
-/// Bytes beyond which a colour says nothing of the light: too dark, or clipped.
+/// Range of mean colours that are used, 0 to 255: below it they are too dark, above it clipped.
 const USABLE: (f64, f64) = (15.0, 245.0);
-/// Half the side of the square that a colour is the mean of, pixels.
+/// Half the side of the square over which a colour is averaged, pixels.
 const HALF_SIDE: i64 = 2;
-/// Lines of sight that a photograph needs for its gain to be measured.
+/// Number of lines of sight that a photograph needs for its gain to be measured.
 const ENOUGH_SIGHTS: usize = 20;
-/// Standard deviation of log gains from which on exposure is fitted: below it gains lose more on photographs as they
-/// are than they win (0.043 and 0.079 on two steady captures lost 0.2 to 0.7 dB).
+/// Standard deviation of log gains from which on exposure is fitted. Below it, gains lose more on unchanged
+/// photographs than they win (0.043 and 0.079 on two steady captures lost 0.2 to 0.7 dB).
 pub const CALLED_FOR: f64 = 0.12;
-/// Log gain, either way, of a photograph that calls for gains by itself: a factor of two.
+/// Absolute log gain from which on a single photograph calls for gains: a factor of two.
 const FAR_OFF: f32 = std::f32::consts::LN_2;
 
 /// Log gain of each photograph, red, green, blue.
@@ -40,8 +40,8 @@ impl LogGains {
         (self.0.iter().map(|gain| (brightness(gain) - mean).powi(2)).sum::<f64>() / count).sqrt()
     }
 
-    /// The photograph whose gain, the mean over the channels, is farthest from 0, and that log gain; `None` where it is
-    /// less than a factor of two.
+    /// Index and log gain of the photograph whose gain, averaged over the channels, is farthest from 0; `None` if
+    /// that is less than a factor of two.
     pub fn outlier(&self) -> Option<(u32, f32)> {
         let gains = self.0.iter().map(|gain| brightness(gain) as f32).zip(0..);
         let farthest = gains.max_by(|(a, _), (b, _)| a.abs().total_cmp(&b.abs()));
@@ -57,10 +57,10 @@ impl LogGains {
         }
     }
 
-    /// Measured where several photographs show the same points; `None` where there are too few of those.
+    /// Measures gains at points that several photographs show; `None` if too few photographs have enough of these.
     ///
     /// Log colour at a key point = log colour of its point + log gain of its photograph, by least absolute residuals.
-    /// `sights`: of `views`, in their order.
+    /// `sights`: one entry per view, in the order of `views`.
     pub fn measured<V: Borrow<View>>(views: &[V], sights: &Sights) -> Option<Self> {
         let enough = sights.of_views.iter().filter(|sights| sights.len() >= ENOUGH_SIGHTS).count();
         if enough < 2 || enough * 2 < views.len() {
@@ -89,7 +89,7 @@ fn brightness(gain: &[f32; 3]) -> f64 {
     gain.iter().map(|&g| f64::from(g)).sum::<f64>() / 3.0
 }
 
-/// Natural logarithm of the mean colour, 0 to 255, around pixel `at` of a view; `None` where it is too dark, clipped or
+/// Natural logarithm of the mean colour, 0 to 255, around pixel `at` of a view; `None` if it is too dark, clipped or
 /// transparent.
 fn log_colour(view: &View, at: [f32; 2]) -> Option<[f64; 3]> {
     let (mut sum, mut count) = ([0.0; 3], 0.0);

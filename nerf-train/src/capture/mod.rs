@@ -1,5 +1,5 @@
-//! What a capture's own reconstruction says of the scene before anything is fitted: where key points lie, which space
-//! is free, and how bright each photograph is.
+//! What a capture's own reconstruction tells about the scene before a fit: positions of key points, free space, and
+//! the brightness of each photograph.
 
 pub mod check;
 pub mod exposure;

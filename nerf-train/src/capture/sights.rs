@@ -6,28 +6,28 @@ use rayon::prelude::*;
 use std::borrow::Borrow;
 use std::fmt;
 
-/// Fewest photographs of a point that is believed: a wrong match of two meets somewhere, too.
+/// Number of photographs that must show a point for it to be used: a wrong match of two meets somewhere, too.
 const MIN_TRACK: u32 = 3;
-/// Mean reprojection error of a point from which on it is not believed, pixels of the full size.
+/// Mean reprojection error of a point from which on it is not used, pixels of the full size.
 const MAX_ERROR: f32 = 2.0;
-/// Distance between a key point and its point's projection from which on it is not believed, pixels of the view.
+/// Distance between a key point and the projection of its 3D point from which on it is not used, pixels of the view.
 const MAX_RESIDUAL: f32 = 3.0;
-/// Number of photographs that see a point, from which on it counts as certain.
+/// Number of photographs that see a point from which on it counts as certain.
 const FULL_TRACK: f32 = 6.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sight {
-    /// Where the photograph shows the point, pixels from the left and from the top.
+    /// Position of the point in the photograph, pixels from the left and from the top.
     pub at: [f32; 2],
     /// The point's index in [`Dataset::points`].
     pub point: u32,
-    /// From the camera to the point, world units.
+    /// Distance from the camera to the point, world units.
     pub distance: f32,
-    /// 0 to 1: `min(1, track / 6) / (1 + error²)`, of photographs that see the point and its reprojection error in pixels.
+    /// `min(1, track / 6) / (1 + error²)`, 0 to 1, from the point's track and its reprojection error in pixels.
     pub confidence: f32,
 }
 
-/// The lines of sight of each of some views, and the key points that are none.
+/// Lines of sight of a list of views, and numbers of the key points that are not used.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sights {
     pub of_views: Vec<Vec<Sight>>,
@@ -38,7 +38,7 @@ pub struct Sights {
 }
 
 impl Sights {
-    /// Those of `views`, to points of `points`.
+    /// Lines of sight from `views` to `points`.
     pub fn of<V: Borrow<View> + Sync>(views: &[V], points: &[SparsePoint]) -> Self {
         let mut sights = Self::default();
         let of_view = |view: &V| {
@@ -101,7 +101,7 @@ impl fmt::Display for Sights {
     }
 }
 
-/// The lines of sight of the training views; none where the data have no tracks.
+/// Lines of sight of the training views; `None` if the data have no tracks.
 pub fn of_training(dataset: &Dataset) -> Option<Sights> {
     let sights = Sights::of(&dataset.train, &dataset.points);
     (sights.count() > 0).then_some(sights)

@@ -19,16 +19,16 @@ use std::process::ExitCode;
 
 /// Ablation: quality and cost of each effect of a scene.
 ///
-/// The effects: view dependence, occupancy grid, background. Time and work (multiply-adds) are with the effect over
-/// without it.
+/// The effects: view dependence, occupancy grid, background. Time and work (multiply-adds) are ratios: with the
+/// effect over without it.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: nerf-train audit lego.nerf lego_200x200.npz --effect-threshold 0.1")]
 pub struct Audit {
-    /// Blob.
+    /// Scene file (.nerf).
     file: PathBuf,
     /// Data set.
     data: PathBuf,
-    /// Gain that keeps an effect, dB; one that saves 10 % of the work may lose as much.
+    /// Minimum PSNR gain to keep an effect, dB; an effect that saves 10 % of the work may instead lose up to this.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
     effect_threshold: f64,
     /// Split to evaluate.
@@ -50,7 +50,7 @@ pub struct Audit {
     data_options: DataOptions,
 }
 
-/// More rounds than any measurement takes; each has its own place in memory.
+/// Largest number of timing rounds: each takes memory.
 const MAX_REPEATS: usize = 10_000;
 
 impl Audit {
@@ -61,7 +61,7 @@ impl Audit {
         let mut lab = Variants::new(&bytes)?;
         let dataset = self.data_options.read_for(&self.data, (&blob, &self.file), global)?;
         let views = self.split.some(&dataset, &self.data, self.views)?;
-        // Directions are averaged over what was fitted, not over what is measured.
+        // Directions are averaged over training views, not over those that are measured.
         let rays: Vec<&View> =
             if dataset.train.is_empty() { views.clone() } else { dataset.train.iter().collect() };
         let options =

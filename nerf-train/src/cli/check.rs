@@ -15,20 +15,20 @@ use clap::Args;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Photographs from which on it is said first what they take.
+/// Number of photographs from which on time and memory are announced first.
 const MANY: usize = 300;
-/// Memory of a photograph of about 800 pixels, bytes.
+/// Memory per photograph of about 800 pixels, bytes.
 const BYTES_EACH: u64 = 2_400_000;
-/// Photographs that a core compares in a second.
+/// Number of photographs compared per second and core.
 const COMPARED_PER_SECOND: u64 = 30;
-/// Bytes of picture files that a core decodes in a second.
+/// Bytes of picture files decoded per second and core.
 const DECODED_PER_SECOND: u64 = 15_000_000;
 
 /// Check a capture before training: coverage, blur, exposure, overlap, poses.
 ///
-/// `fit` says the same first. A model is folded where places that repeat laid two sides of an orbit on top of each other:
-/// photographs that share points then show different things there. That is judged where the poses come with tracks of
-/// points, as a COLMAP model does.
+/// `fit` reports the same before training. A model is folded if repeated structures laid two sides of an orbit on top
+/// of each other: photographs that share points then show different things there. This is judged only if the poses
+/// come with tracks of points, as in a COLMAP model.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train check holiday_poses
@@ -67,7 +67,7 @@ impl Check {
         Ok(ExitCode::SUCCESS)
     }
 
-    /// Says what many photographs take, and refuses what memory cannot hold.
+    /// Reports the time and memory that many photographs take. Refuses more than memory can hold.
     fn say_size(&self, global: &Global) -> anyhow::Result<()> {
         let files = data::files(&self.data);
         let pictures: Vec<_> = files.iter().filter(|file| is_picture_name(file)).collect();

@@ -1,4 +1,4 @@
-//! What several commands share.
+//! Options and functions that several commands share.
 
 use super::lines::lines;
 pub use crate::data::pictures::colour::{name as background_name, parse as parse_background};
@@ -17,20 +17,20 @@ use serde::Serialize;
 use std::io::Write;
 use std::path::Path;
 
-/// What is said where a signal ends runs of which each has its own file.
+/// Message when a signal ends a sequence of runs, each of which has its own file.
 pub const GO_ON: &str = "interrupted: the run that was under way is lost, the finished ones are kept; go on with the same command";
 
-/// Threads a core beyond which more only cost memory.
+/// Largest number of threads per core: more only cost memory.
 const THREADS_PER_CORE: usize = 4;
 
-/// Prints a line of the result, which stays one line whatever is in it; returns from the function where that fails.
+/// Prints one line of the result, with control characters escaped. Returns from the calling function if that fails.
 macro_rules! outln {
     ($($arg:tt)*) => {
         $crate::cli::common::print(&$crate::system::printable::line(&format!($($arg)*)))?
     };
 }
 
-/// Prints lines to stdout. A reader that has seen enough and closed it is no failure.
+/// Prints lines to stdout. A closed pipe is no error.
 pub fn print(lines: &str) -> anyhow::Result<()> {
     match writeln!(std::io::stdout(), "{}", printable::lines(lines)) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
@@ -40,17 +40,17 @@ pub fn print(lines: &str) -> anyhow::Result<()> {
     }
 }
 
-/// Prints lines of the result, each of which stays one line whatever is in it.
+/// Prints the lines of the result, with control characters in each escaped.
 pub fn print_lines(lines: impl IntoIterator<Item = impl AsRef<str>>) -> anyhow::Result<()> {
     lines.into_iter().try_for_each(|line| print(&printable::line(line.as_ref())))
 }
 
-/// Prints a line to stderr, if anybody listens: `eprintln!` would panic where it is closed.
+/// Prints a line to stderr and ignores errors: `eprintln!` would panic if stderr is closed.
 pub fn tell(line: &str) {
     let _ = writeln!(std::io::stderr(), "{}", printable::line(line));
 }
 
-/// Options every command takes.
+/// Options of every command.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Options of every command")]
 pub struct Global {
@@ -63,7 +63,7 @@ pub struct Global {
     /// Number of threads [default: all cores].
     #[arg(long, global = true, value_name = "N")]
     pub threads: Option<usize>,
-    /// Kernel: avx512, avx2, neon, portable, with -f16 or -bf16 [default: fastest].
+    /// Compute kernel: avx512, avx2, neon or portable; suffix -f16 or -bf16: 16-bit weights [default: fastest].
     #[arg(long, global = true, value_name = "KERNEL", env = "NERF_KERNEL", hide_env_values = true, value_parser = parse_kernel)]
     pub kernel: Option<Kernel>,
 }
@@ -98,7 +98,7 @@ impl Global {
         }
     }
 
-    /// Prints a line of what is going on, unless quiet.
+    /// Prints a progress message, unless quiet.
     pub fn say(&self, line: impl AsRef<str>) {
         progress::say(self.style(), line.as_ref());
     }
@@ -108,19 +108,19 @@ impl Global {
         self.say(format!("training on {cpu} ({kernel}, {threads} threads), seed {seed}"));
     }
 
-    /// Says that a signal ended the command, and what is left of its work.
+    /// Reports that a signal ended the command; `message` says what is left of its work.
     pub fn interrupted(&self, message: &str) {
         if self.json { super::interrupted_json(message) } else { super::interrupted(message) }
     }
 
-    /// Prints the result, once and last: as JSON where asked for, else its fields as lines.
+    /// Prints the result, once and last: as JSON with `--json`, else its fields as lines.
     ///
     /// With `--json` nothing else goes to stdout, so a command prints results nowhere but here.
     pub fn finish(&self, result: &impl Serialize) -> anyhow::Result<()> {
         self.finish_with(result, || print(lines(result)?.trim_end()))
     }
 
-    /// Prints the result, once and last: as JSON where asked for, else what `human` prints.
+    /// Prints the result, once and last: as JSON with `--json`, else by calling `human`.
     pub fn finish_with(
         &self,
         result: &impl Serialize,
@@ -138,17 +138,17 @@ fn parse_kernel(name: &str) -> Result<Kernel, String> {
     })
 }
 
-/// Makes a write beyond a limit of file sizes (`ulimit -f`) an error like that of a full disk: by default the signal
-/// that comes with it ends the process without a word.
+/// Blocks SIGXFSZ, so that a write beyond the limit of file sizes (`ulimit -f`) is an error like that of a full disk.
+/// By default the signal ends the process without a message.
 ///
-/// To be called before there are threads: these inherit it, and so do programs that are started, such as ffmpeg.
+/// Call this before any thread starts: threads and child processes, such as ffmpeg, inherit the signal mask.
 pub fn survive_file_size_limits() {
     #[cfg(unix)]
     {
         use nix::sys::signal::{SigSet, Signal};
         let mut signals = SigSet::empty();
         signals.add(Signal::SIGXFSZ);
-        // Where that cannot be, a limit ends the process as it does any other.
+        // If blocking fails, the signal ends the process as by default.
         let _ = signals.thread_block();
     }
 }

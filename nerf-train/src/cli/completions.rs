@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 /// Print a shell completion script.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples, each for the next shell that is opened:
+#[command(after_help = "Examples (they take effect in a new shell):
   nerf-train completions bash > ~/.local/share/bash-completion/completions/nerf-train
   nerf-train completions zsh > ~/.zfunc/_nerf-train    # with fpath+=~/.zfunc before compinit in ~/.zshrc
   nerf-train completions fish > ~/.config/fish/completions/nerf-train.fish

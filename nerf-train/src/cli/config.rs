@@ -16,14 +16,14 @@ pub struct PrintConfig {
     preset: Preset,
 }
 
-/// The sources that declare the settings, whose comments say what they are.
+/// Source files that declare the settings: their doc comments become the comments of the TOML file.
 const SOURCES: &str = concat!(
     include_str!("../model/config/mod.rs"),
     include_str!("../model/config/table.rs"),
     include_str!("../model/config/optimiser.rs")
 );
 
-/// The tables of the file, outermost first, and the types that declare them.
+/// Tables of the TOML file, outermost first, and the types that declare them.
 const TABLES: [(&str, &str); 7] = [
     ("", "Config"),
     ("network", "NetworkConfig"),
@@ -43,7 +43,7 @@ impl PrintConfig {
     }
 }
 
-/// The settings as TOML, each behind its comment; one that is not set is a comment itself.
+/// The settings as TOML, each after its comment; an unset one is a comment itself.
 fn commented(settings: &toml::Table) -> anyhow::Result<String> {
     let mut text = String::new();
     for (path, name) in TABLES {

@@ -33,7 +33,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// Steps the demo trains for: all of it within a minute on two cores.
+/// Training steps of the demo, which takes less than a minute on two cores.
 const STEPS: u32 = 5000;
 const ORBIT_FRAMES: usize = 36;
 
@@ -94,7 +94,7 @@ impl Demo {
         Ok(ExitCode::SUCCESS)
     }
 
-    /// The settings; first, so that what is wrong costs no time.
+    /// Checks the options and returns the settings, before any work.
     fn check(&self) -> anyhow::Result<Config> {
         let mut config =
             read_config(Preset::Grid, self.config.as_deref(), &SetOption::default(), Surroundings::Known)?;
@@ -119,8 +119,8 @@ impl Demo {
         }
     }
 
-    /// Measures every held-out view against its picture and its true distances; a sheet of them. Its scores, and the median
-    /// relative error of the z-depth of opaque pixels.
+    /// Evaluates every held-out view against its picture and its true distances, and writes a contact sheet. Returns
+    /// the scores and the median relative error of z-depth over opaque pixels.
     fn views(
         &self,
         renderer: &Renderer<'_>,
@@ -188,7 +188,7 @@ impl Demo {
     }
 }
 
-/// |z_depth − truth| / truth of the pixels that are opaque in truth and in the picture's own eyes.
+/// |z_depth − truth| / truth of the pixels that are opaque in the truth.
 fn z_depth_errors(frame: &Frame, truth: &Truth) -> Vec<f64> {
     let pixels = frame.z_depth.iter().zip(&truth.z_depth).zip(&truth.opaque);
     let opaque = pixels.filter(|&(_, &opaque)| opaque);

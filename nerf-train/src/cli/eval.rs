@@ -22,11 +22,11 @@ use std::process::ExitCode;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Split {
-    /// What was fitted.
+    /// Training views.
     Train,
-    /// What the fit was watched on.
+    /// Validation views.
     Val,
-    /// What is left.
+    /// Test views.
     Test,
 }
 
@@ -46,7 +46,7 @@ impl Split {
         Ok(views)
     }
 
-    /// Cameras of the split; of a test split without pictures, its poses.
+    /// Cameras of the split; for a test split without pictures, those of its poses.
     pub fn cameras(self, dataset: &Dataset) -> Vec<Camera> {
         let views = self.of(dataset);
         if self == Self::Test && views.is_empty() {
@@ -55,7 +55,7 @@ impl Split {
         views.iter().map(|view| view.camera).collect()
     }
 
-    /// Camera of this index in the split; `flag`: what gave the index, for the error.
+    /// Camera at `index` in the split; `flag`: the flag that gave the index, for the error.
     pub fn camera(self, flag: &str, dataset: &Dataset, index: usize) -> anyhow::Result<Camera> {
         let cameras = self.cameras(dataset);
         let (count, name) = (cameras.len(), self.name());
@@ -78,20 +78,20 @@ impl Split {
     after_help = "Example: nerf-train eval lego.nerf lego_200x200.npz --background white --report out/eval"
 )]
 pub struct Eval {
-    /// Blob.
+    /// Scene file (.nerf).
     file: PathBuf,
     /// Data set.
     data: PathBuf,
-    /// Split [default: val, or test where there is no val].
+    /// Split [default: val, or test if there is no val].
     #[arg(long, value_enum)]
     split: Option<Split>,
     /// Evaluate every N-th view only.
     #[arg(long, value_name = "N", default_value_t = 1)]
     every: usize,
-    /// Also PSNR over every N-th pixel of every N-th row.
+    /// Also report PSNR on every N-th pixel of every N-th row.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..))]
     lattice: Option<u32>,
-    /// Background: white, #RRGGBB or R,G,B [default: the blob's].
+    /// Background: white, #RRGGBB or R,G,B [default: the scene file's].
     #[arg(long, value_name = "COLOUR", value_parser = parse_background)]
     background: Option<[f32; 3]>,
     /// Report folder: summary.json, table, images.
@@ -150,7 +150,7 @@ impl Eval {
         Ok(ExitCode::SUCCESS)
     }
 
-    /// The split that was asked for, or else the one that is there.
+    /// The split of `--split`; by default val, or test if only that has views.
     fn split_of(&self, dataset: &Dataset) -> Split {
         let there = if dataset.val.is_empty() && !dataset.test.is_empty() { Split::Test } else { Split::Val };
         self.split.unwrap_or(there)
@@ -171,14 +171,14 @@ impl Eval {
         Ok(views)
     }
 
-    /// The views with the refined poses beside the blob; `None` unless all of them have one.
+    /// The views with the refined poses stored next to the scene file; `None` unless every view has one.
     fn refined(&self, dataset: &Dataset, views: &[&View]) -> anyhow::Result<Option<Vec<View>>> {
         let Some(refined) = RefinedPoses::beside(&self.file)? else { return Ok(None) };
         let cameras = refined.cameras(&self.file, views.iter().copied(), dataset.origin)?;
         Ok(views.iter().zip(cameras).map(|(view, camera)| Some(view.seen_from(camera?))).collect())
     }
 
-    /// Says where --background cannot change what is behind the pictures.
+    /// Reports when `--background` cannot change the background of the pictures, which have no alpha.
     fn say_opaque(&self, views: &[&View], own: [f32; 3], global: &Global) {
         let other = self.background.is_some_and(|background| background != own);
         if other && views.iter().all(|view| !view.has_alpha()) {

@@ -19,10 +19,10 @@ use serde_json::Value;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Sides of the picture that is rendered without a data set, pixels, and its field of view, degrees.
+/// Width and height of the picture that is rendered without a data set, pixels, and its field of view, degrees.
 const ORBIT: (u32, u32, f32) = (200, 200, 40.0);
 
-/// Show which stages of a frame run, why, and where its work goes.
+/// Show a frame's render stages, why each runs, and its cost.
 ///
 /// Renders one view for its counters: the data set's, or one from an orbit around the scene.
 #[derive(Debug, Args)]
@@ -30,9 +30,9 @@ const ORBIT: (u32, u32, f32) = (200, 200, 40.0);
   nerf-train explain lego.nerf
   nerf-train explain lego.nerf --data lego_200x200.npz --view 3 --transmittance-cut 0 --no-colour")]
 pub struct Explain {
-    /// Blob.
+    /// Scene file (.nerf).
     file: PathBuf,
-    /// Data set that --view is a camera of.
+    /// Data set whose cameras --view selects.
     #[arg(long, value_name = "DATA")]
     data: Option<PathBuf>,
     /// Split.
@@ -50,7 +50,7 @@ pub struct Explain {
     /// Also render normals.
     #[arg(long)]
     normals: bool,
-    /// Smoothing of normals, in sample bins.
+    /// Width of the density blur for normals, in sample spacings.
     #[arg(long, value_name = "BINS", default_value_t = Plan::NORMAL_BLUR)]
     normal_blur: f32,
     #[command(flatten)]
@@ -100,7 +100,7 @@ impl Explain {
     }
 }
 
-/// The same for scripts; shares are of all multiply-adds.
+/// Machine-readable explanation. The `*_share` fields are fractions of all multiply-adds.
 #[derive(Debug, Serialize)]
 struct Summary {
     stages: serde_json::Map<String, Value>,
@@ -131,7 +131,7 @@ impl Summary {
         let a = network.architecture();
         let a_ray = |count: u64| count as f64 / counters.rays.max(1) as f64;
         let share = |macs: u64| macs as f64 / counters.macs.max(1) as f64;
-        // Where it is off, a note on why.
+        // A stage that is off also has a note that says why.
         let stage = |stage: Stage| {
             let (name, on) = (stage.name.replace(' ', "_"), stage.switch == Switch::On);
             let note = (!on).then(|| (format!("{name}_note"), stage.switch.name().into()));

@@ -33,12 +33,12 @@ use std::time::Instant;
   nerf-train export room.nerf -o room.obj --box -2,-2,-1,2,2,1
   nerf-train export lego.nerf -o lego.npz --resolution 128")]
 pub struct Export {
-    /// Blob.
+    /// Scene file (.nerf).
     file: PathBuf,
     /// Output: mesh (.ply, .obj, .glb), points (.ply with --as points) or volume (.npz).
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
-    /// Kind of export [default: by the file's ending; a .ply is a mesh].
+    /// Kind of export [default: by the file extension; a .ply is a mesh].
     #[arg(long = "as", value_enum, value_name = "WHAT")]
     kind: Option<Kind>,
     /// Grid resolution along the longest side of the box [default: 256].
@@ -52,13 +52,13 @@ pub struct Export {
         allow_hyphen_values = true
     )]
     bounds: Option<[f64; 6]>,
-    /// Density of the isosurface, per world unit [default: where opacity crosses 1/2].
+    /// Density of the isosurface, per world unit [default: surface at which opacity crosses 1/2].
     #[arg(long, value_name = "SIGMA")]
     threshold: Option<f32>,
-    /// Number of points, about [default: 200000].
+    /// Approximate number of points [default: 200000].
     #[arg(long, value_name = "N")]
     points: Option<usize>,
-    /// Back-project the depth of these photographs [default: sample the surface evenly].
+    /// Back-project the depth of these photographs [default: sample the surface uniformly].
     #[arg(long, value_name = "DATA")]
     data: Option<PathBuf>,
     /// Split of the data set.
@@ -78,9 +78,9 @@ enum Kind {
     Volume,
 }
 
-/// What a cell takes while a mesh is made: its density and three optical depths, with an allowance for vertices.
+/// Memory per cell while a mesh is made, bytes: its density, three optical depths and an allowance for vertices.
 const BYTES_PER_CELL_OF_MESH: u64 = 12;
-/// What a cell of a volume takes, with what of it is on its way to the file: packed, and that before.
+/// Memory per cell of a volume, bytes: density and colour as values, as bytes to pack, and in the packed archive.
 const BYTES_PER_CELL: u64 = 3 * 7;
 const BYTES_PER_POINT: u64 = 36;
 
@@ -123,7 +123,7 @@ impl Export {
         Ok(ExitCode::SUCCESS)
     }
 
-    /// Refuses what cannot be, before anything is read; what to write.
+    /// Checks the options before anything is read. Returns the kind of export.
     fn check(&self) -> anyhow::Result<Kind> {
         check_counts([("--points", self.points())])?;
         if let Some(threshold) =
@@ -136,7 +136,7 @@ impl Export {
             (Some("ply"), kind @ (None | Some(Kind::Mesh | Kind::Points))) => kind.unwrap_or(Kind::Mesh),
             (Some("obj" | "glb"), None | Some(Kind::Mesh)) => Kind::Mesh,
             (Some("npz"), None | Some(Kind::Volume)) => Kind::Volume,
-            // Such as a device: taken for whatever is written.
+            // A name without extension, such as a device, is accepted for any kind.
             (None, Some(kind)) => kind,
             (Some("ply" | "obj" | "glb" | "npz"), Some(kind)) => {
                 let (what, endings) = kind.words();
@@ -262,7 +262,7 @@ impl Export {
 }
 
 impl Kind {
-    /// Its name, and how its files end.
+    /// Name of the kind, and the extensions of its files.
     fn words(self) -> (&'static str, &'static str) {
         match self {
             Self::Mesh => ("mesh", ".ply, .obj or .glb"),

@@ -56,22 +56,22 @@ pub struct Fit {
     config: Option<PathBuf>,
     #[command(flatten)]
     set: SetOption,
-    /// Steps between validations [default: eight in a run, at most 5 % of its time].
+    /// Steps between validations [default: for eight validations, fewer if they exceed 5 % of the run].
     #[arg(long, value_name = "N")]
     validate_every: Option<u32>,
     /// Drop view dependence if it gains less than this on training views, dB.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
     effect_threshold: f64,
-    /// Folder for a live viewer: the newest blob about every second.
+    /// Write the newest scene here about every second, for a live viewer.
     #[arg(long, value_name = "DIR")]
     live: Option<PathBuf>,
     /// Steps at which validation views are rendered for the report [default: eight].
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', requires = "report")]
     snapshots: Vec<u32>,
-    /// Indices of these validation views, from 0 [default: the two that training watches].
+    /// Indices of these validation views, from 0 [default: the two validated during training].
     #[arg(long, value_name = "I,J,…", value_delimiter = ',', requires = "report")]
     snapshot_views: Vec<usize>,
-    /// Train on one group of photographs, where `check` finds several that contradict.
+    /// Train on group N (from 1) of the inconsistent groups that `check` reports.
     #[arg(long, value_name = "N")]
     group: Option<usize>,
     #[command(flatten)]
@@ -80,15 +80,15 @@ pub struct Fit {
     settings: Settings,
     #[command(flatten)]
     table: TableSettings,
-    /// Ray-march steps across the scene box (unbounded: across the uncontracted ball).
+    /// Ray-march steps across the scene box (unbounded: across the inner ball).
     #[arg(long, value_name = "N", help_heading = super::options::grid::HEADING)]
     steps_across: Option<u16>,
-    /// Largest file, such as 256k or 1m: chooses table size, levels, storage, occupancy.
+    /// Maximum file size (256k, 1m); sets table size, levels, storage, occupancy.
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes, help_heading = super::options::grid::HEADING)]
     max_bytes: Option<u64>,
 }
 
-/// Flags for single settings; each replaces what preset and TOML file say.
+/// Flags for single settings; each overrides preset and TOML file.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Settings (replace the preset's)")]
 struct Settings {
@@ -98,16 +98,16 @@ struct Settings {
     /// Gradient engine.
     #[arg(long, value_enum)]
     engine: Option<EngineKind>,
-    /// Density layers; with a grid 0: density is read from the grid itself.
+    /// Density layers; 0 (grid only): density comes directly from the grid.
     #[arg(long, value_name = "N")]
     depth: Option<usize>,
-    /// Width of these layers.
+    /// Width of the density layers.
     #[arg(long, value_name = "N")]
     width: Option<usize>,
     /// Width of the colour network's hidden layer; 0: none.
     #[arg(long, value_name = "N")]
     colour_width: Option<usize>,
-    /// Rays per batch at the start; with their samples at most 2^27.
+    /// Initial rays per batch; rays × samples at most 2^27.
     #[arg(long, value_name = "N")]
     rays: Option<usize>,
     /// Initial learning rate.
@@ -144,11 +144,11 @@ impl Settings {
     }
 }
 
-/// What a sample of a step takes: measured with 130 million of them.
+/// Memory per sample of a step, bytes: measured with 130 million samples.
 const BYTES_PER_SAMPLE: u64 = 32;
 
 impl Fit {
-    /// Preset, TOML file and flags, in this order, for pictures of this background.
+    /// Settings from preset, TOML file and flags, in this order, for pictures with this background.
     fn config(&self, background: Background) -> anyhow::Result<Config> {
         let boxed = self.settings.scene_box.is_some();
         let around = match self.settings.space.around(background, boxed) {
@@ -176,14 +176,14 @@ impl Fit {
         let what = format!("a step of {rays} rays with {samples} samples");
         memory::check(what, rays * samples, BYTES_PER_SAMPLE, "lower --rays")?;
         if let Some(grid) = &config.network.grid {
-            // Over a cube; any other box has no more.
+            // For a cube; any other box has no more values.
             check_memory(&grid.encoding(Vec3::ONE))?;
         }
         Ok(config)
     }
 
-    /// The settings for as many pixels as the photographs have across the scene, with which the file is as small as was
-    /// asked for; says what was chosen.
+    /// Adapts grid and march steps to the photographs' resolution across the scene, then the file's size to
+    /// `--max-bytes`. Reports what was chosen.
     fn sized(&self, config: Config, dataset: &Dataset, global: &Global) -> anyhow::Result<Config> {
         let hull =
             config.sampling.contraction.is_none() && config.occupancy.hull && config.network.grid.is_some();
@@ -235,9 +235,9 @@ impl Fit {
         }
     }
 
-    /// Refuses what cannot be, before any data is read; where the checkpoint lies, if there is to be one.
+    /// Checks the options before any data is read. Returns the path of the checkpoint, if there is to be one.
     fn check(&self) -> anyhow::Result<Option<PathBuf>> {
-        // Wrong settings are found before the data is read, and once more with what it says.
+        // The settings are checked before the data is read, and again with its background.
         self.config(Background::Alpha)?;
         check_threshold(self.effect_threshold)?;
         if let Some(folder) = &self.live {
@@ -262,7 +262,7 @@ impl Fit {
         }
     }
 
-    /// Writes the refined poses beside the blob; those of another fit must not stay there.
+    /// Writes the refined poses next to the scene file, or removes those of an earlier fit.
     fn write_poses(&self, outcome: &Outcome) -> anyhow::Result<()> {
         let file = refined::beside(&self.conduct.output);
         match &outcome.refined_poses {

@@ -17,12 +17,12 @@ use clap::Args;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Views that are measured where none are named.
+/// Number of views to evaluate if none are named.
 const VIEWS: usize = 10;
-/// Views whose directions are averaged over.
+/// Number of views whose ray directions are averaged.
 const RAY_VIEWS: usize = 50;
 
-/// Convert a network in nerf-pytorch's names to a blob.
+/// Convert a nerf-pytorch checkpoint to a scene file.
 ///
 /// CKPT is a .npz or .safetensors file with pts_linears.0.weight, … of one network, or of a coarse and a fine one
 /// (then the fine one is taken).
@@ -35,19 +35,19 @@ pub struct Import {
     /// Checkpoint (.npz or .safetensors).
     #[arg(value_name = "CKPT")]
     checkpoint: PathBuf,
-    /// The blob to write.
+    /// Output scene file (.nerf).
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
-    /// Prefix of the tensors' names, such as network_fine. [default: as the file has it].
+    /// Prefix of the tensors' names, such as network_fine. [default: detected].
     #[arg(long, value_name = "PREFIX")]
     prefix: Option<String>,
-    /// Coarse network for importance sampling; a file of both may be named twice.
+    /// Coarse network for importance sampling; if one file holds both networks, pass it here too.
     #[arg(long, value_name = "CKPT")]
     coarse: Option<PathBuf>,
-    /// Prefix of the coarse network's tensors [default: as the file has it].
+    /// Prefix of the coarse network's tensors [default: detected].
     #[arg(long, value_name = "PREFIX", requires = "coarse")]
     coarse_prefix: Option<String>,
-    /// Evaluate on a data set: PSNR, loss by f16, and whether the occupancy grid is part of the model.
+    /// Evaluate on a data set: PSNR, quantisation loss (f16), whether the occupancy grid is required.
     #[arg(long, value_name = "DATA")]
     check: Option<PathBuf>,
     /// Validation views to evaluate, counted from 0 [default: up to ten].
@@ -62,13 +62,13 @@ pub struct Import {
     /// Occupancy grid the network was trained with (.npy, bool [x, y, z] over the box).
     #[arg(long, value_name = "FILE", conflicts_with = "no_occupancy")]
     occupancy: Option<PathBuf>,
-    /// Use the grid of --occupancy only to skip empty space: it is no part of the model.
+    /// Use --occupancy only to skip empty space.
     #[arg(long, requires = "occupancy")]
     occupancy_optional: bool,
     /// Build no occupancy grid.
     #[arg(long)]
     no_occupancy: bool,
-    /// Pose convention of --check: opengl or opencv [default: as is usual for the layout].
+    /// Pose convention of --check: opengl or opencv [default: the layout's].
     #[arg(long, value_name = "CONVENTION")]
     axes: Option<Axes>,
     #[command(flatten)]
@@ -108,7 +108,7 @@ impl Import {
         Ok(ExitCode::SUCCESS)
     }
 
-    /// Refuses what cannot be, before any network is read.
+    /// Checks the options before any network is read.
     fn check(&self) -> anyhow::Result<()> {
         self.settings.check()?;
         check_threshold(self.effect_threshold)?;
@@ -129,7 +129,7 @@ impl Import {
             far: Some(self.settings.far),
             cameras: Cameras::Own,
             outside_files: self.outside_files,
-            // What is imported was trained in the file's own world.
+            // The network was trained in the data's own coordinates.
             origin: Some([0.0; 3]),
             ..ReadOptions::default()
         };
@@ -155,7 +155,7 @@ impl Import {
         Ok(Some(Views { name: dataset.name, views, rays }))
     }
 
-    /// Says on stderr, also when quiet, what must not be overlooked.
+    /// Prints warnings on stderr, also with `--quiet`.
     fn warn(&self, import: &import::Import<'_>) {
         let is_built = self.occupancy.is_none() && !self.no_occupancy;
         if is_built && import.cells.is_none() {

@@ -7,11 +7,11 @@ use clap::Args;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Show what a blob holds.
+/// Show the contents of a scene file.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: nerf-train inspect lego.nerf")]
 pub struct Inspect {
-    /// Blob.
+    /// Scene file (.nerf).
     file: PathBuf,
 }
 

@@ -1,4 +1,4 @@
-//! A result for people: its fields as aligned lines, by the names that they have in the JSON.
+//! Human-readable form of a result: its fields as aligned lines, under their names in the JSON.
 
 use crate::show::table::Table;
 use crate::system::printable;
@@ -8,7 +8,7 @@ use serde::Serialize;
 
 const DIGITS: i32 = 5;
 
-/// The fields of a result, one a line, then its lists of objects as tables. What is null or empty is left out.
+/// The fields of a result, one per line, then its lists of objects as tables. Null and empty fields are left out.
 pub fn lines(result: &impl Serialize) -> anyhow::Result<String> {
     let value = Value::serialized(result).context("cannot make the summary")?;
     let (mut fields, mut tables) = (Vec::new(), String::new());
@@ -33,14 +33,14 @@ fn collect(name: &str, value: &Value, fields: &mut Vec<(String, String)>, tables
         value => {
             let text = text(value);
             if !text.is_empty() {
-                // It may be a name out of a file.
+                // The text may be a name from a file.
                 fields.push((name.to_owned(), printable::line(&text).into_owned()));
             }
         }
     }
 }
 
-/// Objects, one a row; a column is a field that any of them has.
+/// Table of objects, one per row; the columns are all fields that occur in any of them.
 fn table(rows: &[Value]) -> Table {
     let entries = |row: &Value| row.as_map().cloned().unwrap_or_default();
     let mut columns: Vec<Value> = Vec::new();
@@ -75,7 +75,7 @@ fn number_text(number: f64) -> String {
     let short = |text: &str| text.trim_end_matches('0').trim_end_matches('.').to_owned();
     let magnitude = number.abs().log10().floor();
     if !magnitude.is_finite() {
-        // 0, infinite or no number.
+        // 0, infinite or NaN.
         format!("{number}")
     } else if (-7.0..15.0).contains(&magnitude) {
         let decimals = (DIGITS - 1 - magnitude as i32).max(0) as usize;

@@ -39,7 +39,7 @@ use std::process::ExitCode;
     after_help = "Example, and the place to start: nerf-train demo\n\n\
         Ctrl-C, SIGTERM and SIGHUP end a command at once, and leave no half-written file. `fit` writes its checkpoint \
         first, `image fit` its blob, `sweep` the report of the runs that are finished.\n\
-        Status: 0 success, 1 an error, 2 wrong usage, 128 + N the end by signal N (130 after Ctrl-C)."
+        Exit status: 0 success, 1 error, 2 wrong usage, 128 + N when ended by signal N (130 after Ctrl-C)."
 )]
 struct Cli {
     #[command(subcommand)]
@@ -47,12 +47,12 @@ struct Cli {
     #[command(flatten)]
     global: common::Global,
     /// Print help.
-    // Short for both: the long form has every flag on lines of its own, five screens of them.
+    // Short help for `-h` and `--help`: the long form puts every flag on lines of its own, five screens of them.
     #[arg(short, long, global = true, action = ArgAction::HelpShort, help_heading = "Options of every command")]
     help: Option<bool>,
 }
 
-// Without own comments here: they would hide the longer texts of the commands.
+// No doc comments on these variants: they would hide the longer texts of the commands.
 #[derive(Debug, Subcommand)]
 enum Command {
     Demo(demo::Demo),
@@ -76,7 +76,7 @@ enum Command {
     Completions(completions::Completions),
 }
 
-/// One line of an error and its causes, none said twice: many an error's text holds its cause's.
+/// One line with an error and its causes, without repetition: the text of many errors already contains their cause.
 fn message(error: &anyhow::Error) -> String {
     let mut message = error.to_string();
     for cause in error.chain().skip(1).map(ToString::to_string) {
@@ -87,32 +87,32 @@ fn message(error: &anyhow::Error) -> String {
     message
 }
 
-/// The error as the one JSON object on stdout, for a program that follows.
+/// Prints the error as the only JSON object on stdout, for a calling program.
 fn print_error(message: &str) {
     #[derive(serde::Serialize)]
     struct Failure<'m> {
         error: &'m str,
     }
-    // Whoever closed stdout is told on stderr.
+    // An error here is ignored: the message is on stderr, too.
     let _ = to_json(&Failure { error: message }).map(|json| common::print(json.trim_end()));
 }
 
-/// Says on stderr that a signal ended the command, and what is left of its work.
+/// Reports on stderr that a signal ended the command; `message` says what is left of its work.
 pub(crate) fn interrupted(message: &str) {
     crate::system::progress::abandon();
     common::tell(message);
 }
 
-/// As [`interrupted`], and on stdout as the one JSON object.
+/// As [`interrupted`]; also prints `message` as the only JSON object on stdout.
 pub(crate) fn interrupted_json(message: &str) {
     interrupted(message);
     print_error(message);
 }
 
-/// The arguments; wrong ones and requests for help end the process.
+/// Parses the arguments; wrong ones and requests for help end the process.
 fn parse() -> Cli {
     Cli::try_parse().unwrap_or_else(|error| {
-        // There are no parsed arguments to ask.
+        // Parsing has failed, so `--json` is looked for in the raw arguments.
         if error.use_stderr() && std::env::args_os().any(|argument| argument == "--json") {
             let text = error.to_string();
             let first = text.split("\n\n").next().unwrap_or(&text);
@@ -124,7 +124,7 @@ fn parse() -> Cli {
 
 /// Parses the arguments, runs the command, and turns an error into one message and a status.
 ///
-/// Status 0 is success, 1 an error, 2 wrong usage, 128 + N the end by signal N: 130 after Ctrl-C.
+/// Exit status: 0 success, 1 an error, 2 wrong usage, 128 + N when ended by signal N (130 after Ctrl-C).
 pub fn main() -> ExitCode {
     common::survive_file_size_limits();
     let cli = parse();
@@ -169,7 +169,7 @@ pub fn main() -> ExitCode {
 mod tests {
     use super::*;
 
-    /// The arguments behind `program` in a line of shell, up to a comment or a redirection.
+    /// The arguments after `program` in a line of shell, up to a comment or a redirection.
     fn arguments<'l>(line: &'l str, program: &str) -> Option<Vec<&'l str>> {
         let (_, arguments) = line.split(['#', '>']).next()?.split_once(program)?;
         Some(arguments.split_whitespace().collect())

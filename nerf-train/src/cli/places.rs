@@ -1,4 +1,4 @@
-//! What outputs may be called.
+//! Rules for the names of outputs.
 //!
 //! | command | `-o` |
 //! | --- | --- |
@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 pub const BLOB: &[&str] = &["nerf"];
 pub const PICTURE: &[&str] = &["png"];
 pub const VIEW: &[&str] = &["png", "exr"];
-/// Extensions that are no part of a folder's name.
+/// Extensions of files, with which the name of a new folder must not end.
 const FILES: &str = "nerf png gif mp4 jpg jpeg exr webp tif tiff bmp npz npy json csv svg html md toml safetensors ply obj glb";
 
 /// Refuses a name whose extension means another format than `accepted`.
@@ -33,7 +33,7 @@ pub fn check_extension(flag: &str, path: &Path, accepted: &[&str]) -> anyhow::Re
     }
 }
 
-/// Refuses a folder that is called like a file, unless there is one.
+/// Refuses a folder's name that has the extension of a file, unless the folder exists.
 pub fn check_folder(flag: &str, path: &Path) -> anyhow::Result<()> {
     match extension(path) {
         Some(found) if FILES.split(' ').any(|file| file == found) && !path.is_dir() => {
@@ -43,7 +43,7 @@ pub fn check_folder(flag: &str, path: &Path) -> anyhow::Result<()> {
     }
 }
 
-/// As [`check_folder`], where a report was asked for.
+/// [`check_folder`] for `--report`, if it is given.
 pub fn check_report(path: Option<&PathBuf>) -> anyhow::Result<()> {
     path.map_or(Ok(()), |path| check_folder("--report", path))
 }

@@ -15,23 +15,24 @@ use std::time::{Duration, Instant};
 
 /// Find camera poses with an installed COLMAP.
 ///
-/// The folder gets a COLMAP model in `sparse/0`, and copies of the photographs in `images`. Photographs of one device and
-/// size have one camera. A model that is torn is tried again in COLMAP's next ways: neighbours alone, another initial pair,
-/// stricter matches. COLMAP works on the CPU; 77 photographs of 800x600 take about six minutes on two cores.
+/// The output folder gets a COLMAP model in `sparse/0`, and copies of the photographs in `images`. Photographs of one
+/// device and size have one camera. A model that is torn is tried again in other ways: neighbours alone, another
+/// initial pair, stricter matches. COLMAP works on the CPU; 77 photographs of 800x600 take about six minutes on two
+/// cores.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train poses holiday
   nerf-train fit holiday_poses -o holiday.nerf")]
 pub struct Poses {
-    /// Folder of photographs, or one with a folder `images`.
+    /// Folder of photographs, or a folder that contains `images/`.
     photographs: PathBuf,
-    /// Output folder [default: PHOTOGRAPHS with `_poses` behind its name].
+    /// Output folder [default: PHOTOGRAPHS_poses].
     #[arg(long, short, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Sequential matching, for video frames in the order of their names.
     #[arg(long)]
     sequential: bool,
-    /// Stop COLMAP after so many minutes without output.
+    /// Stop COLMAP after this many minutes without output.
     #[arg(long, value_name = "MINUTES", default_value_t = 30.0)]
     patience: f64,
 }

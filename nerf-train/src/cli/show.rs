@@ -36,10 +36,10 @@ pub struct Show {
     /// Split.
     #[arg(long, value_enum, default_value = "train")]
     split: Split,
-    /// Show one camera of the split alone.
+    /// Show only this camera of the split, from 0.
     #[arg(long, value_name = "I")]
     camera: Option<usize>,
-    /// Number of rays, at most.
+    /// Maximum number of rays.
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = within(1, 5000))]
     rays: usize,
     /// Samples per ray (sinusoidal networks) [default: the preset's].
@@ -54,10 +54,10 @@ pub struct Show {
     /// Random seed.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Depth of the frusta, world units [default: what leaves room for all].
+    /// Depth of the frusta, world units [default: from the camera spacing].
     #[arg(long, value_name = "SCALE", value_parser = parse_length)]
     frustum: Option<f32>,
-    /// Up axis [default: the one nearest to the cameras' own up].
+    /// Up axis [default: the axis nearest to the cameras' mean up].
     #[arg(long, value_enum, value_name = "AXIS", allow_hyphen_values = true)]
     up: Option<UpAxis>,
     /// Scene box, world units [default: found from the data].

@@ -19,32 +19,32 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-/// Occupancy grids that the network is asked for: cells along the longest side, density times bin width.
+/// Occupancy grids to build from the network: cells along the longest side, threshold of density × bin width.
 const OCCUPANCIES: [(u16, f32); 5] = [(32, 0.01), (64, 0.01), (96, 0.01), (96, 0.1), (128, 0.01)];
 
-/// Measure render time against accuracy: each shortcut, combinations, the Pareto front.
+/// Measure render time against accuracy: each approximation and their combinations; Pareto front.
 ///
-/// Errors are against the pictures of DATA and against the exact rendering: every sample inside the scene
-/// box, no cuts, f32. The front can be written into the blob, so that a renderer can be asked for a loss.
+/// Errors are against the pictures of DATA and against the exact rendering: every sample inside the scene box, no
+/// cuts, f32. The Pareto front can be written into the scene file, so that a renderer can choose settings by loss.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: nerf-train study lego.nerf lego_200x200.npz --report out/study -o lego_front.nerf"
 )]
 pub struct Study {
-    /// Blob.
+    /// Scene file (.nerf).
     file: PathBuf,
     /// Data set.
     data: PathBuf,
     /// Report folder: points.csv, report.md, plot, images, summary.json.
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
-    /// points.csv of another study, to plot its front beside.
+    /// points.csv of another study, whose Pareto front is plotted too.
     #[arg(long, value_name = "CSV", requires = "report")]
     beside: Vec<PathBuf>,
-    /// Output blob, with its Pareto front.
+    /// Output scene file, with its Pareto front.
     #[arg(long, short, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Write the Pareto front into the blob itself.
+    /// Write the Pareto front into the input file itself.
     #[arg(long, conflicts_with = "output")]
     write: bool,
     /// Split to evaluate.
@@ -59,16 +59,16 @@ pub struct Study {
     /// Timing rounds.
     #[arg(long, value_name = "N", default_value_t = 4)]
     repeats: usize,
-    /// Time budget, minutes: no timing round begins that would end later.
+    /// Time budget, minutes; skips timing rounds that would exceed it.
     #[arg(long, value_name = "M", default_value_t = 15.0)]
     minutes: f64,
-    /// Clock of the front: wall, or cpu (steadier on a shared machine).
+    /// Clock of the Pareto front: wall, or cpu (steadier on a shared machine).
     #[arg(long, value_enum, default_value = "wall")]
     clock: Clock,
-    /// Checkpoint the blob was imported from, to compare f32 weights.
+    /// Checkpoint the scene file was imported from, to compare f32 weights.
     #[arg(long, value_name = "CKPT")]
     source: Option<PathBuf>,
-    /// Compare no other occupancy grids.
+    /// Do not test alternative occupancy grids.
     #[arg(long)]
     no_other_occupancy: bool,
     #[command(flatten)]
@@ -150,7 +150,7 @@ impl Study {
         Ok(claims.settle()?)
     }
 
-    /// Other occupancy grids and whole numbers as weights, to measure beside the blob's own.
+    /// Adds variants with other occupancy grids and with int8 tables, to compare with the blob itself.
     fn add_variants(&self, lab: &mut Variants<'_>, global: &Global) -> anyhow::Result<()> {
         if !self.no_other_occupancy && lab.has_occupancy(0) {
             global.say("asking the network which cells hold something, for other occupancy grids");

@@ -45,7 +45,7 @@ impl Sweep {
     }
 }
 
-/// What is varied, and where it is kept.
+/// Lists of settings to vary, and the folder of the results.
 #[derive(Debug, Args)]
 struct Lists {
     /// Folder of the sweep; finished runs in it are not repeated.
@@ -69,7 +69,7 @@ struct Lists {
     /// Features per level: 1, 2 or 4 (grids).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     features: Vec<u8>,
-    /// Resolution of the finest level (grids) [default: the preset's; an image's pixels].
+    /// Resolution of the finest level (grids) [default: the preset's; for images, the image size].
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     finest: Vec<u16>,
     /// Initial learning rates.
@@ -83,13 +83,13 @@ struct Lists {
 }
 
 impl Lists {
-    /// Refuses a folder that holds what is read.
+    /// Refuses an output folder that contains an input.
     fn claim(&self, inputs: Claims) -> anyhow::Result<()> {
         places::check_folder("-o", &self.output)?;
         Ok(inputs.writes_folder("-o", &self.output).check()?)
     }
 
-    /// Whether a setting of a sinusoidal network, or one that small networks are compared by, is listed.
+    /// Whether `--levels`, `--layers` or `--width` is given: a preset with a sinusoidal network is then the default.
     fn of_sinusoidal(&self) -> bool {
         !(self.levels.is_empty() && self.layers.is_empty() && self.width.is_empty())
     }
@@ -109,7 +109,7 @@ impl Lists {
         Combinations { base: job.base_point(), lists: own.into_iter().chain(more).collect(), mode }
     }
 
-    /// Runs what is not finished, and reports on what is.
+    /// Runs the points that are not finished, then reports on all that are.
     fn sweep(&self, job: &Job<'_>, more: [(Knob, Vec<f64>); 3], global: &Global) -> anyhow::Result<ExitCode> {
         let combinations = self.combinations(job, more);
         let points = combinations.points()?;
@@ -144,7 +144,7 @@ fn numbers<T: Copy + Into<f64>>(list: &[T]) -> Vec<f64> {
     list.iter().map(|&value| value.into()).collect()
 }
 
-/// Writes the report of all that is finished in a folder, and prints its table.
+/// Writes the report of all finished runs in a folder, and prints the summary.
 fn finish(folder: &Folder, global: &Global) -> anyhow::Result<()> {
     let records = write_report(folder)?;
     let report = folder.path.join("report.md");
@@ -209,7 +209,7 @@ pub struct SceneSweep {
     /// Samples per ray (sinusoidal networks).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     samples: Vec<u16>,
-    /// Steps between updates of a hashed level, over summed gradients (grids).
+    /// Steps between optimiser updates of a hashed grid level; gradients accumulate (grids).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     turns: Vec<u32>,
     /// Random seed.

@@ -1,4 +1,4 @@
-//! What can be wrong with a data set.
+//! Errors of reading a data set.
 
 use nerf_core::camera::CameraError;
 use nerf_core::space::BoundsError;
@@ -15,7 +15,7 @@ pub enum DatasetError {
     Io { path: PathBuf, source: std::io::Error },
     #[error(transparent)]
     Range(#[from] BoundsError),
-    /// What is in a file, or what a folder lacks.
+    /// A wrong value in a file, or something that a folder lacks.
     #[error("{}: {fault}", path.display())]
     Fault { path: PathBuf, fault: String },
 }
@@ -32,7 +32,7 @@ impl DatasetError {
         Self::Fault { path: path.into(), fault: fault.into() }
     }
 
-    /// What was expected at a place of a file, and found there.
+    /// The error that a place of a file holds another value than expected.
     pub(super) fn value(
         file: &Path,
         place: impl Display,
@@ -42,14 +42,14 @@ impl DatasetError {
         Self::fault(file, format!("{place}: expected {expected}, found {found}"))
     }
 
-    /// A view's pose or intrinsics that make no camera.
+    /// The error that a view's pose or intrinsics make no valid camera.
     pub(super) fn camera(file: &Path, view: &str, source: &CameraError) -> Self {
         Self::fault(file, format!("view `{view}`: {source}"))
     }
 
     pub(super) fn json(file: &Path, error: &serde_json::Error) -> Self {
         let text = error.to_string();
-        // serde_json ends its message with the place, which stands in front here.
+        // serde_json ends its message with the place; here it comes first.
         let found = text.rsplit_once(" at line ").map_or(text.as_str(), |(what, _)| what);
         Self::fault(file, format!("line {}, column {}: {found}", error.line(), error.column()))
     }

@@ -1,8 +1,8 @@
 //! Posed pictures, read from the layouts that are in use.
 //!
-//! One file per layout. Each converts to the project's one convention where it reads, so that
-//! nothing behind this module asks where a picture came from: camera-to-world poses that look
-//! down −Z with +Y up, pixel centres at +0.5, `fx fy cx cy` in pixels, straight alpha.
+//! One file per layout. Each converts to the project's convention on reading, so that nothing outside this module
+//! needs to know the layout: camera-to-world poses that look down −Z with +Y up, pixel centres at +0.5, `fx fy cx cy`
+//! in pixels, straight alpha.
 //!
 //! | path | reader | convention of the file |
 //! | --- | --- | --- |
@@ -13,8 +13,8 @@
 //! | a folder with a COLMAP model in `sparse/0`, `sparse/1`…, `sparse` or itself | [`Format::Colmap`] | OpenCV, world to camera |
 //! | a folder with `poses_bounds.npy` | [`Format::Llff`] | columns down, right, backward |
 //!
-//! Of several that fit a folder the first of transforms, COLMAP, LLFF is read, or the one that [`ReadOptions::layout`]
-//! asks for. The world stays the file's own, except that cameras far from its origin bring that nearer
+//! If several fit a folder, the first of transforms, COLMAP and LLFF is read, or the one that [`ReadOptions::layout`]
+//! names. Coordinates stay the file's own, except that the origin is moved near cameras that are far from it
 //! ([`Dataset::origin`]).
 
 pub mod cameras;
@@ -51,30 +51,30 @@ use std::path::{Path, PathBuf};
 /// Posed pictures of one scene, by split, in the project's conventions.
 #[derive(Clone, Debug)]
 pub struct Dataset {
-    /// What to call the scene: the file's or folder's name.
+    /// Name of the scene: the file's or folder's name.
     pub name: String,
     pub format: Format,
-    /// The convention its poses were taken to be in; behind the reader they are all OpenGL.
+    /// Convention of the file's poses; the poses here are all converted to OpenGL.
     pub axes: Axes,
-    /// Views that are fitted; at least one, unless the data were read to measure a field ([`ReadOptions::to_measure`]).
+    /// Training views; at least one, unless the data were read to measure a field ([`ReadOptions::to_measure`]).
     pub train: Vec<View>,
-    /// What the fit is watched on; may be empty.
+    /// Validation views, which the fit is evaluated on as it runs; may be empty.
     pub val: Vec<View>,
-    /// What the result is judged on; may be empty.
+    /// Test views, which the result is evaluated on; may be empty.
     pub test: Vec<View>,
     /// Poses without pictures, such as `c2ws_test`: a path to render.
     pub test_path: Vec<Camera>,
-    /// Where rays begin, world units along the ray; `None` where neither file nor caller says.
+    /// Distance at which rays begin, world units along the ray; `None` if neither file nor caller states it.
     pub near: Option<f32>,
-    /// Where rays end, world units along the ray.
+    /// Distance at which rays end, world units along the ray; `None` if neither file nor caller states it.
     pub far: Option<f32>,
     pub background: Background,
-    /// Points that are known to lie on surfaces: a reconstruction's sparse ones, or none.
+    /// Sparse points of a reconstruction, which lie on surfaces; may be empty.
     pub points: Vec<SparsePoint>,
-    /// Where the origin of all its coordinates is in the file's own world, which may be too far from its own for f32.
+    /// Position of the origin of all coordinates in the file's own world, whose own may be too far away for f32.
     pub origin: [f64; 3],
     pub notes: Vec<String>,
-    /// What was odd but could be read, in sentences.
+    /// Oddities that did not prevent reading, one sentence each.
     pub warnings: Vec<String>,
 }
 
@@ -82,9 +82,9 @@ pub struct Dataset {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SparsePoint {
     pub position: [f32; 3],
-    /// Mean distance between where photographs show it and where it is projected to, pixels of the full size.
+    /// Mean reprojection error, pixels of the full size.
     pub error: f32,
-    /// Photographs that show it, at least 1.
+    /// Number of photographs that show the point, at least 1.
     pub track: u32,
 }
 
@@ -108,8 +108,8 @@ impl Dataset {
         }
     }
 
-    /// Takes the test views for validation where there are none of that; whether it did. Nothing of a fit is chosen by
-    /// validation views, so what is reported of these stays a test.
+    /// Uses the test views for validation if there are no validation views; returns whether it did. No choice of a
+    /// fit depends on validation views, so that results on these views still count as test results.
     pub fn validate_on_test(&mut self) -> bool {
         let instead = self.val.is_empty() && !self.test.is_empty();
         if instead {
@@ -118,8 +118,8 @@ impl Dataset {
         instead
     }
 
-    /// The data set with all it holds counted from `origin`, as its reader has done; says so, also in the name, which a
-    /// blob keeps.
+    /// The data set, whose coordinates its reader has counted from `origin`: sets the origin, and states it in a note
+    /// and in the name, which a blob keeps.
     pub(crate) fn counted_from(mut self, origin: DVec3) -> Self {
         if origin == DVec3::ZERO {
             return self;
@@ -147,12 +147,12 @@ pub enum Format {
     Cs180,
     /// `tiny_nerf_data.npz` of the original notebook.
     TinyNerf,
-    /// `transforms_{train,val,test}.json`, as NeRF-synthetic.
+    /// `transforms_{train,val,test}.json`, as in NeRF-synthetic.
     Blender,
     /// `transforms.json`, as nerfstudio and instant-ngp write it.
     Nerfstudio,
     Colmap,
-    /// `poses_bounds.npy`, as LLFF has it.
+    /// `poses_bounds.npy` of LLFF.
     Llff,
     Demo,
 }
@@ -171,7 +171,7 @@ impl std::fmt::Display for Format {
     }
 }
 
-/// Which way a camera of a file looks.
+/// Viewing direction and up direction of the cameras in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Axes {
@@ -189,7 +189,7 @@ impl Axes {
         }
     }
 
-    /// A pose of this convention in the project's; its own inverse.
+    /// Converts a pose of this convention to the project's; the conversion is its own inverse.
     pub fn to_opengl(self, pose: Pose) -> Pose {
         let mut pose = pose;
         if self == Self::Opencv {
@@ -221,10 +221,10 @@ impl std::str::FromStr for Axes {
     }
 }
 
-/// Which cameras the photographs of a model have (`--cameras`).
+/// Cameras of a model's photographs (`--cameras`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Cameras {
-    /// One for all that one device took: a model that has one for each photograph is adjusted again.
+    /// One camera for each device: a model with one for each photograph is adjusted again.
     #[default]
     Shared,
     Own,
@@ -242,48 +242,49 @@ impl std::str::FromStr for Cameras {
     }
 }
 
-/// How a name states that its cameras are shared ones.
+/// Ending of a data set's name which states that its cameras are shared.
 const SHARED: &str = ", shared cameras";
 
-/// Which cameras the data set of this name had, which is how a blob keeps it.
+/// Cameras of the data set of this name, as a blob keeps them.
 pub fn cameras_in_name(name: &str) -> Cameras {
     let shared = name.ends_with(SHARED) || name.contains(&format!("{SHARED}{STATED}"));
     if shared { Cameras::Shared } else { Cameras::Own }
 }
 
-/// What the caller knows better than the file.
+/// Options of reading, which override what the file states.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReadOptions {
-    /// Overrides the pose convention that the layout has by custom (`--axes`).
+    /// Overrides the pose convention that is usual for the layout (`--axes`).
     pub axes: Option<Axes>,
-    /// Overrides where rays begin, world units.
+    /// Overrides the distance at which rays begin, world units.
     pub near: Option<f32>,
-    /// Overrides where rays end, world units.
+    /// Overrides the distance at which rays end, world units.
     pub far: Option<f32>,
-    /// No array of an archive may unpack to more than this, bytes, where it is not 4 GiB: a guard against zip bombs.
+    /// Size limit of an unpacked array of an archive, bytes, if it is not 4 GiB: a guard against zip bombs.
     pub max_array_bytes: Option<u64>,
     /// Whether pictures that a json names outside of its folder are read (`--outside-files`): by `..`, by an absolute
     /// path, or through a link that leads out.
     pub outside_files: bool,
-    /// Which layout a folder is read as, where several fit (`--layout`).
+    /// Layout that a folder is read as, if several fit (`--layout`).
     pub layout: Option<Layout>,
-    /// How much smaller photographs are read than the size of their poses (`--downscale`); those of Blender folders only
-    /// where a factor is given.
+    /// Factor by which photographs are read smaller than the size of their poses (`--downscale`); for Blender
+    /// folders, only an explicit one applies.
     pub downscale: Downscale,
-    /// Where no list says what is held out: which of every eight photographs, in the order of their names, is.
+    /// Index of the held-out photograph in every eight, ordered by name, if no list states those held out.
     pub hold_offset: usize,
     pub cameras: Cameras,
-    /// A file of shared cameras: read where it is of this model, else written; `None`: found anew, and not kept.
+    /// File of shared cameras: read if it is of this model, else written. `None`: they are computed and not kept.
     pub shared_cameras: Option<PathBuf>,
-    /// What all coordinates count from, in the file's own world ([`Dataset::origin`]): that of a blob which the data are
-    /// for. `None`: a point near cameras that are far from the file's origin, else that.
+    /// Origin of all coordinates, in the file's own world ([`Dataset::origin`]), such as that of the blob to
+    /// evaluate. `None`: a point near cameras that are far from the file's origin, else the file's origin.
     pub origin: Option<[f64; 3]>,
-    /// Whether a field is there already, and views of any split will do; else there must be training views.
+    /// Whether the data are read for an existing field, for which views of any split are enough; else training views
+    /// are required.
     pub to_measure: bool,
 }
 
 impl ReadOptions {
-    /// What the coordinates of a data set with these cameras count from.
+    /// Origin of the coordinates of a data set with cameras at these positions.
     pub(crate) fn origin_for(&self, cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
         self.origin.map_or_else(|| origin(cameras), DVec3::from)
     }
@@ -298,7 +299,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError>
     read_watched(path, options, &Watch::default())
 }
 
-/// [`read`], while another thread sees in `watch` how it is getting on.
+/// [`read`], with its progress in `watch` for another thread to see.
 pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     check_range(options.near, options.far)?;
     let kind = std::fs::metadata(path).map_err(|source| DatasetError::io(path, source))?;
@@ -363,7 +364,7 @@ fn check_range(near: Option<f32>, far: Option<f32>) -> Result<(), DatasetError> 
     }
 }
 
-/// The scene's name: the file's stem, or the folder's name where the file's says nothing.
+/// Name of the scene: the folder's name, or the file's stem.
 fn scene_name(path: &Path) -> String {
     let path = std::path::absolute(path).unwrap_or(path.into());
     let name = if path.is_dir() { path.file_name() } else { path.file_stem() };

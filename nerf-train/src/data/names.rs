@@ -1,4 +1,4 @@
-//! Names of files that are made of views' names, and names in sentences.
+//! File names made from names of views, and names in sentences.
 
 use crate::data::View;
 use std::collections::HashSet;
@@ -6,10 +6,10 @@ use std::collections::HashSet;
 /// Stems that a report needs for itself: `views.png` is its contact sheet.
 const RESERVED: [&str; 4] = ["views", "curve", "curve_steps", "snapshots"];
 
-/// Bytes of a stem: there is room for `step_0000000000_` in front and `_z_depth.png` behind it in the 255 of a name.
+/// Maximum length of a stem, bytes: `step_0000000000_` before and `_z_depth.png` after it fit a file name of 255.
 const MAX_BYTES: usize = 200;
 
-/// A stem for each view of a split; no two are equal, also where case is not told apart.
+/// A stem for each view of a split; no two are equal, even if case is ignored.
 ///
 /// `./train/r_3.png` becomes `train_r_3`. Letters of any script stay. A stem that an earlier view has, or that the
 /// report needs for itself, gets a number: `照片/一.png` and `照片_一.jpg` become `照片_一` and `照片_一_2`. The names
@@ -28,7 +28,7 @@ impl<'v> FileNames<'v> {
     /// The stem of the view at `index`.
     ///
     /// # Panics
-    /// Where there is none.
+    /// If there is no view at `index`.
     pub fn at(&self, index: usize) -> &str {
         &self.stems[index]
     }
@@ -36,9 +36,9 @@ impl<'v> FileNames<'v> {
     /// The stem of one of the views.
     ///
     /// # Panics
-    /// On a view that is none of them.
+    /// If `view` is not one of the views.
     pub fn stem(&self, view: &View) -> &str {
-        // Names may occur twice in a file; views are told apart by where they are.
+        // Names may occur twice in a file; views are told apart by their addresses.
         let index = self.views.iter().position(|other| std::ptr::eq(other, view));
         self.at(index.expect("a view of the split"))
     }
@@ -65,7 +65,7 @@ fn stems<'n>(names: impl Iterator<Item = &'n str>) -> Vec<String> {
     plain.iter().map(|stem| assign(stem)).collect()
 }
 
-/// The name without its extension, what is no letter or digit as `_`, within the limit.
+/// The name without its extension, within the limit; characters that are not letters or digits become `_`.
 fn plain(name: &str) -> String {
     let stem = std::path::Path::new(name).with_extension("");
     let letter = |c: char| if c.is_alphanumeric() { c } else { '_' };

@@ -1,4 +1,4 @@
-//! What is in a data set, and what looks wrong with it.
+//! Contents of a data set, and what looks wrong with it.
 
 use crate::data::cameras::geometry::bounds;
 use crate::data::names::listed;
@@ -9,7 +9,7 @@ use nerf_core::camera::Camera;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-/// Fewer photographs than this are said to be few.
+/// Number of training photographs below which there is a warning.
 const FEW: usize = 6;
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -26,19 +26,19 @@ pub struct Report {
     pub sizes: Vec<SizeCount>,
     /// Smallest and largest `fx` and `fy`, pixels.
     pub focal: [f32; 2],
-    /// What the cameras look at; `None` with one camera or parallel axes.
+    /// Point that the cameras look at; `None` with one camera or parallel axes.
     pub look_at: Option<LookAt>,
-    /// Where rays should begin, world units; `None` where nothing says.
+    /// Distance at which rays should begin, world units; `None` if it is not known.
     pub near: Option<f32>,
-    /// Where rays should end, world units.
+    /// Distance at which rays should end, world units; `None` if it is not known.
     pub far: Option<f32>,
     /// Smallest and largest corner of the proposed scene box, world units.
     pub scene_box: Option<[[f32; 3]; 2]>,
     pub background: Background,
     pub points: usize,
-    /// Cameras that differ in their intrinsics or lens.
+    /// Number of cameras that differ in their intrinsics or lens.
     pub cameras: usize,
-    /// Where the origin of all these coordinates is in the file's own world.
+    /// Position of the origin of all these coordinates in the file's own world.
     pub origin: [f64; 3],
     pub notes: Vec<String>,
     /// The reader's warnings, then those of this report.
@@ -102,7 +102,7 @@ impl Report {
     }
 }
 
-/// Names the views that were taken from exactly one place in one direction: a pose that is there twice.
+/// Warning that names the views with exactly the same pose as another.
 fn one_place(dataset: &Dataset) -> Option<String> {
     let mut seen = HashMap::new();
     let mut twins = Vec::new();
@@ -123,9 +123,9 @@ fn distinct(cameras: &[Camera]) -> usize {
     cameras.iter().map(key).collect::<BTreeSet<_>>().len()
 }
 
-/// Says so where the cameras do not look at a common place, and what would mend it.
+/// Warning if the cameras do not look at a common place, with what would correct it.
 ///
-/// The other convention looks along the same axes the other way, so it is right exactly where
+/// The other convention looks along the same axes the other way, so it is right exactly if
 /// the axes meet but behind the cameras. Forward-facing captures are never warned about: their
 /// axes meet nowhere in particular.
 fn axes_warning(look_at: &LookAt, cameras: &[Camera], axes: Axes) -> Option<String> {

@@ -1,4 +1,4 @@
-//! One picture with its camera, and what is behind the scene.
+//! One picture with its camera, and the background of the scene.
 
 use nerf_core::camera::Camera;
 use serde::{Deserialize, Serialize};
@@ -7,24 +7,24 @@ use std::collections::HashMap;
 
 #[derive(Clone, Debug)]
 pub struct View {
-    /// What messages call it: the file's path as the data set writes it, or `images_train[7]`.
+    /// Name in messages: the file's path as the data set writes it, or `images_train[7]`.
     pub name: String,
-    /// Where it was taken from; its intrinsics hold the picture's size.
+    /// Camera that took the picture; its intrinsics hold the picture's size.
     pub camera: Camera,
     /// `[height * width]` from the top left, row by row: straight (not premultiplied) sRGB and
-    /// alpha; alpha is 255 where the file has none.
+    /// alpha; alpha is 255 if the file has none.
     pub pixels: Vec<[u8; 4]>,
-    /// Which pixels count, in the same order; `None`: all of them. The others are neither trained on nor measured.
+    /// Whether each pixel is trained on and evaluated, in the same order; `None`: all pixels are.
     pub mask: Option<Vec<bool>>,
     /// Distance from the camera within which an unbounded scene is empty, world units: a little less than that of the
-    /// nearest sparse points that it sees; 0 where there are none.
+    /// nearest sparse points in view; 0 if there are none.
     pub near: f32,
-    /// Where it shows points of [`Dataset::points`](crate::data::Dataset::points); empty without a reconstruction's
-    /// tracks.
+    /// Positions of points of [`Dataset::points`](crate::data::Dataset::points) in the picture; empty without a
+    /// reconstruction's tracks.
     pub key_points: Vec<KeyPoint>,
 }
 
-/// Where a view shows a sparse point.
+/// Position of a sparse point in a view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KeyPoint {
     /// Pixels from the left edge.
@@ -36,7 +36,7 @@ pub struct KeyPoint {
 }
 
 impl View {
-    /// A photograph of which every pixel counts, without points.
+    /// A photograph without a mask and without key points.
     pub fn new(name: String, camera: Camera, pixels: Vec<[u8; 4]>) -> Self {
         Self { name, camera, pixels, mask: None, near: 0.0, key_points: Vec::new() }
     }
@@ -53,16 +53,16 @@ impl View {
         if x < width && y < height { self.pixels.get(index).copied() } else { None }
     }
 
-    /// The same picture, taken with another camera of its size.
+    /// The same picture with another camera of the same size.
     pub fn seen_from(&self, camera: Camera) -> Self {
         Self { camera, ..self.clone() }
     }
 
-    /// A lattice of its pixels, one of `step` by `step`, with a camera that has exactly their rays; itself where
-    /// `step` is 1.
+    /// Every `step`-th pixel of every `step`-th row, with a camera that has exactly their rays. The view itself if
+    /// `step` is 1, or if the mask leaves none of these pixels.
     ///
-    /// `step` is odd: pixel `i` of the result is pixel `step i + step / 2` of the view. A picture smaller than
-    /// that along one side keeps one pixel of it there. Where none of the lattice's pixels counts, it is the whole view.
+    /// `step`: odd. Pixel `i` of the result is pixel `step i + step / 2` of the view. Along a side shorter than
+    /// `step`, the step is the largest odd number that fits.
     pub fn thinned(&self, step: u32) -> Cow<'_, Self> {
         if step <= 1 {
             return Cow::Borrowed(self);
@@ -92,7 +92,7 @@ impl View {
         self.mask.as_ref().is_none_or(|mask| mask.get(index).copied().unwrap_or(false))
     }
 
-    /// Of a picture of this view, `[height * width]`, the pixels that count.
+    /// Pixels of `rgb`, a picture of this view `[height * width]`, that are not masked out.
     pub fn counted<'p>(&self, rgb: &'p [[f32; 3]]) -> Cow<'p, [[f32; 3]]> {
         match &self.mask {
             Some(mask) => rgb.iter().zip(mask).filter(|(_, kept)| **kept).map(|(rgb, _)| *rgb).collect(),
@@ -128,7 +128,7 @@ pub fn over(pixel: [u8; 4], background: [f32; 3]) -> [f32; 3] {
     std::array::from_fn(|c| f32::from(pixel[c]) / 255.0 * alpha + background[c] * (1.0 - alpha))
 }
 
-/// Mean sRGB of the pixels that count, in `[0, 1]`; black without any.
+/// Mean sRGB of the pixels that are not masked out, in `[0, 1]`; black if there are none.
 pub fn mean_colour(views: &[View]) -> [f32; 3] {
     let counts = |view: &View, i: usize| view.mask.as_ref().is_none_or(|mask| mask[i]);
     let (mut sum, mut count) = ([0u64; 3], 0u64);
@@ -147,7 +147,7 @@ pub fn is_blank(views: &[View]) -> bool {
     pixels.next().is_none_or(|first| pixels.all(|pixel| pixel == first))
 }
 
-/// What is behind the scene in its pictures.
+/// Background of the scene in its pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Background {
@@ -155,7 +155,7 @@ pub enum Background {
     Alpha,
     /// No alpha, but more than half of all border pixels are exactly this sRGB colour.
     Constant([u8; 3]),
-    /// Neither.
+    /// Neither of the above.
     Unknown,
 }
 

@@ -1,9 +1,9 @@
-//! How far the reading of many pictures is, for another thread to see.
+//! Progress of reading many pictures, for another thread to see.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Pictures that are read and to be read; an archive, which is read at once, counts none.
+/// Number of pictures that are read and to be read; an archive, which is read at once, counts none.
 #[derive(Debug, Default)]
 pub struct Watch {
     done: AtomicU64,
@@ -16,12 +16,12 @@ impl Watch {
         self.done.load(Ordering::Relaxed)
     }
 
-    /// Pictures that are to be read in all, as far as is known; 0 before that.
+    /// Number of pictures to be read in all, as far as it is known; 0 before that.
     pub fn total(&self) -> u64 {
         self.total.load(Ordering::Relaxed)
     }
 
-    /// Time that went into what is done once for a data set, whoever reads it.
+    /// Time spent on work that is done once for a data set, whatever command reads it.
     pub fn set_aside(&self) -> Duration {
         Duration::from_micros(self.set_aside.load(Ordering::Relaxed))
     }

@@ -1,4 +1,4 @@
-//! How fine a grid is, from how many pixels the photographs have across the scene.
+//! Fineness of a grid, from the number of pixels that the photographs have across the scene.
 //!
 //! Lego of 100², 200², 400² and 800² pixels, every tenth training photograph held out and measured, Sapphire Rapids, two
 //! cores: the settings of 200² against those of this rule.
@@ -19,15 +19,15 @@ use nerf_core::space::SceneBox;
 
 /// Pixels across the longest side of lego's box at 200², where the preset's settings were chosen.
 const PRESET_PIXELS: f32 = 175.0;
-/// Most binary logarithm of the entries of a level: a table of 2^19 no longer fits a core's cache.
+/// Largest binary logarithm of the entries of a level: a table of 2^19 no longer fits a core's cache.
 const MOST_LOG2_ENTRIES: u8 = 19;
-/// Most times as many pixels as the preset is for that settings follow: a camera near the box's middle sees more.
+/// Largest multiple of the preset's pixels that settings follow: a camera near the box's middle sees more.
 const MOST_PIXELS: f32 = 8.0;
-/// Cells of the finest level and steps are multiples of these, so that they do not depend on a pixel.
+/// Cells of the finest level and steps are rounded to multiples of these, so that a pixel does not change them.
 const ROUNDED_CELLS: f32 = 32.0;
 const ROUNDED_STEPS: f32 = 10.0;
 
-/// Pixels that the longest side of the box has in a photograph taken from where the cameras stand: the median over
+/// Number of pixels along the longest side of the box in a photograph taken at the cameras' distance: the median over
 /// training views. `None` if a camera stands at the middle of the box.
 pub fn pixels_across(dataset: &Dataset, scene_box: &SceneBox) -> Option<f32> {
     let middle = 0.5 * (scene_box.min + scene_box.max);
@@ -41,9 +41,9 @@ pub fn pixels_across(dataset: &Dataset, scene_box: &SceneBox) -> Option<f32> {
     pixels.get(pixels.len() / 2).copied().filter(|pixels| pixels.is_finite())
 }
 
-/// The preset's settings for a scene of so many pixels: with each doubling twice the entries, and √2 times the cells of the
-/// finest level and the steps of a ray. Settings that differ from the preset's, or that `chosen` names, stay, and so
-/// do all of a scene of fewer pixels.
+/// The preset's settings for a scene of this many pixels. Each doubling doubles the entries, and multiplies the cells
+/// of the finest level and the steps of a ray by √2. Settings that differ from the preset's or that `chosen` names do
+/// not change, nor do any of a scene of fewer pixels.
 pub fn for_pixels(mut config: Config, chosen: Chosen, pixels: f32) -> Config {
     let preset = config.preset.config();
     let (Some(grid), Some(own)) = (&mut config.network.grid, &preset.network.grid) else { return config };

@@ -6,7 +6,7 @@ use crate::system::stop::{Claim, Cover};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Seconds that a step may take without anything at hand for a signal that comes meanwhile.
+/// Longest step, seconds, for which no files are prepared for a signal that comes meanwhile.
 const LONG_STEP: f64 = 0.3;
 
 pub(super) type File = (PathBuf, Vec<u8>);
@@ -16,28 +16,28 @@ pub(super) trait Task {
     type Due;
 
     fn steps(&self) -> u32;
-    /// Share of the budget that is used, if the next step takes as long as the last one did.
+    /// Used fraction of the budget, if the next step takes as long as the last one did.
     fn share(&mut self, last_step: f64) -> anyhow::Result<f64>;
     /// Refuses a run that its limit in seconds ended after too few steps.
     fn check_steps(&self) -> anyhow::Result<()>;
-    /// What is to be validated now, if anything is.
+    /// The validation that is due now, if any is.
     fn due(&self, share: f64, ended: bool) -> Option<Self::Due>;
     fn validate(&mut self, due: Self::Due, share: f64) -> anyhow::Result<()>;
-    /// Puts a point into the curve, if one is due and validation has put none there.
+    /// Adds a point to the curve, if one is due and validation has added none.
     fn note(&mut self, ended: bool);
     fn step(&mut self, share: f64, progress: &Progress) -> anyhow::Result<()>;
     fn message(&self) -> Message;
 
-    /// Whether a signal finds something that must not be lost.
+    /// Whether the run has something that a signal must not lose.
     fn is_worth_keeping(&self) -> bool;
-    /// The checkpoint of the run as it stands, if there is a place for one.
+    /// Checkpoint of the present state, if the run has a path for one.
     fn checkpoint(&self) -> Option<File>;
-    /// What else is written when the run is interrupted: a picture's blob.
+    /// File that is also written when the run is interrupted: a picture's blob.
     fn as_it_stands(&self) -> anyhow::Result<Option<File>>;
-    /// What is said of a run that was interrupted.
+    /// Message of an interrupted run.
     fn interrupted(&self) -> String;
 
-    /// The last step is done; what is said of the steps.
+    /// Ends the steps; returns a message about them.
     fn ended(&mut self) -> String;
     fn finish(&mut self) -> anyhow::Result<Self::Outcome>;
 }
@@ -46,17 +46,17 @@ pub(super) trait Task {
 #[allow(clippy::large_enum_variant, reason = "made once a run")]
 pub enum Ended<O> {
     Finished(O),
-    /// By Ctrl-C, with a checkpoint if there is a place for one.
+    /// Ended by Ctrl-C, with a checkpoint if the run has a path for one.
     Interrupted {
         step: u32,
         checkpoint: Option<PathBuf>,
     },
 }
 
-/// Runs until the budget is used or `stop` says so, which is asked between steps with the steps done.
+/// Runs until the budget is used or `stop`, which is called between steps with the steps done, returns true.
 ///
-/// A checkpoint is written every so many seconds; whatever else takes long, a signal meanwhile leaves the run as it
-/// stood before.
+/// A checkpoint is written every `checkpoint_every` seconds. A signal during any other long work leaves the run as it
+/// was before that work.
 pub(super) fn drive<T: Task>(
     task: &mut T,
     checkpoint_every: f64,
@@ -106,12 +106,12 @@ pub(super) fn drive<T: Task>(
     keeper.covered(task, T::finish).map(Ended::Finished)
 }
 
-/// Keeps a run from being lost.
+/// Protects a run from being lost.
 struct Keeper {
     /// Makes signals wait for the run's owner, while there is something to keep.
     claim: Option<Claim>,
     last: Instant,
-    /// Whether it was said that checkpoints cannot be written.
+    /// Whether a warning said that checkpoints cannot be written.
     warned: bool,
 }
 
@@ -122,7 +122,7 @@ impl Keeper {
         }
     }
 
-    /// Does what may take long; a signal meanwhile leaves the run as it stands.
+    /// Does work that may take long; a signal meanwhile leaves the run as it stands.
     fn covered<T: Task, R>(
         &self,
         task: &mut T,
@@ -133,7 +133,7 @@ impl Keeper {
         claim.cover(Cover { files, message: task.interrupted() }, || work(task))
     }
 
-    /// Writes the checkpoint; where it cannot be written, the one before stays, and that is said once.
+    /// Writes the checkpoint. If that fails, the one before stays, and the first failure is reported.
     fn save(&mut self, task: &impl Task, progress: &Progress) {
         self.last = Instant::now();
         let Some((path, bytes)) = task.checkpoint() else { return };
@@ -145,7 +145,7 @@ impl Keeper {
     }
 }
 
-/// What a run says that was interrupted, and has a checkpoint or none.
+/// Message of an interrupted run, with or without a checkpoint.
 pub fn interrupted(step: u32, checkpoint: Option<&Path>) -> String {
     match checkpoint {
         Some(path) => format!(

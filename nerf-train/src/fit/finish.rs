@@ -1,4 +1,4 @@
-//! The end of a run: what is exported, and how good it is.
+//! The end of a run: the export, and its quality.
 
 use crate::data::{Dataset, RefinedPoses, View};
 use crate::fit::pace::{FINAL_SHARE, Pace, QUESTION_SHARE, lattice_of};
@@ -21,71 +21,71 @@ use std::time::Instant;
 
 /// Validation views whose pictures a report shows.
 const SHOWN_VIEWS: usize = 4;
-/// Pixels of a training photograph that its score is of, and of all of them.
+/// Pixels of a training photograph that its score uses, and most pixels over all of them.
 const TRAINING_PIXELS: usize = 1000;
 const MAX_TRAINING_PIXELS: usize = 120_000;
 
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// The blob: the run as its last step left it.
+    /// Bytes of the blob: the run after its last step.
     pub bytes: Vec<u8>,
-    /// Scores of that very blob over `background` on all validation views; empty without any.
+    /// Scores of this blob over `background` on all validation views; empty without any.
     pub scores: Scores,
-    /// Training photographs on a coarse lattice, in their order.
+    /// Scores of the training photographs, in their order, at few and evenly spaced pixels.
     pub trained: Vec<ViewScore>,
-    /// Of every so many rows and columns of a view one pixel is in the scores: 1 is every pixel.
+    /// Spacing of the scored pixels in rows and columns of a view: 1 is every pixel.
     pub lattice: u32,
-    /// Its surfaces, against the sparse points of the same views.
+    /// Surfaces of the blob, against the sparse points of the same views.
     pub surfaces: Surfaces,
-    /// Scores of the same views from their refined poses, on the same lattice; `None` where poses stay as they were given.
+    /// Scores of the same views from their refined poses, at the same pixels; `None` if poses are not refined.
     pub refined_scores: Option<Scores>,
-    /// Poses of training and validation views as they were refined.
+    /// Refined poses of training and validation views.
     pub refined_poses: Option<RefinedPoses>,
-    /// What was found of the photographs' poses, where that was asked.
+    /// Verdict on the photographs' poses, if they were tested.
     pub poses: Option<PosesFound>,
-    /// What was found of the photographs' exposure, where that was asked.
+    /// Verdict on the photographs' exposure, if it was tested.
     pub exposure: Option<ExposureFound>,
-    /// What photographs withheld at first showed, where there were any.
+    /// Verdict of the photographs withheld at the beginning, if there were any.
     pub withheld: Option<WithheldFound>,
-    /// Training photographs of which something that moved was left out of the loss.
+    /// Training photographs with moving objects, which were left out of the loss.
     pub moved: Vec<Moved>,
-    /// Some of those views as rendered, if the run was to keep them.
+    /// Renderings of some of the validation views, if the run was to keep them.
     pub shown: Vec<Shown>,
     /// Background that validation views are rendered over to be measured, display-encoded.
     pub background: [f32; 3],
-    /// Mean PSNR that a flat colour would have on the same views, each its own, dB; on training views without any.
-    /// Views that are flat themselves do not count.
+    /// Mean PSNR of a flat colour on the same views, for each view its own, dB; on training views if there are no
+    /// others. Views that are flat themselves do not count.
     pub flat_psnr_db: f64,
-    /// Whether the blob shows no more than that on any of them: too fast a rate, or too few steps.
+    /// Whether the blob shows no more than that on any view: too fast a rate, or too few steps.
     pub flat: bool,
-    /// dB that rounding weights to f16, and a grid's tables to what they are stored in, cost, on at most ten of the
-    /// views and the same lattice.
+    /// PSNR that rounding costs (weights to f16, and a grid's tables to their storage), dB, on at most ten of the
+    /// views and at the same pixels.
     pub quantisation_loss_db: Option<f64>,
     /// PSNR lost on training views by rendering without the occupancy grid, dB. Not measured for a learned grid, whose tables
     /// hold any values in space that was not trained.
     pub occupancy_loss_db: Option<f64>,
     /// Whether the occupancy grid is part of the model.
     pub occupancy_required: bool,
-    /// What view dependence is worth; `None` if that was not asked.
+    /// Value of view dependence; `None` if it was not measured.
     pub view_dependence: Option<ViewDependence>,
     pub subnormal_weights: usize,
     pub curve: Vec<CurvePoint>,
-    /// What the curve says of the end of the run.
+    /// Point from which validation did not rise any more, if there is one.
     pub overfitting: Option<Stop>,
-    /// Names of the views that validation on the way was of.
+    /// Names of the views that were validated during training.
     pub watched: Vec<String>,
     pub snapshots: Vec<Snapshot>,
-    /// Steps that pictures were asked for and that the run did not come by.
+    /// Steps of requested pictures that the run did not reach.
     pub missed_snapshots: Vec<u32>,
     pub steps: u32,
     /// Times the run was started anew with another seed because every density had become 0.
     pub reseeds: u32,
     pub parameters: usize,
-    /// Live share of the exported occupancy grid.
+    /// Occupied fraction of the exported occupancy grid.
     pub occupied_share: f32,
     /// Seconds from the start until the last step, reading and validation included.
     pub train_seconds: f64,
-    /// Samples evaluated and samples trained on, a second of training.
+    /// Samples evaluated and samples trained on, per second of training.
     pub samples_per_second: [f64; 2],
 }
 
@@ -110,7 +110,7 @@ pub(crate) fn convention(views: usize, lattice: u32, background: [f32; 3], sampl
     )
 }
 
-/// Exports the last step, and measures the very blob that is exported.
+/// Exports the last step, and measures the blob that is exported.
 pub(super) fn finish(session: &mut Session<'_, '_>) -> anyhow::Result<Outcome> {
     let mut candidate = Candidate::of(&session.trainer, true);
     let view_dependence = ask_direction(session, &mut candidate)?;
@@ -176,7 +176,7 @@ pub(super) fn finish(session: &mut Session<'_, '_>) -> anyhow::Result<Outcome> {
     })
 }
 
-/// Scores of a blob on `views` over the run's background; `parameters`: what its rounded weights are replaced by.
+/// Scores of a blob on `views` over the run's background; if given, `parameters` replace its rounded weights.
 fn scores_of<'v>(
     session: &Session<'_, '_>,
     blob: &[u8],
@@ -187,7 +187,7 @@ fn scores_of<'v>(
     measure(blob, parameters, kernel, &Quality::default(), background, views, |_, _, _, _| {})
 }
 
-/// Scores of several renderings of the same views, all on one lattice: as fine as their share of the time allows.
+/// Scores of several renderings of the same views, all at the same pixels: as many as their part of the time allows.
 pub(super) fn compare(
     session: &Session<'_, '_>,
     views: &[&View],
@@ -203,7 +203,7 @@ pub(super) fn compare(
         };
         renderings.iter().map(measured).collect()
     };
-    // The price is these renderings' own: without an occupancy grid, a scene is asked in many more places.
+    // The cost is measured on these renderings: without an occupancy grid, many more samples are evaluated.
     let mut pace = Pace::new(session.options.budget.seconds, false, false);
     let everything = pace.lattice_on_the_way(pixels, largest, f64::INFINITY);
     if !pace.is_limited() {
@@ -217,7 +217,7 @@ pub(super) fn compare(
     if lattice < probe { on(lattice) } else { Ok(scores) }
 }
 
-/// dB that leaving the occupancy grid out costs on training views, and their scores with it.
+/// PSNR that leaving out the occupancy grid costs on training views, dB, and their scores with it.
 fn ask_occupancy(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Option<f64>, Scores)> {
     let views = asked_views(session);
     let views: Vec<&View> = views.iter().collect();
@@ -232,7 +232,7 @@ fn ask_occupancy(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Opt
     Ok((Some(loss_db), scores.swap_remove(0)))
 }
 
-/// Scores of the blob on all validation views, their lattice, and the views that are shown.
+/// Scores of the blob on all validation views, the spacing of their pixels, and the views that are shown.
 fn evaluate(session: &mut Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Scores, u32, Vec<Shown>)> {
     let views: Vec<&View> = session.dataset.val.iter().collect();
     let (pixels, largest) = pixels_of(views.iter().copied());
@@ -257,7 +257,7 @@ fn evaluate(session: &mut Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Scor
     Ok((scores, lattice, shown))
 }
 
-/// Scores of all training photographs without what moved, on a lattice that takes no longer than a question.
+/// Scores of all training photographs without moving objects, within the time of one question about the export.
 fn score_training(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<Vec<ViewScore>> {
     let train = &session.dataset.train;
     let (pixels, largest) = pixels_of(train);
@@ -273,13 +273,13 @@ fn score_training(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<Vec
     Ok(scores_of(session, draft, None, &thinned)?.views)
 }
 
-/// Training views that questions about the export are asked of, from where they were refined to.
+/// Training views for questions about the export, from their refined cameras.
 pub(super) fn asked_views(session: &Session<'_, '_>) -> Vec<View> {
     let (train, cameras) = (&session.dataset.train, session.trainer.training_cameras());
     spread_indices(train.len(), ASKED_VIEWS).map(|i| train[i].seen_from(cameras[i])).collect()
 }
 
-/// The refined poses, and the scores of the validation views from theirs.
+/// Refined poses, and scores of the validation views from these.
 fn refine(
     session: &mut Session<'_, '_>,
     draft: &[u8],
@@ -296,7 +296,7 @@ fn refine(
     Ok((Some(poses), (!views.is_empty()).then_some(scores)))
 }
 
-/// dB that rounding costs, on some of the views that `scores` are of; `None` without any.
+/// PSNR that rounding costs, dB, on some of the views of `scores`; `None` without any.
 fn ask_rounding(
     session: &Session<'_, '_>,
     candidate: &Candidate,
@@ -322,20 +322,20 @@ fn missed_snapshots(session: &Session<'_, '_>) -> Vec<u32> {
     session.options.snapshots.as_ref().map_or_else(Vec::new, |options| options.missed(taken))
 }
 
-/// Training views whose directions are averaged over.
+/// Number of training views whose directions are averaged.
 const RAY_VIEWS: usize = 50;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewDependence {
-    /// dB that it gains over its mean, on training views.
+    /// PSNR that view dependence gains over a mean direction, dB, on training views.
     pub gain_db: f64,
     pub left_out: bool,
 }
 
-/// Replaces the candidate's direction by its mean over the training rays if that loses too little.
+/// Replaces the candidate's direction by its mean over the training rays if that loses little enough.
 ///
-/// Asked of training views: what is exported is not chosen by views whose PSNR is reported. `None` where
-/// nobody asks, and if colour does not depend on the direction.
+/// Measured on training views: views whose PSNR is reported do not choose what is exported. `None` if no threshold is
+/// set, and if colour does not depend on the direction.
 pub(super) fn ask_direction(
     session: &Session<'_, '_>,
     candidate: &mut Candidate,
@@ -361,7 +361,7 @@ pub(super) fn ask_direction(
         db.unwrap_or(f64::NAN)
     };
     let gain_db = gain_db(db(&scores[0]), db(&scores[1]));
-    // It takes work and spares none.
+    // View dependence takes work and spares none.
     let left_out = Verdict::of(gain_db, 1.0, threshold_db) == Verdict::Drops;
     if left_out {
         *candidate = flat;

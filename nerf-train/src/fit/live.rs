@@ -1,4 +1,4 @@
-//! A folder with the newest blob of a run, and what a page there asks for.
+//! A folder with the newest blob of a run, and the data that a page there loads.
 //!
 //! | file | |
 //! | --- | --- |
@@ -21,11 +21,11 @@ use std::time::Instant;
 
 /// Photographs to compare with, spread over the validation split, or over the training split without one.
 const VIEWS: usize = 8;
-/// Their longest side, pixels.
+/// Longest side of these photographs, pixels.
 const SIDE: usize = 400;
-/// Seconds between two blobs, at least.
+/// Least number of seconds between two blobs.
 const EVERY: f64 = 1.0;
-/// Share of the time that making and writing them may take.
+/// Fraction of the time that making and writing blobs may take.
 const SHARE: f64 = 0.05;
 
 #[derive(Debug)]
@@ -58,7 +58,7 @@ struct Photograph<'d> {
     picture: String,
 }
 
-/// A `nerf_camera`, by its names.
+/// A `nerf_camera`, with the names of its fields.
 #[derive(Serialize)]
 struct Camera {
     width: u32,
@@ -106,7 +106,7 @@ impl Live {
         self.last.elapsed().as_secs_f64() >= EVERY.max(self.took / SHARE)
     }
 
-    /// Writes a blob that was begun at `begun`. Where that fails, the one before stays; the warning, the first time.
+    /// Writes a blob begun at `begun`. If that fails, the one before stays, and the first failure returns a warning.
     pub fn write(&mut self, blob: &[u8], state: &State, begun: Instant) -> Option<String> {
         let written = write(&self.folder, blob, state);
         (self.last, self.took) = (Instant::now(), begun.elapsed().as_secs_f64());
@@ -115,7 +115,7 @@ impl Live {
     }
 }
 
-/// Puts the blob of a run that is done into its folder.
+/// Writes the blob of a finished run into its folder.
 pub fn finish(folder: &Path, outcome: &Outcome) -> Result<(), OutputError> {
     let last = outcome.curve.last();
     let state = State {

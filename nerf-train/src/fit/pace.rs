@@ -1,52 +1,52 @@
-//! How a limit in seconds is kept: what validation may take on the way, and what is kept for the end.
+//! Division of a limit in seconds: time for validation during training, and time reserved for the end.
 //!
-//! Pictures are measured on a lattice of pixels, as fine as the time allows: its price is known from what was
-//! measured before, or asked of a very coarse one first. All of it is arithmetic on seconds that the caller measures,
-//! so that tests need no clock.
+//! Views are measured at every N-th row and column, as densely as the time allows. The cost of a pixel is known from
+//! earlier measurements, or measured on very few pixels first. All of this is arithmetic on seconds that the caller
+//! measures, so that tests need no clock.
 
-/// Share of the time that validation on the way may take.
+/// Fraction of the time that validation during training may take.
 pub const VALIDATION_SHARE: f64 = 0.05;
-/// Share of the time that the final evaluation over all validation views may take.
+/// Fraction of the time that the final evaluation over all validation views may take.
 pub const FINAL_SHARE: f64 = 0.10;
-/// Share of the time that each rendering for a question about the export may take: with and without view dependence,
-/// with and without the occupancy grid, without rounding, and all training photographs on a coarse lattice.
+/// Fraction of the time that each rendering for a question about the export may take: with and without view
+/// dependence, with and without the occupancy grid, without rounding, and all training photographs at few pixels.
 pub const QUESTION_SHARE: f64 = 0.015;
 const QUESTIONS: usize = 6;
-/// Seconds kept for writing files, without and with a report.
+/// Seconds reserved for writing files, without and with a report.
 const WRITING: [f64; 2] = [0.1, 0.5];
-/// Pixels of a view that is measured on the way, where there is no limit or more time than that takes.
+/// Pixels of a view that is measured during training, if there is no limit or enough time.
 const PIXELS_A_VIEW: u64 = 40_000;
-/// Pixels of a view that a price is asked of.
+/// Pixels of a view on which the cost of a pixel is measured.
 const PROBED_PIXELS: u64 = 100;
-/// Estimates are of work done before; the next may take a little longer.
+/// Factor on estimates, which are of earlier work: the next may take a little longer.
 const MARGIN: f64 = 1.15;
 
-/// What measuring takes, and what may be taken.
+/// Measured cost of rendering, and the time that it may take.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Pace {
-    /// The limit; none if steps alone decide.
+    /// Limit in seconds; none if steps alone decide.
     seconds: Option<f64>,
     /// Seconds spent on validation so far.
     validated: f64,
-    /// Seconds of making a file of the run as it stands, before any pixel is rendered.
+    /// Seconds that making a file of the present state takes, before any pixel is rendered.
     overhead: Option<f64>,
     per_pixel: Option<f64>,
     report: bool,
-    /// Whether the end asks what the scene is without its occupancy grid.
+    /// Whether the scene is measured without its occupancy grid at the end.
     dense: bool,
 }
 
-/// The smallest odd step of a lattice that leaves at most `count` of `pixels`; at least 1.
+/// Smallest odd spacing in rows and columns that leaves at most `count` of `pixels`; at least 1.
 ///
-/// Odd, so that the lattice's rays go through the middles of pixels.
+/// The spacing is odd, so that rays go through the middles of pixels.
 pub fn lattice_of(pixels: u64, count: f64) -> u32 {
     let step = (pixels as f64 / count.max(1.0)).sqrt().ceil().max(1.0) as u32;
     step | 1
 }
 
 impl Pace {
-    /// The pace of a run with this limit; `report`: whether one is written, `dense`: whether the end asks what the
-    /// scene is without its occupancy grid.
+    /// Pace of a run with this limit. `report`: whether one is written. `dense`: whether the scene is measured
+    /// without its occupancy grid at the end.
     pub fn new(seconds: Option<f64>, report: bool, dense: bool) -> Self {
         Self { seconds, report, dense, ..Self::default() }
     }
@@ -55,17 +55,17 @@ impl Pace {
         self.seconds.is_some()
     }
 
-    /// A share of the limit in seconds; infinite without one.
+    /// A fraction of the limit in seconds; infinite without one.
     pub fn share(&self, share: f64) -> f64 {
         self.seconds.map_or(f64::INFINITY, |seconds| share * seconds)
     }
 
-    /// Seconds that validation may take at `now`, so that all of it stays below its share of the time so far.
+    /// Seconds that validation may take at `now`, so that all of it stays below its fraction of the time so far.
     pub fn allowance(&self, now: f64) -> f64 {
         self.seconds.map_or(f64::INFINITY, |_| VALIDATION_SHARE * now - self.validated)
     }
 
-    /// Whether validation of views of so many pixels is affordable at `now`, on the coarsest lattice at least.
+    /// Whether validation of this many views is affordable at `now`, at least at the fewest pixels.
     pub fn affords(&self, now: f64, views: usize) -> bool {
         let coarsest = (views as u64 * PROBED_PIXELS) as f64 * self.per_pixel.unwrap_or(0.0);
         MARGIN * (self.overhead.unwrap_or(0.0) + coarsest) <= self.allowance(now)
@@ -79,12 +79,13 @@ impl Pace {
         self.per_pixel.is_some()
     }
 
-    /// The lattice of validation on the way for views of `pixels` in all, the largest of `largest`, in `seconds`.
+    /// Spacing of pixels for validation during training, of views of `pixels` in all, the largest of `largest`, in
+    /// `seconds`.
     pub fn lattice_on_the_way(&self, pixels: u64, largest: u64, seconds: f64) -> u32 {
         lattice_of(largest, PIXELS_A_VIEW as f64).max(self.lattice(pixels, largest, seconds))
     }
 
-    /// The finest lattice on which views of `pixels` in all are expected to take at most `seconds`.
+    /// Smallest spacing at which views of `pixels` in all are expected to take at most `seconds`.
     pub fn lattice(&self, pixels: u64, largest: u64, seconds: f64) -> u32 {
         let coarsest = self.probe(largest);
         match self.per_pixel {
@@ -95,7 +96,7 @@ impl Pace {
         }
     }
 
-    /// Seconds that rendering so many pixels is expected to take; 0 where no price is known.
+    /// Seconds that rendering `pixels` is expected to take; 0 if the cost is not known.
     pub fn seconds_of(&self, pixels: u64) -> f64 {
         MARGIN * self.per_pixel.unwrap_or(0.0) * pixels as f64
     }
@@ -108,21 +109,21 @@ impl Pace {
         self.per_pixel = Some(seconds / pixels.max(1) as f64);
     }
 
-    /// Takes in what validation took on the way, everything included.
+    /// Adds the time of a validation during training, everything included.
     pub fn validated(&mut self, seconds: f64) {
         self.validated += seconds;
     }
 
-    /// Seconds to keep for the work after the last step, of views with so many pixels: the last validation, the
-    /// export, its questions over `asked` pixels each and that of rounding over `validation` pixels, the final
-    /// evaluation over those, and files.
+    /// Seconds to reserve for the work after the last step: the last validation, the export, its questions over
+    /// `asked` pixels each, the question about rounding over `validation` pixels, the final evaluation over the same,
+    /// and files.
     pub fn reserve(&self, validation: u64, asked: u64) -> f64 {
         let Some(seconds) = self.seconds else { return 0.0 };
         let price = |pixels: u64, share: f64| match self.per_pixel {
             Some(price) => (MARGIN * price * pixels as f64).min(share * seconds),
             None => share * seconds,
         };
-        // Without its occupancy grid a scene is asked in many more places: that question takes all it may.
+        // Without its occupancy grid a scene needs many more samples: that question takes all the time it may.
         let dense = if self.dense { QUESTION_SHARE * seconds } else { 0.0 };
         let rounding = price(validation, QUESTION_SHARE);
         let questions = (QUESTIONS - 2) as f64 * price(asked, QUESTION_SHARE) + rounding + dense;

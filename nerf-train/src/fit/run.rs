@@ -20,8 +20,8 @@ use crate::train::schedule::{Clock, Done, duration};
 use crate::train::{RESEEDS, Trainer};
 use std::time::{Duration, Instant};
 
-/// Runs until the budget is used or `stop` says so, which is asked between steps with the steps done.
-/// Where it fails, a checkpoint written earlier stays as it is.
+/// Runs until the budget is used or `stop`, which is called between steps with the steps done, returns true. If it
+/// fails, a checkpoint written earlier stays as it is.
 pub fn run(
     dataset: &Dataset,
     config: Config,
@@ -31,7 +31,7 @@ pub fn run(
     run_since(Clock::resume(Duration::ZERO), dataset, config, options, stop)
 }
 
-/// As [`run`], with the time since `clock` counted in.
+/// As [`run`], including the time since `clock`.
 pub fn run_since(
     mut clock: Clock,
     dataset: &Dataset,

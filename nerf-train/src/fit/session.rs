@@ -13,21 +13,21 @@ use std::time::Instant;
 
 #[derive(Clone, Debug)]
 pub struct RunOptions {
-    /// Limits; one in seconds is of this command, also where it goes on from a checkpoint.
+    /// Limits; one in seconds is for this command only, even if it resumes a checkpoint.
     pub budget: Budget,
     /// Fewest steps of a run that a limit in seconds ends.
     pub min_steps: u32,
-    /// Where checkpoints go; none are written without.
+    /// Path of checkpoints; without it none are written.
     pub checkpoint: Option<PathBuf>,
     pub checkpoint_every: f64,
     pub resume: bool,
-    /// Pictures of validation views on the way; none are taken without.
+    /// Pictures to take of validation views during training; none are taken without.
     pub snapshots: Option<SnapshotOptions>,
     /// Whether a report is written afterwards, which takes pictures and time.
     pub report: bool,
-    /// Steps between validations on the way; an eighth of the budget if absent.
+    /// Steps between validations during training; an eighth of the budget if absent.
     pub validate_every: Option<u32>,
-    /// What view dependence must gain to be exported, dB; it is not asked if absent.
+    /// PSNR that view dependence must gain to be exported, dB; not measured if absent.
     pub effect_threshold_db: Option<f64>,
     /// Folder that always has the newest blob, for a page to show.
     pub live: Option<PathBuf>,
@@ -36,7 +36,7 @@ pub struct RunOptions {
 }
 
 impl RunOptions {
-    /// A run that writes nothing on the way and asks nothing of what is exported.
+    /// Options of a run that writes nothing during training and asks no questions about its export.
     pub fn unattended(budget: Budget, kernel: Kernel, style: ProgressStyle) -> Self {
         Self {
             budget,
@@ -59,29 +59,29 @@ pub(super) struct Session<'a, 'd> {
     pub(super) trainer: Trainer<'d>,
     pub(super) dataset: &'d Dataset,
     pub(super) options: &'a RunOptions,
-    /// Limits, what earlier commands took counted in.
+    /// Limits, including what earlier commands used.
     pub(super) budget: Budget,
-    /// Validation views that are measured on the way.
+    /// Validation views that are measured during training.
     pub(super) watched: Vec<usize>,
     /// Validation views that pictures are taken of.
     pub(super) pictured: Vec<usize>,
     pub(super) clock: Clock,
-    /// What validation and the work after the last step may take.
+    /// Time that validation and the work after the last step may take.
     pub(super) pace: Pace,
-    /// Pixels of all validation views, and those that a question is asked of on training views.
+    /// Pixels of all validation views, and pixels of the training views for one question about the export.
     pub(super) pixels: [u64; 2],
-    /// Counters at the start, or when the run was taken up again.
+    /// Counters at the start, or when the run was resumed.
     pub(super) started: Progressed,
     pub(super) taken_up: Instant,
     /// Seconds from the start until the last step.
     pub(super) train_seconds: f64,
-    /// Samples evaluated and samples trained on, a second of training.
+    /// Samples evaluated and samples trained on, per second of training.
     pub(super) samples_per_second: [f64; 2],
     pub(super) live: Option<Live>,
 }
 
 impl Session<'_, '_> {
-    /// Share of the budget that is used, what is kept for the end left out.
+    /// Used fraction of the budget without the reserve for the end.
     pub(super) fn share_at(&self, step: u32, seconds: f64) -> f64 {
         self.budget.share(step, seconds, self.reserve())
     }
@@ -93,12 +93,12 @@ impl Session<'_, '_> {
         self.pace.reserve(self.times() * self.pixels[0], self.pixels[1]) + refining
     }
 
-    /// How many times validation views are measured in the end: from the refined poses, too, where there are such.
+    /// Number of times that validation views are measured at the end: twice if there are refined poses.
     pub(super) fn times(&self) -> u64 {
         if self.trainer.held_out_rays() > 0 { 2 } else { 1 }
     }
 
-    /// Seconds since the start, or since the run was taken up again; above 0.
+    /// Seconds since the start, or since the run was resumed; above 0.
     pub(super) fn seconds_here(&self) -> f64 {
         self.taken_up.elapsed().as_secs_f64().max(1e-9)
     }

@@ -1,4 +1,4 @@
-//! Pictures of validation views on the way, and the sheet of them.
+//! Pictures of validation views during training, and the sheet of them.
 
 use crate::data::Dataset;
 use crate::train::Snapshot;
@@ -6,19 +6,19 @@ use anyhow::bail;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-/// Which pictures are taken on the way.
+/// Pictures to take during training.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SnapshotOptions {
-    /// The report's folder; pictures go into `snapshots` in it.
+    /// Folder of the report; pictures go into `snapshots` in it.
     pub folder: PathBuf,
-    /// Steps to take them at; if empty, with every validation on the way.
+    /// Steps at which pictures are taken; if empty, with every validation.
     pub steps: Vec<u32>,
     /// Indices into the validation split; if empty, the views that the run watches anyway.
     pub views: Vec<usize>,
 }
 
 impl SnapshotOptions {
-    /// Indices of the views to show, each once; `watched` where none were named.
+    /// Indices of the views to show, each once; `watched` if none were named.
     pub fn views_of(&self, dataset: &Dataset, watched: &[usize]) -> anyhow::Result<Vec<usize>> {
         let (data, views) = (&dataset.name, dataset.val.len());
         let asked = !self.steps.is_empty() || !self.views.is_empty();
@@ -39,7 +39,7 @@ impl SnapshotOptions {
         Ok(chosen)
     }
 
-    /// The steps that were named and of which `taken` has nothing, ascending.
+    /// Named steps without a snapshot in `taken`, ascending.
     pub fn missed(&self, taken: &[Snapshot]) -> Vec<u32> {
         let steps: BTreeSet<u32> = self.steps.iter().copied().collect();
         steps.into_iter().filter(|&step| taken.iter().all(|snapshot| snapshot.step != step)).collect()

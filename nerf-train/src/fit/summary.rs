@@ -1,4 +1,4 @@
-//! What a fit made.
+//! Summary of a fit.
 
 use crate::capture::check::Diagnosis;
 use crate::capture::check::after::Fitted;
@@ -16,12 +16,12 @@ use nerf_core::blob::Blob;
 use serde::Serialize;
 use std::path::Path;
 
-/// `summary.json` of a fit; what there is none of is null or left out.
+/// `summary.json` of a fit; a missing value is null or left out.
 #[derive(Debug, Serialize)]
 pub struct Summary {
-    // Of test views where there are no others.
+    // The test split, if there are no other views.
     pub val_split: &'static str,
-    // Without validation views null: scripts rely on the names.
+    // Null without validation views: scripts rely on the names.
     pub val_psnr_db: f64,
     pub val_worst_psnr_db: f64,
     pub val_aligned_psnr_db: f64,
@@ -79,7 +79,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Of a fit to the data of this name, written to `blob`.
+    /// Summary of a fit to the data of this name, written to `blob`.
     pub fn of(
         outcome: &Outcome,
         config: &Config,
@@ -142,7 +142,7 @@ impl Summary {
     }
 }
 
-/// A training photograph of which something that moved was left out of the loss.
+/// A training photograph with moving objects, which were left out of the loss.
 #[derive(Debug, Serialize)]
 pub struct MovedView {
     pub view: String,
@@ -155,7 +155,7 @@ impl MovedView {
     }
 }
 
-/// What was found of the capture, before and after the fit.
+/// Findings about the capture, before and after the fit.
 #[derive(Debug, Serialize)]
 pub struct Capture {
     pub folded: Option<bool>,
@@ -165,7 +165,7 @@ pub struct Capture {
 }
 
 impl Capture {
-    /// Of what was found before, and of the photographs that were fitted.
+    /// Combines the findings before the fit with those about the fitted photographs.
     pub fn of(diagnosis: &Diagnosis, outcome: &Outcome) -> Self {
         let photographs: Vec<_> = outcome.trained.iter().map(|score| (&*score.view, score.psnr_db)).collect();
         let fitted = Fitted::of(diagnosis, &photographs, outcome.steps);
@@ -173,7 +173,7 @@ impl Capture {
     }
 }
 
-/// Validation on the way, and when it stopped rising.
+/// Validations during training, and the point at which PSNR stopped rising.
 #[derive(Debug, Serialize)]
 pub struct TrendSummary {
     pub watched_views: usize,

@@ -3,31 +3,31 @@
 use crate::train::CurvePoint;
 use std::fmt;
 
-/// A later validation must be better by more than this to count as a rise, dB: two views are a small sample.
+/// Least gain, dB, by which a later validation counts as a rise: two views are a small sample.
 const VAL_RISE_DB: f64 = 0.05;
-/// Training goes on while its PSNR rises by more than this, dB: three times the noise of the smoothed curve.
+/// Least rise of the training PSNR, dB, with which training goes on: three times the noise of the smoothed curve.
 const TRAIN_RISE_DB: f64 = 0.3;
-/// Validations without a rise that it takes: one is no trend.
+/// Validations without a rise that are needed: one is no trend.
 const VALIDATIONS_AFTER: usize = 2;
 
-/// The validation after which PSNR did not rise any more.
+/// Validation after which PSNR did not rise any more.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stop {
     pub step: u32,
     pub seconds: f64,
-    /// Mean PSNR of the watched views at that validation, dB: the best, or within 0.05 dB of it.
+    /// Mean PSNR of the watched views at that validation, dB: the best, or within 0.05 dB of the best.
     pub val_psnr_db: f64,
-    /// The same at the last validation, dB.
+    /// Mean PSNR of the watched views at the last validation, dB.
     pub last_val_psnr_db: f64,
     /// Smoothed PSNR of the training rays at that validation, dB.
     pub train_psnr_db: f64,
-    /// The same at the last validation, dB.
+    /// Smoothed PSNR of the training rays at the last validation, dB.
     pub last_train_psnr_db: f64,
 }
 
 impl Stop {
-    /// Where validation stopped while training went on, of a curve with its oldest point first: what was learned since does
-    /// not carry over to new views.
+    /// Finds where validation stopped rising while training went on; `curve` has its oldest point first. What was
+    /// learned since does not carry over to new views.
     ///
     /// Validation stopped at the first that no later one beats by more than 0.05 dB, if at least two
     /// followed; training went on if its smoothed PSNR rose by more than 0.3 dB from there to the last validation.

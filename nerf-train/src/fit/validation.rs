@@ -1,6 +1,6 @@
-//! Validation on the way: when, of which views, on which lattice of pixels, and what is kept of it.
+//! Validation during training: its steps, views and pixels, and its results.
 //!
-//! It never changes what is trained or exported.
+//! Validation never changes what is trained or exported.
 
 use crate::data::View;
 use crate::fit::session::Session;
@@ -11,17 +11,17 @@ use crate::train::{CurvePoint, Snapshot};
 use nerf_core::plan::Quality;
 use std::time::Instant;
 
-/// Validation views that a question about rounding or a table asks, spread over the split.
+/// Number of validation views for a question about rounding or a table, spread over the split.
 pub const FINAL_VIEWS: usize = 10;
 const WATCHED_VIEWS: usize = 2;
-/// Training views that questions about the export are asked of.
+/// Number of training views for questions about the export.
 pub(super) const ASKED_VIEWS: usize = 3;
-/// Parts of the budget that end with a validation, where no interval is given.
+/// Number of parts of the budget that end with a validation, if no interval is given.
 const PARTS: f64 = 8.0;
 /// Steps between the points of the curve without validation.
 const POINT_EVERY: u32 = 20;
 
-/// Indices of at most `count` of `len` things, spread over all of them.
+/// Indices of at most `count` of `len` elements, spread over all of them.
 pub(super) fn spread_indices(len: usize, count: usize) -> impl ExactSizeIterator<Item = usize> {
     (0..len).step_by(len.div_ceil(count).max(1))
 }
@@ -31,13 +31,13 @@ pub fn spread(views: &[View], count: usize) -> Vec<&View> {
     spread_indices(views.len(), count).map(|i| &views[i]).collect()
 }
 
-/// The views that are measured on the way, of `len`.
+/// Indices of the views, of `len`, that are measured during training.
 pub(super) fn watched(len: usize) -> Vec<usize> {
     let all: Vec<usize> = spread_indices(len, FINAL_VIEWS).collect();
     spread_indices(all.len(), WATCHED_VIEWS).map(|i| all[i]).collect()
 }
 
-/// Pixels of all of these views, and of the largest.
+/// Number of pixels of all these views, and of the largest.
 pub(super) fn pixels_of<'v>(views: impl IntoIterator<Item = &'v View>) -> (u64, u64) {
     let counts = views.into_iter().map(View::pixel_count);
     counts.fold((0, 0), |(all, largest), count| (all + count, largest.max(count)))
@@ -57,10 +57,10 @@ impl Due {
 
 /// The validation and the pictures that are due between two steps.
 ///
-/// Decided by step, budget and what the trainer remembers, so that a run of so many steps that was taken up
-/// again validates where an undisturbed one does; with a limit in seconds, also by what it takes.
+/// Decided by step, budget and the trainer's state, so that a resumed run of a given number of steps validates at the
+/// same steps as an undisturbed one; with a limit in seconds, also by the time that validation takes.
 ///
-/// `share`: of the budget that is used.
+/// `share`: used fraction of the budget.
 pub(super) fn due_at(session: &Session<'_, '_>, share: f64, ended: bool) -> Due {
     Due {
         validation: validation_is_due(session, share, ended),
@@ -68,7 +68,7 @@ pub(super) fn due_at(session: &Session<'_, '_>, share: f64, ended: bool) -> Due 
     }
 }
 
-/// Puts a point into the curve, if one is due and validation has put none there.
+/// Adds a point to the curve, if one is due and validation has added none.
 pub(super) fn note(session: &mut Session<'_, '_>, ended: bool) {
     let point = point(session);
     let noted = session.trainer.curve.last().is_some_and(|last| last.step == point.step);
@@ -95,10 +95,10 @@ pub(super) fn last_val_psnr_db(session: &Session<'_, '_>) -> Option<f64> {
     last_validation(session).and_then(|point| point.val_psnr_db)
 }
 
-/// Whether another eighth of the budget is used than at `last`.
+/// Whether another eighth of the budget is in use than at `last`.
 ///
-/// What is kept for the end of a run is estimated anew all the time, and moves the eighths of a limit in
-/// seconds a little: an eighth that was just begun must not begin again.
+/// The reserve for the end of a run is estimated anew all the time, and moves the eighths of a limit in seconds a
+/// little: an eighth that has just begun must not begin again.
 fn in_another_part(session: &Session<'_, '_>, share: f64, last: Option<(u32, f64)>) -> bool {
     let then = last.map_or(0.0, |(step, seconds)| session.share_at(step, seconds));
     let part = |share: f64| (share * PARTS) as u32;
@@ -134,7 +134,7 @@ fn pictures_are_due(session: &Session<'_, '_>, share: f64, ended: bool) -> bool 
     }
 }
 
-/// Renders the run as it stands from the watched views and from those to take pictures of, all on one lattice.
+/// Renders the present state from the watched views and those to take pictures of, all with one spacing of pixels.
 pub(super) fn validate(session: &mut Session<'_, '_>, due: Due) -> anyhow::Result<()> {
     let (begun, mut point) = (Instant::now(), point(session));
     let allowed = session.pace.allowance(session.clock.own_seconds());
@@ -178,7 +178,7 @@ pub(super) fn validate(session: &mut Session<'_, '_>, due: Due) -> anyhow::Resul
     Ok(())
 }
 
-/// Measures a blob on a lattice of views, and remembers what a pixel took.
+/// Measures a blob at every `lattice`-th row and column of views, and stores the time of a pixel.
 pub(super) fn measure_priced(
     session: &mut Session<'_, '_>,
     bytes: &[u8],
@@ -193,7 +193,7 @@ pub(super) fn measure_priced(
     let scores =
         measure(bytes, None, kernel, &Quality::default(), background, views(), |view, frame, _, _| {
             each(frame::picture(frame));
-            // The first view's time has the opening of the file in it: it counts only where it is the only one.
+            // The first view's time includes opening the file: it counts only if it is the only one.
             if counted == 0 && thinned.len() > 1 {
                 (begun, counted) = (Instant::now(), view.pixel_count());
             }

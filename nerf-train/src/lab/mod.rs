@@ -1,7 +1,7 @@
-//! Experiments: settings, their runs, and what they came to.
+//! Experiments: settings, their runs, and the results.
 //!
-//! lists of settings → one run each, kept as one small file in the experiment's folder → rows. What draws tables, plots and
-//! pages of them is in `show/reports`.
+//! lists of settings → one run each, kept as one small file in the experiment's folder → rows. Tables, plots and
+//! pages of these are in `show/reports`.
 
 mod shard;
 pub mod study;

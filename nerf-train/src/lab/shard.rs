@@ -1,4 +1,4 @@
-//! A part of the work: that of one of several machines.
+//! Part of the work that one of several machines does.
 
 use std::fmt;
 use std::str::FromStr;
@@ -15,11 +15,11 @@ pub struct Shard {
 impl Shard {
     pub const WHOLE: Self = Self { index: 1, count: 1 };
 
-    /// The part of an array job that this process is, and the variable that says so.
+    /// Part of an array job that this process does, and the variable that tells it.
     ///
-    /// Slurm: `SLURM_ARRAY_TASK_ID` of `SLURM_ARRAY_TASK_COUNT`, from `SLURM_ARRAY_TASK_MIN` (0 if absent) to `_MAX` by
-    /// `_STEP` (1), without gaps. Kubernetes: `JOB_COMPLETION_INDEX`, from 0, of `JOB_COMPLETIONS`, which the job's own
-    /// description has to pass on. `variable` reads one.
+    /// Slurm: `SLURM_ARRAY_TASK_ID` of `SLURM_ARRAY_TASK_COUNT`, from `SLURM_ARRAY_TASK_MIN` (0 if absent) to `_MAX`
+    /// by `_STEP` (1), without gaps. Kubernetes: `JOB_COMPLETION_INDEX`, from 0, of `JOB_COMPLETIONS`, which the
+    /// job's own description has to pass on. `variable` reads an environment variable.
     pub fn of_array(
         variable: impl Fn(&str) -> Option<String>,
     ) -> Result<Option<(&'static str, Self)>, String> {

@@ -1,4 +1,4 @@
-//! How good a blob is on views it was not fitted to.
+//! Evaluation of a blob on held-out views.
 
 use crate::data::pictures::colour;
 use crate::data::{SparsePoint, View};
@@ -17,7 +17,7 @@ use serde::Serialize;
 use std::time::Instant;
 
 /// An occupancy grid is part of the model if leaving it out changes training views by more than this, dB: a little
-/// less than the 0.1 dB that a blob promises for views nobody has seen.
+/// less than the 0.1 dB that a blob promises for unseen views.
 pub const OCCUPANCY_LOSS_DB: f64 = 0.08;
 
 #[derive(Clone, Debug, Serialize)]
@@ -25,7 +25,7 @@ pub struct ViewScore {
     pub view: String,
     /// dB; infinite if every pixel is equal.
     pub psnr_db: f64,
-    /// dB, after the photograph's own gain is fitted, one a channel.
+    /// PSNR after the photograph's exposure gain is fitted for each channel, dB.
     pub aligned_psnr_db: f64,
     pub ssim: f64,
 }
@@ -47,7 +47,7 @@ impl Scores {
         self.views.iter().map(|score| score.psnr_db).min_by(f64::total_cmp)
     }
 
-    /// Mean PSNR over the views after each photograph's own gain is fitted, dB; `None` without views.
+    /// Mean PSNR over the views after each photograph's exposure gain is fitted, dB; `None` without views.
     pub fn aligned_psnr_db(&self) -> Option<f64> {
         mean(self.views.iter().map(|score| score.aligned_psnr_db))
     }
@@ -63,11 +63,12 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> Option<f64> {
     (n > 0).then(|| values.sum::<f64>() / n as f64)
 }
 
-/// Renders every view over `background` and compares it with its picture over the same, where its pixels count.
+/// Renders every view over `background` and compares it with its picture over the same colour. Masked pixels do not
+/// count.
 ///
-/// Rays begin at the camera, as hosts draw them, unless the plan says where.
+/// Rays start at the camera, as in hosts, unless the plan has a range.
 ///
-/// `each` sees every view with its frame and truth, in order.
+/// `each` is called with every view, its frame, truth and score, in order.
 pub fn evaluate<'v>(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,
@@ -95,13 +96,13 @@ pub fn evaluate<'v>(
 
 #[derive(Clone, Copy, Debug, Default)]
 pub struct EvalOptions {
-    /// What is behind the scene; the blob's own colour where it is `None`.
+    /// Background colour; `None`: the blob's own.
     pub background: Option<[f32; 3]>,
-    /// Measures the pixels whose column and row are multiples of this, too: many a published figure is of such a lattice.
+    /// Measures, in addition, every N-th pixel of every N-th row: many published figures are of these.
     pub lattice: Option<u32>,
 }
 
-/// What an evaluation found: `summary.json` of `eval`.
+/// Result of an evaluation: `summary.json` of `eval`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Evaluation {
     pub val_psnr_db: f64,
@@ -135,10 +136,10 @@ pub struct Evaluation {
 }
 
 impl Evaluation {
-    /// Renders `views` of the split of this name with `plan`, which is of the blob in `bytes`, and compares them with their
-    /// pictures, as [`evaluate`] does.
+    /// Renders `views` of the split named `split` with `plan`, a plan of the blob in `bytes`, and compares them with
+    /// their pictures, as [`evaluate`] does.
     ///
-    /// `each` sees every view with its frame and figures, in order.
+    /// `each` is called with every view, its frame and score, in order.
     pub fn of<'v>(
         bytes: &[u8],
         plan: &Plan<'_>,
@@ -197,7 +198,7 @@ impl Evaluation {
         })
     }
 
-    /// Adds the figures of the same views from their refined poses.
+    /// Adds the scores of the same views rendered from their refined poses.
     pub fn add_refined(
         &mut self,
         bytes: &[u8],
@@ -214,7 +215,7 @@ impl Evaluation {
     }
 }
 
-/// The colour behind a blob's scene; black of a 2D field.
+/// Background colour of a blob's scene; black for a 2D field.
 pub fn own_background(blob: &Blob<'_>) -> [f32; 3] {
     blob.scene().map_or([0.0; 3], |scene| scene.background)
 }
@@ -227,7 +228,7 @@ fn lattice(picture: &[[f32; 3]], width: usize, step: usize) -> Vec<[f32; 3]> {
 
 /// Opens a blob and measures it on `views` over `background`.
 ///
-/// `parameters` replaces the blob's rounded weights where given.
+/// `parameters`, if given, replaces the blob's rounded weights.
 pub fn measure<'v>(
     blob: &[u8],
     parameters: Option<&[f32]>,
@@ -239,7 +240,7 @@ pub fn measure<'v>(
 ) -> anyhow::Result<Scores> {
     let blob = Blob::open(blob)?;
     let plan = Plan::new(&blob, quality, Outputs::ALL, Batch::FULL)?;
-    // Of the bins that the network was trained on: a figure is theirs.
+    // Scores are of the bins that the network was trained on.
     let plan = plan.with_background(background)?.with_own_bins();
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
     let renderer = match parameters {

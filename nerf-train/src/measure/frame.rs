@@ -1,4 +1,4 @@
-//! Whole frames through nerf-core, on as many threads as rayon has.
+//! Whole frames rendered by nerf-core, on as many threads as rayon has.
 
 use crate::data::pictures::rgb::Picture;
 use nerf_core::camera::Camera;
@@ -21,7 +21,7 @@ pub fn render(renderer: &Renderer<'_>, plan: &Plan<'_>, camera: &Camera) -> Resu
 
 /// Renders the 2D field of `renderer` as a picture of `size` (width, height).
 ///
-/// `each` is told, now and then, how many rows are done.
+/// `each` is called from time to time with the number of rows done.
 pub fn render_picture(
     renderer: &Renderer<'_>,
     math: MathBackend,
@@ -41,7 +41,7 @@ fn threads() -> NonZeroUsize {
     NonZeroUsize::new(rayon::current_num_threads()).unwrap_or(NonZeroUsize::MIN)
 }
 
-/// What was rendered of a 2D field: what `image render --json` prints.
+/// Summary of a rendered 2D field, printed by `image render --json`.
 #[derive(Debug, Serialize)]
 pub struct PictureSummary {
     pub file: String,

@@ -1,4 +1,4 @@
-//! What a blob shows, how far that is from the pictures, and what it takes.
+//! Measurements of a blob: what it shows, its error against photographs, and its cost.
 
 pub mod audit;
 pub mod bench;

@@ -10,10 +10,10 @@ use nerf_core::math::MathBackend;
 use nerf_core::plan::Quality;
 use nerf_core::render::Counters;
 
-/// Opacity of the exact picture above which a pixel's distance is compared.
+/// Opacity of the exact picture above which a pixel is solid: its distance is compared.
 const SOLID: f32 = 0.5;
 
-/// How far one view is from the truth and from the exact rendering.
+/// Errors of one view against the truth and against the exact rendering.
 #[derive(Clone, Copy, Debug)]
 pub struct ViewErrors {
     pub psnr_db: f64,
@@ -29,10 +29,10 @@ pub struct ViewErrors {
 }
 
 impl ViewErrors {
-    /// Of a frame against the truth and the exact frame of the same view.
+    /// Errors of a frame against the truth and the exact frame of the same view.
     pub fn of(frame: &Frame, truth: &[[f32; 3]], exact: &Frame) -> Self {
         let difference = |(a, b): (&f32, &f32)| f64::from(a - b).abs();
-        // A NaN is not passed over, as max would.
+        // Unlike `max`, keeps a NaN.
         let larger = |a: f64, b: f64| if b > a || b.is_nan() { b } else { a };
         let colours = frame.rgb.as_flattened().iter().zip(exact.rgb.as_flattened());
         let distances = frame.ray_distance.iter().zip(&exact.ray_distance).map(difference);
@@ -58,9 +58,9 @@ impl ViewErrors {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Origin {
     Exact,
-    /// What a renderer does when nobody asks for anything.
+    /// The renderer's default settings.
     Base,
-    /// The base with this knob (an index of the table) turned.
+    /// The base with one knob changed: its index in the table of knobs.
     Knob(usize),
     Combination,
 }
@@ -70,28 +70,28 @@ pub enum Origin {
 pub struct Point {
     pub origin: Origin,
     pub settings: Settings,
-    /// What differs from the base, for people.
+    /// Differences from the base, in words.
     pub label: String,
-    /// By view; `None` where it was not rendered.
+    /// Errors by view; `None` if it was not rendered.
     pub views: Vec<Option<ViewErrors>>,
-    /// By round and timing view; `None` where it was not rendered.
+    /// Times by round and timing view; `None` if it was not rendered.
     pub rounds: Vec<Vec<Option<Clocked>>>,
     pub memory: Memory,
 }
 
-/// What a point comes to over the views it was rendered on.
+/// Totals of a point over the views that it was rendered on.
 #[derive(Clone, Copy, Debug)]
 pub struct Totals {
     pub views: usize,
     pub psnr_db: f64,
-    /// The exact rendering's mean over the same views less this, dB.
+    /// Mean PSNR of the exact rendering over the same views minus `psnr_db`, dB.
     pub loss_db: f64,
     pub ssim: f64,
     /// PSNR of the mean squared error against the exact rendering over all views, dB.
     pub exact_psnr_db: f64,
     /// Largest difference of a colour channel from the exact rendering.
     pub exact_max: f64,
-    /// Mean |ray_distance| difference from the exact rendering where that is solid, world units.
+    /// Mean |ray_distance| difference from the exact rendering over its solid pixels, world units.
     pub distance_mean: f64,
     pub distance_max: f64,
     pub counters: Counters,
@@ -99,7 +99,7 @@ pub struct Totals {
     pub relative_macs: f64,
 }
 
-/// Seconds of a view, from rounds that were interleaved with those of all other points.
+/// Seconds per view, from rounds that were interleaved with those of all other points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Seconds {
     pub rounds: usize,
@@ -115,7 +115,7 @@ impl Point {
         Self { origin, settings, label, views: vec![None; views], rounds: Vec::new(), memory }
     }
 
-    /// What it comes to; `exact` is the exact rendering on at least the same views.
+    /// Totals over the point's views; `exact`: the exact rendering of at least the same views.
     pub fn totals(&self, exact: &Self) -> Totals {
         let pairs: Vec<(&ViewErrors, &ViewErrors)> =
             self.views.iter().zip(&exact.views).filter_map(|(own, e)| own.as_ref().zip(e.as_ref())).collect();
@@ -139,7 +139,7 @@ impl Point {
             distance_mean: sum(&|v| v.distance_sum) / sum(&|v| v.solid as f64),
             distance_max: largest(&|v| v.distance_max),
             counters,
-            // Where a scene is empty neither has anything to do.
+            // Both are 0 in an empty scene.
             relative_macs: if counters.macs == dense.macs {
                 1.0
             } else {
@@ -148,7 +148,7 @@ impl Point {
         }
     }
 
-    /// Seconds of a view by `clock`; `None` if it was never timed.
+    /// Seconds per view by `clock`; `None` if it was never timed.
     pub fn seconds(&self, clock: Clock) -> Option<Seconds> {
         let rounds: Vec<f64> = self.rounds.iter().filter_map(|round| mean(round, clock)).collect();
         Some(Seconds {
@@ -159,8 +159,8 @@ impl Point {
         })
     }
 
-    /// Median over the rounds of this point's time over that of `exact` in the same round; `None` without a
-    /// round that both are in.
+    /// Median over the rounds of this point's time over that of `exact` in the same round; `None` if they have no
+    /// round in common.
     pub fn relative_time(&self, exact: &Self, clock: Clock) -> Option<f64> {
         let both = self.rounds.iter().zip(&exact.rounds);
         let ratios: Vec<f64> =
@@ -171,9 +171,9 @@ impl Point {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Clock {
-    /// What a user waits.
+    /// Wall-clock time.
     Wall,
-    /// What all cores together work: steadier on a machine that others use too.
+    /// CPU time of all cores together: steadier on a shared machine.
     Cpu,
 }
 
@@ -186,14 +186,14 @@ impl Clock {
     }
 }
 
-/// Mean over the timing views of a round that has all of them.
+/// Mean over the timing views of a round; `None` if one of them is missing.
 fn mean(round: &[Option<Clocked>], clock: Clock) -> Option<f64> {
     let seconds: Option<Vec<f64>> = round.iter().map(|c| c.as_ref().map(|c| clock.of(c))).collect();
     let seconds = seconds.filter(|seconds| !seconds.is_empty())?;
     Some(seconds.iter().sum::<f64>() / seconds.len() as f64).filter(|mean| mean.is_finite())
 }
 
-/// Of an even number the mean of the two in the middle.
+/// Median of values; of an even number the mean of the two in the middle.
 fn median(values: &[f64]) -> Option<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -203,9 +203,9 @@ fn median(values: &[f64]) -> Option<f64> {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Precision {
-    /// The blob's own, rounded to f16.
+    /// The blob's weights, rounded to f16.
     Rounded,
-    /// The f32 ones they were rounded from.
+    /// The f32 weights that the blob's were rounded from.
     Unrounded,
 }
 
@@ -213,22 +213,22 @@ pub enum Precision {
 pub struct Settings {
     pub quality: Quality,
     pub kernel: Kernel,
-    /// Which of the bench's variants of the blob; 0 is the blob itself.
+    /// Index of the bench's variant of the blob; 0: the blob itself.
     pub variant: usize,
     pub precision: Precision,
-    /// Sides of the rendered picture in quarters of the view's own; what is smaller is enlarged again.
+    /// Sides of the rendered picture in quarters of the view's; a smaller picture is enlarged again.
     pub quarters: u32,
     pub rays: u16,
 }
 
 impl Settings {
-    /// The exact rendering: every sample inside the scene box, behind the occupancy grid only where the blob says
-    /// that it is part of the model; no cuts, the exact encoding, f32 with the fastest instructions.
+    /// The exact rendering: every sample inside the scene box, with the occupancy grid only if it is part of the
+    /// model; no cuts, the exact encoding, f32 with the fastest instructions.
     pub fn exact(blob: &Blob<'_>) -> Self {
         Self { quality: Quality::exact(blob), ..Self::base() }
     }
 
-    /// What the renderer does when nobody asks for anything, in f32 with the fastest instructions.
+    /// The renderer's default settings, in f32 with the fastest instructions.
     pub fn base() -> Self {
         Self {
             quality: Quality::default(),
@@ -240,7 +240,7 @@ impl Settings {
         }
     }
 
-    /// Whether a frame takes so long that it is rendered on the timing views only: without an occupancy grid, or by portable
+    /// Whether a frame is so slow that only the timing views are rendered: without an occupancy grid, or by portable
     /// instructions over weights that are read in place.
     pub fn is_slow(&self, has_occupancy: bool) -> bool {
         self.kernel == Kernel::IN_PLACE || !(has_occupancy && self.quality.occupancy)

@@ -1,5 +1,5 @@
-//! Where a field's surfaces are, against the sparse points that held-out photographs show: fog has no figure of its own
-//! in PSNR over plain surfaces, but it stands in front of what is known to be there.
+//! Distances of a field's surfaces, against the sparse points that held-out photographs show. PSNR does not reveal
+//! fog in front of plain surfaces; its distance, nearer than the known points, does.
 
 use crate::capture::sights::{Sight, Sights};
 use crate::data::{SparsePoint, View};
@@ -10,9 +10,9 @@ use nerf_core::render::{RaySegment, RenderError, Renderer};
 use nerf_core::{Kernel, host};
 use std::num::NonZeroUsize;
 
-/// Approximate number of pixels a view at which depth is measured, on a regular lattice.
+/// Approximate number of pixels per view at which depth is measured, on a regular grid.
 const ASKED_PIXELS: u64 = 10_000;
-/// A surface is too near if it is nearer than this share of the distance of the nearest sparse point.
+/// Fraction of the nearest sparse point's distance below which a surface is too near.
 const TOO_NEAR: f32 = 0.9;
 
 /// Figures of a field's surfaces, by median distance.
@@ -20,13 +20,13 @@ const TOO_NEAR: f32 = 0.9;
 pub struct Surfaces {
     /// Median over the views' key points of the relative error of `median_distance`; `None` without any.
     pub depth_error: Option<f64>,
-    /// Mean over the views of the share of their pixels whose `median_distance` is nearer than the nearest sparse point that
-    /// the view shows, by more than a tenth; `None` without any.
+    /// Mean over the views of the fraction of their pixels whose `median_distance` is more than a tenth nearer than
+    /// the nearest sparse point that the view shows; `None` without any.
     pub near_share: Option<f64>,
 }
 
 impl Surfaces {
-    /// Those of a blob, with the default quality, seen from the cameras of `views`, which show some of `points`.
+    /// Figures of a blob at the default quality, from the cameras of `views`, which show some of `points`.
     pub fn of(bytes: &[u8], kernel: Kernel, views: &[&View], points: &[SparsePoint]) -> anyhow::Result<Self> {
         let blob = Blob::open(bytes)?;
         let plan = Plan::new(&blob, &Quality::default(), Self::OUTPUTS, Batch::FULL)?.with_own_bins();
@@ -34,12 +34,12 @@ impl Surfaces {
         Ok(Self::with(&Renderer::new(blob, kernel, &mut memory)?, &plan, views, points)?)
     }
 
-    /// What a plan must have as outputs for [`Self::with`].
+    /// Outputs that a plan must have for [`Self::with`].
     pub const OUTPUTS: Outputs = Outputs { median_distance: true, ..Outputs::ALL };
 
-    /// Those of a renderer's field with a plan of its own, whose outputs have [`Self::OUTPUTS`].
+    /// Figures of a renderer's field with a plan of its own, whose outputs include [`Self::OUTPUTS`].
     ///
-    /// Key points and points that [`Sights`] leaves out are not asked.
+    /// Key points and sparse points that [`Sights`] leaves out are not used.
     pub fn with(
         renderer: &Renderer<'_>,
         plan: &Plan<'_>,
@@ -72,7 +72,7 @@ impl Surfaces {
     }
 }
 
-/// Rays through a lattice of a view's pixels that count.
+/// Rays through a regular grid of a view's pixels, without masked ones.
 fn lattice(view: &View) -> Vec<RaySegment> {
     let (width, height) = view.size();
     let pixels = u64::from(width) * u64::from(height);

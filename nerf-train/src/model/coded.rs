@@ -1,24 +1,24 @@
-//! Coded tables: their steps, their bytes, and which entries no picture shows.
+//! Coded tables: their steps, their bytes, and the entries that no sample reads.
 
 use crate::model::quantise::{levels, scale_of, steps};
 use nerf_core::blob::encode_tables;
 use nerf_core::encoding::GridEncoding;
 
-/// Steps are searched in so many to an octave.
+/// Candidate steps per octave.
 const TO_AN_OCTAVE: i32 = 16;
-/// Step of the largest level where no size is asked for, in octaves of the values' root mean square: about 4.6 bits a value.
+/// Step of the largest level if no size is requested, 1/16 octaves from the values' root mean square: 4.6 bits a
+/// value.
 const OWN: i32 = -11 * TO_AN_OCTAVE / 4;
-/// Finest and coarsest step that are looked at: with the latter every value is 0.
+/// Finest candidate step; with [`COARSEST`] every value is 0.
 const FINEST: i32 = -8 * TO_AN_OCTAVE;
 const COARSEST: i32 = 24 * TO_AN_OCTAVE;
-/// What a level's step grows by, as a power of its values. Bytes and squared error alone ask for 1/2; lego in 95 KB has
-/// 30.20 dB with 0, 30.22 with 1/4, 30.19 with 1/2.
+/// Exponent by which a level's step grows with its number of values. Bytes and squared error alone suggest 1/2; lego
+/// in 95 KB has 30.20 dB with 0, 30.22 with 1/4, 30.19 with 1/2.
 const POWER: f32 = 0.25;
-/// Levels of more vertices to an entry share so many that hardly one of them is unread.
+/// Most vertices per entry of a level whose unread entries are searched: with more, hardly one is unread.
 const SHARED: usize = 8;
 
-/// What a step of each level counts, of the finest ones with which coded tables take at most `most_bytes`; none finer than
-/// int8's.
+/// Step size of each level: the finest with which coded tables take at most `most_bytes`, but none finer than int8's.
 pub(super) fn scales(grid: &GridEncoding, values: &[f32], most_bytes: Option<usize>) -> Vec<f32> {
     let finest: Vec<f32> = levels(grid, values).map(scale_of).collect();
     let squares: f64 = values.iter().map(|&value| f64::from(value).powi(2)).sum();
@@ -39,7 +39,7 @@ pub(super) fn scales(grid: &GridEncoding, values: &[f32], most_bytes: Option<usi
     }
 }
 
-/// The least number from `least` to [`COARSEST`] that fits, if all beyond one do; [`COARSEST`] if none fits.
+/// Least number from `least` to [`COARSEST`] that fits, if all above one that fits do; [`COARSEST`] if none fits.
 fn finest_within(least: i32, fits: impl Fn(i32) -> bool) -> i32 {
     let (mut low, mut high) = (least, COARSEST);
     while low < high {
@@ -53,7 +53,7 @@ fn finest_within(least: i32, fits: impl Fn(i32) -> bool) -> i32 {
     high
 }
 
-/// Values in steps of their level's scale, signed bytes.
+/// Rounds values to signed bytes, in steps of their level's scale.
 pub(super) fn rounded(grid: &GridEncoding, values: &[f32], scales: &[f32]) -> Vec<u8> {
     let of_level = |(values, &scale): (_, &f32)| {
         <[f32]>::iter(values).map(move |&value| steps(value, scale) as i8 as u8)
@@ -61,7 +61,8 @@ pub(super) fn rounded(grid: &GridEncoding, values: &[f32], scales: &[f32]) -> Ve
     levels(grid, values).zip(scales).flat_map(of_level).collect()
 }
 
-/// Coded tables of `values`, and the scales: those that are given or, if more than `most_bytes` came of them, coarser ones.
+/// Codes `values` by the `given` scales or, if that takes over `most_bytes`, by coarser ones; returns bytes and
+/// scales.
 pub(super) fn coded(
     grid: &GridEncoding,
     values: &[f32],
@@ -77,7 +78,7 @@ pub(super) fn coded(
     (bytes(&scales), scales)
 }
 
-/// Coded bytes of the signed bytes of a grid.
+/// Entropy-codes the signed bytes of a grid.
 fn encoded(grid: &GridEncoding, values: &[u8]) -> Vec<u8> {
     let mut symbols = vec![[0; 2]; 2 * values.len()];
     // Two symbols a value, of at most 15 bits each.
@@ -100,7 +101,7 @@ pub(super) fn without_unread(
         if vertices > SHARED * level.entries {
             continue;
         }
-        // The vertices around samples of an occupied cell on an axis, and a hair around: positions are rounded.
+        // Vertices around the samples of an occupied cell on each axis, with a margin for rounded positions.
         let around: [Vec<(u32, u32)>; 3] = std::array::from_fn(|axis| {
             let (sides, cells) = (f64::from(resolution[axis]), cells[axis] as f64);
             let of = |cell: u16| {

@@ -1,4 +1,4 @@
-//! From parameters to a blob.
+//! Writes trained parameters as a blob.
 
 use crate::model::coded::without_unread;
 use crate::model::config::TableConfig;
@@ -8,7 +8,7 @@ use nerf_core::blob::{self, BlobError, Body, Content, Proposal, Provenance, Stor
 use nerf_core::network::{Architecture, DensityActivation, Layer, Role};
 use std::borrow::Cow;
 
-/// What a blob is made of besides its network.
+/// Everything that a blob is written from.
 #[derive(Clone, Debug)]
 pub struct Contents<'a> {
     pub architecture: &'a Architecture,
@@ -26,23 +26,23 @@ pub enum Tables<'a> {
     Values {
         values: &'a [f32],
         rounding: Rounding,
-        /// What a step of each level counts, where that is known; else empty.
+        /// Size of a quantisation step for each level, if known; else empty.
         scales: &'a [f32],
     },
     Stored(StoredTables<'a>),
 }
 
 impl<'a> Tables<'a> {
-    /// The trained `values` of a grid with these settings, in steps of `scales` where they are rounded.
+    /// The trained `values` of a grid with these settings; if they are rounded, to multiples of `scales`.
     pub fn of(grid: Option<&TableConfig>, values: &'a [f32], scales: &'a [f32]) -> Self {
         grid.map_or(Self::None, |grid| Self::Values { values, rounding: grid.rounding(), scales })
     }
 }
 
-/// The coarse network that goes with a scene.
+/// Coarse network of a scene, exported as its proposal network.
 #[derive(Clone, Copy, Debug)]
 pub struct Coarse<'a> {
-    /// Its shape; of its heads only the density is used.
+    /// Architecture; of its heads only the density is used.
     pub architecture: &'a Architecture,
     pub parameters: &'a [f32],
     pub samples: u16,
@@ -72,15 +72,15 @@ pub enum ExportError {
     Blob(BlobError),
 }
 
-/// Rounds the parameters to f16, the tables to what they are stored in, and writes the blob.
+/// Rounds the parameters to f16 and the tables to their storage, and writes the blob.
 ///
 /// # Errors
-/// [`ExportError`] on a weight beyond f16, and on whatever the format refuses.
+/// [`ExportError`] on a weight beyond f16, and on all that the format refuses.
 pub fn export(contents: &Contents<'_>) -> Result<Exported, ExportError> {
     export_with(contents, None)
 }
 
-/// As [`export`], with the densities of a coarse network as the scene's proposal.
+/// Does [`export`], with the densities of a coarse network as the scene's proposal.
 pub fn export_with(contents: &Contents<'_>, coarse: Option<&Coarse<'_>>) -> Result<Exported, ExportError> {
     let layers = contents.architecture.layers();
     let mut rounded = Rounded::default();
@@ -107,7 +107,7 @@ pub fn export_with(contents: &Contents<'_>, coarse: Option<&Coarse<'_>>) -> Resu
     let quantised = match (contents.architecture.position.grid(), contents.tables) {
         (Some(grid), Tables::Values { values, rounding, scales }) => {
             let values = match contents.occupancy {
-                // What no picture shows takes no bytes.
+                // Entries that no sample reads become 0, which takes few bytes.
                 Some((resolution, bits)) if rounding.storage == TableStorage::Coded => {
                     Cow::Owned(without_unread(grid, values, resolution, bits))
                 }
@@ -143,7 +143,7 @@ struct Rounded {
 }
 
 impl Rounded {
-    /// Appends the parameters of the layers; the first that does not fit is the error.
+    /// Appends the layers' parameters; fails at the first that does not fit.
     fn round(&mut self, layers: &[Layer], parameters: &[f32]) -> Result<(), (Role, usize, f32)> {
         self.weights.reserve(2 * parameters.len());
         for layer in layers {
@@ -154,10 +154,10 @@ impl Rounded {
         Ok(())
     }
 
-    /// Appends values; the first that does not fit is the error.
+    /// Appends values; fails at the first that does not fit.
     fn push(&mut self, values: &[f32]) -> Result<(), (usize, f32)> {
         for (index, &found) in values.iter().enumerate() {
-            // What lies just beyond would round to the largest; NaN compares false.
+            // A value just beyond would round to the largest one; NaN compares false.
             let fits = found.abs() <= f16::MAX.to_f32();
             if !fits {
                 return Err((index, found));

@@ -8,8 +8,8 @@ use nerf_core::simd::{BLOCK, Isa};
 use nerf_core::space::SceneBox;
 use rayon::prelude::*;
 
-/// sigma, 1/world unit, at each of `points`; `parameters` in the architecture's own order, and behind them the values
-/// of its grid over `bounds`, if it has one.
+/// sigma, 1/world unit, at each of `points`. `parameters`: in the architecture's order, followed by the values of its
+/// grid over `bounds`, if it has one.
 ///
 /// # Panics
 /// If the parameters do not fit the architecture.

@@ -1,4 +1,5 @@
-//! What is trained: its settings, its layers and tables, the engines that compute with them, and its way into a blob.
+//! Models that are trained: settings, layers and tables, the engines that compute with them, and the export to a
+//! blob.
 
 pub mod coded;
 pub mod config;

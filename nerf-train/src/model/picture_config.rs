@@ -11,7 +11,7 @@ use nerf_core::encoding::{
 use nerf_core::network::{Architecture, MAX_TRUNK, MAX_WIDTH, Shading, TrunkLayer};
 use serde::{Deserialize, Serialize};
 
-/// Everything that decides what is learned from a photograph.
+/// Settings of a fit to one photograph.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FieldConfig {
@@ -19,13 +19,13 @@ pub struct FieldConfig {
     /// The grid that encodes the position; the sinusoidal encoding if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub grid: Option<TableConfig>,
-    /// Levels of the position's sinusoidal encoding: 2 + 4 · levels inputs; 0 beside a grid.
+    /// Levels of the position's sinusoidal encoding: 2 + 4 · levels inputs; 0 with a grid.
     pub levels: u8,
-    /// Hidden layers, all of one width; the output layer comes on top.
+    /// Number of hidden layers, all of one width; the output layer comes in addition.
     pub layers: usize,
     pub width: usize,
-    /// Pixels a step, drawn at random: beside a grid one from each of so many equal parts of the picture, else each
-    /// from all of it.
+    /// Random pixels per step: with a grid one from each of this many equal parts of the picture, else each from the
+    /// whole picture.
     pub pixels: usize,
     pub optimiser: OptimiserConfig,
     pub seed: u64,
@@ -37,10 +37,10 @@ pub struct FieldConfig {
 pub enum FieldPreset {
     /// A learned grid as fine as the picture, and small layers: seconds to fit, about a mebibyte for a large picture.
     Grid,
-    /// The classic exercise: L = 10, 3×256, 3,000 steps of 10,000 pixels, Adam from 1e-2. To the letter, with
-    /// a constant rate, it has `--set optimiser.warm_up=0`, `final_share=1` and `average=0`, and is 2 dB worse.
+    /// The classic exercise: L = 10, 3×256, 3,000 steps of 10,000 pixels, Adam from 1e-2. With the original constant
+    /// rate (`--set optimiser.warm_up=0`, `final_share=1` and `average=0`) it is 2 dB worse.
     Classic,
-    /// What comes out sharpest in eight minutes of two cores: 4×256, and many small steps that end gently.
+    /// Sharpest result of eight minutes on two cores: 4×256, and many small steps that end gently.
     Sharp,
 }
 
@@ -104,7 +104,7 @@ impl FieldPreset {
 }
 
 impl FieldConfig {
-    /// The same with a finest level of a cell a pixel, for a picture of this size.
+    /// Sets the finest level to one cell per pixel, for a picture of this size.
     pub fn for_picture(mut self, size: [u32; 2]) -> Self {
         if let Some(grid) = &mut self.grid {
             grid.finest = longest(size).min(MAX_GRID_RESOLUTION.into()) as u16;
@@ -113,12 +113,12 @@ impl FieldConfig {
         self
     }
 
-    /// Checks every setting on its own, and the grid's against a picture of this size, pixels.
+    /// Checks every setting, and the grid's against a picture of this size, pixels.
     pub fn check_for(&self, size: [u32; 2]) -> Result<(), ConfigError> {
         self.check()?;
         let Some(grid) = &self.grid else { return Ok(()) };
         let (finest, most) = (u32::from(grid.finest), longest(size));
-        // What is finer is seen in no pixel, and is noise between them.
+        // A finer level shows in no pixel and is noise between them.
         let pixels = format!("at most the picture's {most} pixels along its longest side");
         rule("network.grid.finest", finest <= most, pixels, finest)?;
         check_table_values(&grid.picture_encoding(size), "the picture")
@@ -136,7 +136,7 @@ impl FieldConfig {
         self.optimiser.check()
     }
 
-    /// The network as it is trained on a picture of this size, pixels, which is as it is exported.
+    /// The network for a picture of this size, pixels; trained and exported in the same form.
     pub fn model(&self, size: [u32; 2]) -> Model {
         let layer = TrunkLayer { width: self.width as u16, skip: false };
         let (levels, scale) = (self.levels, AngleScale::Pi);

@@ -1,4 +1,4 @@
-//! A grid's tables in what a file stores them in.
+//! Storage of a grid's tables in a file.
 
 use super::coded;
 use half::f16;
@@ -7,22 +7,22 @@ use nerf_core::encoding::{GridEncoding, GridLevel};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-/// What the values of a grid's tables are stored in.
+/// Storage of the values of a grid's tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum TableStorage {
-    /// Two bytes a value.
+    /// Two bytes per value.
     F16,
-    /// A byte a value, and a scale a level: half the size.
+    /// One byte per value and one scale per level: half the size.
     Int8,
-    /// Bytes as int8 has them in coarser steps, entropy-coded: a host decodes them into memory when it opens the file.
+    /// Bytes as in int8 but in coarser steps, entropy-coded; a host decodes them into memory when it opens the file.
     Coded,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rounding {
     pub storage: TableStorage,
-    /// The most bytes that coded tables may take; their steps follow from it.
+    /// Most bytes of coded tables, which their steps follow from.
     pub most_bytes: Option<usize>,
 }
 
@@ -43,10 +43,11 @@ impl TableStorage {
     }
 }
 
-/// Share of a run from which on tables that are exported in int8, or coded, are trained as they are rounded: what is left of the run
-/// makes up for the rounding.
+/// Fraction of a run after which tables that are exported in int8 or coded are also rounded in training: the rest of
+/// the run makes up for the rounding.
 pub(crate) const ROUNDED_FROM: f64 = 0.85;
-/// Shares of a level's values, the smallest ones by magnitude, that its scale may keep whole; the rest are clipped.
+/// Fractions of a level's values, the smallest by magnitude, that a candidate scale does not clip; the rest are
+/// clipped.
 const KEPT: [f64; 3] = [1.0, 0.9999, 0.9995];
 /// Steps of int8 on either side of 0.
 pub(crate) const STEPS: f32 = 127.0;
@@ -59,11 +60,11 @@ pub struct Quantised {
 }
 
 impl Quantised {
-    /// Rounds `values`, those of all levels of `grid`; in int8, or coded, by the scales that are `given`, one a level, or where
+    /// Rounds the `values` of all levels of `grid`; in int8 or coded, by the `given` scales, one per level, or if
     /// there are none by those of [`scales`].
     ///
     /// # Errors
-    /// The first value that is not finite or beyond ±65504, f16's largest: its index and itself.
+    /// Index and value of the first that is not finite or beyond ±65504, f16's largest.
     ///
     /// # Panics
     /// If there are fewer values than the grid has.
@@ -103,10 +104,10 @@ impl Quantised {
     }
 }
 
-/// The values of stored tables, as a renderer has them.
+/// Decodes stored tables to the values that a renderer reads.
 ///
 /// # Panics
-/// If they are not those of a blob with this grid.
+/// If the tables are not those of a blob with this grid.
 pub fn values_of(grid: &GridEncoding, tables: StoredTables<'_>) -> Vec<f32> {
     let (scales, bytes) = match tables {
         StoredTables::F16(bytes) => {
@@ -133,8 +134,8 @@ pub(super) fn levels<'v>(grid: &GridEncoding, values: &'v [f32]) -> impl Iterato
     grid.levels().map(move |level| &values[level.first * features..][..level.entries * features])
 }
 
-/// What a step of each level counts. In int8: of those scales that clip none of its values, or very few of the largest, what
-/// rounds and clips them with the least squared error. Coded: what suits the bytes.
+/// Step size of each level. In int8: of the scales that clip none of its values, or very few of the largest, the one
+/// with the least squared error of rounding and clipping. Coded: steps that fit the number of bytes.
 pub fn scales(grid: &GridEncoding, values: &[f32], rounding: Rounding) -> Vec<f32> {
     match rounding.storage {
         TableStorage::Coded => coded::scales(grid, values, rounding.most_bytes),
@@ -142,16 +143,16 @@ pub fn scales(grid: &GridEncoding, values: &[f32], rounding: Rounding) -> Vec<f3
     }
 }
 
-/// A value in steps of `scale`, clipped.
+/// `value` in steps of `scale`, rounded and clipped.
 pub(super) fn steps(value: f32, scale: f32) -> f32 {
     (value / scale).round_ties_even().clamp(-STEPS, STEPS)
 }
 
-/// The scale that rounds and clips the values of a level with the least squared error, of those that keep one of the
-/// shares [`KEPT`] whole.
+/// Scale with the least squared error of rounding and clipping a level's values, of those that keep one of the
+/// fractions [`KEPT`] unclipped.
 ///
 /// A few entries are often many times as large as the rest, which then have few steps left: on fitted scenes clipping
-/// them loses less.
+/// the large ones loses less.
 pub(super) fn scale_of(values: &[f32]) -> f32 {
     let mut magnitudes: Vec<f32> = values.iter().map(|value| value.abs()).collect();
     magnitudes.sort_unstable_by(f32::total_cmp);

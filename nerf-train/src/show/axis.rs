@@ -2,7 +2,7 @@
 
 /// At most `most` (at least 1) multiples of 1, 2 or 5 times a power of ten in [`low`, `high`].
 ///
-/// Empty where the range is empty or not finite. Between 2 and `most` ticks for `most` ≥ 4.
+/// Empty if the range is empty or not finite. Between 2 and `most` ticks for `most` ≥ 4.
 pub fn nice_ticks(low: f64, high: f64, most: usize) -> Vec<f64> {
     let span = high - low;
     if !span.is_finite() || span <= 0.0 {
@@ -27,7 +27,7 @@ pub fn nice_ticks(low: f64, high: f64, most: usize) -> Vec<f64> {
     Vec::new()
 }
 
-/// The ticks in words: as many decimals as tell them apart, powers of ten where numbers get long.
+/// Labels of the ticks: as many decimals as tell them apart, powers of ten for long numbers.
 pub fn labels(ticks: &[f64]) -> Vec<String> {
     let largest = ticks.iter().fold(0.0_f64, |m, t| m.max(t.abs()));
     let steps = ticks.windows(2).map(|pair| (pair[1] - pair[0]).abs());
@@ -56,7 +56,7 @@ pub fn labels(ticks: &[f64]) -> Vec<String> {
     ticks.iter().map(write).collect()
 }
 
-/// "1.50e6" as "1.5e6", "0e0" as "0".
+/// Shortens "1.50e6" to "1.5e6", "0e0" to "0".
 fn tidy_exponent(text: &str) -> String {
     let Some((mantissa, exponent)) = text.split_once('e') else { return text.to_owned() };
     let mantissa = match mantissa.contains('.') {

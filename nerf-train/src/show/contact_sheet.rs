@@ -1,4 +1,4 @@
-//! Pictures side by side, in rows and columns, each with a caption that nothing cuts off.
+//! Pictures in rows and columns, each with a caption that is never cut off.
 
 use super::text::{self, Direction};
 use crate::data::pictures::rgb::Picture;
@@ -14,7 +14,7 @@ const INK: [f32; 3] = [0.1; 3];
 
 #[derive(Clone, Debug)]
 pub struct Cell {
-    /// Enlarged where it is small.
+    /// Enlarged if it is small.
     pub picture: Picture,
     /// Wrapped to the cell's width; line ends are kept. May be empty.
     pub caption: String,
@@ -26,7 +26,7 @@ impl Cell {
     }
 }
 
-/// `columns` cells a row, row by row, on white, with a title line above unless it is empty.
+/// A sheet of `columns` cells per row, on white, with a title line above unless it is empty.
 ///
 /// `columns` is taken as at least 1 and at most the number of cells. Without cells and title the
 /// result is a small white picture.

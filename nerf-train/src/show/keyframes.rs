@@ -3,7 +3,7 @@
 use glam::{Mat3, Quat, Vec3};
 use nerf_core::camera::Pose;
 
-/// Pieces between two keyframes over which the arc length is summed.
+/// Number of segments between two keyframes over which the arc length is summed.
 const PIECES: usize = 64;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -12,11 +12,11 @@ pub struct Keyframe {
     pub fov_degrees: f32,
 }
 
-/// `frames` views from the first of `keys` to the last, evenly spaced by arc length along a Catmull-Rom spline through
-/// positions and rotations. Rotations have a length, too: 90° as much as the mean distance between keyframes. Fields of view
-/// are interpolated by the logarithm of the focal length, without overshoot.
+/// `frames` views from the first of `keys` to the last, evenly spaced by arc length along a Catmull-Rom spline
+/// through positions and rotations. A rotation by 90° counts as much as the mean distance between keyframes. Fields
+/// of view are interpolated by the logarithm of the focal length, without overshoot.
 ///
-/// One view if there is one; none without.
+/// One view if there is one keyframe; no view without keyframes.
 pub fn flight(keys: &[Keyframe], frames: usize) -> Vec<Keyframe> {
     if keys.len() < 2 || frames < 2 {
         return keys.first().copied().into_iter().take(frames).collect();
@@ -27,12 +27,12 @@ pub fn flight(keys: &[Keyframe], frames: usize) -> Vec<Keyframe> {
         / spans as f32;
     let radius = mean.max(1e-6) / std::f32::consts::FRAC_PI_2;
     let at = |place: f32| place_at(keys, &turns, place);
-    // The arc length up to the end of each piece.
+    // Arc length up to the end of each segment.
     let mut lengths = vec![0.0f64];
     let mut last = at(0.0);
     for i in 1..=spans * PIECES {
         let next = at(i as f32 / PIECES as f32);
-        // Of a small angle, which an arc cosine does not tell from none.
+        // Precise for small angles, which an arc cosine would round to 0.
         let angle = 2.0 * (next.1 - last.1).length().min((next.1 + last.1).length());
         lengths.push(lengths[i - 1] + f64::from(last.0.distance(next.0) + radius * angle));
         last = next;
@@ -49,7 +49,7 @@ pub fn flight(keys: &[Keyframe], frames: usize) -> Vec<Keyframe> {
     (0..frames).map(frame).collect()
 }
 
-/// The rotations of the keyframes as quaternions, each of the sign that is nearer to the one before.
+/// The rotations of the keyframes as quaternions, each with the sign that is nearer to the one before.
 fn aligned(keys: &[Keyframe]) -> Vec<Quat> {
     let mut turns: Vec<Quat> = Vec::with_capacity(keys.len());
     for key in keys {
@@ -63,7 +63,7 @@ fn aligned(keys: &[Keyframe]) -> Vec<Quat> {
 fn place_at(keys: &[Keyframe], turns: &[Quat], at: f32) -> (Vec3, Quat, f32) {
     let first = (at as usize).min(keys.len() - 2);
     let t = at - first as f32;
-    // The spline's weights of the view before, both ends, and the view behind.
+    // The spline's weights of the view before, both ends, and the view after.
     let weights = [
         0.5 * t * (t * (2.0 - t) - 1.0),
         0.5 * (t * t * (3.0 * t - 5.0) + 2.0),

@@ -5,7 +5,7 @@ use nerf_core::blob::{SceneFacts, Viewpoint};
 use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose};
 use std::f32::consts::TAU;
 
-/// Highest start of an orbit around another axis than the viewpoint's, degrees.
+/// Largest elevation of an orbit through a viewpoint, degrees: `up` may differ from the viewpoint's.
 const STEEPEST: f32 = 80.0;
 
 /// A circle of cameras, or an arc of one, that look at its centre.
@@ -13,19 +13,19 @@ const STEEPEST: f32 = 80.0;
 pub struct Orbit {
     pub centre: Vec3,
     pub radius: f32,
-    /// Their height above the plane through the centre, degrees.
+    /// Elevation of the cameras above the plane through the centre, degrees.
     pub elevation: f32,
     /// World direction that is up, unit length.
     pub up: Vec3,
-    /// Where the first of them is, from the axis: unit length, across `up`.
+    /// Direction from the axis to the first camera: unit length, perpendicular to `up`.
     pub start: Vec3,
-    /// How far around they go, radians, with the first in the middle; 2π: all the way.
+    /// Angle of the arc, radians, with the first camera in the middle; 2π: the full circle.
     pub arc: f32,
 }
 
 impl Orbit {
-    /// Through where the photographs were taken, if the blob says so; else around the middle of the scene box, half way
-    /// between near and far. `up`: another than the blob's, or than z.
+    /// Orbit through the viewpoint of the photographs, if the blob has one; else around the middle of the scene box,
+    /// half way between near and far. `up`: replaces the blob's up direction, or z.
     pub fn of(scene: &SceneFacts, up: Option<Vec3>) -> Self {
         match &scene.viewpoint {
             Some(viewpoint) => {
@@ -61,8 +61,8 @@ impl Orbit {
         }
     }
 
-    /// The camera at `turn` of a full circle, or of a way back and forth over the arc, with a horizontal field of view of
-    /// `fov` degrees.
+    /// Camera at `turn` of a full circle, or of a swing back and forth over the arc, 0 to 1, with a horizontal field
+    /// of view of `fov` degrees.
     pub fn camera(&self, turn: f32, width: u32, height: u32, fov: f32) -> Result<Camera, CameraError> {
         let azimuth = if self.arc < TAU { 0.5 * self.arc * (turn * TAU).sin() } else { turn * TAU };
         let elevation = self.elevation.to_radians();

@@ -1,4 +1,4 @@
-//! Views of a scene, one after the other, to their files.
+//! Renders views of a scene, one after the other, to their files.
 
 use crate::data::cameras::scaled;
 use crate::measure::frame;
@@ -13,15 +13,16 @@ use nerf_core::render::{Counters, Renderer};
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// The range of the colours of a distance, world units.
+/// Range of the colours of each distance output, world units.
 pub type Ranges = Vec<(Output, (f32, f32))>;
 
-/// A coarse pass has a quarter of the sides, but no less than this, pixels.
+/// Sides of the coarse pass are a quarter of the view's, but no less than this, pixels.
 const COARSE: u32 = 64;
 
-/// Renders every camera's view and hands it to all writers; `each` is told how many are done, before the next begins.
+/// Renders every camera's view and hands it to all writers. `each` is called with the number done, before the next
+/// begins.
 ///
-/// Where a view fails, what writers hold is theirs to drop, which leaves no half-written file.
+/// If a view fails, dropping the writers leaves no half-written file.
 pub fn render(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,
@@ -40,10 +41,10 @@ pub fn render(
     Ok(counters)
 }
 
-/// One range of colours for all frames of a video, by output, world units.
+/// Range of colours of each distance output over all frames of a video, world units.
 ///
-/// From a coarse pass, a sixteenth of the work, so that no frame must be kept until the last is there; `each` is told how
-/// many frames are done.
+/// It is found in a coarse pass, a sixteenth of the work, so that no frame must be kept until the last is there.
+/// `each` is called with the number of frames done.
 pub fn ranges(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,
@@ -61,18 +62,19 @@ pub fn ranges(
         }
         each(i + 1);
     }
-    // Where nothing is solid no colour is shown, but the legend must not change from frame to frame.
+    // If nothing is solid no colour is shown, but the legend must not change from frame to frame.
     let range = |values: &Vec<f32>| robust_range(values, &opacity).unwrap_or((0.0, 1.0));
     Ok(distances.iter().copied().zip(values.iter().map(range)).collect())
 }
 
-/// The same view in few pixels, as the range of a video's distances is taken from.
+/// The same view in fewer pixels, for the range of a video's distances.
 pub fn coarse(camera: &Camera) -> Result<Camera, CameraError> {
     let side = |pixels: u32| (pixels / 4).max(COARSE).min(pixels);
     scaled(camera, (side(camera.intrinsics().width), side(camera.intrinsics().height)))
 }
 
-/// What was rendered, for scripts: what `render --json` prints. Ranges are those of the colours of a sequence's distances, world units.
+/// Summary of a rendering, printed by `render --json`. Its ranges are those of a video's distance colours, world
+/// units.
 #[derive(Debug, Serialize)]
 pub struct Rendering {
     pub files: Vec<String>,

@@ -1,4 +1,4 @@
-//! The sheet of pictures taken on the way.
+//! The sheet of pictures taken during training.
 
 use super::contact_sheet::{Cell, contact_sheet};
 use crate::data::Dataset;
@@ -9,13 +9,13 @@ use std::path::Path;
 
 /// Longer side of a picture on the sheet, pixels: larger ones are reduced.
 const SHEET_SIDE: usize = 400;
-/// Stands for a picture that is not there.
+/// Colour of the cell of a missing picture.
 const NOTHING: [f32; 3] = [0.88; 3];
 
-/// A row per view, a column per step, ground truth over `background` last; `None` without snapshots.
+/// A sheet with a row per view, a column per step, and ground truth over `background` last; `None` without snapshots.
 ///
-/// The pictures are read back from the report's `folder`, so that those of a run that was taken up again are
-/// there too; a picture that is not is shown as an empty cell that says so.
+/// The pictures are read back from the report's `folder`, so that those from before a resumed run are there, too. A
+/// missing picture becomes an empty cell that says so.
 pub fn sheet(
     title: &str,
     folder: &Path,
@@ -34,7 +34,7 @@ pub fn sheet(
             let taken = snapshots.iter().find(|taken| (taken.step, taken.view) == (step, index));
             let stored = taken.and_then(|taken| {
                 let picture = Picture::read(taken.path(folder, dataset))?;
-                // On a lattice of pixels it is smaller, and shown as large as the others.
+                // A picture of every N-th pixel is smaller: it is enlarged to the size of the others.
                 let fits = picture.width <= width && picture.height <= height;
                 fits.then(|| (picture.enlarged(width / picture.width.max(1)), taken.psnr_db))
             });

@@ -19,7 +19,7 @@ impl Table {
         Self { columns: columns.into_iter().map(cell).collect(), rows: Vec::new() }
     }
 
-    /// Adds a row. Missing cells are empty; cells beyond the last column get columns without a name.
+    /// Adds a row. Missing cells are empty; cells after the last column get columns without a name.
     pub fn push<S: Into<String>>(&mut self, cells: impl IntoIterator<Item = S>) -> &mut Self {
         let mut row: Vec<String> = cells.into_iter().map(cell).collect();
         if row.len() > self.columns.len() {
@@ -107,13 +107,13 @@ impl Table {
     }
 }
 
-/// The text of a cell, which may be a name out of a file; it may have several lines.
+/// Makes the text of a cell printable, as it may be a name from a file; it may have several lines.
 fn cell(text: impl Into<String>) -> String {
     printable::lines(&text.into()).into_owned()
 }
 
-/// Whether a cell reads as a number, with an optional unit or sign in front or behind: "27.3",
-/// "1,024", "12 %", "−0.02", "inf", "–".
+/// Whether a cell reads as a number, with an optional unit or sign before or after it: "27.3", "1,024", "12 %",
+/// "−0.02", "inf", "–".
 fn is_number(cell: &str) -> bool {
     let first = cell.split(' ').next().unwrap_or_default();
     let plain: String = first.trim_end_matches(['%', '×', 'x']).replace([',', '_'], "").replace('−', "-");

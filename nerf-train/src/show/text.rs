@@ -68,7 +68,7 @@ pub fn width(text: &str, size: f32) -> usize {
     layout(text, sane(size)).1.ceil() as usize
 }
 
-/// Height of a line of text of this size, pixels, with a little air below.
+/// Height of a line of text of this size, pixels, with a small margin below.
 pub fn line_height(size: f32) -> usize {
     sane(size).ceil() as usize
 }

@@ -1,4 +1,4 @@
-//! What a pixel of a rendered view shows, and how it is written.
+//! Outputs of a rendered view, and how they are written.
 
 use crate::data::pictures::rgb::{Picture, check_length, write_grey16_png, write_rgba_png};
 use crate::measure::frame::{self, Frame};
@@ -33,12 +33,12 @@ pub enum Output {
 }
 
 impl Output {
-    /// Whether it is a distance, whose colours have a range.
+    /// Whether the output is a distance, which is shown in a range of colours.
     pub fn is_distance(self) -> bool {
         matches!(self, Self::RayDistance | Self::ZDepth | Self::MedianDistance)
     }
 
-    /// What is appended to the name of a further file.
+    /// Suffix of the file name of a further output.
     pub fn suffix(self) -> &'static str {
         match self {
             Self::Rgb | Self::All => "rgb",
@@ -50,7 +50,7 @@ impl Output {
         }
     }
 
-    /// Its values where it is a distance, world units; of any other output those of the distance along the ray.
+    /// Values of a distance, world units; for any other output those of the distance along the ray.
     pub fn distances(self, frame: &Frame) -> &[f32] {
         match self {
             Self::ZDepth => &frame.z_depth,
@@ -60,14 +60,14 @@ impl Output {
     }
 }
 
-/// Whether a file of this name holds floats.
+/// Whether the path has the extension `.exr`.
 pub fn is_exr(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(OsStr::new("exr")))
 }
 
-/// Writes an output of a frame as PNG, or by its name as EXR.
+/// Writes an output of a frame as PNG, or as EXR if `path` says so.
 ///
-/// `range`: of a distance's colours, world units, where they are not the frame's own; `transparent`: colour with alpha.
+/// `range`: range of a distance's colours, world units; `None`: the frame's own. `transparent`: colour with alpha.
 pub fn write_still(
     path: &Path,
     frame: &Frame,
@@ -90,7 +90,7 @@ pub fn write_still(
     Ok(())
 }
 
-/// The channels of an output, by the names that compositors know where there are such.
+/// Channels of an output, under the names that compositors know if there are any.
 fn channels_of(frame: &Frame, output: Output, transparent: bool) -> Vec<(&'static str, Vec<f32>)> {
     let axis = |of: &[[f32; 3]], axis: usize| of.iter().map(|value| value[axis]).collect();
     match output {
@@ -114,7 +114,7 @@ fn channels_of(frame: &Frame, output: Output, transparent: bool) -> Vec<(&'stati
     }
 }
 
-/// An output of a frame as a picture, as a film shows it.
+/// Picture of an output of a frame, as in a video.
 pub fn picture_of(frame: &Frame, output: Output, range: Option<(f32, f32)>) -> anyhow::Result<Picture> {
     let with_legend = |values: &[f32], title| {
         depth_picture_with_legend(values, &frame.opacity, (frame.width, frame.height), range, title)

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 pub struct Writer {
     output: Output,
-    /// Of a distance in a video: the range of its colours, world units.
+    /// Range of a distance's colours in a video, world units.
     range: Option<(f32, f32)>,
     transparent: bool,
     sink: Sink,
@@ -19,25 +19,25 @@ pub struct Writer {
 enum Sink {
     Still(PathBuf),
     Film(Box<Film>),
-    /// A folder, the number of the next frame, and of how many this one is written.
+    /// A folder, the number of the next frame, and the step from one number to the next.
     Frames(PathBuf, usize, usize),
 }
 
 #[derive(Debug)]
 pub struct Written {
     pub path: PathBuf,
-    /// Frames of an earlier run that the folder holds, too, from this number on.
+    /// First number of the frames of an earlier run that the folder still holds.
     pub older_from: Option<usize>,
 }
 
 impl Writer {
-    /// To one picture; `transparent` for colour with alpha.
+    /// Writes to one picture; `transparent`: colour with alpha.
     pub fn still(output: Output, path: PathBuf, transparent: bool) -> Self {
         Self { output, range: None, transparent, sink: Sink::Still(path) }
     }
 
-    /// To `frame_0000.png` and on in a folder, or from another `first` one on one of `every` so many; `range`: of a
-    /// distance's colours, world units.
+    /// Writes to `frame_0000.png` and on in a folder: numbers from `first` on, in steps of `every`. `range`: range of
+    /// a distance's colours, world units.
     pub fn frames(
         output: Output,
         folder: PathBuf,
@@ -48,8 +48,8 @@ impl Writer {
         Self { output, range, transparent, sink: Sink::Frames(folder, first, every) }
     }
 
-    /// To a film of so many frames a second, an MP4 with an ffmpeg, else a GIF; `range`: of a distance's colours, world
-    /// units.
+    /// Writes to a video of `fps` frames per second: an MP4 with an ffmpeg, else a GIF. `range`: range of a
+    /// distance's colours, world units.
     pub fn film(
         output: Output,
         path: PathBuf,
@@ -79,7 +79,7 @@ impl Writer {
             Sink::Still(path) => Written { path, older_from: None },
             Sink::Film(film) => Written { path: film.finish()?, older_from: None },
             Sink::Frames(folder, next, every) => {
-                // Beside other parts, whose frames these may be.
+                // With several parts, they may be frames of another part.
                 let older_from = (every == 1 && numbered(&folder, next).exists()).then_some(next);
                 Written { path: folder, older_from }
             }
@@ -91,10 +91,10 @@ fn numbered(folder: &Path, index: usize) -> PathBuf {
     folder.join(format!("frame_{index:04}.png"))
 }
 
-/// A video that is written as its frames come; without [`finish`](Self::finish) nothing is left of it.
+/// A video that is written frame by frame; without [`finish`](Self::finish) no file is left.
 pub struct Film {
     path: PathBuf,
-    /// Makes an MP4; without it the film is a GIF.
+    /// Encoder for an MP4; `None`: a GIF.
     ffmpeg: Option<Ffmpeg>,
     fps: f64,
     writer: Option<FilmWriter>,
@@ -106,8 +106,8 @@ enum FilmWriter {
 }
 
 impl Film {
-    /// A film of `fps` frames a second, an MP4 with an ffmpeg, else a GIF; its file is opened with the first frame, which
-    /// knows its size.
+    /// A video of `fps` frames per second: an MP4 with an ffmpeg, else a GIF. Its file is opened with the first
+    /// frame, which sets its size.
     pub fn new(path: PathBuf, ffmpeg: Option<Ffmpeg>, fps: f64) -> anyhow::Result<Self> {
         check_rate(fps)?;
         Ok(Self { path, ffmpeg, fps, writer: None })

@@ -1,4 +1,4 @@
-//! Child processes: none outlives this one, and none keeps it waiting without end.
+//! Child processes: none outlives this process or blocks it for ever.
 //!
 //! On unix each is the leader of a process group of its own: a terminal's Ctrl-C reaches this process alone, which
 //! decides what is saved first ([`crate::system::stop`]), and what a wrapper script has started ends with the script.
@@ -9,11 +9,11 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// How often a child that is waited for is asked whether it has ended.
+/// Interval at which a child that is waited for is polled.
 const ASK_EVERY: Duration = Duration::from_millis(5);
-/// A child that was killed ends at once, unless the system itself holds it.
+/// Time limit for a killed child to end: it ends at once, unless the system itself holds it.
 const KILLED: Duration = Duration::from_secs(1);
-/// How much is written at a time: each such piece that is taken is a sign of life.
+/// Number of bytes written at a time; each such part that the child reads is a sign of life.
 const PIECE_BYTES: usize = 1 << 16;
 
 static RUNNING: Mutex<Vec<Arc<Mutex<Process>>>> = Mutex::new(Vec::new());
@@ -25,7 +25,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 #[derive(Debug)]
 struct Process {
     child: Child,
-    /// Once it is known; until then the process's number is its own.
+    /// Exit status, once it is known; until then no other process can have the child's process number.
     status: Option<ExitStatus>,
 }
 
@@ -42,7 +42,7 @@ impl Process {
         #[cfg(unix)]
         if let Ok(group) = i32::try_from(self.child.id()) {
             use nix::sys::signal::{Signal, killpg};
-            // Fails where it has ended by itself.
+            // Fails if it has ended by itself.
             let _ = killpg(nix::unistd::Pid::from_raw(group), Signal::SIGKILL);
         }
         let _ = self.child.kill();
@@ -57,20 +57,20 @@ impl Helper {
     pub fn spawn(command: &mut Command) -> io::Result<Self> {
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(command, 0);
-        // Held, so that a signal finds it.
+        // The lock is held meanwhile, so that a signal finds the child.
         let mut running = lock(&RUNNING);
         let process = Arc::new(Mutex::new(Process { child: command.spawn()?, status: None }));
         running.push(Arc::clone(&process));
         Ok(Self(process))
     }
 
-    /// Its pipes, those that there are; once.
+    /// Takes the child's pipes, those that there are; a second call finds none.
     pub fn pipes(&self) -> (Option<ChildStdin>, Option<ChildStdout>, Option<ChildStderr>) {
         let child = &mut lock(&self.0).child;
         (child.stdin.take(), child.stdout.take(), child.stderr.take())
     }
 
-    /// How it ended, if that is within this time.
+    /// Waits for at most `patience`; returns the exit status if the child has ended.
     pub fn wait(&self, patience: Duration) -> Option<ExitStatus> {
         let begun = Instant::now();
         loop {
@@ -82,23 +82,23 @@ impl Helper {
         }
     }
 
-    /// Ends it and whatever it has started; how it ended.
+    /// Ends the child and whatever it has started; returns its exit status.
     pub fn kill(&self) -> Option<ExitStatus> {
         lock(&self.0).kill();
         self.wait(KILLED)
     }
 
-    /// Writes all of `bytes` to its standard input; one that takes none of it for this long is killed.
+    /// Writes all of `bytes` to the child's standard input; a child that reads none of it for `patience` is killed.
     ///
     /// # Errors
-    /// [`io::ErrorKind::TimedOut`] where it was killed, and what the system says where it no longer reads.
+    /// [`io::ErrorKind::TimedOut`] if it was killed, or the system's error if it no longer reads.
     pub fn feed(&self, stdin: &mut ChildStdin, bytes: &[u8], patience: Duration) -> io::Result<()> {
         let (taken, pieces) = mpsc::channel();
         std::thread::scope(|scope| {
             let writing = scope.spawn(move || {
                 bytes.chunks(PIECE_BYTES).try_for_each(|piece| {
                     stdin.write_all(piece)?;
-                    // Somebody who no longer listens has killed it.
+                    // Fails only if the receiver has given up and killed the child.
                     let _ = taken.send(());
                     Ok(())
                 })
@@ -128,7 +128,7 @@ impl Drop for Helper {
     }
 }
 
-/// Ends all that run, and lets no further one start: to be called when this process ends.
+/// Ends all running children, and lets no further one start. To be called when this process ends.
 pub fn end_all() {
     let running = lock(&RUNNING);
     for process in &*running {
@@ -138,11 +138,11 @@ pub fn end_all() {
     while running.iter().any(|process| lock(process).ended().is_none()) && begun.elapsed() < KILLED {
         std::thread::sleep(ASK_EVERY);
     }
-    // Whoever wants to start another waits for the end.
+    // The lock is kept: a thread that wants to start another child waits for the end.
     std::mem::forget(running);
 }
 
-/// What a child says on a pipe, read all the time, so that it never waits for somebody to do so.
+/// Output of a child on a pipe, read all the time, so that the child never waits for a reader.
 #[derive(Debug)]
 pub struct Heard {
     kept: Arc<Mutex<Vec<u8>>>,
@@ -150,7 +150,7 @@ pub struct Heard {
 }
 
 impl Heard {
-    /// Listens; keeps the last so many bytes.
+    /// Starts to read; keeps the last `keep` bytes.
     pub fn of(stream: Option<impl Read + Send + 'static>, keep: usize) -> Self {
         let kept = Arc::new(Mutex::new(Vec::new()));
         let (ending, ended) = mpsc::channel::<()>();
@@ -168,15 +168,15 @@ impl Heard {
         lock(&self.kept).clone()
     }
 
-    /// What it said. To be asked when the child has ended: what that one has started and left behind may hold the
-    /// pipe open, and is not waited for.
+    /// The output. To be called when the child has ended. Processes that it has started and left behind may hold the
+    /// pipe open, and are not waited for.
     pub fn text(&self) -> Vec<u8> {
         let _ = self.ended.recv_timeout(Duration::from_millis(500));
         lock(&self.kept).clone()
     }
 }
 
-/// Reads to the end, keeps the last bytes.
+/// Reads to the end of the stream, keeps the last `keep` bytes.
 fn tail(mut stream: impl Read, keep: usize, kept: &Mutex<Vec<u8>>) {
     let mut buffer = [0; 4096];
     loop {
@@ -192,7 +192,7 @@ fn tail(mut stream: impl Read, keep: usize, kept: &Mutex<Vec<u8>>) {
     }
 }
 
-/// The last lines that have words, on one line.
+/// The last lines that contain words, joined into one line.
 pub fn last_lines(bytes: &[u8]) -> String {
     const SHOWN_LINES: usize = 4;
     let text = String::from_utf8_lossy(bytes);

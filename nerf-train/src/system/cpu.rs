@@ -1,4 +1,4 @@
-//! The processor.
+//! Name of the processor.
 
 pub fn name() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();

@@ -11,12 +11,12 @@ use std::str::FromStr;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
-/// A blob. The format's caps (22 layers of 512, an occupancy grid of 512³ bits) come to a sixth of it.
+/// Limit of a blob. The format's caps (22 layers of 512, an occupancy grid of 512³ bits) come to a sixth of it.
 pub const MAX_BLOB_BYTES: u64 = 256 << 20;
-/// A JSON file: some 400,000 frames of a `transforms.json`.
+/// Limit of a JSON file: some 400,000 frames of a `transforms.json`.
 pub const MAX_JSON_BYTES: u64 = 256 << 20;
 pub const MAX_TOML_BYTES: u64 = 1 << 20;
-/// A picture file: 16,384² pixels of three bytes, not compressed, fit.
+/// Limit of a picture file: 16,384² pixels of three bytes, not compressed, fit.
 pub const MAX_PICTURE_BYTES: u64 = 1 << 30;
 pub const MAX_CHECKPOINT_BYTES: u64 = 1 << 30;
 
@@ -24,13 +24,13 @@ pub const MAX_CHECKPOINT_BYTES: u64 = 1 << 30;
 const MAX_SILENCE: Duration = Duration::from_secs(60);
 const PIECE_BYTES: usize = 1 << 16;
 
-/// The bytes of a file, pipe or device, where it has at most `limit`.
+/// The bytes of a file, pipe or device, if there are at most `limit`.
 ///
-/// Of a pipe or device no more than one byte beyond `limit` is taken, once: it need not be readable twice.
+/// A pipe or device is read once, until a little after `limit`: it need not be readable twice.
 ///
 /// # Errors
-/// The system's; [`io::ErrorKind::FileTooLarge`] states the limit; [`io::ErrorKind::TimedOut`] where a pipe is silent
-/// for a minute. None of them names the file: the caller does.
+/// The system's errors. [`io::ErrorKind::FileTooLarge`] states the limit. [`io::ErrorKind::TimedOut`] if a pipe is
+/// silent for a minute. None of them names the file: the caller does.
 pub fn read_limited(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     let metadata = std::fs::metadata(path)?;
     if !metadata.is_file() && !metadata.is_dir() {
@@ -42,12 +42,12 @@ pub fn read_limited(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     read_to_limit(File::open(path)?, limit)
 }
 
-/// A choice of an argument, by the name that it has there.
+/// Name of a choice as a value of a command-line argument.
 pub fn value_name(choice: &impl clap::ValueEnum) -> String {
     choice.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
 }
 
-/// `N` numbers with commas between them, as one argument.
+/// Parses an argument of `N` numbers with commas between them.
 pub fn parse_numbers<const N: usize, T: FromStr>(text: &str) -> Result<[T; N], String> {
     let numbers: Option<Vec<T>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
     let numbers = numbers.and_then(|numbers| numbers.try_into().ok());
@@ -65,7 +65,7 @@ pub fn read_text(path: &Path, limit: u64) -> io::Result<String> {
     })
 }
 
-/// `bytes` behind a UTF-8 byte order mark.
+/// `bytes` after a UTF-8 byte order mark, if there is one.
 pub fn without_mark(bytes: &[u8]) -> &[u8] {
     bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)
 }
@@ -73,7 +73,7 @@ pub fn without_mark(bytes: &[u8]) -> &[u8] {
 /// Opens a file to be read in any order.
 ///
 /// # Errors
-/// The system's; [`io::ErrorKind::InvalidInput`] on a pipe, which would be waited for, or a device.
+/// The system's errors. [`io::ErrorKind::InvalidInput`] for a device, or a pipe, which could block.
 pub fn open_regular(path: &Path) -> io::Result<File> {
     let metadata = std::fs::metadata(path)?;
     if metadata.is_file() || metadata.is_dir() {
@@ -83,11 +83,11 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
     Err(io::Error::new(io::ErrorKind::InvalidInput, text))
 }
 
-/// An error of TOML on one line: the parser's own draws the place in several.
+/// A TOML error on one line: the parser's own message takes several lines.
 pub fn toml_message(text: &str, error: &toml::de::Error) -> String {
     let said = error.message().lines().map(str::trim).collect::<Vec<_>>().join("; ");
     let Some(before) = error.span().and_then(|span| text.get(..span.start)) else {
-        // Of a value that was put together from several: the names of its tables.
+        // An error without a place, of a value that was merged from several: its text names the tables.
         return error.to_string().lines().map(str::trim).collect::<Vec<_>>().join(" ").trim().to_owned();
     };
     let start = before.rfind('\n').map_or(0, |end| end + 1);
@@ -96,7 +96,7 @@ pub fn toml_message(text: &str, error: &toml::de::Error) -> String {
     format!("line {row}, column {column}: {said} (in `{}`)", shown.trim())
 }
 
-/// Another thread opens and reads, as both may wait for ever; where it is given up, it ends with the process.
+/// Reads on another thread, as opening and reading may block for ever; after a timeout it ends with the process.
 fn read_stream(path: &Path, limit: u64, silence: Duration) -> io::Result<Vec<u8>> {
     let (sender, pieces) = mpsc::sync_channel::<io::Result<Vec<u8>>>(16);
     let path = path.to_owned();
@@ -114,7 +114,7 @@ fn read_stream(path: &Path, limit: u64, silence: Duration) -> io::Result<Vec<u8>
                 Err(error) => Err(error),
             };
             let failed = read.is_err();
-            // Nobody listens any more where the limit is reached.
+            // Fails if the receiver has reached the limit.
             if sender.send(read).is_err() || failed {
                 return;
             }
@@ -140,7 +140,7 @@ fn read_stream(path: &Path, limit: u64, silence: Duration) -> io::Result<Vec<u8>
     }
 }
 
-/// A file may have grown since its size was asked for.
+/// Reads at most `limit` bytes: a file may have grown since its size was checked.
 fn read_to_limit(file: File, limit: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     let length = file.metadata()?.len().min(limit) as usize;

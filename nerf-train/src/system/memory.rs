@@ -3,9 +3,9 @@
 use anyhow::ensure;
 use std::fmt::{self, Display};
 
-/// Share of the memory that is free now that one command may plan with.
+/// Fraction of the memory that is free now that one command may use.
 const SHARE: f64 = 0.8;
-/// What is planned with where the system does not say how much is free, bytes.
+/// Free memory assumed if the system does not state it, bytes.
 const UNKNOWN: u64 = 8 << 30;
 
 /// Bytes as a person reads them.
@@ -18,7 +18,7 @@ impl fmt::Display for Size {
     }
 }
 
-/// Refuses what needs more than can be had: `items` of `bytes_each`.
+/// Refuses `items` of `bytes_each` that together need more memory than is available.
 pub fn check(what: impl Display, items: u64, bytes_each: u64, advice: &str) -> anyhow::Result<()> {
     let (needed, limit) = (items.saturating_mul(bytes_each), limit());
     ensure!(
@@ -30,7 +30,7 @@ pub fn check(what: impl Display, items: u64, bytes_each: u64, advice: &str) -> a
     Ok(())
 }
 
-/// Bytes that a command may plan with: most of what is free, within the control group's limit.
+/// Memory that a command may use, bytes: most of what is free, within the control group's limit.
 pub fn limit() -> u64 {
     let read = |file: &str| std::fs::read_to_string(file).ok();
     let number = |file: &str| read(file)?.trim().parse::<u64>().ok();

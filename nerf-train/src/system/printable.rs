@@ -1,6 +1,6 @@
 //! Text that came from a file, made safe to show.
 //!
-//! Names of views and arrays, provenance, messages of decoders and of child processes are anybody's. A terminal obeys
+//! Names of views and arrays, provenance, messages of decoders and of child processes are untrusted. A terminal obeys
 //! the control characters in them: they move the cursor, retitle the window, answer for the user; bidirectional
 //! overrides make a name read as another. Each way out of this program escapes them, once, where text leaves it:
 //!
@@ -20,7 +20,7 @@
 use std::borrow::Cow;
 use std::fmt::Write;
 
-/// Whether `character` acts on what surrounds it, or hides.
+/// Whether `character` changes how the text around it is shown, or is invisible.
 ///
 /// Controls (C0, DEL, C1), line and paragraph separators, bidirectional marks, embeddings, overrides and isolates, the
 /// zero-width space, word joiner and byte order mark, soft hyphen, interlinear annotations, and tags. The zero-width
@@ -64,7 +64,7 @@ fn replaced(
     Cow::Owned(safe)
 }
 
-/// `text` on one line: what [acts](self) is shown as Rust writes it, `\n`, `\t` or `\u{1b}`.
+/// `text` on one line: control and invisible characters are shown as Rust writes them, `\n`, `\t` or `\u{1b}`.
 ///
 /// # Examples
 /// ```
@@ -80,15 +80,15 @@ pub fn line(text: &str) -> Cow<'_, str> {
     })
 }
 
-/// [`line()`] of text that this program set in lines: line ends and tabs stay.
+/// [`line()`] for text that this program has broken into lines: line ends and tabs stay.
 ///
-/// A line end in a name stays too: where one could pass for a line of this program's own, the name alone goes through
+/// A line end in a name stays, too. If it could pass for a line of this program's own, the name alone goes through
 /// [`line()`] first.
 pub fn lines(text: &str) -> Cow<'_, str> {
     replaced(text, |c| acts(c) && !matches!(c, '\n' | '\t'), |safe, c| write!(safe, "{}", c.escape_unicode()))
 }
 
-/// A name in the prose of a Markdown report: [`line()`], and neither markup nor HTML.
+/// A name in the prose of a Markdown report: [`line()`], with markup and HTML escaped.
 ///
 /// # Examples
 /// ```
@@ -105,7 +105,7 @@ pub fn markdown(text: &str) -> String {
     escaped.into_owned()
 }
 
-/// JSON in which what acts stands as `\u001b`: the same values for whoever parses it, and safe on a terminal.
+/// JSON with control and invisible characters as `\u001b`: the same values for a parser, and safe on a terminal.
 ///
 /// Outside of strings JSON has none of these characters but line ends and tabs, which stay; within, writers of JSON
 /// escape C0 themselves.

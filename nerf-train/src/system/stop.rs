@@ -1,13 +1,14 @@
-//! Signals that ask the process to end (SIGINT, SIGTERM, SIGHUP), answered at once wherever it is.
+//! Signals that ask the process to end (SIGINT, SIGTERM, SIGHUP), handled at once whatever it is doing.
 //!
-//! A thread of its own waits for them, so that the answer does not depend on what the others are at: a tile of a
-//! frame, a decoder, a read from a fifo. What a command would lose decides what the thread does:
+//! A thread of its own waits for them, so that handling them does not depend on what other threads are doing: a tile
+//! of a frame, a decoder, a read from a fifo. What a command would lose decides what the thread does:
 //!
 //! - nothing: it does what a [`Note`] asks for, ends child processes, removes temporary files, and ends the process
 //!   with status `128 + signal`;
-//! - work that a loop saves between two steps ([`Claim`]): the thread waits for the loop, which asks [`requested`].
-//!   Once the loop has let go of its claim it has [`LAST_WORD`] to say so and to end with [`status`];
-//! - the same, while the loop is busy for longer ([`Claim::cover`]): the thread writes what the loop has lent it.
+//! - work that a loop saves between two steps ([`Claim`]): the thread waits for the loop, which polls [`requested`].
+//!   Once the loop has dropped its claim, it has [`LAST_WORD`] to report that and to end with [`status`];
+//! - the same, while the loop is busy for longer ([`Claim::cover`]): the thread writes the files that the loop has
+//!   lent it.
 //!
 //! A further signal changes nothing: what the first has begun to save is saved. A signal that the process was
 //! started to ignore, such as SIGHUP under `nohup`, stays ignored.
@@ -22,38 +23,38 @@ use std::sync::atomic::{AtomicI32, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError, mpsc};
 use std::time::Duration;
 
-/// How long the owner of a claim has after it let go: to say what it saved, and to end the process itself.
+/// Time that the owner of a claim has after dropping it, to report what it saved and to end the process itself.
 pub const LAST_WORD: Duration = Duration::from_millis(800);
-/// How long the work of a [`Note`] may take.
+/// Time limit for the work of a [`Note`].
 const NOTE_WORK: Duration = Duration::from_millis(1000);
-/// How long ending children may take, and telling somebody who does not read.
+/// Time limit for ending child processes, and for writing the message if nobody reads it.
 const TIDYING: Duration = Duration::from_millis(200);
-/// The same of temporaries, of which one may be a folder of many files.
+/// Time limit for removing temporaries, of which one may be a folder of many files.
 const REMOVING: Duration = Duration::from_millis(600);
 
-/// The first signal; 0 before.
+/// Number of the first signal; 0 before.
 static SIGNAL: AtomicI32 = AtomicI32::new(0);
 static STATE: Mutex<State> = Mutex::new(State::Nothing);
 static CHANGED: Condvar = Condvar::new();
 static NOTE: Mutex<Option<Words>> = Mutex::new(None);
 
-/// What would be lost if the process ended now.
+/// Work that would be lost if the process ended now.
 enum State {
     Nothing,
-    /// Work that somebody saves who asks [`requested`].
+    /// Work that its owner saves, who polls [`requested`].
     Claimed,
-    /// Work that is saved by writing these.
+    /// Work that is saved by writing the files of the cover.
     Covered(Cover),
-    /// Work that was saved since the signal, by its owner, who ends the process.
+    /// Work that its owner has saved since the signal; the owner ends the process.
     Answered,
 }
 
-/// What a signal leaves behind while the loop that owns the work is busy.
+/// Files and message that a signal leaves while the loop that owns the work is busy.
 #[derive(Clone, Debug, Default)]
 pub struct Cover {
-    /// Files to write and their bytes, of what is not on the disk yet.
+    /// Paths and bytes of files that are not on the disk yet.
     pub files: Vec<(PathBuf, Vec<u8>)>,
-    /// Said on stderr: what was saved and how to go on.
+    /// Message on stderr: what was saved and how to go on.
     pub message: String,
 }
 
@@ -61,7 +62,7 @@ pub fn requested() -> bool {
     SIGNAL.load(Ordering::Relaxed) != 0
 }
 
-/// The status of a process that such a signal ended: 128 more than the signal, so 130 after Ctrl-C.
+/// Exit status of a process that a signal ended: 128 plus the signal, so 130 after Ctrl-C.
 pub fn status() -> ExitCode {
     // Signals end at 64.
     u8::try_from(128 + SIGNAL.load(Ordering::Relaxed)).map_or(ExitCode::FAILURE, ExitCode::from)
@@ -77,9 +78,9 @@ fn set(new: State) {
     CHANGED.notify_all();
 }
 
-/// Says that there is work to save, and that its owner asks [`requested`] often and saves it; ends when dropped.
+/// States that there is work to save, and that its owner polls [`requested`] often and saves it; ends when dropped.
 ///
-/// One at a time: fits do not run beside each other.
+/// Only one at a time: fits do not run in parallel.
 #[derive(Debug)]
 pub struct Claim(());
 
@@ -91,7 +92,7 @@ impl Claim {
         Self(())
     }
 
-    /// Runs `work`, which may take long; a signal on the way writes `cover` and ends the process.
+    /// Runs `work`, which may take long; a signal meanwhile writes `cover` and ends the process.
     pub fn cover<T>(&self, cover: Cover, work: impl FnOnce() -> T) -> T {
         set(State::Covered(cover));
         let done = work();
@@ -102,7 +103,7 @@ impl Claim {
 
 impl Drop for Claim {
     fn drop(&mut self) {
-        // Asked under the lock: a signal's thread that finds nothing claimed ends the process at once.
+        // Checked under the lock: a signal's thread that finds nothing claimed ends the process at once.
         let mut now = lock(&STATE);
         *now = if requested() { State::Answered } else { State::Nothing };
         drop(now);
@@ -110,21 +111,21 @@ impl Drop for Claim {
     }
 }
 
-/// What a signal says where nothing is claimed, and does before that.
+/// Message of a signal if nothing is claimed, and work that is done before it.
 struct Words {
     message: String,
-    /// What it is called, and the work.
+    /// Name of the work, and the work itself.
     last: Option<(&'static str, LastWork)>,
 }
 
 type LastWork = Box<dyn FnOnce() -> Result<(), String> + Send>;
 
-/// What a signal says instead of "interrupted" where nothing is claimed; ends when dropped. One at a time.
+/// Message of a signal instead of "interrupted" if nothing is claimed; ends when dropped. Only one at a time.
 #[derive(Debug)]
 pub struct Note(());
 
 impl Note {
-    /// From now on a signal says this.
+    /// From now on a signal prints this message.
     pub fn new(message: impl Into<String>) -> Self {
         let note = Self(());
         note.say(message);
@@ -137,7 +138,7 @@ impl Note {
         *words = Some(Words { message: message.into(), last });
     }
 
-    /// Has the signal do this before it says so, if that takes less than a second; `what` is called: "the report".
+    /// Sets work that a signal does before its message, for less than a second. `what`: its name, as "the report".
     pub fn before(&self, what: &'static str, work: impl FnOnce() -> Result<(), String> + Send + 'static) {
         if let Some(words) = lock(&NOTE).as_mut() {
             words.last = Some((what, Box::new(work)));
@@ -151,7 +152,7 @@ impl Drop for Note {
     }
 }
 
-/// Runs `work` on a thread of its own, and waits for it no longer than this: a disk, a pipe or a lock that never
+/// Runs `work` on a thread of its own, and waits for it no longer than `limit`: a disk, a pipe or a lock that never
 /// answers must not keep the process.
 fn within<T: Send + 'static>(limit: Duration, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
     let (done, result) = mpsc::channel();
@@ -170,9 +171,9 @@ fn noted() -> String {
     format!("{message}; {what} {end}")
 }
 
-/// Saves what is lent; what there is to say about it.
+/// Writes the files of a cover; returns the message about them.
 fn saved(cover: &Cover) -> String {
-    // One that cannot be written does not keep the others from it.
+    // All files are tried, even if one cannot be written.
     let written: Vec<_> = cover.files.iter().map(|(path, bytes)| write_atomic(path, bytes)).collect();
     match written.into_iter().find_map(Result::err) {
         None => cover.message.clone(),
@@ -180,15 +181,15 @@ fn saved(cover: &Cover) -> String {
     }
 }
 
-/// Saves what is lent, says so, and ends the process with `128 + signal`.
+/// Saves the work of a cover, prints the message, and ends the process with `128 + signal`.
 ///
-/// Holds the state meanwhile, so that nobody goes on to write what is being written.
+/// Holds the lock on the state meanwhile, so that the owner does not write the same files.
 fn end(signal: i32, say: fn(&str)) -> ! {
     SIGNAL.store(signal, Ordering::Relaxed);
     let claimed = |state: &mut State| matches!(state, State::Claimed);
     let answered = |state: &mut State| matches!(state, State::Answered);
     let now = CHANGED.wait_while(lock(&STATE), claimed).unwrap_or_else(PoisonError::into_inner);
-    // The owner ends the process; only if it is busy with something else by now is it ended here.
+    // The owner ends the process; it is ended here only if the owner takes longer than `LAST_WORD`.
     let waited = CHANGED.wait_timeout_while(now, LAST_WORD, answered);
     let (now, _) = waited.unwrap_or_else(PoisonError::into_inner);
     let said = match &*now {
@@ -202,15 +203,15 @@ fn end(signal: i32, say: fn(&str)) -> ! {
     std::process::exit(128 + signal)
 }
 
-/// Leaves the end of the process to a signal that is being answered, if there is one: what the command says now
-/// comes from a child process that was ended or a temporary that was removed.
+/// Waits for the end of the process if a signal is being handled: the command's error then only comes from a child
+/// process that was ended or a temporary that was removed.
 pub fn leave_to_signal() {
     while requested() && !matches!(*lock(&STATE), State::Answered) {
         std::thread::park();
     }
 }
 
-/// Signals that are answered: those of the three that the process was not started to ignore.
+/// Signals that are handled: those of the three that the process was not started to ignore.
 #[cfg(unix)]
 pub fn answered() -> Vec<nix::sys::signal::Signal> {
     use nix::sys::signal::Signal;
@@ -222,8 +223,8 @@ pub fn answered() -> Vec<nix::sys::signal::Signal> {
     [Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP].into_iter().filter(is_answered).collect()
 }
 
-/// Starts the thread that answers signals, and tells with `say`. To be called once, before there are other threads:
-/// they inherit that the signals are left to it.
+/// Starts the thread that handles signals and prints messages with `say`. To be called once, before there are other
+/// threads: these inherit that the signals are blocked.
 #[cfg(unix)]
 pub fn watch(say: fn(&str)) -> std::io::Result<()> {
     let signals: nix::sys::signal::SigSet = answered().into_iter().collect();
@@ -238,7 +239,7 @@ pub fn watch(say: fn(&str)) -> std::io::Result<()> {
     std::thread::Builder::new().name("signals".into()).spawn(wait).map(|_| ())
 }
 
-/// As on unix, for the signals that there are.
+/// As on Unix, for the signals that the system has.
 #[cfg(not(unix))]
 pub fn watch(say: fn(&str)) -> std::io::Result<()> {
     ctrlc::set_handler(move || end(2, say)).map_err(std::io::Error::other)

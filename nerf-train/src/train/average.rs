@@ -4,36 +4,36 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-/// A share of the updates so far that the average reaches back over at most: at first those are of a field that is
+/// Fraction of the updates so far that the average reaches back over at most: the first ones are of a field that is
 /// still far off.
 const REACH: f64 = 1.0 / 9.0;
-/// Parameters that one task averages.
+/// Number of parameters that one task averages.
 const PART: usize = 1 << 14;
 
 /// A running average over a run's last steps.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Average {
-    /// Of the average, from one update to the next.
+    /// Decay of the average per update.
     decay: f64,
-    /// Steps from one update to the next.
+    /// Steps between two updates.
     every: u32,
     updates: u32,
     values: Vec<f32>,
 }
 
 impl Average {
-    /// An average of `parameters` values, to which every so many steps add one; `decay` is that of a step, and 0 keeps
-    /// no average.
+    /// Creates an average of `parameters` values that is updated every `every` steps. `decay`: per step; 0 keeps no
+    /// average.
     pub fn new(decay: f64, every: u32, parameters: usize) -> Self {
         let values = vec![0.0; if decay > 0.0 { parameters } else { 0 }];
         Self { decay: decay.powi(every as i32), every, updates: 0, values }
     }
 
-    /// Whether this is the same average after `steps` other steps.
+    /// Whether this can be `other` after `steps` steps.
     pub(super) fn is_like(&self, other: &Self, steps: u32) -> bool {
         let finite = self.values.iter().all(|value| value.is_finite());
         let shape = |average: &Self| (average.decay, average.every, average.values.len());
-        // An interval of 0 steps is of no run.
+        // No run has an interval of 0 steps.
         let counted = || self.values.is_empty() || self.updates == steps / self.every;
         finite && shape(self) == shape(other) && counted()
     }
@@ -42,7 +42,7 @@ impl Average {
         self.updates = 0;
     }
 
-    /// Takes in the parameters after `steps` steps, if it is their turn; only then are they asked for.
+    /// Adds the parameters after `steps` steps, if an update is due; `parameters` is called only then.
     pub fn update<'p>(&mut self, steps: u32, parameters: impl FnOnce() -> Cow<'p, [f32]>) {
         if self.values.is_empty() || !steps.is_multiple_of(self.every) {
             return;
@@ -59,7 +59,7 @@ impl Average {
         });
     }
 
-    /// The average; `None` if there is none, or nothing in it yet.
+    /// The average; `None` if none is kept, or before the first update.
     pub fn values(&self) -> Option<&[f32]> {
         (self.updates > 0).then_some(&self.values)
     }

@@ -1,4 +1,4 @@
-//! Where the scene is, and which of its cells are worth a sample.
+//! Bounds of a scene, and those of its cells that may hold something.
 
 use super::TrainError;
 use crate::capture::sights::Sights;
@@ -17,16 +17,16 @@ pub struct Bounds {
     pub near: f32,
     pub far: f32,
     pub scene_box: SceneBox,
-    /// Of an unbounded scene, which is contracted into the box.
+    /// Contraction of an unbounded scene into the box.
     pub contraction: Option<Contraction>,
-    /// Distance from each camera of an unbounded scene in front of which there is nothing, world units; a view's own
+    /// Distance from each camera of an unbounded scene within which there is nothing, world units; a view's own
     /// [`View::near`] may be larger.
     pub empty_before: f32,
 }
 
 impl Bounds {
-    /// Width of a marched step, world units: `steps_across` of them are as long as the longest side of the scene box, or in
-    /// an unbounded scene as the diameter of the ball that is not contracted.
+    /// Width of a marched step, world units: 1/`steps_across` of the longest side of the scene box or, in an
+    /// unbounded scene, of the diameter of the ball that is not contracted.
     pub fn step(&self, steps_across: u16) -> f32 {
         let across = match self.contraction {
             Some(contraction) => 2.0 * contraction.radius(),
@@ -35,7 +35,7 @@ impl Bounds {
         across / f32::from(steps_across)
     }
 
-    /// Samples of a ray that is marched at that step.
+    /// Sampling of rays that are marched in steps of [`Self::step`].
     pub fn sampling(&self, steps_across: u16) -> SceneSampling {
         match self.contraction {
             Some(contraction) => SceneSampling::Contracted {
@@ -49,22 +49,21 @@ impl Bounds {
 
 /// Cells along the longest side of the first, coarse hull, which only finds the scene box.
 const COARSE_HULL: u16 = 64;
-/// Distance from the cameras of an unbounded scene in front of which there is nothing where no points say, and where rays
-/// end, in radii of the ball that is not contracted.
+/// Distances from the cameras of an unbounded scene, in radii of the ball that is not contracted, if no points tell
+/// them: within the first there is nothing, at the second rays end.
 const NEAR_RADII: f32 = 0.1;
 const FAR_RADII: f32 = 100.0;
-/// Smallest baseline of two views that place a cell, as a share of the radius of the ball that is not contracted.
+/// Smallest baseline of two views that place a cell, as a fraction of the radius of the ball that is not contracted.
 const APART_RADII: f32 = 0.05;
-/// Share of the points of all views that may lie in front of where there is nothing, and how far in front of the rest that
-/// is, as a share of the distance.
+/// Fraction of the points of all views that are nearer than a distance, and factor on that: within the product there
+/// is nothing.
 const ALL_VIEWS: (f32, f32) = (0.001, 0.6);
-/// The same, where all of these points are in front of cameras that look much the same way: the ball that stays as it is
-/// ends there.
+/// The same, if all cameras look much the same way: the ball that is not contracted ends there.
 const IN_FRONT: (f32, f32) = (0.01, 1.0);
-/// The same of where rays end: nearly all points are nearer.
+/// The same for the distance at which rays end: nearly all points are nearer.
 const BEHIND: (f32, f32) = (0.999, 2.0);
 
-/// Near, far and scene box from settings and data.
+/// Finds near plane, far plane and scene box from settings and data.
 pub(crate) fn find_box(dataset: &Dataset, config: &Config) -> Result<Bounds, TrainError> {
     let (s, g) = (&config.sampling, &config.occupancy);
     if let Some(power) = s.contraction {
@@ -79,7 +78,7 @@ pub(crate) fn find_box(dataset: &Dataset, config: &Config) -> Result<Bounds, Tra
     }
     let given = match s.scene_box {
         Some([x0, y0, z0, x1, y1, z1]) => {
-            // In the file's own coordinates.
+            // The settings use the file's own coordinates.
             let here =
                 |corner: [f32; 3]| (Vec3::from(corner).as_dvec3() - DVec3::from(dataset.origin)).as_vec3();
             Some(SceneBox::new(here([x0, y0, z0]), here([x1, y1, z1]))?)
@@ -98,8 +97,8 @@ pub(crate) fn find_box(dataset: &Dataset, config: &Config) -> Result<Bounds, Tra
     Ok(Bounds { near, far, scene_box, contraction: None, empty_before: near })
 }
 
-/// Of an unbounded scene: contracted around what the cameras look at, or where they look much the same way, around
-/// themselves.
+/// Bounds of an unbounded scene: contracted around what the cameras look at or, if they look much the same way,
+/// around the cameras themselves.
 fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, TrainError> {
     let s = &config.sampling;
     let cameras: Vec<_> = dataset.train.iter().map(|view| view.camera).collect();
@@ -121,7 +120,7 @@ fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, Tr
     };
     let scene_box = Contraction::cube(centre, radius);
     let contraction = Contraction::new(&scene_box, power).ok_or_else(missing)?;
-    // From the camera, as hosts draw: what is nearer than anything seen is empty in the field.
+    // From the camera, as hosts render: space nearer than anything seen is empty in the field.
     let near = s.near.unwrap_or(0.0);
     let far = s.far.or(dataset.far).or_else(|| begin(seen, BEHIND)).unwrap_or(FAR_RADII * radius);
     if !(near >= 0.0 && near < far && far.is_finite()) {
@@ -131,13 +130,13 @@ fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, Tr
     Ok(Bounds { near, far, scene_box, contraction: Some(contraction), empty_before })
 }
 
-/// The visual hull, where the settings want one and the pictures have one.
+/// Visual hull, if the settings want one and the pictures tell what is empty.
 fn hull(dataset: &Dataset, config: &Config, bounds: SceneBox, resolution: u16) -> Option<Occupancy> {
     let g = &config.occupancy;
     (g.skip && g.hull).then(|| Occupancy::carve(bounds, resolution, &dataset.train, dataset.background))?
 }
 
-/// As [`find_box`], and the occupancy grid to start with.
+/// Does [`find_box`], and finds the occupancy grid to start with.
 pub(crate) fn find_bounds(
     dataset: &Dataset,
     config: &Config,
@@ -159,7 +158,7 @@ pub(crate) fn find_bounds(
     Ok((bounds, occupancy))
 }
 
-/// The cells of an unbounded scene that may hold something.
+/// Cells of an unbounded scene that may hold something.
 fn seen(
     dataset: &Dataset,
     config: &Config,

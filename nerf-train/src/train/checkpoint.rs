@@ -1,7 +1,7 @@
-//! Everything a run needs to go on as if it had not stopped.
+//! State from which a run goes on as if it had not stopped.
 //!
-//! Two runs with one output share their checkpoint's name too. The last to write it wins whole, and
-//! [`Checkpoint::check_belongs`] keeps the other from going on from it: no run is ever a mix of two.
+//! Two runs with one output also share their checkpoint's name. The last one to write it replaces it as a whole, and
+//! [`Checkpoint::check_belongs`] keeps the other from resuming from it: no run is ever a mix of two.
 
 use super::average::Average;
 use super::exposure::{ExposureFound, Gains};
@@ -25,10 +25,10 @@ use std::path::Path;
 /// First bytes of a checkpoint; the last is the version.
 const MAGIC: [u8; 8] = *b"NERFCKP\x0e";
 
-/// A run of a scene or a picture, stopped between two steps.
+/// State of a run, of a scene or a picture, between two steps.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Checkpoint {
-    /// The settings of the run, as `settings` writes them.
+    /// Settings of the run, as `settings` writes them.
     pub config: String,
     pub data: String,
     pub fingerprint: u64,
@@ -45,7 +45,7 @@ pub struct Checkpoint {
     pub withheld_found: Option<WithheldFound>,
     pub progressed: Progressed,
     pub curve: Vec<CurvePoint>,
-    /// Pictures taken so far; they themselves lie in the report's folder.
+    /// Snapshots taken so far; the pictures are in the report's folder.
     pub snapshots: Vec<Snapshot>,
     pub seconds: f64,
 }
@@ -57,7 +57,7 @@ impl Checkpoint {
 
     /// Bytes of a checkpoint file: magic number and version, checksum, state.
     pub fn to_bytes(&self) -> Vec<u8> {
-        // Serialising plain data to memory has no way to fail.
+        // Serialising plain data to memory cannot fail.
         let body = postcard::to_stdvec(self).expect("plain data");
         let mut bytes = Vec::with_capacity(body.len() + 12);
         bytes.extend(MAGIC);
@@ -81,10 +81,10 @@ impl Checkpoint {
         }
     }
 
-    /// Refuses a checkpoint of other data or settings, and names the first difference.
+    /// Refuses a checkpoint of other data or settings; the error names the first difference.
     ///
-    /// `config`: as `settings` writes it; `data`: a name and a fingerprint. Limits on steps and time may differ: that is how
-    /// a run is continued.
+    /// `config`: as `settings` writes it; `data`: name and fingerprint. Limits on steps and time may differ, so that
+    /// a run can be continued.
     pub fn check_belongs(&self, path: &Path, config: &str, data: (&str, u64)) -> anyhow::Result<()> {
         let other = |field: &str, expected: &str, found: &str| {
             let path = path.display();
@@ -99,7 +99,7 @@ impl Checkpoint {
             let text = |print: u64| format!("pictures and cameras {print:016x}");
             return Err(other("data", &text(data.1), &text(self.fingerprint)));
         }
-        // What is no JSON differs as a whole.
+        // Text that is not JSON differs as a whole.
         let tree = |config: &str| serde_json::from_str::<Value>(config).unwrap_or_default();
         match difference(&tree(config), &tree(&self.config)) {
             Some((field, expected, found)) => Err(other(&field, &expected, &found)),
@@ -107,8 +107,8 @@ impl Checkpoint {
         }
     }
 
-    /// Whether a curve and averaged parameters, whose checksum says nothing of who wrote them, can be those of a run that
-    /// has `average`; the part that cannot.
+    /// Finds a part that cannot belong to a run with `average`: counters, averaged parameters or curve. The checksum
+    /// does not tell who wrote the file.
     pub(super) fn wrong_part(&self, average: &Average) -> Option<&'static str> {
         let step = self.progressed.step;
         let ascending = self.curve.is_sorted_by_key(|point| point.step);
@@ -129,8 +129,8 @@ pub(crate) fn damaged(path: &Path, found: impl Display) -> anyhow::Error {
     )
 }
 
-/// Settings that a run is continued with, as JSON (TOML has no u64 for the seed): all but the number of steps, and but the
-/// samples beside a grid, which follow from the steps across the box.
+/// Settings that a resumed run must share, as JSON (TOML has no u64 for the seed): all except the number of steps
+/// and, with a grid, the samples, which follow from the steps across the box.
 pub(crate) fn settings(config: &impl Serialize) -> String {
     let mut tree = serde_json::to_value(config).expect("plain data");
     tree["optimiser"]["steps"] = 1.into();
@@ -153,8 +153,8 @@ pub(crate) fn difference(now: &Value, then: &Value) -> Option<(String, String, S
     }
 }
 
-/// A checksum of what decides a run: training pictures, near, far, background, and the cameras of
-/// all splits, which the scene box is found from.
+/// Checksum of the data that decides a run: training pictures, near, far, background, sparse points, and the cameras
+/// of all splits, which the scene box is found from.
 pub fn fingerprint(data: &Dataset) -> u64 {
     const CRC: crc::Crc<u64> = crc::Crc::<u64>::new(&crc::CRC_64_XZ);
     let mut digest = CRC.digest();

@@ -8,13 +8,13 @@ use serde::{Deserialize, Serialize};
 
 /// Steps of the trial: gains are learned from 0, and kept if they differ by enough between photographs.
 const TRIAL: u32 = 1_000;
-/// Learning rates of the log gains: of the trial's steps, and of the steps after it.
+/// Learning rates of the log gains: in the trial, and after it.
 const RATES: [f32; 2] = [5e-3, 1e-3];
 /// Decay rates of Adam's moments, and its epsilon.
 const BETAS: [f32; 2] = [0.9, 0.99];
 const EPSILON: f32 = 1e-12;
 
-/// Gains of the training photographs; the field is at their mean exposure.
+/// Gains of the training photographs; the field has their mean exposure.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Gains {
     log: LogGains,
@@ -22,7 +22,7 @@ pub struct Gains {
     moment2: Vec<[f32; 3]>,
     steps: u32,
     on_trial: bool,
-    /// Whether they are kept, whatever the trial finds.
+    /// Whether the gains are kept, whatever the trial finds.
     own: bool,
 }
 
@@ -32,9 +32,9 @@ pub struct ExposureFound {
     pub spread: f64,
     /// True: measured from a reconstruction's key points. False: from gains learned in the first steps of the fit.
     pub by_tracks: bool,
-    /// Whether photographs have gains of their own.
+    /// Whether each photograph has a gain of its own.
     pub fitted: bool,
-    /// The view whose gain is farthest from the mean, and its log gain, where that is a factor of two or more.
+    /// View whose gain is farthest from the mean, and its log gain, if that is a factor of two or more.
     pub outlier: Option<(u32, f32)>,
 }
 
@@ -45,7 +45,7 @@ impl ExposureFound {
         Self { spread, by_tracks, fitted, outlier }
     }
 
-    /// One sentence, and one of the outlier; `views`: the training photographs.
+    /// Describes the spread and, if there is one, the outlier; `views`: the training photographs.
     pub fn in_words(&self, views: &[View]) -> String {
         let by = if self.by_tracks { "key points" } else { "the first steps" };
         let percent = 100.0 * (self.spread.exp() - 1.0);
@@ -65,7 +65,7 @@ impl ExposureFound {
 }
 
 impl Gains {
-    /// Gains to learn, if settings and data call for them, and what was found; `None` where none is learned.
+    /// Returns the gains to learn, if settings and data call for them, and the measured exposure, if it is known.
     pub fn of(
         views: &[View],
         sights: Option<&Sights>,
@@ -84,7 +84,7 @@ impl Gains {
         }
     }
 
-    /// Gains to learn for photographs that were found to contradict each other.
+    /// Gains to learn for photographs that contradict each other.
     pub fn of_contradicting(views: &[View]) -> Self {
         Self::begin(LogGains::none(views.len()), true)
     }
@@ -94,16 +94,16 @@ impl Gains {
         Self { log, moment1: zeros.clone(), moment2: zeros, steps: 0, on_trial: true, own }
     }
 
-    /// Factors on the colours of each of a batch's rays, by their photographs.
+    /// Sets `factors` to the gains of a batch's rays, by their photographs.
     pub fn factors(&self, views: &[u32], factors: &mut Vec<[f32; 3]>) {
         let of_view: Vec<[f32; 3]> = self.log.0.iter().map(|log| log.map(f32::exp)).collect();
         factors.clear();
         factors.extend(views.iter().map(|&view| of_view[view as usize]));
     }
 
-    /// One step of Adam by gradients of the log gains, whose mean is then moved to 0.
+    /// One Adam step of the log gains, whose mean is then moved to 0.
     ///
-    /// What was found, where this was the step that decides it; the gains are then used only if it says so.
+    /// Returns the verdict after the trial's last step; the gains may then be used only if it says so.
     pub fn step(&mut self, gradients: &[[f32; 3]]) -> Option<ExposureFound> {
         self.steps += 1;
         let rate = RATES[usize::from(!self.on_trial)];
@@ -112,7 +112,7 @@ impl Gains {
         for ((log, gradient), (m1, m2)) in self.log.0.iter_mut().zip(gradients).zip(moments) {
             for channel in 0..3 {
                 let g = gradient[channel];
-                // A photograph that the batch has no ray of stays as it is.
+                // A photograph without a ray in the batch keeps its gain.
                 if g == 0.0 {
                     continue;
                 }

@@ -18,7 +18,7 @@ use nerf_core::space::SceneBox;
 use rayon::prelude::*;
 use std::borrow::Cow;
 
-/// What a blob says its PSNR is of.
+/// Convention of the PSNR in a picture's blob.
 pub(crate) const MEASURED_ON: &str = "over the whole picture";
 
 const DRAWN: usize = 64;
@@ -54,10 +54,10 @@ impl<'p> FieldTrainer<'p> {
         })
     }
 
-    /// One step at the learning rate that `share` of the budget used calls for.
+    /// Does one step at the learning rate for the used fraction `share` of the budget.
     ///
     /// # Errors
-    /// [`TrainError::Engine`] if it diverged; the run is then as before the step.
+    /// [`TrainError::Engine`] if the step diverged; the run is then as before it.
     pub fn step(&mut self, share: f64) -> Result<(), TrainError> {
         self.draw();
         if let Some(grid) = self.config.grid.as_ref().filter(|grid| grid.is_rounded(share)) {
@@ -72,8 +72,8 @@ impl<'p> FieldTrainer<'p> {
         Ok(())
     }
 
-    /// Pixels at random over the whole picture, each at its centre; beside a grid in the picture's order, so that
-    /// neighbours read table entries that lie near each other.
+    /// Draws random pixels of the whole picture, each at its centre; with a grid in the picture's order, so that
+    /// neighbours read table entries close to each other.
     fn draw(&mut self) {
         let Self { photo, config, batch, progressed, .. } = self;
         let Picture { width, height, rgb } = &photo.picture;
@@ -88,7 +88,7 @@ impl<'p> FieldTrainer<'p> {
         };
         let chunks = batch.rays.par_chunks_mut(DRAWN).zip(batch.positions.par_chunks_mut(DRAWN)).enumerate();
         chunks.with_min_len(16).for_each(|(chunk, (rays, positions))| {
-            // All are chosen before one is read: many are then on their way from memory at once.
+            // All are chosen before one is read, so that many loads from memory overlap.
             let index: [usize; DRAWN] = std::array::from_fn(|i| {
                 let i = chunk * DRAWN + i;
                 let (part, random) =
@@ -121,7 +121,7 @@ impl<'p> FieldTrainer<'p> {
         self.model.parameters()
     }
 
-    /// A blob of the run as it stands; `psnr_db` is noted in it, if it is known.
+    /// Exports the present state as a blob, with `psnr_db` if it is known.
     pub fn export(&self, psnr_db: Option<f64>) -> Result<Exported, TrainError> {
         let parameters = self.average.values().map_or_else(|| self.engine.parameters(), Cow::Borrowed);
         let [width, height] = self.photo.size();
@@ -159,7 +159,7 @@ impl<'p> FieldTrainer<'p> {
         }
     }
 
-    /// Takes up a checkpoint of the same run; where that fails, the run is as before.
+    /// Resumes from a checkpoint of the same run; if that fails, the run is as before.
     pub fn restore(&mut self, checkpoint: Checkpoint) -> Result<(), TrainError> {
         if let Some(part) = checkpoint.wrong_part(&self.average) {
             return Err(TrainError::Parts { part });

@@ -30,20 +30,20 @@ pub use trainer::{Trainer, candidate};
 pub struct Progressed {
     pub step: u32,
     pub rays: u64,
-    /// Samples whose density was evaluated; of a field without a grid as many as were trained on.
+    /// Samples whose density was evaluated; without a grid, the same number as those trained on.
     pub evaluated: u64,
     pub samples: u64,
-    /// Smoothed live samples a ray; decides how many rays are drawn.
+    /// Smoothed number of live samples per ray; decides how many rays are drawn.
     live_per_ray: f64,
     mse: f64,
-    /// Steps in a row without density.
+    /// Number of consecutive steps without density.
     dead_steps: u32,
     pub reseeds: u32,
 }
 
-/// The PSNR in dB that belongs to a mean squared error; +inf at 0, NaN at NaN.
+/// PSNR in dB of a mean squared error; +inf at 0, NaN at NaN.
 pub fn psnr_db_of_mse(mse: f64) -> f64 {
-    // Not 0 × −10: a plain log10(0) is −inf already, and +0.0 keeps "-0" out of the reports.
+    // log10(0) is −inf without a special case, and + 0.0 keeps "-0" out of the reports.
     -10.0 * mse.log10() + 0.0
 }
 
@@ -52,12 +52,12 @@ pub struct CurvePoint {
     pub step: u32,
     /// Seconds since the start, everything included.
     pub seconds: f64,
-    /// PSNR of the rays trained on, smoothed, dB.
+    /// Smoothed PSNR of the training rays, dB.
     pub train_psnr_db: f64,
-    /// Mean PSNR of some validation views, dB; none where the run was not validated.
+    /// Mean PSNR of some validation views, dB; none if this step was not validated.
     pub val_psnr_db: Option<f64>,
     pub val_views: u32,
-    /// Of every so many rows and columns of a view one pixel was measured: 1 is every pixel.
+    /// Spacing of the measured pixels in rows and columns of a view: 1 is every pixel.
     pub val_lattice: u32,
 }
 
@@ -71,7 +71,7 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// Its file in the report's `folder`; `dataset` is the one it was taken of.
+    /// Path of the picture in the report's `folder`; `dataset`: the one that the view belongs to.
     pub fn path(&self, folder: &Path, dataset: &Dataset) -> PathBuf {
         let names = FileNames::of(&dataset.val);
         folder.join("snapshots").join(format!("step_{:06}_{}.png", self.step, names.at(self.view)))

@@ -1,10 +1,10 @@
-//! What moved while photographs were taken, found by how the field errs and left out of its loss.
+//! Objects that moved while photographs were taken: found by the field's errors, and left out of its loss.
 //!
-//! Photographs are cut into square patches. A patch's error is the mean of its rays' errors with their signs: fine texture
-//! that is hard to fit is too bright here and too dark there, which cancels out, while something that only this photograph
-//! shows has another colour as a whole. Where patches that err together are large and far off, their rays have weight 0; they
-//! are drawn as before, so that what was masked wrongly is taken back. Where the photographs of the two nearest cameras err at
-//! the same patches, the field is wrong, and nothing is masked.
+//! Photographs are cut into square patches. A patch's error is the mean of its rays' signed errors: fine texture that
+//! is hard to fit is too bright in one place and too dark in another, which cancels out, while an object that only
+//! one photograph shows has another colour as a whole. If patches that err together are large and far off, their rays
+//! have weight 0. They are still drawn, so that a wrong mask is taken back. If the photographs of the two nearest
+//! cameras err at the same patches, the field is wrong, and nothing is masked.
 //!
 //! # Source
 //! Sabour et al. 2023 (RobustNeRF), patch-wise robust weights. Deviation: the signed mean of a patch's error in place of
@@ -19,30 +19,32 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
-/// Steps from one decision to the next.
+/// Steps between decisions.
 const EVERY: u32 = 500;
-/// Photographs from which on one can contradict the others.
+/// Fewest photographs of a capture in which one can contradict the others.
 const FEWEST_VIEWS: usize = 8;
-/// Patches along the longer side of a photograph, and over all of them, at most: what a decision's rays suffice for.
+/// Most patches along the longer side of a photograph, and over all photographs: each needs enough rays for a
+/// decision.
 const PATCHES: [u32; 2] = [60, 90_000];
 /// Least side of a patch, pixels.
 const SMALLEST_SIDE: u32 = 4;
-/// Rays in three by three patches from which on their error is known.
+/// Fewest rays in three by three patches whose error is known.
 const KNOWN: f32 = 8.0;
-/// Least error of a patch that belongs to a region, as a multiple of the median over all patches and in colours of 0 to 1, root
-/// mean square over the channels.
+/// Least error of a patch that belongs to a region: as a multiple of the median over all patches, and in colours of 0
+/// to 1. Errors are root mean squares over the channels.
 const OFF: (f32, f32) = (3.0, 0.03);
-/// Least mean error of a masked region, and least product of it and its share of the photograph. Clean captures have regions
-/// of up to 0.116, and 0.14 times 0.06; figures of a flat colour in front of the same captures 0.13 to 0.3, and from 0.015 on.
+/// Least mean error of a masked region, and least product of that and its fraction of the photograph. Clean captures
+/// have regions of up to 0.116, and 0.14 times 0.06; figures of a flat colour in front of the same captures 0.13 to
+/// 0.3, and from 0.015 on.
 const FAR_OFF: (f32, f32) = (0.125, 0.01);
-/// Nearest cameras that a region is compared with, and share of its patches that are off in one of them, too, from which on
-/// the field is wrong there and not the photograph.
+/// Number of nearest cameras that a region is compared with. If the fraction `SHARED` of its patches is off in one of
+/// them, too, the field is wrong there and not the photograph.
 const NEIGHBOURS: usize = 2;
 const SHARED: f32 = 0.5;
-/// Share of all patches beyond which the capture is wrong as a whole and nothing is masked.
+/// Fraction of all patches above which the capture is wrong as a whole and nothing is masked.
 const MOST: f32 = 0.3;
 
-/// How a photograph is cut into patches.
+/// Division of a photograph into patches.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Tiles {
     first: usize,
@@ -61,7 +63,7 @@ impl Tiles {
         self.columns * self.rows
     }
 
-    /// The patch, counted from the photograph's first, at the place that `patch` has in `other`.
+    /// Patch at the position that `patch` has in `other`; both are counted from their photograph's first.
     fn across(&self, patch: usize, other: &Self) -> usize {
         let (column, row) = (patch % other.columns, patch / other.columns);
         row * self.rows / other.rows * self.columns + column * self.columns / other.columns
@@ -114,7 +116,7 @@ impl Moved {
     }
 }
 
-/// Messages that name the photographs; empty where nothing moved.
+/// Messages that name the photographs; none if nothing moved.
 pub fn in_words(moved: &[Moved]) -> Vec<String> {
     let of = |moved: &[&Moved]| match moved {
         [one] => format!("1 photograph ({})", one.name),
@@ -144,7 +146,7 @@ pub fn in_words(moved: &[Moved]) -> Vec<String> {
 }
 
 impl Moving {
-    /// State without a mask; `None` where `setting` or too few photographs rule masks out.
+    /// State without a mask; `None` if `setting` or too few photographs rule masks out.
     pub fn of(views: &[View], setting: MovingObjects) -> Option<Self> {
         if setting == MovingObjects::Off || views.len() < FEWEST_VIEWS {
             return None;
@@ -163,7 +165,7 @@ impl Moving {
             && self.sums.as_flattened().iter().all(|x| x.is_finite())
     }
 
-    /// Sets the weights of a batch's rays: 0 in masked patches, else 1; empty where nothing is masked.
+    /// Sets the weights of a batch's rays: 0 in masked patches, else 1; empty if nothing is masked.
     pub fn weigh(&self, batch: &mut Batch) {
         batch.weights.clear();
         if self.masked.contains(&true) {
@@ -183,7 +185,7 @@ impl Moving {
         }
     }
 
-    /// Renews the masks after every `EVERY`th step; `step` counts from 0.
+    /// Updates the masks after every `EVERY`th step; `step` counts from 0.
     pub fn step(&mut self, step: u32) {
         if !(step + 1).is_multiple_of(EVERY) {
             return;
@@ -215,8 +217,8 @@ impl Moving {
         self.sums.fill([0.0; 4]);
     }
 
-    /// Error of each patch of a photograph: distance of the mean over three by three patches from the photograph's median,
-    /// root mean square over the channels; `None` where too few rays were drawn.
+    /// Error of each patch of a photograph: distance of the mean over three by three patches from the photograph's
+    /// median, root mean square over the channels; `None` if too few rays were drawn.
     fn errors(&self, tiles: &Tiles) -> Vec<Option<f32>> {
         let sums = &self.sums[tiles.range()];
         let mean = |patch: usize| {
@@ -268,7 +270,7 @@ fn tiles(views: &[View]) -> Vec<Tiles> {
     views.iter().map(of).collect()
 }
 
-/// Of each photograph, the [`NEIGHBOURS`] whose cameras stand and look most alike.
+/// For each photograph, the [`NEIGHBOURS`] whose cameras have the most similar positions and directions.
 fn neighbours(views: &[View]) -> Vec<Vec<usize>> {
     let poses: Vec<(Vec3, Vec3)> =
         views.iter().map(|view| (view.camera.pose().position, view.camera.pose().forward())).collect();
@@ -287,7 +289,7 @@ fn neighbours(views: &[View]) -> Vec<Vec<usize>> {
     (0..poses.len()).map(of).collect()
 }
 
-/// Connected patches of a photograph that are `off`.
+/// Groups of connected patches of a photograph that are `off`.
 fn regions(tiles: &Tiles, off: &[bool]) -> Vec<Vec<usize>> {
     let (mut visited, mut regions) = (vec![false; off.len()], Vec::new());
     for start in 0..off.len() {

@@ -1,7 +1,8 @@
 //! Poses of the photographs, refined with the field.
 //!
-//! A camera turns and moves by small steps that follow the loss's gradient by its rays. They are taken in coordinates in
-//! which a step of length 1 moves the image by a pixel, root mean square, whatever the mixture of turning and moving is.
+//! A camera turns and moves by small steps that follow the loss's gradient by its rays. The steps are taken in
+//! coordinates in which length 1 moves the image by one pixel, root mean square, for any mixture of turning and
+//! moving.
 //!
 //! # Source
 //! Lin et al. 2021 (BARF), poses by the photometric loss, coarse to fine; Park et al. 2023 (CamP), the preconditioner. Deviation:
@@ -17,32 +18,34 @@ use serde::{Deserialize, Serialize};
 
 /// Steps of the trial: poses are refined from the given ones, and kept if they moved by enough.
 const TRIAL: u32 = 1_000;
-/// Steps from one move of the cameras to the next.
+/// Steps between two moves of the cameras.
 const EVERY: u32 = 8;
-/// Longest step of a camera, pixels: at first, and at the end of the run.
+/// Longest step of a camera, pixels: at the beginning and at the end of the run.
 const RATES: [f32; 2] = [0.3, 0.01];
-/// Blur of the gradient, radii of the ball that is not contracted: at first, and from `SHARP_FROM` of the run on.
+/// Blur of the gradient, radii of the ball that is not contracted: at the beginning, and after the fraction
+/// `SHARP_FROM` of the run.
 const BLURS: [f32; 2] = [0.02, 0.001];
 const SHARP_FROM: f64 = 0.5;
 /// Decay rates of Adam's moments, and its epsilon.
 const BETAS: [f32; 2] = [0.9, 0.99];
 const EPSILON: f32 = 1e-12;
-/// Median motion in the trial from which on poses are refined, focal lengths: poses that are right move by 0.002 to 0.006,
-/// and refining them would lose 0.1 to 0.4 dB; poses that are half a degree to a degree off move by 0.013.
+/// Median motion in the trial, focal lengths, from which poses are refined. Correct poses move by 0.002 to 0.006, and
+/// refining them would lose 0.1 to 0.4 dB. Poses that are half a degree to a degree off move by 0.013.
 const CALLED_FOR: f64 = 8e-3;
-/// Median reprojection error of a reconstruction's points, pixels, up to which its poses are believed.
+/// Largest median reprojection error of a reconstruction's points, pixels, with which its poses are trusted.
 const BELIEVED: f64 = 2.0;
 
-/// Turn about each axis of the world, radians, and motion along each, world units.
+/// Rotation about each axis of the world, radians, and motion along each, world units.
 type Twist = [f32; 6];
 
-/// Poses of a run's photographs, as far as they are from the given ones.
+/// Corrections of the given poses of a run's photographs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Poses {
     moved: Vec<Twist>,
-    /// Corrections before the last step. Rays use these, as they are cast while the step before theirs is taken.
+    /// Corrections before the last step. Rays use these, because they are cast while the step before theirs is
+    /// computed.
     cast: Vec<Twist>,
-    /// Gradients since the last move.
+    /// Sums of the gradients since the last move.
     sums: Vec<Twist>,
     moment1: Vec<Twist>,
     moment2: Vec<Twist>,
@@ -52,8 +55,8 @@ pub struct Poses {
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PosesFound {
-    /// Pixels, the median: of a reconstruction's points, how far they are projected from where they are seen; else of the
-    /// photographs, how far the first steps moved them.
+    /// Median, pixels: reprojection error of a reconstruction's points or, without these, motion of the photographs
+    /// in the first steps.
     pub pixels: f64,
     /// Whether `pixels` was measured at a reconstruction's sparse points.
     pub by_tracks: bool,
@@ -74,7 +77,7 @@ impl std::fmt::Display for PosesFound {
 }
 
 impl Poses {
-    /// Poses to refine, if settings and data call for it, and what was found; `None` where they stay as they are.
+    /// Returns the poses to refine, if settings and data call for it, and the verdict, if it is known.
     pub fn of(
         dataset: &Dataset,
         sights: bool,
@@ -97,7 +100,7 @@ impl Poses {
         }
     }
 
-    /// Those of `views` photographs, as they were given; `on_trial`: until it is decided whether they are refined.
+    /// Uncorrected poses of `views` photographs; `on_trial`: whether a trial decides if they are refined.
     pub fn given(views: usize, on_trial: bool) -> Self {
         let zeros = vec![[0.0; 6]; views];
         Self {
@@ -115,7 +118,7 @@ impl Poses {
         !self.on_trial
     }
 
-    /// Whether they belong to `views` and are finite: a checkpoint may hold anything.
+    /// Whether the poses belong to `views` and are finite: a checkpoint may hold anything.
     pub fn is_of(&self, views: &[View]) -> bool {
         let all = [&self.moved, &self.cast, &self.sums, &self.moment1, &self.moment2];
         let finite = |twists: &Vec<Twist>| twists.as_flattened().iter().all(|x| x.is_finite());
@@ -123,7 +126,7 @@ impl Poses {
             && self.moment2.as_flattened().iter().all(|&x| x >= 0.0)
     }
 
-    /// Cameras that the rays of the next step are cast from, of photographs with these `given` ones.
+    /// Cameras that the rays of the next step are cast from; `given`: the photographs with their given poses.
     pub fn cast(&self, given: &[View]) -> Vec<Camera> {
         cameras(given, &self.cast)
     }
@@ -132,21 +135,21 @@ impl Poses {
         cameras(given, &self.moved)
     }
 
-    /// Lets rays be cast from where the cameras are now, from the next step on; whether that is elsewhere.
+    /// Casts rays from the present cameras from the next step on; returns whether these have moved.
     pub fn renew(&mut self) -> bool {
         let moved = self.cast != self.moved;
         self.cast.clone_from(&self.moved);
         moved
     }
 
-    /// What is asked of rays when `share` of the run is done.
+    /// Request for ray gradients at the fraction `share` of the run.
     pub fn question(share: f64, contraction: &Contraction) -> RayQuestion {
         let sharp = (share / SHARP_FROM).min(1.0) as f32;
         let blur = contraction.radius() * BLURS[0].powf(1.0 - sharp) * BLURS[1].powf(sharp);
         RayQuestion { contraction: *contraction, blur }
     }
 
-    /// Adds the gradients of a batch's rays, which are of these photographs.
+    /// Adds the gradients of a batch's rays to the sums of their photographs.
     pub fn add<'g>(&mut self, batch: &Batch, gradients: impl Iterator<Item = &'g RayGradient>) {
         for gradient in gradients {
             let ray = gradient.ray as usize;
@@ -158,8 +161,8 @@ impl Poses {
         }
     }
 
-    /// Moves the cameras after step `step` of a run, where it is time to. What was found, where this was the step that
-    /// decides it.
+    /// Moves the cameras after step `step` of a run, if a move is due. Returns the verdict if this was the trial's
+    /// last step.
     pub fn step(
         &mut self,
         given: &[View],
@@ -173,7 +176,7 @@ impl Poses {
         self.verdict(step, given, contraction)
     }
 
-    /// What is found after step `step`, if it is the trial's last.
+    /// Verdict after step `step`, if it is the trial's last.
     fn verdict(&mut self, step: u32, given: &[View], contraction: &Contraction) -> Option<PosesFound> {
         if step + 1 != TRIAL {
             return None;
@@ -184,7 +187,7 @@ impl Poses {
         Some(PosesFound { pixels, by_tracks: false, refined })
     }
 
-    /// One step of Adam, in pixels.
+    /// One Adam step, in pixels.
     pub fn move_cameras(&mut self, given: &[View], share: f64, contraction: &Contraction) {
         self.moves += 1;
         let rate = RATES[0] * (RATES[1] / RATES[0]).powf(share as f32);
@@ -212,7 +215,7 @@ impl Poses {
         }
     }
 
-    /// How far the image moved, root mean square, the median over the photographs: in pixels, and in focal lengths.
+    /// Motion of the image, root mean square, median over the photographs: in pixels, and in focal lengths.
     fn median_motion(&self, given: &[View], contraction: &Contraction) -> (f64, f64) {
         let of = |(view, moved): (&View, &Twist)| {
             let m = motion(&view.camera, contraction);
@@ -265,7 +268,7 @@ fn motion(camera: &Camera, contraction: &Contraction) -> [[f32; 6]; 6] {
     sum.map(|row| row.map(|x| x / count))
 }
 
-/// The lower triangle `L` with `L Lᵀ = m`, a little of the diagonal added.
+/// Lower triangle `L` with `L Lᵀ = m`, after a little of the diagonal is added.
 fn cholesky(m: &[[f32; 6]; 6]) -> [[f64; 6]; 6] {
     let mut l = [[0.0f64; 6]; 6];
     for i in 0..6 {
@@ -301,7 +304,8 @@ fn backward(l: &[[f64; 6]; 6], x: Twist) -> Twist {
     y.map(|y| y as f32)
 }
 
-/// Takes out what all cameras do together, which the field cannot tell: mean turn and motion, and growth about their middle.
+/// Removes what all cameras do together, which the field cannot tell: mean rotation, mean motion, and growth about
+/// their centre.
 fn hold(moved: &mut [Twist], given: &[View]) {
     let count = moved.len().max(1) as f32;
     let places = || given.iter().map(|view| view.camera.pose().position);

@@ -1,4 +1,4 @@
-//! When to stop, and how fast to learn until then.
+//! Budget of a run, and its learning rate.
 
 use crate::model::config::OptimiserConfig;
 use crate::system::progress::Total;
@@ -6,37 +6,37 @@ use anyhow::bail;
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
-/// Fewest steps of a run that a limit in seconds ends: after fewer the field is still next to what it began as.
+/// Fewest steps of a run that a limit in seconds ends: with fewer the field is hardly trained.
 pub const MIN_STEPS: u32 = 20;
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Budget {
-    /// Steps; `None` if time alone decides.
+    /// Number of steps; `None` if time alone decides.
     pub steps: Option<u32>,
     /// Wall-clock seconds, everything included.
     pub seconds: Option<f64>,
 }
 
-/// What a command has done when its limit in seconds is reached.
+/// Progress of a command when its limit in seconds is reached.
 #[derive(Clone, Copy, Debug)]
 pub struct Done {
-    /// Steps that earlier runs did, which this command resumes.
+    /// Steps of earlier runs, which this command resumes.
     pub before: u32,
     pub steps: u32,
-    /// This command's seconds before its first step.
+    /// Seconds of this command before its first step.
     pub prepared: f64,
     pub seconds: f64,
-    /// Seconds kept for what follows the last step.
+    /// Seconds reserved for the work after the last step.
     pub reserve: f64,
 }
 
-/// Seconds as a duration: nothing below 0 or of NaN, and no more than 30 years.
+/// Seconds as a duration: 0 if negative or NaN, and at most 30 years.
 pub fn duration(seconds: f64) -> Duration {
     const LONGEST: f64 = 1e9;
     Duration::try_from_secs_f64(if seconds > LONGEST { LONGEST } else { seconds }).unwrap_or_default()
 }
 
-/// Wall-clock time of a command, and of the runs that it goes on from.
+/// Wall-clock time of a command, and of the runs that it resumes.
 #[derive(Clone, Copy, Debug)]
 pub struct Clock {
     start: Instant,
@@ -44,24 +44,24 @@ pub struct Clock {
 }
 
 impl Clock {
-    /// Goes on from what a checkpoint had used.
+    /// Starts a clock that includes `before`, the time in a checkpoint.
     pub fn resume(before: Duration) -> Self {
         Self { start: Instant::now(), before }
     }
 
-    /// The same clock, `before` counted in, which earlier commands took.
+    /// The same clock including `before`, the time of earlier commands.
     #[must_use]
     pub fn after(self, before: Duration) -> Self {
         Self { before, ..self }
     }
 
-    /// The same clock, `spent` of this command not counted.
+    /// The same clock without `spent`, a time of this command.
     #[must_use]
     pub fn without(self, spent: Duration) -> Self {
         Self { start: self.start + spent, ..self }
     }
 
-    /// Seconds used, those of earlier commands among them.
+    /// Seconds used, including those of earlier commands.
     pub fn seconds(&self) -> f64 {
         self.before.saturating_add(self.start.elapsed()).as_secs_f64()
     }
@@ -81,14 +81,14 @@ impl Budget {
         }
     }
 
-    /// The budget of a run that goes on after `seconds` of earlier commands. A limit in seconds is this command's own,
-    /// so that shares go on as in one run of both times.
+    /// Budget of a run that resumes after `seconds` of earlier commands. A limit in seconds is this command's own, so
+    /// that the used fraction goes on as in one run of both times.
     #[must_use]
     pub fn after(self, seconds: f64) -> Self {
         Self { seconds: self.seconds.map(|limit| limit + seconds), ..self }
     }
 
-    /// Refuses a run that the limit in seconds ended before `min_steps` steps, or without a single one of this
+    /// Refuses a run that its limit in seconds ended before `min_steps` steps, or without a single step of this
     /// command.
     pub fn check_steps(&self, done: Done, min_steps: u32) -> anyhow::Result<()> {
         let Some(limit) = self.seconds.filter(|_| self.steps.is_none_or(|steps| done.steps < steps)) else {
@@ -99,10 +99,10 @@ impl Budget {
         if found >= expected {
             return Ok(());
         }
-        // Where no step tells what one takes, training gets as long as everything before it.
+        // If no step was measured, training gets as long as everything before it.
         let step = (found > 0).then(|| (done.seconds - done.prepared) / f64::from(found));
         let training = step.map_or(done.prepared, |step| 1.5 * step * f64::from(expected)).max(1.0);
-        // What is kept for the end grows with the limit.
+        // The reserve grows with the limit.
         let kept = (done.reserve / limit).clamp(0.0, 0.5);
         let enough = ((done.prepared + training) / (1.0 - kept)).max(limit).ceil() + 1.0;
         let Done { prepared, reserve, .. } = done;
@@ -113,7 +113,7 @@ impl Budget {
         )
     }
 
-    /// Share of the budget that is used, `0..=1`; `reserve` seconds at the end belong to others.
+    /// Used fraction of the budget, `0..=1`; the last `reserve` seconds are not for steps.
     pub fn share(&self, step: u32, seconds: f64, reserve: f64) -> f64 {
         let of_steps = self.steps.map_or(0.0, |steps| f64::from(step) / f64::from(steps));
         let of_time = self.seconds.map_or(0.0, |limit| seconds / (limit - reserve).max(1e-3));
@@ -121,7 +121,7 @@ impl Budget {
     }
 }
 
-/// The learning rate when `share` of the budget is used and `step` steps are done: `rate · final_share^share`, after a
+/// Learning rate at the used fraction `share` of the budget, after `step` steps: `rate · final_share^share`, after a
 /// linear warm-up.
 pub fn learning_rate(config: &OptimiserConfig, step: u32, share: f64) -> f64 {
     let warm = if config.warm_up == 0 { 1.0 } else { f64::from(step + 1) / f64::from(config.warm_up) };

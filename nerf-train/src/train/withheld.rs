@@ -1,23 +1,26 @@
-//! Photographs withheld at the beginning of a run. How much better the field shows the others decides the weight decay.
+//! Photographs withheld at the beginning of a run. How much better the field shows the others decides the weight
+//! decay.
 
 use crate::data::View;
 use crate::model::config::{Config, OptimiserConfig, Withholding};
 use crate::model::engine::Batch;
 use serde::{Deserialize, Serialize};
 
-/// Steps of the trial, in which photographs are withheld, and the step from which on errors are summed.
+/// Steps of the trial, in which photographs are withheld, and step from which errors are summed.
 const TRIAL: u32 = 1_500;
 const SUMMED_FROM: u32 = 1_000;
-/// Step from which on the withheld photographs are learned as well as the others.
+/// Step from which the withheld photographs are learned as well as the others.
 pub const LEARNED_FROM: u32 = 2_000;
-/// Fewest steps of a run that has a trial, and share of the run at which an unfinished trial ends without a verdict.
+/// Fewest steps of a run that has a trial, and fraction of the run at which an unfinished trial ends without a
+/// verdict.
 const FEWEST_STEPS: u32 = 2 * TRIAL;
 const GIVEN_UP_AT: f64 = 0.5;
 /// Number of withheld photographs, and fewest photographs of a capture that has a trial.
 const COUNT: usize = 6;
 const FEWEST: usize = 24;
-/// Gap up to which the weight decay stays as it was set, and gap from which on it is [`MOST`] times as much, dB. Captures that
-/// lose by more decay have gaps of 0.8 to 2.9. One whose light turned with its object has 4.9 to 5.1, and gains 2.4 dB by it.
+/// Gap up to which the weight decay stays as set, and gap from which it is [`MOST`] times as much, dB. Captures that
+/// lose by more decay have gaps of 0.8 to 2.9. One whose light turned with its object has 4.9 to 5.1, and gains 2.4
+/// dB by more decay.
 const GAPS: [f64; 2] = [3.4, 4.4];
 const MOST: f64 = 30.0;
 /// Fewest rays of a photograph whose error is known.
@@ -30,12 +33,12 @@ pub struct Withheld {
     sums: Vec<[f64; 5]>,
 }
 
-/// What withheld photographs showed.
+/// Verdict of the withheld photographs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WithheldFound {
     /// Mean PSNR of the photographs trained on, less that of those withheld, dB.
     pub gap_db: f64,
-    /// Weight decay from then on.
+    /// Weight decay after the trial.
     pub weight_decay: f64,
 }
 
@@ -63,7 +66,7 @@ impl std::fmt::Display for WithheldFound {
 }
 
 impl Withheld {
-    /// State before the first step; `None` where settings rule it out, or there are too few photographs.
+    /// State before the first step; `None` if the settings rule the trial out, or if there are too few photographs.
     pub fn of(views: &[View], config: &Config) -> Option<Self> {
         let fits = config.capture.withhold == Withholding::Auto
             && config.network.grid.is_some()
@@ -73,7 +76,7 @@ impl Withheld {
         fits.then(|| Self { sums: vec![[0.0; 5]; views.len()] })
     }
 
-    /// Whether a run of which this share is done is too short for the trial.
+    /// Whether a run of which the fraction `share` is done is too short for the trial.
     pub fn is_given_up(share: f64) -> bool {
         share > GIVEN_UP_AT
     }
@@ -82,7 +85,7 @@ impl Withheld {
         self.sums.len() == views.len() && self.sums.as_flattened().iter().all(|x| x.is_finite())
     }
 
-    /// Whether the photograph is one of [`COUNT`] that lie evenly among all.
+    /// Whether the photograph is one of [`COUNT`] that are spread evenly over all.
     fn has(&self, view: usize) -> bool {
         let apart = self.sums.len() / COUNT;
         view % apart == apart / 2 && view / apart < COUNT
@@ -112,7 +115,7 @@ impl Withheld {
         }
     }
 
-    /// What is found after step `step`, if it is the trial's last.
+    /// Verdict after step `step`, if it is the trial's last.
     pub fn verdict(&self, step: u32, optimiser: &OptimiserConfig) -> Option<WithheldFound> {
         if step + 1 != TRIAL {
             return None;
@@ -123,14 +126,14 @@ impl Withheld {
             all.iter().sum::<f64>() / all.len() as f64
         };
         let gap_db = mean_db(false) - mean_db(true);
-        // A gap that is not known: photographs without rays, or without an error.
+        // The gap is unknown if photographs have no rays or no error.
         let above = if gap_db.is_finite() { (gap_db - GAPS[0]) / (GAPS[1] - GAPS[0]) } else { 0.0 };
         let weight_decay = optimiser.weight_decay * MOST.powf(above.clamp(0.0, 1.0));
         Some(WithheldFound { gap_db, weight_decay: weight_decay.min(1.0 / optimiser.rate) })
     }
 }
 
-/// PSNR of a photograph after its mean error, which is a matter of exposure, is taken off. `None` of too few rays.
+/// PSNR of a photograph without its mean error, which depends on exposure; `None` if it has too few rays.
 fn psnr_db(&[r, g, b, squares, count]: &[f64; 5]) -> Option<f64> {
     let offset = (r * r + g * g + b * b) / count;
     (count >= KNOWN).then(|| crate::train::psnr_db_of_mse((squares - offset) / (3.0 * count)))

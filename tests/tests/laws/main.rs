@@ -10,6 +10,7 @@ mod oracle;
 mod parity;
 mod rooms;
 mod sizes;
+mod words;
 
 use proptest::test_runner::{Config, RngSeed};
 

@@ -1,4 +1,4 @@
-//! Coded tables: what they carry, and what of them is refused.
+//! Coded tables: contents and refusals.
 
 use super::grid::{contents, learned, shape};
 use super::*;
@@ -179,7 +179,7 @@ fn a_damaged_stream_is_refused_by_whoever_decodes_it_and_few_bytes_ask_for_no_me
     }
     #[cfg(feature = "std")]
     assert_eq!(crate::Scene::from_bytes(file).unwrap_err(), expected);
-    // A few bytes behind a grid of 2^24 values: what it takes is refused before anybody asks for it.
+    // A few bytes for a grid of 2^24 values: refused before memory is allocated.
     let scales = 1f32.to_le_bytes();
     let resolutions = [[511, 511, 127]].into_iter().collect();
     let a = shape(GridEncoding { log2_entries: 24, features: 1, resolutions, ..learned() });

@@ -1,4 +1,4 @@
-//! The front: what is written is opened, and what is no front is refused.
+//! The Pareto front: valid points are written and read back, all others refused.
 
 use super::*;
 use crate::math::MathBackend;
@@ -16,7 +16,7 @@ const POINT: FrontPoint = FrontPoint {
     cost: 1.0,
 };
 
-/// A front of as many points as there may be.
+/// A Pareto front of the maximum number of points.
 fn longest() -> Vec<FrontPoint> {
     let point = |i: u16| FrontPoint {
         samples: 64 - i,
@@ -30,14 +30,14 @@ fn longest() -> Vec<FrontPoint> {
     (0..MAX_FRONT as u16).map(point).collect()
 }
 
-/// The error of the tests' scene with these points.
+/// The error of the tests' scene with these points as its Pareto front.
 fn refused_with(points: &[FrontPoint]) -> BlobError {
     let (weights, _) = halve(&parameters(&every_kind(), 1));
     let front = points.iter().copied().collect();
     refused(&Body { front, ..body(every_kind(), None, &weights) })
 }
 
-/// What is wrong with a front of one good point and this one.
+/// The fault of a Pareto front of one valid point and this one.
 fn fault(change: impl FnOnce(&mut FrontPoint)) -> FrontFault {
     let mut point = FrontPoint { loss_db: 0.1, cost: 0.5, ..POINT };
     change(&mut point);

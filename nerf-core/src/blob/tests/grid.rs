@@ -1,4 +1,4 @@
-//! Blobs with a grid: what they carry, and what of it is refused.
+//! Blobs with a grid encoding: contents and refusals.
 
 use super::*;
 use crate::encoding::{
@@ -32,7 +32,7 @@ fn f16(bytes: &[u8]) -> Option<StoredTables<'_>> {
     Some(StoredTables::F16(bytes))
 }
 
-/// The error of the scene after `change` of its grid; the shape is refused before its contents are looked at.
+/// The error of the scene after `change` of its grid. The shape is refused before the contents are checked.
 fn grid_refused(change: impl FnOnce(&mut GridEncoding)) -> ArchitectureError {
     let mut grid = learned();
     change(&mut grid);
@@ -138,7 +138,7 @@ fn tables_are_there_exactly_with_a_grid_and_of_its_length() {
             error
         );
     }
-    // Of int8, half as many.
+    // int8 tables take half as many bytes.
     let scales = [0, 0, 128, 63].repeat(2);
     for found in [0, tables.len() / 2 - 1, tables.len() / 2 + 1, tables.len()] {
         let int8 = Some(StoredTables::Int8 { scales: &scales, bytes: &tables[..found] });
@@ -211,7 +211,7 @@ fn a_list_of_33_levels_is_refused_by_its_section() {
     let a = shape(learned());
     let (weights, tables) = contents(&a);
     let mut file = bytes(&Body { tables: f16(&tables), ..body(a, None, &weights) });
-    // The list's length, and as many levels behind it.
+    // The list's length, followed by as many levels.
     file[HEADER_LEN + 4] = 33;
     file.splice(HEADER_LEN + 5..HEADER_LEN + 5, [1; 31 * 3]);
     let rest = file.split_off(HEADER_LEN);

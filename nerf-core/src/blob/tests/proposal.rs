@@ -1,10 +1,10 @@
-//! The proposal network is checked as the scene's own is.
+//! Tests that the proposal network is checked by the same rules as the scene's network.
 
 use super::*;
 use crate::network::{DensityActivation, TrunkLayer};
 use std::vec::Vec;
 
-/// A proposal network of another shape than the scene's, with weights of its own.
+/// A proposal network whose shape differs from the scene's network.
 fn coarse(weights: &[u8]) -> Proposal<'_> {
     Proposal {
         position: SinusoidalEncoding { inputs: 3, levels: 6, scale: AngleScale::One, identity: false },
@@ -15,7 +15,7 @@ fn coarse(weights: &[u8]) -> Proposal<'_> {
     }
 }
 
-/// Its trunk and density head.
+/// Weights of its trunk and density head, little-endian f16.
 fn coarse_weights() -> Vec<u8> {
     let a = coarse(&[]).architecture();
     let (mut weights, _) = halve(&parameters(&a, 3));

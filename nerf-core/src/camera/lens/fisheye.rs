@@ -1,4 +1,4 @@
-//! The fisheye: angles off the axis, and where they are seen.
+//! The fisheye model and its inverse.
 
 use super::Lens;
 use super::model::FOLD;
@@ -6,11 +6,11 @@ use crate::math::polynomial::{angle, sin_cos};
 use core::f32::consts::PI;
 use glam::{Vec2, Vec3};
 
-/// Steps of the search from the axis to half a turn.
+/// Number of steps of the search for an angle from 0 to π.
 const STEPS: u8 = 32;
 
 impl Lens {
-    /// The distance from the principal point where the angle `theta` is seen, and its derivative.
+    /// Distance from the principal point at which the angle `theta` is seen, and its derivative.
     fn angle_seen(&self, theta: f32) -> (f32, f32) {
         let t = theta * theta;
         let seen = 1.0 + t * (self.k1 + t * (self.k2 + t * (self.k3 + t * self.k4)));
@@ -19,7 +19,7 @@ impl Lens {
         (theta * seen, slope)
     }
 
-    /// The image point where a direction is seen, of any length but 0: right, down, forward.
+    /// Projects a direction (right, down, forward), of any length but 0, to normalised image coordinates.
     pub(super) fn fisheye_seen(&self, dir: Vec3) -> (f32, f32) {
         let across = Vec2::new(dir.x, dir.y).length();
         if across == 0.0 {
@@ -29,10 +29,10 @@ impl Lens {
         (dir.x / across * seen, dir.y / across * seen)
     }
 
-    /// The unit direction that is seen at `(xd, yd)`: right, down, forward.
+    /// The unit direction (right, down, forward) that is seen at `(xd, yd)`.
     ///
-    /// The first angle from the axis on that is seen so far out, by Newton's method between two angles that hold it;
-    /// `None` where the lens turns back before, or half a turn is not enough.
+    /// Finds the smallest angle that is seen at that distance, by Newton's method inside a bracket. `None` if the
+    /// lens folds at a smaller angle, or π is not enough.
     pub(super) fn fisheye_direction(&self, xd: f32, yd: f32) -> Option<Vec3> {
         let seen = Vec2::new(xd, yd).length();
         if seen == 0.0 {
@@ -58,7 +58,7 @@ impl Lens {
                 low = theta
             }
             let next = theta - off / slope;
-            // Not where rounding alone decides, and never out of the bracket.
+            // Bisects if Newton's step leaves the bracket.
             let inside = next > low && next < high;
             let next = if inside { next } else { 0.5 * (low + high) };
             if next == theta {
@@ -66,12 +66,12 @@ impl Lens {
             }
             theta = next;
         }
-        // Where the lens is so steep that no angle of f32 is seen there, there is none.
+        // The lens may be so steep that no angle in f32 is seen at this distance.
         let off = (self.angle_seen(theta).0 - seen).abs();
         (off <= 1e-6 * seen.max(1.0)).then_some(theta)
     }
 
-    /// Two angles between which `seen` lies, with no fold up to the second.
+    /// Brackets the angle seen at distance `seen`, with no fold up to the larger angle.
     fn angles_around(&self, seen: f32) -> Option<(f32, f32)> {
         let mut low = 0.0;
         for step in 1..=STEPS {
@@ -90,7 +90,7 @@ impl Lens {
         None
     }
 
-    /// The last angle before the lens turns back, which it does between `low` and `high`.
+    /// The largest angle before the fold between `low` and `high`.
     fn last_rising(&self, mut low: f32, mut high: f32) -> f32 {
         for _ in 0..24 {
             let middle = 0.5 * (low + high);
@@ -99,7 +99,7 @@ impl Lens {
         low
     }
 
-    /// Whether the lens turns back on the way from the axis to the unit direction `dir`.
+    /// Whether the lens folds between the axis and the unit direction `dir`.
     pub(super) fn fisheye_folds_before(&self, dir: Vec3) -> bool {
         let theta = angle(Vec2::new(dir.x, dir.y).length(), dir.z);
         (1..=128u8).any(|step| {

@@ -1,6 +1,6 @@
 //! Lens distortion and its inverse: radial-tangential lenses and fisheyes.
 //!
-//! Without the feature `lens` there is one lens, [`Lens::NONE`]; a camera with another is refused.
+//! Without the feature `lens` only [`Lens::NONE`] is supported; a camera with another lens is refused.
 
 #[cfg(feature = "lens")]
 mod fisheye;
@@ -21,46 +21,47 @@ mod tests;
 /// k6 r⁶)` an ideal image point `(x, y)` is seen at `x radial + 2 p1 x y + p2 (r² + 2x²)`, and likewise
 /// `y radial + p1 (r² + 2y²) + 2 p2 x y`.
 ///
-/// [`Projection::Fisheye`]: a direction `θ` radians off the axis is seen `θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)` from the
-/// principal point, the way it points; `k5 k6 p1 p2` are 0.
+/// [`Projection::Fisheye`]: a direction `θ` radians off the axis is seen `θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)` from
+/// the principal point, on the side to which it points; `k5 k6 p1 p2` are 0.
 ///
 /// # Source
-/// Brown 1966 and Kannala, Brandt 2006, as OpenCV and COLMAP have them: `k1 k2 p1 p2` are the parameters of OPENCV, all
+/// Brown 1966 and Kannala, Brandt 2006, as in OpenCV and COLMAP: `k1 k2 p1 p2` are the parameters of OPENCV, all
 /// eight those of FULL_OPENCV, `k1 k2 k3 k4` of a fisheye those of OPENCV_FISHEYE.
 #[derive(Clone, Copy, Default, PartialEq)]
 pub struct Lens {
-    /// Radial, second order.
+    /// Radial coefficient of second order.
     pub k1: f32,
-    /// Radial, fourth order.
+    /// Radial coefficient of fourth order.
     pub k2: f32,
     /// Tangential.
     pub p1: f32,
     /// Tangential.
     pub p2: f32,
-    /// Radial, sixth order.
+    /// Radial coefficient of sixth order.
     pub k3: f32,
-    /// Radial, of the denominator, second order; of a fisheye, eighth.
+    /// Radial coefficient of second order in the denominator; in a fisheye, of eighth order.
     pub k4: f32,
-    /// Radial, of the denominator, fourth order.
+    /// Radial coefficient of fourth order in the denominator.
     pub k5: f32,
-    /// Radial, of the denominator, sixth order.
+    /// Radial coefficient of sixth order in the denominator.
     pub k6: f32,
     /// The model that the coefficients belong to.
     pub projection: Projection,
 }
 
-/// The distance from the principal point where a direction is seen without any coefficient.
+/// The projection of a lens without distortion: the distance from the principal point at which a direction is seen,
+/// in focal lengths.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Projection {
-    /// The tangent of the angle to the axis: straight lines stay straight.
+    /// The tangent of the angle to the axis, so that straight lines stay straight.
     #[default]
     Perspective,
-    /// The angle itself; up to half a turn.
+    /// The angle to the axis itself, radians, up to π.
     Fisheye,
 }
 
 impl Lens {
-    /// A lens that moves nothing.
+    /// The lens without distortion.
     pub const NONE: Self = Self {
         k1: 0.0,
         k2: 0.0,
@@ -73,14 +74,14 @@ impl Lens {
         projection: Projection::Perspective,
     };
 
-    /// The coefficients with their names.
+    /// All coefficients with their names.
     pub(crate) fn coefficients(&self) -> [(&'static str, f32); 8] {
         let Self { k1, k2, p1, p2, k3, k4, k5, k6, .. } = *self;
         [("k1", k1), ("k2", k2), ("p1", p1), ("p2", p2), ("k3", k3), ("k4", k4), ("k5", k5), ("k6", k6)]
     }
 }
 
-/// The coefficients that every lens has, and those of the rest that are not 0.
+/// Shows `k1 k2 p1 p2`, and of the other coefficients those that are not 0.
 impl core::fmt::Debug for Lens {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let mut lens = f.debug_struct("Lens");

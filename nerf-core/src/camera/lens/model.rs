@@ -1,20 +1,20 @@
-//! The lens model.
+//! The radial-tangential lens model, its inverse, and the search for folds.
 
 use super::{Lens, Projection};
 use glam::{Vec2, Vec3};
 
-/// The model folds over where its slope, or its Jacobian's determinant, is no more than this.
+/// Slope, or determinant of the Jacobian, at or below which the model counts as folded.
 pub(super) const FOLD: f32 = 1e-3;
-/// Slope below which Newton's method may leap over a fold: where it falls to no more than this and rises again
-/// (measured: up to 0.01).
+/// Slope at or below which a minimum of the slope counts as a fold, since Newton's method may jump over it (measured:
+/// up to 0.01).
 const TURN: f32 = 2e-2;
 
 impl Lens {
     /// Whether this build has lens distortion.
     pub(crate) const BUILT: bool = true;
 
-    /// The image point where a direction (right, down, forward; of any length but 0) is seen; `None` where no perspective
-    /// lens sees, at and behind the camera.
+    /// Projects a direction (right, down, forward; of any length but 0) to normalised image coordinates. `None` for a
+    /// perspective lens if the direction does not point forward.
     pub fn project(&self, dir: Vec3) -> Option<(f32, f32)> {
         match self.projection {
             Projection::Fisheye => Some(self.fisheye_seen(dir)),
@@ -22,7 +22,7 @@ impl Lens {
         }
     }
 
-    /// The image point where the ideal point `(x, y)` is seen.
+    /// Distorts the ideal point `(x, y)`, both in normalised image coordinates.
     pub fn distort(&self, x: f32, y: f32) -> (f32, f32) {
         if self.projection == Projection::Fisheye {
             return self.fisheye_seen(Vec3::new(x, y, 1.0));
@@ -35,21 +35,22 @@ impl Lens {
         )
     }
 
-    /// The ideal point that is seen at `(xd, yd)`, by Newton's method from `(xd, yd)` itself.
+    /// The ideal point that is seen at `(xd, yd)`: the inverse of [`Lens::distort`], by Newton's method from
+    /// `(xd, yd)`.
     ///
-    /// `None` where the lens folds over (the Jacobian's determinant is at most 1e-3 on the way) or where 20 steps do not
+    /// `None` if the lens folds over (the Jacobian's determinant is at most 1e-3 on the way), or if 20 steps do not
     /// bring the residual below 1e-6 of the coordinates (1e-6 itself within the unit circle): there the model has no
     /// inverse near the start, and a picture would show the same direction twice.
     ///
     /// # Domain
-    /// The finite points around the axis up to the fold. With `k1 < 0` alone that is the circle of radius
-    /// `2/3 / √(−3 k1)`, to the last hundredth; with `k1, k2 >= 0` and no tangential part there is no fold, and
-    /// 20 steps reach every point that is seen at up to 10 times its own radius. Elsewhere only the answer
-    /// tells; [`Camera::new`](crate::camera::Camera::new) asks on a lattice over the image, unless the lens is too
-    /// gentle to fail there.
+    /// The finite points around the axis up to the fold. With only `k1 < 0` that is the circle of radius
+    /// `2/3 / √(−3 k1)`, to within a hundredth. With `k1, k2 >= 0` and no tangential part there is no fold, and 20
+    /// steps reach every point that is seen at up to 10 times its own radius. For other lenses success cannot be
+    /// predicted; [`Camera::new`](crate::camera::Camera::new) tries a grid of image points, unless the distortion is
+    /// too weak to fail.
     ///
-    /// With `k3 k4 k5 k6` a step that does not lessen the residual, or passes the fold, is halved. A fisheye's point is
-    /// that of [`Lens::direction`], as far as it lies in front of the camera.
+    /// With `k3 k4 k5 k6` a step that does not reduce the residual, or passes the fold, is halved. For a fisheye the
+    /// point is that of [`Lens::direction`], if it lies in front of the camera.
     #[inline(never)]
     pub fn undistort(&self, xd: f32, yd: f32) -> Option<(f32, f32)> {
         if *self == Self::NONE {
@@ -82,7 +83,8 @@ impl Lens {
         None
     }
 
-    /// The direction (right, down, forward) that is seen at `(xd, yd)`, of any length; `None` as [`Lens::undistort`].
+    /// The direction (right, down, forward) that is seen at `(xd, yd)`, not normalised; `None` if there is no
+    /// inverse, as for [`Lens::undistort`].
     pub fn direction(&self, xd: f32, yd: f32) -> Option<Vec3> {
         match self.projection {
             Projection::Fisheye => self.fisheye_direction(xd, yd),
@@ -95,11 +97,11 @@ impl Lens {
         [self.k3, self.k4, self.k5, self.k6] != [0.0; 4]
     }
 
-    /// Newton's method with halved steps, for lenses that plain steps leave.
+    /// Newton's method with halved steps, for lenses for which full steps diverge.
     fn undistort_damped(&self, xd: f32, yd: f32) -> Option<(f32, f32)> {
         let seen = Vec2::new(xd, yd);
         let residual = |p: Vec2| Vec2::from(self.distort(p.x, p.y)) - seen;
-        // Where a step may end: in front of the fold, and of the pole of the radial part.
+        // Whether a step may end at a point: it must lie before the fold, and before the pole of the radial part.
         let sound = |p: Vec2| {
             let ([a, b], [c, d]) = self.jacobian(p.x, p.y);
             self.denominator(p.length_squared()).0 > FOLD && a * d - b * c > FOLD
@@ -130,7 +132,7 @@ impl Lens {
         None
     }
 
-    /// The radial factor at `r2`, the squared distance from the axis, and its derivative by that.
+    /// The radial factor at `r2`, the squared distance from the axis, and its derivative by `r2`.
     fn radial(&self, r2: f32) -> (f32, f32) {
         let above = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3));
         let slope = self.k1 + r2 * (2.0 * self.k2 + r2 * (3.0 * self.k3));
@@ -157,22 +159,22 @@ impl Lens {
         r2 * (3.0 * self.k1.abs() + 5.0 * self.k2.abs() * r2) + 6.0 * (self.p1.abs() + self.p2.abs()) * r
     }
 
-    /// Whether the model bends so little that for every point seen within `radius` of the axis
-    /// [`Self::undistort`] finds the ideal point, with no fold before it: a camera need ask no further.
+    /// Whether the distortion is so weak that for every point seen within `radius` of the axis [`Self::undistort`]
+    /// finds the ideal point, with no fold before it: a camera then needs no further check.
     ///
     /// With a bend `b` of at most 1/8 within 9/7 of `radius`, `x ↦ seen − (distort(x) − x)` contracts the disc of
     /// 8/7 `radius` into itself, so that it holds one ideal point. Newton's method starts within 1/7 `radius` of it
     /// and keeps at most `2b / (1 − b)`, 2/7, of the distance a step, without leaving the larger disc.
     ///
-    /// Of fisheyes and of lenses with `k3 k4 k5 k6` nothing is proved here.
+    /// `false` for fisheyes and for lenses with `k3 k4 k5 k6`, to which the proof does not apply.
     pub(crate) fn is_gentle(&self, radius: f32) -> bool {
         self.projection == Projection::Perspective
             && !self.is_rational()
             && self.bend(9.0 / 7.0 * radius) <= 0.125
     }
 
-    /// The direction (right, down, forward) that is seen at `(xd, yd)`, if it can be found and, `from_axis`, lies in front
-    /// of every fold.
+    /// The direction (right, down, forward) that is seen at `(xd, yd)`, if it can be found and, with `from_axis`, no
+    /// fold lies between the axis and it.
     pub(crate) fn invert(&self, xd: f32, yd: f32, from_axis: bool) -> Option<Vec3> {
         if self.projection == Projection::Fisheye {
             return self
@@ -185,8 +187,8 @@ impl Lens {
         found.then(|| Vec3::new(x, y, 1.0))
     }
 
-    /// Whether Newton's method may start at `(xd, yd)`, beyond the point it looks for: in front of every fold, and
-    /// with a first step that cannot leap over the axis to what is behind it.
+    /// Whether Newton's method may start at `(xd, yd)`, further from the axis than the solution: no fold lies before
+    /// the start, and the first step cannot jump across the axis.
     fn starts_well(&self, xd: f32, yd: f32) -> bool {
         let (fx, fy) = self.distort(xd, yd);
         let (ex, ey) = (fx - xd, fy - yd);
@@ -196,16 +198,16 @@ impl Lens {
         step.0 * step.0 + step.1 * step.1 <= xd * xd + yd * yd && !self.folds_before(xd, yd)
     }
 
-    /// Whether the model turns back on the way from the axis to the ideal point `(x, y)`.
+    /// Whether the model folds between the axis and the ideal point `(x, y)`.
     ///
-    /// Newton's method, started behind a fold, finds the point behind it: one of the directions that are seen
-    /// there, and not the one that a lens shows.
+    /// Started behind a fold, Newton's method finds a solution behind it, which is not the direction that a real lens
+    /// shows there.
     fn folds_before(&self, x: f32, y: f32) -> bool {
         let r2 = x * x + y * y;
         if self.is_rational() {
             return self.folds_on_the_way(x, y);
         }
-        // No slope below 0.1 and no determinant below its square.
+        // All slopes are at least 0.1, and all determinants at least 0.01.
         if self.bend(Vec2::new(x, y).length()) <= 0.9 {
             return false;
         }
@@ -213,8 +215,8 @@ impl Lens {
         let (second, fourth) = (3.0 * self.k1 * r2, 5.0 * self.k2 * r2 * r2);
         let tilt = 6.0 * (self.p2 * x + self.p1 * y);
         let slope = |s: f32| 1.0 + s * (tilt + s * (second + s * s * fourth));
-        // Without the tilt it is least at s² = turn, which steps could pass over, or else at an end; a tilt below 0
-        // takes more from it, one above may lift it.
+        // Without the tilt the slope is least at s² = turn, which the steps below could miss, or at an end. A
+        // negative tilt lowers it, a positive one may raise it.
         let turn = -second / (2.0 * fourth);
         if tilt <= 0.0 && fourth > 0.0 && turn > 0.0 && turn < 1.0 && 1.0 + 0.5 * second * turn <= TURN {
             return true;
@@ -234,8 +236,8 @@ impl Lens {
         })
     }
 
-    /// [`Lens::folds_before`] by steps alone: where the slope along the way, the determinant or the denominator of the
-    /// radial part is no more than [`FOLD`].
+    /// [`Lens::folds_before`] by sampling alone: whether the slope along the path, the determinant or the denominator
+    /// of the radial part is at most [`FOLD`] at a sample.
     fn folds_on_the_way(&self, x: f32, y: f32) -> bool {
         let r2 = x * x + y * y;
         (1..=128u8).any(|step| {
@@ -247,8 +249,8 @@ impl Lens {
         })
     }
 
-    /// [`Lens::direction`] for a camera, whose lens was gentle or invertible on a lattice when it was made: where a strong
-    /// tangential part folds between its points, the distorted direction stays, which is off but finite.
+    /// [`Lens::direction`] for a camera, which checked its lens at a grid of image points. If a strong tangential
+    /// part folds between these, returns the distorted direction, which is wrong but finite.
     #[inline]
     pub(crate) fn straighten(&self, xd: f32, yd: f32) -> Vec3 {
         if *self == Self::NONE {

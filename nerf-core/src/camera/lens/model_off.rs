@@ -1,4 +1,4 @@
-//! In place of `model.rs` in a build without it: nothing moves.
+//! Replaces `model.rs` in builds without the feature `lens`: no lens distorts.
 
 use super::Lens;
 use glam::Vec3;
@@ -13,7 +13,7 @@ impl Lens {
         Vec3::new(xd, yd, 1.0)
     }
 
-    /// Whether nothing moves.
+    /// Whether the distortion is weak: always, since there is none.
     #[inline(always)]
     pub(crate) fn is_gentle(&self, _radius: f32) -> bool {
         true
@@ -25,7 +25,8 @@ impl Lens {
         Some(Vec3::new(xd, yd, 1.0))
     }
 
-    /// Where a direction (right, down, forward) is seen; `None` behind the camera.
+    /// Projects a direction (right, down, forward) to normalised image coordinates; `None` if it does not point
+    /// forward.
     pub fn project(&self, dir: Vec3) -> Option<(f32, f32)> {
         (dir.z > 0.0).then(|| (dir.x / dir.z, dir.y / dir.z))
     }

@@ -1,4 +1,4 @@
-//! Lenses against COLMAP's own projections: what `pycolmap.Camera.img_from_cam` (4.2.1) says, to 1e-4 pixels.
+//! Lenses against COLMAP's own projections: results of `pycolmap.Camera.img_from_cam` (4.2.1), to 1e-4 pixels.
 
 use crate::camera::{Camera, Intrinsics, Lens, Pose, Projection};
 use glam::{Mat3, Vec3};
@@ -15,7 +15,7 @@ const DIRS: [[f32; 3]; 6] = [
 
 const FISHEYE: Lens = Lens { projection: Projection::Fisheye, ..Lens::NONE };
 
-/// Model, `fx fy cx cy`, lens, and where [`DIRS`] are seen.
+/// Model, `fx fy cx cy`, lens, and the image points of [`DIRS`].
 type Case = (&'static str, [f32; 4], Lens, [[f64; 2]; 6]);
 
 const CASES: [Case; 6] = [
@@ -109,13 +109,13 @@ const CASES: [Case; 6] = [
     ),
 ];
 
-/// At the origin, so that +x is right, −y down, −z forward in the world.
+/// A camera at the origin, so that in the world +x is right, −y down, −z forward.
 fn camera((width, height): (u32, u32), [fx, fy, cx, cy]: [f32; 4], lens: Lens) -> Camera {
     let pose = Pose { rotation: Mat3::IDENTITY, position: Vec3::ZERO };
     Camera::new(Intrinsics { width, height, fx, fy, cx, cy }, lens, pose).expect("a camera")
 }
 
-/// Pixels between the projections of two directions near each other, which lie within a small angle.
+/// Distance of the projections of two nearby directions, pixels, by the small-angle approximation.
 fn apart(ray: Vec3, dir: Vec3, focal: f32) -> f32 {
     (ray - dir).length() * focal
 }

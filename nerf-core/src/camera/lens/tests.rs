@@ -126,7 +126,7 @@ fn the_domain_reaches_to_the_fold_and_without_one_to_ten_radii() {
     }
 }
 
-/// Lenses of every sign and size, each with a radius at which its bend is `bend` and points within it.
+/// Lenses of every sign and size, each with a radius at which its distortion bound is `bend`, and points within it.
 fn lenses_of_bend(bend: f32) -> impl Iterator<Item = (Lens, f32, Vec<(f32, f32)>)> {
     let (signs, sizes) = (noise(16_000, 5), noise(16_000, 6));
     (0..4_000).map(move |i| {

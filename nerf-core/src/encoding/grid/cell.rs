@@ -1,13 +1,13 @@
-//! The cell of a level that a sample falls into: its corners' entries and their weights.
+//! The cell of a level that contains a sample: the table entries of its corners, and their weights.
 
 use super::level::{HASH_Y, HASH_Z};
 use super::{GridLevel, GridTables};
 use crate::memory::tail;
 use crate::simd::{Indices, Lanes};
 
-/// A vector of positions in 0..1 on each axis of the box.
+/// Maps a vector of positions to 0..1 on each axis of the box.
 ///
-/// A coordinate outside by rounding is moved to the face, and NaN to 0.
+/// A coordinate outside of the box is moved to its face, and NaN to 0.
 #[inline(always)]
 pub(super) fn unit_positions<V: Lanes>(
     tables: &GridTables<'_>,
@@ -25,19 +25,19 @@ pub(super) fn unit_positions<V: Lanes>(
     unit
 }
 
-/// Cells of a vector of samples at one level.
+/// The cells of a vector of samples at one level.
 pub(super) struct Cells<V: Lanes> {
-    /// The corner nearest to 0, in vertices along x, y and z.
+    /// Index of the cell's smallest corner, in vertices along x, y and z.
     x: V::Indices,
     y: V::Indices,
     z: V::Indices,
-    /// The position between that corner and the opposite one, 0 to 1 on each axis.
+    /// Position of the sample inside the cell, 0 to 1 on each axis.
     pub weights: [V; 3],
 }
 
 impl<V: Lanes> Cells<V> {
-    /// The cells that hold the positions `unit`: on a face between two, the one further on; the last one holds
-    /// the box's own face, too.
+    /// Finds the cells that contain the positions `unit`. A face between two cells belongs to the one with the larger
+    /// index, the largest face of the box to the last cell.
     #[inline(always)]
     pub fn of(level: &GridLevel, unit: [V; 3]) -> Self {
         let [nx, ny, nz] = level.cells;
@@ -47,8 +47,9 @@ impl<V: Lanes> Cells<V> {
         Self { x, y, z, weights: [wx, wy, wz] }
     }
 
-    /// The entry of each row's corner at x, from the level's first; that at x + 1 follows. Rows are
-    /// (y, z), (y + 1, z), and in three dimensions (y, z + 1), (y + 1, z + 1). As [`GridLevel::row`] has it.
+    /// Index of the entry at (x, row) of each row of corners, counted from the level's first entry; the entry at
+    /// x + 1 follows. Rows are (y, z), (y + 1, z), and in three dimensions (y, z + 1), (y + 1, z + 1). See
+    /// [`GridLevel::row`].
     #[inline(always)]
     pub fn rows<const ROWS: usize>(&self, level: &GridLevel) -> [V::Indices; ROWS] {
         let number = V::Indices::splat;
@@ -77,7 +78,8 @@ impl<V: Lanes> Cells<V> {
         rows
     }
 
-    /// The rows' weights, without x's share: of y, or in three dimensions of y and z.
+    /// Weight of each row: the factor of y, in three dimensions times the factor of z. The factor of x is not
+    /// included.
     #[inline(always)]
     pub fn row_weights<const ROWS: usize>(&self) -> [V; ROWS] {
         let [_, wy, wz] = self.weights;
@@ -106,7 +108,7 @@ impl<V: Lanes> Cells<V> {
         weights
     }
 
-    /// Derivatives of [`Cells::row_weights`] by z, in units of a cell; for three dimensions.
+    /// Derivatives of [`Cells::row_weights`] by z, in units of a cell; three dimensions only.
     #[cfg(feature = "normals")]
     #[inline(always)]
     pub fn row_weights_by_z<const ROWS: usize>(&self) -> [V; ROWS] {

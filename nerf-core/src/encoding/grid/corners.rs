@@ -1,32 +1,32 @@
-//! The entries that the encoding read of its tables, for a trainer to add a gradient to.
+//! The table entries that the encoding reads, to which a trainer adds gradients.
 
 use super::cell::{Cells, unit_positions};
 use super::{GridEncoding, GridLevel, GridTables};
 use crate::memory::{head, head_mut, tail_mut};
 use crate::simd::{Indices, Isa, Lanes, MAX_LANES, Op};
 
-/// The corners of a block's cells at one level, in rows along x: 2 in two dimensions, 4 in three.
+/// The corners of a block's cells at one level, in rows along x: 2 rows in two dimensions, 4 in three.
 ///
-/// With `g` the gradient of one of the level's encoded values at sample `i`, the gradient of that feature of
-/// entry `entry[r][i]` grows by `weight[r][i] · (1 − x[i]) · g`, and that of the entry behind it by
+/// Let `g` be the gradient of one of the level's encoded values at sample `i`. Then the gradient of that feature of
+/// entry `entry[r][i]` grows by `weight[r][i] · (1 − x[i]) · g`, and that of the next entry by
 /// `weight[r][i] · x[i] · g`. Corners of one cell may share an entry; their gradients add up.
 #[derive(Debug)]
 pub struct GridCorners<'w> {
-    /// `[rows][stride]`: the row's entry at the near side of x, among those of all levels.
+    /// `[rows][stride]`: index, among the entries of all levels, of the row's entry at the smaller x.
     pub entry: &'w mut [u32],
-    /// `[rows][stride]`: the row's weight, 0 to 1.
+    /// `[rows][stride]`: weight of the row, 0 to 1.
     pub weight: &'w mut [f32],
-    /// `[stride]`: the weight of the far side of x, 0 to 1.
+    /// `[stride]`: weight of the corners at the larger x, 0 to 1.
     pub x: &'w mut [f32],
 }
 
-/// The entries that [`encode_grid_block`](super::encode_grid_block) reads at `level`, and the weights it gives
-/// them, by the same arithmetic.
+/// Computes the entries that [`encode_grid_block`](super::encode_grid_block) reads at `level`, and their weights, by
+/// the same arithmetic.
 ///
-/// `x` and `stride` as there; of the `tables` only the box is used.
+/// `x` and `stride`: as for that function. Of the `tables` only the box is used.
 ///
 /// # Panics
-/// With debug assertions, if a slice is shorter than that.
+/// With debug assertions, if a slice is too short.
 pub fn grid_corners_block(
     isa: Isa,
     grid: &GridEncoding,

@@ -1,4 +1,4 @@
-//! The encoding of a block.
+//! Encoding of a block of samples by a grid.
 
 use super::cell::{Cells, unit_positions};
 use super::{GridEncoding, GridLevel, GridTables, TableValues, with_table};
@@ -7,20 +7,20 @@ use crate::simd::{Isa, Lanes, Op, Table, VECTORS, Value};
 
 /// Encodes a block of samples by a grid.
 ///
-/// `x`: `[inputs][stride]`, in the box of the `tables`; `out`: `[levels · features][stride]`. `stride` is a multiple of
-/// [`Isa::columns`], or any number with portable instructions. A position outside of the box is moved onto it, and one that
-/// is no number to its smallest corner.
+/// `x`: `[inputs][stride]`, in the box of the `tables`; `out`: `[levels · features][stride]`. `stride` is a multiple
+/// of [`Isa::columns`], or any number with portable instructions. A position outside of the box is moved onto it. A
+/// NaN coordinate counts as the box's smallest.
 ///
-/// A sample's values do not depend on the others of its block. f16 and f32 tables of the same values give the
-/// same bits, and so do int8 tables whose scales are powers of two. Which cell a sample falls into is the same with every
+/// A sample's values do not depend on the others of its block. f16 and f32 tables of the same values give the same
+/// bits, and so do int8 tables whose scales are powers of two. The cell of a sample is the same with every
 /// instruction set.
 ///
 /// # Accuracy
-/// Against the same sum in f64: `2^-24 (n (6 cells + 6) + 12)` of the largest entry around a sample, with n axes,
-/// which is what rounding the position and the sum can do.
+/// Against the same sum in f64: `2^-24 (n (6 cells + 6) + 12)` of the largest entry around a sample, with n axes: the
+/// bound for rounding the position and the sum.
 ///
 /// # Panics
-/// With debug assertions, if a slice is shorter than that. Entries beyond the end of a table have any value.
+/// With debug assertions, if a slice is too short. Entries beyond the end of a table have an unspecified value.
 pub fn encode_grid_block(
     isa: Isa,
     grid: &GridEncoding,
@@ -39,8 +39,8 @@ pub fn encode_grid_block(
     });
 }
 
-/// The encoding, a sample and a level at a time: without vectors code is short before it is fast. As many features as the
-/// run time knows, and in two dimensions rows of weight 0 behind the others, which change no bit.
+/// The encoding, one sample and level at a time: without vectors, code size counts more than speed. The number of
+/// features is a run-time value, and two dimensions have two more rows of weight 0, which change no bit.
 fn encode_one_by_one(
     grid: &GridEncoding,
     tables: &GridTables<'_>,
@@ -61,7 +61,7 @@ fn encode_one_by_one(
     }
 }
 
-/// Vectors that go through a level together: what is the same for all of them is in registers.
+/// Number of vectors encoded together at a level; the level's constants stay in registers.
 const AT_ONCE: usize = 8;
 
 struct Encode<'a, T> {
@@ -85,7 +85,7 @@ impl<T: Value> Op for Encode<'_, T> {
             (3, 1) => self.encode::<V, 4, 1>(),
             (3, 2) => self.encode::<V, 4, 2>(),
             (3, 4) => self.encode::<V, 4, 4>(),
-            // There are no others.
+            // `Architecture::check` allows no others.
             _ => {}
         }
     }
@@ -109,9 +109,9 @@ impl<T: Value> Encode<'_, T> {
     }
 }
 
-/// Values of one level at the positions `units`, from column `first` on, into `out`.
+/// Encodes the positions `units` at one level and writes the values to `out` from column `first` on.
 ///
-/// In WebAssembly a function of its own: within a larger one V8 makes what is the same for all vectors again for each.
+/// In WebAssembly not inlined: in a larger function V8 recomputes the level's constants for each vector.
 #[cfg_attr(target_arch = "wasm32", inline(never))]
 #[cfg_attr(not(target_arch = "wasm32"), inline(always))]
 fn encode_level<V: Lanes, T: Value, const ROWS: usize, const FEATURES: usize>(
@@ -121,7 +121,7 @@ fn encode_level<V: Lanes, T: Value, const ROWS: usize, const FEATURES: usize>(
     reads: &mut heapless::Vec<Read<V, ROWS>, AT_ONCE>,
     (first, stride, out): (usize, usize, &mut [f32]),
 ) {
-    // In two loops, each of which fits into the registers.
+    // Two loops, since each alone fits into the registers.
     reads.clear();
     for &unit in units {
         let _ = reads.push(Read::of(level, unit));
@@ -144,7 +144,7 @@ fn encode_level<V: Lanes, T: Value, const ROWS: usize, const FEATURES: usize>(
 struct Read<V: Lanes, const ROWS: usize> {
     rows: [V::Indices; ROWS],
     weights: [V; ROWS],
-    /// Weight of the far side of x.
+    /// Weight of the entries at x + 1.
     far: V,
 }
 
@@ -155,7 +155,7 @@ impl<V: Lanes, const ROWS: usize> Read<V, ROWS> {
         Self { rows: cells.rows(level), weights: cells.row_weights(), far: cells.weights[0] }
     }
 
-    /// Values of the level, of which the first `features` count.
+    /// The encoded values of the level: the first `features` are valid.
     #[inline(always)]
     fn interpolate<T: Value>(&self, table: Table<'_, T>, level: &GridLevel, features: usize) -> [V; 4] {
         let part = table.part(level.first * features, level.entries * features);

@@ -1,4 +1,4 @@
-//! The derivative of a grid by the position.
+//! The derivative of the grid encoding by the position.
 
 use super::cell::{Cells, unit_positions};
 use super::{GridEncoding, GridLevel, GridTables, TableValues, with_table};
@@ -6,15 +6,16 @@ use crate::math::polynomial::exp;
 use crate::memory::{head, head_mut, tail, tail_mut};
 use crate::simd::{Isa, Lanes, Op, Table, VECTORS, Value};
 
-/// Takes a gradient back through the encoding of a block of samples.
+/// Backward pass through the encoding of a block of samples.
 ///
-/// `x`: `[inputs][stride]`, world units. `of_encoded`: `[outputs][stride]`, ∂f/∂encoded. `of_x`:
-/// `[inputs][stride]`, becomes ∂f/∂x. `stride` as in [`encode_grid_block`](super::encode_grid_block).
+/// `x`: `[inputs][stride]`, world units. `of_encoded`: `[outputs][stride]`, ∂f/∂encoded. `of_x`: `[inputs][stride]`,
+/// set to ∂f/∂x. `stride` as in [`encode_grid_block`](super::encode_grid_block).
 ///
-/// Within a cell it is the interpolation's own; on a face between two cells, that of the cell further on.
+/// The derivative is that of the cell's interpolation; on a face between two cells, of the cell with the larger
+/// index.
 ///
-/// `blur`: standard deviation, world units, of a Gaussian around each sample that the gradient is a mean over:
-/// a level whose cell has width `c` counts by `erf(c / (√8 blur))`. With 0 it is the gradient.
+/// `blur`: standard deviation, world units, of a Gaussian around each sample over which the gradient is averaged: a
+/// level with cells of width `c` is weighted by `erf(c / (√8 blur))`. 0 gives the gradient itself.
 ///
 /// # Source
 /// Barron et al. 2023 (Zip-NeRF), section 2: down-weighting of levels finer than the sample.
@@ -54,8 +55,8 @@ impl<T: Value> Op for Gradient<'_, T> {
     #[inline(always)]
     fn run<V: Lanes>(self) {
         match (self.grid.inputs, self.grid.features) {
-            // Without vectors code is short before it is fast: as many features as the run time knows, and in two
-            // dimensions rows of weight 0 behind the others, which change no bit.
+            // Without vectors code size counts more than speed: the number of features is a run-time value, and two
+            // dimensions have two more rows of weight 0, which change no bit.
             _ if !VECTORS => self.gradient::<V, 4, 0>(),
             (2, 1) => self.gradient::<V, 2, 1>(),
             (2, 2) => self.gradient::<V, 2, 2>(),
@@ -63,7 +64,7 @@ impl<T: Value> Op for Gradient<'_, T> {
             (3, 1) => self.gradient::<V, 4, 1>(),
             (3, 2) => self.gradient::<V, 4, 2>(),
             (3, 4) => self.gradient::<V, 4, 4>(),
-            // There are no others.
+            // `Architecture::check` allows no others.
             _ => {}
         }
     }
@@ -110,7 +111,7 @@ impl<T: Value> Gradient<'_, T> {
     }
 }
 
-/// `erf(c / (√8 blur))` with the level's narrowest cell `c`; exactly 1 without blur.
+/// `erf(c / (√8 blur))` for the level's smallest cell width `c`; exactly 1 without blur.
 #[inline]
 fn damping(level: &GridLevel, tables: &GridTables<'_>, inputs: usize, blur: f32) -> f32 {
     if blur <= 0.0 {

@@ -1,30 +1,30 @@
-//! The entries of a level, and the one of each vertex.
+//! The levels of a grid, and the table entry of each vertex.
 
 use super::{GridEncoding, MAX_LOG2_ENTRIES};
 
-/// The factors of a hashed row's y and z: Müller et al.'s second and third prime.
+/// Factors of y and z in the hash: Müller et al.'s second and third prime.
 pub(super) const HASH_Y: u32 = 2_654_435_761;
 pub(super) const HASH_Z: u32 = 805_459_861;
 
 /// One level of a [`GridEncoding`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GridLevel {
-    /// Index of the level.
+    /// Index of the level among the grid's levels, from 0.
     pub index: usize,
-    /// Cells along x, y, z; n cells have n + 1 vertices.
+    /// Number of cells along x, y, z; n cells have n + 1 vertices.
     pub cells: [u32; 3],
     /// Index of the level's first entry among those of all levels.
     pub first: usize,
-    /// Number of its entries.
+    /// Number of entries of the level.
     pub entries: usize,
-    /// Number of rows less one, a power of two less one, that (y, z) is hashed into; `None` where each vertex
-    /// has an entry of its own.
+    /// Mask of the hash of (y, z), a power of two less one; `None` in a dense level, in which each vertex has its own
+    /// entry.
     pub mask: Option<u32>,
 }
 
 impl GridLevel {
-    /// The entry of vertex `(0, y, z)`, counted from [`GridLevel::first`]; `x` entries further is that of
-    /// `(x, y, z)`.
+    /// Index of the entry of vertex `(0, y, z)`, counted from [`GridLevel::first`]. The entry of `(x, y, z)` is `x`
+    /// entries further.
     ///
     /// Dense: `(z (ny + 1) + y) (nx + 1)`. Hashed: with `h = y · 2654435761 ⊕ z · 805459861` modulo 2^32,
     /// `(h ⊕ h >> 15) & mask`.
@@ -46,15 +46,15 @@ fn hash(y: u32, z: u32) -> u32 {
     h ^ h >> 15
 }
 
-/// Entries of a level, and whether it is hashed.
+/// Number of entries of a level, and whether it is hashed.
 pub(super) fn entries(resolution: [u16; 3], log2_entries: u8) -> (u64, bool) {
     let vertices: u64 = resolution.iter().map(|&cells| u64::from(cells) + 1).product();
     let most = 1 << log2_entries.min(MAX_LOG2_ENTRIES);
-    // A row may begin at the last of them.
+    // A row may begin at the last hashed entry, and extends beyond it.
     if vertices > most { (most + u64::from(resolution[0]), true) } else { (vertices, false) }
 }
 
-/// The levels of a grid in order: [`GridEncoding::levels`].
+/// Iterator over the levels of a grid, in order: [`GridEncoding::levels`].
 #[derive(Clone, Debug)]
 pub struct GridLevels<'g> {
     grid: &'g GridEncoding,

@@ -29,33 +29,35 @@ use crate::simd::Isa;
 use crate::space::SceneBox;
 use serde::{Deserialize, Serialize};
 
-/// Most levels of a grid.
+/// Maximum number of levels of a grid.
 pub const MAX_GRID_LEVELS: usize = 32;
-/// Most cells of a level along one axis: weights then still have ten bits.
+/// Maximum number of cells of a level along one axis; interpolation weights then still have ten bits.
 pub const MAX_GRID_RESOLUTION: u16 = 16_384;
-/// Largest binary logarithm of the entries of a hashed level.
+/// Maximum binary logarithm of the number of entries of a hashed level.
 pub const MAX_LOG2_ENTRIES: u8 = 24;
-/// Most values of all levels together: half a gibibyte of f32, which a 32-bit host can address.
+/// Maximum number of values of all levels together: half a gibibyte of f32, which a 32-bit host can address.
 pub const MAX_GRID_VALUES: u64 = 1 << 27;
 
 /// A multiresolution grid of features, dense at the levels that fit into `2^log2_entries` entries and hashed at
 /// the finer ones.
 ///
-/// Encoded values: level by level, `features` each. Values of the tables (`TableValues`): level by level,
-/// entry by entry, `features` each; [`GridEncoding::levels`] says which entries are whose.
+/// Encoded values: level by level, `features` each. Values of the tables (`TableValues`): level by level, entry by
+/// entry, `features` each; [`GridEncoding::levels`] gives the range of entries of each level.
 ///
 /// # Source
-/// Müller et al. 2022, "Instant Neural Graphics Primitives", section 3; what fits is dense, as in tiny-cuda-nn.
-/// Deviation: the hash is of y and z, plus x, so that the corners at x and x + 1 are neighbours in memory.
+/// Müller et al. 2022, "Instant Neural Graphics Primitives", section 3; levels that fit are dense, as in
+/// tiny-cuda-nn. Deviation: the hash is of y and z, plus x, so that the corners at x and x + 1 are neighbours in
+/// memory.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct GridEncoding {
     /// Number of inputs: 3 for a position, 2 for a point of an image.
     pub inputs: u8,
-    /// Features of an entry: 1, 2 or 4.
+    /// Number of features of an entry: 1, 2 or 4.
     pub features: u8,
-    /// A level of more than `2^log2_entries` vertices is hashed into so many; at most [`MAX_LOG2_ENTRIES`].
+    /// Binary logarithm, at most [`MAX_LOG2_ENTRIES`], of the hash table's size: levels with more vertices are
+    /// hashed.
     pub log2_entries: u8,
-    /// Cells along x, y, z at each level, 1 to [`MAX_GRID_RESOLUTION`]; along z 0 with 2 inputs.
+    /// Number of cells along x, y, z at each level, 1 to [`MAX_GRID_RESOLUTION`]; 0 along z with 2 inputs.
     pub resolutions: heapless::Vec<[u16; 3], MAX_GRID_LEVELS>,
 }
 
@@ -79,35 +81,35 @@ impl GridEncoding {
         self.resolutions.len() * usize::from(self.features)
     }
 
-    /// The levels, coarsest first as they are listed.
+    /// The levels, in the order of `resolutions`.
     pub fn levels(&self) -> GridLevels<'_> {
         GridLevels::of(self)
     }
 
-    /// Entries of all levels.
+    /// Number of entries of all levels.
     ///
     /// Meaningful for a grid that passes [`Architecture::check`](crate::network::Architecture::check).
     pub fn entries(&self) -> usize {
         self.levels().last().map_or(0, |level| level.first + level.entries)
     }
 
-    /// Values of all levels: entries times features.
+    /// Number of values of all levels: entries times features.
     pub fn values(&self) -> usize {
         self.entries().saturating_mul(usize::from(self.features))
     }
 
-    /// Table entries an evaluation reads: the corners of a cell at each level.
+    /// Number of table entries that one evaluation reads: the corners of a cell at each level.
     pub fn reads(&self) -> usize {
         self.resolutions.len() << self.inputs.min(3)
     }
 
-    /// Entries of all levels, of any grid.
+    /// Number of entries of all levels, without overflow for grids that were not checked.
     pub(crate) fn entries_of_any(&self) -> u64 {
         self.resolutions.iter().map(|resolution| level::entries(*resolution, self.log2_entries).0).sum()
     }
 }
 
-/// `$body` with the table of `$values` as `$table`.
+/// Evaluates `$body` with `$table` bound to the table of `$values`.
 macro_rules! with_table {
     ($values:expr, $table:ident => $body:expr) => {
         match $values {
@@ -128,11 +130,11 @@ macro_rules! with_table {
 }
 use with_table;
 
-/// The tables of a grid, and the box it spans.
+/// The tables of a grid, and the box that the grid spans.
 #[derive(Clone, Copy, Debug)]
 pub struct GridTables<'a> {
     values: TableValues<'a>,
-    /// Smallest corner of the box and its sides.
+    /// Smallest corner (`min`) and side lengths (`sides`) of the box.
     min: [f32; 3],
     sides: [f32; 3],
 }
@@ -141,7 +143,7 @@ impl<'a> GridTables<'a> {
     /// The tables of a network without a grid.
     pub const NONE: Self = Self { values: TableValues::F32(&[]), min: [0.0; 3], sides: [1.0; 3] };
 
-    /// Tables over a scene box, or over 0..1 of each axis where there is none: a 2D field.
+    /// Tables of a grid that spans the scene box `bounds`; `None`, for a 2D field, is 0..1 on each axis.
     pub fn new(values: TableValues<'a>, bounds: Option<&SceneBox>) -> Self {
         match bounds {
             Some(b) => Self { values, min: b.min.to_array(), sides: (b.max - b.min).to_array() },
@@ -149,7 +151,7 @@ impl<'a> GridTables<'a> {
         }
     }
 
-    /// Whether there are as many values as `grid` has, and a scale for each level if they need any.
+    /// Whether there are enough values for `grid`, and a scale for each level if the values are integers.
     pub(crate) fn fit(&self, grid: &GridEncoding) -> bool {
         let found = match self.values {
             TableValues::F16(bytes) => bytes.len() / 2,
@@ -165,11 +167,12 @@ impl<'a> GridTables<'a> {
         encode_grid_block(isa, grid, self, stride, x, out);
     }
 
-    /// Takes a gradient back through the encoding of a block of samples.
+    /// Backward pass through the encoding of a block of samples.
     ///
-    /// `x`: `[inputs][stride]`, world units. `of_encoded`: `[outputs][stride]`, ∂f/∂encoded. `of_x`: `[inputs][stride]`,
-    /// becomes ∂f/∂x. `stride` as in [`encode_grid_block`]. `blur`: standard deviation, world units, of a Gaussian around
-    /// each sample that the gradient is a mean over: fine levels count for less. With 0 it is the gradient.
+    /// `x`: `[inputs][stride]`, world units. `of_encoded`: `[outputs][stride]`, ∂f/∂encoded. `of_x`:
+    /// `[inputs][stride]`, set to ∂f/∂x. `stride` as in [`encode_grid_block`]. `blur`: standard deviation, world
+    /// units, of a Gaussian around each sample over which the gradient is averaged, which damps fine levels. 0 gives
+    /// the gradient itself.
     #[cfg(feature = "normals")]
     #[inline]
     #[allow(clippy::too_many_arguments, reason = "those of the sinusoidal encoding's gradient")]

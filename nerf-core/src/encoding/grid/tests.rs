@@ -69,7 +69,7 @@ fn encode(isa: Isa, grid: &GridEncoding, values: TableValues<'_>, bounds: &Scene
     out
 }
 
-/// Where a point lies along one axis, in cells.
+/// Position of a point along one axis, in cells.
 fn cells_along(bounds: &SceneBox, axis: usize, cells: u32, x: f32) -> f64 {
     let (min, max) = (bounds.min[axis], bounds.max[axis]);
     // The sides are f32, as the kernels have them.
@@ -114,7 +114,7 @@ fn first_entry(grid: &GridEncoding, level: usize) -> usize {
     grid.resolutions[..level].iter().map(entries).sum()
 }
 
-/// The encoding in f64, and how far f32 may be off: by rounding the position, and by rounding the sum.
+/// The encoding in f64, and the error bounds of f32 from rounding the position and from rounding the sum.
 fn oracle(grid: &GridEncoding, values: &[f32], bounds: &SceneBox, x: &[f32]) -> Vec<(f64, f64)> {
     let (features, ulp) = (usize::from(grid.features), 2f64.powi(-24));
     let mut out = vec![];
@@ -132,7 +132,7 @@ fn oracle(grid: &GridEncoding, values: &[f32], bounds: &SceneBox, x: &[f32]) -> 
                 })
                 .sum();
             let size = least.abs().max(most.abs());
-            // Beyond the next face the differences are another cell's.
+            // Beyond the next face the differences are those of another cell.
             let error = moved * 2.0 * size + 12.0 * ulp * size;
             out.push((around.iter().map(|&(e, w)| w * value(e)).sum(), error));
         }
@@ -140,7 +140,7 @@ fn oracle(grid: &GridEncoding, values: &[f32], bounds: &SceneBox, x: &[f32]) -> 
     out
 }
 
-/// Points on faces, edges and corners of every level, beside them, and anywhere; `[inputs][n]`, whole blocks.
+/// Points on, next to and away from faces, edges and corners of every level; `[inputs][n]`, whole blocks.
 fn hard_points(grid: &GridEncoding, bounds: &SceneBox) -> Vec<f32> {
     let inputs = usize::from(grid.inputs);
     let mut points: Vec<Vec<f32>> = vec![];
@@ -215,7 +215,7 @@ fn every_isa_and_storage_is_the_oracle() {
     }
 }
 
-/// `stored` against the f64 oracle of `values`, and where `exact` against f32 tables of them, bit for bit.
+/// Compares `stored` with the f64 oracle of `values` and, if `exact`, bit for bit with f32 tables.
 fn every_isa_is_the_oracle(grid: &GridEncoding, stored: TableValues<'_>, values: &[f32], exact: bool) {
     for bounds in boxes_of(grid) {
         let x = hard_points(grid, bounds);
@@ -263,7 +263,7 @@ fn corners_are_the_same_with_every_kernel_in_range_and_those_of_the_oracle() {
         for bounds in boxes_of(&grid) {
             let mut x = hard_points(&grid, bounds);
             let n = x.len() / usize::from(grid.inputs);
-            // What is no position is in the table, too.
+            // Positions that are NaN or outside of the box read entries inside the table, too.
             for (i, bad) in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e38, -1e38].into_iter().enumerate()
             {
                 x[i] = bad;
@@ -284,7 +284,7 @@ fn corners_are_the_same_with_every_kernel_in_range_and_those_of_the_oracle() {
                     if lane < 5 {
                         continue;
                     }
-                    // Beside a face rounding may choose the other cell.
+                    // Next to a face rounding may choose the other cell.
                     let point: Vec<f32> = x.iter().skip(lane).step_by(n).copied().collect();
                     let near_face = (0..point.len()).any(|axis| {
                         let g = cells_along(bounds, axis, level.cells[axis], point[axis]);
@@ -374,7 +374,7 @@ fn f16_at_its_edges_is_read_exactly() {
     for features in [1, 2, 4] {
         let grid = grid(features, 12, &[[8, 8, 8]]);
         let bytes: Vec<u8> = (0..grid.values()).flat_map(|i| edges[i % 9].to_le_bytes()).collect();
-        // One byte in front: no alignment is needed.
+        // Offset by one byte: no alignment is needed.
         let shifted: Vec<u8> = core::iter::once(7).chain(bytes).collect();
         for isa in isas() {
             for vertex in 0..9 {
@@ -398,7 +398,7 @@ fn int8_at_its_edges_is_read_exactly_at_every_size_of_scale() {
     let scales = [1e-45, 1e-30, 0.1, 1e30, f32::MAX / 128.0];
     for features in [1, 2, 4] {
         let grid = grid(features, 12, &[[8; 3]; 5]);
-        // One byte in front: no alignment is needed.
+        // Offset by one byte: no alignment is needed.
         let values: Vec<u8> = (0..=grid.values()).map(|i| edges[(i + 8) % 9] as u8).collect();
         let stored: Vec<u8> =
             core::iter::once(7).chain(scales.iter().flat_map(|scale| scale.to_le_bytes())).collect();
@@ -497,8 +497,8 @@ mod derivative {
         out
     }
 
-    /// Derivative of one cell's interpolation in f64; `far` says on which axes a point on a face belongs to the
-    /// cell further on.
+    /// Derivative of one cell's interpolation in f64; `far` says for each axis whether a point on a face belongs to
+    /// the cell with the larger index.
     fn truth(
         grid: &GridEncoding,
         values: &[f32],

@@ -1,4 +1,4 @@
-//! The encoding's derivative, from what the encoding gave.
+//! The derivative of the sinusoidal encoding, computed from the encoded values.
 
 use super::{AngleScale, MAX_LEVELS, SinusoidalEncoding};
 use crate::math::polynomial::exp;
@@ -6,23 +6,23 @@ use crate::memory::{head, head_mut, tail, tail_mut};
 use crate::simd::{Isa, Lanes, Op};
 use core::f32::consts::PI;
 
-/// Takes a gradient back through the encoding of a block of samples.
+/// Backward pass through the encoding of a block of samples.
 ///
-/// `encoded`: `[outputs][stride]`, from [`encode_block`](super::encode_block). `of_encoded`:
-/// `[outputs][stride]`, ∂f/∂encoded. `of_x`: `[inputs][stride]`, becomes ∂f/∂x. `stride` as there.
+/// `encoded`: `[outputs][stride]`, from [`encode_block`](super::encode_block). `of_encoded`: `[outputs][stride]`,
+/// ∂f/∂encoded. `of_x`: `[inputs][stride]`, set to ∂f/∂x. `stride` as for `encode_block`.
 ///
-/// `d sin(2^k s x)/dx = 2^k s cos(2^k s x)` and `d cos(2^k s x)/dx = −2^k s sin(2^k s x)`: both are
-/// encoded values themselves, so that no angle is computed again.
+/// `d sin(2^k s x)/dx = 2^k s cos(2^k s x)` and `d cos(2^k s x)/dx = −2^k s sin(2^k s x)`: sines and cosines are
+/// among the encoded values, so that no angle is computed again.
 ///
-/// `blur`: the mean over a Gaussian of that standard deviation around each sample, world units, as far as f is
-/// linear in what was encoded: level `k` is damped by `exp(−½ (2^k s blur)²)`. With 0 it is the gradient, to
-/// the bit.
+/// `blur`: standard deviation, world units, of a Gaussian around each sample over which the gradient is averaged,
+/// with f taken as linear in the encoded values: level `k` is damped by `exp(−½ (2^k s blur)²)`. 0 gives the
+/// gradient, bit for bit.
 ///
 /// # Source
 /// Barron et al. 2021 (mip-NeRF), eq. 13: the encoding's mean over a Gaussian.
 ///
 /// # Panics
-/// With debug assertions, if a slice is shorter than that.
+/// With debug assertions, if a slice is too short.
 pub(crate) fn encode_gradient_block(
     isa: Isa,
     encoding: &SinusoidalEncoding,
@@ -49,7 +49,7 @@ struct Gradient<'a> {
     encoding: &'a SinusoidalEncoding,
     stride: usize,
     s: f32,
-    /// `2^k`, damped.
+    /// Factor of each level `k`: `2^k` times its damping.
     factors: [f32; MAX_LEVELS as usize],
     encoded: &'a [f32],
     of_encoded: &'a [f32],

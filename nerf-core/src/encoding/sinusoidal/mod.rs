@@ -16,15 +16,15 @@ mod tests;
 #[cfg(feature = "normals")]
 pub(crate) use gradient::encode_gradient_block;
 
-/// Most levels an encoding may have.
+/// Maximum number of levels of an encoding.
 pub const MAX_LEVELS: u8 = 16;
 
 /// The factor `s` in `sin(2^k s x)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum AngleScale {
-    /// `s = 1`: the original authors' code and nerf-pytorch.
+    /// `s = 1`, as in the original authors' code and in nerf-pytorch.
     One,
-    /// `s = π`: the formula of the paper, and this project's own.
+    /// `s = π`, as in the paper's formula and in this project's own networks.
     Pi,
 }
 
@@ -42,7 +42,7 @@ pub struct SinusoidalEncoding {
     pub levels: u8,
     /// The factor `s`.
     pub scale: AngleScale,
-    /// Whether the inputs themselves come first.
+    /// Whether the inputs themselves come first among the outputs.
     pub identity: bool,
 }
 
@@ -69,7 +69,7 @@ impl SinusoidalEncoding {
 /// reduced before it is multiplied by π. With `s = 1` that holds while `|2^k x| <= 1e5`.
 ///
 /// # Panics
-/// With debug assertions, if a slice is shorter than that.
+/// With debug assertions, if a slice is too short.
 pub fn encode_block(
     isa: Isa,
     math: MathBackend,

@@ -10,7 +10,7 @@ fn isas() -> impl Iterator<Item = Isa> {
     Isa::ALL.into_iter().filter(|isa| isa.available())
 }
 
-/// Values that hurt: ±0, subnormals, multiples of 2^-k and their neighbours, decades up to `limit`.
+/// Critical values: ±0, subnormals, multiples of 2^-k and their neighbours, decades up to `limit`.
 fn hard(limit: f32) -> Vec<f32> {
     let mut all = vec![0.0, 1e-45, 1e-40, f32::MIN_POSITIVE, 1.0, 0.5f32.next_up(), 1.0 / 3.0, limit];
     for k in 0..=18 {
@@ -43,7 +43,7 @@ fn truth(scale: AngleScale, level: i32, x: f32) -> (f64, f64) {
     (angle.sin(), angle.cos())
 }
 
-/// Worst error over every value of `points`, and a check of order and identity on the way.
+/// Worst error over `points`; also checks the order of outputs and the identity.
 fn worst(isa: Isa, math: MathBackend, encoding: SinusoidalEncoding, points: &[f32]) -> f64 {
     let (inputs, stride) = (usize::from(encoding.inputs), 64);
     let mut worst = 0.0f64;

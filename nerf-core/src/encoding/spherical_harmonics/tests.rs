@@ -24,7 +24,7 @@ fn dirs(n: usize) -> Vec<f32> {
     rows
 }
 
-/// `Y_l^m` by associated Legendre functions and angles, in f64: another way to the same values.
+/// `Y_l^m` by associated Legendre functions and angles, in f64: an independent computation.
 fn truth(l: i32, m: i32, [x, y, z]: [f64; 3]) -> f64 {
     let (order, radius) = (m.abs(), (x * x + y * y).sqrt());
     // P_m^m with the Condon–Shortley phase, then up in l.

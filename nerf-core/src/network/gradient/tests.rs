@@ -1,4 +1,4 @@
-//! The gradient against an oracle in f64 that says how far f32 may be off, and that against differences.
+//! The gradient against an f64 oracle that bounds the error of f32, and the oracle against differences.
 
 extern crate std;
 
@@ -30,11 +30,11 @@ impl Rounding {
         if kernel.rounds() { Self { weights: bf16, activations: bf16, ..f32s } } else { f32s }
     }
 
-    /// What f64 itself is off.
+    /// Error of f64 itself.
     const F64: Self = Self { sums: 1.2e-16, weights: 0.0, activations: 0.0, trigonometry: 2.5e-16 };
 }
 
-/// A value, and how far the rounded computation may be from it.
+/// A value with an error bound of the rounded computation.
 #[derive(Clone, Copy, Default)]
 struct Bounded {
     value: f64,
@@ -42,7 +42,7 @@ struct Bounded {
 }
 
 impl Bounded {
-    /// The most it may be.
+    /// Largest magnitude of the rounded value.
     fn reach(self) -> f64 {
         self.value.abs() + self.error
     }
@@ -56,7 +56,7 @@ struct Oracle {
     third: [f64; 3],
     /// Which units are on.
     on: Vec<bool>,
-    /// Whether rounding may switch one.
+    /// Whether rounding may switch a unit.
     ambiguous: bool,
 }
 
@@ -183,7 +183,7 @@ fn architectures() -> Vec<(&'static str, Architecture)> {
             architecture(named(AngleScale::One, 10), None, &[(40, false), (24, true)], &[]),
         ),
         ("s = π, ten levels, no identity", architecture(bare(AngleScale::Pi, 10), None, &skips, &[])),
-        // Deeper or wider, and the worst case of rounding leaves no unit beyond doubt.
+        // In deeper or wider networks the worst case of rounding might switch every unit.
         ("the seed's shape, smaller", {
             let trunk: Vec<_> = (0..5).map(|i| (24, i == 3)).collect();
             architecture(pi(3, 10), Some(pi(3, 4)), &trunk, &[32])
@@ -196,7 +196,7 @@ fn gradients(network: &Network<'_>, math: MathBackend, stride: usize, positions:
     blurred(network, math, stride, positions, 0.0)
 }
 
-/// The same over a blur.
+/// The gradients of a block with a blur: `[3][stride]`.
 fn blurred(
     network: &Network<'_>,
     math: MathBackend,
@@ -256,13 +256,13 @@ fn gradients_are_the_oracle_s_with_every_kernel() {
             }
         }
     }
-    // With 8 bits a deep network's units are nearly all in doubt: what is left are the shallow ones.
+    // With 8 bits rounding may switch nearly all units of a deep network: only shallow ones are compared.
     assert!(of_rounding > STRIDE || Kernel::all().all(|kernel| !kernel.rounds()), "{of_rounding}");
 }
 
 #[test]
 fn the_oracle_s_gradient_is_the_limit_of_differences() {
-    // A power of two, so that points beside an f32 are exact.
+    // A power of two, so that points next to an f32 are exact.
     let h = 2f64.powi(-26);
     for (name, a) in architectures() {
         let (_, parameters) = halve(&parameters(&a, 3));

@@ -1,4 +1,4 @@
-//! Effects that cannot be.
+//! Errors of effects.
 
 use super::{Effects, ThinLens, Tone};
 use crate::errors::errors;
@@ -6,14 +6,14 @@ use crate::errors::errors;
 errors! {
     /// An effect that is out of range or not in this build.
     EffectError:
-    /// Rays a pixel beyond 1 to [`Effects::MAX_RAYS`].
+    /// A number of rays a pixel outside 1 to [`Effects::MAX_RAYS`].
     AntiAliasing { found: u16 } =>
         "effects.anti_aliasing: expected 1 to {most} rays a pixel, found {found}", most = Effects::MAX_RAYS;
-    /// An aperture that is negative, beyond [`ThinLens::LARGEST`] or no number.
+    /// An aperture radius that is negative, above [`ThinLens::LARGEST`] or NaN.
     Aperture { found: f32 } =>
         "effects.depth_of_field.aperture_radius: expected 0 to {largest} world units, found {found}",
         largest = ThinLens::LARGEST;
-    /// A plane of focus beyond [`ThinLens::NEAREST`] to [`ThinLens::LARGEST`].
+    /// A plane of focus outside [`ThinLens::NEAREST`] to [`ThinLens::LARGEST`].
     Focus { found: f32 } =>
         "effects.depth_of_field.focus_distance: expected {nearest} to {largest} world units, found {found}",
         nearest = ThinLens::NEAREST, largest = ThinLens::LARGEST;

@@ -1,15 +1,15 @@
-//! What a frame does beyond one ray through each pixel's centre: nothing, unless it is asked for.
+//! Effects: what a frame adds to one ray through each pixel's centre, all of them off by default.
 //!
 //! | effect | feature | costs |
 //! | --- | --- | --- |
-//! | [`Jitter`] | `jitter` | a hash for each bin that is looked at |
-//! | anti-aliasing | `anti-aliasing` | its rays, and a sum a pixel in flight |
+//! | [`Jitter`] | `jitter` | a hash for each bin that is looked up |
+//! | anti-aliasing | `anti-aliasing` | its rays, and the sums of each pixel in flight |
 //! | [`ThinLens`] | `depth-of-field` | a few dozen operations a ray |
 //! | [`Tone`] | `tone-map` | three powers a ray, three more a pixel; linear output three a coloured sample |
 //!
-//! What is asked for here is checked by [`Plan::with_effects`](crate::plan::Plan::with_effects). Each effect is a stage of
-//! the frame ([`crate::render`], of [`Jitter`] in [`crate::sampling`]) with a sibling `*_off.rs` of the same interface, which
-//! takes its place in a build without the feature and does nothing. Lens distortion is the camera's
+//! [`Plan::with_effects`](crate::plan::Plan::with_effects) checks the effects. Each is a stage of the frame
+//! ([`crate::render`]; for [`Jitter`], [`crate::sampling`]) with a sibling `*_off.rs` of the same interface, which
+//! takes its place in a build without the feature and does nothing. Lens distortion is a setting of the camera
 //! ([`Lens`](crate::camera::Lens), feature `lens`).
 
 mod error;
@@ -21,30 +21,30 @@ use crate::names::names;
 
 pub use error::EffectError;
 
-/// What is asked for beyond the plain picture.
+/// The effects of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Effects {
-    /// Whether a sample lies anywhere in its bin in place of the middle.
+    /// Random positions of samples in their bins; `None` for the middle.
     pub jitter: Option<Jitter>,
     /// Rays a pixel, 1 to [`Effects::MAX_RAYS`]; 1 is one ray through its centre.
     pub anti_aliasing: u16,
-    /// A lens that is no pinhole.
+    /// A lens with an aperture; `None` for a pinhole.
     pub depth_of_field: Option<ThinLens>,
     /// Exposure, tone curve, linear output.
     pub tone: Tone,
 }
 
-/// Samples at random places in their bins: what would be bands becomes noise, without a bias.
+/// Samples at random positions in their bins: turns banding into noise, without a bias.
 ///
-/// The bin's density is taken where the sample lies, its width stays: the expectation of the optical
+/// The density of a bin is that at its sample, and its width is unchanged: the expectation of the optical
 /// thickness is the integral of the density.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Jitter {
-    /// Another seed is another noise.
+    /// Seed of the random positions.
     pub seed: u64,
 }
 
-/// A thin lens: what is not in the plane of focus is blurred.
+/// A thin lens: points outside the plane of focus are blurred.
 ///
 /// # Source
 /// Cook, Porter and Carpenter 1984.
@@ -52,7 +52,7 @@ pub struct Jitter {
 pub struct ThinLens {
     /// Radius of the aperture's disc, world units, 0 to [`ThinLens::LARGEST`]; 0 is a pinhole.
     pub aperture_radius: f32,
-    /// From the camera's centre to the plane of focus along the view axis, world units,
+    /// Distance from the camera's centre to the plane of focus along the view axis, world units,
     /// [`ThinLens::NEAREST`] to [`ThinLens::LARGEST`].
     pub focus_distance: f32,
 }
@@ -64,15 +64,15 @@ impl ThinLens {
     pub const LARGEST: f32 = 1e9;
 }
 
-/// From the network's display-encoded colours to light, and back: exposure, tone curve, linear output.
+/// Conversion of the network's display-encoded colours to light and back: exposure, tone curve, linear output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tone {
     /// Doublings of the light, −[`Tone::MAX_STOPS`] to [`Tone::MAX_STOPS`]; 0 leaves it as it is.
     pub exposure: f32,
-    /// What brings light beyond 1 back into the picture.
+    /// Tone curve, which maps light above 1 into the displayable range.
     pub map: ToneMap,
-    /// Whether colour is linear light, unbounded above, composited as such, in place of sRGB in `[0, 1]`: each sample's
-    /// colour is decoded, or of a field shaded once a ray the one colour of the ray, and the background.
+    /// Whether colour is linear light, unbounded above, in place of sRGB in `[0, 1]`. It is then composited as light:
+    /// the colour of each sample (in a field shaded once a ray, of each ray) and the background are decoded first.
     pub linear: bool,
 }
 
@@ -88,7 +88,7 @@ names! {
     #[derive(Default)]
     #[non_exhaustive]
     pub enum ToneMap {
-        /// None: what is beyond 1 is cut off where the colour is encoded.
+        /// No curve: light above 1 is clipped when the colour is encoded.
         #[default]
         None = "none",
         /// `x / (1 + x)`.
@@ -115,10 +115,10 @@ impl Effects {
     /// No effect: one ray through each pixel's centre, samples in the middle of their bins, colours as the
     /// network gives them.
     pub const NONE: Self = Self { jitter: None, anti_aliasing: 1, depth_of_field: None, tone: Tone::NONE };
-    /// Most rays a pixel.
+    /// Maximum number of rays a pixel.
     pub const MAX_RAYS: u16 = 256;
 
-    /// What is asked for, without what asks for nothing.
+    /// Checks the effects, and leaves out a lens without aperture.
     ///
     /// # Errors
     /// [`EffectError`] names the first setting that is out of range or not in this build.

@@ -1,4 +1,4 @@
-//! Deferred shading of several fields: each gathers its own `h` of a ray, and has a network of its own for it.
+//! Deferred shading of several fields: each composites its own `h` along a ray, and shades it with its own network.
 
 use super::Instance;
 use crate::memory::{Layout, at};
@@ -9,30 +9,31 @@ use crate::render::march::RayState;
 use crate::render::stages::RayNetworks;
 use core::ops::Range;
 
-/// The values of a field in the memory of all; none of a field that is not shaded once a ray.
+/// Position of a field's values in the memory of all fields; no values if the field is not shaded once a ray.
 #[derive(Clone, Copy, Default)]
 struct Place {
-    /// Where its values of `h` and its sums begin.
+    /// Index of the field's first value of `h`.
     h: usize,
+    /// Index of the field's first sum.
     sums: usize,
-    /// Values of `h` of a ray.
+    /// Number of values of `h` of a ray.
     rows: usize,
 }
 
-/// What the rays in flight have gathered of each field that is shaded once a ray; of the others there is nothing.
+/// Sums of `h` of the rays in flight, for each field that is shaded once a ray.
 pub(super) struct Deferred<'f, 'w> {
     instances: &'f [Instance<'f>],
     /// `[instances]`.
     places: &'w mut [Place],
-    /// `h` of the part that a ray is in: of each field `[rays][rows]`.
+    /// `h` of the bin that each ray is in: for each field `[rays][rows]`.
     parts: &'w mut [f32],
-    /// Σ weight · h, and behind it Σ weight: of each field `[rays][rows + 1]`.
+    /// Σ weight · h, and last in each row Σ weight: for each field `[rays][rows + 1]`.
     sums: &'w mut [f32],
     pub networks: RayNetworks<'w>,
 }
 
 impl<'f, 'w> Deferred<'f, 'w> {
-    /// For blocks of `samples` of any of `fields`.
+    /// Memory for blocks of `samples` of any of `fields`.
     pub fn lay_out<'n>(
         layout: &mut impl Layout<'w>,
         instances: &'f [Instance<'f>],
@@ -43,7 +44,7 @@ impl<'f, 'w> Deferred<'f, 'w> {
         let (mut parts, mut sums, mut direction_rows, mut any) = (0usize, 0usize, 0, false);
         for (member, Field { network, plan }) in fields.enumerate().filter(|(_, field)| field.shades_rays()) {
             let (rays, rows) = (plan.batch.rays, network.trunk_rows());
-            // While memory is measured there is none.
+            // While memory is only measured, `places` is empty.
             if let Some(place) = places.get_mut(member) {
                 *place = Place { h: parts, sums, rows };
             }
@@ -60,20 +61,20 @@ impl<'f, 'w> Deferred<'f, 'w> {
         }
     }
 
-    /// The sums of `count` rays of a field from `ray` on.
+    /// Index range of the sums of `count` rays of a field from `ray` on.
     fn sums(&self, member: usize, ray: usize, count: usize) -> Range<usize> {
         let Place { sums, rows, .. } = at(self.places, member);
         let row = if rows > 0 { rows + 1 } else { 0 };
         sums + ray * row..sums + (ray + count) * row
     }
 
-    /// The `h` of the part of a field that a ray is in.
+    /// Index range of the `h` of the bin of a field that a ray is in.
     fn h(&self, member: usize, ray: usize) -> Range<usize> {
         let Place { h, rows, .. } = at(self.places, member);
         h + ray * rows..h + (ray + 1) * rows
     }
 
-    /// The first `count` rays are new ones.
+    /// Clears the sums of the first `count` rays.
     pub fn begin(&mut self, count: usize) {
         for member in 0..self.instances.len() {
             let sums = self.sums(member, 0, count);
@@ -81,7 +82,7 @@ impl<'f, 'w> Deferred<'f, 'w> {
         }
     }
 
-    /// Keeps the `h` of a sample: that of the part its ray is in.
+    /// Stores the `h` of a sample as that of the bin its ray is in.
     pub fn keep(&mut self, member: usize, ray: usize, scratch: &Scratch<'_>, column: usize) {
         let (range, Some(it)) = (self.h(member, ray), self.instances.get(member)) else { return };
         let h = self.parts.get_mut(range).unwrap_or_default();
@@ -89,7 +90,7 @@ impl<'f, 'w> Deferred<'f, 'w> {
         it.renderer.network().add_h(scratch, column, 1.0, h);
     }
 
-    /// Adds the part that a ray is in.
+    /// Adds the `h` of the bin that a ray is in to the ray's sums.
     pub fn add(&mut self, member: usize, ray: usize, weight: f32) {
         let h = self.parts.get(self.h(member, ray)).unwrap_or_default();
         let sums = self.sums(member, ray, 1);
@@ -99,7 +100,8 @@ impl<'f, 'w> Deferred<'f, 'w> {
         }
     }
 
-    /// Runs a field's network for each of its `rays` that has a weight, and hands index, weight and colour to `put`.
+    /// Evaluates a field's colour branch for each of `rays` with a weight, and passes index, weight and colour to
+    /// `put`.
     pub fn shade(
         &mut self,
         member: usize,

@@ -1,8 +1,8 @@
-//! Rays through several fields: the bins of all of them cut a ray into pieces in which every density is constant.
+//! Rays through several fields: the bins of all of them cut a ray into segments in which every density is constant.
 //!
-//! A ray goes from piece to piece. Densities add there, and colours are mixed by density. Where the next bin of a field
-//! begins, the ray waits until that field's network has been asked; rays that wait for the same one make a block. So a
-//! field behind another is asked only where light gets to it.
+//! A ray is composited segment by segment: densities add, and colours are mixed by density. Where the next bin of a
+//! field begins, the ray waits for an evaluation of that field's network. Rays that wait for the same network form a
+//! block. So a field behind another is evaluated only where light gets to it.
 
 use super::Instance;
 use super::deferred::Deferred;
@@ -18,48 +18,49 @@ use crate::render::stages::{Density, DirectionShares, Gradients, PointColour, ev
 use crate::volume::{Accumulator, thickness};
 use glam::Vec3;
 
-/// A density beyond which nothing is seen at any width of a bin; sums of it stay finite.
+/// Largest density, 1/world unit: opaque at any width of a bin, and sums of it stay finite.
 const WALL: f32 = 1e30;
 
-/// The part of a field that a ray is in, or comes to next: one bin.
+/// The bin of a field that a ray is in, or comes to next.
 #[derive(Clone, Copy, Default)]
 struct Part {
     known: Known,
-    /// The sample of the bin, as the field's plan counts it.
+    /// Distance of the bin's sample, in units of the field's bins.
     t: f32,
-    /// World units along the ray, from its start.
+    /// Start of the bin, world units from the ray's start.
     from: f32,
+    /// End of the bin, world units from the ray's start.
     to: f32,
-    /// Where in there its sample counts as.
+    /// Distance at which the sample is composited, world units from the ray's start.
     counts_at: f32,
     /// 1/world unit.
     sigma: f32,
     rgb: Option<[f32; 3]>,
-    /// Whether its `h` waits in [`Deferred`].
+    /// Whether the sample's `h` is stored in [`Deferred`].
     deferred: bool,
-    /// Of the density, in the world's directions.
+    /// Gradient of the density, in world space.
     gradient: Vec3,
 }
 
-/// What is known of a part.
+/// Knowledge of a [`Part`].
 #[derive(Clone, Copy, Default, PartialEq)]
 enum Known {
     /// The ray has left the field.
     #[default]
     Nothing,
-    /// Where it is.
+    /// The interval of the bin is known.
     Place,
-    /// What is there.
+    /// The sample of the bin has been evaluated.
     Sample,
 }
 
-/// A ray in the world; its start is where it comes to the first field.
+/// A ray in the world; it starts where it enters the first field.
 #[derive(Clone, Copy)]
 struct WorldRay {
     pixel: PixelRay,
-    /// How far it is, world units from its start.
+    /// Distance composited so far, world units from the ray's start.
     at: f32,
-    /// The field it waits for.
+    /// Index of the field that must be evaluated before the ray goes on.
     waits_for: Option<u32>,
 }
 
@@ -67,21 +68,22 @@ impl WorldRay {
     const NONE: Self = Self { pixel: PixelRay::NONE, at: f32::NEG_INFINITY, waits_for: None };
 }
 
-/// What a worker of several fields works with.
+/// State and memory of a worker that renders several fields.
 pub(in crate::render) struct Merge<'f, 'w> {
     instances: &'f [Instance<'f>],
-    /// Number of the rays in flight among those of their pixels.
+    /// Index of each ray in flight among the rays of its pixel.
     turn: u32,
-    /// `[instances][batch]` each: a ray where each field has it, and its next bin.
+    /// The rays in the space of each field, `[instances][batch]`.
     rays: &'w mut [RayState],
+    /// The current or next bin of each field on each ray, `[instances][batch]`.
     parts: &'w mut [Part],
     /// `[batch]`.
     world: &'w mut [WorldRay],
     surface: Surface<'w>,
-    /// `[instances]` of [`DirectionShares`] of their own length, side by side.
+    /// The [`DirectionShares`] of each instance, one after another, each of its own length.
     shares: &'w mut [f32],
     deferred: Deferred<'f, 'w>,
-    /// Of the largest of the networks.
+    /// Memory of a block, for the largest of the networks.
     density: Density<'w>,
     /// Rays whose colour or gradient is evaluated: `[samples]`.
     picked: &'w mut [u32],
@@ -91,8 +93,8 @@ pub(in crate::render) struct Merge<'f, 'w> {
 }
 
 impl<'f, 'w> Merge<'f, 'w> {
-    /// All memory of a worker of `instances`, whose networks are `networks` and whose last has the plan `plan`, but its
-    /// pixels': measured and carved by this list alone.
+    /// All memory of a worker of `instances` except that of its pixels: this list alone both measures and allocates
+    /// it. `networks`: those of the instances; `plan`: that of the last instance.
     pub fn lay_out<'n>(
         layout: &mut impl Layout<'w>,
         instances: &'f [Instance<'f>],
@@ -124,7 +126,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// The distance of pixels without a surface: at least that of anything in any of the fields.
+    /// The distance of pixels without a surface, by the position they are seen from: at least that of anything in any
+    /// field.
     pub fn far(&self) -> impl Fn(Vec3) -> f32 + use<'f> {
         let instances = self.instances;
         move |eye| {
@@ -134,7 +137,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// A ray of each pixel of the tile; with `COLLIDE` each as far as its random number has it collide.
+    /// Renders one ray of each pixel of the tile; with `COLLIDE` each ray ends at the collision its random number
+    /// draws.
     pub fn turn<M: Math, const COLLIDE: bool>(
         &mut self,
         pixels: &mut Pixels<'_, '_>,
@@ -198,7 +202,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Goes on to the next occupied bin of a field on ray `i`.
+    /// Marches ray `i` to the next occupied bin of a field.
     fn next_part(&mut self, member: usize, i: usize) {
         let Some(Instance { renderer, plan, placement }) = self.instances.get(member) else { return };
         let place = member * self.world.len() + i;
@@ -219,7 +223,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         state.next += 1;
     }
 
-    /// The direction's share of a field's colour branch, for the first `count` rays.
+    /// Computes the direction's share of a field's colour branch, for the first `count` rays.
     fn directions(&mut self, member: usize, count: usize, counters: &mut Counters) {
         let Some(it) = self.instances.get(member) else { return };
         let first = member * self.world.len();
@@ -232,7 +236,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Adds the colours that a field shaded once a ray has for the first `count` rays.
+    /// Adds the colours of a field shaded once a ray to the first `count` rays.
     fn shade(&mut self, member: usize, count: usize, counters: &mut Counters) {
         let first = member * self.world.len();
         let (world, scratch) = (&mut *self.world, &mut self.density.scratch);
@@ -244,7 +248,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         });
     }
 
-    /// Asks each field for the samples that rays wait for; `false` if none waits.
+    /// Evaluates each field at the samples that rays wait for; `false` if no ray waits.
     fn round<M: Math, const COLLIDE: bool>(&mut self, count: usize, counters: &mut Counters) -> bool {
         let mut any = false;
         for member in 0..self.instances.len() {
@@ -272,7 +276,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         any
     }
 
-    /// Asks a field for the next sample of the block's `n` rays.
+    /// Evaluates a field at the next sample of the block's `n` rays.
     fn ask<const COLLIDE: bool>(&mut self, member: usize, n: usize, counters: &mut Counters) {
         let Some(it) = self.instances.get(member) else { return };
         let (field, first, density) = (it.field(), member * self.world.len(), &mut self.density);
@@ -290,7 +294,7 @@ impl<'f, 'w> Merge<'f, 'w> {
             part.known = Known::Sample;
             part.sigma = if sigma > 0.0 { sigma.min(WALL) } else { 0.0 };
             state.kept += 1;
-            // Other fields in there only take light from this one.
+            // Other fields in the same bin can only reduce the weight of this sample.
             let light = world.pixel.gathered.transmittance();
             let most = light * thickness(part.sigma, part.to - part.from).min(1.0);
             if part.sigma > 0.0 && field.plan.outputs.picks() && (COLLIDE || most > field.plan.colour_cut) {
@@ -332,7 +336,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Takes ray `i` on to where it has to wait, or to its end.
+    /// Advances ray `i` until it needs a network evaluation, or ends.
     fn advance<M: Math, const COLLIDE: bool>(&mut self, i: usize) {
         let (members, capacity) = (self.instances.len(), self.world.len());
         loop {
@@ -341,7 +345,7 @@ impl<'f, 'w> Merge<'f, 'w> {
             if ray.pixel.done {
                 return;
             }
-            // The piece from here to where the first of the bins begins or ends.
+            // The segment from here to the first start or end of a bin.
             let (mut end, mut sigma, mut whole) = (f32::INFINITY, 0.0, None);
             for member in 0..members {
                 let Some(part) = self.parts.get(member * capacity + i) else { return };
@@ -354,7 +358,7 @@ impl<'f, 'w> Merge<'f, 'w> {
                     Known::Place => end = end.min(part.from),
                     Known::Sample => {
                         end = end.min(part.to);
-                        // A bin that no other begins or ends in.
+                        // The whole bin, if no other begins or ends in it.
                         let alone = sigma == 0.0 && part.from == ray.at;
                         whole = alone.then_some((part.counts_at, part.to));
                         sigma += part.sigma;
@@ -379,7 +383,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Adds a piece of ray `i`, whose densities add up to `sigma`; `counts_at`: where it does, if not in its middle.
+    /// Composites a segment of ray `i`, of total density `sigma`; `counts_at`: its distance, if that is not its
+    /// middle.
     fn composite<M: Math, const COLLIDE: bool>(
         &mut self,
         i: usize,
@@ -428,7 +433,7 @@ impl<'f, 'w> Merge<'f, 'w> {
                 sum.add(weight * share, part.gradient);
             }
         }
-        // What is too light to be asked for its colour takes that of the others here, or of what is behind.
+        // A sample whose weight is too small to need a colour takes that of the others here, or of samples behind.
         if coloured > 0.0
             && let Some(weight) = if COLLIDE { Some(weight) } else { gathered.take_uncoloured(0.0) }
         {

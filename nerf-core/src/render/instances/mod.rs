@@ -1,4 +1,4 @@
-//! Several fields in one world: each stands where a host has placed it, and a ray goes through all of them at once.
+//! Several fields in one world: a host places each of them, and a ray goes through all of them at once.
 
 mod deferred;
 mod merge;
@@ -12,15 +12,15 @@ use super::{InstanceProblem, RenderError, Renderer};
 use crate::plan::Plan;
 use crate::space::Placement;
 
-/// A field that stands somewhere in a host's world.
+/// A field placed in a host's world.
 #[derive(Clone, Copy, Debug)]
 pub struct Instance<'a> {
-    /// The field.
+    /// The field's renderer.
     pub renderer: &'a Renderer<'a>,
-    /// How it is rendered; a range of the plan's is in the field's own units. Outputs, effects and batch are those of all
-    /// instances, cuts, maths and background those of the last.
+    /// The field's plan; its range is in the field's own units. Outputs, effects and batch must be the same in all
+    /// instances. Cuts, maths and background are those of the last.
     pub plan: &'a Plan<'a>,
-    /// Where it stands.
+    /// The field's placement in the world.
     pub placement: Placement,
 }
 
@@ -30,7 +30,7 @@ impl<'a> Instance<'a> {
     }
 }
 
-/// The first of what is wrong with them.
+/// Checks that the instances can be rendered together; the error names the first that cannot.
 pub(super) fn check(instances: &[Instance<'_>]) -> Result<(), RenderError> {
     let last = instances.last().ok_or(RenderError::NoInstances)?;
     for (index, Instance { renderer, plan, .. }) in instances.iter().enumerate() {

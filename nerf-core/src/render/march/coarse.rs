@@ -1,4 +1,4 @@
-//! A coarse occupancy grid: which packets of rays pass no occupied cell, and where those begin that do.
+//! A coarse occupancy grid: rejects packets of rays that pass no occupied cell, and bounds the march of the others.
 
 use crate::camera::Ray;
 use crate::plan::{Lattice, Plan};
@@ -10,18 +10,18 @@ use glam::Vec3;
 #[cfg(test)]
 mod tests;
 
-/// Bytes of a grid's bits; without vectors none is made.
+/// Bytes of a coarse grid's bits; builds without vectors have none.
 const BYTES: usize = if VECTORS { 4096 } else { 0 };
 /// Cells of the occupancy grid along each side of a block, unless there would be too many blocks.
 const SIDE: u16 = 4;
-/// What rounding may move a point by, in cells.
+/// Largest distance that rounding may move a point by, in cells.
 const SLACK: f32 = 0.5;
 
-/// Blocks of an occupancy grid's cells that hold, or have a neighbour that holds, an occupied one.
+/// Blocks of an occupancy grid's cells; a block is set if it or a neighbour has an occupied cell.
 #[derive(Clone, Debug)]
 pub(crate) struct CoarseOccupancy {
     bits: [u8; BYTES],
-    /// Cells along each side of a block; 0 where there are no blocks.
+    /// Cells along each side of a block; 0 if there are no blocks.
     side: u16,
 }
 
@@ -40,7 +40,7 @@ impl CoarseOccupancy {
         coarse
     }
 
-    /// How packets of rays are looked up in it for frames of `plan`; `None` where its samples do not lie along them.
+    /// The lookup of ray packets for frames of `plan`; `None` with a contraction, a proposal, or no occupancy grid.
     pub(in crate::render) fn packets<'c>(
         &'c self,
         plan: &Plan<'c>,
@@ -50,7 +50,8 @@ impl CoarseOccupancy {
         if straight { self.packets_of(plan.occupancy.as_ref()?, around?) } else { None }
     }
 
-    /// The same of the `occupancy` it was made of; `around`: a box around all occupied cells.
+    /// The lookup of ray packets; `occupancy`: the grid this one was made of; `around`: a box around all occupied
+    /// cells.
     fn packets_of<'c>(&'c self, occupancy: &OccupancyGrid<'c>, around: SceneBox) -> Option<Packets<'c>> {
         if !VECTORS || self.side == 0 {
             return None;
@@ -68,7 +69,7 @@ impl CoarseOccupancy {
 fn dilate(bits: &mut [u8], [nx, ny, nz]: [usize; 3]) {
     let axes = [(ny * nz, nx), (nz, ny), (1, nz)];
     for (stride, side) in axes {
-        // What was set behind the block at hand, before this axis: each row is walked once.
+        // `before` and `here`: whether a block was set before this axis was dilated. Each row is visited once.
         for row in (0..nx * ny * nz).filter(|at| at / stride % side == 0) {
             let mut before = false;
             for i in 0..side {
@@ -94,20 +95,20 @@ pub(crate) fn set(bits: &mut [u8], at: usize) {
     }
 }
 
-/// How packets of rays are looked up in a [`CoarseOccupancy`].
+/// Lookup of ray packets in a [`CoarseOccupancy`].
 #[derive(Clone, Copy, Debug)]
 pub(in crate::render) struct Packets<'c> {
     blocks: OccupancyGrid<'c>,
-    /// A box around all occupied cells, wider than that by `reach` on every side.
+    /// A box around all occupied cells, enlarged by `reach` on every side.
     around: SceneBox,
-    /// How far from an empty block no cell is occupied, along each axis; world units.
+    /// Distance from an empty block within which no cell is occupied, along each axis; world units.
     reach: f32,
 }
 
 impl Packets<'_> {
-    /// Where along some rays occupied cells may be; `None` if nowhere.
+    /// The intervals along `rays` that may have occupied cells; `None` if there are none.
     ///
-    /// The mean of the rays is looked up at [`INTERVALS`] points, each of which stands for all rays around it.
+    /// The mean of the rays is looked up at [`INTERVALS`] points, each of which represents all rays around it.
     pub fn intervals_of(&self, isa: Isa, rays: &[Ray]) -> Option<Intervals> {
         let share = 1.0 / rays.len() as f32;
         let (mut origin, mut dir) = (Vec3::ZERO, Vec3::ZERO);
@@ -121,15 +122,15 @@ impl Packets<'_> {
             apart = apart.max((ray.origin - mean.origin).abs().max_element());
             turned = turned.max((ray.dir - mean.dir).abs().max_element());
         }
-        // No ray is longer where it leaves the box, and none farther from the mean.
+        // Upper bounds: of the distance at which a ray leaves the box, and of its distance from the mean there.
         let SceneBox { min, max } = self.around;
         let farthest = (0.5 * (min + max) - mean.origin).length() + 0.5 * (max - min).length();
         let aside = apart + turned * farthest * LENGTH;
-        // A ray that is no number leaves none of the mean's.
+        // A ray that is not finite makes the mean not finite.
         if aside > self.reach || !(mean.origin.is_finite() && mean.dir.is_finite()) {
             return Some(Intervals::ALL);
         }
-        // Whatever of a ray lies around occupied cells, the mean is near to that.
+        // Where a ray is near occupied cells, the mean is near the ray.
         let (near, far) = self.around.clip(&mean, 0.0, f32::MAX)?;
         let step = (far - near) / INTERVALS as f32;
         let rounding = 8.0 * f32::EPSILON * (mean.origin.abs().max_element() + far);
@@ -141,10 +142,10 @@ impl Packets<'_> {
     }
 }
 
-/// Where along the rays of a packet occupied cells may be.
+/// Intervals along the rays of a packet that may have occupied cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::render) struct Intervals {
-    /// Bit `i`: whether that is so from `near + i step` to `near + (i + 1) step` or in the intervals beside that.
+    /// Bit `i`: whether the interval from `near + i step` to `near + (i + 1) step` or one next to it may have some.
     found: u64,
     near: f32,
     /// World units along the rays; +∞ if nothing is known.
@@ -152,7 +153,7 @@ pub(in crate::render) struct Intervals {
 }
 
 impl Intervals {
-    /// They may be anywhere.
+    /// Occupied cells may be anywhere.
     pub const ALL: Self = Self { found: u64::MAX, near: 0.0, step: f32::INFINITY };
 }
 
@@ -169,24 +170,24 @@ pub(in crate::render) struct CandidateBins {
 }
 
 impl CandidateBins {
-    /// Every bin may have one.
+    /// Every bin is a candidate.
     pub const ALL: Self = Self { found: u64::MAX, first: 0.0, per_bin: 0.0, bins: 0.0 };
 
-    /// `start`: where along the ray its `bins` begin to count, world units.
+    /// `start`: the distance along the ray from which its `bins` are counted, world units.
     pub fn new(intervals: &Intervals, bins: &Bins, start: f32) -> Self {
         let Intervals { found, near, step } = *intervals;
         let per_bin = bins.delta() / step;
-        // A sample lies up to half a bin from the middle, which is within the intervals beside its own.
+        // A sample lies up to half a bin from the middle, and so at most in an interval next to its own.
         if !(per_bin > 0.0 && 0.5 * per_bin + MOST_ROUNDING <= 1.0) {
             return Self::ALL;
         }
         Self { found, first: (bins.middle(0) + (start - near)) / step, per_bin, bins: step / bins.delta() }
     }
 
-    /// The first such bin from `bin` on; beyond all bins if there is none.
+    /// The first candidate from `bin` on; `u32::MAX` if there is none.
     #[inline]
     pub fn next(&self, bin: u32) -> u32 {
-        // `as` saturates. The last interval ends where rounding has it.
+        // `as` saturates. Rounding may put a bin just behind the last interval.
         let at = ((self.first + bin as f32 * self.per_bin) as u32).min(INTERVALS - 1);
         match (self.found >> at).trailing_zeros() {
             0 => bin,
@@ -195,7 +196,7 @@ impl CandidateBins {
         }
     }
 
-    /// A bin behind all that may have a sample in an occupied cell.
+    /// Index of a bin behind all candidates.
     pub fn end(&self) -> u32 {
         let intervals = 64 - self.found.leading_zeros();
         if self.per_bin == 0.0 || intervals == INTERVALS {
@@ -205,14 +206,14 @@ impl CandidateBins {
     }
 }
 
-/// More than the inverse length of a direction, which is 1 within 1e-3.
+/// Upper bound of the inverse length of a direction, which is 1 within 1e-3.
 const LENGTH: f32 = 1.002;
-/// Number of intervals that a packet's way through the box is divided into; each is looked up in its middle.
+/// Number of intervals that a packet's path through the box is divided into; each is looked up in its middle.
 const INTERVALS: u32 = 64;
 /// Largest error of a point's distance by rounding, in intervals.
 const MOST_ROUNDING: f32 = 0.25;
 
-/// Which of the [`INTERVALS`] intervals of `step` from `near` on may hold something; bit 0 is the first.
+/// Finds which of the [`INTERVALS`] intervals of `step` from `near` on may have occupied cells; bit 0 is the first.
 struct LookUp<'a> {
     packets: &'a Packets<'a>,
     ray: &'a Ray,

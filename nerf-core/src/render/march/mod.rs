@@ -1,4 +1,4 @@
-//! Rays on their way: the state of each, and how it gets to its next sample in an occupied cell.
+//! Ray marching: the state of each ray, and its march to the next sample in an occupied cell.
 
 mod coarse;
 mod ray;

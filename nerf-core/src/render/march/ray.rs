@@ -15,14 +15,15 @@ use glam::Vec3;
 #[derive(Clone, Copy)]
 pub(in crate::render) struct RayState {
     pub pixel: PixelRay,
-    /// How the outermost of its bins are cut.
+    /// Cuts of the ray's outermost bins.
     pub ends: Ends,
-    /// The next bin or proposal sample, and the end of them.
+    /// Index of the next bin or drawn sample.
     pub next: u32,
+    /// Index behind the last bin or drawn sample.
     pub end: u32,
     /// The bins that were looked up in the occupancy grid.
     pub window: Window,
-    /// The bins that may have a sample in an occupied cell; none is kept without vectors, where all may.
+    /// The bins that may have a sample in an occupied cell; empty without vectors, where all may have one.
     pub candidates: [CandidateBins; VECTORS as usize],
     /// Samples that the network was evaluated at.
     pub kept: u32,
@@ -45,12 +46,12 @@ impl RayState {
         kept: 0,
     };
 
-    /// A point of the network's space that is asked about by itself, number `index`.
+    /// The state of a single queried point in the network's space, number `index`.
     pub fn of_point(origin: Vec3, dir: Vec3, index: usize) -> Self {
         Self { pixel: PixelRay { ray: Ray { origin, dir }, x: index as u32, ..PixelRay::NONE }, ..Self::NONE }
     }
 
-    /// Makes it the ray of a pixel before its first sample; `span`: what is sampled of it.
+    /// Starts the ray of a pixel, before its first sample; `span`: the part of it that is sampled.
     #[inline]
     pub fn begin(&mut self, (x, y): (u32, u32), ray: Ray, range: [f32; 2], span: Option<Span>) {
         *self = Self { pixel: PixelRay { ray, range, x, y, done: false, ..PixelRay::NONE }, ..Self::NONE };
@@ -60,7 +61,7 @@ impl RayState {
         }
     }
 
-    /// Moves `next` to the first occupied one of `bins` at or after it; `false` if there is none.
+    /// Moves `next` to the first occupied bin at or after it; `false` if there is none.
     #[cfg_attr(target_os = "none", inline(never))]
     pub fn march(&mut self, isa: Isa, plan: &Plan<'_>, bins: &Bins, jitter: SampleJitter) -> bool {
         if VECTORS && self.march_looked_up() {
@@ -94,13 +95,13 @@ pub(super) fn windows<'p>(isa: Isa, plan: &'p Plan<'_>) -> Option<&'p OccupancyG
     plan.occupancy.as_ref().filter(|_| VECTORS && isa != Isa::Portable && plan.effects.jitter.is_none())
 }
 
-/// Moves `next` of rays to their next sample in an occupied cell: [`RayState::march`] of each, of samples in the middle of bins.
+/// [`RayState::march`] of several rays, with samples in the middle of bins.
 pub(super) struct MarchAll<'a> {
     pub occupancy: &'a OccupancyGrid<'a>,
     pub contraction: Option<&'a Contraction>,
     pub bins: &'a Bins,
     pub rays: &'a mut [RayState],
-    /// Which of the rays.
+    /// Indices of the rays to march.
     pub list: &'a [u32],
     /// Whether no occupied cell lies at a face of the box.
     pub inner: bool,

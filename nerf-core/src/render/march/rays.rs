@@ -1,9 +1,9 @@
 //! Ray marching: each block takes the next occupied sample of as many active rays as it has room for.
 //!
-//! A ray has one sample in flight, so that its transmittance is known before the next one is evaluated. Where fewer rays
-//! are active than a vector has columns, the next samples of the same rays take the rest, which would hold copies
-//! otherwise; what turns out to lie behind the transmittance threshold is dropped and not counted. So the work of a frame
-//! depends on the scene and the request alone, as its pixels do.
+//! A ray has one sample in flight, so that its transmittance is known before the next one is evaluated. If fewer rays
+//! are active than a vector has columns, the next samples of the same rays fill the other columns, which would
+//! otherwise hold copies. Samples that turn out to lie behind the transmittance threshold are dropped and not
+//! counted. So the work of a frame depends on the scene and the request alone, as its pixels do.
 
 use super::coarse::{CandidateBins, Intervals, Packets};
 use super::ray::{ActiveRays, MarchAll, RayState, windows};
@@ -19,27 +19,28 @@ use crate::simd::{MAX_LANES, VECTORS};
 use crate::space::SceneBox;
 use crate::volume::Accumulator;
 
-/// Rays that are looked up in the coarse occupancy grid together, across and down; of a row as many. No more than
-/// [`MAX_LANES`].
+/// Rays of a packet, across and down, that are looked up in the coarse occupancy grid together. In a tile of one row
+/// a packet has the same number of rays. At most [`MAX_LANES`].
 const PACKET: (u32, u32) = (4, 4);
 
-/// The rays of a tile that meet something occupied; they stay where they are until the tile is done.
+/// The rays of a tile that meet something occupied.
 pub(in crate::render) struct Rays<'f, 'w> {
     field: Field<'f>,
-    /// A box around what the occupancy grid has.
+    /// A box around the occupied cells of the occupancy grid.
     occupied: Option<SceneBox>,
-    /// Whether no cell at a face of the scene box is occupied; always `false` in builds without vectors, which shortens their code.
+    /// Whether no cell at a face of the scene box is occupied; always `false` in builds without vectors, which
+    /// shortens their code.
     inner: bool,
     packets: [Option<Packets<'f>>; VECTORS as usize],
     pub states: &'w mut [RayState],
     pub active: ActiveRays<'w>,
     pub samples: ProposalSamples<'w>,
-    /// Number of the rays in flight among those of their pixels.
+    /// Index of each ray in flight among the rays of its pixel.
     pub turn: u32,
 }
 
 impl<'f, 'w> Rays<'f, 'w> {
-    /// `drawn`: samples of a ray that are drawn from a proposal's weights.
+    /// `drawn`: number of a ray's values in [`ProposalSamples`]; 0 without a proposal.
     pub fn lay_out(
         layout: &mut impl Layout<'w>,
         field: Field<'f>,
@@ -62,7 +63,8 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
     }
 
-    /// Makes the rays of a tile's pixels; those that meet nothing are finished at once. Returns how many do.
+    /// Starts the rays of a tile's pixels; those that meet nothing are finished at once. Returns the number of the
+    /// others.
     pub fn start<M: Math, const COLLIDE: bool>(
         &mut self,
         pixels: &mut Pixels<'_, '_>,
@@ -89,7 +91,8 @@ impl<'f, 'w> Rays<'f, 'w> {
         hits
     }
 
-    /// Makes the rays of a `part` of the tile, of which `hits` before them met something; returns how many do with them.
+    /// Starts the rays of a `part` of the tile. `hits`: number of rays before them that met something; returns it
+    /// with theirs.
     fn start_packet<M: Math, const COLLIDE: bool>(
         &mut self,
         packets: &Packets<'_>,
@@ -145,8 +148,8 @@ impl<'f, 'w> Rays<'f, 'w> {
         hits
     }
 
-    /// Starts the ray of a pixel: marches it to its first occupied sample and stores it as the tile's ray number `hits`.
-    /// Returns `false` for a ray without one, which is finished at once.
+    /// Starts the ray of a pixel: marches it to its first occupied sample and stores it as the tile's ray number
+    /// `hits`. Returns `false` for a ray without one, which is finished at once.
     #[inline(never)]
     fn start_ray<M: Math, const COLLIDE: bool>(
         &mut self,
@@ -175,7 +178,7 @@ impl<'f, 'w> Rays<'f, 'w> {
         let span = around.and_then(|around| plan.span(&around, &ray, range));
         begin::<COLLIDE>(plan, pixel, (ray, range, span), &intervals, source, state);
         let (drawn, meets_box) = (self.samples.is_on(), state.next < state.end);
-        // A proposal is asked in the middle of its bins.
+        // A proposal is evaluated in the middle of its bins.
         let jitter = if drawn { SampleJitter::MIDDLE } else { state.pixel.jitter(plan, self.turn) };
         let occupied = state.march(isa, plan, plan.marched_bins(), jitter);
         if occupied {
@@ -205,9 +208,9 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
     }
 
-    /// Takes the next sample of each active ray for a block with room for `room`, or several of each: a vector's columns where
-    /// there are fewer rays, and without a transmittance threshold all samples of as many rays as fit. `put` takes column, ray
-    /// and distance. Returns the number of samples.
+    /// Takes the next sample of each active ray for a block with room for `room`. If there are fewer rays than a
+    /// vector has columns, takes several samples of each; without a transmittance threshold, all samples of as many
+    /// rays as fit. `put` takes column, ray and distance. Returns the number of samples.
     pub fn take<const COLLIDE: bool>(&mut self, room: usize, mut put: impl FnMut(usize, u32, f32)) -> usize {
         let (field, plan) = (self.field, self.field.plan);
         let burst = match field.columns(1) {
@@ -220,7 +223,7 @@ impl<'f, 'w> Rays<'f, 'w> {
             let Some(state) = self.states.get_mut(i as usize) else { break };
             for taken in 0..burst.min(room - n) {
                 let jitter = state.pixel.jitter(plan, self.turn);
-                // The next sample of an active ray is occupied.
+                // The next sample of an active ray is always occupied.
                 if taken > 0 && !self.samples.march(field, i, state, jitter) {
                     break;
                 }
@@ -233,7 +236,8 @@ impl<'f, 'w> Rays<'f, 'w> {
     }
 }
 
-/// Makes `state` that of a pixel's ray before its first sample. `intervals`: where along the ray occupied cells may be.
+/// Starts a pixel's ray in `state`, before its first sample. `intervals`: those of the ray that may have occupied
+/// cells.
 fn begin<const COLLIDE: bool>(
     plan: &Plan<'_>,
     pixel: (u32, u32),

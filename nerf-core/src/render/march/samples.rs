@@ -1,21 +1,21 @@
-//! The samples of rays that are drawn from a proposal's weights, in the place of bins.
+//! Samples drawn from a proposal's weights, which take the place of a ray's bins.
 
 use super::ray::RayState;
 use crate::memory::{Layout, at, head, head_mut, put, tail, tail_mut};
 use crate::render::field::Field;
 use crate::sampling::{Bins, SampleInterval, SampleJitter, sample_interval, sample_pdf};
 
-/// The samples of the rays in flight, where they are drawn; else nothing, and the plan's bins are meant.
+/// The drawn samples of the rays in flight; empty if the frame has none and uses the plan's bins.
 pub(in crate::render) struct ProposalSamples<'w> {
-    /// `[rays][row]`: `t`, ascending; before they are drawn, a row's last values are the proposal's weights.
+    /// `[rays][row]`: distances, ascending; before samples are drawn, a row's last values are the proposal's weights.
     t: &'w mut [f32],
     row: usize,
-    /// Index of each sample of a block among its ray's, or of its bin among the proposal's: `[samples]`.
+    /// Index of each sample of a block in its ray's row, or of its bin in the proposal: `[samples]`.
     index: &'w mut [u32],
 }
 
 impl<'w> ProposalSamples<'w> {
-    /// `row` samples for each of the `rays`; nothing where `row` is 0.
+    /// Memory for `row` samples of each of `rays` rays; none if `row` is 0.
     pub fn lay_out(layout: &mut impl Layout<'w>, [rays, samples, row]: [usize; 3]) -> Self {
         let index = layout.slice(if row == 0 { 0 } else { samples }, 0);
         Self { t: layout.slice(rays.saturating_mul(row), 0.0), row, index }
@@ -41,7 +41,7 @@ impl<'w> ProposalSamples<'w> {
         state.next < state.end
     }
 
-    /// The next sample of ray `ray`, which goes into column `column` of the block.
+    /// Distance of the next sample of ray `ray`, which goes into column `column` of the block.
     #[inline]
     pub fn take(
         &mut self,
@@ -82,25 +82,26 @@ impl<'w> ProposalSamples<'w> {
         SampleInterval { t: t.max(t_min).min(t_max), mid, delta }
     }
 
-    /// Begins the proposal's march of the first `rays`.
+    /// Clears the rows of the first `rays` rays, for their march through the proposal.
     pub fn begin(&mut self, rays: usize) {
         head_mut(self.t, rays * self.row).fill(0.0);
     }
 
-    /// Bin `bin` of a ray goes into column `column` of the block.
+    /// Notes that column `column` of the block holds bin `bin` of its ray.
     #[inline]
     pub fn take_bin(&mut self, bin: u32, column: usize) {
         put(self.index, column, bin);
     }
 
-    /// Notes the weight of the bin in column `column` of the block, which has `drawn` samples in front of its weights.
+    /// Stores the weight of the bin in column `column` of the block; `drawn`: number of values before a row's
+    /// weights.
     pub fn put_weight(&mut self, ray: u32, column: usize, drawn: usize, weight: f32) {
         let bin = at(self.index, column) as usize;
         put(self.t, ray as usize * self.row + drawn + bin, weight);
     }
 
-    /// Draws the samples of ray `from` from the weights of the `coarse` bins; it is ray `to` from now on, an earlier one or
-    /// the same. Returns the number of its samples.
+    /// Draws the samples of ray `from` from the weights of the `coarse` bins, and stores them as those of ray `to`,
+    /// which is at most `from`. Returns their number.
     pub fn draw(&mut self, coarse: &Bins, from: usize, to: usize, jitter: SampleJitter) -> u32 {
         debug_assert!(to <= from, "expected a row at or before {from}, found {to}");
         let row = self.row;

@@ -1,4 +1,4 @@
-//! In the place of `samples.rs` where the feature `proposal` is off: the plan's bins are always meant.
+//! In place of `samples.rs` in a build without the feature `proposal`: the plan's bins are always used.
 
 use super::ray::RayState;
 use crate::memory::Layout;
@@ -6,7 +6,7 @@ use crate::render::field::Field;
 use crate::sampling::{SampleInterval, SampleJitter};
 use core::marker::PhantomData;
 
-/// Nothing.
+/// No drawn samples.
 pub(in crate::render) struct ProposalSamples<'w>(PhantomData<&'w ()>);
 
 impl<'w> ProposalSamples<'w> {

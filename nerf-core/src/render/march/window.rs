@@ -1,4 +1,4 @@
-//! Sixteen bins of a ray at a time: which of them have their sample in an occupied cell.
+//! Lookup of sixteen bins of a ray at a time: those with their sample in an occupied cell.
 
 use super::coarse::{CandidateBins, points_at};
 use crate::camera::Ray;
@@ -9,34 +9,34 @@ use crate::space::Contraction;
 #[cfg(test)]
 mod tests;
 
-/// Bins of a window.
+/// Number of bins of a window.
 const WIDTH: u32 = 16;
 
-/// Bins of a ray that have been looked up.
+/// Sixteen bins of a ray that have been looked up.
 #[derive(Clone, Copy)]
 pub(in crate::render) struct Window {
-    /// The first bin behind it.
+    /// Index of the first bin behind the window.
     end: u32,
-    /// Its occupied bins; bit `i` is bin `end − 16 + i`.
+    /// Occupied bins of the window; bit `i` is bin `end − 16 + i`.
     live: u32,
 }
 
 impl Window {
-    /// Nothing has.
+    /// No bin has been looked up.
     pub const NONE: Self = Self { end: 0, live: 0 };
 
-    /// The first occupied one of the bins from `from` on that have been looked up.
+    /// The first occupied bin from `from` on, among those that have been looked up.
     #[inline]
     pub fn left(&self, from: u32) -> Option<u32> {
         let left = if from < self.end { self.live >> (from + WIDTH - self.end) } else { 0 };
         (left != 0).then(|| from + left.trailing_zeros())
     }
 
-    /// The first occupied one of the bins `from..end`, or `end`; what [`Plan::first_occupied`](crate::plan::Plan::first_occupied)
-    /// says of their middles, bit for bit.
+    /// The first occupied bin of `from..end`, or `end`; the same as
+    /// [`Plan::first_occupied`](crate::plan::Plan::first_occupied) at the middles of the bins, bit for bit.
     ///
-    /// `from` never falls from call to call, and the bins stay those of the first. `candidates` says
-    /// which of them need not be asked.
+    /// `from` must not fall from call to call, and the bins must be those of the first call. Bins that are not
+    /// `candidates` are skipped.
     #[inline(always)]
     pub(super) fn first_occupied<V: Lanes>(
         &mut self,
@@ -59,7 +59,8 @@ impl Window {
     }
 }
 
-/// The first window from bin `from` on with a sample that is [`OccupancyGrid::occupied`], or the last before `end`.
+/// Finds the first window from bin `from` on with a sample that is [`OccupancyGrid::occupied`], or the last before
+/// `end`.
 struct LookUp<'a> {
     occupancy: &'a OccupancyGrid<'a>,
     contraction: Option<&'a Contraction>,
@@ -101,7 +102,7 @@ impl LookUp<'_> {
                 };
                 live |= lanes.occupied(points) << from;
             }
-            // All of space is in the box.
+            // The contraction maps all of space into the box.
             return live;
         }
         for from in (0..WIDTH).step_by(V::COUNT) {
@@ -112,7 +113,7 @@ impl LookUp<'_> {
         if live == 0 || self.inner {
             return live;
         }
-        // Rounding keeps order: what lies between two points of the box is in it.
+        // Rounding keeps order: a point between two points of the box is in the box.
         let inside = |i: u32| occupancy.contains(ray.at(bins.at(first + i, 0.5)));
         if !(inside(0) && inside(WIDTH - 1)) {
             for i in 0..WIDTH {

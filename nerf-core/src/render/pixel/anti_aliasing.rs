@@ -1,4 +1,4 @@
-//! Several rays a pixel: where they go through it, and their mean.
+//! Several rays a pixel: their positions in the pixel, and their mean.
 
 use crate::math::Sum;
 use crate::memory::Layout;
@@ -9,13 +9,13 @@ use crate::volume::{OPACITY_EPSILON, Pixel, mean_direction};
 #[cfg(test)]
 mod tests;
 
-/// Rays a pixel.
+/// Number of rays a pixel.
 #[inline]
 pub(crate) fn rays(effects: &Effects) -> u32 {
     effects.anti_aliasing.into()
 }
 
-/// Where in its pixel the `ray`-th ray lies, right and down, in `(0, 1)`; in the middle where it is the only one.
+/// Position of the `ray`-th ray in its pixel, right and down, in `(0, 1)`; the middle if it is the only one.
 ///
 /// The same in every pixel: `n` rays a pixel are the mean of `n` shifted pictures. Each of `n` columns and of
 /// `n` rows has one ray, so that their mean is the pixel's centre.
@@ -35,14 +35,16 @@ fn place_in_pixel(ray: u32, rays: u32) -> (f32, f32) {
     (middle(ray), middle(rank(GOLDEN, ray, rays)))
 }
 
-/// What the rays of one pixel have given so far.
+/// Sums over the rays of one pixel so far.
 #[derive(Clone, Copy, Default)]
 struct PixelSum {
     rgb: [Sum; 3],
     opacity: Sum,
-    /// Opacity of the rays that have a surface, and their distances times it.
+    /// Opacity of the rays that have a surface.
     surface: Sum,
+    /// Opacity times `ray_distance` of these rays.
     ray_distance: Sum,
+    /// Opacity times `z_depth` of these rays.
     z_depth: Sum,
 }
 
@@ -61,11 +63,11 @@ impl PixelSum {
         }
     }
 
-    /// The mean of `rays` pixels: of colour and opacity over all, of the distances by opacity.
+    /// The mean of `rays` rays; distances are weighted by opacity.
     fn mean(&self, rays: u32, far: f32) -> Pixel {
         let rays = rays as f32;
         let opacity = self.opacity.value / rays;
-        // More than the epsilon on average, but for rounding: at least one ray has a surface.
+        // A mean above the epsilon implies, except for rounding, that at least one ray has a surface.
         let seen = opacity > OPACITY_EPSILON && self.surface.value > 0.0;
         let distance = |sum: Sum| if seen { sum.value / self.surface.value } else { far };
         Pixel {
@@ -78,11 +80,12 @@ impl PixelSum {
     }
 }
 
-/// The same of median distances and normals, which are asked for more rarely.
+/// Sums of median distances and normals over the rays of one pixel; these outputs are requested more rarely.
 #[derive(Clone, Copy, Default)]
 struct SurfaceSum {
-    /// Rays half of whose light is gone, and where it was.
+    /// Number of rays that have a median distance.
     halved: u16,
+    /// Sum of their median distances.
     median_distance: Sum,
     normal: [Sum; 3],
 }
@@ -98,8 +101,8 @@ impl SurfaceSum {
         }
     }
 
-    /// The mean of the medians where at least half of the rays have one, and of the normals by opacity; what
-    /// was not asked for is 0 on every ray, and stays so.
+    /// The mean normal, weighted by opacity, and the mean of the median distances, `far` if less than half of the
+    /// rays have one. An output that was not requested is 0 on every ray, and so is its mean.
     fn mean(&self, rays: u32, far: f32, opacity: f32) -> ([f32; 3], f32) {
         let sum = self.normal.map(|sum| sum.value);
         let normal = mean_direction(sum, opacity * rays as f32, opacity);
@@ -112,15 +115,15 @@ impl SurfaceSum {
     }
 }
 
-/// The sums of a tile's pixels; none where a pixel is one ray.
+/// The sums of a tile's pixels; empty if a pixel is one ray.
 pub(crate) struct Sums<'w> {
     pixels: &'w mut [PixelSum],
-    /// As long as `pixels` where a median distance or a normal is asked for, else empty.
+    /// As long as `pixels` if a median distance or a normal is requested, else empty.
     surfaces: &'w mut [SurfaceSum],
 }
 
 impl<'w> Sums<'w> {
-    /// Their memory, for `pixels`; `surface` says whether a median distance or a normal is asked for.
+    /// Memory for the sums of `pixels` pixels; `surface`: whether a median distance or a normal is requested.
     pub fn lay_out(layout: &mut impl Layout<'w>, effects: &Effects, surface: bool, pixels: usize) -> Self {
         let pixels = if rays(effects) > 1 { pixels } else { 0 };
         let surfaces = if surface { pixels } else { 0 };
@@ -128,7 +131,7 @@ impl<'w> Sums<'w> {
         Self { pixels, surfaces: layout.slice(surfaces, SurfaceSum::default()) }
     }
 
-    /// Adds the `ray`-th ray of a tile's `index`-th pixel; the pixel, once that was the last.
+    /// Adds the `ray`-th ray of a tile's `index`-th pixel. Returns the pixel after its last ray.
     #[inline]
     pub fn add(
         &mut self,

@@ -1,4 +1,4 @@
-//! Rays through a lens that is no pinhole.
+//! Rays through a thin lens.
 
 use crate::camera::{Pose, Ray};
 use crate::math::{Math, polynomial::Polynomial};
@@ -10,9 +10,9 @@ use glam::Vec3;
 #[cfg(test)]
 mod tests;
 
-/// Which of the aperture's areas the `ray`-th ray of every pixel goes through.
+/// Index of the aperture's area that the `ray`-th ray of every pixel goes through.
 ///
-/// In another order than the rays go through the pixel, so that no side of a pixel has the aperture's rim.
+/// The order differs from that of the rays in the pixel, so that no side of a pixel has the aperture's rim.
 #[inline]
 pub(crate) fn area(effects: &Effects, ray: u32) -> u32 {
     /// The silver ratio's fraction, in 2^-32.
@@ -23,7 +23,7 @@ pub(crate) fn area(effects: &Effects, ray: u32) -> u32 {
     }
 }
 
-/// The ray of pixel `(x, y)` through an [`area`] of the aperture, whose pinhole's ray is `pinhole`.
+/// The ray of pixel `(x, y)` through an [`area`] of the aperture; `pinhole`: the same ray through a pinhole.
 #[inline]
 pub(crate) fn through_lens(
     effects: &Effects,
@@ -40,14 +40,14 @@ pub(crate) fn through_lens(
 
 /// The ray from point `at` of the aperture's unit disc to where `pinhole` meets the plane of focus.
 ///
-/// The plane of focus is perpendicular to the view axis, and so is the aperture: what lies at `t` of the
-/// new ray is `t` times its cosine to the view axis away from the camera's centre, along that axis.
+/// The plane of focus and the aperture are perpendicular to the view axis: a point at distance `t` along the
+/// new ray has a z_depth of `t` times the cosine between the new ray and that axis.
 #[inline(never)]
 fn lens_ray(lens: &ThinLens, pose: &Pose, pinhole: &Ray, at: (f32, f32)) -> Ray {
     let offset = pose.rotation * (Vec3::new(at.0, at.1, 0.0) * lens.aperture_radius);
-    // From the camera's centre: far from the world's origin nothing is lost.
+    // Relative to the camera's centre: no precision is lost far from the world's origin.
     let cosine = pinhole.dir.dot(pose.forward());
-    // A fisheye sees beside and behind itself, where no plane of focus is.
+    // A fisheye also sees directions at 90° and more from its axis, which meet no plane of focus.
     if cosine <= 0.0 {
         return *pinhole;
     }
@@ -57,9 +57,9 @@ fn lens_ray(lens: &ThinLens, pose: &Pose, pinhole: &Ray, at: (f32, f32)) -> Ray 
 
 /// A point of an [`area`] of the unit disc.
 ///
-/// A sunflower: equal areas out from the middle, the golden angle apart. Where the first point lies in
-/// its area and at which angle is a pixel's own, so that every ray is uniform over the disc and
-/// neighbours do not repeat each other.
+/// Sunflower pattern: rings of equal area from the middle outwards, successive points the golden angle apart.
+/// Position within the ring and first angle are random for each pixel, so that every ray is uniform over the
+/// disc and neighbouring pixels differ.
 ///
 /// # Source
 /// Vogel 1979; deviation: random start.

@@ -7,10 +7,10 @@ use crate::volume::{Accumulator, median_in_bin};
 #[cfg(test)]
 mod tests;
 
-/// No half of the light is gone yet.
+/// Median distance of a ray whose transmittance has not fallen below one half.
 const NOT_YET: f32 = f32::INFINITY;
 
-/// The rays' median distances, `[rays]`, or empty where they are not requested.
+/// The rays' median distances, `[rays]`, or empty if they are not requested.
 pub(in crate::render) struct Medians<'w> {
     distance: &'w mut [f32],
 }
@@ -24,29 +24,30 @@ impl<'w> Medians<'w> {
         Self { distance: layout.slice(rays, NOT_YET) }
     }
 
-    /// The first `count` rays are new ones.
+    /// Resets the first `count` rays.
     pub fn begin(&mut self, count: usize) {
         self.distance.iter_mut().take(count).for_each(|distance| *distance = NOT_YET);
     }
 
-    /// Whether the sample that `gathered` took last is where the light of a ray falls below one half.
+    /// Whether the sample last added to `gathered` is the first that takes the ray's transmittance below one half.
     ///
-    /// The same comparison as the one that ends rays: a threshold of one half never ends a ray before its median is known.
+    /// The same comparison as the one that ends rays: a threshold of one half never ends a ray before its median is
+    /// known.
     #[inline]
     pub fn passes(&self, ray: u32, gathered: &Accumulator) -> bool {
         let distance = self.distance.get(ray as usize);
         distance.is_some_and(|&distance| distance == NOT_YET && gathered.transmittance() < 0.5)
     }
 
-    /// Takes the sample that [`Medians::passes`]: of density `sigma`, in the interval of middle `mid` and width `delta`, with an
-    /// optical thickness of `before` in front of it.
+    /// Stores the median distance, which lies in the sample that [`Medians::passes`]: density `sigma`, interval of
+    /// middle `mid` and width `delta`, optical thickness `before` in front of it.
     pub fn put(&mut self, ray: u32, before: f32, sigma: f32, [mid, delta]: [f32; 2]) {
         if let Some(distance) = self.distance.get_mut(ray as usize) {
             *distance = median_in_bin(before, sigma, mid, delta);
         }
     }
 
-    /// The pixel's median distance, whose ray is counted from `start`; at `far` where there is none.
+    /// The median distance of `ray`, whose samples are counted from `start`, at most `far`; `far` if it has none.
     pub fn finish(&self, ray: usize, start: f32, far: f32) -> f32 {
         self.distance.get(ray).map_or(0.0, |&distance| (start + distance).min(far))
     }

@@ -1,6 +1,7 @@
 //! Pixels: which rays a pixel has, and what it makes of them.
 //!
-//! Each effect has a file that does it and one with the same interface that does nothing, in builds without its feature.
+//! Each effect has a file that does it and one with the same interface that does nothing, in builds without its
+//! feature.
 
 #[cfg_attr(not(feature = "anti-aliasing"), path = "anti_aliasing_off.rs")]
 mod anti_aliasing;

@@ -1,4 +1,4 @@
-//! The pixels of the tile at hand: each takes its rays, and goes to the target after its last.
+//! The pixels of the current tile: each sums up its rays, and goes to the target after the last of them.
 
 use super::anti_aliasing::Sums;
 use super::tone;
@@ -14,12 +14,12 @@ use glam::Vec3;
 pub(in crate::render) struct Pixels<'f, 'w> {
     pub plan: &'f Plan<'f>,
     sums: Sums<'w>,
-    /// Number of the rays in flight among those of their pixels.
+    /// Index of each ray in flight among the rays of its pixel.
     pub turn: u32,
     pub tile: Rect,
-    /// Whether colour is over the background.
+    /// Whether colour is composited over the background.
     pub background: bool,
-    /// What z_depth is measured along.
+    /// Axis that z_depth is measured along.
     pub forward: Vec3,
     pub counters: Counters,
 }
@@ -37,7 +37,7 @@ impl<'f, 'w> Pixels<'f, 'w> {
         }
     }
 
-    /// Adds a ray to its pixel; one that met something has a number in `surface`.
+    /// Adds a ray to its pixel; `hit`: if the ray met something, its index in the [`Surface`].
     #[inline(never)]
     pub fn finish<M: Math>(
         &mut self,
@@ -77,13 +77,13 @@ impl<'f, 'w> Pixels<'f, 'w> {
         if Medians::BUILT && self.plan.outputs.median_distance { far } else { 0.0 }
     }
 
-    /// What shows behind a ray.
+    /// The colour behind a ray: the background, or black if it is not shown.
     fn background<M: Math>(&self) -> [f32; 3] {
         let shown = self.plan.outputs.rgb && self.background;
         tone::background::<M>(&self.plan.effects.tone, if shown { self.plan.background } else { [0.0; 3] })
     }
 
-    /// Adds what a ray saw to its pixel, and hands that on after its last.
+    /// Adds a ray's result to its pixel, and passes the pixel to `target` after its last ray.
     fn put<M: Math>(&mut self, (x, y): (u32, u32), mut seen: Pixel, far: f32, target: &mut impl Target) {
         let (effects, tile) = (&self.plan.effects, self.tile);
         seen.rgb = tone::to_light::<M>(&effects.tone, seen.rgb);

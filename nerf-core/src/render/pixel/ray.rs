@@ -9,9 +9,9 @@ use glam::Vec3;
 /// The ray of a pixel, and what is composited along it.
 #[derive(Clone, Copy)]
 pub(in crate::render) struct PixelRay {
-    /// From the point its samples are counted from.
+    /// The ray, from the point its samples are counted from.
     pub ray: Ray,
-    /// How far that is along the ray.
+    /// Distance of that point along the ray, world units.
     pub start: f32,
     /// Nearest and farthest visible distance along the ray, world units.
     pub range: [f32; 2],
@@ -33,7 +33,7 @@ impl PixelRay {
         gathered: Accumulator::NONE,
     };
 
-    /// The jitter of its samples in frames of `plan`, if it is the `turn`-th ray of its pixel.
+    /// The jitter of the ray's samples in frames of `plan`; `turn`: the ray's index among those of its pixel.
     #[inline]
     pub fn jitter(&self, plan: &Plan<'_>, turn: u32) -> SampleJitter {
         SampleJitter::of(plan.effects.jitter.map(|jitter| jitter.seed), self.x, self.y, turn)

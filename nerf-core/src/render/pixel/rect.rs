@@ -1,4 +1,4 @@
-//! Which pixels, and where they go.
+//! Rectangles of pixels, and the target of finished pixels.
 
 use crate::camera::Camera;
 use crate::volume::Pixel;
@@ -26,20 +26,20 @@ impl Rect {
         Self { x: 0, y: 0, width: i.width, height: i.height }
     }
 
-    /// Whether it lies inside a `width` × `height` image.
+    /// Whether the rectangle lies inside a `width` × `height` image.
     pub fn fits(&self, width: u32, height: u32) -> bool {
         let inside =
             |start: u32, length: u32, all: u32| start.checked_add(length).is_some_and(|end| end <= all);
         inside(self.x, self.width, width) && inside(self.y, self.height, height)
     }
 
-    /// x and y of its pixels, row by row.
+    /// x and y of the rectangle's pixels, row by row.
     pub(in crate::render) fn pixels(self) -> impl Iterator<Item = (u32, u32)> + Clone {
         let columns = self.x..self.x + self.width;
         (self.y..self.y + self.height).flat_map(move |y| columns.clone().map(move |x| (x, y)))
     }
 
-    /// Tiles of at most `width` × `height` pixels that cover it, row by row.
+    /// Tiles of at most `width` × `height` pixels that cover the rectangle, row by row.
     ///
     /// A rectangle that reaches beyond the last `u32` is cut off there.
     pub fn tiles(self, width: u32, height: u32) -> impl Iterator<Item = Self> {
@@ -56,7 +56,7 @@ impl Rect {
     }
 }
 
-/// Where finished pixels go.
+/// Receiver of finished pixels.
 pub trait Target {
     /// Takes the pixel at `(x, y)` of the image; each pixel comes once.
     fn put(&mut self, x: u32, y: u32, pixel: &Pixel);

@@ -1,4 +1,4 @@
-//! Which part of a ray is seen: of the caller's own, and of a camera's behind a depth buffer.
+//! Visible part of a ray: a range for a ray of the caller's, the limit of a depth buffer for a camera's.
 
 use crate::camera::Ray;
 use glam::Vec3;
@@ -6,12 +6,12 @@ use glam::Vec3;
 /// A ray given by the caller, and its visible distances.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RaySegment {
-    /// From where, in which direction.
+    /// Origin, and direction of unit length.
     pub ray: Ray,
-    /// What is nearer is not seen, world units along the ray, at least 0.
+    /// Nearest visible distance, world units along the ray, at least 0.
     pub t_min: f32,
-    /// What is farther is not seen, world units along the ray, at least `t_min`; may be infinite. It cuts the bin it lies
-    /// in: opacity goes continuously with it.
+    /// Farthest visible distance, world units along the ray, at least `t_min`; may be infinite. It cuts the bin it
+    /// lies in: opacity is continuous in it.
     pub t_max: f32,
 }
 
@@ -21,7 +21,7 @@ impl From<Ray> for RaySegment {
     }
 }
 
-/// Where a pixel's ray ends: what a depth buffer has there. Infinity, or a NaN, is no end.
+/// End of a pixel's ray, from a depth buffer. Infinity and NaN mean no end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Limit {
     /// World units along the ray.
@@ -34,7 +34,8 @@ impl Limit {
     /// No end.
     pub const NONE: Self = Self::RayDistance(f32::INFINITY);
 
-    /// The same along a ray of a camera that looks along `forward`; a plane it never meets is no end.
+    /// The limit as a distance along `ray`, of a camera that looks along `forward`; infinite if the ray never meets
+    /// the plane.
     #[inline]
     pub(crate) fn along(self, ray: &Ray, forward: Vec3) -> f32 {
         match self {

@@ -1,4 +1,4 @@
-//! Where the rays of a tile's pixels come from: a camera, or the caller.
+//! Source of the rays of a tile's pixels: a camera, or the caller.
 
 use super::{Limit, RaySegment, Rect, anti_aliasing, depth_of_field};
 use crate::camera::{Camera, Lens, PinholeRays, Ray};
@@ -7,11 +7,11 @@ use crate::plan::Effects;
 use crate::simd::{Isa, MAX_LANES};
 use glam::Vec3;
 
-/// Where the rays of a tile's pixels come from.
+/// Source of the rays of a tile's pixels.
 pub(in crate::render) trait RaySource {
     /// The ray of a pixel.
     fn ray(&self, x: u32, y: u32) -> Ray;
-    /// The camera, and where in its pixels the rays lie, if they are those of a pinhole.
+    /// The camera, and the position of the rays in their pixels, if the rays are those of a pinhole camera.
     fn pinhole(&self) -> Option<(&Camera, (f32, f32))> {
         None
     }
@@ -26,11 +26,11 @@ pub(in crate::render) trait RaySource {
         }
         isa.run(PinholeRays { camera, points: &points, to });
     }
-    /// The distances that are asked for of it, world units along it.
+    /// Nearest and farthest visible distance along a pixel's ray, world units.
     fn range(&self, x: u32, y: u32, ray: &Ray) -> [f32; 2];
-    /// The distance of a pixel of that column where its ray meets no surface, but for its own range.
+    /// Distance of a pixel of column `x` whose ray meets no surface, before it is limited to the ray's range.
     fn far(&self, x: u32) -> f32;
-    /// The optical thickness at which the ray of that column collides.
+    /// The optical thickness at which the ray of column `x` collides.
     fn until(&self, x: u32) -> f32;
 }
 
@@ -38,8 +38,9 @@ pub(in crate::render) trait RaySource {
 pub(in crate::render) struct CameraRays<'a, L> {
     camera: &'a Camera,
     effects: &'a Effects,
-    /// Where in its pixel each ray lies, and where on the aperture.
+    /// Position of each ray in its pixel.
     offset: (f32, f32),
+    /// Index of the aperture's area that the rays go through.
     area: u32,
     limit: &'a L,
     far: f32,
@@ -80,13 +81,13 @@ impl<L: Fn(u32, u32) -> Limit> RaySource for CameraRays<'_, L> {
     }
 }
 
-/// Rays of the caller's own, each from where it likes: `first` and those behind it, the pixels of a row.
+/// Rays of the caller's, with any origins: those from index `first` on are the pixels of a row.
 pub(in crate::render) struct OwnRays<'a, R, U, F> {
     pub first: usize,
     pub ray: &'a R,
     /// The random number of a ray.
     pub random: &'a U,
-    /// The distance of rays from a point that meet no surface.
+    /// The distance of a ray that meets no surface, by its origin.
     pub far: F,
 }
 

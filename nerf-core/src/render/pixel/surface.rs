@@ -1,6 +1,6 @@
-//! What a ray's samples say beyond means of what they have: the median distance and the normal.
+//! Median distance and normal of a ray, the outputs that describe its surface.
 //!
-//! Where one is not asked for, it has no memory.
+//! An output that is not requested has no memory.
 
 use super::Medians;
 use crate::memory::Layout;
@@ -29,14 +29,15 @@ impl<'w> Surface<'w> {
         }
     }
 
-    /// The first `count` rays are new ones.
+    /// Resets the first `count` rays.
     pub fn begin(&mut self, count: usize) {
         self.medians.begin(count);
         #[cfg(feature = "normals")]
         self.normals.iter_mut().take(count).for_each(|sum| *sum = NormalSum::NONE);
     }
 
-    /// Completes the pixel of ray `ray`, whose distances are counted from `start`; a distance without a surface is `far`.
+    /// Completes the pixel of ray `ray`, whose distances are counted from `start`; a distance without a surface is
+    /// `far`.
     pub fn finish(&self, ray: usize, start: f32, far: f32, pixel: &mut Pixel) {
         pixel.median_distance = self.medians.finish(ray, start, far);
         #[cfg(feature = "normals")]

@@ -1,14 +1,14 @@
 //! Display-encoded colour to light and back, with exposure and tone curve between.
 //!
-//! Linear output is composited as light: each sample is decoded, as is the background. Else a ray's colour is composited as
-//! the photographs are, display-encoded, and decoded once.
+//! Linear output is composited as light: each sample is decoded, and so is the background. Otherwise a ray's colour
+//! is composited display-encoded, like the photographs, and decoded once.
 
 use crate::math::{Math, MathBackend, with_math};
 use crate::plan::{Tone, ToneMap};
 use crate::simd::{Isa, Lanes, Op};
 use core::marker::PhantomData;
 
-/// The colours of a block's samples as light, where output is linear; `values`: any number of channels.
+/// Decodes the colours of a block's samples to light if the output is linear; `values`: any number of channels.
 #[inline]
 pub(crate) fn samples_to_light(tone: &Tone, math: MathBackend, isa: Isa, values: &mut [f32]) {
     if tone.linear {
@@ -17,13 +17,13 @@ pub(crate) fn samples_to_light(tone: &Tone, math: MathBackend, isa: Isa, values:
     }
 }
 
-/// The background of rays, as their samples are.
+/// The background of rays, in the encoding of their samples.
 #[inline]
 pub(crate) fn background<M: Math>(tone: &Tone, rgb: [f32; 3]) -> [f32; 3] {
     if tone.linear { decode_srgb::<M>(rgb) } else { rgb }
 }
 
-/// A ray's colour as light; as it is where nothing is asked for, or its samples were light.
+/// A ray's colour as light; unchanged if there is no tone setting, or if its samples were light already.
 #[inline]
 pub(crate) fn to_light<M: Math>(tone: &Tone, rgb: [f32; 3]) -> [f32; 3] {
     if *tone == Tone::NONE || tone.linear { rgb } else { decode_srgb::<M>(rgb) }
@@ -44,20 +44,20 @@ impl<M: Math> Op for Decode<'_, M> {
             let c = V::load(values);
             let c = zero.max_of(c);
             let low = c.div(V::splat(12.92));
-            // Where it is not used its argument is no longer that of a power.
+            // Below the knee the power is not used; its argument is kept at the knee.
             let high = M::pow(knee.max_of(c).add(V::splat(0.055)).div(V::splat(1.055)), 2.4);
             V::select(knee.less(c), high, low).store(values);
         }
     }
 }
 
-/// A pixel's colour, from what [`to_light`] gave.
+/// A pixel's output colour, from the colour that [`to_light`] returned.
 #[inline]
 pub(crate) fn to_display<M: Math>(tone: &Tone, rgb: [f32; 3]) -> [f32; 3] {
     if *tone == Tone::NONE { rgb } else { develop::<M>(tone, rgb) }
 }
 
-/// The sRGB curve of each channel, from display-encoded to linear; below 0 is 0.
+/// The sRGB curve of each channel, from display-encoded to linear; values below 0 become 0.
 ///
 /// # Accuracy
 /// Max abs error 4e-7 on `[0, 1]`, on every backend.
@@ -71,7 +71,7 @@ fn decode_srgb<M: Math>(rgb: [f32; 3]) -> [f32; 3] {
     })
 }
 
-/// The inverse of [`decode_srgb`], cut at 1.
+/// The inverse of [`decode_srgb`]; `x` is clamped to `[0, 1]`.
 ///
 /// # Accuracy
 /// Max abs error 4e-7, on every backend.

@@ -1,4 +1,5 @@
-//! Colours of samples: the colour branch over the picks of one block or of several, with the direction's share once a ray.
+//! Colours of samples: the colour branch runs on the samples picked from one block or from several. The direction's
+//! share of the branch is computed once a ray.
 
 use super::compositing::Compositing;
 use super::density::{Density, narrow};
@@ -9,16 +10,18 @@ use crate::render::field::Field;
 use crate::render::march::RayState;
 use crate::render::pixel::samples_to_light;
 
-/// Of a block of which less than this is picked, the picks are collected first: numerator and denominator.
+/// Fraction of a block, numerator and denominator: if fewer samples are picked, they are queued.
 const QUEUED_BELOW: (usize, usize) = (3, 4);
 
-/// The colour branch at samples; all empty where colours are computed once a ray, or not at all.
+/// The colour branch at samples; all empty if colours are computed once a ray, or not at all.
 pub(in crate::render) struct Colour<'w> {
     shares: &'w mut [f32],
-    /// The picks of several blocks, compacted: the trunk's outputs, `[activation_rows][samples]`, which the branch overwrites,
-    /// ray and weight, `[samples]` each. Empty where a block is one sample.
+    /// Trunk outputs `h` of the queued samples, `[activation_rows][samples]`, which the branch overwrites. All three
+    /// are empty if a block is one sample.
     h: &'w mut [f32],
+    /// Index of each queued sample's ray, `[samples]`.
     owner: &'w mut [u32],
+    /// Weight of each queued sample, `[samples]`.
     weight: &'w mut [f32],
     queued: usize,
     /// `[3][stride]`: directions of a block of rays, then colours of a block of samples.
@@ -28,7 +31,7 @@ pub(in crate::render) struct Colour<'w> {
 impl<'w> Colour<'w> {
     pub fn lay_out(layout: &mut impl Layout<'w>, field: Field<'_>) -> Self {
         let samples = if field.shades_samples() { field.block_samples() } else { 0 };
-        // Where a block is one sample, none waits for others.
+        // A block of one sample needs no queue.
         let queue = if samples > 1 { samples } else { 0 };
         Self {
             shares: layout.slice(DirectionShares::values(field, field.block_samples()), 0.0),
@@ -40,12 +43,12 @@ impl<'w> Colour<'w> {
         }
     }
 
-    /// The direction's shares of its rays, and memory for directions or colours of a block.
+    /// The direction's share of each ray, and memory for the directions or colours of a block.
     pub fn shares(&mut self, field: Field<'_>) -> (DirectionShares<'_>, &mut [f32]) {
         (DirectionShares { values: self.shares, block: field.block_samples() }, self.rgb)
     }
 
-    /// Works out the direction's share of the colour branch for `rays`.
+    /// Computes the direction's share of the colour branch for `rays`.
     pub fn directions(
         &mut self,
         field: Field<'_>,
@@ -57,7 +60,7 @@ impl<'w> Colour<'w> {
         shares.fill(field, scratch, dirs, rays, counters);
     }
 
-    /// Adds the colours of a block's `picked` picks to their rays, at once or with those of later blocks.
+    /// Adds the colours of a block's `picked` samples to their rays: at once, or queued with those of later blocks.
     pub fn run(
         &mut self,
         field: Field<'_>,
@@ -80,7 +83,7 @@ impl<'w> Colour<'w> {
         }
     }
 
-    /// Puts the block's picks into the queue, and that through the colour branch whenever it is full.
+    /// Queues the block's picked samples; a full queue goes through the colour branch.
     fn queue(
         &mut self,
         field: Field<'_>,
@@ -107,7 +110,7 @@ impl<'w> Colour<'w> {
         }
     }
 
-    /// Sends the queue through the colour branch; the `h` of the block at work stays as it is.
+    /// Sends the queue through the colour branch; the `h` of the current block is not changed.
     pub fn flush(
         &mut self,
         field: Field<'_>,
@@ -144,18 +147,18 @@ fn add_colour(rays: &mut [RayState], owner: u32, weight: f32, colour: [f32; 3], 
 /// The direction's share of the colour branch, once a ray: `[rays][direction_rows]`, room for whole blocks of rays.
 pub(in crate::render) struct DirectionShares<'w> {
     pub values: &'w mut [f32],
-    /// Rays that are encoded together.
+    /// Number of rays whose directions are encoded together.
     pub block: usize,
 }
 
 impl DirectionShares<'_> {
-    /// Values of a field's rays, of which `block` are encoded together.
+    /// Number of values for the rays of a batch, of which `block` are encoded together.
     pub fn values(field: Field<'_>, block: usize) -> usize {
         let rows = if field.shades_samples() { field.network.direction_rows() } else { 0 };
         rows.saturating_mul(field.plan.batch.rays.div_ceil(block.max(1)) * block)
     }
 
-    /// Works them out for some rays; what `scratch` and `dirs` (`[3][block]`) held is lost.
+    /// Computes the shares of `rays`; overwrites `scratch` and `dirs` (`[3][block]`).
     pub fn fill(
         &mut self,
         field: Field<'_>,
@@ -178,7 +181,7 @@ impl DirectionShares<'_> {
                 put_column(dirs, stride, column, state.pixel.ray.dir.to_array());
             }
             network.direction(field.plan.math, &mut scratch, dirs, back);
-            // Each ray's side by side: they are copied to every sample of it.
+            // The values of a ray are contiguous, since they are copied to each of its samples.
             for (column, share) in out.chunks_exact_mut(rows.max(1)).take(states.len()).enumerate() {
                 for (to, from) in share.iter_mut().zip(back.chunks_exact(stride.max(1))) {
                     *to = at(from, column);
@@ -188,7 +191,8 @@ impl DirectionShares<'_> {
         counters.macs += rays.len() as u64 * network.direction_macs() as u64;
     }
 
-    /// Colours of the samples whose `h` is in `scratch.front`, of the rays `owner`: `[3][scratch.stride]`.
+    /// Computes the colours `rgb`, `[3][scratch.stride]`, of the samples whose `h` is in `scratch.front`, on the rays
+    /// `owner`.
     pub fn evaluate(&self, field: Field<'_>, scratch: &mut Scratch<'_>, owner: &[u32], rgb: &mut [f32]) {
         let (network, plan) = (field.network, field.plan);
         let (stride, rows) = (scratch.stride, network.direction_rows());

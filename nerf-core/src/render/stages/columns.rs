@@ -1,7 +1,9 @@
-//! Ray marching of fields shaded once a ray, a ray in each column of a block: compositing is vector arithmetic over rays.
+//! Ray marching of fields shaded once a ray, a ray in each column of a block: compositing is vector arithmetic over
+//! rays.
 //!
-//! The results are those of single blocks, bit for bit. A column holds a ray from its first sample to its last; then the next
-//! active ray takes the column. When fewer rays are left than a vector has columns, blocks go on with them.
+//! The results equal those of marching block by block, bit for bit. A column holds a ray from its first sample to its
+//! last; then the next active ray takes the column. When fewer rays are left than a vector has columns, they are
+//! marched block by block.
 
 use super::density::Density;
 use super::per_ray::Deferred;
@@ -17,18 +19,18 @@ use crate::simd::{BLOCK, Lanes, MAX_LANES, Op, VECTORS};
 use crate::volume::side_by_side::{self, add_samples, left_of};
 use core::marker::PhantomData;
 
-/// Rows of [`Columns`] without the sums of `h`.
+/// Number of rows of [`Columns`], without the sums of `h`.
 const ROWS: usize = 3 + 3 + 1 + 2 + 1 + Ends::PARTS + side_by_side::ROWS;
 
-/// Whether all samples lie in the middle of their bins, and those in the world.
+/// Whether all samples lie in the middle of their bins, and the bins are in world units.
 fn in_middles(plan: &Plan<'_>) -> bool {
     plan.contraction.is_none() && plan.effects.jitter.is_none()
 }
 
-/// A value of each column.
+/// One value for each column.
 type Row = [f32; BLOCK];
 
-/// The march of rays side by side; empty where they are not marched so.
+/// Memory for rays marched side by side; empty if they are marched block by block.
 pub(in crate::render) struct ColumnMarch<'w> {
     /// `[rows][BLOCK]`.
     memory: &'w mut [f32],
@@ -43,7 +45,7 @@ impl<'w> ColumnMarch<'w> {
         Self { memory: layout.slice(if on { (ROWS + sums) * BLOCK } else { 0 }, 0.0) }
     }
 
-    /// Marches the active rays while they fill a vector; those that are left stay active.
+    /// Marches the active rays while they fill a vector; the remaining rays stay active.
     pub fn run<M: Math>(
         &mut self,
         field: Field<'_>,
@@ -76,7 +78,7 @@ impl<'w> ColumnMarch<'w> {
         for column in 0..n {
             let owner = at(&columns.owner, column);
             if let Some(ray) = rays.states.get_mut(owner as usize) {
-                // Its sample is not taken yet.
+                // The sample in its column has not been evaluated.
                 ray.next -= 1;
                 columns.end(ray, deferred, column);
                 rays.active.push(owner);
@@ -92,22 +94,22 @@ struct Columns<'a> {
     owner: [u32; BLOCK],
     origins: &'a mut [Row; 3],
     dirs: &'a mut [Row; 3],
-    /// The sample's distance along its ray in the units of the bins, or the number of its bin ([`in_middles`]).
+    /// Distance of the sample along its ray in units of the bins, or if [`in_middles`] the index of its bin.
     t: &'a mut Row,
-    /// The distance that it counts as, and the width of its interval.
+    /// Distance at which the sample is composited, and width of its interval.
     intervals: &'a mut [Row; 2],
     /// [`Plan::least_distance`].
     near: &'a mut Row,
-    /// How the ray's outermost bins are cut.
+    /// Cuts of the ray's outermost bins.
     ends: &'a mut [Row; Ends::PARTS],
     /// Opacity, distance and optical thickness composited so far.
     gathered: &'a mut side_by_side::Rows,
-    /// Σ weight · `h` so far, and behind it Σ weight.
+    /// Σ weight · `h` so far, and in the last row Σ weight.
     sums: &'a mut [Row],
 }
 
 impl<'a> Columns<'a> {
-    /// Over `[rows][BLOCK]` values.
+    /// Divides `memory`, `[rows][BLOCK]`, into rows; `None` if it is too short.
     fn new(plan: &'a Plan<'a>, memory: &'a mut [f32]) -> Option<Self> {
         let (rows, _) = memory.as_chunks_mut();
         let (origins, rows) = rows.split_first_chunk_mut()?;
@@ -178,8 +180,8 @@ impl<'a> Columns<'a> {
         copy(self.sums);
     }
 
-    /// Marches the ray of each of the first `n` columns to its next occupied sample, and replaces the rays that end. Returns
-    /// the number of columns that have a sample.
+    /// Marches the ray of each of the first `n` columns to its next occupied sample, and replaces the rays that end.
+    /// Returns the number of columns that have a sample.
     fn advance(&mut self, rays: &mut Rays<'_, '_>, deferred: &mut Deferred<'_>, mut n: usize) -> usize {
         let (mut waiting, mut waits) = ([0; BLOCK], 0);
         let (mut marching, mut marches) = ([0; BLOCK], 0);
@@ -200,7 +202,7 @@ impl<'a> Columns<'a> {
             waits += 1;
         }
         rays.march_all(head(&marching, marches));
-        // From the last on, so that a column that fills a gap has its sample.
+        // In descending order, so that a column that is copied into a gap already has its next sample.
         for &column in head(&waiting, waits).iter().rev() {
             let Some(ray) = rays.states.get_mut(at(&self.owner, column) as usize) else { return 0 };
             if !ray.pixel.done && ray.next < ray.end {
@@ -217,7 +219,7 @@ impl<'a> Columns<'a> {
     }
 }
 
-/// The samples of a block's columns: their positions, `[3][stride]`, and their intervals.
+/// Computes the samples of a block's columns: their positions, `[3][stride]`, and their intervals.
 struct Samples<'a, 'c> {
     stride: usize,
     columns: &'a mut Columns<'c>,
@@ -253,7 +255,7 @@ impl Op for Samples<'_, '_> {
     }
 }
 
-/// Compositing of a block: its densities and `h` are added to its rays.
+/// Composites a block: adds its densities and `h` to its rays.
 struct Absorb<'a, 'c, M> {
     stride: usize,
     sigma: &'a [f32],
@@ -276,7 +278,7 @@ impl<M: Math> Op for Absorb<'_, '_, M> {
             let (zero, mut h) = (V::splat(0.0), self.h.chunks_exact(self.stride));
             let takes = zero.less(weight);
             for sums in &mut **sums {
-                // Behind the rows of h stands the weight itself.
+                // The last sum has no row of `h`: it is that of the weights.
                 let more = h.next().map_or(weight, |row| V::load(tail(row, from)).mul(weight));
                 V::load(&sums[from..]).add(V::select(takes, more, zero)).store(&mut sums[from..]);
             }

@@ -1,4 +1,5 @@
-//! Compositing: densities of a block become weights of its rays, and the rays that go on are marched to their next sample.
+//! Compositing: turns the densities of a block into weights, and marches the rays that have not ended to their next
+//! sample.
 
 use super::density::{Density, of_rays};
 use crate::math::Math;
@@ -13,17 +14,18 @@ use crate::simd::{Lanes, MAX_LANES, Op, VECTORS};
 use crate::volume::{alpha, light, thickness};
 use core::marker::PhantomData;
 
-/// Rows of [`Compositing::rows`].
+/// Number of rows of [`Compositing::rows`].
 const ROWS: usize = 4;
 
 /// The samples of a block, composited.
 pub(in crate::render) struct Compositing<'w> {
-    /// With vectors `[ROWS][samples]`: the optical thickness in front of each sample, the distance that it counts as, what it
-    /// keeps of the light, and what is left of that behind it. The latter two begin as optical thicknesses.
+    /// With vectors `[ROWS][samples]`: the optical thickness in front of each sample, its distance, its opacity, and
+    /// the transmittance behind it. [`Absorb`] computes the last two from optical thicknesses in the same rows.
     rows: &'w mut [f32],
-    /// The columns of the block whose colour or normal is evaluated, in order, and their weights: `[samples]` each, or empty where
-    /// the request has neither.
+    /// The columns of the block whose colour or normal is evaluated, ascending: `[samples]`, or empty if neither is
+    /// requested.
     pub picked: &'w mut [u32],
+    /// Weight of each picked column: as long as `picked`.
     pub weight: &'w mut [f32],
 }
 
@@ -38,9 +40,9 @@ impl<'w> Compositing<'w> {
         }
     }
 
-    /// Composites the densities of the block's `n` samples, picks those whose colour or normal is evaluated, and marches the
-    /// rays that go on to their next occupied sample. Returns how many of the samples lie before the end of their ray, and how
-    /// many were picked.
+    /// Composites the densities of the block's `n` samples, picks those whose colour or normal is evaluated, and
+    /// marches the rays that have not ended to their next occupied sample. Returns the number of samples before the
+    /// end of their ray, and the number picked.
     pub fn run<M: Math, const COLLIDE: bool>(
         &mut self,
         field: Field<'_>,
@@ -120,9 +122,10 @@ impl<'w> Compositing<'w> {
         (used, picked)
     }
 
-    /// Adds the optical thickness of the block's `n` samples to their rays, and works out what each keeps of the light.
+    /// Adds the optical thickness of the block's `n` samples to their rays, and computes the opacity of each and the
+    /// transmittance behind it.
     ///
-    /// The exponentials are the same bits with every instruction set, sixteen at a time where there are so many.
+    /// The exponentials are the same bits with every instruction set, and computed up to sixteen at a time.
     fn absorb<M: Math>(
         &mut self,
         field: Field<'_>,
@@ -155,7 +158,7 @@ impl<'w> Compositing<'w> {
             let total = state.pixel.gathered.add_thickness(tau);
             put_column(self.rows, room, column, [before, t, tau, total]);
         }
-        // Portable lanes, of which there are as many with every instruction set.
+        // Portable lanes: their number is the same with every instruction set.
         let columns = field.columns(n).next_multiple_of(MAX_LANES).min(room);
         if let Some((alpha, light)) = tail_mut(self.rows, 2 * room).split_at_mut_checked(room) {
             let [alpha, light] = [alpha, light].map(|row| &mut row[..columns]);
@@ -164,7 +167,7 @@ impl<'w> Compositing<'w> {
     }
 }
 
-/// From optical thickness to [`alpha`], and from its sum to [`light`].
+/// Turns optical thicknesses into [`alpha`], and their sums into [`light`].
 struct Absorb<'a, M> {
     alpha: &'a mut [f32],
     light: &'a mut [f32],
@@ -183,7 +186,7 @@ impl<M: Math> Op for Absorb<'_, M> {
     }
 }
 
-/// The distances that the samples of an unbounded scene count as, and the widths of their intervals: `[2][room]`.
+/// Computes the distances of an unbounded scene's samples, and the widths of their intervals: `[2][room]`.
 struct Intervals<'a> {
     plan: &'a Plan<'a>,
     columns: usize,

@@ -11,17 +11,17 @@ use crate::simd::{Lanes, MAX_LANES, Op, VECTORS};
 pub(in crate::render) struct Density<'w> {
     /// Index of each sample's ray; the samples of a ray are neighbours, in order.
     pub owner: &'w mut [u32],
-    /// Each sample's distance along its ray, as the bins count it.
+    /// Distance of each sample along its ray, in units of the bins.
     pub t: &'w mut [f32],
     pub sigma: &'w mut [f32],
     /// `[3][stride]`.
     pub positions: &'w mut [f32],
-    /// `stride` is that of the block at work: no more columns than its samples need.
+    /// The network's scratch; `stride` is that of the current block, no more columns than its samples need.
     pub scratch: Scratch<'w>,
 }
 
 impl<'w> Density<'w> {
-    /// For blocks of `samples`, with so many rows of encoded inputs and of activations.
+    /// Memory for blocks of `samples`; `encoded`, `activations`: number of rows of encoded inputs and of activations.
     pub fn lay_out(layout: &mut impl Layout<'w>, samples: usize, encoded: usize, activations: usize) -> Self {
         Self {
             owner: layout.slice(samples, 0),
@@ -44,10 +44,10 @@ impl<'w> Density<'w> {
         put(self.t, column, t);
     }
 
-    /// Puts the positions of the block's `n` samples where the network takes them.
+    /// Computes the positions of the block's `n` samples, in the network's space.
     pub fn place(&mut self, field: Field<'_>, n: usize, rays: &[RayState]) {
         let stride = field.columns(n);
-        // What only fills the block up is a copy of its last sample; without vectors there is none.
+        // Columns that only fill the block are copies of its last sample; without vectors there are none.
         if VECTORS {
             let last = n.saturating_sub(1);
             let (owner, t) = (at(self.owner, last), at(self.t, last));
@@ -64,14 +64,14 @@ impl<'w> Density<'w> {
         }
     }
 
-    /// Trunk and density head of the block's `n` samples; its positions have the stride of `n`.
+    /// Evaluates trunk and density head for the block's `n` samples; `positions` has the stride of `n` columns.
     pub fn evaluate(&mut self, field: Field<'_>, n: usize) {
         self.scratch.stride = field.columns(n);
         field.network.trunk(field.plan.math, &mut self.scratch, self.positions);
         field.network.density(field.plan.math, &self.scratch, self.sigma);
     }
 
-    /// The same of the points where `rays` begin; each is a sample of its own.
+    /// Evaluates trunk and density head at the origins of `rays`, one sample a ray.
     pub fn evaluate_points(&mut self, field: Field<'_>, rays: &[RayState]) {
         let (n, stride) = (rays.len(), field.columns(rays.len()));
         for column in 0..stride {
@@ -83,7 +83,7 @@ impl<'w> Density<'w> {
     }
 }
 
-/// The positions of a block's samples, `[3][stride]`.
+/// Computes the positions of a block's samples, `[3][stride]`.
 struct Place<'a> {
     spacing: Spacing<'a>,
     stride: usize,
@@ -114,7 +114,7 @@ impl Op for Place<'_> {
     }
 }
 
-/// `N` values of the ray of each sample of a vector.
+/// Gathers `N` values of each sample's ray into vectors.
 #[inline(always)]
 pub(super) fn of_rays<V: Lanes, const N: usize>(
     rays: &[RayState],
@@ -136,7 +136,7 @@ pub(super) fn of_rays<V: Lanes, const N: usize>(
     values
 }
 
-/// Moves the first `n` columns of a block, `[rows][from]`, together: `[rows][to]`, a stride that is no larger.
+/// Repacks the first `n` columns of a block, `[rows][from]`, to a stride that is no larger: `[rows][to]`.
 pub(in crate::render) fn narrow(block: &mut [f32], rows: usize, [from, to]: [usize; 2], n: usize) {
     if to < from {
         for row in 1..rows {

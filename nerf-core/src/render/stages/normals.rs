@@ -1,4 +1,4 @@
-//! Normals: gradients of the samples that count, in blocks of their own.
+//! Normals: density gradients at the picked samples, in blocks of their own.
 
 use super::compositing::Compositing;
 use super::density::{Density, narrow};
@@ -13,11 +13,13 @@ use glam::Vec3;
 #[cfg(test)]
 mod tests;
 
-/// The samples queued for their gradient; all empty where normals are not requested.
+/// The samples queued for their gradient; all empty if normals are not requested.
 pub(in crate::render) struct Normals<'w> {
-    /// Ray, distance along that and weight of picks of any number of blocks: `[samples]` each.
+    /// Index of each queued sample's ray, `[samples]`.
     owner: &'w mut [u32],
+    /// Distance of each queued sample along its ray, in units of the bins, `[samples]`.
     t: &'w mut [f32],
+    /// Weight of each queued sample, `[samples]`.
     weight: &'w mut [f32],
     queued: usize,
     gradients: Gradients<'w>,
@@ -35,7 +37,7 @@ impl<'w> Normals<'w> {
         }
     }
 
-    /// Queues a block's first `n` picks for their normals, which are computed whenever a block of them is full.
+    /// Queues a block's first `n` picked samples for their normals; a full queue is evaluated.
     pub fn queue(
         &mut self,
         field: Field<'_>,
@@ -59,7 +61,7 @@ impl<'w> Normals<'w> {
         }
     }
 
-    /// Computes the normals of the queued samples; what the block at work left in the scratch is lost.
+    /// Computes the normals of the queued samples; overwrites the positions and scratch of the current block.
     pub fn flush(
         &mut self,
         field: Field<'_>,
@@ -96,7 +98,7 @@ pub(in crate::render) struct Gradients<'w> {
 }
 
 impl<'w> Gradients<'w> {
-    /// For blocks of `samples` of any of `networks`.
+    /// Memory for blocks of `samples` of any of `networks`.
     pub fn lay_out<'n>(
         layout: &mut impl Layout<'w>,
         networks: impl Iterator<Item = &'n Network<'n>> + Clone,
@@ -112,7 +114,8 @@ impl<'w> Gradients<'w> {
         }
     }
 
-    /// Computes the gradients in the world at the block's first `n` positions, and hands index and gradient of each to `put`.
+    /// Computes the gradients, in world space, at the block's first `n` positions, and passes index and gradient of
+    /// each to `put_gradient`.
     pub fn run(
         &mut self,
         field: Field<'_>,
@@ -124,7 +127,7 @@ impl<'w> Gradients<'w> {
         let (Field { network, plan }, stride) = (field, field.columns(n));
         let positions = &mut *density.positions;
         narrow(positions, 3, [density.scratch.stride, stride], n);
-        // What only fills the block up is a copy of its last sample.
+        // Columns that only fill the block are copies of its last sample.
         let last: [f32; 3] = column(positions, stride, n.saturating_sub(1));
         (n..stride).for_each(|column| put_column(positions, stride, column, last));
         density.scratch.stride = stride;

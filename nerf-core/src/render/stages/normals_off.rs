@@ -9,7 +9,7 @@ use crate::render::march::RayState;
 use crate::render::pixel::Surface;
 use core::marker::PhantomData;
 
-/// Nothing.
+/// An empty queue of normals.
 pub(in crate::render) struct Normals<'w>(PhantomData<&'w mut [f32]>);
 
 impl<'w> Normals<'w> {

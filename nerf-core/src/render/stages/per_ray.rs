@@ -1,7 +1,8 @@
-//! Deferred shading: `h` is composited along each ray, and one network a ray makes a colour of its mean.
+//! Deferred shading: the trunk's output `h` is composited along each ray, and the colour branch runs once a ray, on
+//! its mean.
 //!
 //! ```text
-//! march: samples that count ─► Σ w h, Σ w of their ray       behind the march: P = Σ w h / Σ w ─► colour branch ─► ray
+//! march: picked samples ─► Σ w h, Σ w of their ray       after the march: P = Σ w h / Σ w ─► colour branch ─► ray
 //! ```
 
 use super::compositing::Compositing;
@@ -13,9 +14,9 @@ use crate::render::field::Field;
 use crate::render::march::RayState;
 use crate::render::pixel::samples_to_light;
 
-/// What the rays in flight have gathered of `h`; all empty where colours are worked out at samples, or not at all.
+/// Sums of `h` of the rays in flight; all empty if colours are computed at samples, or not at all.
 pub(in crate::render) struct Deferred<'w> {
-    /// `[rays][row]`: Σ weight · h, and behind it Σ weight.
+    /// `[rays][row]`: Σ weight · h, and last in each row Σ weight.
     sums: &'w mut [f32],
     row: usize,
     pub networks: RayNetworks<'w>,
@@ -32,12 +33,12 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Values that a ray gathers: a sum a row of `h`, and that of the weights.
+    /// Number of sums of a ray: one for each row of `h`, and that of the weights.
     pub fn row(field: Field<'_>) -> usize {
         if field.shades_rays() { field.network.trunk_rows() + 1 } else { 0 }
     }
 
-    /// Sets what ray `ray` has gathered.
+    /// Sets the sums of ray `ray`.
     pub fn put(&mut self, ray: usize, sums: impl Iterator<Item = f32>) {
         let row = head_mut(tail_mut(self.sums, ray * self.row), self.row);
         row.iter_mut().zip(sums).for_each(|(to, sum)| *to = sum);
@@ -47,14 +48,14 @@ impl<'w> Deferred<'w> {
         PER_RAY_BUILT && self.row > 0
     }
 
-    /// The first `count` rays are new ones.
+    /// Clears the sums of the first `count` rays.
     pub fn begin(&mut self, count: usize) {
         if self.is_on() {
             head_mut(self.sums, count * self.row).fill(0.0);
         }
     }
 
-    /// Adds the `h` of a block's first `n` picks, which is in `scratch.front`, to their rays.
+    /// Adds the `h` of a block's first `n` picked samples, which is in `scratch.front`, to their rays.
     pub fn add(&mut self, field: Field<'_>, density: &Density<'_>, picks: &Compositing<'_>, n: usize) {
         for (&column, &weight) in head(picks.picked, n).iter().zip(&*picks.weight) {
             let first = at(density.owner, column as usize) as usize * self.row;
@@ -65,7 +66,7 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Gives each of `rays` that gathered something the colour of its network.
+    /// Evaluates the colour branch for each of `rays` that has a weight, and gives the ray that colour.
     pub fn shade(
         &mut self,
         field: Field<'_>,
@@ -82,14 +83,15 @@ impl<'w> Deferred<'w> {
     }
 }
 
-/// Where the networks of rays are run, a block of rays at a time.
+/// The colour branch once a ray, evaluated for a block of rays at a time.
 pub(in crate::render) struct RayNetworks<'w> {
     /// Index of each column's ray, `[samples]`.
     owner: &'w mut [u32],
-    /// `[3][samples]` each.
+    /// Direction of each column's ray, `[3][samples]`.
     dirs: &'w mut [f32],
+    /// Colour of each column, `[3][samples]`.
     rgb: &'w mut [f32],
-    /// The directions' share of the colour branch, `[direction_rows][samples]`.
+    /// The direction's share of the colour branch, `[direction_rows][samples]`.
     share: &'w mut [f32],
 }
 
@@ -103,9 +105,10 @@ impl<'w> RayNetworks<'w> {
         }
     }
 
-    /// Runs the network of every one of `rays` that has a weight, and hands the ray, its index, weight and colour to `put`.
+    /// Evaluates the colour branch for each of `rays` that has a weight, and passes ray, index, weight and colour to
+    /// `put_colour`.
     ///
-    /// `sums`: a row a ray, Σ weight · h and behind it Σ weight. A colour that is NaN is counted and black.
+    /// `sums`: a row for each ray, Σ weight · h and last Σ weight. A colour that is NaN is counted and becomes black.
     pub fn shade(
         &mut self,
         field: Field<'_>,
@@ -147,7 +150,8 @@ impl<'w> RayNetworks<'w> {
         }
     }
 
-    /// Colours of the samples whose `h` is in `scratch.front`, each seen along its ray: as of rays that see them alone.
+    /// Colours of the samples whose `h` is in `scratch.front`, one for each of `rays`, as if a ray met its sample
+    /// alone.
     pub fn of_samples(
         &mut self,
         field: Field<'_>,
@@ -170,7 +174,7 @@ impl<'w> RayNetworks<'w> {
         counters: &mut Counters,
     ) {
         let (network, plan, stride) = (field.network, field.plan, scratch.stride);
-        // What only fills the block up keeps any direction.
+        // Columns that only fill the block may have any direction.
         for (column, &ray) in head(self.owner, n).iter().enumerate() {
             put_column(self.dirs, stride, column, at(rays, ray as usize).pixel.ray.dir.to_array());
         }

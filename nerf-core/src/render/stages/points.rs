@@ -9,17 +9,17 @@ use crate::render::field::Field;
 use crate::render::march::RayState;
 use glam::Vec3;
 
-/// The stage that gives points their colours.
+/// The stage that computes the colours of points.
 pub(in crate::render) enum PointColour<'a, 'w> {
-    /// Density alone is asked for.
+    /// No stage: density alone is requested.
     None,
     /// The colour branch at samples, and memory for the colours of a block.
     Samples(DirectionShares<'a>, &'a mut [f32]),
-    /// The networks of rays.
+    /// The colour branch once a ray, each ray of one point.
     Rays(&'a mut RayNetworks<'w>),
 }
 
-/// Makes `rays` those of the points, in the network's space, that lie in occupied cells. Returns their number.
+/// Fills `rays` with the points that lie in occupied cells, in the network's space. Returns their number.
 pub(in crate::render) fn take_points(
     field: Field<'_>,
     points: impl Iterator<Item = (Vec3, Vec3)>,
@@ -38,8 +38,8 @@ pub(in crate::render) fn take_points(
     n
 }
 
-/// Evaluates a field at points, and hands index, density and colour of each to `put`. One whose density is NaN is counted alone;
-/// a colour that is NaN is black.
+/// Evaluates a field at points, and passes index, density and colour of each to `put`. A point whose density is NaN
+/// is only counted; a colour that is NaN becomes black.
 pub(in crate::render) fn evaluate_points(
     field: Field<'_>,
     points: &[RayState],

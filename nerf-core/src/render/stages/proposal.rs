@@ -1,7 +1,8 @@
-//! The coarse pass of a scene with a proposal network: where on its rays the scene's own is asked.
+//! The coarse pass of a scene with a proposal network: it places the samples at which the scene's network is
+//! evaluated.
 //!
-//! The rays of a tile are marched through the proposal's bins as through the scene's, with a network of densities alone. Each
-//! ray draws its samples from the weights; from there on the frame is any other.
+//! The rays of a tile are marched through the proposal's bins as through the scene's, with a network of densities
+//! alone. Each ray draws its samples from the weights; the rest of the frame is the same as without a proposal.
 
 use super::density::Density;
 use crate::blob::Blob;
@@ -20,9 +21,9 @@ use crate::volume::Accumulator;
 #[cfg(test)]
 mod tests;
 
-/// Where a ray's march through the proposal ends: the transmittance, and so the weights, would draw less than a thousandth of
-/// the samples. It is no setting: where samples lie does not depend on
-/// [`Quality::transmittance_cut`](crate::plan::Quality::transmittance_cut), whose price stays what it is.
+/// Transmittance at which a ray's march through the proposal ends: the weights behind would draw less than a
+/// thousandth of the samples. It is not a setting: the positions of samples do not depend on
+/// [`Quality::transmittance_cut`](crate::plan::Quality::transmittance_cut), whose loss stays as measured.
 const LEAST_TRANSMITTANCE: f32 = 1e-3;
 
 /// The proposal network of a scene, if it has one.
@@ -32,7 +33,7 @@ pub(in crate::render) struct Proposer<'a> {
 }
 
 impl<'a> Proposer<'a> {
-    /// Parameters that are unpacked; 0 without a network.
+    /// Number of parameters to unpack; 0 without a network.
     pub fn parameters(blob: &Blob<'_>) -> usize {
         blob.proposal().map_or(0, |it| it.architecture().density_parameters())
     }
@@ -44,7 +45,7 @@ impl<'a> Proposer<'a> {
         }
     }
 
-    /// The network over its weights: where they lie in the blob, or what [`Proposer::unpack`] made.
+    /// The network over its weights: those in the blob, or those from [`Proposer::unpack`].
     pub fn view(blob: &Blob<'a>, kernel: Kernel, unpacked: &'a [f32]) -> Self {
         let network = blob.proposal().and_then(|it| {
             let architecture = it.architecture();
@@ -61,21 +62,21 @@ impl<'a> Proposer<'a> {
         self.network.as_ref().map_or(0, |network| network.architecture().density_macs() as u64)
     }
 
-    /// Samples of a ray that are drawn or the proposal's own; 0 where none are.
+    /// Number of samples of a ray, drawn ones and the proposal's own; 0 if the frame uses no proposal.
     pub fn row(&self, plan: &Plan<'_>) -> usize {
         if self.network.is_some() && plan.proposal.is_some() { plan.samples_per_ray() as usize } else { 0 }
     }
 
-    /// Rows of encoded inputs and of activations that an evaluation needs in frames of `plan`.
+    /// Numbers of rows of encoded inputs and of activations that an evaluation needs in frames of `plan`.
     pub fn rows(&self, plan: &Plan<'_>) -> (usize, usize) {
         let network = self.network.as_ref().filter(|_| plan.proposal.is_some());
         network.map_or((0, 0), |network| (network.encoded_rows(), network.activation_rows()))
     }
 }
 
-/// Asks the proposal where the samples of the tile's first `hits` rays should be, and draws them.
+/// Evaluates the proposal for the tile's first `hits` rays, and draws their samples.
 ///
-/// Rays of which none is occupied are finished; those left move together. Returns their number.
+/// Rays without an occupied sample are finished; the others are compacted. Returns their number.
 pub(in crate::render) fn propose<M: Math>(
     proposer: &Proposer<'_>,
     field: Field<'_>,
@@ -91,7 +92,7 @@ pub(in crate::render) fn propose<M: Math>(
     rays.samples.begin(hits);
     loop {
         let mut n = 0;
-        // The next bin of an active ray is occupied.
+        // The next bin of an active ray is always occupied.
         while n < density.owner.len()
             && let Some(i) = rays.active.pop()
         {
@@ -105,7 +106,7 @@ pub(in crate::render) fn propose<M: Math>(
             break;
         }
         density.place(field, n, rays.states);
-        // Its columns are those of the scene's own blocks.
+        // As many columns as a block of the scene's own network has.
         density.scratch.stride = field.columns(n);
         network.trunk(plan.math, &mut density.scratch, density.positions);
         network.density(plan.math, &density.scratch, density.sigma);

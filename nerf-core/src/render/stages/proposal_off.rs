@@ -1,4 +1,4 @@
-//! In the place of `proposal.rs` where the feature is off: no samples are drawn, and no code says how.
+//! In place of `proposal.rs` in a build without the feature: no samples are drawn.
 
 use super::density::Density;
 use crate::blob::Blob;

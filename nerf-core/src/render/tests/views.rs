@@ -39,7 +39,7 @@ fn in_ball(cell: usize) -> bool {
     side(cell / 64).powi(2) + side(cell / 8 % 8).powi(2) + side(cell % 8).powi(2) < 0.7
 }
 
-/// At so many times the training distance, looking at the scene's middle, which fills the picture.
+/// A camera at `times` the training distance, looking at the scene's middle, which fills the picture.
 fn from(times: f32, towards: Vec3) -> Camera {
     let distance = times * TRAINED;
     let eye = towards.normalize() * distance;

@@ -12,7 +12,7 @@ fn bins(count: usize) -> Bins {
     Bins::new(NEAR, FAR, count as u32).unwrap()
 }
 
-/// The row of these weights, with rubbish where the samples will be.
+/// The row that `sample_pdf` makes of these weights; its first `drawn` values are NaN before.
 fn row(weights: &[f32], drawn: usize) -> Vec<f32> {
     let mut row = vec![f32::NAN; drawn];
     row.extend(weights);
@@ -20,7 +20,7 @@ fn row(weights: &[f32], drawn: usize) -> Vec<f32> {
     row
 }
 
-/// The samples of a row that are no middles.
+/// The drawn samples of a row: those that are no middles.
 fn drawn_of(row: &[f32], count: usize) -> Vec<f32> {
     let bins = bins(count);
     let mut middles: Vec<f32> = (0..count as u32).map(|i| bins.at(i, 0.5)).collect();
@@ -89,8 +89,8 @@ fn the_distribution_function_at_the_samples_is_the_middle_of_the_strata() {
         for drawn in [1, 3, 128, 500] {
             for (k, &t) in drawn_of(&row(&weights, drawn), n).iter().enumerate() {
                 let u = (k as f64 + 0.5) / drawn as f64;
-                // What `t` can say: half an ulp of the product with the bins' width, half of the sum with
-                // near, and of bin plus fraction, in bins.
+                // Resolution of `t`, in bins: half an ulp of the product with the bins' width, of the sum with near,
+                // and of bin plus fraction.
                 let ulp = f64::from(f32::EPSILON);
                 let rounding = 2.0 * f64::from(FAR) * ulp + n as f64 * ulp * f64::from(FAR - NEAR) / n as f64;
                 let (low, high) = (cdf(f64::from(t) - rounding), cdf(f64::from(t) + rounding));
@@ -124,7 +124,7 @@ fn what_is_no_weight_counts_as_none_and_no_more_than_all() {
 
 #[test]
 fn a_wall_gets_nearly_every_sample() {
-    // 63 floors beside a weight of 1: 128 samples lose less than a tenth of one to the rest.
+    // 63 floors and a weight of 1: of 128 samples less than a tenth of one falls into the other bins.
     let (name, weights) = &cases()[7];
     assert_eq!((*name, weights[40]), ("a wall", 1.0));
     let bins = bins(64);
@@ -151,7 +151,7 @@ fn stretches_tile_the_range() {
             * widths.iter().fold(0.0f64, |a, &w| a.max(w.into()));
         assert!((sum - 4.0).abs() <= bound, "{name}: {sum}");
     }
-    // Middles alone stand for their bins.
+    // Without drawn samples the intervals are the bins.
     let row = row(&[0.0; 32], 0);
     assert!((0..32).all(|k| (sample_interval(NEAR, FAR, &row, k).1 - 0.125).abs() <= f32::EPSILON * FAR));
 }

@@ -1,4 +1,4 @@
-//! Where samples lie in their bins.
+//! Positions of samples inside their bins.
 
 extern crate std;
 
@@ -68,7 +68,7 @@ fn every_pixel_ray_bin_and_seed_has_a_number_of_its_own() {
     let count = seen.len();
     seen.sort_unstable();
     seen.dedup();
-    // Of 2^18 numbers that a fraction behind 32 can be, 960 meet once or twice by chance.
+    // In bin 32 a fraction has 2^18 possible values: 960 fractions coincide once or twice by chance.
     assert!(100 * seen.len() >= 99 * count, "{} of {count}", seen.len());
 }
 
@@ -96,7 +96,7 @@ fn the_walk_through_the_occupancy_grid_finds_the_first_jittered_sample_that_is_l
             passed += naive - from;
             from = (naive + 1).min(end);
         }
-        // What the box leaves over holds no live sample either.
+        // Bins outside the overlapping range have no sample inside the box.
         if let Some((enter, exit)) = bounds.clip(&ray, 0.5, 9.0) {
             let inside = bins.overlapping(enter, exit);
             let outside = (0..end).filter(|bin| !inside.contains(bin));

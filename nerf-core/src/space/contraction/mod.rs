@@ -1,4 +1,4 @@
-//! Unbounded space, contracted into a box: what is far away gets fewer of the field's cells and longer steps.
+//! Contraction of unbounded space into a box: distant regions get fewer of the field's cells and longer steps.
 
 use super::scene_box::SceneBox;
 use crate::camera::Ray;
@@ -8,10 +8,11 @@ use glam::Vec3;
 #[cfg(test)]
 mod tests;
 
-/// The contraction of a scene: all of space into a ball of twice the radius of an inner ball that stays as it is.
+/// The contraction of a scene: maps all of space into a ball, and leaves an inner ball of half its radius unchanged.
 ///
-/// With `q = (p − centre) / radius` and `r = |q|`: `q` where `r <= 1`, else `(2 − 1/r) q/r`, back in world units around
-/// the same centre. The scene box is the cube around that ball, so that its sides are 4 radii.
+/// With `q = (p − centre) / radius` and `r = |q|`: `q` if `r <= 1`, else `(2 − 1/r) q/r`, converted back to world
+/// units around the same centre. The scene box is the cube around the outer ball, so that its sides are 4 radii of
+/// the inner ball.
 ///
 /// # Source
 /// Barron et al. 2022, eq. 10.
@@ -24,15 +25,15 @@ pub struct Contraction {
 }
 
 impl Contraction {
-    /// Powers that steps along a ray may grow with ([`Contraction::distance`]).
+    /// Valid powers for the growth of steps along a ray ([`Contraction::distance`]).
     pub const POWERS: [u8; 3] = [1, 2, 4];
 
-    /// The contraction into a cube; `None` unless it is one, with a radius of 1e-30 to 1e30, and `power` is one of
-    /// [`Contraction::POWERS`].
+    /// Makes the contraction into `cube`. `None` unless it is a cube, the inner radius is 1e-30 to 1e30, and `power`
+    /// is one of [`Contraction::POWERS`].
     pub fn new(cube: &SceneBox, power: u8) -> Option<Self> {
         let (extent, centre) = (cube.max - cube.min, 0.5 * cube.min + 0.5 * cube.max);
         let (longest, shortest) = (extent.max_element(), extent.min_element());
-        // Corners far from the origin are rounded.
+        // Tolerance for the rounding of corners far from the origin.
         let rounding = 4.0 * f32::EPSILON * cube.min.abs().max(cube.max.abs()).max_element();
         let radius = 0.25 * longest;
         let valid = extent.is_finite()
@@ -42,7 +43,7 @@ impl Contraction {
         (valid && Self::POWERS.contains(&power)).then_some(Self { cube: *cube, centre, radius, power })
     }
 
-    /// The cube of a contraction around a ball.
+    /// The scene box of the contraction whose inner ball is given.
     #[cfg(feature = "train")]
     pub fn cube(centre: Vec3, radius: f32) -> SceneBox {
         let reach = Vec3::splat(2.0 * radius);
@@ -59,19 +60,19 @@ impl Contraction {
         self.radius
     }
 
-    /// The power that steps along a ray grow with.
+    /// Power with which steps along a ray grow.
     pub fn power(&self) -> u8 {
         self.power
     }
 
-    /// The point of the scene box that a point of the world is contracted to, never outside: a coordinate further than 1e8
-    /// radii from the centre counts as that far, and one that is NaN as the centre's.
+    /// Contracts a point of the world into the scene box, never outside. Coordinates are clamped to 1e8 radii from
+    /// the centre, and a NaN counts as the centre's coordinate.
     #[inline]
     pub fn contract(&self, p: Vec3) -> Vec3 {
         Vec3::from_array(self.contract_lanes(p.to_array()))
     }
 
-    /// [`Contraction::contract`] of a vector of points: x, y, z.
+    /// [`Contraction::contract`] for a vector of points: x, y, z.
     #[inline(always)]
     pub fn contract_lanes<V: Lanes>(&self, p: [V; 3]) -> [V; 3] {
         let one = V::splat(1.0);
@@ -82,10 +83,10 @@ impl Contraction {
         self.shrunk(q, V::splat(2.0).sub(inverse).mul(inverse).mul(V::splat(self.radius)))
     }
 
-    /// Whether all of a ray between two of its steps, in ascending order, is in the inner ball.
+    /// Whether the part of a ray between the steps `from <= to` lies in the inner ball.
     #[inline]
     pub(crate) fn keeps(&self, ray: &Ray, from: f32, to: f32) -> bool {
-        // A ball is convex. Rounding must not move a point out of it.
+        // A ball is convex, so that both ends suffice. The margin is for rounding.
         const INNER: f32 = 0.9999;
         let within = |s: f32| {
             (ray.at(s * self.radius) - self.centre).length_squared() < INNER * self.radius * self.radius
@@ -93,20 +94,20 @@ impl Contraction {
         from.abs() <= 1.0 && to.abs() <= 1.0 && within(from) && within(to)
     }
 
-    /// [`Contraction::contract_lanes`] of points in the inner ball, bit for bit.
+    /// [`Contraction::contract_lanes`] for points in the inner ball, bit for bit.
     #[inline(always)]
     pub(crate) fn kept_lanes<V: Lanes>(&self, p: [V; 3]) -> [V; 3] {
         self.shrunk(self.in_radii(p), V::splat(self.radius))
     }
 
-    /// Points from the centre, in radii; squares of them are numbers.
+    /// Points relative to the centre, in radii; clamped so that their squares are finite.
     #[inline(always)]
     fn in_radii<V: Lanes>(&self, p: [V; 3]) -> [V; 3] {
         let centre = self.centre.to_array();
         let (into, largest) = (V::splat(1.0 / self.radius), V::splat(FARTHEST));
         let mut q = [V::splat(0.0); 3];
         for axis in 0..3 {
-            // Squares stay numbers; a NaN becomes 0.
+            // A NaN becomes 0.
             let x = p[axis].sub(V::splat(centre[axis])).mul(into);
             let x = V::select(x.equals(x), x, V::splat(0.0));
             q[axis] = x.min_of(largest).max_of(largest.neg());
@@ -126,8 +127,8 @@ impl Contraction {
         q
     }
 
-    /// The gradient in the world of what has `gradient` at `p`, both in the scene box: the transpose of the
-    /// contraction's derivative, times it.
+    /// Transforms `gradient` at `p`, both in contracted space, to the gradient in the world: the transpose of the
+    /// contraction's Jacobian times `gradient`.
     #[cfg(feature = "normals")]
     pub fn gradient_in_world(&self, p: Vec3, gradient: Vec3) -> Vec3 {
         let q = (p - self.centre) / self.radius;
@@ -136,21 +137,23 @@ impl Contraction {
             return gradient;
         }
         let out = q / contracted;
-        // Contracted radius 2 − 1/r; at the rim what is left is the direction.
+        // The contracted radius is 2 − 1/r; `FARTHEST` limits r at the rim.
         let inverse = (2.0 - contracted).max(1.0 / FARTHEST);
         let along = out * out.dot(gradient);
         (gradient - along) * (contracted * inverse) + along * (inverse * inverse)
     }
 
-    /// The ray, from the point nearest to the centre, or from its origin if it leads away; and how far that is.
+    /// Moves the ray's origin to the point nearest to the centre, unless that lies behind it; also returns the
+    /// distance moved.
     pub fn centred(&self, ray: &Ray) -> (Ray, f32) {
         let start = (self.centre - ray.origin).dot(ray.dir).max(0.0);
         (Ray { origin: ray.at(start), ..*ray }, start)
     }
 
-    /// The distance along a ray from the point nearest to the centre, world units, at `s` of equal steps: `s` radii where
-    /// `|s| <= 1`, and `(1 − (|s| − 1)/p)^−p` beyond, for the power `p`. 1 makes steps even in disparity, as a line through
-    /// the centre is even in contracted space; larger ones make them nearly even in the logarithm.
+    /// Distance along a ray from its point nearest to the centre, world units, at position `s` in steps: `s` radii if
+    /// `|s| <= 1`, else `(1 − (|s| − 1)/p)^−p` radii with the sign of `s`, for the power `p`. With power 1, steps are
+    /// uniform in disparity, like a line through the centre in contracted space; with larger powers nearly uniform in
+    /// the logarithm.
     ///
     /// # Source
     /// Barron et al. 2025, power ladder; deviation: linear up to 1, and symmetric, since rays come from anywhere.
@@ -159,7 +162,7 @@ impl Contraction {
         self.distance_lanes(s)
     }
 
-    /// [`Contraction::distance`] of a vector of steps.
+    /// [`Contraction::distance`] for a vector of steps.
     #[inline(always)]
     pub fn distance_lanes<V: Lanes>(&self, s: V) -> V {
         let (one, size, least) = (V::splat(1.0), s.abs(), V::splat(1.0 / FARTHEST));
@@ -175,7 +178,8 @@ impl Contraction {
         V::select(s.less(V::splat(0.0)), size.neg(), size)
     }
 
-    /// The length of a step at `p` of the scene box, on a ray through the centre, relative to a step in the inner ball.
+    /// Length of a step at the contracted point `p`, on a ray through the centre, relative to a step in the inner
+    /// ball.
     #[cfg(feature = "train")]
     pub fn step_growth(&self, p: Vec3) -> f32 {
         let contracted = (p - self.centre).length() / self.radius;
@@ -184,7 +188,7 @@ impl Contraction {
         radii * self.root(radii)
     }
 
-    /// The point of the world that is at `p` of the scene box.
+    /// The inverse of [`Contraction::contract`].
     #[cfg(feature = "train")]
     pub fn in_world(&self, p: Vec3) -> Vec3 {
         let q = (p - self.centre) / self.radius;
@@ -217,5 +221,5 @@ impl Contraction {
     }
 }
 
-/// Radii beyond which everything is as far.
+/// Distance from the centre to which points are clamped, radii.
 const FARTHEST: f32 = 1e8;

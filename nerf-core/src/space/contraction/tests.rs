@@ -55,7 +55,7 @@ fn dirs() -> impl Iterator<Item = Point> {
     })
 }
 
-/// The definition, in f64, of the ball that was found.
+/// The definition of the contraction, in f64, with the ball that `Contraction::new` found.
 fn contract(c: &Contraction, p: Point) -> Point {
     let q = along(p, -1.0, wide(c.centre())).map(|x| x / f64::from(c.radius()));
     let r = length(q);
@@ -69,7 +69,7 @@ fn distance(c: &Contraction, s: f64) -> f64 {
     size.copysign(s) * f64::from(c.radius())
 }
 
-/// How far rounding may be off, of the largest number that is met: the centre, or the box's side.
+/// Bound of rounding errors, relative to the largest number involved: the centre, or the box's side.
 fn rounding(c: &Contraction) -> f64 {
     EPS * f64::from(c.centre().abs().max_element() + 4.0 * c.radius())
 }
@@ -142,7 +142,7 @@ fn what_is_no_cube_or_power_is_no_contraction() {
     assert_eq!(Contraction::new(&Contraction::cube(Vec3::splat(1e6), 0.1), 1), None);
 }
 
-/// Of both, the bound is what rounding the steps gives: they end at 1 + p, where distances have none.
+/// The bound of both is that of rounding the steps, which end at 1 + p, while distances are unbounded.
 #[test]
 fn steps_and_distances_are_inverse_within_rounding() {
     for (centre, radius) in balls() {
@@ -154,7 +154,7 @@ fn steps_and_distances_are_inverse_within_rounding() {
                 let s = i as f32 / 1000.0 * (1.0 + 0.98 * f32::from(power));
                 let found = c.distance(s);
                 let exact = distance(&c, s.into());
-                // Of the base, (p + 1 − |s|) / p, that is raised to −p.
+                // Rounding of the base, (p + 1 − |s|) / p, which is raised to −p.
                 let base = ((p + 1.0 - f64::from(s.abs())) / p).min(1.0);
                 let bound = 2.0 * EPS * (1.0 + p / base);
                 assert!(

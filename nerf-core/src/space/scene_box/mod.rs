@@ -8,7 +8,7 @@ use glam::Vec3;
 #[cfg(test)]
 mod tests;
 
-/// An axis-aligned box in world space; outside of it density is zero and the network is never asked.
+/// An axis-aligned box in world space; outside of it density is zero and the network is never evaluated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneBox {
     /// Smallest corner, world units.
@@ -18,7 +18,7 @@ pub struct SceneBox {
 }
 
 impl SceneBox {
-    /// A box of the given corners.
+    /// Makes a box from its corners.
     ///
     /// # Errors
     /// [`BoundsError::Box`] unless every corner is finite and `min < max` on every axis.
@@ -36,21 +36,21 @@ impl SceneBox {
         p.cmpge(self.min).all() && p.cmple(self.max).all()
     }
 
-    /// The part of `[near, far]` that lies inside the box, or `None` if the ray misses it.
+    /// Clips the ray: returns the part of `[near, far]` inside the box, or `None` if the ray misses it.
     ///
-    /// Slab by slab; a ray parallel to a slab is inside it for all `t` or for none, so that
-    /// neither 1/0 nor 0·inf ever decides. A ray on a face counts as inside; a NaN or an infinity in
-    /// the ray, or a range that is empty or NaN, meets nothing.
+    /// A ray parallel to a slab is tested separately, since it is inside for all `t` or for none: neither 1/0 nor
+    /// 0·inf ever decides. A ray on a face counts as inside. `None`, too, if the ray contains a NaN or an infinity,
+    /// or the range is empty or NaN.
     ///
     /// # Source
-    /// Kay and Kajiya 1986; deviation: parallel slabs are tested apart.
+    /// Kay and Kajiya 1986; deviation: parallel slabs are tested separately.
     pub fn clip(&self, ray: &Ray, near: f32, far: f32) -> Option<(f32, f32)> {
         // `max` and `min` below would drop a NaN and let the other axes decide.
         let ordered = near <= far;
         if !(ordered && ray.origin.is_finite() && ray.dir.is_finite()) {
             return None;
         }
-        // An axis by itself, three times: a loop over them takes half as long again.
+        // A call for each axis: a loop over the axes takes half as long again.
         let slab = |axis: usize, (enter, exit): (f32, f32)| {
             let (origin, dir) = (ray.origin.to_array()[axis], ray.dir.to_array()[axis]);
             let (low, high) = (self.min.to_array()[axis], self.max.to_array()[axis]);
@@ -59,7 +59,7 @@ impl SceneBox {
                 return (origin >= low && origin <= high).then_some((enter, exit));
             }
             let (a, b) = ((low - origin) / dir, (high - origin) / dir);
-            // None is a NaN: plain comparisons, where `min` is a call in WebAssembly.
+            // Neither is a NaN: plain comparisons suffice, whereas `min` is a call in WebAssembly.
             let (first, last) = if b < a { (b, a) } else { (a, b) };
             Some((if first > enter { first } else { enter }, if last < exit { last } else { exit }))
         };
@@ -67,7 +67,8 @@ impl SceneBox {
         (enter <= exit).then_some((enter, exit))
     }
 
-    /// [`SceneBox::clip`] of a vector of rays: where they enter and leave, and 1 for those that meet the box, 0 for others.
+    /// [`SceneBox::clip`] for a vector of rays: distances of entry and exit, and 1 for rays that meet the box, else
+    /// 0.
     #[inline(always)]
     pub(crate) fn clip_lanes<V: Lanes>(&self, origin: [V; 3], dir: [V; 3], near: V, far: V) -> (V, V, V) {
         let (zero, one) = (V::splat(0.0), V::splat(1.0));
@@ -76,7 +77,7 @@ impl SceneBox {
         let (mut enter, mut exit) = (near, far);
         for axis in 0..3 {
             let (low, high) = (V::splat(min[axis]).sub(origin[axis]), V::splat(max[axis]).sub(origin[axis]));
-            // 0 of what is finite.
+            // `x − x` is 0 only for a finite `x`.
             let finite = origin[axis].sub(origin[axis]).add(dir[axis].sub(dir[axis])).equals(zero);
             meets = V::select(finite, meets, zero);
             let parallel = dir[axis].abs().less(V::splat(f32::MIN_POSITIVE));
@@ -94,7 +95,7 @@ impl SceneBox {
 }
 
 errors! {
-    /// Bounds that hold no scene.
+    /// Invalid bounds of a scene.
     BoundsError:
     /// The scene box is empty, inverted or not finite.
     Box { min: [f32; 3], max: [f32; 3] } =>

@@ -1,4 +1,4 @@
-//! What the training photographs say of the capture once a field is fitted to them.
+//! Checks of the capture that need a fitted field: how well it reproduces each training photograph.
 
 use super::Diagnosis;
 use super::found::subject;
@@ -6,16 +6,16 @@ use crate::data::cameras::bundle::median;
 use crate::system::summary::Short;
 use serde::Serialize;
 
-/// Distance below the median PSNR at which a photograph is far worse than the rest: dB, and median deviations.
+/// A photograph is far worse than the rest if its PSNR is below the median by both of these: dB, median deviations.
 const FAR_WORSE: (f64, f64) = (5.0, 6.0);
-/// Groups differ by so much where one of them is doubtful, dB.
+/// PSNR difference between the best and the worst group from which on the worst is doubtful, dB.
 const DIFFERENT_DB: f64 = 3.0;
-/// A field that was fitted for a while shows photographs that can all be right better than this, dB.
+/// Median training PSNR below which photographs without tracks contradict each other, dB, from [`A_WHILE`] steps on.
 const LOW_DB: f64 = 22.0;
-/// Steps of such a fit.
+/// Number of steps of a fit from which on [`LOW_DB`] applies.
 const A_WHILE: u32 = 2000;
 
-/// How well a field shows the photographs that it was fitted to.
+/// How well a field reproduces the photographs that it was fitted to.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Fitted {
     pub train_psnr_db: Option<Short>,
@@ -27,7 +27,7 @@ pub struct Fitted {
     findings: Vec<String>,
 }
 
-/// The mean over a group of training photographs.
+/// A group of training photographs and its mean PSNR.
 #[derive(Clone, Debug, Serialize)]
 pub struct Group {
     pub first: String,
@@ -37,7 +37,7 @@ pub struct Group {
 }
 
 impl Fitted {
-    /// Of training photographs with their PSNR, dB, after so many steps.
+    /// Evaluates the fit of the training photographs after `steps` steps. `photographs`: names and PSNR, dB.
     pub fn of(diagnosis: &Diagnosis, photographs: &[(&str, f64)], steps: u32) -> Self {
         let finite = || photographs.iter().map(|(_, db)| *db).filter(|db| db.is_finite());
         let middle = median(finite());
@@ -89,7 +89,7 @@ impl Fitted {
         }
     }
 
-    /// Whether groups contradict each other, where only their PSNR can say so.
+    /// Returns a finding if the PSNR of the groups, or of all photographs, suggests that they contradict each other.
     fn doubt(&self, tracks: bool, middle: f64, steps: u32) -> Option<String> {
         let by_db = |a: &&Group, b: &&Group| a.psnr_db.0.total_cmp(&b.psnr_db.0);
         let (low, high) = (self.train_groups.iter().min_by(by_db)?, self.train_groups.iter().max_by(by_db)?);

@@ -1,4 +1,4 @@
-//! What is found, by indices, and in sentences: what it is, and what to do.
+//! Findings of the check: by indices of photographs, and as sentences that say what to do.
 
 use super::grey::{self, Grey, is_blurred};
 use super::groups::{Groups, few};
@@ -12,15 +12,15 @@ use crate::data::{Dataset, View};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
-/// Fewer photographs than this are all fitted, whatever contradicts.
+/// Number of photographs below which all are fitted, even if some contradict the rest.
 const ENOUGH: usize = 10;
-/// Limits from which on a pose is wrong: contradicting key points, and their number over that of agreeing ones.
+/// A pose is wrong if at least this many key points contradict it, and more than this many times those that agree.
 const MISPLACED: (usize, usize) = (10, 2);
 /// Smallest unseen sector that is warned of, degrees.
 const WIDE_GAP: f32 = 60.0;
-/// Ranges or names that are listed before the rest is counted.
+/// Maximum number of names or ranges of names in a list; the rest is only counted.
 const LISTED: usize = 6;
-/// Photographs on the smaller side of a bridge from which on it is said.
+/// A bridge is reported if its smaller side has at least this many photographs.
 const HANGING: usize = 3;
 
 /// Why photographs fall into groups.
@@ -31,7 +31,7 @@ enum Reason {
     Pieces,
 }
 
-/// What is found, by indices into `views`.
+/// Findings of the check; photographs are indices into `views`.
 pub(super) struct Found<'v> {
     pub views: Vec<&'v View>,
     pub sharpness: Vec<f32>,
@@ -41,7 +41,7 @@ pub(super) struct Found<'v> {
     pub tracks: bool,
     pub links: Links,
     pub pairs: Vec<Pair>,
-    /// Photographs that take part in a pair.
+    /// Number of photographs that are part of a compared pair.
     judged: usize,
     /// Photographs whose key points contradict their pose.
     misplaced: Vec<usize>,
@@ -85,7 +85,7 @@ impl<'v> Found<'v> {
         found
     }
 
-    /// Groups for the first reason that there is, and the photographs that contradict them.
+    /// Sets the groups, for the first reason that applies, and the photographs that contradict them.
     fn settle_groups(&mut self) {
         let count = self.views.len();
         let Groups { groups, outliers } = Groups::of(count, &self.pairs);
@@ -113,8 +113,8 @@ impl<'v> Found<'v> {
         self.groups.iter_mut().for_each(|group| group.retain(|view| !outliers.contains(view)));
     }
 
-    /// Whether the reconstruction lays two sides that look alike on top of each other; `None` where too few photographs can
-    /// be compared.
+    /// Whether the reconstruction lays two sides that look alike on top of each other; `None` if too few photographs
+    /// can be compared.
     pub fn folded(&self) -> Option<bool> {
         match self.reason {
             Some(Reason::Folded) => Some(true),
@@ -122,7 +122,7 @@ impl<'v> Found<'v> {
         }
     }
 
-    /// The pair that contradicts most, of two groups where there are some.
+    /// The pair that contradicts most; pairs of photographs in different groups come first.
     pub fn worst_pair(&self) -> Option<[usize; 2]> {
         let group = |view: usize| self.groups.iter().position(|group| group.contains(&view));
         let bad = self.pairs.iter().filter(|pair| pair.contradicts());
@@ -137,12 +137,12 @@ impl<'v> Found<'v> {
         &self.views[view].name
     }
 
-    /// Photographs that are blurred against their neighbours.
+    /// Photographs that are blurred compared with their neighbours.
     pub fn blurred(&self) -> Vec<usize> {
         (0..self.views.len()).filter(|&view| is_blurred(self.sharpness[view])).collect()
     }
 
-    /// Names in order, runs of them as `first to last`.
+    /// Lists names in order; consecutive photographs are written as `first to last`.
     fn listed(&self, views: &[usize]) -> String {
         let mut runs: Vec<[usize; 2]> = Vec::new();
         for &view in views {
@@ -189,7 +189,7 @@ impl<'v> Found<'v> {
         format!("check: {}: {}", count(self.views.len(), "photograph"), parts.join("; "))
     }
 
-    /// What is wrong or cannot be said, a sentence each, what matters most first.
+    /// Faults, and checks that are not possible, one sentence each, the most important first.
     pub fn findings(&self) -> Vec<String> {
         let mut findings = vec![self.fold()];
         findings.extend(self.contradicting());

@@ -4,25 +4,25 @@ use crate::data::View;
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Long side of a photograph at the working size, at most, pixels.
+/// Maximum long side of a photograph at the working size, pixels.
 const WORKING_SIDE: u32 = 640;
 /// Half the side of a patch, pixels of the working size.
 pub(super) const HALF_PATCH: i32 = 6;
-/// Photographs nearest to one, by which its sharpness is judged.
+/// Number of nearest photographs that the sharpness of one is compared with.
 const NEIGHBOURS: usize = 6;
-/// Sharpness against the neighbours' below which a photograph is blurred.
+/// Ratio of a photograph's sharpness to its neighbours' median below which it is blurred.
 const BLURRED: f32 = 0.3;
-/// Side of the pictures that duplicates are found by.
+/// Side of the small pictures that are compared to find duplicates, pixels.
 const STAMP: usize = 32;
-/// Mean difference of two such pictures, against their standard deviation, below which they are the same.
+/// Two small pictures are the same if their mean difference over their standard deviation is at most this.
 const SAME: f32 = 0.01;
 
 pub(super) struct Grey {
-    /// Pixels of the view along a side of one of these.
+    /// Number of the view's pixels along the side of one working pixel.
     pub factor: u32,
     width: usize,
     height: usize,
-    /// 0 to 255, row by row; what is transparent is white.
+    /// Grey levels, 0 to 255, row by row; transparent pixels are white.
     levels: Vec<u8>,
 }
 
@@ -49,7 +49,7 @@ impl Grey {
         Self { factor, width: columns, height: rows, levels }
     }
 
-    /// Bilinear, pixel centres at +0.5; `None` outside.
+    /// Grey level at (`x`, `y`), bilinear, pixel centres at +0.5; `None` outside the picture.
     fn at(&self, x: f32, y: f32) -> Option<f32> {
         let (x, y) = (x - 0.5, y - 0.5);
         if !(x >= 0.0 && y >= 0.0 && x + 1.0 < self.width as f32 && y + 1.0 < self.height as f32) {
@@ -65,8 +65,8 @@ impl Grey {
         Some(a + v * (b - a))
     }
 
-    /// The square around `middle` that `right` and `down` span, all in working pixels, row by row; `None` where it
-    /// leaves the picture.
+    /// Samples a square grid around `middle` with the steps `right` and `down`, all in working pixels, row by row.
+    /// `None` if it leaves the picture.
     pub fn patch(&self, middle: [f32; 2], right: [f32; 2], down: [f32; 2]) -> Option<Vec<f32>> {
         let range = -HALF_PATCH..=HALF_PATCH;
         let steps = range.clone().flat_map(|v| range.clone().map(move |u| (u as f32, v as f32)));
@@ -113,7 +113,7 @@ impl Grey {
     }
 }
 
-/// The values less their mean, and the root of the sum of their squares.
+/// Subtracts the mean from the values; returns them and their Euclidean norm.
 pub(super) fn centred(mut values: Vec<f32>) -> (Vec<f32>, f32) {
     let mean = values.iter().sum::<f32>() / values.len().max(1) as f32;
     values.iter_mut().for_each(|value| *value -= mean);
@@ -121,7 +121,7 @@ pub(super) fn centred(mut values: Vec<f32>) -> (Vec<f32>, f32) {
     (values, norm)
 }
 
-/// Sharpness of each photograph against the median of those taken nearest to it; 1 with no neighbours.
+/// Sharpness of each photograph over the median of those taken nearest to it; 1 if there are none.
 pub(super) fn sharpness(views: &[&View], greys: &[Grey]) -> Vec<f32> {
     let own: Vec<f32> = greys.par_iter().map(Grey::sharpness).collect();
     let place = |view: &View| (view.camera.pose().position, view.camera.pose().forward());

@@ -1,23 +1,23 @@
-//! Which photographs can be right together, from pairs that agree or contradict each other.
+//! Groups of photographs whose poses can be right together, from pairs that agree or contradict each other.
 
 use super::pairs::Pair;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Share of different patches at which a pair says nothing.
+/// Fraction of different patches at which a pair counts neither for nor against its poses.
 const UNDECIDED: f32 = 0.35;
-/// At most this part of the photographs (one in ten) is few, and can be left out where it contradicts the rest.
+/// At most one in this many photographs is few, and can be left out if it contradicts the rest.
 const FEW: usize = 10;
-/// Least number of contradicting pairs that a photograph is left out for, or that two groups are told apart by.
+/// Number of contradicting pairs needed to leave out a photograph, or to separate two groups.
 const CERTAIN: usize = 3;
-/// Share of the pairs that contradict each other from which on many photographs that contradict the rest are believed.
+/// Fraction of contradicting pairs from which on many contradicting photographs become a group of their own.
 const TORN: f32 = 0.1;
 
 /// Groups of photographs whose poses agree within the group, and the few that agree with none.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Groups {
-    /// The groups, by indices; one where nothing contradicts.
+    /// Indices of the photographs of each group; one group if nothing contradicts.
     pub groups: Vec<Vec<usize>>,
-    /// Few photographs that contradict the rest.
+    /// Indices of the few photographs that contradict the rest.
     pub outliers: Vec<usize>,
 }
 
@@ -57,8 +57,8 @@ fn count(pairs: &[Pair], which: impl Fn([usize; 2]) -> bool) -> (usize, usize) {
     })
 }
 
-/// Small clusters that contradict more photographs than they agree with. The worst is taken out first; a photograph that
-/// only it contradicted is then free of contradiction.
+/// Small clusters with more contradicting than agreeing pairs. The worst is rejected first, and its pairs no longer
+/// count for the others.
 fn rejected(label: &[usize], pairs: &[Pair]) -> BTreeSet<usize> {
     let mut size: BTreeMap<usize, usize> = BTreeMap::new();
     label.iter().for_each(|label| *size.entry(*label).or_default() += 1);
@@ -79,7 +79,7 @@ fn rejected(label: &[usize], pairs: &[Pair]) -> BTreeSet<usize> {
     let all = counts(&rejected);
     loop {
         let counts = counts(&rejected);
-        // Compares shares of bad pairs without a division.
+        // Compares fractions of contradicting pairs without a division.
         let share = |a: (usize, usize), b: (usize, usize)| (a.1 * (b.0 + b.1)).cmp(&(b.1 * (a.0 + a.1)));
         let worst = small.iter().filter(|cluster| counts[**cluster].1 > counts[**cluster].0);
         let worst =
@@ -87,13 +87,13 @@ fn rejected(label: &[usize], pairs: &[Pair]) -> BTreeSet<usize> {
         let Some(&worst) = worst else { break };
         rejected.insert(worst);
     }
-    // Contradicted only by photographs that are rejected themselves, and supported by nobody.
+    // Also rejects small clusters that no pair supports and that only rejected photographs contradict.
     rejected.extend(small.into_iter().filter(|&cluster| all[cluster].0 == 0 && all[cluster].1 > 0));
     rejected
 }
 
 impl Groups {
-    /// Of `count` photographs in the order of their names.
+    /// Groups photographs, numbered in the order of their names.
     pub fn of(photographs: usize, pairs: &[Pair]) -> Self {
         let label = clusters(photographs, pairs);
         let rejected = rejected(&label, pairs);
@@ -102,7 +102,7 @@ impl Groups {
             members.entry(*label).or_default().push(view);
         }
         let mut clusters: Vec<Vec<usize>> = members.into_values().collect();
-        // The sort is stable: of equals the one with the first name.
+        // The sort is stable: among clusters of equal size, the one with the first name comes first.
         clusters.sort_by_key(|cluster| std::cmp::Reverse(cluster.len()));
         let mut group: Vec<Option<usize>> = vec![None; photographs];
         let mut groups = 0;
@@ -125,7 +125,7 @@ impl Groups {
         Self::named(group, groups, contradict, pairs)
     }
 
-    /// Large groups, and few that contradict them; photographs that nothing was asked of stay with the one before them.
+    /// Forms the large groups and the outliers. A photograph without pairs joins the group of the one before it.
     fn named(
         mut group: Vec<Option<usize>>,
         groups: usize,
@@ -152,7 +152,7 @@ impl Groups {
         }
         large.sort_by_key(|group| std::cmp::Reverse(group.len()));
         if many {
-            // The last one, however large: these contradict each other, too.
+            // The contradicting photographs become the last group, however large: they contradict each other, too.
             large.push(members(groups));
         } else {
             let (out, back): (Vec<_>, Vec<_>) = contradict.into_iter().partition(certain);

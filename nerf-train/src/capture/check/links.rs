@@ -1,33 +1,33 @@
-//! Graph of the photographs that share points: its connected pieces, and its bridges.
+//! Graph of the photographs that share points: its connected components (pieces), and its bridges.
 
 use super::pairs::Pair;
 use crate::capture::sights::Sights;
 use std::collections::BTreeMap;
 
-/// Points that two photographs share from which on they are linked.
+/// Number of shared points from which on two photographs are linked.
 const LINKED: u32 = 15;
-/// Photographs of a point that are counted, at most.
+/// Maximum number of photographs that are counted per point.
 const MAX_TRACK: usize = 200;
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Links {
-    /// The pieces that share no points with each other, the largest first.
+    /// Connected components, as indices of photographs, the largest first.
     pub pieces: Vec<Vec<usize>>,
-    /// Links without which a piece would fall into two, and how many photographs the smaller part would have.
+    /// Links whose removal would split a piece, with the number of photographs in the smaller part.
     pub bridges: Vec<([usize; 2], usize)>,
 }
 
-/// A search through all links, depth first.
+/// Depth-first search through all links.
 struct Search<'l> {
     linked: &'l [Vec<usize>],
-    /// When a photograph was reached, from 1; 0 before.
+    /// Order in which each photograph was reached, from 1; 0 if it was not reached yet.
     reached: Vec<usize>,
     found: Vec<usize>,
     bridges: Vec<([usize; 2], usize)>,
 }
 
 impl Search<'_> {
-    /// The earliest photograph that those reached from `view` have a link to, but for the link to `parent`.
+    /// Visits `view` and all reached from it; returns the lowest order linked to these, but for the link to `parent`.
     ///
     /// # Source
     /// Tarjan 1974, "A note on finding the bridges of a graph".
@@ -52,7 +52,7 @@ impl Search<'_> {
 }
 
 impl Links {
-    /// Of the photographs that `sights` are of. `pairs` that agree are linked, whatever points they share.
+    /// Links the photographs of `sights`. Pairs that agree are linked, whatever points they share.
     pub fn of(sights: &Sights, pairs: &[Pair]) -> Self {
         let mut showing: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
         for (view, sights) in sights.of_views.iter().enumerate() {

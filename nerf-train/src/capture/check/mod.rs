@@ -1,5 +1,5 @@
-//! A capture looked over before it is fitted: how its photographs are spread, sharp, exposed and linked, and whether they
-//! can all be right.
+//! Checks of a capture before it is fitted: how its photographs are spread, sharp, exposed and linked, and whether
+//! they can all be right.
 //!
 //! Places that repeat make a reconstruction lay two sides of an orbit on top of each other. Such a folded model agrees
 //! with its own key points; its photographs contradict each other's pixels around points that they see from nearly the
@@ -23,35 +23,36 @@ use anyhow::{Context, bail};
 use found::Found;
 use serde::Serialize;
 
-/// What is in a capture and what is wrong with it; photographs by name, in the order of names.
+/// Contents and faults of a capture. Photographs are given by name, in the order of names.
 #[derive(Clone, Debug, Serialize)]
 pub struct Diagnosis {
     pub data: String,
     pub photographs: usize,
-    /// Whether the reconstruction lays two sides that look alike on top of each other; `None` where nothing says.
+    /// Whether the reconstruction lays two sides that look alike on top of each other; `None` if unknown.
     pub folded: Option<bool>,
-    /// Photographs that can be right together, the largest group first; none where all can.
+    /// Groups of photographs that can be right together, the largest first; empty if all can.
     pub groups: Vec<Vec<String>>,
-    /// Few photographs that contradict the rest, which a fit leaves out.
+    /// The few photographs that contradict the rest; a fit leaves them out.
     pub contradicting: Vec<String>,
     pub compared_pairs: usize,
     pub contradicting_pairs: usize,
     /// Two photographs that cannot both be right.
     pub worst_pair: Option<[String; 2]>,
-    /// The largest gap between directions that photographs look from.
+    /// Largest gap between directions that photographs look from.
     pub unseen_sector_degrees: Option<Short>,
     pub gaps: Vec<NamedGap>,
     pub blurred: Vec<String>,
     pub duplicates: Vec<[String; 2]>,
     /// Standard deviation of log gains, measured at points that several photographs show.
     pub exposure_spread: Option<f64>,
-    /// Sizes of the pieces that share points within themselves only.
+    /// Numbers of photographs in the pieces that share points only within themselves, the largest first.
     pub pieces: Vec<usize>,
     pub bridges: Vec<[String; 2]>,
     pub views: Vec<Photograph>,
-    /// Photographs between jumps of the viewing direction in the order of names; whether tracks say more than they do.
+    /// Runs of photographs between jumps of the viewing direction, in the order of names.
     #[serde(skip)]
     runs: Vec<Vec<String>>,
+    /// Whether there are tracks of points, which tell more than the runs.
     #[serde(skip)]
     tracks: bool,
     pub facts: String,
@@ -68,10 +69,10 @@ pub struct NamedGap {
 #[derive(Clone, Debug, Serialize)]
 pub struct Photograph {
     pub name: String,
-    /// Its group, counted from 1; `None` where there are no groups, or it contradicts them.
+    /// Number of the photograph's group, from 1; `None` if there are no groups or it contradicts them.
     pub group: Option<usize>,
     pub azimuth_degrees: Option<Short>,
-    /// Variance of the Laplacian over that of its neighbours.
+    /// Variance of the Laplacian over the median of the neighbours.
     pub sharpness: Short,
     /// Mean log gain.
     pub exposure: Option<Short>,
@@ -115,9 +116,9 @@ impl Diagnosis {
         }
     }
 
-    /// Keeps the photographs to be fitted. Training photographs that contradict the rest are left out where they are few.
-    /// With a `group`, counted from 1, only its photographs are kept, held-out ones included.
-    /// Where that fails, the data set is not changed.
+    /// Keeps the photographs to be fitted. A few training photographs that contradict the rest are left out.
+    /// With a `group`, counted from 1, only its photographs are kept, including held-out ones.
+    /// If this fails, the data set is not changed.
     pub fn select(&self, dataset: &mut Dataset, group: Option<usize>) -> anyhow::Result<()> {
         if let Some(found) = group {
             let groups = self.groups.len();

@@ -1,4 +1,4 @@
-//! Whether photographs agree: patches around sparse points, compared between two that see these alike.
+//! Agreement of photographs: patches around sparse points, compared between two photographs that see these alike.
 
 use super::grey::{Grey, HALF_PATCH, centred};
 use crate::capture::sights::{Sight, Sights};
@@ -6,16 +6,17 @@ use crate::data::{SparsePoint, View};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Two cameras see a point alike within this angle (12°, its cosine) and with distances of at most this ratio.
+/// Two cameras see a point alike up to this angle (cosine of 12°) and this ratio of their distances.
 const ALIKE: (f32, f32) = (0.978_147_6, 1.25);
-/// Points that two photographs must see alike to be compared, and patches that must be left to judge by.
+/// Number of points that two photographs must see alike to be compared.
 const ENOUGH_POINTS: usize = 30;
+/// Number of compared patches from which on a pair is judged.
 const ENOUGH_PATCHES: usize = 15;
-/// Questions whether a camera sees a point alike, at most, so that thousands of photographs take seconds.
+/// Maximum number of tests whether a camera sees a point alike, so that thousands of photographs take seconds.
 const MAX_QUESTIONS: usize = 400_000_000;
-/// Points of a photograph whose patches are compared, at most.
+/// Maximum number of points of a photograph whose patches are compared.
 const COMPARED_POINTS: usize = 60;
-/// Pairs that are compared; of more, as many spread over all.
+/// Maximum number of compared pairs; of more, every N-th is compared.
 const MAX_PAIRS: usize = 60_000;
 /// Standard deviation of a patch below which there is nothing to compare, grey levels of 255.
 const MIN_TEXTURE: f32 = 2.0;
@@ -27,17 +28,17 @@ const DIFFERENT: f32 = 0.3;
 pub(super) struct Pair {
     /// Indices of the photographs, the smaller first.
     pub views: [usize; 2],
-    /// Share of the compared patches that show different things, 0 to 1.
+    /// Fraction of the compared patches that show different things, 0 to 1.
     pub different: f32,
 }
 
 impl Pair {
-    /// Whether the two show the same.
+    /// Whether the two photographs show the same.
     pub fn agrees(&self) -> bool {
         self.different < 0.3
     }
 
-    /// Whether they cannot both be right.
+    /// Whether the two poses cannot both be right.
     pub fn contradicts(&self) -> bool {
         self.different > 0.6
     }
@@ -50,7 +51,7 @@ struct Compared<'v> {
 }
 
 impl Compared<'_> {
-    /// Its points that `other` sees alike and within its picture.
+    /// Points of this photograph that `other` sees alike and inside its picture.
     fn seen_alike(&self, other: &Self) -> Vec<Vec3> {
         let [from, to] = [self, other].map(|of| of.view.camera.pose().position);
         let (width, height) = other.view.size();
@@ -66,14 +67,14 @@ impl Compared<'_> {
         self.points.iter().filter(alike).filter(inside).copied().collect()
     }
 
-    /// Where it shows a point, working pixels.
+    /// Projects `point` into this photograph, working pixels.
     fn shows(&self, point: Vec3) -> Option<[f32; 2]> {
         let (x, y) = self.view.camera.project(point)?;
         Some([x, y].map(|v| v / self.grey.factor as f32))
     }
 
-    /// Normalised cross-correlation of the patch around `point` with what `other` shows of the same piece of the plane
-    /// at its depth, parallel to this picture; `None` without texture, or outside.
+    /// Normalised cross-correlation of the patch around `point` in this photograph and in `other`. The patch is on
+    /// the plane through the point, parallel to this picture. `None` without texture, or outside.
     fn correlation(&self, other: &Self, point: Vec3) -> Option<f32> {
         let pose = self.view.camera.pose();
         let mine = self.grey.patch(self.shows(point)?, [1.0, 0.0], [0.0, 1.0])?;
@@ -92,16 +93,16 @@ impl Compared<'_> {
             .then(|| product / (texture * other_texture.max(f32::MIN_POSITIVE)))
     }
 
-    /// Of patches around some of `points`.
+    /// Correlations of the patches around at most [`COMPARED_POINTS`] of `points`.
     fn correlations(&self, other: &Self, points: &[Vec3]) -> Vec<f32> {
         let step = points.len().div_ceil(COMPARED_POINTS).max(1);
         points.iter().step_by(step).filter_map(|&point| self.correlation(other, point)).collect()
     }
 }
 
-/// Compares all photographs that see enough points alike.
+/// Compares all pairs of photographs that see enough points alike.
 ///
-/// `greys`, `sights`: of `views`, in their order.
+/// `greys`, `sights`: one entry per view, in the order of `views`.
 pub(super) fn compare(views: &[&View], greys: &[Grey], sights: &Sights, points: &[SparsePoint]) -> Vec<Pair> {
     let count = views.len();
     let asked = MAX_QUESTIONS / (count * count).max(1);

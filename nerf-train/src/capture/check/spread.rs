@@ -5,14 +5,14 @@ use crate::data::{LookAt, View};
 use glam::Vec3;
 use nerf_core::camera::Camera;
 
-/// A gap that is worth a word, degrees.
+/// Smallest gap that is reported, degrees.
 const GAP: f32 = 30.0;
-/// Cameras steeper than this above or below have no side that they look from, degrees.
+/// Elevation, above or below, beyond which a camera has no azimuth, degrees.
 const STEEP: f32 = 75.0;
 
-/// A turn between photographs in a row that is a jump: at least [`GAP`], and so many times the median turn.
+/// A turn between consecutive photographs is a jump if it is at least [`GAP`] and this many times the median turn.
 const JUMP: f32 = 5.0;
-/// Photographs of a run, at least, but for the last one.
+/// Minimum number of photographs of a run, except the last run.
 const SHORTEST_RUN: usize = 3;
 
 /// A sector from which no photograph looks.
@@ -23,19 +23,19 @@ pub(super) struct Gap {
     pub between: [usize; 2],
 }
 
-/// Where photographs were taken from, around the point that they look at; around themselves where there is no such point.
+/// Directions from which photographs look at their common point; without such a point, directions in which they look.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Spread {
     /// Whether the cameras look at one point.
     pub inward: bool,
-    /// Around the cameras' mean up, degrees; `None` nearly straight above and below.
+    /// Azimuth of each photograph around the cameras' mean up, degrees; `None` nearly straight above or below.
     pub azimuths: Vec<Option<f32>>,
     /// The largest gap, and all others of at least [`GAP`], the largest first.
     pub gaps: Vec<Gap>,
 }
 
 impl Spread {
-    /// Of these photographs; `None` where all look much the same way, or without any.
+    /// `None` if all `views` look in much the same direction, or there are fewer than two.
     pub fn of(views: &[&View]) -> Option<Self> {
         let cameras: Vec<Camera> = views.iter().map(|view| view.camera).collect();
         let look_at = LookAt::of(&cameras).filter(|look_at| !look_at.forward_facing())?;
@@ -66,12 +66,12 @@ impl Spread {
     }
 }
 
-/// The photographs between jumps of the viewing direction, in the order given.
+/// Splits photographs, in the order given, into runs at jumps of the viewing direction.
 pub(super) fn runs(views: &[&View]) -> Vec<Vec<usize>> {
     let ahead = |view: &View| view.camera.pose().forward();
     let turns: Vec<f32> =
         views.windows(2).map(|two| ahead(two[0]).angle_between(ahead(two[1])).to_degrees()).collect();
-    // Of a single photograph there is no median.
+    // The median of no turns is NaN, which `max` ignores.
     let jump = GAP.max(JUMP * median(turns.iter().copied()) as f32);
     let mut runs: Vec<Vec<usize>> = Vec::new();
     for view in 0..views.len() {

@@ -194,7 +194,7 @@ fn training_photographs_far_below_the_rest_are_named() {
     };
     let fitted = scores(&db);
     assert_eq!(fitted.train_far_worse, ["004.jpg"]);
-    // The walk jumps back where its second round begins.
+    // The camera jumps back when its second round begins.
     let groups: Vec<_> = fitted.train_groups.iter().map(|g| (g.first.as_str(), g.photographs)).collect();
     assert_eq!(groups, [("000.jpg", 14), ("014.jpg", 14)]);
     let said = |fitted: &Fitted| fitted.lines().collect::<Vec<_>>().join("\n");

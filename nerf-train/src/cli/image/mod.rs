@@ -66,11 +66,11 @@ impl PhotoOptions {
     }
 }
 
-/// Flags for single settings; each replaces what the preset says.
+/// Flags for single settings; each overrides the preset.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Settings (replace the preset's)")]
 pub struct Settings {
-    /// Pixels per batch; with a grid stratified over the image.
+    /// Pixels per batch; stratified sampling when a grid is used.
     #[arg(long, value_name = "N")]
     pixels: Option<usize>,
     /// Training steps [default: the preset's].
@@ -84,11 +84,11 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// The settings with the flags' values, and then with those that are set by their paths.
+    /// Overrides `config` with the flags, and then with `--set`.
     pub fn over(&self, mut config: FieldConfig) -> anyhow::Result<FieldConfig> {
         let o = &mut config.optimiser;
         o.steps = self.steps.unwrap_or(o.steps);
-        // Of a short run no more than a fifth, unless it is asked for.
+        // The warm-up is at most a fifth of a short run, unless `--set` names it.
         o.warm_up = o.warm_up.min(o.steps / 5);
         config.pixels = self.pixels.unwrap_or(config.pixels);
         // Last, as TOML has no u64.
@@ -132,13 +132,13 @@ pub struct Fit {
     settings: Settings,
     #[command(flatten)]
     table: TableSettings,
-    /// Largest file, such as 256k or 1m: chooses table size, levels and storage.
+    /// Maximum file size (256k, 1m); sets table size, levels and storage.
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes, help_heading = grid::HEADING)]
     max_bytes: Option<u64>,
 }
 
 impl Fit {
-    /// Preset and flags, for a picture of this size.
+    /// Settings from preset and flags, for a picture of this size.
     fn config(&self, size: [u32; 2]) -> anyhow::Result<FieldConfig> {
         let mut config = self.settings.over(self.preset.config().for_picture(size))?;
         let more = given([("--max-bytes", self.max_bytes.is_some())]);
@@ -153,7 +153,7 @@ impl Fit {
         Ok(config)
     }
 
-    /// The settings with which the file is as small as was asked for; says what was chosen.
+    /// The settings with which the file fits into `--max-bytes`. Reports what was chosen.
     fn within_bytes(
         &self,
         config: FieldConfig,
@@ -215,9 +215,10 @@ impl Fit {
         Ok(ExitCode::SUCCESS)
     }
 
-    /// Refuses what cannot be, before anything is read; where the checkpoint and the snapshots lie, if there are any.
+    /// Checks the options before anything is read. Returns the paths of the checkpoint and of the snapshots' folder,
+    /// if any.
     fn check(&self) -> anyhow::Result<(Option<PathBuf>, Option<PathBuf>)> {
-        // Wrong settings are found before the picture is read, and once more with its size.
+        // The settings are checked before the picture is read, and again with its size.
         self.config([MAX_SIDE; 2])?;
         let checkpoint =
             self.conduct.check(self.conduct.claims(Claims::default().reads("the picture", &self.photo)))?;

@@ -18,13 +18,13 @@ use std::process::ExitCode;
 
 /// Render a 2D field at any size.
 ///
-/// A size that is not given follows from the photograph's.
+/// Width and height are the photograph's by default; one alone sets the other in proportion.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train image render fox.nerf -o fox.png
   nerf-train image render fox.nerf -o large.png --width 4096")]
 pub struct Render {
-    /// Blob of an image.
+    /// File of a 2D field (.nerf).
     file: PathBuf,
     /// Output image (.png).
     #[arg(long, short, value_name = "FILE")]
@@ -35,12 +35,12 @@ pub struct Render {
     /// Height, pixels [default: the image's, or in proportion].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_535))]
     height: Option<u32>,
-    /// Maths backend: polynomial, libm, micromath, recurrence.
+    /// Implementation of elementary functions: polynomial, libm, micromath, recurrence.
     #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
     math: MathBackend,
 }
 
-/// What a pixel takes until its picture is written: its colour as f32 and as bytes, and these encoded.
+/// Memory per pixel until the picture is written, bytes: its colour as f32 and as bytes, and the encoded file.
 const BYTES_PER_PIXEL: u64 = 12 + 3 + 2 * 4;
 
 impl Render {
@@ -77,7 +77,7 @@ impl Render {
         Ok(ExitCode::SUCCESS)
     }
 
-    /// The size to render at: what is not given follows from the photograph's, pixels.
+    /// Width and height to render at, pixels; one that is not given follows from the photograph's proportions.
     fn size(&self, facts: PictureFacts) -> [u32; 2] {
         let along = |side: u32, of: u32, to: u32| {
             // Rounded, at least 1; of u16 range as the sides are.

@@ -1,4 +1,4 @@
-//! How commands read data sets, and where their scenes end.
+//! Options for reading data sets and for the extent of their scenes.
 
 use crate::cli::common::Global;
 use crate::data::refined::{self, RefinedPoses};
@@ -19,22 +19,22 @@ use std::time::Duration;
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Data set")]
 pub struct DataOptions {
-    /// Camera convention: opengl (−Z) or opencv (+Z) [default: the layout's].
+    /// Camera convention: looks along −Z (opengl) or +Z (opencv) [default: the layout's].
     #[arg(long, value_name = "CONVENTION")]
     pub axes: Option<Axes>,
     /// Near plane, world units along the ray.
     #[arg(long, value_name = "T")]
     pub near: Option<f32>,
-    /// Far plane, world units; of an unbounded scene from its centre.
+    /// Far plane, world units (unbounded scene: from its centre).
     #[arg(long, value_name = "T")]
     pub far: Option<f32>,
     /// Layout of a folder: transforms, colmap or llff [default: the first that fits].
     #[arg(long, value_name = "LAYOUT")]
     pub layout: Option<Layout>,
-    /// Downscale factor; auto: to about 800 pixels [default: auto; Blender 1].
+    /// Downscale factor; auto: long side to about 800 pixels [default: auto; 1 for Blender].
     #[arg(long, value_name = "N", default_value = "auto", hide_default_value = true)]
     pub downscale: Downscale,
-    /// Intrinsics: shared by device, or own as in COLMAP [default: shared; a blob's own].
+    /// Intrinsics: shared by device, or own as in COLMAP [default: shared; for a scene file: as trained].
     #[arg(long, value_name = "WHICH")]
     pub cameras: Option<Cameras>,
     /// Read images whose `file_path` leads out of the data set.
@@ -42,21 +42,21 @@ pub struct DataOptions {
     pub outside_files: bool,
 }
 
-/// Where a scene ends.
+/// Extent of a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Space {
-    /// Nowhere, where the pictures do not say what is background, the preset has a learned grid, no box is given and empty
-    /// space is skipped; else at a box.
+    /// Unbounded if the pictures do not say what is background, the preset has a learned grid, no box is given and
+    /// empty space is skipped; else a box.
     #[default]
     Auto,
-    /// At a box.
+    /// The scene ends at a box.
     Box,
-    /// Nowhere: beyond a ball around what the cameras look at it is contracted.
+    /// Unbounded: contracted outside a ball around what the cameras look at.
     Contracted,
 }
 
 impl Space {
-    /// What pictures with this background say of what lies around the scene; `boxed`: whether it ends anyway.
+    /// What is known of the surroundings of a scene with this background; `boxed`: whether a scene box is given.
     pub fn around(self, background: Background, boxed: bool) -> Surroundings {
         match (self, background) {
             (Self::Contracted, _) => Surroundings::Unbounded,
@@ -66,7 +66,7 @@ impl Space {
         }
     }
 
-    /// Lets what was asked for by name count, whatever preset and file say.
+    /// Applies `--space box` or `--space contracted` to the settings, whatever preset and file say.
     pub fn settle(self, config: &mut Config) {
         match self {
             Self::Auto => {}
@@ -98,7 +98,7 @@ impl Space {
 }
 
 impl DataOptions {
-    /// The plan with rays from --near to --far.
+    /// Limits the plan's rays to `--near` and `--far`.
     pub fn range_of<'a>(&self, plan: Plan<'a>) -> Result<Plan<'a>, PlanError> {
         plan.with_range(self.near.unwrap_or(0.0), self.far.unwrap_or(f32::MAX))
     }
@@ -107,8 +107,8 @@ impl DataOptions {
         read_with(path, &self.options(), &Watch::default(), global)
     }
 
-    /// As [`Self::read`], for the blob that is to be written to `output`: shared cameras are kept beside it. Says how long
-    /// these took to find, which is no part of a fit's time.
+    /// As [`Self::read`], for a fit that writes its blob to `output`: shared cameras are stored next to that file.
+    /// Also returns the time to find them, which does not count as training time.
     pub fn read_to_fit(
         &self,
         path: &Path,
@@ -121,7 +121,7 @@ impl DataOptions {
         Ok((dataset, watch.set_aside()))
     }
 
-    /// As [`Self::read_given_for`], from where the views were refined to where `blob` in `file` has such poses beside it.
+    /// As [`Self::read_given_for`], with the views' refined poses if their file is next to `file`, that of `blob`.
     pub fn read_for(
         &self,
         path: &Path,
@@ -142,8 +142,8 @@ impl DataOptions {
         Ok(dataset)
     }
 
-    /// As [`Self::read`], with the cameras that `blob` in `file` was fitted with, and coordinates that count from where its
-    /// own do; any split will do.
+    /// As [`Self::read`], with the cameras that `blob` in `file` was fitted with, in coordinates relative to the
+    /// blob's origin. There need not be training views.
     pub fn read_given_for(
         &self,
         path: &Path,
@@ -175,7 +175,7 @@ impl DataOptions {
     }
 }
 
-/// Reads a data set, with a progress bar where that takes long.
+/// Reads a data set, with a progress bar if that takes more than a second.
 pub fn read_with(
     path: &Path,
     options: &ReadOptions,
@@ -197,7 +197,7 @@ fn cameras_beside(file: &Path) -> PathBuf {
     file.with_extension("cameras.json")
 }
 
-/// Shows how many pictures are read until `ended` is hung up; nothing where that is soon.
+/// Shows how many pictures are read, until the sender of `ended` is dropped. Shows nothing within the first second.
 fn show_reading(watch: &Watch, style: ProgressStyle, ended: Receiver<()>) {
     const SOON: Duration = Duration::from_secs(1);
     const EVERY: Duration = Duration::from_millis(200);

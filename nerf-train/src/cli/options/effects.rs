@@ -1,10 +1,10 @@
-//! What a rendering does beyond one ray through each pixel's centre.
+//! Options for the effects of a rendering.
 
 use anyhow::Context;
 use clap::{Args, ValueEnum, value_parser};
 use nerf_core::plan::{EffectError, Effects, Jitter, Plan, PlanError, ThinLens, Tone};
 
-/// The effects of a rendering: none unless asked for.
+/// Effects of a rendering; none by default.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Effects")]
 pub struct EffectOptions {
@@ -38,14 +38,14 @@ pub struct EffectOptions {
     /// Tone curve.
     #[arg(long, value_enum, value_name = "NAME", default_value = "none")]
     tone_map: ToneMap,
-    /// Write linear values instead of sRGB, clipped at 1.
+    /// Write linear light instead of sRGB; PNG and video are clipped at 1.
     #[arg(long)]
     linear: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum ToneMap {
-    /// None.
+    /// No tone curve.
     None,
     /// x / (1 + x).
     Reinhard,
@@ -58,7 +58,7 @@ impl EffectOptions {
         self.in_light(plan, false)
     }
 
-    /// The same; `linear` for linear light whether or not --linear asks for it.
+    /// As [`Self::of`]; `linear`: linear light even without `--linear`.
     pub fn in_light<'a>(&self, plan: Plan<'a>, linear: bool) -> anyhow::Result<Plan<'a>> {
         let lens = |aperture_radius| ThinLens { aperture_radius, focus_distance: self.focus.unwrap_or(0.0) };
         let effects = Effects {

@@ -1,4 +1,4 @@
-//! A learned grid on the command line: its flags, and in words and as fields what a blob has.
+//! Flags for the settings of a learned grid.
 
 use crate::fit::size::Chosen;
 use crate::model::config::TableConfig;
@@ -29,12 +29,12 @@ pub struct TableSettings {
     /// Resolution of the finest level.
     #[arg(long, value_name = "N")]
     pub finest: Option<u16>,
-    /// Storage of the tables in the blob.
+    /// Storage of the tables in the file; coded: entropy-coded int8.
     #[arg(long, value_enum, value_name = "STORAGE")]
     pub export: Option<TableStorage>,
 }
 
-/// `131072`, `128k` or `1m`.
+/// Parses a number of bytes: `131072`, `128k` or `1m`.
 pub fn parse_bytes(text: &str) -> Result<u64, String> {
     let (digits, unit) = match text.char_indices().last() {
         Some((at, 'k')) => (&text[..at], 1 << 10),
@@ -45,7 +45,7 @@ pub fn parse_bytes(text: &str) -> Result<u64, String> {
     bytes.ok_or_else(|| "expected a number of bytes above 0, such as 131072, 128k or 1m".into())
 }
 
-/// Replaces a setting by a flag that was given.
+/// Replaces a setting by the value of its flag, if given.
 pub fn set<T: Clone>(to: &mut T, from: &Option<T>) {
     if let Some(value) = from {
         *to = value.clone();
@@ -102,8 +102,8 @@ impl TableSettings {
     }
 }
 
-/// What a value of a grid's tables takes: itself, two moments and a gradient, and a copy of all but that in a
-/// checkpoint, as numbers and as a file.
+/// Memory for each value of a grid's tables, bytes: value, two moments and gradient, and a checkpoint's copy of all
+/// but the gradient, as numbers and as a file.
 const BYTES_PER_VALUE: u64 = 40;
 
 /// Refuses tables that do not fit into memory.

@@ -49,16 +49,16 @@ impl UpAxis {
     }
 }
 
-/// One part of the work of several machines.
+/// Selects the part of a divided work that this process does.
 #[derive(Debug, Args)]
 pub struct ShardOption {
-    /// Part I of N of the work [default: that of a Slurm or Kubernetes array].
+    /// Part I of N of the work [default: from the Slurm or Kubernetes array index].
     #[arg(long, value_name = "I/N")]
     pub shard: Option<Shard>,
 }
 
 impl ShardOption {
-    /// The part that the flag names, or else an array job; says so where it is the array job.
+    /// The part named by the flag, else that of an array job, which is then reported.
     pub fn choose(&self, global: &Global) -> anyhow::Result<Shard> {
         if let Some(part) = self.shard {
             return Ok(part);
@@ -70,10 +70,10 @@ impl ShardOption {
     }
 }
 
-/// How a fit is conducted.
+/// Output, limits and checkpoints of a fit.
 #[derive(Debug, Args)]
 pub struct Conduct {
-    /// Output blob (.nerf); FILE.checkpoint is written beside it.
+    /// Output file (.nerf); FILE.checkpoint is written next to it.
     #[arg(long, short, value_name = "FILE")]
     pub output: PathBuf,
     /// Report folder: summary.json, curves, plots, images.
@@ -82,10 +82,10 @@ pub struct Conduct {
     /// Wall-clock limit of this command, seconds; such runs are not reproducible.
     #[arg(long, value_name = "S")]
     max_seconds: Option<f64>,
-    /// Resume from the checkpoint beside the output file.
+    /// Resume from the checkpoint next to the output file.
     #[arg(long)]
     resume: bool,
-    /// Start over and replace that checkpoint.
+    /// Start over; replaces the existing checkpoint.
     #[arg(long, conflicts_with = "resume")]
     restart: bool,
     /// Seconds between checkpoints.
@@ -94,16 +94,16 @@ pub struct Conduct {
 }
 
 impl Conduct {
-    /// What it writes, behind what is read.
+    /// Adds the outputs to the claims of the inputs.
     pub fn claims(&self, inputs: Claims) -> Claims {
         inputs.writes("-o", &self.output).writes_folder("--report", self.report.as_deref())
     }
 
-    /// Refuses what cannot be, and settles `claims` with the checkpoint beside the output; where that
-    /// lies, if there is one.
+    /// Checks the options and settles `claims`, with the checkpoint next to the output. Returns the path of the
+    /// checkpoint; `None` if the output is a device.
     pub fn check(&self, claims: Claims) -> anyhow::Result<Option<PathBuf>> {
         check_max_seconds(self.max_seconds)?;
-        // An infinite interval writes none on the way.
+        // With an infinite interval none is written during training.
         if self.checkpoint_every.is_nan() || self.checkpoint_every < 0.0 {
             bail!("--checkpoint-every: expected seconds of at least 0, found {}", self.checkpoint_every);
         }
@@ -126,7 +126,7 @@ impl Conduct {
         Ok(checkpoint)
     }
 
-    /// A run of so many steps, unless a limit in seconds stands in their place and they were not `asked` for.
+    /// Options of a run of `steps`; a limit in seconds replaces them unless the steps were given by a flag (`asked`).
     pub fn options(
         &self,
         (steps, asked): (u32, bool),

@@ -13,13 +13,13 @@ use std::path::Path;
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Quality and speed")]
 pub struct QualityOptions {
-    /// Samples per ray [default: the blob's].
+    /// Samples per ray [default: the scene file's].
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     pub samples: u16,
     /// Early ray termination: transmittance threshold.
     #[arg(long, value_name = "T", default_value_t = Quality::default().transmittance_cut)]
     pub transmittance_cut: f32,
-    /// Weight up to which samples share the next one's colour; 0: none do.
+    /// Evaluate colour once the accumulated weight exceeds this; 0: at every sample.
     #[arg(long, value_name = "W", default_value_t = Quality::default().colour_cut)]
     pub colour_cut: f32,
     /// Do not skip empty space.
@@ -31,20 +31,20 @@ pub struct QualityOptions {
     /// Exact rendering: --no-occupancy --transmittance-cut 0 --colour-cut 0.
     #[arg(long, conflicts_with_all = ["no_occupancy", "transmittance_cut", "colour_cut"])]
     pub exact: bool,
-    /// Maths backend: polynomial, libm, micromath, recurrence.
+    /// Implementation of elementary functions: polynomial, libm, micromath, recurrence.
     #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
     pub math: MathBackend,
-    /// Sample range: own (near to far, as trained) or whole box [default: own in eval].
+    /// Sample range: own (near to far, as trained) or whole (scene box) [default: whole; own in eval].
     #[arg(long, value_enum, value_name = "WHICH")]
     pub bins: Option<WhichBins>,
 }
 
-/// Which bins a ray has in a scene with fixed ones.
+/// Range of the samples of a ray, in a scene with bins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum WhichBins {
-    /// Those between the scene's near and far.
+    /// Bins between the scene's near and far planes.
     Own,
-    /// As many as the scene's box needs.
+    /// Bins over the whole scene box.
     Whole,
 }
 
@@ -57,7 +57,7 @@ pub fn parse_math(name: &str) -> Result<MathBackend, String> {
 }
 
 impl QualityOptions {
-    /// A plan for the blob in `file`, with the bins of `default` where no flag says which.
+    /// Plan for the blob in `file`; `default`: sample range without `--bins`.
     pub fn plan<'b>(
         &self,
         (blob, file): (&Blob<'b>, &Path),

@@ -1,4 +1,4 @@
-//! Settings out of a TOML file, and by `--set`.
+//! Settings from a TOML file and from `--set`.
 
 use crate::model::config::{Config, Preset, Surroundings};
 use crate::system::input;
@@ -16,7 +16,7 @@ pub struct SetOption {
     pub tables: Vec<toml::Table>,
 }
 
-/// `optimiser.beta2=0.9` as a table; what is no value of TOML is a word.
+/// Parses `optimiser.beta2=0.9` to a table; a value that is not valid TOML is taken as a string.
 fn parse_set(text: &str) -> Result<toml::Table, String> {
     let (path, value) = text.split_once('=').ok_or("expected PATH=VALUE, such as network.depth=2")?;
     let table = |value: &str| format!("{path} = {value}").parse::<toml::Table>();
@@ -24,7 +24,7 @@ fn parse_set(text: &str) -> Result<toml::Table, String> {
 }
 
 impl SetOption {
-    /// `settings` with these values in place of their own; an error names the first that does not fit.
+    /// Overrides `settings` with these values; an error names the first that does not fit.
     pub fn over<T: Serialize + DeserializeOwned>(&self, settings: T) -> anyhow::Result<T> {
         merged(settings, self.tables.clone()).map_err(|error| match error.downcast_ref::<toml::de::Error>() {
             Some(toml) => anyhow!("--set: {}", input::toml_message("", toml)),
@@ -37,9 +37,9 @@ impl SetOption {
     }
 }
 
-/// The preset for what lies around the scene, with the TOML file's values and then those of `set` put over it.
+/// The preset adapted to `surroundings`, overridden by the TOML file's values and then by those of `set`.
 ///
-/// Settings that turn the hull off, or name a contraction or a box, get the defaults of that case for what they do not name.
+/// If these turn the hull off, or name a contraction or a box, all other settings default to those of that case.
 pub fn read_config(
     preset: Preset,
     file: Option<&Path>,
@@ -70,8 +70,8 @@ pub fn read_config(
             other => other,
         };
         let mut start = preset.config().around(surroundings);
-        // A file's own grid over a preset without one is filled up from the preset that has one; the rest of the
-        // network is then checked to go with it.
+        // If the file has a grid and the preset has none, missing values come from the preset `grid`; whether the
+        // rest of the network fits is checked later.
         if given.get("network").is_some_and(|network| network.get("grid").is_some()) {
             start.network.grid = start.network.grid.or(Preset::Grid.config().network.grid);
         }

@@ -30,13 +30,13 @@ use std::time::Instant;
 
 /// Render a view or a video of a scene.
 ///
-/// A view becomes a PNG, or by its name an EXR: floats as they are, colour as linear light (with --transparent
-/// premultiplied, with A), z-depth as Z. A video becomes what the name says: `orbit.gif` a GIF,
-/// `orbit.mp4` an MP4 by an installed ffmpeg; a folder (`frames/`) numbered PNGs. Further outputs get
-/// their name appended: with -o view.png, z-depth goes to view_z_depth.png.
+/// A view is written as PNG, or as EXR if the name says so: floats as they are, colour as linear light (with
+/// --transparent premultiplied, with A), z-depth as Z. The name of a video sets its format: `orbit.gif` a GIF,
+/// `orbit.mp4` an MP4 by an installed ffmpeg, a folder (`frames/`) numbered PNGs. Further outputs get their name
+/// appended: with -o view.png, z-depth goes to view_z_depth.png.
 ///
-/// The file that -o names is replaced. Files it does not name (further outputs, frames in a folder)
-/// are replaced where nerf-train made them; anybody else's are kept, and the command is refused.
+/// The file that -o names is replaced. Files it does not name (further outputs, frames in a folder) are replaced only
+/// if nerf-train made them; otherwise the command is refused.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train render lego.nerf -o view.png --data lego_200x200.npz --split val --view 3 --outputs rgb,z-depth
@@ -46,7 +46,7 @@ use std::time::Instant;
   nerf-train render lego.nerf -o view.png --antialias 64 --aperture 0.1 --focus 4 --tone-map filmic
   nerf-train render lego.nerf -o view.png --pose 1,0,0,0,0,1,0,0,0,0,1,4 --focal 277")]
 pub struct Render {
-    /// Blob.
+    /// Scene file (.nerf).
     file: PathBuf,
     /// Output: image (.png, .exr), video (.gif, .mp4) or folder of frames.
     #[arg(long, short, value_name = "PATH")]
@@ -60,7 +60,7 @@ pub struct Render {
         group = "what"
     )]
     pose: Option<[f64; 12]>,
-    /// Data set that --view is a camera of.
+    /// Data set whose cameras --view or --keyframes selects.
     #[arg(long, value_name = "DATA", groups = ["what", "dataset"])]
     data: Option<PathBuf>,
     /// Video along a camera path (nerfstudio .json), or the poses of a data set.
@@ -78,7 +78,7 @@ pub struct Render {
     /// Frames of an interpolated video [default: 120]; also with --path FILE.json.
     #[arg(long, value_name = "N")]
     frames: Option<usize>,
-    /// Orbit video of so many frames; back and forth where photographs are of one side.
+    /// Orbit video with this many frames; swings back and forth if the photographs show only one side.
     #[arg(long, value_name = "FRAMES", group = "what")]
     orbit: Option<usize>,
     /// Elevation of the orbit, degrees [default: that of the photographs, or 25].
@@ -105,18 +105,18 @@ pub struct Render {
     /// Outputs.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "rgb")]
     outputs: Vec<Output>,
-    /// Background: white, #RRGGBB or R,G,B [default: the blob's].
+    /// Background: white, #RRGGBB or R,G,B [default: the scene file's].
     #[arg(long, value_name = "COLOUR", value_parser = parse_background)]
     background: Option<[f32; 3]>,
     /// RGBA with straight alpha, for a view or a folder of frames.
     #[arg(long, conflicts_with_all = ["background", "exposure", "tone_map", "linear"])]
     transparent: bool,
-    /// Smoothing of normals, in sample bins.
+    /// Width of the density blur for normals, in sample spacings.
     #[arg(long, value_name = "BINS", default_value_t = Plan::NORMAL_BLUR)]
     normal_blur: f32,
     #[command(flatten)]
     shard: ShardOption,
-    /// The ffmpeg that makes MP4s [default: the one on PATH].
+    /// Path of ffmpeg, for MP4 [default: the one on PATH].
     #[arg(long, value_name = "PROGRAM", env = "NERF_FFMPEG", hide_env_values = true)]
     ffmpeg: Option<PathBuf>,
     #[command(flatten)]
@@ -127,10 +127,10 @@ pub struct Render {
     data_options: DataOptions,
 }
 
-/// What a pixel of a frame takes: all of its values, and those of its tile.
+/// Memory per pixel of a frame, bytes: all of its values, and those of its tile.
 const BYTES_PER_PIXEL: u64 = 40 + 60;
-/// What it takes for each output: its colour as f32 and as bytes, twice, and these encoded; of a film, two frames a
-/// thread wait.
+/// Memory per pixel for each output, bytes: colour as f32 and as bytes, twice, and the encoded file; a video buffers
+/// two frames per thread.
 const BYTES_PER_OUTPUT: u64 = 2 * (12 + 4) + 8;
 
 impl Render {
@@ -154,7 +154,7 @@ impl Render {
         let fps = self.fps.or(fps).unwrap_or(20.0);
         let writers = outputs.map(|output| target::writer(self, &target, output, range(output), shard, fps));
         let mut writers = writers.collect::<anyhow::Result<Vec<_>>>()?;
-        // Of all of them only now: one range of colours is for all parts.
+        // The shard is selected only now: all parts share one range of colours.
         let mine = |(i, camera): (usize, Camera)| shard.takes(i).then_some(camera);
         let cameras: Vec<Camera> = cameras.into_iter().enumerate().filter_map(mine).collect();
         let mut progress = Progress::steps("render", cameras.len(), global.style());
@@ -192,7 +192,7 @@ impl Render {
         self.effects.in_light(plan, target::is_exr(self))
     }
 
-    /// One range of colours for all frames of a video, by output.
+    /// Range of colours of each distance output, common to all frames of a video.
     fn ranges(
         &self,
         renderer: &Renderer<'_>,
@@ -224,7 +224,8 @@ impl Render {
         }
     }
 
-    /// Refuses what does not fit: a frame on its way to its files, and the distances that a video's range is of.
+    /// Refuses what does not fit into memory: a frame and its files, and the distances from which a video's range is
+    /// found.
     fn check_memory(&self, cameras: &[Camera]) -> anyhow::Result<()> {
         let pixels = |camera: &Camera| {
             let size = camera.intrinsics();

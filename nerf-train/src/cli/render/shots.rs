@@ -1,4 +1,4 @@
-//! Where a rendering looks from.
+//! Cameras of a rendering.
 
 use super::Render;
 use crate::cli::common::Global;
@@ -17,13 +17,13 @@ use std::path::Path;
 
 const NO_FRAMES: &str =
     "--frames: expected with --keyframes, or with --path and a camera path, found neither";
-/// Where nothing says what the field of view is.
+/// Field of view if nothing else sets it, degrees.
 const DEFAULT_FOV_DEGREES: f32 = 40.0;
-/// Frames of an orbit: half a day at 20 a second.
+/// Largest number of frames of a video: half a day at 20 per second.
 const MAX_FRAMES: usize = 1_000_000;
 
 pub(super) struct Shots {
-    /// In order; one unless an orbit or a path is asked for.
+    /// The cameras in order; one unless a video is rendered.
     pub cameras: Vec<Camera>,
     pub fps: Option<f64>,
 }
@@ -76,7 +76,7 @@ pub(super) fn shots(render: &Render, blob: &Blob<'_>, global: &Global) -> anyhow
     Ok(vec![camera].into())
 }
 
-/// The field of view across so many pixels, as the flags say, degrees.
+/// Horizontal field of view of a picture `width` pixels wide, as the flags say, degrees.
 fn fov_across(render: &Render, width: u32) -> anyhow::Result<f32> {
     match render.focal {
         Some(focal) if focal > 0.0 => Ok(2.0 * (0.5 * width as f32 / focal).atan().to_degrees()),
@@ -85,7 +85,7 @@ fn fov_across(render: &Render, width: u32) -> anyhow::Result<f32> {
     }
 }
 
-/// The circle around a scene, as the flags say.
+/// The orbit around a scene, as the flags say.
 fn around(render: &Render, scene: &SceneFacts) -> Orbit {
     let orbit = Orbit::of(scene, render.up.map(UpAxis::direction));
     Orbit {
@@ -95,7 +95,7 @@ fn around(render: &Render, scene: &SceneFacts) -> Orbit {
     }
 }
 
-/// The cameras of a path, in the size that was asked for or that it states.
+/// Cameras of a camera path, in the size of the flags or of the path.
 fn along(render: &Render, path: &CameraPath) -> anyhow::Result<Vec<Camera>> {
     let size = size_of(render, path.size.unwrap_or((400, 400)));
     let key = |of: &PathCamera| Keyframe {
@@ -111,7 +111,7 @@ fn along(render: &Render, path: &CameraPath) -> anyhow::Result<Vec<Camera>> {
     of_keys(render, keys, size).context("--path")
 }
 
-/// A flight through views of a data set, in the size of the first.
+/// Cameras of a flight through views of a data set, in the size of the flags or of the first view.
 fn through(render: &Render, data: &Path, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Vec<Camera>> {
     let frames = render.frames.unwrap_or(120);
     check_frames("--frames", frames)?;
@@ -128,7 +128,7 @@ fn through(render: &Render, data: &Path, blob: &Blob<'_>, global: &Global) -> an
     of_keys(render, flight(&keys, frames), size_for(render, &cameras[0])).context("--keyframes")
 }
 
-/// Cameras without distortion, of the focal length that was asked for or of their own fields of view.
+/// Cameras without distortion, with the focal length of `--focal` or with their own fields of view.
 fn of_keys(render: &Render, keys: Vec<Keyframe>, (width, height): (u32, u32)) -> anyhow::Result<Vec<Camera>> {
     let camera = |key: Keyframe| {
         let focal = render.focal.unwrap_or(focal_of(height, key.fov_degrees));
@@ -156,14 +156,14 @@ fn path_of(render: &Render, data: &Path, blob: &Blob<'_>, global: &Global) -> an
     Ok(cameras.iter().map(|camera| resized(render, camera, size)).collect::<Result<_, _>>()?)
 }
 
-/// The camera of a view, scaled to the size that was asked for.
+/// The camera of a view, scaled to the size of the flags.
 fn view_of(render: &Render, data: &Path, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Camera> {
     let dataset = render.data_options.read_for(data, (blob, &render.file), global)?;
     let camera = render.split.unwrap_or(Split::Val).camera("--view", &dataset, render.view)?;
     Ok(resized(render, &camera, size_for(render, &camera))?)
 }
 
-/// The size that was asked for; what is not given follows from the camera's, pixels.
+/// Width and height, pixels, as the flags say; one that is not given follows from the camera's proportions.
 fn size_for(render: &Render, camera: &Camera) -> (u32, u32) {
     let size = camera.intrinsics();
     size_of(render, (size.width, size.height))
@@ -186,7 +186,7 @@ fn resized(render: &Render, camera: &Camera, size: (u32, u32)) -> Result<Camera,
     Camera::new(intrinsics, *camera.lens(), *camera.pose())
 }
 
-/// Refuses a video of no frames, or of more than a film holds.
+/// Refuses a video of no frames, or of more than [`MAX_FRAMES`].
 fn check_frames(flag: &str, frames: usize) -> anyhow::Result<()> {
     match frames {
         0 => bail!("{flag}: expected at least 1 frame, found 0"),
@@ -195,7 +195,7 @@ fn check_frames(flag: &str, frames: usize) -> anyhow::Result<()> {
     }
 }
 
-/// A camera of the upper rows of a camera-to-world matrix; `fov_degrees` across the width.
+/// Camera from the upper three rows of a camera-to-world matrix; `fov_degrees`: horizontal field of view.
 fn posed(
     rows: &[f64; 12],
     origin: [f64; 3],
@@ -208,7 +208,7 @@ fn posed(
     Camera::new(intrinsics, Lens::NONE, Pose::from_rows([row(0), row(1), row(2)]))
 }
 
-/// The focal length of a field of view across so many pixels, pixels.
+/// Focal length for a field of view across `side` pixels, pixels.
 fn focal_of(side: u32, fov_degrees: f32) -> f32 {
     0.5 * side as f32 / (0.5 * fov_degrees.to_radians()).tan()
 }

@@ -1,4 +1,4 @@
-//! What a rendering writes: a picture, a film, or a folder of numbered pictures.
+//! Outputs of a rendering: a picture, a film, or a folder of numbered pictures.
 
 use super::Render;
 use crate::cli::common::Global;
@@ -14,14 +14,14 @@ use std::path::{Path, PathBuf};
 
 pub(super) enum Target {
     Still,
-    /// A GIF, or an MP4 where there is an ffmpeg.
+    /// A GIF, or an MP4 with an ffmpeg.
     Film(Option<Ffmpeg>),
-    /// `frame_0000.png` and on in a folder.
+    /// A folder of `frame_0000.png`, `frame_0001.png`, ….
     Frames,
 }
 
 impl Target {
-    /// What a signal leaves of it, where `-o` is `output`.
+    /// What is left after a signal, in words; `output`: the path of `-o`.
     pub(super) fn left(&self, output: &Path) -> String {
         match self {
             Self::Still => "no picture is written".to_owned(),
@@ -35,12 +35,12 @@ pub(super) fn is_sequence(render: &Render) -> bool {
     render.orbit.is_some() || render.path.is_some() || !render.keyframes.is_empty()
 }
 
-/// Whether floats are written: then colour is linear light.
+/// Whether an EXR is written: its colour is linear light.
 pub(super) fn is_exr(render: &Render) -> bool {
     !is_sequence(render) && view::is_exr(&render.output)
 }
 
-/// What `-o` names; refuses what cannot be before any work is done.
+/// Kind of output that `-o` names. Refuses what cannot be written, before any work is done.
 pub(super) fn target(render: &Render) -> anyhow::Result<Target> {
     let name = render.output.display();
     let extension = places::extension(&render.output);
@@ -84,7 +84,7 @@ fn find_ffmpeg(render: &Render) -> anyhow::Result<Ffmpeg> {
     })
 }
 
-/// The file or folder of an output: the first one has the name that was given.
+/// File or folder of an output: the first has the name of `-o`, each other one that name with a suffix.
 fn place_of(render: &Render, output: Output) -> PathBuf {
     if render.outputs().first() == Some(&output) {
         return render.output.clone();
@@ -126,7 +126,7 @@ pub(super) fn part(render: &Render, target: &Target, global: &Global) -> anyhow:
     }
 }
 
-/// A writer for an output; `range` is that of a distance's colours, world units.
+/// Writer for an output; `range`: range of a distance's colours, world units.
 pub(super) fn writer(
     render: &Render,
     target: &Target,

@@ -1,4 +1,4 @@
-//! What the cameras look at, and the bounds of the scene that follow from it.
+//! Point that the cameras look at, and the bounds of the scene that follow from it.
 
 use crate::data::{Dataset, Format, SparsePoint, View};
 use glam::{DMat3, DVec3, Vec3};
@@ -10,9 +10,9 @@ use serde::Serialize;
 /// Mean squared sine between the optical axes and their plane or line of best fit below which
 /// they are as good as parallel: half a degree.
 const PARALLEL: f64 = 1e-4;
-/// The same, below which a scene counts as forward-facing: eight degrees.
+/// Mean squared sine below which a scene counts as forward-facing: eight degrees.
 const FORWARD_FACING: f64 = 0.02;
-/// Rounds of reweighting towards the least sum of distances.
+/// Iterations of reweighting, which minimise the sum of distances.
 const ROUNDS: usize = 20;
 
 /// The point nearest to all optical axes, and how well they agree on it.
@@ -23,20 +23,20 @@ const ROUNDS: usize = 20;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct LookAt {
     pub point: [f32; 3],
-    /// Mean distance of the axes from it, world units.
+    /// Mean distance of the axes from the point, world units.
     pub mean_residual: f32,
-    /// Smallest distance of a camera from it, world units.
+    /// Smallest distance of a camera from the point, world units.
     pub min_distance: f32,
     pub mean_distance: f32,
     pub max_distance: f32,
-    /// Share of the cameras that have the point behind them, 0..=1.
+    /// Fraction of the cameras that have the point behind them, 0..=1.
     pub behind: f32,
-    /// How far the axes spread: the mean squared sine to the direction they share most, 0..=2/3.
+    /// Spread of the axes: mean squared sine of their angles to the direction they share most, 0..=2/3.
     pub spread: f32,
 }
 
 impl LookAt {
-    /// Of these cameras; `None` where their axes are as good as parallel, or with fewer than two.
+    /// `None` if the axes of `cameras` are as good as parallel, or there are fewer than two.
     pub fn of(cameras: &[Camera]) -> Option<Self> {
         let line = |camera: &Camera| {
             (camera.pose().position.as_dvec3(), camera.pose().forward().as_dvec3().normalize_or_zero())
@@ -44,7 +44,7 @@ impl LookAt {
         Self::of_lines(&cameras.iter().map(line).collect::<Vec<_>>())
     }
 
-    /// Of lines, each with a point and a unit direction.
+    /// [`Self::of`] for lines, each a point and a unit direction.
     pub(crate) fn of_lines(lines: &[(DVec3, DVec3)]) -> Option<Self> {
         if lines.len() < 2 {
             return None;
@@ -113,7 +113,7 @@ impl LookAt {
         f64::from(self.spread) < FORWARD_FACING
     }
 
-    /// Whether the point can place the scene: well agreed on also along the common direction.
+    /// Whether the point is certain enough to place the scene, also along the cameras' common direction.
     pub fn places_the_scene(&self) -> bool {
         self.agrees() && self.mean_residual <= 0.5 * self.mean_distance * self.spread.sqrt()
     }
@@ -123,7 +123,7 @@ pub(super) fn outer(v: DVec3) -> DMat3 {
     DMat3::from_cols(v * v.x, v * v.y, v * v.z)
 }
 
-/// Of a symmetric matrix with eigenvalues in 0..=1.
+/// Smallest eigenvalue of a symmetric matrix with eigenvalues in 0..=1.
 ///
 /// # Source
 /// Smith 1961, "Eigenvalues of a symmetric 3 × 3 matrix".
@@ -144,18 +144,17 @@ pub(super) fn smallest_eigenvalue(m: DMat3) -> f64 {
 pub struct SceneBounds {
     pub near: f32,
     pub far: f32,
-    /// The box the scene is in; a proposal that is wide rather than tight.
+    /// Proposed box around the scene, wide rather than tight.
     pub scene_box: SceneBox,
 }
 
-/// Near, far and box for a data set, or `None` where neither the data nor the cameras say.
+/// Near, far and box for a data set; `None` if neither the data nor the cameras tell them.
 ///
-/// `near` and `far` are the data set's own where it has them. Otherwise: 2 and 6 for cameras
-/// around 4 from what they look at in a layout whose recipe says so (NeRF-synthetic, CS180,
-/// tiny_nerf), else half the smallest camera distance, and as far behind the look-at point as
-/// `near` is in front of it. The box is a cube around the look-at point with half-size mean
-/// camera distance − near; without such a point, it is the box around all view frusta from
-/// `near` to `far`.
+/// `near` and `far` are the data set's own if it has them. Otherwise they are 2 and 6 if the cameras are about 4 from
+/// what they look at and the layout's recipe says so (NeRF-synthetic, CS180, tiny_nerf). Else `near` is half the
+/// smallest camera distance, and `far` is as far behind the look-at point as `near` is in front of it. The box is a
+/// cube around the look-at point with half-size mean camera distance − near. Without such a point, it is the box
+/// around all view frusta from `near` to `far`.
 pub fn scene_bounds(dataset: &Dataset) -> Option<SceneBounds> {
     let cameras: Vec<Camera> = dataset.cameras().copied().collect();
     bounds(&cameras, LookAt::of(&cameras).as_ref(), dataset)
@@ -211,10 +210,10 @@ pub fn frusta_box(
     SceneBox::new(min, max)
 }
 
-/// Fewer points say nothing of where things are.
+/// Number of points below which they are not used to estimate distances.
 const ENOUGH_POINTS: usize = 50;
-/// A view's rays begin behind so many of the points that it sees, at so much of the distance of the nearest of the rest that
-/// is: many points are outliers, and surfaces lie between them.
+/// Quantile of the distances to a view's points, and factor, whose product is the view's near distance: many points
+/// are outliers, and surfaces lie between points.
 const ONE_VIEW: (f32, f32) = (0.01, 0.7);
 
 pub(crate) fn set_near(dataset: &mut Dataset) {
@@ -235,7 +234,7 @@ pub(crate) fn distances(view: &View, points: &[SparsePoint]) -> Vec<f32> {
     points.iter().filter_map(distance).collect()
 }
 
-/// The distance that a share of those of many points is in front of, times another one.
+/// The quantile `in_front` (0 to 1) of `distances`, times the factor `share`; `None` if there are too few.
 pub(crate) fn begin(mut distances: Vec<f32>, (in_front, share): (f32, f32)) -> Option<f32> {
     if distances.len() < ENOUGH_POINTS {
         return None;

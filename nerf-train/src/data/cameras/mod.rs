@@ -1,5 +1,5 @@
-//! What follows from cameras alone: where the scene is, how near it begins, where its world's origin should be,
-//! where to look at it from.
+//! What follows from cameras alone: position of the scene, its nearest distance, the origin of its world, and a
+//! viewpoint to look at it from.
 
 pub(crate) mod bundle;
 pub(crate) mod geometry;
@@ -12,7 +12,7 @@ pub(crate) mod viewpoint;
 use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens};
 use std::collections::BTreeMap;
 
-/// The same view in another size, pixels.
+/// Camera of the same view at another picture size, pixels.
 pub(crate) fn scaled(camera: &Camera, (width, height): (u32, u32)) -> Result<Camera, CameraError> {
     let old = *camera.intrinsics();
     let (sx, sy) = (width as f32 / old.width as f32, height as f32 / old.height as f32);
@@ -21,7 +21,7 @@ pub(crate) fn scaled(camera: &Camera, (width, height): (u32, u32)) -> Result<Cam
     Camera::new(new, *camera.lens(), *camera.pose())
 }
 
-/// Principal point, pixels, and lens of a camera, by the names that all files have for them.
+/// Principal point, pixels, and lens of a camera, by their usual names in files.
 pub(crate) fn optics_by_name(camera: &Camera) -> BTreeMap<&'static str, f32> {
     let (&Intrinsics { cx, cy, .. }, &Lens { k1, k2, k3, k4, k5, k6, p1, p2, .. }) =
         (camera.intrinsics(), camera.lens());

@@ -9,23 +9,23 @@ use serde::de::IgnoredAny;
 use std::fmt::Display;
 use std::path::Path;
 
-/// A path of some 100,000 cameras.
+/// Size limit of a path file, bytes: some 100,000 cameras.
 const MAX_PATH_BYTES: u64 = 64 << 20;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraPath {
-    /// In order; at least one.
+    /// Cameras in the order of the path; at least one.
     pub cameras: Vec<PathCamera>,
-    /// Width and height of the pictures, pixels, where the file says.
+    /// Width and height of the pictures, pixels, if the file states them.
     pub size: Option<(u32, u32)>,
     pub fps: Option<f64>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathCamera {
-    /// Camera to world, looking down −Z with +Y up, as nerfstudio and Blender have it.
+    /// Camera to world, looking down −Z with +Y up, as in nerfstudio and Blender.
     pub pose: Pose,
-    /// Vertical field of view, degrees, where the file says.
+    /// Vertical field of view, degrees, if the file states it.
     pub fov_degrees: Option<f32>,
 }
 
@@ -35,7 +35,7 @@ struct Nerfstudio {
     render_width: Option<f64>,
     render_height: Option<f64>,
     fps: Option<f64>,
-    /// Absent in another file, such as a data set's.
+    /// `None` in another kind of file, such as a data set's.
     camera_path: Option<Vec<Frame>>,
 }
 
@@ -55,7 +55,7 @@ enum Matrix {
 }
 
 impl Matrix {
-    /// Three or four rows of four; how it is not that.
+    /// Three or four rows of four numbers; the error says what was found instead.
     fn rows(&self) -> Result<Vec<[f64; 4]>, String> {
         let rows: Vec<&[f64]> = match self {
             Self::Flat(flat) if matches!(flat.len(), 12 | 16) => flat.chunks(4).collect(),
@@ -77,7 +77,7 @@ impl Place<'_> {
         DatasetError::value(self.0, field, expected, found)
     }
 
-    /// The pose of a matrix whose position counts from `origin` then.
+    /// Pose of a matrix, with its position counted from `origin`.
     fn pose(&self, field: &str, matrix: &Matrix, origin: [f64; 3]) -> Result<Pose, DatasetError> {
         let fault = |expected: &str, found: String| self.fault(field, expected, found);
         let rows = matrix
@@ -98,7 +98,7 @@ impl Place<'_> {
     }
 }
 
-/// Reads a path whose positions count from `origin` then; `None` of a file that is another JSON, such as a data set's.
+/// Reads a camera path, with positions counted from `origin`; `None` for another JSON, such as a data set's.
 pub fn read_path(file: &Path, origin: [f64; 3]) -> Result<Option<CameraPath>, DatasetError> {
     let bytes = read_limited(file, MAX_PATH_BYTES)
         .map_err(|source| DatasetError::Io { path: file.into(), source })?;

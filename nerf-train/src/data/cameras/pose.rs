@@ -1,17 +1,17 @@
-//! What poses and angles of files get wrong.
+//! Faults of poses and angles in files.
 
 use std::f64::consts::PI;
 
-/// What a 4×4 matrix must end with.
+/// Expected bottom row of a 4×4 matrix, for messages.
 pub(crate) const BOTTOM_ROW: &str = "a bottom row of 0 0 0 1";
 
-/// How far it may be off: numbers are written with few digits.
+/// Tolerance of the bottom row: files write numbers with few digits.
 const ROUNDING: f64 = 1e-6;
 
-/// The bottom row of a matrix of four rows of four, in words, if it is not 0 0 0 1.
+/// Text of the bottom row of a 4×4 matrix if it is not 0 0 0 1, else `None`.
 ///
-/// Another row is a projective map or a transposed matrix, of which the three rows above are no pose; dropping it would
-/// read a wrong one without a word.
+/// With another row, the matrix is projective or transposed, and its first three rows are no pose. Dropping the row
+/// would silently read a wrong pose.
 pub(crate) fn bottom_row_fault(matrix: &[impl AsRef<[f64]>]) -> Option<String> {
     let [a, b, c, bottom] = matrix else { return None };
     let near = |row: &[f64], expected: &[f64]| {
@@ -27,7 +27,7 @@ pub(crate) fn bottom_row_fault(matrix: &[impl AsRef<[f64]>]) -> Option<String> {
     Some(if transposed { format!("{row}: the matrix looks transposed") } else { row })
 }
 
-/// An angle of view in words, if it is none in radians.
+/// Text of an angle of view if it is not valid in radians, else `None`.
 pub(crate) fn angle_fault(angle: f64) -> Option<String> {
     if angle > 0.0 && angle < PI {
         None

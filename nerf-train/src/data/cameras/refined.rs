@@ -1,4 +1,4 @@
-//! Refined poses beside a blob: `FILE.poses.json`, a transforms.json of the photographs that the blob was fitted to.
+//! Refined poses next to a blob: `FILE.poses.json`, a transforms.json of the photographs that the blob was fitted to.
 
 use super::optics_by_name;
 use crate::data::{DatasetError, View};
@@ -14,7 +14,7 @@ pub struct RefinedPoses {
     frames: Vec<Frame>,
 }
 
-/// A view, in the words of nerfstudio and in the file's own world.
+/// A view with nerfstudio's field names, in the file's own world.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Frame {
     file_path: String,
@@ -28,7 +28,7 @@ struct Frame {
     transform_matrix: [[f64; 4]; 4],
 }
 
-/// Where the refined poses of a blob lie.
+/// Path of the refined poses of a blob.
 pub fn beside(blob: &Path) -> PathBuf {
     let mut name = blob.as_os_str().to_owned();
     name.push(".poses.json");
@@ -36,7 +36,7 @@ pub fn beside(blob: &Path) -> PathBuf {
 }
 
 impl RefinedPoses {
-    /// Those of `views`, whose cameras became `cameras`; positions count from `origin` of the file's own world.
+    /// Refined poses of views and their refined cameras, whose positions count from `origin` of the file's own world.
     pub fn of<'v>(views: impl IntoIterator<Item = (&'v View, Camera)>, origin: [f64; 3]) -> Self {
         Self { frames: views.into_iter().map(|(view, camera)| Frame::of(view, &camera, origin)).collect() }
     }
@@ -46,7 +46,7 @@ impl RefinedPoses {
         serde_json::to_string_pretty(self).expect("plain data") + "\n"
     }
 
-    /// Reads those beside a blob; `None` where there are none.
+    /// Reads the refined poses next to a blob; `None` if there are none.
     pub fn beside(blob: &Path) -> Result<Option<Self>, DatasetError> {
         let file = beside(blob);
         match read_limited(&file, MAX_JSON_BYTES) {
@@ -58,7 +58,7 @@ impl RefinedPoses {
         }
     }
 
-    /// The refined camera of each of `views`, `None` for those it does not name. `blob`: names the file in errors.
+    /// Refined camera of each of `views`; `None` for one not in the file. `blob`: names the file in errors.
     pub fn cameras<'v>(
         &self,
         blob: &Path,

@@ -1,4 +1,4 @@
-//! Where to look at a scene from: where somebody stood who took its photographs.
+//! Viewpoint of a scene: a position from which one of its photographs was taken.
 
 use super::bundle::median;
 use super::geometry::{LookAt, distances, outer, smallest_eigenvalue};
@@ -8,21 +8,21 @@ use nerf_core::blob::Viewpoint;
 use nerf_core::camera::{Camera, Pose};
 use std::f32::consts::TAU;
 
-/// Share of the cameras that the arc holds: a few may stand elsewhere.
+/// Fraction of the cameras that the arc holds: a few may stand elsewhere.
 const MOST: f32 = 0.95;
-/// From this arc on a camera can go all the way round: two thirds of a circle.
+/// Arc, radians, from which on a camera can go all the way round: two thirds of a circle.
 const ROUND: f32 = 2.0 / 3.0 * TAU;
-/// Limits for taking the direction up from the cameras' horizontal axes: their largest deviation from a common plane, as a
-/// share of their spread, and their smallest spread (a mean squared sine).
+/// Limits for taking the up direction from the cameras' horizontal axes: their largest deviation from a common plane,
+/// as a fraction of their spread, and their smallest spread (a mean squared sine).
 const LEVEL: (f64, f64) = (0.15, 0.02);
-/// Fewer points say nothing of how far things are.
+/// Number of points below which they do not tell how far the scene is.
 const ENOUGH_POINTS: usize = 8;
 
-/// Of the training cameras; `None` where they place none, as of a single point. `range`: where the scene is on their rays.
+/// Viewpoint of the training cameras; `None` if they give none. `range`: distances of the scene along rays.
 ///
-/// A camera looks at what all of them look at, from the one that stands at their median height over it and their median
-/// distance from the axis through it, in the middle of their arc. Where they do not look at one thing, it is the middle one
-/// of them, and looks as that one does.
+/// If the cameras look at a common point, the viewpoint looks at it, too. It stands at the camera nearest to their
+/// median height over the point, their median distance from the axis through it, and the middle of their arc.
+/// Otherwise it is the middle one of the cameras, with the direction of that one.
 pub(crate) fn viewpoint(dataset: &Dataset, range: (f32, f32)) -> Option<Viewpoint> {
     let cameras: Vec<Camera> = dataset.train.iter().map(|view| view.camera).collect();
     let eyes: Vec<Vec3> = cameras.iter().map(|camera| camera.pose().position).collect();
@@ -59,23 +59,23 @@ pub(crate) fn viewpoint(dataset: &Dataset, range: (f32, f32)) -> Option<Viewpoin
     places.then_some(found)
 }
 
-/// How far the middle view looks, world units.
+/// Distance from the middle view to the scene, world units.
 fn depth_of(dataset: &Dataset, middle: usize, (near, far): (f32, f32)) -> f32 {
     let seen = distances(&dataset.train[middle], &dataset.points);
     if seen.len() >= ENOUGH_POINTS {
         return median(seen) as f32;
     }
-    // The middle in what a picture shows of depth: in its inverse.
+    // The middle of the range in inverse depth.
     let depth = 2.0 * near * far / (near + far);
     if depth > 0.0 { depth } else { 0.5 * (near + far) }
 }
 
-/// Where a camera is, seen from the target.
+/// Position of a camera relative to the target, in cylindrical coordinates.
 struct Place {
     height: f32,
-    /// From the axis along `up` through the target.
+    /// Distance from the axis along `up` through the target, world units.
     distance: f32,
-    /// Radians around it.
+    /// Angle around that axis, radians.
     azimuth: f32,
 }
 
@@ -86,13 +86,13 @@ impl Place {
         Self { height: from_target.dot(up), distance: x.hypot(y), azimuth: y.atan2(x) }
     }
 
-    /// Radians from an azimuth to it, within ±π.
+    /// Angle from `azimuth` to this position, radians within ±π.
     fn turn_from(&self, azimuth: f32) -> f32 {
         (self.azimuth - azimuth + 0.5 * TAU).rem_euclid(TAU) - 0.5 * TAU
     }
 }
 
-/// The shortest arc that holds all but a few azimuths: where it begins, and its length.
+/// Start and length, radians, of the shortest arc that holds all but a few azimuths.
 fn covered(mut azimuths: Vec<f32>) -> Option<(f32, f32)> {
     azimuths.sort_unstable_by(f32::total_cmp);
     let count = azimuths.len();
@@ -105,8 +105,8 @@ fn covered(mut azimuths: Vec<f32>) -> Option<(f32, f32)> {
     (0..count).map(arc).min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// What is up: that to which horizons are level, as people hold cameras, whichever way these look; where the horizons do
-/// not tell, the median of the cameras' own.
+/// Up direction of the scene: perpendicular to the cameras' horizontal axes, as people hold cameras level. If these
+/// do not tell it, the median of the cameras' own up directions.
 fn up_of(cameras: &[Camera]) -> Vec3 {
     let axes = |axis: fn(&Pose) -> Vec3| -> Vec<DVec3> {
         cameras.iter().map(|camera| axis(camera.pose()).as_dvec3().normalize_or_zero()).collect()
@@ -120,13 +120,13 @@ fn up_of(cameras: &[Camera]) -> Vec3 {
     level.filter(|level| level.dot(up) > 0.5).unwrap_or(up).as_vec3().normalize() + Vec3::ZERO
 }
 
-/// The direction that these unit vectors are across, where they lie in a plane and not along a line.
+/// Normal of the plane of these unit vectors; `None` if they do not lie in a plane, or lie along a line.
 fn level(horizons: &[DVec3]) -> Option<DVec3> {
     let m = horizons.iter().map(|&dir| outer(dir)).sum::<DMat3>() * (1.0 / horizons.len() as f64);
     let least = smallest_eigenvalue(m);
     let rest = m - DMat3::from_diagonal(DVec3::splat(least));
     let (x, y, z) = (rest.x_axis, rest.y_axis, rest.z_axis);
-    // Products of the two other eigenvalues and the components of the direction.
+    // Columns of the adjugate: products of the two other eigenvalues, the normal, and one of its components.
     let normals = [y.cross(z), z.cross(x), x.cross(y)];
     let product = normals[0].x + normals[1].y + normals[2].z;
     let half = 0.5 * (x.x + y.y + z.z);
@@ -136,7 +136,7 @@ fn level(horizons: &[DVec3]) -> Option<DVec3> {
     normal.try_normalize().filter(|_| tells)
 }
 
-/// The point of the least sum of distances (Weiszfeld 1937).
+/// Point with the least sum of distances to `points` (Weiszfeld 1937).
 fn geometric_median(points: &[DVec3]) -> DVec3 {
     let mean = points.iter().sum::<DVec3>() / points.len().max(1) as f64;
     (0..50).fold(mean, |at, _| {
@@ -148,7 +148,7 @@ fn geometric_median(points: &[DVec3]) -> DVec3 {
     })
 }
 
-/// The first of the items that are least far away.
+/// Index of the nearest item, the first of several.
 fn nearest<T>(items: &[T], distance: impl Fn(&T) -> f32) -> Option<usize> {
     (0..items.len()).min_by(|&a, &b| distance(&items[a]).total_cmp(&distance(&items[b])))
 }

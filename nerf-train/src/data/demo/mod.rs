@@ -1,4 +1,4 @@
-//! A small scene of this crate's own, with exact pictures and distances.
+//! A small demo scene, with exact pictures and distances.
 //!
 //! Shapes on a plinth on nothing: checkers, stripes and marble, soft shadows, and highlights that
 //! move with the camera, so that a field fitted to it needs its direction branch. It fits into
@@ -71,7 +71,7 @@ pub fn dataset(spec: &DemoSpec) -> Result<Dataset, CameraError> {
         views.map(view).collect()
     };
     let (train, val) = (spec.spiral(spec.train, 0.0)?, spec.spiral(spec.val, 1.1)?);
-    // Every corner of the box is between these from every camera.
+    // From every camera, all corners of the box are between these distances.
     let reach = 3.0f32.sqrt();
     Ok(Dataset {
         train: shoot("train", train),
@@ -93,7 +93,7 @@ pub struct Hit {
     pub rgb: [f32; 3],
 }
 
-/// What the ray through the image point `(x, y)` meets, pixels; a pixel's centre is at `+ 0.5`.
+/// First hit of the ray through the image point `(x, y)`, pixels; a pixel's centre is at `+ 0.5`.
 ///
 /// Distances are within 1e-5 of the true surface: closed form, or f64 sphere tracing.
 pub fn trace(camera: &Camera, x: f32, y: f32) -> Option<Hit> {
@@ -109,14 +109,14 @@ pub fn trace(camera: &Camera, x: f32, y: f32) -> Option<Hit> {
     })
 }
 
-/// Everything that is known of one picture, each `[height * width]` row by row.
+/// Ground truth of one picture; each field is `[height * width]`, row by row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Truth {
     /// Straight-alpha sRGB, averaged over 3×3 subsamples in display space.
     pub rgba: Vec<[u8; 4]>,
-    /// Along the centre ray, world units; `None` where it meets nothing.
+    /// Distance along the centre ray, world units; `None` if the ray hits nothing.
     pub ray_distance: Vec<Option<f32>>,
-    /// Along the view axis for the centre ray, world units.
+    /// Depth of the centre ray's hit along the view axis, world units.
     pub z_depth: Vec<Option<f32>>,
     /// Whether every subsample meets the scene: no edge against the background.
     pub opaque: Vec<bool>,
@@ -143,7 +143,7 @@ fn per_pixel<T: Send>(camera: &Camera, f: impl Fn(f32, f32) -> T + Sync) -> Vec<
     (0..height).into_par_iter().flat_map_iter(row).collect()
 }
 
-/// The pixel whose top left corner is `(x, y)`.
+/// Colour of the pixel whose top left corner is `(x, y)`.
 fn pixel(camera: &Camera, x: f32, y: f32) -> [u8; 4] {
     let (mut sum, mut hits) = (Vec3::ZERO, 0u32);
     for index in 0..SIDE * SIDE {
@@ -166,7 +166,7 @@ pub fn signed_distance(point: Vec3) -> f32 {
     shapes::SCENE.iter().map(|shape| shape.distance(point)).fold(f64::INFINITY, f64::min) as f32
 }
 
-/// A data set of so many training and validation views of `size` pixels a side.
+/// A data set of `train` training and `val` validation views of `size` pixels a side.
 #[cfg(test)]
 pub(crate) fn small(train: u32, val: u32, size: u32) -> Dataset {
     dataset(&DemoSpec { train, val, size, ..DemoSpec::default() }).expect("a scene")

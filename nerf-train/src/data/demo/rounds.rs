@@ -1,4 +1,4 @@
-//! Photographs of the scene as a reconstruction has them, with tracks of points; folded if asked.
+//! Photographs of the demo scene with tracks of points, as from a reconstruction; folded on request.
 
 use super::{DemoSpec, Hit, render, trace};
 use crate::data::{Axes, Background, Dataset, Format, KeyPoint, SparsePoint, View};
@@ -7,17 +7,18 @@ use nerf_core::camera::{Camera, CameraError};
 use rayon::prelude::*;
 use std::f32::consts::FRAC_PI_2;
 
-/// Photographs of a round, and the angle between two of them, degrees.
+/// Number of photographs of a round.
 const ROUND: usize = 14;
+/// Angle between consecutive photographs of a round, degrees.
 const STEP: f32 = 6.0;
 /// Side of the photographs, pixels.
 const SIZE: u32 = 160;
-/// Pixels between points of a photograph.
+/// Spacing of a photograph's points, pixels.
 const POINT_EVERY: usize = 9;
-/// Every third photograph has points of its own.
+/// One in this many photographs has points of its own.
 const VIEW_EVERY: usize = 3;
 
-/// A photograph by its pose and by where it was really taken.
+/// A photograph: its pose in the model, and the camera that it was really taken with.
 struct Shot {
     pose: Camera,
     taken: Camera,
@@ -25,7 +26,7 @@ struct Shot {
 }
 
 impl Shot {
-    /// Where it shows a point of the model that was seen with the turn `turn`, pixels, unless something is in front.
+    /// Position of a point in this photograph, pixels; `None` if it is hidden, or `turn` is not this photograph's.
     fn shows(&self, position: Vec3, turn: f32) -> Option<(f32, f32)> {
         let (x, y) = self.pose.project(position)?;
         let inside = |v: f32| v > 1.0 && v < SIZE as f32 - 1.0;
@@ -34,7 +35,7 @@ impl Shot {
         (nearest && turn == self.turn).then_some((x, y))
     }
 
-    /// The points it shows on a lattice of its pixels, in the model.
+    /// Points that this photograph shows at every [`POINT_EVERY`]-th pixel and row, in the model's coordinates.
     fn points(&self) -> Vec<Vec3> {
         let lattice = || (POINT_EVERY..SIZE as usize).step_by(POINT_EVERY).map(|v| v as f32);
         let at = |(x, y)| trace(&self.taken, x, y).map(|hit| self.pose.ray(x, y).at(hit.ray_distance));
@@ -45,7 +46,7 @@ impl Shot {
 /// Two rounds of photographs along the same path of 81°, the second between those of the first, and the points that
 /// they show.
 ///
-/// `folded`: the second round was taken a quarter turn further, and its poses were laid onto the first, as where places
+/// `folded`: the second round was taken a quarter turn further, and its poses laid onto the first, as when places
 /// repeat. (After half a turn the plinth looks the same.)
 pub fn two_rounds(folded: bool) -> Result<Dataset, CameraError> {
     let spec = DemoSpec { size: SIZE, ..DemoSpec::default() };

@@ -3,13 +3,13 @@
 use super::shapes::{FLOOR, Look, Shape, lit, openness};
 use glam::{DVec3, Vec3};
 
-/// Towards the light; not of unit length.
+/// Direction towards the light, not of unit length.
 const LIGHT: Vec3 = Vec3::new(0.55, -0.75, 1.05);
 const LIGHT_COLOUR: Vec3 = Vec3::new(1.08, 1.0, 0.88);
 const SKY: Vec3 = Vec3::new(0.42, 0.47, 0.56);
 const BOUNCE: Vec3 = Vec3::new(0.30, 0.25, 0.20);
 
-/// Linear albedo, strength of the highlight and of the mirror, and the highlight's exponent.
+/// Reflectance of a surface: linear albedo, strengths of the highlight and of the mirror, exponent of the highlight.
 struct Surface {
     albedo: Vec3,
     highlight: f32,
@@ -38,7 +38,7 @@ pub(super) fn colour(shape: &Shape, point: DVec3, normal: DVec3, dir: DVec3) -> 
     linear.to_array().map(|v| encode(v.clamp(0.0, 1.0)))
 }
 
-/// What a polished surface mirrors: a pale sky over a dark ground, and a window of light.
+/// Surroundings that a polished surface mirrors: a pale sky over a dark ground, and a window of light.
 fn sky_seen(dir: Vec3) -> Vec3 {
     let up = smooth(-0.15, 0.5, dir.z);
     let ground = Vec3::new(0.16, 0.14, 0.13);
@@ -46,7 +46,7 @@ fn sky_seen(dir: Vec3) -> Vec3 {
     ground.lerp(Vec3::new(0.75, 0.85, 1.0), up) + Vec3::splat(1.6 * window)
 }
 
-/// `p` is relative to the shape's centre.
+/// Reflectance at a point. `p`: relative to the shape's centre. `world`: in world coordinates.
 fn surface(look: Look, p: Vec3, world: Vec3, n: Vec3) -> Surface {
     let plain = |albedo| Surface { albedo, highlight: 0.08, mirror: 0.2, exponent: 24.0 };
     let glossy = |albedo| Surface { albedo, highlight: 0.9, mirror: 1.0, exponent: 120.0 };

@@ -1,4 +1,4 @@
-//! The shapes: exact distances, bounding spheres, and where a ray first meets one.
+//! The shapes: exact distances, bounding spheres, and intersections with rays.
 
 use glam::{DVec2, DVec3};
 
@@ -8,19 +8,19 @@ pub(super) const FLOOR: f64 = -0.38;
 #[derive(Clone, Copy)]
 pub(super) enum Form {
     Sphere(f64),
-    /// Half sides after rounding, radius of the rounding, cosine and sine of the turn about z.
+    /// `half`: half sides after rounding. `round`: radius of the rounding. `turn`: cosine and sine about z.
     Block {
         half: DVec3,
         round: f64,
         turn: DVec2,
     },
-    /// Radius and half height, radius of the rounding.
+    /// A cylinder. `half`: half its height. `round`: radius of the rounding.
     Drum {
         radius: f64,
         half: f64,
         round: f64,
     },
-    /// Radius of the ring and of its tube, lying flat.
+    /// A torus that lies flat. `radius`: of the ring. `tube`: of its tube.
     Ring {
         radius: f64,
         tube: f64,
@@ -97,7 +97,7 @@ pub(super) static SCENE: [Shape; 7] = [
     },
 ];
 
-/// Where a ray first meets the scene.
+/// First hit of a ray with the scene.
 pub(super) struct Found {
     pub(super) t: f64,
     pub(super) shape: &'static Shape,
@@ -123,7 +123,7 @@ impl Shape {
         }
     }
 
-    /// Where the ray enters and leaves the bounding sphere, made larger by `margin`.
+    /// Distances at which the ray enters and leaves the bounding sphere, enlarged by `margin`; `None` if it misses.
     pub(super) fn bounds(&self, origin: DVec3, dir: DVec3, margin: f64) -> Option<(f64, f64)> {
         let to = self.centre - origin;
         let middle = to.dot(dir);
@@ -133,7 +133,7 @@ impl Shape {
         (middle + half > 0.0).then_some(((middle - half).max(0.0), middle + half))
     }
 
-    /// Where a ray from outside first meets the surface, before `limit`.
+    /// Distance at which a ray from outside first hits the surface, if it is before `limit`.
     fn hit(&self, origin: DVec3, dir: DVec3, limit: f64) -> Option<f64> {
         const STEPS: usize = 400;
         const CLOSE: f64 = 1e-8;
@@ -179,7 +179,7 @@ impl Shape {
     }
 }
 
-/// Where the ray first meets any shape; `dir` is of unit length and `origin` outside of all.
+/// First hit of the ray with any shape; `dir` has unit length and `origin` is outside of all shapes.
 pub(super) fn first(origin: DVec3, dir: DVec3) -> Option<Found> {
     let mut nearest: Option<(f64, &Shape)> = None;
     for shape in &SCENE {
@@ -191,7 +191,7 @@ pub(super) fn first(origin: DVec3, dir: DVec3) -> Option<Found> {
     nearest.map(|(t, shape)| Found { t, shape, normal: shape.normal(origin + dir * t) })
 }
 
-/// How much of a small round light at `dir` is seen from `point`, 0..=1.
+/// Fraction of a small round light in direction `dir` that is visible from `point`, 0..=1.
 ///
 /// # Source
 /// Quilez, "Soft shadows in raymarched SDFs": the penumbra from the narrowest miss.
@@ -223,7 +223,7 @@ pub(super) fn lit(point: DVec3, dir: DVec3) -> f64 {
     light * light * (3.0 - 2.0 * light)
 }
 
-/// How open the hemisphere around `normal` is, 0..=1, from a few distances along it.
+/// Openness of the hemisphere around `normal` (ambient occlusion), 0..=1, from a few distances along it.
 pub(super) fn openness(point: DVec3, normal: DVec3) -> f64 {
     const PROBES: u32 = 4;
     let (mut closed, mut total) = (0.0, 0.0);

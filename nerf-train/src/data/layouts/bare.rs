@@ -1,4 +1,4 @@
-//! A folder of photographs alone: what poses are made of.
+//! A folder of photographs without poses.
 
 use crate::data::DatasetError;
 use crate::data::layouts::colmap::commands::{self, RENAMED, quoted};
@@ -9,20 +9,20 @@ use crate::data::pictures::file::{heif, is_picture_name};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Photographs whose poses nobody knows yet.
+/// Photographs without known poses.
 #[derive(Debug)]
 pub(crate) struct Bare {
     pub(crate) folder: PathBuf,
-    /// Their files, sorted by the bytes of their names.
+    /// Files of the photographs, sorted by the bytes of their names.
     pub(crate) photographs: Vec<PathBuf>,
-    /// Names of those that are no whole pictures.
+    /// Names of picture files that cannot be read as whole pictures.
     pub(crate) damaged: Vec<String>,
     /// Names of the photographs of each camera: one size, and one device as far as EXIF tells.
     pub(crate) cameras: Vec<Vec<String>>,
 }
 
 impl Bare {
-    /// Those of `folder`, or of `images` in it; `None` where there are none.
+    /// Photographs in `folder`, or in its subfolder `images` if there is one; `None` if there are none.
     pub(crate) fn of(folder: &Path) -> Result<Option<Self>, DatasetError> {
         let images = folder.join(IMAGES);
         let folder = if images.is_dir() { images } else { folder.to_owned() };
@@ -47,10 +47,10 @@ impl Bare {
         Ok((!photographs.is_empty()).then_some(Self { folder, photographs, damaged, cameras }))
     }
 
-    /// That `folder` has no poses of them, and how to make some beside them.
+    /// The error that `folder` has photographs but no poses, with advice on how to find poses.
     pub(crate) fn no_poses(self, folder: &Path) -> DatasetError {
         let sparse = folder.join("sparse");
-        // Not among the photographs, where COLMAP would take it for one.
+        // Outside the folder of photographs: in it, COLMAP would take the file for one of them.
         let database = sparse.join("database.db");
         let made = format!("mkdir -p {}", quoted(&sparse));
         let stages = commands::by_hand(&self.folder, &database, &sparse, self.cameras.len() == 1);

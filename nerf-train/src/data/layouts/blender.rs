@@ -5,13 +5,13 @@ use crate::data::pictures::found::Found;
 use crate::data::{Axes, Dataset, DatasetError, Downscale, Format, ReadOptions, Watch, scene_name};
 use std::path::{Path, PathBuf};
 
-/// The file that makes a folder one of these.
+/// List of the training views, which a folder needs for a fit.
 pub(crate) const TRAIN: &str = "transforms_train.json";
 const VAL: &str = "transforms_val.json";
 const TEST: &str = "transforms_test.json";
 pub(crate) const SPLITS: [&str; 3] = [TRAIN, VAL, TEST];
 
-/// Whether a file of this name stands for its folder.
+/// Whether a file of this name lists a split, so that its whole folder is read.
 pub(crate) fn is_split_file(name: &str) -> bool {
     SPLITS.contains(&name)
 }
@@ -20,11 +20,11 @@ pub(crate) fn is_here(folder: &Path) -> bool {
     SPLITS.iter().any(|name| folder.join(name).is_file())
 }
 
-/// Reads a folder with `transforms_train.json` and perhaps `_val` and `_test`; any of them do where nothing is fitted.
+/// Reads a folder with `transforms_train.json` and perhaps `_val` and `_test`; any of them is enough without a fit.
 pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
     let mut found = Found::default();
-    // All of the lists before the first picture: then it is known how many there are.
+    // All lists are read before the first picture, so that the number of pictures is known.
     let list = |name: &str| {
         let file = folder.join(name);
         let needed = name == TRAIN && !options.to_measure;
@@ -38,7 +38,7 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     let headers = || all().map(|transforms| &transforms.header);
     let near = headers().find_map(|header| header.near);
     let far = headers().find_map(|header| header.far);
-    // These are drawn at the size that figures are given at: made smaller only where that is asked for.
+    // Published figures are for the original size: pictures are made smaller only on request.
     let downscale = Some(options.downscale).filter(|downscale| *downscale != Downscale::Auto);
     let mut views = |(file, transforms): &(PathBuf, Option<Transforms>)| match transforms {
         Some(transforms) => transforms.views(file, options, (downscale, origin), watch, &mut found),

@@ -1,4 +1,4 @@
-//! Which layout a folder has.
+//! Choice of the layout that a folder is read as.
 
 use crate::data::layouts::bare::Bare;
 use crate::data::layouts::{blender, colmap, llff, nerfstudio};
@@ -26,7 +26,7 @@ impl Layout {
         }
     }
 
-    /// The files that make a folder one of this layout.
+    /// Files by which a folder of this layout is recognised, for messages.
     fn expected(self) -> String {
         match self {
             Self::Transforms => format!("{} or {}", blender::TRAIN, nerfstudio::FILE),
@@ -62,7 +62,7 @@ impl std::str::FromStr for Layout {
     }
 }
 
-/// Reads a folder in the layout that is asked for, or else in the first that fits it; says so where others do, too.
+/// Reads a folder in the requested layout, or else in the first that fits it; adds a note if others fit, too.
 pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let fitting: Vec<Layout> = Layout::ALL.into_iter().filter(|layout| layout.fits(folder)).collect();
     let wanted = options.layout.or(fitting.first().copied());
@@ -83,7 +83,7 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
         Layout::Transforms if folder.join(nerfstudio::FILE).is_file() => {
             nerfstudio::read(&folder.join(nerfstudio::FILE), options, watch)?
         }
-        // Without its list of training views: an error that names it, where there must be some.
+        // Without its list of training views: an error that names the file, unless nothing is fitted.
         Layout::Transforms => blender::read(folder, options, watch)?,
         Layout::Colmap => colmap::read(folder, options, watch)?,
         Layout::Llff => llff::read(folder, options, watch)?,

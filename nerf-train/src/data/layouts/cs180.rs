@@ -6,8 +6,8 @@ use glam::DVec3;
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use rayon::prelude::*;
 
-/// Reads `images_{train,val,test}`, `c2ws_{train,val,test}` and `focal`; those of training may be missing where nothing is
-/// fitted.
+/// Reads `images_{train,val,test}`, `c2ws_{train,val,test}` and `focal`; the training arrays may be missing if
+/// nothing is fitted.
 ///
 /// `c2ws_test` without `images_test` is a path to render.
 pub(crate) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Dataset, DatasetError> {
@@ -116,7 +116,7 @@ pub(crate) fn views(
     decoded.into_iter().collect()
 }
 
-/// Count, width, height, channels.
+/// Number, width, height and channels of the pictures.
 fn picture_shape(
     archive: &Archive,
     key: &str,
@@ -150,7 +150,7 @@ fn cameras(
     c2ws.iter().enumerate().map(make).collect()
 }
 
-/// A warning for each array without alpha beside one that has it.
+/// A warning for each array without alpha if another one has alpha.
 fn mixed_alpha(splits: [(&str, &Vec<View>); 3]) -> Vec<String> {
     let alpha = |views: &[View]| views.iter().any(View::has_alpha);
     let read = || splits.iter().filter(|(_, views)| !views.is_empty());
@@ -165,11 +165,11 @@ fn mixed_alpha(splits: [(&str, &Vec<View>); 3]) -> Vec<String> {
         .collect()
 }
 
-/// The notebook's file has this many views, of which it fits the first 100.
+/// Number of views in the notebook's file, which fits the first 100.
 const NOTEBOOK_VIEWS: usize = 106;
-/// Of the notebook's file, validation begins here: with the view every figure of it shows.
+/// Index of the first validation view of the notebook's file: the view that all its figures show.
 const NOTEBOOK_VALIDATION: usize = 101;
-/// Of any other file of this layout, this many views at the end are validation.
+/// Number of validation views of any other file of this layout, taken from its end.
 const LAST: usize = 6;
 
 /// Reads `tiny_nerf_data.npz` of the original notebook, pictures in floats and OpenGL poses: `images`, `poses` and `focal`.

@@ -1,4 +1,4 @@
-//! Which files a data set consists of, without reading its pictures.
+//! Files that a data set consists of, found without reading its pictures.
 
 use crate::data::layouts::folders::entries;
 use crate::data::layouts::{blender, colmap, llff, nerfstudio};
@@ -9,7 +9,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// A list of views larger than this is not searched for names, bytes.
+/// Size limit of a list of views that is searched for names, bytes.
 const MAX_LIST_BYTES: u64 = 256 << 20;
 
 #[derive(Deserialize)]
@@ -24,8 +24,7 @@ struct Frame {
     depth_file_path: Option<String>,
 }
 
-/// As [`Claims::reads`], of a data set, if there is one: a file or folder, and the files that its lists name wherever they
-/// lie.
+/// [`Claims::reads`] for a data set, if there is one: its file or folder, and the files that its lists name anywhere.
 pub fn reads_data<'p, P: AsRef<Path> + ?Sized + 'p>(
     claims: Claims,
     path: impl Into<Option<&'p P>>,
@@ -37,7 +36,7 @@ pub fn reads_data<'p, P: AsRef<Path> + ?Sized + 'p>(
 
 /// The data set's own file, its lists of views, and the files that they name, as far as they exist.
 ///
-/// A list that is damaged names nothing: whoever reads the data set says so.
+/// A damaged list names nothing: reading the data set reports the damage.
 pub fn files(path: &Path) -> Vec<PathBuf> {
     let folder = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
     let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
@@ -53,7 +52,7 @@ pub fn files(path: &Path) -> Vec<PathBuf> {
     lists.into_iter().chain(named).chain(whole).collect()
 }
 
-/// Of a folder that a COLMAP model or LLFF's poses are of: their files, and all that is in its folders of pictures.
+/// Files of a folder's COLMAP model or LLFF poses, and all in its folders of pictures; empty without such poses.
 fn photographs(folder: &Path) -> Vec<PathBuf> {
     let poses = folder.join(llff::FILE);
     let mut files = colmap::files(folder);
@@ -67,7 +66,7 @@ fn photographs(folder: &Path) -> Vec<PathBuf> {
     };
     let mut open: Vec<PathBuf> =
         entries(folder).unwrap_or_default().into_iter().filter(of_pictures).collect();
-    // A link to a folder above would lead round for ever.
+    // Links are not followed: one to a folder above would lead round for ever.
     while let Some(path) = open.pop() {
         if path.is_symlink() || !path.is_dir() {
             files.push(path);
@@ -80,7 +79,7 @@ fn photographs(folder: &Path) -> Vec<PathBuf> {
 
 fn named_in(list: &Path, folder: &Path) -> Vec<PathBuf> {
     let mut bytes = Vec::new();
-    // A pipe would be empty for its reader afterwards.
+    // A pipe is not read: it would be empty for its reader afterwards.
     let read = list.is_file().then(|| File::open(list)?.take(MAX_LIST_BYTES).read_to_end(&mut bytes));
     if !matches!(read, Some(Ok(_))) {
         return Vec::new();

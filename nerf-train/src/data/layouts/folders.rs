@@ -9,22 +9,22 @@ pub(crate) const IMAGES: &str = "images";
 /// The usual folder of masks: COLMAP's habit is `masks/NAME.png` for `images/NAME`.
 const MASKS: &str = "masks";
 
-/// A photograph that was found, and how it is to be read.
+/// A photograph that was found, and how to read it.
 pub(crate) struct Located {
     pub(crate) path: PathBuf,
-    /// How much smaller than the poses' size; `None`: as it is.
+    /// Factor by which it is read smaller than the poses' size; `None`: the file's own size.
     pub(crate) downscale: Option<Downscale>,
     pub(crate) reduced: bool,
 }
 
-/// The folders of a data set, by how much smaller their pictures are.
+/// Folders of a data set's photographs, by the factor by which these are smaller.
 pub(crate) struct Folders {
     root: PathBuf,
     by_factor: BTreeMap<u32, PathBuf>,
 }
 
 impl Folders {
-    /// Those in `root`; its own pictures where it has no folder of them.
+    /// Folders `images` and `images_N` in `root`, or `root` itself if there are none.
     pub(crate) fn of(root: &Path) -> Result<Self, DatasetError> {
         let mut by_factor = BTreeMap::new();
         for path in entries(root)?.into_iter().filter(|path| path.is_dir()) {
@@ -44,10 +44,10 @@ impl Folders {
         Ok(Self { root: root.to_owned(), by_factor })
     }
 
-    /// The folders in which to look for pictures of poses of this `size`, best first: copies of the factor itself, else
-    /// the smallest that are larger, which are made smaller still.
+    /// Folders to search for photographs whose poses are of this `size`, best first: copies of the factor itself,
+    /// else the smallest that are larger, which are made smaller still.
     ///
-    /// With [`Downscale::Auto`] a folder of copies is read as it is where that comes nearest to 800 pixels.
+    /// With [`Downscale::Auto`] a folder of copies is read unchanged if it comes nearest to 800 pixels.
     fn candidates(&self, downscale: Downscale, size: (f64, f64)) -> Vec<(&Path, Option<Downscale>, bool)> {
         let factor = downscale.factor(size);
         let larger = self.by_factor.range(..=factor).rev();
@@ -64,7 +64,7 @@ impl Folders {
         candidates
     }
 
-    /// The photograph `name`, which may hold folders, of poses of this `size`.
+    /// Finds the photograph `name`, which may contain folders. `size`: that of its pose, pixels.
     pub(crate) fn locate(&self, name: &str, downscale: Downscale, size: (f64, f64)) -> Option<Located> {
         self.candidates(downscale, size).into_iter().find_map(|(folder, downscale, reduced)| {
             let path = folder.join(name.replace('\\', "/"));
@@ -104,7 +104,7 @@ impl Folders {
         self.by_factor.values().map(name).collect::<Vec<_>>().join(", ")
     }
 
-    /// The mask of the photograph `name`, if there is one: `masks/NAME.png`, or with the ending in place of its own.
+    /// Mask of the photograph `name`, if there is one: `masks/NAME.png`, or its stem with `.png`, or NAME.
     pub(crate) fn mask(&self, name: &str) -> Option<PathBuf> {
         let folder = self.root.join(MASKS);
         let appended = folder.join(format!("{name}.png"));
@@ -113,8 +113,8 @@ impl Folders {
     }
 }
 
-/// The copy, `factor` times smaller, of a picture that a json names by its path from `root`: out of `images_4` for
-/// `images/a.jpg` and 4.
+/// Path of the copy, `factor` times smaller, of a picture that a json names by its path from `root`: in `images_4`
+/// for `images/a.jpg` and 4.
 pub(crate) fn smaller_copy(root: &Path, file_path: &str, factor: u32) -> Option<PathBuf> {
     let path = file_path.replace('\\', "/");
     let (folder, rest) = path.trim_start_matches("./").split_once('/')?;
@@ -122,7 +122,7 @@ pub(crate) fn smaller_copy(root: &Path, file_path: &str, factor: u32) -> Option<
     if copy.is_file() { Some(copy) } else { with_other_ending(&copy) }
 }
 
-/// The picture of this name but for its ending: smaller copies are often PNG where the photographs are JPEG.
+/// The picture with this name but another extension: smaller copies are often PNG if the photographs are JPEG.
 fn with_other_ending(path: &Path) -> Option<PathBuf> {
     let endings = ["png", "jpg", "jpeg", "JPG", "PNG"];
     endings.into_iter().map(|ending| path.with_extension(ending)).find(|path| path.is_file())
@@ -133,11 +133,11 @@ pub(crate) fn entries(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     std::fs::read_dir(folder).map_err(io)?.map(|entry| entry.map(|entry| entry.path()).map_err(io)).collect()
 }
 
-/// One view in this many is held out, as the field does.
+/// One view in this many is held out, as is usual in the field.
 pub(crate) const HOLD: usize = 8;
 
-/// Training and validation: of the views sorted by the bytes of their names, every eighth from
-/// [`ReadOptions::hold_offset`] on is validation. A single view is for training.
+/// Splits views into training and validation: in the order of the bytes of their names, every eighth from
+/// [`ReadOptions::hold_offset`] on is for validation. If there are too few views for that, all are for training.
 pub(crate) fn every_eighth(
     mut views: Vec<View>,
     options: &ReadOptions,

@@ -1,4 +1,4 @@
-//! LLFF's `poses_bounds.npy`, with the photographs in `images` or `images_N` beside it.
+//! LLFF's `poses_bounds.npy`, with the photographs in `images` or `images_N` of its folder.
 
 use crate::data::layouts::colmap;
 use crate::data::layouts::folders::{Folders, Located, every_eighth};
@@ -10,28 +10,28 @@ use glam::DVec3;
 use nerf_core::camera::{Lens, Pose};
 use std::path::Path;
 
-/// The file that makes a folder one of these.
+/// File by which a folder of this layout is recognised.
 pub(crate) const FILE: &str = "poses_bounds.npy";
-/// Numbers a photograph: three rows of a 3×5 matrix, near and far.
+/// Number of values per photograph: three rows of a 3×5 matrix, near and far.
 const NUMBERS: usize = 17;
-/// Rays begin a little before the nearest bound, as LLFF's own loader has it.
+/// Rays begin a little before the nearest bound, as in LLFF's own loader.
 const NEAR_MARGIN: f64 = 0.9;
 
-/// What the file says of a photograph.
+/// Values of one photograph in the file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Row {
-    /// In the project's axes.
+    /// Camera-to-world pose in the project's axes.
     pose: Pose,
     size: (f64, f64),
-    /// Pixels of that size.
+    /// Focal length in pixels of `size`.
     focal: f64,
-    /// Nearest and farthest of what is seen, world units along the view axis.
+    /// Nearest and farthest visible depth, world units along the view axis.
     bounds: [f64; 2],
 }
 
 impl Row {
-    /// From its numbers: `[down right backward | centre | height width focal]`, row by row, and the bounds. The centre is
-    /// counted from `origin`.
+    /// Row of 17 numbers: `[down right backward | centre | height width focal]`, row by row, and the bounds. The
+    /// centre is counted from `origin`.
     fn new(n: &[f64], origin: DVec3) -> Self {
         let row =
             |i: usize| [n[5 * i + 1], -n[5 * i], n[5 * i + 2], n[5 * i + 3] - origin[i]].map(|v| v as f32);
@@ -90,7 +90,7 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     dataset(folder, options, (views, rows), (points, origin), found)
 }
 
-/// The sparse points of a COLMAP model beside it, whose world is the same.
+/// Sparse points of a COLMAP model in the same folder, whose world is the same; empty if there are none.
 fn points(folder: &Path, origin: DVec3, found: &mut Found) -> Result<Vec<SparsePoint>, DatasetError> {
     for place in [folder.join("sparse/0"), folder.join("sparse"), folder.to_owned()] {
         let points = colmap::points_of(&place, origin, found)?;
@@ -125,7 +125,7 @@ fn dataset(
     .counted_from(origin))
 }
 
-/// The name of the folder that pictures are in.
+/// Name of the folder that contains the pictures.
 fn folder_of(pictures: &[(String, Located)]) -> Option<String> {
     let folder = pictures.first()?.1.path.parent()?;
     Some(folder.file_name()?.to_string_lossy().into_owned())

@@ -1,4 +1,4 @@
-//! One reader a layout, each with the conventions of its files, and which of them a path is.
+//! Readers, one per layout, each with the conventions of its files, and the choice between them.
 
 pub(crate) mod bare;
 pub(crate) mod blender;

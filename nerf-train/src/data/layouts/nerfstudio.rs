@@ -10,8 +10,7 @@ use std::path::Path;
 
 pub(crate) const FILE: &str = "transforms.json";
 
-/// Reads one json; splits by its lists, or else every eighth view (of the views sorted by file
-/// path, from the first) is validation.
+/// Reads one json. It is split by its lists, or else every eighth view by file path is for validation.
 pub(crate) fn read(file: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
     let mut found = Found::default();
@@ -51,7 +50,7 @@ fn shown(file: &Path) -> String {
     file.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// What fields that change nothing mean here.
+/// Adds notes on fields that change nothing here.
 fn say_fields(header: &Header, notes: &mut Vec<String>) {
     let identity = |rows: &Vec<Vec<f64>>| {
         rows.iter()
@@ -69,7 +68,7 @@ fn say_fields(header: &Header, notes: &mut Vec<String>) {
     }
 }
 
-/// Views that no list names are left out, with a warning.
+/// Splits views by the json's lists. Views that no list names are left out, with a warning.
 fn split_by_lists(
     views: Vec<View>,
     lists: [&Option<Vec<String>>; 3],

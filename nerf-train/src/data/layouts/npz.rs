@@ -1,7 +1,7 @@
-//! Arrays out of an untrusted `.npz` or `.npy`.
+//! Arrays from an untrusted `.npz` or `.npy`.
 //!
-//! The array headers are parsed here, because npyz multiplies shapes unchecked and allocates what a header asks for, and
-//! brings every compression of zip files. Nothing is allocated on a header's word alone.
+//! The array headers are parsed here, because npyz multiplies shapes unchecked, allocates what a header claims, and
+//! brings every compression of zip files. Here memory is allocated only for bytes that were read.
 
 use crate::data::DatasetError;
 use crate::data::cameras::pose::{BOTTOM_ROW, bottom_row_fault};
@@ -32,7 +32,7 @@ struct Dtype {
     big_endian: bool,
 }
 
-/// What an array may unpack to where nobody says, bytes.
+/// Default limit of an unpacked array, bytes.
 const MAX_ARRAY: u64 = 4 << 30;
 /// Longest array header that is read, bytes; numpy's are 128.
 const MAX_HEADER: usize = 1 << 16;
@@ -48,7 +48,7 @@ impl Archive {
         Ok(Self { file: file.into(), zip, max_array_bytes: max_array_bytes.unwrap_or(MAX_ARRAY) })
     }
 
-    /// The names of its arrays as they stand in the archive: a name that is there twice is here twice.
+    /// Names of the arrays in the order of the archive; a name that occurs twice is listed twice.
     pub(crate) fn names(&mut self) -> Result<Vec<String>, DatasetError> {
         let mut names = Vec::new();
         for index in 0..self.zip.len() {
@@ -126,7 +126,7 @@ pub(crate) fn fault(file: &Path, key: &str, expected: impl Display, found: impl 
     DatasetError::value(file, format!("array `{key}`"), expected, found)
 }
 
-/// The one array of a `.npy` file, which messages call by the file's stem.
+/// Reads the array of a `.npy` file; messages call it by the file's stem.
 pub(crate) fn read_npy(file: &Path, max_array_bytes: Option<u64>) -> Result<Array, DatasetError> {
     let stream = open_regular(file).map_err(|source| DatasetError::io(file, source))?;
     let key = file.file_stem().unwrap_or_default().to_string_lossy();
@@ -163,8 +163,8 @@ impl Array {
         self.data.len() / self.dtype.size
     }
 
-    /// The elements from `start` on, `count` of them, as display values 0..=255: u8 as they are,
-    /// floats in [0, 1] rounded. `Err(value)` on one outside, `None` on another dtype.
+    /// `count` elements from `start` on, as display values 0..=255: u8 unchanged, floats in [0, 1] scaled and
+    /// rounded. `Err(value)` for a float outside this range, `None` for another dtype.
     pub(crate) fn display_bytes(&self, start: usize, count: usize) -> Option<Result<Vec<u8>, f64>> {
         let size = self.dtype.size;
         let bytes = &self.data[start * size..(start + count) * size];
@@ -173,7 +173,7 @@ impl Array {
             (b'f', _) => {
                 let to_byte = |chunk| {
                     let value = self.dtype.value(chunk).unwrap_or(f64::NAN);
-                    // Resampling rings a little past the ends.
+                    // Resampling overshoots a little.
                     let fits = (-0.01..=1.01).contains(&value);
                     if fits { Ok((value * 255.0).round().clamp(0.0, 255.0) as u8) } else { Err(value) }
                 };
@@ -187,7 +187,7 @@ impl Array {
         self.dtype.kind == b'f'
     }
 
-    /// Its elements in C order, truth as 0 and 1; `None` on a dtype that is no number.
+    /// Elements in C order, booleans as 0 and 1; `None` if the dtype is not a number.
     pub(crate) fn numbers(&self) -> Option<Vec<f64>> {
         self.data.chunks_exact(self.dtype.size).map(|chunk| self.dtype.value(chunk)).collect()
     }
@@ -218,7 +218,7 @@ impl Dtype {
         format!("{}{}", self.kind as char, self.size)
     }
 
-    /// One element; integers beyond 2^53 round.
+    /// Value of one element; integers beyond 2^53 are rounded.
     fn value(self, chunk: &[u8]) -> Option<f64> {
         let mut bytes = [0u8; 8];
         bytes[..self.size].copy_from_slice(chunk);
@@ -239,7 +239,7 @@ impl Dtype {
     }
 }
 
-/// Dtype, whether in Fortran order, and shape.
+/// Reads a `.npy` header: dtype, whether in Fortran order, and shape.
 fn read_header(stream: &mut impl Read) -> Result<(Dtype, bool, Vec<usize>), String> {
     let mut start = [0u8; 10];
     stream.read_exact(&mut start).map_err(|error| error.to_string())?;
@@ -261,7 +261,7 @@ fn read_header(stream: &mut impl Read) -> Result<(Dtype, bool, Vec<usize>), Stri
     parse_header(&text).ok_or_else(|| format!("{:?}", text.trim_end()))
 }
 
-/// The three entries of numpy's header dictionary; numpy writes no other form of it.
+/// Parses the three entries of numpy's header dictionary; numpy writes no other form of it.
 fn parse_header(text: &str) -> Option<(Dtype, bool, Vec<usize>)> {
     let after = |key: &str| text.split_once(&format!("'{key}':")).map(|(_, rest)| rest.trim_start());
     let dtype = Dtype::parse(after("descr")?.strip_prefix('\'')?.split_once('\'')?.0)?;

@@ -9,17 +9,17 @@ use zune_jpeg::errors::DecodeErrors;
 use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
-/// Most pixels of a picture, 16,384 × 16,384: a few bytes of header may ask for any number.
+/// Maximum number of pixels of a picture, 16,384 × 16,384: a header of a few bytes may claim any number.
 const MAX_PIXELS: u64 = 1 << 28;
-/// Longest side of a picture, pixels: what a blob can name as its size.
+/// Longest side of a picture, pixels: the largest size that a blob can state.
 pub const MAX_SIDE: u32 = 65_535;
 
-/// What says of a file whether it is HEIF, bytes.
+/// Number of bytes at the start of a file that tell whether it is HEIF.
 const HEAD_BYTES: u64 = 12;
 
 pub(crate) const FORMATS: &str = "PNG, JPEG, WebP, TIFF, BMP or GIF";
 
-/// What to do with the pictures of telephones that are not decoded.
+/// Advice for the pictures of telephones that are not decoded.
 pub(crate) const HEIF_ADVICE: &str = "turn them into JPEG first, with `heif-convert a.heic a.jpg` (libheif) or `magick mogrify -format jpg *.heic`";
 
 #[derive(Debug, thiserror::Error)]
@@ -37,7 +37,7 @@ pub enum DecodeError {
     Size { file: PathBuf, found: (u32, u32) },
 }
 
-/// What pictures are read from. One type: all decoders are compiled once.
+/// Source that pictures are read from; a single type, so that all decoders are compiled once.
 pub(super) trait Source: BufRead + Seek {}
 impl<S: BufRead + Seek> Source for S {}
 
@@ -54,8 +54,8 @@ pub fn decode(file: &Path) -> Result<(DynamicImage, Orientation), DecodeError> {
     decode_of(file, |_| true)
 }
 
-/// As [`decode`], of a picture whose width and height, as its header states them, are `wanted`: nothing is decoded of
-/// another.
+/// [`decode`] for a picture whose width and height, as its header states them, satisfy `wanted`; another one is
+/// refused undecoded.
 pub fn decode_of(
     file: &Path,
     wanted: impl Fn((u32, u32)) -> bool,
@@ -109,7 +109,7 @@ pub fn dimensions(file: &Path) -> Result<(u32, u32), DecodeError> {
     reader.into_dimensions().map_err(damaged)
 }
 
-/// Whether a file begins as those of the HEIF family do: a box `ftyp` of one of their brands.
+/// Whether a file begins like one of the HEIF family: with a box `ftyp` of one of its brands.
 fn is_heif(bytes: &[u8]) -> bool {
     const BRANDS: [&[u8; 4]; 10] =
         [b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1", b"avif", b"avis"];

@@ -1,4 +1,4 @@
-//! Which device took a photograph, as its EXIF tags say.
+//! Device that took a photograph, from its EXIF tags.
 
 use super::decode::reader;
 use image::ImageDecoder;
@@ -6,13 +6,13 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-/// TIFF tags, and the one of the folder in which the focal length is.
+/// TIFF tags; `EXIF_FOLDER` points to the folder that holds the focal length.
 const MAKE: u16 = 0x010f;
 const MODEL: u16 = 0x0110;
 const EXIF_FOLDER: u16 = 0x8769;
 const FOCAL_LENGTH: u16 = 0x920a;
 
-/// Maker, model and focal length of the camera that took the photograph `file`; empty where nothing is said.
+/// Maker, model and focal length of the camera that took the photograph `file`; empty if there are no such tags.
 ///
 /// A phone has several lenses: their focal lengths tell them apart.
 pub(crate) fn device(file: &Path) -> String {
@@ -53,12 +53,12 @@ impl Tiff<'_> {
         self.array(at).map(u16::from_le_bytes)
     }
 
-    /// Offsets stay so small that further ones can be added to them.
+    /// `None` from 2^30 on, so that sums of offsets do not overflow.
     fn u32(&self, at: u32) -> Option<u32> {
         self.array(at).map(u32::from_le_bytes).filter(|&value| value < 1 << 30)
     }
 
-    /// Where the entry of a tag begins in the folder at `folder`.
+    /// Offset of the entry of a tag in the folder at `folder`.
     fn tag(&self, folder: u32, tag: u16) -> Option<u32> {
         let entries = 0..u32::from(self.u16(folder)?);
         entries.map(|i| folder + 2 + 12 * i).find(|&entry| self.u16(entry) == Some(tag))

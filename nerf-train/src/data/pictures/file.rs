@@ -1,4 +1,4 @@
-//! One picture file to straight 8-bit sRGB and alpha.
+//! Reads one picture file as straight 8-bit sRGB and alpha.
 
 use crate::data::DatasetError;
 use crate::data::pictures::decode::{DecodeError, FORMATS, HEIF_ADVICE, decode_of};
@@ -8,9 +8,9 @@ use std::collections::{HashMap, HashSet};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// Endings of pictures, in the order in which a name without one is completed.
+/// File extensions of pictures, in the order in which a name without one is completed.
 const ENDINGS: [&str; 8] = ["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "gif"];
-/// Endings of pictures that are not decoded, to be refused by name rather than overlooked.
+/// File extensions of pictures that are not decoded, to be refused by name rather than overlooked.
 const REFUSED_ENDINGS: [&str; 3] = ["heic", "heif", "avif"];
 
 pub(crate) struct Picture {
@@ -22,14 +22,14 @@ pub(crate) struct Picture {
 
 pub(crate) struct Decoded {
     pub(crate) image: DynamicImage,
-    /// What its EXIF tag says would turn it upright, where that has not been done.
+    /// EXIF orientation that has not been applied to the image yet.
     orientation: Orientation,
 }
 
 /// Width and height as far as the poses' file states them, pixels.
 pub(crate) type StatedSize = (Option<f64>, Option<f64>);
 
-/// Decodes a picture of any depth and channel count, as it is stored. Of one that is not of the `stated` size, not even
+/// Decodes a picture of any depth and channel count, as it is stored. If its size does not fit `stated`, not even
 /// lying on its side, only the header is read.
 pub(crate) fn decode(file: &Path, stated: StatedSize) -> Result<Decoded, DatasetError> {
     let bad =
@@ -49,7 +49,7 @@ pub(crate) fn decode(file: &Path, stated: StatedSize) -> Result<Decoded, Dataset
     Ok(Decoded { image, orientation })
 }
 
-/// That a picture is not of the size that is stated.
+/// The error that a picture does not have the stated size.
 pub(crate) fn other_size(file: &Path, stated: StatedSize, found: (u32, u32)) -> DatasetError {
     let expected = (stated.0.unwrap_or(found.0.into()), stated.1.unwrap_or(found.1.into()));
     let fault = format!(
@@ -59,13 +59,13 @@ pub(crate) fn other_size(file: &Path, stated: StatedSize, found: (u32, u32)) -> 
     DatasetError::fault(file, fault)
 }
 
-/// That a picture is of a kind that is not decoded here.
+/// The error that a picture is of a kind that is not decoded here.
 pub(crate) fn heif(file: &Path) -> DatasetError {
     let fault = format!("expected a {FORMATS} picture, found HEIF (HEIC) or AVIF; {HEIF_ADVICE}");
     DatasetError::fault(file, fault)
 }
 
-/// Whether a picture of `found` pixels is one of the `stated` width and height, or that one scaled evenly.
+/// Whether a picture of `found` pixels has the `stated` width and height, or a uniformly scaled one.
 pub(crate) fn fits(found: (u32, u32), stated: StatedSize) -> bool {
     let size = (f64::from(found.0), f64::from(found.1));
     let (w, h) = (stated.0.unwrap_or(size.0), stated.1.unwrap_or(size.1));
@@ -78,11 +78,11 @@ impl Decoded {
         (self.image.width(), self.image.height())
     }
 
-    /// Turns it upright as its EXIF tag says where only then it has the shape that the poses' file (`says`, such as "the
-    /// json") states; what to say of the tag.
+    /// Applies the EXIF orientation if the picture has only then the shape that the poses' file states; returns a
+    /// note on the tag. `says`: name of the poses' file in notes, such as "the json".
     ///
-    /// Elsewhere the pixels stay as they are stored, which is how COLMAP, nerfstudio and instant-ngp read them, so that
-    /// poses and principal points belong to those.
+    /// Otherwise the pixels stay as they are stored: COLMAP, nerfstudio and instant-ngp read them so, and poses and
+    /// principal points belong to the stored pixels.
     pub(crate) fn turn_to(&mut self, stated: StatedSize, says: &str) -> Option<String> {
         if self.orientation == Orientation::NoTransforms {
             return None;
@@ -114,7 +114,7 @@ impl Decoded {
     }
 }
 
-/// The file that `file_path` means, or `None` if there is none: itself, or with an extension.
+/// The file that `file_path` names, with or without its extension; `None` if there is none.
 pub(crate) fn locate(folder: &Path, file_path: &str) -> Option<PathBuf> {
     let written = folder.join(file_path.replace('\\', "/"));
     if written.is_file() {
@@ -131,15 +131,14 @@ pub(crate) fn locate(folder: &Path, file_path: &str) -> Option<PathBuf> {
     })
 }
 
-/// The names in folders, each folder listed once: a million pictures that are nowhere are not each looked for under
-/// every ending.
+/// Names in folders, each folder listed once: a million missing pictures are not each searched under every extension.
 #[derive(Default)]
 pub(crate) struct Listings(HashMap<PathBuf, Option<HashSet<String>>>);
 
 impl Listings {
     pub(crate) fn locate(&mut self, folder: &Path, file_path: &str) -> Option<PathBuf> {
         let written = folder.join(file_path.replace('\\', "/"));
-        // Systems differ in which other letters they take for the same.
+        // Only ASCII names are looked up: systems differ in which other letters they take for the same.
         if let (Some(parent), Some(name)) = (written.parent(), written.file_name())
             && let Some(name) = name.to_str().filter(|name| name.is_ascii())
         {
@@ -152,8 +151,8 @@ impl Listings {
     }
 }
 
-/// Names in a folder, with and without their endings, in lower case; none of a folder that is not there, `None` of one
-/// that cannot be listed.
+/// Names in a folder, with and without their extensions, in lower case. Empty if the folder does not exist, `None` if
+/// it cannot be listed.
 fn names_in(folder: &Path) -> Option<HashSet<String>> {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let entries = match std::fs::read_dir(folder) {
@@ -173,7 +172,7 @@ fn names_in(folder: &Path) -> Option<HashSet<String>> {
     Some(names)
 }
 
-/// Whether a file's name ends as those of pictures do, also of such as are refused.
+/// Whether a file has the extension of a picture, including those that are refused.
 pub(crate) fn is_picture_name(path: &Path) -> bool {
     let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default().to_ascii_lowercase();
     ENDINGS.into_iter().chain(REFUSED_ENDINGS).any(|known| known == ending)

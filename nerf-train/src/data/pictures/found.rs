@@ -1,11 +1,11 @@
-//! What the reading of pictures finds besides them.
+//! Notes and warnings from reading pictures.
 
 use crate::data::View;
 use crate::data::names::listed;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Things to say, over all files of a data set.
+/// Notes and warnings over all files of a data set.
 #[derive(Default)]
 pub(crate) struct Found {
     pub(crate) warnings: Vec<String>,
@@ -14,13 +14,13 @@ pub(crate) struct Found {
     pictures: usize,
     /// Names of pictures without an alpha channel.
     opaque: Vec<String>,
-    /// Pictures that were made smaller, by the size before and after.
+    /// Number of pictures that were made smaller, by width and height before and after.
     scaled: BTreeMap<[u32; 4], usize>,
-    /// Pictures of which a part does not count.
+    /// Number of pictures of which a part is masked out.
     masked: usize,
-    /// Names of pictures of which nothing counts.
+    /// Names of pictures that are masked out entirely.
     hidden: Vec<String>,
-    /// How many views a sentence is said of, by file name and sentence.
+    /// Number of views that a sentence applies to, by file name and sentence.
     said: BTreeMap<(String, String), usize>,
 }
 
@@ -35,7 +35,7 @@ impl Found {
         }
     }
 
-    /// Counts a picture that was made smaller, from the size `larger`.
+    /// Counts a picture that was made smaller. `larger`: its size before, if it was made smaller.
     pub(crate) fn count_scaled(&mut self, larger: Option<(u32, u32)>, (width, height): (u32, u32)) {
         if let Some((from_width, from_height)) = larger {
             *self.scaled.entry([from_width, from_height, width, height]).or_default() += 1;
@@ -48,7 +48,7 @@ impl Found {
         *self.said.entry((name, note)).or_default() += 1;
     }
 
-    /// Counts a view's mask; false where it leaves nothing.
+    /// Counts a view's mask; false if the mask leaves no pixel.
     pub(crate) fn count_mask(&mut self, view: &View) -> bool {
         let Some(mask) = &view.mask else { return true };
         let some = mask.iter().any(|&kept| kept);
@@ -60,9 +60,9 @@ impl Found {
         some
     }
 
-    /// Notes and warnings: the sentences, and one where only some pictures have alpha.
+    /// All notes and warnings, with a warning if only some pictures have alpha.
     ///
-    /// A picture whose alpha is 255 everywhere is none of those without: an object may fill it.
+    /// A picture with an alpha channel of 255 everywhere counts as one with alpha: an object may fill it.
     pub(crate) fn into_sentences(mut self) -> (Vec<String>, Vec<String>) {
         for ([a, b, c, d], count) in self.scaled {
             self.notes

@@ -38,15 +38,15 @@ impl Optics {
 
 /// A photograph that exists, with what is known of it before it is decoded.
 pub(crate) struct Photo<'a> {
-    /// Its file's path as the data set writes it.
+    /// Path of its file as the data set writes it.
     pub(crate) name: &'a str,
     pub(crate) path: PathBuf,
-    /// A picture that is black where this one does not count.
+    /// A picture that is black at pixels that do not count.
     pub(crate) mask: Option<PathBuf>,
     pub(crate) stated: StatedSize,
-    /// How much smaller than that it is read; where `None`, as it is.
+    /// Factor by which it is read smaller than `stated`; `None`: its own size.
     pub(crate) downscale: Option<Downscale>,
-    /// Whether it is out of a folder of copies that are known to be smaller than that.
+    /// Whether it is from a folder of copies that are known to be smaller than `stated`.
     pub(crate) reduced: bool,
     pub(crate) pose: Pose,
 }
@@ -54,7 +54,7 @@ pub(crate) struct Photo<'a> {
 pub(crate) struct Loaded {
     pub(crate) view: View,
     alpha: bool,
-    /// The size of the picture that it was made from, where it was larger.
+    /// Size before it was made smaller, if it was.
     larger: Option<(u32, u32)>,
     notes: Vec<String>,
 }
@@ -62,13 +62,13 @@ pub(crate) struct Loaded {
 #[derive(Clone, Copy)]
 pub(crate) struct Source<'a> {
     pub(crate) file: &'a Path,
-    /// What sentences call it, such as "the json".
+    /// Name of the file in notes, such as "the json".
     pub(crate) says: &'static str,
 }
 
 impl Source<'_> {
-    /// Decodes a photograph and makes its camera from the intrinsics for the size that `optics` is asked for: the stated
-    /// one, or else the picture's own.
+    /// Decodes a photograph and makes its camera. `optics` returns the intrinsics for a size: the stated one, or else
+    /// the picture's own.
     pub(crate) fn load(
         &self,
         photo: Photo<'_>,
@@ -85,13 +85,13 @@ impl Source<'_> {
         }
         let optics = optics((w, h), &mut notes)?;
         let (width, height) = photo.downscale.map_or(found, |downscale| {
-            // A factor counts from the poses' size; what auto finds too large is the picture.
+            // A given factor refers to the poses' size, auto to the picture's.
             let (w, h) = if downscale == Downscale::Auto { own } else { (w, h) };
             let factor = f64::from(downscale.factor((w, h)));
             let side = |side: f64| (side / factor).round().clamp(1.0, 65_535.0) as u32;
             (side(w), side(h))
         });
-        // Never larger; and not resampled for a pixel, by which the makers of smaller copies round differently.
+        // Never enlarged, and not resampled for one pixel: makers of smaller copies round differently.
         let larger = found.0 > width + 1 || found.1 > height + 1;
         let (width, height) = if larger { (width.min(found.0), height.min(found.1)) } else { found };
         if (w, h) != own && !photo.reduced {
@@ -108,7 +108,7 @@ impl Source<'_> {
         Ok(Loaded { view, alpha, larger: larger.then_some(found), notes })
     }
 
-    /// Loads many of them, as many at a time as there are threads; `load` makes each from its place in the list.
+    /// Loads `count` photographs in parallel. `load`: loads the one at an index.
     pub(crate) fn load_all(
         &self,
         count: usize,
@@ -141,7 +141,7 @@ impl Source<'_> {
     }
 }
 
-/// Which pixels count, at the size `to` of a picture of `size`: all that the mask is not black at.
+/// Mask of a picture of `size`, scaled to `to`: true for the pixels at which the mask is not black.
 fn read_mask(file: &Path, size: (u32, u32), to: (u32, u32)) -> Result<Vec<bool>, DatasetError> {
     let stated = (Some(size.0.into()), Some(size.1.into()));
     let decoded = file::decode(file, stated)?;
@@ -158,18 +158,18 @@ fn read_mask(file: &Path, size: (u32, u32), to: (u32, u32)) -> Result<Vec<bool>,
 
 /// The folder that photographs must lie in.
 pub(crate) struct Fence {
-    /// Its links resolved; `None` where pictures may lie anywhere.
+    /// Path of the folder without links; `None` if pictures may be anywhere.
     bounds: Option<PathBuf>,
 }
 
 impl Fence {
-    /// Around `folder`, unless the caller lets them lie anywhere.
+    /// The fence around `folder`, unless `options` allow pictures outside of it.
     pub(crate) fn around(folder: &Path, options: &ReadOptions) -> Result<Self, DatasetError> {
         let resolve = || std::fs::canonicalize(folder).map_err(|source| DatasetError::io(folder, source));
         Ok(Self { bounds: if options.outside_files { None } else { Some(resolve()?) } })
     }
 
-    /// Refuses a file that lies outside, whatever leads there; `file` names it, for the view.
+    /// Refuses a `path` that leads outside the folder. `file`, `view`: name it in errors.
     pub(crate) fn check(&self, file: &Path, view: &str, path: &Path) -> Result<(), DatasetError> {
         let Some(bounds) = &self.bounds else { return Ok(()) };
         let found = std::fs::canonicalize(path).map_err(|source| DatasetError::io(path, source))?;

@@ -13,14 +13,14 @@ use std::path::Path;
 pub struct Photo {
     pub name: String,
     pub picture: Picture,
-    /// What was done to it besides decoding, a sentence each.
+    /// Changes made to it after decoding, one sentence each.
     pub notes: Vec<String>,
 }
 
 impl Photo {
     /// Reads a picture of any bit depth and channel count.
     ///
-    /// It is turned upright as its EXIF tag says, composited over `background` (display-encoded) where it
+    /// It is turned upright as its EXIF tag says, composited over `background` (display-encoded) if it
     /// is transparent, and reduced to `scale` times its width and height. The format is told from the content.
     pub fn read(file: &Path, background: [f32; 3], scale: f64) -> anyhow::Result<Self> {
         if !(scale > 0.0 && scale <= 1.0) {

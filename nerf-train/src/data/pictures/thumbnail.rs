@@ -1,4 +1,4 @@
-//! The cameras' pictures, small enough to keep them all in one page.
+//! Small copies of the cameras' pictures, to keep them all in one page.
 
 use crate::data::View;
 use crate::data::pictures::rgb::Picture;
@@ -7,11 +7,11 @@ use base64::Engine as _;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 
-/// Pixels of all pictures together: as JPEG in base64 0.3 to 2.2 bytes each.
+/// Maximum number of pixels of all pictures together; as JPEG in base64, 0.3 to 2.2 bytes each.
 const PIXEL_BUDGET: usize = 1_200_000;
-/// No picture is larger than this, pixels.
+/// Upper limit of a picture's longest side, pixels.
 const LARGEST: usize = 400;
-/// Nor smaller: there would be nothing to see.
+/// Lower limit of a picture's longest side, pixels: nothing can be seen on smaller ones.
 const SMALLEST: usize = 16;
 /// JPEG quality, 1 to 100.
 const QUALITY: u8 = 85;
@@ -20,7 +20,7 @@ const QUALITY: u8 = 85;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Thumbnail(pub Picture);
 
-/// The longest side of each of `count` pictures that keep to the budget, pixels.
+/// Longest side of each of `count` pictures at which all keep to the budget, pixels.
 pub fn side_for(count: usize) -> usize {
     ((PIXEL_BUDGET / count.max(1)) as f64).sqrt().floor().clamp(SMALLEST as f64, LARGEST as f64) as usize
 }
@@ -36,7 +36,7 @@ impl Thumbnail {
         Self(source.box_filtered(shrunk(width), shrunk(height)))
     }
 
-    /// As a JPEG that a page can hold: `data:image/jpeg;base64,…`.
+    /// The picture as a JPEG that a page can hold: `data:image/jpeg;base64,…`.
     pub fn data_uri(&self) -> anyhow::Result<String> {
         let mut bytes = Vec::new();
         JpegEncoder::new_with_quality(&mut bytes, QUALITY)

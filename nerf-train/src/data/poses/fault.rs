@@ -1,25 +1,25 @@
-//! What is wrong with a model that COLMAP has made.
+//! Faults of a model that COLMAP has made.
 
 use crate::data::layouts::colmap::Facts;
 use crate::data::names::listed;
 use serde::{Serialize, Serializer};
 use std::fmt;
 
-/// A model of fewer than this share of the photographs is torn.
+/// A model of fewer than this fraction of the photographs is torn.
 const REGISTERED: f64 = 0.9;
-/// So are models of which another has this many photographs that the largest has not.
+/// A model is also torn if another one has at least this many photographs that the largest lacks.
 const OTHERS: usize = 3;
 
 /// A model that does not show all of the photographs as they were taken.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Fault {
-    /// Photographs that do not hang together.
+    /// Photographs are missing from the model, or form further models.
     Torn {
         /// Photographs of each further model that the largest model lacks, by name.
         others: Vec<Vec<String>>,
     },
-    /// Photographs of two sides that were given poses of one.
+    /// Photographs of two sides have poses of only one side.
     Folded {
         /// Photographs that agree with each other, by name.
         groups: Vec<Vec<String>>,
@@ -27,7 +27,7 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// That of the largest model of so many `photographs`; `folded`: its groups, where it is folded.
+    /// Fault of the largest model of `photographs` photographs; `folded`: its groups, if it is folded.
     pub(super) fn of(model: &Facts, photographs: usize, folded: Option<Vec<Vec<String>>>) -> Option<Self> {
         if let Some(groups) = folded {
             return Some(Self::Folded { groups });

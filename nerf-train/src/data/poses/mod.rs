@@ -1,8 +1,8 @@
 //! Poses of bare photographs, found by an installed COLMAP.
 //!
-//! COLMAP works in a hidden folder beside the result, on copies of the photographs: editing one never edits another. The
-//! folder appears under its name, whole, when a model was found. For a model that is torn or folded,
-//! COLMAP's other ways are tried.
+//! COLMAP works in a hidden folder next to the result, on copies of the photographs: editing one never edits another.
+//! The folder gets its final name, whole, once a model was found. If a model is torn or folded, COLMAP's other ways
+//! are tried.
 
 mod fault;
 mod run;
@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use std::{fs, io};
 
-/// Fewer photographs tell nothing: a fit trains on some and is measured on another.
+/// Minimum number of photographs: a fit trains on some and is evaluated on another.
 const MIN_PHOTOGRAPHS: usize = 3;
 
 #[derive(Clone, Copy)]
@@ -30,28 +30,28 @@ pub struct Request<'a> {
     pub output: &'a Path,
     /// Whether only neighbours in the order of names are compared, not all with all.
     pub sequential: bool,
-    /// Most threads; `None`: all there are.
+    /// Maximum number of threads; `None`: all there are.
     pub threads: Option<usize>,
-    /// How long COLMAP may say nothing before it is ended.
+    /// Time without output after which COLMAP is ended.
     pub patience: Duration,
-    /// The groups of photographs of a model that is folded; `None` of any other.
+    /// Returns the groups of photographs if the model is folded, else `None`.
     pub folded: &'a dyn Fn(&Dataset) -> Option<Vec<Vec<String>>>,
     pub style: ProgressStyle,
 }
 
-/// What was found: the result of `poses`.
+/// Result of the command `poses`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Found {
     pub photographs: usize,
     pub registered: usize,
     pub unregistered: Vec<String>,
-    /// Names of files that are no whole pictures, and were not tried.
+    /// Names of files that are no whole pictures and were left out.
     pub damaged: Vec<String>,
-    /// How many models there were, of which the largest is kept.
+    /// Number of models that were made; the largest is kept.
     pub models: usize,
     pub points: usize,
     pub mean_reprojection_error_px: f64,
-    /// How many cameras the photographs were taken for: one for each device, and for each size that it has.
+    /// Number of cameras: one for each device and each of its picture sizes.
     pub cameras: usize,
     pub way: &'static str,
     pub fault: Option<Fault>,
@@ -65,7 +65,7 @@ struct Attempt {
 }
 
 /// Finds the poses of photographs and writes `sparse/0` and `images` into a new folder.
-/// Where that fails, nothing is left of the folder.
+/// If that fails, nothing is left of the folder.
 pub fn find(request: &Request<'_>) -> anyhow::Result<Found> {
     let few = |found: usize, damaged: &[String]| {
         let skipped = match damaged.len() {
@@ -89,7 +89,7 @@ pub fn find(request: &Request<'_>) -> anyhow::Result<Found> {
     let result = AtomicFolder::create(request.output)?;
     let work = result.place().join("work");
     let place = Place { images: result.place().join("images"), work: work.clone() };
-    // Asked first: nothing is copied for a program that is not there.
+    // First, so that nothing is copied if COLMAP is not installed.
     runner.help(&commands::features(&place, None))?;
     let cannot_write = |source| cannot_write(request, source);
     [&place.images, &work].into_iter().try_for_each(fs::create_dir).map_err(cannot_write)?;
@@ -103,7 +103,7 @@ pub fn find(request: &Request<'_>) -> anyhow::Result<Found> {
     Ok(found(bare, best))
 }
 
-/// The features of all photographs, into one database: of each camera on its own, as all of a call have one.
+/// Extracts the features of all photographs into one database, camera by camera: one call assumes one camera.
 fn extract(bare: &Bare, place: &Place, runner: &Runner) -> anyhow::Result<()> {
     for (index, names) in bare.cameras.iter().enumerate() {
         let list = place.work.join(format!("camera{index}.txt"));
@@ -149,8 +149,7 @@ fn best(request: &Request<'_>, bare: &Bare, place: &Place, runner: &Runner) -> a
     best.ok_or_else(|| none_registered(count, "no model was made"))
 }
 
-/// A way's largest model with its photographs, which are beside it meanwhile; `None` if it cannot be read, and so not be
-/// judged.
+/// Reads a way's largest model with its photographs, moved next to it meanwhile; `None` if it cannot be read.
 fn with_photographs(place: &Place, way: Way) -> io::Result<Option<Dataset>> {
     let models = place.models(way);
     let beside = models.join("images");
@@ -160,7 +159,7 @@ fn with_photographs(place: &Place, way: Way) -> io::Result<Option<Dataset>> {
     Ok(data)
 }
 
-/// The largest model that COLMAP finds in a way.
+/// Runs COLMAP in one way and returns its largest model.
 fn attempt(way: Way, place: &Place, runner: &Runner) -> anyhow::Result<Facts> {
     if let Some(matching) = commands::matching(place, way) {
         let database = place.database(way);
@@ -206,10 +205,10 @@ fn copy(bare: &Bare, images: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Moves the model to its place, and removes what is of no use to anybody any more.
+/// Moves the model to its place and removes the working files.
 fn keep(model: &Facts, place: &Path, work: &Path) -> io::Result<()> {
     fs::rename(&model.folder, place)?;
-    // Names the hidden folder.
+    // This file names the hidden folder.
     let _ = fs::remove_file(place.join("project.ini"));
     fs::remove_dir_all(work)
 }

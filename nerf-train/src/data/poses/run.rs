@@ -1,4 +1,4 @@
-//! Runs an installed COLMAP, shows what it says, and says why it failed.
+//! Runs an installed COLMAP, shows its output, and reports why it failed.
 
 use crate::data::layouts::colmap::commands::Stage;
 use crate::system::child::{Heard, Helper, last_lines};
@@ -8,20 +8,20 @@ use std::io;
 use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-/// What is kept of COLMAP's messages, bytes: the last ones say how far it is and why it failed.
+/// Number of bytes kept of COLMAP's output: the last ones tell its progress and why it failed.
 const KEPT_BYTES: usize = 32 << 10;
-/// How often it is asked whether it has said something.
+/// Interval at which COLMAP's output is polled.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
-/// Time between lines of what it says.
+/// Time between shown lines of output.
 const LINE_EVERY: Duration = Duration::from_secs(5);
-/// How long it may take to list its options.
+/// Time limit for listing the options.
 const HELP_PATIENCE: Duration = Duration::from_secs(30);
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Runner {
     pub(super) photographs: usize,
     pub(super) threads: Option<usize>,
-    /// How long it may say nothing.
+    /// Time without output after which COLMAP is ended.
     pub(super) patience: Duration,
     pub(super) style: ProgressStyle,
 }
@@ -47,7 +47,7 @@ fn start(command: &mut Command) -> anyhow::Result<(Helper, Heard, Heard)> {
 }
 
 impl Runner {
-    /// Runs a command to its end and shows what it says.
+    /// Runs a command to its end and shows its output.
     pub(super) fn run(&self, stage: Stage) -> anyhow::Result<()> {
         let stage = match self.threads {
             Some(threads) => stage.with_threads(threads),
@@ -82,7 +82,7 @@ impl Runner {
         Err(failure(&stage, status, self.photographs, &help, [out.text(), err.text()]))
     }
 
-    /// What the installed version says of a command's options.
+    /// Help of the installed version on a command's options.
     pub(super) fn help(&self, stage: &Stage) -> anyhow::Result<String> {
         let (helper, out, err) = start(colmap().arg(stage.name).arg("--help"))?;
         let patience = HELP_PATIENCE.min(self.patience);
@@ -101,7 +101,7 @@ pub(super) fn none_registered(photographs: usize, said: &str) -> anyhow::Error {
     )
 }
 
-/// The last whole line that says something.
+/// The last whole line that is not blank.
 fn last_line(said: &[u8]) -> String {
     let text = String::from_utf8_lossy(said);
     let whole = text.rsplit_once('\n').map_or("", |(whole, _)| whole);
@@ -116,7 +116,7 @@ fn silent(stage: &Stage, patience: Duration) -> anyhow::Error {
     )
 }
 
-/// Why it failed: that no pair of photographs fits is an error to COLMAP, too.
+/// The error of a failed command; COLMAP also fails if no pair of photographs fits.
 fn failure(
     stage: &Stage,
     status: ExitStatus,
@@ -126,7 +126,7 @@ fn failure(
 ) -> anyhow::Error {
     let [out, err] = said;
     let all = [out.as_slice(), b"\n", err.as_slice()].concat();
-    // Messages are on one of the two, by version.
+    // Messages are on stdout or stderr, by version.
     let last = last_lines(if err.trim_ascii().is_empty() { &out } else { &err });
     let text = String::from_utf8_lossy(&all);
     if stage.name == "mapper" && status.code().is_some() && text.contains("failed to create") {

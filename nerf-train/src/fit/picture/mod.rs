@@ -25,7 +25,7 @@ use serde::Serialize;
 use std::path::Path;
 use std::time::Instant;
 
-/// Evaluations of the whole picture on the way, where no interval is given.
+/// Number of evaluations of the whole picture during training, if no interval is given.
 const EVALUATIONS: f64 = 10.0;
 /// Steps between the points of the curve without evaluation.
 const POINT_EVERY: u32 = 20;
@@ -41,7 +41,7 @@ pub struct Evaluation<'a> {
 #[derive(Clone, Debug)]
 pub struct Outcome {
     pub bytes: Vec<u8>,
-    /// What that very blob shows, at the photograph's size.
+    /// Rendering of this blob, at the photograph's size.
     pub picture: Picture,
     /// dB over the whole picture.
     pub psnr_db: f64,
@@ -52,14 +52,14 @@ pub struct Outcome {
     pub parameters: usize,
     /// Seconds from the start until the last step, evaluations included.
     pub train_seconds: f64,
-    /// Pixels trained on, a second of training.
+    /// Pixels trained on per second of training.
     pub pixels_per_second: f64,
 }
 
-/// What evaluations of the whole picture take, and may take of a limit in seconds.
+/// Time that evaluations of the whole picture take of a limit in seconds.
 #[derive(Clone, Copy, Debug, Default)]
 struct EvaluationTime {
-    /// Seconds of one, once that is known.
+    /// Seconds of one evaluation, once known.
     one: Option<f64>,
     all: f64,
 }
@@ -70,18 +70,18 @@ impl EvaluationTime {
         self.all += seconds;
     }
 
-    /// Whether an evaluation at `now` keeps all of them within their share.
+    /// Whether an evaluation at `now` keeps all of them within their fraction of the time.
     fn affords(&self, now: f64) -> bool {
         self.one.is_some_and(|one| self.all + one <= VALIDATION_SHARE * now)
     }
 
-    /// Seconds to keep for the last evaluation, and for files.
+    /// Seconds to reserve for the last evaluation, and for files.
     fn reserve(&self, budget: &Budget) -> f64 {
         budget.seconds.map_or(0.0, |seconds| (1.2 * self.one.unwrap_or(0.0) + 0.5).min(0.5 * seconds))
     }
 }
 
-/// What there is to say when a signal ended a run after so many steps.
+/// Message after a signal ended a run after this many steps.
 pub fn kept(steps: u32, output: &Path, checkpoint: Option<&Path>) -> String {
     let how = checkpoint.map_or_else(String::new, |path| {
         format!("; the checkpoint is {}: go on with the same command and --resume", path.display())
@@ -99,10 +99,10 @@ pub(super) fn render_blob(bytes: &[u8], kernel: Kernel, size: [u32; 2]) -> anyho
     Ok(frame::render_picture(&renderer, MathBackend::Polynomial, size, |_| {})?.0)
 }
 
-/// Fits a field until the budget is used or `stop` says so, which is asked between steps with the steps done; `each`
-/// sees every evaluation, step 0 included if asked for.
+/// Fits a field until the budget is used or `stop`, which is called between steps with the steps done, returns true.
+/// `each` is called with every evaluation, that of step 0 included if requested.
 ///
-/// A run that is interrupted leaves the blob as it stands, and a checkpoint, where there are places for them.
+/// An interrupted run writes its present blob and a checkpoint, if it has paths for them.
 pub fn run(
     photo: &Photo,
     config: FieldConfig,
@@ -131,7 +131,7 @@ pub fn run(
         options,
         output,
         clock,
-        // What a run has spent on evaluations before is about its share.
+        // Earlier evaluations of a resumed run count as their whole fraction of its time.
         time: EvaluationTime { one: None, all: VALIDATION_SHARE * before },
         train_seconds: 0.0,
         each: &mut each,
@@ -149,11 +149,11 @@ struct Session<'a, 'p> {
     output: Option<&'a Path>,
     clock: Clock,
     time: EvaluationTime,
-    /// Steps and seconds at the start, or when the run was taken up again.
+    /// Steps and seconds at the start, or when the run was resumed.
     started: (u32, f64),
     /// Seconds of this command before its first step.
     prepared: f64,
-    /// Limits, what earlier commands took counted in.
+    /// Limits, including what earlier commands used.
     budget: Budget,
     /// Seconds from the start until the last step.
     train_seconds: f64,
@@ -161,12 +161,12 @@ struct Session<'a, 'p> {
 }
 
 impl Session<'_, '_> {
-    /// Share of the budget that is used, what is kept for the end left out.
+    /// Used fraction of the budget without the reserve for the end.
     fn share_at(&self, step: u32, seconds: f64) -> f64 {
         self.budget.share(step, seconds, self.time.reserve(&self.options.budget))
     }
 
-    /// The whole picture as the run stands, and its PSNR, dB.
+    /// Renders the whole picture in its present state; returns it and its PSNR, dB.
     fn evaluate(&mut self) -> anyhow::Result<(Picture, f64)> {
         let (step, bytes) = (self.trainer.steps(), self.trainer.export(None)?.bytes);
         let picture = render_blob(&bytes, self.options.kernel, self.photo.size())?;
@@ -175,7 +175,7 @@ impl Session<'_, '_> {
         Ok((picture, psnr_db))
     }
 
-    /// Seconds that rendering the whole picture is expected to take, asked of a smaller one.
+    /// Seconds that rendering the whole picture is expected to take, measured on a smaller one.
     fn evaluation_seconds(&self) -> anyhow::Result<f64> {
         const SMALLER: u32 = 8;
         let size = self.photo.size();
@@ -324,7 +324,7 @@ impl Task for Session<'_, '_> {
 }
 
 impl Session<'_, '_> {
-    /// Pixels trained on, a second since the start or since the run was taken up again.
+    /// Pixels trained on per second since the start, or since the run was resumed.
     fn pixels_per_second(&self) -> f64 {
         let (steps, seconds) = self.started;
         let pixels = f64::from(self.steps() - steps) * self.trainer.config().pixels as f64;
@@ -360,7 +360,7 @@ pub struct Summary<'p> {
 }
 
 impl<'p> Summary<'p> {
-    /// Of a fit to `photo`, written to `output`.
+    /// Summary of a fit to `photo`, written to `output`.
     pub fn of(
         outcome: &Outcome,
         photo: &'p Photo,

@@ -1,10 +1,10 @@
-//! Which combinations of knobs are worth rendering: predicted from their rows, then measured.
+//! Combinations of knobs that are worth rendering: predicted from the knobs' rows, then measured.
 
 use super::front::{Price, pareto, thin};
 use super::knobs::{KNOBS, Knob};
 use crate::measure::point::Settings;
 
-/// Values of one knob beside the base's, and what each was found to lose and to cost.
+/// Values of one knob other than the base's, with the measured loss and cost of each.
 #[derive(Clone, Debug, Default)]
 pub struct Choices {
     pub knob: usize,
@@ -12,11 +12,11 @@ pub struct Choices {
     pub rows: Vec<(Settings, Price)>,
 }
 
-/// Combinations that may be on the front, dearest first, at most `most`.
+/// Combinations that may be on the Pareto front, dearest first, at most `most`.
 ///
-/// Losses are taken to add up and costs to multiply, which is rough and good enough to choose by: what is
-/// chosen is measured. `limit_db`: largest predicted loss against the base. Only multiply-adds count as cost,
-/// so that the choice is the same on every machine.
+/// Losses are assumed to add and costs to multiply. That is rough, but enough for a choice: what is chosen is
+/// measured. `limit_db`: largest predicted loss against the base. Only multiply-adds count as cost, so that the
+/// choice is the same on every machine.
 pub fn combinations(base: Settings, choices: &[Choices], limit_db: f64, most: usize) -> Vec<Settings> {
     let start = (base, Price { loss_db: 0.0, cost: 1.0 });
     let mut all = vec![start];

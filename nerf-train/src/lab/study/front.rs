@@ -1,9 +1,9 @@
-//! Pareto fronts: what is not beaten in both price and quality.
+//! Pareto fronts: points that no other beats in both cost and loss.
 
-/// What a point gives and takes.
+/// Loss and cost of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Price {
-    /// dB lost against the exact rendering; below 0 where it is better.
+    /// dB lost against the exact rendering; below 0 if the point is better.
     pub loss_db: f64,
     /// Seconds or multiply-adds, above 0.
     pub cost: f64,
@@ -15,14 +15,14 @@ impl Price {
     }
 }
 
-/// The points that no other beats, dearest first: along them cost falls and loss rises, both strictly.
+/// Indices of the points that no other beats, dearest first: along them cost falls and loss rises, both strictly.
 ///
 /// A point is beaten by one that costs no more and loses no more, and is better in one of the two. Of equal
 /// points the first stays. Points whose loss or cost is not finite, and costs of 0, are left out.
 pub fn pareto(points: &[Price]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..points.len()).filter(|&i| points[i].is_usable()).collect();
     let key = |i: usize| (points[i].cost, points[i].loss_db);
-    // Stable: of equals the first stays first.
+    // Stable: of equal points the first stays first.
     order.sort_by(|&a, &b| {
         let ((a, la), (b, lb)) = (key(a), key(b));
         a.total_cmp(&b).then(la.total_cmp(&lb))
@@ -39,10 +39,10 @@ pub fn pareto(points: &[Price]) -> Vec<usize> {
     order
 }
 
-/// At most `most` points of a front (dearest first), its two ends among them.
+/// At most `most` points of a Pareto front (dearest first), its two ends among them.
 ///
-/// One after another the inner point that adds least goes: least is the area between it and the staircase
-/// of its neighbours, dB times the logarithm of cost.
+/// Repeatedly removes the inner point with the least area between it and the staircase of its neighbours, dB times
+/// the logarithm of cost.
 pub fn thin(points: &[Price], front: &[usize], most: usize) -> Vec<usize> {
     let mut front = front.to_vec();
     while front.len() > most.max(2) {
@@ -60,7 +60,7 @@ pub fn thin(points: &[Price], front: &[usize], most: usize) -> Vec<usize> {
     front
 }
 
-/// The cheapest point that loses at most `loss_db`.
+/// Index of the cheapest point that loses at most `loss_db`.
 pub fn cheapest_within(points: &[Price], loss_db: f64) -> Option<usize> {
     let within = |&i: &usize| points[i].is_usable() && points[i].loss_db <= loss_db;
     (0..points.len()).filter(within).min_by(|&a, &b| points[a].cost.total_cmp(&points[b].cost))

@@ -1,4 +1,4 @@
-//! The knobs: one entry each says how to read, copy and vary it.
+//! The knobs: each entry says how to read, copy and vary a setting.
 
 use crate::measure::bench::Variants;
 use crate::measure::point::{MATHS, Precision, Settings};
@@ -8,20 +8,20 @@ use nerf_core::{Isa, Kernel, Storage};
 /// A setting that trades accuracy for time.
 pub struct Knob {
     pub name: &'static str,
-    /// Whether a blob's front can hold it; other knobs stay at the base there.
+    /// Whether a blob's Pareto front can hold the setting; other knobs stay at the base there.
     pub in_blob: bool,
-    /// Whether its cheaper values are tried together with other knobs'.
+    /// Whether the knob's cheaper values are tried together with other knobs'.
     pub combines: bool,
-    /// Copies it from the first to the second.
+    /// Copies the setting from the first to the second.
     pub copy: fn(&Settings, &mut Settings),
     pub read: fn(&Variants<'_>, &Settings) -> String,
-    /// The base with other values of it.
+    /// Settings of the base with other values of the knob.
     pub values: fn(&Variants<'_>, Settings) -> Vec<Settings>,
 }
 
-/// Samples a ray, as shares of what the scene was made for: of a scene whose samples lie in bins.
+/// Samples per ray, as fractions of the scene's own number; only for scenes whose samples lie in bins.
 const SAMPLES: [(u32, u32); 7] = [(1, 4), (3, 8), (1, 2), (5, 8), (3, 4), (3, 2), (2, 1)];
-/// Steps, as shares of the one that the field was trained with, in hundredths: of a scene that is marched.
+/// Steps, in hundredths of the step that the field was trained with; only for scenes that are marched.
 const STEPS: [u32; 5] = [50, 75, 125, 150, 200];
 const TRANSMITTANCE: [f32; 6] = [0.0, 1e-3, 3e-2, 0.1, 0.2, 0.3];
 const COLOUR: [f32; 5] = [0.0, 1e-2, 3e-2, 0.1, 0.2];
@@ -36,7 +36,7 @@ pub const KNOBS: &[Knob] = &[
         combines: true,
         copy: |from, to| to.quality.samples = from.quality.samples,
         read: |lab, s| match (lab.is_marched(), s.quality.samples) {
-            // Their number follows from the step.
+            // The number of samples follows from the step.
             (true, _) => String::new(),
             (false, 0) => lab.scene.samples().to_string(),
             (false, samples) => samples.to_string(),
@@ -136,7 +136,7 @@ pub const KNOBS: &[Knob] = &[
         copy: |from, to| to.kernel = from.kernel,
         read: |_, s| s.kernel.to_string(),
         values: |_, base| {
-            // Weights that are read in place render what f32 does: the oracle alone.
+            // Kernels that read weights in place render the same as f32: only the oracle is measured.
             let differs = |it: &Kernel| {
                 *it == Kernel::IN_PLACE || it.isa != Isa::Portable && it.storage != Storage::F16
             };
@@ -179,7 +179,7 @@ fn vary<T>(
     values.into_iter().map(with).collect()
 }
 
-/// What `settings` has other than `base`, for example `samples 48, kernel avx512-bf16`; empty if nothing.
+/// Settings in which `settings` differs from `base`, for example `samples 48, kernel avx512-bf16`; empty if none.
 pub fn difference(lab: &Variants<'_>, base: &Settings, settings: &Settings) -> String {
     let changed = KNOBS.iter().filter(|knob| (knob.read)(lab, base) != (knob.read)(lab, settings));
     let parts: Vec<String> =
@@ -187,7 +187,7 @@ pub fn difference(lab: &Variants<'_>, base: &Settings, settings: &Settings) -> S
     parts.join(", ")
 }
 
-/// Whether a blob's front can hold `settings`.
+/// Whether a blob's Pareto front can hold `settings`.
 pub fn fits_blob(lab: &Variants<'_>, base: &Settings, settings: &Settings) -> bool {
     let same = |knob: &Knob| (knob.read)(lab, base) == (knob.read)(lab, settings);
     KNOBS.iter().filter(|knob| !knob.in_blob).all(same)

@@ -1,4 +1,4 @@
-//! What accuracy costs in time, and what each effect of a scene is worth: measured, not guessed.
+//! Time that accuracy costs, and value of each effect of a scene: measured, not guessed.
 //!
 //! ```text
 //! knobs ─► points ─► frames against truth and the exact rendering ─► one-knob rows
@@ -8,9 +8,9 @@
 //!                                  Pareto front ─► report, blob
 //! ```
 //!
-//! *Exact* is every sample inside the scene box, no cuts, the exact encoding, f32 with the fastest instructions;
-//! behind the occupancy grid only where the blob says that it is part of the model. *Base* is what a renderer
-//! does when nobody asks for anything. Knobs are turned one at a time from the base.
+//! *Exact* is every sample inside the scene box, no cuts, the exact encoding, f32 with the fastest instructions; with
+//! the occupancy grid only if the blob says that it is part of the model. *Base* is the default of a renderer. Knobs
+//! are varied one at a time from the base.
 
 mod combine;
 mod front;

@@ -6,10 +6,10 @@
 //! pass 3…  timing views:    everything, as often as time allows
 //! ```
 //!
-//! Of a scene without an occupancy grid everything is slow: then the timing views are all there are.
+//! Without an occupancy grid all renderings are slow: the timing views are then the only views.
 //!
-//! Within a pass all points are rendered view by view, in turned order, so that a machine that slows down
-//! slows all of them. Errors come from the first rendering of a view, times from all on the timing views.
+//! Within a pass all points are rendered view by view, in rotated order, so that a machine that slows down slows all
+//! of them. Errors come from the first rendering of a view, times from all renderings of the timing views.
 
 use super::combine::{Choices, combinations};
 use super::front::{Price, cheapest_within, pareto, thin};
@@ -25,27 +25,27 @@ use nerf_core::camera::{Camera, Intrinsics};
 use nerf_core::plan::Preset;
 use std::time::{Duration, Instant};
 
-/// Loss against the base beyond which combinations are not looked for, dB.
+/// Largest loss against the base, dB, up to which combinations are searched.
 const COMBINATION_LOSS_DB: f64 = 2.5;
-/// Loss against the exact rendering beyond which a blob's front has no points, dB: nobody wants them.
+/// Largest loss against the exact rendering of a point on a blob's Pareto front, dB.
 pub const BLOB_LOSS_DB: f64 = 3.0;
-/// Points of a blob's front that lose no more than this never step longer than the field was trained to, dB: what that
-/// loses differs from view to view.
+/// Loss up to which a point of a blob's Pareto front has no longer steps than the field was trained with, dB: the
+/// loss by longer steps differs from view to view.
 pub const TRAINED_STEP_LOSS_DB: f32 = Preset::Balanced.loss_db();
-/// Combinations of all knobs, and of those that a blob's front can hold.
+/// Most combinations of all knobs, and most of those that a blob's Pareto front can hold.
 const COMBINATIONS: usize = 12;
 /// Side of the square that the portable oracle renders, pixels.
 const ORACLE_SIDE: u32 = 16;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Effort {
-    /// Views that times are taken on.
+    /// Number of views that times are taken on.
     pub timing_views: usize,
     /// Rounds of timing, if time allows.
     pub repeats: usize,
-    /// After this no further round of timing begins.
+    /// Time after which no further round of timing begins.
     pub limit: Duration,
-    /// Which clock the front over time goes by.
+    /// Clock that the Pareto front over time uses.
     pub clock: Clock,
 }
 
@@ -64,10 +64,10 @@ pub struct Study<'a, 'b> {
     pub timing: Vec<usize>,
     pub background: [f32; 3],
     pub effort: Effort,
-    /// The exact rendering, the base, the knobs, the combinations.
+    /// All points: the exact rendering, the base, the single knobs, the combinations.
     pub points: Vec<Point>,
     pub exact: Vec<Frame>,
-    /// Rounds of timing there was no time for.
+    /// Rounds of timing that were left out for lack of time.
     pub rounds_left_out: usize,
     /// Largest difference of a colour channel between the exact rendering and the portable oracle, on the
     /// middle of the first view.
@@ -77,7 +77,7 @@ pub struct Study<'a, 'b> {
 }
 
 impl<'a, 'b> Study<'a, 'b> {
-    /// Measures the scene of `lab` on `views`; `each` is told of every frame. The limit of time counts from
+    /// Measures the scene of `lab` on `views`; `each` is called after every frame. The time limit counts from
     /// `start`.
     pub fn run(
         lab: &'a Variants<'b>,
@@ -91,11 +91,10 @@ impl<'a, 'b> Study<'a, 'b> {
         }
         let background = lab.scene.background;
         let count = effort.timing_views.clamp(1, views.len());
-        // The middles of as many equal parts.
+        // The middles of `count` equal parts.
         let mut timing: Vec<usize> = (0..count).map(|i| (2 * i + 1) * views.len() / (2 * count)).collect();
         if Settings::base().is_slow(lab.has_occupancy(0)) {
-            // Without an occupancy grid everything is slow: the views that times are taken on have to do for all of
-            // it.
+            // Without an occupancy grid all renderings are slow: the timing views must do for all.
             views = timing.iter().map(|&view| views[view]).collect();
             timing = (0..count).collect();
         }
@@ -133,7 +132,7 @@ impl<'a, 'b> Study<'a, 'b> {
         Ok(study)
     }
 
-    /// What a round of timing is going to take, on the clock.
+    /// Expected wall-clock seconds of a round of timing.
     fn round_seconds(&self) -> f64 {
         let medians = self.points.iter().filter_map(|point| Some(point.seconds(Clock::Wall)?.median));
         medians.sum::<f64>() * self.timing.len() as f64
@@ -167,7 +166,7 @@ impl<'a, 'b> Study<'a, 'b> {
         }
     }
 
-    /// What each knob's values lose and cost against the base.
+    /// Loss and cost of each knob's values against the base.
     fn choices(&self, in_blob: bool) -> Vec<Choices> {
         let base = self.points[1].totals(&self.points[0]);
         let of_knob = |index: usize| {
@@ -199,7 +198,7 @@ impl<'a, 'b> Study<'a, 'b> {
     }
 
     fn is_slow(&self, settings: &Settings) -> bool {
-        // Where times are taken on every view, nothing is spared by leaving some out.
+        // If times are taken on every view, leaving some out saves nothing.
         self.timing.len() < self.views.len() && settings.is_slow(self.lab.has_occupancy(settings.variant))
     }
 
@@ -223,14 +222,14 @@ impl<'a, 'b> Study<'a, 'b> {
         let settings: Vec<Settings> = which.iter().map(|&i| self.points[i].settings).collect();
         let mut order: Vec<(usize, usize)> = Vec::new();
         for view in 0..self.views.len() {
-            // The exact frame comes first where it is not there yet; turned, none is always behind the same.
+            // The exact frame comes first if it is missing. In rotated order, no point always follows the same one.
             let turn = if view < self.exact.len() { pass + view } else { 0 };
             let turned = (0..which.len()).map(|i| which[(i + turn) % which.len()]);
             let wanted = turned.filter(|&i| self.wanted(&self.points[i], view, only_timing));
             order.extend(wanted.map(|i| (view, i)));
         }
         for point in &mut self.points {
-            // Those that are new have no part in the passes before.
+            // New points have no part in the passes before.
             point.rounds.resize(self.passes, vec![None; self.timing.len()]);
         }
         let lab = self.lab;
@@ -262,7 +261,7 @@ impl<'a, 'b> Study<'a, 'b> {
         let i = *camera.intrinsics();
         let (width, height) = (i.width.min(ORACLE_SIDE), i.height.min(ORACLE_SIDE));
         let (left, top) = ((i.width - width) / 2, (i.height - height) / 2);
-        // The same rays: a lens bends what is counted from its centre.
+        // The same rays as in the whole view: the lens is relative to (cx, cy).
         let (cx, cy) = (i.cx - left as f32, i.cy - top as f32);
         let cut = Camera::new(Intrinsics { width, height, cx, cy, ..i }, *camera.lens(), *camera.pose())?;
         let exact = Settings::exact(&self.lab.blob);
@@ -277,12 +276,12 @@ impl<'a, 'b> Study<'a, 'b> {
         Ok(())
     }
 
-    /// What each point comes to, in the order of the points.
+    /// Totals of each point, in the order of the points.
     pub fn totals(&self) -> Vec<Totals> {
         self.points.iter().map(|point| point.totals(&self.points[0])).collect()
     }
 
-    /// Loss and time, as a share of the exact rendering's.
+    /// Loss and time of each point, time as a fraction of the exact rendering's.
     pub fn times(&self) -> Vec<Price> {
         let price = |point: &Point| {
             let cost = point.relative_time(&self.points[0], self.effort.clock).unwrap_or(f64::NAN);
@@ -291,26 +290,26 @@ impl<'a, 'b> Study<'a, 'b> {
         self.points.iter().map(price).collect()
     }
 
-    /// The front over time: indices of points, dearest first.
+    /// Pareto front over time: indices of points, dearest first.
     pub fn front(&self) -> Vec<usize> {
         pareto(&self.times())
     }
 
-    /// The front over multiply-adds of what a blob can hold: indices of points, dearest first, at most
-    /// [`MAX_FRONT`] that lose no more than `BLOB_LOSS_DB`, none within `TRAINED_STEP_LOSS_DB` at a longer step than the
-    /// field was trained with, and the price of every point.
+    /// Pareto front over multiply-adds of the points that a blob can hold: their indices, dearest first, and the
+    /// price of every point. At most [`MAX_FRONT`] points that lose no more than `BLOB_LOSS_DB`; within
+    /// `TRAINED_STEP_LOSS_DB` none has a longer step than the field was trained with.
     pub fn blob_front(&self) -> (Vec<usize>, Vec<Price>) {
         let base = Settings::base();
         let price = |point: &Point| {
             let totals = point.totals(&self.points[0]);
             let longer = self.lab.is_marched() && self.lab.step_share(&point.settings) > 1.0;
-            // Losses on other views do not compare.
+            // Losses on other views are not comparable.
             let fits = fits_blob(self.lab, &base, &point.settings)
                 && totals.views == self.views.len()
                 && totals.loss_db <= BLOB_LOSS_DB
                 && !(longer && totals.loss_db as f32 <= TRAINED_STEP_LOSS_DB);
             let cost = if fits { totals.relative_macs } else { f64::NAN };
-            // As the file will have them: what is equal there must not count as different.
+            // Rounded as in the file: points that are equal there must not count as different.
             Price { loss_db: f64::from(totals.loss_db as f32), cost: f64::from(cost as f32) }
         };
         let prices: Vec<Price> = self.points.iter().map(price).collect();
@@ -327,7 +326,7 @@ impl<'a, 'b> Study<'a, 'b> {
         front.into_iter().map(point).collect()
     }
 
-    /// The cheapest point over time that loses at most `loss_db`, among those that `keep` says.
+    /// Cheapest point over time that loses at most `loss_db`, among those that `keep` accepts.
     pub fn cheapest(&self, loss_db: f64, keep: impl Fn(&Point) -> bool) -> Option<usize> {
         let mut times = self.times();
         for (price, point) in times.iter_mut().zip(&self.points) {

@@ -1,4 +1,4 @@
-//! Lists of values, and the points they span.
+//! Lists of values, and the points that they span.
 
 use anyhow::bail;
 use clap::ValueEnum;
@@ -14,21 +14,21 @@ pub enum Knob {
     Levels,
     Layers,
     Width,
-    /// Of a learned grid: binary logarithm of the most entries a level has.
+    /// Binary logarithm of the most entries of a level of a learned grid.
     Table,
     GridLevels,
     Features,
-    /// Of a learned grid: cells of its finest level.
+    /// Cells of the finest level of a learned grid.
     Finest,
     Rate,
     Samples,
-    /// Of a learned grid: steps between updates of a hashed level.
+    /// Steps between updates of a hashed level of a learned grid.
     Turns,
     Seconds,
 }
 
 impl Knob {
-    /// Its flag, its name on the axis of a plot, and the encoding that it is a setting of; `None` of what any field has.
+    /// Flag, name on the axis of a plot, and encoding that the knob belongs to; `None` if every field has it.
     fn row(self) -> (&'static str, &'static str, Option<&'static str>) {
         match self {
             Self::Levels => ("levels", "levels L of the encoding", Some(SINUSOIDAL)),
@@ -45,7 +45,7 @@ impl Knob {
         }
     }
 
-    /// The flag that lists its values, without dashes.
+    /// Flag that lists the knob's values, without dashes.
     pub fn flag(self) -> &'static str {
         self.row().0
     }
@@ -59,7 +59,7 @@ impl Knob {
     }
 }
 
-/// The settings that a sweep varies, at one point: a value for each [`Knob`] that its field has.
+/// Settings that a sweep varies, at one point: a value for each [`Knob`] of its field.
 #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
 pub struct Point([Option<f64>; Knob::Seconds as usize + 1]);
 
@@ -83,7 +83,7 @@ impl Point {
         Knob::value_variants().iter().copied().zip(self.0).filter_map(|(knob, value)| Some((knob, value?)))
     }
 
-    /// A name that no other point has, fit for a file: `L10_layers4_width256_rate0.01`.
+    /// Unique name of the point, fit for a file: `L10_layers4_width256_rate0.01`.
     pub fn name(&self) -> String {
         let parts: Vec<String> =
             self.values().map(|(knob, value)| format!("{}{value}", knob.name())).collect();
@@ -130,7 +130,7 @@ pub enum Mode {
 /// Lists of values around a base: an empty list keeps the base's value, a list of one value replaces it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Combinations {
-    /// What holds where a list is empty.
+    /// Values for the knobs whose list is empty.
     pub base: Point,
     pub lists: Vec<(Knob, Vec<f64>)>,
     pub mode: Mode,

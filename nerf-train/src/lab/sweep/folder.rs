@@ -11,12 +11,12 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
 
-/// What the runs share, as a file in the folder.
+/// File in the folder with what all runs share.
 const FILE: &str = "sweep.json";
 
 /// The folder of a sweep.
 ///
-/// A run is one small file, and never made twice, whoever made it: runs can be spread over machines
+/// A run is one small file and is never done twice, whoever did it: runs can be spread over machines
 /// ([`Shard`](crate::lab::Shard)) into one folder or into several that are merged.
 #[derive(Clone, Debug)]
 pub struct Folder {
@@ -25,13 +25,13 @@ pub struct Folder {
 }
 
 impl Folder {
-    /// Takes up the sweep in `path`, or begins one there.
-    /// Fails, and changes nothing, where the folder holds one with other settings.
+    /// Resumes the sweep in `path`, or begins one there.
+    /// Fails without any change if the folder holds one with other settings.
     pub fn open(path: &Path, header: Header) -> anyhow::Result<Self> {
         let file = path.join(FILE);
         if !file.exists() {
             ensure_folder(path.join("runs"))?;
-            // Another process may begin one here at this very moment: then it is that one's.
+            // Another process may begin a sweep here at this very moment: its file then counts.
             write_new(file, to_json(&header)?.as_bytes())?;
         }
         let folder = Self::existing(path)?;
@@ -49,7 +49,7 @@ impl Folder {
         Ok(Self { path: path.into(), header })
     }
 
-    /// Refuses another sweep than `other` describes.
+    /// Refuses a sweep that `other` does not describe.
     pub fn check_same(&self, other: &Header) -> anyhow::Result<()> {
         let tree = |header: &Header| serde_json::to_value(header).unwrap_or_default();
         match difference(&tree(other), &tree(&self.header)) {
@@ -78,7 +78,7 @@ impl Folder {
         if path.exists() { read_json(&path, "record").map(Some) } else { Ok(None) }
     }
 
-    /// Keeps a finished run: its picture first, so that a record never lacks one it should have.
+    /// Saves a finished run: its picture first, so that a record never lacks a picture it should have.
     pub fn keep(&self, run: &Record, picture: Option<&Picture>) -> anyhow::Result<()> {
         if let Some(picture) = picture {
             picture.write_png(self.picture_path(&run.point.name()))?;
@@ -100,7 +100,7 @@ impl Folder {
         files.iter().map(|path| read_json(path, "record")).collect()
     }
 
-    /// Makes those runs of `points` that are not finished, and says what each came to.
+    /// Does the runs of `points` that are not finished, and reports each result.
     pub fn conduct(
         &self,
         points: &[Point],
@@ -121,7 +121,7 @@ impl Folder {
         Ok(())
     }
 
-    /// Takes in the finished runs of another folder of the same sweep; returns how many were new.
+    /// Copies the finished runs of another folder of the same sweep; returns the number of new ones.
     pub fn take_in(&self, other: &Self) -> anyhow::Result<usize> {
         other.check_same(&self.header)?;
         let mut new = 0;

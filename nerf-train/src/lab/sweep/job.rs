@@ -23,7 +23,7 @@ use nerf_core::plan::Quality;
 use serde_json::json;
 use std::time::Duration;
 
-/// What all runs of a sweep fit, and from which settings.
+/// Data and base settings of all runs of a sweep.
 #[derive(Debug)]
 pub enum Job<'a> {
     Image {
@@ -33,7 +33,7 @@ pub enum Job<'a> {
     Scene {
         dataset: &'a Dataset,
         base: Box<Config>,
-        /// Seconds of a run where no list says them, instead of the settings' steps.
+        /// Seconds of a run if no list sets them, in place of the settings' steps.
         seconds: Option<f64>,
     },
 }
@@ -48,7 +48,7 @@ pub struct Runner<'a> {
 pub type Run = (Record, Option<Picture>);
 
 impl Job<'_> {
-    /// The settings that are varied, where no list says otherwise.
+    /// Base values of the settings that are varied.
     pub fn base_point(&self) -> Point {
         match self {
             Self::Image { base, .. } => {
@@ -94,7 +94,7 @@ impl Job<'_> {
         }
     }
 
-    /// Runs one point, to its end: a signal leaves nothing of it.
+    /// Runs one point to its end; an interrupted run leaves nothing.
     ///
     /// A run that diverges is a result. Its picture is the photograph's, or the first validation view's.
     pub fn run(&self, point: &Point, runner: &Runner<'_>) -> anyhow::Result<Run> {
@@ -111,7 +111,7 @@ impl Job<'_> {
     }
 }
 
-/// The settings of a learned grid, or else those of a sinusoidal network: levels, layers and width.
+/// Point of a learned grid's settings, or else of a sinusoidal network's: levels, layers and width.
 fn base_point(grid: Option<&TableConfig>, (levels, layers, width): (u8, usize, usize), rate: f64) -> Point {
     let point = match grid {
         Some(grid) => Point::of(&[
@@ -172,7 +172,7 @@ fn set<T: TryFrom<u64>>(to: &mut T, value: Option<f64>) {
     }
 }
 
-/// What is known of a run beside its figures; `flat`: whether it shows no more than a flat colour would, and the PSNR of
+/// Record of a run without its figures; `flat`: whether it shows no more than a flat colour would, and the PSNR of
 /// that, dB.
 fn record(
     point: &Point,
@@ -197,7 +197,7 @@ fn record(
     }
 }
 
-/// The record of a run that its own settings ended; any other error is one of the sweep.
+/// Record of a run that diverged by its own settings; any other error is the sweep's.
 fn diverged_by(
     error: anyhow::Error,
     point: &Point,

@@ -1,4 +1,4 @@
-//! Many runs that differ in a few settings, and what they say of them.
+//! Many runs that differ in a few settings, and their records.
 //!
 //! lists of values → their combinations → one run each, kept as one small file → table, plots, sheet
 //!
@@ -21,20 +21,20 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
-    /// A 2D field to a photograph; PSNR is over the whole picture.
+    /// Fit of a 2D field to a photograph; PSNR is over the whole picture.
     Image,
-    /// A radiance field to posed photographs; PSNR is the mean over validation views.
+    /// Fit of a radiance field to posed photographs; PSNR is the mean over validation views.
     Scene,
 }
 
-/// What all runs of a folder share; `sweep.json`.
+/// Data and settings that all runs of a folder share; `sweep.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Header {
     pub kind: Kind,
     pub data: String,
     pub fingerprint: String,
     pub mode: Mode,
-    /// All settings of the base; those that are varied too, and they may be varied further later.
+    /// All settings of the base, including those that are varied; others may be varied later.
     pub settings: serde_json::Value,
 }
 
@@ -42,20 +42,20 @@ pub struct Header {
 #[serde(rename_all = "kebab-case")]
 pub enum Status {
     Ok,
-    /// A number overflowed, or every density died.
+    /// A number overflowed, or every density became 0.
     Diverged,
-    /// It went through, and shows no more than one flat colour would: too fast a rate, or too few steps.
+    /// The run ended, but shows no more than one flat colour would: too fast a rate, or too few steps.
     Flat,
 }
 
-/// What one run came to; `runs/NAME.json`.
+/// Result of one run; `runs/NAME.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
     pub point: Point,
     pub status: Status,
-    /// Why, where it did not end as it should.
+    /// Reason, if the run did not end as it should.
     pub note: String,
-    /// dB, as [`Kind`] says; absent where there is no picture.
+    /// PSNR as defined by [`Kind`], dB; absent if there is no picture.
     pub psnr_db: Option<f64>,
     pub steps: u32,
     pub parameters: usize,
@@ -69,7 +69,7 @@ pub struct Record {
 }
 
 impl Record {
-    /// What it came to, in a few words.
+    /// Result in a few words.
     pub(super) fn result(&self) -> String {
         match (self.status, self.psnr_db) {
             (Status::Ok, Some(db)) => format!("{db:.2} dB in {:.1} s", self.train_seconds),

@@ -1,4 +1,4 @@
-//! A scene without view dependence, out of one with it: the direction's share becomes its mean.
+//! Removes view dependence from a scene: the direction's contribution becomes its mean.
 
 use crate::data::View;
 use nerf_core::Isa;
@@ -6,13 +6,12 @@ use nerf_core::encoding::{DirectionEncoding, encode_block, encode_harmonics_bloc
 use nerf_core::math::MathBackend;
 use nerf_core::network::{Architecture, Layer, Role};
 
-/// Rays a view adds to the mean, at most: they lie close to each other.
+/// Largest number of rays per view in the mean: neighbouring rays are almost equal.
 const RAYS: usize = 4096;
 /// Directions that are encoded together.
 const BLOCK: usize = 64;
 
-/// Mean of the encoded direction over rays of `views` that are spread evenly over their pictures; `[outputs]`. `None` without
-/// views.
+/// Mean of the encoded direction, `[outputs]`, over a regular grid of rays of each of `views`. `None` without views.
 pub fn mean_encoding(encoding: &DirectionEncoding, views: &[&View]) -> Option<Vec<f64>> {
     let mut dirs: Vec<[f32; 3]> = Vec::new();
     for view in views {
@@ -50,7 +49,7 @@ pub fn mean_encoding(encoding: &DirectionEncoding, views: &[&View]) -> Option<Ve
     Some(sums.into_iter().map(|sum| sum / dirs.len() as f64).collect())
 }
 
-/// The network without its direction: `mean` in the place of PE(d), folded into the bias, in f64.
+/// The network without its direction: PE(d) is replaced by `mean` and folded into the bias, in f64.
 ///
 /// `parameters` and the result are in export order. `None` if colour does not depend on the direction.
 ///
@@ -76,12 +75,12 @@ pub fn without_direction(
             (f64::from(bias) + share) as f32
         }));
     }
-    // Whatever stands behind the layers, a grid's tables, stays.
+    // Parameters after the layers, a grid's tables, stay.
     result.extend_from_slice(&parameters[architecture.parameters()..]);
     Some((folded, result))
 }
 
-/// The network without its direction, in the place of which stands the mean over the rays of `views`.
+/// The network without its direction: PE(d) is replaced by its mean over the rays of `views`.
 ///
 /// `parameters` and the result are in export order. `None` if colour does not depend on the direction, and
 /// without views.
@@ -94,7 +93,7 @@ pub fn flattened(
     without_direction(architecture, parameters, &mean)
 }
 
-/// Whether it is the layer that takes `[h, PE(d)]`, in a network that has a direction.
+/// Whether the layer's input is `[h, PE(d)]`, in a network that has a direction.
 fn takes_direction(layer: &Layer) -> bool {
     matches!(layer.role, Role::Colour(_) | Role::Rgb) && layer.extra > 0
 }

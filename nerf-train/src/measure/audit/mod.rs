@@ -1,4 +1,4 @@
-//! What each effect of a scene is worth: the scene with it and without it.
+//! Ablation of a scene's effects: the scene with each of them and without.
 
 mod average;
 
@@ -13,9 +13,9 @@ pub use average::{flattened, mean_encoding, without_direction};
 use nerf_core::plan::Quality;
 use serde::Serialize;
 
-/// What an effect must gain to be kept where nothing else is said, dB.
+/// Default of the minimum gain that keeps an effect, dB.
 pub const THRESHOLD_DB: f64 = 0.05;
-/// An effect that spares so much of the work is kept for that.
+/// Ratio of work with an effect to work without it, below which the savings may keep the effect.
 const SPARED: f64 = 0.9;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,7 +31,8 @@ pub type Asked = anyhow::Result<Result<Without, &'static str>>;
 pub struct Effect {
     pub name: &'static str,
     pub instead: &'static str,
-    /// How to render without it, given how to render with it; it may add a variant to the blob's variants.
+    /// Derives the settings without the effect from those with it and the views whose directions are averaged. May
+    /// add a variant of the blob.
     pub without: fn(&mut Variants<'_>, Without, &[&View]) -> Asked,
 }
 
@@ -77,16 +78,16 @@ pub const EFFECTS: &[Effect] = &[
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// It gains what it must, or spares work and loses nothing.
+    /// The effect gains the threshold, or it saves work and loses less than the threshold.
     Keeps,
     Drops,
 }
 
 impl Verdict {
-    /// Of an effect that gains `gain_db` and takes `relative_macs` of the work without it.
+    /// The verdict on an effect that gains `gain_db` and takes `relative_macs` of the work without it.
     pub fn of(gain_db: f64, relative_macs: f64, threshold_db: f64) -> Self {
         let spares = relative_macs < SPARED && gain_db > -threshold_db;
-        // What was not measured is kept.
+        // A gain of NaN, which was not measured, keeps the effect.
         if gain_db < threshold_db && !spares { Self::Drops } else { Self::Keeps }
     }
 
@@ -102,7 +103,7 @@ impl Verdict {
 pub struct Worth {
     pub with_db: f64,
     pub without_db: f64,
-    /// Its time over that without it: median of rounds.
+    /// Time with the effect over time without it: median of the rounds.
     pub relative_time: f64,
     pub relative_macs: f64,
     pub verdict: Verdict,
@@ -114,7 +115,7 @@ impl Worth {
     }
 }
 
-/// The findings, by effect: its worth, or why there was nothing to leave out.
+/// Findings by effect: its worth, or why there was nothing to leave out.
 pub type Audit = Vec<(&'static Effect, Result<Worth, &'static str>)>;
 
 #[derive(Clone, Copy, Debug)]
@@ -126,7 +127,8 @@ pub struct AuditOptions {
 
 /// Renders `views` with every effect and without each; `rays`: the views whose directions are averaged.
 ///
-/// With and without are rendered in turns, view by view. `each` is told the frames done and their number.
+/// Renderings with and without alternate, view by view. `each` is called with the number of frames done and their
+/// total.
 pub fn audit(
     lab: &mut Variants<'_>,
     views: &[&View],
@@ -161,7 +163,7 @@ pub fn audit(
     Ok(found.into_iter().map(|(effect, place)| (effect, place.map(worth))).collect())
 }
 
-/// Each way on each view, `repeats` times in turns; errors are against the first way.
+/// Renders each view in each of `ways`, alternating, `repeats` times; errors are against the first way.
 fn measure(
     lab: &Variants<'_>,
     ways: &[Without],
@@ -212,7 +214,7 @@ pub struct Summary {
     pub cpu: String,
 }
 
-/// What an effect is worth, or why it was not asked.
+/// What an effect is worth, or why it was not measured.
 #[derive(Debug, Serialize)]
 #[serde(untagged)]
 pub enum EffectSummary {
@@ -250,7 +252,7 @@ impl EffectSummary {
 }
 
 impl Summary {
-    /// Of an audit on so many views of the split of this name, over `background`.
+    /// Summary of an audit on `views` views of the split named `split`, over `background`.
     pub fn of(
         audit: &Audit,
         threshold_db: f64,

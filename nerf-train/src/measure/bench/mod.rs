@@ -1,4 +1,4 @@
-//! Where frames are rendered: the blob, its variants, and the clocks.
+//! Benchmark of frames: the blob, its variants, and the clocks.
 
 pub mod size;
 pub mod source;
@@ -25,7 +25,7 @@ use std::time::Instant;
 
 const NOT_A_SCENE: &str = "blob: expected a scene, found a 2D field";
 
-/// The blob with something else in it.
+/// A modified copy of the blob.
 #[derive(Clone, Debug)]
 pub struct Variant {
     pub name: String,
@@ -33,7 +33,7 @@ pub struct Variant {
     pub has_occupancy: bool,
 }
 
-/// A blob, its variants, and the weights it was rounded from where they are at hand.
+/// A blob, its variants, and the weights it was rounded from, if they are available.
 #[derive(Clone, Debug)]
 pub struct Variants<'b> {
     pub blob: Blob<'b>,
@@ -46,9 +46,9 @@ pub struct Variants<'b> {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Clocked {
-    /// Seconds on the clock.
+    /// Wall-clock seconds.
     pub wall: f64,
-    /// Seconds of all cores together; NaN where the system does not say.
+    /// CPU seconds of all cores together; NaN if the system does not report them.
     pub cpu: f64,
 }
 
@@ -70,12 +70,12 @@ impl<'b> Variants<'b> {
         Ok(Self { blob, scene, cells, variants, source: None })
     }
 
-    /// Whether its rays are marched at a step of the scene's own; else their samples lie in bins between near and far.
+    /// Whether rays are marched at the scene's own step; else samples lie in bins between near and far.
     pub fn is_marched(&self) -> bool {
         !matches!(self.scene.sampling, SceneSampling::Bins(_))
     }
 
-    /// The distance between samples, as a share of the one that the field was trained with.
+    /// Distance between samples relative to that of training.
     pub fn step_share(&self, settings: &Settings) -> f64 {
         let own = self.scene.samples();
         let samples = if settings.quality.samples == 0 { own } else { settings.quality.samples };
@@ -86,7 +86,7 @@ impl<'b> Variants<'b> {
         self.variants[variant].has_occupancy
     }
 
-    /// Whether its samples can be drawn from a proposal network.
+    /// Whether samples can be drawn from a proposal network.
     pub fn has_proposal(&self) -> bool {
         self.blob.proposal().is_some()
     }
@@ -96,11 +96,12 @@ impl<'b> Variants<'b> {
         self.variants.len() - 1
     }
 
-    /// Adds the blob with an occupancy grid that its network is asked for; `None` if the network is empty everywhere.
+    /// Adds a variant with an occupancy grid built from the network, and returns its index. `None` if no cell is
+    /// occupied, or if there is the same variant already.
     ///
-    /// `resolution`: cells along the longest side; `threshold`: density times bin width that keeps a cell.
+    /// `resolution`: cells along the longest side; `threshold`: density × step above which a cell is occupied.
     pub fn add_occupancy(&mut self, resolution: u16, threshold: f32) -> anyhow::Result<Option<usize>> {
-        // Where the occupancy grid is part of the model, the field was never trained outside of it.
+        // If the occupancy grid is part of the model, the field was never trained outside of it.
         let own = self.cells.as_ref().filter(|_| self.scene.occupancy_required);
         let resolution = own.map_or(resolution, |own| own.resolution().into_iter().fold(0, u16::max));
         let name = format!("with occupancy of {resolution} cells, density above {threshold}");
@@ -126,7 +127,8 @@ impl<'b> Variants<'b> {
         Ok(Some(self.add(Variant { name, bytes, has_occupancy: true })))
     }
 
-    /// Adds the blob with its grid's tables in int8; `None` if it has no grid, or has them so.
+    /// Adds a variant with the grid's tables in int8, and returns its index. `None` unless the blob has tables in
+    /// f16.
     pub fn add_int8(&mut self) -> anyhow::Result<Option<usize>> {
         let (Some(grid), Some(StoredTables::F16(_))) =
             (self.blob.architecture().position.grid(), self.blob.tables())
@@ -142,7 +144,7 @@ impl<'b> Variants<'b> {
         Ok(Some(self.add(Variant { name, bytes, has_occupancy })))
     }
 
-    /// The values of the blob's tables; none of a sinusoidal network.
+    /// Values of the blob's hash tables; empty for a sinusoidal network.
     fn table_values(&self) -> Vec<f32> {
         match (self.blob.tables(), self.blob.architecture().position.grid()) {
             (Some(tables), Some(grid)) => values_of(grid, tables),
@@ -157,7 +159,7 @@ impl<'b> Variants<'b> {
         parameters
     }
 
-    /// Adds the blob with another network, rounded to f16; its number.
+    /// Adds a variant with another network, rounded to f16, and returns its index.
     pub fn add_network(
         &mut self,
         name: &str,
@@ -200,12 +202,12 @@ impl<'b> Variants<'b> {
         }
     }
 
-    /// The blob with `front` in the place of its own.
+    /// The blob with its Pareto front replaced by `front`.
     pub fn with_front(&self, front: heapless::Vec<FrontPoint, MAX_FRONT>) -> anyhow::Result<Vec<u8>> {
         Ok(written(&Body { front, ..self.body() })?)
     }
 
-    /// Makes what all of `settings` need ready, and hands it to `work`.
+    /// Prepares renderers for all of `settings`, and calls `work` with them.
     pub fn prepared<T>(
         &self,
         settings: &[Settings],
@@ -232,7 +234,7 @@ impl<'b> Variants<'b> {
             let renderer = match (key.precision, &self.source) {
                 (Precision::Unrounded, Some(source)) => {
                     let bounds = blob.scene_box();
-                    // Coded tables lie nowhere in place.
+                    // Coded tables cannot be read in place.
                     let tables = GridTables::new(TableValues::F32(&own), bounds.as_ref());
                     let tables = (blob.decoded_len() > 0).then_some(tables);
                     Renderer::with_parameters(blob, key.kernel, source, tables)
@@ -246,7 +248,7 @@ impl<'b> Variants<'b> {
     }
 }
 
-/// What a renderer is made for; all other knobs are the plan's or the camera's.
+/// The settings that need a renderer of their own; all others are the plan's or the camera's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Key {
     variant: usize,
@@ -267,9 +269,9 @@ pub struct Bench<'l, 'b> {
 }
 
 impl Bench<'_, '_> {
-    /// Renders a view's picture with `settings`, at the view's own size in the end, over `background`.
+    /// Renders a view with `settings` over `background`. The result has the view's own size.
     ///
-    /// Timed is what a caller waits for: the frame on rayon's threads, and enlarging where it is smaller.
+    /// The time is that of the frame on rayon's threads, and of enlarging it if it is smaller.
     pub fn render(
         &self,
         settings: &Settings,
@@ -312,14 +314,14 @@ pub fn written(body: &Body<'_>) -> Result<Vec<u8>, BlobError> {
     Ok(bytes)
 }
 
-/// Seconds that this process's living threads have run, all cores together; NaN where nobody says.
+/// CPU seconds of this process's living threads, all cores together; NaN if the system does not report them.
 ///
-/// Linux says so to the nanosecond in `/proc/self/task/*/schedstat`.
+/// Linux reports them to the nanosecond in `/proc/self/task/*/schedstat`.
 fn cpu_seconds() -> f64 {
     let seconds = || -> Option<f64> {
         let mut nanoseconds = 0u64;
         for task in std::fs::read_dir("/proc/self/task").ok()? {
-            // A thread that ended in between has nothing to say.
+            // A thread that ended in between counts as 0.
             let text = std::fs::read_to_string(task.ok()?.path().join("schedstat")).unwrap_or_default();
             nanoseconds +=
                 text.split_whitespace().next().and_then(|first| first.parse().ok()).unwrap_or(0u64);

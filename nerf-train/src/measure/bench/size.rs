@@ -5,7 +5,7 @@ use crate::measure::frame::Frame;
 use anyhow::Context;
 use nerf_core::camera::Camera;
 
-/// The camera of a picture whose sides are `quarters` quarters of this one's, at least a pixel.
+/// Camera of a picture whose sides are `quarters` quarters of this one's, at least one pixel.
 pub fn scaled(camera: &Camera, quarters: u32) -> anyhow::Result<Camera> {
     if quarters == 4 {
         return Ok(*camera);
@@ -15,9 +15,9 @@ pub fn scaled(camera: &Camera, quarters: u32) -> anyhow::Result<Camera> {
     cameras::scaled(camera, (side(i.width), side(i.height))).context("camera")
 }
 
-/// A smaller frame at the size of `camera`'s picture: bilinear between pixel centres, held at the edges.
+/// Enlarges a frame to the size of `camera`'s picture: bilinear between pixel centres, clamped at the edges.
 ///
-/// Without median distances and normals, whose means along an edge are neither.
+/// Median distances and normals are left out: their means across an edge are meaningless.
 pub fn enlarged(frame: Frame, camera: &Camera) -> Frame {
     let i = camera.intrinsics();
     let (width, height) = (i.width as usize, i.height as usize);
@@ -42,7 +42,7 @@ pub fn enlarged(frame: Frame, camera: &Camera) -> Frame {
     }
 }
 
-/// For each pixel of the larger side, the two of the smaller it lies between, and the share of the second.
+/// For each pixel of the larger side, the two pixels of the smaller side around it, and the weight of the second.
 fn taps(small: usize, large: usize) -> Vec<(usize, usize, f32)> {
     let last = small.saturating_sub(1);
     let tap = |i: usize| {

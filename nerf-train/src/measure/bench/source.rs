@@ -1,4 +1,4 @@
-//! The weights a blob was rounded from, where their file is at hand.
+//! The f32 weights that a blob was rounded from, read from their checkpoint.
 
 use crate::measure::import::{AngleFactor, Order, RawDensity, Settings, Tensors, network};
 use half::f16;
@@ -8,14 +8,14 @@ use nerf_core::network::{Architecture, unpack};
 use std::fmt::Display;
 use std::path::Path;
 
-/// What neither a checkpoint nor its blob says: the order of its columns.
+/// Column orders to try: neither a checkpoint nor its blob names one.
 const ORDERS: [Order; 5] = [Order::Level, Order::Pairs, Order::Input, Order::Halves, Order::HalvesByInput];
-/// And which softplus it was.
+/// Density activations to try.
 const DENSITIES: [RawDensity; 3] = [RawDensity::Relu, RawDensity::Softplus, RawDensity::ShiftedSoftplus];
 
 /// Reads the network that `blob` was imported from, in the blob's order, before rounding.
 ///
-/// Whatever reading of the file gives exactly the blob's weights when rounded is the right one.
+/// Tries column orders and activations: the right ones give exactly the blob's weights when rounded.
 pub fn unrounded(file: &Path, blob: &Blob<'_>) -> anyhow::Result<Vec<f32>> {
     let tensors = Tensors::read(file, None)?;
     let angle = match blob.architecture().position.sinusoidal().map(|encoding| encoding.scale) {
@@ -32,7 +32,7 @@ pub fn unrounded(file: &Path, blob: &Blob<'_>) -> anyhow::Result<Vec<f32>> {
             };
             match found {
                 Ok(parameters) => return Ok(parameters),
-                // The first reading is the usual one: its fault says most.
+                // The first reading is the usual one: its error is the most useful.
                 Err(error) => fault = fault.or(Some(error)),
             }
         }
@@ -44,7 +44,7 @@ pub(super) fn other_source(found: impl Display) -> anyhow::Error {
     anyhow::anyhow!("--source: expected the network that the blob was rounded from, found another: {found}")
 }
 
-/// `parameters`, if they are the blob's before rounding.
+/// Returns `parameters` if they are the blob's weights before rounding.
 fn same(blob: &Blob<'_>, architecture: &Architecture, parameters: Vec<f32>) -> anyhow::Result<Vec<f32>> {
     if architecture != blob.architecture() {
         return Err(other_source("layers or encodings of other sizes"));

@@ -16,10 +16,11 @@
 //! | `rgb_linear.weight` | `[3, V]` | rgb |
 //! | `output_linear.weight` | `[4, W]` | without view directions: rgb, then sigma, in place of all the four above |
 //!
-//! Of a coarse network (`--coarse`) the same is read, and what leads to its densities becomes the scene's proposal.
+//! A coarse network (`--coarse`) is read in the same way; its layers up to the densities become the scene's proposal
+//! network.
 //!
-//! Each has a `.bias` as long as its weight has rows. What stands in front of the names, such as `module.` or
-//! `network_fine.`, is passed over.
+//! Each weight has a `.bias` of as many values as it has rows. A prefix of the names, such as `module.` or
+//! `network_fine.`, is ignored.
 //!
 //! # Source
 //! The names and the order of columns are those of github.com/yenchenlin/nerf-pytorch (`run_nerf_helpers.py`),
@@ -52,12 +53,13 @@ use nerf_core::network::Architecture;
 use nerf_core::plan::Quality;
 use std::fmt::Display;
 
-/// Every so many pixels of a row, and rows, are measured. Odd: the middle of a block of so many is a pixel's centre.
+/// Every `STRIDE`-th pixel of every `STRIDE`-th row is measured. Odd, so that the middle of a block is a pixel's
+/// centre.
 pub const STRIDE: u32 = 3;
-/// Below this something about the network was guessed wrong, dB.
+/// PSNR below which some setting of the import must be wrong, dB.
 pub const SUSPICIOUS_DB: f64 = 15.0;
 
-/// A file or a setting that is not as an import needs it.
+/// Error about a file or a setting that an import cannot use.
 fn refused(place: impl Display, expected: impl Display, found: impl Display) -> anyhow::Error {
     anyhow::anyhow!("{place}: expected {expected}, found {found}")
 }
@@ -65,12 +67,12 @@ fn refused(place: impl Display, expected: impl Display, found: impl Display) -> 
 #[derive(Clone, Copy)]
 pub struct Request<'a> {
     pub tensors: &'a Tensors,
-    /// The coarse network whose densities say where on a ray it is asked.
+    /// The coarse network, whose densities guide the importance sampling.
     pub coarse: Option<&'a Tensors>,
     pub settings: &'a Settings,
     pub kernel: Kernel,
     pub style: ProgressStyle,
-    /// View dependence that gains less than this on the check's views is left out, dB.
+    /// View dependence that gains less than this on the check's views is removed, dB.
     pub effect_threshold_db: f64,
 }
 
@@ -78,15 +80,15 @@ pub struct Request<'a> {
 pub struct Views {
     pub name: String,
     pub views: Vec<View>,
-    /// Views whose directions are averaged over: those of training, if there are any.
+    /// Views whose ray directions are averaged: training views, if there are any.
     pub rays: Vec<View>,
 }
 
 pub enum Occupancy {
-    /// The one that the network was trained with.
+    /// The grid that the network was trained with.
     Given {
         cells: LiveCells,
-        /// Whether it is no part of the model whatever the check says.
+        /// Whether the grid is not part of the model, whatever the check says.
         optional: bool,
     },
     Build,
@@ -95,11 +97,11 @@ pub enum Occupancy {
 
 #[derive(Clone, Debug)]
 pub struct Check {
-    /// Of the blob's own rounded weights.
+    /// Scores with the blob's rounded weights.
     pub scores: Scores,
-    /// dB that rounding to f16 cost.
+    /// Loss by rounding to f16, dB.
     pub quantisation_loss_db: f64,
-    /// dB by which the occupancy grid makes the picture better (below 0: worse); `None` without one.
+    /// PSNR gain by the occupancy grid, dB (below 0: loss); `None` without one.
     pub occupancy_gain_db: Option<f64>,
 }
 
@@ -108,7 +110,7 @@ impl Check {
         self.scores.psnr_db().unwrap_or(f64::NAN)
     }
 
-    /// Whether the picture is not the same without the occupancy grid.
+    /// Whether the picture changes without the occupancy grid.
     fn occupancy_matters(&self) -> bool {
         self.occupancy_gain_db.is_some_and(|gain| gain.is_nan() || gain.abs() > OCCUPANCY_LOSS_DB)
     }
@@ -118,7 +120,7 @@ impl Check {
         self.occupancy_gain_db.is_some_and(|gain| gain < -OCCUPANCY_LOSS_DB)
     }
 
-    /// Whether the picture is that of another scene, or of none.
+    /// Whether the PSNR is too low for a picture of this scene.
     pub fn is_suspicious(&self) -> bool {
         let psnr_db = self.psnr_db();
         psnr_db.is_nan() || psnr_db < SUSPICIOUS_DB
@@ -135,7 +137,7 @@ pub struct Import<'a> {
     coarse: Option<(Imported, Vec<f32>)>,
     pub cells: Option<LiveCells>,
     occupancy_required: bool,
-    /// What view dependence gains, dB, and what became of it; `None` if that was not asked.
+    /// Gain by view dependence, dB, and the verdict on it; `None` if it was not measured.
     direction: Option<(f64, Verdict)>,
     pub check: Option<Check>,
 }
@@ -159,7 +161,7 @@ impl<'a> Import<'a> {
             direction: None,
             check: None,
         };
-        // What the format refuses is found out before the work.
+        // A first export finds what the format refuses, before the work.
         import.export(None)?;
         Ok(import)
     }
@@ -187,14 +189,14 @@ impl<'a> Import<'a> {
         self.occupancy_required = self.cells.is_some()
             && !optional
             && match &self.check {
-                // What a network that was trained without it loses by it is no reason to require it.
+                // A built grid that harms the picture must not be required: the network was trained without it.
                 Some(check) => check.occupancy_matters() && (given || !check.occupancy_harms()),
                 None => given,
             };
         self.export(views.map(|views| &*views.name))
     }
 
-    /// The occupancy grid by the network's own densities; `None` if they are nowhere above the threshold.
+    /// Occupancy grid built from the network's densities; `None` if they are nowhere above the threshold.
     fn built(&self) -> Option<LiveCells> {
         let Request { settings, kernel, style, .. } = self.request;
         say(style, "building the occupancy grid from the network's densities");
@@ -206,7 +208,7 @@ impl<'a> Import<'a> {
         occupancy::build(settings, &ask, threshold)
     }
 
-    /// The blob, for the data set of this name: all else follows from the network and its check.
+    /// Exports the blob; `data`: name of the data set that it was checked on.
     fn export(&self, data: Option<&str>) -> anyhow::Result<Exported> {
         let finite = |db: f64| Some(db as f32).filter(|db| db.is_finite());
         let Request { tensors, settings, .. } = self.request;
@@ -273,8 +275,8 @@ impl<'a> Import<'a> {
         Ok(Check { scores, quantisation_loss_db, occupancy_gain_db })
     }
 
-    /// What view dependence gains over its mean, dB, and whether that is enough: if not, the mean takes its
-    /// place. `None` if colour does not depend on the direction, or the check shows no picture.
+    /// Measures the gain by view dependence over its mean, dB. If it is too small, the mean replaces the direction in
+    /// the network. `None` if colour does not depend on the direction, or if the check is suspicious.
     fn ask_direction(&mut self, views: &Views) -> anyhow::Result<Option<(f64, Verdict)>> {
         let rays: Vec<&View> = views.rays.iter().collect();
         let check = self.check.as_ref().filter(|check| !check.is_suspicious());
@@ -291,7 +293,7 @@ impl<'a> Import<'a> {
         let scores =
             measure(&draft, None, kernel, &quality, settings.background, &views.views, |_, _, _, _| {})?;
         let gain_db = gain_db(with_db, scores.psnr_db().unwrap_or(f64::NAN));
-        // It takes work and spares none.
+        // View dependence costs work and saves none.
         let verdict = Verdict::of(gain_db, 1.0, self.request.effect_threshold_db);
         if verdict != Verdict::Drops {
             (self.architecture, self.parameters) = whole;

@@ -12,14 +12,14 @@ use nerf_core::network::{
 use std::collections::BTreeSet;
 use std::iter::once;
 
-/// How the direction is encoded, if colour depends on it, and the widths of the colour network's hidden layers.
+/// Encoding of the direction, if colour depends on it, and widths of the colour network's hidden layers.
 type ColourBranch = (Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>);
 
 /// A network in this project's shape and order, before its feature layer is folded.
 #[derive(Clone, Debug)]
 pub struct Imported {
     pub model: Model,
-    /// Its parameters in the model's own order.
+    /// Parameters in the model's own order.
     pub parameters: Vec<f32>,
     /// Tensors that the network has but does not use, by name.
     pub unused: Vec<String>,
@@ -40,11 +40,11 @@ pub fn network(tensors: &Tensors, settings: &Settings) -> anyhow::Result<Importe
     Ok(Imported { model, parameters: reader.parameters, unused })
 }
 
-/// Takes layer after layer, in the order of a [`Model`]'s parameters.
+/// Reads layer after layer, in the order of a [`Model`]'s parameters.
 struct Reader<'t> {
     tensors: &'t Tensors,
     settings: &'t Settings,
-    /// Names that nobody has asked for.
+    /// Names of tensors that were not read yet.
     left: BTreeSet<&'t str>,
     parameters: Vec<f32>,
 }
@@ -59,14 +59,15 @@ struct Linear<'t> {
 }
 
 impl<'t> Reader<'t> {
-    /// The whole network; its feature layer, if it has one; names of what it does not use.
+    /// Reads the whole network. Also returns whether it has a feature layer, and the names of tensors that it does
+    /// not use.
     fn architecture(&mut self) -> anyhow::Result<(Architecture, bool, Vec<String>)> {
         let (position, trunk) = self.trunk()?;
         let width = trunk.last().map_or(0, |layer| usize::from(layer.width));
         let has = |layer| self.tensors.tensors.contains_key(layer);
         let directed = !has("output_linear.weight");
         let (direction, colour) = if directed { self.colour_branch(width)? } else { self.output(width)? };
-        // nerf-pytorch makes this layer even where it asks for no direction.
+        // nerf-pytorch makes this layer even without view directions.
         let idle = |name: &&&str| !directed && name.starts_with("views_linears.0.");
         let unused: Vec<&str> = self.left.iter().filter(idle).copied().collect();
         unused.iter().for_each(|name| {
@@ -96,7 +97,7 @@ impl<'t> Reader<'t> {
         let (position, columns) = self.encoding("position", "pts_linears.0.weight", encoded)?;
         let mut width = first.outputs;
         self.put(first, first.rows(), &columns);
-        // Cannot overflow: `count` holds the depth to the capacity.
+        // Cannot overflow: `count` limits the depth to the capacity.
         let mut push = |layer: Linear<'_>, skip| trunk.push(TrunkLayer { width: layer.outputs as u16, skip });
         let _ = push(first, false);
         for i in 1..depth {
@@ -105,7 +106,7 @@ impl<'t> Reader<'t> {
             let fits = |_, inputs| inputs == width || inputs == encoded + width;
             let layer = self.linear(&format!("pts_linears.{i}"), &expected, fits)?;
             let skip = layer.inputs != width;
-            // [PE(x), h] there, [h, PE(x)] here.
+            // The file has [PE(x), h], this project [h, PE(x)].
             let of_h = if skip { encoded..encoded + width } else { 0..width };
             let of_position = if skip { &columns[..] } else { &[] };
             let permuted: Vec<usize> = of_h.chain(of_position.iter().copied()).collect();
@@ -116,7 +117,7 @@ impl<'t> Reader<'t> {
         Ok((position, trunk))
     }
 
-    /// Density, feature, colour and rgb of a network that sees the direction.
+    /// Reads density, feature, colour and rgb layers of a network with view directions.
     fn colour_branch(&mut self, width: usize) -> anyhow::Result<ColourBranch> {
         let straight: Vec<usize> = (0..MAX_WIDTH).collect();
         let density = self.exactly("alpha_linear", &[1], width)?;
@@ -144,7 +145,7 @@ impl<'t> Reader<'t> {
                     n == inputs
                 })?;
             self.put(layer, layer.rows(), &straight[..inputs]);
-            // Cannot overflow: `count` holds their number to the capacity.
+            // Cannot overflow: `count` limits their number to the capacity.
             let _ = colour.push(layer.outputs as u16);
             inputs = layer.outputs;
         }
@@ -153,7 +154,8 @@ impl<'t> Reader<'t> {
         Ok((direction, colour))
     }
 
-    /// Density and rgb of a network that does not: rows r, g, b, sigma, and one that nerf-pytorch never reads.
+    /// Reads density and rgb of a network without view directions: rows r, g, b, sigma, and a fifth that is never
+    /// read.
     fn output(&mut self, width: usize) -> anyhow::Result<ColourBranch> {
         let straight: Vec<usize> = (0..width).collect();
         let output = self.exactly("output_linear", &[4, 5], width)?;
@@ -175,14 +177,14 @@ impl<'t> Reader<'t> {
         }
     }
 
-    /// The layer of weight `[one of outputs][inputs]`.
+    /// Reads the layer whose weight has the shape `[one of outputs][inputs]`.
     fn exactly(&mut self, layer: &str, outputs: &[usize], inputs: usize) -> anyhow::Result<Linear<'t>> {
         let rows = outputs.iter().map(usize::to_string).collect::<Vec<_>>().join(" or ");
         let expected = format!("[{rows}, {inputs}]");
         self.linear(layer, &expected, |rows, found| outputs.contains(&rows) && found == inputs)
     }
 
-    /// The layer of this name, whose numbers of rows and of inputs `fits`.
+    /// Reads the layer of this name; `fits` accepts its numbers of rows and of inputs.
     fn linear(
         &mut self,
         layer: &str,
@@ -218,7 +220,7 @@ impl<'t> Reader<'t> {
         }
     }
 
-    /// The encoding of `found` values, and the column of each of our channels among them.
+    /// Encoding with `found` values, and for each channel of this project the column in the file.
     fn encoding(
         &self,
         field: &'static str,
@@ -258,7 +260,7 @@ impl<'t> Reader<'t> {
         Ok((encoding, settings.order.columns(&encoding, identity)))
     }
 
-    /// Appends rows of a layer with `columns` in their new order, then their biases.
+    /// Appends rows of a layer with its columns in the order of `columns`, then their biases.
     fn put(&mut self, layer: Linear<'_>, rows: std::ops::Range<usize>, columns: &[usize]) {
         for row in rows.clone() {
             let row = &layer.weight[row * layer.inputs..][..layer.inputs];

@@ -15,7 +15,7 @@ fn scene_box(settings: &Settings) -> SceneBox {
     SceneBox { min: settings.min().into(), max: settings.max().into() }
 }
 
-/// Reads an occupancy grid of the scene box: an array `[x, y, z]` of truths, or of zeros and ones, in a `.npy` file.
+/// Reads an occupancy grid of the scene box: a `.npy` array `[x, y, z]` of booleans, or of zeros and ones.
 pub fn read(file: &Path, settings: &Settings) -> anyhow::Result<LiveCells> {
     let place = format!("{}: occupancy grid", file.display());
     let fail = |expected: String, found: String| Err(refused(&place, expected, found));
@@ -39,7 +39,8 @@ pub fn read(file: &Path, settings: &Settings) -> anyhow::Result<LiveCells> {
     Ok(cells)
 }
 
-/// Builds a grid of the cells where the network's density exceeds `threshold`, 1/world unit; `None` if it nowhere does.
+/// Builds a grid of the cells in which the network's density exceeds `threshold`, 1/world unit; `None` if there are
+/// none.
 pub fn build(settings: &Settings, ask: &DensityQuery<'_>, threshold: f32) -> Option<LiveCells> {
     let cells =
         Occupancy::asked(scene_box(settings), settings.occupancy_resolution, ask, threshold).into_live();

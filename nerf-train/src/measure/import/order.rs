@@ -1,10 +1,10 @@
-//! In which order an encoding lists its values: from the orders in use to this project's.
+//! Order of the values of an encoding: from the orders in use to this project's.
 
 use nerf_core::encoding::SinusoidalEncoding;
 
-/// Where sines and cosines stand in an encoded input; `k` counts levels, `x y z` are the inputs.
+/// Order of sines and cosines in an encoded input; `x y z` are the inputs.
 ///
-/// A network that was trained with one order shows nothing with another: its columns are permuted.
+/// A network that was trained with one order shows nothing with another, so its weight columns are permuted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Order {
     /// Per level sin x y z, cos x y z: the original code, nerf-pytorch, and this project.
@@ -19,19 +19,19 @@ pub enum Order {
     HalvesByInput,
 }
 
-/// Where the inputs themselves stand.
+/// Position of the inputs themselves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Identity {
-    /// In front.
+    /// Before the sines and cosines.
     First,
-    /// Behind the sines and cosines.
+    /// After the sines and cosines.
     Last,
-    /// Nowhere.
+    /// Not in the encoding.
     None,
 }
 
 impl Order {
-    /// For each channel of `encoding`, in this project's order, the column where it is found in this one.
+    /// For each channel of `encoding`, in this project's order, the column of the same channel in the order `self`.
     ///
     /// ```
     /// use nerf_core::encoding::{AngleScale, SinusoidalEncoding};

@@ -27,7 +27,7 @@ impl AngleFactor {
     }
 }
 
-/// From the density head's output to sigma.
+/// Activation from the density head's output to sigma.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum RawDensity {
     /// max(0, raw): the original code, nerf-pytorch.
@@ -40,17 +40,18 @@ pub enum RawDensity {
 
 /// Settings of an import that a checkpoint does not hold.
 ///
-/// The default is what nerf-pytorch does for the synthetic scenes, on black.
+/// The defaults are those of nerf-pytorch for the synthetic scenes, on black.
 #[derive(Clone, Debug, PartialEq, clap::Args)]
-#[command(next_help_heading = "What the file cannot say [defaults: as nerf-pytorch]")]
+#[command(next_help_heading = "Settings that the checkpoint does not store [defaults: as nerf-pytorch]")]
 pub struct Settings {
     /// Factor s of the encoding sin(2^k s x).
     #[arg(long, value_enum, value_name = "S", default_value = "1")]
     pub angle_scale: AngleFactor,
-    /// Order of the sines and cosines.
+    /// Order of sines and cosines: level (nerf-pytorch), pairs, input (tiny-cuda-nn), halves (mip-NeRF),
+    /// halves-by-input (nerfstudio).
     #[arg(long, value_enum, default_value = "level")]
     pub order: Order,
-    /// Where the inputs themselves stand among them [default: first, if the widths say that they are there].
+    /// Position of the raw inputs in the encoding [default: first, if present].
     #[arg(long, value_enum)]
     pub identity: Option<Identity>,
     /// Levels of the position encoding, checked against the file.
@@ -80,16 +81,16 @@ pub struct Settings {
         allow_hyphen_values = true
     )]
     pub scene_box: [f32; 6],
-    /// Samples a ray [default: 192; with --coarse 128, which are drawn from it].
+    /// Samples per ray [default: 192; with --coarse 128 importance samples].
     #[arg(long, value_name = "N")]
     pub samples: Option<u16>,
-    /// Samples a ray of the coarse network.
+    /// Samples per ray of the coarse network.
     #[arg(long, value_name = "N", requires = "coarse", default_value_t = 64)]
     pub coarse_samples: u16,
-    /// Occupancy cells along the longest side of the box, where a grid is built.
+    /// Cells of a built occupancy grid along the longest side of the box.
     #[arg(long, value_name = "N", default_value_t = 128)]
     pub occupancy_resolution: u16,
-    /// A built cell is occupied where density times bin width exceeds this.
+    /// Threshold of density × bin width for an occupied cell of a built grid.
     #[arg(long, value_name = "X", default_value_t = 0.01)]
     pub occupancy_threshold: f32,
 }
@@ -143,7 +144,7 @@ impl Settings {
         [x, y, z]
     }
 
-    /// Samples a ray of the network; importance samples, if there is a coarse network.
+    /// Samples per ray of the network: importance samples if there is a coarse network.
     pub fn samples(&self, has_coarse: bool) -> u16 {
         self.samples.unwrap_or(if has_coarse { 128 } else { 192 })
     }

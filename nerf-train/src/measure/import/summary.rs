@@ -1,4 +1,4 @@
-//! What was imported: the result of the command.
+//! Summary of an import: the result of the command.
 
 use super::{Check, Import};
 use crate::data::pictures::colour;
@@ -65,7 +65,7 @@ struct CheckSummary {
 }
 
 impl<'i> Summary<'i> {
-    /// Of an import that was exported to the file `output`.
+    /// Summary of an import that was exported to the file `output`.
     pub fn of(import: &'i Import<'_>, exported: &Exported, output: &Path) -> Self {
         let (tensors, s) = (import.request.tensors, import.request.settings);
         let a = &import.network.model.architecture;

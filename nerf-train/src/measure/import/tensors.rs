@@ -1,4 +1,4 @@
-//! Named tensors out of an untrusted file.
+//! Named tensors from an untrusted file.
 
 use super::refused;
 use crate::data::DatasetError;
@@ -11,10 +11,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-/// Names of the layers; what stands in front of them is a prefix.
+/// Names of the layers; all text before them is a prefix.
 const LAYERS: [&str; 6] =
     ["pts_linears.", "views_linears.", "feature_linear.", "alpha_linear.", "rgb_linear.", "output_linear."];
-/// Weights and biases of the largest network, and a few for a message that names what is too much.
+/// Largest number of tensors: those of the largest network, and a few so that an error can name the surplus.
 const MAX_TENSORS: usize = 2 * (MAX_TRUNK + MAX_COLOUR + 4) + 16;
 /// Largest array that is unpacked, bytes: 30 times the largest layer in f64.
 const MAX_ARRAY_BYTES: u64 = 1 << 26;
@@ -34,7 +34,7 @@ pub struct Tensor {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tensors {
     pub(super) file: PathBuf,
-    /// What stood in front of the names.
+    /// Prefix of the names in the file.
     pub prefix: String,
     /// Prefixes of other networks in the file, which are left out.
     pub others: Vec<String>,
@@ -108,14 +108,14 @@ fn damaged(file: &Path, error: &dyn std::error::Error) -> anyhow::Error {
     refused(file.display(), "a .npz or .safetensors file", found)
 }
 
-/// What stands in front of a layer's name; `None` if no layer is named.
+/// Prefix before a layer's name; `None` if `name` has no layer.
 fn prefix_of(name: &str) -> Option<&str> {
     let begins_a_part = |at: &usize| *at == 0 || name[..*at].ends_with('.');
     let places = LAYERS.iter().flat_map(|layer| name.match_indices(layer)).map(|(at, _)| at);
     places.filter(begins_a_part).min().map(|at| &name[..at])
 }
 
-/// What stands in front of the names of the network that is asked for, or else `wanted`, and of the others.
+/// Prefix of the requested network, or else of the `wanted` one, and the prefixes of the others.
 fn choose(
     file: &Path,
     names: &[String],
@@ -181,7 +181,7 @@ impl Source<'_> {
     }
 }
 
-/// Little-endian floats; `None` if they are of another type.
+/// Decodes little-endian floats; `None` for any other dtype.
 fn floats(dtype: Dtype, bytes: &[u8]) -> Option<Vec<f32>> {
     fn each<const N: usize>(bytes: &[u8], value: impl Fn([u8; N]) -> f32) -> Vec<f32> {
         bytes.as_chunks::<N>().0.iter().map(|&chunk| value(chunk)).collect()

@@ -1,4 +1,4 @@
-//! Everything a blob says of itself.
+//! Contents of a blob.
 
 use crate::data::pictures::colour;
 use crate::system::summary::Short;
@@ -8,7 +8,7 @@ use nerf_core::network::Layer;
 use serde::Serialize;
 use std::path::Path;
 
-/// Everything a blob says of itself; what a file has none of is left out.
+/// Contents of a blob; fields that it does not have are left out.
 #[derive(Debug, Serialize)]
 pub struct Inspection<'b> {
     pub file: String,
@@ -84,7 +84,7 @@ pub struct ProposalSummary {
 }
 
 impl<'b> Inspection<'b> {
-    /// Of a blob that is all of `file`.
+    /// Contents of a blob that is all of `file`.
     pub fn of(file: &Path, bytes: &[u8], blob: &'b Blob<'_>) -> Self {
         let (a, p) = (blob.architecture(), blob.provenance());
         let harmonics_degree = match a.direction {

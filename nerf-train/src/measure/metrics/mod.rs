@@ -1,7 +1,7 @@
-//! How far two pictures are apart: MSE, PSNR, SSIM.
+//! Difference of two pictures: MSE, PSNR, SSIM.
 //!
-//! Pictures are display-encoded RGB in [0, 1], row-major. Nothing is clamped here: what a network
-//! put out beyond [0, 1] counts as error unless the caller clamped it. Sums are f64 throughout.
+//! Pictures are display-encoded RGB in [0, 1], row-major. Nothing is clamped here: values outside of [0, 1] count as
+//! error unless the caller clamps them. Sums are f64 throughout.
 
 use crate::train::psnr_db_of_mse;
 
@@ -15,7 +15,7 @@ const C2: f64 = 0.03 * 0.03;
 
 /// Mean squared error over all pixels and channels of `a` and `b`, each `[n]`.
 ///
-/// NaN where the lengths differ, where there is nothing to compare, or where an input is NaN.
+/// NaN if the lengths differ, if there is nothing to compare, or if an input is NaN.
 pub fn mse(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
     if a.len() != b.len() || a.is_empty() {
         return f64::NAN;
@@ -28,7 +28,7 @@ pub fn mse(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
 
 /// Peak signal-to-noise ratio in dB for a peak of 1: −10 log10(MSE).
 ///
-/// +inf where the pictures are equal, NaN where [`mse`] is NaN (a NaN pixel is never hidden).
+/// +inf if the pictures are equal, NaN if [`mse`] is NaN (a NaN pixel is never hidden).
 ///
 /// # Examples
 /// ```
@@ -40,8 +40,8 @@ pub fn psnr_db(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
     psnr_db_of_mse(mse(a, b))
 }
 
-/// PSNR in dB after each channel of `shown` is multiplied with the factor that brings it nearest to `truth`, at most to 1:
-/// what is left where the photograph's exposure is its own.
+/// PSNR in dB after each channel of `shown` is multiplied by the gain that brings it nearest to `truth` (least
+/// squares), and clamped to 1: without the error that a photograph's own exposure gain makes.
 pub fn aligned_psnr_db(shown: &[[f32; 3]], truth: &[[f32; 3]]) -> f64 {
     let gain: [f32; 3] = std::array::from_fn(|c| {
         let products = |other: &[[f32; 3]]| -> f64 {
@@ -55,14 +55,14 @@ pub fn aligned_psnr_db(shown: &[[f32; 3]], truth: &[[f32; 3]]) -> f64 {
     psnr_db(&aligned, truth)
 }
 
-/// dB by which one PSNR is above another; 0 for two of equal pictures, whose PSNR is infinite.
+/// Difference of two PSNRs, dB; 0 if they are equal, also if both are infinite.
 pub fn gain_db(psnr_db: f64, over: f64) -> f64 {
     if psnr_db == over { 0.0 } else { psnr_db - over }
 }
 
 /// PSNR in dB of a picture's mean colour against the picture; +inf for one flat colour.
 ///
-/// What a network shows that has learned nothing.
+/// The score of a network that has learned nothing.
 pub fn flat_psnr_db(rgb: &[[f32; 3]]) -> f64 {
     let mean: [f32; 3] = std::array::from_fn(|c| {
         let sum: f64 = rgb.iter().map(|pixel| f64::from(pixel[c])).sum();
@@ -71,17 +71,17 @@ pub fn flat_psnr_db(rgb: &[[f32; 3]]) -> f64 {
     psnr_db(&vec![mean; rgb.len()], rgb)
 }
 
-/// Whether no view shows more than one flat colour would: from its PSNR and [`flat_psnr_db`], dB, of every view.
+/// Whether no view is better than one flat colour would be. `psnr_and_flat_db`: PSNR and [`flat_psnr_db`] of every
+/// view.
 ///
-/// No one colour is better for a view than its mean: a view that is above it proves that something was learned,
-/// whatever the others have. Views of one flat colour (+inf) have nothing more to show, and prove nothing; where there
-/// are no others, nothing is flat.
+/// The mean is the best flat colour for a view, so that one view above it proves that something was learned. Views of
+/// one flat colour (+inf) prove nothing and are ignored; without any other view the result is false.
 pub fn is_flat(psnr_and_flat_db: impl IntoIterator<Item = (f64, f64)>) -> bool {
     let mut telling = psnr_and_flat_db.into_iter().filter(|(_, flat)| flat.is_finite()).peekable();
     telling.peek().is_some() && !telling.any(|(psnr, flat)| psnr > flat)
 }
 
-/// Mean of [`flat_psnr_db`] over views, dB, without those of one flat colour; +inf where none is left.
+/// Mean of [`flat_psnr_db`] over views, dB, without those of one flat colour; +inf if none is left.
 pub fn mean_flat_psnr_db(flat_db: impl IntoIterator<Item = f64>) -> f64 {
     let telling: Vec<f64> = flat_db.into_iter().filter(|flat| flat.is_finite()).collect();
     if telling.is_empty() { f64::INFINITY } else { telling.iter().sum::<f64>() / telling.len() as f64 }
@@ -89,13 +89,12 @@ pub fn mean_flat_psnr_db(flat_db: impl IntoIterator<Item = f64>) -> f64 {
 
 /// Mean structural similarity of two `width` × `height` pictures, at most 1, per channel then mean.
 ///
-/// Gaussian 11×11 window of sigma 1.5, K1 = 0.01, K2 = 0.03, data range 1, population covariance,
-/// averaged over the windows that lie wholly inside ("valid"): what scikit-image computes with
-/// `gaussian_weights=True, use_sample_covariance=False`. Where a side is shorter than 11 the window
-/// shrinks along that side to its largest odd number of pixels, with the same sigma. Equal pictures,
-/// flat ones too, give 1.
+/// Gaussian 11×11 window of sigma 1.5, K1 = 0.01, K2 = 0.03, data range 1, population covariance, averaged over the
+/// windows that lie wholly inside ("valid"): what scikit-image computes with `gaussian_weights=True,
+/// use_sample_covariance=False`. If a side is shorter than 11, the window shrinks along that side to its largest odd
+/// number of pixels, with the same sigma. Equal pictures, flat ones too, give 1.
 ///
-/// NaN where the sizes disagree, where there is nothing to compare, or where an input is NaN.
+/// NaN if the sizes disagree, if there is nothing to compare, or if an input is NaN.
 ///
 /// # Source
 /// Wang, Bovik, Sheikh, Simoncelli 2004, "Image quality assessment: from error visibility to
@@ -104,8 +103,8 @@ pub fn ssim(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize) -> f64 
     ssim_of(a, b, width, height, None)
 }
 
-/// [`ssim`] where pixels count, `[width * height]`: the others are equal in both pictures, and the mean is over windows
-/// whose middle counts. NaN where there is none.
+/// [`ssim`] of the pixels that `counts` marks, `[width * height]`: all others are taken as equal in both pictures,
+/// and the mean is over windows whose middle is marked. NaN if there is none.
 pub fn ssim_of(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize, counts: Option<&[bool]>) -> f64 {
     let pixels = width.checked_mul(height).unwrap_or(0);
     let differ = |length: usize| length != pixels;
@@ -149,7 +148,7 @@ fn ssim_of_plane(a: &[f64], b: &[f64], width: usize, height: usize, counts: Opti
     sum / windows as f64
 }
 
-/// Normalised Gaussian taps for a side of `length` ≥ 1 pixels: 11, or fewer where the side is short.
+/// Normalised Gaussian taps for a side of `length` ≥ 1 pixels: 11, or fewer if the side is short.
 fn gaussian(length: usize) -> Vec<f64> {
     let taps = WINDOW.min(if length % 2 == 1 { length } else { length - 1 });
     let middle = (taps / 2) as f64;

@@ -1,4 +1,4 @@
-//! Which settings there can be.
+//! Limits of the settings.
 
 use super::{Config, Density, Jitter, NetworkConfig, OccupancyConfig, SamplingConfig, TableConfig};
 use glam::Vec3;
@@ -11,10 +11,10 @@ use nerf_core::space::Contraction;
 use std::fmt::Display;
 use std::ops::RangeInclusive;
 
-/// Samples a step may draw: some gigabytes of positions, where none is skipped; a first step may skip none.
+/// Most samples of a step: some gigabytes of positions if none is skipped, as in a first step.
 const MAX_STEP_SAMPLES: usize = 1 << 27;
-/// Values of the tables of a grid that is trained, half of what the format holds: a checkpoint, which has each value
-/// with two moments, then stays within what is read of one.
+/// Most values of a trained grid's tables, half of what the format holds: a checkpoint, which stores each value with
+/// two moments, then stays within its reader's limit.
 const MAX_TABLE_VALUES: usize = 1 << 26;
 
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -64,7 +64,7 @@ fn check_network(n: &NetworkConfig) -> Result<(), ConfigError> {
 
 fn check_beside_grid(n: &NetworkConfig, grid: &TableConfig, g: &OccupancyConfig) -> Result<(), ConfigError> {
     check_table(grid)?;
-    // A box that is no cube has no more.
+    // A box that is not a cube has no more values.
     check_table_values(&grid.encoding(Vec3::ONE), "a cube")?;
     let levels = n.position_levels;
     rule("network.position_levels", levels == 0, "0 beside a grid, which takes their place", levels)?;
@@ -76,7 +76,7 @@ fn check_beside_grid(n: &NetworkConfig, grid: &TableConfig, g: &OccupancyConfig)
     let density = n.density == Density::Exponential;
     rule("network.density", density, "exponential beside a grid", format!("{:?}", n.density))?;
     rule("network.density_scale", n.density_scale == 1.0, "1 beside a grid", n.density_scale)?;
-    // Its samples are trained where light reaches them, which culled space is not.
+    // A grid is trained only where light reaches its samples, which excludes culled space.
     rule("occupancy.empty_share", g.empty_share == 0.0, "0 beside a grid", g.empty_share)
 }
 
@@ -91,7 +91,7 @@ fn check_contraction(
     rule(field, n.grid.is_some(), "none without a learned grid", power)?;
     rule(field, s.scene_box.is_none(), "none beside a scene box", power)?;
     rule(field, g.skip, "none where occupancy.skip is false", power)?;
-    // The scene's own steps are as many as a file can name.
+    // A file must be able to store the number of steps of the whole scene.
     let steps = (1.0 + f32::from(power)) * f32::from(s.steps_across);
     let most = format!("2 to {} beside a contraction of power {power}", MAX_SAMPLES / (1 + u16::from(power)));
     let fits = s.steps_across > 1 && steps <= f32::from(MAX_SAMPLES);

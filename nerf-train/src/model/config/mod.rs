@@ -1,4 +1,4 @@
-//! What a run is made of: presets, TOML files and flags end in one [`Config`].
+//! Settings of a run: presets, TOML files and flags end in one [`Config`].
 
 mod check;
 mod optimiser;
@@ -19,57 +19,57 @@ use nerf_core::encoding::{AngleScale, DirectionEncoding, PositionEncoding, Sinus
 use nerf_core::network::{Architecture, DensityActivation, MAX_COLOUR, MAX_TRUNK, Shading, TrunkLayer};
 use serde::{Deserialize, Serialize};
 
-/// What the occupancy grid's resolution is chosen from, cells along the longest side of the scene box.
+/// Candidate resolutions of the occupancy grid, cells along the longest side of the scene box.
 const OCCUPANCY_RESOLUTIONS: [u16; 5] = [128, 96, 64, 48, 32];
 /// Every setting of a run. Fields that a TOML file leaves out keep the preset's value.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// The preset it started from.
+    /// Preset that the settings started from.
     pub preset: Preset,
-    /// What computes the gradients.
+    /// Engine that computes the gradients.
     pub engine: EngineKind,
     pub network: NetworkConfig,
     pub sampling: SamplingConfig,
     /// The occupancy grid that skips empty space in training; its end state is the blob's occupancy grid.
     pub occupancy: OccupancyConfig,
-    /// What photographs of an unbounded scene are believed of; beside a grid.
+    /// Use of a capture's sparse points, exposures, poses and moving objects; with a grid only.
     pub capture: CaptureConfig,
     pub optimiser: OptimiserConfig,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NetworkConfig {
-    /// Trunk layers; 0 beside a grid only, whose values density and colour are then read from.
+    /// Number of trunk layers; 0 only with a grid, whose features density and colour are then read from.
     pub depth: usize,
     /// Channels of every trunk layer.
     pub width: usize,
-    /// Trunk layers in front of the one that takes the encoded position again; 0 for none.
+    /// Trunk layers before the one that takes the encoded position again; 0 for none.
     pub skip_after: usize,
     /// The grid that encodes positions; the sinusoidal encoding if absent.
     pub grid: Option<TableConfig>,
     /// Levels of the position's sinusoidal encoding.
     pub position_levels: u8,
-    /// Levels of the direction's sinusoidal encoding, or beside a grid the degree of its spherical harmonics; 0 for a
-    /// colour that does not depend on it.
+    /// Levels of the direction's sinusoidal encoding; with a grid, the degree of its spherical harmonics. 0 for a
+    /// colour that does not depend on the direction.
     pub direction_levels: u8,
     /// Whether a linear layer stands between trunk and colour branch (folded away at export).
     pub feature: bool,
     /// Channels of the colour branch's hidden layer; 0 for none.
     pub colour_width: usize,
-    /// From raw density to sigma.
+    /// Activation from raw density to sigma.
     pub density: Density,
     /// `sigma = activation(scale · raw)` in training.
     pub density_scale: f32,
-    /// Start value added to the density, after scaling; of an exponential density, the logarithm of the optical depth
-    /// of the scene box's longest side at the start.
+    /// Added to the initial density, after scaling. For an exponential density: the logarithm of the optical depth
+    /// along the scene box's longest side at the start.
     pub density_bias: f32,
 }
 
-/// From raw density to sigma.
+/// Activation from raw density to sigma.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Density {
@@ -81,56 +81,56 @@ pub enum Density {
     Exponential,
 }
 
-/// Where rays and samples are drawn.
+/// How rays and samples are drawn.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SamplingConfig {
-    /// Samples per ray, equal bins between near and far; beside a grid they follow from `steps_across`.
+    /// Samples per ray, in equal bins between near and far; with a grid, `steps_across` decides instead.
     pub samples: u16,
-    /// Steps that a ray takes across the longest side of the scene box, beside a grid; in an unbounded scene across the
-    /// ball that is not contracted.
+    /// With a grid: steps of a ray across the longest side of the scene box; in an unbounded scene, across the ball
+    /// that is not contracted.
     pub steps_across: u16,
-    /// Share of a bin, around its start, that a sample is drawn from; or a width in world units.
+    /// Random offset of a sample in its bin: none, the whole bin, or a width in world units.
     pub jitter: Jitter,
-    /// Rays a step; times `samples` at most 2^27. With `live_samples` the rays of the first step, all of which are
-    /// drawn before any is left out: the same limit holds.
+    /// Rays per step; times `samples` at most 2^27. With `live_samples`: rays of the first step. The limit is the
+    /// same, as all of them are drawn before any is left out.
     pub rays: usize,
-    /// Live samples a step, beside a grid those of them that weigh enough to be kept: as many rays are drawn as have them;
-    /// 0 to draw exactly `rays`.
+    /// Samples in occupied cells per step; with a grid, samples whose weight is large enough to be kept. The number
+    /// of rays follows from it. 0 draws exactly `rays`.
     pub live_samples: usize,
-    /// Draw rays image by image: this many images a step; 0 to draw over all pixels of all images.
+    /// Images per step if rays are drawn image by image; 0 draws over all pixels of all images.
     pub images: usize,
     /// Composite pictures with alpha over a random colour per ray, so that opacity is learned.
     pub random_background: bool,
-    /// Rays begin here, world units; as the data says if absent.
+    /// Distance at which rays begin, world units; from the data if absent.
     pub near: Option<f32>,
-    /// Rays end here, world units; as the data says if absent.
+    /// Distance at which rays end, world units; from the data if absent.
     pub far: Option<f32>,
-    /// The scene box as x0 y0 z0 x1 y1 z1; found from the data if absent. None beside a contraction.
+    /// Scene box as x0 y0 z0 x1 y1 z1; found from the data if absent. Must be absent with a contraction.
     pub scene_box: Option<[f32; 6]>,
-    /// An unbounded scene, contracted around what the cameras look at: the power that its steps grow with, 1, 2 or 4.
-    /// Beside a grid only.
+    /// Power that the steps of an unbounded scene grow with, 1, 2 or 4: it is contracted around what the cameras look
+    /// at. Absent for a scene in a box. With a grid only.
     pub contraction: Option<u8>,
-    /// Weight of the distortion loss in an unbounded scene, lengths in sides of its cube: the weights of a ray draw
-    /// together. 0 for none.
+    /// Weight of the distortion loss, which draws the weights of a ray together; in an unbounded scene only, lengths
+    /// in sides of its cube. 0 for none.
     pub distortion: f32,
 }
 
-/// What is made of what a capture says of its scene, beside its colours.
+/// Use of what a capture tells about its scene in addition to the colours.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CaptureConfig {
-    /// Weight of the distances of sparse points along an eighth of the rays; 0 for none.
+    /// Weight of the depth loss: distances of sparse points along an eighth of the rays; 0 for none.
     pub depth: f32,
-    /// Whether space that lines of sight to sparse points cross is free.
+    /// Whether space that lines of sight to sparse points cross counts as free.
     pub free_space: bool,
-    /// Whether each photograph has a gain.
+    /// Whether each photograph has an exposure gain.
     pub exposure: Exposure,
     /// Whether poses are refined.
     pub poses: PoseRefinement,
-    /// Whether what moved is left out of the loss.
+    /// Whether moving objects are left out of the loss.
     pub moving: MovingObjects,
-    /// Whether photographs are withheld at the beginning, to choose the weight decay by them.
+    /// Whether photographs are withheld at the beginning, to choose the weight decay by their error.
     pub withhold: Withholding,
 }
 
@@ -151,11 +151,11 @@ impl Default for CaptureConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Exposure {
-    /// Where they differ by enough; in a box, where withheld photographs contradict the others.
+    /// If exposures differ by enough; in a box, if withheld photographs contradict the others.
     Auto,
-    /// Each.
+    /// Each photograph has its own gain.
     Own,
-    /// None.
+    /// No photograph has a gain.
     Shared,
 }
 
@@ -163,21 +163,21 @@ pub enum Exposure {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PoseRefinement {
-    /// Where they are off by enough.
+    /// If the poses are off by enough.
     Auto,
-    /// In any case.
+    /// Always.
     Refine,
-    /// They stay as they are given.
+    /// Never: the given poses stay.
     Given,
 }
 
-/// Whether what moved between photographs is left out of the loss.
+/// Whether moving objects are left out of the loss.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MovingObjects {
-    /// Where it is found.
+    /// If moving objects are found.
     Auto,
-    /// It is not searched for.
+    /// No search for moving objects.
     Off,
 }
 
@@ -185,20 +185,20 @@ pub enum MovingObjects {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Withholding {
-    /// An eighth of them, where there are sixteen or more.
+    /// An eighth of the photographs, if there are sixteen or more.
     Auto,
-    /// None.
+    /// No photographs.
     Off,
 }
 
-/// What the data says of what lies around a scene.
+/// Knowledge of the data about the surroundings of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Surroundings {
-    /// Which parts of the pictures are background.
+    /// The pictures tell which of their parts are background.
     Known,
-    /// Nothing, but it ends at a box.
+    /// The background is unknown; the scene ends at a box.
     Unknown,
-    /// Nothing, and it goes on for ever.
+    /// The background is unknown; the scene has no end.
     Unbounded,
 }
 
@@ -206,11 +206,11 @@ pub enum Surroundings {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Jitter {
-    /// In the middle of the bin.
+    /// Sample in the middle of the bin.
     None,
-    /// Anywhere in the bin.
+    /// Sample anywhere in the bin.
     Bin,
-    /// At the start of the bin plus up to this much, world units; anywhere in a bin that is no wider.
+    /// Sample up to this far after the start of the bin, world units; anywhere in a bin that is no wider.
     Width(f32),
 }
 
@@ -219,28 +219,29 @@ pub enum Jitter {
 pub struct OccupancyConfig {
     /// Whether empty space is skipped in training.
     pub skip: bool,
-    /// Cells along the longest side of the scene box; 0 for as many as suit the field's own size.
+    /// Cells along the longest side of the scene box; 0 to choose them by the size of the grid's tables.
     pub resolution: u16,
-    /// Whether a visual hull is carved where the pictures say what is empty.
+    /// Whether a visual hull is carved if the pictures tell what is empty.
     pub hull: bool,
-    /// Steps between refreshes from the network.
+    /// Steps between updates from the network.
     pub every: u32,
-    /// Most cells that a refresh asks.
+    /// Most cells that one update evaluates.
     pub cells: usize,
     /// First step at which cells may be dropped.
     pub from: u32,
-    /// A cell is kept while its density times the bin width exceeds this; in the file of a marched scene, at least 0.03.
+    /// Optical depth (density times bin width) above which a cell is kept; in the file of a marched scene at least
+    /// 0.03.
     pub threshold: f32,
-    /// What a cell's remembered density is multiplied with at each refresh.
+    /// Factor on a cell's stored density at each update.
     pub decay: f32,
-    /// Points of culled space a step, as a share of the live samples, pushed to zero density.
+    /// Points in culled space per step, as a fraction of the live samples; their density is pushed to zero.
     pub empty_share: f32,
-    /// Weight of their term in the loss.
+    /// Weight of these points' density in the loss.
     pub empty_weight: f32,
 }
 
 impl Config {
-    /// Steps from one that is averaged to the next: a grid has many parameters, of which a step moves few.
+    /// Steps between updates of the parameters' average: a grid has many parameters, of which a step moves few.
     pub(crate) fn averaged_every(&self) -> u32 {
         if self.network.grid.is_some() { 16 } else { 1 }
     }
@@ -250,14 +251,14 @@ impl Config {
         self.model_of(Vec3::ONE)
     }
 
-    /// Cells of the occupancy grid along the longest side of a box of this extent: what was asked for, or else the
-    /// most whose bits take no more than a third of the grid's tables.
+    /// Cells of the occupancy grid along the longest side of a box of this extent: the configured number or, if that
+    /// is 0, the most whose bits take at most a third of the grid's tables.
     pub fn occupancy_resolution(&self, extent: Vec3) -> u16 {
         if self.occupancy.resolution > 0 {
             return self.occupancy.resolution;
         }
         let Some(table) = &self.network.grid else { return OCCUPANCY_RESOLUTIONS[0] };
-        // A bit a cell, and two bytes a value, whatever they are exported as.
+        // One bit per cell and two bytes per value, whatever the storage at export.
         let most = 16 * table.encoding(extent).values() / 3;
         let sides = |resolution: u16| (extent / extent.max_element() * f32::from(resolution)).round();
         let fits = |&resolution: &u16| sides(resolution).element_product() <= most as f32;
@@ -277,7 +278,7 @@ impl Config {
             Some(_) => DirectionEncoding::SphericalHarmonics { degree: n.direction_levels },
             None => sinusoidal(n.direction_levels).into(),
         };
-        // The capacities are those that `check` holds depth and width to.
+        // `check` limits depth and width to these capacities.
         let trunk = (0..n.depth.min(MAX_TRUNK))
             .map(|i| TrunkLayer { width: n.width as u16, skip: i > 0 && i == n.skip_after })
             .collect();
@@ -312,8 +313,8 @@ impl Config {
         self.optimiser.adam()
     }
 
-    /// What changes where no hull can be carved and the network itself must find the empty space:
-    /// a gentler start, or its densities die in the fog.
+    /// Settings for data from which no hull can be carved. The network itself must find the empty space: without a
+    /// gentler start its densities die in the fog.
     pub fn without_hull(mut self) -> Self {
         if self.preset == Preset::Small {
             self.network.density_bias = 0.5;
@@ -322,22 +323,22 @@ impl Config {
         }
         let preset = self.preset.config();
         if let Some(grid) = &mut self.network.grid {
-            // What is found without a hull is a part of the box that the cameras' distances give: finer, where nobody
-            // has chosen.
+            // Without a hull the object is only a part of the box, which follows from the cameras' distances. The
+            // grid is finer, unless the settings chose another.
             if preset.network.grid.as_ref() == Some(&*grid) {
                 (grid.coarsest, grid.finest) = (32, 416);
             }
             if self.sampling.steps_across == preset.sampling.steps_across {
                 self.sampling.steps_across = 220;
             }
-            // Opaque from the start, each view would be painted onto the shell of the box.
+            // If the scene were opaque from the start, each view would be painted onto the shell of the box.
             self.network.density_bias = 0.0;
         }
         self.occupancy.hull = false;
         self
     }
 
-    /// These settings, for what lies around a scene.
+    /// Adapts the settings to a scene's surroundings.
     pub fn around(self, surroundings: Surroundings) -> Self {
         match surroundings {
             Surroundings::Known => self,
@@ -346,7 +347,7 @@ impl Config {
         }
     }
 
-    /// What changes where photographs show whatever is behind the scene, too; of a preset without a grid as
+    /// Settings for photographs that also show what is behind the scene; without a grid, those of
     /// [`Config::without_hull`].
     pub fn unbounded(mut self) -> Self {
         let Some(grid) = &mut self.network.grid else { return self.without_hull() };
@@ -355,9 +356,10 @@ impl Config {
         self.sampling.steps_across = 160;
         self.sampling.random_background = true;
         self.sampling.live_samples = 4096;
-        // In turns, a short fit does not get out of its fog: 17.7 dB for 19.8 in a law's 1,500 steps.
+        // If hashed levels move only every few steps, a short fit keeps its fog: 17.7 dB for 19.8 in a test's 1,500
+        // steps.
         self.optimiser.hashed_every = 1;
-        // A step absorbs less than what keeps a cell: what no view needs goes away.
+        // At the start a step absorbs less than the threshold that keeps a cell: what no view needs disappears.
         self.network.density_bias = 1.9;
         self.occupancy.resolution = 128;
         self.occupancy.threshold = 0.1;

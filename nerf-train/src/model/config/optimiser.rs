@@ -1,4 +1,4 @@
-//! What every training has: Adam, its schedule, and the average that is exported.
+//! Settings of every training: Adam, its schedule, and the average that is exported.
 
 use super::check::{ConfigError, positive, rule, within};
 use crate::model::engine::Adam;
@@ -7,26 +7,26 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OptimiserConfig {
-    /// Steps; with a limit in seconds and none in steps, time alone decides.
+    /// Number of steps; if only a limit in seconds is given, time alone decides.
     pub steps: u32,
     /// Learning rate at the start.
     pub rate: f64,
-    /// Learning rate at the end, as a share of `rate`; 1 keeps it constant.
+    /// Learning rate at the end, as a fraction of `rate`; 1 keeps it constant.
     pub final_share: f64,
-    /// Steps over which the rate rises from 0.
+    /// Steps over which the learning rate rises from 0.
     pub warm_up: u32,
     /// Adam's decay of the second moment.
     pub beta2: f64,
     /// Adam's epsilon.
     pub epsilon: f64,
-    /// Decoupled weight decay: share of a weight lost at each step, divided by the learning rate. Beside a grid, of the colour
-    /// branch alone.
+    /// Decoupled weight decay: each step multiplies a weight by 1 − learning rate · decay. With a grid, only weights
+    /// of the colour branch decay.
     pub weight_decay: f64,
-    /// Decay, a step, of the exponential average of the parameters that is exported, which reaches back over a ninth of the
-    /// steps so far at most; 0 exports the last.
+    /// Decay per step of the exponential average of the parameters that is exported. Its horizon is at most a ninth
+    /// of the steps so far. 0 exports the last parameters.
     pub average: f64,
-    /// Steps from one move of a hashed level of the grid to the next, by the sum of its gradients meanwhile; 1 moves every
-    /// level at every step.
+    /// Steps between two updates of a hashed level of the grid, each by the sum of the gradients meanwhile; 1 updates
+    /// every level at every step.
     pub hashed_every: u32,
 }
 
@@ -37,7 +37,7 @@ impl OptimiserConfig {
         let share = self.final_share;
         rule("optimiser.final_share", positive(share) && share <= 1.0, "above 0, at most 1", share)?;
         rule("optimiser.beta2", (0.0..1.0).contains(&self.beta2), "0 to 1, without 1", self.beta2)?;
-        // Adam divides by it in f32 where a gradient was always 0.
+        // Adam divides by epsilon in f32 if a gradient was always 0.
         let sound = (self.epsilon as f32).is_finite() && self.epsilon as f32 > 0.0;
         rule("optimiser.epsilon", sound, "above 0, in the range of f32", self.epsilon)?;
         let shrinks = (0.0..=1.0).contains(&(self.rate * self.weight_decay));

@@ -12,9 +12,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Preset {
-    /// A learned grid, and a small network that is asked once a ray: seconds to fit, milliseconds to draw.
+    /// A learned grid, and a small network evaluated once per ray: seconds to fit, milliseconds to draw.
     Grid,
-    /// A small sinusoidal network, empty space skipped from the first step: the smallest files.
+    /// A small sinusoidal network that skips empty space from the first step: the smallest files.
     Small,
     /// The classic recipe to the letter: 8×256, dense, 10,000 rays a step, Adam 5e-4.
     Seed,
@@ -30,7 +30,7 @@ impl Preset {
     }
 }
 
-/// A learned grid, and a small network that is asked once a ray.
+/// A learned grid, and a small network evaluated once per ray.
 fn grid() -> Config {
     Config {
         preset: Preset::Grid,

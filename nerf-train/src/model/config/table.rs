@@ -13,15 +13,16 @@ pub struct TableConfig {
     pub levels: usize,
     /// Features of an entry: 1, 2 or 4.
     pub features: u8,
-    /// Binary logarithm of the most entries a level has.
+    /// Binary logarithm of the most entries of a level.
     pub log2_entries: u8,
     /// Cells of the first level along the longest side of the scene box.
     pub coarsest: u16,
-    /// Cells of the last level.
+    /// Cells of the last level along the same side.
     pub finest: u16,
-    /// What its values are stored in when the run is exported; they are trained in f32.
+    /// Storage of the tables' values in the exported file; they are trained in f32.
     pub storage: TableStorage,
-    /// The most bytes of coded tables, which their steps follow from; none: steps of a fixed share of the values.
+    /// Most bytes of coded tables, which their steps follow from; if absent, steps are a fixed fraction of the
+    /// values.
     #[serde(default)]
     pub most_bytes: Option<u64>,
 }
@@ -63,12 +64,12 @@ impl TableConfig {
         GridEncoding { inputs, features: self.features, log2_entries: self.log2_entries, resolutions }
     }
 
-    /// Whether its tables are trained as they are exported, rounded, when `share` of the run is over.
+    /// Whether the tables are rounded as for export while they are trained, after the fraction `share` of the run.
     pub(crate) fn is_rounded(&self, share: f64) -> bool {
         self.storage != TableStorage::F16 && share >= ROUNDED_FROM
     }
 
-    /// What they are rounded to.
+    /// Rounding of the tables at export.
     pub(crate) fn rounding(&self) -> Rounding {
         let most_bytes = self.most_bytes.and_then(|most| usize::try_from(most).ok());
         Rounding { storage: self.storage, most_bytes }

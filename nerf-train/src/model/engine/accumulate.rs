@@ -5,13 +5,13 @@ use nerf_core::matrix::{Gemm, Init, gemm};
 use nerf_core::simd::{BLOCK, Isa};
 use rayon::prelude::*;
 
-/// Columns are padded to whole vectors of this many.
+/// Rows are padded to a multiple of this many columns.
 const VECTOR: usize = 16;
-/// Up to this many outputs, dot products cost less than a transposition.
+/// Most outputs for which dot products cost less than a transposition.
 const FEW_OUTPUTS: usize = 4;
 const ROWS: usize = 32;
 
-/// One accumulator's gradient of one layer, rows padded to whole vectors.
+/// Gradient of one layer in one accumulator; rows padded to whole vectors.
 #[derive(Default)]
 pub(super) struct LayerSum {
     /// Whether anything was added since [`LayerSum::clear`]; if not, the values are stale.
@@ -29,7 +29,7 @@ fn padded(columns: usize) -> usize {
 }
 
 impl LayerSum {
-    /// Forgets the sum without touching its memory.
+    /// Resets the sum without touching its memory.
     pub(super) fn clear(&mut self) {
         self.touched = false;
     }
@@ -149,7 +149,7 @@ fn transpose(x: &[f32], channels: usize, lanes: usize, out: &mut Vec<f32>) {
         let row = |i: usize| if first + i < channels { &x[(first + i) * BLOCK..][..BLOCK] } else { &zeros };
         let rows = [row(0), row(1), row(2), row(3)];
         for first_lane in (0..lanes).step_by(4) {
-            // Four rows at a time: the loop waits for its loads, and this keeps their streams few.
+            // Four rows at a time: the loop is bound by its loads, and this keeps their streams few.
             let [a, b, c, d] = rows.map(|row| four(row, first_lane));
             for lane in 0..4 {
                 let out = &mut out[(first_lane + lane) * columns + first..][..4];

@@ -1,22 +1,22 @@
-//! Inputs of a training step: rays, samples and the colours that are asked for.
+//! Input of a training step: rays, samples and target colours.
 
 use glam::Vec3;
 use nerf_core::space::Contraction;
 
-/// One ray: what it should show, and how many samples it has.
+/// One ray: its target colour and number of samples.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct BatchRay {
     pub dir: [f32; 3],
     pub rgb: [f32; 3],
-    /// What shows where the ray's transmittance is left, display-encoded.
+    /// Colour behind the ray's last sample, which the remaining transmittance lets through; display-encoded.
     pub background: [f32; 3],
-    /// How many of [`Batch::positions`] are this ray's; it may have none.
+    /// Number of [`Batch::positions`] that belong to this ray; may be 0.
     pub samples: u32,
 }
 
 /// Known surface of a ray, for depth supervision.
 ///
-/// It adds `weight · (Σ_i w_i min(|along_i − at|, CLIP) + T_end · CLIP)` to the sum over rays that the loss is the mean of.
+/// Adds `weight · (Σ_i w_i min(|along_i − at|, CLIP) + T_end · CLIP)` to the sum over rays whose mean is the loss.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
     /// Position along the ray: 0 at its beginning, 1 at its end.
@@ -26,34 +26,35 @@ pub struct Surface {
 }
 
 impl Surface {
-    /// Distance along the ray at which the cost of a sample stops growing: a wrong surface cannot move a whole ray.
+    /// Distance, in units of [`Surface::at`], at which the cost of a sample stops growing: a wrong surface cannot
+    /// move a whole ray.
     pub const CLIP: f32 = 0.25;
 }
 
-/// How the loss's gradient by the rays' own origins and directions is asked for.
+/// Request for the loss's gradient by the rays' origins and directions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayQuestion {
-    /// How the world is contracted into the space that positions are in.
+    /// Contraction of the world into the space that positions are in.
     pub contraction: Contraction,
-    /// Standard deviation of the Gaussian around each sample that the gradient is a mean over, units of that space: levels
-    /// of the grid that are finer count for less.
+    /// Standard deviation of the Gaussian around each sample over which the gradient is averaged, units of that
+    /// space: finer levels of the grid count for less.
     pub blur: f32,
 }
 
-/// Gradient of the loss by a ray, whose samples stay at their distances.
+/// Gradient of the loss by a ray's origin and direction; its samples stay at their distances.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayGradient {
     pub ray: u32,
-    /// By the origin, per world unit.
+    /// Gradient by the origin, per world unit.
     pub by_origin: Vec3,
-    /// By the direction, of which only the part across the ray means anything.
+    /// Gradient by the direction; only its component across the ray is meaningful.
     pub by_dir: Vec3,
 }
 
-/// Rays with their live samples, ray after ray, front to back.
+/// Rays with their samples in occupied cells, ray after ray, front to back.
 ///
-/// In a 2D field `positions` hold the point in their first two coordinates and every sample is
-/// opaque: one sample a ray.
+/// In a 2D field `positions` hold the point in their first two coordinates, every sample is opaque, and each ray has
+/// one.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct Batch {
     pub rays: Vec<BatchRay>,
@@ -61,39 +62,38 @@ pub struct Batch {
     pub positions: Vec<[f32; 3]>,
     /// Length of each sample's bin, world units, at least 0.
     pub deltas: Vec<f32>,
-    /// Factor on the gradient of each sample; all are 1 where it is empty. Only the grid's engine reads it.
+    /// Factor on the gradient of each sample; empty: 1. Only the grid's engine reads it.
     pub gradient_scales: Vec<f32>,
     /// Points of culled space, whose density is pushed to zero.
     pub empty: Vec<[f32; 3]>,
-    /// Weight of their term in the loss.
+    /// Weight of these points' term in the loss.
     pub empty_weight: f32,
-    /// Where samples of little weight are kept by chance, so that fog of them is learned from: the seed and the step of the
-    /// draw. Otherwise none of them is. Of a grid's batches only.
+    /// Seed and step of the Russian roulette that keeps some samples of little weight, so that the field learns from
+    /// fog of them. If absent, none of them is kept. With a grid only.
     pub roulette: Option<(u64, u64)>,
-    /// Known surfaces, one for each of the first rays; empty where none are known. Of a grid's batches only.
+    /// Known surfaces, one for each of the first rays; empty if none are known. With a grid only.
     pub surfaces: Vec<Surface>,
     /// Position of each sample of those rays along its ray, 0 to 1 as [`Surface::at`].
     pub along: Vec<f32>,
-    /// Index of each ray's photograph. Of a grid's batches only, as what follows.
+    /// Index of each ray's photograph. With a grid only, as all following fields.
     pub views: Vec<u32>,
     /// Index of each ray's pixel in its photograph.
     pub pixels: Vec<u32>,
-    /// Where each ray begins, world.
+    /// Origin of each ray, world.
     pub origins: Vec<[f32; 3]>,
-    /// What is asked of the rays themselves, if anything is: the gradient that is followed leaves out that the colour
-    /// depends on the direction, and that the distortion loss depends on distances.
+    /// Request for the gradients by the rays, if any. They leave out that the distortion loss depends on distances.
     pub question: Option<RayQuestion>,
-    /// Gain of each ray's photograph on what the field shows, red, green, blue; empty: 1. The background has none.
+    /// Gain of each ray's photograph on the field's colour, red, green, blue; empty: 1. The background has none.
     pub gains: Vec<[f32; 3]>,
     /// Weight of each ray's squared error in the loss; empty: 1.
     pub weights: Vec<f32>,
-    /// Weight of the distortion loss, per unit of length of the space that the positions are in; 0 for none. Of a grid's
-    /// batches only.
+    /// Weight of the distortion loss, per unit of length of the space that the positions are in; 0 for none. With a
+    /// grid only.
     pub distortion: f32,
 }
 
 impl Batch {
-    /// Removes rays and points and keeps the memory.
+    /// Removes rays and points but keeps the memory.
     pub fn clear(&mut self) {
         self.rays.clear();
         self.positions.clear();
@@ -134,7 +134,7 @@ impl Batch {
                 return Err(BatchError::Length { field, expected, found });
             }
         }
-        // All of it at once; who it is is asked where one is not.
+        // Tests all values at once; searches for the index only after a failure.
         let sound = |values: &[f32]| values.iter().fold(true, |all, x| all & x.is_finite());
         if !sound(&self.gradient_scales) {
             let index = self.gradient_scales.iter().position(|x| !x.is_finite());

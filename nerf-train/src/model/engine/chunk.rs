@@ -1,11 +1,11 @@
-//! Cuts a batch into chunks of whole rays, in a way that only the batch decides.
+//! Cuts a batch into chunks of whole rays; the cuts depend on the batch only.
 
 use super::{Batch, BatchRay};
 use std::ops::Range;
 
-/// Most samples of a chunk, but for its last ray: what fits the caches with all its activations.
+/// Most samples of a chunk, except for its last ray: their activations fit the caches.
 pub(super) const SAMPLES: usize = 512;
-/// Most rays of a chunk: rays without samples have a price too.
+/// Most rays of a chunk: rays without samples cost time, too.
 const RAYS: usize = 2048;
 
 /// A part of a batch that goes through the network together.
@@ -15,8 +15,8 @@ pub(super) enum Chunk {
     Empty(Range<usize>),
 }
 
-/// Fills `chunks` with the batch's, in order, of up to `most` samples but for a longer ray: an even number of about the
-/// same size, so that two threads are done at the same time.
+/// Fills `chunks` with the parts of the batch, in order, of up to `most` samples, except for a longer ray: an even
+/// number of chunks of about the same size, so that two threads finish at the same time.
 pub(super) fn cut(batch: &Batch, most: usize, chunks: &mut Vec<Chunk>) {
     chunks.clear();
     let total = batch.positions.len();

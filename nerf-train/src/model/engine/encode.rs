@@ -6,7 +6,7 @@ use nerf_core::simd::{BLOCK, Isa};
 
 /// Encodes up to [`BLOCK`] points into `out`, `[outputs][BLOCK]`; missing points are zeros.
 ///
-/// Of each point the first `encoding.inputs` coordinates are used.
+/// Only the first `encoding.inputs` coordinates of each point are used.
 pub(super) fn encode_points<'a>(
     isa: Isa,
     encoding: &SinusoidalEncoding,

@@ -1,8 +1,8 @@
 //! The fast engine: explicit forward and backward passes on the product kernel.
 //!
-//! The bits of a step do not depend on the number of threads: chunk `i` of the batch is added to
-//! accumulator `i mod 16`, each accumulator takes its chunks in order, and the accumulators are
-//! summed in order. Threads decide only who does it when.
+//! The bits of a step do not depend on the number of threads: chunk `i` of the batch is added to accumulator `i mod
+//! 16`, each accumulator adds its chunks in order, and the accumulators are summed in order. Threads decide only when
+//! and where an accumulator runs.
 
 use super::accumulate::reduce;
 use super::chunk::{Chunk, SAMPLES, cut};
@@ -14,10 +14,10 @@ use nerf_core::simd::Isa;
 use rayon::prelude::*;
 use std::borrow::Cow;
 
-/// Accumulators, hence threads a step can use.
+/// Number of accumulators, which is the most threads a step can use.
 const ACCUMULATORS: usize = 16;
 
-/// The fast engine: explicit passes, and bits that do not depend on the number of threads.
+/// The fast engine: explicit passes; the bits do not depend on the number of threads.
 ///
 /// Memory: parameters ×5, and per accumulator one gradient and the activations of one chunk (about
 /// 512 samples, or one longer ray): some 150 MiB for the 8×256 network, whatever the batch.
@@ -25,7 +25,7 @@ pub struct FusedEngine {
     graph: Graph,
     isa: Isa,
     optimiser: Optimiser,
-    /// The optimiser's values, in one piece.
+    /// The optimiser's values, contiguous.
     parameters: Vec<f32>,
     chunks: Vec<Chunk>,
     passes: Vec<Pass>,
@@ -37,7 +37,7 @@ impl FusedEngine {
         Self::with_parameters(model, adam, &model.initial_parameters(seed))
     }
 
-    /// An engine on given parameters, in the model's own order.
+    /// Creates an engine with these parameters, in the model's order.
     pub fn with_parameters(model: &Model, adam: Adam, parameters: &[f32]) -> Result<Self, EngineError> {
         let graph = Graph::new(model)?;
         let optimiser = Optimiser::new(&model.layers(), adam, parameters)?;
@@ -46,7 +46,7 @@ impl FusedEngine {
         Ok(Self { graph, isa: Isa::detect(), optimiser, parameters, chunks: Vec::new(), passes })
     }
 
-    /// Chooses the instructions; [`Isa::detect`] is the default.
+    /// Sets the instruction set; [`Isa::detect`] is the default.
     pub fn set_isa(&mut self, isa: Isa) {
         self.isa = isa;
     }
@@ -55,7 +55,7 @@ impl FusedEngine {
         &self.graph.model
     }
 
-    /// Loss of a checked batch; its gradients are left with the optimiser.
+    /// Loss of a checked batch; its gradients are written to the optimiser.
     fn differentiate(&mut self, batch: &Batch) -> Result<StepLoss, EngineError> {
         let Self { graph, isa, optimiser, parameters, chunks, passes } = self;
         cut(batch, SAMPLES, chunks);
@@ -89,7 +89,7 @@ impl FusedEngine {
         })
     }
 
-    /// Loss and gradients, in the model's own order, without a step.
+    /// Loss and gradients, in the model's order, without a step.
     #[cfg(test)]
     pub(super) fn gradients(&mut self, batch: &Batch) -> Result<(StepLoss, Vec<f32>), EngineError> {
         batch.check()?;

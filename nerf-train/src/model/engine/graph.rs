@@ -1,4 +1,4 @@
-//! Which layer reads what, and the product kernel applied to one layer of one chunk.
+//! Inputs of each layer, and the product kernel applied to one layer of one chunk.
 //!
 //! Activations lie in slots, `[blocks][channels][BLOCK]`: slot 0 is PE(x), slot 1 PE(d), slot
 //! `FIRST + l` the output of layer `l`.
@@ -12,7 +12,7 @@ pub(super) const POSITION: usize = 0;
 pub(super) const DIRECTION: usize = 1;
 pub(super) const FIRST: usize = 2;
 
-/// Lanes are computed in whole vectors of this many.
+/// Length of a vector; lanes are computed in multiples of it.
 const VECTOR: usize = 16;
 
 pub(super) struct Node {
@@ -70,13 +70,13 @@ impl Graph {
     }
 }
 
-/// The blocks of `samples` samples, each with the number of lanes worth computing.
+/// Blocks of `samples` samples, each with the number of lanes to compute.
 pub(super) fn blocks(samples: usize) -> impl Iterator<Item = (usize, usize)> {
     let lanes = move |block: usize| (samples - block * BLOCK).min(BLOCK).next_multiple_of(VECTOR);
     (0..samples.div_ceil(BLOCK)).map(move |block| (block, lanes(block)))
 }
 
-/// One block of a slot with this many channels.
+/// One block of a slot with `channels` channels.
 pub(super) fn block_of(slot: &[f32], channels: usize, block: usize) -> &[f32] {
     &slot[block * channels * BLOCK..][..channels * BLOCK]
 }
@@ -141,7 +141,7 @@ impl Node {
     }
 }
 
-/// Takes out of `dy` what a ReLU with output `y` did not let through; both `[blocks][channels][BLOCK]`.
+/// Backward pass of a ReLU with output `y`: sets `dy` to 0 where `y` is 0; both `[blocks][channels][BLOCK]`.
 pub(super) fn mask_relu(dy: &mut [f32], y: &[f32], channels: usize, samples: usize) {
     let length = samples.div_ceil(BLOCK) * channels * BLOCK;
     for (dy, &y) in dy[..length].iter_mut().zip(&y[..length]) {

@@ -1,21 +1,21 @@
-//! Optimises a network on batches of rays; the only room that knows dfdx.
+//! Optimises a network on batches of rays; the only module that uses dfdx.
 //!
 //! `Batch` → encode → network → volume rendering → loss → gradients → Adam → parameters
 //!
-//! [`ReferenceEngine`] and, of a grid, [`GridReferenceEngine`] leave the derivatives to dfdx's tape: slow and obvious, the
-//! oracles (`fit --engine dfdx`). [`FusedEngine`] and [`GridEngine`] compute them with explicit backward passes on
-//! `nerf_core::matrix::gemm`; the former's parameters, gradients and Adam are dfdx's. All take the same [`Batch`] and
-//! minimise
+//! [`ReferenceEngine`] and, for grids, [`GridReferenceEngine`] leave the derivatives to dfdx's tape: slow and
+//! obvious, they are the oracles (`fit --engine dfdx`). [`FusedEngine`] and [`GridEngine`] compute them with explicit
+//! backward passes on `nerf_core::matrix::gemm`. [`FusedEngine`] takes parameters, gradients and Adam from dfdx. All
+//! use the same [`Batch`] and minimise
 //!
 //! `loss = mean over rays and channels of (C − rgb)² + empty_weight · mean over empty of ln(1 + sigma)`
 //!
 //! `C = Σ_i w_i c_i + T_end · background`, `w_i = T_i · alpha_i`, `alpha_i = −expm1(−sigma_i · delta_i)`,
-//! `T_i = exp(−Σ_{j<i} sigma_j · delta_j)`; beside a grid without the term of empty points.
+//! `T_i = exp(−Σ_{j<i} sigma_j · delta_j)`; with a grid without the term of empty points.
 //!
 //! # One step, by the tape
 //!
-//! All of it in dfdx's own words: rays, positional encoding, network, volume rendering, loss, Adam. The engines add what
-//! a scene needs: views, directions, empty space that is skipped, and checkpoints.
+//! A complete step in dfdx: rays, positional encoding, network, volume rendering, loss, Adam. The engines add what a
+//! scene needs: views, directions, empty space that is skipped, and checkpoints.
 //!
 //! ```
 //! use dfdx::optim::{Adam, AdamConfig};
@@ -104,21 +104,21 @@ use std::borrow::Cow;
 /// Largest sigma in training, per world unit: an opaque wall at any scale, and no overflow behind it.
 pub const SIGMA_LIMIT: f32 = 1e6;
 
-/// A gradient beyond this counts as divergence: its square, which Adam keeps, would overflow.
+/// Size from which a gradient counts as divergence: its square, which Adam keeps, would overflow.
 const GRADIENT_LIMIT: f32 = 1e18;
 
-/// What computes the gradients of a run.
+/// Engine that computes the gradients of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum EngineKind {
     /// Explicit backward passes: fast, and the same bits for any number of threads.
     #[default]
     Fused,
-    /// dfdx's tape and dfdx's Adam, from loss to update: the reference that one can read, slow.
+    /// dfdx's tape and dfdx's Adam, from loss to update: slow, but a reference that can be read.
     Dfdx,
 }
 
-/// The engine of this kind that trains `model`; `bounds`: what its grid spans, if it has one.
+/// Creates an engine of this kind that trains `model`; `bounds`: the box that its grid spans, if it has one.
 ///
 /// # Errors
 /// [`EngineError::Model`] and [`EngineError::NotPlain`] if the model is out of bounds, [`EngineError::NoDensity`] for the
@@ -147,9 +147,9 @@ pub fn engine_for(
     })
 }
 
-/// Something that fits a [`Model`] to batches.
+/// Trains a [`Model`] on batches.
 pub trait Engine: Send {
-    /// Forward, backward, one Adam step at learning rate `rate`; returns the loss before the step.
+    /// Runs forward pass, backward pass and one Adam step at learning rate `rate`; returns the loss before the step.
     ///
     /// # Errors
     /// [`EngineError::Batch`] and [`EngineError::Rate`] for wrong input, [`EngineError::Diverged`]
@@ -157,11 +157,11 @@ pub trait Engine: Send {
     /// before the call.
     fn step(&mut self, batch: &Batch, rate: f64) -> Result<StepLoss, EngineError>;
 
-    /// As [`Engine::step`], and calls `prefetch` once the loss is known: at the same time as the rest of the step, where an
-    /// engine can.
+    /// Does [`Engine::step`], and calls `prefetch` once the loss is known: in parallel with the rest of the step, if
+    /// the engine can.
     ///
     /// # Errors
-    /// Those of [`Engine::step`]; `prefetch` is then not called.
+    /// The errors of [`Engine::step`]; `prefetch` is then not called.
     fn step_with_prefetch(
         &mut self,
         batch: &Batch,
@@ -173,57 +173,57 @@ pub trait Engine: Send {
         Ok(loss)
     }
 
-    /// From now on encodes with a grid's tables as a file has them in int8, or coded; the first call says what a step of each
-    /// level counts. Nothing without a grid.
+    /// From now on encodes with a grid's tables rounded as in an int8 or coded file; the first call fixes the step
+    /// size of each level. No effect without a grid.
     fn round_tables(&mut self, _rounding: Rounding) {}
 
-    /// From now on shrinks the colour branch beside a grid by this decay. Nothing without a grid.
+    /// From now on decays the weights of a grid's colour branch by `weight_decay`. No effect without a grid.
     fn set_weight_decay(&mut self, _weight_decay: f64) {}
 
-    /// What a step of int8 counts, level by level; empty while nothing is rounded.
+    /// Step size of each level of the rounded tables; empty while nothing is rounded.
     fn table_scales(&self) -> &[f32] {
         &[]
     }
 
-    /// Gradient of the last step's loss by the log gain of each of `views` photographs; zeros of an engine without gains.
+    /// Gradient of the last step's loss by the log gain of each of `views` photographs; 0 if the engine has no gains.
     fn gain_gradients(&self, views: usize) -> Vec<[f32; 3]> {
         vec![[0.0; 3]; views]
     }
 
-    /// Loss of a batch and, where it asks for them, the gradients by its rays, of parameters that stay as they are; no loss
-    /// of an engine without the latter.
+    /// Loss of a batch and, if the batch requests them, the gradients by its rays; the parameters do not change. An
+    /// engine without ray gradients returns a loss of 0.
     fn ask(&mut self, _batch: &Batch) -> Result<StepLoss, EngineError> {
         Ok(StepLoss::default())
     }
 
-    /// Gradients of the last batch's loss by its rays, where that asked for them; none of an engine without them.
+    /// Gradients of the last batch's loss by its rays, if it requested them; none if the engine has no ray gradients.
     fn ray_gradients(&self) -> Box<dyn Iterator<Item = &RayGradient> + '_> {
         Box::new(std::iter::empty())
     }
 
-    /// Index and colour error, shown minus photographed, of each ray of the last batch whose photographs were given; none of
-    /// an engine that does not say.
+    /// Index and colour error, shown minus photographed, of each ray of the last batch that names its photograph;
+    /// none if the engine does not report them.
     fn errors(&self) -> Box<dyn Iterator<Item = &(u32, [f32; 3])> + '_> {
         Box::new(std::iter::empty())
     }
 
-    /// Position and weight of the last step's samples that were trained on; none of an engine that does not say.
+    /// Position and weight of the samples that the last step trained; none if the engine does not report them.
     fn weighted(&self) -> Box<dyn Iterator<Item = ([f32; 3], f32)> + '_> {
         Box::new(std::iter::empty())
     }
 
-    /// Parameters in the [`Model`]'s own order.
+    /// Parameters in the [`Model`]'s order.
     fn parameters(&self) -> Cow<'_, [f32]>;
 
-    /// Where the time of all steps went; nothing where the engine does not keep it.
+    /// Time of all steps by phase; 0 if the engine does not measure it.
     fn phases(&self) -> Phases {
         Phases::default()
     }
 
-    /// Everything a checkpoint needs: resuming from it gives the same bits as not having stopped.
+    /// State for a checkpoint: a run resumed from it gives the same bits as one that never stopped.
     fn state(&self) -> OptimiserState;
 
-    /// Takes up a checkpoint.
+    /// Resumes from the state of a checkpoint.
     ///
     /// # Errors
     /// [`EngineError::Parameters`] if it is of a model of another size, [`EngineError::NonFinite`]
@@ -231,22 +231,22 @@ pub trait Engine: Send {
     fn restore(&mut self, state: &OptimiserState) -> Result<(), EngineError>;
 }
 
-/// Adam's constants; the learning rate is given step by step.
+/// Adam's constants; each step is given its learning rate.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Adam {
-    /// Decay of the first and of the second moment.
+    /// Decay of the first and the second moment.
     pub betas: [f64; 2],
-    /// Added to the root of the second moment.
+    /// Added to the square root of the second moment.
     pub epsilon: f64,
-    /// Decoupled weight decay: share of a weight lost at each step, divided by the learning rate. Beside a grid, of the colour
-    /// branch alone.
+    /// Decoupled weight decay: each step multiplies a weight by 1 − learning rate · decay. With a grid, only weights
+    /// of the colour branch decay.
     pub weight_decay: f64,
-    /// Steps from one move of a hashed level of a grid to the next, by the sum of its gradients since the last; at least 1.
+    /// Steps between two updates of a hashed level of a grid, each by the sum of the gradients meanwhile; at least 1.
     pub hashed_every: u32,
 }
 
 impl Default for Adam {
-    /// What fitted best on a CPU budget: a short second moment and a negligible epsilon.
+    /// The constants that fitted best on a CPU budget: a short second moment and a negligible epsilon.
     fn default() -> Self {
         Self { betas: [0.9, 0.99], epsilon: 1e-15, weight_decay: 0.0, hashed_every: 1 }
     }
@@ -254,30 +254,31 @@ impl Default for Adam {
 
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct OptimiserState {
-    /// In the [`Model`]'s own order.
+    /// Parameters in the [`Model`]'s order.
     pub parameters: Vec<f32>,
     /// First moments, in the same order.
     pub moment1: Vec<f32>,
     /// Second moments, in the same order, none negative.
     pub moment2: Vec<f32>,
     pub steps: u64,
-    /// What a step of int8 counts, level by level of a grid whose tables are rounded; else empty.
+    /// Step size of each level of a grid whose tables are rounded; else empty.
     pub scales: Vec<f32>,
-    /// Gradients of a grid's hashed levels since each moved, level by level; empty where all levels move at every step.
+    /// Gradients of a grid's hashed levels, accumulated since each level's last update; empty if every step updates
+    /// all levels.
     pub waiting: Vec<f32>,
 }
 
-/// What a batch cost before its step.
+/// Loss of a batch before its step.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct StepLoss {
     /// Mean over rays and channels of the squared error; 0 without rays.
     pub mse: f64,
     /// Mean over `empty` of ln(1 + sigma), not yet weighted; 0 without such points.
     pub empty: f64,
-    /// The batch has samples on rays, and every sigma of theirs is 0: nothing reaches the network.
+    /// Whether the batch has samples on rays but every sigma of theirs is 0: no gradient reaches the network.
     pub dead: bool,
     pub evaluated: usize,
-    /// Samples that had a colour and a backward pass.
+    /// Samples with a colour and a backward pass.
     pub kept: usize,
 }
 

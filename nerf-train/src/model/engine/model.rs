@@ -1,4 +1,4 @@
-//! The network as it is trained: more than what is exported, and foldable into it.
+//! The network in training: with more layers than the exported one, and foldable into that.
 
 use nerf_core::encoding::GridEncoding;
 use nerf_core::network::{Architecture, ArchitectureError, Role};
@@ -6,15 +6,15 @@ use nerf_core::sampling::{Purpose, uniform_u32};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-/// An [`Architecture`] with what exists only in training.
+/// An [`Architecture`] with the parts that exist only in training.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Model {
     pub architecture: Architecture,
     /// Whether a linear layer, as wide as the trunk, stands between trunk and first colour layer.
     pub feature: bool,
-    /// `sigma = activation(density_scale · raw)`: lets the density learn at another pace.
+    /// `sigma = activation(density_scale · raw)`: lets the density learn faster or slower than the rest.
     pub density_scale: f32,
-    /// Added to the density head's start bias, in units after scaling (`raw` gets bias / scale).
+    /// Added to the density head's initial bias, in units after scaling (`raw` gets bias / scale).
     pub density_bias: f32,
 }
 
@@ -23,11 +23,11 @@ pub enum Part {
     Trunk(u8),
     /// `h` → raw_sigma.
     Density,
-    /// The linear layer that is folded away.
+    /// The linear layer that is folded away at export.
     Feature,
-    /// Hidden layer of the colour branch of this index.
+    /// Hidden layer of the colour branch with this index.
     Colour(u8),
-    /// → three colour channels, sigmoid.
+    /// Output layer: three colour channels, sigmoid.
     Rgb,
 }
 
@@ -36,7 +36,7 @@ pub enum Part {
 pub struct Dense {
     pub part: Part,
     pub main: usize,
-    /// Encoded inputs appended to those.
+    /// Encoded inputs appended to the main ones.
     pub extra: usize,
     pub outputs: usize,
     /// Index of `W[0][0]` in the model's parameters.
@@ -77,7 +77,7 @@ pub enum ModelError {
 }
 
 impl Model {
-    /// The model whose parameters are already in export order: no feature layer, scale 1.
+    /// Model whose parameters are already in export order: no feature layer, scale 1.
     pub fn plain(architecture: Architecture) -> Self {
         Self { architecture, feature: false, density_scale: 1.0, density_bias: 0.0 }
     }
@@ -131,15 +131,16 @@ impl Model {
         self.layers().iter().map(Dense::parameters).sum()
     }
 
-    /// Number of values of the grid's tables; 0 of a sinusoidal encoding.
+    /// Number of values of the grid's tables; 0 for a sinusoidal encoding.
     pub fn table_values(&self) -> usize {
         self.architecture.position.grid().map_or(0, GridEncoding::values)
     }
 
-    /// Start values of the classic recipe, the same for the same seed on every machine.
+    /// Initial values of the classic recipe; a seed gives the same values on every machine.
     ///
-    /// Of a grid field: tables U(±1e-4); layers U(±√(6 / fan_in)) before a ReLU and U(±√(6 / (fan_in + 16)))
-    /// elsewhere; no biases but the density's. Without a trunk the density is read from the first feature of each level.
+    /// For a grid field: tables U(±1e-4); layers U(±√(6 / fan_in)) before a ReLU and U(±√(6 / (fan_in + 16)))
+    /// elsewhere; no biases except the density's. Without a trunk the density is read from the first feature of each
+    /// level.
     pub fn initial_parameters(&self, seed: u64) -> Vec<f32> {
         if self.architecture.position.grid().is_some() {
             return self.initial_grid_parameters(seed);
@@ -178,7 +179,7 @@ impl Model {
         parameters
     }
 
-    /// Start values; the density head's bias is shifted by `density_bias / density_scale`.
+    /// Initial values; the density head's bias is shifted by `density_bias / density_scale`.
     pub fn initial_parameters_with(&self, seed: u64, initialisation: Initialisation) -> Vec<f32> {
         let mut parameters = vec![0.0; self.parameters()];
         for layer in self.layers() {
@@ -203,14 +204,14 @@ impl Model {
         parameters
     }
 
-    /// Parameters of [`Model::architecture`], in its order, of the network with the same outputs; then the values of
-    /// its tables as they are.
+    /// Folds `parameters` into those of [`Model::architecture`], in its order: a network with the same outputs. The
+    /// values of the tables follow unchanged.
     ///
-    /// The feature layer is multiplied into the layer behind it and `density_scale` into the
-    /// density head; sums in f64.
+    /// The feature layer is multiplied into the layer after it and `density_scale` into the density head; sums in
+    /// f64.
     ///
     /// # Panics
-    /// If `parameters` are not [`Model::parameters`] many.
+    /// If the length of `parameters` is not [`Model::parameters`].
     pub fn fold<'p>(&self, parameters: Cow<'p, [f32]>) -> Cow<'p, [f32]> {
         assert_eq!(parameters.len(), self.parameters(), "parameters of another model");
         if !self.feature && self.density_scale == 1.0 {

@@ -1,7 +1,7 @@
-//! Parameters as dfdx tensors, one per layer, and Adam whose memory can be saved.
+//! Parameters as dfdx tensors, one per layer, and Adam with moments that can be saved.
 //!
-//! dfdx's own `Adam` keeps step and moments private; its kernel is public as
-//! `AdamConfig::try_update`, with a step count that starts at 1.
+//! dfdx's own `Adam` keeps step and moments private. Its kernel is public as `AdamConfig::try_update`, with a step
+//! count that starts at 1.
 
 use super::{Adam, Dense, EngineError, GRADIENT_LIMIT, OptimiserState};
 use dfdx::tensor::{Cpu, CpuError, Gradients, Storage, Tensor, TensorFromVec};
@@ -12,7 +12,7 @@ type Values = <Cpu as Storage<f32>>::Vec;
 
 impl From<CpuError> for EngineError {
     fn from(_: CpuError) -> Self {
-        // The other cause, a vector of the wrong length, is checked before dfdx sees it.
+        // The other cause, a vector of the wrong length, is excluded before dfdx is called.
         Self::OutOfMemory
     }
 }
@@ -37,7 +37,7 @@ impl Parameter {
         Ok(Self { first, length, value, gradients, moment1: moment()?, moment2: moment()? })
     }
 
-    /// The gradient, to be written by whoever computes it.
+    /// The gradient, which the engine writes.
     pub(super) fn gradient_mut(&mut self) -> Result<&mut [f32], EngineError> {
         Ok(self.gradients.get_or_alloc_mut(&self.value)?.as_mut_slice())
     }
@@ -68,12 +68,12 @@ impl Optimiser {
         self.steps as u64 + 1
     }
 
-    /// One per layer, in the model's order.
+    /// Parameters, one per layer, in the model's order.
     pub(super) fn parameters_mut(&mut self) -> &mut [Parameter] {
         &mut self.parameters
     }
 
-    /// One Adam step on the gradients that were written.
+    /// One Adam step with the written gradients.
     pub(super) fn apply(&mut self, rate: f64) -> Result<(), EngineError> {
         let step = self.steps.checked_add(1).ok_or(EngineError::Steps { found: self.next_step() })?;
         let decay = self.adam.weight_decay;

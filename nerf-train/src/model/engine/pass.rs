@@ -1,4 +1,4 @@
-//! One accumulator's work: chunks through the network, forward and backward.
+//! Work of one accumulator: forward and backward passes of chunks through the network.
 
 use super::accumulate::LayerSum;
 use super::chunk::Chunk;
@@ -12,9 +12,9 @@ use std::ops::Range;
 
 #[derive(Clone, Copy, Default)]
 pub(super) struct ChunkLoss {
-    /// Of (C − rgb)² over rays and channels.
+    /// Sum of (C − rgb)² over rays and channels.
     pub(super) squared: f64,
-    /// Of ln(1 + sigma) over points of culled space.
+    /// Sum of ln(1 + sigma) over points of culled space.
     pub(super) empty: f64,
     /// Whether a sample on a ray had a sigma other than 0.
     pub(super) alive: bool,
@@ -27,7 +27,7 @@ pub(super) struct Job<'a> {
     pub(super) parameters: &'a [f32],
 }
 
-/// An accumulator with the buffers of its current chunk; all are reused from step to step.
+/// An accumulator with the buffers of its current chunk, which are reused from step to step.
 #[derive(Default)]
 pub(super) struct Pass {
     pub(super) loss: ChunkLoss,
@@ -41,7 +41,7 @@ pub(super) struct Pass {
     d_sigma: Vec<f32>,
     transposed: Vec<f32>,
     volume: Scratch,
-    /// For each sample of the chunk, its ray in the batch.
+    /// Index in the batch of the ray of each sample of the chunk.
     ray_of: Vec<u32>,
 }
 
@@ -153,7 +153,7 @@ impl Pass {
         job.graph.nodes[layer].forward(job.isa, job.parameters, inputs, out, samples);
     }
 
-    /// raw → sigma, clamped; the raw values are replaced by d sigma / d raw.
+    /// Replaces raw values by d sigma / d raw, and writes the clamped sigma.
     fn activate_density(&mut self, job: Job<'_>, samples: usize) {
         let architecture = &job.graph.model.architecture;
         let (Some(layer), Some(activation)) = (job.graph.density, architecture.density) else { return };
@@ -166,7 +166,7 @@ impl Pass {
         }
     }
 
-    /// Gives the lanes behind the last sample no gradient of sigma or colour.
+    /// Sets the gradients of sigma and colour to 0 in the lanes after the last sample.
     fn zero_padding(&mut self, samples: usize) {
         grow(&mut self.upper, 3, samples);
         grow(&mut self.d_sigma, 1, samples);
@@ -177,7 +177,7 @@ impl Pass {
         }
     }
 
-    /// From the gradient of the rgb layer's output in `upper` to that of the trunk's output there.
+    /// Backward pass of the colour branch: `upper` goes from the gradient of the rgb output to that of the trunk's.
     fn backward_colour(&mut self, job: Job<'_>, samples: usize) {
         let Graph { nodes, colour, .. } = job.graph;
         for l in colour.clone().rev() {
@@ -192,7 +192,8 @@ impl Pass {
         }
     }
 
-    /// From the gradient of sigma, and of the trunk's output in `upper` if `colour`, to the first layer.
+    /// Backward pass of density and trunk, from the gradient of sigma and, if `colour`, of the trunk's output in
+    /// `upper`.
     fn backward_trunk(&mut self, job: Job<'_>, samples: usize, colour: bool) {
         let Graph { nodes, trunk, density, .. } = job.graph;
         if let Some(l) = *density {
@@ -224,7 +225,7 @@ impl Pass {
     }
 }
 
-/// sigma and its derivative; NaN stays NaN, so that the loss shows it.
+/// sigma and its derivative; NaN stays NaN and shows in the loss.
 pub(super) fn activate(activation: DensityActivation, raw: f32) -> (f32, f32) {
     let (value, slope) = match activation {
         DensityActivation::Relu => {

@@ -1,16 +1,16 @@
-//! Where the time of training goes.
+//! Time that each phase of training takes.
 
 use std::ops::AddAssign;
 use std::time::{Duration, Instant};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
-    /// Rays, and their samples in occupied cells.
+    /// Generation of rays, and of their samples in occupied cells.
     March,
-    /// Table entries to encoded positions.
+    /// Interpolation of table entries to encoded positions.
     Encode,
     Forward,
-    /// Weights along the rays, pixels, loss, and their gradients.
+    /// Weights along rays, pixels, loss, and their gradients.
     Composite,
     Backward,
     /// Gradients of table entries.
@@ -20,7 +20,7 @@ pub enum Phase {
 }
 
 impl Phase {
-    /// All of them, in the order of a step.
+    /// All phases, in the order of a step.
     pub const ALL: [Self; 8] = [
         Self::March,
         Self::Encode,
@@ -55,7 +55,7 @@ impl Phases {
         self.0[phase as usize]
     }
 
-    /// Adds the time since `since` to a phase, and gives the present.
+    /// Adds the time since `since` to a phase, and returns the present.
     pub fn lap(&mut self, phase: Phase, since: Instant) -> Instant {
         let now = Instant::now();
         self.0[phase as usize] += now - since;

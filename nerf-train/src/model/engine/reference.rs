@@ -17,7 +17,7 @@ use nerf_core::simd::{BLOCK, Isa};
 use std::borrow::Cow;
 use std::ops::Range;
 
-/// dfdx's own derivatives of a sinusoidal network: `--engine dfdx`, and the oracle of the fused engine.
+/// Trains a sinusoidal network with dfdx's derivatives: `--engine dfdx`, and the oracle of the fused engine.
 pub struct ReferenceEngine {
     graph: Graph,
     device: Cpu,
@@ -30,7 +30,7 @@ impl ReferenceEngine {
         Self::with_parameters(model, adam, &model.initial_parameters(seed))
     }
 
-    /// An engine on given parameters, in the model's own order; an exported network's are those of
+    /// Creates an engine with these parameters, in the model's order; those of an exported network belong to
     /// [`Model::plain`].
     pub fn with_parameters(model: &Model, adam: Adam, parameters: &[f32]) -> Result<Self, EngineError> {
         let graph = Graph::new(model)?;
@@ -65,7 +65,7 @@ impl ReferenceEngine {
         self.graph.nodes.iter().map(|node| Weights::of(&self.device, &node.dense, &values)).collect()
     }
 
-    /// `[points][channels]` of the position or direction encoding.
+    /// Encodes positions (`slot` is `POSITION`) or directions: `[points][channels]`.
     fn encode(&self, slot: usize, points: &[[f32; 3]]) -> Result<Matrix, EngineError> {
         let architecture = &self.graph.model.architecture;
         let position = *architecture.position.sinusoidal().expect("checked by the graph");
@@ -146,7 +146,7 @@ impl ReferenceEngine {
         Ok(h.try_sigmoid()?)
     }
 
-    /// The part that `rays` have in the batch's mean squared error, and whether a density is above 0.
+    /// Mean squared error that `rays` contribute to the batch, and whether a density is above 0.
     fn render(
         &self,
         weights: &[Weights],
@@ -169,7 +169,7 @@ impl ReferenceEngine {
                 let deltas = rows.constants(|i| batch.deltas[samples.start + i])?;
                 (rows.of(sigma)?.try_mul(deltas)?, alive)
             }
-            // In a 2D field, a sample hides whatever is behind it.
+            // In a 2D field, a sample hides all that is behind it.
             None => (rows.constants(|_| 1e3)?.retaped::<Taped>(), true),
         };
         let (front, left) = rows.transmittance(tau.with_empty_tape())?;
@@ -181,7 +181,7 @@ impl ReferenceEngine {
         Ok((with_tape(error, h.split_tape().1), alive))
     }
 
-    /// The part that `points` of culled space have in their mean of ln(1 + sigma); none without a density.
+    /// Contribution of these points of culled space to the mean of ln(1 + sigma); none without a density.
     fn thin(
         &self,
         weights: &[Weights],
@@ -264,7 +264,7 @@ impl Engine for ReferenceEngine {
     }
 }
 
-/// Sum of the squared errors of rays through nothing.
+/// Sum of the squared errors of rays without samples, which show their background.
 pub(super) fn unseen(rays: &[BatchRay]) -> f64 {
     let channels = rays.iter().flat_map(|ray| ray.background.iter().zip(&ray.rgb));
     channels.map(|(seen, target)| f64::from(seen - target).powi(2)).sum()

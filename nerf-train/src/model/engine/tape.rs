@@ -1,7 +1,7 @@
-//! A dense layer and volume rendering, written with dfdx tensors: what the two engines of the tape share.
+//! A dense layer and volume rendering, written with dfdx tensors: shared by the two engines that use the tape.
 //!
-//! A tensor's tape says how it came about, and an operation on a tensor without one is not recorded: `retaped` begins an
-//! empty tape. Where a value goes two ways, each has a tape of its own, and the loss takes them all together.
+//! A tensor's tape records its operations; operations on a tensor without a tape are not recorded. `retaped` begins
+//! an empty tape. If a value is used twice, each use has its own tape, and the loss merges them.
 
 use super::{Dense, EngineError};
 use dfdx::prelude::*;
@@ -11,11 +11,11 @@ pub(super) type Vector<T = NoneTape> = Tensor<(usize,), f32, Cpu, T>;
 pub(super) type Scalar = Tensor<Rank0, f32, Cpu, Taped>;
 pub(super) type Taped = OwnedTape<f32, Cpu>;
 
-/// Samples that one tape holds at most, but for a longer ray: with all activations and their gradients some 300 MiB of the
-/// 8×256 network. A batch's gradient is the sum over its tapes.
+/// Most samples on one tape, except for a longer ray: with all activations and gradients some 300 MiB for the 8×256
+/// network. A batch's gradient is the sum over its tapes.
 pub(super) const TAPE_SAMPLES: usize = 4096;
 
-/// One layer's parameters; `[main, extra]` as two products, for want of a concatenation.
+/// Parameters of one layer. `[main, extra]` are two products, as dfdx has no concatenation.
 pub(super) struct Weights {
     main: Matrix,
     extra: Option<Matrix>,
@@ -39,7 +39,7 @@ impl Weights {
         })
     }
 
-    /// `W [x, extra] + b`, of rows of samples.
+    /// `W [x, extra] + b`, for each row (sample) of `x`.
     pub(super) fn apply<T: Tape<f32, Cpu>>(
         &self,
         x: Matrix<T>,
@@ -54,7 +54,7 @@ impl Weights {
         Ok(y.try_add(self.bias.retaped::<T>().try_broadcast_like::<_, Axis<0>>(&shape)?)?)
     }
 
-    /// Adds the gradients that a tape `found` into `out`, in the model's order.
+    /// Adds the gradients `found` on a tape to `out`, in the model's order.
     pub(super) fn collect(
         &self,
         d: &Dense,
@@ -78,17 +78,17 @@ pub(super) fn add(to: &mut [f32], values: &[f32]) {
     to.iter_mut().zip(values).for_each(|(to, value)| *to += value);
 }
 
-/// The samples of rays as rows of a matrix, `[rays][longest]`, of a list that has them ray after ray.
+/// Arranges the samples of rays, listed ray after ray, as rows of a matrix `[rays][longest]`.
 pub(super) struct Rows {
     device: Cpu,
     shape: (usize, usize),
-    /// Place in the list; none behind a ray's last sample.
+    /// Index in the list; none after a ray's last sample.
     places: Vec<Option<usize>>,
     index: Tensor<(usize,), usize, Cpu>,
 }
 
 impl Rows {
-    /// Rows of rays that have `samples` each; at least one has some.
+    /// Rows of rays with these numbers of samples, at least one of which is not 0.
     pub(super) fn new(device: &Cpu, samples: &[usize]) -> Result<Self, EngineError> {
         let longest = samples.iter().copied().max().unwrap_or(0);
         let mut places = Vec::with_capacity(samples.len() * longest);
@@ -102,20 +102,20 @@ impl Rows {
         Ok(Self { device: device.clone(), shape: (samples.len(), longest), places, index })
     }
 
-    /// Constants of the samples; 0 behind a ray's last.
+    /// Constants of the samples; 0 after a ray's last sample.
     pub(super) fn constants(&self, values: impl Fn(usize) -> f32) -> Result<Matrix, EngineError> {
         let values = self.places.iter().map(|place| place.map_or(0.0, &values)).collect();
         Ok(self.device.try_tensor_from_vec(values, self.shape)?)
     }
 
-    /// A value a sample; behind a ray's last any.
+    /// Values of the samples; undefined after a ray's last sample.
     pub(super) fn of<T: Tape<f32, Cpu>>(&self, values: Vector<T>) -> Result<Matrix<T>, EngineError> {
         Ok(values.try_gather(self.index.clone())?.try_reshape_like(&self.shape)?)
     }
 
     /// `Σ_i weight_i x_i` of each ray, `[rays][channels]`.
     ///
-    /// `weights`: `[rays][longest]`, 0 behind a ray's last sample; `values`: `[samples][channels]`.
+    /// `weights`: `[rays][longest]`, 0 after a ray's last sample; `values`: `[samples][channels]`.
     pub(super) fn sums(
         &self,
         weights: Matrix<Taped>,
@@ -128,13 +128,13 @@ impl Rows {
         Ok(weights.try_mul(values.try_reshape_like(&shape)?)?.try_sum::<(usize, usize), Axis<1>>()?)
     }
 
-    /// `Σ_{j<i} x_j` of each ray: a product with a strictly triangular matrix of ones, for want of a cumulative sum.
+    /// `Σ_{j<i} x_j` of each ray: a product with a strictly triangular matrix of ones, as dfdx has no cumulative sum.
     pub(super) fn sums_in_front(&self, x: Matrix<Taped>) -> Result<Matrix<Taped>, EngineError> {
         let longest = self.shape.1;
         Ok(x.try_matmul(self.device.try_upper_tri_like(&(longest, longest), 1.0, 1)?)?)
     }
 
-    /// `T_i = exp(−Σ_{j<i} tau_j)` in front of each sample, and `T_end` behind the last.
+    /// `T_i = exp(−Σ_{j<i} tau_j)` before each sample, and `T_end` after the last.
     pub(super) fn transmittance(
         &self,
         tau: Matrix<Taped>,
@@ -145,7 +145,7 @@ impl Rows {
     }
 }
 
-/// What is seen: what samples show, `[rays][3]`, and the background behind them by their `transmittance`, `[rays]`.
+/// Pixels: what samples show, `[rays][3]`, plus the background times the final `transmittance`, `[rays]`.
 pub(super) fn over(
     shown: Matrix<Taped>,
     transmittance: Vector<Taped>,
@@ -160,7 +160,7 @@ pub(super) fn alpha(tau: Matrix<Taped>) -> Result<Matrix<Taped>, EngineError> {
     Ok(tau.try_negate()?.try_exp()?.try_negate()?.try_add(1.0)?)
 }
 
-/// `scale · Σ (pixels − target)²`; its value is f32's.
+/// `scale · Σ (pixels − target)²`, computed in f32.
 pub(super) fn squared_error(
     pixels: Matrix<Taped>,
     target: Matrix,
@@ -170,7 +170,7 @@ pub(super) fn squared_error(
     Ok(squares.try_sum::<Rank0, Axes2<0, 1>>()?.try_mul(scale)?)
 }
 
-/// `value` with the operations of `tape` on its tape, too.
+/// `value` with the operations of `tape` added to its own tape.
 pub(super) fn with_tape<S: Shape>(
     value: Tensor<S, f32, Cpu, Taped>,
     tape: Taped,

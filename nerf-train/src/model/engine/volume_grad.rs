@@ -3,15 +3,15 @@
 use super::BatchRay;
 use nerf_core::simd::BLOCK;
 
-/// What every sample has; colours `[blocks][3][BLOCK]`, the rest `[samples]`.
+/// Samples of whole rays; colours `[blocks][3][BLOCK]`, the rest `[samples]`.
 pub(super) struct Samples<'a> {
     pub(super) deltas: &'a [f32],
-    /// Per world unit; absent where every sample is opaque (a 2D field).
+    /// Per world unit; absent in a 2D field, where every sample is opaque.
     pub(super) sigma: Option<&'a [f32]>,
     pub(super) colour: &'a [f32],
 }
 
-/// Per sample, between the way there and the way back.
+/// Per sample, from the forward pass to the backward pass.
 #[derive(Default)]
 pub(super) struct Scratch {
     weights: Vec<f64>,
@@ -23,13 +23,13 @@ fn colour_index(sample: usize) -> usize {
     sample / BLOCK * 3 * BLOCK + sample % BLOCK
 }
 
-/// Sum over rays and channels of (C − rgb)², and the gradients of `scale` times that.
+/// Sum over rays and channels of (C − rgb)², and the gradients of `scale` times the sum.
 ///
 /// With `g_k = 2 scale (C_k − rgb_k)` and tau = sigma · delta:
 /// `dL/dc_ik = g_k w_i`, `dL/dtau_i = Σ_k g_k (c_ik T_{i+1} − Σ_{j>i} w_j c_jk − T_end bg_k)`.
 ///
-/// The optical depth is summed in f64 and exponentiated, so that no product underflows.
-/// `d_sigma`: `[samples]`, `d_colour`: as the colours; both are overwritten for these samples.
+/// The optical depth is summed in f64 before the exponential, so that no product underflows.
+/// `d_sigma`: `[samples]`, `d_colour`: in the colours' layout; both are overwritten for these samples.
 pub(super) fn squared_error(
     rays: &[BatchRay],
     samples: &Samples<'_>,
@@ -58,7 +58,7 @@ pub(super) fn squared_error(
             let tau = samples
                 .sigma
                 .map_or(f64::INFINITY, |sigma| f64::from(sigma[i]) * f64::from(samples.deltas[i]));
-            // Much of a ray is empty or hidden: neither needs an exponential.
+            // Many samples of a ray are empty or hidden and need no exponential.
             let mut weight = 0.0;
             if tau != 0.0 && transmittance > 0.0 {
                 depth += tau;

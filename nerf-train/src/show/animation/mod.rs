@@ -25,15 +25,15 @@ const LONGEST_DELAY: f64 = 65_535.0;
 
 /// An endlessly looping GIF that is written frame by frame, whole or not at all.
 ///
-/// It holds no more than two frames a thread; without [`finish`](Self::finish) nothing is left of it.
+/// It buffers at most two frames per thread. Without [`finish`](Self::finish) no file is left.
 pub struct GifWriter {
     encoder: Encoder<AtomicFile>,
     width: u16,
     height: u16,
     fps: f64,
-    /// Frames before the waiting ones.
+    /// Number of frames that are written.
     written: usize,
-    /// Frames that wait until there are enough to keep all cores busy.
+    /// Frames that are buffered until there are enough to keep all cores busy.
     waiting: Vec<Picture>,
 }
 
@@ -68,7 +68,7 @@ impl GifWriter {
         }
     }
 
-    /// Writes what waits and puts the file in place.
+    /// Writes the buffered frames and puts the file in place.
     pub fn finish(mut self) -> anyhow::Result<()> {
         self.write_waiting()?;
         if self.written == 0 {
@@ -117,7 +117,7 @@ pub(crate) fn check_size(index: usize, frame: &Picture, expected: (usize, usize)
     check_length("a frame", frame.width, frame.height, frame.rgb.len())
 }
 
-/// Hundredths of a second for which frame `index` stands.
+/// Delay of frame `index`, hundredths of a second.
 fn delay(index: usize, fps: f64) -> u16 {
     let at = |i: usize| (i as f64 * 100.0 / fps).round();
     // From absolute times, so that rounding does not add up.

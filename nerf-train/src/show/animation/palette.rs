@@ -1,7 +1,7 @@
-//! 256 colours that stand for a frame.
+//! Palettes of up to 256 colours for a frame.
 //!
-//! Own code, as the `gif` crate's NeuQuant spends its palette by area: on a small object before a wide
-//! background it left a dozen colours for the object. Here the colours go where the error is.
+//! Own code, as the `gif` crate's NeuQuant spends its palette by area: on a small object in front of a wide
+//! background it left a dozen colours for the object. Here the colours go to where the error is.
 
 const MAX_COLOURS: usize = 256;
 /// Rounds of moving each entry to the mean of the colours nearest to it.
@@ -79,7 +79,7 @@ impl Set {
     }
 }
 
-/// At most 256 sets, none empty; `colours` has at least one.
+/// Splits the colours into at most 256 sets, none empty; `colours` has at least one.
 fn cut(colours: &[Counted]) -> Vec<Vec<Counted>> {
     let mut sets = vec![Set::new(colours.to_vec())];
     while sets.len() < MAX_COLOURS {

@@ -1,4 +1,4 @@
-//! What was found of a capture, among its cameras.
+//! Findings about a capture, shown on its cameras.
 
 use super::scene::{Request, Scene};
 use crate::capture::check::Diagnosis;
@@ -6,11 +6,12 @@ use crate::data::pictures::thumbnail::Thumbnail;
 use crate::data::{Background, Dataset, View};
 use crate::model::config::{Preset, Surroundings};
 
-/// Colours of the groups, display-encoded; of more, over again.
+/// Colours of the groups, display-encoded; repeated if there are more groups.
 const GROUPS: [[f32; 3]; 4] =
     [[0.13, 0.39, 0.85], [0.90, 0.47, 0.06], [0.15, 0.58, 0.24], [0.55, 0.25, 0.68]];
-/// Of photographs that contradict the rest, and of blurred ones.
+/// Colour of photographs that contradict the rest.
 const CONTRADICTING: [f32; 3] = [0.85, 0.08, 0.12];
+/// Colour of blurred photographs.
 const BLURRED: [f32; 3] = [0.62, 0.50, 0.10];
 /// Long side of the photographs side by side, pixels.
 const SIDE: usize = 400;
@@ -23,8 +24,8 @@ pub struct Findings {
     pub(super) pair: Vec<(String, Thumbnail)>,
 }
 
-/// All photographs of a data set as one scene, their cameras coloured by what was found, with rays within `range` where that
-/// is given. All become training views, in the order of names.
+/// Scene of all photographs of a data set, with cameras coloured by the diagnosis; `range`: near and far planes, if
+/// given. All views become training views, in the order of names.
 pub fn checked(
     dataset: &mut Dataset,
     diagnosis: &Diagnosis,

@@ -11,16 +11,16 @@ use nerf_core::Isa;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShownRay {
-    /// Its camera: an index into the cameras of the [scene](super::Scene).
+    /// Index of its camera in the cameras of the [scene](super::Scene).
     pub camera: usize,
     /// Start, world units.
     pub origin: Vec3,
     pub dir: Vec3,
-    /// Where it begins, world units along it.
+    /// Start of the ray, world units along it.
     pub near: f32,
-    /// The colour it is trained towards, display-encoded.
+    /// Target colour in training, display-encoded.
     pub rgb: [f32; 3],
-    /// Samples that training asks the network for: `t`, world units along the ray, ascending.
+    /// Samples at which training evaluates the network: `t`, world units along the ray, ascending.
     pub live: Vec<f32>,
     /// Samples inside the scene box that the occupancy grid culls: `t`, ascending.
     pub culled: Vec<f32>,
@@ -40,16 +40,17 @@ impl ShownRay {
 pub struct StepFacts {
     pub step: u32,
     pub seed: u64,
-    /// Bins between near and far, one sample in each; where rays are marched, the most steps of a ray.
+    /// Number of bins between near and far, one sample in each; if rays are marched, the largest number of steps of a
+    /// ray.
     pub bins: u16,
     pub marched: bool,
-    /// Rays the step trains on; those that are shown are the first of them.
+    /// Number of rays that the step trains on; the first of them are shown.
     pub rays: usize,
     pub live: usize,
     pub occupancy: bool,
 }
 
-/// Training's own sampling, for some views.
+/// Draws rays of some views with the code of training.
 pub(super) struct Drawer<'a> {
     pub(super) config: &'a Config,
     pub(super) bounds: Bounds,
@@ -59,9 +60,9 @@ pub(super) struct Drawer<'a> {
 }
 
 impl Drawer<'_> {
-    /// The first `count` rays of the step over `views`, the first of which is camera `first`.
+    /// Draws the first `count` rays of the step over `views`; the first view is camera `first`.
     ///
-    /// `whole`: the step ends where training ends it; else it goes on to `count` rays.
+    /// `whole`: the step has as many rays as in training; else `count` rays.
     pub(super) fn draw(
         &self,
         views: &[View],
@@ -91,7 +92,7 @@ impl Drawer<'_> {
             let (view, _) = bank.source(step, index as u64, rays);
             let (origin, dir) = (views[view].camera.pose().position, Vec3::from(ray.dir));
             let live = take(&mut live, ray.samples);
-            // Live samples are some of those inside the box, in the same order and bit for bit.
+            // Live samples are a subset of those inside the box, in the same order and bit for bit.
             let mut next = live.iter().peekable();
             let culled = take(&mut inside, whole.samples).iter().filter(|p| next.next_if_eq(p).is_none());
             let t = |p: &[f32; 3]| {
@@ -99,7 +100,7 @@ impl Drawer<'_> {
                 let p = self.bounds.contraction.map_or(p, |contraction| contraction.in_world(p));
                 (p - origin).dot(dir)
             };
-            // What an unbounded scene has behind it is not drawn.
+            // In an unbounded scene, samples after the far plane are not drawn.
             let drawn = |t: &f32| self.bounds.contraction.is_none() || *t <= self.bounds.far;
             ShownRay {
                 camera: first + view,
@@ -114,8 +115,8 @@ impl Drawer<'_> {
         Ok((shown.collect(), facts))
     }
 
-    /// Rays of the step with their samples in `cells`, or with all inside the scene box; where they are not marched, as many
-    /// as bring `most` samples.
+    /// Rays of the step with their samples in `cells`, or with all inside the scene box. If rays are not marched,
+    /// only as many as bring `most` samples (0: no limit).
     fn batch(&self, bank: &RayBank<'_>, rays: usize, most: usize, cells: Option<&Occupancy>) -> Batch {
         let (mut batch, step) = (Batch::default(), u64::from(self.step));
         if !self.is_marched() {
@@ -133,13 +134,13 @@ impl Drawer<'_> {
         batch
     }
 
-    /// Whether rays are marched: where the field is a learned grid.
+    /// Whether rays are marched, as they are if the field is a learned grid.
     fn is_marched(&self) -> bool {
         self.occupancy.is_some() && self.config.network.grid.is_some()
     }
 }
 
-/// The first `count` positions, which are left out from then on.
+/// Splits off and returns the first `count` positions.
 fn take<'p>(positions: &mut &'p [[f32; 3]], count: u32) -> &'p [[f32; 3]] {
     let (taken, rest) = positions.split_at((count as usize).min(positions.len()));
     *positions = rest;

@@ -1,4 +1,4 @@
-//! Numbers as colours: maps of even lightness, pictures of distances, and their legends.
+//! Numbers as colours: colour maps, pictures of distances, and their legends.
 
 use super::axis;
 use super::text::{self, Direction};
@@ -61,10 +61,10 @@ impl ColourMap {
     }
 }
 
-/// A range for colouring `values`: their 1st to 99th percentile where `opacity` > 0.5.
+/// A range for colouring `values`: their 1st to 99th percentile over pixels of `opacity` > 0.5.
 ///
-/// Both `[n]`, `values` in any unit. Only finite values count; `None` where none does. A few stray
-/// pixels cannot stretch it. Equal ends (a flat wall) are widened by half a per cent each way.
+/// Both `[n]`, `values` in any unit. Only finite values count; `None` if there are none. A few stray pixels cannot
+/// stretch it. Equal ends (a flat wall) are widened by half a per cent each way.
 pub fn robust_range(values: &[f32], opacity: &[f32]) -> Option<(f32, f32)> {
     let solid = |&(value, opacity): &(&f32, &f32)| value.is_finite() && *opacity > SOLID;
     let mut kept: Vec<f32> = values.iter().zip(opacity).filter(solid).map(|(&value, _)| value).collect();
@@ -76,7 +76,7 @@ pub fn robust_range(values: &[f32], opacity: &[f32]) -> Option<(f32, f32)> {
     Some(widened(low, high))
 }
 
-/// A range with some extent, ascending, of finite ends.
+/// Sorts two finite ends, and widens a range without extent.
 fn widened(low: f32, high: f32) -> (f32, f32) {
     let (low, high) = if low <= high { (low, high) } else { (high, low) };
     let middle = low.abs().max(high.abs());
@@ -95,7 +95,7 @@ fn settle_range(values: &[f32], opacity: &[f32], range: Option<(f32, f32)>) -> (
     }
 }
 
-/// Distances in colour ([`ColourMap::Viridis`], near is dark), enlarged where small, with a legend on their right.
+/// Distances in colour ([`ColourMap::Viridis`], near is dark), enlarged if small, with a legend on their right.
 ///
 /// `values`, `opacity`: `[height * width]`; `values` in world units. Pixels of opacity ≤ 0.5 or
 /// without a finite value are [`EMPTY`]. `range`: near and far end of the colours, world units;
@@ -202,7 +202,7 @@ pub fn with_legend(picture: &Picture, map: ColourMap, range: (f32, f32), title: 
     page
 }
 
-/// The z_depth of a frame in colours, with a legend, from the nearest to the farthest it shows.
+/// Picture of a frame's z_depth in colours with a legend, over its own [`robust_range`].
 pub fn z_depth_picture(frame: &Frame) -> anyhow::Result<Picture> {
     let size = (frame.width, frame.height);
     depth_picture_with_legend(&frame.z_depth, &frame.opacity, size, None, "z_depth, world units")

@@ -17,7 +17,7 @@ pub struct Field<'a, 'b> {
 }
 
 impl<'a, 'b> Field<'a, 'b> {
-    /// The field of a renderer, as a plan of its scene sees it.
+    /// Field of a renderer, evaluated with a plan of its scene.
     pub fn new(renderer: &'a Renderer<'b>, plan: &'a Plan<'a>) -> Self {
         Self { renderer, plan }
     }
@@ -41,7 +41,7 @@ impl<'a, 'b> Field<'a, 'b> {
         Ok(sigma)
     }
 
-    /// Densities, and display-encoded colours as they are seen along unit directions.
+    /// Densities, 1/world unit, and display-encoded colours as seen along the unit directions `dirs`.
     pub fn seen(&self, points: &[[f32; 3]], dirs: &[[f32; 3]]) -> anyhow::Result<(Vec<f32>, Vec<[f32; 3]>)> {
         let (mut sigma, mut rgb) = (vec![0.0; points.len()], vec![[0.0; 3]; points.len()]);
         let asked = points.par_chunks(CHUNK).zip(dirs.par_chunks(CHUNK));
@@ -55,8 +55,8 @@ impl<'a, 'b> Field<'a, 'b> {
         Ok((sigma, rgb))
     }
 
-    /// Distance along each ray at which its opacity crosses 1/2, world units; `None` of one that stays below. The rays have
-    /// this length, and one sample in the middle of each of `steps` equal bins, whatever steps the scene is rendered with.
+    /// Distance along each ray at which its opacity crosses 1/2, world units; `None` if it stays below. The rays have
+    /// this length, and one sample in the middle of each of `steps` equal bins, whatever the scene's own samples are.
     pub fn half_way(&self, rays: &[Ray], length: f32, steps: usize) -> anyhow::Result<Vec<Option<f32>>> {
         let delta = length / steps as f32;
         let points = |ray: &Ray| {
@@ -73,7 +73,7 @@ impl<'a, 'b> Field<'a, 'b> {
     }
 }
 
-/// Where the optical depth of bins reaches ln 2.
+/// Distance at which the optical depth of the bins so far reaches ln 2.
 fn crossing(sigma: &[f32], delta: f32) -> Option<f32> {
     let mut depth = 0.0;
     for (i, sigma) in sigma.iter().enumerate() {

@@ -8,8 +8,8 @@ use crate::system::output::{AtomicFile, Attempt, OutputError};
 use std::io::{self, Write};
 use std::path::Path;
 
-/// Writes a mesh as binary PLY: `x y z nx ny nz red green blue`, faces as `vertex_indices`. Coordinates are the data's own:
-/// doubles where its world's origin is far away.
+/// Writes a mesh as binary PLY: `x y z nx ny nz red green blue`, faces as `vertex_indices`. Coordinates are the
+/// data's own: doubles if their origin is far away.
 pub fn write_ply(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
     written(path, |out| {
         let far = mesh.origin != [0.0; 3];
@@ -67,7 +67,7 @@ pub fn write_obj(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
     })
 }
 
-/// A file that is there whole or not at all.
+/// Writes a file whole or not at all.
 pub(super) fn written(
     path: &Path,
     write: impl FnOnce(&mut AtomicFile) -> io::Result<()>,

@@ -7,11 +7,11 @@ use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
 
-/// Writes a mesh as GLB: positions, normals, colours (linear, unlit), in the data's coordinates and units. glTF itself says
-/// that +Y is up: the axes are left as they are. An origin that is far away is the node's translation.
+/// Writes a mesh as GLB: positions, normals, colours (linear, unlit), in the data's coordinates and units. glTF
+/// defines +Y as up, but the axes are not changed. An origin that is far away becomes the node's translation.
 pub fn write_glb(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
     let size = 36 * mesh.vertices.len() as u64 + 12 * mesh.triangles.len() as u64;
-    // With room for what describes them.
+    // With room for the JSON document.
     let Some(bytes) = u32::try_from(size).ok().filter(|&size| size < u32::MAX - (1 << 16)) else {
         bail!(
             "-o: expected a mesh of less than 4 GiB as .glb, found {size} bytes: lower --resolution, or write .ply"
@@ -45,7 +45,7 @@ pub fn write_glb(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
     })
 }
 
-/// What the bytes are: positions, normals, colours, indices, one after the other.
+/// The JSON document about the bytes: positions, normals, colours, indices, one after the other.
 fn document(mesh: &Mesh, bytes: usize) -> Value {
     let (count, indices) = (mesh.vertices.len(), 3 * mesh.triangles.len());
     let mut low = [f32::INFINITY; 3];
@@ -88,7 +88,7 @@ fn document(mesh: &Mesh, bytes: usize) -> Value {
     })
 }
 
-/// An sRGB value as linear light, which glTF's colours are.
+/// Converts an sRGB value to linear light, as in glTF.
 fn linear(value: f32) -> f32 {
     let value = value.clamp(0.0, 1.0);
     if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }

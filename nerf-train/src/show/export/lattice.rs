@@ -6,7 +6,7 @@ use glam::Vec3;
 use half::f16;
 use nerf_core::space::SceneBox;
 
-/// Cubes over a box, and a layer of them around it, so that what reaches the box's sides is closed there.
+/// Cubes over a box, and a layer of them around it, so that surfaces that reach the box's sides are closed there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lattice {
     /// The first corner, world units.
@@ -18,7 +18,7 @@ pub struct Lattice {
 }
 
 impl Lattice {
-    /// `resolution` cubes along the longest side of the box, and one beyond each end.
+    /// `resolution` cubes along the longest side of the box, and one more at each end.
     pub fn new(bounds: &SceneBox, resolution: u32) -> anyhow::Result<Self> {
         let (cell, cells) = cubes(bounds, resolution)?;
         let cells = cells.map(|count| count + 2);
@@ -36,8 +36,8 @@ impl Lattice {
         (0..width * height).map(corner).collect()
     }
 
-    /// Optical depths of a cell at the corners of a slice: densities times its side; 0 at the lattice's sides, which are outside
-    /// of the box.
+    /// Optical depth of a cell at each corner of a slice: density times the cell's side; 0 at the lattice's sides,
+    /// which are outside of the box.
     pub fn cell_depths(&self, field: &Field<'_, '_>, z: usize) -> anyhow::Result<Vec<f16>> {
         let [width, height] = self.corners();
         let side = |i: usize| {
@@ -51,7 +51,7 @@ impl Lattice {
         Ok(found.into_iter().enumerate().map(depth).collect())
     }
 
-    /// The point of the box that is nearest.
+    /// The nearest point of the box.
     pub fn clamp(&self, point: Vec3) -> Vec3 {
         let last = self.cells.map(|count| count - 1);
         point.clamp(self.corner([1; 3]), self.corner(last))
@@ -63,7 +63,8 @@ impl Lattice {
     }
 }
 
-/// Side of cubes over a box, `resolution` of them along its longest side, and how many there are along each axis.
+/// Side of the cubes over a box with `resolution` along its longest side, world units, and their number along each
+/// axis.
 pub(super) fn cubes(bounds: &SceneBox, resolution: u32) -> anyhow::Result<(f32, [usize; 3])> {
     let extent = bounds.max - bounds.min;
     let cell = extent.max_element() / resolution.max(1) as f32;

@@ -32,7 +32,7 @@ use std::path::Path;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Vertex {
-    /// World units of the blob, which count from [`Mesh::origin`].
+    /// World units, relative to [`Mesh::origin`].
     pub position: [f32; 3],
     /// Unit length, outward.
     pub normal: [f32; 3],
@@ -41,10 +41,10 @@ pub struct Vertex {
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
-    /// Where the blob's coordinates count from, in the data's world.
+    /// Origin of the blob's coordinates, in the data's world.
     pub origin: [f64; 3],
     pub vertices: Vec<Vertex>,
-    /// Counter-clockwise seen from outside; empty of a cloud of points.
+    /// Counter-clockwise seen from outside; empty for a point cloud.
     pub triangles: Vec<[u32; 3]>,
 }
 
@@ -70,7 +70,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Of a file that is yet to be written; `bounds` count from `origin`.
+    /// Summary of a file that is yet to be written; `bounds` are relative to `origin`.
     pub fn new(file: &Path, kind: &'static str, bounds: &SceneBox, origin: [f64; 3]) -> Self {
         let world = |corner: Vec3| [0, 1, 2].map(|axis| f64::from(corner[axis]) + origin[axis]);
         Self {

@@ -10,8 +10,8 @@ pub(super) const NONE: u32 = u32::MAX;
 const EDGES: [(usize, usize); 12] =
     [(0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7)];
 
-/// One vertex in each cube that the surface passes, at the mean of where it crosses the cube's edges, and two triangles across
-/// each crossed edge; built slice by slice.
+/// One vertex in each cube that the surface passes, at the mean of its crossings with the cube's edges, and two
+/// triangles across each crossed edge; built slice by slice.
 ///
 /// # Source
 /// Gibson 1998, "Constrained elastic surface nets".
@@ -40,7 +40,7 @@ impl<'l> Net<'l> {
         }
     }
 
-    /// Takes the next slice in: vertices of the layer below it, and the faces whose four cubes are then there.
+    /// Adds the next slice: vertices of the layer below it, and the faces whose four cubes then exist.
     pub(super) fn slice(&mut self, z: usize, above: Vec<f16>) -> anyhow::Result<()> {
         if z > 0 {
             self.layers.swap(0, 1);
@@ -93,7 +93,7 @@ impl<'l> Net<'l> {
                 faces[2] = Some([cube(1, 1, 1), cube(1, 0, 1), cube(1, 0, 0), cube(1, 1, 0)]);
             }
             for [a, b, c, d] in faces.into_iter().flatten() {
-                // Counter-clockwise about the edge seen from its far end: outward where the near one is inside.
+                // Counter-clockwise about the edge seen from its far end: outward if the near end is inside.
                 let turned = if here { [a, b, c, d] } else { [d, c, b, a] };
                 let [a, b, c, d] = turned;
                 self.triangles.extend([[a, b, c], [a, c, d]]);
@@ -102,7 +102,7 @@ impl<'l> Net<'l> {
     }
 }
 
-/// Where the surface crosses the edges of a cube, the mean, in shares of its side.
+/// Mean of the points where the surface crosses the edges of a cube, in units of its side.
 fn crossing(values: &[f32; 8]) -> Vec3 {
     let corner = |i: usize| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32);
     let crossed = EDGES.iter().filter(|(a, b)| (values[*a] > 0.5) != (values[*b] > 0.5));
@@ -113,7 +113,7 @@ fn crossing(values: &[f32; 8]) -> Vec3 {
     sum / count
 }
 
-/// How a level rises across a cube, the mean of its edges.
+/// Gradient of the level across a cube, up to a factor.
 fn slope(v: &[f32; 8]) -> Vec3 {
     let rise = |bit: usize| (0..8).map(|i| if i & bit == 0 { -v[i] } else { v[i] }).sum();
     Vec3::new(rise(1), rise(2), rise(4))

@@ -12,14 +12,14 @@ use nerf_core::render::Renderer;
 use nerf_core::sampling::{Purpose, uniform};
 use nerf_core::space::SceneBox;
 
-/// Pixels of a view by which it is estimated how many of them show something.
+/// Pixels per view of a first pass that estimates how many of them show something.
 const PILOT: f64 = 1024.0;
 /// A pixel this opaque shows a surface.
 const OPAQUE: f32 = 0.5;
 
-/// About `count` points where rays of the views' photographs meet something: at their median distance, in the colours they
-/// show there; of all of them those in the box `within`. `plan` has colours, opacity, median distances and normals. `each` is
-/// told how many views are done.
+/// About `count` points at the median distances of rays of the views, in the colours they show there; only those in
+/// the box `within`, if given. `plan` has colours, opacity, median distances and normals. `each` is called with the
+/// number of views done.
 pub fn points_of_views(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,
@@ -73,7 +73,7 @@ pub fn points_of_views(
     }
 }
 
-/// `count` points spread evenly over a mesh, at random places of its triangles; the same for the same seed.
+/// `count` random points, spread uniformly over the area of a mesh; the same for the same seed.
 pub fn points_of_surface(mesh: &Mesh, count: usize, seed: u64) -> Mesh {
     let corners = |triangle: &[u32; 3]| triangle.map(|i| mesh.vertices[i as usize]);
     let mut areas = Vec::with_capacity(mesh.triangles.len());

@@ -11,39 +11,40 @@ use glam::Vec3;
 use half::f16;
 use nerf_core::camera::Ray;
 
-/// A ray to a vertex starts so many cells in front of it.
+/// Distance from the start of a ray to its vertex, cells.
 const BEFORE: f32 = 2.0;
-/// Samples of it in a cell.
+/// Samples of this ray per cell.
 const SAMPLES: f32 = 4.0;
-/// It must meet the surface up to so many cells behind it.
+/// Distance after the vertex within which the ray must meet the surface, cells.
 const BEHIND: f32 = 8.0;
-/// A vertex further in front of where its ray meets the surface moves, in steps of a quarter of a cell, cells.
+/// Largest distance from a vertex to where its ray meets the surface, cells: a vertex further away moves, in
+/// quarters.
 const NEAR: f32 = 1.75;
 /// Cells over which sums of optical depth decay in a scene that is seen from inside.
 const DECAY: f32 = 8.0;
-/// Each normal becomes the mean of its own and its neighbours' so many times: those of single cells are noise.
+/// Number of times that each normal is averaged with its neighbours': those of single cells are noise.
 const NORMAL_PASSES: usize = 6;
 /// Vertices whose rays and colours are evaluated at a time.
 const BATCH: usize = 1 << 16;
-/// What a vertex takes, with its two triangles, while the mesh is made.
+/// Memory per vertex, with its two triangles, while the mesh is made, bytes.
 const BYTES_PER_VERTEX: u64 = 200;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Surface {
     /// Where the opacity of rays from outside of the box crosses 1/2.
     Visible,
-    /// Where that of rays from any free space does, for a scene that is seen from inside.
+    /// Where the opacity of rays from any free space crosses 1/2, for a scene that is seen from inside.
     VisibleFromInside,
-    /// Where the density is this, 1/world unit, visible or not.
+    /// Where the density has this value, 1/world unit, visible or not.
     Density(f32),
 }
 
-/// The surface of a field, with colours as seen against the normals.
+/// Extracts the surface of a field, with colours as seen against the normals.
 ///
-/// A surface net of the lattice's optical depths, or densities; its normals are smoothed. Along the normal of each vertex of a
-/// visible surface a ray is integrated: the vertex moves along it as little as brings it within two cells of where the ray's
-/// opacity crosses 1/2, so that triangles tangle little, and is left out where the opacity stays below. `each` is told how
-/// many slices are done, of three times as many as the lattice has.
+/// The mesh is a surface net of the lattice's optical depths, or densities, with smoothed normals. For a visible
+/// surface, a ray is integrated along the normal of each vertex. The vertex moves just far enough along it to be
+/// within two cells of where the ray's opacity crosses 1/2, so that triangles tangle little. It is left out if the
+/// opacity stays below. `each` is called with the number of slices done, of three times as many as the lattice has.
 pub fn mesh(
     field: &Field<'_, '_>,
     lattice: &Lattice,
@@ -133,14 +134,15 @@ fn smooth(normals: &mut [Vec3], triangles: &[[u32; 3]]) {
     }
 }
 
-/// Where a vertex is, and the point of what is visible there, whose colour it has.
+/// Position of a vertex, and the visible point that gives its colour.
 #[derive(Clone, Copy)]
 struct Place {
     position: Vec3,
     surface: Vec3,
 }
 
-/// Places within two cells of where the opacity of rays along the normals crosses 1/2; `None` where it stays below.
+/// Moves vertices to within two cells of where the opacity of rays along the normals crosses 1/2; `None` if it stays
+/// below.
 fn settled(
     field: &Field<'_, '_>,
     cell: f32,
@@ -176,7 +178,7 @@ fn coloured(
     Ok(places.iter().zip(normals).zip(rgb).map(vertex).collect())
 }
 
-/// The mesh of those triangles all of whose vertices are there, at three places.
+/// Mesh of the triangles whose vertices all exist, at three different positions.
 fn kept(vertices: &[Option<Vertex>], triangles: &[[u32; 3]]) -> Mesh {
     let mut mesh = Mesh::default();
     let mut places = vec![NONE; vertices.len()];

@@ -27,8 +27,8 @@ pub struct Volume {
     pub rgb: Vec<[u8; 3]>,
 }
 
-/// The field over a box with `resolution` cells along its longest side. Colours are the mean over six directions along the
-/// axes. `each` is told how many slices of `x` are done.
+/// Samples the field over a box with `resolution` cells along its longest side. Colours are the mean over six
+/// directions along the axes. `each` is called with the number of slices along x done.
 pub fn volume(
     field: &Field<'_, '_>,
     bounds: &SceneBox,
@@ -79,7 +79,7 @@ fn mean_colours(
 /// Writes `density` (float32 `[x, y, z]`), `rgb` (uint8 `[x, y, z, 3]`), `min` (float64 `[3]`) and `cell` (float64): numpy
 /// reads it with `np.load`.
 pub fn write_npz(volume: &Volume, path: &Path) -> anyhow::Result<()> {
-    // In memory first: a writer of archives whose disk is full says so on stderr.
+    // In memory first: on a full disk the archive's writer would print to stderr.
     let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
     let failed = "cannot make the NPZ";
     let [x, y, z] = volume.cells;
@@ -99,7 +99,7 @@ pub fn write_npz(volume: &Volume, path: &Path) -> anyhow::Result<()> {
     Ok(write_atomic(path, &archive.finish().context(failed)?.into_inner())?)
 }
 
-/// The header of a `.npy` of format 1.0, as long as a multiple of 64 bytes.
+/// The header of a `.npy` of format 1.0, padded to a multiple of 64 bytes.
 fn npy_header(kind: &str, shape: &str) -> Vec<u8> {
     let mut text = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}");
     // Magic, version and length take ten bytes, the line end one.

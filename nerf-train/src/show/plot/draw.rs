@@ -1,4 +1,4 @@
-//! Pieces of a plot.
+//! Parts of a plot.
 
 use super::{COLOURS, Drawn, FONT, GREY, INK, Marker, NOTE_SIZE};
 use crate::show::text;
@@ -10,7 +10,7 @@ use plotters::prelude::*;
 use std::ops::Range;
 use std::sync::Once;
 
-/// The line and the dots of a series, in its colour.
+/// Draws the line and the dots of a series, in its colour.
 pub(super) fn draw_series<DB: DrawingBackend, X: Ranged<ValueType = f64>>(
     chart: &mut ChartContext<'_, DB, Cartesian2d<X, RangedCoordf64>>,
     index: usize,
@@ -27,7 +27,7 @@ pub(super) fn draw_series<DB: DrawingBackend, X: Ranged<ValueType = f64>>(
     Ok(())
 }
 
-/// A dashed horizontal line whose pattern tells the references apart.
+/// Draws a dashed horizontal line, with a pattern that tells the references apart.
 pub(super) fn dashed<DB: DrawingBackend>(
     root: &DrawingArea<DB, Shift>,
     (start, y): (i32, i32),
@@ -48,12 +48,12 @@ pub(super) fn style(size: f32, colour: RGBColor) -> TextStyle<'static> {
     (FONT, size).into_font().color(&colour)
 }
 
-/// Control characters would make an SVG that no viewer opens.
+/// Replaces control characters, with which no viewer opens an SVG.
 pub(super) fn clean(label: &str) -> String {
     label.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 
-/// The plotting library measures text even for SVG, so that it needs a font of the name we use.
+/// Registers the font under its name: the plotting library measures text even for SVG.
 pub(super) fn register_font() {
     static DONE: Once = Once::new();
     DONE.call_once(|| {
@@ -65,22 +65,22 @@ pub(super) fn register_font() {
 
 /// Space between a point and its name, pixels.
 const GAP: i32 = 8;
-/// Width that a name is cut at, pixels.
+/// Width at which a name is cut off, pixels.
 const WIDEST: usize = 330;
 
 #[derive(Clone, Debug)]
 pub struct Label {
-    /// Cut off where it is long; empty for none.
+    /// Cut off if it is long; empty for none.
     pub text: String,
     /// The point, in the units of the axes.
     pub at: (f64, f64),
 }
 
-/// A rectangle that is taken: left, top, right, bottom, pixels.
+/// A rectangle that is occupied: left, top, right, bottom, pixels.
 type Taken = [i32; 4];
 
-/// Draws names at points of the drawing, inside of `area`: on the side with room, moved up or down past the
-/// names before, with a thin line where one stands far from its point.
+/// Draws names at points of the drawing, inside of `area`: on the side with room, moved up or down past the names
+/// before, with a thin line to a point that is far from its name.
 pub(super) fn draw_labels<DB: DrawingBackend>(
     root: &DrawingArea<DB, Shift>,
     area: &(Range<i32>, Range<i32>),

@@ -28,10 +28,10 @@ const NOTE_SIZE: f32 = 17.0;
 const KEY: i32 = 34;
 /// About how many ticks an axis has.
 const TICKS: usize = 9;
-/// Values beyond this are taken as not finite: plotters' ticks are worked out in f64. On a logarithmic axis so are those below
+/// Larger values are treated as not finite: plotters computes ticks in f64. On a logarithmic axis so are those below
 /// its inverse.
 const LARGEST: f64 = 1e15;
-/// Named by every SVG viewer; in the PNG the font that is compiled in.
+/// A font that every SVG viewer has; in the PNG it is the one that is compiled in.
 const FONT: &str = "sans-serif";
 const INK: RGBColor = RGBColor(30, 30, 30);
 const GREY: RGBColor = RGBColor(90, 90, 90);
@@ -73,7 +73,7 @@ pub struct Reference {
     pub y: f64,
 }
 
-/// A plot of series over two labelled axes, with the legend beside the data, never on it.
+/// A plot of series over two labelled axes, with the legend next to the data, never on it.
 #[derive(Clone, Debug, Default)]
 pub struct LinePlot {
     pub title: String,
@@ -336,7 +336,7 @@ impl LinePlot {
     }
 }
 
-/// The ends of a linear axis that holds all values, with some air.
+/// The ends of a linear axis that holds all values, with a margin.
 fn extent(values: impl Iterator<Item = f64>) -> Range<f64> {
     let (low, high) = ends(values).unwrap_or((0.0, 1.0));
     let largest = low.abs().max(high.abs());
@@ -348,8 +348,8 @@ fn extent(values: impl Iterator<Item = f64>) -> Range<f64> {
     low - margin..high + margin
 }
 
-/// Range of a logarithmic axis and its ticks, which are at 1, 2 and 5 times powers of ten, or at powers of ten where those are
-/// too many; the range ends at the ticks around the values.
+/// Range of a logarithmic axis and its ticks, which are at 1, 2 and 5 times powers of ten, or at powers of ten if
+/// those are too many. The range ends at the ticks around the values.
 fn decades(values: impl Iterator<Item = f64>) -> (Range<f64>, Vec<f64>) {
     let (low, high) = ends(values).unwrap_or((1.0, 10.0));
     let exponents = low.log10().floor() as i32..=high.log10().floor() as i32 + 1;
@@ -369,7 +369,7 @@ fn decades(values: impl Iterator<Item = f64>) -> (Range<f64>, Vec<f64>) {
     (range, ticks)
 }
 
-/// A tick's value to ten digits: what is added up on the way to it leaves more.
+/// A tick's value to ten digits, which hides the rounding errors of sums.
 fn tick_label(value: &f64) -> String {
     format!("{value:.9e}").parse().unwrap_or(*value).to_string()
 }

@@ -1,4 +1,4 @@
-//! What an audit says.
+//! Report of an audit.
 
 use crate::measure::audit::Audit;
 use crate::show::table::Table;

@@ -34,7 +34,7 @@ pub fn write(
     Ok(())
 }
 
-/// `data.json`: what was read.
+/// `data.json`: report about the data set.
 pub fn write_data(folder: &Path, report: &Report) -> anyhow::Result<()> {
     let json = serde_json::to_string_pretty(report).context("cannot make the data.json")?;
     Ok(write_atomic(folder.join("data.json"), printable::json(&json).as_bytes())?)
@@ -45,7 +45,7 @@ pub fn write_curve(folder: &Path, outcome: &Outcome) -> anyhow::Result<()> {
     let mut table =
         Table::new(["step", "seconds", "train_psnr_db", "val_psnr_db", "val_views", "val_lattice"]);
     for point in &outcome.curve {
-        // Empty cells where the run was not validated.
+        // Cells are empty at points without a validation.
         let measured = |text: String| if point.val_psnr_db.is_some() { text } else { String::new() };
         table.push([
             point.step.to_string(),
@@ -82,7 +82,7 @@ fn plot(outcome: &Outcome, x_label: &str, x: impl Fn(&CurvePoint) -> f64) -> Lin
     plot
 }
 
-/// `snapshots.png`: views while training, ground truth last; nothing where no pictures were taken.
+/// `snapshots.png`: views while training, ground truth last; nothing if no pictures were taken.
 pub fn write_snapshots(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> anyhow::Result<()> {
     let (taken, background) = (&outcome.snapshots, outcome.background);
     let title = format!(

@@ -1,4 +1,4 @@
-//! What experiments say: tables, plots, pages of text.
+//! Reports of experiments: tables, plots, pages of text.
 
 pub mod audit;
 pub mod fit;

@@ -60,8 +60,8 @@ pub fn step_file(snapshots: &Path, step: u32) -> PathBuf {
     snapshots.join(format!("step_{step:06}.png"))
 }
 
-/// `sheet.png`: the snapshots, read back so that those of a run that was taken up again are there, the end, and the
-/// picture itself.
+/// `sheet.png`: the snapshots, read back so that those from before a resumed run are there, the final picture, and
+/// the target.
 fn write_sheet(folder: &Path, photo: &Photo, outcome: &Outcome, snapshots: &[u32]) -> anyhow::Result<()> {
     let shown = |point: &CurvePoint| {
         let db =

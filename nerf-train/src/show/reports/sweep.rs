@@ -1,4 +1,4 @@
-//! What a sweep says: a table, plots of PSNR over each setting and over time, a sheet of pictures.
+//! Report of a sweep: a table, plots of PSNR over each setting and over time, a sheet of pictures.
 
 use crate::data::pictures::rgb::Picture;
 use crate::lab::sweep::{Folder, Kind, Knob, Record, Status, records};
@@ -13,12 +13,12 @@ use serde::{Serialize, Serializer};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Curves of a plot that can be told apart.
+/// Largest number of curves of a plot that can be told apart.
 const MAX_SERIES: usize = 7;
 /// Longest side of a picture on the sheet, pixels.
 const THUMBNAIL: usize = 256;
 
-/// Writes table.csv, report.md, plots and sheet.png into the folder, of what is finished in it.
+/// Writes table.csv, report.md, plots and sheet.png of the finished runs into their folder.
 ///
 /// Returns the records.
 pub fn write_report(folder: &Folder) -> anyhow::Result<Vec<Record>> {
@@ -60,7 +60,7 @@ fn ranked(records: &[Record]) -> Vec<&Record> {
     ranked
 }
 
-/// One row a run, the best first.
+/// Table of the runs, one per row, the best first.
 pub fn table(records: &[Record]) -> Table {
     let knobs =
         records.first().map_or(Vec::new(), |r| r.point.values().map(|(knob, _)| knob.name()).collect());
@@ -143,7 +143,7 @@ fn markdown(folder: &Folder, records: &[Record]) -> String {
     text
 }
 
-/// What is drawn: runs that have a PSNR and did not diverge.
+/// Runs to draw, with their PSNR, dB: those that neither diverged nor are flat.
 fn drawn(records: &[Record]) -> impl Iterator<Item = (&Record, f64)> + Clone {
     let fine = |record: &&Record| record.status == Status::Ok;
     records.iter().filter(fine).filter_map(|record| Some((record, record.psnr_db?)))
@@ -182,7 +182,7 @@ fn curves(records: &[Record], knob: Knob, x: impl Fn(&Record) -> f64) -> Vec<Ser
     curves.into_iter().map(series).collect()
 }
 
-/// The best and the mean of all runs at each value, where there are too many curves to tell apart.
+/// The best and the mean of all runs at each value, for when there are too many curves to tell apart.
 fn summarised(records: &[Record], knob: Knob) -> Vec<Series> {
     let of_value =
         |value: f64| drawn(records).filter(move |(r, _)| r.point.get(knob) == Some(value)).map(|(_, db)| db);
@@ -208,11 +208,11 @@ fn knob_plot(folder: &Folder, records: &[Record], knob: Knob) -> LinePlot {
     plot
 }
 
-/// Every run over the time it took: which settings are worth waiting for.
+/// PSNR of every run over its training time.
 fn time_plot(folder: &Folder, records: &[Record]) -> LinePlot {
     let title = format!("{}: PSNR over training time", folder.header.data);
     let mut plot = LinePlot::new(title, "training time, s", measured(folder.header.kind));
-    // One curve a value of the setting with fewest, along the others.
+    // One series per value of the setting that has fewest values.
     let group = varied(records).into_iter().min_by_key(|&knob| values(records, knob).len());
     let all = |keep: &dyn Fn(&Record) -> bool| {
         let kept = drawn(records).filter(|(record, _)| keep(record));
@@ -262,7 +262,7 @@ fn sheet(folder: &Folder, records: &[Record]) -> Option<Picture> {
     (!cells.is_empty()).then(|| contact_sheet(&folder.header.data, &cells, columns))
 }
 
-/// What a sweep came to, for scripts.
+/// Machine-readable results of a sweep.
 #[derive(Debug, Serialize)]
 pub struct Summary<'r> {
     pub report: String,
@@ -270,13 +270,13 @@ pub struct Summary<'r> {
 }
 
 impl<'r> Summary<'r> {
-    /// Of the runs of a sweep whose report lies at `report`.
+    /// Summary of the runs of a sweep, whose report is at `report`.
     pub fn of(records: &'r [Record], report: &Path) -> Self {
         Self { report: report.display().to_string(), runs: records.iter().map(RunSummary).collect() }
     }
 }
 
-/// A run: its settings by their flags, and what it came to.
+/// A run: its settings, named as their flags, and its results.
 #[derive(Debug)]
 pub struct RunSummary<'r>(&'r Record);
 

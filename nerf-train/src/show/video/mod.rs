@@ -1,4 +1,4 @@
-//! MP4s, encoded by the `ffmpeg` program where there is one.
+//! MP4s, encoded by the `ffmpeg` program if there is one.
 //!
 //! Frames go to ffmpeg's standard input as raw RGB; what it writes appears under the final name only
 //! when it has ended well. The choices: H.264 at CRF 16 (mpeg4 where this ffmpeg has no libx264), 4:2:0
@@ -17,16 +17,16 @@ use std::process::{ChildStdin, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 use std::{fs, io};
 
-/// An ffmpeg that has taken nothing of a frame, or after the last frame has written nothing, for this long hangs: it
-/// is ended.
+/// Time after which an ffmpeg that reads nothing of a frame, or after the last frame writes nothing, counts as hung
+/// and is ended.
 pub const PATIENCE: Duration = Duration::from_secs(60);
-/// How long it may take to list its encoders.
+/// Time in which ffmpeg must list its encoders.
 const LISTING_PATIENCE: Duration = Duration::from_secs(10);
-/// How long an ffmpeg that no longer takes frames has to say why.
+/// Time in which an ffmpeg that no longer reads frames must end and say why.
 const LAST_WORDS: Duration = Duration::from_millis(200);
-/// What is kept of the list of encoders, bytes: it has about 20 KB.
+/// Bytes of the list of encoders that are kept: it has about 20 KB.
 const LISTING_BYTES: usize = 1 << 20;
-/// What is kept of ffmpeg's messages, bytes: the last ones say why it failed.
+/// Bytes of ffmpeg's messages that are kept: the last ones say why it failed.
 const KEPT_BYTES: usize = 8 << 10;
 
 /// The encoders, as ffmpeg's arguments.
@@ -38,17 +38,17 @@ const MPEG4: [&str; 4] = ["-c:v", "mpeg4", "-q:v", "2"];
 pub struct Ffmpeg {
     program: PathBuf,
     encoder: [&'static str; 4],
-    /// How long it may take nothing and write nothing.
+    /// Time for which ffmpeg may read nothing and write nothing.
     patience: Duration,
 }
 
 impl Ffmpeg {
-    /// Tries out `program`; `ffmpeg` from `PATH` where it is `None`.
+    /// Tries out `program`; `None`: `ffmpeg` from `PATH`.
     pub fn find(program: Option<&Path>) -> anyhow::Result<Self> {
         Self::find_within(program, LISTING_PATIENCE)
     }
 
-    /// As [`find`](Self::find); how long it may take to answer.
+    /// As [`find`](Self::find); `patience`: time in which it must answer.
     fn find_within(program: Option<&Path>, patience: Duration) -> anyhow::Result<Self> {
         let program = program.unwrap_or(Path::new("ffmpeg"));
         let unusable = |reason| unusable(program, reason);
@@ -89,7 +89,7 @@ impl Ffmpeg {
 
 /// An MP4 that is written frame by frame, whole or not at all.
 ///
-/// Without [`finish`](Self::finish) ffmpeg is ended and nothing is left.
+/// Without [`finish`](Self::finish) ffmpeg is ended and no file is left.
 #[derive(Debug)]
 pub struct Mp4Writer {
     ffmpeg: Ffmpeg,
@@ -97,7 +97,7 @@ pub struct Mp4Writer {
     /// Closed to say that there are no more frames.
     stdin: Option<ChildStdin>,
     messages: Heard,
-    /// `None` once in place.
+    /// The file that is written; `None` once it is in place.
     file: Option<AtomicFile>,
     size: (usize, usize),
     written: usize,
@@ -178,9 +178,9 @@ impl Mp4Writer {
         }
     }
 
-    /// Waits as long as its file changes: a long film takes a while to put its index in front.
+    /// Waits for ffmpeg as long as its file changes: a long film takes a while to put its index in front.
     fn wait(&self) -> Option<ExitStatus> {
-        /// Between two looks at the file.
+        /// Time between two checks of the file.
         const LOOK_EVERY: Duration = Duration::from_millis(100);
         let state = || {
             let metadata = self.file.as_ref().and_then(|file| fs::metadata(file.place()).ok());
@@ -205,7 +205,7 @@ impl Mp4Writer {
         self.file.as_ref().map_or_else(PathBuf::new, |file| file.path().to_owned())
     }
 
-    /// Ends it: it has failed, and is about to say why if it has not done so.
+    /// Ends an ffmpeg that has failed, and returns an error with its last messages.
     fn failure(&mut self) -> anyhow::Error {
         drop(self.stdin.take());
         let status = self.helper.wait(LAST_WORDS).or_else(|| self.helper.kill());
@@ -238,7 +238,7 @@ fn even(side: usize) -> usize {
     side.next_multiple_of(2)
 }
 
-/// The bytes of a frame, red, green, blue; the last column and row twice where their number is odd.
+/// The bytes of a frame, red, green, blue; the last column and row twice if their number is odd.
 fn even_rgb8(frame: &Picture) -> Vec<u8> {
     let bytes = frame.to_rgb8();
     if frame.width.is_multiple_of(2) && frame.height.is_multiple_of(2) {

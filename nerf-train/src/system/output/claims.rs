@@ -2,8 +2,8 @@
 //!
 //! Files are compared by what the file system knows them by (device and inode on Unix, the canonical path elsewhere),
 //! so that links, relative paths and names that differ in case only are seen through. A data set that is named as a
-//! folder is read as a whole: nothing is written into it. Of one that is named as a file, that file, the lists beside
-//! it and the pictures they name are protected. A folder of results holds no input that looks like a result. Devices
+//! folder is read as a whole: nothing is written into it. If it is named as a file, that file, the lists next
+//! to it and the pictures they name are protected. A folder of results holds no input that looks like a result. Devices
 //! and pipes such as `/dev/null` may be both.
 
 use super::mark::was_made_here;
@@ -13,13 +13,14 @@ use std::ffi::OsStr;
 use std::path::{Component, Path, PathBuf};
 use std::{fs, io};
 
-/// Bytes a file's name may have on all file systems in use.
+/// Maximum length of a file name, bytes, on all file systems in use.
 const MAX_NAME_BYTES: usize = 255;
-/// Extensions of what a folder of results holds, and its own folders.
+/// File extensions of the results in a folder of results.
 const RESULTS: [&str; 8] = ["csv", "gif", "html", "json", "md", "mp4", "png", "svg"];
+/// Subfolders of a folder of results; `""` is the folder itself.
 const RESULT_FOLDERS: [&str; 4] = ["", "snapshots", "moved", "runs"];
 
-/// An output that cannot be, in one sentence: which, why, and what to do.
+/// An output that is refused, in one sentence: which, why, and what to do.
 #[derive(Debug, thiserror::Error)]
 #[error("{output}: {found}")]
 pub struct ClaimError {
@@ -27,7 +28,7 @@ pub struct ClaimError {
     found: String,
 }
 
-/// What becomes of a file that is there already.
+/// Treatment of a file that exists already.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Existing {
     /// A file that the caller named: replaced.
@@ -64,17 +65,17 @@ enum Kind {
     Frames,
 }
 
-/// What the file system knows a file or folder by.
+/// Identity of a file or folder in the file system.
 #[derive(Debug, PartialEq, Eq, Hash)]
 enum Identity {
     #[cfg(unix)]
     Inode(u64, u64),
-    /// The canonical path: of what does not exist yet, and where there are no inodes.
+    /// Canonical path of what does not exist yet, or has no inode.
     Path(PathBuf),
 }
 
 impl Identity {
-    /// Of a file or folder that exists; `None` also for devices and pipes, which nothing is lost by writing.
+    /// Identity of an existing file or folder; `None` also for devices and pipes, where writing destroys nothing.
     fn of(path: &Path) -> Option<Self> {
         let metadata = fs::metadata(path).ok().filter(|found| found.is_file() || found.is_dir())?;
         #[cfg(unix)]
@@ -90,14 +91,14 @@ impl Identity {
     }
 }
 
-/// Whether it is neither a file nor a folder: it is written to, not replaced.
+/// Whether `path` is a device or pipe, neither file nor folder: it is written to, not replaced.
 pub fn is_device(path: &Path) -> bool {
     fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir())
 }
 
 impl Claims {
-    /// Reads a file, or a folder with all that is in it, if there is one; `what` names it in errors. One that is missing
-    /// is no matter here: whoever reads it says so.
+    /// Adds an input, if there is one: a file, or a folder with all its contents; `what` names it in errors. A
+    /// missing one is ignored: reading it reports the error.
     pub fn reads<'p, P: AsRef<Path> + ?Sized + 'p>(
         mut self,
         what: &str,
@@ -115,12 +116,12 @@ impl Claims {
         self.derives(flag, path, Existing::Replace)
     }
 
-    /// Writes a file whose name follows from another one's.
+    /// Adds an output file whose name is derived from another one's.
     pub fn derives(self, what: &str, path: &Path, existing: Existing) -> Self {
         self.output(what, path, Kind::File(existing))
     }
 
-    /// Writes a report into the folder that `flag` names, if it was given.
+    /// Adds the report in the folder that `flag` names as an output, if the flag was given.
     pub fn writes_folder<'p, P: AsRef<Path> + ?Sized + 'p>(
         self,
         flag: &str,
@@ -132,7 +133,7 @@ impl Claims {
         }
     }
 
-    /// Writes `frame_0000.png` and on into the folder that `flag` names.
+    /// Adds `frame_0000.png` and on in the folder that `flag` names as outputs.
     pub fn writes_frames(self, flag: &str, folder: &Path) -> Self {
         self.output(flag, folder, Kind::Frames)
     }
@@ -142,7 +143,7 @@ impl Claims {
         self
     }
 
-    /// Compares all outputs with all inputs and with each other; makes nothing.
+    /// Compares all outputs with all inputs and with each other; creates nothing.
     pub fn check(&self) -> Result<(), ClaimError> {
         let mut taken: HashMap<Identity, &str> = HashMap::new();
         for output in &self.outputs {
@@ -160,16 +161,16 @@ impl Claims {
         Ok(())
     }
 
-    /// As [`check`](Self::check), then makes the folders of all outputs and tries them out.
+    /// [`check`](Self::check), then creates the folders of all outputs and tests that files can be written there.
     ///
     /// # Errors
-    /// [`ClaimError`]; nothing is made where anything is refused by comparison or by name.
+    /// [`ClaimError`]; nothing is created if an output is refused by comparison or by name.
     pub fn settle(&self) -> Result<(), ClaimError> {
         self.check()?;
         let mut tried = BTreeSet::new();
         for Output { flag, path, kind } in &self.outputs {
             let folder = match kind {
-                // A link is followed: what counts is the folder of the file it stands for.
+                // A link is followed: the folder of its target counts.
                 Kind::File(_) if path.is_file() => folder_of(&resolved(path)).to_owned(),
                 Kind::File(_) => folder_of(path).to_owned(),
                 Kind::Results | Kind::Frames => path.clone(),
@@ -218,8 +219,7 @@ impl Claims {
         self.inputs.get(&Identity::of(path)?)
     }
 
-    /// Refuses an input, and what lies in one: looks at the folders above the name and, where that is a link, above what
-    /// it stands for.
+    /// Refuses an input, and a path inside one: checks the folders above the path and, for a link, above its target.
     fn check_place(&self, path: &Path) -> Result<(), String> {
         let (place, shown_path) = (resolved(path), path.display());
         let above = resolved(folder_of(path));
@@ -238,7 +238,7 @@ impl Claims {
     }
 }
 
-/// Refuses folders and names that are too long.
+/// Refuses folders, and names that are too long.
 fn check_name(path: &Path) -> Result<(), String> {
     let shown = path.display();
     let ends_in_slash =
@@ -253,7 +253,7 @@ fn check_name(path: &Path) -> Result<(), String> {
         ));
     }
     match fs::symlink_metadata(path) {
-        // Said by whoever makes the folder.
+        // Reported when the folder is created.
         Err(error) if !matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => {
             Err(OutputError::new(Attempt::Create, path, error).to_string())
         }
@@ -274,7 +274,7 @@ fn check_existing(path: &Path, existing: Existing) -> Result<(), String> {
     Err(format!("{} is there already{why}", path.display()))
 }
 
-/// The path without links, `.` and `..`, as far as it exists; the rest by its letters.
+/// The path without links, `.` and `..`, as far as it exists; the rest is kept literally.
 fn resolved(path: &Path) -> PathBuf {
     let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     let mut real = PathBuf::new();

@@ -1,4 +1,4 @@
-//! Folders that are there whole or not at all.
+//! Folders that exist whole or not at all.
 
 use super::{Attempt, Listed, OutputError, ensure_folder, folder_of, hidden, sync_folder, temporaries};
 use std::path::{Path, PathBuf};
@@ -7,8 +7,8 @@ use tempfile::TempDir;
 
 /// A folder that appears under its name only when [`commit`](Self::commit) succeeds.
 ///
-/// Until then it is a hidden one beside that name, which a signal removes as well. Dropped without commit, nothing of it
-/// is left.
+/// Until then it is a hidden folder next to that name, which a signal removes as well. If it is dropped without
+/// commit, it is removed.
 #[derive(Debug)]
 pub struct AtomicFolder {
     temporary: TempDir,
@@ -17,10 +17,10 @@ pub struct AtomicFolder {
 }
 
 impl AtomicFolder {
-    /// Opens one in the folder of `path`, which is made where there is none.
+    /// Creates the hidden folder in the parent of `path`, which is created if it is missing.
     ///
     /// # Errors
-    /// [`Attempt::CreateFolder`] where `path` is there already, unless as an empty folder; as [`ensure_folder`].
+    /// [`Attempt::CreateFolder`] if `path` exists and is not an empty folder; also those of [`ensure_folder`].
     pub fn create(path: impl AsRef<Path>) -> Result<Self, OutputError> {
         let path = path.as_ref();
         let fail = |source| OutputError::new(Attempt::CreateFolder, path, source);
@@ -33,26 +33,26 @@ impl AtomicFolder {
         Ok(Self { temporary, _listed: Listed(place), target: path.to_owned() })
     }
 
-    /// Where it is until the commit.
+    /// Path of the folder until the commit.
     pub fn place(&self) -> &Path {
         self.temporary.path()
     }
 
-    /// Renames it to its final name.
+    /// Renames the folder to its final name.
     ///
     /// # Errors
-    /// [`Attempt::Rename`] where something of that name has come about meanwhile; then the temporary is gone.
+    /// [`Attempt::Rename`] if something of that name was created meanwhile; the hidden folder is then removed.
     pub fn commit(self) -> Result<(), OutputError> {
         let fail = |source| OutputError::new(Attempt::Rename, &self.target, source);
         check_free(&self.target).map_err(fail)?;
-        // Only an empty one can be removed so, and only Unix renames over that.
+        // Removes only an empty folder; other systems than Unix cannot rename over one.
         let _ = fs::remove_dir(&self.target);
         fs::rename(self.temporary.path(), &self.target).map_err(fail)?;
         sync_folder(folder_of(&self.target)).map_err(fail)
     }
 }
 
-/// Refuses a name that is taken by anything but an empty folder.
+/// Refuses a name that is in use, except by an empty folder.
 fn check_free(path: &Path) -> io::Result<()> {
     let empty = || fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none());
     if fs::symlink_metadata(path).is_err() || empty() {

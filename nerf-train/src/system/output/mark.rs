@@ -1,4 +1,4 @@
-//! How a picture or film of this program is told from somebody else's.
+//! Mark by which a picture or film of this program is recognised.
 //!
 //! A PNG holds the mark as a comment (tEXt), a GIF in a comment extension, an MP4 in its metadata, an EXR in its attribute
 //! `comments`.
@@ -9,7 +9,7 @@ use std::path::Path;
 
 pub const MARK: &str = "made by nerf-train";
 
-/// Bytes that are searched: an MP4's index stands in front, with the comment at its end.
+/// Number of bytes that are searched: an MP4's index is at the front, with the comment at its end.
 const SEARCHED_BYTES: u64 = 16 << 20;
 
 pub fn was_made_here(path: &Path) -> bool {

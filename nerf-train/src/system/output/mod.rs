@@ -1,9 +1,9 @@
 //! The one way in which this project writes files: whole, or not at all.
 //!
-//! [`AtomicFile`] writes beside the final name and renames over it on [`AtomicFile::commit`]; a
-//! reader, a crash or a full disk never meets half a file. Of two processes that write the same
-//! name one wins whole. A signal removes what is not committed ([`crate::system::stop`]); a process that is
-//! killed outright may leave a hidden `.nerf-*.tmp` behind, which is safe to delete.
+//! [`AtomicFile`] writes next to the final name and renames over it on [`AtomicFile::commit`]; a reader, a crash or a
+//! full disk never meets half a file. Of two processes that write the same name one wins whole. A signal removes what
+//! is not committed ([`crate::system::stop`]); a process that is killed outright may leave a hidden `.nerf-*.tmp`
+//! behind, which is safe to delete.
 
 pub mod claims;
 mod folder;
@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use tempfile::NamedTempFile;
 
-/// A large buffer: pictures and blobs are written in small pieces.
+/// Size of write buffers, bytes: large, as pictures and blobs are written in small parts.
 const BUFFER_BYTES: usize = 1 << 16;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,7 +27,7 @@ pub enum Attempt {
     CreateFolder,
     /// Writing a trial file into a folder.
     ProbeFolder,
-    /// Creating the temporary file beside the final name, or opening a device.
+    /// Creating the temporary file next to the final name, or opening a device.
     Create,
     /// Writing or flushing bytes to the disk.
     Write,
@@ -66,7 +66,7 @@ impl OutputError {
 
 #[derive(Debug)]
 enum Sink {
-    /// A hidden file in the target's folder, which is listed as long as it is there.
+    /// A hidden file in the target's folder, which is on the list of temporaries while it exists.
     Temporary(BufWriter<NamedTempFile>, Listed),
     /// A device or pipe such as `/dev/null`, which must be written, not replaced.
     Direct(BufWriter<File>),
@@ -92,7 +92,7 @@ impl AtomicFile {
     /// Opens a temporary in the folder of `path`, which must exist.
     ///
     /// # Errors
-    /// [`Attempt::Create`] where `path` is a folder or its folder is missing or not writable.
+    /// [`Attempt::Create`] if `path` is a folder, or its folder is missing or not writable.
     pub fn create(path: impl AsRef<Path>) -> Result<Self, OutputError> {
         let path = path.as_ref();
         let fail = |source| OutputError::new(Attempt::Create, path, source);
@@ -128,9 +128,9 @@ impl AtomicFile {
     /// Flushes, syncs to the disk and renames over the final name.
     ///
     /// # Errors
-    /// [`Attempt::Write`] where the bytes did not reach the disk, also for any earlier write whose
-    /// error the caller passed over; [`Attempt::Rename`] where the name could not be replaced. In
-    /// both cases the earlier file is intact and the temporary gone.
+    /// [`Attempt::Write`] if the bytes did not reach the disk, also for any earlier write whose error the caller
+    /// passed over; [`Attempt::Rename`] if the name could not be replaced. In both cases the earlier file is intact
+    /// and the temporary gone.
     pub fn commit(self) -> Result<(), OutputError> {
         let Self { sink, path, target, failed } = self;
         let cannot_write = |source| OutputError::new(Attempt::Write, &path, source);
@@ -153,9 +153,9 @@ impl AtomicFile {
         &self.path
     }
 
-    /// Where the bytes are until the commit, for another program to write them there.
+    /// Path of the bytes until the commit, for another program to write to.
     ///
-    /// It must write into this file, not replace it, and be done before the commit.
+    /// That program must write into this file, not replace it, and be done before the commit.
     pub fn place(&self) -> &Path {
         match &self.sink {
             Sink::Temporary(buffer, _) => buffer.get_ref().path(),
@@ -228,7 +228,7 @@ pub fn write_new(path: impl AsRef<Path>, bytes: &[u8]) -> Result<bool, OutputErr
     }
 }
 
-/// Whether a file system without links may have said so: link(2) has EPERM for it, others EINVAL or ENOSYS.
+/// Whether this error may mean a file system without links: link(2) gives EPERM, other systems EINVAL or ENOSYS.
 fn cannot_link(kind: io::ErrorKind) -> bool {
     matches!(kind, io::ErrorKind::Unsupported | io::ErrorKind::InvalidInput | io::ErrorKind::PermissionDenied)
 }
@@ -266,7 +266,7 @@ fn temporaries() -> MutexGuard<'static, BTreeSet<PathBuf>> {
     TEMPORARIES.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A temporary's place on the list; taken off when dropped, after the file was renamed or removed.
+/// Entry of a temporary in the list; removed when dropped, after the file was renamed or removed.
 #[derive(Debug)]
 struct Listed(PathBuf);
 
@@ -276,20 +276,20 @@ impl Drop for Listed {
     }
 }
 
-/// Removes all temporaries, and lets no further one appear: to be called when the process ends.
+/// Removes all temporaries, and lets no further one appear. To be called when the process ends.
 pub fn remove_temporaries() {
     let listed = temporaries();
     for path in &*listed {
-        // One that is in place by now has no such name any more.
+        // Fails for a folder, and for a file that was renamed to its final name.
         if fs::remove_file(path).is_err() {
             remove_folder(path);
         }
     }
-    // Whoever wants to make another waits for the end.
+    // The lock is kept: a thread that wants to make another temporary waits for the end.
     std::mem::forget(listed);
 }
 
-/// Removes a folder, also while a program that was killed is on its way out and still makes files in it.
+/// Removes a folder; tries again while a killed program still creates files in it.
 fn remove_folder(path: &Path) {
     const ATTEMPTS: usize = 20;
     for _ in 0..ATTEMPTS {
@@ -300,7 +300,7 @@ fn remove_folder(path: &Path) {
     }
 }
 
-/// Makes hidden temporaries with the permissions of what is ordinary and new (tempfile's own defaults are narrower).
+/// Builder of hidden temporaries with the permissions of ordinary new files (tempfile's own defaults are narrower).
 fn hidden(#[cfg_attr(not(unix), expect(unused))] mode: u32) -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
     // A fixed short prefix: the target's name may already be as long as the file system allows.
@@ -330,7 +330,7 @@ fn sync(file: &File) -> io::Result<()> {
     file.sync_all()
 }
 
-/// Makes a rename durable; file systems that cannot sync a folder are left to their own ways.
+/// Makes a rename durable; errors of file systems that cannot sync a folder are ignored, except a full disk.
 fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(unix) {
         match File::open(folder).and_then(|folder| sync(&folder)) {

@@ -3,14 +3,14 @@
 use serde::Serialize;
 use std::time::Duration;
 
-/// One line for a program that follows; numbers that are not finite are null.
+/// One JSON line for a program that follows the progress; numbers that are not finite are null.
 #[derive(Debug, Serialize)]
 #[serde(tag = "event", rename_all = "lowercase")]
 pub enum Event<'a> {
     Progress {
         what: &'a str,
         position: u64,
-        /// Null where time alone ends the work, or nobody knows.
+        /// Null if only time ends the work, or its end is not known.
         total: Option<u64>,
         elapsed_s: f64,
         left_s: Option<f64>,
@@ -41,7 +41,7 @@ impl Event<'_> {
     }
 }
 
-/// Seconds to the millisecond.
+/// Seconds, rounded to the millisecond.
 pub fn seconds(time: Duration) -> f64 {
     (time.as_secs_f64() * 1e3).round() / 1e3
 }

@@ -1,4 +1,4 @@
-//! How long work is getting on: a bar on a terminal, plain or JSON lines elsewhere, nothing when quiet.
+//! Progress of long work: a bar on a terminal, plain or JSON lines elsewhere, nothing when quiet.
 //!
 //! All of it goes to stderr, so that stdout stays free for results. Nothing here can fail: a closed
 //! stderr is passed over.
@@ -13,20 +13,20 @@ use std::io::{IsTerminal, Write};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Time between lines, plain or JSON, where there is no bar.
+/// Time between lines, plain or JSON, if there is no bar.
 const LINE_EVERY: Duration = Duration::from_secs(5);
-/// Positions of the bar: it shows a share, not steps, as a time budget has none.
+/// Number of positions of the bar: it shows a fraction, not steps, as a time budget has none.
 const BAR_LENGTH: u64 = 10_000;
-/// Before this there is no telling how long the rest will take.
+/// Elapsed time before which the remaining time is not estimated.
 const EARLIEST_ESTIMATE: Duration = Duration::from_secs(1);
 
-/// When the work is done: at a number of steps, after some time, or at whichever comes first.
+/// End of the work: at a number of steps, after some time, or at whichever comes first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Total {
     Steps(u64),
     Time(Duration),
     StepsOrTime(u64, Duration),
-    /// Nobody knows: no bar, no estimate, only what was done.
+    /// No known end: no bar, no estimate, only what was done.
     Unknown,
 }
 
@@ -38,25 +38,25 @@ pub enum ProgressStyle {
     Plain,
     /// One JSON object a line, at the pace of plain lines, for a program that follows.
     ///
-    /// `{"event":"progress","what":"render","position":3,"total":60,"elapsed_s":5.2,"left_s":98.8}`, then
-    /// what is known of `rays_per_s`, `train_psnr_db`, `val_psnr_db` and `note`; `total` and `left_s` are
-    /// null where nobody knows. The end of a stretch is `{"event":"done","what":…,"text":…,"elapsed_s":…}`,
-    /// any other line `{"event":"note","text":…}`.
+    /// `{"event":"progress","what":"render","position":3,"total":60,"elapsed_s":5.2,"left_s":98.8}`, then what is
+    /// known of `rays_per_s`, `train_psnr_db`, `val_psnr_db` and `note`; `total` and `left_s` are null if they are
+    /// not known. The end of a task is `{"event":"done","what":…,"text":…,"elapsed_s":…}`, any other line
+    /// `{"event":"note","text":…}`.
     Json,
     Quiet,
 }
 
-/// What the caller knows besides the position; what is `None` is not shown.
+/// Figures that are shown with the position, except those that are `None`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Message {
     pub rays_per_s: Option<f64>,
     pub train_psnr_db: Option<f64>,
     pub val_psnr_db: Option<f64>,
-    /// Anything else, shown as it is; may be empty.
+    /// Anything else, shown unchanged; may be empty.
     pub note: String,
 }
 
-/// The display of one stretch of work; dropped, it leaves its last state on the screen.
+/// The display of one task; when dropped, it leaves its last state on the screen.
 #[derive(Debug)]
 pub struct Progress {
     what: String,
@@ -91,7 +91,7 @@ impl Progress {
         Self { what: what.into(), total, started: Instant::now(), first: 0, display }
     }
 
-    /// Of work of so many steps.
+    /// [`Self::new`] for work of `total` steps.
     pub fn steps(what: impl Into<String>, total: usize, style: ProgressStyle) -> Self {
         Self::new(what, Total::Steps(total as u64), style)
     }
@@ -129,7 +129,7 @@ impl Progress {
         }
     }
 
-    /// As [`update`](Self::update), where nothing else is known.
+    /// [`update`](Self::update) without further figures.
     pub fn reach(&mut self, position: usize) {
         self.update(position as u64, &Message::default());
     }
@@ -152,7 +152,7 @@ impl Progress {
         }
     }
 
-    /// Takes the bar away and leaves `line` with the time that the work took; nothing when quiet.
+    /// Removes the bar and leaves `line` with the time that the work took; nothing when quiet.
     pub fn finish(self, line: impl AsRef<str>) {
         let (line, elapsed) = (line.as_ref(), self.started.elapsed());
         let text = format!("{}: {line} ({})", self.what, in_words(elapsed));
@@ -170,7 +170,7 @@ impl Progress {
         }
     }
 
-    /// The share of the work that is done, in [0, 1]: the larger of steps and time, as either ends it.
+    /// Fraction of the work that is done, in [0, 1]: the larger of steps and time, as either ends it.
     fn share(&self, position: u64, elapsed: Duration) -> Option<f64> {
         let steps = |total: u64| if total == 0 { 1.0 } else { position as f64 / total as f64 };
         let time = |budget: Duration| {
@@ -185,7 +185,7 @@ impl Progress {
         Some(share.clamp(0.0, 1.0))
     }
 
-    /// The time that is left: the smaller of what the steps need at this run's pace and the budget.
+    /// Remaining time: the smaller of what the steps need at this run's pace and the rest of the budget.
     fn remaining(&self, position: u64, elapsed: Duration) -> Option<Duration> {
         let done = position.saturating_sub(self.first);
         let steps = |total: u64| {
@@ -236,7 +236,7 @@ impl Progress {
         if details.is_empty() { text } else { format!("{text} · {details}") }
     }
 
-    /// How far the work is, in steps and time: "train 1,250/5,000 · 0:41, 2:03 left".
+    /// Position in steps and time: "train 1,250/5,000 · 0:41, 2:03 left".
     fn standing(&self, position: u64, elapsed: Duration) -> String {
         let mut text = format!("{} {}", self.what, HumanCount(position));
         // Writing into a String cannot fail.
@@ -251,7 +251,7 @@ impl Progress {
     }
 }
 
-/// What the caller knows: "31.4 k rays/s · train 24.10 dB · val 23.87 dB".
+/// Figures of a message: "31.4 k rays/s · train 24.10 dB · val 23.87 dB".
 fn details(message: &Message) -> String {
     let parts = [
         message.rays_per_s.filter(|rate| rate.is_finite()).map(|rate| format!("{} rays/s", scaled(rate))),
@@ -262,16 +262,16 @@ fn details(message: &Message) -> String {
     parts.into_iter().flatten().collect::<Vec<_>>().join(" · ")
 }
 
-/// The bar that was begun last, for a signal, which nobody takes away on its way out.
+/// The bar that was started last, for a signal: no one else removes it then.
 static BAR: Mutex<Option<ProgressBar>> = Mutex::new(None);
 
-/// Leaves a bar that is under way as it is, with the cursor on a new line: what is said next ends the process.
+/// Leaves a running bar unchanged, with the cursor on a new line, for a last message before the process ends.
 pub fn abandon() {
     if let Some(bar) = BAR.lock().unwrap_or_else(PoisonError::into_inner).take()
         && !bar.is_finished()
     {
         bar.abandon();
-        // Whoever still works would draw over what is said next.
+        // Threads that still work would draw over the last message.
         bar.set_draw_target(ProgressDrawTarget::hidden());
     }
 }
@@ -297,7 +297,7 @@ fn new_bar() -> ProgressBar {
     }
 }
 
-/// Prints a line that belongs to no stretch of work, in the manner of `style`.
+/// Prints a line that belongs to no task, in the manner of `style`.
 pub fn say(style: ProgressStyle, line: &str) {
     match style {
         ProgressStyle::Json => say_lines(style, line),
@@ -305,7 +305,7 @@ pub fn say(style: ProgressStyle, line: &str) {
     }
 }
 
-/// The same of a text that this program set in lines, in which names are [`printable::line`] already.
+/// [`say`] for text that this program has broken into lines, in which names went through [`printable::line`] already.
 pub fn say_lines(style: ProgressStyle, lines: &str) {
     match style {
         ProgressStyle::Quiet => {}

@@ -5,23 +5,23 @@ use crate::data::View;
 use nerf_core::space::{Contraction, SceneBox};
 use rayon::prelude::*;
 
-/// Share of the way from a camera to a point that counts as free; less than 1, since points are inexact and surfaces
-/// slanted.
+/// Fraction of the way from a camera to a point that counts as free; less than 1, since points are inexact and
+/// surfaces slanted.
 const FREE_SHARE: f32 = 0.85;
 /// Fewest lines of sight that cross a free cell.
 const MIN_CROSSINGS: u32 = 3;
-/// A cell is free if at least this many times as many lines cross it as end in it.
+/// A cell is free if more than this many times as many lines cross it as end in it.
 const ENDS: u32 = 4;
 /// Side of a block of cells, in cells.
 const BLOCK: usize = 4;
-/// Confidence below which a line of sight says nothing.
+/// Confidence below which a line of sight is ignored.
 const MIN_CONFIDENCE: f32 = 0.15;
-/// Steps through a cell of the ball that is not contracted.
+/// Steps per cell in the ball that is not contracted.
 const STEPS_A_CELL: f32 = 2.0;
 
-/// Of each cell of an unbounded scene, in the blob's order, whether lines of sight say that it is free: at least three
-/// cross it within 0.85 of their length, and fewer than a quarter as many end in it; or at least three cells of its block of 4 x 4
-/// x 4 are so crossed, and no line ends in the block.
+/// Tells for each cell of an unbounded scene, in the blob's order, whether lines of sight show that it is free.
+/// Either at least three cross it within 0.85 of their length, and fewer than a quarter as many end in it. Or at
+/// least three such crossings fall into its block of 4 × 4 × 4 cells, and no line ends in the block.
 ///
 /// `resolution`: cells along each side of the cube `bounds`. `sights`: of `views`, in their order.
 pub(crate) fn free_cells(
@@ -39,7 +39,7 @@ pub(crate) fn free_cells(
         let cell = |axis: usize| (at[axis] * sides[axis]).clamp(0.0, sides[axis] - 1.0) as usize;
         (cell(0) * usize::from(resolution[1]) + cell(1)) * usize::from(resolution[2]) + cell(2)
     };
-    // Each view's cells, and whether a line ends there or crosses.
+    // Cells that each view's lines cross, and cells that they end in.
     let of_view = |(view, sights): (&View, &Vec<Sight>)| {
         let (mut crossed, mut ended) = (Vec::new(), Vec::new());
         for sight in sights.iter().filter(|sight| sight.confidence >= MIN_CONFIDENCE) {

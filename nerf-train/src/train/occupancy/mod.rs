@@ -1,4 +1,4 @@
-//! Which cells of the scene box may hold something: carved from the pictures, then learned.
+//! Cells of the scene box that may hold something: carved from the pictures, then learned.
 
 mod free_space;
 mod silhouette;
@@ -17,22 +17,22 @@ use serde::{Deserialize, Serialize};
 use silhouette::Silhouette;
 pub use silhouette::is_foreground;
 
-/// A refresh that would leave a smaller share of the candidates is ignored: a network whose
-/// density is dead must not take the occupancy grid with it.
+/// Fraction of the candidates below which an update is ignored: a network without density must not empty the
+/// occupancy grid.
 const SMALLEST_SHARE: f64 = 0.02;
-/// A cell of the hull must be seen by one in so many of the views that see the best-seen cell:
-/// what lies behind the scene from a few cameras only is not carved, and is not the scene.
+/// A cell of the hull must be seen by 1/`SEEN_SHARE` of the views that see the best-seen cell: what only a few
+/// cameras see behind the scene is not carved, and is not the scene.
 const SEEN_SHARE: u32 = 4;
-/// Multiply-adds that asking every cell at eight points may take: some seconds.
+/// Most multiply-adds for evaluating every cell at eight points: some seconds.
 const SETTLE_MACS: usize = 300_000_000_000;
-/// Weight along a training ray with which a cell holds something that was seen.
+/// Weight along a training ray from which a cell holds something that was seen.
 const MARKED_WEIGHT: f32 = 3e-3;
-/// Training rays after which a cell that none of them gave weight to holds nothing that was seen.
+/// Number of training rays after which a cell that none of them gave weight to holds nothing that was seen.
 const MARKED_RAYS: u64 = 250_000;
-/// Density of a cell that has not been asked yet: it stays live.
+/// Density of a cell that was not evaluated yet: it stays occupied.
 const UNKNOWN: f32 = -1.0;
 
-/// A bit per cell: the occupancy grid as the blob keeps it.
+/// Occupancy grid with one bit per cell, as in the blob.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LiveCells {
     min: [f32; 3],
@@ -46,7 +46,7 @@ impl LiveCells {
         SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) }
     }
 
-    /// Whether the cells of both are the same ones.
+    /// Whether both have the same bounds and resolution.
     pub(crate) fn is_like(&self, other: &Self) -> bool {
         let shape = |cells: &Self| (cells.min, cells.max, cells.resolution, cells.bits.len());
         shape(self) == shape(other)
@@ -77,7 +77,7 @@ impl LiveCells {
         (Vec3::from(self.max) - Vec3::from(self.min)) / sides
     }
 
-    /// The point of a cell at fractions `u` of its sides.
+    /// Point of a cell at fractions `u` of its sides.
     fn point(&self, cell: u32, u: [f32; 3]) -> Vec3 {
         let [_, ny, nz] = self.resolution.map(u32::from);
         let index = [cell / (ny * nz), cell / nz % ny, cell % nz];
@@ -85,11 +85,11 @@ impl LiveCells {
         Vec3::from(self.min) + at * self.cell_size()
     }
 
-    /// An occupancy grid of `resolution` over `bounds` in which the cells `live` (indices in the blob's order) may
-    /// hold something.
+    /// Creates an occupancy grid of `resolution` over `bounds`, in which the cells `live` (indices in the blob's
+    /// order) are occupied.
     ///
     /// # Panics
-    /// If a cell lies beyond the occupancy grid.
+    /// If a cell is outside of the occupancy grid.
     pub fn of(bounds: SceneBox, resolution: [u16; 3], live: impl IntoIterator<Item = u32>) -> Self {
         let (min, max) = (bounds.min.into(), bounds.max.into());
         let mut cells = Self { min, max, resolution, bits: vec![0; StoredOccupancy::bytes(resolution)] };
@@ -107,34 +107,34 @@ pub struct Occupancy {
     live: LiveCells,
     /// Cells that the pictures do not rule out.
     candidates: Vec<u32>,
-    /// Remembered density of each candidate, 1/world unit.
+    /// Stored density of each candidate, 1/world unit.
     density: Vec<f32>,
     refreshes: u64,
-    /// A bit a cell: whether a training ray gave it weight since that is remembered; empty before.
+    /// One bit per cell: whether a training ray gave it weight since marking began; empty before.
     weighted: Vec<u8>,
-    /// Rays of the steps it was remembered in.
+    /// Number of rays of the steps in which cells were marked.
     marked_rays: u64,
 }
 
 impl Occupancy {
-    /// Cells along each side of a box of this extent, `resolution` along the longest.
+    /// Cells along each side of a box of this extent, with `resolution` along the longest.
     pub fn sides(extent: Vec3, resolution: u16) -> [u16; 3] {
         let cell = extent.max_element() / f32::from(resolution);
         extent.to_array().map(|side| ((side / cell).round() as u16).clamp(1, resolution))
     }
 
-    /// An occupancy grid with every cell live, `resolution` cells along the longest side.
+    /// An occupancy grid with every cell occupied, `resolution` cells along the longest side.
     pub fn full(bounds: SceneBox, resolution: u16) -> Self {
         let sides = Self::sides(bounds.max - bounds.min, resolution);
         let cells = sides.iter().map(|&side| u32::from(side)).product();
         Self::of_candidates(bounds, sides, (0..cells).collect())
     }
 
-    /// The cells of an unbounded scene that may hold something: those that two views see from apart, that are not nearer to
-    /// a camera than anything it shows, and that are not known to be free.
+    /// Occupancy grid of an unbounded scene. A cell is occupied if two views see it from apart, if it is not nearer
+    /// to a camera than anything the camera shows, and if it is not known to be free.
     ///
-    /// `nears`: of each view the distance within which there is nothing, world units. `apart`: the distance of two
-    /// cameras from which on both are needed, world units. `free`: a bit a cell, empty where none is known.
+    /// `nears`: for each view, the distance within which there is nothing, world units. `apart`: least distance of
+    /// the two cameras, world units. `free`: one value per cell, empty if none is known.
     pub fn seen(
         bounds: SceneBox,
         resolution: u16,
@@ -150,7 +150,7 @@ impl Occupancy {
             for (view, &near) in views.iter().zip(nears) {
                 let (camera, (width, height)) = (&view.camera, view.size());
                 let eye = camera.pose().position;
-                // Also behind the camera: somebody stood there.
+                // Also behind the camera: the photographer stood there.
                 if (p - eye).length() < near {
                     return false;
                 }
@@ -175,7 +175,7 @@ impl Occupancy {
         Self::of_candidates(bounds, full.live.resolution, cells)
     }
 
-    /// The same cells halved along each side: each becomes eight, live or not as it was.
+    /// Halves the cells along each side: each becomes eight, occupied or not as before.
     pub fn halved(&self) -> Self {
         let [_, ny, nz] = self.live.resolution.map(u32::from);
         let resolution = self.live.resolution.map(|side| 2 * side);
@@ -194,17 +194,17 @@ impl Occupancy {
         Self { live, candidates, density, refreshes: 0, weighted: Vec::new(), marked_rays: 0 }
     }
 
-    /// The visual hull: cells that many views see, and none against its empty background.
+    /// Carves the visual hull: cells that many views see, and none as its empty background.
     ///
-    /// `None` if the pictures do not say what is empty. A view sees a cell if all of the window
-    /// that the cell's bounding sphere projects into is in the picture.
+    /// `None` if the pictures do not tell what is empty. A view sees a cell if the window around the projection of
+    /// the cell's bounding sphere is completely in the picture.
     pub fn carve(bounds: SceneBox, resolution: u16, views: &[View], background: Background) -> Option<Self> {
         let silhouettes: Option<Vec<Silhouette>> =
             views.par_iter().map(|view| Silhouette::of(view, background)).collect();
         let silhouettes = silhouettes?;
         let full = Self::full(bounds, resolution);
         let radius = 0.5 * full.live.cell_size().length();
-        // How many views see a cell, unless one sees it empty.
+        // Number of views that see a cell; 0 if one sees it empty.
         let seen = |&cell: &u32| {
             let centre = full.live.point(cell, [0.5; 3]);
             let mut seen = 0u32;
@@ -224,7 +224,7 @@ impl Occupancy {
         Some(Self::of_candidates(bounds, full.live.resolution, kept))
     }
 
-    /// The box around the live cells, with a margin of one cell; `None` if nothing is live.
+    /// Box around the candidates, with a margin of one cell; `None` if there are none.
     pub fn tight_box(&self) -> Option<SceneBox> {
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         for &cell in &self.candidates {
@@ -259,7 +259,7 @@ impl Occupancy {
         self.live
     }
 
-    /// Remembers the cells of the samples of `rays` training rays, each a position in the box and a weight along its ray.
+    /// Marks the cells of the samples of `rays` training rays; a sample: position in the box, weight along its ray.
     pub fn mark(&mut self, rays: usize, samples: impl Iterator<Item = ([f32; 3], f32)>) {
         self.weighted.resize(self.live.bits.len(), 0);
         self.marked_rays += rays as u64;
@@ -274,18 +274,18 @@ impl Occupancy {
         }
     }
 
-    /// Empties the cells that no training ray gave weight to, where enough rays were looked at to say so.
+    /// Empties the cells that no training ray gave weight to, if enough rays were marked to tell.
     pub fn drop_unweighted(&mut self) {
         if self.marked_rays >= MARKED_RAYS {
             self.live.bits.iter_mut().zip(&self.weighted).for_each(|(live, weighted)| *live &= weighted);
         }
     }
 
-    /// Asks the network again and, if `drop` says so, drops cells of too little density.
+    /// Evaluates the network at some cells and, if `drop`, empties cells of too little density.
     ///
-    /// `threshold`: sigma, 1/world unit, that keeps a cell. Each refresh asks at most `cells`
-    /// candidates, in turn, each at one random point; a cell remembers the larger of its answer
-    /// and `decay` times what it remembered.
+    /// `threshold`: sigma, 1/world unit, above which a cell is kept. Each call evaluates at most `cells` candidates,
+    /// in turn, each at one random point. A cell stores the larger of the result and `decay` times its stored
+    /// density.
     pub fn refresh(&mut self, ask: &DensityQuery<'_>, cells: usize, threshold: f32, decay: f32, drop: bool) {
         let parts = self.candidates.len().div_ceil(cells.max(1)).max(1);
         let part = (self.refreshes % parts as u64) as usize;
@@ -302,24 +302,24 @@ impl Occupancy {
         }
     }
 
-    /// The last word before export: every candidate not known to be live is asked at `2 × 2 × 2` points of its own.
+    /// Final update before export: evaluates every candidate not known to be occupied at `2 × 2 × 2` points.
     ///
-    /// One answer above `threshold` settles a cell, so that it is not asked further. Where asking all would
-    /// take too long (a large occupancy grid and a large network) a cell is asked at its centre only, and the
-    /// neighbours of live cells stay live too.
+    /// A cell is done at the first density above `threshold`. If evaluating all points would take too long (a large
+    /// occupancy grid and a large network), each cell is evaluated at its centre only, and the neighbours of occupied
+    /// cells stay occupied, too.
     pub fn settle(&mut self, ask: &DensityQuery<'_>, threshold: f32) {
         self.settle_to(ask, threshold, SMALLEST_SHARE);
     }
 
-    /// The occupancy grid of a network that is finished, `resolution` cells along the longest side: as
-    /// [`Self::settle`], but however few cells are left.
+    /// Occupancy grid of a finished network, `resolution` cells along the longest side: as [`Self::settle`], but
+    /// however few cells are left.
     pub fn asked(bounds: SceneBox, resolution: u16, ask: &DensityQuery<'_>, threshold: f32) -> Self {
         let mut occupancy = Self::full(bounds, resolution);
         occupancy.settle_to(ask, threshold, 0.0);
         occupancy
     }
 
-    /// As [`Self::asked`], of the live cells of a grid alone.
+    /// As [`Self::asked`], for the occupied cells of a grid only.
     pub fn asked_within(cells: &LiveCells, ask: &DensityQuery<'_>, threshold: f32) -> Self {
         let mut occupancy = Self::of_candidates(cells.bounds(), cells.resolution(), cells.cells());
         occupancy.settle_to(ask, threshold, 0.0);
@@ -331,7 +331,7 @@ impl Occupancy {
         let macs = ask.architecture.density_macs() * cells;
         let points: &[f32] = if 8 * macs <= SETTLE_MACS { &[0.25, 0.75] } else { &[0.5] };
         let mut open: Vec<usize> = (0..cells).filter(|&i| self.density[i] <= threshold).collect();
-        // What is unknown is known after this.
+        // Unknown cells count as evaluated from here on.
         open.iter().for_each(|&i| self.density[i] = self.density[i].max(0.0));
         for corner in 0..points.len().pow(3) {
             let u = |axis: u64| points[(corner >> axis & 1) % points.len()];
@@ -347,7 +347,7 @@ impl Occupancy {
         }
     }
 
-    /// Makes the candidates next to live cells live.
+    /// Makes the candidates next to occupied cells occupied.
     fn dilate(&mut self) {
         let sides = self.live.resolution.map(i64::from);
         let live = self.lookup();
@@ -371,14 +371,14 @@ impl Occupancy {
         };
         let points: Vec<[f32; 3]> = which.par_iter().map(point).collect();
         let mut sigma = densities(ask.isa, ask.architecture, ask.parameters, &self.live.bounds(), &points);
-        // Where steps are longer, less density is as much light.
+        // In longer steps, less density absorbs as much light.
         if let Some(contraction) = &ask.contraction {
             sigma.iter_mut().zip(points).for_each(|(sigma, p)| *sigma *= contraction.step_growth(p.into()));
         }
         sigma
     }
 
-    /// Sets the bits from the densities, unless less than that share of the candidates would be left.
+    /// Sets the bits from the densities, unless less than `smallest_share` of the candidates would be left.
     fn apply(&mut self, threshold: f32, smallest_share: f64) {
         let live = |&density: &f32| density == UNKNOWN || density > threshold;
         let count = self.density.iter().filter(|density| live(density)).count();

@@ -1,10 +1,10 @@
-//! What a view shows of a ball: whether anything of it is foreground.
+//! Silhouettes: whether a view shows any foreground where a ball projects.
 
 use crate::data::{Background, View};
 use glam::Vec3;
 use nerf_core::camera::Camera;
 
-/// Where a view sees something, as sums over rectangles.
+/// Foreground of a view, as sums over rectangles.
 pub(super) struct Silhouette {
     camera: Camera,
     width: usize,
@@ -14,7 +14,7 @@ pub(super) struct Silhouette {
 }
 
 impl Silhouette {
-    /// `None` if the pictures do not say what is foreground.
+    /// `None` if the pictures do not tell what is foreground.
     pub(super) fn of(view: &View, background: Background) -> Option<Self> {
         let (width, height) = view.size();
         let (width, height) = (width as usize, height as usize);
@@ -23,7 +23,7 @@ impl Silhouette {
             let mut row = 0;
             for x in 0..width {
                 let index = y * width + x;
-                // What does not count may show anything.
+                // A pixel that does not count may show anything.
                 row += u32::from(is_foreground(view.pixels[index], background)? || !view.counts(index));
                 sums[(y + 1) * (width + 1) + x + 1] = sums[y * (width + 1) + x + 1] + row;
             }
@@ -31,7 +31,7 @@ impl Silhouette {
         Some(Self { camera: view.camera, width, height, sums })
     }
 
-    /// Whether the view shows anything where a ball projects to; `None` if it does not see all of it.
+    /// Whether the view shows foreground where a ball projects; `None` if it does not see all of the ball.
     pub(super) fn shows(&self, centre: Vec3, radius: f32) -> Option<bool> {
         let pose = self.camera.pose();
         let local = pose.rotation.transpose() * (centre - pose.position);
@@ -42,7 +42,7 @@ impl Silhouette {
         let i = self.camera.intrinsics();
         let (u, v) = self.camera.lens().project(Vec3::new(local.x, -local.y, z))?;
         let (x, y) = (i.cx + i.fx * u, i.cy + i.fy * v);
-        // The ball's outline, and a pixel for resampling.
+        // Radius of the ball's outline, plus a pixel for resampling.
         let reach = radius / (z - radius) * i.fx.max(i.fy) * (1.0 + u * u + v * v).sqrt() + 1.0;
         let (x0, x1, y0, y1) = (x - reach, x + reach, y - reach, y + reach);
         if !(x0 >= 0.0 && y0 >= 0.0 && x1 <= self.width as f32 && y1 <= self.height as f32) {
@@ -54,7 +54,7 @@ impl Silhouette {
     }
 }
 
-/// Whether a pixel shows something; `None` if the pictures do not say.
+/// Whether a pixel is foreground; `None` if the pictures do not tell.
 pub fn is_foreground(pixel: [u8; 4], background: Background) -> Option<bool> {
     match background {
         Background::Alpha => Some(pixel[3] > 0),

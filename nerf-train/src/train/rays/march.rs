@@ -6,24 +6,24 @@ use nerf_core::camera::Ray;
 use nerf_core::simd::{Isa, Lanes, Op};
 use nerf_core::space::{Contraction, SceneBox};
 
-/// Samples that are looked up together.
+/// Number of samples that are looked up together.
 const GROUP: usize = 16;
-/// Added to a number from 0 to 2^22, it leaves the nearest whole one in the last bits.
+/// Added to a number from 0 to 2^22, this leaves the nearest whole number in the last bits.
 const MAGIC: f32 = 8_388_608.0;
 
 /// Cells along each side of a block.
 const BLOCK_SIDE: usize = 8;
 
-/// Occupied cells of a scene box, as a march takes them.
+/// Occupied cells of a scene box, in the layout for marching.
 #[derive(Clone, Debug)]
 pub struct MarchCells {
     bounds: SceneBox,
     resolution: [u16; 3],
     /// Bit `(x ny + y) nz + z`, least significant bit of a byte first.
     bits: Vec<u8>,
-    /// Blocks of [`BLOCK_SIDE`]³ cells along x, y, z.
+    /// Number of blocks of [`BLOCK_SIDE`]³ cells along x, y, z.
     blocks: [u16; 3],
-    /// Whether a block or one next to it has an occupied cell; bits as those of the cells.
+    /// Whether a block or one next to it has an occupied cell; bits in the order of the cells' bits.
     near: Vec<u8>,
 }
 
@@ -42,7 +42,7 @@ impl MarchCells {
                 *live |= (byte(0) | byte(1) << 8) >> (first % 8) & ((1 << count) - 1) != 0;
             }
         }
-        // Along one axis after another: 3 in a row are 3 x 3 x 3 in the end.
+        // One axis after another: 3 blocks in a row become 3 × 3 × 3.
         for (stride, side) in [(by * bz, bx), (bz, by), (1, bz)] {
             let before = live.clone();
             for (i, live) in live.iter_mut().enumerate() {
@@ -63,7 +63,7 @@ impl MarchCells {
         Lookup::new(&self.bits, self.resolution, self.resolution.map(f32::from), &self.bounds, ray)
     }
 
-    /// As [`Self::lookup`], of the blocks: the last ones may reach out of the box.
+    /// As [`Self::lookup`], for the blocks: the last ones may reach out of the box.
     fn block_lookup(&self, ray: &Ray) -> Lookup<'_> {
         let sides = self.resolution.map(|side| f32::from(side) / BLOCK_SIDE as f32);
         Lookup::new(&self.near, self.blocks, sides, &self.bounds, ray)
@@ -74,13 +74,13 @@ struct Lookup<'a> {
     bits: &'a [u8],
     resolution: [u32; 3],
     last: [f32; 3],
-    /// In cells, half a cell back: what rounds to a whole number is then that cell.
+    /// Origin of the ray in cells, minus half a cell: rounding then gives the cell.
     from: [f32; 3],
     along: [f32; 3],
 }
 
 impl<'a> Lookup<'a> {
-    /// `sides`: cells that the box is long.
+    /// `sides`: lengths of the box in cells.
     fn new(bits: &'a [u8], resolution: [u16; 3], sides: [f32; 3], bounds: &SceneBox, ray: &Ray) -> Self {
         let scale = Vec3::from(sides) / (bounds.max - bounds.min);
         Self {
@@ -92,12 +92,12 @@ impl<'a> Lookup<'a> {
         }
     }
 
-    /// Bit `i`: that of the cell at `t = first + (base + i) step`; the nearest cell's, where that is outside of the box.
+    /// Bit `i`: whether the cell at `t = first + (base + i) step` is occupied; outside of the box, the nearest cell.
     #[inline(always)]
     fn live(&self, first: f32, step: f32, base: u32) -> u32 {
         let [_, ny, nz] = self.resolution;
         let mut index = [0u32; GROUP];
-        // Written for the compiler to vectorise with the instruction set's own.
+        // Written so that the compiler vectorises it with the instruction set.
         for (i, index) in index.iter_mut().enumerate() {
             let t = first + (base + i as u32) as f32 * step;
             let cell = |axis: usize| {
@@ -115,7 +115,7 @@ impl<'a> Lookup<'a> {
     }
 }
 
-/// The first `count` bits of a group; all of them, if it is longer.
+/// Mask of the first `count` bits of a group; all of them if `count` is larger.
 #[inline(always)]
 fn first_bits(count: u32) -> u32 {
     u32::MAX >> (32 - count.min(GROUP as u32))
@@ -123,7 +123,7 @@ fn first_bits(count: u32) -> u32 {
 
 /// Appends to `positions` the points `t = first + i step` of `ray`, `i` in `0..count`, that lie in occupied cells.
 ///
-/// A point is taken as one of the box; on a face between two cells, as one of either.
+/// A point counts as inside of the box. On a face between two cells, it counts as in either.
 pub(super) fn march(
     isa: Isa,
     cells: &MarchCells,
@@ -153,7 +153,7 @@ impl Op for March<'_> {
         let Self { cells, ray, first, step, count, positions } = self;
         let (origin, dir) = (ray.origin.to_array(), ray.dir.to_array());
         let (lookup, blocks) = (cells.lookup(ray), cells.block_lookup(ray));
-        // From the middle of a group to its ends, and the rounding: less than a block.
+        // Distance from the middle of a group to its ends, cells; with the rounding, less than a block.
         let half = 0.5 * (GROUP - 1) as f32;
         let reach = lookup.along.iter().fold(0.0f32, |most, along| most.max(along.abs())) * half * step;
         let by_blocks = reach < BLOCK_SIDE as f32 - 0.5;
@@ -177,11 +177,11 @@ impl Op for March<'_> {
     }
 }
 
-/// As [`march`], of a ray through an unbounded scene: the points are at `first + i step` of the steps of its contraction
-/// ([`Contraction::distance`]), contracted, in `samples` with how long each step is, world units, and what its gradient
-/// is scaled by: nearer to the camera, which is `start` before the ray, than a radius of the ball, the square of the
-/// distance in radii. Cells close to a camera have many rays through them, and all are of that camera: fog would settle
-/// there.
+/// As [`march`], for a ray through an unbounded scene. The points are at `first + i step` in steps of the contraction
+/// ([`Contraction::distance`]). Appends to `samples` the contracted points, the length of each step, world units, and
+/// the factor on its gradient. Less than a radius of the ball from the camera, which is `start` before the ray, the
+/// factor is the square of the distance in radii: cells close to a camera have many rays through them, all of that
+/// camera, and fog would settle there.
 ///
 /// # Source
 /// Philip and Deschaintre 2023, "Floaters No More".

@@ -1,4 +1,4 @@
-//! Batches: which pixels, which samples along their rays.
+//! Batches: the pixels of a step, and the samples along their rays.
 
 mod march;
 
@@ -19,23 +19,23 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
-/// Rays that are walked together by one task.
+/// Number of rays that one task marches together.
 const CHUNK: usize = 128;
-/// The same of an unbounded scene, whose rays are fewer and longer.
+/// The same for an unbounded scene, whose rays are fewer and longer.
 const CONTRACTED_CHUNK: usize = 16;
 
-/// One ray in so many of an unbounded scene goes along a line of sight.
+/// One in this many rays of an unbounded scene goes along a line of sight.
 const SIGHT_SHARE: usize = 8;
 
-/// All pixels a run may draw, and how their rays are sampled.
+/// All pixels that a run may draw, and the sampling of their rays.
 pub struct RayBank<'d> {
     views: &'d [View],
     cameras: Vec<Camera>,
-    /// First pixel of each view in the numbering over all views, and the end.
+    /// Index of each view's first pixel in the numbering over all views, and the end.
     starts: Vec<u64>,
-    /// Pixels that may be drawn: near the foreground, where the pictures tell it, and not masked. `None`: all.
+    /// Pixels that may be drawn: near the foreground, if the pictures tell it, and not masked. `None`: all.
     drawn: Option<Vec<u32>>,
-    /// Of each view with a mask, the pixels that count, where views are drawn before their pixels; else empty.
+    /// For each view with a mask, the pixels that count; empty unless views are drawn before their pixels.
     unmasked: Vec<Option<Vec<u32>>>,
     background: Background,
     bins: Bins,
@@ -48,23 +48,23 @@ pub struct RayBank<'d> {
     random_background: bool,
     /// Weight of the distortion loss in an unbounded scene.
     distortion: f32,
-    /// Lines of sight, each with its view, that a share of the rays of an unbounded scene go along.
+    /// Lines of sight, each with its view, which a fraction of the rays of an unbounded scene go along.
     sights: Vec<(usize, Sight)>,
-    /// Weight of their points' distances in the loss.
+    /// Weight of the distances of their points in the loss.
     depth: f32,
     seed: u64,
 }
 
-/// Rays of an unbounded scene that one task marched.
+/// Rays that one task marched.
 #[derive(Default)]
 struct Marched {
     rays: Vec<BatchRay>,
     samples: Samples,
-    /// Of the rays along lines of sight, which come first.
+    /// Surfaces of the rays along lines of sight, which come first.
     surfaces: Vec<Surface>,
-    /// How far along its ray each sample of those rays lies, 0 to 1.
+    /// Position of each sample of those rays along its ray, 0 to 1.
     along: Vec<f32>,
-    /// View of each ray, its pixel there, and where it begins.
+    /// View of each ray; `pixels`: its pixel there; `origins`: its origin.
     views: Vec<u32>,
     pixels: Vec<u32>,
     origins: Vec<[f32; 3]>,
@@ -118,11 +118,11 @@ impl<'d> RayBank<'d> {
         })
     }
 
-    /// The same bank, of which an eighth of the rays go along lines of sight of its views.
+    /// Lets an eighth of the rays go along lines of sight of the bank's views.
     #[must_use]
     pub fn with_sights(mut self, sights: &Sights) -> Self {
         let of_view = |(view, sights): (usize, &Vec<Sight>)| {
-            // The pixel that shows the point, and not its neighbour at the rim.
+            // Only a point inside of the picture has a pixel that shows it.
             let (width, height) = self.views[view].size();
             let inside = move |sight: &Sight| {
                 let [x, y] = sight.at;
@@ -134,13 +134,13 @@ impl<'d> RayBank<'d> {
         self
     }
 
-    /// Casts rays from other cameras than the views', in their order, from now on.
+    /// Casts rays from these cameras, in the order of the views, from now on.
     pub fn set_cameras(&mut self, cameras: Vec<Camera>) {
         self.cameras = cameras;
     }
 
-    /// The line of sight, and its view, that ray `index` of a step of `rays` rays goes along; `None` behind the first eighth
-    /// of the rays.
+    /// Line of sight, with its view, of ray `index` of a step of `rays` rays; `None` after the first eighth of the
+    /// rays.
     fn sight(&self, step: u64, index: u64, rays: usize) -> Option<&(usize, Sight)> {
         if self.sights.is_empty() || index >= (rays / SIGHT_SHARE) as u64 {
             return None;
@@ -153,9 +153,9 @@ impl<'d> RayBank<'d> {
         self.drawn.as_ref().map_or(self.starts[self.views.len()], |pixels| pixels.len() as u64)
     }
 
-    /// Fills `batch` with the rays of `step`: `rays` of them, or as many as bring `live` samples.
+    /// Fills `batch` with `rays` rays of `step` or, if `live` is not 0, with fewer that have at most `live` samples.
     ///
-    /// `occupancy` says where a sample is live; without it every sample inside the scene box is.
+    /// `occupancy` tells which samples are live; without it, all inside the scene box are.
     pub fn fill(
         &self,
         batch: &mut Batch,
@@ -185,10 +185,10 @@ impl<'d> RayBank<'d> {
         batch.deltas.resize(batch.positions.len(), self.bins.delta());
     }
 
-    /// Fills `batch` with `rays` rays of `step`: of each the samples in `cells`, `width` apart, from a random place in
-    /// the first of these steps on. Gives the time that this took, summed over threads.
+    /// Fills `batch` with `rays` rays of `step`. Their samples are in `cells`, `width` apart, from a random position
+    /// in the first step on. Returns the time that this took, summed over threads.
     ///
-    /// Where the training cameras stood does not matter: what is marched is the ray within the scene box.
+    /// Near and far planes do not matter: a ray is marched through all of the scene box.
     pub fn fill_marched(
         &self,
         isa: Isa,
@@ -237,8 +237,8 @@ impl<'d> RayBank<'d> {
         time
     }
 
-    /// As [`Self::fill_marched`], of an unbounded scene: `step` is in radii of `contraction`'s ball where nothing is
-    /// contracted.
+    /// As [`Self::fill_marched`], for an unbounded scene: `width` is in radii of `contraction`'s ball, as long as
+    /// nothing is contracted.
     fn fill_contracted(
         &self,
         isa: Isa,
@@ -299,7 +299,7 @@ impl<'d> RayBank<'d> {
         time
     }
 
-    /// Adds `count` points that `occupancy` calls empty: half along rays of the data, half anywhere.
+    /// Adds `count` points in empty cells of `occupancy`: half along rays of the data, half anywhere.
     pub fn fill_empty(&self, batch: &mut Batch, step: u64, count: usize, occupancy: &OccupancyGrid<'_>) {
         let extent = self.bounds.max - self.bounds.min;
         for try_index in 0..4 * count as u64 {
@@ -322,7 +322,7 @@ impl<'d> RayBank<'d> {
         }
     }
 
-    /// A pixel of all views, near foreground or not.
+    /// A random pixel of all views, near foreground or not.
     fn any_pixel(&self, step: u64, index: u64) -> (usize, usize) {
         let total = self.starts[self.views.len()];
         let bits = uniform_u32(self.seed, Purpose::Pixel, step, index);
@@ -330,7 +330,7 @@ impl<'d> RayBank<'d> {
     }
 
     fn locate(&self, pixel: u64) -> (usize, usize) {
-        // Views are mostly of one size: the first guess is then right, where a search would be mispredicted.
+        // Views are mostly of one size, so that the first guess is right; a search would be mispredicted.
         let views = self.views.len();
         let share = pixel as f64 / self.starts[views] as f64;
         let mut view = ((share * views as f64) as usize).min(views - 1);
@@ -343,7 +343,7 @@ impl<'d> RayBank<'d> {
         (view, (pixel - self.starts[view]) as usize)
     }
 
-    /// The view and the pixel in it, counted row by row, of ray `index` of a step that draws `rays`.
+    /// View and pixel, counted row by row, of ray `index` of a step that draws `rays`.
     pub fn source(&self, step: u64, index: u64, rays: usize) -> (usize, usize) {
         if let Some(&(view, Sight { at: [x, y], .. })) = self.sight(step, index, rays) {
             return (view, y as usize * self.views[view].size().0 as usize + x as usize);
@@ -364,15 +364,15 @@ impl<'d> RayBank<'d> {
         }
     }
 
-    /// Rays `range` of a step that draws `rays`: the number of each, its view and pixel, the ray, and what it should show;
-    /// without samples.
+    /// Rays `range` of a step that draws `rays`, without samples: index of each, its view and pixel, the ray, and its
+    /// target.
     fn targets(
         &self,
         step: u64,
         range: Range<usize>,
         rays: usize,
     ) -> impl Iterator<Item = (u64, (usize, usize), Ray, BatchRay)> {
-        // One after another: memory answers for many at a time, where each had to wait for it by itself.
+        // First all sources, then all pixels, so that many loads from memory overlap.
         let sources: Vec<_> = range.clone().map(|index| self.source(step, index as u64, rays)).collect();
         let pixels: Vec<_> = sources.iter().map(|&(view, pixel)| self.views[view].pixels[pixel]).collect();
         let all = range.zip(sources).zip(pixels);
@@ -382,7 +382,7 @@ impl<'d> RayBank<'d> {
         })
     }
 
-    /// The ray of a pixel, which is `rgba`, and what it should show; without samples.
+    /// Ray of a pixel of colour `rgba`, and its target; without samples.
     fn target(&self, step: u64, index: u64, (view, pixel): (usize, usize), rgba: [u8; 4]) -> (Ray, BatchRay) {
         let ray = ray_of(&self.cameras[view], pixel);
         let background = match self.background {
@@ -425,14 +425,14 @@ impl<'d> RayBank<'d> {
         (BatchRay { samples: positions.len() as u32, ..batch_ray }, positions)
     }
 
-    /// Where the sample of `bin` lies on ray `index` of `step`, world units along it; never falls from bin to bin.
+    /// Distance of the sample of `bin` along ray `index` of `step`, world units; never decreases from bin to bin.
     fn t(&self, step: u64, index: u64, bin: u32) -> f32 {
         let draw = || uniform(self.seed, Purpose::Jitter, step, (index << 12) + u64::from(bin));
         match self.jitter {
             Jitter::None => self.bins.at(bin, 0.5),
             Jitter::Bin => self.bins.within(bin, draw()),
             Jitter::Width(width) => {
-                // A width beyond the bin is the bin's: evenly over it, none of it piled up at the end.
+                // A width beyond the bin counts as the bin's: uniform over it, without a pile at the end.
                 let delta = self.bins.delta();
                 let u = draw() * width.min(delta) / delta;
                 self.bins.within(bin, u.min(1f32.next_down()))
@@ -451,10 +451,10 @@ fn ray_of(camera: &Camera, pixel: usize) -> Ray {
     camera.ray((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5)
 }
 
-/// How far around the foreground rays are still drawn, pixels.
+/// Margin around the foreground in which rays are drawn, pixels.
 const FOREGROUND_MARGIN: usize = 4;
 
-/// Pixels within [`FOREGROUND_MARGIN`] of something, in the numbering over all views.
+/// Pixels within [`FOREGROUND_MARGIN`] of the foreground, numbered over all views; `None` if pictures do not tell it.
 pub(super) fn near_foreground(views: &[View], starts: &[u64], background: Background) -> Option<Vec<u32>> {
     let of_view = |(view, &start): (&View, &u64)| -> Option<Vec<u32>> {
         let (width, height) = view.size();
@@ -480,8 +480,8 @@ pub(super) fn near_foreground(views: &[View], starts: &[u64], background: Backgr
     Some(parts?.concat())
 }
 
-/// Pixels that count, in the numbering over all views; `None` where all do. At least one of each view does, and there
-/// are at most 2^32 where some do not (`dataset`).
+/// Pixels that count, in the numbering over all views; `None` if all do. At least one of each view counts, and there
+/// are at most 2^32 if some do not (`dataset`).
 pub(super) fn counting(views: &[View], starts: &[u64]) -> Option<Vec<u32>> {
     views.iter().any(|view| view.mask.is_some()).then_some(())?;
     let of_view = |(view, &start): (&View, &u64)| {

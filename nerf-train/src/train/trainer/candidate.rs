@@ -10,22 +10,22 @@ use std::borrow::Cow;
 
 pub(crate) const MADE_BY: &str = concat!("nerf-train ", env!("CARGO_PKG_VERSION"));
 
-/// Optical thickness of a marched step that keeps a cell in the file, where training keeps more.
+/// Optical depth of a marched step above which a cell is kept in the file; training keeps more.
 const EXPORTED: f32 = 0.03;
 
-/// A state of the run as it would be exported: what is measured of it is what its blob shows.
+/// A state of the run as it would be exported: measurements of it are of what its blob shows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
     pub step: u32,
-    /// Averaged over steps where the run averages; in export order, not yet rounded.
+    /// Parameters in export order, not yet rounded; averaged over steps if the run averages.
     pub parameters: Vec<f32>,
-    /// The occupancy grid, asked once more everywhere.
+    /// Occupancy grid, evaluated once more everywhere.
     pub live: LiveCells,
-    /// The shape of its network where that is not the trained one's: without its direction.
+    /// Architecture, if it differs from the trained one: without the direction.
     pub architecture: Option<Architecture>,
 }
 
-/// What a blob says besides what the run knows.
+/// Facts in a blob besides those that the run knows.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct About<'a> {
     /// Whether the occupancy grid is part of the model.
@@ -36,10 +36,10 @@ pub struct About<'a> {
 }
 
 impl Candidate {
-    /// The run as it stands. Training is not changed by asking for it.
+    /// Takes the present state of the run, without changing the training.
     ///
-    /// `settle`: ask all cells of the occupancy grid once more. A grid field's are asked all the time, so that on the
-    /// way its occupancy does as it is.
+    /// `settle`: evaluate all cells of the occupancy grid once more. A grid field's cells are evaluated all the time,
+    /// so that before the end of its run this is not needed.
     pub fn of(trainer: &Trainer<'_>, settle: bool) -> Self {
         let parameters = averaged_parameters(trainer);
         let scene_box = trainer.bounds.scene_box;
@@ -102,7 +102,7 @@ impl Candidate {
     }
 }
 
-/// In export order: the average, or the last where the run does not average.
+/// Parameters in export order: the average, or the last ones if the run does not average.
 fn averaged_parameters(trainer: &Trainer<'_>) -> Vec<f32> {
     let parameters = trainer.average.values().map_or_else(|| trainer.engine.parameters(), Cow::Borrowed);
     trainer.model.fold(parameters).into_owned()

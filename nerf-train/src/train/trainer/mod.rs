@@ -21,44 +21,44 @@ use nerf_core::blob::MAX_SAMPLES;
 use nerf_core::camera::Camera;
 use std::time::{Duration, Instant};
 
-/// Steps in a row without any density after which a run is started anew with another seed.
+/// Number of consecutive steps without any density after which a run restarts with another seed.
 const DEAD_STEPS: u32 = 100;
-/// Refreshes within which a grid field is asked for every cell once.
+/// Updates of the occupancy grid in which every cell of a grid field is evaluated once.
 const REFRESHES: usize = 24;
-/// How much longer a grid's steps are at first, when most of the scene is still fog, and the share of the run in which they
-/// become as short as they stay; through an unbounded scene and a bounded one.
+/// Factor on the length of a grid's steps at the beginning, when most of the scene is still fog, and fraction of the
+/// run after which the steps have their final length: in an unbounded scene and in a bounded one.
 const UNBOUNDED_GROWTH: (f64, f64) = (4.0, 0.15);
 const BOUNDED_GROWTH: (f64, f64) = (2.0, 0.4);
-/// Stages in which steps become shorter.
+/// Number of stages in which steps become shorter.
 const STAGES: f64 = 8.0;
-/// Share of a run from which on it is remembered which cells of an unbounded scene training rays give weight to.
+/// Fraction of a run after which the cells of an unbounded scene that training rays give weight to are marked.
 const MARKED_FROM: f64 = 0.5;
-/// Steps in which the poses of validation views are refined.
+/// Number of steps in which the poses of validation views are refined.
 const HELD_OUT_STEPS: u32 = 100;
-/// Rays a validation view in each of these steps; fewer where there are more views than [`HELD_OUT_VIEWS`].
+/// Rays per validation view in each of these steps; fewer if there are more views than [`HELD_OUT_VIEWS`].
 const HELD_OUT_RAYS: usize = 48;
 const HELD_OUT_VIEWS: usize = 64;
-/// Times a run is started anew before it is given up.
+/// Number of restarts before a run is given up.
 pub(crate) const RESEEDS: u32 = 3;
 
 /// A run: data, settings and everything that changes from step to step.
 pub struct Trainer<'d> {
     config: Config,
     dataset: &'d Dataset,
-    /// Behind the scene, display-encoded: the data's own colour; of an unbounded scene, where it shows through what no
-    /// photograph saw, their mean colour; or else black.
+    /// Background colour, display-encoded: the data's own; in an unbounded scene, where it shows only in parts that
+    /// no photograph saw, the photographs' mean colour; else black.
     pub(crate) background: [f32; 3],
     model: Model,
     kernel: Kernel,
     bounds: Bounds,
     bank: RayBank<'d>,
-    /// Width of the steps that rays are marched in; none where they are cut into bins between near and far.
+    /// Width of the steps that rays are marched in; none if they are cut into bins between near and far.
     step_width: Option<f32>,
     engine: Box<dyn Engine>,
     occupancy: Option<Occupancy>,
     average: Average,
     batch: Batch,
-    /// Key points of the training views, of an unbounded scene.
+    /// Key points of the training views of an unbounded scene.
     sights: Option<Sights>,
     gains: Option<Gains>,
     exposure: Option<ExposureFound>,
@@ -67,9 +67,9 @@ pub struct Trainer<'d> {
     moving: Option<Moving>,
     withheld: Option<Withheld>,
     withheld_found: Option<WithheldFound>,
-    /// The occupied cells as they are marched; none until they are asked for.
+    /// Occupied cells in the layout for marching; none until they are needed.
     cells: Option<MarchCells>,
-    /// The next step's batch, where it was marched beside this step's update, and what it was marched with.
+    /// The next step's batch, if it was marched during this step's update, and the parameters of that march.
     prefetched: (Option<March>, Batch),
     progressed: Progressed,
     phases: Phases,
@@ -79,7 +79,7 @@ pub struct Trainer<'d> {
 }
 
 impl<'d> Trainer<'d> {
-    /// Makes everything ready for the first step: bounds, hull, rays, start values.
+    /// Prepares the first step: bounds, hull, rays, initial values.
     pub fn new(dataset: &'d Dataset, config: Config, kernel: Kernel) -> Result<Self, TrainError> {
         config.check()?;
         let unbounded = config.sampling.contraction.is_some();
@@ -149,7 +149,7 @@ impl<'d> Trainer<'d> {
         &self.model
     }
 
-    /// Takes up a checkpoint of the same run.
+    /// Resumes from a checkpoint of the same run.
     ///
     /// # Errors
     /// [`TrainError::Engine`] if its parameters do not fit, [`TrainError::Parts`] if anything else does not; the run
@@ -173,7 +173,7 @@ impl<'d> Trainer<'d> {
         Ok(())
     }
 
-    /// Whether a checkpoint, whose checksum says nothing of who wrote it, can be computed with.
+    /// Checks that the run can compute with a checkpoint, whose checksum does not tell who wrote it.
     fn check_parts(&self, checkpoint: &Checkpoint) -> Result<(), TrainError> {
         let Checkpoint { progressed: p, occupancy, .. } = checkpoint;
         let counted = p.rays.max(p.samples).max(p.evaluated) <= u64::MAX / 2;
@@ -235,7 +235,7 @@ impl<'d> Trainer<'d> {
         &self.config
     }
 
-    /// Where the time of this process's steps went: of the occupancy as it passed, of the rest over all threads.
+    /// Time of this process's steps by phase: wall-clock time for the occupancy, the sum over threads for the rest.
     pub fn phases(&self) -> Phases {
         let mut phases = self.phases;
         phases += self.engine.phases();
@@ -254,17 +254,17 @@ impl<'d> Trainer<'d> {
         &self.bounds
     }
 
-    /// The key points that the fit uses; `None` where there are none.
+    /// Key points that the fit uses; `None` if there are none.
     pub fn sights(&self) -> Option<&Sights> {
         self.sights.as_ref()
     }
 
-    /// What is known of the photographs' exposure so far.
+    /// Verdict on the photographs' exposure; `None` until it is known.
     pub fn exposure(&self) -> Option<ExposureFound> {
         self.exposure
     }
 
-    /// What is known of the photographs' poses so far.
+    /// Verdict on the photographs' poses; `None` until it is known.
     pub fn poses(&self) -> Option<PosesFound> {
         self.poses_found
     }
@@ -278,7 +278,7 @@ impl<'d> Trainer<'d> {
         self.moving.as_ref().is_some_and(Moving::is_found)
     }
 
-    /// What withheld photographs showed; `None` until it is known.
+    /// Verdict of the withheld photographs; `None` until it is known.
     pub fn withheld(&self) -> Option<WithheldFound> {
         self.withheld_found
     }
@@ -293,14 +293,14 @@ impl<'d> Trainer<'d> {
         self.poses.as_ref().filter(|poses| poses.are_refined())
     }
 
-    /// Rays that refining the poses of the validation views will take; 0 where poses stay as they were given.
+    /// Number of rays that refining the validation views' poses will take; 0 if poses are not refined.
     pub fn held_out_rays(&self) -> u64 {
         let rays = HELD_OUT_RAYS * self.dataset.val.len().min(HELD_OUT_VIEWS);
         if self.refined().is_some() { u64::from(HELD_OUT_STEPS) * rays as u64 } else { 0 }
     }
 
-    /// Cameras of the training views as they were refined, and those of the validation views, which are refined against
-    /// the field as it stands; `None` where poses stay as they were given.
+    /// Refined cameras of the training views, and of the validation views, which are refined against the present
+    /// field; `None` if poses are not refined.
     ///
     /// # Errors
     /// [`TrainError::Engine`] if the field has no finite loss on the validation views.
@@ -333,7 +333,7 @@ impl<'d> Trainer<'d> {
         self.bank.pixels()
     }
 
-    /// Share of the cells that are live; 1 without an occupancy grid.
+    /// Occupied fraction of the cells; 1 without an occupancy grid.
     pub fn occupied_share(&self) -> f32 {
         self.occupancy.as_ref().map_or(1.0, |occupancy| occupancy.lookup().occupied_share())
     }
@@ -346,10 +346,10 @@ impl<'d> Trainer<'d> {
         crate::train::psnr_db_of_mse(self.progressed.mse)
     }
 
-    /// One step at the learning rate that `share` of the budget used calls for.
+    /// Does one step at the learning rate for the used fraction `share` of the budget.
     ///
     /// # Errors
-    /// [`TrainError::Engine`] if it diverged; the run is then as before the step.
+    /// [`TrainError::Engine`] if the step diverged; the run is then as before it.
     /// [`TrainError::Dead`] if every restart ended without density.
     pub fn step(&mut self, share: f64) -> Result<(), TrainError> {
         let step = u64::from(self.progressed.step);
@@ -397,7 +397,7 @@ impl<'d> Trainer<'d> {
             if grid {
                 live_per_ray = smoothed(live_per_ray, loss.kept, batch.rays.len());
             }
-            // The cells that a refresh leaves are not known yet.
+            // The cells that an update of the occupancy grid leaves are not known yet.
             if let (Some(width), Some(cells), false) = (width, &cells, refreshed) {
                 let march = March { step: step + 1, rays: rays_of(s, 1.0, live_per_ray), width };
                 prefetched.0 = Some(march);
@@ -433,7 +433,7 @@ impl<'d> Trainer<'d> {
         Ok(())
     }
 
-    /// Moves the photographs' gains by the step that was just taken.
+    /// Updates the photographs' gains by the last step.
     fn learn_gains(&mut self) {
         let Some(gains) = &mut self.gains else { return };
         if let Some(found) = gains.step(&self.engine.gain_gradients(gains.views())) {
@@ -444,7 +444,7 @@ impl<'d> Trainer<'d> {
         }
     }
 
-    /// Moves the photographs' cameras by the step that was just taken.
+    /// Updates the photographs' cameras by the last step.
     fn learn_poses(&mut self, share: f64) {
         let (Some(poses), Some(contraction)) = (&mut self.poses, &self.bounds.contraction) else { return };
         poses.add(&self.batch, self.engine.ray_gradients());
@@ -464,7 +464,7 @@ impl<'d> Trainer<'d> {
         self.withheld.is_none() && after_trial
     }
 
-    /// Adds the errors of the step that was just taken, and decides the weight decay where it was the trial's last.
+    /// Adds the errors of the last step, and decides the weight decay if that was the trial's last.
     fn learn_withheld(&mut self, share: f64) {
         self.withheld.take_if(|_| Withheld::is_given_up(share));
         let Some(withheld) = &mut self.withheld else { return };
@@ -473,7 +473,7 @@ impl<'d> Trainer<'d> {
         if let Some(found) = withheld.verdict(step, &self.config.optimiser) {
             (self.withheld, self.withheld_found) = (None, Some(found));
             self.apply_weight_decay();
-            // Key points say more of exposure than contradictions do.
+            // Key points tell more about exposure than contradictions do.
             let unknown = self.exposure.is_none() && self.gains.is_none();
             if found.contradict() && unknown && self.config.capture.exposure == Exposure::Auto {
                 self.gains = Some(Gains::of_contradicting(&self.dataset.train));
@@ -486,7 +486,7 @@ impl<'d> Trainer<'d> {
         self.engine.set_weight_decay(self.withheld_found.map_or(given, |found| found.weight_decay));
     }
 
-    /// Remembers the cells of an unbounded scene that the step that was just taken gave weight to.
+    /// Marks the cells of an unbounded scene that the last step gave weight to.
     fn mark_weighted(&mut self, share: f64) {
         if self.bounds.contraction.is_none() || share < MARKED_FROM {
             return;
@@ -496,7 +496,7 @@ impl<'d> Trainer<'d> {
         }
     }
 
-    /// Width of the marched steps when `share` of the budget is used.
+    /// Width of the marched steps at the used fraction `share` of the budget.
     fn step_width(&self, share: f64) -> Option<f32> {
         let longer = lengthened(share, self.bounds.contraction.is_some());
         self.step_width.filter(|_| self.occupancy.is_some()).map(|width| longer * width)
@@ -506,7 +506,7 @@ impl<'d> Trainer<'d> {
         let s = &self.config.sampling;
         let occupancy = self.occupancy.as_ref().filter(|_| self.config.occupancy.skip).map(Occupancy::lookup);
         let live_per_ray = self.progressed.live_per_ray;
-        // A grid's samples count once they are kept, which is known after the step.
+        // A grid's samples count if they are kept, which is known only after the step.
         let counted_after = self.config.network.grid.is_some();
         if let (Some(width), Some(occupancy)) = (self.step_width(share), &self.occupancy) {
             let march = March { step, rays: rays_of(s, 1.0, live_per_ray), width };
@@ -533,7 +533,7 @@ impl<'d> Trainer<'d> {
         }
     }
 
-    /// Forgets what was marched with the cells of before.
+    /// Discards what was marched with the previous cells.
     fn forget_marched(&mut self) {
         (self.cells, self.prefetched.0) = (None, None);
     }
@@ -551,7 +551,7 @@ impl<'d> Trainer<'d> {
                 seed: self.config.seed,
                 contraction: self.bounds.contraction,
             };
-            // Without a hull there are many cells to prune, and a grid's density costs little to ask for.
+            // Without a hull there are many cells to prune, and a grid's density is cheap to evaluate.
             let turn = occupancy.candidates().div_ceil(REFRESHES);
             let cells = if self.config.network.grid.is_some() { g.cells.max(turn) } else { g.cells };
             occupancy.refresh(&ask, cells, threshold, g.decay, self.progressed.step >= g.from);
@@ -559,14 +559,14 @@ impl<'d> Trainer<'d> {
         self.forget_marched();
     }
 
-    /// sigma that keeps a cell, 1/world unit.
+    /// Density above which a cell is kept, 1/world unit.
     fn threshold(&self) -> f32 {
         let bins = f32::from(self.config.sampling.samples);
         let width = self.step_width.unwrap_or((self.bounds.far - self.bounds.near) / bins);
         self.config.occupancy.threshold / width
     }
 
-    /// Starts anew with another seed: a known failure of ReLU densities, and its known cure.
+    /// Restarts with another seed: the known cure when ReLU densities all become 0.
     fn reseed(&mut self) -> Result<(), TrainError> {
         let restarts = self.progressed.reseeds + 1;
         if restarts > RESEEDS {
@@ -609,7 +609,7 @@ pub struct RefinedCameras {
     pub val: Vec<Camera>,
 }
 
-/// Gains to learn from the first step on, and what is known of exposure. A scene that ends at a box has none before its
+/// Gains to learn from the first step on, and the known exposure. A scene that ends at a box has no gains before its
 /// photographs contradict each other, unless the settings ask for them.
 fn gains_at_first(
     dataset: &Dataset,
@@ -623,7 +623,7 @@ fn gains_at_first(
     Gains::of(&dataset.train, sights, exposure)
 }
 
-/// Photographs to withhold. None beside poses that move: the others' would move away from theirs.
+/// Photographs to withhold. None if poses are refined: the others' poses would move away from theirs.
 fn withheld_at_first(dataset: &Dataset, config: &Config, poses: Option<&Poses>) -> Option<Withheld> {
     if poses.is_some() { None } else { Withheld::of(&dataset.train, config) }
 }
@@ -632,7 +632,7 @@ fn given(views: &[View]) -> Vec<Camera> {
     views.iter().map(|view| view.camera).collect()
 }
 
-/// What a step's samples are marched with.
+/// Parameters that a step's samples are marched with.
 #[derive(Clone, Copy, PartialEq)]
 struct March {
     step: u64,
@@ -646,7 +646,7 @@ impl March {
     }
 }
 
-/// How many rays a step draws, where each has so many live samples; 0 is not known yet.
+/// Number of rays that a step draws if each has `live_per_ray` samples; 0 is not known yet.
 fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
     if sampling.live_samples > 0 && live_per_ray > 0.0 {
         ((margin * sampling.live_samples as f64 / live_per_ray) as usize).clamp(64, 65_536)
@@ -655,20 +655,20 @@ fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
     }
 }
 
-/// Live samples a ray over the steps so far, when this one had `live` on `rays`.
+/// Smoothed number of live samples per ray, after a step that had `live` on `rays`.
 fn smoothed(before: f64, live: usize, rays: usize) -> f64 {
     let now = live as f64 / rays.max(1) as f64;
     if before == 0.0 { now } else { 0.9 * before + 0.1 * now }
 }
 
-/// How many times as long as in the end a grid's steps are when `share` of the budget is used.
+/// Length of a grid's steps at the used fraction `share` of the budget, as a multiple of the final length.
 pub(crate) fn lengthened(share: f64, unbounded: bool) -> f32 {
     let (longest, growth) = if unbounded { UNBOUNDED_GROWTH } else { BOUNDED_GROWTH };
     let stage = (STAGES * share / growth).floor().min(STAGES);
     longest.powf(1.0 - stage / STAGES) as f32
 }
 
-/// Bins between near and far that are `steps` to the longest side of the box.
+/// Number of bins between near and far if the longest side of the box has `steps` of them.
 fn bins_across(bounds: &Bounds, steps: u16) -> u16 {
     let longest = (bounds.scene_box.max - bounds.scene_box.min).max_element();
     let bins = f64::from(steps) * f64::from(bounds.far - bounds.near) / f64::from(longest);

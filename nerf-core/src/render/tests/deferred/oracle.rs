@@ -6,7 +6,7 @@ use crate::camera::Ray;
 /// A field in f64.
 pub struct Oracle {
     pub shape: Architecture,
-    /// Those of the file.
+    /// Parameters of the file.
     pub parameters: Vec<f32>,
     pub tables: Vec<f32>,
 }

@@ -1,16 +1,16 @@
-//! The linear equations of a step, with the points eliminated.
+//! Normal equations of a step, with the points eliminated.
 
 use super::{Bundle, Device, Jacobian, Observation, POSE, SOFT_PIXELS};
 use glam::{DMat3, DQuat, DVec3};
 
-/// Block of the normal equations that couples a camera or a device with a point: a row a parameter. A device has fewer, and
-/// its last rows are 0.
+/// Block of the normal equations that couples a camera or a device with a point: one row per parameter. A device has
+/// fewer parameters, and its last rows are 0.
 type Block = [DVec3; POSE];
 
-/// Derivatives by a camera's or device's parameters, rows x and y, and the first of these.
+/// Index of a camera's or device's first parameter, and derivatives by its parameters, rows x and y.
 type Rows = (usize, [[f64; POSE]; 2]);
 
-/// The equations of all poses and devices: symmetric, lower triangle, and the points that follow from them.
+/// Reduced normal equations of all poses and devices. `matrix` is symmetric; only its lower triangle is used.
 pub(super) struct Reduced<'a> {
     bundle: &'a Bundle,
     matrix: Vec<f64>,
@@ -20,22 +20,22 @@ pub(super) struct Reduced<'a> {
 }
 
 struct Point {
-    /// A block for each camera and device that sees the point, behind the index of its first parameter.
+    /// Blocks of the cameras and devices that see the point, each with the index of its first parameter.
     blocks: Vec<(usize, Block)>,
     inverse: DMat3,
     right: DVec3,
 }
 
 impl<'a> Reduced<'a> {
-    /// `None` where a point has no equation.
+    /// `None` if the equations of a point are singular.
     pub(super) fn of(bundle: &'a Bundle, damping: f64) -> Option<Self> {
-        // A block of POSE rows for each, the device's last of which are empty.
+        // POSE rows for each camera and device; the last rows of a device are empty.
         let size = POSE * (bundle.photographs.len() + bundle.devices.len());
         let mut reduced =
             Self { bundle, matrix: vec![0.0; size * size], right: vec![0.0; size], damping, size };
         bundle.observations.iter().for_each(|seen| reduced.add_cameras(seen));
         for i in 0..size {
-            // What no observation depends on stays as it is.
+            // A parameter that no observation depends on gets a 1 on the diagonal, so that it stays unchanged.
             let diagonal = &mut reduced.matrix[i * size + i];
             *diagonal += damping * *diagonal + f64::from(u8::from(*diagonal == 0.0));
         }
@@ -46,7 +46,7 @@ impl<'a> Reduced<'a> {
         Some(reduced)
     }
 
-    /// The observation's rows by pose and by device, each with its first parameter, and its weight.
+    /// Rows of an observation by pose and by device, its Jacobian, and its weight.
     fn rows(&self, seen: &Observation) -> Option<([Rows; 2], Jacobian, f64)> {
         let jacobian = self.bundle.linearised(seen)?;
         let weight = SOFT_PIXELS / SOFT_PIXELS.hypot(jacobian.residual.length());
@@ -106,7 +106,7 @@ impl<'a> Reduced<'a> {
         }
     }
 
-    /// The bundle after the step; `None` where the equations have no solution.
+    /// The bundle after the step; `None` if the equations have no solution.
     pub(super) fn step(mut self) -> Option<Bundle> {
         solve(&mut self.matrix, &mut self.right, self.size)?;
         let mut bundle = self.bundle.clone();
@@ -137,7 +137,7 @@ fn outer(a: DVec3, b: DVec3) -> DMat3 {
     DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
 
-/// Solves a positive definite system of which the lower triangle is given, by Cholesky's method, in place.
+/// Solves a positive definite system in place by Cholesky's method; only the lower triangle of `matrix` is read.
 fn solve(matrix: &mut [f64], right: &mut [f64], size: usize) -> Option<()> {
     for i in 0..size {
         let (above, row) = matrix.split_at_mut(i * size);
@@ -160,7 +160,7 @@ fn solve(matrix: &mut [f64], right: &mut [f64], size: usize) -> Option<()> {
     Some(())
 }
 
-/// Eight sums at a time, in an order of its own.
+/// Dot product in eight partial sums; the order of additions is fixed.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let (mut sums, (a, a_rest), (b, b_rest)) = ([0.0; 8], a.as_chunks::<8>(), b.as_chunks::<8>());
     for (a, b) in a.iter().zip(b) {

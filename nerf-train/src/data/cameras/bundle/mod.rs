@@ -15,18 +15,18 @@ mod tests;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use linear::Reduced;
 
-/// Parameters of a pose: turn and shift. A device has three: logarithm of the focal length, k1, k2.
+/// Parameters of a pose: rotation and translation. A device has three: logarithm of the focal length, k1, k2.
 const POSE: usize = 6;
-/// Errors from which on an observation counts less, pixels.
+/// Reprojection error from which on an observation counts less, pixels.
 const SOFT_PIXELS: f64 = 1.0;
-/// Points are in front of the camera from here on, as a share of its distance to what it sees.
+/// Smallest depth of a point in front of a camera, as a fraction of the camera's distance from the origin.
 const MIN_DEPTH: f64 = 1e-6;
 const MAX_ITERATIONS: usize = 100;
-/// A step that lowers the cost by less than this share of it is the last.
+/// The adjustment ends after a step that lowers the cost by less than this fraction.
 const SMALLEST_GAIN: f64 = 1e-8;
 const MAX_DAMPING: f64 = 1e8;
 
-/// What photographs that one device took have in common.
+/// Intrinsics that all photographs of one device share.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Device {
     pub(crate) focal: f64,
@@ -34,18 +34,18 @@ pub(crate) struct Device {
     pub(crate) second_order: bool,
 }
 
-/// What does not change of a camera.
+/// Intrinsics of a camera that are not adjusted.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frame {
     pub(crate) principal: DVec2,
-    /// fy / fx; the focal length is that along x.
+    /// fy / fx; the device's focal length is fx.
     pub(crate) aspect: f64,
     pub(crate) tangential: [f64; 2],
 }
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Photograph {
-    /// World to camera, which looks along +z with y down.
+    /// Rotation from world to camera; the camera looks along +z with y down.
     pub(crate) rotation: DQuat,
     pub(crate) translation: DVec3,
     pub(crate) device: usize,
@@ -65,7 +65,7 @@ pub(crate) struct Observation {
     pub(crate) at: DVec2,
 }
 
-/// Cameras, points, and where they are seen; sorted by point.
+/// Cameras, points, and observations of points, sorted by point.
 #[derive(Clone, Debug)]
 pub(crate) struct Bundle {
     pub(crate) devices: Vec<Device>,
@@ -74,7 +74,7 @@ pub(crate) struct Bundle {
     pub(crate) observations: Vec<Observation>,
 }
 
-/// A projection's derivatives, rows x and y.
+/// Residual of a projection, and its derivatives, rows x and y.
 struct Jacobian {
     residual: DVec2,
     pose: [[f64; POSE]; 2],
@@ -87,7 +87,7 @@ impl Bundle {
         self.linearised(seen).map(|jacobian| jacobian.residual)
     }
 
-    /// Residual and derivatives; `None` where the point is not in front of the camera.
+    /// Residual and derivatives; `None` if the point is not in front of the camera.
     fn linearised(&self, seen: &Observation) -> Option<Jacobian> {
         let photograph = &self.photographs[seen.photograph];
         let device = &self.devices[photograph.device];
@@ -125,7 +125,7 @@ impl Bundle {
         })
     }
 
-    /// Distances between where points are seen and where they are projected to, pixels; infinite behind a camera.
+    /// Reprojection errors of all observations, pixels; infinite for a point behind its camera.
     pub(crate) fn errors(&self) -> Vec<f64> {
         let error = |seen| self.residual(seen).map_or(f64::INFINITY, DVec2::length);
         self.observations.iter().map(error).collect()
@@ -135,7 +135,7 @@ impl Bundle {
         self.errors().iter().map(|e| 2.0 * SOFT_PIXELS * (SOFT_PIXELS.hypot(*e) - SOFT_PIXELS)).sum()
     }
 
-    /// Moves each camera along its axis so that what it sees keeps its size with another focal length than `own`.
+    /// Moves each camera along its axis to make up for its change of focal length, from `own` to its device's.
     pub(crate) fn dolly(&mut self, own: &[f64]) {
         let depths = self.depths();
         for ((photograph, own), depth) in self.photographs.iter_mut().zip(own).zip(depths) {
@@ -143,7 +143,7 @@ impl Bundle {
         }
     }
 
-    /// The median depth of what each photograph sees.
+    /// Median depth of the points that each photograph sees.
     pub(crate) fn depths(&self) -> Vec<f64> {
         let mut depths = vec![Vec::new(); self.photographs.len()];
         for seen in &self.observations {
@@ -154,8 +154,8 @@ impl Bundle {
         depths.into_iter().map(median).collect()
     }
 
-    /// Adjusts everything; the number of steps it took. The world keeps its place: afterwards the cameras are, in the
-    /// mean, where those of `anchor` are.
+    /// Adjusts everything; returns the number of steps. Position, rotation and scale of the world are kept:
+    /// afterwards the cameras lie as near as possible to `anchor`.
     pub(crate) fn adjust(&mut self, anchor: &[DVec3]) -> usize {
         self.observations.sort_by_key(|seen| (seen.point, seen.photograph));
         let seen = |bundle: &Self, seen: &Observation| bundle.residual(seen).is_some();
@@ -182,7 +182,7 @@ impl Bundle {
     }
 }
 
-/// The middle value; NaN of none.
+/// Median of the values, the upper of two; NaN if there are none.
 pub(crate) fn median<T: Into<f64>>(values: impl IntoIterator<Item = T>) -> f64 {
     let mut values: Vec<f64> = values.into_iter().map(Into::into).collect();
     let middle = values.len() / 2;

@@ -1,14 +1,14 @@
-//! The world's place, turn and size, which no observation says.
+//! Position, rotation and scale of the world, which observations leave open.
 
 use super::Bundle;
 use glam::{DMat3, DQuat, DVec3};
 
-/// Each turns by what is left of the angle.
+/// Number of iterations, each of which turns by the remaining angle.
 const TURNS: usize = 20;
 
-/// Turns, scales and shifts everything so that the cameras lie as near as can be to `anchor`, which are as many.
+/// Rotates, scales and shifts everything so that the cameras lie as near as possible to their positions in `anchor`.
 ///
-/// With fewer than two places nothing is moved.
+/// With fewer than two distinct positions nothing is moved.
 pub(super) fn align(bundle: &mut Bundle, anchor: &[DVec3]) {
     let centres: Vec<DVec3> = bundle.photographs.iter().map(super::Photograph::centre).collect();
     let mean = |places: &[DVec3]| places.iter().sum::<DVec3>() / places.len().max(1) as f64;

@@ -1,6 +1,6 @@
 //! COLMAP's binary files: little-endian numbers without padding.
 //!
-//! Read from front to back without trust in any count: nothing is allocated that the bytes did not pay for.
+//! Read from front to back. No count is trusted: memory is allocated only for bytes that were read.
 
 use super::model::{Camera, Kind};
 use super::{Encoding, Model, NO_POINT, Points, Registered};
@@ -61,7 +61,7 @@ impl Bytes {
         Ok(numbers)
     }
 
-    /// Reads over `count` items of `size` bytes.
+    /// Skips `count` items of `size` bytes.
     fn skip(&mut self, field: &str, count: u64, size: u64) -> Result<(), DatasetError> {
         let end = || self.value(field, format!("{count} times {size} more bytes"), "the end of the file");
         let bytes = count.checked_mul(size).ok_or_else(end)?;
@@ -74,7 +74,7 @@ impl Bytes {
         Ok(())
     }
 
-    /// A name that ends with a zero byte.
+    /// Reads a name that ends with a zero byte.
     fn name(&mut self, field: &str) -> Result<String, DatasetError> {
         let mut name = Vec::new();
         loop {
@@ -97,7 +97,7 @@ impl Bytes {
     }
 }
 
-/// The number of photographs that an images.bin says it has.
+/// Number of photographs that an images.bin states.
 pub(crate) fn count(file: &Path) -> Result<u64, DatasetError> {
     Bytes::open(file)?.u64("number of photographs")
 }
@@ -115,7 +115,7 @@ fn cameras(file: &Path) -> Result<HashMap<u32, Camera>, DatasetError> {
         let field = |what: &str| format!("camera number {index}, {what}");
         let number = bytes.u32(&field("id"))?;
         let id = i32::from_le_bytes(bytes.array(&field("model"))?);
-        // How long the parameters of another are is not known.
+        // An unknown model cannot be skipped: the length of its parameters is not known.
         let kind = Kind::by_id(id)
             .ok_or_else(|| bytes.value(&field("model"), "the number of a model, 0 to 17", id.to_string()))?;
         let (width, height) = (bytes.u64(&field("width"))?, bytes.u64(&field("height"))?);

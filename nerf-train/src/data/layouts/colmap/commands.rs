@@ -3,7 +3,7 @@
 use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 
-/// Options that COLMAP 3.13 has renamed: before, since.
+/// Options that COLMAP 3.13 has renamed: old name, new name.
 const NEWER: [(&str, &str); 4] = [
     ("--SiftExtraction.use_gpu", "--FeatureExtraction.use_gpu"),
     ("--SiftExtraction.num_threads", "--FeatureExtraction.num_threads"),
@@ -11,7 +11,7 @@ const NEWER: [(&str, &str); 4] = [
     ("--SiftMatching.num_threads", "--FeatureMatching.num_threads"),
 ];
 
-/// Renamed options, in the words of a message.
+/// Text on the renamed options, for messages.
 pub(in crate::data) const RENAMED: &str =
     "since COLMAP 3.13 it is --FeatureExtraction.use_gpu and --FeatureMatching.use_gpu";
 
@@ -29,24 +29,24 @@ pub(crate) struct Place {
     pub(crate) work: PathBuf,
 }
 
-/// A way of COLMAP to come from features to a model.
+/// A way to get from features to a model with COLMAP.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Way {
     Exhaustive,
-    /// Each against its neighbours in the order of names.
+    /// Matches each photograph with its neighbours in the order of names.
     Sequential,
-    /// As the first one, from another pair of photographs on.
+    /// Uses the matches of the first way, but starts the model from another pair of photographs.
     OtherPair {
         sequential: bool,
     },
-    /// Only matches that stand out.
+    /// Keeps only distinctive matches.
     Strict {
         sequential: bool,
     },
 }
 
 impl Way {
-    /// The one that was asked for, and those to try next, best first.
+    /// The requested way, and those to try next, best first.
     pub(crate) fn all(sequential: bool) -> Vec<Self> {
         let others = [Self::OtherPair { sequential }, Self::Strict { sequential }];
         let asked: &[Self] =
@@ -63,7 +63,7 @@ impl Way {
         }
     }
 
-    /// The way whose matches it takes.
+    /// The way whose matches this one uses.
     fn matches(self) -> Self {
         match self {
             Self::OtherPair { sequential: false } => Self::Exhaustive,
@@ -78,7 +78,7 @@ impl Place {
         self.work.join("database.db")
     }
 
-    /// That with the matches of a way.
+    /// Database with the matches of a way.
     pub(crate) fn database(&self, way: Way) -> PathBuf {
         self.work.join(match way.matches() {
             Way::Exhaustive => "exhaustive.db",
@@ -87,7 +87,7 @@ impl Place {
         })
     }
 
-    /// Of a way's models, in `sparse` as readers look for them.
+    /// Folder of a way's models; these are in its subfolder `sparse`, as readers expect.
     pub(crate) fn models(&self, way: Way) -> PathBuf {
         self.work.join(match way {
             Way::Exhaustive => "exhaustive",
@@ -98,7 +98,7 @@ impl Place {
     }
 }
 
-/// Features of the photographs, or of those in a list, which one camera has taken. Nothing here needs a GPU.
+/// Extracts features of all photographs, or of those in `list`, which were taken by one camera. Needs no GPU.
 pub(crate) fn features(place: &Place, list: Option<&Path>) -> Stage {
     let mut stage = extraction(&place.images, &place.features(), true);
     stage.options.extend(list.map(|list| ("--image_list_path", list.into())));
@@ -116,7 +116,7 @@ fn extraction(images: &Path, database: &Path, one_camera: bool) -> Stage {
     Stage { name: "feature_extractor", options, optional: Vec::new() }
 }
 
-/// Matches of a way; `None` where it takes those of another.
+/// Matches the features in a way; `None` if it uses the matches of another.
 pub(crate) fn matching(place: &Place, way: Way) -> Option<Stage> {
     let (sequential, strict) = match way {
         Way::Exhaustive => (false, false),
@@ -133,7 +133,7 @@ fn matcher(database: &Path, sequential: bool) -> Stage {
     Stage {
         name: if sequential { "sequential_matcher" } else { "exhaustive_matcher" },
         options: vec![("--database_path", database.into()), ("--SiftMatching.use_gpu", "0".into())],
-        // How many photographs are compared with as many at a time: few, to see how far it is.
+        // Number of photographs in a block of comparisons: small, so that progress is shown often.
         optional: vec![("--ExhaustiveMatching.block_size", "10".into())],
     }
 }
@@ -161,8 +161,8 @@ fn mapper(images: &Path, database: &Path, models: &Path) -> Stage {
     Stage { name: "mapper", options, optional: Vec::new() }
 }
 
-/// Features, matches and models by hand, from the photographs in `images` to folders in `models`; `one_camera`: whether
-/// one has taken all of them.
+/// Stages to run by hand: features, matches and models, from the photographs in `images` to folders in `models`.
+/// `one_camera`: whether one camera has taken all photographs.
 pub(crate) fn by_hand(images: &Path, database: &Path, models: &Path, one_camera: bool) -> [Stage; 3] {
     [extraction(images, database, one_camera), matcher(database, false), mapper(images, database, models)]
 }
@@ -178,7 +178,7 @@ impl Stage {
         self
     }
 
-    /// The arguments of `colmap`, for the version whose help on the command this is.
+    /// Arguments of `colmap`. `help`: help of the installed version on the command, which tells its options.
     pub(crate) fn arguments(&self, help: &str) -> Vec<OsString> {
         let named = |option: &'static str| {
             let newer = NEWER

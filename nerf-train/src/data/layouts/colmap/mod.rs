@@ -1,4 +1,4 @@
-//! A COLMAP model: `cameras`, `images` and perhaps `points3D`, binary or text, with the photographs beside it.
+//! A COLMAP model: `cameras`, `images` and perhaps `points3D`, binary or text, with its photographs.
 
 mod binary;
 pub(crate) mod commands;
@@ -20,16 +20,16 @@ use nerf_core::camera::Pose;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// More points than these are thinned evenly, by halves.
+/// Maximum number of points kept: of more, every second one is dropped, if need be repeatedly.
 const MAX_POINTS: usize = 1 << 20;
 
 struct Registered {
-    /// Its path from the folder of photographs.
+    /// Path of the photograph relative to the folder of photographs.
     name: String,
     camera: u32,
-    /// World to camera: rotation (w, x, y, z), of any length but 0.
+    /// Rotation from world to camera: quaternion (w, x, y, z) of any length but 0.
     rotation: [f64; 4],
-    /// World to camera: translation.
+    /// Translation from world to camera.
     translation: [f64; 3],
     /// Key points with a 3D point: pixels from the left and the top, and the `POINT3D_ID`.
     key_points: Vec<([f64; 2], u64)>,
@@ -81,7 +81,7 @@ pub(crate) fn is_here(root: &Path) -> bool {
     !models(root).is_empty()
 }
 
-/// The files of all models, and the points of [`points_of`].
+/// The files of all models, and those directly in `root`.
 pub(crate) fn files(root: &Path) -> Vec<PathBuf> {
     let folders = models(root).into_iter().map(|(folder, _)| folder).chain([root.to_owned()]);
     let stems = ["cameras", "images", "points3D", "rigs", "frames"];
@@ -91,12 +91,12 @@ pub(crate) fn files(root: &Path) -> Vec<PathBuf> {
     all.filter(|path| path.is_file()).collect()
 }
 
-/// Reads the model of `folder` that has most photographs.
+/// Reads the model of `folder` that has the most photographs.
 pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let mut found = Found::default();
     let (model_folder, encoding) = largest(folder, &mut found)?;
     let mut model = encoding.model(&model_folder)?;
-    // A model that is pointed at itself stands in `sparse/0` beside the photographs.
+    // If `folder` is the model's own folder, such as `sparse/0`, the photographs are in a folder above it.
     let above = model_folder.ancestors().take(3).filter(|above| !above.as_os_str().is_empty());
     let root = match above.clone().find(|above| above.join(crate::data::layouts::folders::IMAGES).is_dir()) {
         Some(above) if model_folder == folder => above,
@@ -150,7 +150,7 @@ fn kinds(cameras: &HashMap<u32, Camera>) -> String {
     names.join(", ")
 }
 
-/// The model with most photographs, the first of these.
+/// The model with the most photographs, the first of several.
 fn largest(folder: &Path, found: &mut Found) -> Result<(PathBuf, Encoding), DatasetError> {
     let mut counted = Vec::new();
     for (model, encoding) in models(folder) {
@@ -174,7 +174,7 @@ fn largest(folder: &Path, found: &mut Found) -> Result<(PathBuf, Encoding), Data
     Ok((model, encoding))
 }
 
-/// The sparse points of `folder`, if it has any, counted from `origin`: those that some photograph sees.
+/// Sparse points in `folder` that some photograph sees, counted from `origin`; empty if it has none.
 pub(crate) fn points_of(
     folder: &Path,
     origin: DVec3,
@@ -198,20 +198,19 @@ fn read_points(folder: &Path, origin: DVec3) -> Result<Points, DatasetError> {
     Ok(points)
 }
 
-/// What there is to report of a model that was just made.
+/// Figures of a model that was just made.
 #[derive(Debug)]
 pub(crate) struct Facts {
     pub(crate) folder: PathBuf,
-    /// Of each further model the photographs that the largest has not.
+    /// Photographs of each further model that the largest model lacks.
     pub(crate) others: Vec<Vec<String>>,
     pub(crate) names: Vec<String>,
     pub(crate) points: usize,
-    /// The mean over the points of the distance between where a point is seen and where it is projected to, pixels, as
-    /// COLMAP states it.
+    /// Mean reprojection error over the points, pixels, as COLMAP states it.
     pub(crate) mean_error: f64,
 }
 
-/// Those of the largest model in `sparse` of `folder`; `None` where there is none.
+/// Figures of the largest model in `folder`; `None` if there is none.
 pub(crate) fn facts(folder: &Path) -> Result<Option<Facts>, DatasetError> {
     if !is_here(folder) {
         return Ok(None);
@@ -241,18 +240,18 @@ pub(crate) fn facts(folder: &Path) -> Result<Option<Facts>, DatasetError> {
 struct Points {
     file: PathBuf,
     origin: DVec3,
-    /// Points with their numbers in the file.
+    /// Points that were kept, with their numbers in the file.
     kept: Vec<(u64, SparsePoint)>,
-    /// One in this many is kept.
+    /// One in this many points is kept.
     stride: usize,
     seen: usize,
     unseen: usize,
-    /// The sum of the others' reprojection errors, pixels.
+    /// Sum of the reprojection errors of the points that photographs see, pixels.
     errors: f64,
 }
 
 impl Points {
-    /// The place in the list of each point that was kept, by its number in the file.
+    /// Index in `kept` of each point, by its number in the file.
     fn numbers(&self) -> HashMap<u64, u32> {
         self.kept.iter().enumerate().map(|(place, &(number, _))| (number, place as u32)).collect()
     }
@@ -303,7 +302,7 @@ impl Points {
     }
 }
 
-/// What all photographs of a model have in common.
+/// Context in which all photographs of a model are read.
 struct Reader<'a> {
     model: &'a Model,
     file: &'a Path,
@@ -311,7 +310,7 @@ struct Reader<'a> {
     root: &'a Path,
     origin: DVec3,
     options: &'a ReadOptions,
-    /// The place in the data set's list of each sparse point, by its number in the model.
+    /// Index in [`Dataset::points`] of each sparse point, by its number in the model.
     points: &'a HashMap<u64, u32>,
 }
 
@@ -391,13 +390,13 @@ impl Reader<'_> {
     }
 }
 
-/// Camera to world, in COLMAP's axes, counted from `origin`; `None` where the numbers are none.
+/// Pose from camera to world in COLMAP's axes, counted from `origin`; `None` if the numbers give no pose.
 fn pose(image: &Registered, origin: DVec3) -> Option<Pose> {
     let (rotation, position) = c2w(image)?;
     Some(Pose { rotation: rotation.as_mat3(), position: (position - origin).as_vec3() })
 }
 
-/// Camera to world: rotation and position.
+/// Rotation and position from camera to world; `None` if the numbers give no pose.
 fn c2w(image: &Registered) -> Option<(DMat3, DVec3)> {
     let [w, x, y, z] = image.rotation;
     let rotation = DQuat::from_xyzw(x, y, z, w);

@@ -15,14 +15,14 @@ pub(crate) struct Camera {
 
 #[derive(Debug)]
 pub(crate) struct Kind {
-    /// Its number in binary files.
+    /// Number of the model in binary files.
     id: i32,
-    /// Its name in text files.
+    /// Name of the model in text files.
     name: &'static str,
     pub(crate) parameters: usize,
-    /// Whether x and y have a focal length each.
+    /// Whether x and y have separate focal lengths.
     two_focals: bool,
-    /// Where its lens goes, of what follows the principal point; `None` where the lens is not built.
+    /// Makes the lens from the parameters after the principal point; `None` if the lens is not supported.
     lens: Option<fn(&[f64]) -> Lens>,
 }
 
@@ -65,14 +65,14 @@ static KINDS: [Kind; 18] = {
 const EXPECTED: &str = "a camera model that there is a lens for: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, \
                         FULL_OPENCV, OPENCV_FISHEYE, SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, SIMPLE_FISHEYE, FISHEYE";
 
-/// `k1 k2 p1 p2 k3 k4 k5 k6`, as many as there are.
+/// Lens of `k1 k2 p1 p2 k3 k4 k5 k6`; missing parameters are 0.
 fn radial_tangential(parameters: &[f64]) -> Lens {
     let at = |i: usize| parameters.get(i).map_or(0.0, |&value| value as f32);
     let [k1, k2, p1, p2, k3, k4, k5, k6] = std::array::from_fn(at);
     Lens { k1, k2, p1, p2, k3, k4, k5, k6, projection: Projection::Perspective }
 }
 
-/// `k1 k2 k3 k4`, as many as there are.
+/// Lens of `k1 k2 k3 k4`; missing parameters are 0.
 fn fisheye(parameters: &[f64]) -> Lens {
     let at = |i: usize| parameters.get(i).map_or(0.0, |&value| value as f32);
     Lens { k1: at(0), k2: at(1), k3: at(2), k4: at(3), projection: Projection::Fisheye, ..Lens::NONE }
@@ -89,7 +89,7 @@ impl Kind {
 }
 
 impl Camera {
-    /// From what the file says; `None` where the number of parameters is another.
+    /// `None` if `parameters` has not the number of values that `kind` has.
     pub(crate) fn new(kind: &'static Kind, width: u64, height: u64, parameters: Vec<f64>) -> Option<Self> {
         (parameters.len() == kind.parameters).then_some(Self { kind, width, height, parameters })
     }
@@ -106,7 +106,7 @@ impl Camera {
         (self.width as f64, self.height as f64)
     }
 
-    /// Its intrinsics and lens, for the photograph `view` of `file`.
+    /// Intrinsics and lens of the camera. `file`, `view`: name the photograph in errors.
     pub(crate) fn optics(&self, file: &Path, view: &str) -> Result<Optics, DatasetError> {
         let place = || format!("photograph `{view}`");
         let lens = self.kind.lens.ok_or_else(|| {

@@ -16,7 +16,7 @@ struct Lines {
     stream: BufReader<std::fs::File>,
     /// Number of the last line, from 1.
     at: usize,
-    /// What a comment says to be the number of items.
+    /// Number of items that a comment states.
     announced: Option<u64>,
 }
 
@@ -32,7 +32,7 @@ impl Lines {
 
     /// The next line without its end, or `None` at the end of the file.
     ///
-    /// One without a line end is cut: a number may have lost its last digits.
+    /// A last line without a line end is refused: it may have lost digits of a number.
     fn any(&mut self) -> Result<Option<String>, DatasetError> {
         let mut line = Vec::new();
         let read = self.stream.by_ref().take(MAX_LINE).read_until(b'\n', &mut line);
@@ -90,7 +90,7 @@ impl Lines {
         Ok(numbers)
     }
 
-    /// That there were as many items as a comment says, if one does.
+    /// Checks the number of items against the one that a comment states, if there is one.
     fn check(&self, found: u64) -> Result<(), DatasetError> {
         match self.announced {
             Some(announced) if announced != found => {
@@ -157,7 +157,7 @@ fn images(file: &Path) -> Result<Vec<Registered>, DatasetError> {
         if name.is_empty() {
             return Err(lines.value("name", "the name of a photograph", "none"));
         }
-        // Its points, of which there may be none.
+        // The line of its points, which may be empty.
         let Some(points) = lines.any()? else {
             return Err(lines.value(
                 "points",
@@ -172,7 +172,7 @@ fn images(file: &Path) -> Result<Vec<Registered>, DatasetError> {
     Ok(images)
 }
 
-/// The key points of a photograph's second line that are of a point: x, y and the point's number, -1 for none, of each.
+/// Key points with a 3D point, from a photograph's second line: x, y and the point's number (-1: none) of each.
 fn key_points(lines: &Lines, line: &str) -> Result<Vec<([f64; 2], u64)>, DatasetError> {
     let (mut words, mut found) = (line.split_whitespace().peekable(), Vec::new());
     while words.peek().is_some() {

@@ -44,7 +44,7 @@ impl Place<'_> {
         Ok(Pose::from_rows(rows))
     }
 
-    /// The picture's width and height as far as the json says them, pixels.
+    /// Width and height of the picture, as far as the json states them, pixels.
     pub(super) fn size(&self, fields: &CameraFields) -> Result<StatedSize, DatasetError> {
         for (name, side) in [("w", fields.w), ("h", fields.h)] {
             if side.is_some_and(|side| !(1.0..=1e6).contains(&side)) {
@@ -54,7 +54,7 @@ impl Place<'_> {
         Ok((fields.w, fields.h))
     }
 
-    /// Intrinsics for a picture of `w` by `h` pixels, and what to say about them.
+    /// Intrinsics for a picture of `w` by `h` pixels; adds remarks to `notes`.
     pub(super) fn optics(
         &self,
         fields: &CameraFields,
@@ -102,8 +102,8 @@ impl Place<'_> {
         }
     }
 
-    /// The lens. Without a name k4 is of eighth order, as in nerfstudio, which no lens here has: it is dropped, with a
-    /// note, where it moves the farthest corner by at most half a pixel, and refused elsewhere.
+    /// The lens. Of the polynomial models, k4 is of eighth order, as in nerfstudio, which no lens here has: it is
+    /// dropped, with a note, if it moves the farthest corner by at most half a pixel, and refused otherwise.
     fn lens(
         &self,
         fields: &CameraFields,
@@ -151,11 +151,11 @@ impl Place<'_> {
     }
 }
 
-/// What the coefficients of a json are of.
+/// Lens model that the coefficients of a json belong to.
 enum Model {
     /// A radial polynomial, and tangential terms.
     Polynomial,
-    /// The same with a denominator.
+    /// A radial polynomial with a denominator, and tangential terms.
     Rational,
     Fisheye,
 }

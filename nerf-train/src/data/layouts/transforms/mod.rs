@@ -1,4 +1,4 @@
-//! What the `transforms*.json` files of Blender, nerfstudio and instant-ngp have in common.
+//! Reader of the `transforms*.json` files of Blender, nerfstudio and instant-ngp.
 
 mod camera;
 
@@ -15,7 +15,7 @@ use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// A file: one JSON read three times, so that every error has its own line.
+/// A `transforms*.json` file. Its JSON is parsed three times, so that every error has its own line.
 pub(crate) struct Transforms {
     pub(crate) header: Header,
     /// Frames in the file's order, each with its own camera fields.
@@ -70,10 +70,10 @@ struct CameraFields {
     p2: Option<f64>,
 }
 
-/// Models whose coefficients are those of a polynomial, or none; with `is_fisheye` of a fisheye.
+/// Models with the coefficients of a polynomial, or none; with `is_fisheye`, with those of a fisheye.
 const MODELS: &[&str] = &["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
 
-/// The highest radial term may be dropped where it moves no point by more than this, pixels.
+/// Largest shift of any point by the highest radial term, pixels, at which the term may be dropped.
 const NEGLIGIBLE_SHIFT: f64 = 0.5;
 
 impl Transforms {
@@ -89,12 +89,12 @@ impl Transforms {
         Ok(Self { header, frames, shared })
     }
 
-    /// Frames it names, with or without a picture.
+    /// Number of frames in the file, with or without a picture.
     pub(crate) fn len(&self) -> usize {
         self.frames.len()
     }
 
-    /// The positions of its cameras, as far as its matrices have them.
+    /// Positions of the cameras, as far as the matrices have them.
     pub(crate) fn positions(&self) -> impl Iterator<Item = [f64; 3]> {
         self.frames.iter().filter_map(|(frame, _)| match frame.transform_matrix.as_slice() {
             [x, y, z, ..] => Some([*x.get(3)?, *y.get(3)?, *z.get(3)?]),
@@ -102,7 +102,7 @@ impl Transforms {
         })
     }
 
-    /// All views whose picture exists, in the file's order; what is to be said of the rest goes into `found`.
+    /// All views whose picture exists, in the file's order; adds notes and warnings to `found`.
     pub(crate) fn views(
         &self,
         file: &Path,
@@ -172,7 +172,7 @@ impl Transforms {
             }
             None => None,
         };
-        // What the factor is of, where the file does not say the size, only the picture tells.
+        // If the file states no size, only the picture tells what size the factor refers to.
         let factor = match (folder.downscale, stated) {
             (Some(downscale), (Some(w), Some(h))) => downscale.factor((w, h)),
             _ => 1,
@@ -195,11 +195,11 @@ impl Transforms {
     }
 }
 
-/// The largest file that is read once more to say which frame has no number, bytes.
+/// Size limit of a file that is searched for the frame with NaN or Infinity, bytes.
 const MAX_EXPLAINED_BYTES: usize = 16 << 20;
 
-/// Of a file that does not parse since it has NaN or Infinity, which no JSON has but many write: the frame and field
-/// of the first.
+/// The first frame and field with NaN or Infinity in a file that does not parse because of it: JSON has no such
+/// numbers, but many programs write them.
 fn number_fault(file: &Path, bytes: &[u8], error: &serde_json::Error) -> Option<DatasetError> {
     // A larger one is no list of photographs, and would take many times its size here.
     let text = std::str::from_utf8(bytes).ok().filter(|text| text.len() <= MAX_EXPLAINED_BYTES)?;
@@ -207,7 +207,7 @@ fn number_fault(file: &Path, bytes: &[u8], error: &serde_json::Error) -> Option<
     for word in ["-Infinity", "Infinity", "NaN"] {
         let text = std::mem::take(&mut cleared);
         for (index, part) in text.split(word).enumerate() {
-            // Where a value stands, rather than in a name.
+            // Only if it stands as a value, not within a name.
             let value = cleared.trim_end().ends_with(['[', ',', ':'])
                 && part.trim_start().starts_with([']', ',', '}']);
             match (index, value) {
@@ -229,14 +229,14 @@ fn number_fault(file: &Path, bytes: &[u8], error: &serde_json::Error) -> Option<
     Some(DatasetError::value(file, place, "finite numbers", "NaN or Infinity"))
 }
 
-/// What stands for NaN and Infinity where they are looked for.
+/// Placeholder for NaN and Infinity while they are searched for.
 const NO_NUMBER: &str = "(no number)";
 
 fn lacks_number(value: &serde_json::Value) -> bool {
     value == NO_NUMBER || value.as_array().is_some_and(|values| values.iter().any(lacks_number))
 }
 
-/// Where pictures are looked for, and how they and their poses are read.
+/// Folder of the pictures, and settings for reading them and their poses.
 struct Folder<'a> {
     path: &'a Path,
     fence: Fence,
@@ -246,7 +246,7 @@ struct Folder<'a> {
 }
 
 impl CameraFields {
-    /// These fields where they are given, `shared` elsewhere.
+    /// These fields, with those of `shared` in place of missing ones.
     fn over(&self, shared: &Self) -> Self {
         macro_rules! first {
             ($($field:ident)*) => { Self { $($field: Clone::clone(&self.$field).or(Clone::clone(&shared.$field)),)* } };

@@ -25,7 +25,7 @@ impl Picture {
         Ok(Self { width, height, rgb })
     }
 
-    /// A picture of one colour; of no pixels where `width * height` overflows.
+    /// A picture of one colour; empty if `width * height` overflows.
     pub fn filled(width: usize, height: usize, colour: [f32; 3]) -> Self {
         match width.checked_mul(height) {
             Some(pixels) => Self { width, height, rgb: vec![colour; pixels] },
@@ -38,7 +38,7 @@ impl Picture {
         (x < self.width).then(|| self.rgb.get(y.checked_mul(self.width)?.checked_add(x)?).copied())?
     }
 
-    /// Mixes `colour` into the pixel at column `x`, row `y`: 0 keeps, 1 replaces; nothing outside.
+    /// Mixes `colour` into the pixel at column `x`, row `y`. `share`: 0 keeps, 1 replaces. Nothing outside.
     pub fn blend(&mut self, x: i64, y: i64, colour: [f32; 3], share: f32) {
         let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y)) else { return };
         if x >= self.width || y >= self.height {
@@ -66,7 +66,7 @@ impl Picture {
         }
     }
 
-    /// Every pixel as a square of `factor` × `factor` pixels (nearest neighbour, nothing smoothed).
+    /// Enlarges every pixel to a square of `factor` × `factor` pixels (nearest neighbour, nothing smoothed).
     pub fn enlarged(&self, factor: usize) -> Self {
         if factor <= 1 || self.width == 0 {
             return self.clone();
@@ -116,7 +116,7 @@ impl Picture {
         Self { width, height, rgb }
     }
 
-    /// The colours of a picture file; `None` where there is none that can be read.
+    /// Reads the colours of a picture file; `None` if it cannot be read.
     pub fn read(path: impl AsRef<Path>) -> Option<Self> {
         let picture = crate::data::pictures::decode::decode(path.as_ref()).ok()?.0.into_rgb8();
         let rgb = picture.pixels().map(|pixel| pixel.0.map(|c| f32::from(c) / 255.0)).collect();
@@ -178,8 +178,8 @@ pub fn write_rgba_png(
 /// Writes a 16-bit grey PNG in which `range.0` is 0 and `range.1` is 65,535.
 ///
 /// `values`: `[height * width]`, in the unit of `range`, for example world units. Clamped, rounded
-/// half up; NaN gives 0, as does everything where the range is empty. One step is
-/// (range.1 − range.0) / 65,535: note the range beside the file.
+/// half up; NaN gives 0, as does everything if the range is empty. One step is
+/// (range.1 − range.0) / 65,535: note the range with the file.
 pub fn write_grey16_png(
     path: impl AsRef<Path>,
     values: &[f32],
@@ -198,7 +198,7 @@ pub fn write_grey16_png(
     Ok(write_atomic(path, &encode_png(&bytes, width, height, (ColorType::Grayscale, BitDepth::Sixteen))?)?)
 }
 
-/// `bytes` has the length that the size and the kind of pixel call for; 16-bit samples big-endian.
+/// Encodes a PNG. `bytes`: as many as the size and the kind of pixel call for; 16-bit samples are big-endian.
 fn encode_png(
     bytes: &[u8],
     width: usize,
@@ -229,7 +229,7 @@ pub(crate) fn check_length(what: &str, width: usize, height: usize, found: usize
     Ok(())
 }
 
-/// A picture that a format has no room for.
+/// The error that a format cannot hold a picture of this size.
 pub(crate) fn wrong_size(format: &str, (width, height): (usize, usize), limit: usize) -> anyhow::Error {
     anyhow!("{format} cannot hold a picture of {width}×{height} pixels; allowed is 1 to {limit} a side")
 }

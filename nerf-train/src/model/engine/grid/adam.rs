@@ -1,31 +1,31 @@
-//! Adam, of entries that have a gradient, and which levels of the tables move at a step.
+//! Adam for entries that have a gradient, and the steps at which each level of the tables is updated.
 //!
-//! Adam costs as much for a small gradient as for a large one, and a hashed level has most of a grid's entries: they move
-//! in turns, each at every `hashed_every`th step by the sum of its gradients, which Adam takes as it takes a mean. Dense
-//! levels move at every step.
+//! Adam costs as much for a small gradient as for a large one, and the hashed levels have most of a grid's entries.
+//! Each of them is updated only at every `hashed_every`th step, by the sum of its gradients, which serves Adam as
+//! well as their mean. Dense levels are updated at every step.
 //!
-//! Weight decay is decoupled (Loshchilov & Hutter 2019), and of the colour branch alone, whose colours fit the photographs'
-//! directions too closely without it.
+//! Weight decay is decoupled (Loshchilov & Hutter 2019) and applies to the colour branch alone, which without it fits
+//! the photographs' directions too closely.
 
 use crate::model::engine::{Adam, Model, Part};
 use nerf_core::encoding::GridLevel;
 use nerf_core::simd::{Isa, Lanes, Op};
 
-/// Smallest second moment that a step divides by, the square of the usual epsilon: none overflows.
+/// Smallest second moment that a step divides by, the square of the usual epsilon, so that no step overflows.
 const SMALLEST: f32 = 1e-30;
 
 #[derive(Clone, Copy)]
 pub(super) struct AdamStep {
     beta1: f32,
     beta2: f32,
-    /// Learning rate over the first moment's correction.
+    /// Learning rate divided by the first moment's bias correction.
     rate: f32,
-    /// One over the second moment's correction.
+    /// Inverse of the second moment's bias correction.
     correction2: f32,
 }
 
 impl AdamStep {
-    /// Step `step`, counted from 1, at learning rate `rate`.
+    /// Constants of step `step`, counted from 1, at learning rate `rate`.
     pub fn new(adam: &Adam, rate: f64, step: u64) -> Self {
         let step = i32::try_from(step).unwrap_or(i32::MAX);
         let correction = |beta: f64| 1.0 - beta.powi(step);
@@ -38,7 +38,7 @@ impl AdamStep {
         }
     }
 
-    /// Moves the values that have a gradient. One without is left alone, its moments too.
+    /// Updates the values that have a gradient. The others and their moments do not change.
     pub fn apply(
         &self,
         isa: Isa,
@@ -51,7 +51,7 @@ impl AdamStep {
     }
 }
 
-/// Weight decay of the colour branch for a step at learning rate `rate`; `parameters` in the model's own order.
+/// Decays the colour branch's weights for a step at learning rate `rate`; `parameters`: in the model's order.
 pub(super) fn decay_weights(adam: &Adam, rate: f64, model: &Model, parameters: &mut [f32]) {
     let kept = (1.0 - rate * adam.weight_decay) as f32;
     for layer in model.layers() {
@@ -88,7 +88,7 @@ impl Op for Apply<'_> {
     }
 }
 
-/// Sixteen values that lie side by side.
+/// Updates sixteen adjacent values.
 #[inline(always)]
 pub(super) fn move_16(
     step: AdamStep,
@@ -102,8 +102,8 @@ pub(super) fn move_16(
     }
 }
 
-/// `1/√x` of a normal number, within 5e-6 of it: a root and a quotient take four times as long, and a learning rate
-/// is not known to that.
+/// `1/√x` of a normal number, within 5e-6: a square root and a division take four times as long, and a learning rate
+/// is not known to that accuracy.
 ///
 /// # Source
 /// Lomont 2003, with two Newton iterations.
@@ -115,7 +115,7 @@ fn reciprocal_root(x: f32) -> f32 {
     y * (1.5 - half * y * y)
 }
 
-/// One value; without a branch, so that the loop around it vectorises.
+/// Updates one value without a branch, so that the loop around it vectorises.
 #[inline(always)]
 pub(super) fn moved(step: AdamStep, value: &mut f32, m: &mut f32, v: &mut f32, g: f32) {
     let new_m = step.beta1 * *m + (1.0 - step.beta1) * g;
@@ -127,7 +127,7 @@ pub(super) fn moved(step: AdamStep, value: &mut f32, m: &mut f32, v: &mut f32, g
     *v = if some { new_v } else { *v };
 }
 
-/// How many times a level has moved, counted from 1, if it moves at step `step`, counted from 1.
+/// Number of a level's updates up to and including step `step`, counted from 1; none if that step does not update it.
 pub(super) fn moves(adam: &Adam, level: &GridLevel, step: u64) -> Option<u64> {
     if level.mask.is_none() {
         return Some(step);
@@ -137,7 +137,7 @@ pub(super) fn moves(adam: &Adam, level: &GridLevel, step: u64) -> Option<u64> {
     at.is_multiple_of(every).then_some(at / every - first / every)
 }
 
-/// Entries of a level whose gradient is summed over steps.
+/// Number of entries of a level whose gradient is accumulated over steps.
 pub(super) fn waiting_entries(adam: &Adam, level: &GridLevel) -> usize {
     if adam.hashed_every > 1 && level.mask.is_some() { level.entries } else { 0 }
 }

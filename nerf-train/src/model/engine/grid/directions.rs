@@ -1,4 +1,4 @@
-//! Encoded viewing directions, a row each.
+//! Encoded viewing directions, one row each.
 
 use super::layers::padded;
 use super::pass::{Job, grow};
@@ -16,7 +16,7 @@ pub(super) struct Directions {
 }
 
 impl Directions {
-    /// Encodes unit directions; nothing of a field whose colour does not depend on them.
+    /// Encodes unit directions; does nothing if the field's colour does not depend on them.
     pub fn encode(&mut self, job: &Job<'_>, dirs: impl ExactSizeIterator<Item = [f32; 3]>) {
         let Some(direction) = &job.model.architecture.direction else { return };
         let (count, outputs) = (dirs.len(), direction.outputs());
@@ -42,11 +42,11 @@ impl Directions {
     }
 }
 
-/// `Jᵀ of_encoded`, `J` the derivative of the spherical harmonics' polynomials by the direction; `of_encoded`: as many as the
-/// degree has.
+/// `Jᵀ of_encoded`, with `J` the derivative of the spherical harmonics' polynomials by the direction; `of_encoded`:
+/// one value per polynomial of the degree.
 ///
-/// The polynomials are those of [`encode_harmonics_block`]: off the sphere they mean nothing, so only the part across the
-/// direction does.
+/// The polynomials are those of [`encode_harmonics_block`]. They mean nothing off the sphere, so that only the
+/// component across the direction does.
 pub(super) fn harmonics_gradient([x, y, z]: [f32; 3], of_encoded: &[f32]) -> Vec3 {
     let band3 = 0.457_045_8 * (1.0 - 5.0 * z * z);
     let by_dir = [

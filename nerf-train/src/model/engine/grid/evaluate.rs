@@ -10,28 +10,28 @@ use nerf_core::network::EXPONENTIAL_LIMIT;
 use std::ops::Range;
 use std::time::Instant;
 
-/// Samples of a ray that are evaluated before it is asked whether light is left.
+/// Samples of a ray that are evaluated between two tests of its transmittance.
 const WAVE: usize = 8;
 
-/// A ray of the chunk under way.
+/// State of a ray of the current chunk.
 #[derive(Clone, Copy, Default)]
 pub(super) struct RayState {
-    /// Its first sample in the batch, and how many there are.
+    /// Index in the batch of its first sample; `samples` is their number.
     pub first: usize,
     samples: usize,
     pub evaluated: usize,
     depth: f32,
     pub kept: (usize, usize),
-    /// Transmittance behind its last sample.
+    /// Transmittance after its last sample.
     pub transmittance: f32,
 }
 
-/// A chunk's evaluated samples, a row each in the order of evaluation.
+/// Evaluated samples of a chunk, one row each in the order of evaluation.
 #[derive(Default)]
 pub(super) struct Evaluated {
     pub rays: Vec<RayState>,
     alive: Vec<usize>,
-    /// For each sample of the chunk, in the batch's order, its row.
+    /// Row of each sample of the chunk, in the batch's order.
     pub row_of: Vec<u32>,
     /// Index in the batch of each row's sample.
     pub index_of: Vec<u32>,
@@ -51,7 +51,8 @@ impl Evaluated {
         Self { hidden: vec![Vec::new(); trunk], ..Self::default() }
     }
 
-    /// Evaluates the samples of `rays`, the first of which is `first`; a ray ends where no light is left.
+    /// Evaluates the samples of `rays`, which begin at index `first`; a ray ends when its transmittance is below
+    /// `T_MIN`.
     pub fn densities(
         &mut self,
         job: &Job<'_>,
@@ -118,7 +119,7 @@ impl Evaluated {
         }
     }
 
-    /// Takes up rays whose first sample is `first`; the index behind their last.
+    /// Begins a chunk of rays whose first sample is `first`; returns the index after their last sample.
     fn begin(&mut self, batch: &Batch, rays: Range<usize>, first: usize) -> usize {
         self.rays.clear();
         self.index_of.clear();
@@ -186,7 +187,7 @@ impl Evaluated {
         let h = &self.hidden.last().unwrap_or(&self.encoded)[rows.start * across..];
         grow(&mut self.raw, stride * VECTOR);
         density.main.forward(job.isa, count, h, across, &mut self.raw, Init::Zero, false);
-        // The first column of each row, in place: reading runs ahead of writing.
+        // Moves the first column of each row to the front, in place: reads are ahead of writes.
         for i in 0..count {
             self.raw[i] = self.raw[i * VECTOR];
         }

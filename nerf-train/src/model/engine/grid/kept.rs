@@ -1,24 +1,25 @@
-//! Which samples the reference engine trains: the decisions of [`super::pass`], in plain words.
+//! Samples that the reference engine trains: the decisions of [`super::pass`], in the plainest form.
 
 use super::pass::{GATE, ROULETTE_WEIGHT, T_MIN};
 use crate::model::engine::BatchRay;
 use nerf_core::sampling::{Purpose, uniform};
 
-/// The samples of some rays that are coloured and trained, ray after ray, and the transmittance of the others.
+/// Samples of some rays that are coloured and trained, ray after ray, and the transmittance of the others.
 pub(super) struct KeptSamples {
     pub samples: Vec<usize>,
     pub counts: Vec<usize>,
-    /// One over the probability with which each was kept.
+    /// Inverse of the probability with which each was kept.
     pub inverse: Vec<f32>,
-    /// Transmittance of the samples in front of each that were not kept.
+    /// Transmittance of all samples before each that were not kept.
     pub front: Vec<f32>,
     /// Transmittance of all of a ray's samples that were not kept.
     pub unkept: Vec<f32>,
 }
 
 impl KeptSamples {
-    /// Of samples of these optical depths, the first of which is `first` in the batch: those that weigh more than the gate,
-    /// and by Russian roulette some of the others where there is a seed for it. A ray ends where no light is left.
+    /// Chooses from samples with these optical `depths`, which begin at index `first` of the batch: those whose
+    /// weight exceeds the gate and, if there is a seed, some of the others by Russian roulette. A ray ends when its
+    /// transmittance is below `T_MIN`.
     pub fn of(rays: &[BatchRay], depths: &[f32], first: usize, roulette: Option<(u64, u64)>) -> Self {
         let (mut samples, mut inverse, mut front) = (Vec::new(), Vec::new(), Vec::new());
         let (mut counts, mut unkept) = (Vec::new(), Vec::new());
@@ -52,7 +53,7 @@ impl KeptSamples {
         Self { samples, counts, inverse, front, unkept }
     }
 
-    /// How far along its ray each sample lies behind the first, from their `positions`.
+    /// Distance of each kept sample from the first one of its ray, along their `positions`.
     pub fn along(&self, positions: &[[f32; 3]]) -> Vec<f32> {
         let mut along = Vec::with_capacity(positions.len());
         for &count in &self.counts {

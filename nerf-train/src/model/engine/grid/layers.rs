@@ -1,21 +1,21 @@
 //! The dense layers of a grid field, for rows of samples: `Y[s] = act(X[s] Wᵀ)`, `[samples][channels]`.
 //!
-//! They have no biases but the density's, which is not trained: spherical harmonics have a constant, and a hidden
-//! layer of features that are learned needs none (as in tiny-cuda-nn).
+//! The layers have no biases except the density's, which is not trained: spherical harmonics have a constant, and a
+//! hidden layer on learned features needs none (as in tiny-cuda-nn).
 
 use crate::model::engine::{Dense, Model, Part};
 use nerf_core::matrix::{Gemm, Init, gemm};
 use nerf_core::simd::Isa;
 
-/// Columns are padded to whole vectors of this many.
+/// Rows are padded to a multiple of this many columns.
 pub(super) const VECTOR: usize = 16;
 
-/// So many columns with the padding.
+/// Number of columns with padding.
 pub(super) fn padded(columns: usize) -> usize {
     columns.next_multiple_of(VECTOR)
 }
 
-/// Part of a layer's inputs with its weights, ready for products with rows of samples.
+/// Weights of a layer for its main or extra inputs, laid out for products with rows of samples.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Product {
     pub inputs: usize,
@@ -32,7 +32,7 @@ impl Product {
         Self { inputs, outputs, forward: vec![0.0; forward], backward: vec![0.0; backward] }
     }
 
-    /// Takes columns `first..` of `weights`, `[outputs][row]`.
+    /// Copies the columns of `weights`, `[outputs][row]`, from `first` on.
     fn load(&mut self, weights: &[f32], row: usize, first: usize) {
         let (across, back) = (padded(self.outputs), padded(self.inputs));
         for (output, weights) in weights.chunks_exact(row).take(self.outputs).enumerate() {
@@ -75,7 +75,7 @@ impl Product {
         gemm(isa, g, x, dy, sum, Init::Accumulate, false);
     }
 
-    /// Values of a gradient's sum.
+    /// Number of values of a gradient's sum.
     fn sum_len(&self) -> usize {
         self.inputs * padded(self.outputs)
     }
@@ -84,9 +84,9 @@ impl Product {
 #[derive(Clone, Debug)]
 pub(super) struct Layer {
     dense: Dense,
-    /// The layer before's outputs, or the encoded position.
+    /// Inputs from the layer before, or the encoded position.
     pub main: Product,
-    /// The encoded direction, where it joins.
+    /// Inputs from the encoded direction, if the layer has any.
     pub extra: Option<Product>,
 }
 
@@ -121,7 +121,7 @@ impl Layers {
         self.trunk.len() + usize::from(self.density.is_some())
     }
 
-    /// Features that density and colour are read from.
+    /// Number of features that density and colour are read from.
     pub fn features(&self) -> usize {
         self.colour[0].main.inputs
     }
@@ -151,7 +151,7 @@ impl Layers {
 /// Sums of gradients of the layers' weights: `[inputs][padded outputs]` each.
 #[derive(Clone, Debug, Default)]
 pub(super) struct LayerSums {
-    /// In the order of the layers: trunk, density, colour.
+    /// Sums of the main inputs' weights, in the order trunk, density, colour.
     pub main: Vec<Vec<f32>>,
     pub extra: Vec<Vec<f32>>,
 }
@@ -169,7 +169,7 @@ impl LayerSums {
         self.main.iter_mut().chain(&mut self.extra).for_each(|sum| sum.fill(0.0));
     }
 
-    /// Adds `sums` in their order into `gradient`, in the order of the parameters; biases get none.
+    /// Writes the total of `sums`, added in order, to `gradient`, in the order of the parameters; 0 for biases.
     pub fn reduce<'s>(layers: &Layers, sums: impl Iterator<Item = &'s Self> + Clone, gradient: &mut [f32]) {
         gradient.fill(0.0);
         for (l, Layer { dense, main, extra }) in layers.all().enumerate() {

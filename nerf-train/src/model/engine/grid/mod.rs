@@ -9,10 +9,10 @@
 //! Adam:                       layers
 //! ```
 //!
-//! A 2D field has no density: the first sample of a ray is all that is seen of it.
+//! A 2D field has no density: only the first sample of a ray is seen.
 //!
 //! As in the fused engine, the bits of a step do not depend on the number of threads: chunk `i` of the rays is added
-//! to accumulator `i mod 16`, and of a table each level is summed by one thread, accumulator after accumulator.
+//! to accumulator `i mod 16`, and one thread sums a level of the tables, accumulator after accumulator.
 //!
 //! # Source
 //! Müller et al. 2022 (instant-ngp); samples are evaluated in waves and gated by their weight, as this project
@@ -54,14 +54,14 @@ use scatter::{Kept, LevelScratch, LevelState, LevelSum, write_halves};
 use std::borrow::Cow;
 use std::sync::{Mutex, PoisonError};
 
-/// Accumulators, hence threads that a step can use before the tables.
+/// Number of accumulators, which is the most threads that a step can use before the tables.
 const ACCUMULATORS: usize = 16;
 /// Rays of a chunk: their samples, activations included, fit the second-level cache.
 const CHUNK_RAYS: usize = 32;
-/// Chunks that a batch of few rays has at least, so that there is work for every thread: an unbounded scene's rays are
-/// few and long.
+/// Fewest chunks of a batch of few rays, so that every thread has work: the rays of an unbounded scene are few and
+/// long.
 const FEWEST_CHUNKS: usize = 6;
-/// Rays of such a chunk, at least.
+/// Fewest rays of a chunk.
 const FEWEST_RAYS: usize = 8;
 /// Rays of a chunk of a 2D field, whose rays have one sample.
 const CHUNK_PIXELS: usize = 512;
@@ -81,18 +81,18 @@ pub struct GridEngine {
     layers: Layers,
     passes: Vec<Pass>,
     scratch: Vec<Mutex<Scratch>>,
-    /// The tables in f16, as the renderer reads them: half the memory to pass through, and no rounding at export.
+    /// Tables in f16, as the renderer reads them: half the memory traffic, and no rounding at export.
     halves: Vec<u8>,
-    /// What a step of int8 counts, level by level, once the tables are rounded to those: before, empty.
+    /// Step size of each level once the tables are rounded; empty before.
     scales: Vec<f32>,
     level_scratch: Vec<Mutex<LevelScratch>>,
-    /// The gradients of the hashed levels, where those are summed over steps: else none.
+    /// Gradients of the hashed levels, if they are accumulated over steps.
     sums: Vec<Option<LevelSum>>,
     gradient: Vec<f32>,
 }
 
 impl GridEngine {
-    /// An engine on the start values of `seed`; `bounds`: what the grid spans, of a 2D field its x and y.
+    /// Creates an engine with the initial values of `seed`; `bounds`: the box of the grid, x and y in a 2D field.
     pub fn new(model: &Model, bounds: SceneBox, adam: Adam, seed: u64) -> Result<Self, EngineError> {
         let grid = check_plain(model)?;
         let parameters = model.initial_parameters(seed);
@@ -136,12 +136,12 @@ impl GridEngine {
         }
     }
 
-    /// Chooses the instructions; [`Isa::detect`] is the default.
+    /// Sets the instruction set; [`Isa::detect`] is the default.
     pub fn set_isa(&mut self, isa: Isa) {
         self.isa = isa;
     }
 
-    /// Loss of a checked batch; its gradients are left in `gradient` and in the passes.
+    /// Loss of a checked batch; its gradients are written to `gradient` and to the passes.
     fn differentiate(&mut self, batch: &Batch) -> Result<StepLoss, EngineError> {
         self.layers.load(&self.parameters[..self.layers.parameters()]);
         let tables = GridTables::new(TableValues::F16(&self.halves), Some(&self.bounds));
@@ -161,7 +161,7 @@ impl GridEngine {
         self.scratch.resize_with(threads, || Mutex::new(Scratch::new(layers)));
         let scratch = &self.scratch;
         self.passes.par_iter_mut().with_max_len(1).enumerate().for_each(|(i, pass)| {
-            // Each thread has its own: nobody waits for the lock.
+            // Each thread has its own, so that no thread blocks on the lock.
             let own = rayon::current_thread_index().unwrap_or(0) % threads;
             let mut scratch = scratch[own].lock().unwrap_or_else(PoisonError::into_inner);
             pass.clear();
@@ -255,12 +255,12 @@ impl Engine for GridEngine {
         let threads = rayon::current_num_threads().max(1);
         self.level_scratch.resize_with(threads, || Mutex::new(LevelScratch::new(grid)));
         let scratch = &self.level_scratch;
-        // Only the box of it is used.
+        // Only its box is used.
         let tables = GridTables::new(TableValues::F16(&[]), Some(&self.bounds));
-        // The large ones first: they are the last ones.
+        // The largest levels, which are the last, come first.
         let update = || {
             levels.into_par_iter().rev().with_max_len(1).for_each(|mut level| {
-                // Each thread has its own: nobody waits for the lock.
+                // Each thread has its own, so that no thread blocks on the lock.
                 let own = rayon::current_thread_index().unwrap_or(0) % threads;
                 let mut scratch = scratch[own].lock().unwrap_or_else(PoisonError::into_inner);
                 scratch.step(isa, grid, &tables, passes.iter().map(|pass| &pass.kept), &mut level);
@@ -359,7 +359,7 @@ impl Engine for GridEngine {
     }
 }
 
-/// The grid of a model that the engines train.
+/// Returns a model's grid, or an error if the engines cannot train the model.
 fn check_plain(model: &Model) -> Result<GridEncoding, EngineError> {
     model.check()?;
     let grid = model.architecture.position.grid().cloned().ok_or(EngineError::NoGrid)?;
@@ -371,7 +371,7 @@ fn check_plain(model: &Model) -> Result<GridEncoding, EngineError> {
     Ok(grid)
 }
 
-/// Whether a checkpoint is of a model of so many parameters with this grid.
+/// Checks that a state is of a model with this number of parameters and this grid.
 fn check_state(
     state: &OptimiserState,
     parameters: usize,

@@ -1,4 +1,4 @@
-//! One accumulator's work: chunks of rays, forward and backward.
+//! Work of one accumulator: forward and backward passes of chunks of rays.
 
 use super::evaluate::Evaluated;
 use super::layers::{LayerSums, Layers, padded};
@@ -15,15 +15,15 @@ use nerf_core::simd::Isa;
 use std::ops::{Add, Range};
 use std::time::Instant;
 
-/// Transmittance below which the rest of a ray is left out.
+/// Transmittance below which the rest of a ray is skipped.
 pub(super) const T_MIN: f32 = 1e-3;
-/// Samples whose weight is at most this are neither coloured nor trained.
+/// Largest weight of samples that are neither coloured nor trained.
 pub(super) const GATE: f32 = 1e-3;
-/// Where faint samples are drawn ([`Batch::roulette`]): the weight below which a sample is kept with a chance of its share of
-/// this, and then stands for all that were not.
+/// Weight below which Russian roulette ([`Batch::roulette`]) decides on a sample: it is kept with probability weight
+/// / this, and then counts with the inverse of that probability.
 pub(super) const ROULETTE_WEIGHT: f32 = 3e-3;
 
-/// Value from which on a photograph's channel counts as clipped at white.
+/// Value from which a photograph's channel counts as clipped at white.
 const CLIPPED: f32 = 250.0 / 255.0;
 
 #[derive(Clone, Copy)]
@@ -37,7 +37,7 @@ pub(super) struct Job<'a> {
 
 #[derive(Clone, Copy, Default)]
 pub(super) struct Totals {
-    /// Of (C − rgb)² over rays and channels.
+    /// Sum of (C − rgb)² over rays and channels.
     pub squared: f64,
     pub evaluated: usize,
     /// Samples with a colour and a backward pass.
@@ -61,28 +61,28 @@ pub(super) struct Pass {
     pub totals: Totals,
     pub sums: LayerSums,
     pub kept: Kept,
-    /// Gradients by log gain, with the photographs they are of.
+    /// Gradients by log gain, each with the index of its photograph.
     pub gains: Vec<(u32, [f32; 3])>,
-    /// Index in the batch and colour error of each ray whose photograph is given.
+    /// Index in the batch and colour error of each ray that names its photograph.
     pub errors: Vec<(u32, [f32; 3])>,
-    /// Gradients by rays, where those are asked for.
+    /// Gradients by rays, if they are requested.
     pub rays: Vec<RayGradient>,
 }
 
-/// A thread's buffers for the chunk under way; all are reused from step to step.
+/// Buffers of a thread for the current chunk, reused from step to step.
 pub(super) struct Scratch {
     evaluated: Evaluated,
     samples: Samples,
     shade: Shade,
     /// Gradient by what each ray's kept samples show.
     by_shown: Vec<[f32; 3]>,
-    /// Gradient by the transmittance behind each ray's last sample.
+    /// Gradient by the transmittance after each ray's last sample.
     by_transmittance: Vec<f32>,
     /// Gradient by each kept sample's weight.
     by_weight: Vec<f32>,
-    /// Gaps in front of the kept samples.
+    /// Distance of each kept sample from the one before.
     gaps: Vec<f32>,
-    /// Gradient by raw density, the first of a row's columns.
+    /// Gradient by raw density, in the first column of each row.
     d_raw: Vec<f32>,
     upper: Vec<f32>,
     lower: Vec<f32>,
@@ -130,7 +130,7 @@ impl Scratch {
         }
     }
 
-    /// Adds the loss and gradients of `rays`, whose first sample is `first`.
+    /// Adds the loss and gradients of `rays`, whose samples begin at index `first`.
     pub fn run(&mut self, job: &Job<'_>, batch: &Batch, rays: Range<usize>, first: usize, pass: &mut Pass) {
         let Self { evaluated, samples, phases, .. } = self;
         match &job.layers.density {
@@ -174,8 +174,8 @@ impl Scratch {
         }
     }
 
-    /// Sum of the pixels' squared errors; the gradients by what the kept samples show, by their weights as far as those do
-    /// not depend on colour, and by what is left behind them.
+    /// Returns the sum of the pixels' squared errors. Sets the gradients by what the kept samples show, by their
+    /// weights as far as these do not depend on colour, and by the remaining transmittance.
     fn loss(&mut self, batch: &Batch, rays: Range<usize>, pass: &mut Pass) -> f64 {
         self.distort(batch);
         self.by_shown.clear();
@@ -214,7 +214,7 @@ impl Scratch {
         squared
     }
 
-    /// Puts the gradient of the distortion loss by the weight of each kept sample into `by_weight`.
+    /// Writes the gradient of the distortion loss by each kept sample's weight to `by_weight`.
     fn distort(&mut self, batch: &Batch) {
         let Self { samples, evaluated, by_weight, gaps, .. } = self;
         let kept = samples.len();
@@ -224,7 +224,7 @@ impl Scratch {
             return;
         }
         let position = |i: usize| batch.positions[evaluated.index_of[samples.row[i] as usize] as usize];
-        // In front of a ray's first sample lies another ray's: nothing is made of that gap.
+        // The sample before a ray's first one is another ray's: this gap is not used.
         let gap = |i: usize| {
             let (from, to) = (position(i.saturating_sub(1)), position(i));
             (0..3).map(|axis| (to[axis] - from[axis]).powi(2)).sum::<f32>().sqrt()
@@ -240,7 +240,7 @@ impl Scratch {
         by_weight.iter_mut().for_each(|g| *g *= weight);
     }
 
-    /// From the loss's gradients to the layers' sums and the tables' samples.
+    /// Backward pass from the loss's gradients to the layers' sums and the tables' samples.
     fn backward(&mut self, job: &Job<'_>, batch: &Batch, first_ray: usize, pass: &mut Pass) {
         let Self { evaluated, samples, shade, by_weight, upper, lower, .. } = self;
         let chunk = Shaded { batch, first_ray, states: &evaluated.rays, samples };
@@ -273,8 +273,8 @@ impl Scratch {
     }
 }
 
-/// Adds the gradient by weight of the known surface of the batch's ray of this index to its samples'; gives that by the
-/// transmittance behind the last.
+/// Adds the gradient of a ray's known surface to `by_weight` of its samples; returns the gradient by the
+/// transmittance after the last. `index`: the ray's in the batch.
 fn draw_to_surface(
     batch: &Batch,
     index: usize,
@@ -292,7 +292,7 @@ fn draw_to_surface(
     weight * Surface::CLIP
 }
 
-/// The gradients by raw density: of what a sample shows, less what it hides.
+/// Gradients by raw density: of what a sample shows, minus what it hides.
 fn raw_densities(
     evaluated: &Evaluated,
     samples: &Samples,
@@ -310,15 +310,15 @@ fn raw_densities(
             // sigma' = sigma below the limit of the exponential, and 0 above.
             let sigma = evaluated.sigma[row];
             let slope = if sigma < EXPONENTIAL_LIMIT.exp() { sigma } else { 0.0 };
-            // In this order: a density times a wide bin may overflow where nothing is left to be seen.
+            // In this order: a density times a wide bin may overflow when no transmittance is left.
             d_raw[i * VECTOR] =
                 samples.scale[i] * samples.inverse_probability[i] * slope * of_depth * evaluated.deltas[row];
         }
     }
 }
 
-/// Error of a channel that is `shown`, after its photograph's `gain`, where the photograph has `rgb`: none beyond white
-/// where it was clipped.
+/// Error of a channel, `shown` (after its photograph's `gain`) minus `rgb`; 0 if the photograph is clipped at white
+/// and `shown` is beyond white.
 fn clipped_error(shown: f32, rgb: f32, gain: f32) -> f32 {
     if gain != 1.0 && rgb >= CLIPPED && shown > 1.0 { 0.0 } else { shown - rgb }
 }

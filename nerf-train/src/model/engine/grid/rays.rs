@@ -1,20 +1,20 @@
-//! Gradients of the loss by the rays: from the encoded values back to where the samples lie.
+//! Gradients of the loss by the rays: from the encoded values to the positions of the samples.
 
 use super::layers::padded;
 use super::pass::Job;
 use crate::model::engine::{Batch, RayGradient, RayQuestion};
 use glam::Vec3;
 
-/// The samples that reach the tables, and what the loss's gradient by their encoded values is.
+/// Samples whose gradient reaches the tables, and the loss's gradients by their encoded values.
 pub(super) struct RaySamples<'a, S, D> {
     pub samples: S,
-    /// Number of each one's ray in the chunk, ascending.
+    /// Index of each one's ray in the chunk, ascending.
     pub rays: &'a [u32],
     /// `[samples][padded outputs]`.
     pub gradients: &'a [f32],
     /// Index of the chunk's first ray in the batch.
     pub first_ray: usize,
-    /// Gradient of each ray with samples by its direction, as far as the colour branch takes that.
+    /// Gradient of each ray with samples by its direction, through the colour branch.
     pub by_directions: D,
 }
 
@@ -28,10 +28,10 @@ pub(super) struct RayScratch {
 }
 
 impl RayScratch {
-    /// Appends the gradient by each ray with kept samples.
+    /// Appends the gradient of each ray with kept samples.
     ///
-    /// A sample is at `origin + t dir`: by the origin it is the sum of the gradients by the samples' places, by the
-    /// direction the sum of those times `t`, and what the colour branch has.
+    /// A sample is at `origin + t dir`. The gradient by the origin is the sum of the gradients by the samples'
+    /// positions. The gradient by the direction is the sum of these times `t`, plus that through the colour branch.
     pub fn gradients(
         &mut self,
         job: &Job<'_>,
@@ -79,29 +79,29 @@ impl RayScratch {
     }
 }
 
-/// The distortion loss: it draws the weights of a ray together, against fog and against surfaces in several places. Puts
-/// dL/dw of each sample of a ray into `gradient`.
+/// Writes dL/dw of the distortion loss for each sample of a ray to `gradient`. The loss draws the weights of a ray
+/// together, against fog and against surfaces in several places.
 ///
 /// ```text
 /// L = Σ_ij w_i w_j |s_i − s_j|     s: length of the way through the samples, in the space that the grid spans
 /// dL/dw_i = 2 Σ_j w_j |s_i − s_j|
 /// ```
 ///
-/// `weights`, `gaps`: `[samples]`, front to back: of each its weight, and how far behind the one in front it lies (of the
-/// first: any finite number). `gradient`: `[samples]`.
+/// `weights`, `gaps`: `[samples]`, front to back: each sample's weight, and its distance from the sample before (for
+/// the first: any finite number). `gradient`: `[samples]`.
 ///
 /// # Source
 /// Barron et al. 2022 (mip-NeRF 360), section 4. Deviation: the term of each interval's own width is left out, as widths are
 /// given.
 pub(super) fn distortion_gradient(weights: &[f32], gaps: &[f32], gradient: &mut [f32]) {
-    // Of the samples in front: the sum of their weights, and of weights times distances.
+    // Sums over the samples in front: of their weights, and of weights times distances.
     let (mut sum, mut moment) = (0.0, 0.0);
     for ((g, w), gap) in gradient.iter_mut().zip(weights).zip(gaps) {
         moment += sum * gap;
         sum += w;
         *g = 2.0 * moment;
     }
-    // The same of those behind.
+    // The same sums over the samples behind.
     let (mut sum, mut moment) = (0.0, 0.0);
     for ((g, w), gap) in gradient.iter_mut().zip(weights).zip(gaps).rev() {
         *g += 2.0 * moment;

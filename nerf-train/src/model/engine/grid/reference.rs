@@ -1,8 +1,8 @@
 //! The reference engine of grid fields: tables as a dfdx tensor that samples gather from, all derivatives left to the tape.
 //!
-//! It computes what [`GridEngine`](super::GridEngine) does, in the plainest form. Which samples are kept is decided without a
-//! tape; the transmittance of the others is a constant. Deviations: every sample's density is evaluated, those behind the
-//! end of a ray too; a photograph that is clipped at white is not told from one that is just as bright.
+//! The results are those of [`GridEngine`](super::GridEngine), in the plainest form. The kept samples are chosen
+//! without a tape; the transmittance of the others is a constant. Deviations: every sample's density is evaluated,
+//! even after the end of a ray, and pixels that a photograph clips at white are treated as all others.
 
 mod forward;
 mod terms;
@@ -43,25 +43,25 @@ pub struct GridReferenceEngine {
 /// Gradients and errors of the last step's rays.
 #[derive(Default)]
 struct OfRays {
-    /// Index of each ray's photograph, and gradient by its log gain.
+    /// Index of each ray's photograph, and gradient of the loss by its log gain.
     gains: Vec<(u32, [f32; 3])>,
-    /// Index of each ray in the batch, and colour error.
+    /// Index of each ray in the batch, and its colour error.
     errors: Vec<(u32, [f32; 3])>,
 }
 
 struct Rendered {
-    /// Their part in the mean squared error.
+    /// Contribution of the rays to the mean squared error.
     mse: f32,
-    /// Their part in the whole loss, with the tape.
+    /// Contribution of the rays to the whole loss, with the tape.
     total: Scalar,
-    /// Gains of the rays, `[rays][3]`: the loss is differentiated by them.
+    /// Gains of the rays, `[rays][3]`, by which the loss is differentiated.
     gains: Matrix,
     /// Shown minus photographed, `[rays][3]`.
     errors: Vec<f32>,
 }
 
 impl GridReferenceEngine {
-    /// An engine on the start values of `seed`; `bounds`: what the grid spans.
+    /// Creates an engine with the initial values of `seed`; `bounds`: the box that the grid spans.
     ///
     /// # Errors
     /// [`EngineError::Model`], [`EngineError::NoGrid`], [`EngineError::NotPlain`] as [`super::GridEngine::new`], and
@@ -86,7 +86,7 @@ impl GridReferenceEngine {
         Ok(Self { model, grid, bounds, adam, state, of_rays: OfRays::default(), device })
     }
 
-    /// Adds loss and gradients of rays whose samples are `samples`.
+    /// Adds loss and gradients of the rays `indices` with the samples `samples`.
     fn add_rays(
         &self,
         network: &Network,
@@ -139,7 +139,7 @@ impl GridReferenceEngine {
         Ok(())
     }
 
-    /// Renders the rays of these indices.
+    /// Renders the rays with these indices.
     fn render(
         &self,
         network: &Network,
@@ -161,7 +161,7 @@ impl GridReferenceEngine {
         let sigma = with_gradient_scaled(forward::density(network, &h)?, scales.clone())?;
         let tau = rows.of(sigma)?.try_mul(rows.constants(|i| batch.deltas[kept.samples[i]])?)?;
 
-        // Russian roulette: inverse-probability weights, of what a sample shows and of the gradient of what it hides.
+        // Russian roulette: inverse-probability weights for what a sample shows and the gradient of what it hides.
         let inverse = || rows.constants(|i| kept.inverse[i]);
         let (front, transmittance) =
             rows.transmittance(with_gradient_scaled(tau.with_empty_tape(), inverse()?)?)?;
@@ -172,7 +172,7 @@ impl GridReferenceEngine {
 
         let towards = surfaces(&rows, batch, indices.clone(), kept, &weights, &transmittance)?;
         let dirs: Vec<_> = rays.iter().map(|ray| ray.dir).collect();
-        // Nothing is divided by where there is nothing.
+        // A ray without samples is divided by 1 in place of 0.
         let none = kept.counts.iter().map(|&count| f32::from(u8::from(count == 0))).collect();
         let opacity = weights.with_empty_tape().try_sum::<(usize,), Axis<1>>()?;
         let divisor = opacity.with_empty_tape().try_add(device.try_tensor_from_vec(none, (rays.len(),))?)?;
@@ -217,11 +217,11 @@ impl GridReferenceEngine {
         let mut of_rays = OfRays::default();
         cut(batch, TAPE_SAMPLES, &mut chunks);
         for chunk in chunks {
-            // Culled space is not trained beside a grid.
+            // With a grid, culled space is not trained.
             let Chunk::Rays { rays, samples } = chunk else { continue };
             self.add_rays(&network, batch, (rays, samples), &mut loss, &mut gradients, &mut of_rays)?;
         }
-        // The density's bias stays as it starts; the others have no part in a grid field.
+        // The density's bias keeps its initial value; a grid field has no other biases.
         for dense in self.model.layers() {
             gradients[dense.bias..][..dense.outputs].fill(0.0);
         }
@@ -233,7 +233,7 @@ impl GridReferenceEngine {
         Ok((loss, gradients))
     }
 
-    /// Moves layers and dense levels, and the hashed levels whose turn it is by what they summed.
+    /// Updates layers and dense levels, and those hashed levels that are due, by their accumulated gradients.
     fn update(&mut self, mut gradients: Vec<f32>, rate: f64) -> Result<(), EngineError> {
         let step = self.state.steps + 1;
         let (features, mut first) = (usize::from(self.grid.features), 0);
@@ -262,7 +262,7 @@ impl GridReferenceEngine {
         Ok(())
     }
 
-    /// dfdx's Adam, of those of the parameters that have a gradient; the others and their moments are left alone.
+    /// Applies dfdx's Adam to the parameters that have a gradient; the others and their moments do not change.
     fn move_values(
         &mut self,
         range: Range<usize>,
@@ -275,7 +275,7 @@ impl GridReferenceEngine {
         let Adam { betas, epsilon: eps, .. } = self.adam;
         let config = AdamConfig { lr: rate, betas, eps, weight_decay: None };
         let moved: Vec<usize> = range.filter(|&i| gradients[i] != 0.0).collect();
-        // dfdx reads no tensor without values.
+        // dfdx cannot read a tensor without values.
         if moved.is_empty() {
             return Ok(());
         }

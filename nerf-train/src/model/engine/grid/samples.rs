@@ -1,4 +1,4 @@
-//! The samples of a chunk that are coloured and trained.
+//! Samples of a chunk that are coloured and trained.
 
 use super::evaluate::Evaluated;
 use super::layers::padded;
@@ -10,13 +10,13 @@ use nerf_core::sampling::{Purpose, uniform};
 /// The kept samples, ray after ray.
 #[derive(Default)]
 pub(super) struct Samples {
-    /// Row among the evaluated samples.
+    /// Row of each among the evaluated samples.
     pub row: Vec<u32>,
-    /// Ray in the chunk.
+    /// Index of each one's ray in the chunk.
     pub ray: Vec<u32>,
     pub weight: Vec<f32>,
     pub after: Vec<f32>,
-    /// Inverse-probability weight of each: 1, but of those that Russian roulette has kept.
+    /// Inverse-probability weight of each: 1, except for samples kept by Russian roulette.
     pub inverse_probability: Vec<f32>,
     pub counted: Vec<f32>,
     pub scale: Vec<f32>,
@@ -36,12 +36,12 @@ impl Samples {
         self.row.len()
     }
 
-    /// What density and colour are read from: the last trunk layer's outputs or, without a trunk, the encoded positions.
+    /// Features for density and colour: the last trunk layer's outputs or, without a trunk, the encoded positions.
     pub fn features(&self) -> &[f32] {
         self.hidden.last().unwrap_or(&self.encoded)
     }
 
-    /// Keeps the samples that weigh more than the gate, and of the others those that are drawn.
+    /// Keeps the samples whose weight exceeds the gate and, of the others, those chosen by Russian roulette.
     pub fn keep(&mut self, job: &Job<'_>, batch: &Batch, evaluated: &mut Evaluated, first: usize) {
         let stride = padded(evaluated.index_of.len());
         grow(&mut self.passed, stride);
@@ -58,7 +58,7 @@ impl Samples {
                 let row = evaluated.row_of[sample - first];
                 let passed = self.passed[row as usize];
                 let (weight, after) = (transmittance * (1.0 - passed), transmittance * passed);
-                // NaN is kept, so that the loss shows it.
+                // NaN is kept, so that it shows in the loss.
                 let heavy = weight > gate || weight.is_nan();
                 let drawn = |(seed, step)| uniform(seed, Purpose::Faint, step, sample as u64) * gate < weight;
                 if heavy || batch.roulette.is_some_and(drawn) {
@@ -76,7 +76,7 @@ impl Samples {
         self.take_rows(job, batch, evaluated);
     }
 
-    /// Keeps the first sample of each ray of a 2D field, all of them evaluated.
+    /// Keeps all evaluated samples of a 2D field: the first one of each ray.
     pub fn keep_all(&mut self, job: &Job<'_>, batch: &Batch, evaluated: &Evaluated) {
         self.clear();
         for (ray, state) in evaluated.rays.iter().enumerate() {

@@ -1,6 +1,6 @@
-//! A level's step: what the samples kept is added to the entries they read, and Adam moves those.
+//! Update of a level: the kept samples' gradients are added to the entries they read, and Adam moves those.
 //!
-//! One thread takes a level, in memory that stays in its cache: level after level the gradient has the same place.
+//! One thread updates a level, in memory that stays in its cache: the gradients of successive levels share a buffer.
 
 use super::adam::{AdamStep, move_16, moved};
 use crate::model::engine::{GRADIENT_LIMIT, Phase, Phases};
@@ -9,11 +9,11 @@ use nerf_core::encoding::{GridCorners, GridEncoding, GridLevel, GridTables, grid
 use nerf_core::simd::{BLOCK, Isa, Lanes, Op, prefetch};
 use std::time::Instant;
 
-/// Values of a part of a level that is left alone if no sample read from it.
+/// Number of values in a part of a level; a part that no sample read from is skipped.
 const PART: usize = 64;
-/// Distance of the prefetch in front of Adam's step, parts.
+/// Distance of the prefetch ahead of Adam's step, parts.
 const AHEAD: usize = 4;
-/// Distance of the prefetch in front of the sum of gradients, samples.
+/// Distance of the prefetch ahead of the sum of gradients, samples.
 const SAMPLES_AHEAD: usize = 8;
 
 /// The samples whose gradient reaches the tables.
@@ -26,7 +26,7 @@ pub(super) struct Kept {
     /// Gradients of the encoded values, `[samples][width]`.
     pub gradients: Vec<f32>,
     pub width: usize,
-    /// Largest of their absolute values; NaN if one is.
+    /// Largest absolute value of the gradients; NaN if one is.
     pub largest: f32,
 }
 
@@ -44,15 +44,15 @@ impl Kept {
         self.gradients.extend_from_slice(gradients);
     }
 
-    /// Whether no entry's sum over all of `kept` can be more than Adam takes.
+    /// Whether no entry's sum over all of `kept` can reach [`GRADIENT_LIMIT`].
     pub fn usable<'k>(kept: impl Iterator<Item = &'k Self>) -> bool {
-        // A sample's weights at a level add up to 1.
+        // A sample's weights at a level sum to 1.
         let most: f64 = kept.map(|kept| kept.positions[0].len() as f64 * f64::from(kept.largest)).sum();
         most < f64::from(GRADIENT_LIMIT)
     }
 }
 
-/// The bits of the largest absolute value: they are in its order, and NaN comes behind all numbers.
+/// Bits of the largest absolute value: they have the order of the values, and NaN is above all numbers.
 struct Largest<'a> {
     gradients: &'a [f32],
 }
@@ -66,27 +66,27 @@ impl Op for Largest<'_> {
     }
 }
 
-/// The level that a thread works at: its values, moments and f16 copy, a value each.
+/// Level that a thread updates: values, moments and f16 copy, one of each per value.
 pub(super) struct LevelState<'a> {
     pub level: GridLevel,
     pub values: &'a mut [f32],
     pub moment1: &'a mut [f32],
     pub moment2: &'a mut [f32],
     pub halves: &'a mut [u8],
-    /// What a step of int8 counts, where values are rounded to those.
+    /// Step size, if the values are rounded.
     pub scale: Option<f32>,
-    /// Its gradient, where that is summed over steps.
+    /// Gradient of the level, if it is accumulated over steps.
     pub sum: Option<&'a mut LevelSum>,
-    /// The moments' corrections, if the level moves at this step.
+    /// Adam's constants, if this step updates the level.
     pub adam: Option<AdamStep>,
 }
 
-/// The gradient of a level; 0 once Adam has taken it.
+/// Gradient of a level, which Adam resets to 0.
 #[derive(Clone, Debug)]
 pub(super) struct LevelSum {
     /// `[entries][features]`, and a part more for rows that reach beyond the last entry.
     gradient: Vec<f32>,
-    /// Whether a row of two entries begins in a part.
+    /// Whether a row of two entries begins in each part.
     touched: Vec<bool>,
 }
 
@@ -109,7 +109,7 @@ impl LevelSum {
     }
 }
 
-/// A thread's memory: the gradient of the level under way, where that moves at every step.
+/// Buffers of a thread: the gradient of the current level, if every step updates that.
 #[derive(Clone, Debug)]
 pub(super) struct LevelScratch {
     sum: LevelSum,
@@ -127,7 +127,7 @@ impl LevelScratch {
         Self { sum: LevelSum::new(most), corners, phases: Phases::default() }
     }
 
-    /// One step of a level: the sum over all samples, in their order, then Adam if it moves.
+    /// Does one step of a level: sums the gradients of all samples in order, then applies Adam if the level is due.
     pub fn step<'k>(
         &mut self,
         isa: Isa,
@@ -215,7 +215,7 @@ impl<const ROWS: usize, const F: usize, const F2: usize> Op for Features<'_, ROW
                 }
             }
             let of_level = &row[index * F..][..F];
-            // Of the near entry and of the far one, side by side as they lie in the table.
+            // Gradients of the near and the far entry, which are adjacent in the table.
             let mut both = [0.0f32; F2];
             for f in 0..F {
                 let far = of_level[f] * across[i];
@@ -235,7 +235,7 @@ impl<const ROWS: usize, const F: usize, const F2: usize> Op for Features<'_, ROW
     }
 }
 
-/// Adam of a level, where there is a gradient, which is then 0; and the f16 copy of what moved.
+/// Applies Adam to the values of a level that have a gradient, resets that to 0, and updates the f16 copy.
 struct Update<'a, 's, 'l> {
     adam: AdamStep,
     gradient: &'a mut [f32],
@@ -284,7 +284,7 @@ fn update_part(adam: AdamStep, gradient: &[f32], values: &mut [f32], m: &mut [f3
     let (m, last_m) = m.as_chunks_mut::<16>();
     let (v, last_v) = v.as_chunks_mut::<16>();
     for (((value, m), v), g) in values.iter_mut().zip(m).zip(v).zip(gradient) {
-        // Where there is none, three lines of memory are neither read nor written.
+        // Without a gradient, three lines of memory are neither read nor written.
         if g.iter().fold(0, |any, g| any | g.to_bits() << 1) != 0 {
             move_16(adam, value, m, v, g);
         }
@@ -294,7 +294,7 @@ fn update_part(adam: AdamStep, gradient: &[f32], values: &mut [f32], m: &mut [f3
     }
 }
 
-/// Writes little-endian f16, of values in whole steps of int8 where there is a `scale` of those.
+/// Writes little-endian f16; values are first rounded to whole steps of `scale`, if there is one.
 pub(super) fn write_halves(isa: Isa, values: &[f32], scale: Option<f32>, halves: &mut [u8]) {
     isa.run(Halve { values, scale, halves });
 }

@@ -1,5 +1,5 @@
-//! A colour a ray (deferred shading): features are composited, and the branch takes their mean under the weights. In a 2D
-//! field that is its one sample's.
+//! One colour per ray (deferred shading): features are composited, and the colour branch takes their weighted mean.
+//! In a 2D field the mean is that of one sample.
 //!
 //! ```text
 //! A = Σ w_i;  P = Σ w_i h_i / A;  shown = A · o,  o = sigmoid(branch [P, PE(d)])
@@ -20,7 +20,7 @@ use nerf_core::matrix::Init;
 use nerf_core::simd::{Lanes, Op};
 use std::ops::Range;
 
-/// The chunk whose colours are worked out.
+/// Chunk whose colours are computed.
 #[derive(Clone, Copy)]
 pub(super) struct Shaded<'a> {
     pub batch: &'a Batch,
@@ -35,9 +35,9 @@ impl<'a> Shaded<'a> {
     }
 }
 
-/// The colour branch, forward and backward. A thread's buffers: a row for each ray that has kept samples.
+/// Colour branch, forward and backward, with a thread's buffers: one row for each ray with kept samples.
 pub(super) struct Shade {
-    /// Row of each ray of the chunk; any of one without kept samples.
+    /// Row of each ray of the chunk; undefined for a ray without kept samples.
     row_of: Vec<usize>,
     rows: Vec<Row>,
     /// P, `[rows][padded features]`.
@@ -54,7 +54,7 @@ pub(super) struct Shade {
 struct Row {
     ray: usize,
     samples: Range<usize>,
-    /// A.
+    /// A, the sum of the weights.
     opacity: f32,
     /// dL/dA at a constant sum of weighted features.
     by_opacity: f32,
@@ -74,7 +74,7 @@ impl Shade {
         }
     }
 
-    /// Backward through the branch: dL/dP is left in `upper`.
+    /// Backward pass of the branch; leaves dL/dP in `upper`.
     fn branch_backward(&mut self, job: &Job<'_>, by_rays: bool, sums: &mut LayerSums) {
         let (isa, count, layers) = (job.isa, self.rows.len(), job.layers);
         for (l, layer) in layers.colour.iter().enumerate().rev() {
@@ -99,7 +99,7 @@ impl Shade {
         }
     }
 
-    /// Colours of a chunk that has kept samples.
+    /// Computes the colours of a chunk that has kept samples.
     pub fn forward(&mut self, job: &Job<'_>, chunk: Shaded<'_>) {
         let (rays, samples) = (chunk.rays(), chunk.samples);
         self.row_of.clear();
@@ -133,7 +133,7 @@ impl Shade {
         sigmoids(job.isa, &mut rgb[..count * VECTOR]);
     }
 
-    /// What the kept samples of the chunk's ray of this number show.
+    /// Colour that the kept samples of the chunk's ray of this index show.
     pub fn shown(&self, ray: usize, chunk: Shaded<'_>) -> [f32; 3] {
         let (first, end) = chunk.states[ray].kept;
         if first == end {
@@ -143,8 +143,8 @@ impl Shade {
         [0, 1, 2].map(|k| self.rows[row].opacity * rgb[row * VECTOR + k])
     }
 
-    /// Gradient of each ray with kept samples by its direction, as far as the branch takes it; after the backward pass of
-    /// a batch that asks for it.
+    /// Gradient of each ray with kept samples by its direction, through the branch. Valid after the backward pass of
+    /// a batch that requests it.
     pub fn by_directions(&self, job: &Job<'_>, chunk: Shaded<'_>) -> impl Iterator<Item = Vec3> {
         let outputs = match job.model.architecture.direction {
             Some(direction @ DirectionEncoding::SphericalHarmonics { .. }) => direction.outputs(),
@@ -156,8 +156,9 @@ impl Shade {
         })
     }
 
-    /// From the gradient by what each ray shows: adds that of the branch to `sums`, that by each kept sample's weight to
-    /// `by_weight`, and puts that by its features into `by_features`, `[samples][padded features]`.
+    /// Backward pass from the gradient by each ray's shown colour. Adds the branch's gradient to `sums` and that by
+    /// each kept sample's weight to `by_weight`; writes that by its features to `by_features`, `[samples][padded
+    /// features]`.
     pub fn backward(
         &mut self,
         job: &Job<'_>,
@@ -215,7 +216,7 @@ impl Op for Mean<'_> {
     }
 }
 
-/// Gradients by weights and features of the samples, from those by P.
+/// Gradients by the samples' weights and features, from those by P.
 struct OfSamples<'a> {
     rows: &'a [Row],
     samples: &'a Samples,

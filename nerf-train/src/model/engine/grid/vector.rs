@@ -3,7 +3,7 @@
 use nerf_core::math::polynomial::exp;
 use nerf_core::simd::{Isa, Lanes, Op};
 
-/// Multiples of this many values go through [`Isa::run`]'s vectors with every instruction set.
+/// Slices of a multiple of this length fill the vectors of [`Isa::run`] with every instruction set.
 pub(super) const VECTOR: usize = 16;
 
 /// `out[i] = exp(min(x[i] + bias, limit))`, NaN stays NaN; `[n]`, n a multiple of [`VECTOR`].
@@ -79,7 +79,7 @@ impl Op for Sigmoids<'_> {
     }
 }
 
-/// `d[i] = 0` where `h[i]` is not above 0: back through a ReLU.
+/// Backward pass of a ReLU: sets `d[i] = 0` if `h[i]` is not above 0.
 pub(super) fn mask(isa: Isa, d: &mut [f32], h: &[f32]) {
     isa.run(Mask { d, h });
 }
@@ -110,7 +110,7 @@ pub(super) fn to_rows(channels: &[f32], stride: usize, count: usize, rows: &mut 
     }
 }
 
-/// Copies a row of whole vectors, `from` may be longer: of some 16 values, for which a call would take longer.
+/// Copies a row of whole vectors (`from` may be longer) without a call, which for some 16 values would take longer.
 pub(super) fn copy_row(from: &[f32], to: &mut [f32]) {
     for (to, from) in to.as_chunks_mut::<VECTOR>().0.iter_mut().zip(from.as_chunks::<VECTOR>().0) {
         *to = *from;

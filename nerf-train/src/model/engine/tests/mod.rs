@@ -126,7 +126,7 @@ fn reference(model: &Model, seed: u64) -> ReferenceEngine {
 
 type NewEngine = fn(&Model, &[f32]) -> Box<dyn Engine>;
 
-/// Both engines, on given parameters.
+/// The fused engine and the tape's, on given parameters.
 const ENGINES: [NewEngine; 2] = [
     |model, p| Box::new(FusedEngine::with_parameters(model, Adam::default(), p).unwrap()),
     |model, p| Box::new(ReferenceEngine::with_parameters(model, Adam::default(), p).unwrap()),

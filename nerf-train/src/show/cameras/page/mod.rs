@@ -1,6 +1,6 @@
-//! The page to turn with the mouse: one file, which asks for nothing else.
+//! The interactive 3D page: one HTML file that loads nothing else.
 //!
-//! A template, its style and its script stand beside this file; here the scene becomes their data.
+//! Its template, style and scripts are next to this file, which turns the scene into their data.
 
 use super::sampling::ShownRay;
 use super::scene::{Scene, ShownCamera};
@@ -18,7 +18,7 @@ const SCRIPT: &str = include_str!("viewer.js");
 const VIEW: &str = include_str!("view.js");
 const SELF_TEST: &str = include_str!("selftest.js");
 
-/// Steps between near and far in which the page keeps distances: finer than a pixel.
+/// Number of steps between near and far to which the page's distances are rounded: finer than a pixel.
 const STEPS: f32 = 65_535.0;
 const COLOURS: usize = 64;
 const DISTANCE_MAP: ColourMap = ColourMap::Viridis;
@@ -43,9 +43,9 @@ struct Data<'s> {
     axes: Vec<Axis>,
     axes_length: String,
     up: [f32; 3],
-    /// Two unit vectors across `up`; with it they make a right-handed frame.
+    /// Two unit vectors perpendicular to `up`; with it they make a right-handed frame.
     across: [[f32; 3]; 2],
-    /// From the scene towards the first viewpoint.
+    /// Direction from the scene to the first viewpoint.
     towards: [f32; 3],
     frustum: f32,
     cameras: Vec<CameraData<'s>>,
@@ -74,7 +74,7 @@ struct CameraData<'s> {
     name: Cow<'s, str>,
     origin: [f32; 3],
     near: f32,
-    /// From the centre to the picture's corners at distance 1 along the view axis, from top left.
+    /// Vectors from the camera's centre to the picture's corners at distance 1 along the view axis, from top left.
     corners: [[f32; 3]; 4],
     image: String,
     rays: Vec<RayData>,
@@ -167,7 +167,7 @@ pub fn page(scene: &Scene) -> anyhow::Result<String> {
     Ok(filled(TEMPLATE, &parts))
 }
 
-/// The template with each `{{NAME}}` replaced; what is put in is not looked at again.
+/// The template with each `{{NAME}}` replaced; inserted text is not searched again.
 fn filled(template: &str, parts: &[(&str, String)]) -> String {
     let mut page = String::new();
     for (i, piece) in template.split("{{").enumerate() {
@@ -182,7 +182,7 @@ fn filled(template: &str, parts: &[(&str, String)]) -> String {
     page
 }
 
-/// Text that HTML takes as text, also within quotes.
+/// Escapes text for HTML, also within quotes.
 fn escaped(text: &str) -> String {
     let mut safe = String::new();
     for character in text.chars() {

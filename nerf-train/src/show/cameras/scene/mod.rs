@@ -1,4 +1,4 @@
-//! What is shown, in world units: made once, drawn in several ways.
+//! The cameras and rays to show, in world units.
 
 use super::findings::Findings;
 use super::sampling::{Drawer, ShownRay, StepFacts};
@@ -10,21 +10,20 @@ use anyhow::bail;
 use glam::Vec3;
 use nerf_core::camera::Camera;
 
-/// Samples, live and culled, of the rays that each camera has to itself, over all cameras: about a
-/// megabyte of the page.
+/// Largest number of samples, live and culled, of all cameras' own rays: about a megabyte of the page.
 const OWN_SAMPLES: usize = 300_000;
-/// Rays of an unbounded scene are drawn so far, in radii of the ball that is not contracted.
+/// Length of the drawn rays of an unbounded scene, in radii of the ball that is not contracted.
 const SHOWN_RADII: f32 = 2.0;
-/// Photographs of an unbounded scene are at least and at most so far from their cameras, in the same radii.
+/// Smallest and largest depth of the frusta of an unbounded scene, in the same radii.
 const FRUSTUM_RADII: (f32, f32) = (0.1, 0.35);
 
 #[derive(Clone, Copy, Debug)]
 pub struct Request<'v> {
     pub views: &'v [View],
     pub split: &'static str,
-    /// One camera alone: its index in `views`.
+    /// Index in `views` of the only camera to show; `None`: all.
     pub camera: Option<usize>,
-    /// Rays to show, at most; 0 for the cameras alone.
+    /// Largest number of rays to show; 0: cameras only.
     pub rays: usize,
     pub step: u32,
     /// World direction that is up; found from the cameras if absent.
@@ -44,7 +43,7 @@ pub struct Scene {
     pub rays: Vec<ShownRay>,
     pub alone: bool,
     pub step: StepFacts,
-    /// Where rays begin and end, and the box that holds the scene.
+    /// Near and far planes, and the scene box.
     pub bounds: Bounds,
     /// World axis that is up, unit length.
     pub up: Vec3,
@@ -61,17 +60,17 @@ pub struct ShownCamera {
     pub camera: Camera,
     pub near: f32,
     pub thumbnail: Thumbnail,
-    /// The rays that the same step draws where this camera is alone; none if the whole scene is.
+    /// The rays that the same step draws if this camera is alone; none if the whole scene shows it alone.
     pub own_rays: Vec<ShownRay>,
-    /// What its frustum is drawn in, display-encoded; dark without.
+    /// Colour of the frustum, display-encoded; `None`: dark.
     pub colour: Option<[f32; 3]>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axes {
-    /// Where they stand: the world's origin, or the box's centre where the origin is far off.
+    /// Origin of the axes: the world's origin, or the box's centre if the world's is far away.
     pub origin: Vec3,
-    /// Their length, a round number of world units.
+    /// Length of the axes, a round number of world units.
     pub length: f32,
 }
 
@@ -88,7 +87,7 @@ impl Scene {
         }
         config.check()?;
         let (mut bounds, found) = find_bounds(dataset, config, None)?;
-        // Rays of an unbounded scene go on for ever: what is drawn of them is what surrounds the cameras.
+        // Rays of an unbounded scene have no end: only their part around the cameras is drawn.
         if let Some(contraction) = &bounds.contraction {
             let shown = (SHOWN_RADII * contraction.radius()).max(2.0 * bounds.near);
             bounds.far = bounds.far.min(shown);
@@ -129,8 +128,8 @@ impl Scene {
         Ok(Self { name, split, cameras, rays, alone, step: facts, bounds, up, frustum, axes, findings })
     }
 
-    /// Where the scene is, as lines of short pieces, world units: the edges of the scene box, or of an unbounded scene
-    /// three circles around the ball that is not contracted.
+    /// Outline of the scene as polylines, world units: the edges of the scene box, or for an unbounded scene three
+    /// circles around the ball that is not contracted.
     pub fn outline(&self) -> Vec<Vec<Vec3>> {
         const EDGE: usize = 8;
         const CIRCLE: usize = 64;
@@ -159,7 +158,7 @@ impl Scene {
         0.5 * (self.bounds.scene_box.min + self.bounds.scene_box.max)
     }
 
-    /// From the scene towards a viewpoint at `elevation` degrees that sees the cameras from the side.
+    /// Direction from the scene to a viewpoint at `elevation` degrees that sees the cameras from the side.
     pub fn towards_viewer(&self, elevation: f32) -> Vec3 {
         let (side, ahead) = self.up.any_orthonormal_pair();
         // The cameras of an unbounded scene may stand in its middle and look outward.
@@ -168,14 +167,14 @@ impl Scene {
             None => camera.camera.pose().position - self.centre(),
         };
         let mean = self.cameras.iter().map(behind).sum::<Vec3>() / self.cameras.len() as f32;
-        // Behind the shoulder of one camera; of many, where they overlap least.
+        // One camera is seen from behind its shoulder, many from where they overlap least.
         let turn = if self.alone { 40f32 } else { 55f32 };
         let azimuth = mean.dot(ahead).atan2(mean.dot(side)) + turn.to_radians();
         let elevation = elevation.to_radians();
         (side * azimuth.cos() + ahead * azimuth.sin()) * elevation.cos() + self.up * elevation.sin()
     }
 
-    /// The `t` that the ends of the colours stand for, world units: of all live samples, or near and far.
+    /// Range of `t` that the colours span, world units: that of all live samples, or near to far.
     pub fn colour_range(&self) -> (f32, f32) {
         let live = self.rays.iter().flat_map(|ray| &ray.live);
         let (low, high) =
@@ -200,7 +199,7 @@ impl Scene {
         }
     }
 
-    /// Which rays and samples, of what, and in which units.
+    /// A sentence that says which rays and samples are shown, of which scene, and in which units.
     pub fn facts(&self) -> String {
         let s = &self.step;
         let of = match self.alone {
@@ -267,7 +266,7 @@ impl Axes {
     fn of(cameras: &[ShownCamera], bounds: &Bounds) -> Self {
         let b = bounds.scene_box;
         let centre = 0.5 * (b.min + b.max);
-        // Of an unbounded scene by the radius of the ball.
+        // The size of an unbounded scene is the radius of the ball.
         let share = if bounds.contraction.is_some() { 0.25 } else { 1.0 };
         let size = share * (b.max - b.min);
         let reach = cameras.iter().map(|c| c.camera.pose().position.distance(centre));
@@ -276,7 +275,7 @@ impl Axes {
         Self { origin, length: round_length(0.6 * size.max_element()) }
     }
 
-    /// "1 world unit long".
+    /// The length in words: "1 world unit long".
     pub fn length_in_words(&self) -> String {
         let plural = if self.length == 1.0 { "" } else { "s" };
         format!("{} world unit{plural} long", self.length)
@@ -288,7 +287,7 @@ impl Axes {
     }
 }
 
-/// A frustum that neither hides its neighbours nor reaches into the scene, world units.
+/// Depth of frusta that neither hide each other nor reach into the scene, world units.
 fn frustum_length(cameras: &[ShownCamera], bounds: &Bounds) -> f32 {
     let before_scene = 0.5 * if bounds.near > 0.0 { bounds.near } else { 0.25 * bounds.far };
     let positions: Vec<Vec3> = cameras.iter().map(|c| c.camera.pose().position).collect();
@@ -299,7 +298,7 @@ fn frustum_length(cameras: &[ShownCamera], bounds: &Bounds) -> f32 {
     let mut spacing: Vec<f32> = positions.iter().enumerate().filter_map(nearest).collect();
     spacing.sort_by(f32::total_cmp);
     let (least, most) = match &bounds.contraction {
-        // Its near says little of where things are.
+        // Its near plane says little about the distance of things.
         Some(contraction) => (FRUSTUM_RADII.0 * contraction.radius(), FRUSTUM_RADII.1 * contraction.radius()),
         None => (0.02 * before_scene, 0.8 * before_scene),
     };

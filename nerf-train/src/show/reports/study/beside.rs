@@ -1,10 +1,11 @@
-//! The front of another study, out of its points.csv.
+//! The Pareto front of another study, from its points.csv.
 
 use crate::measure::point::Clock;
 use crate::show::plot::{Marker, Series};
 use std::path::Path;
 
-/// The front that a points.csv holds, as the plot draws it: PSNR over seconds a view; named after the table's folder.
+/// The Pareto front of a points.csv, as the plot draws it: PSNR over seconds per view; named after the table's
+/// folder.
 pub fn front_of(path: &Path, clock: Clock) -> anyhow::Result<Series> {
     let refused = |found: String| {
         anyhow::anyhow!("--beside: {}: expected the points.csv of a study, found {found}", path.display())
@@ -17,7 +18,7 @@ pub fn front_of(path: &Path, clock: Clock) -> anyhow::Result<Series> {
     };
     let (on_front, time, loss) = (place("on_front")?, place("relative_time")?, place("loss_db")?);
     let (psnr, seconds) = (place("psnr_db")?, place(seconds)?);
-    // Of the exact rendering, the first row.
+    // Seconds and PSNR of the exact rendering, the first row.
     let (mut exact, mut points) = (None, Vec::new());
     for (row, cells) in table.records().enumerate() {
         let cells = cells.map_err(|e| refused(e.to_string()))?;

@@ -1,4 +1,4 @@
-//! What a study says: points.csv, report.md, the front as a plot, pictures of its ends, summary.json.
+//! Report of a study: points.csv, report.md, a plot of the Pareto front, pictures of its ends, summary.json.
 
 mod beside;
 mod markdown;
@@ -14,10 +14,10 @@ pub use beside::front_of;
 use serde::Serialize;
 use std::path::Path;
 
-/// The loss within which the front's span is told, dB.
+/// Largest loss of a point in the span of the Pareto front, dB.
 pub const SPAN_LOSS_DB: f64 = 1.0;
 
-/// Where and on what a study was made.
+/// Data and machine of a study.
 #[derive(Clone, Debug)]
 pub struct Setting<'a> {
     pub blob: String,
@@ -26,20 +26,20 @@ pub struct Setting<'a> {
     pub background: String,
     pub cpu: String,
     pub seconds: f64,
-    /// Fronts of other studies, drawn in the same plot.
+    /// Pareto fronts of other studies, drawn in the same plot.
     pub beside: Vec<Series>,
 }
 
-/// Everything of a study in numbers, worked out once.
+/// All results of a study, computed once.
 pub struct Findings<'s, 'a, 'b> {
     pub study: &'s Study<'a, 'b>,
-    /// By point.
+    /// Totals of each point.
     pub totals: Vec<Totals>,
-    /// Over time.
+    /// Pareto front over time: indices of points.
     pub front: Vec<usize>,
-    /// Over multiply-adds, of what a blob can hold.
+    /// Pareto front over multiply-adds, of points that a blob can hold: their indices.
     pub blob_front: Vec<usize>,
-    /// By point: time as a share of the exact rendering's.
+    /// Time of each point, as a fraction of the exact rendering's.
     pub times: Vec<f64>,
 }
 
@@ -50,14 +50,15 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
         Self { study, totals, front, blob_front, times }
     }
 
-    /// How many times faster than the exact rendering the cheapest point within [`SPAN_LOSS_DB`] is, among
-    /// those that `keep` says, and which it is.
+    /// Speed-up over the exact rendering of the cheapest point within [`SPAN_LOSS_DB`], among those that `keep`
+    /// accepts, and the index of that point.
     pub fn span(&self, keep: impl Fn(&Point) -> bool) -> Option<(f64, usize)> {
         let point = self.study.cheapest(SPAN_LOSS_DB, keep)?;
         Some((1.0 / self.times[point], point))
     }
 
-    /// PSNR over seconds: all points, in colours by the bytes of their files, and the front through its numbered ones.
+    /// Plot of PSNR over seconds: all points, coloured by the size of their files, and the Pareto front through
+    /// numbered ones.
     fn plot(&self, setting: &Setting<'_>) -> LinePlot {
         let clock = self.study.effort.clock;
         let name = if clock == Clock::Wall { "seconds a view" } else { "CPU seconds a view" };
@@ -71,7 +72,7 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
             points: which.into_iter().map(place).collect(),
             marker,
         };
-        // The third axis: a colour for the bytes of each file.
+        // The third axis is the colour: the size of each file.
         let kib = |i: usize| (self.study.points[i].memory.file as f64 / 1024.0).round() as u64;
         let all = || 0..self.study.points.len();
         let mut sizes: Vec<u64> = all().map(kib).collect();
@@ -90,7 +91,7 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
         plot.series.extend(setting.beside.iter().cloned());
         plot.series.extend(sizes.iter().map(of_size));
         plot.log_x = true;
-        // Names would cover the points: the front's have the numbers of the tables, and a legend below.
+        // Names would cover the points: those on the Pareto front have the numbers of the tables, and a legend below.
         let label = |text: String, i: usize| Label { text, at: place(i) };
         plot.labels = [0, 1].map(|i| label(self.study.points[i].label.clone(), i)).to_vec();
         let numbered = || self.front.iter().copied().filter(|&i| i > 1);

@@ -1,4 +1,4 @@
-//! Points as tables: all that was measured, and what matters most.
+//! Tables of points: all measurements, and a short form.
 
 use super::Findings;
 use crate::lab::study::KNOBS;

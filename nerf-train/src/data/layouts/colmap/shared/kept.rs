@@ -1,4 +1,4 @@
-//! The file of shared cameras, which lies beside a blob.
+//! The file of shared cameras next to a blob.
 
 use crate::data::DatasetError;
 use crate::data::layouts::colmap::model::{Camera, Kind};
@@ -14,40 +14,40 @@ use std::path::Path;
 /// Longest file that is read back, bytes.
 const MAX_BYTES: u64 = 1 << 30;
 
-/// What was found; the file that is kept of it.
+/// Result of the adjustment, as it is kept in the file.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Shared {
     /// Checksum of the model before it was adjusted.
     pub(super) model: u64,
     pub(super) devices: Vec<Adjusted>,
-    /// Mean distance between where points are seen and where they are projected to, before and after, pixels.
+    /// Mean reprojection error before and after, pixels.
     pub(super) reprojection_error_px: [f64; 2],
-    /// How far cameras moved, as a share of the distance to what they see: the median and the largest.
+    /// Median and largest distance by which cameras moved, as fractions of their distance to what they see.
     pub(super) moved: [f64; 2],
-    /// Width, height and OPENCV's parameters.
+    /// Width, height and OPENCV's parameters of each camera.
     pub(super) cameras: Vec<(u64, u64, [f64; 8])>,
-    /// Index of its camera; world to camera: rotation (w, x, y, z) and translation.
+    /// By name: index of the camera, and rotation (w, x, y, z) and translation from world to camera.
     pub(super) photographs: BTreeMap<String, (u32, [f64; 4], [f64; 3])>,
-    /// Number, position and mean error, pixels.
+    /// Number, position and mean reprojection error, pixels, of each point.
     pub(super) points: Vec<(u64, [f64; 3], f64)>,
 }
 
-/// Focal lengths of a device's photographs.
+/// Focal lengths of a device before and after.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Adjusted {
     pub(super) photographs: usize,
-    /// Median, least and largest before, pixels.
+    /// Median, smallest and largest focal length of its photographs before, pixels.
     pub(super) focal_before: [f64; 3],
     pub(super) focal: f64,
 }
 
-/// What the translation gains where the world counts from `origin`.
+/// Offset of the translation if the world counts from `origin`.
 pub(super) fn turned_origin([w, x, y, z]: [f64; 4], origin: DVec3) -> DVec3 {
     DQuat::from_xyzw(x, y, z, w).normalize() * origin
 }
 
 impl Shared {
-    /// What `file` keeps of the model of this checksum; `None` where it is not there, or of another.
+    /// Reads `file`; `None` if it does not exist, or `model` is not the checksum of its model.
     pub(super) fn read(file: &Path, model: u64) -> Result<Option<Self>, DatasetError> {
         let bytes = match read_limited(file, MAX_BYTES) {
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),

@@ -1,4 +1,4 @@
-//! One camera for one device: a model that has one for each photograph, adjusted again with few.
+//! Shared cameras: a model with one camera for each photograph is adjusted again with one for each device.
 
 mod kept;
 
@@ -17,14 +17,14 @@ use std::time::Instant;
 
 /// Largest number of photographs whose cameras are adjusted. The time grows with its cube: half a minute for this many.
 const MAX_PHOTOGRAPHS: usize = 300;
-/// How much larger the mean reprojection error may become where the photographs are one device's, as a share.
+/// Largest ratio of the mean reprojection error after and before: beyond it, photographs are of several devices.
 const MAX_GROWTH: f64 = 1.25;
-/// fy / fx this near to 1 means square pixels.
+/// Pixels count as square if fy / fx differs from 1 by less than this.
 const SQUARE: f64 = 0.02;
-/// Changes with what is adjusted and how.
+/// Version of the adjustment, part of the checksum.
 const VERSION: u64 = 1;
 
-/// Gives the photographs of one device one camera where `model` has several, and says what that changed; whether it did.
+/// Gives the photographs of a device one camera if `model` has several, and reports it; returns whether it did.
 pub(super) fn settle(
     model: &mut Model,
     points: &mut Points,
@@ -79,7 +79,7 @@ pub(super) fn settle(
     Ok(true)
 }
 
-/// Which device took each photograph, as far as size and EXIF tell; `None` where each already has one camera.
+/// Index of the device of each photograph, as far as size and EXIF tell; `None` if no device has cameras to merge.
 fn devices(model: &Model, folders: &Folders, options: &ReadOptions) -> Option<Vec<usize>> {
     if model.cameras.len() < 2 {
         return None;
@@ -100,7 +100,7 @@ fn devices(model: &Model, folders: &Folders, options: &ReadOptions) -> Option<Ve
         *used[index].entry(image.camera).or_default() += 1;
         devices.push(index);
     }
-    // Few cameras of many photographs each are what somebody wanted, except for upright and turned ones of a device.
+    // Few cameras with many photographs each are intended, except for upright and turned photographs of a device.
     let several = |used: &BTreeMap<u32, usize>| {
         let photographs: usize = used.values().sum();
         let sizes = used.keys().filter_map(|camera| Some(model.cameras.get(camera)?.size().0.to_bits()));
@@ -117,13 +117,13 @@ struct Task<'a> {
     own: Bundle,
     focals: Vec<f64>,
     numbers: Vec<u64>,
-    /// With one camera for each device.
+    /// The bundle with one camera for each device.
     shared: Bundle,
     checksum: u64,
 }
 
 impl<'a> Task<'a> {
-    /// `None` without points, or with lenses that are not adjusted.
+    /// `None` if there are no points, or lenses that cannot be adjusted.
     fn of(
         model: &'a Model,
         points: &Points,
@@ -189,7 +189,7 @@ impl<'a> Task<'a> {
             moved: [median(moved), largest],
             ..self.posed(&bundle)
         };
-        // As it would be read: a number may lose its last digit.
+        // A round trip through JSON, for the same result as from the file: a number may lose its last digit.
         let same = serde_json::to_vec(&shared).and_then(|bytes| serde_json::from_slice(&bytes));
         same.map_err(|error| DatasetError::io(Path::new("shared cameras"), error.into()))
     }
@@ -236,7 +236,7 @@ impl<'a> Task<'a> {
     }
 }
 
-/// Takes over the points that several photographs show, and where they do; the points' numbers.
+/// Adds the points that several photographs show, and their observations, to `bundle`; returns the points' numbers.
 fn observe(bundle: &mut Bundle, model: &Model, points: &Points) -> Vec<u64> {
     let places = points.numbers();
     let mut photographs = vec![(usize::MAX, false); points.kept.len()];
@@ -267,7 +267,7 @@ fn observe(bundle: &mut Bundle, model: &Model, points: &Points) -> Vec<u64> {
     numbers
 }
 
-/// The bundle with one camera a device, which begins at the median of its photographs' cameras.
+/// Bundle with one camera per device, initialised with the median of its photographs' cameras.
 fn with_devices(own: &Bundle, model: &Model, devices: &[usize]) -> Bundle {
     let mut shared = Bundle { devices: Vec::new(), ..own.clone() };
     let of = |device: usize, what: &dyn Fn(usize) -> f64| {
@@ -280,7 +280,7 @@ fn with_devices(own: &Bundle, model: &Model, devices: &[usize]) -> Bundle {
             second_order: (0..devices.len()).any(|i| devices[i] == device && own.devices[i].second_order),
         });
     }
-    // Upright and turned ones have principal points of their own.
+    // Upright and turned photographs have different principal points.
     let size = |i: usize| model.cameras[&model.images[i].camera].size();
     for i in 0..devices.len() {
         let alike = |j: &usize| devices[*j] == devices[i] && size(*j) == size(i);

@@ -11,10 +11,11 @@ use nerf_core::math::MathBackend;
 use nerf_core::network::EXPONENTIAL_LIMIT;
 use nerf_core::simd::Isa;
 
-/// The parameters of a step as tensors.
+/// Parameters of a step as tensors.
 pub(super) struct Network {
     pub layers: Vec<(Dense, Weights)>,
-    /// Values of all levels as the renderer reads them, `[entries][features]`; their gradient is that of the parameters.
+    /// Values of all levels as the renderer reads them, `[entries][features]`; their gradient is used as the
+    /// parameters'.
     pub table: Matrix,
 }
 
@@ -123,7 +124,7 @@ fn directions(engine: &GridReferenceEngine, dirs: &[[f32; 3]]) -> Result<Option<
     Ok(Some(engine.device.try_tensor_from_vec(values, (dirs.len(), channels))?))
 }
 
-/// The entries of a cell's corners, among those of all levels, and their trilinear weights.
+/// Entries at a cell's corners, as indices among those of all levels, and their trilinear weights.
 fn corners(level: &GridLevel, unit: [f32; 3]) -> [(usize, f32); 8] {
     let at: [(u32, f32); 3] = std::array::from_fn(|axis| {
         let along = unit[axis] * level.cells[axis] as f32;

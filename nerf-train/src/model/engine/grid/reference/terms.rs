@@ -1,4 +1,4 @@
-//! Terms of the loss beside the squared error, on dfdx's tape.
+//! Terms of the loss in addition to the squared error, on dfdx's tape.
 
 use crate::model::engine::grid::kept::KeptSamples;
 use crate::model::engine::tape::{Matrix, Rows, Scalar, Taped, Vector};
@@ -6,17 +6,17 @@ use crate::model::engine::{Batch, EngineError, Surface};
 use dfdx::prelude::*;
 use std::ops::Range;
 
-/// `x`, whose gradient is multiplied by `scale` on its way back.
+/// `x` with its gradient multiplied by `scale` in the backward pass.
 pub(super) fn with_gradient_scaled<S: Shape>(
     x: Tensor<S, f32, Cpu, Taped>,
     scale: Tensor<S, f32, Cpu>,
 ) -> Result<Tensor<S, f32, Cpu, Taped>, EngineError> {
     let constant = x.device().try_tensor_from_vec(x.as_vec(), *x.shape())?;
-    // The difference is 0: the value stays what it is to the bit.
+    // The difference is 0: the value does not change by a bit.
     Ok(x.try_sub(constant.clone())?.try_mul(scale)?.try_add(constant)?)
 }
 
-/// What known surfaces add to the loss of the rays of these indices, on a tape of its own: see [`Surface`].
+/// Loss of the known surfaces ([`Surface`]) of the rays with these indices, on a tape of its own.
 pub(super) fn surfaces(
     rows: &Rows,
     batch: &Batch,
