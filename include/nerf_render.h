@@ -28,52 +28,52 @@
 #define NERF_ABI_VERSION 2
 
 /**
- * Default of `transmittance_cut`: no difference to be seen from none.
+ * Default of `transmittance_cut`: no visible difference from no cut.
  */
 #define NERF_TRANSMITTANCE_CUT_DEFAULT 2e-2f
 
 /**
- * Default of `colour_cut`: no difference to be seen from none.
+ * Default of `colour_cut`: no visible difference from no cut.
  */
 #define NERF_COLOUR_CUT_DEFAULT 5e-3f
 
 /**
- * Default of `normal_blur`: one bin.
+ * Default of `normal_blur`: one sample interval.
  */
 #define NERF_NORMAL_BLUR_DEFAULT 1.0f
 
 /**
- * In the place of a cut or a blur: none at all.
+ * Value that turns off a cut or a blur.
  */
 #define NERF_NONE -1.0f
 
 /**
- * Colour is wanted.
+ * Requests colour.
  */
 #define NERF_OUTPUT_RGB 1
 
 /**
- * Opacity is wanted.
+ * Requests opacity.
  */
 #define NERF_OUTPUT_OPACITY 2
 
 /**
- * Distance along the ray is wanted.
+ * Requests the mean distance along the ray.
  */
 #define NERF_OUTPUT_RAY_DISTANCE 4
 
 /**
- * Distance along the view axis is wanted.
+ * Requests the mean distance along the view axis.
  */
 #define NERF_OUTPUT_Z_DEPTH 8
 
 /**
- * Distance along the ray at which half of the light is gone is wanted.
+ * Requests the distance along the ray at which less than half of the light is left.
  */
 #define NERF_OUTPUT_MEDIAN_DISTANCE 16
 
 /**
- * Normals are wanted.
+ * Requests normals.
  */
 #define NERF_OUTPUT_NORMALS 32
 
@@ -90,7 +90,7 @@ enum nerf_status
      */
     NERF_STATUS_OK = 0,
     /**
-     * A pointer that must not be NULL is.
+     * A required pointer is NULL.
      */
     NERF_STATUS_NULL_POINTER = 1,
     /**
@@ -110,7 +110,7 @@ enum nerf_status
      */
     NERF_STATUS_MEMORY = 5,
     /**
-     * Two pieces of memory overlap that must not.
+     * Two ranges of memory overlap that must not.
      */
     NERF_STATUS_OVERLAP = 6,
     /**
@@ -134,7 +134,7 @@ enum nerf_status
      */
     NERF_STATUS_RECT = 11,
     /**
-     * No plane is wanted, one is that has no place there, or a plane's format or stride is wrong.
+     * There is no plane, one that does not belong there, or one with a wrong format or stride.
      */
     NERF_STATUS_TARGET = 12,
     /**
@@ -162,7 +162,7 @@ enum nerf_status
      */
     NERF_STATUS_NOT_A_PICTURE = 18,
     /**
-     * The scene has no front of accuracy against work: `nerf-train study` measures one.
+     * The scene has no Pareto front of accuracy against work: `nerf-train study` measures one.
      */
     NERF_STATUS_NO_FRONT = 19,
     /**
@@ -170,12 +170,12 @@ enum nerf_status
      */
     NERF_STATUS_FILE = 20,
     /**
-     * The system has no memory left for what the library was asked to own.
+     * An allocation failed for lack of memory.
      */
     NERF_STATUS_OUT_OF_MEMORY = 21,
     /**
-     * A ray of the caller's has no direction of unit length, no finite origin, no range or no random number, or has one
-     * where none is drawn.
+     * A ray has no direction of unit length, no finite origin, no valid range or no valid random number, or rays to
+     * be rendered have random numbers.
      */
     NERF_STATUS_RAY = 22,
     /**
@@ -228,9 +228,9 @@ typedef int32_t nerf_status;
 #endif // __cplusplus
 
 /**
- * The instructions that the inner loops use.
+ * The instruction set that the inner loops use.
  *
- * Pictures of one kernel and one storage are the same bit for bit, whatever the rectangles and threads.
+ * With the same kernel and storage pictures are equal bit for bit, whatever the rectangles and threads.
  */
 enum nerf_kernel
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -238,13 +238,13 @@ enum nerf_kernel
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * The fastest of this machine, or what the environment variable `NERF_KERNEL` names ("portable", "avx2", "avx512",
-     * "simd128", "neon", each with "-f16" or "-bf16" behind it where weights are not f32) where the library was built
-     * with std.
+     * The fastest of this machine. In a library built with std, the environment variable `NERF_KERNEL` can name
+     * another ("portable", "avx2", "avx512", "simd128", "neon", each followed by "-f16" or "-bf16" if weights are
+     * not f32).
      */
     NERF_KERNEL_AUTO = 0,
     /**
-     * Plain, unfused f32: on every machine.
+     * Portable code, unfused f32; available on every machine.
      */
     NERF_KERNEL_PORTABLE = 1,
     /**
@@ -256,11 +256,11 @@ enum nerf_kernel
      */
     NERF_KERNEL_AVX512 = 3,
     /**
-     * WebAssembly SIMD: the portable bits, faster; there in a library built with `simd128`.
+     * WebAssembly SIMD: the same bits as portable code, faster. Only in a library built with `simd128`.
      */
     NERF_KERNEL_SIMD128 = 4,
     /**
-     * NEON: on every 64-bit ARM processor.
+     * NEON: available on every 64-bit ARM processor.
      */
     NERF_KERNEL_NEON = 5,
 };
@@ -341,7 +341,7 @@ enum nerf_maths
      */
     NERF_MATHS_LIBM = 1,
     /**
-     * The `micromath` crate: small and rough.
+     * The `micromath` crate: small code, low accuracy.
      */
     NERF_MATHS_MICROMATH = 2,
     /**
@@ -403,7 +403,7 @@ typedef uint32_t nerf_format;
 #endif // __cplusplus
 
 /**
- * Settings by what they may lose, dB against the exact rendering; the scene's front says what they are.
+ * A limit on the loss against the exact rendering; the scene's Pareto front says which settings keep it.
  */
 enum nerf_preset
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -415,7 +415,7 @@ enum nerf_preset
      */
     NERF_PRESET_EXACT = 0,
     /**
-     * No loss that any picture shows: 0.01 dB.
+     * No visible loss: 0.01 dB.
      */
     NERF_PRESET_HIGH = 1,
     /**
@@ -427,7 +427,7 @@ enum nerf_preset
      */
     NERF_PRESET_FAST = 3,
     /**
-     * 1 dB: to look around in.
+     * 1 dB: for looking around.
      */
     NERF_PRESET_PREVIEW = 4,
 };
@@ -448,20 +448,20 @@ enum nerf_storage
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * f32; read in place where a build has no vectors, as on microcontrollers.
+     * f32; in a build without vector instructions, as for microcontrollers, f16 read in place.
      */
     NERF_STORAGE_AUTO = 0,
     /**
-     * f16, read in place: the scene takes no memory for them.
+     * f16, read in place: the weights take no memory in the scene.
      */
     NERF_STORAGE_F16 = 1,
     /**
-     * f32, unpacked when the scene is opened: the same products, faster. A grid's tables are read in place nevertheless,
-     * but for WebAssembly's kernel, which unpacks f16 ones.
+     * f32, unpacked when the scene is opened: the same products, faster. A grid's tables are still read in place,
+     * except that the WebAssembly kernel unpacks f16 tables.
      */
     NERF_STORAGE_F32 = 2,
     /**
-     * Pairs of bf16, as are the activations: rounded to 8 significant bits. With AVX-512 BF16 alone.
+     * Pairs of bf16, as are the activations: rounded to 8 significant bits. Only with AVX-512 BF16.
      */
     NERF_STORAGE_BF16 = 3,
 };
@@ -486,16 +486,16 @@ enum nerf_table_storage
      */
     NERF_TABLE_STORAGE_NONE = 0,
     /**
-     * Two bytes a value.
+     * Two bytes per value.
      */
     NERF_TABLE_STORAGE_F16 = 1,
     /**
-     * A byte a value, and a scale a level.
+     * One byte per value, and one scale per level.
      */
     NERF_TABLE_STORAGE_INT8 = 2,
     /**
-     * The same bytes, entropy-coded: `nerf_scene_open` decodes them into the scene's memory. A library without the feature
-     * `coded`, for a microcontroller, refuses the file and says so: fit it with `--export int8`, which is read in place.
+     * As `NERF_TABLE_STORAGE_INT8`, entropy-coded: `nerf_scene_open` decodes it into the scene's memory. A library
+     * without the feature `coded` (microcontrollers) refuses it: fit with `--export int8`, which is read in place.
      */
     NERF_TABLE_STORAGE_CODED = 3,
 };
@@ -508,7 +508,7 @@ typedef uint32_t nerf_table_storage;
 #endif // __cplusplus
 
 /**
- * The tone curve, on each linear channel, that brings light beyond 1 back into the picture.
+ * The tone curve, applied to each linear channel, that compresses light above 1 into the displayable range.
  */
 enum nerf_tone_map
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -516,7 +516,7 @@ enum nerf_tone_map
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * None: what is beyond 1 is cut off where the colour is encoded.
+     * None: light above 1 is clipped when the colour is encoded.
      */
     NERF_TONE_MAP_NONE = 0,
     /**
@@ -539,23 +539,23 @@ typedef uint32_t nerf_tone_map;
 /**
  * An opened scene: lies at the beginning of the memory it was opened in and borrows the blob.
  *
- * It owns nothing and never changes: threads may use it at the same time, and there is nothing to
- * close. It ends where the caller reuses its memory or the blob's. (One from `nerf_scene_open_file` lies in
- * memory of the library's own and ends with `nerf_scene_close`.)
+ * A scene owns nothing and never changes: threads may use it at the same time, and there is nothing to close. It is
+ * valid until the caller reuses its memory or the blob's. (A scene from `nerf_scene_open_file` lies in memory of the
+ * library's own and is valid until `nerf_scene_close`.)
  */
 typedef struct nerf_scene nerf_scene;
 
 /**
  * A worker: lies at the beginning of the memory it was opened in and borrows the scenes.
  *
- * It owns nothing, and there is nothing to close. One call at a time works with it, of one thread: another is
- * `NERF_STATUS_BUSY`, as is every one after `NERF_STATUS_PANIC`. It ends where the caller reuses its memory or a
- * scene's.
+ * A worker owns nothing, and there is nothing to close. One call at a time may use it: a concurrent one is
+ * `NERF_STATUS_BUSY`, as is every call after `NERF_STATUS_PANIC`. It is valid until the caller reuses its memory or
+ * a scene's.
  */
 typedef struct nerf_worker nerf_worker;
 
 /**
- * Options of opening a scene; NULL in its place means all zeros.
+ * Options of opening a scene; NULL means all zeros.
  */
 typedef struct nerf_open_options {
     /**
@@ -563,15 +563,15 @@ typedef struct nerf_open_options {
      */
     size_t struct_size;
     /**
-     * A `nerf_kernel`.
+     * Instruction set: a `nerf_kernel`.
      */
     uint32_t kernel;
     /**
-     * A `nerf_storage`.
+     * Storage of the weights: a `nerf_storage`.
      */
     uint32_t storage;
     /**
-     * Zeros.
+     * Reserved; must be zeros.
      */
     uint32_t reserved[6];
 } nerf_open_options;
@@ -581,17 +581,17 @@ typedef struct nerf_open_options {
  */
 typedef struct nerf_text {
     /**
-     * First byte; never NULL.
+     * Address of the first byte; never NULL.
      */
     const char *data;
     /**
-     * Bytes.
+     * Length, bytes.
      */
     size_t length;
 } nerf_text;
 
 /**
- * The facts of a scene; zeros in those that a picture (a 2D field) has not.
+ * The facts of a scene; those that do not apply to a picture (a 2D field) are 0 for one.
  */
 typedef struct nerf_scene_info {
     /**
@@ -607,8 +607,8 @@ typedef struct nerf_scene_info {
      */
     uint32_t kernel;
     /**
-     * Smallest corner of the scene box, world units; outside of the box density is 0, but where the scene has no end
-     * (`contraction_radius`).
+     * Smallest corner of the scene box, world units. Outside the box density is 0, unless the scene is unbounded
+     * (`contraction_radius` is not 0).
      */
     float box_min[3];
     /**
@@ -616,16 +616,16 @@ typedef struct nerf_scene_info {
      */
     float box_max[3];
     /**
-     * Near: where the scene began on the rays of the cameras it was made from, world units. Half way between it and far is
-     * a good place for a camera; any other is as well. (`near` alone is a macro on Windows.)
+     * Distance at which the scene begins on the rays of the cameras it was made from, world units. Half way between
+     * it and far is a good place for a camera; any other works as well. (`near` alone is a macro on Windows.)
      */
     float near_distance;
     /**
-     * Far: where the scene ended on them.
+     * Distance along the same rays at which the scene ends, world units.
      */
     float far_distance;
     /**
-     * Samples per ray the scene was made for: between near and far, or where it is marched (`step`) the most in its box.
+     * Samples per ray the scene was made for: between near and far, or if marched (`step`) the most in its box.
      */
     uint32_t samples;
     /**
@@ -641,15 +641,15 @@ typedef struct nerf_scene_info {
      */
     uint32_t occupancy_required;
     /**
-     * Cells of the occupancy grid along x, y, z; zeros without an occupancy grid.
+     * Number of cells of the occupancy grid along x, y, z; zeros without an occupancy grid.
      */
     uint32_t occupancy_resolution[3];
     /**
-     * Share of the cells that may hold something; 1 without an occupancy grid.
+     * Fraction of the cells that may be occupied; 1 without an occupancy grid.
      */
     float occupied_share;
     /**
-     * Trunk layers in use of `trunk_widths`.
+     * Number of trunk layers: entries of `trunk_widths` in use.
      */
     uint32_t trunk_layers;
     /**
@@ -657,7 +657,7 @@ typedef struct nerf_scene_info {
      */
     uint32_t trunk_widths[16];
     /**
-     * Colour layers in use of `colour_widths`.
+     * Number of the colour branch's hidden layers: entries of `colour_widths` in use.
      */
     uint32_t colour_layers;
     /**
@@ -673,43 +673,43 @@ typedef struct nerf_scene_info {
      */
     float quantisation_loss_db;
     /**
-     * Optimiser steps.
+     * Number of optimiser steps of the training run.
      */
     uint32_t steps;
     /**
-     * Parameters of the network.
+     * Number of parameters of the network.
      */
     uint64_t parameters;
     /**
-     * Multiply-adds of one density evaluation; of a picture, of the trunk.
+     * Multiply-adds of one density evaluation; for a picture, of the trunk.
      */
     uint64_t density_macs;
     /**
-     * Multiply-adds of one colour evaluation on top of that.
+     * Additional multiply-adds of one colour evaluation.
      */
     uint64_t colour_macs;
     /**
-     * Seed of the run.
+     * Seed of the training run.
      */
     uint64_t seed;
     /**
-     * The data the scene was fitted to, by name.
+     * Name of the data the scene was fitted to.
      */
     struct nerf_text data;
     /**
-     * The program and settings that made it.
+     * The program and settings that made the scene.
      */
     struct nerf_text made_by;
     /**
-     * The convention of the PSNR: views, background, samples.
+     * How the PSNR was measured: views, background, samples.
      */
     struct nerf_text psnr_convention;
     /**
-     * Size of the picture the 2D field was made of, pixels to a row; 0 in a scene.
+     * Width of the picture the 2D field was made from, pixels; 0 for a scene.
      */
     uint32_t picture_width;
     /**
-     * Size of the picture the 2D field was made of, rows; 0 in a scene.
+     * Height of the picture the 2D field was made from, pixels; 0 for a scene.
      */
     uint32_t picture_height;
     /**
@@ -717,7 +717,7 @@ typedef struct nerf_scene_info {
      */
     uint32_t proposal_samples;
     /**
-     * Points of the front that a study measured: settings, what they lose and what they cost. 0 without one.
+     * Number of points of the Pareto front that a study measured, settings with their loss and cost; 0 without one.
      */
     uint32_t front_points;
     /**
@@ -725,8 +725,8 @@ typedef struct nerf_scene_info {
      */
     uint64_t proposal_macs;
     /**
-     * World units from sample to sample, of a scene that is marched where a ray is in its box; 0 where rays have bins
-     * between near and far. Of an unbounded scene that of its ball; beyond, steps grow.
+     * Distance between samples, world units, in a scene that is marched through its box; 0 if rays have bins between
+     * near and far. In an unbounded scene it holds inside the ball of `contraction_radius`; outside, steps grow.
      */
     float step;
     /**
@@ -734,21 +734,21 @@ typedef struct nerf_scene_info {
      */
     uint32_t table_storage;
     /**
-     * Radius of the ball around the middle of the scene box, beyond which unbounded space is contracted into the box, a
-     * cube of 4 radii, world units; 0 where the scene ends at its box.
+     * Radius of the ball around the middle of the scene box outside which unbounded space is contracted into the
+     * box, a cube of 4 radii, world units; 0 if the scene ends at its box.
      */
     float contraction_radius;
     /**
-     * The power that steps beyond that ball grow with, 1, 2 or 4; 0 where the scene ends at its box.
+     * Power that steps outside that ball grow with: 1, 2 or 4; 0 if the scene ends at its box.
      */
     uint32_t contraction_power;
     /**
-     * The `nerf_storage` that its weights lie in; never `NERF_STORAGE_AUTO`.
+     * The `nerf_storage` of the weights; never `NERF_STORAGE_AUTO`.
      */
     uint32_t storage;
     /**
-     * The position of somebody who took the photographs, world units: a view from here towards `target` shows what was seen.
-     * Zeros, as all of the four, where the file does not say: of a scene that does, `up` is not 0.
+     * Position of the default viewpoint, world units: a view from here towards `target` shows what was photographed.
+     * `eye`, `target`, `up` and `arc` are 0 if the file has no viewpoint; otherwise `up` is not 0.
      */
     float eye[3];
     /**
@@ -756,12 +756,12 @@ typedef struct nerf_scene_info {
      */
     float target[3];
     /**
-     * The upward direction of those who took them, unit length: the axis of an orbit.
+     * Upward direction of the photographs, unit length: the axis of an orbit.
      */
     float up[3];
     /**
-     * The arc around `target` that they were taken from, radians around `up` with `eye` in the middle; 2 pi: all the way.
-     * Beyond it nobody saw the scene.
+     * Arc around `target` that the photographs were taken from, radians around `up` with `eye` in the middle; 2 pi
+     * for a full circle. No photograph was taken outside the arc.
      */
     float arc;
 } nerf_scene_info;
@@ -809,11 +809,11 @@ typedef struct nerf_camera {
      */
     float k2;
     /**
-     * Tangential distortion.
+     * First coefficient of tangential distortion.
      */
     float p1;
     /**
-     * Tangential distortion.
+     * Second coefficient of tangential distortion.
      */
     float p2;
     /**
@@ -842,17 +842,17 @@ typedef struct nerf_camera {
      */
     uint32_t lens_model;
     /**
-     * Zero.
+     * Reserved; must be 0.
      */
     uint32_t reserved;
 } nerf_camera;
 
 /**
- * A scene that stands somewhere in the host's world.
+ * A scene that a transform places in the host's world.
  */
 typedef struct nerf_instance {
     /**
-     * `sizeof(nerf_instance)`: also from one of an array to the next.
+     * `sizeof(nerf_instance)`; the first one's is the stride of an array.
      */
     size_t struct_size;
     /**
@@ -860,28 +860,28 @@ typedef struct nerf_instance {
      */
     const struct nerf_scene *scene;
     /**
-     * Takes the scene's coordinates to the world's: the upper three rows of the 4x4 matrix, row-major, a rotation times
-     * one scale and a translation. All zeros is the identity.
+     * Transform from the scene's coordinates to the world's: the upper three rows of the 4x4 matrix, row-major, a
+     * rotation times one scale and a translation. All zeros for the identity.
      */
     float to_world[12];
 } nerf_instance;
 
 /**
- * Effects: what a frame does beyond one ray through each pixel's centre. All zeros is none, and costs nothing.
+ * Effects: what a frame does beyond one ray through each pixel's centre. All zeros for none, which costs nothing.
  *
  * An effect that this build of the library lacks is `NERF_STATUS_OPTIONS`.
  */
 typedef struct nerf_effects {
     /**
-     * 1: samples lie at random places in their bins, by `seed`. Else 0.
+     * 1: each sample lies at a random position in its sample interval, by `seed`. Else 0.
      */
     uint32_t jitter;
     /**
-     * Rays a pixel, at most 256; 0 and 1 are one through its centre. More take more memory.
+     * Rays per pixel, at most 256; 0 and 1 are one ray through its centre. More rays take more memory.
      */
     uint32_t anti_aliasing;
     /**
-     * Read only where `jitter` is 1; places on the aperture depend on it, too.
+     * Seed, read only if `jitter` is 1. Positions on the aperture then depend on it, too.
      */
     uint64_t seed;
     /**
@@ -889,35 +889,35 @@ typedef struct nerf_effects {
      */
     float aperture_radius;
     /**
-     * Distance from the camera to its plane of focus along the view axis, world units, 1e-6 to 1e9; read only where
+     * Distance from the camera to its plane of focus along the view axis, world units, 1e-6 to 1e9; read only if
      * there is an aperture.
      */
     float focus_distance;
     /**
-     * Doublings of the light, -32 to 32; 0 leaves it as it is.
+     * Exposure in stops, each a doubling of the light, -32 to 32; 0 for no change.
      */
     float exposure;
     /**
-     * A `nerf_tone_map`.
+     * Tone curve: a `nerf_tone_map`.
      */
     uint32_t tone_map;
     /**
-     * 1: colour is linear light, unbounded above: each sample is decoded, and the background, before they are composited.
-     * Also of RGBA planes (premultiplied) and of queries. 0: display-encoded.
+     * 1: colour is linear light, unbounded above: samples and background are decoded before compositing. This also
+     * applies to RGBA planes (premultiplied) and to queries. 0: display-encoded.
      */
     uint32_t linear;
     /**
-     * Zeros.
+     * Reserved; must be zeros.
      */
     uint32_t reserved[5];
 } nerf_effects;
 
 /**
- * The shortcuts of a frame.
+ * Options of a frame: quality settings, batches, distances and effects.
  *
- * All zeros (but for `struct_size`) is the defaults, as is NULL in its place: cuts that cost nothing visible. With
- * `transmittance_cut` and `colour_cut` at `NERF_NONE` it is the exact picture: every sample that the occupancy grid does not
- * call empty.
+ * All zeros (except `struct_size`), or NULL for the structure, are the defaults: cuts that cost nothing visible.
+ * With `transmittance_cut` and `colour_cut` at `NERF_NONE` the picture is exact: it uses every sample that the
+ * occupancy grid does not call empty.
  */
 typedef struct nerf_render_options {
     /**
@@ -925,18 +925,18 @@ typedef struct nerf_render_options {
      */
     size_t struct_size;
     /**
-     * Samples per ray, at most 4096; 0 for what the scene was made for. Of a scene that is marched (`step` of
-     * `nerf_scene_info` is not 0) so many steps to the diagonal of its box; of another so many between its near and far.
-     * With a proposal network these are drawn from it, and its own come on top.
+     * Samples per ray, at most 4096; 0 for the scene's own number. In a scene that is marched (`step` of
+     * `nerf_scene_info` is not 0), the number of steps along the diagonal of its box; in others, the number between
+     * its near and far. With a proposal network these samples are drawn from it, in addition to its own.
      */
     uint32_t samples;
     /**
-     * A ray ends where its transmittance falls below this, less than 1; 0 for `NERF_TRANSMITTANCE_CUT_DEFAULT`,
-     * `NERF_NONE` (or anything below 0) never ends one.
+     * Transmittance threshold, less than 1: a ray ends once its transmittance falls below it. 0 for
+     * `NERF_TRANSMITTANCE_CUT_DEFAULT`; `NERF_NONE` (or anything below 0) never ends one.
      */
     float transmittance_cut;
     /**
-     * 1: cells that the occupancy grid calls empty are computed, too. Else 0.
+     * 1: cells that the occupancy grid calls empty are evaluated, too. Else 0.
      */
     uint32_t ignore_occupancy;
     /**
@@ -948,59 +948,60 @@ typedef struct nerf_render_options {
      */
     uint32_t background_set;
     /**
-     * Display-encoded, in `[0, 1]`; read only where `background_set` is 1.
+     * Background colour, display-encoded, in `[0, 1]`; read only if `background_set` is 1.
      */
     float background[3];
     /**
-     * Rays in flight, at most 256; 0 for what keeps vectors busy. Never changes a picture, only
-     * memory and time; tiles have no more pixels than this.
+     * Rays in one batch, at most 256; 0 for a number that keeps vector units busy. Never changes a picture, only
+     * memory and time; a tile has at most this many pixels.
      */
     uint32_t batch_rays;
     /**
-     * Samples that go through the network together, at most 64; 0 for what keeps vectors busy.
-     * Only portable instructions over f16 weights take fewer than 64.
+     * Samples that the network evaluates together, at most 64; 0 for a number that keeps vector units busy. Only the
+     * portable kernel with f16 weights uses fewer than 64.
      */
     uint32_t batch_samples;
     /**
-     * Samples whose weight is at most this take the colour of one behind them, less than 1; 0 for `NERF_COLOUR_CUT_DEFAULT`,
-     * `NERF_NONE` asks the network for every colour. Opacity and distances never depend on it.
+     * Weight threshold, less than 1: weight along a ray accumulates until it exceeds this, then the next colour is
+     * evaluated for all of it. 0 for `NERF_COLOUR_CUT_DEFAULT`, `NERF_NONE` evaluates every colour. Never affects
+     * opacity or distances.
      */
     float colour_cut;
     /**
-     * Width, in bins, of the Gaussian that the density is blurred by before its gradient is taken for normals (standard
-     * deviation: this over the root of 12); 0 for `NERF_NORMAL_BLUR_DEFAULT`. `NERF_NONE` is the gradient itself, which is
-     * mostly noise finer than a bin.
+     * Width of the Gaussian blur of the density before its gradient is taken for normals, in sample intervals
+     * (standard deviation: width / sqrt(12)). 0 for `NERF_NORMAL_BLUR_DEFAULT`; `NERF_NONE` is the gradient itself,
+     * which is mostly noise finer than a sample interval.
      */
     float normal_blur;
     /**
-     * 1: samples are even where the scene would take them from its proposal network. Else 0.
+     * 1: samples are uniform even if the scene has a proposal network. Else 0.
      */
     uint32_t ignore_proposal;
     /**
-     * The distance from which on rays see, world units, at least 0.
+     * Distance along a ray at which visibility begins, world units, at least 0.
      */
     float near_distance;
     /**
-     * The distance up to which rays see, world units; 0 for no end.
+     * Distance along a ray at which visibility ends, world units; 0 for no end.
      */
     float far_distance;
     /**
-     * 1: a scene that is not marched has no samples but those between its own near and far, which it was trained on,
-     * wherever the camera is: to reproduce figures that were measured so. Else 0: as many more as its box needs.
+     * 1: a scene that is not marched is sampled only between its own near and far, where it was trained: to
+     * reproduce figures that were measured so. 0: the rest of its box is sampled, too.
      */
     uint32_t own_bins;
     /**
-     * Zero.
+     * Reserved; must be 0.
      */
     uint32_t reserved;
     /**
-     * Effects: all zeros is none.
+     * Effects; all zeros for none.
      */
     struct nerf_effects effects;
 } nerf_render_options;
 
 /**
- * A request that a worker is opened for; what it points to is read by the call alone, but for the scenes.
+ * A request to open a worker. Its pointers are read by that call alone, except for the scenes, which are borrowed.
  */
 typedef struct nerf_request {
     /**
@@ -1008,17 +1009,17 @@ typedef struct nerf_request {
      */
     size_t struct_size;
     /**
-     * The scene, or a picture (a 2D field), in coordinates of its own; NULL where there are `instances`.
+     * The scene, or a picture (a 2D field), in its own coordinates; NULL if there are `instances`.
      */
     const struct nerf_scene *scene;
     /**
-     * NULL, or scenes that the host has placed in a world of its own: cameras, rays, points and distances are that
-     * world's. Where they overlap, densities add and colours are mixed by density. An unbounded scene is the last, and
-     * shows its background. In a library built with `instances`.
+     * NULL, or scenes that the host has placed in its own world: cameras, rays, points and distances are in that
+     * world. Where instances overlap, densities add and colours are mixed by density. An unbounded scene must be the
+     * last; its background is shown. Only in a library built with `instances`.
      */
     const struct nerf_instance *instances;
     /**
-     * Number of instances; with `scene` 0.
+     * Number of instances; 0 with `scene`.
      */
     size_t instance_count;
     /**
@@ -1026,17 +1027,17 @@ typedef struct nerf_request {
      */
     const struct nerf_render_options *options;
     /**
-     * `NERF_OUTPUT_*` of what targets will have planes for, or-ed; for queries `NERF_OUTPUT_RGB` or 0.
+     * `NERF_OUTPUT_*` of the planes that targets will have, or-ed; for queries `NERF_OUTPUT_RGB` or 0.
      */
     uint32_t outputs;
     /**
-     * Zero.
+     * Reserved; must be 0.
      */
     uint32_t reserved;
 } nerf_request;
 
 /**
- * Pixels of an image, `x..x + width`, `y..y + height`.
+ * A rectangle of an image's pixels, `x..x + width`, `y..y + height`.
  */
 typedef struct nerf_rect {
     /**
@@ -1058,12 +1059,12 @@ typedef struct nerf_rect {
 } nerf_rect;
 
 /**
- * One plane of a picture, in the caller's memory; it begins with the **rectangle's** top left pixel. Of rays and points it
- * is one row.
+ * One plane of a target, in the caller's memory. It begins with the top left pixel of the **rectangle**, not of the
+ * image. For rays and points it is one row.
  */
 typedef struct nerf_plane {
     /**
-     * The rectangle's top left pixel; NULL if the plane is not wanted, which then costs nothing.
+     * Address of the rectangle's top left pixel; NULL to leave the plane out, which then costs nothing.
      */
     void *data;
     /**
@@ -1071,7 +1072,7 @@ typedef struct nerf_plane {
      */
     size_t pixel_stride;
     /**
-     * Bytes from a pixel to the one below; negative where rows go up; 0 for rows without a gap.
+     * Bytes from a pixel to the one below; negative if rows are stored bottom up; 0 for rows without a gap.
      */
     ptrdiff_t row_stride;
     /**
@@ -1079,16 +1080,16 @@ typedef struct nerf_plane {
      */
     uint32_t format;
     /**
-     * Zero.
+     * Reserved; must be 0.
      */
     uint32_t reserved;
 } nerf_plane;
 
 /**
- * The target of a picture: a plane that is NULL is not computed, and takes no memory.
+ * The target of a render: a plane that is NULL is not computed, and takes no memory.
  *
- * Planes may share memory as channels of one structure; what lies between their pixels is never
- * touched. Two that are written to must not share a byte (`NERF_STATUS_OVERLAP`).
+ * Planes may share memory as channels of one structure; bytes between pixels are never touched. Those written to
+ * must not share a byte (`NERF_STATUS_OVERLAP`). `far`: no less than any distance in the scene, up to a limit.
  */
 typedef struct nerf_target {
     /**
@@ -1112,8 +1113,8 @@ typedef struct nerf_target {
      */
     struct nerf_plane z_depth;
     /**
-     * First distance along the ray at which less than half of the light is left, world units; `far` where
-     * there is none. Needs a `transmittance_cut` of at most 0.5.
+     * Smallest distance along the ray at which less than half of the light is left, world units; `far` if there is
+     * none. Needs a `transmittance_cut` of at most 0.5.
      */
     struct nerf_plane median_distance;
     /**
@@ -1123,20 +1124,20 @@ typedef struct nerf_target {
      */
     struct nerf_plane normals;
     /**
-     * Read, not written: where each pixel's ray ends, world units along it, as of what a host has traced there; infinity
-     * or a NaN is no end. NULL for none. It cuts the bin it lies in, so that edges are smooth, and what is behind it costs
-     * nothing.
+     * Input: distance along each pixel's ray at which it ends, world units, such as a hit that the host has traced.
+     * Infinity or NaN for no end; NULL for no limits. It cuts the sample interval that it lies in, so edges are
+     * smooth, and samples after it cost nothing.
      */
     struct nerf_plane limit_ray_distance;
     /**
-     * Read, not written: the same ends, world units along the view axis, as of a depth buffer. One of the two at most.
+     * Input: the same limits as distances along the view axis, such as a depth buffer. At most one of the two.
      */
     struct nerf_plane limit_z_depth;
 } nerf_target;
 
 /**
- * Called before the first tile and after each tile, on the thread that renders, with the pixels
- * done so far, which only grow, of all; a return value other than 0 cancels.
+ * Called before the first tile and after each tile, on the rendering thread, with the number of pixels done so far,
+ * which never decreases, and of all pixels; a return value other than 0 cancels.
  *
  * It may call this library, but not with the worker of the render it is called from. It must not
  * let a C++ exception escape.
@@ -1146,7 +1147,7 @@ typedef int32_t (*nerf_progress)(void *user,
                                  uint64_t pixels_all);
 
 /**
- * A frame: what is rendered of an image, and where to.
+ * A frame: the part of an image to render, and the planes to render it into.
  */
 typedef struct nerf_frame {
     /**
@@ -1158,19 +1159,19 @@ typedef struct nerf_frame {
      */
     const struct nerf_camera *camera;
     /**
-     * NULL for the whole image; an empty one is rendered with nothing written.
+     * Rectangle to render; NULL for the whole image. For an empty one nothing is written.
      */
     const struct nerf_rect *rect;
     /**
-     * The planes that the pixels go to; those that the worker was not opened for are NULL.
+     * Planes that receive the pixels; those that the worker was not opened for must be NULL.
      */
     const struct nerf_target *target;
     /**
-     * Width of a picture's image, pixels; of a scene 0.
+     * Width of a picture's image, pixels; 0 for a scene.
      */
     uint32_t width;
     /**
-     * Height of a picture's image, pixels; of a scene 0.
+     * Height of a picture's image, pixels; 0 for a scene.
      */
     uint32_t height;
     /**
@@ -1178,14 +1179,14 @@ typedef struct nerf_frame {
      */
     nerf_progress progress;
     /**
-     * Handed to `progress`.
+     * Argument passed to `progress`.
      */
     void *user;
 } nerf_frame;
 
 /**
- * The work a call did; exact, no clock readings. A picture (a 2D field) has no rays and no samples:
- * only its colour evaluations, multiply-adds and invalid samples count.
+ * Exact counts of the work a call did; no times. A picture (a 2D field) has no rays and no samples: only its colour
+ * evaluations, multiply-adds and invalid samples are counted.
  */
 typedef struct nerf_counters {
     /**
@@ -1193,61 +1194,61 @@ typedef struct nerf_counters {
      */
     size_t struct_size;
     /**
-     * Rays.
+     * Number of rays.
      */
     uint64_t rays;
     /**
-     * Samples the network was asked for.
+     * Samples at which the network was evaluated.
      */
     uint64_t samples_kept;
     /**
-     * Samples it was not asked for: outside box or occupancy grid, or behind the transmittance cut.
+     * Samples that were skipped: outside the scene box, in an empty cell, or after the transmittance cut.
      */
     uint64_t samples_skipped;
     /**
-     * Evaluations of trunk and density head.
+     * Evaluations of the trunk and density head.
      */
     uint64_t density_evaluations;
     /**
-     * Evaluations of the colour branch: samples, or of a field shaded once a ray the rays that it was run for; of a
-     * picture, of the whole network.
+     * Evaluations of the colour branch: one per sample, or one per ray in a field shaded once a ray. For a picture,
+     * evaluations of the whole network.
      */
     uint64_t colour_evaluations;
     /**
-     * Multiply-adds of the network and of its proposal.
+     * Multiply-adds of the network and of the proposal network.
      */
     uint64_t macs;
     /**
-     * Samples whose density was NaN (they count as empty), whose colour was (black) or whose gradient was
-     * no finite vector (they have no normal).
+     * Samples whose density was NaN (treated as empty), whose colour was NaN (black), or whose density gradient was
+     * not finite (no normal).
      */
     uint64_t invalid_samples;
     /**
-     * Gradients of the density, for normals.
+     * Evaluations of the density's gradient, for normals.
      */
     uint64_t normal_evaluations;
     /**
-     * Evaluations of the coarse proposal network, which are no samples.
+     * Evaluations of the coarse proposal network; they are not counted as samples.
      */
     uint64_t proposal_evaluations;
 } nerf_counters;
 
 /**
- * Numbers of the caller's, one or three to each ray or point.
+ * The caller's floats, one or three per ray or point.
  */
 typedef struct nerf_floats {
     /**
-     * The first of them.
+     * Address of the first element.
      */
     const float *data;
     /**
-     * Bytes from one ray's or point's to the next; 0 for side by side.
+     * Bytes from one element, of one or three floats, to the next; 0 if they are contiguous.
      */
     size_t stride;
 } nerf_floats;
 
 /**
- * Rays of the caller's own, in any order, from anywhere.
+ * The caller's own rays, in any order, from anywhere.
  */
 typedef struct nerf_rays {
     /**
@@ -1255,49 +1256,48 @@ typedef struct nerf_rays {
      */
     size_t struct_size;
     /**
-     * Number of them.
+     * Number of rays.
      */
     size_t count;
     /**
-     * The origin of each, x, y, z.
+     * Origin of each ray: x, y, z, world space.
      */
     struct nerf_floats origins;
     /**
-     * The direction of each, x, y, z, of unit length: the square of its length is 1 within 1e-3. It is used as
-     * it is, so that distances are off by as much.
+     * Direction of each ray: x, y, z, of unit length (the square is 1 within 1e-3). It is not normalised, so
+     * distances have the same relative error.
      */
     struct nerf_floats dirs;
     /**
-     * The distance from which on a ray sees, world units along it, at least 0; NULL for 0. The samples of a scene that is
-     * marched (`step` of `nerf_scene_info` is not 0) are counted from here, so that another `t_min` moves all of them;
-     * those of another scene stay where they are, and the one whose bin `t_min` lies in counts for what is left of the
-     * bin.
+     * Distance along each ray at which visibility begins, world units, at least 0; NULL for 0. In a scene that is
+     * marched (`step` of `nerf_scene_info` is not 0) samples are counted from here, so another `t_min` moves all of
+     * them. In other scenes samples stay where they are, and `t_min` cuts the sample interval that it lies in.
      */
     struct nerf_floats t_min;
     /**
-     * The distance up to which a ray sees, at least `t_min`, may be infinite; NULL for no end. It cuts the bin it lies in:
-     * opacity goes continuously with it.
+     * Distance along each ray at which visibility ends, at least `t_min`, may be infinite; NULL for no end. It cuts
+     * the sample interval that it lies in: opacity is a continuous function of it.
      */
     struct nerf_floats t_max;
     /**
-     * One random number in [0, 1) a ray for `nerf_sample_rays`; NULL for `nerf_render_rays`. 1 is taken for the largest
-     * float below 1, since rounding to float produces it.
+     * One random number in [0, 1) per ray for `nerf_sample_rays`; NULL for `nerf_render_rays`. 1 counts as the
+     * largest float below 1, since rounding to float produces it.
      */
     struct nerf_floats random;
     /**
-     * Three numbers, of unit length as `dirs` are: what `z_depth` is measured along, of a camera the direction of its ray
-     * through (cx, cy). NULL where that is not asked for.
+     * Axis that `z_depth` is measured along: three floats, of unit length as `dirs` are. For a camera it is the
+     * direction of the ray through (cx, cy). May be NULL without a plane for `z_depth`.
      */
     const float *axis;
     /**
-     * The target of the results: planes of one row of `count` pixels, of which only `pixel_stride` matters. They may be
-     * fields of the structures that the rays are in. No limits: `t_max` is the ray's.
+     * Planes for the results: one row of `count` pixels, of which only `pixel_stride` matters. They may be fields of
+     * the structures that hold the rays. Limits must be NULL: each ray has its `t_max`.
      */
     const struct nerf_target *target;
 } nerf_rays;
 
 /**
- * Points that are seen along directions.
+ * Points, and the directions that they are seen along.
  */
 typedef struct nerf_points {
     /**
@@ -1305,37 +1305,37 @@ typedef struct nerf_points {
      */
     size_t struct_size;
     /**
-     * Number of them.
+     * Number of points.
      */
     size_t count;
     /**
-     * x, y, z, world space. Points outside the scene box, or in a cell that the occupancy grid calls empty, have density 0
-     * and black colour.
+     * Position of each point: x, y, z, world space. Points outside the scene box, or in a cell that the occupancy
+     * grid calls empty, have density 0 and black colour.
      */
     struct nerf_floats positions;
     /**
-     * Directions from the camera to the point, of unit length (the square is 1 within 1e-3); not read where there is no
-     * plane for colour.
+     * Direction from the camera to each point, of unit length (the square is 1 within 1e-3); not read if `rgb` is
+     * NULL.
      */
     struct nerf_floats dirs;
     /**
-     * Receives the density of each, per world unit: a row of `count` pixels, `NERF_FORMAT_F32`, of which only `pixel_stride`
-     * matters.
+     * Receives the density of each point, per world unit: a row of `count` pixels, `NERF_FORMAT_F32`, of which only
+     * `pixel_stride` matters.
      */
     struct nerf_plane sigma;
     /**
-     * Receives the colour of each, display-encoded unless the options say linear: `NERF_FORMAT_RGB_F32`; NULL if not wanted.
+     * Receives each point's colour, display-encoded unless the options say linear: `NERF_FORMAT_RGB_F32`; or NULL.
      */
     struct nerf_plane rgb;
 } nerf_points;
 
 /**
- * Microseconds since any moment, never falling.
+ * Returns microseconds since any fixed moment, never decreasing.
  */
 typedef uint64_t (*nerf_clock)(void *user);
 
 /**
- * Frames whose pace is measured.
+ * A request to measure the time per frame.
  */
 typedef struct nerf_pace_request {
     /**
@@ -1347,11 +1347,11 @@ typedef struct nerf_pace_request {
      */
     const struct nerf_scene *scene;
     /**
-     * The view; not read where only the workspace's size is asked for.
+     * The view; not read by `nerf_pace_workspace_size`.
      */
     const struct nerf_camera *camera;
     /**
-     * NULL for the defaults; what shortcuts they have does not matter.
+     * NULL for the defaults; samples, cuts, occupancy grid, maths and proposal are ignored.
      */
     const struct nerf_render_options *options;
     /**
@@ -1359,21 +1359,21 @@ typedef struct nerf_pace_request {
      */
     uint32_t outputs;
     /**
-     * Milliseconds of a frame: measuring stops behind the first point whose frame would take longer.
+     * Milliseconds per frame: measuring stops after the first point whose frame would take longer.
      */
     float limit_milliseconds;
     /**
-     * Called with `user`, must not touch the workspace; NULL for the library's own, which a build without std has not.
+     * Called with `user`; must not touch the workspace. NULL for the library's own, which a build without std lacks.
      */
     nerf_clock clock;
     /**
-     * Handed to `clock`.
+     * Argument passed to `clock`.
      */
     void *user;
 } nerf_pace_request;
 
 /**
- * The time that a frame takes at each point of a scene's front, on one thread of this host.
+ * The time that a frame takes at each point of a scene's Pareto front, on one thread of this host.
  */
 typedef struct nerf_pace {
     /**
@@ -1381,14 +1381,14 @@ typedef struct nerf_pace {
      */
     size_t struct_size;
     /**
-     * Milliseconds, in the front's order; infinity where nothing was measured. A host that renders tiles on
-     * n threads divides by n.
+     * Milliseconds per frame, in the order of the scene's Pareto front; infinity for points that were not measured.
+     * Divide by n if n threads render tiles.
      */
     float milliseconds[16];
 } nerf_pace;
 
 /**
- * The point of a scene's front that was chosen: what its settings lose and cost.
+ * The chosen point of a scene's Pareto front: loss and cost of its settings.
  */
 typedef struct nerf_choice {
     /**
@@ -1396,19 +1396,19 @@ typedef struct nerf_choice {
      */
     size_t struct_size;
     /**
-     * dB the settings lose against the exact rendering, as a study measured; below 0 a gain.
+     * Loss of the settings against the exact rendering, dB, as a study measured it; negative for a gain.
      */
     float loss_db;
     /**
-     * Their multiply-adds relative to the exact rendering's.
+     * Multiply-adds of the settings relative to the exact rendering's.
      */
     float cost;
     /**
-     * Milliseconds a frame is expected to take; NaN where time was not asked for.
+     * Expected milliseconds per frame; NaN unless the choice was by time.
      */
     float milliseconds;
     /**
-     * 1 if they meet the limit that was asked for; 0 if no point of the front does, and these come nearest.
+     * 1 if the settings meet the limit; 0 if no point of the front does, and these come nearest.
      */
     uint32_t within;
 } nerf_choice;
@@ -1432,12 +1432,12 @@ uint32_t nerf_abi_version(void);
 const char *nerf_version_text(void);
 
 /**
- * The meaning of a status, in English; static, never NULL, also for numbers that are no status.
+ * Returns the meaning of a status, in English; static, never NULL, also for numbers that are no status.
  */
 const char *nerf_status_text(int32_t status);
 
 /**
- * Says how much memory `nerf_scene_open` needs for a blob, and at which alignment.
+ * Computes the size and alignment of the memory that `nerf_scene_open` needs for a blob.
  *
  * `blob`: `blob_size` bytes at any alignment. `options`: NULL for all zeros. `size` and `align`
  * are written on success only. `message`: NULL, or `message_capacity` bytes for a sentence about
@@ -1457,10 +1457,10 @@ nerf_status nerf_scene_memory(const void *blob,
 /**
  * Opens a scene in the caller's memory; allocates nothing and owns nothing.
  *
- * The scene borrows `blob` and `memory`: both stay where and as they are for as long as it is
- * used. `memory`: at least the size and alignment that `nerf_scene_memory` says, apart from the
- * blob. `scene` receives the handle on success only; there is nothing to close. `message`: as in
- * `nerf_scene_memory`; it and `scene` lie apart from blob and memory.
+ * The scene borrows `blob` and `memory`: the caller leaves both in place and unchanged while the scene is used.
+ * `memory`: at least the size and alignment that `nerf_scene_memory` says, not overlapping the blob. `scene`
+ * receives the handle on success only; there is nothing to close. `message`: as in `nerf_scene_memory`. Neither
+ * `message` nor `scene` may overlap blob or memory.
  *
  * # Safety
  * Pointers are NULL or point to what is described here.
@@ -1475,11 +1475,11 @@ nerf_status nerf_scene_open(const void *blob,
                             size_t message_capacity);
 
 /**
- * Opens a scene from a file, in memory of the library's own: `nerf_scene_close` frees it.
+ * Opens a scene from a file, in memory that the library owns: `nerf_scene_close` frees it.
  *
- * For hosts with a heap; only in a library built with `std`. `path`: UTF-8 on Windows, the system's bytes
- * elsewhere, NUL-terminated. `options`: NULL for all zeros. `scene` receives the handle on success only;
- * nothing is left behind otherwise. `message`: as in `nerf_scene_memory`, with the path in front.
+ * For hosts with a heap; only in a library built with `std`. `path`: UTF-8 on Windows, the system's bytes elsewhere,
+ * NUL-terminated. `options`: NULL for all zeros. `scene` receives the handle on success only; on failure nothing
+ * stays allocated. `message`: as in `nerf_scene_memory`, preceded by the path.
  *
  * # Safety
  * Pointers are NULL or point to what is described here.
@@ -1501,7 +1501,7 @@ nerf_status nerf_scene_open_file(const char *path,
 void nerf_scene_close(const struct nerf_scene *scene);
 
 /**
- * Says what a scene is: where to put a camera, what it costs, where it comes from.
+ * Describes a scene: where to put a camera, what it costs, where it comes from.
  *
  * `info`: `struct_size` set by the caller, the rest is written on success; fields that a newer
  * header has and this library does not know become zero. Its texts point into the blob.
@@ -1514,12 +1514,11 @@ nerf_status nerf_scene_describe(const struct nerf_scene *scene,
                                 struct nerf_scene_info *info);
 
 /**
- * Turns a camera so that it stands at `eye` and looks at `target`, with `up` upwards in its image.
+ * Sets a camera's pose: at `eye`, looking at `target`, with `up` upwards in its image.
  *
- * `camera`: `struct_size` set by the caller; its `c2w` is written, on success only, the rest stays. `eye`,
- * `target`, `up`: three floats each, world units; `up` of any length. Where `eye` is `target`, or `up` points along
- * the view, there is no such camera: `NERF_STATUS_CAMERA`. `message`: as in
- * `nerf_scene_memory`.
+ * `camera`: `struct_size` set by the caller; only its `c2w` is written, on success. `eye`, `target`, `up`: three
+ * floats each, world units; `up` of any length. If `eye` equals `target`, or `up` points along the view, there is no
+ * such camera: `NERF_STATUS_CAMERA`. `message`: as in `nerf_scene_memory`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here.
@@ -1532,13 +1531,13 @@ nerf_status nerf_camera_look_at(struct nerf_camera *camera,
                                 size_t message_capacity);
 
 /**
- * The ray through an image point: what is seen there, and where to ask `nerf_query`.
+ * Computes the ray through an image point, for example to evaluate points along it with `nerf_query`.
  *
- * `x`, `y`: pixels from the left and the top, fractions too; a pixel's centre is at + 0.5. They may lie beyond the
- * image; where no direction of f32 is seen, or none in front of every fold of the lens, it is `NERF_STATUS_CAMERA`.
+ * `x`, `y`: pixels from the left and the top, fractions too; a pixel's centre is at + 0.5. They may lie outside the
+ * image. `NERF_STATUS_CAMERA` if the point has no direction in f32, or none in front of every fold of the lens.
  * `origin`, `dir`: three floats each, world space, `dir` of unit length, the lens taken into account.
- * `z_per_distance`: NULL, or one float: how much `z_depth` one unit of `ray_distance` is along this ray. Written on
- * success only. `message`: as in `nerf_camera_look_at`.
+ * `z_per_distance`: NULL, or one float: `z_depth` per unit of `ray_distance` along this ray. Written on success
+ * only. `message`: as in `nerf_camera_look_at`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here.
@@ -1553,9 +1552,9 @@ nerf_status nerf_camera_ray(const struct nerf_camera *camera,
                             size_t message_capacity);
 
 /**
- * Says how much memory a worker for a request takes, and at which alignment.
+ * Computes the size and alignment of the memory that a worker for a request takes.
  *
- * It depends on the scene's network, the outputs, the batch and the number of instances, not on the size of pictures.
+ * The size depends on the scene's network, the outputs, the batch and the number of instances, not on the picture's.
  *
  * `size` and `align` are written on success only. `message`: as in `nerf_scene_memory`.
  *
@@ -1569,12 +1568,12 @@ nerf_status nerf_worker_size(const struct nerf_request *request,
                              size_t message_capacity);
 
 /**
- * Opens a worker in the caller's memory: everything that a call of it does not change is checked and made ready here.
+ * Opens a worker in the caller's memory: whatever does not change from call to call is checked and prepared here.
  *
- * The worker borrows `memory` and the scenes: they stay where and as they are for as long as it is used. One for each
- * thread. `memory`: at least the size and alignment that `nerf_worker_size` says, apart from scenes, blobs and all that is
- * passed here. `worker` receives the handle on success only; there is nothing to close. `message`: as in
- * `nerf_worker_size`.
+ * The worker borrows `memory` and the scenes: the caller leaves them in place and unchanged while the worker is
+ * used. Each thread needs its own. `memory`: at least the size and alignment that `nerf_worker_size` says, not
+ * overlapping scenes, blobs and anything else that is passed here. `worker` receives the handle on success only;
+ * there is nothing to close. `message`: as in `nerf_worker_size`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; scenes are intact.
@@ -1589,8 +1588,8 @@ nerf_status nerf_worker_open(const struct nerf_request *request,
 /**
  * Renders a rectangle of a camera's image into the planes of a target.
  *
- * The pixels do not depend on the rectangle, the batch, what the worker did before or on who else renders, bit for bit
- * within one kernel. `frame->target` may carry limits: what a depth buffer holds.
+ * Within one kernel pixels are equal bit for bit, whatever the rectangle, the batch, the worker's earlier calls and
+ * other threads. `frame->target` may contain limits, such as a depth buffer.
  *
  * `counters`: NULL, or written on success, with `struct_size` set by the caller. `message`: as in `nerf_scene_memory`.
  *
@@ -1607,14 +1606,14 @@ nerf_status nerf_render(struct nerf_worker *worker,
                         size_t message_capacity);
 
 /**
- * Renders a rectangle of a picture (a 2D field: `NERF_KIND_PICTURE`), drawn in `frame->width` x `frame->height` pixels.
+ * Renders a rectangle of a picture (a 2D field: `NERF_KIND_PICTURE`) at `frame->width` x `frame->height` pixels.
  *
- * Pixel (x, y) is the field's colour at its centre, ((x + 0.5) / width, (y + 0.5) / height): any size from 1x1 to
- * 8388608x8388608 shows the whole picture, `picture_width` x `picture_height` of `nerf_scene_info` without distortion, and
- * a rectangle of a larger size is a detail of it.
+ * Pixel (x, y) is the field's colour at its centre, ((x + 0.5) / width, (y + 0.5) / height). Every size from 1x1 to
+ * 8388608x8388608 shows the whole picture; `picture_width` x `picture_height` of `nerf_scene_info` is undistorted. A
+ * rectangle of a larger size shows a detail.
  *
- * `worker`: of the picture; of its options only maths and batch matter. The target has a plane for `rgb` alone; a picture
- * is opaque, so that the alpha of RGBA formats is 1. The rest as in `nerf_render`.
+ * `worker`: opened for the picture; of its options only maths and batch matter. The target may have only the plane
+ * `rgb`. A picture is opaque, so the alpha of RGBA formats is 1. The rest as in `nerf_render`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `worker` and its scene are intact.
@@ -1626,16 +1625,16 @@ nerf_status nerf_render_picture(struct nerf_worker *worker,
                                 size_t message_capacity);
 
 /**
- * Renders rays of the caller's own: each is a pixel of the target.
+ * Renders the caller's own rays: ray i is pixel i of the target.
  *
- * A ray may begin anywhere: outside of the scene, inside, behind it. Where it meets no surface, distances are one that is
- * beyond everything in the scene, or `t_max`. The rays of a camera give its pixels, bit for bit, without jitter. A plane of
- * opacity alone is what a shadow ray needs: the same bits as beside others, for less work.
+ * A ray may begin anywhere: outside the scene, inside it or behind it. Without a surface, distances are no less than
+ * any in the scene, or `t_max`. A camera's rays give its pixels, bit for bit, without jitter. For a shadow ray a
+ * plane of opacity alone is enough: it gets the same bits as together with other planes, for less work.
  *
- * Rays are checked before the first result is written: `NERF_STATUS_RAY` names the first that has an origin that is not
- * finite, a direction that is not of unit length or an empty range; it is also the status of `random` that is not NULL.
- * Options with anti-aliasing or an aperture, which belong to cameras, are `NERF_STATUS_OPTIONS`. `counters` and `message`:
- * as in `nerf_render`.
+ * Rays are checked before the first result is written. `NERF_STATUS_RAY` names the first with an origin that is not
+ * finite, a direction that is not of unit length or an empty range. It is also the status if `random` is not NULL.
+ * Options with anti-aliasing or an aperture, which belong to cameras, are `NERF_STATUS_OPTIONS`. `counters` and
+ * `message`: as in `nerf_render`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
@@ -1647,14 +1646,15 @@ nerf_status nerf_render_rays(struct nerf_worker *worker,
                              size_t message_capacity);
 
 /**
- * Draws where a photon that flies along each ray collides with the field: for path tracers.
+ * Samples the point at which a photon along each ray collides with the field, for path tracers.
  *
- * A ray collides where its opacity reaches its number of `random`. Then `opacity` is 1, the distances are that point's, and
- * colour and normal are the field's there. Else opacity is 0, distances are infinite, and colour is the background (0 in
- * RGBA planes). Over uniform numbers the mean of the colours is what `nerf_render_rays` composites without cuts, which are
- * not used here. Of a field shaded once a ray it is not: a colour is that of the field's network for one sample by itself.
- * The means of opacity, distance and normal are; the field's own colour is that of `nerf_render_rays` of the same ray.
- * `NERF_STATUS_RAY` also where a number is not in [0, 1]. The rest as in `nerf_render_rays`.
+ * A ray collides where its opacity reaches its number of `random`. Then `opacity` is 1, the distances are that
+ * point's, and colour and normal are the field's there. Otherwise opacity is 0, distances are infinite, and colour
+ * is the background (0 in RGBA planes). The options' cuts are not used. Over uniform numbers the mean of the colours
+ * is what `nerf_render_rays` composites without cuts, except in a field shaded once a ray: there each colour is the
+ * network's for one sample alone, and only `nerf_render_rays` gives the field's own. The means of opacity, distance
+ * and normal agree in every field. `NERF_STATUS_RAY` also if a number is not in [0, 1]. The rest as in
+ * `nerf_render_rays`.
  *
  * # Safety
  * Pointers are NULL or point to what is described there; `worker` and its scenes are intact.
@@ -1666,11 +1666,11 @@ nerf_status nerf_sample_rays(struct nerf_worker *worker,
                              size_t message_capacity);
 
 /**
- * Asks for density and colour at points seen along directions.
+ * Evaluates density and colour at points seen along directions.
  *
- * `worker`: opened with `NERF_OUTPUT_RGB` where colour is wanted; of its options only occupancy grid, maths and tone matter
- * to the results. Results must not overlap anything else. A direction that is not of unit length is
- * `NERF_STATUS_DIRECTION`, with nothing written. `counters` and `message`: as in `nerf_render`.
+ * `worker`: opened with `NERF_OUTPUT_RGB` if colour is wanted; of its options only occupancy grid, maths and tone
+ * affect the results. `sigma` and `rgb` must not overlap anything else. If a direction is not of unit length,
+ * nothing is written: `NERF_STATUS_DIRECTION`. `counters` and `message`: as in `nerf_render`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
@@ -1682,7 +1682,7 @@ nerf_status nerf_query(struct nerf_worker *worker,
                        size_t message_capacity);
 
 /**
- * Says how much workspace `nerf_pace_measure` needs, and at which alignment.
+ * Computes the size and alignment of the workspace that `nerf_pace_measure` needs.
  *
  * `size`, `align` and `message` as in `nerf_worker_size`.
  *
@@ -1696,14 +1696,14 @@ nerf_status nerf_pace_workspace_size(const struct nerf_pace_request *request,
                                      size_t message_capacity);
 
 /**
- * Measures what a frame takes on this thread at each point of the scene's front.
+ * Measures how long a frame takes on this thread at each point of the scene's Pareto front.
  *
- * Renders about 2,048 pixels over the whole view at each point, cheapest first, and stops behind the first whose
- * frame would take more than the limit; dearer ones stay at infinity. Measure on an idle host.
+ * Renders about 2,048 pixels, spread over the view, at each point, cheapest first. Stops after the first point whose
+ * frame would take more than the limit; more expensive points stay at infinity. Measure on an idle host.
  *
- * `workspace`: of the size and alignment that `nerf_pace_workspace_size` says, apart from scene and blob. `pace`:
- * `struct_size` set by the caller; written on success. A scene without a front is `NERF_STATUS_NO_FRONT`. `message`: as in
- * `nerf_scene_memory`.
+ * `workspace`: of the size and alignment that `nerf_pace_workspace_size` says, not overlapping scene or blob.
+ * `pace`: `struct_size` set by the caller; written on success. A scene without a front is `NERF_STATUS_NO_FRONT`.
+ * `message`: as in `nerf_scene_memory`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; the scene is intact.
@@ -1718,11 +1718,11 @@ nerf_status nerf_pace_measure(const struct nerf_pace_request *request,
 /**
  * Sets the cheapest settings that lose at most `loss_db` against the exact rendering.
  *
- * `options`: `struct_size` set by the caller; its shortcuts (samples, cuts, occupancy grid, maths, proposal) are
- * replaced, the rest stays. `choice`: NULL, or written. Where every point of the scene's front loses more, the
- * one that loses least is set, and `choice->within` is 0. A scene without a front, or with none that this build
- * can render, is `NERF_STATUS_NO_FRONT`, and nothing is written. A point may cut transmittance above one half,
- * which a frame with a median distance refuses. `message`: as in `nerf_scene_memory`.
+ * `options`: `struct_size` set by the caller; its quality settings (samples, cuts, occupancy grid, maths, proposal)
+ * are replaced, the rest is kept. `choice`: NULL, or written. If every point of the scene's Pareto front loses more,
+ * the one that loses least is set, and `choice->within` is 0. A scene without a front, or with no point that this
+ * build can render, is `NERF_STATUS_NO_FRONT`, and nothing is written. A point's transmittance cut may be above one
+ * half, which a frame with a median distance refuses. `message`: as in `nerf_scene_memory`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `scene` is intact.
@@ -1737,7 +1737,7 @@ nerf_status nerf_quality_within_loss(const struct nerf_scene *scene,
 /**
  * Sets the settings that lose least at no more than `ratio` of the exact rendering's multiply-adds.
  *
- * Where every point of the scene's front costs more, the cheapest. The rest as in
+ * If every point of the scene's Pareto front costs more, the cheapest is set. The rest as in
  * `nerf_quality_within_loss`.
  *
  * # Safety
@@ -1752,10 +1752,10 @@ nerf_status nerf_quality_within_cost(const struct nerf_scene *scene,
 
 /**
  * Sets the settings that lose least in a frame of at most `milliseconds`, at a pace that `nerf_pace_measure`
- * found.
+ * measured.
  *
- * Where every point of the scene's front takes longer, the fastest. The rest as in
- * `nerf_quality_within_loss`; `choice->milliseconds` is what a frame should take.
+ * If every point of the scene's Pareto front takes longer, the fastest is set. `choice->milliseconds` is the
+ * expected time of a frame. The rest as in `nerf_quality_within_loss`.
  *
  * # Safety
  * Pointers are NULL or point to what is described there, `pace` to a pace; `scene` is intact.
@@ -1769,10 +1769,10 @@ nerf_status nerf_quality_within_time(const struct nerf_scene *scene,
                                      size_t message_capacity);
 
 /**
- * Sets the settings of one point of the scene's front, of which `nerf_scene_info` says how many there are.
+ * Sets the settings of one point of the scene's Pareto front; `front_points` of `nerf_scene_info` is their number.
  *
- * `point`: from 0, dearest first. For hosts that show the whole trade or choose by rules of their own. A point
- * that does not exist is `NERF_STATUS_OPTIONS`, one that this build cannot render `NERF_STATUS_NO_FRONT`. The
+ * `point`: from 0, most expensive first. For hosts that show the whole trade-off or choose by rules of their own. A
+ * point that does not exist is `NERF_STATUS_OPTIONS`, one that this build cannot render `NERF_STATUS_NO_FRONT`. The
  * rest as in `nerf_quality_within_loss`; `choice->within` is 1.
  *
  * # Safety
@@ -1786,11 +1786,11 @@ nerf_status nerf_quality_point(const struct nerf_scene *scene,
                                size_t message_capacity);
 
 /**
- * Sets the settings of a `nerf_preset`, which lose no more than it says.
+ * Sets the settings of a `nerf_preset`, which lose at most what the preset allows.
  *
- * Of a scene without a front it is not known what they lose: `NERF_PRESET_EXACT` is every sample inside the scene box,
- * `NERF_PRESET_HIGH` the defaults, and the others are what loses 0.05, 0.2 and 0.9 dB in the scene of the project's own
- * study: transmittance cuts of 0.03, 0.1 and 0.1, colour cuts of 0.03, 0.03 and 0.1, and for `NERF_PRESET_PREVIEW` four
+ * For a scene without a front the loss is not known. `NERF_PRESET_EXACT` is then every sample inside the scene box
+ * and `NERF_PRESET_HIGH` the defaults. The others lose 0.05, 0.2 and 0.9 dB in the scene of the project's own study:
+ * transmittance cuts of 0.03, 0.1 and 0.1, colour cuts of 0.03, 0.03 and 0.1, and for `NERF_PRESET_PREVIEW` four
  * fifths of the samples. `options` and `message` as in `nerf_quality_within_loss`.
  *
  * # Safety
@@ -1803,14 +1803,14 @@ nerf_status nerf_quality_preset(const struct nerf_scene *scene,
                                 size_t message_capacity);
 
 /**
- * Says in English which stages a worker's frames have, which not, and why; with counters, where its work went.
+ * Explains in English which stages a worker's frames have, which not, and why; with counters, where the work went.
  *
- * For people: the wording may change from version to version. Of several instances each has its own part.
+ * For people to read: the wording may change between versions. Each of several instances has its own part.
  *
- * `counters`: NULL, or what a call of this worker wrote; of several instances it is not looked at. `text`: NULL, or
- * `capacity` bytes, which get the text, cut where it does not fit, always with a NUL. `needed`: NULL, or the bytes of the
- * whole text with its NUL. Text and `needed` are written on success only; a text that was cut is a success. `message`: as in
- * `nerf_scene_memory`.
+ * `counters`: NULL, or what a call of this worker wrote; ignored if there are several instances. `text`: NULL, or
+ * `capacity` bytes for the text, cut if it does not fit, always NUL-terminated. `needed`: NULL, or receives the
+ * bytes of the whole text with its NUL. `text` and `needed` are written on success only; a cut text is a success.
+ * `message`: as in `nerf_scene_memory`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `worker` and its scenes are intact.

@@ -184,7 +184,7 @@ impl CandidateBins {
         Self { found, first: (bins.middle(0) + (start - near)) / step, per_bin, bins: step / bins.delta() }
     }
 
-    /// The first candidate from `bin` on; `u32::MAX` if there is none.
+    /// The first candidate from `bin` on; the largest `u32` if there is none.
     #[inline]
     pub fn next(&self, bin: u32) -> u32 {
         // `as` saturates. Rounding may put a bin just behind the last interval.
