@@ -124,7 +124,7 @@ pub(crate) fn call(message: Message, body: impl FnOnce() -> Result<(), Failure>)
     call_with_reason(message, body)
 }
 
-/// [`call`] for a body that has more to say than a [`Failure`].
+/// [`call`] for a body with errors of its own, such as those that name a file.
 pub(crate) fn call_with_reason<R: Reason>(message: Message, body: impl FnOnce() -> Result<(), R>) -> Status {
     #[cfg(feature = "std")]
     let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(body)).unwrap_or_else(|payload| {

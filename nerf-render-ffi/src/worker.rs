@@ -49,7 +49,7 @@ versioned!(unsafe Request, "request", by_width(28, 48));
 /// A scene of a worker, with its plan.
 pub(crate) struct Member {
     pub scene: &'static Scene,
-    /// `None` for a picture.
+    /// Plan of the scene's frames; `None` for a 2D field.
     pub plan: Option<Plan<'static>>,
 }
 
@@ -187,7 +187,7 @@ struct Checked {
     placed: bool,
 }
 
-/// Sizes of the parts of a worker's memory, in lines, except for members and instances.
+/// Sizes of a worker's memory. `own`, `pixels` and `rest` are in lines; members and instances count in `bytes` alone.
 struct Shares {
     own: usize,
     pixels: usize,
@@ -441,8 +441,8 @@ impl Lent {
 /// Opens a worker at the beginning of `memory`.
 ///
 /// # Safety
-/// `memory` has as many lines as the shares say and does not overlap the scenes. It and the scenes are lent while the
-/// worker is used.
+/// `memory` points to as many writable bytes as the sizes' `bytes`, aligned as a [`Line`], and does not overlap the scenes.
+/// Nothing else uses the memory, and the scenes stay valid, while the worker is used.
 unsafe fn open_in(
     checked: &Checked,
     shares: &Shares,

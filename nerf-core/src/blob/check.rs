@@ -144,7 +144,7 @@ fn looks_somewhere(viewpoint: &Viewpoint) -> bool {
 }
 
 /// Whether rays of the scene can have `samples` samples. Checked when a blob is opened, so that planning cannot fail
-/// there.
+/// on it later.
 pub(super) fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
     (1..=MAX_SAMPLES).contains(&samples)
         && match scene.sampling {

@@ -88,7 +88,8 @@ impl Bins {
     /// Cuts the bins for a ray that ends at `far` and uses only `start..stop`; also returns the range of bins used.
     ///
     /// `far` cuts the last bin and moves its samples in front of `far`. `start` and `stop` cut only widths and leave
-    /// the samples in place, so that a sample's contribution is continuous in both. Other bins keep every bit.
+    /// the samples in place, so that a sample's contribution is continuous in both. Bins that are not cut
+    /// are unchanged, bit for bit.
     pub fn cut(&self, start: f32, far: f32, stop: f32) -> (Self, Range<u32>) {
         let (mut ends, mut bins) = (self.ends, 0..self.count);
         if start > self.near {

@@ -65,8 +65,8 @@ impl Spacing<'_> {
         SampleInterval { t: t.max_of(from).min_of(to), mid: from.add(V::splat(0.5).mul(delta)), delta }
     }
 
-    /// Distance of the sample at `t`, and beginning and end of its interval: as [`Spacing::interval`], but
-    /// neighbouring intervals share their edges bit for bit.
+    /// Distances of the sample at `t`, and of the beginning and end of its interval. Neighbouring intervals share
+    /// their edges bit for bit.
     #[inline(always)]
     pub fn edges<V: Lanes>(&self, ends: [V; Ends::PARTS], near: V, t: V) -> [V; 3] {
         let [t, from, to] = self.bins.edges_around(ends, t);

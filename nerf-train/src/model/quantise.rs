@@ -49,7 +49,7 @@ pub(crate) const ROUNDED_FROM: f64 = 0.85;
 /// Fractions of a level's values, the smallest by magnitude, that a candidate scale does not clip; the rest are
 /// clipped.
 const KEPT: [f64; 3] = [1.0, 0.9999, 0.9995];
-/// Steps of int8 on either side of 0.
+/// Largest magnitude of a quantised int8 value.
 pub(crate) const STEPS: f32 = 127.0;
 
 #[derive(Clone, Debug, PartialEq)]

@@ -138,7 +138,7 @@ impl Note {
         *words = Some(Words { message: message.into(), last });
     }
 
-    /// Sets work that a signal does before its message, for less than a second. `what`: its name, as "the report".
+    /// Registers work to do on a signal before the message is printed, in less than a second. `what`: its name in the message.
     pub fn before(&self, what: &'static str, work: impl FnOnce() -> Result<(), String> + Send + 'static) {
         if let Some(words) = lock(&NOTE).as_mut() {
             words.last = Some((what, Box::new(work)));

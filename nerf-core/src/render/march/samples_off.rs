@@ -6,7 +6,7 @@ use crate::render::field::Field;
 use crate::sampling::{SampleInterval, SampleJitter};
 use core::marker::PhantomData;
 
-/// No drawn samples.
+/// Stand-in for a proposal network's samples in a build without the feature `proposal`.
 pub(in crate::render) struct ProposalSamples<'w>(PhantomData<&'w ()>);
 
 impl<'w> ProposalSamples<'w> {

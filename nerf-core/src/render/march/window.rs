@@ -12,7 +12,7 @@ mod tests;
 /// Number of bins of a window.
 const WIDTH: u32 = 16;
 
-/// Sixteen bins of a ray that have been looked up.
+/// Occupancy of sixteen bins of a ray, as looked up in the occupancy grid.
 #[derive(Clone, Copy)]
 pub(in crate::render) struct Window {
     /// Index of the first bin behind the window.

@@ -40,7 +40,7 @@ fn place_in_pixel(ray: u32, rays: u32) -> (f32, f32) {
 struct PixelSum {
     rgb: [Sum; 3],
     opacity: Sum,
-    /// Opacity of the rays that have a surface.
+    /// Sum of the opacities of rays with a surface, which divides the sums of distances.
     surface: Sum,
     /// Opacity times `ray_distance` of these rays.
     ray_distance: Sum,

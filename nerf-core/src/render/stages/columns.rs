@@ -45,7 +45,7 @@ impl<'w> ColumnMarch<'w> {
         Self { memory: layout.slice(if on { (ROWS + sums) * BLOCK } else { 0 }, 0.0) }
     }
 
-    /// Marches the active rays while they fill a vector; the remaining rays stay active.
+    /// Marches the active rays in SIMD lanes while there are enough to fill a vector; the remaining rays stay active.
     pub fn run<M: Math>(
         &mut self,
         field: Field<'_>,

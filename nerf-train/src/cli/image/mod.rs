@@ -45,7 +45,7 @@ impl Image {
     }
 }
 
-/// How to read a photograph.
+/// Options for reading a photograph: its scale, and the background of transparent pixels.
 #[derive(Debug, Args)]
 pub struct PhotoOptions {
     /// Scale factor of the image before training.

@@ -108,7 +108,7 @@ impl Rows {
         Ok(self.device.try_tensor_from_vec(values, self.shape)?)
     }
 
-    /// Values of the samples; undefined after a ray's last sample.
+    /// Arranges values of samples by ray, `[rays][longest]`; arbitrary after a ray's last sample.
     pub(super) fn of<T: Tape<f32, Cpu>>(&self, values: Vector<T>) -> Result<Matrix<T>, EngineError> {
         Ok(values.try_gather(self.index.clone())?.try_reshape_like(&self.shape)?)
     }
@@ -145,7 +145,8 @@ impl Rows {
     }
 }
 
-/// Pixels: what samples show, `[rays][3]`, plus the background times the final `transmittance`, `[rays]`.
+/// Composites colours over the background. `shown`: Σ weight · colour of each ray, `[rays][3]`; `transmittance`: after its
+/// last sample, `[rays]`.
 pub(super) fn over(
     shown: Matrix<Taped>,
     transmittance: Vector<Taped>,

@@ -50,7 +50,7 @@ pub struct StepFacts {
     pub occupancy: bool,
 }
 
-/// Draws rays of some views with the code of training.
+/// Samples rays of some views by the code of training, for display.
 pub(super) struct Drawer<'a> {
     pub(super) config: &'a Config,
     pub(super) bounds: Bounds,

@@ -269,7 +269,7 @@ impl<'d> Trainer<'d> {
         self.poses_found
     }
 
-    /// Training photographs with pixels that are masked at present.
+    /// Training photographs of which something that moved is masked at present.
     pub fn moved(&self) -> Vec<Moved> {
         self.moving.as_ref().map_or_else(Vec::new, |moving| moving.found(&self.dataset.train))
     }

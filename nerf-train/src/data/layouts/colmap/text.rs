@@ -14,7 +14,7 @@ const MAX_LINE: u64 = 256 << 20;
 struct Lines {
     file: PathBuf,
     stream: BufReader<std::fs::File>,
-    /// Number of the last line, from 1.
+    /// Number of the line read most recently, from 1; 0 before the first.
     at: usize,
     /// Number of items that a comment states.
     announced: Option<u64>,

@@ -198,7 +198,7 @@ fn escaped(text: &str) -> String {
     safe
 }
 
-/// JSON that cannot end the script element that holds it: `<` occurs in strings only.
+/// Escapes `<`, which JSON has in strings only, so that the JSON cannot end the script element that holds it.
 fn in_script(json: &str) -> String {
     printable::json(json).replace('<', "\\u003c")
 }
