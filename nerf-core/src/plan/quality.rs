@@ -1,4 +1,4 @@
-//! The shortcuts of a frame, and those that a scene's Pareto front offers, with their loss and cost.
+//! Quality settings of a frame, and those on a scene's Pareto front, with their loss and cost.
 
 use crate::blob::{Blob, FrontPoint};
 use crate::math::MathBackend;

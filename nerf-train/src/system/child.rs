@@ -64,7 +64,7 @@ impl Helper {
         Ok(Self(process))
     }
 
-    /// Takes the child's pipes, those that there are; a second call finds none.
+    /// Takes the pipes that the child has; a second call finds none.
     pub fn pipes(&self) -> (Option<ChildStdin>, Option<ChildStdout>, Option<ChildStderr>) {
         let child = &mut lock(&self.0).child;
         (child.stdin.take(), child.stdout.take(), child.stderr.take())

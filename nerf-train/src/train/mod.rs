@@ -33,7 +33,7 @@ pub struct Progressed {
     /// Samples whose density was evaluated; without a grid, the same number as those trained on.
     pub evaluated: u64,
     pub samples: u64,
-    /// Smoothed number of live samples per ray; decides how many rays are drawn.
+    /// Smoothed number of samples in occupied cells per ray; decides how many rays are drawn.
     live_per_ray: f64,
     mse: f64,
     /// Number of consecutive steps without density.

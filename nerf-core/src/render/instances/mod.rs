@@ -18,7 +18,7 @@ pub struct Instance<'a> {
     /// The field's renderer.
     pub renderer: &'a Renderer<'a>,
     /// The field's plan; its range is in the field's own units. Outputs, effects and batch must be the same in all
-    /// instances. Cuts, maths and background are those of the last.
+    /// instances. Transmittance cut and background are those of the last; each field has its own colour cut.
     pub plan: &'a Plan<'a>,
     /// The field's placement in the world.
     pub placement: Placement,

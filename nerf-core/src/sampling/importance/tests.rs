@@ -20,7 +20,7 @@ fn row(weights: &[f32], drawn: usize) -> Vec<f32> {
     row
 }
 
-/// The drawn samples of a row: those that are no middles.
+/// Samples of a row that were drawn from the proposal: all but the middles of bins.
 fn drawn_of(row: &[f32], count: usize) -> Vec<f32> {
     let bins = bins(count);
     let mut middles: Vec<f32> = (0..count as u32).map(|i| bins.at(i, 0.5)).collect();

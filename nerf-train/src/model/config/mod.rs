@@ -234,7 +234,7 @@ pub struct OccupancyConfig {
     pub threshold: f32,
     /// Factor on a cell's stored density at each update.
     pub decay: f32,
-    /// Points in culled space per step, as a fraction of the live samples; their density is pushed to zero.
+    /// Points in culled space per step, as a fraction of the samples in occupied cells; their density is pushed to zero.
     pub empty_share: f32,
     /// Weight of these points' density in the loss.
     pub empty_weight: f32,

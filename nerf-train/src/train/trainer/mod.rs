@@ -655,7 +655,7 @@ fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
     }
 }
 
-/// Smoothed number of live samples per ray, after a step that had `live` on `rays`.
+/// Smoothed number of samples in occupied cells per ray, after a step that had `live` on `rays`.
 fn smoothed(before: f64, live: usize, rays: usize) -> f64 {
     let now = live as f64 / rays.max(1) as f64;
     if before == 0.0 { now } else { 0.9 * before + 0.1 * now }

@@ -174,7 +174,7 @@ impl Scene {
         (side * azimuth.cos() + ahead * azimuth.sin()) * elevation.cos() + self.up * elevation.sin()
     }
 
-    /// Range of `t` that the colours span, world units: that of all live samples, or near to far.
+    /// Range of `t` that the colours span, world units: that of all samples in occupied cells, or near to far.
     pub fn colour_range(&self) -> (f32, f32) {
         let live = self.rays.iter().flat_map(|ray| &ray.live);
         let (low, high) =
