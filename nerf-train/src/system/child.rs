@@ -3,10 +3,11 @@
 //! On unix each is the leader of a process group of its own: a terminal's Ctrl-C reaches this process alone, which
 //! decides what is saved first ([`crate::system::stop`]), and what a wrapper script has started ends with the script.
 
+use crate::system::lock;
 use std::io::{self, Read, Write};
 use std::process::{Child, ChildStderr, ChildStdin, ChildStdout, Command, ExitStatus};
 use std::sync::mpsc::{self, RecvTimeoutError};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 /// Interval at which a child that is waited for is polled.
@@ -17,10 +18,6 @@ const KILLED: Duration = Duration::from_secs(1);
 const PIECE_BYTES: usize = 1 << 16;
 
 static RUNNING: Mutex<Vec<Arc<Mutex<Process>>>> = Mutex::new(Vec::new());
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
 
 #[derive(Debug)]
 struct Process {

@@ -16,11 +16,12 @@
 //! Child processes inherit that these signals are blocked, and do not see a terminal's Ctrl-C (`crate::system::child`): they
 //! live until this process, or its thread here, ends them.
 
+use crate::system::lock;
 use crate::system::output::{remove_temporaries, write_atomic};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicI32, Ordering};
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError, mpsc};
+use std::sync::{Condvar, Mutex, PoisonError, mpsc};
 use std::time::Duration;
 
 /// Time that the owner of a claim has after dropping it, to report what it saved and to end the process itself.
@@ -66,11 +67,6 @@ pub fn requested() -> bool {
 pub fn status() -> ExitCode {
     // Signals end at 64.
     u8::try_from(128 + SIGNAL.load(Ordering::Relaxed)).map_or(ExitCode::FAILURE, ExitCode::from)
-}
-
-/// The mutexes here hold values that are only ever replaced: a panic elsewhere leaves them whole.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn set(new: State) {

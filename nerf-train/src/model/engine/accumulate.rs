@@ -1,12 +1,10 @@
 //! Sums of weight gradients: over the blocks of a chunk, over chunks, over accumulators.
 
-use super::graph::{Node, block_of, blocks};
+use super::graph::{Node, VECTOR, block_of, blocks, padded};
 use nerf_core::matrix::{Gemm, Init, gemm};
 use nerf_core::simd::{BLOCK, Isa};
 use rayon::prelude::*;
 
-/// Rows are padded to a multiple of this many columns.
-const VECTOR: usize = 16;
 /// Most outputs for which dot products cost less than a transposition.
 const FEW_OUTPUTS: usize = 4;
 const ROWS: usize = 32;
@@ -22,10 +20,6 @@ pub(super) struct LayerSum {
     extra: Vec<f32>,
     /// `[outputs]`.
     bias: Vec<f32>,
-}
-
-fn padded(columns: usize) -> usize {
-    columns.next_multiple_of(VECTOR)
 }
 
 impl LayerSum {

@@ -12,8 +12,13 @@ pub(super) const POSITION: usize = 0;
 pub(super) const DIRECTION: usize = 1;
 pub(super) const FIRST: usize = 2;
 
-/// Length of a vector; lanes are computed in multiples of it.
-const VECTOR: usize = 16;
+/// Lanes are computed, and rows of matrices padded, in multiples of this length: it fills the vectors of [`Isa::run`] with
+/// every instruction set.
+pub(super) const VECTOR: usize = 16;
+
+pub(super) fn padded(length: usize) -> usize {
+    length.next_multiple_of(VECTOR)
+}
 
 pub(super) struct Node {
     pub(super) dense: Dense,
@@ -72,7 +77,7 @@ impl Graph {
 
 /// Blocks of `samples` samples, each with the number of lanes to compute.
 pub(super) fn blocks(samples: usize) -> impl Iterator<Item = (usize, usize)> {
-    let lanes = move |block: usize| (samples - block * BLOCK).min(BLOCK).next_multiple_of(VECTOR);
+    let lanes = move |block: usize| padded((samples - block * BLOCK).min(BLOCK));
     (0..samples.div_ceil(BLOCK)).map(move |block| (block, lanes(block)))
 }
 

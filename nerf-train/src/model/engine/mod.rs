@@ -268,6 +268,14 @@ pub struct OptimiserState {
     pub waiting: Vec<f32>,
 }
 
+impl OptimiserState {
+    /// State before the first step.
+    fn at(parameters: Vec<f32>) -> Self {
+        let zeros = vec![0.0; parameters.len()];
+        Self { parameters, moment1: zeros.clone(), moment2: zeros, ..Self::default() }
+    }
+}
+
 /// Loss of a batch before its step.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct StepLoss {

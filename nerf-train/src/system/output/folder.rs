@@ -1,6 +1,7 @@
 //! Folders that exist whole or not at all.
 
-use super::{Attempt, Listed, OutputError, ensure_folder, folder_of, hidden, sync_folder, temporaries};
+use super::{Attempt, Listed, OutputError, TEMPORARIES, ensure_folder, folder_of, hidden, sync_folder};
+use crate::system::lock;
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 use tempfile::TempDir;
@@ -26,7 +27,7 @@ impl AtomicFolder {
         let fail = |source| OutputError::new(Attempt::CreateFolder, path, source);
         check_free(path).map_err(fail)?;
         ensure_folder(folder_of(path))?;
-        let mut listed = temporaries();
+        let mut listed = lock(&TEMPORARIES);
         let temporary = hidden(0o777).tempdir_in(folder_of(path)).map_err(fail)?;
         let place = temporary.path().to_owned();
         listed.insert(place.clone());

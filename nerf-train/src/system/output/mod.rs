@@ -10,12 +10,14 @@ mod folder;
 pub mod mark;
 
 pub use folder::AtomicFolder;
+
+use crate::system::lock;
 use std::collections::BTreeSet;
 use std::fmt;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::Mutex;
 use tempfile::NamedTempFile;
 
 /// Size of write buffers, bytes: large, as pictures and blobs are written in small parts.
@@ -261,24 +263,19 @@ fn folder_of(path: &Path) -> &Path {
 
 static TEMPORARIES: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
-fn temporaries() -> MutexGuard<'static, BTreeSet<PathBuf>> {
-    // A panic elsewhere leaves the list whole.
-    TEMPORARIES.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 /// Entry of a temporary in the list; removed when dropped, after the file was renamed or removed.
 #[derive(Debug)]
 struct Listed(PathBuf);
 
 impl Drop for Listed {
     fn drop(&mut self) {
-        temporaries().remove(&self.0);
+        lock(&TEMPORARIES).remove(&self.0);
     }
 }
 
 /// Removes all temporaries, and lets no further one appear. To be called when the process ends.
 pub fn remove_temporaries() {
-    let listed = temporaries();
+    let listed = lock(&TEMPORARIES);
     for path in &*listed {
         // Fails for a folder, and for a file that was renamed to its final name.
         if fs::remove_file(path).is_err() {
@@ -312,7 +309,7 @@ fn hidden(#[cfg_attr(not(unix), expect(unused))] mode: u32) -> tempfile::Builder
 
 fn new_temporary(folder: &Path) -> io::Result<(NamedTempFile, Listed)> {
     // tempfile appends the path of its temporary; the name that the caller gave is what counts.
-    let mut listed = temporaries();
+    let mut listed = lock(&TEMPORARIES);
     let temporary = hidden(0o666).tempfile_in(folder).map_err(|error| {
         let message = error.to_string();
         let reason = message.split(" at path ").next().unwrap_or(&message);

@@ -9,7 +9,7 @@
 
 use crate::model::engine::{Adam, Model, Part};
 use nerf_core::encoding::GridLevel;
-use nerf_core::simd::{Isa, Lanes, Op};
+use nerf_core::simd::{Lanes, Op};
 
 /// Smallest second moment that a step divides by, the square of the usual epsilon, so that no step overflows.
 const SMALLEST: f32 = 1e-30;
@@ -37,18 +37,6 @@ impl AdamStep {
             correction2: (1.0 / correction(beta2)) as f32,
         }
     }
-
-    /// Updates the values that have a gradient. The others and their moments do not change.
-    pub fn apply(
-        &self,
-        isa: Isa,
-        values: &mut [f32],
-        moment1: &mut [f32],
-        moment2: &mut [f32],
-        gradient: &[f32],
-    ) {
-        isa.run(Apply { step: *self, values, moment1, moment2, gradient });
-    }
 }
 
 /// Decays the colour branch's weights for a step at learning rate `rate`; `parameters`: in the model's order.
@@ -61,12 +49,13 @@ pub(super) fn decay_weights(adam: &Adam, rate: f64, model: &Model, parameters: &
     }
 }
 
-struct Apply<'a> {
-    step: AdamStep,
-    values: &'a mut [f32],
-    moment1: &'a mut [f32],
-    moment2: &'a mut [f32],
-    gradient: &'a [f32],
+/// Updates the values that have a gradient. The others and their moments do not change.
+pub(super) struct Apply<'a> {
+    pub step: AdamStep,
+    pub values: &'a mut [f32],
+    pub moment1: &'a mut [f32],
+    pub moment2: &'a mut [f32],
+    pub gradient: &'a [f32],
 }
 
 impl Op for Apply<'_> {
@@ -75,30 +64,33 @@ impl Op for Apply<'_> {
     #[inline(always)]
     fn run<V: Lanes>(self) {
         let Self { step, values, moment1, moment2, gradient } = self;
-        let (values, last) = values.as_chunks_mut::<16>();
-        let (moment1, last1) = moment1.as_chunks_mut::<16>();
-        let (moment2, last2) = moment2.as_chunks_mut::<16>();
-        let (gradient, last_gradient) = gradient.as_chunks::<16>();
-        for (((value, m), v), g) in values.iter_mut().zip(moment1).zip(moment2).zip(gradient) {
-            move_16(step, value, m, v, g);
-        }
-        for (((value, m), v), g) in last.iter_mut().zip(last1).zip(last2).zip(last_gradient) {
-            moved(step, value, m, v, *g);
-        }
+        move_values(step, gradient, values, moment1, moment2);
     }
 }
 
-/// Updates sixteen adjacent values.
+/// Updates the values that have a gradient, sixteen at a time; `m`, `v`: their moments.
 #[inline(always)]
-pub(super) fn move_16(
+pub(super) fn move_values(
     step: AdamStep,
-    value: &mut [f32; 16],
-    m: &mut [f32; 16],
-    v: &mut [f32; 16],
-    g: &[f32; 16],
+    gradient: &[f32],
+    values: &mut [f32],
+    m: &mut [f32],
+    v: &mut [f32],
 ) {
-    for i in 0..16 {
-        moved(step, &mut value[i], &mut m[i], &mut v[i], g[i]);
+    let (gradient, last_gradient) = gradient.as_chunks::<16>();
+    let (values, last) = values.as_chunks_mut::<16>();
+    let (m, last_m) = m.as_chunks_mut::<16>();
+    let (v, last_v) = v.as_chunks_mut::<16>();
+    for (((value, m), v), g) in values.iter_mut().zip(m).zip(v).zip(gradient) {
+        // Without a gradient, three lines of memory are neither read nor written.
+        if g.iter().fold(0, |any, g| any | g.to_bits() << 1) != 0 {
+            for i in 0..16 {
+                moved(step, &mut value[i], &mut m[i], &mut v[i], g[i]);
+            }
+        }
+    }
+    for (((value, m), v), g) in last.iter_mut().zip(last_m).zip(last_v).zip(last_gradient) {
+        moved(step, value, m, v, *g);
     }
 }
 
@@ -117,7 +109,7 @@ fn reciprocal_root(x: f32) -> f32 {
 
 /// Updates one value without a branch, so that the loop around it vectorises.
 #[inline(always)]
-pub(super) fn moved(step: AdamStep, value: &mut f32, m: &mut f32, v: &mut f32, g: f32) {
+fn moved(step: AdamStep, value: &mut f32, m: &mut f32, v: &mut f32, g: f32) {
     let new_m = step.beta1 * *m + (1.0 - step.beta1) * g;
     let new_v = step.beta2 * *v + (1.0 - step.beta2) * (g * g);
     let new = *value - step.rate * new_m * reciprocal_root((new_v * step.correction2).max(SMALLEST));

@@ -1,8 +1,8 @@
 //! Encoded viewing directions, one row each.
 
-use super::layers::padded;
 use super::pass::{Job, grow};
 use super::vector::to_rows;
+use crate::model::engine::graph::padded;
 use glam::Vec3;
 use nerf_core::encoding::{DirectionEncoding, encode_block, encode_harmonics_block};
 use nerf_core::math::MathBackend;
@@ -73,7 +73,7 @@ pub(super) fn harmonics_gradient([x, y, z]: [f32; 3], of_encoded: &[f32]) -> Vec
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::engine::grid::vector::VECTOR;
+    use crate::model::engine::graph::VECTOR;
     use nerf_core::simd::Isa;
 
     #[test]

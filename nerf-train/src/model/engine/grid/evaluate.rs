@@ -1,8 +1,9 @@
 //! Densities of a chunk's samples, wave by wave: encoding, trunk and density head.
 
-use super::layers::{Layer, padded};
+use super::layers::Layer;
 use super::pass::{Job, T_MIN, grow};
-use super::vector::{VECTOR, exponentials, to_rows};
+use super::vector::{Exponentials, to_rows};
+use crate::model::engine::graph::{VECTOR, padded};
 use crate::model::engine::{Batch, Phase, Phases};
 use nerf_core::encoding::encode_grid_block;
 use nerf_core::matrix::Init;
@@ -193,8 +194,8 @@ impl Evaluated {
         }
         self.raw[count..stride].fill(0.0);
         grow(&mut self.sigma, rows.start + stride);
-        let sigma = &mut self.sigma[rows.start..rows.start + stride];
-        exponentials(job.isa, &self.raw[..stride], job.layers.bias, EXPONENTIAL_LIMIT, sigma);
+        let (x, out) = (&self.raw[..stride], &mut self.sigma[rows.start..rows.start + stride]);
+        job.isa.run(Exponentials { x, bias: job.layers.bias, limit: EXPONENTIAL_LIMIT, out });
         phases.lap(Phase::Forward, now);
     }
 }

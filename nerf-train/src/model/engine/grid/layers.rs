@@ -3,17 +3,10 @@
 //! The layers have no biases except the density's, which is not trained: spherical harmonics have a constant, and a
 //! hidden layer on learned features needs none (as in tiny-cuda-nn).
 
+use crate::model::engine::graph::padded;
 use crate::model::engine::{Dense, Model, Part};
 use nerf_core::matrix::{Gemm, Init, gemm};
 use nerf_core::simd::Isa;
-
-/// Rows are padded to a multiple of this many columns.
-pub(super) const VECTOR: usize = 16;
-
-/// Number of columns with padding.
-pub(super) fn padded(columns: usize) -> usize {
-    columns.next_multiple_of(VECTOR)
-}
 
 /// Weights of a layer for its main or extra inputs, laid out for products with rows of samples.
 #[derive(Clone, Debug, Default)]

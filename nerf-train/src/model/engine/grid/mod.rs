@@ -36,13 +36,13 @@ mod tests;
 
 pub use reference::GridReferenceEngine;
 
-use super::optimiser::check_values;
+use super::optimiser::{check_values, usable};
 use super::{
-    Adam, Batch, Engine, EngineError, GRADIENT_LIMIT, Model, OptimiserState, Phases, RayGradient, StepLoss,
-    check_rate,
+    Adam, Batch, Engine, EngineError, Model, OptimiserState, Phases, RayGradient, StepLoss, check_rate,
 };
 use crate::model::quantise::{Rounding, scales};
-use adam::{AdamStep, decay_weights, moves, waiting_entries};
+use crate::system::lock;
+use adam::{AdamStep, Apply, decay_weights, moves, waiting_entries};
 use layers::{LayerSums, Layers};
 use nerf_core::encoding::{GridEncoding, GridLevel, GridTables, TableValues};
 use nerf_core::network::{DensityActivation, Shading};
@@ -50,9 +50,9 @@ use nerf_core::simd::Isa;
 use nerf_core::space::SceneBox;
 use pass::{Job, Pass, Scratch, Totals};
 use rayon::prelude::*;
-use scatter::{Kept, LevelScratch, LevelState, LevelSum, write_halves};
+use scatter::{Halve, Kept, LevelScratch, LevelState, LevelSum};
 use std::borrow::Cow;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard};
 
 /// Number of accumulators, which is the most threads that a step can use before the tables.
 const ACCUMULATORS: usize = 16;
@@ -73,18 +73,13 @@ pub struct GridEngine {
     bounds: SceneBox,
     isa: Isa,
     adam: Adam,
-    steps: u64,
-    /// In the model's own order: layers, then tables.
-    parameters: Vec<f32>,
-    moment1: Vec<f32>,
-    moment2: Vec<f32>,
+    /// Parameters, moments, step count and step sizes; what is accumulated for hashed levels is in `sums`.
+    state: OptimiserState,
     layers: Layers,
     passes: Vec<Pass>,
     scratch: Vec<Mutex<Scratch>>,
     /// Tables in f16, as the renderer reads them: half the memory traffic, and no rounding at export.
     halves: Vec<u8>,
-    /// Step size of each level once the tables are rounded; empty before.
-    scales: Vec<f32>,
     level_scratch: Vec<Mutex<LevelScratch>>,
     /// Gradients of the hashed levels, if they are accumulated over steps.
     sums: Vec<Option<LevelSum>>,
@@ -107,18 +102,14 @@ impl GridEngine {
             bounds,
             isa: Isa::detect(),
             adam,
-            steps: 0,
-            moment1: vec![0.0; parameters.len()],
-            moment2: vec![0.0; parameters.len()],
             passes: (0..ACCUMULATORS).map(|_| Pass::new(&layers)).collect(),
             scratch: Vec::new(),
             halves: vec![0; 2 * (parameters.len() - layers.parameters())],
-            scales: Vec::new(),
             level_scratch: Vec::new(),
             sums: grid.levels().map(sum_of).collect(),
             gradient: vec![0.0; layers.parameters()],
+            state: OptimiserState::at(parameters),
             grid,
-            parameters,
             layers,
         };
         engine.copy_tables();
@@ -127,12 +118,12 @@ impl GridEngine {
 
     fn copy_tables(&mut self) {
         let features = usize::from(self.grid.features);
-        let (mut values, mut halves) = (&self.parameters[self.layers.parameters()..], &mut self.halves[..]);
+        let OptimiserState { parameters, scales, .. } = &self.state;
+        let tables = &parameters[self.layers.parameters()..];
         for (i, level) in self.grid.levels().enumerate() {
-            let length = level.entries * features;
-            let (level_halves, rest) = std::mem::take(&mut halves).split_at_mut(2 * length);
-            write_halves(self.isa, &values[..length], self.scales.get(i).copied(), level_halves);
-            (values, halves) = (&values[length..], rest);
+            let (first, length) = (level.first * features, level.entries * features);
+            let (values, scale) = (&tables[first..][..length], scales.get(i).copied());
+            self.isa.run(Halve { values, scale, halves: &mut self.halves[2 * first..][..2 * length] });
         }
     }
 
@@ -143,7 +134,7 @@ impl GridEngine {
 
     /// Loss of a checked batch; its gradients are written to `gradient` and to the passes.
     fn differentiate(&mut self, batch: &Batch) -> Result<StepLoss, EngineError> {
-        self.layers.load(&self.parameters[..self.layers.parameters()]);
+        self.layers.load(&self.state.parameters[..self.layers.parameters()]);
         let tables = GridTables::new(TableValues::F16(&self.halves), Some(&self.bounds));
         let job = Job { isa: self.isa, model: &self.model, grid: &self.grid, tables, layers: &self.layers };
         let chunk_rays = match &self.layers.density {
@@ -156,14 +147,11 @@ impl GridEngine {
             firsts.push(first);
             first += chunk.iter().map(|ray| ray.samples as usize).sum::<usize>();
         }
-        let threads = rayon::current_num_threads().max(1);
         let layers = &self.layers;
-        self.scratch.resize_with(threads, || Mutex::new(Scratch::new(layers)));
+        self.scratch.resize_with(rayon::current_num_threads(), || Mutex::new(Scratch::new(layers)));
         let scratch = &self.scratch;
         self.passes.par_iter_mut().with_max_len(1).enumerate().for_each(|(i, pass)| {
-            // Each thread has its own, so that no thread blocks on the lock.
-            let own = rayon::current_thread_index().unwrap_or(0) % threads;
-            let mut scratch = scratch[own].lock().unwrap_or_else(PoisonError::into_inner);
+            let mut scratch = own(scratch);
             pass.clear();
             for (chunk, &first) in firsts.iter().enumerate().skip(i).step_by(ACCUMULATORS) {
                 let rays = chunk * chunk_rays..batch.rays.len().min((chunk + 1) * chunk_rays);
@@ -171,15 +159,12 @@ impl GridEngine {
             }
         });
         let totals = self.passes.iter().fold(Totals::default(), |sum, pass| sum + pass.totals);
-        let diverged = EngineError::Diverged { step: self.steps + 1 };
+        let diverged = EngineError::Diverged { step: self.state.steps + 1 };
         if !totals.squared.is_finite() {
             return Err(diverged);
         }
         LayerSums::reduce(&self.layers, self.passes.iter().map(|pass| &pass.sums), &mut self.gradient);
-        if !self.gradient.iter().fold(true, |ok, g| ok & (g.abs() < GRADIENT_LIMIT)) {
-            return Err(diverged);
-        }
-        if !Kept::usable(self.passes.iter().map(|pass| &pass.kept)) {
+        if !(usable(&self.gradient) && Kept::usable(self.passes.iter().map(|pass| &pass.kept))) {
             return Err(diverged);
         }
         let rays = batch.rays.len();
@@ -191,6 +176,11 @@ impl GridEngine {
             kept: totals.kept,
         })
     }
+}
+
+/// The thread's own entry, so that no thread blocks on the lock.
+fn own<T>(scratch: &[Mutex<T>]) -> MutexGuard<'_, T> {
+    lock(&scratch[rayon::current_thread_index().unwrap_or(0) % scratch.len()])
 }
 
 /// Sums over rays of gradients by log gain, photograph by photograph.
@@ -218,52 +208,44 @@ impl Engine for GridEngine {
         check_rate(rate)?;
         batch.check()?;
         let loss = self.differentiate(batch)?;
-        self.steps += 1;
-        let step = AdamStep::new(&self.adam, rate, self.steps);
-        let dense = self.layers.parameters();
-        let (values, tables) = self.parameters.split_at_mut(dense);
-        let (moment1, table_moment1) = self.moment1.split_at_mut(dense);
-        let (moment2, table_moment2) = self.moment2.split_at_mut(dense);
-        decay_weights(&self.adam, rate, &self.model, values);
-        step.apply(self.isa, values, moment1, moment2, &self.gradient);
+        let OptimiserState { parameters, moment1, moment2, steps, scales, .. } = &mut self.state;
+        *steps += 1;
+        decay_weights(&self.adam, rate, &self.model, parameters);
+        let (mut parameters, mut moment1, mut moment2) =
+            (&mut parameters[..], &mut moment1[..], &mut moment2[..]);
+        let (mut halves, dense) = (&mut self.halves[..], self.layers.parameters());
+        self.isa.run(Apply {
+            step: AdamStep::new(&self.adam, rate, *steps),
+            values: front(&mut parameters, dense),
+            moment1: front(&mut moment1, dense),
+            moment2: front(&mut moment2, dense),
+            gradient: &self.gradient,
+        });
         let features = usize::from(self.grid.features);
-        let mut rest = (tables, table_moment1, table_moment2, &mut self.halves[..]);
         let mut levels = Vec::new();
         for ((i, level), sum) in self.grid.levels().enumerate().zip(&mut self.sums) {
             let length = level.entries * features;
-            let (values, moment1, moment2, halves) = rest;
-            let ((values, v_rest), (moment1, m1_rest)) =
-                (values.split_at_mut(length), moment1.split_at_mut(length));
-            let ((moment2, m2_rest), (halves, h_rest)) =
-                (moment2.split_at_mut(length), halves.split_at_mut(2 * length));
-            let scale = self.scales.get(i).copied();
-            let adam =
-                moves(&self.adam, &level, self.steps).map(|moves| AdamStep::new(&self.adam, rate, moves));
+            let moves = moves(&self.adam, &level, *steps);
             levels.push(LevelState {
                 level,
-                values,
-                moment1,
-                moment2,
-                halves,
-                scale,
+                values: front(&mut parameters, length),
+                moment1: front(&mut moment1, length),
+                moment2: front(&mut moment2, length),
+                halves: front(&mut halves, 2 * length),
+                scale: scales.get(i).copied(),
                 sum: sum.as_mut(),
-                adam,
+                adam: moves.map(|moves| AdamStep::new(&self.adam, rate, moves)),
             });
-            rest = (v_rest, m1_rest, m2_rest, h_rest);
         }
         let (isa, grid, passes) = (self.isa, &self.grid, &self.passes);
-        let threads = rayon::current_num_threads().max(1);
-        self.level_scratch.resize_with(threads, || Mutex::new(LevelScratch::new(grid)));
+        self.level_scratch.resize_with(rayon::current_num_threads(), || Mutex::new(LevelScratch::new(grid)));
         let scratch = &self.level_scratch;
         // Only its box is used.
         let tables = GridTables::new(TableValues::F16(&[]), Some(&self.bounds));
         // The largest levels, which are the last, come first.
         let update = || {
             levels.into_par_iter().rev().with_max_len(1).for_each(|mut level| {
-                // Each thread has its own, so that no thread blocks on the lock.
-                let own = rayon::current_thread_index().unwrap_or(0) % threads;
-                let mut scratch = scratch[own].lock().unwrap_or_else(PoisonError::into_inner);
-                scratch.step(isa, grid, &tables, passes.iter().map(|pass| &pass.kept), &mut level);
+                own(scratch).step(isa, grid, &tables, passes.iter().map(|pass| &pass.kept), &mut level);
             });
         };
         rayon::join(|| prefetch(&loss), update);
@@ -299,28 +281,25 @@ impl Engine for GridEngine {
     }
 
     fn round_tables(&mut self, rounding: Rounding) {
-        if self.scales.is_empty() {
-            self.scales = scales(&self.grid, &self.parameters[self.layers.parameters()..], rounding);
+        if self.state.scales.is_empty() {
+            let tables = &self.state.parameters[self.layers.parameters()..];
+            self.state.scales = scales(&self.grid, tables, rounding);
             self.copy_tables();
         }
     }
 
     fn table_scales(&self) -> &[f32] {
-        &self.scales
+        &self.state.scales
     }
 
     fn parameters(&self) -> Cow<'_, [f32]> {
-        Cow::Borrowed(&self.parameters)
+        Cow::Borrowed(&self.state.parameters)
     }
 
     fn phases(&self) -> Phases {
         let mut sum = Phases::default();
-        for scratch in &self.scratch {
-            sum += scratch.lock().unwrap_or_else(PoisonError::into_inner).phases;
-        }
-        for scratch in &self.level_scratch {
-            sum += scratch.lock().unwrap_or_else(PoisonError::into_inner).phases;
-        }
+        self.scratch.iter().for_each(|scratch| sum += lock(scratch).phases);
+        self.level_scratch.iter().for_each(|scratch| sum += lock(scratch).phases);
         sum
     }
 
@@ -329,23 +308,12 @@ impl Engine for GridEngine {
         let sums = self.grid.levels().zip(&self.sums);
         let waiting = sums
             .flat_map(|(level, sum)| sum.iter().flat_map(move |sum| sum.values(level.entries * features)));
-        OptimiserState {
-            parameters: self.parameters.clone(),
-            moment1: self.moment1.clone(),
-            moment2: self.moment2.clone(),
-            steps: self.steps,
-            scales: self.scales.clone(),
-            waiting: waiting.copied().collect(),
-        }
+        OptimiserState { waiting: waiting.copied().collect(), ..self.state.clone() }
     }
 
     fn restore(&mut self, state: &OptimiserState) -> Result<(), EngineError> {
-        check_state(state, self.parameters.len(), &self.grid, &self.adam)?;
-        self.parameters.copy_from_slice(&state.parameters);
-        self.moment1.copy_from_slice(&state.moment1);
-        self.moment2.copy_from_slice(&state.moment2);
-        self.steps = state.steps;
-        self.scales.clone_from(&state.scales);
+        check_state(state, self.state.parameters.len(), &self.grid, &self.adam)?;
+        self.state = OptimiserState { waiting: Vec::new(), ..state.clone() };
         let mut waiting = &state.waiting[..];
         let features = usize::from(self.grid.features);
         for (level, sum) in self.grid.levels().zip(&mut self.sums) {
@@ -357,6 +325,11 @@ impl Engine for GridEngine {
         self.copy_tables();
         Ok(())
     }
+}
+
+/// Cuts the first `length` values off.
+fn front<'a, T>(values: &mut &'a mut [T], length: usize) -> &'a mut [T] {
+    values.split_off_mut(..length).expect("values for all layers and levels")
 }
 
 /// Returns a model's grid, or an error if the engines cannot train the model.
@@ -371,6 +344,11 @@ fn check_plain(model: &Model) -> Result<GridEncoding, EngineError> {
     Ok(grid)
 }
 
+/// Number of values whose gradient is accumulated over steps.
+fn waiting_values(grid: &GridEncoding, adam: &Adam) -> usize {
+    grid.levels().map(|level| waiting_entries(adam, &level) * usize::from(grid.features)).sum()
+}
+
 /// Checks that a state is of a model with this number of parameters and this grid.
 fn check_state(
     state: &OptimiserState,
@@ -381,8 +359,7 @@ fn check_state(
     check_values("parameters", &state.parameters, parameters, |_| true)?;
     check_values("moment1", &state.moment1, parameters, |_| true)?;
     check_values("moment2", &state.moment2, parameters, |v| v >= 0.0)?;
-    let waiting = grid.levels().map(|level| waiting_entries(adam, &level) * usize::from(grid.features)).sum();
-    check_values("waiting", &state.waiting, waiting, |_| true)?;
+    check_values("waiting", &state.waiting, waiting_values(grid, adam), |_| true)?;
     let levels = if state.scales.is_empty() { 0 } else { grid.resolutions.len() };
     check_values("scales", &state.scales, levels, |scale| scale > 0.0)?;
     if state.steps > i32::MAX as u64 {

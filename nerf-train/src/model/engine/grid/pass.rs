@@ -1,12 +1,13 @@
 //! Work of one accumulator: forward and backward passes of chunks of rays.
 
 use super::evaluate::Evaluated;
-use super::layers::{LayerSums, Layers, padded};
+use super::layers::{LayerSums, Layers};
 use super::rays::{RaySamples, RayScratch, distortion_gradient};
 use super::samples::Samples;
 use super::scatter::Kept;
 use super::shade::{Shade, Shaded};
-use super::vector::{VECTOR, mask};
+use super::vector::Mask;
+use crate::model::engine::graph::{VECTOR, padded};
 use crate::model::engine::{Batch, Model, Phase, Phases, RayGradient, Surface};
 use nerf_core::encoding::{GridEncoding, GridTables};
 use nerf_core::matrix::Init;
@@ -70,6 +71,7 @@ pub(super) struct Pass {
 }
 
 /// Buffers of a thread for the current chunk, reused from step to step.
+#[derive(Default)]
 pub(super) struct Scratch {
     evaluated: Evaluated,
     samples: Samples,
@@ -118,15 +120,7 @@ impl Scratch {
             evaluated: Evaluated::new(layers.trunk.len()),
             samples: Samples::new(layers.trunk.len()),
             shade: Shade::new(layers),
-            by_shown: Vec::new(),
-            by_transmittance: Vec::new(),
-            by_weight: Vec::new(),
-            gaps: Vec::new(),
-            d_raw: Vec::new(),
-            upper: Vec::new(),
-            lower: Vec::new(),
-            of_rays: RayScratch::default(),
-            phases: Phases::default(),
+            ..Self::default()
         }
     }
 
@@ -202,13 +196,8 @@ impl Scratch {
             }
             self.by_shown.push(gradient);
             let of_background: f32 = by_seen.iter().zip(ray.background).map(|(g, c)| g * c).sum();
-            let of_surface = draw_to_surface(
-                batch,
-                index,
-                self.evaluated.rays[i].kept.0..self.evaluated.rays[i].kept.1,
-                (&self.evaluated, &self.samples),
-                &mut self.by_weight,
-            );
+            let read = (&self.evaluated, &self.samples);
+            let of_surface = draw_to_surface(batch, index, i, read, &mut self.by_weight);
             self.by_transmittance.push(of_background + of_surface);
         }
         squared
@@ -255,7 +244,7 @@ impl Scratch {
         }
         for (l, layer) in layers.trunk.iter().enumerate().rev() {
             let across = padded(layer.main.outputs);
-            mask(isa, &mut upper[..kept * across], &samples.hidden[l][..kept * across]);
+            isa.run(Mask { d: &mut upper[..kept * across], h: &samples.hidden[l][..kept * across] });
             let x = if l == 0 { &samples.encoded } else { &samples.hidden[l - 1] };
             let x_row = padded(layer.main.inputs);
             layer.main.add_gradient(isa, kept, x, x_row, upper, &mut pass.sums.main[l]);
@@ -274,17 +263,17 @@ impl Scratch {
 }
 
 /// Adds the gradient of a ray's known surface to `by_weight` of its samples; returns the gradient by the
-/// transmittance after the last. `index`: the ray's in the batch.
+/// transmittance after the last. `index`, `ray`: the ray's in the batch and in the chunk.
 fn draw_to_surface(
     batch: &Batch,
     index: usize,
-    kept: Range<usize>,
+    ray: usize,
     (evaluated, samples): (&Evaluated, &Samples),
     by_weight: &mut [f32],
 ) -> f32 {
     let Some(surface) = batch.surfaces.get(index) else { return 0.0 };
     let weight = surface.weight / batch.rays.len() as f32;
-    for i in kept {
+    for i in evaluated.rays[ray].kept.0..evaluated.rays[ray].kept.1 {
         let sample = evaluated.index_of[samples.row[i] as usize] as usize;
         let along = batch.along.get(sample).copied().unwrap_or(surface.at);
         by_weight[i] += weight * (along - surface.at).abs().min(Surface::CLIP);

@@ -1,7 +1,7 @@
 //! Gradients of the loss by the rays: from the encoded values to the positions of the samples.
 
-use super::layers::padded;
 use super::pass::Job;
+use crate::model::engine::graph::padded;
 use crate::model::engine::{Batch, RayGradient, RayQuestion};
 use glam::Vec3;
 

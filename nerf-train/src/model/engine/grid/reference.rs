@@ -9,7 +9,7 @@ mod terms;
 
 use super::adam::{decay_weights, moves, waiting_entries};
 use super::kept::KeptSamples;
-use super::{check_plain, check_state, gain_sums};
+use super::{check_plain, check_state, gain_sums, waiting_values};
 use crate::model::engine::chunk::{Chunk, cut};
 use crate::model::engine::optimiser::usable;
 use crate::model::engine::tape::{
@@ -72,16 +72,8 @@ impl GridReferenceEngine {
             return Err(EngineError::NoDensity);
         }
         let parameters = model.initial_parameters(seed);
-        let (moment1, moment2) = (vec![0.0; parameters.len()], vec![0.0; parameters.len()]);
-        let waiting =
-            grid.levels().map(|level| waiting_entries(&adam, &level) * usize::from(grid.features)).sum();
-        let state = OptimiserState {
-            parameters,
-            moment1,
-            moment2,
-            waiting: vec![0.0; waiting],
-            ..OptimiserState::default()
-        };
+        let waiting = vec![0.0; waiting_values(&grid, &adam)];
+        let state = OptimiserState { waiting, ..OptimiserState::at(parameters) };
         let (model, device) = (model.clone(), Cpu::default());
         Ok(Self { model, grid, bounds, adam, state, of_rays: OfRays::default(), device })
     }

@@ -1,10 +1,10 @@
 //! Samples of a chunk that are coloured and trained.
 
 use super::evaluate::Evaluated;
-use super::layers::padded;
 use super::pass::{GATE, Job, ROULETTE_WEIGHT, T_MIN, grow};
-use super::vector::{copy_row, transmitted};
+use super::vector::{Transmitted, copy_row};
 use crate::model::engine::Batch;
+use crate::model::engine::graph::padded;
 use nerf_core::sampling::{Purpose, uniform};
 
 /// The kept samples, ray after ray.
@@ -47,8 +47,8 @@ impl Samples {
         grow(&mut self.passed, stride);
         grow(&mut evaluated.sigma, stride);
         grow(&mut evaluated.deltas, stride);
-        let (sigma, deltas) = (&evaluated.sigma[..stride], &evaluated.deltas[..stride]);
-        transmitted(job.isa, sigma, deltas, &mut self.passed[..stride]);
+        let (a, b) = (&evaluated.sigma[..stride], &evaluated.deltas[..stride]);
+        job.isa.run(Transmitted { a, b, out: &mut self.passed[..stride] });
         self.clear();
         let gate = if batch.roulette.is_some() { ROULETTE_WEIGHT } else { GATE };
         for (ray, state) in evaluated.rays.iter_mut().enumerate() {

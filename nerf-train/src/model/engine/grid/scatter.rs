@@ -2,7 +2,7 @@
 //!
 //! One thread updates a level, in memory that stays in its cache: the gradients of successive levels share a buffer.
 
-use super::adam::{AdamStep, move_16, moved};
+use super::adam::{AdamStep, move_values};
 use crate::model::engine::{GRADIENT_LIMIT, Phase, Phases};
 use crate::model::quantise::STEPS;
 use nerf_core::encoding::{GridCorners, GridEncoding, GridLevel, GridTables, grid_corners_block};
@@ -269,7 +269,7 @@ impl Op for Update<'_, '_, '_> {
             if from < to {
                 let values = &mut state.values[from..to];
                 let (m, v) = (&mut state.moment1[from..to], &mut state.moment2[from..to]);
-                update_part(adam, &gradient[..to - from], values, m, v);
+                move_values(adam, &gradient[..to - from], values, m, v);
                 halve::<V>(values, state.scale, &mut state.halves[2 * from..2 * to]);
             }
             gradient.fill(0.0);
@@ -277,32 +277,11 @@ impl Op for Update<'_, '_, '_> {
     }
 }
 
-#[inline(always)]
-fn update_part(adam: AdamStep, gradient: &[f32], values: &mut [f32], m: &mut [f32], v: &mut [f32]) {
-    let (gradient, last_gradient) = gradient.as_chunks::<16>();
-    let (values, last) = values.as_chunks_mut::<16>();
-    let (m, last_m) = m.as_chunks_mut::<16>();
-    let (v, last_v) = v.as_chunks_mut::<16>();
-    for (((value, m), v), g) in values.iter_mut().zip(m).zip(v).zip(gradient) {
-        // Without a gradient, three lines of memory are neither read nor written.
-        if g.iter().fold(0, |any, g| any | g.to_bits() << 1) != 0 {
-            move_16(adam, value, m, v, g);
-        }
-    }
-    for (((value, m), v), g) in last.iter_mut().zip(last_m).zip(last_v).zip(last_gradient) {
-        moved(adam, value, m, v, *g);
-    }
-}
-
 /// Writes little-endian f16; values are first rounded to whole steps of `scale`, if there is one.
-pub(super) fn write_halves(isa: Isa, values: &[f32], scale: Option<f32>, halves: &mut [u8]) {
-    isa.run(Halve { values, scale, halves });
-}
-
-struct Halve<'a> {
-    values: &'a [f32],
-    scale: Option<f32>,
-    halves: &'a mut [u8],
+pub(super) struct Halve<'a> {
+    pub values: &'a [f32],
+    pub scale: Option<f32>,
+    pub halves: &'a mut [u8],
 }
 
 impl Op for Halve<'_> {

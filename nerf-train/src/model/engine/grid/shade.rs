@@ -9,10 +9,11 @@
 
 use super::directions::{Directions, harmonics_gradient};
 use super::evaluate::RayState;
-use super::layers::{LayerSums, Layers, padded};
+use super::layers::{LayerSums, Layers};
 use super::pass::{Job, grow};
 use super::samples::Samples;
-use super::vector::{VECTOR, mask, sigmoids};
+use super::vector::{Mask, Sigmoids};
+use crate::model::engine::graph::{VECTOR, padded};
 use crate::model::engine::{Batch, BatchRay};
 use glam::Vec3;
 use nerf_core::encoding::DirectionEncoding;
@@ -36,6 +37,7 @@ impl<'a> Shaded<'a> {
 }
 
 /// Colour branch, forward and backward, with a thread's buffers: one row for each ray with kept samples.
+#[derive(Default)]
 pub(super) struct Shade {
     /// Row of each ray of the chunk; undefined for a ray without kept samples.
     row_of: Vec<usize>,
@@ -62,16 +64,7 @@ struct Row {
 
 impl Shade {
     pub fn new(layers: &Layers) -> Self {
-        Self {
-            row_of: Vec::new(),
-            rows: Vec::new(),
-            mean: Vec::new(),
-            coloured: vec![Vec::new(); layers.colour.len()],
-            directions: Directions::default(),
-            by_encoded_dir: Vec::new(),
-            upper: Vec::new(),
-            lower: Vec::new(),
-        }
+        Self { coloured: vec![Vec::new(); layers.colour.len()], ..Self::default() }
     }
 
     /// Backward pass of the branch; leaves dL/dP in `upper`.
@@ -94,7 +87,7 @@ impl Shade {
             layer.main.backward(isa, count, &self.upper, &mut self.lower, Init::Zero);
             std::mem::swap(&mut self.upper, &mut self.lower);
             if l > 0 {
-                mask(isa, &mut self.upper[..count * x_row], &x[..count * x_row]);
+                isa.run(Mask { d: &mut self.upper[..count * x_row], h: &x[..count * x_row] });
             }
         }
     }
@@ -130,7 +123,7 @@ impl Shade {
             layer.main.forward(job.isa, count, x, padded(layer.main.inputs), y, init, relu);
         }
         let rgb = self.coloured.last_mut().expect("a colour layer");
-        sigmoids(job.isa, &mut rgb[..count * VECTOR]);
+        job.isa.run(Sigmoids { x: &mut rgb[..count * VECTOR] });
     }
 
     /// Colour that the kept samples of the chunk's ray of this index show.

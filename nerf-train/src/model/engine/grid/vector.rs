@@ -1,21 +1,15 @@
 //! Loops over slices, compiled for the instruction set.
 
+use crate::model::engine::graph::VECTOR;
 use nerf_core::math::polynomial::exp;
-use nerf_core::simd::{Isa, Lanes, Op};
-
-/// Slices of a multiple of this length fill the vectors of [`Isa::run`] with every instruction set.
-pub(super) const VECTOR: usize = 16;
+use nerf_core::simd::{Lanes, Op};
 
 /// `out[i] = exp(min(x[i] + bias, limit))`, NaN stays NaN; `[n]`, n a multiple of [`VECTOR`].
-pub(super) fn exponentials(isa: Isa, x: &[f32], bias: f32, limit: f32, out: &mut [f32]) {
-    isa.run(Exponentials { x, bias, limit, out });
-}
-
-struct Exponentials<'a> {
-    x: &'a [f32],
-    bias: f32,
-    limit: f32,
-    out: &'a mut [f32],
+pub(super) struct Exponentials<'a> {
+    pub x: &'a [f32],
+    pub bias: f32,
+    pub limit: f32,
+    pub out: &'a mut [f32],
 }
 
 impl Op for Exponentials<'_> {
@@ -33,14 +27,10 @@ impl Op for Exponentials<'_> {
 }
 
 /// `out[i] = exp(−a[i] · b[i])`.
-pub(super) fn transmitted(isa: Isa, a: &[f32], b: &[f32], out: &mut [f32]) {
-    isa.run(Transmitted { a, b, out });
-}
-
-struct Transmitted<'a> {
-    a: &'a [f32],
-    b: &'a [f32],
-    out: &'a mut [f32],
+pub(super) struct Transmitted<'a> {
+    pub a: &'a [f32],
+    pub b: &'a [f32],
+    pub out: &'a mut [f32],
 }
 
 impl Op for Transmitted<'_> {
@@ -57,12 +47,8 @@ impl Op for Transmitted<'_> {
 }
 
 /// `x[i] = 1 / (1 + exp(−x[i]))`.
-pub(super) fn sigmoids(isa: Isa, x: &mut [f32]) {
-    isa.run(Sigmoids { x });
-}
-
-struct Sigmoids<'a> {
-    x: &'a mut [f32],
+pub(super) struct Sigmoids<'a> {
+    pub x: &'a mut [f32],
 }
 
 impl Op for Sigmoids<'_> {
@@ -80,13 +66,9 @@ impl Op for Sigmoids<'_> {
 }
 
 /// Backward pass of a ReLU: sets `d[i] = 0` if `h[i]` is not above 0.
-pub(super) fn mask(isa: Isa, d: &mut [f32], h: &[f32]) {
-    isa.run(Mask { d, h });
-}
-
-struct Mask<'a> {
-    d: &'a mut [f32],
-    h: &'a [f32],
+pub(super) struct Mask<'a> {
+    pub d: &'a mut [f32],
+    pub h: &'a [f32],
 }
 
 impl Op for Mask<'_> {

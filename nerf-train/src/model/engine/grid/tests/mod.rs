@@ -853,7 +853,7 @@ fn rounded_tables_are_those_of_a_blob() {
             engine.step(&batch_of(60, seed), 1e-2).unwrap();
             engine.round_tables(TableStorage::Int8.into());
             assert_eq!(engine.table_scales(), scales, "{name}: scales stay");
-            let values = &engine.parameters[engine.layers.parameters()..];
+            let values = &engine.state.parameters[engine.layers.parameters()..];
             let stored = Quantised::new(&engine.grid, values, TableStorage::Int8, &scales).unwrap();
             let of_blob = values_of(&engine.grid, stored.stored());
             let read = engine.halves.as_chunks().0.iter().map(|&bytes| f16::from_le_bytes(bytes));
