@@ -84,11 +84,8 @@ pub fn export(contents: &Contents<'_>) -> Result<Exported, ExportError> {
 pub fn export_with(contents: &Contents<'_>, coarse: Option<&Coarse<'_>>) -> Result<Exported, ExportError> {
     let layers = contents.architecture.layers();
     let mut rounded = Rounded::default();
-    rounded.round(&layers, contents.parameters).map_err(|(role, index, found)| ExportError::Weight {
-        role,
-        index,
-        found,
-    })?;
+    let beyond = |(role, index, found)| ExportError::Weight { role, index, found };
+    rounded.round(&layers, contents.parameters).map_err(beyond)?;
     let mut coarse_rounded = Rounded::default();
     if let Some(Coarse { architecture, parameters, .. }) = coarse {
         let layers = architecture.layers();
@@ -147,24 +144,17 @@ impl Rounded {
     fn round(&mut self, layers: &[Layer], parameters: &[f32]) -> Result<(), (Role, usize, f32)> {
         self.weights.reserve(2 * parameters.len());
         for layer in layers {
-            let end = layer.bias + layer.outputs;
-            self.push(&parameters[layer.weights..end])
-                .map_err(|(index, found)| (layer.role, index, found))?;
-        }
-        Ok(())
-    }
-
-    /// Appends values; fails at the first that does not fit.
-    fn push(&mut self, values: &[f32]) -> Result<(), (usize, f32)> {
-        for (index, &found) in values.iter().enumerate() {
-            // A value just beyond would round to the largest one; NaN compares false.
-            let fits = found.abs() <= f16::MAX.to_f32();
-            if !fits {
-                return Err((index, found));
+            let values = &parameters[layer.weights..layer.bias + layer.outputs];
+            for (index, &found) in values.iter().enumerate() {
+                // A value just beyond would round to the largest one; NaN compares false.
+                let fits = found.abs() <= f16::MAX.to_f32();
+                if !fits {
+                    return Err((layer.role, index, found));
+                }
+                let rounded = f16::from_f32(found);
+                self.subnormal += usize::from(rounded.classify() == std::num::FpCategory::Subnormal);
+                self.weights.extend(rounded.to_le_bytes());
             }
-            let rounded = f16::from_f32(found);
-            self.subnormal += usize::from(rounded.classify() == std::num::FpCategory::Subnormal);
-            self.weights.extend(rounded.to_le_bytes());
         }
         Ok(())
     }

@@ -3,7 +3,7 @@
 use crate::model::config::{
     ConfigError, OptimiserConfig, TableConfig, at_most, check_table, check_table_values, rule, within,
 };
-use crate::model::engine::{Adam, Model};
+use crate::model::engine::Model;
 use crate::model::quantise::TableStorage;
 use nerf_core::encoding::{
     AngleScale, MAX_GRID_RESOLUTION, MAX_LEVELS, PositionEncoding, SinusoidalEncoding,
@@ -65,18 +65,19 @@ impl FieldPreset {
     }
 
     fn optimiser(self) -> OptimiserConfig {
+        let of_grid = OptimiserConfig {
+            steps: 8_000,
+            rate: 1.5e-2,
+            final_share: 0.1,
+            warm_up: 0,
+            beta2: 0.99,
+            epsilon: 1e-15,
+            weight_decay: 0.0,
+            average: 0.0,
+            hashed_every: 1,
+        };
         match self {
-            Self::Grid => OptimiserConfig {
-                steps: 8_000,
-                rate: 1.5e-2,
-                final_share: 0.1,
-                warm_up: 0,
-                beta2: 0.99,
-                epsilon: 1e-15,
-                weight_decay: 0.0,
-                average: 0.0,
-                hashed_every: 1,
-            },
+            Self::Grid => of_grid,
             Self::Classic => OptimiserConfig {
                 steps: 3_000,
                 rate: 1e-2,
@@ -84,20 +85,16 @@ impl FieldPreset {
                 warm_up: 200,
                 beta2: 0.999,
                 epsilon: 1e-8,
-                weight_decay: 0.0,
                 average: 0.95,
-                hashed_every: 1,
+                ..of_grid
             },
             Self::Sharp => OptimiserConfig {
                 steps: 40_000,
                 rate: 7e-3,
                 final_share: 0.01,
                 warm_up: 300,
-                beta2: 0.99,
-                epsilon: 1e-15,
-                weight_decay: 0.0,
                 average: 0.99,
-                hashed_every: 1,
+                ..of_grid
             },
         }
     }
@@ -151,10 +148,6 @@ impl FieldConfig {
             colour: [].into_iter().collect(),
             shading: Shading::PerSample,
         })
-    }
-
-    pub fn adam(&self) -> Adam {
-        self.optimiser.adam()
     }
 }
 

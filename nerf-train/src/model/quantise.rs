@@ -32,17 +32,6 @@ impl From<TableStorage> for Rounding {
     }
 }
 
-impl TableStorage {
-    /// `f16`, `int8` or `coded`, as in flags and files.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::F16 => "f16",
-            Self::Int8 => "int8",
-            Self::Coded => "coded",
-        }
-    }
-}
-
 /// Fraction of a run after which tables that are exported in int8 or coded are also rounded in training: the rest of
 /// the run makes up for the rounding.
 pub(crate) const ROUNDED_FROM: f64 = 0.85;

@@ -1,7 +1,7 @@
 //! Whether a request fits the memory of this machine, asked before anything is allocated.
 
 use anyhow::ensure;
-use std::fmt::{self, Display};
+use std::fmt::Display;
 
 /// Fraction of the memory that is free now that one command may use.
 const SHARE: f64 = 0.8;
@@ -9,13 +9,9 @@ const SHARE: f64 = 0.8;
 const UNKNOWN: u64 = 8 << 30;
 
 /// Bytes as a person reads them.
-struct Size(u64);
-
-impl fmt::Display for Size {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let giga = self.0 as f64 / 1e9;
-        if giga < 1000.0 { write!(f, "{giga:.1} GB") } else { write!(f, "{:.0} TB", giga / 1000.0) }
-    }
+fn in_words(bytes: u64) -> String {
+    let giga = bytes as f64 / 1e9;
+    if giga < 1000.0 { format!("{giga:.1} GB") } else { format!("{:.0} TB", giga / 1000.0) }
 }
 
 /// Refuses `items` of `bytes_each` that together need more memory than is available.
@@ -24,8 +20,8 @@ pub fn check(what: impl Display, items: u64, bytes_each: u64, advice: &str) -> a
     ensure!(
         needed <= limit,
         "{what}: needs about {} of memory, and {} can be had; {advice}",
-        Size(needed),
-        Size(limit)
+        in_words(needed),
+        in_words(limit)
     );
     Ok(())
 }

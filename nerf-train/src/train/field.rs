@@ -39,7 +39,8 @@ impl<'p> FieldTrainer<'p> {
         config.check_for(photo.size())?;
         let model = config.model(photo.size());
         let picture = SceneBox { min: Vec3::ZERO, max: Vec3::ONE };
-        let engine = engine_for(EngineKind::Fused, &model, picture, config.adam(), config.seed, kernel.isa)?;
+        let engine =
+            engine_for(EngineKind::Fused, &model, picture, config.optimiser.adam(), config.seed, kernel.isa)?;
         let average = Average::new(config.optimiser.average, 1, model.parameters());
         let batch = Batch::default();
         Ok(Self {

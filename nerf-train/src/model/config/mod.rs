@@ -13,7 +13,7 @@ pub use optimiser::OptimiserConfig;
 pub use presets::Preset;
 pub use table::TableConfig;
 
-use crate::model::engine::{Adam, EngineKind, Model};
+use crate::model::engine::{EngineKind, Model};
 use glam::Vec3;
 use nerf_core::encoding::{AngleScale, DirectionEncoding, PositionEncoding, SinusoidalEncoding};
 use nerf_core::network::{Architecture, DensityActivation, MAX_COLOUR, MAX_TRUNK, Shading, TrunkLayer};
@@ -21,13 +21,13 @@ use serde::{Deserialize, Serialize};
 
 /// Candidate resolutions of the occupancy grid, cells along the longest side of the scene box.
 const OCCUPANCY_RESOLUTIONS: [u16; 5] = [128, 96, 64, 48, 32];
+
 /// Every setting of a run. Fields that a TOML file leaves out keep the preset's value.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
     /// Preset that the settings started from.
     pub preset: Preset,
-    /// Engine that computes the gradients.
     pub engine: EngineKind,
     pub network: NetworkConfig,
     pub sampling: SamplingConfig,
@@ -60,7 +60,6 @@ pub struct NetworkConfig {
     pub feature: bool,
     /// Channels of the colour branch's hidden layer; 0 for none.
     pub colour_width: usize,
-    /// Activation from raw density to sigma.
     pub density: Density,
     /// `sigma = activation(scale · raw)` in training.
     pub density_scale: f32,
@@ -124,13 +123,9 @@ pub struct CaptureConfig {
     pub depth: f32,
     /// Whether space that lines of sight to sparse points cross counts as free.
     pub free_space: bool,
-    /// Whether each photograph has an exposure gain.
     pub exposure: Exposure,
-    /// Whether poses are refined.
     pub poses: PoseRefinement,
-    /// Whether moving objects are left out of the loss.
     pub moving: MovingObjects,
-    /// Whether photographs are withheld at the beginning, to choose the weight decay by their error.
     pub withhold: Withholding,
 }
 
@@ -181,7 +176,7 @@ pub enum MovingObjects {
     Off,
 }
 
-/// Whether photographs are withheld at the beginning of a run.
+/// Whether photographs are withheld at the beginning of a run, to choose the weight decay by their error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Withholding {
@@ -309,10 +304,6 @@ impl Config {
         }
     }
 
-    pub fn adam(&self) -> Adam {
-        self.optimiser.adam()
-    }
-
     /// Settings for data from which no hull can be carved. The network itself must find the empty space: without a
     /// gentler start its densities die in the fog.
     pub fn without_hull(mut self) -> Self {
@@ -365,9 +356,5 @@ impl Config {
         self.occupancy.threshold = 0.1;
         self.occupancy.hull = false;
         self
-    }
-
-    pub fn check(&self) -> Result<(), ConfigError> {
-        check::check(self)
     }
 }

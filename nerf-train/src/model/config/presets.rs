@@ -30,7 +30,6 @@ impl Preset {
     }
 }
 
-/// A learned grid, and a small network evaluated once per ray.
 fn grid() -> Config {
     Config {
         preset: Preset::Grid,
@@ -98,7 +97,6 @@ fn grid() -> Config {
     }
 }
 
-/// A small sinusoidal network.
 fn small() -> Config {
     let grid = grid();
     Config {
@@ -138,7 +136,6 @@ fn small() -> Config {
     }
 }
 
-/// The classic recipe: eight layers of 256 channels, and no occupancy grid.
 fn seed() -> Config {
     let small = small();
     Config {

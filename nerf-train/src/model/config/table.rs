@@ -1,6 +1,7 @@
 //! The multiresolution grid's settings.
 
 use crate::model::quantise::{ROUNDED_FROM, Rounding, TableStorage};
+use crate::system::input::value_name;
 use glam::Vec3;
 use nerf_core::encoding::{GridEncoding, MAX_GRID_LEVELS};
 use serde::{Deserialize, Serialize};
@@ -9,7 +10,6 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TableConfig {
-    /// Levels of the grid.
     pub levels: usize,
     /// Features of an entry: 1, 2 or 4.
     pub features: u8,
@@ -31,7 +31,7 @@ impl TableConfig {
     /// `8 levels of 16 to 320 cells, at most 2^16 entries a level as f16`.
     pub fn in_words(&self) -> String {
         let Self { levels, log2_entries, coarsest, finest, storage, .. } = self;
-        let storage = storage.name();
+        let storage = value_name(storage);
         format!(
             "{levels} levels of {coarsest} to {finest} cells, at most 2^{log2_entries} entries a level as {storage}"
         )

@@ -1,7 +1,13 @@
-//! Input of a training step: rays, samples and target colours.
+//! Input of a training step: rays, samples and target colours; and its chunks, whose cuts depend on the batch only.
 
 use glam::Vec3;
 use nerf_core::space::Contraction;
+use std::ops::Range;
+
+/// Most samples of a chunk, except for its last ray: their activations fit the caches.
+pub(super) const SAMPLES: usize = 512;
+/// Most rays of a chunk: rays without samples cost time, too.
+const RAYS: usize = 2048;
 
 /// One ray: its target colour and number of samples.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
@@ -136,24 +142,23 @@ impl Batch {
         }
         // Tests all values at once; searches for the index only after a failure.
         let sound = |values: &[f32]| values.iter().fold(true, |all, x| all & x.is_finite());
+        let bad = |field, index| Err(BatchError::NonFinite { field, index });
         if !sound(&self.gradient_scales) {
             let index = self.gradient_scales.iter().position(|x| !x.is_finite());
-            return Err(BatchError::NonFinite { field: "gradient_scales", index: index.unwrap_or_default() });
+            return bad("gradient_scales", index.unwrap_or_default());
         }
-        let of_rays = [("along", &self.along[..]), ("gains", self.gains.as_flattened())];
-        let origins = self.origins.as_flattened();
-        let of_rays = of_rays.into_iter().chain([("origins", origins), ("weights", &self.weights)]);
-        if let Some((field, _)) = { of_rays }.find(|(_, values)| !sound(values)) {
-            return Err(BatchError::NonFinite { field, index: 0 });
+        let (gains, origins) = (self.gains.as_flattened(), self.origins.as_flattened());
+        let of_rays =
+            [("along", &self.along[..]), ("gains", gains), ("origins", origins), ("weights", &self.weights)];
+        if let Some((field, _)) = of_rays.into_iter().find(|(_, values)| !sound(values)) {
+            return bad(field, 0);
         }
-        let surface_ok = |s: &Surface| s.at.is_finite() && s.weight.is_finite();
-        if let Some(index) = self.surfaces.iter().position(|surface| !surface_ok(surface)) {
-            return Err(BatchError::NonFinite { field: "surfaces", index });
+        if let Some(index) = self.surfaces.iter().position(|s| !(s.at.is_finite() && s.weight.is_finite())) {
+            return bad("surfaces", index);
         }
         let lengths = self.deltas.iter().fold(true, |all, d| all & (*d >= 0.0));
         let points = sound(self.positions.as_flattened()) && sound(self.empty.as_flattened());
         let finite = |v: &[f32; 3]| v.iter().all(|x| x.is_finite());
-        let bad = |field, index| Err(BatchError::NonFinite { field, index });
         let ray_ok = |ray: &BatchRay| finite(&ray.dir) && finite(&ray.rgb) && finite(&ray.background);
         if let Some(index) = self.rays.iter().position(|ray| !ray_ok(ray)) {
             return bad("rays", index);
@@ -185,4 +190,34 @@ pub enum BatchError {
     Length { field: &'static str, expected: u64, found: usize },
     #[error("{field}[{index}] is not finite, or a negative length")]
     NonFinite { field: &'static str, index: usize },
+}
+
+/// A part of a batch that goes through the network together.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Chunk {
+    Rays { rays: Range<usize>, samples: Range<usize> },
+    Empty(Range<usize>),
+}
+
+/// Fills `chunks` with the parts of the batch, in order, of up to `most` samples, except for a longer ray: an even
+/// number of chunks of about the same size, so that two threads finish at the same time.
+pub(super) fn cut(batch: &Batch, most: usize, chunks: &mut Vec<Chunk>) {
+    chunks.clear();
+    let total = batch.positions.len();
+    let share = total.div_ceil(total.div_ceil(most).next_multiple_of(2).max(1));
+    let (mut rays, mut samples) = (0..0, 0..0);
+    for BatchRay { samples: more, .. } in &batch.rays {
+        let full = samples.len() >= share.max(1) || rays.len() == RAYS;
+        if full && !rays.is_empty() {
+            chunks.push(Chunk::Rays { rays: rays.clone(), samples: samples.clone() });
+            (rays, samples) = (rays.end..rays.end, samples.end..samples.end);
+        }
+        rays.end += 1;
+        samples.end += *more as usize;
+    }
+    if !rays.is_empty() {
+        chunks.push(Chunk::Rays { rays, samples });
+    }
+    let points = batch.empty.len();
+    chunks.extend((0..points).step_by(most).map(|i| Chunk::Empty(i..points.min(i + most))));
 }

@@ -5,11 +5,11 @@
 //! and where an accumulator runs.
 
 use super::accumulate::reduce;
-use super::chunk::{Chunk, SAMPLES, cut};
+use super::batch::{Chunk, SAMPLES, cut};
 use super::graph::Graph;
 use super::optimiser::{Optimiser, usable};
 use super::pass::{ChunkLoss, Job, Pass};
-use super::{Adam, Batch, Engine, EngineError, Model, OptimiserState, StepLoss, check_rate};
+use super::{Adam, Batch, Engine, EngineError, Model, OptimiserState, StepLoss, check_step};
 use nerf_core::simd::Isa;
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -17,9 +17,7 @@ use std::borrow::Cow;
 /// Number of accumulators, which is the most threads a step can use.
 const ACCUMULATORS: usize = 16;
 
-/// The fast engine: explicit passes; the bits do not depend on the number of threads.
-///
-/// Memory: parameters ×5, and per accumulator one gradient and the activations of one chunk (about
+/// Trains a sinusoidal network. Memory: parameters ×5, and per accumulator one gradient and the activations of one chunk (about
 /// 512 samples, or one longer ray): some 150 MiB for the 8×256 network, whatever the batch.
 pub struct FusedEngine {
     graph: Graph,
@@ -104,8 +102,7 @@ impl FusedEngine {
 
 impl Engine for FusedEngine {
     fn step(&mut self, batch: &Batch, rate: f64) -> Result<StepLoss, EngineError> {
-        check_rate(rate)?;
-        batch.check()?;
+        check_step(batch, rate)?;
         let loss = self.differentiate(batch)?;
         self.optimiser.apply(rate)?;
         self.optimiser.copy_into(&mut self.parameters);

@@ -72,8 +72,6 @@
 
 mod accumulate;
 mod batch;
-mod chunk;
-mod encode;
 mod fused;
 mod graph;
 mod grid;
@@ -91,7 +89,7 @@ mod tests;
 pub use batch::{Batch, BatchError, BatchRay, RayGradient, RayQuestion, Surface};
 pub use fused::FusedEngine;
 pub use grid::{GridEngine, GridReferenceEngine};
-pub use model::{Dense, Initialisation, Model, ModelError, Part};
+pub use model::{Dense, Model, ModelError, Part};
 pub use phases::{Phase, Phases};
 pub use reference::ReferenceEngine;
 
@@ -320,6 +318,10 @@ pub enum EngineError {
     OutOfMemory,
 }
 
-fn check_rate(rate: f64) -> Result<(), EngineError> {
-    if rate.is_finite() && rate >= 0.0 { Ok(()) } else { Err(EngineError::Rate { found: rate }) }
+/// Checks the input of a step.
+fn check_step(batch: &Batch, rate: f64) -> Result<(), EngineError> {
+    if !(rate.is_finite() && rate >= 0.0) {
+        return Err(EngineError::Rate { found: rate });
+    }
+    Ok(batch.check()?)
 }

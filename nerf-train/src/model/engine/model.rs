@@ -56,15 +56,6 @@ impl Dense {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub enum Initialisation {
-    /// U(±1/√fan_in), weights and biases: PyTorch's `nn.Linear`, the classic recipe.
-    #[default]
-    Uniform,
-    /// Normal, std √(2/fan_in) before a ReLU and √(2/(fan_in + fan_out)) elsewhere; biases 0.
-    He,
-}
-
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ModelError {
@@ -136,7 +127,8 @@ impl Model {
         self.architecture.position.grid().map_or(0, GridEncoding::values)
     }
 
-    /// Initial values of the classic recipe; a seed gives the same values on every machine.
+    /// Initial values of the classic recipe; a seed gives the same values on every machine. Weights and biases are
+    /// U(±1/√fan_in), as of PyTorch's `nn.Linear`; the density's bias is shifted by `density_bias / density_scale`.
     ///
     /// For a grid field: tables U(±1e-4); layers U(±√(6 / fan_in)) before a ReLU and U(±√(6 / (fan_in + 16)))
     /// elsewhere; no biases except the density's. Without a trunk the density is read from the first feature of each
@@ -145,7 +137,17 @@ impl Model {
         if self.architecture.position.grid().is_some() {
             return self.initial_grid_parameters(seed);
         }
-        self.initial_parameters_with(seed, Initialisation::Uniform)
+        let mut parameters = vec![0.0; self.parameters()];
+        for layer in self.layers() {
+            let root = (layer.inputs() as f64).sqrt();
+            for index in layer.weights..layer.weights + layer.parameters() {
+                parameters[index] = ((2.0 * uniform(seed, 2 * index as u64) - 1.0) / root) as f32;
+            }
+            if layer.part == Part::Density {
+                parameters[layer.bias] += self.density_bias / self.density_scale;
+            }
+        }
+        parameters
     }
 
     fn initial_grid_parameters(&self, seed: u64) -> Vec<f32> {
@@ -176,31 +178,6 @@ impl Model {
         let first = parameters.len() as u64;
         let value = |index: u64| (TABLE * (2.0 * uniform(seed, 2 * (first + index)) - 1.0)) as f32;
         parameters.extend((0..self.table_values() as u64).map(value));
-        parameters
-    }
-
-    /// Initial values; the density head's bias is shifted by `density_bias / density_scale`.
-    pub fn initial_parameters_with(&self, seed: u64, initialisation: Initialisation) -> Vec<f32> {
-        let mut parameters = vec![0.0; self.parameters()];
-        for layer in self.layers() {
-            let fan_in = layer.inputs() as f64;
-            let linear = matches!(layer.part, Part::Density | Part::Feature | Part::Rgb);
-            let fan = if linear { fan_in + layer.outputs as f64 } else { fan_in };
-            for index in layer.weights..layer.weights + layer.parameters() {
-                parameters[index] = match initialisation {
-                    Initialisation::Uniform => {
-                        ((2.0 * uniform(seed, 2 * index as u64) - 1.0) / fan_in.sqrt()) as f32
-                    }
-                    Initialisation::He if index < layer.bias => {
-                        (normal(seed, index as u64) * (2.0 / fan).sqrt()) as f32
-                    }
-                    Initialisation::He => 0.0,
-                };
-            }
-            if layer.part == Part::Density {
-                parameters[layer.bias] += self.density_bias / self.density_scale;
-            }
-        }
         parameters
     }
 
@@ -258,10 +235,4 @@ fn fold_into(out: &mut Vec<f32>, outer: &Dense, values: &[f32], inner: &Dense, i
 /// Uniform in [0, 1).
 pub(super) fn uniform(seed: u64, counter: u64) -> f64 {
     f64::from(uniform_u32(seed, Purpose::Parameters, 0, counter)) / 4_294_967_296.0
-}
-
-/// Standard normal (Box–Muller).
-fn normal(seed: u64, counter: u64) -> f64 {
-    let radius = (-2.0 * (1.0 - uniform(seed, 2 * counter)).ln()).sqrt();
-    radius * (std::f64::consts::TAU * uniform(seed, 2 * counter + 1)).cos()
 }

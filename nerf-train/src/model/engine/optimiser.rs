@@ -107,8 +107,7 @@ impl Optimiser {
             moment1: gather(|p| &p.moment1),
             moment2: gather(|p| &p.moment2),
             steps: self.steps as u64,
-            scales: Vec::new(),
-            waiting: Vec::new(),
+            ..OptimiserState::default()
         }
     }
 

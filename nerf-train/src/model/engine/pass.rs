@@ -1,9 +1,8 @@
 //! Work of one accumulator: forward and backward passes of chunks through the network.
 
 use super::accumulate::LayerSum;
-use super::chunk::Chunk;
-use super::encode::encode_points;
-use super::graph::{DIRECTION, FIRST, Graph, POSITION, block_of_mut, mask_relu};
+use super::batch::Chunk;
+use super::graph::{DIRECTION, FIRST, Graph, POSITION, block_of_mut, encode_points, mask_relu};
 use super::volume_grad::{Samples, Scratch, squared_error};
 use super::{Batch, SIGMA_LIMIT};
 use nerf_core::network::{DensityActivation, EXPONENTIAL_LIMIT};
@@ -118,7 +117,11 @@ impl Pass {
             return;
         }
         let count = points.len();
-        self.evaluate_density(job, &batch.empty[points]);
+        self.encode_positions(job, &batch.empty[points]);
+        for l in job.graph.trunk.clone().chain(job.graph.density) {
+            self.forward(job, l, count);
+        }
+        self.activate_density(job, count);
         self.zero_padding(count);
         let scale = batch.empty_weight / batch.empty.len() as f32;
         for (d, &sigma) in self.d_sigma.iter_mut().zip(&self.sigma[..count]) {
@@ -126,14 +129,6 @@ impl Pass {
             *d = scale / (1.0 + sigma);
         }
         self.backward_trunk(job, count, false);
-    }
-
-    fn evaluate_density(&mut self, job: Job<'_>, points: &[[f32; 3]]) {
-        self.encode_positions(job, points);
-        for l in job.graph.trunk.clone().chain(job.graph.density) {
-            self.forward(job, l, points.len());
-        }
-        self.activate_density(job, points.len());
     }
 
     fn encode_positions(&mut self, job: Job<'_>, points: &[[f32; 3]]) {

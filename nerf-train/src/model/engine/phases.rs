@@ -55,17 +55,15 @@ impl Phases {
         self.0[phase as usize]
     }
 
+    pub fn add(&mut self, phase: Phase, time: Duration) {
+        self.0[phase as usize] += time;
+    }
+
     /// Adds the time since `since` to a phase, and returns the present.
     pub fn lap(&mut self, phase: Phase, since: Instant) -> Instant {
         let now = Instant::now();
-        self.0[phase as usize] += now - since;
+        self.add(phase, now - since);
         now
-    }
-}
-
-impl Phases {
-    pub fn add(&mut self, phase: Phase, time: Duration) {
-        self.0[phase as usize] += time;
     }
 }
 

@@ -1,14 +1,13 @@
 //! The reference engine: the loss written with dfdx tensors, its derivative left to dfdx's tape.
 
-use super::chunk::{Chunk, cut};
-use super::encode::encode_points;
-use super::graph::{DIRECTION, Graph, POSITION};
+use super::batch::{Chunk, cut};
+use super::graph::{DIRECTION, Graph, POSITION, encode_points};
 use super::optimiser::{Optimiser, usable};
 use super::tape::{
     Matrix, Rows, Scalar, TAPE_SAMPLES, Taped, Vector, Weights, alpha, over, squared_error, with_tape,
 };
 use super::{
-    Adam, Batch, BatchRay, Engine, EngineError, Model, OptimiserState, SIGMA_LIMIT, StepLoss, check_rate,
+    Adam, Batch, BatchRay, Engine, EngineError, Model, OptimiserState, SIGMA_LIMIT, StepLoss, check_step,
 };
 use dfdx::prelude::*;
 use nerf_core::encoding::SinusoidalEncoding;
@@ -240,8 +239,7 @@ impl ReferenceEngine {
 
 impl Engine for ReferenceEngine {
     fn step(&mut self, batch: &Batch, rate: f64) -> Result<StepLoss, EngineError> {
-        check_rate(rate)?;
-        batch.check()?;
+        check_step(batch, rate)?;
         let (loss, gradients) = self.differentiate(batch)?;
         for (parameter, node) in self.optimiser.parameters_mut().iter_mut().zip(&self.graph.nodes) {
             let d = &node.dense;

@@ -107,8 +107,14 @@ impl<'d> Trainer<'d> {
             false => None,
         };
         let withheld = withheld_at_first(dataset, &config, poses.as_ref());
-        let engine =
-            engine_for(config.engine, &model, bounds.scene_box, config.adam(), config.seed, kernel.isa)?;
+        let engine = engine_for(
+            config.engine,
+            &model,
+            bounds.scene_box,
+            config.optimiser.adam(),
+            config.seed,
+            kernel.isa,
+        )?;
         let background = match dataset.background {
             Background::Constant(colour) => colour.map(|c| f32::from(c) / 255.0),
             Background::Unknown if bounds.contraction.is_some() => mean_colour(&dataset.train),
@@ -578,7 +584,7 @@ impl<'d> Trainer<'d> {
             self.config.engine,
             &self.model,
             self.bounds.scene_box,
-            self.config.adam(),
+            self.config.optimiser.adam(),
             seed,
             self.kernel.isa,
         )?;

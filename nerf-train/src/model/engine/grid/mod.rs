@@ -38,7 +38,7 @@ pub use reference::GridReferenceEngine;
 
 use super::optimiser::{check_values, usable};
 use super::{
-    Adam, Batch, Engine, EngineError, Model, OptimiserState, Phases, RayGradient, StepLoss, check_rate,
+    Adam, Batch, Engine, EngineError, Model, OptimiserState, Phases, RayGradient, StepLoss, check_step,
 };
 use crate::model::quantise::{Rounding, scales};
 use crate::system::lock;
@@ -158,7 +158,12 @@ impl GridEngine {
                 scratch.run(&job, batch, rays, first, pass);
             }
         });
-        let totals = self.passes.iter().fold(Totals::default(), |sum, pass| sum + pass.totals);
+        let mut totals = Totals::default();
+        for Pass { totals: part, .. } in &self.passes {
+            totals.squared += part.squared;
+            totals.evaluated += part.evaluated;
+            totals.kept += part.kept;
+        }
         let diverged = EngineError::Diverged { step: self.state.steps + 1 };
         if !totals.squared.is_finite() {
             return Err(diverged);
@@ -205,8 +210,7 @@ impl Engine for GridEngine {
         rate: f64,
         prefetch: &mut (dyn FnMut(&StepLoss) + Send),
     ) -> Result<StepLoss, EngineError> {
-        check_rate(rate)?;
-        batch.check()?;
+        check_step(batch, rate)?;
         let loss = self.differentiate(batch)?;
         let OptimiserState { parameters, moment1, moment2, steps, scales, .. } = &mut self.state;
         *steps += 1;

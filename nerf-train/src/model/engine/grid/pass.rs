@@ -2,7 +2,7 @@
 
 use super::evaluate::Evaluated;
 use super::layers::{LayerSums, Layers};
-use super::rays::{RaySamples, RayScratch, distortion_gradient};
+use super::rays::{RayScratch, distortion_gradient};
 use super::samples::Samples;
 use super::scatter::Kept;
 use super::shade::{Shade, Shaded};
@@ -13,7 +13,7 @@ use nerf_core::encoding::{GridEncoding, GridTables};
 use nerf_core::matrix::Init;
 use nerf_core::network::EXPONENTIAL_LIMIT;
 use nerf_core::simd::Isa;
-use std::ops::{Add, Range};
+use std::ops::Range;
 use std::time::Instant;
 
 /// Transmittance below which the rest of a ray is skipped.
@@ -43,18 +43,6 @@ pub(super) struct Totals {
     pub evaluated: usize,
     /// Samples with a colour and a backward pass.
     pub kept: usize,
-}
-
-impl Add for Totals {
-    type Output = Self;
-
-    fn add(self, other: Self) -> Self {
-        Self {
-            squared: self.squared + other.squared,
-            evaluated: self.evaluated + other.evaluated,
-            kept: self.kept + other.kept,
-        }
-    }
 }
 
 #[derive(Default)]
@@ -155,14 +143,8 @@ impl Scratch {
             if let Some(question) = &batch.question {
                 let (states, samples) = (&self.evaluated.rays, &self.samples);
                 let chunk = Shaded { batch, first_ray: rays.start, states, samples };
-                let kept = RaySamples {
-                    samples: self.samples.row.iter().map(|&row| self.evaluated.index_of[row as usize]),
-                    rays: &self.samples.ray,
-                    gradients: &self.upper[..kept * pass.kept.width],
-                    first_ray: rays.start,
-                    by_directions: self.shade.by_directions(job, chunk),
-                };
-                self.of_rays.gradients(job, batch, question, kept, &mut pass.rays);
+                let passes = (&self.evaluated, &self.shade);
+                self.of_rays.gradients(job, chunk, passes, question, &self.upper, &mut pass.rays);
             }
             self.phases.lap(Phase::Backward, now);
         }

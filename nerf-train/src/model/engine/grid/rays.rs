@@ -1,22 +1,11 @@
 //! Gradients of the loss by the rays: from the encoded values to the positions of the samples.
 
+use super::evaluate::Evaluated;
 use super::pass::Job;
+use super::shade::{Shade, Shaded};
 use crate::model::engine::graph::padded;
-use crate::model::engine::{Batch, RayGradient, RayQuestion};
+use crate::model::engine::{RayGradient, RayQuestion};
 use glam::Vec3;
-
-/// Samples whose gradient reaches the tables, and the loss's gradients by their encoded values.
-pub(super) struct RaySamples<'a, S, D> {
-    pub samples: S,
-    /// Index of each one's ray in the chunk, ascending.
-    pub rays: &'a [u32],
-    /// `[samples][padded outputs]`.
-    pub gradients: &'a [f32],
-    /// Index of the chunk's first ray in the batch.
-    pub first_ray: usize,
-    /// Gradient of each ray with samples by its direction, through the colour branch.
-    pub by_directions: D,
-}
 
 #[derive(Default)]
 pub(super) struct RayScratch {
@@ -32,26 +21,31 @@ impl RayScratch {
     ///
     /// A sample is at `origin + t dir`. The gradient by the origin is the sum of the gradients by the samples'
     /// positions. The gradient by the direction is the sum of these times `t`, plus that through the colour branch.
+    /// `by_encoded`: gradients by the kept samples' encoded values, `[samples][padded outputs]`.
     pub fn gradients(
         &mut self,
         job: &Job<'_>,
-        batch: &Batch,
+        chunk: Shaded<'_>,
+        (evaluated, shade): (&Evaluated, &Shade),
         question: &RayQuestion,
-        mut kept: RaySamples<'_, impl Iterator<Item = u32>, impl Iterator<Item = Vec3>>,
+        by_encoded: &[f32],
         found: &mut Vec<RayGradient>,
     ) {
-        let (count, outputs) = (kept.rays.len(), job.grid.outputs());
+        let Shaded { batch, first_ray, samples, .. } = chunk;
+        let mut by_directions = shade.by_directions(job, chunk);
+        let (count, outputs) = (samples.len(), job.grid.outputs());
         let (stride, width) = (padded(count), padded(outputs));
         self.points.clear();
         self.points.resize(3 * stride, 0.0);
-        for (i, sample) in kept.samples.enumerate() {
+        for (i, &row) in samples.row.iter().enumerate() {
+            let sample = evaluated.index_of[row as usize];
             for (axis, &x) in batch.positions[sample as usize].iter().enumerate() {
                 self.points[axis * stride + i] = x;
             }
         }
         self.by_encoded.clear();
         self.by_encoded.resize(outputs * stride, 0.0);
-        for (i, row) in kept.gradients.chunks_exact(width).enumerate() {
+        for (i, row) in by_encoded.chunks_exact(width).take(count).enumerate() {
             for (channel, &g) in row[..outputs].iter().enumerate() {
                 self.by_encoded[channel * stride + i] = g;
             }
@@ -62,10 +56,10 @@ impl RayScratch {
         job.tables.gradient(job.isa, job.grid, stride, points, by_encoded, question.blur, by_point);
         let along =
             |values: &[f32], i: usize| Vec3::from_array([0, 1, 2].map(|axis| values[axis * stride + i]));
-        for (i, &ray) in kept.rays.iter().enumerate() {
-            let ray = kept.first_ray as u32 + ray;
+        for (i, &ray) in samples.ray.iter().enumerate() {
+            let ray = first_ray as u32 + ray;
             if found.last().is_none_or(|last| last.ray != ray) {
-                let by_dir = kept.by_directions.next().unwrap_or_default();
+                let by_dir = by_directions.next().unwrap_or_default();
                 found.push(RayGradient { ray, by_origin: Vec3::ZERO, by_dir });
             }
             let Some(of_ray) = found.last_mut() else { continue };

@@ -10,13 +10,13 @@ mod terms;
 use super::adam::{decay_weights, moves, waiting_entries};
 use super::kept::KeptSamples;
 use super::{check_plain, check_state, gain_sums, waiting_values};
-use crate::model::engine::chunk::{Chunk, cut};
+use crate::model::engine::batch::{Chunk, cut};
 use crate::model::engine::optimiser::usable;
 use crate::model::engine::tape::{
     Matrix, Rows, Scalar, TAPE_SAMPLES, Taped, add, alpha, over, squared_error, with_tape,
 };
 use crate::model::engine::{
-    Adam, Batch, BatchRay, Engine, EngineError, Model, OptimiserState, StepLoss, check_rate,
+    Adam, Batch, BatchRay, Engine, EngineError, Model, OptimiserState, StepLoss, check_step,
 };
 use crate::model::quantise::{Rounding, scales};
 use dfdx::prelude::*;
@@ -292,8 +292,7 @@ impl GridReferenceEngine {
 
 impl Engine for GridReferenceEngine {
     fn step(&mut self, batch: &Batch, rate: f64) -> Result<StepLoss, EngineError> {
-        check_rate(rate)?;
-        batch.check()?;
+        check_step(batch, rate)?;
         let (loss, gradients) = self.differentiate(batch)?;
         self.update(gradients, rate)?;
         Ok(loss)

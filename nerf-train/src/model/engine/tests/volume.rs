@@ -1,7 +1,7 @@
 //! Compositing and its derivative by themselves, and the cutting into chunks.
 
 use super::*;
-use crate::model::engine::chunk::{Chunk, SAMPLES, cut};
+use crate::model::engine::batch::{Chunk, SAMPLES, cut};
 use crate::model::engine::volume_grad::{Samples, Scratch, squared_error};
 use nerf_core::simd::BLOCK;
 

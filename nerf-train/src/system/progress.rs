@@ -3,14 +3,12 @@
 //! All of it goes to stderr, so that stdout stays free for results. Nothing here can fail: a closed
 //! stderr is passed over.
 
-mod event;
-
-use crate::system::printable;
-use event::Event;
+use crate::system::{lock, printable};
 use indicatif::{HumanCount, ProgressBar, ProgressDrawTarget};
+use serde::Serialize;
 use std::fmt::Write as _;
 use std::io::{IsTerminal, Write};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 /// Time between lines, plain or JSON, if there is no bar.
@@ -47,13 +45,49 @@ pub enum ProgressStyle {
 }
 
 /// Figures that are shown with the position, except those that are `None`.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Message {
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub rays_per_s: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub train_psnr_db: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub val_psnr_db: Option<f64>,
     /// Anything else, shown unchanged; may be empty.
+    #[serde(skip_serializing_if = "String::is_empty")]
     pub note: String,
+}
+
+/// One JSON line for a program that follows the progress; numbers that are not finite are null.
+#[derive(Debug, Serialize)]
+#[serde(tag = "event", rename_all = "lowercase")]
+enum Event<'a> {
+    Progress {
+        what: &'a str,
+        position: u64,
+        /// Null if only time ends the work, or its end is not known.
+        total: Option<u64>,
+        elapsed_s: f64,
+        left_s: Option<f64>,
+        #[serde(flatten)]
+        message: &'a Message,
+    },
+    Done {
+        what: &'a str,
+        text: &'a str,
+        elapsed_s: f64,
+    },
+    Note {
+        text: &'a str,
+    },
+}
+
+impl Event<'_> {
+    fn line(&self) -> String {
+        // Strings and numbers alone: nothing that could fail.
+        let json = serde_json::to_string(self).unwrap_or_default();
+        printable::json(&json).into_owned()
+    }
 }
 
 /// The display of one task; when dropped, it leaves its last state on the screen.
@@ -82,7 +116,7 @@ impl Progress {
             ProgressStyle::Quiet => Display::Quiet,
             ProgressStyle::Auto if terminal => {
                 let bar = new_bar();
-                *BAR.lock().unwrap_or_else(PoisonError::into_inner) = Some(bar.clone());
+                *lock(&BAR) = Some(bar.clone());
                 Display::Bar(bar)
             }
             ProgressStyle::Auto | ProgressStyle::Plain => Display::Lines { last: None, json: false },
@@ -162,7 +196,7 @@ impl Progress {
                 print_line(&text);
             }
             Display::Lines { json: true, .. } => {
-                let (what, elapsed_s) = (&self.what, event::seconds(elapsed));
+                let (what, elapsed_s) = (&self.what, rounded_seconds(elapsed));
                 print_line(&Event::Done { what, text: line, elapsed_s }.line());
             }
             Display::Lines { .. } => print_line(&text),
@@ -217,12 +251,9 @@ impl Progress {
             what: &self.what,
             position,
             total,
-            elapsed_s: event::seconds(elapsed),
-            left_s: self.remaining(position, elapsed).map(event::seconds),
-            rays_per_s: message.rays_per_s,
-            train_psnr_db: message.train_psnr_db,
-            val_psnr_db: message.val_psnr_db,
-            note: &message.note,
+            elapsed_s: rounded_seconds(elapsed),
+            left_s: self.remaining(position, elapsed).map(rounded_seconds),
+            message,
         }
     }
 
@@ -267,7 +298,7 @@ static BAR: Mutex<Option<ProgressBar>> = Mutex::new(None);
 
 /// Leaves a running bar unchanged, with the cursor on a new line, for a last message before the process ends.
 pub fn abandon() {
-    if let Some(bar) = BAR.lock().unwrap_or_else(PoisonError::into_inner).take()
+    if let Some(bar) = lock(&BAR).take()
         && !bar.is_finished()
     {
         bar.abandon();
@@ -321,6 +352,11 @@ fn print_line(line: &str) {
 fn print_lines(lines: &str) {
     // eprintln! would panic where stderr is closed.
     let _ = writeln!(std::io::stderr(), "{}", printable::lines(lines));
+}
+
+/// Seconds, rounded to the millisecond.
+fn rounded_seconds(time: Duration) -> f64 {
+    (time.as_secs_f64() * 1e3).round() / 1e3
 }
 
 /// 31,400 as "31.4 k", 2,500,000 as "2.50 M": three digits.
