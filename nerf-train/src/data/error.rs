@@ -1,5 +1,6 @@
 //! Errors of reading a data set.
 
+use crate::data::pictures::decode::DecodeError;
 use nerf_core::camera::CameraError;
 use nerf_core::space::BoundsError;
 use std::fmt::Display;
@@ -15,6 +16,8 @@ pub enum DatasetError {
     Io { path: PathBuf, source: std::io::Error },
     #[error(transparent)]
     Range(#[from] BoundsError),
+    #[error(transparent)]
+    Picture(#[from] DecodeError),
     /// A wrong value in a file, or something that a folder lacks.
     #[error("{}: {fault}", path.display())]
     Fault { path: PathBuf, fault: String },

@@ -340,7 +340,7 @@ pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result
 fn read_json(path: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let name = path.file_name().and_then(|n| n.to_str()).unwrap_or_default();
-    if blender::is_split_file(name) && (folder.join(blender::TRAIN).is_file() || options.to_measure) {
+    if blender::SPLITS.contains(&name) && (folder.join(blender::TRAIN).is_file() || options.to_measure) {
         return blender::read(folder, options, watch);
     }
     nerfstudio::read(path, options, watch)

@@ -2,6 +2,7 @@
 
 use crate::data::View;
 use std::collections::HashSet;
+use std::path::Path;
 
 /// Stems that a report needs for itself: `views.png` is its contact sheet.
 const RESERVED: [&str; 4] = ["views", "curve", "curve_steps", "snapshots"];
@@ -67,7 +68,7 @@ fn stems<'n>(names: impl Iterator<Item = &'n str>) -> Vec<String> {
 
 /// The name without its extension, within the limit; characters that are not letters or digits become `_`.
 fn plain(name: &str) -> String {
-    let stem = std::path::Path::new(name).with_extension("");
+    let stem = Path::new(name).with_extension("");
     let letter = |c: char| if c.is_alphanumeric() { c } else { '_' };
     let mut stem: String = stem.to_string_lossy().trim_start_matches("./").chars().map(letter).collect();
     while stem.len() > MAX_BYTES {
@@ -77,6 +78,11 @@ fn plain(name: &str) -> String {
         "" => "view".to_owned(),
         stem => stem.to_owned(),
     }
+}
+
+/// Last part of a path, as text.
+pub(crate) fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// `1 view`, `2 views`.

@@ -77,6 +77,7 @@ impl Report {
         if bounds.is_none() {
             warnings.push("the cameras do not tell where the scene is: give --near and --far".into());
         }
+        let optics = |camera: &Camera| format!("{:?} {:?}", camera.intrinsics(), camera.lens());
         let size_count = |((width, height), count)| SizeCount { width, height, count };
         Self {
             name: dataset.name.clone(),
@@ -94,7 +95,7 @@ impl Report {
             scene_box: bounds.map(|b| [b.scene_box.min.into(), b.scene_box.max.into()]),
             background: dataset.background,
             points: dataset.points.len(),
-            cameras: distinct(&cameras),
+            cameras: cameras.iter().map(optics).collect::<BTreeSet<_>>().len(),
             origin: dataset.origin,
             notes: dataset.notes.clone(),
             warnings,
@@ -116,11 +117,6 @@ fn one_place(dataset: &Dataset) -> Option<String> {
     }
     let (count, names) = (twins.len(), listed(&twins));
     (count > 0).then(|| format!("{count} views have the pose of another: {names}"))
-}
-
-fn distinct(cameras: &[Camera]) -> usize {
-    let key = |camera: &Camera| format!("{:?} {:?}", camera.intrinsics(), camera.lens());
-    cameras.iter().map(key).collect::<BTreeSet<_>>().len()
 }
 
 /// Warning if the cameras do not look at a common place, with what would correct it.

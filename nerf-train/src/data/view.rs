@@ -130,10 +130,9 @@ pub fn over(pixel: [u8; 4], background: [f32; 3]) -> [f32; 3] {
 
 /// Mean sRGB of the pixels that are not masked out, in `[0, 1]`; black if there are none.
 pub fn mean_colour(views: &[View]) -> [f32; 3] {
-    let counts = |view: &View, i: usize| view.mask.as_ref().is_none_or(|mask| mask[i]);
     let (mut sum, mut count) = ([0u64; 3], 0u64);
     for view in views {
-        for (_, pixel) in view.pixels.iter().enumerate().filter(|&(i, _)| counts(view, i)) {
+        for (_, pixel) in view.pixels.iter().enumerate().filter(|&(i, _)| view.counts(i)) {
             sum.iter_mut().zip(pixel).for_each(|(sum, &c)| *sum += u64::from(c));
             count += 1;
         }

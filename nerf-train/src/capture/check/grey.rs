@@ -1,6 +1,7 @@
 //! Photographs in grey at a working size: patches to compare, sharpness and duplicates.
 
 use crate::data::View;
+use crate::data::pictures::rgb::Picture;
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -95,19 +96,9 @@ impl Grey {
 
     /// The picture at [`STAMP`] by [`STAMP`], and its standard deviation.
     fn stamp(&self) -> (Vec<f32>, f32) {
-        let at = |i: usize, length: usize| (i * length / STAMP, ((i + 1) * length).div_ceil(STAMP));
-        let mut stamp = Vec::with_capacity(STAMP * STAMP);
-        for y in 0..STAMP {
-            let (top, bottom) = at(y, self.height);
-            for x in 0..STAMP {
-                let (left, right) = at(x, self.width);
-                let rows = (top..bottom).flat_map(|y| &self.levels[y * self.width..][left..right]);
-                stamp.push(
-                    rows.map(|&level| f32::from(level)).sum::<f32>()
-                        / ((bottom - top) * (right - left)).max(1) as f32,
-                );
-            }
-        }
+        let rgb = self.levels.iter().map(|&level| [f32::from(level); 3]).collect();
+        let small = Picture { width: self.width, height: self.height, rgb }.box_filtered(STAMP, STAMP);
+        let stamp: Vec<f32> = small.rgb.iter().map(|pixel| pixel[0]).collect();
         let (_, norm) = centred(stamp.clone());
         (stamp, norm / STAMP as f32)
     }

@@ -52,7 +52,7 @@ impl LookAt {
         let count = lines.len() as f64;
         // Around the mean, for the sake of scenes far from the origin.
         let centre = lines.iter().map(|line| line.0).sum::<DVec3>() / count;
-        let across = |dir: DVec3| DMat3::IDENTITY - outer(dir);
+        let across = |dir: DVec3| DMat3::IDENTITY - outer(dir, dir);
         let spread = smallest_eigenvalue(lines.iter().map(|l| across(l.1)).sum::<DMat3>() * (1.0 / count));
         if spread.is_nan() || spread <= PARALLEL {
             return None;
@@ -119,8 +119,9 @@ impl LookAt {
     }
 }
 
-pub(super) fn outer(v: DVec3) -> DMat3 {
-    DMat3::from_cols(v * v.x, v * v.y, v * v.z)
+/// `a bᵀ`.
+pub(super) fn outer(a: DVec3, b: DVec3) -> DMat3 {
+    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
 
 /// Smallest eigenvalue of a symmetric matrix with eigenvalues in 0..=1.

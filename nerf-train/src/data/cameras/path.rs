@@ -1,7 +1,7 @@
 //! Camera paths: nerfstudio's `camera_path.json`, and plain lists of camera-to-world matrices.
 
 use crate::data::DatasetError;
-use crate::data::cameras::pose::{BOTTOM_ROW, bottom_row_fault};
+use crate::data::cameras::pose::{BOTTOM_ROW, bottom_row_fault, pose_of};
 use crate::system::input::{read_limited, without_mark};
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use serde::Deserialize;
@@ -86,11 +86,7 @@ impl Place<'_> {
         if let Some(found) = bottom_row_fault(&rows) {
             return Err(fault(BOTTOM_ROW, found));
         }
-        let row = |i: usize| {
-            let [x, y, z, t] = rows[i];
-            [x, y, z, t - origin[i]].map(|number| number as f32)
-        };
-        let pose = Pose::from_rows([row(0), row(1), row(2)]);
+        let pose = pose_of([rows[0], rows[1], rows[2]], origin.into());
         match Camera::new(Intrinsics::centred(1, 1, 1.0), Lens::NONE, pose) {
             Ok(_) => Ok(pose),
             Err(error) => Err(fault("a rotation and a position", error.to_string())),

@@ -1,9 +1,9 @@
 //! Refined poses next to a blob: `FILE.poses.json`, a transforms.json of the photographs that the blob was fitted to.
 
 use super::optics_by_name;
+use super::pose::pose_of;
 use crate::data::{DatasetError, View};
 use crate::system::input::{MAX_JSON_BYTES, read_limited};
-use glam::{Mat3, Vec3};
 use nerf_core::camera::{Camera, Pose, Projection};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
@@ -101,10 +101,8 @@ impl Frame {
     }
 
     fn pose(&self, origin: [f64; 3]) -> Pose {
-        let m = &self.transform_matrix;
-        let column = |j: usize| Vec3::new(m[0][j] as f32, m[1][j] as f32, m[2][j] as f32);
-        let position = [0, 1, 2].map(|row| (m[row][3] - origin[row]) as f32);
-        Pose { rotation: Mat3::from_cols(column(0), column(1), column(2)), position: position.into() }
+        let [x, y, z, _] = self.transform_matrix;
+        pose_of([x, y, z], origin.into())
     }
 }
 
@@ -112,6 +110,7 @@ impl Frame {
 mod tests {
     use super::*;
     use crate::data::demo;
+    use glam::{Mat3, Vec3};
 
     #[test]
     fn refined_cameras_come_back_from_their_file() {

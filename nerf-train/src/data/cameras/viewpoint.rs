@@ -122,7 +122,7 @@ fn up_of(cameras: &[Camera]) -> Vec3 {
 
 /// Normal of the plane of these unit vectors; `None` if they do not lie in a plane, or lie along a line.
 fn level(horizons: &[DVec3]) -> Option<DVec3> {
-    let m = horizons.iter().map(|&dir| outer(dir)).sum::<DMat3>() * (1.0 / horizons.len() as f64);
+    let m = horizons.iter().map(|&dir| outer(dir, dir)).sum::<DMat3>() * (1.0 / horizons.len() as f64);
     let least = smallest_eigenvalue(m);
     let rest = m - DMat3::from_diagonal(DVec3::splat(least));
     let (x, y, z) = (rest.x_axis, rest.y_axis, rest.z_axis);

@@ -3,9 +3,10 @@
 use crate::data::DatasetError;
 use crate::data::layouts::colmap::commands::{self, RENAMED, quoted};
 use crate::data::layouts::folders::{IMAGES, entries};
+use crate::data::names::file_name;
 use crate::data::pictures::decode::{DecodeError, dimensions};
 use crate::data::pictures::exif;
-use crate::data::pictures::file::{heif, is_picture_name};
+use crate::data::pictures::file::is_picture_name;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -32,13 +33,13 @@ impl Bare {
         let (mut photographs, mut damaged) = (Vec::new(), Vec::new());
         let mut cameras: BTreeMap<_, Vec<String>> = BTreeMap::new();
         for file in files {
-            let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            let name = file_name(&file);
             match dimensions(&file) {
                 Ok(size) => {
                     cameras.entry((exif::device(&file), size)).or_default().push(name);
                     photographs.push(file);
                 }
-                Err(DecodeError::Heif { file }) => return Err(heif(&file)),
+                Err(error @ DecodeError::Heif { .. }) => return Err(error.into()),
                 Err(DecodeError::Read { file, source }) => return Err(DatasetError::io(&file, source)),
                 Err(_) => damaged.push(name),
             }

@@ -9,12 +9,8 @@ use std::path::{Path, PathBuf};
 pub(crate) const TRAIN: &str = "transforms_train.json";
 const VAL: &str = "transforms_val.json";
 const TEST: &str = "transforms_test.json";
+/// Lists of the splits; a file of one of these names stands for its whole folder.
 pub(crate) const SPLITS: [&str; 3] = [TRAIN, VAL, TEST];
-
-/// Whether a file of this name lists a split, so that its whole folder is read.
-pub(crate) fn is_split_file(name: &str) -> bool {
-    SPLITS.contains(&name)
-}
 
 pub(crate) fn is_here(folder: &Path) -> bool {
     SPLITS.iter().any(|name| folder.join(name).is_file())

@@ -18,14 +18,6 @@ pub enum Layout {
 impl Layout {
     const ALL: [Self; 3] = [Self::Transforms, Self::Colmap, Self::Llff];
 
-    fn name(self) -> &'static str {
-        match self {
-            Self::Transforms => "transforms",
-            Self::Colmap => "colmap",
-            Self::Llff => "llff",
-        }
-    }
-
     /// Files by which a folder of this layout is recognised, for messages.
     fn expected(self) -> String {
         match self {
@@ -49,7 +41,11 @@ impl Layout {
 
 impl std::fmt::Display for Layout {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.name())
+        f.write_str(match self {
+            Self::Transforms => "transforms",
+            Self::Colmap => "colmap",
+            Self::Llff => "llff",
+        })
     }
 }
 
@@ -57,7 +53,7 @@ impl std::str::FromStr for Layout {
     type Err = String;
 
     fn from_str(s: &str) -> Result<Self, String> {
-        let found = Self::ALL.into_iter().find(|layout| layout.name() == s);
+        let found = Self::ALL.into_iter().find(|layout| layout.to_string() == s);
         found.ok_or_else(|| format!("expected transforms, colmap or llff, found {s:?}"))
     }
 }

@@ -1,9 +1,10 @@
 //! The CS180 course's `.npz`: splits by name, OpenCV poses, one focal length.
 
+use crate::data::cameras::pose::pose_of;
 use crate::data::layouts::npz::{self, Archive, Array};
 use crate::data::{Axes, Dataset, DatasetError, Format, ReadOptions, View, scene_name};
 use glam::DVec3;
-use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
+use nerf_core::camera::{Camera, Intrinsics, Lens};
 use rayon::prelude::*;
 
 /// Reads `images_{train,val,test}`, `c2ws_{train,val,test}` and `focal`; the training arrays may be missing if
@@ -21,25 +22,24 @@ pub(crate) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Datas
     }
     let origin = options.origin_for(positions);
     let world = World { axes, origin };
-    let train = if !options.to_measure || archive.has("images_train") {
-        split(archive, "images_train", "c2ws_train", focal, world)?
-    } else {
-        Vec::new()
-    };
-    let mut warnings = Vec::new();
-    let val = if archive.has("images_val") {
-        split(archive, "images_val", "c2ws_val", focal, world)?
-    } else {
-        if !options.to_measure {
-            warnings.push("no array `images_val`: no validation views".into());
+    let mut split = |images: &str, poses: &str, needed: bool| {
+        if !needed && !archive.has(images) {
+            return Ok(Vec::new());
         }
-        Vec::new()
+        let c2ws = archive.matrices(poses)?;
+        let array = archive.array(images)?;
+        views(archive, (images, &array), (poses, &c2ws), focal, world)
     };
-    let mut test = Vec::new();
+    let train = split("images_train", "c2ws_train", !options.to_measure)?;
+    let val = split("images_val", "c2ws_val", false)?;
+    let test = split("images_test", "c2ws_test", false)?;
+    let mut warnings = Vec::new();
+    if !archive.has("images_val") && !options.to_measure {
+        warnings.push("no array `images_val`: no validation views".into());
+    }
     let mut test_path = Vec::new();
-    if archive.has("images_test") {
-        test = split(archive, "images_test", "c2ws_test", focal, world)?;
-    } else if archive.has("c2ws_test")
+    if archive.has("c2ws_test")
+        && !archive.has("images_test")
         && let Some(like) = train.first().or(val.first())
     {
         let (width, height) = like.size();
@@ -60,29 +60,17 @@ pub(crate) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Datas
 }
 
 #[derive(Clone, Copy)]
-pub(crate) struct World {
-    pub(crate) axes: Axes,
-    pub(crate) origin: DVec3,
+struct World {
+    axes: Axes,
+    origin: DVec3,
 }
 
-pub(crate) fn position(rows: &[[f64; 4]; 3]) -> [f64; 3] {
+fn position(rows: &[[f64; 4]; 3]) -> [f64; 3] {
     rows.map(|row| row[3])
 }
 
-fn split(
-    archive: &mut Archive,
-    images: &str,
-    poses: &str,
-    focal: f64,
-    world: World,
-) -> Result<Vec<View>, DatasetError> {
-    let c2ws = archive.matrices(poses)?;
-    let array = archive.array(images)?;
-    views(archive, (images, &array), (poses, &c2ws), focal, world)
-}
-
 /// Views of an array of pictures `[n, h, w, 3 or 4]` and as many poses.
-pub(crate) fn views(
+fn views(
     archive: &Archive,
     (images, array): (&str, &Array),
     (poses, c2ws): (&str, &[[[f64; 4]; 3]]),
@@ -140,10 +128,7 @@ fn cameras(
 ) -> Result<Vec<Camera>, DatasetError> {
     let intrinsics = Intrinsics::centred(width, height, focal as f32);
     let make = |(index, rows): (usize, &[[f64; 4]; 3])| {
-        let [x, y, z] = (DVec3::from(position(rows)) - world.origin).to_array();
-        let mut rows = *rows;
-        (rows[0][3], rows[1][3], rows[2][3]) = (x, y, z);
-        let pose = world.axes.to_opengl(Pose::from_rows(rows.map(|row| row.map(|v| v as f32))));
+        let pose = world.axes.to_opengl(pose_of(*rows, world.origin));
         Camera::new(intrinsics, Lens::NONE, pose)
             .map_err(|error| DatasetError::camera(&archive.file, &format!("{key}[{index}]"), &error))
     };

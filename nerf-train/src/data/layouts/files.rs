@@ -2,6 +2,7 @@
 
 use crate::data::layouts::folders::entries;
 use crate::data::layouts::{blender, colmap, llff, nerfstudio};
+use crate::data::names::file_name;
 use crate::data::pictures::file::{self, Listings};
 use crate::system::output::claims::Claims;
 use serde::Deserialize;
@@ -40,7 +41,7 @@ pub fn reads_data<'p, P: AsRef<Path> + ?Sized + 'p>(
 pub fn files(path: &Path) -> Vec<PathBuf> {
     let folder = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
     let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
-    let lists: Vec<PathBuf> = if path.is_dir() || blender::is_split_file(name) {
+    let lists: Vec<PathBuf> = if path.is_dir() || blender::SPLITS.contains(&name) {
         let names = blender::SPLITS.into_iter().chain([nerfstudio::FILE]);
         names.map(|name| folder.join(name)).chain([path.to_owned()]).filter(|list| list.is_file()).collect()
     } else {
@@ -61,7 +62,7 @@ fn photographs(folder: &Path) -> Vec<PathBuf> {
         return files;
     }
     let of_pictures = |path: &PathBuf| {
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let name = file_name(path);
         path.is_dir() && (name == "masks" || name.starts_with("images")) || file::is_picture_name(path)
     };
     let mut open: Vec<PathBuf> =

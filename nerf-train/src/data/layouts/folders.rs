@@ -1,5 +1,6 @@
 //! Folders of photographs: `images`, and `images_N` with copies N times smaller.
 
+use crate::data::names::file_name;
 use crate::data::pictures::file::is_picture_name;
 use crate::data::{DatasetError, Downscale, ReadOptions, View};
 use std::collections::BTreeMap;
@@ -28,7 +29,7 @@ impl Folders {
     pub(crate) fn of(root: &Path) -> Result<Self, DatasetError> {
         let mut by_factor = BTreeMap::new();
         for path in entries(root)?.into_iter().filter(|path| path.is_dir()) {
-            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            let name = file_name(&path);
             let factor = match name.strip_prefix(IMAGES) {
                 Some("") => Some(1),
                 Some(rest) => rest.strip_prefix('_').and_then(|n| n.parse().ok()).filter(|&n| n > 1),
@@ -86,10 +87,7 @@ impl Folders {
             return Err(DatasetError::value(&self.root, "--downscale", expected, downscale.factor(size)));
         };
         let pictures = entries(folder)?.into_iter().filter(|path| is_picture_name(path));
-        let named = pictures.map(|path| {
-            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            (name, Located { path, downscale, reduced })
-        });
+        let named = pictures.map(|path| (file_name(&path), Located { path, downscale, reduced }));
         let mut pictures: Vec<(String, Located)> = named.collect();
         pictures.sort_by(|a, b| a.0.cmp(&b.0));
         Ok(pictures)

@@ -1,11 +1,12 @@
 //! LLFF's `poses_bounds.npy`, with the photographs in `images` or `images_N` of its folder.
 
+use crate::data::cameras::pose::pose_of;
 use crate::data::layouts::colmap;
 use crate::data::layouts::folders::{Folders, Located, every_eighth};
 use crate::data::layouts::npz::{self, read_npy};
 use crate::data::pictures::found::Found;
 use crate::data::pictures::photo::{Fence, Optics, Photo, Source};
-use crate::data::{Axes, Dataset, DatasetError, Format, ReadOptions, SparsePoint, View, Watch, scene_name};
+use crate::data::{Axes, Dataset, DatasetError, Format, ReadOptions, SparsePoint, Watch, scene_name};
 use glam::DVec3;
 use nerf_core::camera::{Lens, Pose};
 use std::path::Path;
@@ -33,10 +34,8 @@ impl Row {
     /// Row of 17 numbers: `[down right backward | centre | height width focal]`, row by row, and the bounds. The
     /// centre is counted from `origin`.
     fn new(n: &[f64], origin: DVec3) -> Self {
-        let row =
-            |i: usize| [n[5 * i + 1], -n[5 * i], n[5 * i + 2], n[5 * i + 3] - origin[i]].map(|v| v as f32);
-        let rows = [0, 1, 2].map(row);
-        Self { pose: Pose::from_rows(rows), size: (n[9], n[4]), focal: n[14], bounds: [n[15], n[16]] }
+        let rows = [0, 1, 2].map(|i| [n[5 * i + 1], -n[5 * i], n[5 * i + 2], n[5 * i + 3]]);
+        Self { pose: pose_of(rows, origin), size: (n[9], n[4]), focal: n[14], bounds: [n[15], n[16]] }
     }
 }
 
@@ -87,27 +86,6 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     if !points.is_empty() {
         found.notes.push("its points are those of COLMAP's points3D beside it".into());
     }
-    dataset(folder, options, (views, rows), (points, origin), found)
-}
-
-/// Sparse points of a COLMAP model in the same folder, whose world is the same; empty if there are none.
-fn points(folder: &Path, origin: DVec3, found: &mut Found) -> Result<Vec<SparsePoint>, DatasetError> {
-    for place in [folder.join("sparse/0"), folder.join("sparse"), folder.to_owned()] {
-        let points = colmap::points_of(&place, origin, found)?;
-        if !points.is_empty() {
-            return Ok(points);
-        }
-    }
-    Ok(Vec::new())
-}
-
-fn dataset(
-    folder: &Path,
-    options: &ReadOptions,
-    (views, rows): (Vec<View>, Vec<Row>),
-    (points, origin): (Vec<SparsePoint>, DVec3),
-    found: Found,
-) -> Result<Dataset, DatasetError> {
     let (mut notes, warnings) = found.into_sentences();
     let near = rows.iter().map(|row| row.bounds[0]).fold(f64::INFINITY, f64::min);
     let far = rows.iter().map(|row| row.bounds[1]).fold(0.0, f64::max);
@@ -120,9 +98,20 @@ fn dataset(
         points,
         notes,
         warnings,
-        ..Dataset::empty(scene_name(folder), Format::Llff, options.axes.unwrap_or(Axes::Opengl))
+        ..Dataset::empty(scene_name(folder), Format::Llff, axes)
     }
     .counted_from(origin))
+}
+
+/// Sparse points of a COLMAP model in the same folder, whose world is the same; empty if there are none.
+fn points(folder: &Path, origin: DVec3, found: &mut Found) -> Result<Vec<SparsePoint>, DatasetError> {
+    for place in [folder.join("sparse/0"), folder.join("sparse"), folder.to_owned()] {
+        let points = colmap::points_of(&place, origin, found)?;
+        if !points.is_empty() {
+            return Ok(points);
+        }
+    }
+    Ok(Vec::new())
 }
 
 /// Name of the folder that contains the pictures.

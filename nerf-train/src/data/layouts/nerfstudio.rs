@@ -2,7 +2,7 @@
 
 use crate::data::layouts::folders::every_eighth;
 use crate::data::layouts::transforms::{Header, Transforms};
-use crate::data::names::listed;
+use crate::data::names::{file_name, listed};
 use crate::data::pictures::found::Found;
 use crate::data::{Axes, Dataset, DatasetError, Format, ReadOptions, View, Watch, scene_name};
 use std::collections::HashSet;
@@ -21,7 +21,7 @@ pub(crate) fn read(file: &Path, options: &ReadOptions, watch: &Watch) -> Result<
     let (mut notes, mut warnings) = found.into_sentences();
     views.sort_by(|a, b| a.name.cmp(&b.name));
     let count = (views.len(), transforms.len());
-    notes.insert(0, format!("{}: {} of {} frames have a picture", shown(file), count.0, count.1));
+    notes.insert(0, format!("{}: {} of {} frames have a picture", file_name(file), count.0, count.1));
     say_fields(&transforms.header, &mut notes);
     let header = &transforms.header;
     let lists = [&header.train_filenames, &header.val_filenames, &header.test_filenames];
@@ -44,10 +44,6 @@ pub(crate) fn read(file: &Path, options: &ReadOptions, watch: &Watch) -> Result<
         ..Dataset::empty(scene_name(if usual { folder } else { file }), Format::Nerfstudio, axes)
     }
     .counted_from(origin))
-}
-
-fn shown(file: &Path) -> String {
-    file.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// Adds notes on fields that change nothing here.

@@ -20,7 +20,7 @@ const HEAD_BYTES: u64 = 12;
 pub(crate) const FORMATS: &str = "PNG, JPEG, WebP, TIFF, BMP or GIF";
 
 /// Advice for the pictures of telephones that are not decoded.
-pub(crate) const HEIF_ADVICE: &str = "turn them into JPEG first, with `heif-convert a.heic a.jpg` (libheif) or `magick mogrify -format jpg *.heic`";
+const HEIF_ADVICE: &str = "turn them into JPEG first, with `heif-convert a.heic a.jpg` (libheif) or `magick mogrify -format jpg *.heic`";
 
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]

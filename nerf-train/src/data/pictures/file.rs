@@ -1,7 +1,7 @@
 //! Reads one picture file as straight 8-bit sRGB and alpha.
 
 use crate::data::DatasetError;
-use crate::data::pictures::decode::{DecodeError, FORMATS, HEIF_ADVICE, decode_of};
+use crate::data::pictures::decode::{DecodeError, FORMATS, decode_of};
 use image::DynamicImage;
 use image::metadata::Orientation;
 use std::collections::{HashMap, HashSet};
@@ -37,10 +37,9 @@ pub(crate) fn decode(file: &Path, stated: StatedSize) -> Result<Decoded, Dataset
     let wanted = |size: (u32, u32)| fits(size, stated) || fits((size.1, size.0), stated);
     let (image, orientation) = decode_of(file, wanted).map_err(|error| match error {
         DecodeError::Read { file, source } => DatasetError::io(&file, source),
-        DecodeError::Format { .. } => bad("another kind of file".into()),
-        DecodeError::Heif { .. } => heif(file),
         DecodeError::Damaged { found, .. } => bad(found),
         DecodeError::Size { file, found } => other_size(&file, stated, found),
+        error => error.into(),
     })?;
     let (width, height) = (image.width(), image.height());
     if width == 0 || height == 0 {
@@ -56,12 +55,6 @@ pub(crate) fn other_size(file: &Path, stated: StatedSize, found: (u32, u32)) -> 
         "expected a picture of {}x{} pixels (or scaled evenly), as its poses (or, of a mask, its picture) say, found {}x{}",
         expected.0, expected.1, found.0, found.1
     );
-    DatasetError::fault(file, fault)
-}
-
-/// The error that a picture is of a kind that is not decoded here.
-pub(crate) fn heif(file: &Path) -> DatasetError {
-    let fault = format!("expected a {FORMATS} picture, found HEIF (HEIC) or AVIF; {HEIF_ADVICE}");
     DatasetError::fault(file, fault)
 }
 

@@ -1,7 +1,7 @@
 //! Notes and warnings from reading pictures.
 
 use crate::data::View;
-use crate::data::names::listed;
+use crate::data::names::{file_name, listed};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -44,8 +44,7 @@ impl Found {
 
     /// Counts a sentence about a view of `file`.
     pub(crate) fn count_note(&mut self, file: &Path, note: String) {
-        let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        *self.said.entry((name, note)).or_default() += 1;
+        *self.said.entry((file_name(file), note)).or_default() += 1;
     }
 
     /// Counts a view's mask; false if the mask leaves no pixel.

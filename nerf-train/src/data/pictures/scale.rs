@@ -21,10 +21,9 @@ pub enum Downscale {
 impl Downscale {
     /// The factor for pictures of this size, pixels.
     pub(crate) fn factor(self, (width, height): (f64, f64)) -> u32 {
-        let Self::Auto = self else {
-            let Self::By(factor) = self else { return 1 };
+        if let Self::By(factor) = self {
             return factor.max(1);
-        };
+        }
         let ratio = (width.max(height) / AUTO_SIDE).clamp(1.0, f64::from(MAX_FACTOR));
         let (low, high) = (ratio.floor(), ratio.ceil());
         // Nearest by ratio, not by difference.

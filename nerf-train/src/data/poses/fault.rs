@@ -46,25 +46,26 @@ impl Serialize for Fault {
 
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let joined = |groups: &[Vec<String>], between: &str| {
+            groups.iter().map(|group| listed(group)).collect::<Vec<_>>().join(between)
+        };
         match self {
             Self::Torn { others } if others.is_empty() => write!(
                 f,
                 "torn: photographs are missing in it; take more between those that have a pose and those that have none"
             ),
-            Self::Torn { others } => {
-                write!(f, "torn: what these show hangs together only among themselves:")?;
-                for (i, other) in others.iter().enumerate() {
-                    write!(f, "{} {}", if i > 0 { ";" } else { "" }, listed(other))?;
-                }
-                write!(f, "; of two captures give each a folder, of one take photographs between the parts")
-            }
-            Self::Folded { groups } => {
-                write!(f, "folded: two sides that look alike lie on top of each other:")?;
-                for (i, group) in groups.iter().enumerate() {
-                    write!(f, "{} {}", if i > 0 { "; against" } else { "" }, listed(group))?;
-                }
-                write!(f, "; find the poses of one group's photographs alone")
-            }
+            Self::Torn { others } => write!(
+                f,
+                "torn: what these show hangs together only among themselves: {}; of two captures give each a folder, of one \
+                 take photographs between the parts",
+                joined(others, "; ")
+            ),
+            Self::Folded { groups } => write!(
+                f,
+                "folded: two sides that look alike lie on top of each other: {}; find the poses of one group's photographs \
+                 alone",
+                joined(groups, "; against ")
+            ),
         }
     }
 }

@@ -12,12 +12,13 @@ pub use fault::Fault;
 use crate::data::layouts::bare::Bare;
 use crate::data::layouts::colmap::commands::{self, Place, Way};
 use crate::data::layouts::colmap::{Facts, facts};
+use crate::data::names::file_name;
 use crate::data::{Dataset, DatasetError, ReadOptions, read};
-use crate::system::output::AtomicFolder;
+use crate::system::output::{self, AtomicFolder, OutputError};
 use crate::system::progress::{ProgressStyle, say_lines};
 use run::{Runner, none_registered};
 use serde::Serialize;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
 use std::{fs, io};
 
@@ -80,36 +81,31 @@ pub fn find(request: &Request<'_>) -> anyhow::Result<Found> {
     if count < MIN_PHOTOGRAPHS {
         return Err(few(count, &bare.damaged).into());
     }
-    let runner = Runner {
-        photographs: count,
-        threads: request.threads,
-        patience: request.patience,
-        style: request.style,
-    };
+    let runner = Runner { request, photographs: count };
     let result = AtomicFolder::create(request.output)?;
     let work = result.place().join("work");
     let place = Place { images: result.place().join("images"), work: work.clone() };
     // First, so that nothing is copied if COLMAP is not installed.
     runner.help(&commands::features(&place, None))?;
-    let cannot_write = |source| cannot_write(request, source);
-    [&place.images, &work].into_iter().try_for_each(fs::create_dir).map_err(cannot_write)?;
-    copy(&bare, &place.images).map_err(cannot_write)?;
+    let cannot_write_output = |source| cannot_write(request.output, source);
+    [&place.images, &work].into_iter().try_for_each(fs::create_dir).map_err(cannot_write_output)?;
+    copy(&bare, &place.images).map_err(cannot_write_output)?;
     extract(&bare, &place, &runner)?;
-    let best = best(request, &bare, &place, &runner)?;
+    let best = best(&place, &runner)?;
     let sparse = result.place().join("sparse");
     let kept = fs::create_dir(&sparse).and_then(|()| keep(&best.model, &sparse.join("0"), &work));
-    kept.map_err(cannot_write)?;
+    kept.map_err(cannot_write_output)?;
     result.commit()?;
     Ok(found(bare, best))
 }
 
 /// Extracts the features of all photographs into one database, camera by camera: one call assumes one camera.
-fn extract(bare: &Bare, place: &Place, runner: &Runner) -> anyhow::Result<()> {
+fn extract(bare: &Bare, place: &Place, runner: &Runner<'_>) -> anyhow::Result<()> {
     for (index, names) in bare.cameras.iter().enumerate() {
         let list = place.work.join(format!("camera{index}.txt"));
         let list = (bare.cameras.len() > 1).then_some(list);
         if let Some(list) = &list {
-            fs::write(list, names.join("\n") + "\n").map_err(|source| cannot_write_at(list, source))?;
+            fs::write(list, names.join("\n") + "\n").map_err(|source| cannot_write(list, source))?;
         }
         runner.run(commands::features(place, list.as_deref()))?;
     }
@@ -117,8 +113,8 @@ fn extract(bare: &Bare, place: &Place, runner: &Runner) -> anyhow::Result<()> {
 }
 
 /// The best model of COLMAP's ways: the first without a fault, else the largest.
-fn best(request: &Request<'_>, bare: &Bare, place: &Place, runner: &Runner) -> anyhow::Result<Attempt> {
-    let count = bare.photographs.len();
+fn best(place: &Place, runner: &Runner<'_>) -> anyhow::Result<Attempt> {
+    let Runner { request, photographs: count } = *runner;
     let mut best: Option<Attempt> = None;
     for way in Way::all(request.sequential) {
         let attempt = match (attempt(way, place, runner), &best) {
@@ -129,7 +125,7 @@ fn best(request: &Request<'_>, bare: &Bare, place: &Place, runner: &Runner) -> a
             }
             (Ok(model), _) => {
                 let data =
-                    with_photographs(place, way).map_err(|source| cannot_write_at(&place.images, source))?;
+                    with_photographs(place, way).map_err(|source| cannot_write(&place.images, source))?;
                 let folded = data.and_then(|data| (request.folded)(&data));
                 let fault = Fault::of(&model, count, folded);
                 Attempt { model, way, fault }
@@ -160,21 +156,20 @@ fn with_photographs(place: &Place, way: Way) -> io::Result<Option<Dataset>> {
 }
 
 /// Runs COLMAP in one way and returns its largest model.
-fn attempt(way: Way, place: &Place, runner: &Runner) -> anyhow::Result<Facts> {
+fn attempt(way: Way, place: &Place, runner: &Runner<'_>) -> anyhow::Result<Facts> {
     if let Some(matching) = commands::matching(place, way) {
         let database = place.database(way);
-        fs::copy(place.features(), &database).map_err(|source| cannot_write_at(&database, source))?;
+        fs::copy(place.features(), &database).map_err(|source| cannot_write(&database, source))?;
         runner.run(matching)?;
     }
     let models = place.models(way);
-    fs::create_dir_all(models.join("sparse")).map_err(|source| cannot_write_at(&models, source))?;
+    fs::create_dir_all(models.join("sparse")).map_err(|source| cannot_write(&models, source))?;
     runner.run(commands::mapping(place, way, runner.photographs))?;
     facts(&models)?.ok_or_else(|| none_registered(runner.photographs, "no model was made"))
 }
 
 fn found(bare: Bare, Attempt { model, way, fault }: Attempt) -> Found {
-    let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let names = bare.photographs.iter().map(name);
+    let names = bare.photographs.iter().map(|path| file_name(path));
     Found {
         photographs: bare.photographs.len(),
         registered: model.names.len(),
@@ -189,13 +184,8 @@ fn found(bare: Bare, Attempt { model, way, fault }: Attempt) -> Found {
     }
 }
 
-fn cannot_write(request: &Request<'_>, source: io::Error) -> anyhow::Error {
-    cannot_write_at(request.output, source)
-}
-
-fn cannot_write_at(path: &Path, source: io::Error) -> anyhow::Error {
-    let attempt = crate::system::output::Attempt::Write;
-    crate::system::output::OutputError { path: path.into(), attempt, source }.into()
+fn cannot_write(path: &Path, source: io::Error) -> anyhow::Error {
+    OutputError::new(output::Attempt::Write, path, source).into()
 }
 
 fn copy(bare: &Bare, images: &Path) -> io::Result<()> {

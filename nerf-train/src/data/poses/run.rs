@@ -1,8 +1,9 @@
 //! Runs an installed COLMAP, shows its output, and reports why it failed.
 
+use super::Request;
 use crate::data::layouts::colmap::commands::Stage;
 use crate::system::child::{Heard, Helper, last_lines};
-use crate::system::progress::{ProgressStyle, say};
+use crate::system::progress::say;
 use anyhow::anyhow;
 use std::io;
 use std::process::{Command, ExitStatus, Stdio};
@@ -17,13 +18,10 @@ const LINE_EVERY: Duration = Duration::from_secs(5);
 /// Time limit for listing the options.
 const HELP_PATIENCE: Duration = Duration::from_secs(30);
 
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Runner {
+#[derive(Clone, Copy)]
+pub(super) struct Runner<'a> {
+    pub(super) request: &'a Request<'a>,
     pub(super) photographs: usize,
-    pub(super) threads: Option<usize>,
-    /// Time without output after which COLMAP is ended.
-    pub(super) patience: Duration,
-    pub(super) style: ProgressStyle,
 }
 
 /// `colmap`, without a window and without input.
@@ -46,16 +44,17 @@ fn start(command: &mut Command) -> anyhow::Result<(Helper, Heard, Heard)> {
     Ok((helper, Heard::of(stdout, KEPT_BYTES), Heard::of(stderr, KEPT_BYTES)))
 }
 
-impl Runner {
+impl Runner<'_> {
     /// Runs a command to its end and shows its output.
     pub(super) fn run(&self, stage: Stage) -> anyhow::Result<()> {
-        let stage = match self.threads {
+        let Request { threads, patience, style, .. } = *self.request;
+        let stage = match threads {
             Some(threads) => stage.with_threads(threads),
             None => stage,
         };
         let help = self.help(&stage)?;
         let (helper, out, err) = start(colmap().args(stage.arguments(&help)))?;
-        say(self.style, &format!("colmap {}", stage.name));
+        say(style, &format!("colmap {}", stage.name));
         let (mut heard, mut spoke, mut shown) = ([Vec::new(), Vec::new()], Instant::now(), Instant::now());
         let status = loop {
             let status = helper.wait(LOOK_EVERY);
@@ -64,16 +63,16 @@ impl Runner {
                 if shown.elapsed() > LINE_EVERY {
                     shown = Instant::now();
                     let changed = if said[1] == heard[1] { &said[0] } else { &said[1] };
-                    say(self.style, &format!("colmap {}: {}", stage.name, last_line(changed)));
+                    say(style, &format!("colmap {}: {}", stage.name, last_line(changed)));
                 }
                 (heard, spoke) = (said, Instant::now());
             }
             if let Some(status) = status {
                 break status;
             }
-            if spoke.elapsed() > self.patience {
+            if spoke.elapsed() > patience {
                 helper.kill();
-                return Err(silent(&stage, self.patience));
+                return Err(silent(&stage, patience));
             }
         };
         if status.success() {
@@ -85,7 +84,7 @@ impl Runner {
     /// Help of the installed version on a command's options.
     pub(super) fn help(&self, stage: &Stage) -> anyhow::Result<String> {
         let (helper, out, err) = start(colmap().arg(stage.name).arg("--help"))?;
-        let patience = HELP_PATIENCE.min(self.patience);
+        let patience = HELP_PATIENCE.min(self.request.patience);
         if helper.wait(patience).is_none() {
             helper.kill();
             return Err(silent(stage, patience));

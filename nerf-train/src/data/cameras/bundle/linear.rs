@@ -1,6 +1,7 @@
 //! Normal equations of a step, with the points eliminated.
 
 use super::{Bundle, Device, Jacobian, Observation, POSE, SOFT_PIXELS};
+use crate::data::cameras::geometry::outer;
 use glam::{DMat3, DQuat, DVec3};
 
 /// Block of the normal equations that couples a camera or a device with a point: one row per parameter. A device has
@@ -131,10 +132,6 @@ impl<'a> Reduced<'a> {
         }
         Some(bundle)
     }
-}
-
-fn outer(a: DVec3, b: DVec3) -> DMat3 {
-    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
 
 /// Solves a positive definite system in place by Cholesky's method; only the lower triangle of `matrix` is read.

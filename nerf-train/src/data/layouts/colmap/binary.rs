@@ -63,15 +63,15 @@ impl Bytes {
 
     /// Skips `count` items of `size` bytes.
     fn skip(&mut self, field: &str, count: u64, size: u64) -> Result<(), DatasetError> {
-        let end = || self.value(field, format!("{count} times {size} more bytes"), "the end of the file");
-        let bytes = count.checked_mul(size).ok_or_else(end)?;
-        let read = std::io::copy(&mut self.stream.by_ref().take(bytes), &mut sink())
-            .map_err(|error| self.cut(field, bytes, &error))?;
-        if read < bytes {
-            return Err(self.value(field, format!("{count} times {size} more bytes"), "the end of the file"));
+        if let Some(bytes) = count.checked_mul(size) {
+            let read = std::io::copy(&mut self.stream.by_ref().take(bytes), &mut sink())
+                .map_err(|error| self.cut(field, bytes, &error))?;
+            if read == bytes {
+                self.at += bytes;
+                return Ok(());
+            }
         }
-        self.at += bytes;
-        Ok(())
+        Err(self.value(field, format!("{count} times {size} more bytes"), "the end of the file"))
     }
 
     /// Reads a name that ends with a zero byte.
@@ -119,10 +119,8 @@ fn cameras(file: &Path) -> Result<HashMap<u32, Camera>, DatasetError> {
         let kind = Kind::by_id(id)
             .ok_or_else(|| bytes.value(&field("model"), "the number of a model, 0 to 17", id.to_string()))?;
         let (width, height) = (bytes.u64(&field("width"))?, bytes.u64(&field("height"))?);
-        let mut parameters = Vec::new();
-        for _ in 0..kind.parameters {
-            parameters.extend(bytes.f64s::<1>(&field("parameters"))?);
-        }
+        let mut parameter = |_| bytes.f64s(&field("parameters")).map(|[value]| value);
+        let parameters = (0..kind.parameters).map(&mut parameter).collect::<Result<_, _>>()?;
         cameras.extend(Camera::new(kind, width, height, parameters).map(|camera| (number, camera)));
     }
     if cameras.is_empty() {

@@ -15,8 +15,6 @@ pub(crate) struct Camera {
 
 #[derive(Debug)]
 pub(crate) struct Kind {
-    /// Number of the model in binary files.
-    id: i32,
     /// Name of the model in text files.
     name: &'static str,
     pub(crate) parameters: usize,
@@ -26,39 +24,38 @@ pub(crate) struct Kind {
     lens: Option<fn(&[f64]) -> Lens>,
 }
 
-/// All models of COLMAP 4.2.
+/// All models of COLMAP 4.2, each at the index that binary files have for it.
 ///
 /// # Source
 /// `src/colmap/sensor/models.h`
 static KINDS: [Kind; 18] = {
     const fn kind(
-        id: i32,
         name: &'static str,
         parameters: usize,
         two_focals: bool,
         lens: Option<fn(&[f64]) -> Lens>,
     ) -> Kind {
-        Kind { id, name, parameters, two_focals, lens }
+        Kind { name, parameters, two_focals, lens }
     }
     [
-        kind(0, "SIMPLE_PINHOLE", 3, false, Some(radial_tangential)),
-        kind(1, "PINHOLE", 4, true, Some(radial_tangential)),
-        kind(2, "SIMPLE_RADIAL", 4, false, Some(radial_tangential)),
-        kind(3, "RADIAL", 5, false, Some(radial_tangential)),
-        kind(4, "OPENCV", 8, true, Some(radial_tangential)),
-        kind(5, "OPENCV_FISHEYE", 8, true, Some(fisheye)),
-        kind(6, "FULL_OPENCV", 12, true, Some(radial_tangential)),
-        kind(7, "FOV", 5, true, None),
-        kind(8, "SIMPLE_RADIAL_FISHEYE", 4, false, Some(fisheye)),
-        kind(9, "RADIAL_FISHEYE", 5, false, Some(fisheye)),
-        kind(10, "THIN_PRISM_FISHEYE", 12, true, None),
-        kind(11, "RAD_TAN_THIN_PRISM_FISHEYE", 16, true, None),
-        kind(12, "SIMPLE_DIVISION", 4, false, None),
-        kind(13, "DIVISION", 5, true, None),
-        kind(14, "SIMPLE_FISHEYE", 3, false, Some(fisheye)),
-        kind(15, "FISHEYE", 4, true, Some(fisheye)),
-        kind(16, "EUCM", 6, true, None),
-        kind(17, "EQUIRECTANGULAR", 2, true, None),
+        kind("SIMPLE_PINHOLE", 3, false, Some(radial_tangential)),
+        kind("PINHOLE", 4, true, Some(radial_tangential)),
+        kind("SIMPLE_RADIAL", 4, false, Some(radial_tangential)),
+        kind("RADIAL", 5, false, Some(radial_tangential)),
+        kind("OPENCV", 8, true, Some(radial_tangential)),
+        kind("OPENCV_FISHEYE", 8, true, Some(fisheye)),
+        kind("FULL_OPENCV", 12, true, Some(radial_tangential)),
+        kind("FOV", 5, true, None),
+        kind("SIMPLE_RADIAL_FISHEYE", 4, false, Some(fisheye)),
+        kind("RADIAL_FISHEYE", 5, false, Some(fisheye)),
+        kind("THIN_PRISM_FISHEYE", 12, true, None),
+        kind("RAD_TAN_THIN_PRISM_FISHEYE", 16, true, None),
+        kind("SIMPLE_DIVISION", 4, false, None),
+        kind("DIVISION", 5, true, None),
+        kind("SIMPLE_FISHEYE", 3, false, Some(fisheye)),
+        kind("FISHEYE", 4, true, Some(fisheye)),
+        kind("EUCM", 6, true, None),
+        kind("EQUIRECTANGULAR", 2, true, None),
     ]
 };
 
@@ -80,7 +77,7 @@ fn fisheye(parameters: &[f64]) -> Lens {
 
 impl Kind {
     pub(crate) fn by_id(id: i32) -> Option<&'static Self> {
-        KINDS.iter().find(|kind| kind.id == id)
+        usize::try_from(id).ok().and_then(|id| KINDS.get(id))
     }
 
     pub(crate) fn by_name(name: &str) -> Option<&'static Self> {

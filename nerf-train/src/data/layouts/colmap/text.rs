@@ -69,9 +69,9 @@ impl Lines {
     }
 
     /// The next word of a line, as a number.
-    fn number<T: std::str::FromStr>(
+    fn number<'w, T: std::str::FromStr>(
         &self,
-        words: &mut std::str::SplitWhitespace<'_>,
+        words: &mut impl Iterator<Item = &'w str>,
         field: &str,
     ) -> Result<T, DatasetError> {
         let word = words.next().unwrap_or_default();
@@ -123,11 +123,8 @@ fn cameras(file: &Path) -> Result<HashMap<u32, Camera>, DatasetError> {
         let kind = Kind::by_name(name)
             .ok_or_else(|| lines.value("camera model", "one of COLMAP's, such as OPENCV", name))?;
         let (width, height) = (lines.number(&mut words, "width")?, lines.number(&mut words, "height")?);
-        let mut parameters = Vec::new();
-        for word in words.by_ref() {
-            let number = word.parse().map_err(|_| lines.value("parameters", "numbers", word))?;
-            parameters.push(number);
-        }
+        let parameter = |word: &str| word.parse().map_err(|_| lines.value("parameters", "numbers", word));
+        let parameters = words.map(parameter).collect::<Result<Vec<f64>, _>>()?;
         let found = parameters.len().to_string();
         let camera = Camera::new(kind, width, height, parameters).ok_or_else(|| {
             lines.value("parameters", &format!("{} numbers for {name}", kind.parameters), found)
@@ -176,11 +173,7 @@ fn images(file: &Path) -> Result<Vec<Registered>, DatasetError> {
 fn key_points(lines: &Lines, line: &str) -> Result<Vec<([f64; 2], u64)>, DatasetError> {
     let (mut words, mut found) = (line.split_whitespace().peekable(), Vec::new());
     while words.peek().is_some() {
-        let mut number = |field| {
-            let word = words.next().unwrap_or_default();
-            word.parse::<f64>().map_err(|_| lines.value(field, "a number", format!("{word:?}")))
-        };
-        let at = [number("x of a point")?, number("y of a point")?];
+        let at = [lines.number(&mut words, "x of a point")?, lines.number(&mut words, "y of a point")?];
         let word = words.next().unwrap_or_default();
         let id: i64 =
             word.parse().map_err(|_| lines.value("point id", "a whole number", format!("{word:?}")))?;

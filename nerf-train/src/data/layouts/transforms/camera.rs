@@ -2,7 +2,7 @@
 
 use super::{CameraFields, MODELS, NEGLIGIBLE_SHIFT};
 use crate::data::DatasetError;
-use crate::data::cameras::pose::{BOTTOM_ROW, angle_fault, bottom_row_fault};
+use crate::data::cameras::pose::{BOTTOM_ROW, angle_fault, bottom_row_fault, pose_of};
 use crate::data::pictures::file::StatedSize;
 use crate::data::pictures::photo::Optics;
 use glam::DVec3;
@@ -25,7 +25,6 @@ impl Place<'_> {
     }
 
     pub(super) fn pose(&self, matrix: &[Vec<f64>], origin: DVec3) -> Result<Pose, DatasetError> {
-        let mut rows = [[0.0f32; 4]; 3];
         let fits = (3..=4).contains(&matrix.len()) && matrix.iter().all(|row| row.len() == 4);
         if !fits {
             let found: Vec<usize> = matrix.iter().map(Vec::len).collect();
@@ -35,13 +34,7 @@ impl Place<'_> {
         if let Some(found) = bottom_row_fault(matrix) {
             return Err(self.value("transform_matrix", BOTTOM_ROW, found));
         }
-        for ((row, source), origin) in rows.iter_mut().zip(matrix).zip(origin.to_array()) {
-            for (value, &number) in row.iter_mut().zip(source) {
-                *value = number as f32;
-            }
-            row[3] = (source[3] - origin) as f32;
-        }
-        Ok(Pose::from_rows(rows))
+        Ok(pose_of([0, 1, 2].map(|i| std::array::from_fn(|j| matrix[i][j])), origin))
     }
 
     /// Width and height of the picture, as far as the json states them, pixels.
@@ -61,21 +54,15 @@ impl Place<'_> {
         (w, h): (f64, f64),
         notes: &mut Vec<String>,
     ) -> Result<Optics, DatasetError> {
-        let from_angle = |field: &str, side: f64, angle: Option<f64>| match angle {
-            Some(angle) => match angle_fault(angle) {
+        let focal = |given: Option<f64>, field: &str, side: f64, angle: Option<f64>| match (given, angle) {
+            (None, Some(angle)) => match angle_fault(angle) {
                 Some(found) => Err(self.value(field, "radians above 0 and below π", found)),
                 None => Ok(Some(0.5 * side / (0.5 * angle).tan())),
             },
-            None => Ok(None),
+            (given, _) => Ok(given),
         };
-        let focal_x = match fields.fl_x {
-            None => from_angle("camera_angle_x", w, fields.camera_angle_x)?,
-            given => given,
-        };
-        let focal_y = match fields.fl_y {
-            None => from_angle("camera_angle_y", h, fields.camera_angle_y)?,
-            given => given,
-        };
+        let focal_x = focal(fields.fl_x, "camera_angle_x", w, fields.camera_angle_x)?;
+        let focal_y = focal(fields.fl_y, "camera_angle_y", h, fields.camera_angle_y)?;
         let (Some(fx), Some(fy)) = (focal_x.or(focal_y), focal_y.or(focal_x)) else {
             let (place, expected) = (format!("view `{}`", self.view), "the field `fl_x (or camera_angle_x)`");
             return Err(DatasetError::value(self.file, place, expected, "no such field"));
@@ -111,20 +98,12 @@ impl Place<'_> {
         (fx, fy): (f64, f64),
         notes: &mut Vec<String>,
     ) -> Result<Lens, DatasetError> {
-        let named = [
-            ("k1", fields.k1),
-            ("k2", fields.k2),
-            ("k3", fields.k3),
-            ("k4", fields.k4),
-            ("k5", fields.k5),
-            ("k6", fields.k6),
-            ("p1", fields.p1),
-            ("p2", fields.p2),
-        ];
-        let [k1, k2, k3, k4, k5, k6, p1, p2] = named.map(|(_, value)| value.unwrap_or_default() as f32);
-        if let Some((name, Some(value))) =
-            named.into_iter().find(|(_, value)| value.is_some_and(|value| !(value as f32).is_finite()))
-        {
+        let &CameraFields { k1, k2, k3, k4, k5, k6, p1, p2, .. } = fields;
+        let names = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
+        let values = [k1, k2, k3, k4, k5, k6, p1, p2].map(|value| value.unwrap_or_default());
+        let [k1, k2, k3, k4, k5, k6, p1, p2] = values.map(|value| value as f32);
+        let mut named = names.into_iter().zip(values);
+        if let Some((name, value)) = named.find(|(_, value)| !(*value as f32).is_finite()) {
             return Err(self.value(name, "a finite number", value));
         }
         let lens = Lens { k1, k2, p1, p2, k3, ..Lens::NONE };

@@ -3,7 +3,7 @@
 mod camera;
 
 use crate::data::layouts::folders::smaller_copy;
-use crate::data::names::listed;
+use crate::data::names::{file_name, listed};
 use crate::data::pictures::file::{self, Listings};
 use crate::data::pictures::found::Found;
 use crate::data::pictures::photo::{Fence, Loaded, Photo, Source};
@@ -111,7 +111,6 @@ impl Transforms {
         watch: &Watch,
         found: &mut Found,
     ) -> Result<Vec<View>, DatasetError> {
-        let file_name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let path = file.parent().filter(|path| !path.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let axes = options.axes.unwrap_or(Axes::Opengl);
         let folder = Folder { path, fence: Fence::around(path, options)?, axes, downscale, origin };
@@ -131,7 +130,8 @@ impl Transforms {
         let own = self.frames.iter().all(|(_, own)| own.fl_x.or(own.w).or(own.h).is_some());
         if sizes.len() > 1 && shared && !own {
             found.warnings.push(format!(
-                "{file_name}: pictures of {} sizes with one fl_x and no w and h that say which size it is of",
+                "{}: pictures of {} sizes with one fl_x and no w and h that say which size it is of",
+                file_name(file),
                 sizes.len()
             ));
         }
@@ -139,7 +139,8 @@ impl Transforms {
         let missing: Vec<&str> = without.map(|((frame, _), _)| frame.file_path.as_str()).collect();
         if !missing.is_empty() {
             found.warnings.push(format!(
-                "{file_name}: skipped {} of {} frames, whose picture is missing: {}",
+                "{}: skipped {} of {} frames, whose picture is missing: {}",
+                file_name(file),
                 missing.len(),
                 self.frames.len(),
                 listed(&missing)
