@@ -79,7 +79,7 @@ impl Archive {
     /// The single number `key`, of shape `()` or of one element.
     pub(crate) fn scalar(&mut self, key: &str) -> Result<f64, DatasetError> {
         let array = self.array(key)?;
-        match array.len() {
+        match array.data.len() / array.dtype.size {
             1 => self.numbers(key, &array).map(|numbers| numbers[0]),
             _ => Err(self.shape_error(key, "()", &array)),
         }
@@ -159,10 +159,6 @@ fn read_array(stream: &mut impl Read, file: &Path, key: &str, limit: u64) -> Res
 }
 
 impl Array {
-    pub(crate) fn len(&self) -> usize {
-        self.data.len() / self.dtype.size
-    }
-
     /// `count` elements from `start` on, as display values 0..=255: u8 unchanged, floats in [0, 1] scaled and
     /// rounded. `Err(value)` for a float outside this range, `None` for another dtype.
     pub(crate) fn display_bytes(&self, start: usize, count: usize) -> Option<Result<Vec<u8>, f64>> {

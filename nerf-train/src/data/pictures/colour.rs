@@ -1,13 +1,12 @@
 //! Colours as people write them.
 
+const NAMED: [(&str, [f32; 3]); 3] = [("black", [0.0; 3]), ("white", [1.0; 3]), ("red", [1.0, 0.0, 0.0])];
+
 /// `black`, `white`, `red`, `R,G,B` with channels 0 to 255, or `#RRGGBB`, as display-encoded values in
 /// `0..=1`.
 pub fn parse(text: &str) -> Result<[f32; 3], String> {
-    match text {
-        "black" => return Ok([0.0; 3]),
-        "white" => return Ok([1.0; 3]),
-        "red" => return Ok([1.0, 0.0, 0.0]),
-        _ => {}
+    if let Some((_, colour)) = NAMED.into_iter().find(|(name, _)| *name == text) {
+        return Ok(colour);
     }
     let hex = text.strip_prefix('#').filter(|hex| hex.len() == 6 && !hex.starts_with('+'));
     if let Some(rgb) = hex.and_then(|hex| u32::from_str_radix(hex, 16).ok()) {
@@ -20,10 +19,8 @@ pub fn parse(text: &str) -> Result<[f32; 3], String> {
 }
 
 pub fn name(colour: [f32; 3]) -> String {
-    match colour {
-        [0.0, 0.0, 0.0] => "black".into(),
-        [1.0, 1.0, 1.0] => "white".into(),
-        [1.0, 0.0, 0.0] => "red".into(),
-        _ => colour.map(|c| (c * 255.0).round().to_string()).join(","),
+    match NAMED.into_iter().find(|(_, named)| *named == colour) {
+        Some((name, _)) => name.into(),
+        None => colour.map(|c| (c * 255.0).round().to_string()).join(","),
     }
 }

@@ -1,7 +1,7 @@
 //! Notes and warnings from reading pictures.
 
-use crate::data::View;
 use crate::data::names::{file_name, listed};
+use crate::data::pictures::photo::Loaded;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -25,36 +25,29 @@ pub(crate) struct Found {
 }
 
 impl Found {
-    /// Counts a view; `channel`: whether its file has an alpha channel.
-    pub(crate) fn count_alpha(&mut self, view: &View, channel: bool) {
+    /// Counts a picture, what became of it, and what is said of it as a view of `file`; false if its mask leaves no
+    /// pixel.
+    pub(crate) fn count(&mut self, file: &Path, loaded: &Loaded) -> bool {
+        let Loaded { view, alpha, larger, notes } = loaded;
         self.pictures += 1;
-        if !channel {
+        if !alpha {
             self.opaque.push(view.name.clone());
         } else if view.has_alpha() {
             self.transparent += 1;
         }
-    }
-
-    /// Counts a picture that was made smaller. `larger`: its size before, if it was made smaller.
-    pub(crate) fn count_scaled(&mut self, larger: Option<(u32, u32)>, (width, height): (u32, u32)) {
-        if let Some((from_width, from_height)) = larger {
+        if let Some((from_width, from_height)) = *larger {
+            let (width, height) = view.size();
             *self.scaled.entry([from_width, from_height, width, height]).or_default() += 1;
         }
-    }
-
-    /// Counts a sentence about a view of `file`.
-    pub(crate) fn count_note(&mut self, file: &Path, note: String) {
-        *self.said.entry((file_name(file), note)).or_default() += 1;
-    }
-
-    /// Counts a view's mask; false if the mask leaves no pixel.
-    pub(crate) fn count_mask(&mut self, view: &View) -> bool {
+        for note in notes {
+            *self.said.entry((file_name(file), note.clone())).or_default() += 1;
+        }
         let Some(mask) = &view.mask else { return true };
-        let some = mask.iter().any(|&kept| kept);
+        let some = mask.contains(&true);
         if some {
-            self.masked += 1
+            self.masked += 1;
         } else {
-            self.hidden.push(view.name.clone())
+            self.hidden.push(view.name.clone());
         }
         some
     }

@@ -53,10 +53,11 @@ pub(crate) struct Photo<'a> {
 
 pub(crate) struct Loaded {
     pub(crate) view: View,
-    alpha: bool,
+    /// Whether its file has an alpha channel.
+    pub(crate) alpha: bool,
     /// Size before it was made smaller, if it was.
-    larger: Option<(u32, u32)>,
-    notes: Vec<String>,
+    pub(crate) larger: Option<(u32, u32)>,
+    pub(crate) notes: Vec<String>,
 }
 
 #[derive(Clone, Copy)]
@@ -124,13 +125,10 @@ impl Source<'_> {
         let read: Vec<Result<Option<Loaded>, DatasetError>> = (0..count).into_par_iter().map(one).collect();
         let (mut views, mut pixels) = (Vec::new(), 0u64);
         for loaded in read {
-            let Some(Loaded { view, alpha, larger, notes }) = loaded? else { continue };
-            found.count_alpha(&view, alpha);
-            found.count_scaled(larger, view.size());
-            notes.into_iter().for_each(|note| found.count_note(self.file, note));
-            pixels += view.pixel_count();
-            if found.count_mask(&view) {
-                views.push(view);
+            let Some(loaded) = loaded? else { continue };
+            pixels += loaded.view.pixel_count();
+            if found.count(self.file, &loaded) {
+                views.push(loaded.view);
             }
         }
         if views.iter().any(|view| view.mask.is_some()) && pixels > u64::from(u32::MAX) {

@@ -17,7 +17,9 @@ use std::borrow::Cow;
 /// Number of accumulators, which is the most threads a step can use.
 const ACCUMULATORS: usize = 16;
 
-/// Trains a sinusoidal network. Memory: parameters ×5, and per accumulator one gradient and the activations of one chunk (about
+/// Trains a sinusoidal network by explicit passes.
+///
+/// Memory: parameters ×5, and per accumulator one gradient and the activations of one chunk (about
 /// 512 samples, or one longer ray): some 150 MiB for the 8×256 network, whatever the batch.
 pub struct FusedEngine {
     graph: Graph,

@@ -62,19 +62,6 @@ impl Graph {
         let nodes = nodes.collect();
         Ok(Self { model: model.clone(), nodes, trunk, density, colour })
     }
-
-    pub(super) fn channels(&self, slot: usize) -> usize {
-        let architecture = &self.model.architecture;
-        match slot {
-            POSITION => architecture.position.outputs(),
-            DIRECTION => architecture.direction.map_or(0, |direction| direction.outputs()),
-            _ => self.nodes[slot - FIRST].dense.outputs,
-        }
-    }
-
-    pub(super) fn slots(&self) -> usize {
-        FIRST + self.nodes.len()
-    }
 }
 
 /// Blocks of `samples` samples, each with the number of lanes to compute.

@@ -47,7 +47,7 @@ pub(super) struct Pass {
 impl Pass {
     pub(super) fn new(graph: &Graph) -> Self {
         let sums = graph.nodes.iter().map(|_| LayerSum::default()).collect();
-        Self { sums, slots: vec![Vec::new(); graph.slots()], ..Self::default() }
+        Self { sums, slots: vec![Vec::new(); FIRST + graph.nodes.len()], ..Self::default() }
     }
 
     pub(super) fn clear(&mut self) {
@@ -143,9 +143,9 @@ impl Pass {
 
     fn forward(&mut self, job: Job<'_>, layer: usize, samples: usize) {
         let (inputs, outputs) = self.slots.split_at_mut(FIRST + layer);
-        let out = &mut outputs[0];
-        grow(out, job.graph.channels(FIRST + layer), samples);
-        job.graph.nodes[layer].forward(job.isa, job.parameters, inputs, out, samples);
+        let (out, node) = (&mut outputs[0], &job.graph.nodes[layer]);
+        grow(out, node.dense.outputs, samples);
+        node.forward(job.isa, job.parameters, inputs, out, samples);
     }
 
     /// Replaces raw values by d sigma / d raw, and writes the clamped sigma.

@@ -364,9 +364,10 @@ impl Reader<'_> {
             return Ok(None);
         };
         fence.check(self.file, &image.name, &place.path)?;
-        let pose = pose(image, self.origin).ok_or_else(|| {
+        let (rotation, position) = c2w(image).ok_or_else(|| {
             value("pose", "finite numbers and a quaternion above 0", format!("{:?}", image.rotation))
         })?;
+        let pose = Pose { rotation: rotation.as_mat3(), position: (position - self.origin).as_vec3() };
         let optics = camera.optics(self.file, &image.name)?;
         let photo = Photo {
             name: &image.name,
@@ -390,13 +391,7 @@ impl Reader<'_> {
     }
 }
 
-/// Pose from camera to world in COLMAP's axes, counted from `origin`; `None` if the numbers give no pose.
-fn pose(image: &Registered, origin: DVec3) -> Option<Pose> {
-    let (rotation, position) = c2w(image)?;
-    Some(Pose { rotation: rotation.as_mat3(), position: (position - origin).as_vec3() })
-}
-
-/// Rotation and position from camera to world; `None` if the numbers give no pose.
+/// Rotation and position from camera to world in COLMAP's axes; `None` if the numbers give no pose.
 fn c2w(image: &Registered) -> Option<(DMat3, DVec3)> {
     let [w, x, y, z] = image.rotation;
     let rotation = DQuat::from_xyzw(x, y, z, w);
