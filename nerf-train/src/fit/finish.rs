@@ -136,7 +136,7 @@ pub(super) fn finish(session: &mut Session<'_, '_>) -> anyhow::Result<Outcome> {
     let flats: Vec<f64> = judged.iter().map(flat_of).collect();
     let judged_db = judged_scores.views.iter().map(|score| score.psnr_db);
     let flat = is_flat(judged_db.zip(flats.iter().copied()));
-    let samples = session.trainer.config().sampling.samples;
+    let samples = session.trainer.config.sampling.samples;
     let convention = convention(all.len(), lattice, background, samples);
     let about = About { occupancy_required, psnr_db, convention: &convention, quantisation_loss_db };
     let exported = candidate.export(&session.trainer, &about)?;
@@ -149,10 +149,10 @@ pub(super) fn finish(session: &mut Session<'_, '_>) -> anyhow::Result<Outcome> {
         surfaces,
         refined_scores,
         refined_poses,
-        poses: session.trainer.poses(),
-        exposure: session.trainer.exposure(),
-        withheld: session.trainer.withheld(),
-        moved: session.trainer.moved(),
+        poses: session.trainer.state.photographs.poses_found,
+        exposure: session.trainer.state.photographs.exposure,
+        withheld: session.trainer.state.photographs.withheld_found,
+        moved: session.trainer.state.photographs.moved(&session.dataset.train),
         shown,
         background,
         flat_psnr_db: mean_flat_psnr_db(flats),
@@ -162,17 +162,17 @@ pub(super) fn finish(session: &mut Session<'_, '_>) -> anyhow::Result<Outcome> {
         occupancy_required,
         view_dependence,
         subnormal_weights: exported.subnormal_weights,
-        overfitting: Stop::of(&session.trainer.curve),
+        overfitting: Stop::of(&session.trainer.state.curve),
         watched: watched.map(|view| view.name.clone()).collect(),
         missed_snapshots: missed_snapshots(session),
         steps: session.trainer.progressed().step,
         reseeds: session.trainer.progressed().reseeds,
-        parameters: session.trainer.parameters(),
+        parameters: session.trainer.model.parameters(),
         occupied_share: candidate.live.lookup().occupied_share(),
         train_seconds: session.train_seconds,
         samples_per_second: session.samples_per_second,
-        snapshots: session.trainer.snapshots.clone(),
-        curve: session.trainer.curve.clone(),
+        snapshots: session.trainer.state.snapshots.clone(),
+        curve: session.trainer.state.curve.clone(),
     })
 }
 
@@ -223,7 +223,7 @@ fn ask_occupancy(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Opt
     let views: Vec<&View> = views.iter().collect();
     let with = Quality::default();
     let without = Quality { occupancy: false, ..with };
-    if session.trainer.config().network.grid.is_some() {
+    if session.trainer.config.network.grid.is_some() {
         return Ok((None, compare(session, &views, &[(draft, with)])?.swap_remove(0)));
     }
     let mut scores = compare(session, &views, &[(draft, with), (draft, without)])?;
@@ -266,7 +266,7 @@ fn score_training(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<Vec
     let lattice = lattice_of(pixels, some).max(session.pace.lattice(pixels, largest, allowed));
     let seen = train.iter().zip(session.trainer.training_cameras());
     let mut views: Vec<View> = seen.map(|(view, camera)| view.seen_from(camera)).collect();
-    for moved in session.trainer.moved() {
+    for moved in session.trainer.state.photographs.moved(&session.dataset.train) {
         moved.leave_out_of(&mut views[moved.view]);
     }
     let thinned: Vec<_> = views.iter().map(|view| view.thinned(lattice).into_owned()).collect();
@@ -318,7 +318,7 @@ fn ask_rounding(
 }
 
 fn missed_snapshots(session: &Session<'_, '_>) -> Vec<u32> {
-    let taken = &session.trainer.snapshots;
+    let taken = &session.trainer.state.snapshots;
     session.options.snapshots.as_ref().map_or_else(Vec::new, |options| options.missed(taken))
 }
 
@@ -344,7 +344,7 @@ pub(super) fn ask_direction(
     let views = asked_views(session);
     let views: Vec<_> = views.iter().collect();
     let rays = spread(&session.dataset.train, RAY_VIEWS);
-    let with = &session.trainer.model().architecture;
+    let with = &session.trainer.model.architecture;
     let Some((architecture, parameters)) = flattened(with, &candidate.parameters, &rays) else {
         return Ok(None);
     };
@@ -355,7 +355,7 @@ pub(super) fn ask_direction(
     let quality = Quality::default();
     let scores = compare(session, &views, &[(&dependent, quality), (&independent, quality)])?;
     // Photographs of different exposure show the difference between them, whatever the direction is worth.
-    let gains = session.trainer.exposure().is_some_and(|found| found.fitted);
+    let gains = session.trainer.state.photographs.exposure.is_some_and(|found| found.fitted);
     let db = |scores: &Scores| {
         let db = if gains { scores.aligned_psnr_db() } else { scores.psnr_db() };
         db.unwrap_or(f64::NAN)

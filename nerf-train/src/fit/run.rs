@@ -2,7 +2,7 @@
 
 use crate::data::Dataset;
 pub use crate::fit::drive::{Ended, interrupted};
-use crate::fit::drive::{File, Task, drive, nothing_done};
+use crate::fit::drive::{File, POINT_EVERY, Task, drive, nothing_done};
 use crate::fit::finish::{self, Outcome};
 use crate::fit::live::{Live, State};
 use crate::fit::pace::Pace;
@@ -14,9 +14,9 @@ use crate::model::config::Config;
 use crate::system::output::ensure_folder;
 use crate::system::progress::{Message, Progress};
 use crate::train::candidate::{About, Candidate};
-use crate::train::checkpoint::{Checkpoint, damaged, settings};
+use crate::train::checkpoint::settings;
 use crate::train::moving::in_words;
-use crate::train::schedule::{Clock, Done, duration};
+use crate::train::schedule::{Clock, Done};
 use crate::train::{RESEEDS, Trainer};
 use std::time::{Duration, Instant};
 
@@ -33,7 +33,7 @@ pub fn run(
 
 /// As [`run`], including the time since `clock`.
 pub fn run_since(
-    mut clock: Clock,
+    clock: Clock,
     dataset: &Dataset,
     config: Config,
     options: &RunOptions,
@@ -46,19 +46,10 @@ pub fn run_since(
         ensure_folder(snapshots.folder.join("snapshots"))?;
     }
     let mut trainer = Trainer::new(dataset, config, options.kernel)?;
-    if let Some(path) = options.checkpoint.as_deref().filter(|_| options.resume) {
-        let checkpoint = Checkpoint::read(path)?;
-        checkpoint.check_belongs(
-            path,
-            &settings(trainer.config()),
-            (&dataset.name, trainer.fingerprint()),
-        )?;
-        clock = clock.after(duration(checkpoint.seconds));
-        let restored = trainer.restore(checkpoint);
-        restored.map_err(|error| damaged(path, format_args!("a damaged one ({error})")))?;
-    }
+    let (config, data) = (settings(&trainer.config), (&*dataset.name, trainer.fingerprint));
+    let clock = options.resumed(clock, &config, data, |checkpoint| trainer.restore(checkpoint))?;
     let started = *trainer.progressed();
-    let pace = Pace::new(options.budget.seconds, options.report, trainer.config().network.grid.is_none());
+    let pace = Pace::new(options.budget.seconds, options.report, trainer.config.network.grid.is_none());
     let asked = spread(&dataset.train, ASKED_VIEWS);
     let (of_asked, largest) = pixels_of(asked);
     let lattice = pace.lattice_on_the_way(of_asked, largest, f64::INFINITY);
@@ -114,31 +105,36 @@ impl Task for Session<'_, '_> {
         Some(validation::due_at(self, share, ended)).filter(|due| due.any())
     }
 
-    fn validate(&mut self, due: Due, _: f64) -> anyhow::Result<()> {
+    fn validate(&mut self, due: Due) -> anyhow::Result<()> {
         validation::validate(self, due)
     }
 
     fn note(&mut self, ended: bool) {
-        validation::note(self, ended);
+        if ended || self.steps().is_multiple_of(POINT_EVERY) {
+            self.trainer.state.note(self.clock.seconds());
+        }
     }
 
     fn step(&mut self, share: f64, progress: &Progress) -> anyhow::Result<()> {
         let before = self.trainer.progressed().reseeds;
-        let (exposure, poses) = (self.trainer.exposure(), self.trainer.poses());
-        let (moved, withheld) = (self.trainer.has_moved(), self.trainer.withheld());
+        let train = &self.dataset.train;
+        let found = &self.trainer.state.photographs;
+        let (exposure, poses, withheld) = (found.exposure, found.poses_found, found.withheld_found);
+        let moved = found.has_moved();
         // On a thread of the pool, so that the parts of a step need not wake it one by one.
         rayon::scope(|_| self.trainer.step(share))?;
-        if let Some(found) = self.trainer.exposure().filter(|found| Some(*found) != exposure) {
-            progress.println(found.in_words(&self.dataset.train));
+        let found = &self.trainer.state.photographs;
+        if let Some(found) = found.exposure.filter(|found| Some(*found) != exposure) {
+            progress.println(found.in_words(train));
         }
-        if let Some(found) = self.trainer.poses().filter(|found| Some(*found) != poses) {
+        if let Some(found) = found.poses_found.filter(|found| Some(*found) != poses) {
             progress.println(found.to_string());
         }
-        if let Some(found) = self.trainer.withheld().filter(|_| withheld.is_none()) {
+        if let Some(found) = found.withheld_found.filter(|_| withheld.is_none()) {
             progress.println(found.to_string());
         }
-        if self.trainer.has_moved() && !moved {
-            in_words(&self.trainer.moved()).into_iter().for_each(|words| progress.println(words));
+        if found.has_moved() && !moved {
+            in_words(&found.moved(train)).into_iter().for_each(|words| progress.println(words));
         }
         let p = *self.trainer.progressed();
         if p.reseeds != before {
@@ -156,8 +152,8 @@ impl Task for Session<'_, '_> {
         let rays = self.trainer.progressed().rays.saturating_sub(self.started.rays) as f64;
         Message {
             rays_per_s: Some(rays / self.seconds_here()),
-            train_psnr_db: Some(self.trainer.train_psnr_db()),
-            val_psnr_db: validation::last_val_psnr_db(self),
+            train_psnr_db: Some(self.trainer.state.train_psnr_db()),
+            val_psnr_db: self.trainer.state.last_validation().map(|(_, db)| db),
             note: String::new(),
         }
     }
@@ -205,7 +201,7 @@ fn progress(session: &Session<'_, '_>) -> Progress {
     let budget = session.options.budget;
     let progress = Progress::new("train", budget.total(), session.options.style)
         .resume_at(u64::from(session.started.step));
-    let b = session.trainer.bounds().scene_box;
+    let b = session.trainer.bounds.scene_box;
     progress.println(format!(
         "scene box {} .. {}; {:.1} % of its cells may hold something; {} pixels to draw from",
         b.min,
@@ -213,13 +209,13 @@ fn progress(session: &Session<'_, '_>) -> Progress {
         100.0 * session.trainer.occupied_share(),
         session.trainer.pixels()
     ));
-    if let Some(sights) = session.trainer.sights() {
+    if let Some(sights) = &session.trainer.sights {
         progress.println(sights.to_string());
     }
-    if let Some(found) = session.trainer.exposure() {
+    if let Some(found) = session.trainer.state.photographs.exposure {
         progress.println(found.in_words(&session.dataset.train));
     }
-    if let Some(found) = session.trainer.poses() {
+    if let Some(found) = session.trainer.state.photographs.poses_found {
         progress.println(found.to_string());
     }
     progress
@@ -243,8 +239,8 @@ fn state(session: &Session<'_, '_>) -> State {
     State {
         step: session.steps(),
         seconds: session.clock.seconds(),
-        train_psnr_db: session.trainer.train_psnr_db(),
-        val_psnr_db: validation::last_val_psnr_db(session),
+        train_psnr_db: session.trainer.state.train_psnr_db(),
+        val_psnr_db: session.trainer.state.last_validation().map(|(_, db)| db),
         done: false,
     }
 }

@@ -5,8 +5,9 @@ use crate::fit::live::Live;
 use crate::fit::pace::Pace;
 use crate::fit::snapshot::SnapshotOptions;
 use crate::system::progress::ProgressStyle;
-use crate::train::schedule::{Budget, Clock};
-use crate::train::{Progressed, Trainer};
+use crate::train::checkpoint::{Checkpoint, damaged};
+use crate::train::schedule::{Budget, Clock, duration};
+use crate::train::{Progressed, TrainError, Trainer};
 use nerf_core::Kernel;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -52,6 +53,23 @@ impl RunOptions {
             kernel,
             style,
         }
+    }
+
+    /// Calls `restore` with the checkpoint if the run resumes, and returns the clock with the earlier seconds.
+    /// `config`, `data`: as in [`Checkpoint::check_belongs`].
+    pub(super) fn resumed(
+        &self,
+        clock: Clock,
+        config: &str,
+        data: (&str, u64),
+        restore: impl FnOnce(Checkpoint) -> Result<(), TrainError>,
+    ) -> anyhow::Result<Clock> {
+        let Some(path) = self.checkpoint.as_deref().filter(|_| self.resume) else { return Ok(clock) };
+        let checkpoint = Checkpoint::read(path)?;
+        checkpoint.check_belongs(path, config, data)?;
+        let seconds = checkpoint.seconds;
+        restore(checkpoint).map_err(|error| damaged(path, format_args!("a damaged one ({error})")))?;
+        Ok(clock.after(duration(seconds)))
     }
 }
 

@@ -230,6 +230,10 @@ impl Poses {
     }
 }
 
+pub(super) fn given(views: &[View]) -> Vec<Camera> {
+    views.iter().map(|view| view.camera).collect()
+}
+
 fn cameras(given: &[View], moved: &[Twist]) -> Vec<Camera> {
     let of = |(view, &[x, y, z, tx, ty, tz]): (&View, &Twist)| {
         let pose = view.camera.pose();
