@@ -78,8 +78,7 @@ impl Audit {
             table.write_csv(folder.join("audit.csv"))?;
             write(&summary, folder)?;
         }
-        global.finish(&summary)?;
-        Ok(ExitCode::SUCCESS)
+        global.finish(&summary)
     }
 
     fn check(&self) -> anyhow::Result<()> {

@@ -1,6 +1,6 @@
 //! `nerf-train demo`
 
-use super::common::{Global, open_blob, print};
+use super::common::{Global, open_blob, print, print_lines};
 use super::lines::lines;
 use super::options::data::print_report;
 use super::options::settings::{SetOption, read_config};
@@ -90,8 +90,7 @@ impl Demo {
             ..Summary::of(&outcome, &config, options.kernel, seconds, data, &blob_path)
         };
         write(&summary, &self.out)?;
-        global.finish_with(&summary, || self.print(&summary))?;
-        Ok(ExitCode::SUCCESS)
+        global.finish_with(&summary, || self.print(&summary))
     }
 
     /// Checks the options and returns the settings, before any work.
@@ -181,10 +180,8 @@ impl Demo {
             ("curve.png", "PSNR while training (also .svg and .csv)"),
             ("summary.json", "every figure, with its unit in its name"),
         ];
-        for (name, what) in files {
-            outln!("  {:<28} {what}", self.out.join(name).display().to_string());
-        }
-        Ok(())
+        let line = |(name, what)| format!("  {:<28} {what}", self.out.join(name).display().to_string());
+        print_lines(files.map(line))
     }
 }
 

@@ -146,8 +146,7 @@ impl Eval {
             table.write_csv(folder.join("views.csv"))?;
             write(&found, folder)?;
         }
-        global.finish(&found)?;
-        Ok(ExitCode::SUCCESS)
+        global.finish(&found)
     }
 
     /// The split of `--split`; by default val, or test if only that has views.

@@ -83,8 +83,7 @@ impl Explain {
         let explanation = renderer.explain(&plan).with_counters(counters);
 
         let summary = Summary::of(&explanation, &renderer, counters);
-        global.finish_with(&summary, || print(explanation.to_string().trim_end()))?;
-        Ok(ExitCode::SUCCESS)
+        global.finish_with(&summary, || print(explanation.to_string().trim_end()))
     }
 
     fn camera(&self, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Camera> {

@@ -119,8 +119,7 @@ impl Export {
         }
         summary.file_bytes = std::fs::metadata(&self.output).map_or(0, |file| file.len());
         summary.total_seconds = start.elapsed().as_secs_f64();
-        global.finish(&summary)?;
-        Ok(ExitCode::SUCCESS)
+        global.finish(&summary)
     }
 
     /// Checks the options before anything is read. Returns the kind of export.

@@ -332,7 +332,6 @@ impl Fit {
         if let Some(folder) = &self.conduct.report {
             reports::fit::write(folder, &outcome, &dataset, &summary, &report)?;
         }
-        printed?;
-        Ok(ExitCode::SUCCESS)
+        printed
     }
 }

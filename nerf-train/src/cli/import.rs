@@ -104,8 +104,7 @@ impl Import {
         write_atomic(&self.output, &exported.bytes)?;
         self.warn(&import);
         let summary = Summary::of(&import, &exported, &self.output);
-        global.finish(&summary)?;
-        Ok(ExitCode::SUCCESS)
+        global.finish(&summary)
     }
 
     /// Checks the options before any network is read.

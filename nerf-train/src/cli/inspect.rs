@@ -22,7 +22,8 @@ impl Inspect {
         let found = Inspection::of(&self.file, &bytes, &blob);
         global.finish_with(&found, || {
             if let Some(contraction) = blob.scene().and_then(|scene| scene.contraction()) {
-                outln!("an unbounded scene, contracted beyond {} of its middle", contraction.radius());
+                let radius = contraction.radius();
+                print(&format!("an unbounded scene, contracted beyond {radius} of its middle"))?;
             }
             print(lines(&found)?.trim_end())
         })?;

@@ -1,9 +1,8 @@
 //! The command line: typed options, one file per command.
 
-#[macro_use]
-mod common;
 mod audit;
 mod check;
+mod common;
 mod completions;
 mod config;
 mod demo;

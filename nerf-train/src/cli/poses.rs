@@ -63,8 +63,7 @@ impl Poses {
         let found = find(&request)?;
         let folder = output.display().to_string();
         let summary = Summary { folder, found, total_seconds: begun.elapsed().as_secs_f64() };
-        global.finish(&summary)?;
-        Ok(ExitCode::SUCCESS)
+        global.finish(&summary)
     }
 }
 

@@ -118,9 +118,7 @@ impl Show {
         }
         let summary = Summary::of(&scene);
         let json = write(&summary, &self.output)?;
-        global
-            .finish_with(&summary, || print_lines([&html, &json].map(|path| path.display().to_string())))?;
-        Ok(ExitCode::SUCCESS)
+        global.finish_with(&summary, || print_lines([&html, &json].map(|path| path.display().to_string())))
     }
 
     /// The settings that training would start from.

@@ -111,8 +111,7 @@ impl Study {
         }
         let mut summary = findings.summary(&setting);
         summary.blob = output.map(|output| output.display().to_string());
-        global.finish(&summary)?;
-        Ok(ExitCode::SUCCESS)
+        global.finish(&summary)
     }
 
     fn check(&self, global: &Global) -> anyhow::Result<()> {

@@ -211,8 +211,7 @@ impl Fit {
             let beyond = self.snapshots.iter().copied().filter(|&step| step > outcome.steps);
             tell_missed(outcome.steps, &beyond.collect::<Vec<_>>());
         }
-        global.finish(&summary)?;
-        Ok(ExitCode::SUCCESS)
+        global.finish(&summary)
     }
 
     /// Checks the options before anything is read. Returns the paths of the checkpoint and of the snapshots' folder,

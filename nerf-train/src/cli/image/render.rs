@@ -73,8 +73,7 @@ impl Render {
             macs: counters.macs,
             invalid_samples: counters.invalid_samples,
         };
-        global.finish(&summary)?;
-        Ok(ExitCode::SUCCESS)
+        global.finish(&summary)
     }
 
     /// Width and height to render at, pixels; one that is not given follows from the photograph's proportions.
