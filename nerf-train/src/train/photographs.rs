@@ -148,3 +148,25 @@ impl Photographs {
         self.moving.as_ref().map_or_else(Vec::new, |moving| moving.found(views))
     }
 }
+
+/// Decay rates of Adam's moments, and its epsilon.
+const BETAS: [f32; 2] = [0.9, 0.99];
+const EPSILON: f32 = 1e-12;
+
+/// Adam for the few parameters of photographs.
+pub(super) struct SmallAdam {
+    unbiased: [f32; 2],
+}
+
+impl SmallAdam {
+    pub fn after(steps: u32) -> Self {
+        Self { unbiased: BETAS.map(|beta| 1.0 - beta.powi(steps.min(10_000) as i32)) }
+    }
+
+    /// Updates a parameter's moments by its gradient `g`; returns what is subtracted from the parameter.
+    pub fn step(&self, rate: f32, g: f32, m1: &mut f32, m2: &mut f32) -> f32 {
+        *m1 = BETAS[0] * *m1 + (1.0 - BETAS[0]) * g;
+        *m2 = BETAS[1] * *m2 + (1.0 - BETAS[1]) * g * g;
+        rate * *m1 / self.unbiased[0] / ((*m2 / self.unbiased[1]).sqrt() + EPSILON)
+    }
+}
