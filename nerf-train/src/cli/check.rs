@@ -1,5 +1,3 @@
-//! `nerf-train check`
-
 use super::common::{Global, print_lines};
 use super::options::data::{DataOptions, print_report};
 use super::places;

@@ -1,5 +1,3 @@
-//! `nerf-train completions`
-
 use super::common::{Global, print};
 use clap::{Args, Command};
 use clap_complete::{Shell, generate};

@@ -1,5 +1,3 @@
-//! `nerf-train config`
-
 use super::common::{Global, print};
 use crate::model::config::Preset;
 use anyhow::Context;

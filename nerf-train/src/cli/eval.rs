@@ -1,5 +1,3 @@
-//! `nerf-train eval`
-
 use super::common::{Global, check_counts, open_blob, parse_background, read_file};
 use super::options::data::DataOptions;
 use super::options::quality::{QualityOptions, WhichBins};

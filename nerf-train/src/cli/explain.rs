@@ -1,5 +1,3 @@
-//! `nerf-train explain`
-
 use super::common::{Global, open_blob, print, read_file};
 use super::eval::Split;
 use super::options::data::DataOptions;

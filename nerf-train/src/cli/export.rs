@@ -1,5 +1,3 @@
-//! `nerf-train export`
-
 use super::common::{Global, check_counts, open_blob, parse_numbers, read_file};
 use super::eval::Split;
 use super::options::data::DataOptions;

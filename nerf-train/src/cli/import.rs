@@ -1,5 +1,3 @@
-//! `nerf-train import`
-
 use super::audit::check_threshold;
 use super::common::{Global, tell};
 use super::options::data::read_with;

@@ -1,5 +1,3 @@
-//! `nerf-train inspect`
-
 use super::common::{Global, open_blob, print, read_file};
 use super::lines::lines;
 use crate::measure::inspect::Inspection;

@@ -1,5 +1,3 @@
-//! `nerf-train poses`
-
 use super::common::Global;
 use super::places;
 use crate::capture::check::Diagnosis;

@@ -1,5 +1,3 @@
-//! `nerf-train show`
-
 use super::common::{Global, parse_numbers, print_lines};
 use super::eval::Split;
 use super::options::UpAxis;

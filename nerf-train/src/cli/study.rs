@@ -1,5 +1,3 @@
-//! `nerf-train study`
-
 use super::common::{Global, background_name, check_counts, cpu_name, open_blob, read_file, tell};
 use super::eval::Split;
 use super::options::data::DataOptions;

@@ -1,5 +1,3 @@
-//! `nerf-train sweep`
-
 use super::common::{GO_ON, Global, check_max_seconds, cpu_name};
 use super::image::{PhotoOptions, Settings};
 use super::options::ShardOption;

@@ -2,7 +2,8 @@
 
 use crate::data::{Dataset, RefinedPoses, View};
 use crate::fit::pace::{FINAL_SHARE, Pace, QUESTION_SHARE, lattice_of};
-use crate::fit::session::Session;
+use crate::fit::run::Session;
+use crate::fit::snapshot::SnapshotOptions;
 use crate::fit::trend::Stop;
 use crate::fit::validation::{ASKED_VIEWS, FINAL_VIEWS, measure_priced, pixels_of, spread, spread_indices};
 use crate::measure::audit::{Verdict, flattened};
@@ -39,15 +40,10 @@ pub struct Outcome {
     pub surfaces: Surfaces,
     /// Scores of the same views from their refined poses, at the same pixels; `None` if poses are not refined.
     pub refined_scores: Option<Scores>,
-    /// Refined poses of training and validation views.
     pub refined_poses: Option<RefinedPoses>,
-    /// Verdict on the photographs' poses, if they were tested.
     pub poses: Option<PosesFound>,
-    /// Verdict on the photographs' exposure, if it was tested.
     pub exposure: Option<ExposureFound>,
-    /// Verdict of the photographs withheld at the beginning, if there were any.
     pub withheld: Option<WithheldFound>,
-    /// Training photographs with moving objects, which were left out of the loss.
     pub moved: Vec<Moved>,
     /// Renderings of some of the validation views, if the run was to keep them.
     pub shown: Vec<Shown>,
@@ -66,11 +62,9 @@ pub struct Outcome {
     pub occupancy_loss_db: Option<f64>,
     /// Whether the occupancy grid is part of the model.
     pub occupancy_required: bool,
-    /// Value of view dependence; `None` if it was not measured.
     pub view_dependence: Option<ViewDependence>,
     pub subnormal_weights: usize,
     pub curve: Vec<CurvePoint>,
-    /// Point from which validation did not rise any more, if there is one.
     pub overfitting: Option<Stop>,
     /// Names of the views that were validated during training.
     pub watched: Vec<String>,
@@ -140,6 +134,7 @@ pub(super) fn finish(session: &mut Session<'_, '_>) -> anyhow::Result<Outcome> {
     let convention = convention(all.len(), lattice, background, samples);
     let about = About { occupancy_required, psnr_db, convention: &convention, quantisation_loss_db };
     let exported = candidate.export(&session.trainer, &about)?;
+    let missed = |options: &SnapshotOptions| options.missed(&session.trainer.state.snapshots);
     let watched = session.watched.iter().filter_map(|&view| session.dataset.val.get(view));
     Ok(Outcome {
         bytes: exported.bytes,
@@ -164,7 +159,7 @@ pub(super) fn finish(session: &mut Session<'_, '_>) -> anyhow::Result<Outcome> {
         subnormal_weights: exported.subnormal_weights,
         overfitting: Stop::of(&session.trainer.state.curve),
         watched: watched.map(|view| view.name.clone()).collect(),
-        missed_snapshots: missed_snapshots(session),
+        missed_snapshots: session.options.snapshots.as_ref().map_or_else(Vec::new, missed),
         steps: session.trainer.progressed().step,
         reseeds: session.trainer.progressed().reseeds,
         parameters: session.trainer.model.parameters(),
@@ -181,10 +176,11 @@ fn scores_of<'v>(
     session: &Session<'_, '_>,
     blob: &[u8],
     parameters: Option<&[f32]>,
+    quality: &Quality,
     views: impl IntoIterator<Item = &'v View>,
 ) -> anyhow::Result<Scores> {
     let (kernel, background) = (session.options.kernel, session.trainer.background);
-    measure(blob, parameters, kernel, &Quality::default(), background, views, |_, _, _, _| {})
+    measure(blob, parameters, kernel, quality, background, views, |_, _, _, _| {})
 }
 
 /// Scores of several renderings of the same views, all at the same pixels: as many as their part of the time allows.
@@ -197,9 +193,7 @@ pub(super) fn compare(
     let on = |lattice: u32| -> anyhow::Result<Vec<Scores>> {
         let views: Vec<_> = views.iter().map(|view| view.thinned(lattice)).collect();
         let measured = |&(bytes, quality): &(&[u8], Quality)| {
-            let (kernel, background) = (session.options.kernel, session.trainer.background);
-            let views = views.iter().map(|view| &**view);
-            measure(bytes, None, kernel, &quality, background, views, |_, _, _, _| {})
+            scores_of(session, bytes, None, &quality, views.iter().map(|view| &**view))
         };
         renderings.iter().map(measured).collect()
     };
@@ -270,7 +264,7 @@ fn score_training(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<Vec
         moved.leave_out_of(&mut views[moved.view]);
     }
     let thinned: Vec<_> = views.iter().map(|view| view.thinned(lattice).into_owned()).collect();
-    Ok(scores_of(session, draft, None, &thinned)?.views)
+    Ok(scores_of(session, draft, None, &Quality::default(), &thinned)?.views)
 }
 
 /// Training views for questions about the export, from their refined cameras.
@@ -292,7 +286,7 @@ fn refine(
     let seen = val.iter().zip(&cameras.val);
     let views: Vec<_> =
         seen.map(|(view, &camera)| view.seen_from(camera).thinned(lattice).into_owned()).collect();
-    let scores = scores_of(session, draft, None, &views)?;
+    let scores = scores_of(session, draft, None, &Quality::default(), &views)?;
     Ok((Some(poses), (!views.is_empty()).then_some(scores)))
 }
 
@@ -311,15 +305,11 @@ fn ask_rounding(
     let indices: Vec<usize> = spread_indices(views.len(), count).collect();
     let thinned: Vec<_> = indices.iter().map(|&view| views[view].thinned(lattice)).collect();
     let thinned = thinned.iter().map(|view| &**view);
-    let unrounded = scores_of(session, draft, Some(&candidate.parameters), thinned)?;
+    let (unrounded, quality) = (Some(&*candidate.parameters), Quality::default());
+    let unrounded = scores_of(session, draft, unrounded, &quality, thinned)?;
     let rounded = indices.iter().map(|&view| scores.views[view].clone()).collect();
     let rounded = Scores { views: rounded, counters: scores.counters };
     Ok(unrounded.psnr_db().zip(rounded.psnr_db()).map(|(unrounded, rounded)| gain_db(unrounded, rounded)))
-}
-
-fn missed_snapshots(session: &Session<'_, '_>) -> Vec<u32> {
-    let taken = &session.trainer.state.snapshots;
-    session.options.snapshots.as_ref().map_or_else(Vec::new, |options| options.missed(taken))
 }
 
 /// Number of training views whose directions are averaged.

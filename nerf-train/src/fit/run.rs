@@ -6,19 +6,125 @@ use crate::fit::drive::{File, POINT_EVERY, Task, drive, nothing_done};
 use crate::fit::finish::{self, Outcome};
 use crate::fit::live::{Live, State};
 use crate::fit::pace::Pace;
-pub use crate::fit::session::RunOptions;
-use crate::fit::session::Session;
+use crate::fit::snapshot::SnapshotOptions;
 pub use crate::fit::validation::spread;
 use crate::fit::validation::{self, ASKED_VIEWS, Due, pixels_of, watched};
 use crate::model::config::Config;
 use crate::system::output::ensure_folder;
-use crate::system::progress::{Message, Progress};
+use crate::system::progress::{Message, Progress, ProgressStyle};
 use crate::train::candidate::{About, Candidate};
-use crate::train::checkpoint::settings;
+use crate::train::checkpoint::{Checkpoint, damaged, settings};
 use crate::train::moving::in_words;
-use crate::train::schedule::{Clock, Done};
-use crate::train::{RESEEDS, Trainer};
-use std::time::{Duration, Instant};
+use crate::train::schedule::{Budget, Clock, Done, duration};
+use crate::train::{Progressed, RESEEDS, TrainError, Trainer};
+use nerf_core::Kernel;
+use std::path::PathBuf;
+use std::time::Instant;
+
+#[derive(Clone, Debug)]
+pub struct RunOptions {
+    /// Limits; one in seconds is for this command only, even if it resumes a checkpoint.
+    pub budget: Budget,
+    /// Fewest steps of a run that a limit in seconds ends.
+    pub min_steps: u32,
+    /// Path of checkpoints; without it none are written.
+    pub checkpoint: Option<PathBuf>,
+    pub checkpoint_every: f64,
+    pub resume: bool,
+    pub snapshots: Option<SnapshotOptions>,
+    /// Whether a report is written afterwards, which takes pictures and time.
+    pub report: bool,
+    /// Steps between validations during training; an eighth of the budget if absent.
+    pub validate_every: Option<u32>,
+    /// PSNR that view dependence must gain to be exported, dB; not measured if absent.
+    pub effect_threshold_db: Option<f64>,
+    /// Folder that always has the newest blob, for a page to show.
+    pub live: Option<PathBuf>,
+    pub kernel: Kernel,
+    pub style: ProgressStyle,
+}
+
+impl RunOptions {
+    /// Options of a run that writes nothing during training and asks no questions about its export.
+    pub fn unattended(budget: Budget, kernel: Kernel, style: ProgressStyle) -> Self {
+        Self {
+            budget,
+            min_steps: 0,
+            checkpoint: None,
+            checkpoint_every: f64::INFINITY,
+            resume: false,
+            snapshots: None,
+            report: false,
+            validate_every: None,
+            effect_threshold_db: None,
+            live: None,
+            kernel,
+            style,
+        }
+    }
+
+    /// Calls `restore` with the checkpoint if the run resumes, and returns the clock with the earlier seconds.
+    /// `config`, `data`: as in [`Checkpoint::check_belongs`].
+    pub(super) fn resumed(
+        &self,
+        clock: Clock,
+        config: &str,
+        data: (&str, u64),
+        restore: impl FnOnce(Checkpoint) -> Result<(), TrainError>,
+    ) -> anyhow::Result<Clock> {
+        let Some(path) = self.checkpoint.as_deref().filter(|_| self.resume) else { return Ok(clock) };
+        let checkpoint = Checkpoint::read(path)?;
+        checkpoint.check_belongs(path, config, data)?;
+        let seconds = checkpoint.seconds;
+        restore(checkpoint).map_err(|error| damaged(path, format_args!("a damaged one ({error})")))?;
+        Ok(clock.after(duration(seconds)))
+    }
+}
+
+pub(super) struct Session<'a, 'd> {
+    pub(super) trainer: Trainer<'d>,
+    pub(super) dataset: &'d Dataset,
+    pub(super) options: &'a RunOptions,
+    /// Limits, including what earlier commands used.
+    pub(super) budget: Budget,
+    /// Validation views that are measured during training.
+    pub(super) watched: Vec<usize>,
+    pub(super) pictured: Vec<usize>,
+    pub(super) clock: Clock,
+    pub(super) pace: Pace,
+    /// Pixels of all validation views, and pixels of the training views for one question about the export.
+    pub(super) pixels: [u64; 2],
+    /// Counters at the start, or when the run was resumed.
+    pub(super) started: Progressed,
+    pub(super) taken_up: Instant,
+    pub(super) train_seconds: f64,
+    pub(super) samples_per_second: [f64; 2],
+    pub(super) live: Option<Live>,
+}
+
+impl Session<'_, '_> {
+    /// Used fraction of the budget without the reserve for the end.
+    pub(super) fn share_at(&self, step: u32, seconds: f64) -> f64 {
+        self.budget.share(step, seconds, self.reserve())
+    }
+
+    pub(super) fn reserve(&self) -> f64 {
+        let rays = self.trainer.progressed().rays.saturating_sub(self.started.rays).max(1);
+        let refining = self.trainer.held_out_rays() as f64 * self.seconds_here() / rays as f64;
+        let refining = if self.budget.seconds.is_some() { refining } else { 0.0 };
+        self.pace.reserve(self.times() * self.pixels[0], self.pixels[1]) + refining
+    }
+
+    /// Number of times that validation views are measured at the end: twice if there are refined poses.
+    pub(super) fn times(&self) -> u64 {
+        if self.trainer.held_out_rays() > 0 { 2 } else { 1 }
+    }
+
+    /// Seconds since the start, or since the run was resumed; above 0.
+    pub(super) fn seconds_here(&self) -> f64 {
+        self.taken_up.elapsed().as_secs_f64().max(1e-9)
+    }
+}
 
 /// Runs until the budget is used or `stop`, which is called between steps with the steps done, returns true. If it
 /// fails, a checkpoint written earlier stays as it is.
@@ -28,7 +134,7 @@ pub fn run(
     options: &RunOptions,
     stop: &dyn Fn(u32) -> bool,
 ) -> anyhow::Result<Ended<Outcome>> {
-    run_since(Clock::resume(Duration::ZERO), dataset, config, options, stop)
+    run_since(Clock::start(), dataset, config, options, stop)
 }
 
 /// As [`run`], including the time since `clock`.
@@ -102,7 +208,7 @@ impl Task for Session<'_, '_> {
     }
 
     fn due(&self, share: f64, ended: bool) -> Option<Due> {
-        Some(validation::due_at(self, share, ended)).filter(|due| due.any())
+        validation::due_at(self, share, ended)
     }
 
     fn validate(&mut self, due: Due) -> anyhow::Result<()> {
@@ -226,21 +332,18 @@ fn show_live(session: &mut Session<'_, '_>, progress: &Progress) -> anyhow::Resu
     if !session.live.as_ref().is_some_and(Live::is_due) {
         return Ok(());
     }
-    let (begun, state) = (Instant::now(), state(session));
+    let begun = Instant::now();
+    let state = State {
+        step: session.steps(),
+        seconds: session.clock.seconds(),
+        train_psnr_db: session.trainer.state.train_psnr_db(),
+        val_psnr_db: session.trainer.state.last_validation().map(|(_, db)| db),
+        done: false,
+    };
     let candidate = Candidate::of(&session.trainer, false);
     let about = About { occupancy_required: true, psnr_db: state.val_psnr_db, ..About::default() };
     let blob = candidate.export(&session.trainer, &about)?.bytes;
     let warning = session.live.as_mut().and_then(|live| live.write(&blob, &state, begun));
     warning.into_iter().for_each(|warning| progress.warn(warning));
     Ok(())
-}
-
-fn state(session: &Session<'_, '_>) -> State {
-    State {
-        step: session.steps(),
-        seconds: session.clock.seconds(),
-        train_psnr_db: session.trainer.state.train_psnr_db(),
-        val_psnr_db: session.trainer.state.last_validation().map(|(_, db)| db),
-        done: false,
-    }
 }

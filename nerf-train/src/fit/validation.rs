@@ -3,7 +3,7 @@
 //! Validation never changes what is trained or exported.
 
 use crate::data::View;
-use crate::fit::session::Session;
+use crate::fit::run::Session;
 use crate::measure::eval::{Scores, measure};
 use crate::measure::frame;
 use crate::train::Snapshot;
@@ -47,23 +47,16 @@ pub(super) struct Due {
     pictures: bool,
 }
 
-impl Due {
-    pub fn any(self) -> bool {
-        self.validation || self.pictures
-    }
-}
-
 /// The validation and the pictures that are due between two steps.
 ///
 /// Decided by step, budget and the trainer's state, so that a resumed run of a given number of steps validates at the
 /// same steps as an undisturbed one; with a limit in seconds, also by the time that validation takes.
 ///
 /// `share`: used fraction of the budget.
-pub(super) fn due_at(session: &Session<'_, '_>, share: f64, ended: bool) -> Due {
-    Due {
-        validation: validation_is_due(session, share, ended),
-        pictures: pictures_are_due(session, share, ended),
-    }
+pub(super) fn due_at(session: &Session<'_, '_>, share: f64, ended: bool) -> Option<Due> {
+    let validation = validation_is_due(session, share, ended);
+    let pictures = pictures_are_due(session, share, ended);
+    (validation || pictures).then_some(Due { validation, pictures })
 }
 
 /// Whether another eighth of the budget is in use than at `last`.

@@ -8,6 +8,7 @@
 //! Lin et al. 2021 (BARF), poses by the photometric loss, coarse to fine; Park et al. 2023 (CamP), the preconditioner. Deviation:
 //! a Cholesky factor in place of the symmetric root; the field itself is not blurred, only the gradient that the poses follow.
 
+use crate::data::cameras::bundle::median;
 use crate::data::{Dataset, View};
 use crate::model::config::PoseRefinement;
 use crate::model::engine::{Batch, RayGradient, RayQuestion};
@@ -88,13 +89,11 @@ impl Poses {
         if refinement == PoseRefinement::Refine {
             return (begin(false), None);
         }
-        let mut errors: Vec<f32> = dataset.points.iter().map(|point| point.error).collect();
-        errors.sort_by(f32::total_cmp);
-        match errors.get(errors.len() / 2) {
-            Some(&error) if sights && f64::from(error) <= BELIEVED => {
-                (None, Some(PosesFound { pixels: error.into(), by_tracks: true, refined: false }))
-            }
-            _ => (begin(true), None),
+        // Without points the median is NaN.
+        let pixels = median(dataset.points.iter().map(|point| point.error));
+        match sights && pixels <= BELIEVED {
+            true => (None, Some(PosesFound { pixels, by_tracks: true, refined: false })),
+            false => (begin(true), None),
         }
     }
 

@@ -1,5 +1,3 @@
-//! `nerf-train image render`
-
 use crate::cli::common::{Global, open_blob, read_file};
 use crate::cli::options::quality::parse_math;
 use crate::cli::places;

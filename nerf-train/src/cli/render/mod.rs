@@ -1,5 +1,3 @@
-//! `nerf-train render`
-
 mod shots;
 mod target;
 

@@ -50,7 +50,6 @@ pub struct Outcome {
     pub parameters: usize,
     /// Seconds from the start until the last step, evaluations included.
     pub train_seconds: f64,
-    /// Pixels trained on per second of training.
     pub pixels_per_second: f64,
 }
 
@@ -144,11 +143,8 @@ struct Session<'a, 'p> {
     time: EvaluationTime,
     /// Steps and seconds at the start, or when the run was resumed.
     started: (u32, f64),
-    /// Seconds of this command before its first step.
     prepared: f64,
-    /// Limits, including what earlier commands used.
     budget: Budget,
-    /// Seconds from the start until the last step.
     train_seconds: f64,
     each: &'a mut dyn FnMut(Evaluation<'_>),
 }
@@ -178,6 +174,13 @@ impl Session<'_, '_> {
         render_blob(&bytes, self.options.kernel, small)?;
         let pixels = |size: [u32; 2]| f64::from(size[0]) * f64::from(size[1]);
         Ok(begun.elapsed().as_secs_f64() * pixels(size) / pixels(small))
+    }
+
+    /// Pixels trained on per second since the start, or since the run was resumed.
+    fn pixels_per_second(&self) -> f64 {
+        let (steps, seconds) = self.started;
+        let pixels = f64::from(self.steps() - steps) * self.trainer.config.pixels as f64;
+        pixels / (self.train_seconds - seconds).max(1e-9)
     }
 }
 
@@ -298,15 +301,6 @@ impl Task for Session<'_, '_> {
             train_seconds: self.train_seconds,
             pixels_per_second: self.pixels_per_second(),
         })
-    }
-}
-
-impl Session<'_, '_> {
-    /// Pixels trained on per second since the start, or since the run was resumed.
-    fn pixels_per_second(&self) -> f64 {
-        let (steps, seconds) = self.started;
-        let pixels = f64::from(self.steps() - steps) * self.trainer.config.pixels as f64;
-        pixels / (self.train_seconds - seconds).max(1e-9)
     }
 }
 

@@ -10,7 +10,7 @@ use crate::train::Bounds;
 use crate::train::occupancy::is_foreground;
 use glam::Vec3;
 pub use march::MarchCells;
-use march::{Samples, march, march_contracted};
+use march::{March, MarchContracted, Samples};
 use nerf_core::camera::{Camera, Ray};
 use nerf_core::sampling::{Bins, OccupancyGrid, Purpose, uniform, uniform_u32};
 use nerf_core::simd::Isa;
@@ -197,7 +197,7 @@ impl<'d> RayBank<'d> {
                 if let Some((enter, exit)) = self.bounds.scene_box.clip(&ray, 0.0, f32::MAX) {
                     let u = uniform(self.seed, Purpose::Jitter, step, index);
                     let (first, count) = (enter + u * width, ((exit - enter) / width).ceil() as u32);
-                    march(isa, cells, &ray, first, width, count, positions);
+                    isa.run(March { cells, ray: &ray, first, step: width, count, positions });
                 }
                 batch_ray.samples = (positions.len() - before) as u32;
                 found.rays.push(batch_ray);
@@ -232,8 +232,16 @@ impl<'d> RayBank<'d> {
                 let first = contraction.step_at(self.bounds.near - start);
                 let u = uniform(self.seed, Purpose::Jitter, step, index);
                 let count = ((far - first) / width).ceil().max(0.0) as u32;
-                let walk = (first + u * width, width, count);
-                march_contracted(isa, cells, contraction, &ray, walk, start, &mut found.samples);
+                isa.run(MarchContracted {
+                    cells,
+                    contraction,
+                    ray: &ray,
+                    first: first + u * width,
+                    step: width,
+                    count,
+                    start,
+                    samples: &mut found.samples,
+                });
                 batch_ray.samples = (found.samples.positions.len() - before) as u32;
                 found.rays.push(batch_ray);
                 found.views.push(view as u32);

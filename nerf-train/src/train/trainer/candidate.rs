@@ -41,7 +41,9 @@ impl Candidate {
     /// `settle`: evaluate all cells of the occupancy grid once more. A grid field's cells are evaluated all the time,
     /// so that before the end of its run this is not needed.
     pub fn of(trainer: &Trainer<'_>, settle: bool) -> Self {
-        let parameters = averaged_parameters(trainer);
+        let averaged = trainer.state.average.values().map(Cow::Borrowed);
+        let parameters = averaged.unwrap_or_else(|| trainer.engine.parameters());
+        let parameters = trainer.model.fold(parameters).into_owned();
         let scene_box = trainer.bounds.scene_box;
         let resolution = trainer.config.occupancy_resolution(scene_box.max - scene_box.min);
         let full = || Occupancy::full(scene_box, resolution);
@@ -105,11 +107,4 @@ impl Candidate {
         })?;
         Ok(exported)
     }
-}
-
-/// Parameters in export order: the average, or the last ones if the run does not average.
-fn averaged_parameters(trainer: &Trainer<'_>) -> Vec<f32> {
-    let parameters =
-        trainer.state.average.values().map_or_else(|| trainer.engine.parameters(), Cow::Borrowed);
-    trainer.model.fold(parameters).into_owned()
 }
