@@ -308,11 +308,12 @@ fn progress(session: &Session<'_, '_>) -> Progress {
     let progress = Progress::new("train", budget.total(), session.options.style)
         .resume_at(u64::from(session.started.step));
     let b = session.trainer.bounds.scene_box;
+    let occupancy = session.trainer.state.occupancy.as_ref();
     progress.println(format!(
         "scene box {} .. {}; {:.1} % of its cells may hold something; {} pixels to draw from",
         b.min,
         b.max,
-        100.0 * session.trainer.occupied_share(),
+        100.0 * occupancy.map_or(1.0, |occupancy| occupancy.lookup().occupied_share()),
         session.trainer.pixels()
     ));
     if let Some(sights) = &session.trainer.sights {

@@ -224,11 +224,6 @@ impl<'d> Trainer<'d> {
         self.bank.pixels()
     }
 
-    /// Occupied fraction of the cells; 1 without an occupancy grid.
-    pub fn occupied_share(&self) -> f32 {
-        self.state.occupancy.as_ref().map_or(1.0, |occupancy| occupancy.lookup().occupied_share())
-    }
-
     /// Does one step at the learning rate for the used fraction `share` of the budget.
     ///
     /// # Errors
