@@ -112,7 +112,7 @@ impl Photographs {
                 self.poses.take_if(|_| given);
             }
         }
-        // A photograph contradicts the field only after that was trained on all of them for long enough.
+        // A photograph contradicts the field only once that has been trained on all of them for long enough.
         let all_are_shown =
             self.withheld.is_none() && (self.withheld_found.is_none() || step >= LEARNED_FROM);
         if let Some(moving) = self.moving.as_mut().filter(|_| all_are_shown) {
