@@ -1,5 +1,3 @@
-//! `nerf-train audit`
-
 use super::common::{Global, check_counts, open_blob, read_file};
 use super::eval::Split;
 use super::options::data::DataOptions;
@@ -8,7 +6,7 @@ use crate::data::{View, reads_data};
 use crate::measure::audit::{self, AuditOptions, Summary, THRESHOLD_DB};
 use crate::measure::bench::Variants;
 use crate::measure::point::Clock;
-use crate::show::reports::audit::table as audit_table;
+use crate::show::table::Table;
 use crate::system::output::claims::Claims;
 use crate::system::progress::Progress;
 use crate::system::summary::write;
@@ -73,13 +71,12 @@ impl Audit {
         })?;
         let on = (self.split.name(), views.len());
         let summary = Summary::of(&findings, self.effect_threshold, on, lab.scene.background);
-        let table = audit_table(&findings);
+        let table = table_of(&findings);
         if let Some(folder) = &self.report {
             table.write_csv(folder.join("audit.csv"))?;
             write(&summary, folder)?;
         }
-        global.finish(&summary)?;
-        Ok(ExitCode::SUCCESS)
+        global.finish(&summary)
     }
 
     fn check(&self) -> anyhow::Result<()> {
@@ -99,4 +96,26 @@ pub fn check_threshold(threshold: f64) -> anyhow::Result<()> {
         bail!("--effect-threshold: expected a number, found {threshold}");
     }
     Ok(())
+}
+
+fn table_of(audit: &audit::Audit) -> Table {
+    let columns =
+        ["effect", "in its place", "with, dB", "without, dB", "gains, dB", "time", "MACs", "verdict"];
+    let mut table = Table::new(columns);
+    for (effect, worth) in audit {
+        match worth {
+            Ok(worth) => table.push([
+                effect.name.to_owned(),
+                effect.instead.to_owned(),
+                format!("{:.3}", worth.with_db),
+                format!("{:.3}", worth.without_db),
+                format!("{:.3}", worth.gain_db()),
+                format!("{:.3}", worth.relative_time),
+                format!("{:.4}", worth.relative_macs),
+                worth.verdict.name().to_owned(),
+            ]),
+            Err(why) => table.push([effect.name, effect.instead, "–", "–", "–", "–", "–", why]),
+        };
+    }
+    table
 }

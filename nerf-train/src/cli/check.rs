@@ -1,5 +1,3 @@
-//! `nerf-train check`
-
 use super::common::{Global, print_lines};
 use super::options::data::{DataOptions, print_report};
 use super::places;
@@ -63,8 +61,7 @@ impl Check {
             write(&diagnosis, folder)?;
             lines.push(html.display().to_string());
         }
-        global.finish_with(&diagnosis, || print_lines(lines))?;
-        Ok(ExitCode::SUCCESS)
+        global.finish_with(&diagnosis, || print_lines(lines))
     }
 
     /// Reports the time and memory that many photographs take. Refuses more than memory can hold.

@@ -16,19 +16,13 @@ use nerf_core::blob::Blob;
 use serde::Serialize;
 use std::io::Write;
 use std::path::Path;
+use std::process::ExitCode;
 
 /// Message when a signal ends a sequence of runs, each of which has its own file.
 pub const GO_ON: &str = "interrupted: the run that was under way is lost, the finished ones are kept; go on with the same command";
 
 /// Largest number of threads per core: more only cost memory.
 const THREADS_PER_CORE: usize = 4;
-
-/// Prints one line of the result, with control characters escaped. Returns from the calling function if that fails.
-macro_rules! outln {
-    ($($arg:tt)*) => {
-        $crate::cli::common::print(&$crate::system::printable::line(&format!($($arg)*)))?
-    };
-}
 
 /// Prints lines to stdout. A closed pipe is no error.
 pub fn print(lines: &str) -> anyhow::Result<()> {
@@ -116,7 +110,7 @@ impl Global {
     /// Prints the result, once and last: as JSON with `--json`, else its fields as lines.
     ///
     /// With `--json` nothing else goes to stdout, so a command prints results nowhere but here.
-    pub fn finish(&self, result: &impl Serialize) -> anyhow::Result<()> {
+    pub fn finish(&self, result: &impl Serialize) -> anyhow::Result<ExitCode> {
         self.finish_with(result, || print(lines(result)?.trim_end()))
     }
 
@@ -125,8 +119,9 @@ impl Global {
         &self,
         result: &impl Serialize,
         human: impl FnOnce() -> anyhow::Result<()>,
-    ) -> anyhow::Result<()> {
-        if self.json { print(to_json(result)?.trim_end()) } else { human() }
+    ) -> anyhow::Result<ExitCode> {
+        if self.json { print(to_json(result)?.trim_end()) } else { human() }?;
+        Ok(ExitCode::SUCCESS)
     }
 }
 

@@ -1,5 +1,3 @@
-//! `nerf-train completions`
-
 use super::common::{Global, print};
 use clap::{Args, Command};
 use clap_complete::{Shell, generate};
@@ -26,8 +24,7 @@ impl Completions {
         generate(self.shell, &mut cli, "nerf-train", &mut script);
         let script = String::from_utf8(script)?;
         let made = Script { shell: self.shell.to_string(), script };
-        global.finish_with(&made, || print(made.script.trim_end()))?;
-        Ok(ExitCode::SUCCESS)
+        global.finish_with(&made, || print(made.script.trim_end()))
     }
 }
 

@@ -1,5 +1,3 @@
-//! `nerf-train config`
-
 use super::common::{Global, print};
 use crate::model::config::Preset;
 use anyhow::Context;
@@ -38,8 +36,7 @@ impl PrintConfig {
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         let config = self.preset.config();
         let settings = toml::Table::try_from(&config)?;
-        global.finish_with(&config, || print(commented(&settings)?.trim_end()))?;
-        Ok(ExitCode::SUCCESS)
+        global.finish_with(&config, || print(commented(&settings)?.trim_end()))
     }
 }
 

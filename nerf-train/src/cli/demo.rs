@@ -1,6 +1,4 @@
-//! `nerf-train demo`
-
-use super::common::{Global, open_blob, print};
+use super::common::{Global, open_blob, print, print_lines};
 use super::lines::lines;
 use super::options::data::print_report;
 use super::options::settings::{SetOption, read_config};
@@ -16,10 +14,10 @@ use crate::measure::eval::{Scores, evaluate};
 use crate::measure::frame::{self, Frame};
 use crate::model::config::{Config, Preset, Surroundings};
 use crate::show::animation::GifWriter;
-use crate::show::colour_map::z_depth_picture;
 use crate::show::contact_sheet::{Cell, contact_sheet};
 use crate::show::orbit::Orbit;
 use crate::show::reports;
+use crate::show::view::{Output, picture_of};
 use crate::system::output::claims::Claims;
 use crate::system::output::write_atomic;
 use crate::system::progress::Progress;
@@ -31,7 +29,6 @@ use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::Renderer;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::Duration;
 
 /// Training steps of the demo, which takes less than a minute on two cores.
 const STEPS: u32 = 5000;
@@ -59,7 +56,7 @@ pub struct Demo {
 
 impl Demo {
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
-        let clock = Clock::resume(Duration::ZERO);
+        let clock = Clock::start();
         let config = self.check()?;
         let spec = DemoSpec::default();
         let dataset = demo::dataset(&spec)?;
@@ -90,8 +87,7 @@ impl Demo {
             ..Summary::of(&outcome, &config, options.kernel, seconds, data, &blob_path)
         };
         write(&summary, &self.out)?;
-        global.finish_with(&summary, || self.print(&summary))?;
-        Ok(ExitCode::SUCCESS)
+        global.finish_with(&summary, || self.print(&summary))
     }
 
     /// Checks the options and returns the settings, before any work.
@@ -181,10 +177,8 @@ impl Demo {
             ("curve.png", "PSNR while training (also .svg and .csv)"),
             ("summary.json", "every figure, with its unit in its name"),
         ];
-        for (name, what) in files {
-            outln!("  {:<28} {what}", self.out.join(name).display().to_string());
-        }
-        Ok(())
+        let line = |(name, what)| format!("  {:<28} {what}", self.out.join(name).display().to_string());
+        print_lines(files.map(line))
     }
 }
 
@@ -201,6 +195,6 @@ fn sheet_row(cells: &mut Vec<Cell>, name: &str, frame: &Frame, truth: &[[f32; 3]
     let truth = Picture::new(frame.width, frame.height, truth.to_vec())?;
     cells.push(Cell::new(frame::picture(frame), format!("{name}: rendered")));
     cells.push(Cell::new(truth, format!("{name}: truth")));
-    cells.push(Cell::new(z_depth_picture(frame)?, format!("{name}: z_depth")));
+    cells.push(Cell::new(picture_of(frame, Output::ZDepth, None)?, format!("{name}: z_depth")));
     Ok(())
 }

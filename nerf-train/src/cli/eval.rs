@@ -1,5 +1,3 @@
-//! `nerf-train eval`
-
 use super::common::{Global, check_counts, open_blob, parse_background, read_file};
 use super::options::data::DataOptions;
 use super::options::quality::{QualityOptions, WhichBins};
@@ -146,8 +144,7 @@ impl Eval {
             table.write_csv(folder.join("views.csv"))?;
             write(&found, folder)?;
         }
-        global.finish(&found)?;
-        Ok(ExitCode::SUCCESS)
+        global.finish(&found)
     }
 
     /// The split of `--split`; by default val, or test if only that has views.

@@ -1,5 +1,3 @@
-//! `nerf-train explain`
-
 use super::common::{Global, open_blob, print, read_file};
 use super::eval::Split;
 use super::options::data::DataOptions;
@@ -83,8 +81,7 @@ impl Explain {
         let explanation = renderer.explain(&plan).with_counters(counters);
 
         let summary = Summary::of(&explanation, &renderer, counters);
-        global.finish_with(&summary, || print(explanation.to_string().trim_end()))?;
-        Ok(ExitCode::SUCCESS)
+        global.finish_with(&summary, || print(explanation.to_string().trim_end()))
     }
 
     fn camera(&self, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Camera> {

@@ -1,5 +1,3 @@
-//! `nerf-train export`
-
 use super::common::{Global, check_counts, open_blob, parse_numbers, read_file};
 use super::eval::Split;
 use super::options::data::DataOptions;
@@ -119,8 +117,7 @@ impl Export {
         }
         summary.file_bytes = std::fs::metadata(&self.output).map_or(0, |file| file.len());
         summary.total_seconds = start.elapsed().as_secs_f64();
-        global.finish(&summary)?;
-        Ok(ExitCode::SUCCESS)
+        global.finish(&summary)
     }
 
     /// Checks the options before anything is read. Returns the kind of export.

@@ -1,5 +1,3 @@
-//! `nerf-train fit`
-
 use super::audit::check_threshold;
 use super::common::{Global, parse_numbers, print, print_lines, tell_flat, tell_missed};
 use super::lines::lines;
@@ -13,7 +11,6 @@ use crate::data::{Background, Dataset, is_blank, reads_data, refined};
 use crate::fit::finish::Outcome;
 use crate::fit::run::{Ended, RunOptions, interrupted, run_since};
 use crate::fit::size::{self, Chosen};
-use crate::fit::snapshot::SnapshotOptions;
 use crate::fit::summary::{Capture, Summary};
 use crate::fit::{detail, live};
 use crate::measure::audit::THRESHOLD_DB;
@@ -30,7 +27,6 @@ use clap::Args;
 use glam::Vec3;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::Duration;
 
 /// Train a radiance field on posed photographs.
 ///
@@ -164,9 +160,7 @@ impl Fit {
         set(&mut s.steps_across, &self.steps_across);
         config.sampling.near = self.data_options.near.or(config.sampling.near);
         config.sampling.far = self.data_options.far.or(config.sampling.far);
-        if let Some(steps) = self.steps {
-            config.optimiser.steps = steps;
-        }
+        set(&mut config.optimiser.steps, &self.steps);
         self.settings.space.settle(&mut config);
         config.check()?;
         if self.settings.width.is_some() && config.network.depth == 0 {
@@ -219,11 +213,6 @@ impl Fit {
         Ok(fitted)
     }
 
-    fn snapshot_options(&self) -> Option<SnapshotOptions> {
-        let folder = self.conduct.report.clone()?;
-        Some(SnapshotOptions { folder, steps: self.snapshots.clone(), views: self.snapshot_views.clone() })
-    }
-
     fn claims(&self) -> Claims {
         let inputs = reads_data(Claims::default(), &self.data);
         let claims = self.conduct.claims(inputs.reads("the file of settings", self.config.as_deref()));
@@ -253,7 +242,7 @@ impl Fit {
 
     fn options(&self, config: &Config, checkpoint: Option<PathBuf>, global: &Global) -> RunOptions {
         RunOptions {
-            snapshots: self.snapshot_options(),
+            snapshots: self.conduct.snapshots(&self.snapshots, &self.snapshot_views),
             report: self.conduct.report.is_some(),
             validate_every: self.validate_every,
             effect_threshold_db: Some(self.effect_threshold),
@@ -276,7 +265,7 @@ impl Fit {
     }
 
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
-        let clock = Clock::resume(Duration::ZERO);
+        let clock = Clock::start();
         let checkpoint = self.check()?;
         let (mut dataset, set_aside) =
             self.data_options.read_to_fit(&self.data, &self.conduct.output, global)?;
@@ -332,7 +321,6 @@ impl Fit {
         if let Some(folder) = &self.conduct.report {
             reports::fit::write(folder, &outcome, &dataset, &summary, &report)?;
         }
-        printed?;
-        Ok(ExitCode::SUCCESS)
+        printed
     }
 }

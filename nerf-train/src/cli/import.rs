@@ -1,5 +1,3 @@
-//! `nerf-train import`
-
 use super::audit::check_threshold;
 use super::common::{Global, tell};
 use super::options::data::read_with;
@@ -104,8 +102,7 @@ impl Import {
         write_atomic(&self.output, &exported.bytes)?;
         self.warn(&import);
         let summary = Summary::of(&import, &exported, &self.output);
-        global.finish(&summary)?;
-        Ok(ExitCode::SUCCESS)
+        global.finish(&summary)
     }
 
     /// Checks the options before any network is read.

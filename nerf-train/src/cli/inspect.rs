@@ -1,5 +1,3 @@
-//! `nerf-train inspect`
-
 use super::common::{Global, open_blob, print, read_file};
 use super::lines::lines;
 use crate::measure::inspect::Inspection;
@@ -22,7 +20,8 @@ impl Inspect {
         let found = Inspection::of(&self.file, &bytes, &blob);
         global.finish_with(&found, || {
             if let Some(contraction) = blob.scene().and_then(|scene| scene.contraction()) {
-                outln!("an unbounded scene, contracted beyond {} of its middle", contraction.radius());
+                let radius = contraction.radius();
+                print(&format!("an unbounded scene, contracted beyond {radius} of its middle"))?;
             }
             print(lines(&found)?.trim_end())
         })?;

@@ -1,9 +1,8 @@
 //! The command line: typed options, one file per command.
 
-#[macro_use]
-mod common;
 mod audit;
 mod check;
+mod common;
 mod completions;
 mod config;
 mod demo;
@@ -27,6 +26,7 @@ pub use options::settings::{SetOption, read_config};
 
 use crate::system::summary::to_json;
 use clap::{ArgAction, CommandFactory, Parser, Subcommand};
+use std::collections::BTreeMap;
 use std::process::ExitCode;
 
 /// Trains a radiance field on two CPU cores and keeps it as one small file that renders anywhere.
@@ -89,12 +89,8 @@ fn message(error: &anyhow::Error) -> String {
 
 /// Prints the error as the only JSON object on stdout, for a calling program.
 fn print_error(message: &str) {
-    #[derive(serde::Serialize)]
-    struct Failure<'m> {
-        error: &'m str,
-    }
     // An error here is ignored: the message is on stderr, too.
-    let _ = to_json(&Failure { error: message }).map(|json| common::print(json.trim_end()));
+    let _ = to_json(&BTreeMap::from([("error", message)])).map(|json| common::print(json.trim_end()));
 }
 
 /// Reports on stderr that a signal ended the command; `message` says what is left of its work.

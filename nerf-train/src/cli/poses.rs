@@ -1,5 +1,3 @@
-//! `nerf-train poses`
-
 use super::common::Global;
 use super::places;
 use crate::capture::check::Diagnosis;
@@ -63,8 +61,7 @@ impl Poses {
         let found = find(&request)?;
         let folder = output.display().to_string();
         let summary = Summary { folder, found, total_seconds: begun.elapsed().as_secs_f64() };
-        global.finish(&summary)?;
-        Ok(ExitCode::SUCCESS)
+        global.finish(&summary)
     }
 }
 

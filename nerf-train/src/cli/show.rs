@@ -1,5 +1,3 @@
-//! `nerf-train show`
-
 use super::common::{Global, parse_numbers, print_lines};
 use super::eval::Split;
 use super::options::UpAxis;
@@ -118,9 +116,7 @@ impl Show {
         }
         let summary = Summary::of(&scene);
         let json = write(&summary, &self.output)?;
-        global
-            .finish_with(&summary, || print_lines([&html, &json].map(|path| path.display().to_string())))?;
-        Ok(ExitCode::SUCCESS)
+        global.finish_with(&summary, || print_lines([&html, &json].map(|path| path.display().to_string())))
     }
 
     /// The settings that training would start from.

@@ -1,5 +1,3 @@
-//! `nerf-train study`
-
 use super::common::{Global, background_name, check_counts, cpu_name, open_blob, read_file, tell};
 use super::eval::Split;
 use super::options::data::DataOptions;
@@ -111,8 +109,7 @@ impl Study {
         }
         let mut summary = findings.summary(&setting);
         summary.blob = output.map(|output| output.display().to_string());
-        global.finish(&summary)?;
-        Ok(ExitCode::SUCCESS)
+        global.finish(&summary)
     }
 
     fn check(&self, global: &Global) -> anyhow::Result<()> {

@@ -1,5 +1,3 @@
-//! `nerf-train sweep`
-
 use super::common::{GO_ON, Global, check_max_seconds, cpu_name};
 use super::image::{PhotoOptions, Settings};
 use super::options::ShardOption;
@@ -135,8 +133,7 @@ impl Lists {
         let say = |text| global.say(text);
         folder.conduct(&mine, say, |point| job.run(point, &runner))?;
         drop(note);
-        finish(&folder, global)?;
-        Ok(ExitCode::SUCCESS)
+        finish(&folder, global)
     }
 }
 
@@ -145,7 +142,7 @@ fn numbers<T: Copy + Into<f64>>(list: &[T]) -> Vec<f64> {
 }
 
 /// Writes the report of all finished runs in a folder, and prints the summary.
-fn finish(folder: &Folder, global: &Global) -> anyhow::Result<()> {
+fn finish(folder: &Folder, global: &Global) -> anyhow::Result<ExitCode> {
     let records = write_report(folder)?;
     let report = folder.path.join("report.md");
     global.finish(&Summary::of(&records, &report))
@@ -288,7 +285,6 @@ impl Merge {
             let new = whole.take_in(part)?;
             global.say(format!("{}: {new} new runs", part.path.display()));
         }
-        finish(&whole, global)?;
-        Ok(ExitCode::SUCCESS)
+        finish(&whole, global)
     }
 }

@@ -13,7 +13,8 @@
 //! half the entries and 0.7 times the cells reach 32.66 dB after 15 s, for 32.62).
 
 use super::size::Chosen;
-use crate::data::Dataset;
+use crate::data::cameras::bundle::median;
+use crate::data::{Dataset, View};
 use crate::model::config::Config;
 use nerf_core::space::SceneBox;
 
@@ -32,13 +33,11 @@ const ROUNDED_STEPS: f32 = 10.0;
 pub fn pixels_across(dataset: &Dataset, scene_box: &SceneBox) -> Option<f32> {
     let middle = 0.5 * (scene_box.min + scene_box.max);
     let side = (scene_box.max - scene_box.min).max_element();
-    let of_camera = |camera: &nerf_core::camera::Camera| {
-        let intrinsics = camera.intrinsics();
-        side * intrinsics.fx.max(intrinsics.fy) / camera.pose().position.distance(middle)
+    let of_view = |view: &View| {
+        let intrinsics = view.camera.intrinsics();
+        side * intrinsics.fx.max(intrinsics.fy) / view.camera.pose().position.distance(middle)
     };
-    let mut pixels: Vec<f32> = dataset.train.iter().map(|view| of_camera(&view.camera)).collect();
-    pixels.sort_unstable_by(f32::total_cmp);
-    pixels.get(pixels.len() / 2).copied().filter(|pixels| pixels.is_finite())
+    Some(median(dataset.train.iter().map(of_view)) as f32).filter(|pixels| pixels.is_finite())
 }
 
 /// The preset's settings for a scene of this many pixels. Each doubling doubles the entries, and multiplies the cells

@@ -6,6 +6,8 @@ use crate::system::stop::{Claim, Cover};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+/// Steps between the points of the curve without validation.
+pub(super) const POINT_EVERY: u32 = 20;
 /// Longest step, seconds, for which no files are prepared for a signal that comes meanwhile.
 const LONG_STEP: f64 = 0.3;
 
@@ -22,7 +24,7 @@ pub(super) trait Task {
     fn check_steps(&self) -> anyhow::Result<()>;
     /// The validation that is due now, if any is.
     fn due(&self, share: f64, ended: bool) -> Option<Self::Due>;
-    fn validate(&mut self, due: Self::Due, share: f64) -> anyhow::Result<()>;
+    fn validate(&mut self, due: Self::Due) -> anyhow::Result<()>;
     /// Adds a point to the curve, if one is due and validation has added none.
     fn note(&mut self, ended: bool);
     fn step(&mut self, share: f64, progress: &Progress) -> anyhow::Result<()>;
@@ -75,7 +77,7 @@ pub(super) fn drive<T: Task>(
             task.check_steps()?;
         }
         if let Some(due) = task.due(share, ended) {
-            keeper.covered(task, |task| task.validate(due, share))?;
+            keeper.covered(task, |task| task.validate(due))?;
         }
         task.note(ended);
         if ended {
@@ -147,13 +149,13 @@ impl Keeper {
 
 /// Message of an interrupted run, with or without a checkpoint.
 pub fn interrupted(step: u32, checkpoint: Option<&Path>) -> String {
-    match checkpoint {
-        Some(path) => format!(
-            "interrupted after step {step}; the checkpoint is {}: go on with the same command and --resume",
-            path.display()
-        ),
-        None => format!("interrupted after step {step}"),
-    }
+    format!("interrupted after step {step}{}", how_to_go_on(checkpoint))
+}
+
+pub(super) fn how_to_go_on(checkpoint: Option<&Path>) -> String {
+    checkpoint.map_or_else(String::new, |path| {
+        format!("; the checkpoint is {}: go on with the same command and --resume", path.display())
+    })
 }
 
 /// Message of a resumed run that has no steps left to do.

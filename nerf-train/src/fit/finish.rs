@@ -2,7 +2,8 @@
 
 use crate::data::{Dataset, RefinedPoses, View};
 use crate::fit::pace::{FINAL_SHARE, Pace, QUESTION_SHARE, lattice_of};
-use crate::fit::session::Session;
+use crate::fit::run::Session;
+use crate::fit::snapshot::SnapshotOptions;
 use crate::fit::trend::Stop;
 use crate::fit::validation::{ASKED_VIEWS, FINAL_VIEWS, measure_priced, pixels_of, spread, spread_indices};
 use crate::measure::audit::{Verdict, flattened};
@@ -39,15 +40,10 @@ pub struct Outcome {
     pub surfaces: Surfaces,
     /// Scores of the same views from their refined poses, at the same pixels; `None` if poses are not refined.
     pub refined_scores: Option<Scores>,
-    /// Refined poses of training and validation views.
     pub refined_poses: Option<RefinedPoses>,
-    /// Verdict on the photographs' poses, if they were tested.
     pub poses: Option<PosesFound>,
-    /// Verdict on the photographs' exposure, if it was tested.
     pub exposure: Option<ExposureFound>,
-    /// Verdict of the photographs withheld at the beginning, if there were any.
     pub withheld: Option<WithheldFound>,
-    /// Training photographs with moving objects, which were left out of the loss.
     pub moved: Vec<Moved>,
     /// Renderings of some of the validation views, if the run was to keep them.
     pub shown: Vec<Shown>,
@@ -66,11 +62,9 @@ pub struct Outcome {
     pub occupancy_loss_db: Option<f64>,
     /// Whether the occupancy grid is part of the model.
     pub occupancy_required: bool,
-    /// Value of view dependence; `None` if it was not measured.
     pub view_dependence: Option<ViewDependence>,
     pub subnormal_weights: usize,
     pub curve: Vec<CurvePoint>,
-    /// Point from which validation did not rise any more, if there is one.
     pub overfitting: Option<Stop>,
     /// Names of the views that were validated during training.
     pub watched: Vec<String>,
@@ -136,10 +130,11 @@ pub(super) fn finish(session: &mut Session<'_, '_>) -> anyhow::Result<Outcome> {
     let flats: Vec<f64> = judged.iter().map(flat_of).collect();
     let judged_db = judged_scores.views.iter().map(|score| score.psnr_db);
     let flat = is_flat(judged_db.zip(flats.iter().copied()));
-    let samples = session.trainer.config().sampling.samples;
+    let samples = session.trainer.config.sampling.samples;
     let convention = convention(all.len(), lattice, background, samples);
     let about = About { occupancy_required, psnr_db, convention: &convention, quantisation_loss_db };
     let exported = candidate.export(&session.trainer, &about)?;
+    let missed = |options: &SnapshotOptions| options.missed(&session.trainer.state.snapshots);
     let watched = session.watched.iter().filter_map(|&view| session.dataset.val.get(view));
     Ok(Outcome {
         bytes: exported.bytes,
@@ -149,10 +144,10 @@ pub(super) fn finish(session: &mut Session<'_, '_>) -> anyhow::Result<Outcome> {
         surfaces,
         refined_scores,
         refined_poses,
-        poses: session.trainer.poses(),
-        exposure: session.trainer.exposure(),
-        withheld: session.trainer.withheld(),
-        moved: session.trainer.moved(),
+        poses: session.trainer.state.photographs.poses_found,
+        exposure: session.trainer.state.photographs.exposure,
+        withheld: session.trainer.state.photographs.withheld_found,
+        moved: session.trainer.state.photographs.moved(&session.dataset.train),
         shown,
         background,
         flat_psnr_db: mean_flat_psnr_db(flats),
@@ -162,17 +157,17 @@ pub(super) fn finish(session: &mut Session<'_, '_>) -> anyhow::Result<Outcome> {
         occupancy_required,
         view_dependence,
         subnormal_weights: exported.subnormal_weights,
-        overfitting: Stop::of(&session.trainer.curve),
+        overfitting: Stop::of(&session.trainer.state.curve),
         watched: watched.map(|view| view.name.clone()).collect(),
-        missed_snapshots: missed_snapshots(session),
+        missed_snapshots: session.options.snapshots.as_ref().map_or_else(Vec::new, missed),
         steps: session.trainer.progressed().step,
         reseeds: session.trainer.progressed().reseeds,
-        parameters: session.trainer.parameters(),
+        parameters: session.trainer.model.parameters(),
         occupied_share: candidate.live.lookup().occupied_share(),
         train_seconds: session.train_seconds,
         samples_per_second: session.samples_per_second,
-        snapshots: session.trainer.snapshots.clone(),
-        curve: session.trainer.curve.clone(),
+        snapshots: session.trainer.state.snapshots.clone(),
+        curve: session.trainer.state.curve.clone(),
     })
 }
 
@@ -181,10 +176,11 @@ fn scores_of<'v>(
     session: &Session<'_, '_>,
     blob: &[u8],
     parameters: Option<&[f32]>,
+    quality: &Quality,
     views: impl IntoIterator<Item = &'v View>,
 ) -> anyhow::Result<Scores> {
     let (kernel, background) = (session.options.kernel, session.trainer.background);
-    measure(blob, parameters, kernel, &Quality::default(), background, views, |_, _, _, _| {})
+    measure(blob, parameters, kernel, quality, background, views, |_, _, _, _| {})
 }
 
 /// Scores of several renderings of the same views, all at the same pixels: as many as their part of the time allows.
@@ -197,9 +193,7 @@ pub(super) fn compare(
     let on = |lattice: u32| -> anyhow::Result<Vec<Scores>> {
         let views: Vec<_> = views.iter().map(|view| view.thinned(lattice)).collect();
         let measured = |&(bytes, quality): &(&[u8], Quality)| {
-            let (kernel, background) = (session.options.kernel, session.trainer.background);
-            let views = views.iter().map(|view| &**view);
-            measure(bytes, None, kernel, &quality, background, views, |_, _, _, _| {})
+            scores_of(session, bytes, None, &quality, views.iter().map(|view| &**view))
         };
         renderings.iter().map(measured).collect()
     };
@@ -223,7 +217,7 @@ fn ask_occupancy(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Opt
     let views: Vec<&View> = views.iter().collect();
     let with = Quality::default();
     let without = Quality { occupancy: false, ..with };
-    if session.trainer.config().network.grid.is_some() {
+    if session.trainer.config.network.grid.is_some() {
         return Ok((None, compare(session, &views, &[(draft, with)])?.swap_remove(0)));
     }
     let mut scores = compare(session, &views, &[(draft, with), (draft, without)])?;
@@ -266,11 +260,11 @@ fn score_training(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<Vec
     let lattice = lattice_of(pixels, some).max(session.pace.lattice(pixels, largest, allowed));
     let seen = train.iter().zip(session.trainer.training_cameras());
     let mut views: Vec<View> = seen.map(|(view, camera)| view.seen_from(camera)).collect();
-    for moved in session.trainer.moved() {
+    for moved in session.trainer.state.photographs.moved(&session.dataset.train) {
         moved.leave_out_of(&mut views[moved.view]);
     }
     let thinned: Vec<_> = views.iter().map(|view| view.thinned(lattice).into_owned()).collect();
-    Ok(scores_of(session, draft, None, &thinned)?.views)
+    Ok(scores_of(session, draft, None, &Quality::default(), &thinned)?.views)
 }
 
 /// Training views for questions about the export, from their refined cameras.
@@ -292,7 +286,7 @@ fn refine(
     let seen = val.iter().zip(&cameras.val);
     let views: Vec<_> =
         seen.map(|(view, &camera)| view.seen_from(camera).thinned(lattice).into_owned()).collect();
-    let scores = scores_of(session, draft, None, &views)?;
+    let scores = scores_of(session, draft, None, &Quality::default(), &views)?;
     Ok((Some(poses), (!views.is_empty()).then_some(scores)))
 }
 
@@ -311,15 +305,11 @@ fn ask_rounding(
     let indices: Vec<usize> = spread_indices(views.len(), count).collect();
     let thinned: Vec<_> = indices.iter().map(|&view| views[view].thinned(lattice)).collect();
     let thinned = thinned.iter().map(|view| &**view);
-    let unrounded = scores_of(session, draft, Some(&candidate.parameters), thinned)?;
+    let (unrounded, quality) = (Some(&*candidate.parameters), Quality::default());
+    let unrounded = scores_of(session, draft, unrounded, &quality, thinned)?;
     let rounded = indices.iter().map(|&view| scores.views[view].clone()).collect();
     let rounded = Scores { views: rounded, counters: scores.counters };
     Ok(unrounded.psnr_db().zip(rounded.psnr_db()).map(|(unrounded, rounded)| gain_db(unrounded, rounded)))
-}
-
-fn missed_snapshots(session: &Session<'_, '_>) -> Vec<u32> {
-    let taken = &session.trainer.snapshots;
-    session.options.snapshots.as_ref().map_or_else(Vec::new, |options| options.missed(taken))
 }
 
 /// Number of training views whose directions are averaged.
@@ -344,7 +334,7 @@ pub(super) fn ask_direction(
     let views = asked_views(session);
     let views: Vec<_> = views.iter().collect();
     let rays = spread(&session.dataset.train, RAY_VIEWS);
-    let with = &session.trainer.model().architecture;
+    let with = &session.trainer.model.architecture;
     let Some((architecture, parameters)) = flattened(with, &candidate.parameters, &rays) else {
         return Ok(None);
     };
@@ -355,7 +345,7 @@ pub(super) fn ask_direction(
     let quality = Quality::default();
     let scores = compare(session, &views, &[(&dependent, quality), (&independent, quality)])?;
     // Photographs of different exposure show the difference between them, whatever the direction is worth.
-    let gains = session.trainer.exposure().is_some_and(|found| found.fitted);
+    let gains = session.trainer.state.photographs.exposure.is_some_and(|found| found.fitted);
     let db = |scores: &Scores| {
         let db = if gains { scores.aligned_psnr_db() } else { scores.psnr_db() };
         db.unwrap_or(f64::NAN)

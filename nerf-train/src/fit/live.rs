@@ -47,11 +47,6 @@ pub(super) struct State {
 }
 
 #[derive(Serialize)]
-struct Views<'d> {
-    views: Vec<Photograph<'d>>,
-}
-
-#[derive(Serialize)]
 struct Photograph<'d> {
     name: &'d str,
     camera: Camera,
@@ -96,8 +91,8 @@ impl Live {
             let picture = Thumbnail::of(view, SIDE, background).data_uri()?;
             Ok(Photograph { name: &view.name, camera: Camera::of(view), picture })
         };
-        let views = spread_indices(views.len(), VIEWS).map(photograph).collect::<anyhow::Result<_>>()?;
-        let text = serde_json::to_vec(&Views { views }).context("cannot make the JSON")?;
+        let views = spread_indices(views.len(), VIEWS).map(photograph).collect::<anyhow::Result<Vec<_>>>()?;
+        let text = serde_json::to_vec(&BTreeMap::from([("views", views)])).context("cannot make the JSON")?;
         write_atomic(folder.join("views.json"), &text)?;
         Ok(Self { folder, last: Instant::now(), took: 0.0, warned: false })
     }

@@ -7,7 +7,6 @@ pub mod live;
 pub mod pace;
 pub mod picture;
 pub mod run;
-mod session;
 pub mod size;
 pub mod snapshot;
 pub mod summary;

@@ -2,23 +2,129 @@
 
 use crate::data::Dataset;
 pub use crate::fit::drive::{Ended, interrupted};
-use crate::fit::drive::{File, Task, drive, nothing_done};
+use crate::fit::drive::{File, POINT_EVERY, Task, drive, nothing_done};
 use crate::fit::finish::{self, Outcome};
 use crate::fit::live::{Live, State};
 use crate::fit::pace::Pace;
-pub use crate::fit::session::RunOptions;
-use crate::fit::session::Session;
+use crate::fit::snapshot::SnapshotOptions;
 pub use crate::fit::validation::spread;
 use crate::fit::validation::{self, ASKED_VIEWS, Due, pixels_of, watched};
 use crate::model::config::Config;
 use crate::system::output::ensure_folder;
-use crate::system::progress::{Message, Progress};
+use crate::system::progress::{Message, Progress, ProgressStyle};
 use crate::train::candidate::{About, Candidate};
 use crate::train::checkpoint::{Checkpoint, damaged, settings};
 use crate::train::moving::in_words;
-use crate::train::schedule::{Clock, Done, duration};
-use crate::train::{RESEEDS, Trainer};
-use std::time::{Duration, Instant};
+use crate::train::schedule::{Budget, Clock, Done, duration};
+use crate::train::{Progressed, RESEEDS, TrainError, Trainer};
+use nerf_core::Kernel;
+use std::path::PathBuf;
+use std::time::Instant;
+
+#[derive(Clone, Debug)]
+pub struct RunOptions {
+    /// Limits; one in seconds is for this command only, even if it resumes a checkpoint.
+    pub budget: Budget,
+    /// Fewest steps of a run that a limit in seconds ends.
+    pub min_steps: u32,
+    /// Path of checkpoints; without it none are written.
+    pub checkpoint: Option<PathBuf>,
+    pub checkpoint_every: f64,
+    pub resume: bool,
+    pub snapshots: Option<SnapshotOptions>,
+    /// Whether a report is written afterwards, which takes pictures and time.
+    pub report: bool,
+    /// Steps between validations during training; an eighth of the budget if absent.
+    pub validate_every: Option<u32>,
+    /// PSNR that view dependence must gain to be exported, dB; not measured if absent.
+    pub effect_threshold_db: Option<f64>,
+    /// Folder that always has the newest blob, for a page to show.
+    pub live: Option<PathBuf>,
+    pub kernel: Kernel,
+    pub style: ProgressStyle,
+}
+
+impl RunOptions {
+    /// Options of a run that writes nothing during training and asks no questions about its export.
+    pub fn unattended(budget: Budget, kernel: Kernel, style: ProgressStyle) -> Self {
+        Self {
+            budget,
+            min_steps: 0,
+            checkpoint: None,
+            checkpoint_every: f64::INFINITY,
+            resume: false,
+            snapshots: None,
+            report: false,
+            validate_every: None,
+            effect_threshold_db: None,
+            live: None,
+            kernel,
+            style,
+        }
+    }
+
+    /// Calls `restore` with the checkpoint if the run resumes, and returns the clock with the earlier seconds.
+    /// `config`, `data`: as in [`Checkpoint::check_belongs`].
+    pub(super) fn resumed(
+        &self,
+        clock: Clock,
+        config: &str,
+        data: (&str, u64),
+        restore: impl FnOnce(Checkpoint) -> Result<(), TrainError>,
+    ) -> anyhow::Result<Clock> {
+        let Some(path) = self.checkpoint.as_deref().filter(|_| self.resume) else { return Ok(clock) };
+        let checkpoint = Checkpoint::read(path)?;
+        checkpoint.check_belongs(path, config, data)?;
+        let seconds = checkpoint.seconds;
+        restore(checkpoint).map_err(|error| damaged(path, format_args!("a damaged one ({error})")))?;
+        Ok(clock.after(duration(seconds)))
+    }
+}
+
+pub(super) struct Session<'a, 'd> {
+    pub(super) trainer: Trainer<'d>,
+    pub(super) dataset: &'d Dataset,
+    pub(super) options: &'a RunOptions,
+    /// Limits, including what earlier commands used.
+    pub(super) budget: Budget,
+    /// Validation views that are measured during training.
+    pub(super) watched: Vec<usize>,
+    pub(super) pictured: Vec<usize>,
+    pub(super) clock: Clock,
+    pub(super) pace: Pace,
+    /// Pixels of all validation views, and pixels of the training views for one question about the export.
+    pub(super) pixels: [u64; 2],
+    /// Counters at the start, or when the run was resumed.
+    pub(super) started: Progressed,
+    pub(super) taken_up: Instant,
+    pub(super) train_seconds: f64,
+    pub(super) samples_per_second: [f64; 2],
+    pub(super) live: Option<Live>,
+}
+
+impl Session<'_, '_> {
+    /// Used fraction of the budget without the reserve for the end.
+    pub(super) fn share_at(&self, step: u32, seconds: f64) -> f64 {
+        self.budget.share(step, seconds, self.reserve())
+    }
+
+    pub(super) fn reserve(&self) -> f64 {
+        let rays = self.trainer.progressed().rays.saturating_sub(self.started.rays).max(1);
+        let refining = self.trainer.held_out_rays() as f64 * self.seconds_here() / rays as f64;
+        let refining = if self.budget.seconds.is_some() { refining } else { 0.0 };
+        self.pace.reserve(self.times() * self.pixels[0], self.pixels[1]) + refining
+    }
+
+    /// Number of times that validation views are measured at the end: twice if there are refined poses.
+    pub(super) fn times(&self) -> u64 {
+        if self.trainer.held_out_rays() > 0 { 2 } else { 1 }
+    }
+
+    /// Seconds since the start, or since the run was resumed; above 0.
+    pub(super) fn seconds_here(&self) -> f64 {
+        self.taken_up.elapsed().as_secs_f64().max(1e-9)
+    }
+}
 
 /// Runs until the budget is used or `stop`, which is called between steps with the steps done, returns true. If it
 /// fails, a checkpoint written earlier stays as it is.
@@ -28,12 +134,12 @@ pub fn run(
     options: &RunOptions,
     stop: &dyn Fn(u32) -> bool,
 ) -> anyhow::Result<Ended<Outcome>> {
-    run_since(Clock::resume(Duration::ZERO), dataset, config, options, stop)
+    run_since(Clock::start(), dataset, config, options, stop)
 }
 
 /// As [`run`], including the time since `clock`.
 pub fn run_since(
-    mut clock: Clock,
+    clock: Clock,
     dataset: &Dataset,
     config: Config,
     options: &RunOptions,
@@ -46,19 +152,10 @@ pub fn run_since(
         ensure_folder(snapshots.folder.join("snapshots"))?;
     }
     let mut trainer = Trainer::new(dataset, config, options.kernel)?;
-    if let Some(path) = options.checkpoint.as_deref().filter(|_| options.resume) {
-        let checkpoint = Checkpoint::read(path)?;
-        checkpoint.check_belongs(
-            path,
-            &settings(trainer.config()),
-            (&dataset.name, trainer.fingerprint()),
-        )?;
-        clock = clock.after(duration(checkpoint.seconds));
-        let restored = trainer.restore(checkpoint);
-        restored.map_err(|error| damaged(path, format_args!("a damaged one ({error})")))?;
-    }
+    let (config, data) = (settings(&trainer.config), (&*dataset.name, trainer.fingerprint));
+    let clock = options.resumed(clock, &config, data, |checkpoint| trainer.restore(checkpoint))?;
     let started = *trainer.progressed();
-    let pace = Pace::new(options.budget.seconds, options.report, trainer.config().network.grid.is_none());
+    let pace = Pace::new(options.budget.seconds, options.report, trainer.config.network.grid.is_none());
     let asked = spread(&dataset.train, ASKED_VIEWS);
     let (of_asked, largest) = pixels_of(asked);
     let lattice = pace.lattice_on_the_way(of_asked, largest, f64::INFINITY);
@@ -111,34 +208,39 @@ impl Task for Session<'_, '_> {
     }
 
     fn due(&self, share: f64, ended: bool) -> Option<Due> {
-        Some(validation::due_at(self, share, ended)).filter(|due| due.any())
+        validation::due_at(self, share, ended)
     }
 
-    fn validate(&mut self, due: Due, _: f64) -> anyhow::Result<()> {
+    fn validate(&mut self, due: Due) -> anyhow::Result<()> {
         validation::validate(self, due)
     }
 
     fn note(&mut self, ended: bool) {
-        validation::note(self, ended);
+        if ended || self.steps().is_multiple_of(POINT_EVERY) {
+            self.trainer.state.note(self.clock.seconds());
+        }
     }
 
     fn step(&mut self, share: f64, progress: &Progress) -> anyhow::Result<()> {
         let before = self.trainer.progressed().reseeds;
-        let (exposure, poses) = (self.trainer.exposure(), self.trainer.poses());
-        let (moved, withheld) = (self.trainer.has_moved(), self.trainer.withheld());
+        let train = &self.dataset.train;
+        let found = &self.trainer.state.photographs;
+        let (exposure, poses, withheld) = (found.exposure, found.poses_found, found.withheld_found);
+        let moved = found.has_moved();
         // On a thread of the pool, so that the parts of a step need not wake it one by one.
         rayon::scope(|_| self.trainer.step(share))?;
-        if let Some(found) = self.trainer.exposure().filter(|found| Some(*found) != exposure) {
-            progress.println(found.in_words(&self.dataset.train));
+        let found = &self.trainer.state.photographs;
+        if let Some(found) = found.exposure.filter(|found| Some(*found) != exposure) {
+            progress.println(found.in_words(train));
         }
-        if let Some(found) = self.trainer.poses().filter(|found| Some(*found) != poses) {
+        if let Some(found) = found.poses_found.filter(|found| Some(*found) != poses) {
             progress.println(found.to_string());
         }
-        if let Some(found) = self.trainer.withheld().filter(|_| withheld.is_none()) {
+        if let Some(found) = found.withheld_found.filter(|_| withheld.is_none()) {
             progress.println(found.to_string());
         }
-        if self.trainer.has_moved() && !moved {
-            in_words(&self.trainer.moved()).into_iter().for_each(|words| progress.println(words));
+        if found.has_moved() && !moved {
+            in_words(&found.moved(train)).into_iter().for_each(|words| progress.println(words));
         }
         let p = *self.trainer.progressed();
         if p.reseeds != before {
@@ -156,8 +258,8 @@ impl Task for Session<'_, '_> {
         let rays = self.trainer.progressed().rays.saturating_sub(self.started.rays) as f64;
         Message {
             rays_per_s: Some(rays / self.seconds_here()),
-            train_psnr_db: Some(self.trainer.train_psnr_db()),
-            val_psnr_db: validation::last_val_psnr_db(self),
+            train_psnr_db: Some(self.trainer.state.train_psnr_db()),
+            val_psnr_db: self.trainer.state.last_validation().map(|(_, db)| db),
             note: String::new(),
         }
     }
@@ -205,21 +307,22 @@ fn progress(session: &Session<'_, '_>) -> Progress {
     let budget = session.options.budget;
     let progress = Progress::new("train", budget.total(), session.options.style)
         .resume_at(u64::from(session.started.step));
-    let b = session.trainer.bounds().scene_box;
+    let b = session.trainer.bounds.scene_box;
+    let occupancy = session.trainer.state.occupancy.as_ref();
     progress.println(format!(
         "scene box {} .. {}; {:.1} % of its cells may hold something; {} pixels to draw from",
         b.min,
         b.max,
-        100.0 * session.trainer.occupied_share(),
+        100.0 * occupancy.map_or(1.0, |occupancy| occupancy.lookup().occupied_share()),
         session.trainer.pixels()
     ));
-    if let Some(sights) = session.trainer.sights() {
+    if let Some(sights) = &session.trainer.sights {
         progress.println(sights.to_string());
     }
-    if let Some(found) = session.trainer.exposure() {
+    if let Some(found) = session.trainer.state.photographs.exposure {
         progress.println(found.in_words(&session.dataset.train));
     }
-    if let Some(found) = session.trainer.poses() {
+    if let Some(found) = session.trainer.state.photographs.poses_found {
         progress.println(found.to_string());
     }
     progress
@@ -230,21 +333,18 @@ fn show_live(session: &mut Session<'_, '_>, progress: &Progress) -> anyhow::Resu
     if !session.live.as_ref().is_some_and(Live::is_due) {
         return Ok(());
     }
-    let (begun, state) = (Instant::now(), state(session));
+    let begun = Instant::now();
+    let state = State {
+        step: session.steps(),
+        seconds: session.clock.seconds(),
+        train_psnr_db: session.trainer.state.train_psnr_db(),
+        val_psnr_db: session.trainer.state.last_validation().map(|(_, db)| db),
+        done: false,
+    };
     let candidate = Candidate::of(&session.trainer, false);
     let about = About { occupancy_required: true, psnr_db: state.val_psnr_db, ..About::default() };
     let blob = candidate.export(&session.trainer, &about)?.bytes;
     let warning = session.live.as_mut().and_then(|live| live.write(&blob, &state, begun));
     warning.into_iter().for_each(|warning| progress.warn(warning));
     Ok(())
-}
-
-fn state(session: &Session<'_, '_>) -> State {
-    State {
-        step: session.steps(),
-        seconds: session.clock.seconds(),
-        train_psnr_db: session.trainer.train_psnr_db(),
-        val_psnr_db: validation::last_val_psnr_db(session),
-        done: false,
-    }
 }

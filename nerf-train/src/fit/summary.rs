@@ -88,6 +88,8 @@ impl Summary {
         data: &str,
         blob: &Path,
     ) -> Self {
+        let moved_view =
+            |moved: &Moved| MovedView { view: moved.name.clone(), masked_share: Short(moved.share as f32) };
         let [evaluated_samples_per_second, trained_samples_per_second] = outcome.samples_per_second;
         Self {
             val_split: "val",
@@ -107,7 +109,7 @@ impl Summary {
             exposure_fitted: outcome.exposure.is_some_and(|found| found.fitted),
             withheld_gap_db: outcome.withheld.map(|found| found.gap_db),
             weight_decay: outcome.withheld.map_or(config.optimiser.weight_decay, |found| found.weight_decay),
-            moved: outcome.moved.iter().map(MovedView::of).collect(),
+            moved: outcome.moved.iter().map(moved_view).collect(),
             views: outcome.scores.views.len(),
             flat: outcome.flat,
             flat_psnr_db: outcome.flat_psnr_db,
@@ -147,12 +149,6 @@ impl Summary {
 pub struct MovedView {
     pub view: String,
     pub masked_share: Short,
-}
-
-impl MovedView {
-    fn of(moved: &Moved) -> Self {
-        Self { view: moved.name.clone(), masked_share: Short(moved.share as f32) }
-    }
 }
 
 /// Findings about the capture, before and after the fit.

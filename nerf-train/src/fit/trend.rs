@@ -10,18 +10,16 @@ const TRAIN_RISE_DB: f64 = 0.3;
 /// Validations without a rise that are needed: one is no trend.
 const VALIDATIONS_AFTER: usize = 2;
 
-/// Validation after which PSNR did not rise any more.
+/// Validation after which PSNR did not rise any more. `val`: mean of the watched views; `train`: smoothed, of the
+/// training rays; `last`: at the last validation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stop {
     pub step: u32,
     pub seconds: f64,
-    /// Mean PSNR of the watched views at that validation, dB: the best, or within 0.05 dB of the best.
+    /// The best, or within 0.05 dB of the best.
     pub val_psnr_db: f64,
-    /// Mean PSNR of the watched views at the last validation, dB.
     pub last_val_psnr_db: f64,
-    /// Smoothed PSNR of the training rays at that validation, dB.
     pub train_psnr_db: f64,
-    /// Smoothed PSNR of the training rays at the last validation, dB.
     pub last_train_psnr_db: f64,
 }
 

@@ -3,11 +3,11 @@
 //! Validation never changes what is trained or exported.
 
 use crate::data::View;
-use crate::fit::session::Session;
+use crate::fit::run::Session;
 use crate::measure::eval::{Scores, measure};
 use crate::measure::frame;
+use crate::train::Snapshot;
 use crate::train::candidate::{About, Candidate};
-use crate::train::{CurvePoint, Snapshot};
 use nerf_core::plan::Quality;
 use std::time::Instant;
 
@@ -18,8 +18,6 @@ const WATCHED_VIEWS: usize = 2;
 pub(super) const ASKED_VIEWS: usize = 3;
 /// Number of parts of the budget that end with a validation, if no interval is given.
 const PARTS: f64 = 8.0;
-/// Steps between the points of the curve without validation.
-const POINT_EVERY: u32 = 20;
 
 /// Indices of at most `count` of `len` elements, spread over all of them.
 pub(super) fn spread_indices(len: usize, count: usize) -> impl ExactSizeIterator<Item = usize> {
@@ -49,50 +47,16 @@ pub(super) struct Due {
     pictures: bool,
 }
 
-impl Due {
-    pub fn any(self) -> bool {
-        self.validation || self.pictures
-    }
-}
-
 /// The validation and the pictures that are due between two steps.
 ///
 /// Decided by step, budget and the trainer's state, so that a resumed run of a given number of steps validates at the
 /// same steps as an undisturbed one; with a limit in seconds, also by the time that validation takes.
 ///
 /// `share`: used fraction of the budget.
-pub(super) fn due_at(session: &Session<'_, '_>, share: f64, ended: bool) -> Due {
-    Due {
-        validation: validation_is_due(session, share, ended),
-        pictures: pictures_are_due(session, share, ended),
-    }
-}
-
-/// Adds a point to the curve, if one is due and validation has added none.
-pub(super) fn note(session: &mut Session<'_, '_>, ended: bool) {
-    let point = point(session);
-    let noted = session.trainer.curve.last().is_some_and(|last| last.step == point.step);
-    if !noted && point.step > 0 && (ended || point.step.is_multiple_of(POINT_EVERY)) {
-        session.trainer.curve.push(point);
-    }
-}
-
-/// The point of the curve at this step, without validation.
-fn point(session: &Session<'_, '_>) -> CurvePoint {
-    CurvePoint {
-        step: session.trainer.progressed().step,
-        seconds: session.clock.seconds(),
-        train_psnr_db: session.trainer.train_psnr_db(),
-        ..CurvePoint::default()
-    }
-}
-
-fn last_validation<'s>(session: &'s Session<'_, '_>) -> Option<&'s CurvePoint> {
-    session.trainer.curve.iter().rev().find(|point| point.val_psnr_db.is_some())
-}
-
-pub(super) fn last_val_psnr_db(session: &Session<'_, '_>) -> Option<f64> {
-    last_validation(session).and_then(|point| point.val_psnr_db)
+pub(super) fn due_at(session: &Session<'_, '_>, share: f64, ended: bool) -> Option<Due> {
+    let validation = validation_is_due(session, share, ended);
+    let pictures = pictures_are_due(session, share, ended);
+    (validation || pictures).then_some(Due { validation, pictures })
 }
 
 /// Whether another eighth of the budget is in use than at `last`.
@@ -106,7 +70,7 @@ fn in_another_part(session: &Session<'_, '_>, share: f64, last: Option<(u32, f64
 }
 
 fn validation_is_due(session: &Session<'_, '_>, share: f64, ended: bool) -> bool {
-    let last = last_validation(session).map(|point| (point.step, point.seconds));
+    let last = session.trainer.state.last_validation().map(|(point, _)| (point.step, point.seconds));
     let since = session.trainer.progressed().step - last.map_or(0, |(step, _)| step);
     if session.watched.is_empty() || last.is_some() && since == 0 {
         return false;
@@ -122,8 +86,8 @@ fn validation_is_due(session: &Session<'_, '_>, share: f64, ended: bool) -> bool
 fn pictures_are_due(session: &Session<'_, '_>, share: f64, ended: bool) -> bool {
     let Some(options) = &session.options.snapshots else { return false };
     let step = session.trainer.progressed().step;
-    let last = session.trainer.snapshots.last().map(|taken| (taken.step, taken.seconds));
-    let taken = session.trainer.snapshots.iter().any(|taken| taken.step == step);
+    let last = session.trainer.state.snapshots.last().map(|taken| (taken.step, taken.seconds));
+    let taken = session.trainer.state.snapshots.iter().any(|taken| taken.step == step);
     if session.pictured.is_empty() || taken {
         return false;
     }
@@ -136,7 +100,8 @@ fn pictures_are_due(session: &Session<'_, '_>, share: f64, ended: bool) -> bool 
 
 /// Renders the present state from the watched views and those to take pictures of, all with one spacing of pixels.
 pub(super) fn validate(session: &mut Session<'_, '_>, due: Due) -> anyhow::Result<()> {
-    let (begun, mut point) = (Instant::now(), point(session));
+    let (begun, seconds) = (Instant::now(), session.clock.seconds());
+    let mut point = session.trainer.state.point(seconds, None);
     let allowed = session.pace.allowance(session.clock.own_seconds());
     let candidate = Candidate::of(&session.trainer, false);
     let bytes = candidate.export(&session.trainer, &About::default())?.bytes;
@@ -161,17 +126,16 @@ pub(super) fn validate(session: &mut Session<'_, '_>, due: Due) -> anyhow::Resul
         let Some(options) = session.options.snapshots.as_ref().filter(|_| pictured.contains(&view)) else {
             continue;
         };
-        let (step, seconds) = (candidate.step, point.seconds);
-        let snapshot = Snapshot { step, seconds, view, psnr_db: score.psnr_db };
+        let snapshot = Snapshot { step: candidate.step, seconds, view, psnr_db: score.psnr_db };
         frame.write_png(snapshot.path(&options.folder, dataset))?;
-        session.trainer.snapshots.push(snapshot);
+        session.trainer.state.snapshots.push(snapshot);
     }
     scores.views.truncate(watched.len());
     point.val_psnr_db = scores.psnr_db();
     (point.val_views, point.val_lattice) = (watched.len() as u32, lattice);
     session.pace.validated(begun.elapsed().as_secs_f64());
     if point.val_psnr_db.is_some() {
-        let curve = &mut session.trainer.curve;
+        let curve = &mut session.trainer.state.curve;
         curve.pop_if(|last| last.step == point.step);
         curve.push(point);
     }

@@ -37,7 +37,7 @@ pub fn render_picture(
     Ok((Picture { width, height, rgb }, counters))
 }
 
-fn threads() -> NonZeroUsize {
+pub(super) fn threads() -> NonZeroUsize {
     NonZeroUsize::new(rayon::current_num_threads()).unwrap_or(NonZeroUsize::MIN)
 }
 

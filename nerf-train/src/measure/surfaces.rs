@@ -3,12 +3,12 @@
 
 use crate::capture::sights::{Sight, Sights};
 use crate::data::{SparsePoint, View};
+use crate::measure::frame::threads;
 use nerf_core::blob::Blob;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{RaySegment, RenderError, Renderer};
 use nerf_core::{Kernel, host};
-use std::num::NonZeroUsize;
 
 /// Approximate number of pixels per view at which depth is measured, on a regular grid.
 const ASKED_PIXELS: u64 = 10_000;
@@ -50,9 +50,8 @@ impl Surfaces {
         if sights.count() == 0 {
             return Ok(Self::default());
         }
-        let threads = NonZeroUsize::new(rayon::current_num_threads()).unwrap_or(NonZeroUsize::MIN);
         let median = |rays: &[RaySegment]| -> Result<Vec<f32>, RenderError> {
-            let (pixels, _) = host::render_rays(renderer, plan, rays, None, threads)?;
+            let (pixels, _) = host::render_rays(renderer, plan, rays, None, threads())?;
             Ok(pixels.iter().map(|pixel| pixel.median_distance).collect())
         };
         let (mut errors, mut shares) = (Vec::new(), Vec::new());

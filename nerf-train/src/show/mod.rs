@@ -11,7 +11,6 @@ pub mod orbit;
 pub mod plot;
 pub mod render;
 pub mod reports;
-pub mod snapshots;
 pub mod table;
 pub mod text;
 pub mod video;

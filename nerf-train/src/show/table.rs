@@ -9,7 +9,6 @@ use std::path::Path;
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Table {
     pub columns: Vec<String>,
-    /// Each as long as `columns`.
     pub rows: Vec<Vec<String>>,
 }
 

@@ -26,15 +26,6 @@ pub enum Direction {
     Up,
 }
 
-#[derive(Clone, Debug)]
-pub struct Line {
-    pub width: usize,
-    /// Pixels: the line height, accents and descenders included.
-    pub height: usize,
-    /// `[height * width]`, in [0, 1].
-    pub coverage: Vec<f32>,
-}
-
 struct Placed {
     font: &'static FontRef<'static>,
     glyph: GlyphId,
@@ -73,8 +64,9 @@ pub fn line_height(size: f32) -> usize {
     sane(size).ceil() as usize
 }
 
-/// Rasterises one line of text of `size` pixels line height; control characters are drawn escaped.
-pub fn rasterise(text: &str, size: f32) -> Line {
+/// Rasterises one line of text of `size` pixels line height; control characters are drawn escaped. Returns its width and
+/// its coverage, `[height * width]`, in [0, 1].
+fn rasterise(text: &str, size: f32) -> (usize, Vec<f32>) {
     let size = sane(size);
     let (placed, advance) = layout(text, size);
     let (width, height) = (advance.ceil() as usize, line_height(size));
@@ -95,7 +87,7 @@ pub fn rasterise(text: &str, size: f32) -> Line {
             }
         });
     }
-    Line { width, height, coverage }
+    (width, coverage)
 }
 
 /// Draws one line of text with its top left corner (as it appears on the page) at (`x`, `y`).
@@ -109,12 +101,12 @@ pub fn draw(
     colour: [f32; 3],
     direction: Direction,
 ) {
-    let line = rasterise(text, size);
-    for (row, shares) in line.coverage.chunks_exact(line.width.max(1)).enumerate() {
+    let (width, coverage) = rasterise(text, size);
+    for (row, shares) in coverage.chunks_exact(width.max(1)).enumerate() {
         for (column, &share) in shares.iter().enumerate() {
             let (dx, dy) = match direction {
                 Direction::Right => (column, row),
-                Direction::Up => (row, line.width - 1 - column),
+                Direction::Up => (row, width - 1 - column),
             };
             if share > 0.0 {
                 picture.blend(x + dx as i64, y + dy as i64, colour, share);

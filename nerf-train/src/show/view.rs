@@ -104,8 +104,9 @@ fn channels_of(frame: &Frame, output: Output, transparent: bool) -> Vec<(&'stati
         }
         Output::Opacity => vec![("A", frame.opacity.clone())],
         Output::ZDepth => vec![("Z", frame.z_depth.clone())],
-        Output::RayDistance => vec![("ray_distance", frame.ray_distance.clone())],
-        Output::MedianDistance => vec![("median_distance", frame.median_distance.clone())],
+        Output::RayDistance | Output::MedianDistance => {
+            vec![(output.suffix(), output.distances(frame).to_vec())]
+        }
         Output::Normals => vec![
             ("N.X", axis(&frame.normals, 0)),
             ("N.Y", axis(&frame.normals, 1)),
@@ -116,18 +117,17 @@ fn channels_of(frame: &Frame, output: Output, transparent: bool) -> Vec<(&'stati
 
 /// Picture of an output of a frame, as in a video.
 pub fn picture_of(frame: &Frame, output: Output, range: Option<(f32, f32)>) -> anyhow::Result<Picture> {
-    let with_legend = |values: &[f32], title| {
-        depth_picture_with_legend(values, &frame.opacity, (frame.width, frame.height), range, title)
-    };
+    let size = (frame.width, frame.height);
     Ok(match output {
         Output::Rgb | Output::All => frame::picture(frame),
         Output::Opacity => {
             let grey = frame.opacity.iter().map(|&opacity| [opacity; 3]).collect();
             Picture::new(frame.width, frame.height, grey)?
         }
-        Output::RayDistance => with_legend(&frame.ray_distance, "ray_distance, world units")?,
-        Output::ZDepth => with_legend(&frame.z_depth, "z_depth, world units")?,
-        Output::MedianDistance => with_legend(&frame.median_distance, "median_distance, world units")?,
+        Output::RayDistance | Output::ZDepth | Output::MedianDistance => {
+            let title = format!("{}, world units", output.suffix());
+            depth_picture_with_legend(output.distances(frame), &frame.opacity, size, range, &title)?
+        }
         Output::Normals => normal_picture(&frame.normals, &frame.opacity, frame.width, frame.height)?,
     })
 }

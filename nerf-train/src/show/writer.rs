@@ -9,17 +9,18 @@ use anyhow::bail;
 use std::path::{Path, PathBuf};
 
 pub struct Writer {
-    output: Output,
+    pub output: Output,
     /// Range of a distance's colours in a video, world units.
-    range: Option<(f32, f32)>,
-    transparent: bool,
-    sink: Sink,
+    pub range: Option<(f32, f32)>,
+    /// Whether colour has alpha, outside of films.
+    pub transparent: bool,
+    pub sink: Sink,
 }
 
-enum Sink {
+pub enum Sink {
     Still(PathBuf),
     Film(Box<Film>),
-    /// A folder, the number of the next frame, and the step from one number to the next.
+    /// A folder of `frame_0000.png` and on, the number of the next frame, and the step from one number to the next.
     Frames(PathBuf, usize, usize),
 }
 
@@ -31,36 +32,6 @@ pub struct Written {
 }
 
 impl Writer {
-    /// Writes to one picture; `transparent`: colour with alpha.
-    pub fn still(output: Output, path: PathBuf, transparent: bool) -> Self {
-        Self { output, range: None, transparent, sink: Sink::Still(path) }
-    }
-
-    /// Writes to `frame_0000.png` and on in a folder: numbers from `first` on, in steps of `every`. `range`: range of
-    /// a distance's colours, world units.
-    pub fn frames(
-        output: Output,
-        folder: PathBuf,
-        range: Option<(f32, f32)>,
-        transparent: bool,
-        (first, every): (usize, usize),
-    ) -> Self {
-        Self { output, range, transparent, sink: Sink::Frames(folder, first, every) }
-    }
-
-    /// Writes to a video of `fps` frames per second: an MP4 with an ffmpeg, else a GIF. `range`: range of a
-    /// distance's colours, world units.
-    pub fn film(
-        output: Output,
-        path: PathBuf,
-        ffmpeg: Option<Ffmpeg>,
-        range: Option<(f32, f32)>,
-        fps: f64,
-    ) -> anyhow::Result<Self> {
-        let sink = Sink::Film(Box::new(Film::new(path, ffmpeg, fps)?));
-        Ok(Self { output, range, transparent: false, sink })
-    }
-
     pub fn push(&mut self, frame: &Frame) -> anyhow::Result<()> {
         let (output, range) = (self.output, self.range);
         match &mut self.sink {

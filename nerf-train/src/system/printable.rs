@@ -6,8 +6,8 @@
 //!
 //! | way out | where | with |
 //! | --- | --- | --- |
-//! | a line of results, of progress, of an error | `outln!`, `cli::common::tell`, `system::progress` | [`line()`] |
-//! | lines of results, such as a table | `outlines!`, `system::progress::say_lines` | [`lines`] |
+//! | a line of results, of progress, of an error | `cli::common::print_lines`, `tell`, `system::progress` | [`line()`] |
+//! | lines of results, such as a table | `cli::common::print`, `system::progress::say_lines` | [`lines`] |
 //! | names in such lines | `data::report::Report` | [`line()`] |
 //! | tables: CSV, Markdown, terminal | `show::table::Table` | [`lines`] |
 //! | prose of Markdown reports | `show::reports` | [`markdown`] |

@@ -13,7 +13,6 @@ const PART: usize = 1 << 14;
 /// A running average over a run's last steps.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Average {
-    /// Decay of the average per update.
     decay: f64,
     /// Steps between two updates.
     every: u32,

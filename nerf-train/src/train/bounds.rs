@@ -17,7 +17,6 @@ pub struct Bounds {
     pub near: f32,
     pub far: f32,
     pub scene_box: SceneBox,
-    /// Contraction of an unbounded scene into the box.
     pub contraction: Option<Contraction>,
     /// Distance from each camera of an unbounded scene within which there is nothing, world units; a view's own
     /// [`View::near`] may be larger.

@@ -4,16 +4,12 @@
 //! [`Checkpoint::check_belongs`] keeps the other from resuming from it: no run is ever a mix of two.
 
 use super::average::Average;
-use super::exposure::{ExposureFound, Gains};
-use super::moving::Moving;
-use super::poses::{Poses, PosesFound};
-use super::withheld::{Withheld, WithheldFound};
-use super::{CurvePoint, Progressed};
+use super::photographs::Photographs;
+use super::{CurvePoint, Progressed, Snapshot, psnr_db_of_mse};
 use crate::data::Dataset;
 use crate::model::engine::OptimiserState;
 use crate::system::input::{MAX_CHECKPOINT_BYTES, read_limited};
 use crate::system::output::{OutputError, write_atomic};
-use crate::train::Snapshot;
 use crate::train::occupancy::Occupancy;
 use anyhow::{Context, anyhow};
 use nerf_core::camera::{Lens, Projection};
@@ -33,21 +29,46 @@ pub struct Checkpoint {
     pub data: String,
     pub fingerprint: u64,
     pub optimiser: OptimiserState,
+    pub state: State,
+    pub seconds: f64,
+}
+
+/// What changes from step to step in a run, except the optimiser.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct State {
     pub average: Average,
     pub occupancy: Option<Occupancy>,
-    pub gains: Option<Gains>,
-    /// Measured spread of the photographs' exposure, once it is known.
-    pub exposure: Option<ExposureFound>,
-    pub poses: Option<Poses>,
-    pub poses_found: Option<PosesFound>,
-    pub moving: Option<Moving>,
-    pub withheld: Option<Withheld>,
-    pub withheld_found: Option<WithheldFound>,
+    pub photographs: Photographs,
     pub progressed: Progressed,
     pub curve: Vec<CurvePoint>,
     /// Snapshots taken so far; the pictures are in the report's folder.
     pub snapshots: Vec<Snapshot>,
-    pub seconds: f64,
+}
+
+impl State {
+    /// Smoothed PSNR of the training rays, dB.
+    pub fn train_psnr_db(&self) -> f64 {
+        psnr_db_of_mse(self.progressed.mse)
+    }
+
+    /// The point of the curve at this step.
+    pub fn point(&self, seconds: f64, val_psnr_db: Option<f64>) -> CurvePoint {
+        let (step, train_psnr_db) = (self.progressed.step, self.train_psnr_db());
+        CurvePoint { step, seconds, train_psnr_db, val_psnr_db, ..CurvePoint::default() }
+    }
+
+    /// Adds a point without validation to the curve, unless the step has one.
+    pub fn note(&mut self, seconds: f64) {
+        let step = self.progressed.step;
+        if step > 0 && self.curve.last().is_none_or(|last| last.step != step) {
+            self.curve.push(self.point(seconds, None));
+        }
+    }
+
+    /// The last point of the curve with a validation, and its PSNR, dB.
+    pub fn last_validation(&self) -> Option<(&CurvePoint, f64)> {
+        self.curve.iter().rev().find_map(|point| Some((point, point.val_psnr_db?)))
+    }
 }
 
 impl Checkpoint {
@@ -110,12 +131,13 @@ impl Checkpoint {
     /// Finds a part that cannot belong to a run with `average`: counters, averaged parameters or curve. The checksum
     /// does not tell who wrote the file.
     pub(super) fn wrong_part(&self, average: &Average) -> Option<&'static str> {
-        let step = self.progressed.step;
-        let ascending = self.curve.is_sorted_by_key(|point| point.step);
+        let State { average: averaged, progressed, curve, .. } = &self.state;
+        let step = progressed.step;
+        let ascending = curve.is_sorted_by_key(|point| point.step);
         let parts = [
             ("counters", u64::from(step) == self.optimiser.steps),
-            ("averaged parameters", self.average.is_like(average, step)),
-            ("points of the curve", ascending && self.curve.last().is_none_or(|point| point.step <= step)),
+            ("averaged parameters", averaged.is_like(average, step)),
+            ("points of the curve", ascending && curve.last().is_none_or(|point| point.step <= step)),
         ];
         parts.into_iter().find(|&(_, fits)| !fits).map(|(part, _)| part)
     }

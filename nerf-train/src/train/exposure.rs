@@ -4,15 +4,13 @@ use crate::capture::exposure::{CALLED_FOR, LogGains};
 use crate::capture::sights::Sights;
 use crate::data::View;
 use crate::model::config::Exposure;
+use crate::train::photographs::SmallAdam;
 use serde::{Deserialize, Serialize};
 
 /// Steps of the trial: gains are learned from 0, and kept if they differ by enough between photographs.
 const TRIAL: u32 = 1_000;
 /// Learning rates of the log gains: in the trial, and after it.
 const RATES: [f32; 2] = [5e-3, 1e-3];
-/// Decay rates of Adam's moments, and its epsilon.
-const BETAS: [f32; 2] = [0.9, 0.99];
-const EPSILON: f32 = 1e-12;
 
 /// Gains of the training photographs; the field has their mean exposure.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -107,7 +105,7 @@ impl Gains {
     pub fn step(&mut self, gradients: &[[f32; 3]]) -> Option<ExposureFound> {
         self.steps += 1;
         let rate = RATES[usize::from(!self.on_trial)];
-        let unbiased = BETAS.map(|beta| 1.0 - beta.powi(self.steps.min(10_000) as i32));
+        let adam = SmallAdam::after(self.steps);
         let moments = self.moment1.iter_mut().zip(&mut self.moment2);
         for ((log, gradient), (m1, m2)) in self.log.0.iter_mut().zip(gradients).zip(moments) {
             for channel in 0..3 {
@@ -116,10 +114,7 @@ impl Gains {
                 if g == 0.0 {
                     continue;
                 }
-                m1[channel] = BETAS[0] * m1[channel] + (1.0 - BETAS[0]) * g;
-                m2[channel] = BETAS[1] * m2[channel] + (1.0 - BETAS[1]) * g * g;
-                let root = (m2[channel] / unbiased[1]).sqrt() + EPSILON;
-                log[channel] -= rate * m1[channel] / unbiased[0] / root;
+                log[channel] -= adam.step(rate, g, &mut m1[channel], &mut m2[channel]);
             }
         }
         self.log.centre();

@@ -2,9 +2,9 @@
 
 use super::average::Average;
 use super::candidate::MADE_BY;
-use super::checkpoint::{Checkpoint, settings};
+use super::checkpoint::{Checkpoint, State, settings};
 use super::schedule::learning_rate;
-use super::{CurvePoint, Progressed, TrainError, psnr_db_of_mse};
+use super::{Progressed, TrainError};
 use crate::data::pictures::photograph::Photo;
 use crate::data::pictures::rgb::Picture;
 use crate::model::engine::{Batch, BatchRay, Engine, EngineKind, Model, engine_for};
@@ -25,13 +25,11 @@ const DRAWN: usize = 64;
 
 pub struct FieldTrainer<'p> {
     photo: &'p Photo,
-    config: FieldConfig,
-    model: Model,
+    pub(crate) config: FieldConfig,
+    pub(crate) model: Model,
     engine: Box<dyn Engine>,
-    average: Average,
     batch: Batch,
-    progressed: Progressed,
-    pub curve: Vec<CurvePoint>,
+    pub(crate) state: State,
 }
 
 impl<'p> FieldTrainer<'p> {
@@ -39,20 +37,14 @@ impl<'p> FieldTrainer<'p> {
         config.check_for(photo.size())?;
         let model = config.model(photo.size());
         let picture = SceneBox { min: Vec3::ZERO, max: Vec3::ONE };
-        let engine =
-            engine_for(EngineKind::Fused, &model, picture, config.optimiser.adam(), config.seed, kernel.isa)?;
-        let average = Average::new(config.optimiser.average, 1, model.parameters());
-        let batch = Batch::default();
-        Ok(Self {
-            photo,
-            config,
-            model,
-            engine,
-            average,
-            batch,
+        let adam = config.optimiser.adam();
+        let engine = engine_for(EngineKind::Fused, &model, picture, adam, config.seed, kernel.isa)?;
+        let state = State {
+            average: Average::new(config.optimiser.average, 1, model.parameters()),
             progressed: Progressed { mse: f64::NAN, ..Progressed::default() },
-            curve: Vec::new(),
-        })
+            ..State::default()
+        };
+        Ok(Self { photo, config, model, engine, batch: Batch::default(), state })
     }
 
     /// Does one step at the learning rate for the used fraction `share` of the budget.
@@ -64,19 +56,19 @@ impl<'p> FieldTrainer<'p> {
         if let Some(grid) = self.config.grid.as_ref().filter(|grid| grid.is_rounded(share)) {
             self.engine.round_tables(grid.rounding());
         }
-        let rate = learning_rate(&self.config.optimiser, self.progressed.step, share);
+        let p = &mut self.state.progressed;
+        let rate = learning_rate(&self.config.optimiser, p.step, share);
         let loss = self.engine.step(&self.batch, rate)?;
-        let p = &mut self.progressed;
         p.mse = if p.step == 0 { loss.mse } else { 0.95 * p.mse + 0.05 * loss.mse };
         p.step += 1;
-        self.average.update(p.step, || self.engine.parameters());
+        self.state.average.update(p.step, || self.engine.parameters());
         Ok(())
     }
 
     /// Draws random pixels of the whole picture, each at its centre; with a grid in the picture's order, so that
     /// neighbours read table entries close to each other.
     fn draw(&mut self) {
-        let Self { photo, config, batch, progressed, .. } = self;
+        let Self { photo, config, batch, state, .. } = self;
         let Picture { width, height, rgb } = &photo.picture;
         let (across, down) = (1.0 / *width as f32, 1.0 / *height as f32);
         let pixels = config.pixels;
@@ -92,8 +84,10 @@ impl<'p> FieldTrainer<'p> {
             // All are chosen before one is read, so that many loads from memory overlap.
             let index: [usize; DRAWN] = std::array::from_fn(|i| {
                 let i = chunk * DRAWN + i;
-                let (part, random) =
-                    (part(i), uniform_u32(config.seed, Purpose::Pixel, u64::from(progressed.step), i as u64));
+                let (part, random) = (
+                    part(i),
+                    uniform_u32(config.seed, Purpose::Pixel, u64::from(state.progressed.step), i as u64),
+                );
                 part.start + ((u64::from(random) * part.len() as u64) >> 32) as usize
             });
             for (ray, &index) in rays.iter_mut().zip(&index) {
@@ -106,25 +100,13 @@ impl<'p> FieldTrainer<'p> {
         });
     }
 
-    pub fn config(&self) -> &FieldConfig {
-        &self.config
-    }
-
     pub fn steps(&self) -> u32 {
-        self.progressed.step
-    }
-
-    pub fn train_psnr_db(&self) -> f64 {
-        psnr_db_of_mse(self.progressed.mse)
-    }
-
-    pub fn parameters(&self) -> usize {
-        self.model.parameters()
+        self.state.progressed.step
     }
 
     /// Exports the present state as a blob, with `psnr_db` if it is known.
     pub fn export(&self, psnr_db: Option<f64>) -> Result<Exported, TrainError> {
-        let parameters = self.average.values().map_or_else(|| self.engine.parameters(), Cow::Borrowed);
+        let parameters = self.state.average.values().map_or_else(|| self.engine.parameters(), Cow::Borrowed);
         let [width, height] = self.photo.size();
         let (parameters, tables) = parameters.split_at(self.model.layer_parameters());
         Ok(export(&Contents {
@@ -136,7 +118,7 @@ impl<'p> FieldTrainer<'p> {
             provenance: Provenance {
                 data: &self.photo.name,
                 made_by: MADE_BY,
-                steps: self.progressed.step,
+                steps: self.steps(),
                 seed: self.config.seed,
                 psnr_db: psnr_db.map(|db| db as f32).filter(|db| db.is_finite()),
                 psnr_convention: if psnr_db.is_some() { MEASURED_ON } else { "" },
@@ -152,22 +134,18 @@ impl<'p> FieldTrainer<'p> {
             data: self.photo.name.clone(),
             fingerprint: self.photo.fingerprint(),
             optimiser: self.engine.state(),
-            average: self.average.clone(),
-            progressed: self.progressed,
-            curve: self.curve.clone(),
+            state: self.state.clone(),
             seconds,
-            ..Checkpoint::default()
         }
     }
 
     /// Resumes from a checkpoint of the same run; if that fails, the run is as before.
     pub fn restore(&mut self, checkpoint: Checkpoint) -> Result<(), TrainError> {
-        if let Some(part) = checkpoint.wrong_part(&self.average) {
+        if let Some(part) = checkpoint.wrong_part(&self.state.average) {
             return Err(TrainError::Parts { part });
         }
         self.engine.restore(&checkpoint.optimiser)?;
-        self.average = checkpoint.average;
-        (self.progressed, self.curve) = (checkpoint.progressed, checkpoint.curve);
+        self.state = checkpoint.state;
         Ok(())
     }
 }

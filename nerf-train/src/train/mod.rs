@@ -7,6 +7,7 @@ pub mod exposure;
 pub mod field;
 pub mod moving;
 pub mod occupancy;
+pub mod photographs;
 pub mod poses;
 pub mod rays;
 pub mod schedule;

@@ -8,9 +8,11 @@
 //! Lin et al. 2021 (BARF), poses by the photometric loss, coarse to fine; Park et al. 2023 (CamP), the preconditioner. Deviation:
 //! a Cholesky factor in place of the symmetric root; the field itself is not blurred, only the gradient that the poses follow.
 
+use crate::data::cameras::bundle::median;
 use crate::data::{Dataset, View};
 use crate::model::config::PoseRefinement;
 use crate::model::engine::{Batch, RayGradient, RayQuestion};
+use crate::train::photographs::SmallAdam;
 use glam::{Mat3, Quat, Vec3};
 use nerf_core::camera::{Camera, Pose, Ray};
 use nerf_core::space::Contraction;
@@ -26,9 +28,6 @@ const RATES: [f32; 2] = [0.3, 0.01];
 /// `SHARP_FROM` of the run.
 const BLURS: [f32; 2] = [0.02, 0.001];
 const SHARP_FROM: f64 = 0.5;
-/// Decay rates of Adam's moments, and its epsilon.
-const BETAS: [f32; 2] = [0.9, 0.99];
-const EPSILON: f32 = 1e-12;
 /// Median motion in the trial, focal lengths, from which poses are refined. Correct poses move by 0.002 to 0.006, and
 /// refining them would lose 0.1 to 0.4 dB. Poses that are half a degree to a degree off move by 0.013.
 const CALLED_FOR: f64 = 8e-3;
@@ -90,13 +89,11 @@ impl Poses {
         if refinement == PoseRefinement::Refine {
             return (begin(false), None);
         }
-        let mut errors: Vec<f32> = dataset.points.iter().map(|point| point.error).collect();
-        errors.sort_by(f32::total_cmp);
-        match errors.get(errors.len() / 2) {
-            Some(&error) if sights && f64::from(error) <= BELIEVED => {
-                (None, Some(PosesFound { pixels: error.into(), by_tracks: true, refined: false }))
-            }
-            _ => (begin(true), None),
+        // Without points the median is NaN.
+        let pixels = median(dataset.points.iter().map(|point| point.error));
+        match sights && pixels <= BELIEVED {
+            true => (None, Some(PosesFound { pixels, by_tracks: true, refined: false })),
+            false => (begin(true), None),
         }
     }
 
@@ -191,7 +188,7 @@ impl Poses {
     pub fn move_cameras(&mut self, given: &[View], share: f64, contraction: &Contraction) {
         self.moves += 1;
         let rate = RATES[0] * (RATES[1] / RATES[0]).powf(share as f32);
-        let unbiased = BETAS.map(|beta| 1.0 - beta.powi(self.moves.min(10_000) as i32));
+        let adam = SmallAdam::after(self.moves);
         let cameras = self.cameras(given);
         let moments = self.moment1.iter_mut().zip(&mut self.moment2);
         let all = self.moved.iter_mut().zip(&mut self.sums).zip(&cameras);
@@ -202,14 +199,7 @@ impl Poses {
             }
             let factor = cholesky(&motion(camera, contraction));
             let gradient = forward(&factor, gradient);
-            let mut step = [0.0; 6];
-            for i in 0..6 {
-                let g = gradient[i];
-                m1[i] = BETAS[0] * m1[i] + (1.0 - BETAS[0]) * g;
-                m2[i] = BETAS[1] * m2[i] + (1.0 - BETAS[1]) * g * g;
-                let root = (m2[i] / unbiased[1]).sqrt() + EPSILON;
-                step[i] = -rate * m1[i] / unbiased[0] / root;
-            }
+            let step = std::array::from_fn(|i| adam.step(-rate, gradient[i], &mut m1[i], &mut m2[i]));
             let step = backward(&factor, step);
             moved.iter_mut().zip(step).for_each(|(moved, step)| *moved += step);
         }
@@ -228,6 +218,10 @@ impl Poses {
         all.sort_by(|a, b| a.1.total_cmp(&b.1));
         all.get(all.len() / 2).copied().unwrap_or_default()
     }
+}
+
+pub(super) fn given(views: &[View]) -> Vec<Camera> {
+    views.iter().map(|view| view.camera).collect()
 }
 
 fn cameras(given: &[View], moved: &[Twist]) -> Vec<Camera> {

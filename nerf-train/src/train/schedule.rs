@@ -44,9 +44,8 @@ pub struct Clock {
 }
 
 impl Clock {
-    /// Starts a clock that includes `before`, the time in a checkpoint.
-    pub fn resume(before: Duration) -> Self {
-        Self { start: Instant::now(), before }
+    pub fn start() -> Self {
+        Self { start: Instant::now(), before: Duration::ZERO }
     }
 
     /// The same clock including `before`, the time of earlier commands.

@@ -38,7 +38,6 @@ pub struct Withheld {
 pub struct WithheldFound {
     /// Mean PSNR of the photographs trained on, less that of those withheld, dB.
     pub gap_db: f64,
-    /// Weight decay after the trial.
     pub weight_decay: f64,
 }
 

@@ -85,7 +85,7 @@ fn ctrl_c_leaves_a_checkpoint_says_how_to_go_on_and_ends_with_130() {
     assert_eq!(output.status.code(), Some(130), "{err}");
     assert!(err.contains("--resume") && err.contains(&checkpoint) && err.contains("step"), "{err}");
     assert_eq!(folder.names(), ["a.nerf.checkpoint", "data.npz"], "no half-written blob");
-    let step = Checkpoint::read(Path::new(&checkpoint)).expect("whole").progressed.step;
+    let step = Checkpoint::read(Path::new(&checkpoint)).expect("whole").state.progressed.step;
     assert!(step > 0 && err.contains(&format!("after step {step};")), "{step}: {err}");
     // As it says; a limit on steps that is reached ends the run with its blob.
     ok(fit(&data, &file, &["--steps", "1", "--resume"]));
@@ -139,7 +139,7 @@ fn killed_and_resumed(kills: usize, fit: FitArgs) {
     let at = |name: &str| Path::new(name).exists();
     let reached = || {
         let read = || Checkpoint::read(Path::new(&checkpoint)).expect("a whole checkpoint");
-        if at(&checkpoint) { read().progressed.step } else { 0 }
+        if at(&checkpoint) { read().state.progressed.step } else { 0 }
     };
     let temporaries = || folder.names().iter().filter(|name| name.ends_with(".tmp")).count();
 

@@ -54,7 +54,7 @@ fn read(path: &str) -> Vec<u8> {
 
 /// The step of a checkpoint, which must be whole.
 fn step_of(checkpoint: &str) -> u32 {
-    Checkpoint::read(Path::new(checkpoint)).expect("a whole checkpoint").progressed.step
+    Checkpoint::read(Path::new(checkpoint)).expect("a whole checkpoint").state.progressed.step
 }
 
 #[test]

@@ -205,20 +205,20 @@ fn wrong_checkpoints(whole: &Checkpoint) -> Vec<(&'static str, Checkpoint)> {
     with("parameters", &|c| c.optimiser.parameters[7] = f32::NAN);
     with("moment1", &|c| c.optimiser.moment1[0] = f32::INFINITY);
     with("moment2", &|c| c.optimiser.moment2[3] = -1.0);
-    with("counters", &|c| c.progressed.step += 1);
-    with("counters", &|c| c.progressed.rays = u64::MAX);
-    with("counters", &|c| c.progressed.reseeds = u32::MAX);
-    with("counters", &|c| (c.progressed.step, c.optimiser.steps) = (u32::MAX, u64::MAX));
-    with("averaged parameters", &|c| c.average = Average::new(0.98, 1, 3));
-    with("averaged parameters", &|c| c.average = Average::new(0.0, 1, 0));
-    with("occupancy cells", &|c| c.occupancy = None);
+    with("counters", &|c| c.state.progressed.step += 1);
+    with("counters", &|c| c.state.progressed.rays = u64::MAX);
+    with("counters", &|c| c.state.progressed.reseeds = u32::MAX);
+    with("counters", &|c| (c.state.progressed.step, c.optimiser.steps) = (u32::MAX, u64::MAX));
+    with("averaged parameters", &|c| c.state.average = Average::new(0.98, 1, 3));
+    with("averaged parameters", &|c| c.state.average = Average::new(0.0, 1, 0));
+    with("occupancy cells", &|c| c.state.occupancy = None);
     let finer = |c: &Checkpoint| {
-        let bounds = c.occupancy.clone().expect("an occupancy grid").into_live().bounds();
+        let bounds = c.state.occupancy.clone().expect("an occupancy grid").into_live().bounds();
         Occupancy::full(bounds, 13)
     };
-    with("occupancy cells", &|c| c.occupancy = Some(finer(c)));
-    with("points of the curve", &|c| c.curve.reverse());
-    with("points of the curve", &|c| c.curve.iter_mut().for_each(|point| point.step += 1000));
+    with("occupancy cells", &|c| c.state.occupancy = Some(finer(c)));
+    with("points of the curve", &|c| c.state.curve.reverse());
+    with("points of the curve", &|c| c.state.curve.iter_mut().for_each(|point| point.step += 1000));
     wrong
 }
 

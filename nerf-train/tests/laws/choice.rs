@@ -16,7 +16,6 @@ use nerf_train::train::CurvePoint;
 use nerf_train::train::schedule::Budget;
 use nerf_train::train::schedule::Clock;
 use std::path::Path;
-use std::time::Duration;
 
 /// Three training views: few enough to learn by heart.
 fn few_views() -> Dataset {
@@ -100,7 +99,7 @@ fn a_limit_in_seconds_counts_everything() {
     let config = tiny(1);
     let budget = Budget { steps: None, seconds: Some(4.0) };
     let options = RunOptions { budget, report: true, ..options(&config, None, false) };
-    let clock = Clock::resume(Duration::ZERO);
+    let clock = Clock::start();
     let outcome = match run_since(clock, &dataset, config, &options, &|_| false).expect("a run") {
         Ended::Finished(outcome) => outcome,
         Ended::Interrupted { .. } => unreachable!("nobody stops it"),

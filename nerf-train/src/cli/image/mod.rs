@@ -1,5 +1,3 @@
-//! `nerf-train image`
-
 mod render;
 
 use crate::cli::common::{Global, parse_background, tell_missed};
@@ -11,7 +9,6 @@ use crate::fit::drive::Ended;
 use crate::fit::picture::{Evaluation, Summary, kept, run};
 use crate::fit::run::RunOptions;
 use crate::fit::size;
-use crate::fit::snapshot::SnapshotOptions;
 use crate::model::picture_config::{FieldConfig, FieldPreset};
 use crate::show::reports::picture::{step_file, write as report};
 use crate::system::output::claims::Claims;
@@ -22,7 +19,6 @@ use clap::{Args, Subcommand};
 use render::Render;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::time::Duration;
 
 /// Train and render 2D neural fields of images.
 #[derive(Debug, Subcommand)]
@@ -172,7 +168,7 @@ impl Fit {
     }
 
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
-        let clock = Clock::resume(Duration::ZERO);
+        let clock = Clock::start();
         let (checkpoint, snapshots) = self.check()?;
         let photo = self.photo_options.read(&self.photo, global)?;
         let config = self.config(photo.size())?;
@@ -211,8 +207,7 @@ impl Fit {
             let beyond = self.snapshots.iter().copied().filter(|&step| step > outcome.steps);
             tell_missed(outcome.steps, &beyond.collect::<Vec<_>>());
         }
-        global.finish(&summary)?;
-        Ok(ExitCode::SUCCESS)
+        global.finish(&summary)
     }
 
     /// Checks the options before anything is read. Returns the paths of the checkpoint and of the snapshots' folder,
@@ -231,14 +226,9 @@ impl Fit {
     }
 
     fn options(&self, config: &FieldConfig, checkpoint: Option<PathBuf>, global: &Global) -> RunOptions {
-        let snapshots = self.conduct.report.clone().map(|folder| SnapshotOptions {
-            folder,
-            steps: self.snapshots.clone(),
-            views: Vec::new(),
-        });
         let steps = (config.optimiser.steps, self.settings.steps.is_some());
         RunOptions {
-            snapshots,
+            snapshots: self.conduct.snapshots(&self.snapshots, &[]),
             validate_every: self.evaluate_every,
             ..self.conduct.options(steps, checkpoint, global)
         }

@@ -1,5 +1,3 @@
-//! `nerf-train image render`
-
 use crate::cli::common::{Global, open_blob, read_file};
 use crate::cli::options::quality::parse_math;
 use crate::cli::places;
@@ -73,8 +71,7 @@ impl Render {
             macs: counters.macs,
             invalid_samples: counters.invalid_samples,
         };
-        global.finish(&summary)?;
-        Ok(ExitCode::SUCCESS)
+        global.finish(&summary)
     }
 
     /// Width and height to render at, pixels; one that is not given follows from the photograph's proportions.

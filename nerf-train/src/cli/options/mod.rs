@@ -9,6 +9,7 @@ pub mod settings;
 use crate::cli::common::{Global, check_max_seconds};
 use crate::cli::places;
 use crate::fit::run::RunOptions;
+use crate::fit::snapshot::SnapshotOptions;
 use crate::lab::Shard;
 use crate::system::output::claims::{Claims, Existing, is_device};
 use crate::train::schedule::{Budget, MIN_STEPS};
@@ -124,6 +125,12 @@ impl Conduct {
             bail!("--resume: {} is a device, which has no checkpoint beside it", self.output.display());
         }
         Ok(checkpoint)
+    }
+
+    /// Snapshots of these steps and validation views, which go into the report; `None` without one.
+    pub fn snapshots(&self, steps: &[u32], views: &[usize]) -> Option<SnapshotOptions> {
+        let folder = self.report.clone()?;
+        Some(SnapshotOptions { folder, steps: steps.into(), views: views.into() })
     }
 
     /// Options of a run of `steps`; a limit in seconds replaces them unless the steps were given by a flag (`asked`).

@@ -1,5 +1,3 @@
-//! `nerf-train render`
-
 mod shots;
 mod target;
 
@@ -175,8 +173,7 @@ impl Render {
         }
         let seconds = start.elapsed().as_secs_f64();
         let summary = Rendering::of(&files, &cameras, counters, &ranges, seconds);
-        global.finish_with(&summary, || print_lines(&summary.files))?;
-        Ok(ExitCode::SUCCESS)
+        global.finish_with(&summary, || print_lines(&summary.files))
     }
 
     fn plan<'b>(&self, blob: &Blob<'b>) -> anyhow::Result<Plan<'b>> {

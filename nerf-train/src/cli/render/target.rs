@@ -7,7 +7,7 @@ use crate::data::reads_data;
 use crate::lab::Shard;
 use crate::show::video::Ffmpeg;
 use crate::show::view::{self, Output};
-use crate::show::writer::Writer;
+use crate::show::writer::{Film, Sink, Writer};
 use crate::system::output::claims::{Claims, Existing};
 use anyhow::{Context, bail};
 use std::path::{Path, PathBuf};
@@ -136,12 +136,10 @@ pub(super) fn writer(
     fps: f64,
 ) -> anyhow::Result<Writer> {
     let place = place_of(render, output);
-    Ok(match target {
-        Target::Still => Writer::still(output, place, render.transparent),
-        Target::Frames => {
-            let numbers = (shard.index - 1, shard.count);
-            Writer::frames(output, place, range, render.transparent, numbers)
-        }
-        Target::Film(ffmpeg) => Writer::film(output, place, ffmpeg.clone(), range, fps)?,
-    })
+    let sink = match target {
+        Target::Still => Sink::Still(place),
+        Target::Frames => Sink::Frames(place, shard.index - 1, shard.count),
+        Target::Film(ffmpeg) => Sink::Film(Box::new(Film::new(place, ffmpeg.clone(), fps)?)),
+    };
+    Ok(Writer { output, range, transparent: render.transparent, sink })
 }

@@ -1,6 +1,6 @@
 //! One fit of a picture, from first step to blob.
 
-use super::drive::{Ended, File, Task, drive, nothing_done};
+use super::drive::{Ended, File, POINT_EVERY, Task, drive, how_to_go_on, nothing_done};
 use super::pace::VALIDATION_SHARE;
 use super::run::RunOptions;
 use crate::data::pictures::photograph::Photo;
@@ -13,9 +13,9 @@ use crate::system::cpu;
 use crate::system::output::write_atomic;
 use crate::system::progress::{Message, Progress};
 use crate::train::CurvePoint;
-use crate::train::checkpoint::{Checkpoint, damaged, settings};
+use crate::train::checkpoint::settings;
 use crate::train::field::FieldTrainer;
-use crate::train::schedule::{Budget, Clock, Done, duration};
+use crate::train::schedule::{Budget, Clock, Done};
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::math::MathBackend;
@@ -27,8 +27,6 @@ use std::time::Instant;
 
 /// Number of evaluations of the whole picture during training, if no interval is given.
 const EVALUATIONS: f64 = 10.0;
-/// Steps between the points of the curve without evaluation.
-const POINT_EVERY: u32 = 20;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Evaluation<'a> {
@@ -52,7 +50,6 @@ pub struct Outcome {
     pub parameters: usize,
     /// Seconds from the start until the last step, evaluations included.
     pub train_seconds: f64,
-    /// Pixels trained on per second of training.
     pub pixels_per_second: f64,
 }
 
@@ -83,12 +80,10 @@ impl EvaluationTime {
 
 /// Message after a signal ended a run after this many steps.
 pub fn kept(steps: u32, output: &Path, checkpoint: Option<&Path>) -> String {
-    let how = checkpoint.map_or_else(String::new, |path| {
-        format!("; the checkpoint is {}: go on with the same command and --resume", path.display())
-    });
     format!(
-        "interrupted: {} holds the field after step {steps}; its PSNR over the whole picture was not measured{how}",
-        output.display()
+        "interrupted: {} holds the field after step {steps}; its PSNR over the whole picture was not measured{}",
+        output.display(),
+        how_to_go_on(checkpoint)
     )
 }
 
@@ -108,20 +103,17 @@ pub fn run(
     config: FieldConfig,
     options: &RunOptions,
     output: Option<&Path>,
-    mut clock: Clock,
+    clock: Clock,
     stop: &dyn Fn(u32) -> bool,
     mut each: impl FnMut(Evaluation<'_>),
 ) -> anyhow::Result<Ended<Outcome>> {
     let mut trainer = FieldTrainer::new(photo, config, options.kernel)?;
+    let (config, data) = (settings(&trainer.config), (&*photo.name, photo.fingerprint()));
     let mut before = 0.0;
-    if let Some(path) = options.checkpoint.as_deref().filter(|_| options.resume) {
-        let checkpoint = Checkpoint::read(path)?;
-        checkpoint.check_belongs(path, &settings(trainer.config()), (&photo.name, photo.fingerprint()))?;
+    let clock = options.resumed(clock, &config, data, |checkpoint| {
         before = checkpoint.seconds;
-        clock = clock.after(duration(before));
-        let restored = trainer.restore(checkpoint);
-        restored.map_err(|error| damaged(path, format_args!("a damaged one ({error})")))?;
-    }
+        trainer.restore(checkpoint)
+    })?;
     let mut session = Session {
         started: (trainer.steps(), clock.seconds()),
         prepared: clock.own_seconds(),
@@ -151,11 +143,8 @@ struct Session<'a, 'p> {
     time: EvaluationTime,
     /// Steps and seconds at the start, or when the run was resumed.
     started: (u32, f64),
-    /// Seconds of this command before its first step.
     prepared: f64,
-    /// Limits, including what earlier commands used.
     budget: Budget,
-    /// Seconds from the start until the last step.
     train_seconds: f64,
     each: &'a mut dyn FnMut(Evaluation<'_>),
 }
@@ -187,18 +176,11 @@ impl Session<'_, '_> {
         Ok(begun.elapsed().as_secs_f64() * pixels(size) / pixels(small))
     }
 
-    fn point(&self, whole: Option<f64>) -> CurvePoint {
-        CurvePoint {
-            step: self.trainer.steps(),
-            seconds: self.clock.seconds(),
-            train_psnr_db: self.trainer.train_psnr_db(),
-            val_psnr_db: whole,
-            ..CurvePoint::default()
-        }
-    }
-
-    fn last_evaluation(&self) -> Option<&CurvePoint> {
-        self.trainer.curve.iter().rev().find(|point| point.val_psnr_db.is_some())
+    /// Pixels trained on per second since the start, or since the run was resumed.
+    fn pixels_per_second(&self) -> f64 {
+        let (steps, seconds) = self.started;
+        let pixels = f64::from(self.steps() - steps) * self.trainer.config.pixels as f64;
+        pixels / (self.train_seconds - seconds).max(1e-9)
     }
 }
 
@@ -230,7 +212,7 @@ impl Task for Session<'_, '_> {
 
     fn due(&self, share: f64, ended: bool) -> Option<()> {
         let step = self.steps();
-        let last = self.last_evaluation().map(|point| (point.step, point.seconds));
+        let last = self.trainer.state.last_validation().map(|(point, _)| (point.step, point.seconds));
         if ended || last.is_some_and(|(at, _)| at == step) {
             return None;
         }
@@ -244,20 +226,18 @@ impl Task for Session<'_, '_> {
         (due && affordable || shown).then_some(())
     }
 
-    fn validate(&mut self, (): (), _: f64) -> anyhow::Result<()> {
+    fn validate(&mut self, (): ()) -> anyhow::Result<()> {
         let begun = Instant::now();
         let (_, psnr_db) = self.evaluate()?;
         self.time.took(begun.elapsed().as_secs_f64());
-        let point = self.point(Some(psnr_db));
-        self.trainer.curve.push(point);
+        let state = &mut self.trainer.state;
+        state.curve.push(state.point(self.clock.seconds(), Some(psnr_db)));
         Ok(())
     }
 
     fn note(&mut self, ended: bool) {
-        let point = self.point(None);
-        let noted = self.trainer.curve.last().is_some_and(|last| last.step == point.step);
-        if !ended && !noted && point.step > 0 && point.step.is_multiple_of(POINT_EVERY) {
-            self.trainer.curve.push(point);
+        if !ended && self.steps().is_multiple_of(POINT_EVERY) {
+            self.trainer.state.note(self.clock.seconds());
         }
     }
 
@@ -266,10 +246,11 @@ impl Task for Session<'_, '_> {
     }
 
     fn message(&self) -> Message {
-        let whole = self.last_evaluation().and_then(|point| point.val_psnr_db);
+        let state = &self.trainer.state;
+        let whole = state.last_validation().map(|(_, db)| format!("whole picture {db:.2} dB"));
         Message {
-            train_psnr_db: Some(self.trainer.train_psnr_db()),
-            note: whole.map_or_else(String::new, |db| format!("whole picture {db:.2} dB")),
+            train_psnr_db: Some(state.train_psnr_db()),
+            note: whole.unwrap_or_default(),
             ..Message::default()
         }
     }
@@ -303,8 +284,8 @@ impl Task for Session<'_, '_> {
 
     fn finish(&mut self) -> anyhow::Result<Outcome> {
         let (picture, psnr_db) = self.evaluate()?;
-        let point = CurvePoint { seconds: self.train_seconds, ..self.point(Some(psnr_db)) };
-        self.trainer.curve.push(point);
+        let state = &mut self.trainer.state;
+        state.curve.push(state.point(self.train_seconds, Some(psnr_db)));
         let exported = self.trainer.export(Some(psnr_db))?;
         if let Some(output) = self.output {
             write_atomic(output, &exported.bytes)?;
@@ -314,21 +295,12 @@ impl Task for Session<'_, '_> {
             picture,
             psnr_db,
             subnormal_weights: exported.subnormal_weights,
-            curve: self.trainer.curve.clone(),
+            curve: self.trainer.state.curve.clone(),
             steps: self.steps(),
-            parameters: self.trainer.parameters(),
+            parameters: self.trainer.model.parameters(),
             train_seconds: self.train_seconds,
             pixels_per_second: self.pixels_per_second(),
         })
-    }
-}
-
-impl Session<'_, '_> {
-    /// Pixels trained on per second since the start, or since the run was resumed.
-    fn pixels_per_second(&self) -> f64 {
-        let (steps, seconds) = self.started;
-        let pixels = f64::from(self.steps() - steps) * self.trainer.config().pixels as f64;
-        pixels / (self.train_seconds - seconds).max(1e-9)
     }
 }
 

@@ -11,7 +11,6 @@ use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::encoding::MAX_GRID_RESOLUTION;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 use tempfile::TempDir;
 
 fn saved(image: impl Into<DynamicImage>, name: &str) -> (TempDir, PathBuf) {
@@ -168,7 +167,7 @@ fn test_photo(width: usize, height: usize) -> Photo {
 
 fn fit(photo: &Photo, config: FieldConfig, options: &RunOptions) -> (Outcome, Vec<(u32, f64)>) {
     let mut evaluations = Vec::new();
-    let clock = Clock::resume(Duration::ZERO);
+    let clock = Clock::start();
     let each = |at: Evaluation<'_>| evaluations.push((at.step, at.psnr_db));
     let ended = run(photo, config, options, None, clock, &|_| false, each);
     let Ended::Finished(outcome) = ended.unwrap() else { panic!("nobody stops it") };
@@ -302,7 +301,7 @@ fn a_run_that_is_stopped_keeps_what_it_has() {
     let output = folder.path().join("a.nerf");
     for (at, config) in [0, 7].into_iter().flat_map(|at| configs(&photo).map(|config| (at, config))) {
         let options = options(1_000_000);
-        let clock = Clock::resume(Duration::ZERO);
+        let clock = Clock::start();
         let ended = run(&photo, config, &options, Some(&output), clock, &|step| step == at, |_| {}).unwrap();
         assert!(matches!(ended, Ended::Interrupted { step, .. } if step == at));
         let bytes = std::fs::read(&output).unwrap();
@@ -328,7 +327,7 @@ fn a_run_that_is_taken_up_again_ends_as_if_it_had_not_stopped() {
     for config in configs(&photo) {
         let kept =
             RunOptions { checkpoint: Some(checkpoint.clone()), validate_every: Some(15), ..options(60) };
-        let start = Clock::resume(Duration::ZERO);
+        let start = Clock::start();
         let go = |photo: &Photo, config: FieldConfig, options: &RunOptions, at: u32| {
             run(photo, config, options, Some(&output), start, &|step| step == at, |_| {})
         };

@@ -39,7 +39,6 @@ const ORACLE_SIDE: u32 = 16;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Effort {
-    /// Number of views that times are taken on.
     pub timing_views: usize,
     /// Rounds of timing, if time allows.
     pub repeats: usize,
@@ -67,7 +66,6 @@ pub struct Study<'a, 'b> {
     /// All points: the exact rendering, the base, the single knobs, the combinations.
     pub points: Vec<Point>,
     pub exact: Vec<Frame>,
-    /// Rounds of timing that were left out for lack of time.
     pub rounds_left_out: usize,
     /// Largest difference of a colour channel between the exact rendering and the portable oracle, on the
     /// middle of the first view.

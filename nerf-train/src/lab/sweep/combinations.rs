@@ -85,17 +85,18 @@ impl Point {
 
     /// Unique name of the point, fit for a file: `L10_layers4_width256_rate0.01`.
     pub fn name(&self) -> String {
-        let parts: Vec<String> =
-            self.values().map(|(knob, value)| format!("{}{value}", knob.name())).collect();
-        parts.join("_")
+        self.joined("", "_")
+    }
+
+    fn joined(&self, space: &str, between: &str) -> String {
+        let part = |(knob, value): (Knob, f64)| format!("{}{space}{value}", knob.name());
+        self.values().map(part).collect::<Vec<_>>().join(between)
     }
 }
 
 impl fmt::Display for Point {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let parts: Vec<String> =
-            self.values().map(|(knob, value)| format!("{} {value}", knob.name())).collect();
-        f.write_str(&parts.join(", "))
+        f.write_str(&self.joined(" ", ", "))
     }
 }
 

@@ -21,7 +21,6 @@ use nerf_core::Kernel;
 use nerf_core::network::Architecture;
 use nerf_core::plan::Quality;
 use serde_json::json;
-use std::time::Duration;
 
 /// Data and base settings of all runs of a sweep.
 #[derive(Debug)]
@@ -96,18 +95,36 @@ impl Job<'_> {
 
     /// Runs one point to its end; an interrupted run leaves nothing.
     ///
-    /// A run that diverges is a result. Its picture is the photograph's, or the first validation view's.
+    /// A run that diverges by its own settings is a result. Its picture is the photograph's, or the first validation
+    /// view's.
     pub fn run(&self, point: &Point, runner: &Runner<'_>) -> anyhow::Result<Run> {
-        match self {
-            Self::Image { photo, base } => run_image(photo, field_config(base, point), point, runner),
+        let clock = Clock::start();
+        let (blank, ran) = match self {
+            Self::Image { photo, base } => {
+                let config = field_config(base, point);
+                let blank = blank(point, runner, &config.model(photo.size()).architecture);
+                (blank.clone(), run_image(photo, config, blank, runner, clock))
+            }
             Self::Scene { dataset, base, seconds } => {
                 let config = scene_config(base, point);
+                let blank = blank(point, runner, &config.model().architecture);
                 let seconds = point.get(Knob::Seconds).or(*seconds);
                 let steps = seconds.is_none().then_some(config.optimiser.steps);
                 let budget = Budget { steps, seconds };
-                run_scene(dataset, config, budget, point, runner)
+                (blank.clone(), run_scene(dataset, config, budget, blank, runner, clock))
             }
-        }
+        };
+        ran.or_else(|error| match error.downcast_ref() {
+            Some(
+                TrainError::Engine(EngineError::Diverged { .. })
+                | TrainError::Dead { .. }
+                | TrainError::Export(_),
+            ) => {
+                let (status, note) = (Status::Diverged, error.to_string());
+                Ok((Record { status, note, train_seconds: clock.seconds(), ..blank }, None))
+            }
+            _ => Err(error),
+        })
     }
 }
 
@@ -172,19 +189,12 @@ fn set<T: TryFrom<u64>>(to: &mut T, value: Option<f64>) {
     }
 }
 
-/// Record of a run without its figures; `flat`: whether it shows no more than a flat colour would, and the PSNR of
-/// that, dB.
-fn record(
-    point: &Point,
-    runner: &Runner<'_>,
-    architecture: &Architecture,
-    (flat, flat_psnr_db): (bool, f64),
-) -> Record {
-    let note = format!("no better than one flat colour, which has {flat_psnr_db:.2} dB");
+/// Record of a run without its figures.
+fn blank(point: &Point, runner: &Runner<'_>, architecture: &Architecture) -> Record {
     Record {
         point: *point,
-        status: if flat { Status::Flat } else { Status::Ok },
-        note: if flat { note } else { String::new() },
+        status: Status::Ok,
+        note: String::new(),
         psnr_db: None,
         steps: 0,
         parameters: architecture.parameters(),
@@ -197,52 +207,38 @@ fn record(
     }
 }
 
-/// Record of a run that diverged by its own settings; any other error is the sweep's.
-fn diverged_by(
-    error: anyhow::Error,
-    point: &Point,
-    runner: &Runner<'_>,
-    architecture: &Architecture,
-    clock: Clock,
-) -> anyhow::Result<Run> {
-    match error.downcast_ref() {
-        Some(
-            TrainError::Engine(EngineError::Diverged { .. })
-            | TrainError::Dead { .. }
-            | TrainError::Export(_),
-        ) => {
-            let (status, note) = (Status::Diverged, error.to_string());
-            let train_seconds = clock.seconds();
-            Ok((
-                Record { status, note, train_seconds, ..record(point, runner, architecture, (false, 0.0)) },
-                None,
-            ))
-        }
-        _ => Err(error),
+/// Status and note of a run that shows no more than a flat colour would, which has `flat_psnr_db`.
+fn judged(flat: bool, flat_psnr_db: f64) -> (Status, String) {
+    match flat {
+        true => (Status::Flat, format!("no better than one flat colour, which has {flat_psnr_db:.2} dB")),
+        false => (Status::Ok, String::new()),
     }
 }
 
-fn run_image(photo: &Photo, config: FieldConfig, point: &Point, runner: &Runner<'_>) -> anyhow::Result<Run> {
-    let architecture = config.model(photo.size()).architecture;
+fn run_image(
+    photo: &Photo,
+    config: FieldConfig,
+    blank: Record,
+    runner: &Runner<'_>,
+    clock: Clock,
+) -> anyhow::Result<Run> {
     let budget = Budget { steps: Some(config.optimiser.steps), seconds: None };
     let options = RunOptions {
         validate_every: Some(u32::MAX),
         ..RunOptions::unattended(budget, runner.kernel, runner.style)
     };
-    let clock = Clock::resume(Duration::ZERO);
-    let outcome = match picture::run(photo, config, &options, None, clock, &|_| false, |_| {}) {
-        Ok(Ended::Finished(outcome)) => outcome,
-        Ok(Ended::Interrupted { .. }) => unreachable!("nobody stops it"),
-        Err(error) => return diverged_by(error, point, runner, &architecture, clock),
-    };
+    let ended = picture::run(photo, config, &options, None, clock, &|_| false, |_| {})?;
+    let Ended::Finished(outcome) = ended else { unreachable!("nobody stops it") };
     let flat = flat_psnr_db(&photo.picture.rgb);
-    let judged = (is_flat([(outcome.psnr_db, flat)]), flat);
+    let (status, note) = judged(is_flat([(outcome.psnr_db, flat)]), flat);
     let record = Record {
+        status,
+        note,
         psnr_db: Some(outcome.psnr_db),
         steps: outcome.steps,
         blob_bytes: outcome.bytes.len(),
         train_seconds: outcome.train_seconds,
-        ..record(point, runner, &architecture, judged)
+        ..blank
     };
     Ok((record, Some(outcome.picture)))
 }
@@ -251,23 +247,22 @@ fn run_scene(
     dataset: &Dataset,
     config: Config,
     budget: Budget,
-    point: &Point,
+    blank: Record,
     runner: &Runner<'_>,
+    clock: Clock,
 ) -> anyhow::Result<Run> {
-    let architecture = config.model().architecture;
     let options = RunOptions::unattended(budget, runner.kernel, runner.style);
-    let clock = Clock::resume(Duration::ZERO);
-    let outcome = match run_since(clock, dataset, config, &options, &|_| false) {
-        Ok(Ended::Finished(outcome)) => outcome,
-        Ok(Ended::Interrupted { .. }) => unreachable!("nobody stops it"),
-        Err(error) => return diverged_by(error, point, runner, &architecture, clock),
-    };
+    let ended = run_since(clock, dataset, config, &options, &|_| false)?;
+    let Ended::Finished(outcome) = ended else { unreachable!("nobody stops it") };
+    let (status, note) = judged(outcome.flat, outcome.flat_psnr_db);
     let record = Record {
+        status,
+        note,
         psnr_db: outcome.scores.psnr_db(),
         steps: outcome.steps,
         blob_bytes: outcome.bytes.len(),
         train_seconds: outcome.train_seconds,
-        ..record(point, runner, &architecture, (outcome.flat, outcome.flat_psnr_db))
+        ..blank
     };
     let mut picture = None;
     let each = |_: &View, frame: &Frame, _: &[[f32; 3]], _: &_| picture = Some(frame::picture(frame));

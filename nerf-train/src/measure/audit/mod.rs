@@ -234,23 +234,6 @@ pub enum EffectSummary {
     },
 }
 
-impl EffectSummary {
-    fn of(effect: &'static str, worth: &Result<Worth, &'static str>) -> Self {
-        match worth {
-            Ok(worth) => Self::Asked {
-                effect,
-                with_db: worth.with_db,
-                without_db: worth.without_db,
-                gain_db: worth.gain_db(),
-                relative_time: worth.relative_time,
-                relative_macs: worth.relative_macs,
-                kept: worth.verdict == Verdict::Keeps,
-            },
-            Err(gain_db_note) => Self::NotAsked { effect, gain_db: None, gain_db_note },
-        }
-    }
-}
-
 impl Summary {
     /// Summary of an audit on `views` views of the split named `split`, over `background`.
     pub fn of(
@@ -259,8 +242,20 @@ impl Summary {
         (split, views): (&'static str, usize),
         background: [f32; 3],
     ) -> Self {
+        let of_effect = |&(&Effect { name: effect, .. }, worth): &(_, Result<Worth, _>)| match worth {
+            Ok(worth) => EffectSummary::Asked {
+                effect,
+                with_db: worth.with_db,
+                without_db: worth.without_db,
+                gain_db: worth.gain_db(),
+                relative_time: worth.relative_time,
+                relative_macs: worth.relative_macs,
+                kept: worth.verdict == Verdict::Keeps,
+            },
+            Err(gain_db_note) => EffectSummary::NotAsked { effect, gain_db: None, gain_db_note },
+        };
         Self {
-            effects: audit.iter().map(|(effect, worth)| EffectSummary::of(effect.name, worth)).collect(),
+            effects: audit.iter().map(of_effect).collect(),
             threshold_db,
             views,
             split,

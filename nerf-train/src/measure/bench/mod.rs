@@ -11,8 +11,8 @@ use crate::train::occupancy::{DensityQuery, LiveCells, Occupancy};
 use anyhow::Context;
 use nerf_core::Kernel;
 use nerf_core::blob::{
-    Blob, BlobError, Body, Content, FrontPoint, MAX_FRONT, SceneFacts, SceneSampling, StoredOccupancy,
-    StoredTables, encoded_len, write,
+    Blob, BlobError, Body, Content, FrontPoint, MAX_FRONT, SceneFacts, SceneSampling, StoredTables,
+    encoded_len, write,
 };
 use nerf_core::camera::Camera;
 use nerf_core::encoding::{GridTables, TableValues};
@@ -123,7 +123,7 @@ impl<'b> Variants<'b> {
         if cells.lookup().occupied_share() == 0.0 {
             return Ok(None);
         }
-        let bytes = self.with_occupancy(&cells)?;
+        let bytes = written(&Body { occupancy: Some(cells.stored()), ..self.body() })?;
         Ok(Some(self.add(Variant { name, bytes, has_occupancy: true })))
     }
 
@@ -181,19 +181,11 @@ impl<'b> Variants<'b> {
         Ok(self.add(Variant { name, bytes, has_occupancy }))
     }
 
-    fn with_occupancy(&self, cells: &LiveCells) -> anyhow::Result<Vec<u8>> {
-        let occupancy = StoredOccupancy { resolution: cells.resolution(), bits: cells.bits() };
-        Ok(written(&Body { occupancy: Some(occupancy), ..self.body() })?)
-    }
-
     fn body(&self) -> Body<'_> {
         Body {
             architecture: self.blob.architecture().clone(),
             content: Content::Scene(self.scene.clone()),
-            occupancy: self
-                .cells
-                .as_ref()
-                .map(|cells| StoredOccupancy { resolution: cells.resolution(), bits: cells.bits() }),
+            occupancy: self.cells.as_ref().map(LiveCells::stored),
             front: heapless::Vec::new(),
             proposal: self.blob.proposal().cloned(),
             provenance: self.blob.provenance().clone(),

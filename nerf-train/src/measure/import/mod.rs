@@ -99,7 +99,6 @@ pub enum Occupancy {
 pub struct Check {
     /// Scores with the blob's rounded weights.
     pub scores: Scores,
-    /// Loss by rounding to f16, dB.
     pub quantisation_loss_db: f64,
     /// PSNR gain by the occupancy grid, dB (below 0: loss); `None` without one.
     pub occupancy_gain_db: Option<f64>,

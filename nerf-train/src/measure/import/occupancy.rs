@@ -5,15 +5,10 @@ use super::settings::Settings;
 use crate::data::layouts::npz::read_npy;
 use crate::train::occupancy::{DensityQuery, LiveCells, Occupancy};
 use nerf_core::blob::MAX_OCCUPANCY_RESOLUTION;
-use nerf_core::space::SceneBox;
 use std::path::Path;
 
 /// Largest array that is read, bytes: the largest occupancy grid in f64.
 const MAX_ARRAY_BYTES: u64 = 8 << 27;
-
-fn scene_box(settings: &Settings) -> SceneBox {
-    SceneBox { min: settings.min().into(), max: settings.max().into() }
-}
 
 /// Reads an occupancy grid of the scene box: a `.npy` array `[x, y, z]` of booleans, or of zeros and ones.
 pub fn read(file: &Path, settings: &Settings) -> anyhow::Result<LiveCells> {
@@ -32,7 +27,7 @@ pub fn read(file: &Path, settings: &Settings) -> anyhow::Result<LiveCells> {
         return fail("truths, or zeros and ones".into(), format!("{} at index {index}", numbers[index]));
     }
     let live = numbers.iter().enumerate().filter(|&(_, &cell)| cell != 0.0).map(|(index, _)| index as u32);
-    let cells = LiveCells::of(scene_box(settings), [*x, *y, *z], live);
+    let cells = LiveCells::of(settings.bounds(), [*x, *y, *z], live);
     if cells.lookup().occupied_share() == 0.0 {
         return fail("at least one occupied cell".into(), "none".into());
     }
@@ -43,6 +38,6 @@ pub fn read(file: &Path, settings: &Settings) -> anyhow::Result<LiveCells> {
 /// none.
 pub fn build(settings: &Settings, ask: &DensityQuery<'_>, threshold: f32) -> Option<LiveCells> {
     let cells =
-        Occupancy::asked(scene_box(settings), settings.occupancy_resolution, ask, threshold).into_live();
+        Occupancy::asked(settings.bounds(), settings.occupancy_resolution, ask, threshold).into_live();
     (cells.lookup().occupied_share() > 0.0).then_some(cells)
 }

@@ -4,6 +4,7 @@ use super::order::{Identity, Order};
 use crate::data::pictures::colour;
 use crate::model::config::{ConfigError, rule, within};
 use crate::system::input::parse_numbers;
+use glam::Vec3;
 use nerf_core::blob::{MAX_OCCUPANCY_RESOLUTION, MAX_SAMPLES, SceneFacts, SceneSampling};
 use nerf_core::encoding::AngleScale;
 use nerf_core::space::SceneBox;
@@ -122,7 +123,8 @@ impl Settings {
         let Self { near, far, background, occupancy_threshold: threshold, .. } = *self;
         let sound = near >= 0.0 && near < far && far.is_finite();
         rule("near, far", sound, "0 <= near < far, both finite", format!("near {near}, far {far}"))?;
-        let sound = SceneBox::new(self.min().into(), self.max().into()).is_ok();
+        let SceneBox { min, max } = self.bounds();
+        let sound = SceneBox::new(min, max).is_ok();
         let expected = "finite corners, the smaller first, on every axis";
         rule("box", sound, expected, format!("{:?}", self.scene_box))?;
         within("samples", 1..=MAX_SAMPLES, self.samples.unwrap_or(1))?;
@@ -134,14 +136,9 @@ impl Settings {
         rule("occupancy_threshold", sound, "a finite number of at least 0", threshold)
     }
 
-    pub fn min(&self) -> [f32; 3] {
-        let [x, y, z, ..] = self.scene_box;
-        [x, y, z]
-    }
-
-    pub fn max(&self) -> [f32; 3] {
-        let [.., x, y, z] = self.scene_box;
-        [x, y, z]
+    pub fn bounds(&self) -> SceneBox {
+        let [x0, y0, z0, x1, y1, z1] = self.scene_box;
+        SceneBox { min: Vec3::new(x0, y0, z0), max: Vec3::new(x1, y1, z1) }
     }
 
     /// Samples per ray of the network: importance samples if there is a coarse network.
@@ -152,7 +149,7 @@ impl Settings {
     pub fn facts(&self, has_coarse: bool, occupancy_required: bool) -> SceneFacts {
         let Self { near, far, background, .. } = *self;
         let sampling = SceneSampling::Bins(self.samples(has_coarse));
-        let (min, max) = (self.min(), self.max());
+        let (min, max) = (self.bounds().min.into(), self.bounds().max.into());
         SceneFacts { min, max, near, far, sampling, background, occupancy_required, viewpoint: None }
     }
 }

@@ -71,6 +71,15 @@ impl<'i> Summary<'i> {
         let a = &import.network.model.architecture;
         let skips = a.trunk.iter().enumerate().filter(|(_, layer)| layer.skip);
         let coarse = import.coarse.as_ref();
+        let of_check = |check: &Check| CheckSummary {
+            check_psnr_db: check.psnr_db(),
+            check_views: check.scores.views.len(),
+            suspicious: check.is_suspicious(),
+            quantisation_loss_db: check.quantisation_loss_db,
+            occupancy_gain_db: check.occupancy_gain_db,
+            view_dependence_gain_db: import.direction.map(|(gain, _)| gain),
+            view_dependence_left_out: import.direction.map(|(_, verdict)| verdict == Verdict::Drops),
+        };
         Self {
             checkpoint: tensors.file.display().to_string(),
             tensors: tensors.tensors.len(),
@@ -99,24 +108,10 @@ impl<'i> Summary<'i> {
             skip_layers: skips.map(|(i, _)| i as f64).collect(),
             occupancy_resolution: import.cells.as_ref().map(|cells| cells.resolution().map(f64::from)),
             occupied_share: import.cells.as_ref().map(|cells| Short(cells.lookup().occupied_share())),
-            check: import.check.as_ref().map(|check| CheckSummary::of(check, import.direction)),
+            check: import.check.as_ref().map(of_check),
             kernel: import.request.kernel.to_string(),
             blob: output.display().to_string(),
             blob_bytes: exported.bytes.len(),
-        }
-    }
-}
-
-impl CheckSummary {
-    fn of(check: &Check, direction: Option<(f64, Verdict)>) -> Self {
-        Self {
-            check_psnr_db: check.psnr_db(),
-            check_views: check.scores.views.len(),
-            suspicious: check.is_suspicious(),
-            quantisation_loss_db: check.quantisation_loss_db,
-            occupancy_gain_db: check.occupancy_gain_db,
-            view_dependence_gain_db: direction.map(|(gain, _)| gain),
-            view_dependence_left_out: direction.map(|(_, verdict)| verdict == Verdict::Drops),
         }
     }
 }

@@ -34,7 +34,6 @@ pub struct Tensor {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tensors {
     pub(super) file: PathBuf,
-    /// Prefix of the names in the file.
     pub prefix: String,
     /// Prefixes of other networks in the file, which are left out.
     pub others: Vec<String>,

@@ -31,7 +31,6 @@ pub struct GifWriter {
     width: u16,
     height: u16,
     fps: f64,
-    /// Number of frames that are written.
     written: usize,
     /// Frames that are buffered until there are enough to keep all cores busy.
     waiting: Vec<Picture>,

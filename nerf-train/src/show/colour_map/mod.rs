@@ -3,7 +3,6 @@
 use super::axis;
 use super::text::{self, Direction};
 use crate::data::pictures::rgb::{Picture, check_length};
-use crate::measure::frame::Frame;
 
 /// The colour of pixels that hold no value: a light grey, which occurs in none of the maps.
 pub const EMPTY: [f32; 3] = [0.86; 3];
@@ -200,12 +199,6 @@ pub fn with_legend(picture: &Picture, map: ColourMap, range: (f32, f32), title: 
         text::draw(&mut page, title, corner, SIZE, INK, Direction::Up);
     }
     page
-}
-
-/// Picture of a frame's z_depth in colours with a legend, over its own [`robust_range`].
-pub fn z_depth_picture(frame: &Frame) -> anyhow::Result<Picture> {
-    let size = (frame.width, frame.height);
-    depth_picture_with_legend(&frame.z_depth, &frame.opacity, size, None, "z_depth, world units")
 }
 
 #[cfg(test)]

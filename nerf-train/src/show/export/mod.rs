@@ -8,7 +8,6 @@
 
 mod field;
 mod files;
-mod glb;
 mod lattice;
 mod net;
 mod optical_depth;
@@ -17,8 +16,7 @@ mod surface;
 mod volume;
 
 pub use field::Field;
-pub use files::{write_obj, write_ply};
-pub use glb::write_glb;
+pub use files::{write_glb, write_obj, write_ply};
 pub use lattice::Lattice;
 pub use points::{points_of_surface, points_of_views};
 pub use surface::{Surface, mesh};

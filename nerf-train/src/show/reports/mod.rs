@@ -1,6 +1,5 @@
 //! Reports of experiments: tables, plots, pages of text.
 
-pub mod audit;
 pub mod fit;
 pub mod picture;
 pub mod study;

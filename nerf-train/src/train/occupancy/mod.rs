@@ -68,6 +68,10 @@ impl LiveCells {
         &self.bits
     }
 
+    pub fn stored(&self) -> StoredOccupancy<'_> {
+        StoredOccupancy { resolution: self.resolution, bits: &self.bits }
+    }
+
     pub fn lookup(&self) -> OccupancyGrid<'_> {
         OccupancyGrid::new(self.bounds(), self.resolution, &self.bits)
     }
@@ -246,7 +250,6 @@ impl Occupancy {
         self.live.lookup()
     }
 
-    /// Cells that the pictures do not rule out.
     pub(crate) fn candidates(&self) -> usize {
         self.candidates.len()
     }

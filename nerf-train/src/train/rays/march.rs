@@ -3,7 +3,7 @@
 use crate::train::occupancy::LiveCells;
 use glam::Vec3;
 use nerf_core::camera::Ray;
-use nerf_core::simd::{Isa, Lanes, Op};
+use nerf_core::simd::{Lanes, Op};
 use nerf_core::space::{Contraction, SceneBox};
 
 /// Number of samples that are looked up together.
@@ -121,28 +121,17 @@ fn first_bits(count: u32) -> u32 {
     u32::MAX >> (32 - count.min(GROUP as u32))
 }
 
-/// Appends to `positions` the points `t = first + i step` of `ray`, `i` in `0..count`, that lie in occupied cells.
+/// A march that appends to `positions` the points `t = first + i step` of `ray`, `i` in `0..count`, that lie in occupied
+/// cells.
 ///
 /// A point counts as inside of the box. On a face between two cells, it counts as in either.
-pub(super) fn march(
-    isa: Isa,
-    cells: &MarchCells,
-    ray: &Ray,
-    first: f32,
-    step: f32,
-    count: u32,
-    positions: &mut Vec<[f32; 3]>,
-) {
-    isa.run(March { cells, ray, first, step, count, positions });
-}
-
-struct March<'a> {
-    cells: &'a MarchCells,
-    ray: &'a Ray,
-    first: f32,
-    step: f32,
-    count: u32,
-    positions: &'a mut Vec<[f32; 3]>,
+pub(super) struct March<'a> {
+    pub cells: &'a MarchCells,
+    pub ray: &'a Ray,
+    pub first: f32,
+    pub step: f32,
+    pub count: u32,
+    pub positions: &'a mut Vec<[f32; 3]>,
 }
 
 impl Op for March<'_> {
@@ -177,7 +166,7 @@ impl Op for March<'_> {
     }
 }
 
-/// As [`march`], for a ray through an unbounded scene. The points are at `first + i step` in steps of the contraction
+/// As [`March`], for a ray through an unbounded scene. The points are at `first + i step` in steps of the contraction
 /// ([`Contraction::distance`]). Appends to `samples` the contracted points, the length of each step, world units, and
 /// the factor on its gradient. Less than a radius of the ball from the camera, which is `start` before the ray, the
 /// factor is the square of the distance in radii: cells close to a camera have many rays through them, all of that
@@ -185,19 +174,18 @@ impl Op for March<'_> {
 ///
 /// # Source
 /// Philip and Deschaintre 2023, "Floaters No More".
-pub(super) fn march_contracted(
-    isa: Isa,
-    cells: &MarchCells,
-    contraction: &Contraction,
-    ray: &Ray,
-    (first, step, count): (f32, f32, u32),
-    start: f32,
-    samples: &mut Samples,
-) {
-    isa.run(MarchContracted { cells, contraction, ray, first, step, count, start, samples });
+pub(super) struct MarchContracted<'a> {
+    pub cells: &'a MarchCells,
+    pub contraction: &'a Contraction,
+    pub ray: &'a Ray,
+    pub first: f32,
+    pub step: f32,
+    pub count: u32,
+    pub start: f32,
+    pub samples: &'a mut Samples,
 }
 
-/// Samples of rays through an unbounded scene: see [`march_contracted`].
+/// Samples of rays through an unbounded scene: see [`MarchContracted`].
 #[derive(Default)]
 pub(super) struct Samples {
     pub positions: Vec<[f32; 3]>,
@@ -205,17 +193,6 @@ pub(super) struct Samples {
     pub gradient_scales: Vec<f32>,
     /// Position of each sample along its ray, in steps of the contraction.
     pub steps: Vec<f32>,
-}
-
-struct MarchContracted<'a> {
-    cells: &'a MarchCells,
-    contraction: &'a Contraction,
-    ray: &'a Ray,
-    first: f32,
-    step: f32,
-    count: u32,
-    start: f32,
-    samples: &'a mut Samples,
 }
 
 impl Op for MarchContracted<'_> {
@@ -288,6 +265,7 @@ impl Op for MarchContracted<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nerf_core::Isa;
     use nerf_core::sampling::{Purpose, uniform};
 
     /// An occupancy grid of which about so large a share is live, in clumps of `side` cells each way.
@@ -323,7 +301,14 @@ mod tests {
                 let Some((enter, exit)) = bounds.clip(&ray, 0.0, 1e9) else { continue };
                 let count = ((exit - enter) / step) as u32;
                 let mut positions = Vec::new();
-                march(Isa::detect(), &marched, &ray, enter, step, count, &mut positions);
+                Isa::detect().run(March {
+                    cells: &marched,
+                    ray: &ray,
+                    first: enter,
+                    step,
+                    count,
+                    positions: &mut positions,
+                });
                 let points = (0..count).map(|i| ray.at(enter + i as f32 * step));
                 let oracle: Vec<Vec3> = points.filter(|&p| occupancy.occupied(p)).collect();
                 found += positions.len();
@@ -355,15 +340,16 @@ mod tests {
             // No whole number of groups.
             let (first, step, count) = (-1.3, 0.03, 130);
             let mut samples = Samples::default();
-            march_contracted(
-                Isa::detect(),
-                &cells,
-                &contraction,
-                &ray,
-                (first, step, count),
+            Isa::detect().run(MarchContracted {
+                cells: &cells,
+                contraction: &contraction,
+                ray: &ray,
+                first,
+                step,
+                count,
                 start,
-                &mut samples,
-            );
+                samples: &mut samples,
+            });
             let Samples { positions, deltas, gradient_scales, steps: _ } = samples;
             assert_eq!((positions.len(), positions.len()), (deltas.len(), gradient_scales.len()));
             let at = (0..count).map(|i| first + i as f32 * step);

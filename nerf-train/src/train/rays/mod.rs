@@ -4,17 +4,17 @@ mod march;
 
 use crate::capture::sights::{Sight, Sights};
 use crate::data::{Background, View};
-use crate::model::config::{Config, Jitter};
+use crate::model::config::{Config, Jitter, SamplingConfig};
 use crate::model::engine::{Batch, BatchRay, Surface};
 use crate::train::Bounds;
 use crate::train::occupancy::is_foreground;
 use glam::Vec3;
 pub use march::MarchCells;
-use march::{Samples, march, march_contracted};
+use march::{March, MarchContracted, Samples};
 use nerf_core::camera::{Camera, Ray};
 use nerf_core::sampling::{Bins, OccupancyGrid, Purpose, uniform, uniform_u32};
 use nerf_core::simd::Isa;
-use nerf_core::space::{Contraction, SceneBox};
+use nerf_core::space::Contraction;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::time::{Duration, Instant};
@@ -39,15 +39,8 @@ pub struct RayBank<'d> {
     unmasked: Vec<Option<Vec<u32>>>,
     background: Background,
     bins: Bins,
-    bounds: SceneBox,
-    contraction: Option<Contraction>,
-    near: f32,
-    far: f32,
-    jitter: Jitter,
-    images: usize,
-    random_background: bool,
-    /// Weight of the distortion loss in an unbounded scene.
-    distortion: f32,
+    bounds: Bounds,
+    sampling: SamplingConfig,
     /// Lines of sight, each with its view, which a fraction of the rays of an unbounded scene go along.
     sights: Vec<(usize, Sight)>,
     /// Weight of the distances of their points in the loss.
@@ -95,7 +88,6 @@ impl<'d> RayBank<'d> {
             0 => Vec::new(),
             _ => views.iter().map(|view| counting(std::slice::from_ref(view), &[0])).collect(),
         };
-        let Bounds { near, far, scene_box, contraction, .. } = bounds;
         Ok(Self {
             views,
             cameras: views.iter().map(|view| view.camera).collect(),
@@ -103,15 +95,9 @@ impl<'d> RayBank<'d> {
             drawn,
             unmasked,
             background,
-            bins: Bins::new(near, far, u32::from(config.sampling.samples))?,
-            bounds: scene_box,
-            contraction,
-            near,
-            far,
-            jitter: config.sampling.jitter,
-            images: config.sampling.images,
-            random_background: config.sampling.random_background,
-            distortion: config.sampling.distortion,
+            bins: Bins::new(bounds.near, bounds.far, u32::from(config.sampling.samples))?,
+            bounds,
+            sampling: config.sampling.clone(),
             sights: Vec::new(),
             depth: config.capture.depth,
             seed: config.seed,
@@ -198,41 +184,26 @@ impl<'d> RayBank<'d> {
         cells: &MarchCells,
         width: f32,
     ) -> Duration {
-        if let Some(contraction) = &self.contraction {
+        if let Some(contraction) = &self.bounds.contraction {
             let width = width / contraction.radius();
             return self.fill_contracted(isa, batch, (step, rays), cells, contraction, width);
         }
         batch.clear();
-        let chunks: Vec<Marched> = (0..rays.div_ceil(CHUNK))
-            .into_par_iter()
-            .map(|chunk| {
-                let begun = Instant::now();
-                let range = chunk * CHUNK..rays.min((chunk + 1) * CHUNK);
-                let mut found = Marched::default();
-                found.samples.positions.reserve(16 * CHUNK);
-                for (index, (view, _), ray, mut batch_ray) in self.targets(step, range, rays) {
-                    let positions = &mut found.samples.positions;
-                    let before = positions.len();
-                    if let Some((enter, exit)) = self.bounds.clip(&ray, 0.0, f32::MAX) {
-                        let u = uniform(self.seed, Purpose::Jitter, step, index);
-                        let (first, count) = (enter + u * width, ((exit - enter) / width).ceil() as u32);
-                        march(isa, cells, &ray, first, width, count, positions);
-                    }
-                    batch_ray.samples = (positions.len() - before) as u32;
-                    found.rays.push(batch_ray);
-                    found.views.push(view as u32);
+        let time = marched(batch, rays, CHUNK, |range, found| {
+            found.samples.positions.reserve(16 * CHUNK);
+            for (index, (view, _), ray, mut batch_ray) in self.targets(step, range, rays) {
+                let positions = &mut found.samples.positions;
+                let before = positions.len();
+                if let Some((enter, exit)) = self.bounds.scene_box.clip(&ray, 0.0, f32::MAX) {
+                    let u = uniform(self.seed, Purpose::Jitter, step, index);
+                    let (first, count) = (enter + u * width, ((exit - enter) / width).ceil() as u32);
+                    isa.run(March { cells, ray: &ray, first, step: width, count, positions });
                 }
-                found.time = begun.elapsed();
-                found
-            })
-            .collect();
-        let mut time = Duration::ZERO;
-        for found in chunks {
-            batch.rays.extend(found.rays);
-            batch.views.extend(found.views);
-            batch.positions.extend(found.samples.positions);
-            time += found.time;
-        }
+                batch_ray.samples = (positions.len() - before) as u32;
+                found.rays.push(batch_ray);
+                found.views.push(view as u32);
+            }
+        });
         batch.deltas.resize(batch.positions.len(), width);
         time
     }
@@ -250,58 +221,45 @@ impl<'d> RayBank<'d> {
     ) -> Duration {
         batch.clear();
         batch.roulette = Some((self.seed, step));
-        batch.distortion = self.distortion / (self.bounds.max - self.bounds.min).max_element();
-        let far = contraction.step_at(self.far);
-        let chunks: Vec<Marched> = (0..rays.div_ceil(CONTRACTED_CHUNK))
-            .into_par_iter()
-            .map(|chunk| {
-                let begun = Instant::now();
-                let range = chunk * CONTRACTED_CHUNK..rays.min((chunk + 1) * CONTRACTED_CHUNK);
-                let mut found = Marched::default();
-                for (index, (view, pixel), ray, mut batch_ray) in self.targets(step, range, rays) {
-                    let before = found.samples.positions.len();
-                    found.origins.push(ray.origin.to_array());
-                    let (ray, start) = contraction.centred(&ray);
-                    let first = contraction.step_at(self.near - start);
-                    let u = uniform(self.seed, Purpose::Jitter, step, index);
-                    let count = ((far - first) / width).ceil().max(0.0) as u32;
-                    let walk = (first + u * width, width, count);
-                    march_contracted(isa, cells, contraction, &ray, walk, start, &mut found.samples);
-                    batch_ray.samples = (found.samples.positions.len() - before) as u32;
-                    found.rays.push(batch_ray);
-                    found.views.push(view as u32);
-                    found.pixels.push(pixel as u32);
-                    if let Some((_, sight)) = self.sight(step, index, rays) {
-                        let of_ray = |s: f32| (s - first) / (far - first);
-                        found.along.extend(found.samples.steps[before..].iter().map(|&s| of_ray(s)));
-                        let at = of_ray(contraction.step_at(sight.distance - start));
-                        // The squared error is the mean over three channels.
-                        found.surfaces.push(Surface { at, weight: self.depth * sight.confidence / 3.0 });
-                    }
+        batch.distortion =
+            self.sampling.distortion / (self.bounds.scene_box.max - self.bounds.scene_box.min).max_element();
+        let far = contraction.step_at(self.bounds.far);
+        marched(batch, rays, CONTRACTED_CHUNK, |range, found| {
+            for (index, (view, pixel), ray, mut batch_ray) in self.targets(step, range, rays) {
+                let before = found.samples.positions.len();
+                found.origins.push(ray.origin.to_array());
+                let (ray, start) = contraction.centred(&ray);
+                let first = contraction.step_at(self.bounds.near - start);
+                let u = uniform(self.seed, Purpose::Jitter, step, index);
+                let count = ((far - first) / width).ceil().max(0.0) as u32;
+                isa.run(MarchContracted {
+                    cells,
+                    contraction,
+                    ray: &ray,
+                    first: first + u * width,
+                    step: width,
+                    count,
+                    start,
+                    samples: &mut found.samples,
+                });
+                batch_ray.samples = (found.samples.positions.len() - before) as u32;
+                found.rays.push(batch_ray);
+                found.views.push(view as u32);
+                found.pixels.push(pixel as u32);
+                if let Some((_, sight)) = self.sight(step, index, rays) {
+                    let of_ray = |s: f32| (s - first) / (far - first);
+                    found.along.extend(found.samples.steps[before..].iter().map(|&s| of_ray(s)));
+                    let at = of_ray(contraction.step_at(sight.distance - start));
+                    // The squared error is the mean over three channels.
+                    found.surfaces.push(Surface { at, weight: self.depth * sight.confidence / 3.0 });
                 }
-                found.time = begun.elapsed();
-                found
-            })
-            .collect();
-        let mut time = Duration::ZERO;
-        for found in chunks {
-            batch.rays.extend(found.rays);
-            batch.surfaces.extend(found.surfaces);
-            batch.along.extend(found.along);
-            batch.views.extend(found.views);
-            batch.pixels.extend(found.pixels);
-            batch.origins.extend(found.origins);
-            batch.positions.extend(found.samples.positions);
-            batch.deltas.extend(found.samples.deltas);
-            batch.gradient_scales.extend(found.samples.gradient_scales);
-            time += found.time;
-        }
-        time
+            }
+        })
     }
 
     /// Adds `count` points in empty cells of `occupancy`: half along rays of the data, half anywhere.
     pub fn fill_empty(&self, batch: &mut Batch, step: u64, count: usize, occupancy: &OccupancyGrid<'_>) {
-        let extent = self.bounds.max - self.bounds.min;
+        let extent = self.bounds.scene_box.max - self.bounds.scene_box.min;
         for try_index in 0..4 * count as u64 {
             if batch.empty.len() == count {
                 break;
@@ -310,13 +268,13 @@ impl<'d> RayBank<'d> {
             let p = if try_index % 2 == 0 {
                 let (view, pixel) = self.any_pixel(step, u64::MAX - try_index);
                 let ray = ray_of(&self.cameras[view], pixel);
-                let clipped = self.bounds.clip(&ray, self.near, self.far);
+                let clipped = self.bounds.scene_box.clip(&ray, self.bounds.near, self.bounds.far);
                 let Some((enter, exit)) = clipped else { continue };
                 ray.at(enter + draw(0) * (exit - enter))
             } else {
-                self.bounds.min + extent * Vec3::new(draw(0), draw(1), draw(2))
+                self.bounds.scene_box.min + extent * Vec3::new(draw(0), draw(1), draw(2))
             };
-            if self.bounds.contains(p) && !occupancy.occupied(p) {
+            if self.bounds.scene_box.contains(p) && !occupancy.occupied(p) {
                 batch.empty.push(p.to_array());
             }
         }
@@ -349,8 +307,8 @@ impl<'d> RayBank<'d> {
             return (view, y as usize * self.views[view].size().0 as usize + x as usize);
         }
         let bits = uniform_u32(self.seed, Purpose::Pixel, step, index);
-        if self.images > 0 {
-            let group = index / (rays.div_ceil(self.images) as u64);
+        if self.sampling.images > 0 {
+            let group = index / (rays.div_ceil(self.sampling.images) as u64);
             let chosen = uniform_u32(self.seed, Purpose::Image, step, group);
             let view = scale(chosen, self.views.len() as u64) as usize;
             return match &self.unmasked[view] {
@@ -388,14 +346,14 @@ impl<'d> RayBank<'d> {
         let background = match self.background {
             // Corners of the colour cube, where errors of opacity weigh most; white one time in
             // three, since against it the edges of most things do.
-            Background::Alpha if self.random_background => {
+            Background::Alpha if self.sampling.random_background => {
                 let bits = uniform_u32(self.seed, Purpose::Background, step, index);
                 let white = bits >> 30 == 0;
                 std::array::from_fn(|c| if white { 1.0 } else { (bits >> c & 1) as f32 })
             }
             Background::Constant(colour) => colour.map(|c| f32::from(c) / 255.0),
             // Nothing is behind the scene: light that passes through it is an error whatever its colour.
-            Background::Unknown if self.contraction.is_some() => {
+            Background::Unknown if self.bounds.contraction.is_some() => {
                 let bits = uniform_u32(self.seed, Purpose::Background, step, index);
                 std::array::from_fn(|c| (bits >> (8 * c) & 255) as f32 / 255.0)
             }
@@ -414,10 +372,12 @@ impl<'d> RayBank<'d> {
         occupancy: Option<&OccupancyGrid<'_>>,
     ) -> (BatchRay, Vec<[f32; 3]>) {
         let mut positions = Vec::new();
-        if let Some((enter, exit)) = self.bounds.clip(&ray, self.near, self.far) {
+        if let Some((enter, exit)) = self.bounds.scene_box.clip(&ray, self.bounds.near, self.bounds.far) {
             for bin in self.bins.overlapping(enter, exit) {
                 let p = ray.at(self.t(step, index, bin));
-                if occupancy.map_or_else(|| self.bounds.contains(p), |occupancy| occupancy.occupied(p)) {
+                if occupancy
+                    .map_or_else(|| self.bounds.scene_box.contains(p), |occupancy| occupancy.occupied(p))
+                {
                     positions.push(p.to_array());
                 }
             }
@@ -428,7 +388,7 @@ impl<'d> RayBank<'d> {
     /// Distance of the sample of `bin` along ray `index` of `step`, world units; never decreases from bin to bin.
     fn t(&self, step: u64, index: u64, bin: u32) -> f32 {
         let draw = || uniform(self.seed, Purpose::Jitter, step, (index << 12) + u64::from(bin));
-        match self.jitter {
+        match self.sampling.jitter {
             Jitter::None => self.bins.at(bin, 0.5),
             Jitter::Bin => self.bins.within(bin, draw()),
             Jitter::Width(width) => {
@@ -439,6 +399,37 @@ impl<'d> RayBank<'d> {
             }
         }
     }
+}
+
+/// Fills `batch` with `rays` rays, of which one task marches `chunk` together: `march` adds a range of them. Returns the
+/// time that this took, summed over threads.
+fn marched(
+    batch: &mut Batch,
+    rays: usize,
+    chunk: usize,
+    march: impl Fn(Range<usize>, &mut Marched) + Sync,
+) -> Duration {
+    let of_chunk = |i: usize| {
+        let (begun, mut found) = (Instant::now(), Marched::default());
+        march(i * chunk..rays.min((i + 1) * chunk), &mut found);
+        found.time = begun.elapsed();
+        found
+    };
+    let chunks: Vec<Marched> = (0..rays.div_ceil(chunk)).into_par_iter().map(of_chunk).collect();
+    let mut time = Duration::ZERO;
+    for found in chunks {
+        batch.rays.extend(found.rays);
+        batch.surfaces.extend(found.surfaces);
+        batch.along.extend(found.along);
+        batch.views.extend(found.views);
+        batch.pixels.extend(found.pixels);
+        batch.origins.extend(found.origins);
+        batch.positions.extend(found.samples.positions);
+        batch.deltas.extend(found.samples.deltas);
+        batch.gradient_scales.extend(found.samples.gradient_scales);
+        time += found.time;
+    }
+    time
 }
 
 /// A 32-bit random number as an index below `count`.

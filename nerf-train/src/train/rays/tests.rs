@@ -1,5 +1,6 @@
 use super::*;
 use crate::model::config::Preset;
+use nerf_core::space::SceneBox;
 
 /// A bank of no pixels whose rays are cut into `samples` bins.
 fn bank((near, far): (f32, f32), samples: u16, jitter: Jitter) -> RayBank<'static> {

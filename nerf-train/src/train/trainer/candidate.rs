@@ -41,11 +41,13 @@ impl Candidate {
     /// `settle`: evaluate all cells of the occupancy grid once more. A grid field's cells are evaluated all the time,
     /// so that before the end of its run this is not needed.
     pub fn of(trainer: &Trainer<'_>, settle: bool) -> Self {
-        let parameters = averaged_parameters(trainer);
+        let averaged = trainer.state.average.values().map(Cow::Borrowed);
+        let parameters = averaged.unwrap_or_else(|| trainer.engine.parameters());
+        let parameters = trainer.model.fold(parameters).into_owned();
         let scene_box = trainer.bounds.scene_box;
         let resolution = trainer.config.occupancy_resolution(scene_box.max - scene_box.min);
         let full = || Occupancy::full(scene_box, resolution);
-        let mut occupancy = trainer.occupancy.clone().unwrap_or_else(full);
+        let mut occupancy = trainer.state.occupancy.clone().unwrap_or_else(full);
         let ask = DensityQuery {
             isa: trainer.kernel.isa,
             architecture: &trainer.model.architecture,
@@ -61,7 +63,12 @@ impl Candidate {
         if settle {
             occupancy.drop_unweighted();
         }
-        Self { step: trainer.progressed.step, live: occupancy.into_live(), parameters, architecture: None }
+        Self {
+            step: trainer.state.progressed.step,
+            live: occupancy.into_live(),
+            parameters,
+            architecture: None,
+        }
     }
 
     pub fn export(&self, trainer: &Trainer<'_>, about: &About<'_>) -> Result<Exported, TrainError> {
@@ -95,15 +102,9 @@ impl Candidate {
                 psnr_db: finite(about.psnr_db),
                 psnr_convention: about.convention,
                 quantisation_loss_db: finite(about.quantisation_loss_db),
-                trained_parameters: trainer.parameters() as u32,
+                trained_parameters: trainer.model.parameters() as u32,
             },
         })?;
         Ok(exported)
     }
-}
-
-/// Parameters in export order: the average, or the last ones if the run does not average.
-fn averaged_parameters(trainer: &Trainer<'_>) -> Vec<f32> {
-    let parameters = trainer.average.values().map_or_else(|| trainer.engine.parameters(), Cow::Borrowed);
-    trainer.model.fold(parameters).into_owned()
 }

@@ -3,19 +3,17 @@
 pub mod candidate;
 
 use crate::capture::sights::{self, Sights};
-use crate::data::{Background, Dataset, View, mean_colour};
-use crate::model::config::{Config, Density, Exposure, SamplingConfig};
+use crate::data::{Background, Dataset, mean_colour};
+use crate::model::config::{Config, Density, SamplingConfig};
 use crate::model::engine::{Batch, Engine, Model, Phase, Phases, engine_for};
 use crate::train::average::Average;
-use crate::train::checkpoint::{Checkpoint, fingerprint, settings};
-use crate::train::exposure::{ExposureFound, Gains};
-use crate::train::moving::{Moved, Moving};
+use crate::train::checkpoint::{Checkpoint, State, fingerprint, settings};
 use crate::train::occupancy::{DensityQuery, Occupancy};
-use crate::train::poses::{Poses, PosesFound};
+use crate::train::photographs::Photographs;
+use crate::train::poses::{Poses, given};
 use crate::train::rays::{MarchCells, RayBank};
 use crate::train::schedule::learning_rate;
-use crate::train::withheld::{LEARNED_FROM, Withheld, WithheldFound};
-use crate::train::{Bounds, CurvePoint, Progressed, Snapshot, TrainError, find_bounds};
+use crate::train::{Bounds, Progressed, TrainError, find_bounds};
 use nerf_core::Kernel;
 use nerf_core::blob::MAX_SAMPLES;
 use nerf_core::camera::Camera;
@@ -43,39 +41,28 @@ pub(crate) const RESEEDS: u32 = 3;
 
 /// A run: data, settings and everything that changes from step to step.
 pub struct Trainer<'d> {
-    config: Config,
+    pub(crate) config: Config,
     dataset: &'d Dataset,
     /// Background colour, display-encoded: the data's own; in an unbounded scene, where it shows only in parts that
     /// no photograph saw, the photographs' mean colour; else black.
     pub(crate) background: [f32; 3],
-    model: Model,
+    pub(crate) model: Model,
     kernel: Kernel,
-    bounds: Bounds,
+    pub(crate) bounds: Bounds,
     bank: RayBank<'d>,
     /// Width of the steps that rays are marched in; none if they are cut into bins between near and far.
     step_width: Option<f32>,
     engine: Box<dyn Engine>,
-    occupancy: Option<Occupancy>,
-    average: Average,
+    pub(crate) state: State,
     batch: Batch,
     /// Key points of the training views of an unbounded scene.
-    sights: Option<Sights>,
-    gains: Option<Gains>,
-    exposure: Option<ExposureFound>,
-    poses: Option<Poses>,
-    poses_found: Option<PosesFound>,
-    moving: Option<Moving>,
-    withheld: Option<Withheld>,
-    withheld_found: Option<WithheldFound>,
+    pub(crate) sights: Option<Sights>,
     /// Occupied cells in the layout for marching; none until they are needed.
     cells: Option<MarchCells>,
     /// The next step's batch, if it was marched during this step's update, and the parameters of that march.
     prefetched: (Option<March>, Batch),
-    progressed: Progressed,
     phases: Phases,
-    fingerprint: u64,
-    pub curve: Vec<CurvePoint>,
-    pub snapshots: Vec<Snapshot>,
+    pub(crate) fingerprint: u64,
 }
 
 impl<'d> Trainer<'d> {
@@ -97,31 +84,20 @@ impl<'d> Trainer<'d> {
         if let Some(sights) = sights.as_ref().filter(|_| config.capture.depth > 0.0) {
             bank = bank.with_sights(sights);
         }
-        let (gains, exposure) = gains_at_first(dataset, sights.as_ref(), &config);
-        let (poses, poses_found) = match unbounded {
-            true => Poses::of(dataset, sights.is_some(), config.capture.poses),
-            false => (None, None),
-        };
-        let moving = match unbounded {
-            true => Moving::of(&dataset.train, config.capture.moving),
-            false => None,
-        };
-        let withheld = withheld_at_first(dataset, &config, poses.as_ref());
-        let engine = engine_for(
-            config.engine,
-            &model,
-            bounds.scene_box,
-            config.optimiser.adam(),
-            config.seed,
-            kernel.isa,
-        )?;
+        let adam = config.optimiser.adam();
+        let engine = engine_for(config.engine, &model, bounds.scene_box, adam, config.seed, kernel.isa)?;
         let background = match dataset.background {
             Background::Constant(colour) => colour.map(|c| f32::from(c) / 255.0),
             Background::Unknown if bounds.contraction.is_some() => mean_colour(&dataset.train),
             Background::Alpha | Background::Unknown => [0.0; 3],
         };
-        Ok(Self {
+        let state = State {
             average: Average::new(config.optimiser.average, config.averaged_every(), model.parameters()),
+            occupancy,
+            photographs: Photographs::of(dataset, &config, sights.as_ref()),
+            ..State::default()
+        };
+        Ok(Self {
             dataset,
             background,
             model,
@@ -130,29 +106,15 @@ impl<'d> Trainer<'d> {
             bank,
             step_width,
             engine,
-            occupancy,
+            state,
             batch: Batch::default(),
             sights,
-            gains,
-            exposure,
-            poses,
-            poses_found,
-            moving,
-            withheld,
-            withheld_found: None,
             cells: None,
             prefetched: Default::default(),
-            progressed: Progressed::default(),
             phases: Phases::default(),
-            curve: Vec::new(),
-            snapshots: Vec::new(),
             fingerprint: fingerprint(dataset),
             config,
         })
-    }
-
-    pub fn model(&self) -> &Model {
-        &self.model
     }
 
     /// Resumes from a checkpoint of the same run.
@@ -163,53 +125,30 @@ impl<'d> Trainer<'d> {
     pub fn restore(&mut self, checkpoint: Checkpoint) -> Result<(), TrainError> {
         self.check_parts(&checkpoint)?;
         self.engine.restore(&checkpoint.optimiser)?;
-        self.average = checkpoint.average;
-        self.occupancy = checkpoint.occupancy;
-        (self.gains, self.exposure) = (checkpoint.gains, checkpoint.exposure);
-        (self.poses, self.poses_found) = (checkpoint.poses, checkpoint.poses_found);
-        self.moving = checkpoint.moving;
-        (self.withheld, self.withheld_found) = (checkpoint.withheld, checkpoint.withheld_found);
-        self.apply_weight_decay();
+        self.state = checkpoint.state;
         let train = &self.dataset.train;
-        self.bank.set_cameras(self.poses.as_ref().map_or_else(|| given(train), |poses| poses.cast(train)));
+        let poses = self.state.photographs.poses.as_ref();
+        self.bank.set_cameras(poses.map_or_else(|| given(train), |poses| poses.cast(train)));
         self.forget_marched();
-        self.progressed = checkpoint.progressed;
-        self.curve = checkpoint.curve;
-        self.snapshots = checkpoint.snapshots;
         Ok(())
     }
 
     /// Checks that the run can compute with a checkpoint, whose checksum does not tell who wrote it.
     fn check_parts(&self, checkpoint: &Checkpoint) -> Result<(), TrainError> {
-        let Checkpoint { progressed: p, occupancy, .. } = checkpoint;
+        let State { progressed: p, occupancy, photographs, .. } = &checkpoint.state;
         let counted = p.rays.max(p.samples).max(p.evaluated) <= u64::MAX / 2;
         let alive = p.dead_steps < DEAD_STEPS && p.reseeds <= RESEEDS;
-        let cells = match (occupancy, &self.occupancy) {
+        let cells = match (occupancy, &self.state.occupancy) {
             (Some(theirs), Some(ours)) => theirs.is_like(ours),
             (theirs, ours) => theirs.is_none() && ours.is_none(),
         };
-        let gains = checkpoint.gains.as_ref();
-        let gains = gains.is_none_or(|gains| gains.views() == self.dataset.train.len());
-        let poses = checkpoint.poses.as_ref();
-        let poses =
-            poses.is_none_or(|poses| poses.is_of(&self.dataset.train) && self.bounds.contraction.is_some());
-        let moving = match (&checkpoint.moving, &self.moving) {
-            (Some(theirs), Some(_)) => theirs.is_of(&self.dataset.train),
-            (theirs, ours) => theirs.is_none() && ours.is_none(),
+        let own = &self.state.photographs;
+        let wrong = match (counted && alive, cells) {
+            (false, _) => Some("counters"),
+            (true, false) => Some("occupancy cells"),
+            (true, true) => own.wrong_part(photographs, &self.dataset.train, &self.config),
         };
-        let withheld =
-            checkpoint.withheld.as_ref().is_none_or(|withheld| withheld.is_of(&self.dataset.train))
-                && checkpoint.withheld_found.is_none_or(|found| found.is_sound(&self.config.optimiser));
-        let parts = [
-            ("counters", counted && alive),
-            ("occupancy cells", cells),
-            ("gains of photographs", gains),
-            ("poses of photographs", poses),
-            ("patches of photographs", moving),
-            ("withheld photographs", withheld),
-        ];
-        let wrong = parts.into_iter().find(|&(_, fits)| !fits).map(|(part, _)| part);
-        match wrong.or_else(|| checkpoint.wrong_part(&self.average)) {
+        match wrong.or_else(|| checkpoint.wrong_part(&self.state.average)) {
             Some(part) => Err(TrainError::Parts { part }),
             None => Ok(()),
         }
@@ -221,24 +160,9 @@ impl<'d> Trainer<'d> {
             data: self.dataset.name.clone(),
             fingerprint: self.fingerprint,
             optimiser: self.engine.state(),
-            average: self.average.clone(),
-            occupancy: self.occupancy.clone(),
-            gains: self.gains.clone(),
-            exposure: self.exposure,
-            poses: self.poses.clone(),
-            poses_found: self.poses_found,
-            moving: self.moving.clone(),
-            withheld: self.withheld.clone(),
-            withheld_found: self.withheld_found,
-            progressed: self.progressed,
-            curve: self.curve.clone(),
-            snapshots: self.snapshots.clone(),
+            state: self.state.clone(),
             seconds,
         }
-    }
-
-    pub fn config(&self) -> &Config {
-        &self.config
     }
 
     /// Time of this process's steps by phase: wall-clock time for the occupancy, the sum over threads for the rest.
@@ -249,60 +173,18 @@ impl<'d> Trainer<'d> {
     }
 
     pub fn progressed(&self) -> &Progressed {
-        &self.progressed
-    }
-
-    pub fn fingerprint(&self) -> u64 {
-        self.fingerprint
-    }
-
-    pub fn bounds(&self) -> &Bounds {
-        &self.bounds
-    }
-
-    /// Key points that the fit uses; `None` if there are none.
-    pub fn sights(&self) -> Option<&Sights> {
-        self.sights.as_ref()
-    }
-
-    /// Verdict on the photographs' exposure; `None` until it is known.
-    pub fn exposure(&self) -> Option<ExposureFound> {
-        self.exposure
-    }
-
-    /// Verdict on the photographs' poses; `None` until it is known.
-    pub fn poses(&self) -> Option<PosesFound> {
-        self.poses_found
-    }
-
-    /// Training photographs of which something that moved is masked at present.
-    pub fn moved(&self) -> Vec<Moved> {
-        self.moving.as_ref().map_or_else(Vec::new, |moving| moving.found(&self.dataset.train))
-    }
-
-    pub fn has_moved(&self) -> bool {
-        self.moving.as_ref().is_some_and(Moving::is_found)
-    }
-
-    /// Verdict of the withheld photographs; `None` until it is known.
-    pub fn withheld(&self) -> Option<WithheldFound> {
-        self.withheld_found
+        &self.state.progressed
     }
 
     pub fn training_cameras(&self) -> Vec<Camera> {
         let train = &self.dataset.train;
-        self.refined().map_or_else(|| given(train), |poses| poses.cameras(train))
-    }
-
-    /// The poses, if they are refined and no longer on trial.
-    fn refined(&self) -> Option<&Poses> {
-        self.poses.as_ref().filter(|poses| poses.are_refined())
+        self.state.photographs.refined().map_or_else(|| given(train), |poses| poses.cameras(train))
     }
 
     /// Number of rays that refining the validation views' poses will take; 0 if poses are not refined.
     pub fn held_out_rays(&self) -> u64 {
         let rays = HELD_OUT_RAYS * self.dataset.val.len().min(HELD_OUT_VIEWS);
-        if self.refined().is_some() { u64::from(HELD_OUT_STEPS) * rays as u64 } else { 0 }
+        if self.state.photographs.refined().is_some() { u64::from(HELD_OUT_STEPS) * rays as u64 } else { 0 }
     }
 
     /// Refined cameras of the training views, and of the validation views, which are refined against the present
@@ -311,10 +193,13 @@ impl<'d> Trainer<'d> {
     /// # Errors
     /// [`TrainError::Engine`] if the field has no finite loss on the validation views.
     pub fn refined_cameras(&mut self) -> Result<Option<RefinedCameras>, TrainError> {
-        let (Some(poses), Some(contraction)) = (self.refined(), &self.bounds.contraction) else {
+        let (Some(poses), Some(contraction)) = (self.state.photographs.refined(), &self.bounds.contraction)
+        else {
             return Ok(None);
         };
-        let (Some(width), Some(occupancy)) = (self.step_width, &self.occupancy) else { return Ok(None) };
+        let (Some(width), Some(occupancy)) = (self.step_width, &self.state.occupancy) else {
+            return Ok(None);
+        };
         let (train, views) = (poses.cameras(&self.dataset.train), &self.dataset.val);
         if views.is_empty() {
             return Ok(Some(RefinedCameras { train, val: Vec::new() }));
@@ -339,87 +224,52 @@ impl<'d> Trainer<'d> {
         self.bank.pixels()
     }
 
-    /// Occupied fraction of the cells; 1 without an occupancy grid.
-    pub fn occupied_share(&self) -> f32 {
-        self.occupancy.as_ref().map_or(1.0, |occupancy| occupancy.lookup().occupied_share())
-    }
-
-    pub fn parameters(&self) -> usize {
-        self.model.parameters()
-    }
-
-    pub fn train_psnr_db(&self) -> f64 {
-        crate::train::psnr_db_of_mse(self.progressed.mse)
-    }
-
     /// Does one step at the learning rate for the used fraction `share` of the budget.
     ///
     /// # Errors
     /// [`TrainError::Engine`] if the step diverged; the run is then as before it.
     /// [`TrainError::Dead`] if every restart ended without density.
     pub fn step(&mut self, share: f64) -> Result<(), TrainError> {
-        let step = u64::from(self.progressed.step);
-        self.draw(step, share);
+        let step = self.state.progressed.step;
+        self.draw(step.into(), share);
+        let optimiser = &self.config.optimiser;
+        let found = self.state.photographs.withheld_found;
+        self.engine.set_weight_decay(found.map_or(optimiser.weight_decay, |found| found.weight_decay));
         if let Some(grid) = self.config.network.grid.as_ref().filter(|grid| grid.is_rounded(share)) {
             self.engine.round_tables(grid.rounding());
         }
-        let rate = learning_rate(&self.config.optimiser, self.progressed.step, share);
-        let refreshed = self.config.occupancy.skip
-            && (self.progressed.step + 1).is_multiple_of(self.config.occupancy.every);
+        let rate = learning_rate(optimiser, step, share);
+        let refreshed = self.config.occupancy.skip && (step + 1).is_multiple_of(self.config.occupancy.every);
         let width = self.step_width(share);
-        let Self {
-            bank,
-            batch,
-            prefetched,
-            cells,
-            phases,
-            progressed: p,
-            kernel,
-            gains,
-            poses,
-            moving,
-            withheld,
-            ..
-        } = self;
-        if let Some(gains) = gains {
-            gains.factors(&batch.views, &mut batch.gains);
+        let (views, contraction) = (&self.dataset.train, self.bounds.contraction.as_ref());
+        let moved = self.state.photographs.prepare(&mut self.batch, views, share, contraction);
+        if let Some(cameras) = moved {
+            self.bank.set_cameras(cameras);
         }
-        if let (Some(poses), Some(contraction)) = (poses, &self.bounds.contraction) {
-            batch.question = Some(Poses::question(share, contraction));
-            if poses.renew() {
-                bank.set_cameras(poses.cast(&self.dataset.train));
-            }
-        }
-        if let Some(moving) = moving {
-            moving.weigh(batch);
-        }
-        if let Some(withheld) = withheld {
-            withheld.weigh(batch);
-        }
+        let Self { bank, batch, prefetched, cells, phases, kernel, .. } = self;
         let s = &self.config.sampling;
         let grid = self.config.network.grid.is_some();
-        let mut live_per_ray = p.live_per_ray;
+        let mut live_per_ray = self.state.progressed.live_per_ray;
         let loss = self.engine.step_with_prefetch(batch, rate, &mut |loss| {
             if grid {
                 live_per_ray = smoothed(live_per_ray, loss.kept, batch.rays.len());
             }
             // The cells that an update of the occupancy grid leaves are not known yet.
             if let (Some(width), Some(cells), false) = (width, &cells, refreshed) {
-                let march = March { step: step + 1, rays: rays_of(s, 1.0, live_per_ray), width };
+                let (step, rays) = (u64::from(step) + 1, rays_of(s, 1.0, live_per_ray));
+                let march = March { step, rays, width };
                 prefetched.0 = Some(march);
                 phases.add(Phase::March, march.fill(bank, *kernel, cells, &mut prefetched.1));
             }
         })?;
-        self.learn_gains();
-        self.learn_poses(share);
-        let shown = self.all_are_shown();
-        if let Some(moving) = self.moving.as_mut().filter(|_| shown) {
-            moving.add(&self.batch, self.engine.errors());
-            moving.step(self.progressed.step);
+        let (photographs, engine) = (&mut self.state.photographs, &*self.engine);
+        let at = (step, share);
+        if photographs.learn(engine, &self.batch, views, &self.config, contraction, at) {
+            self.bank.set_cameras(given(views));
+            self.prefetched.0 = None;
         }
-        self.learn_withheld(share);
         self.mark_weighted(share);
-        let p = &mut self.progressed;
+        let p = &mut self.state.progressed;
         p.live_per_ray = live_per_ray;
         p.step += 1;
         p.rays += self.batch.rays.len() as u64;
@@ -430,7 +280,7 @@ impl<'d> Trainer<'d> {
         if p.dead_steps >= DEAD_STEPS {
             return self.reseed();
         }
-        self.average.update(self.progressed.step, || self.engine.parameters());
+        self.state.average.update(p.step, || self.engine.parameters());
         if refreshed {
             let now = Instant::now();
             self.refresh_occupancy();
@@ -439,65 +289,12 @@ impl<'d> Trainer<'d> {
         Ok(())
     }
 
-    /// Updates the photographs' gains by the last step.
-    fn learn_gains(&mut self) {
-        let Some(gains) = &mut self.gains else { return };
-        if let Some(found) = gains.step(&self.engine.gain_gradients(gains.views())) {
-            self.exposure = Some(found);
-            if !found.fitted {
-                self.gains = None;
-            }
-        }
-    }
-
-    /// Updates the photographs' cameras by the last step.
-    fn learn_poses(&mut self, share: f64) {
-        let (Some(poses), Some(contraction)) = (&mut self.poses, &self.bounds.contraction) else { return };
-        poses.add(&self.batch, self.engine.ray_gradients());
-        let at = (self.progressed.step, share);
-        let Some(found) = poses.step(&self.dataset.train, at, contraction) else { return };
-        self.poses_found = Some(found);
-        if !found.refined {
-            self.poses = None;
-            self.bank.set_cameras(given(&self.dataset.train));
-            self.prefetched.0 = None;
-        }
-    }
-
-    /// Whether the field has been trained on all photographs for long enough to be contradicted by one.
-    fn all_are_shown(&self) -> bool {
-        let after_trial = self.withheld_found.is_none() || self.progressed.step >= LEARNED_FROM;
-        self.withheld.is_none() && after_trial
-    }
-
-    /// Adds the errors of the last step, and decides the weight decay if that was the trial's last.
-    fn learn_withheld(&mut self, share: f64) {
-        self.withheld.take_if(|_| Withheld::is_given_up(share));
-        let Some(withheld) = &mut self.withheld else { return };
-        let step = self.progressed.step;
-        withheld.add(&self.batch, step, self.engine.errors());
-        if let Some(found) = withheld.verdict(step, &self.config.optimiser) {
-            (self.withheld, self.withheld_found) = (None, Some(found));
-            self.apply_weight_decay();
-            // Key points tell more about exposure than contradictions do.
-            let unknown = self.exposure.is_none() && self.gains.is_none();
-            if found.contradict() && unknown && self.config.capture.exposure == Exposure::Auto {
-                self.gains = Some(Gains::of_contradicting(&self.dataset.train));
-            }
-        }
-    }
-
-    fn apply_weight_decay(&mut self) {
-        let given = self.config.optimiser.weight_decay;
-        self.engine.set_weight_decay(self.withheld_found.map_or(given, |found| found.weight_decay));
-    }
-
     /// Marks the cells of an unbounded scene that the last step gave weight to.
     fn mark_weighted(&mut self, share: f64) {
         if self.bounds.contraction.is_none() || share < MARKED_FROM {
             return;
         }
-        if let Some(occupancy) = &mut self.occupancy {
+        if let Some(occupancy) = &mut self.state.occupancy {
             occupancy.mark(self.batch.rays.len(), self.engine.weighted());
         }
     }
@@ -505,16 +302,17 @@ impl<'d> Trainer<'d> {
     /// Width of the marched steps at the used fraction `share` of the budget.
     fn step_width(&self, share: f64) -> Option<f32> {
         let longer = lengthened(share, self.bounds.contraction.is_some());
-        self.step_width.filter(|_| self.occupancy.is_some()).map(|width| longer * width)
+        self.step_width.filter(|_| self.state.occupancy.is_some()).map(|width| longer * width)
     }
 
     fn draw(&mut self, step: u64, share: f64) {
         let s = &self.config.sampling;
-        let occupancy = self.occupancy.as_ref().filter(|_| self.config.occupancy.skip).map(Occupancy::lookup);
-        let live_per_ray = self.progressed.live_per_ray;
+        let occupancy =
+            self.state.occupancy.as_ref().filter(|_| self.config.occupancy.skip).map(Occupancy::lookup);
+        let live_per_ray = self.state.progressed.live_per_ray;
         // A grid's samples count if they are kept, which is known only after the step.
         let counted_after = self.config.network.grid.is_some();
-        if let (Some(width), Some(occupancy)) = (self.step_width(share), &self.occupancy) {
+        if let (Some(width), Some(occupancy)) = (self.step_width(share), &self.state.occupancy) {
             let march = March { step, rays: rays_of(s, 1.0, live_per_ray), width };
             if self.prefetched.0.take() == Some(march) {
                 std::mem::swap(&mut self.batch, &mut self.prefetched.1);
@@ -530,7 +328,7 @@ impl<'d> Trainer<'d> {
         }
         if !counted_after {
             let live = self.batch.positions.len();
-            self.progressed.live_per_ray = smoothed(live_per_ray, live, self.batch.rays.len());
+            self.state.progressed.live_per_ray = smoothed(live_per_ray, live, self.batch.rays.len());
         }
         self.batch.empty_weight = self.config.occupancy.empty_weight;
         if let Some(occupancy) = &occupancy {
@@ -548,7 +346,7 @@ impl<'d> Trainer<'d> {
         let g = &self.config.occupancy;
         let parameters = self.model.fold(self.engine.parameters());
         let threshold = self.threshold();
-        if let Some(occupancy) = &mut self.occupancy {
+        if let Some(occupancy) = &mut self.state.occupancy {
             let architecture = &self.model.architecture;
             let ask = DensityQuery {
                 isa: self.kernel.isa,
@@ -560,7 +358,7 @@ impl<'d> Trainer<'d> {
             // Without a hull there are many cells to prune, and a grid's density is cheap to evaluate.
             let turn = occupancy.candidates().div_ceil(REFRESHES);
             let cells = if self.config.network.grid.is_some() { g.cells.max(turn) } else { g.cells };
-            occupancy.refresh(&ask, cells, threshold, g.decay, self.progressed.step >= g.from);
+            occupancy.refresh(&ask, cells, threshold, g.decay, self.state.progressed.step >= g.from);
         }
         self.forget_marched();
     }
@@ -574,7 +372,7 @@ impl<'d> Trainer<'d> {
 
     /// Restarts with another seed: the known cure when ReLU densities all become 0.
     fn reseed(&mut self) -> Result<(), TrainError> {
-        let restarts = self.progressed.reseeds + 1;
+        let restarts = self.state.progressed.reseeds + 1;
         if restarts > RESEEDS {
             let relu = self.config.network.density == Density::Relu;
             return Err(TrainError::Dead { restarts, relu });
@@ -588,22 +386,17 @@ impl<'d> Trainer<'d> {
             seed,
             self.kernel.isa,
         )?;
-        self.occupancy = find_bounds(self.dataset, &self.config, self.sights.as_ref())?.1;
-        (self.poses, self.poses_found) = match self.bounds.contraction {
-            Some(_) => Poses::of(self.dataset, self.sights.is_some(), self.config.capture.poses),
-            None => (None, None),
+        let sights = self.sights.as_ref();
+        self.state.average.clear();
+        self.state = State {
+            average: std::mem::take(&mut self.state.average),
+            occupancy: find_bounds(self.dataset, &self.config, sights)?.1,
+            photographs: Photographs::of(self.dataset, &self.config, sights),
+            progressed: Progressed { reseeds: restarts, ..Progressed::default() },
+            ..State::default()
         };
-        (self.gains, self.exposure) = gains_at_first(self.dataset, self.sights.as_ref(), &self.config);
-        self.moving =
-            self.moving.as_ref().and_then(|_| Moving::of(&self.dataset.train, self.config.capture.moving));
-        (self.withheld, self.withheld_found) =
-            (withheld_at_first(self.dataset, &self.config, self.poses.as_ref()), None);
         self.bank.set_cameras(given(&self.dataset.train));
         self.forget_marched();
-        self.average.clear();
-        self.progressed = Progressed { reseeds: restarts, ..Progressed::default() };
-        self.curve.clear();
-        self.snapshots.clear();
         Ok(())
     }
 }
@@ -613,29 +406,6 @@ impl<'d> Trainer<'d> {
 pub struct RefinedCameras {
     pub train: Vec<Camera>,
     pub val: Vec<Camera>,
-}
-
-/// Gains to learn from the first step on, and the known exposure. A scene that ends at a box has no gains before its
-/// photographs contradict each other, unless the settings ask for them.
-fn gains_at_first(
-    dataset: &Dataset,
-    sights: Option<&Sights>,
-    config: &Config,
-) -> (Option<Gains>, Option<ExposureFound>) {
-    let exposure = config.capture.exposure;
-    if config.sampling.contraction.is_none() && exposure == Exposure::Auto {
-        return (None, None);
-    }
-    Gains::of(&dataset.train, sights, exposure)
-}
-
-/// Photographs to withhold. None if poses are refined: the others' poses would move away from theirs.
-fn withheld_at_first(dataset: &Dataset, config: &Config, poses: Option<&Poses>) -> Option<Withheld> {
-    if poses.is_some() { None } else { Withheld::of(&dataset.train, config) }
-}
-
-fn given(views: &[View]) -> Vec<Camera> {
-    views.iter().map(|view| view.camera).collect()
 }
 
 /// Parameters that a step's samples are marched with.

@@ -105,10 +105,8 @@ impl<'s> CameraData<'s> {
     }
 }
 
-impl<'s> Shown<'s> {
-    fn of((name, image): &'s (String, Thumbnail)) -> anyhow::Result<Self> {
-        Ok(Self { name: line(name), image: image.data_uri()? })
-    }
+fn shown((name, image): &(String, Thumbnail)) -> anyhow::Result<Shown<'_>> {
+    Ok(Shown { name: line(name), image: image.data_uri()? })
 }
 
 impl RayData {
@@ -154,7 +152,7 @@ pub fn page(scene: &Scene) -> anyhow::Result<String> {
         cameras: scene.cameras.iter().map(|camera| CameraData::of(camera, &b)).collect::<Result<_, _>>()?,
         rays: scene.rays.iter().map(|ray| RayData::of(ray, &b)).collect(),
         findings: found.iter().flat_map(|found| &found.lines).map(|finding| line(finding)).collect(),
-        pair: found.iter().flat_map(|found| &found.pair).map(Shown::of).collect::<Result<_, _>>()?,
+        pair: found.iter().flat_map(|found| &found.pair).map(shown).collect::<Result<_, _>>()?,
     };
     let json = in_script(&serde_json::to_string(&data)?);
     let parts = [

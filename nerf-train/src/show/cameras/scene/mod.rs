@@ -2,6 +2,7 @@
 
 use super::findings::Findings;
 use super::sampling::{Drawer, ShownRay, StepFacts};
+use crate::data::cameras::bundle::median;
 use crate::data::pictures::thumbnail::{self, Thumbnail};
 use crate::data::{Dataset, View};
 use crate::model::config::Config;
@@ -43,7 +44,6 @@ pub struct Scene {
     pub rays: Vec<ShownRay>,
     pub alone: bool,
     pub step: StepFacts,
-    /// Near and far planes, and the scene box.
     pub bounds: Bounds,
     /// World axis that is up, unit length.
     pub up: Vec3,
@@ -295,16 +295,15 @@ fn frustum_length(cameras: &[ShownCamera], bounds: &Bounds) -> f32 {
         let others = positions.iter().enumerate().filter(|&(j, _)| j != i);
         others.map(|(_, other)| other.distance(*p)).min_by(f32::total_cmp)
     };
-    let mut spacing: Vec<f32> = positions.iter().enumerate().filter_map(nearest).collect();
-    spacing.sort_by(f32::total_cmp);
+    let spacing = median(positions.iter().enumerate().filter_map(nearest)) as f32;
     let (least, most) = match &bounds.contraction {
         // Its near plane says little about the distance of things.
         Some(contraction) => (FRUSTUM_RADII.0 * contraction.radius(), FRUSTUM_RADII.1 * contraction.radius()),
         None => (0.02 * before_scene, 0.8 * before_scene),
     };
-    let Some(&spacing) = spacing.get(spacing.len() / 2).filter(|&&spacing| spacing > 0.0) else {
+    if spacing.is_nan() || spacing <= 0.0 {
         return most;
-    };
+    }
     let i = cameras[0].camera.intrinsics();
     let width = (i.width as f32 / i.fx).max(i.height as f32 / i.fy);
     (0.7 * spacing / width).clamp(least, most)

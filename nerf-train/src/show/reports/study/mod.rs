@@ -33,7 +33,6 @@ pub struct Setting<'a> {
 /// All results of a study, computed once.
 pub struct Findings<'s, 'a, 'b> {
     pub study: &'s Study<'a, 'b>,
-    /// Totals of each point.
     pub totals: Vec<Totals>,
     /// Pareto front over time: indices of points.
     pub front: Vec<usize>,
