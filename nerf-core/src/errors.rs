@@ -1,4 +1,4 @@
-//! Error enums whose variants are declared with their messages.
+//! Error enums whose variants are declared with their messages, and conditions with their errors.
 
 /// Declares an error enum: each variant with its message, which explains the variant's fields.
 macro_rules! errors {
@@ -27,3 +27,13 @@ macro_rules! errors {
     };
 }
 pub(crate) use errors;
+
+/// Returns the error unless the condition holds.
+macro_rules! ensure {
+    ($holds:expr, $error:expr) => {
+        if !$holds {
+            return Err($error);
+        }
+    };
+}
+pub(crate) use ensure;

@@ -194,11 +194,13 @@ impl SceneFacts {
 
     /// The contraction; `None` in a bounded scene.
     pub fn contraction(&self) -> Option<Contraction> {
-        let cube = SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) };
-        match self.sampling {
-            SceneSampling::Contracted { power, .. } => Contraction::new(&cube, power),
-            SceneSampling::Bins(_) | SceneSampling::March(_) => None,
-        }
+        let SceneSampling::Contracted { power, .. } = self.sampling else { return None };
+        Contraction::new(&self.bounds(), power)
+    }
+
+    /// The scene box.
+    pub(crate) fn bounds(&self) -> SceneBox {
+        SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) }
     }
 
     /// Length of a ray of a contracted scene from the rim of the inner ball to `far`, in radii as counted by its

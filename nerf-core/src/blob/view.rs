@@ -11,7 +11,6 @@ use crate::encoding::GridEncoding;
 use crate::network::{Architecture, Layers};
 use crate::sampling::OccupancyGrid;
 use crate::space::SceneBox;
-use glam::Vec3;
 use postcard::Deserializer;
 use postcard::de_flavors::Slice;
 use postcard::ser_flavors::Flavor;
@@ -127,8 +126,7 @@ impl<'a> Blob<'a> {
 
     /// The scene box; `None` in a 2D field.
     pub fn scene_box(&self) -> Option<SceneBox> {
-        let scene = self.scene()?;
-        Some(SceneBox { min: Vec3::from(scene.min), max: Vec3::from(scene.max) })
+        Some(self.scene()?.bounds())
     }
 
     /// The occupancy grid, if there is one.

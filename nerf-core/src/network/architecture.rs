@@ -6,7 +6,7 @@ use crate::encoding::{
 };
 #[cfg(feature = "grid")]
 use crate::encoding::{MAX_GRID_RESOLUTION, MAX_GRID_VALUES, MAX_LOG2_ENTRIES};
-use crate::errors::errors;
+use crate::errors::{ensure, errors};
 use serde::{Deserialize, Serialize};
 
 /// Maximum number of trunk layers.
@@ -149,26 +149,17 @@ impl Architecture {
                     check_inputs("direction", encoding.inputs, 3)?;
                     check_levels("direction", encoding)?;
                 }
-                DirectionEncoding::SphericalHarmonics { .. } if !HARMONICS_BUILT => {
-                    return Err(E::HarmonicsNotBuilt);
-                }
                 DirectionEncoding::SphericalHarmonics { degree } => {
-                    if !(1..=MAX_HARMONICS_DEGREE).contains(degree) {
-                        return Err(E::HarmonicsDegree { found: *degree });
-                    }
+                    ensure!(HARMONICS_BUILT, E::HarmonicsNotBuilt);
+                    let fits = (1..=MAX_HARMONICS_DEGREE).contains(degree);
+                    ensure!(fits, E::HarmonicsDegree { found: *degree });
                 }
             }
-            if self.density.is_none() {
-                return Err(E::DirectionWithoutDensity);
-            }
+            ensure!(self.density.is_some(), E::DirectionWithoutDensity);
         }
         let per_ray = self.shading == Shading::PerRay;
-        if per_ray && self.density.is_none() {
-            return Err(E::PerRayWithoutDensity);
-        }
-        if per_ray && !PER_RAY_BUILT {
-            return Err(E::PerRayNotBuilt);
-        }
+        ensure!(!per_ray || self.density.is_some(), E::PerRayWithoutDensity);
+        ensure!(!per_ray || PER_RAY_BUILT, E::PerRayNotBuilt);
         match self.trunk.first() {
             None if per_ray && self.position.grid().is_some() => {}
             None => return Err(E::NoTrunk),
@@ -272,16 +263,18 @@ fn check_inputs(field: &'static str, found: u8, expected: u8) -> Result<(), Arch
 }
 
 fn check_levels(field: &'static str, e: &SinusoidalEncoding) -> Result<(), ArchitectureError> {
-    if e.levels > MAX_LEVELS || e.outputs() == 0 {
-        return Err(ArchitectureError::EncodingLevels { field, found: e.levels });
-    }
+    ensure!(
+        e.levels <= MAX_LEVELS && e.outputs() > 0,
+        ArchitectureError::EncodingLevels { field, found: e.levels }
+    );
     Ok(())
 }
 
 fn check_width(field: &'static str, index: usize, width: u16) -> Result<(), ArchitectureError> {
-    if width == 0 || usize::from(width) > MAX_WIDTH {
-        return Err(ArchitectureError::Width { field, index, found: width });
-    }
+    ensure!(
+        (1..=MAX_WIDTH).contains(&usize::from(width)),
+        ArchitectureError::Width { field, index, found: width }
+    );
     Ok(())
 }
 
@@ -289,21 +282,14 @@ fn check_width(field: &'static str, index: usize, width: u16) -> Result<(), Arch
 #[cfg(feature = "grid")]
 pub(crate) fn check_grid(grid: &GridEncoding) -> Result<(), ArchitectureError> {
     use ArchitectureError as E;
-    if !matches!(grid.features, 1 | 2 | 4) {
-        return Err(E::GridFeatures { found: grid.features });
-    }
-    if grid.log2_entries > MAX_LOG2_ENTRIES {
-        return Err(E::GridEntries { found: grid.log2_entries });
-    }
-    if grid.resolutions.is_empty() {
-        return Err(E::GridLevels);
-    }
+    ensure!(matches!(grid.features, 1 | 2 | 4), E::GridFeatures { found: grid.features });
+    ensure!(grid.log2_entries <= MAX_LOG2_ENTRIES, E::GridEntries { found: grid.log2_entries });
+    ensure!(!grid.resolutions.is_empty(), E::GridLevels);
     for (level, resolution) in grid.resolutions.iter().enumerate() {
         for (axis, &found) in resolution.iter().enumerate() {
             let inside = axis < usize::from(grid.inputs);
-            if inside && !(1..=MAX_GRID_RESOLUTION).contains(&found) || !inside && found != 0 {
-                return Err(E::GridResolution { level, axis, found });
-            }
+            let fits = if inside { (1..=MAX_GRID_RESOLUTION).contains(&found) } else { found == 0 };
+            ensure!(fits, E::GridResolution { level, axis, found });
         }
     }
     let found = grid.entries_of_any() * u64::from(grid.features);
