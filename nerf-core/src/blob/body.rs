@@ -2,6 +2,7 @@
 
 use super::front::ParetoFront;
 use super::proposal::{Proposal, as_bytes};
+use crate::encoding::GridEncoding;
 use crate::network::Architecture;
 use crate::space::{Contraction, SceneBox};
 use glam::Vec3;
@@ -39,6 +40,16 @@ pub struct Body<'a> {
     /// The table entries of the grid encoding; present exactly if the position is encoded by a grid.
     #[serde(borrow)]
     pub tables: Option<StoredTables<'a>>,
+}
+
+impl<'a> Body<'a> {
+    /// The grid and the coded bytes; `None` unless tables are coded.
+    pub(super) fn coded(&self) -> Option<(&GridEncoding, &'a [u8])> {
+        match (self.architecture.position.grid(), self.tables) {
+            (Some(grid), Some(StoredTables::Coded { bytes, .. })) => Some((grid, bytes)),
+            _ => None,
+        }
+    }
 }
 
 /// The entries of a grid as stored in the file: level by level, entry by entry, feature by feature.

@@ -30,10 +30,7 @@ pub(super) fn check(body: &Body<'_>) -> Result<(), BlobError> {
 
 /// Checks coded tables by decoding them.
 pub(super) fn check_coded(body: &Body<'_>) -> Result<(), BlobError> {
-    match (body.architecture.position.grid(), body.tables) {
-        (Some(grid), Some(StoredTables::Coded { bytes, .. })) => coded::decode_tables(grid, bytes, |_| {}),
-        _ => Ok(()),
-    }
+    body.coded().map_or(Ok(()), |(grid, bytes)| coded::decode_tables(grid, bytes, |_| {}))
 }
 
 /// Checks every rule of [`check`] except those of coded tables.
@@ -80,21 +77,17 @@ fn check_scene(scene: &SceneFacts, architecture: &Architecture) -> Result<(), Bl
         BlobError::Bounds(BoundsError::Range { near, far })
     );
     match scene.sampling {
-        SceneSampling::Bins(samples) if !(1..=MAX_SAMPLES).contains(&samples) => {
-            return Err(BlobError::Field(Section::Samples));
-        }
-        // Refuses bins too narrow for f32, so that every opened scene can be planned.
         SceneSampling::Bins(samples) => {
+            ensure!((1..=MAX_SAMPLES).contains(&samples), BlobError::Field(Section::Samples));
+            // Refuses bins too narrow for f32, so that every opened scene can be planned.
             Bins::new(near, far, u32::from(samples)).map_err(BlobError::Bounds)?;
         }
         SceneSampling::March(step) => {
             let fits = step > 0.0 && step.is_finite() && steps(scene.diagonal(), step) <= MAX_SAMPLES.into();
             ensure!(fits, BlobError::Step { found: step });
         }
-        SceneSampling::Contracted { .. } if !cfg!(feature = "contraction") => {
-            return Err(BlobError::NotBuilt { feature: "contraction" });
-        }
         SceneSampling::Contracted { step, power } => {
+            ensure!(cfg!(feature = "contraction"), BlobError::NotBuilt { feature: "contraction" });
             let fits = Contraction::new(&bounds, power).is_some()
                 && step > 0.0
                 && step <= 1.0
@@ -127,7 +120,7 @@ fn looks_somewhere(viewpoint: &Viewpoint) -> bool {
 
 /// Whether rays of the scene can have `samples` samples. Checked when a blob is opened, so that planning cannot fail
 /// on it later.
-pub(super) fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
+fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
     (1..=MAX_SAMPLES).contains(&samples)
         && match scene.sampling {
             SceneSampling::Bins(_) => Bins::new(scene.near, scene.far, u32::from(samples)).is_ok(),

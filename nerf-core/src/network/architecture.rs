@@ -309,49 +309,32 @@ errors! {
     /// An architecture outside the format's limits.
     #[derive(Eq)]
     ArchitectureError:
-    /// An encoding takes the wrong number of inputs.
     EncodingInputs { field: &'static str, expected: u8, found: u8 } =>
         "{field} encoding: expected {expected} inputs, found {found}";
-    /// More than [`MAX_LEVELS`] levels, or neither levels nor identity.
     EncodingLevels { field: &'static str, found: u8 } =>
         "{field} encoding: expected 1 to {MAX_LEVELS} levels (0 with identity), found {found}";
-    /// A grid whose entries have neither 1 nor 2 nor 4 features.
     GridFeatures { found: u8 } => "position grid: expected 1, 2 or 4 features an entry, found {found}";
-    /// A grid with more than `2^`[`MAX_LOG2_ENTRIES`](crate::encoding::MAX_LOG2_ENTRIES) entries a level.
     GridEntries { found: u8 } => "position grid: expected at most 2^24 entries a level, found 2^{found}";
-    /// A grid without levels.
     GridLevels => "position grid: expected 1 to 32 levels, found none";
-    /// A grid with no cells along an axis, with more than
-    /// [`MAX_GRID_RESOLUTION`](crate::encoding::MAX_GRID_RESOLUTION), or with cells along z in two dimensions.
     GridResolution { level: usize, axis: usize, found: u16 } =>
         "position grid level {level}: expected 1 to 16384 cells along an axis (along z none in a 2D field), \
          found {found} along axis {axis}";
-    /// A grid whose tables have more than [`MAX_GRID_VALUES`](crate::encoding::MAX_GRID_VALUES) values.
     GridValues { found: u64 } =>
         "position grid: expected tables of at most 2^27 values together, found {found}";
-    /// A skip layer with a grid: `PE(x)` is appended to later layers only with a sinusoidal encoding.
     SkipBesideGrid { layer: usize } =>
         "trunk layer {layer}: expected no skip beside a position grid, found one";
-    /// Spherical harmonics of degree 0, or above [`MAX_HARMONICS_DEGREE`].
     HarmonicsDegree { found: u8 } =>
         "direction encoding: expected spherical harmonics of degree 1 to {MAX_HARMONICS_DEGREE}, \
          found {found}";
-    /// Spherical harmonics in a build without the feature `grid`.
     HarmonicsNotBuilt =>
         "direction encoding: expected a build with the feature `grid` for spherical harmonics, found one without";
-    /// A direction encoding in a network without a density head (a 2D field).
     DirectionWithoutDensity => "direction encoding: expected none in a 2D field, found one";
-    /// Shading once a ray in a network without a density head (a 2D field).
     PerRayWithoutDensity => "shading: expected once a sample in a 2D field, found once a ray";
-    /// Shading once a ray in a build without the feature `grid`.
     PerRayNotBuilt =>
         "shading: expected a build with the feature `grid` for shading once a ray, found one without";
-    /// An empty trunk, which is allowed only with a grid that is shaded once a ray.
     NoTrunk =>
         "trunk: expected 1 to {MAX_TRUNK} layers, or none behind a position grid shaded once a ray, found none";
-    /// A skip at the first layer, which already takes `PE(x)`.
     SkipAtFirstLayer => "trunk layer 0: expected no skip, found one";
-    /// A width of 0 or above [`MAX_WIDTH`].
     Width { field: &'static str, index: usize, found: u16 } =>
         "{field} layer {index}: expected a width of 1 to {MAX_WIDTH}, found {found}";
 }
