@@ -2,7 +2,7 @@
 
 use super::body::{
     Body, Content, MAX_OCCUPANCY_RESOLUTION, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts,
-    SceneFacts, SceneSampling, StoredOccupancy, StoredTables, Viewpoint, steps,
+    SceneFacts, SceneSampling, StoredOccupancy, Viewpoint, steps,
 };
 use super::coded;
 use super::error::{BlobError, FrontFault, Section};
@@ -16,11 +16,6 @@ use crate::sampling::Bins;
 use crate::space::{BoundsError, Contraction, SceneBox};
 use core::f32::consts::TAU;
 use glam::Vec3;
-
-/// Maximum number of values per byte of coded tables, rounded up: each of a value's two symbols has a probability of
-/// at most 1 - 15/2^15.
-#[cfg(feature = "grid")]
-const MAX_VALUES_OF_A_BYTE: usize = 6100;
 
 /// Checks every rule of the format except those of the header and of the canonical form.
 pub(super) fn check(body: &Body<'_>) -> Result<(), BlobError> {
@@ -174,6 +169,10 @@ fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
 /// none.
 #[cfg(feature = "grid")]
 fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
+    use super::body::StoredTables;
+    /// Maximum number of values per byte of coded tables, rounded up: each of a value's two symbols has a probability
+    /// of at most 1 - 15/2^15.
+    const MAX_VALUES_OF_A_BYTE: usize = 6100;
     let (grid, tables) = match (body.architecture.position.grid(), &body.tables) {
         (None, None) => return Ok(()),
         (Some(grid), Some(tables)) => (grid, tables),

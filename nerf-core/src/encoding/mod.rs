@@ -12,10 +12,6 @@ mod grid;
 #[path = "grid_off.rs"]
 mod grid;
 mod sinusoidal;
-#[cfg(feature = "grid")]
-mod spherical_harmonics;
-#[cfg(not(feature = "grid"))]
-#[path = "spherical_harmonics_off.rs"]
 mod spherical_harmonics;
 
 pub use grid::GridEncoding;
@@ -30,14 +26,10 @@ pub(crate) use sinusoidal::encode_gradient_block;
 pub use sinusoidal::{AngleScale, MAX_LEVELS, SinusoidalEncoding};
 pub(crate) use spherical_harmonics::BUILT as HARMONICS_BUILT;
 pub use spherical_harmonics::MAX_HARMONICS_DEGREE;
-#[cfg(not(all(feature = "grid", feature = "train")))]
-pub(crate) use spherical_harmonics::encode_harmonics_block;
-#[cfg(all(feature = "grid", feature = "train"))]
-pub use spherical_harmonics::encode_harmonics_block;
 #[cfg(not(feature = "train"))]
-pub(crate) use {grid::GridTables, sinusoidal::encode_block};
+pub(crate) use {grid::GridTables, sinusoidal::encode_block, spherical_harmonics::encode_harmonics_block};
 #[cfg(feature = "train")]
-pub use {grid::GridTables, sinusoidal::encode_block};
+pub use {grid::GridTables, sinusoidal::encode_block, spherical_harmonics::encode_harmonics_block};
 
 use serde::{Deserialize, Serialize};
 
