@@ -1,13 +1,11 @@
 //! The rules of the format, checked in one pass over a body after it is read or before it is written.
 
 use super::body::{
-    Body, Content, MAX_OCCUPANCY_RESOLUTION, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts,
-    SceneFacts, SceneSampling, StoredOccupancy, Viewpoint, steps,
+    Body, Content, FrontPoint, MAX_OCCUPANCY_RESOLUTION, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT,
+    PictureFacts, Proposal, SceneFacts, SceneSampling, StoredOccupancy, Viewpoint, steps,
 };
 use super::coded;
 use super::error::{BlobError, FrontFault, Section};
-use super::front::FrontPoint;
-use super::proposal::Proposal;
 use crate::encoding::{AngleScale, SinusoidalEncoding};
 use crate::errors::ensure;
 use crate::math::{MathBackend, polynomial::SIN_COS_DOMAIN};

@@ -1,12 +1,10 @@
 //! Opening a blob: check once, then borrow.
 
-use super::body::{Body, Content, PictureFacts, Provenance, SceneFacts, StoredTables};
+use super::body::{Body, Content, FrontPoint, PictureFacts, Proposal, Provenance, SceneFacts, StoredTables};
 use super::check::{check_coded, check_undecoded};
 use super::coded;
 use super::error::{BlobError, Section};
-use super::front::FrontPoint;
 use super::header;
-use super::proposal::Proposal;
 use crate::network::{Architecture, Layers};
 use crate::sampling::OccupancyGrid;
 use crate::space::SceneBox;
