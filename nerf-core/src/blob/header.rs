@@ -1,14 +1,4 @@
-//! The fixed 32 bytes in front of the body.
-//!
-//! | offset | bytes | what |
-//! | --- | --- | --- |
-//! | 0 | 8 | magic |
-//! | 8 | 2 | format version |
-//! | 10 | 2 | endian tag `0xfeff` |
-//! | 12 | 4 | flags, 0 |
-//! | 16 | 8 | body length |
-//! | 24 | 4 | CRC-32 (ISO-HDLC) over the header with this field and the next at 0, then the body |
-//! | 28 | 4 | reserved, 0 |
+//! The fixed 32 bytes in front of the body, as `docs/blob-format.md` specifies them.
 
 use super::BlobError;
 use crate::errors::ensure;
@@ -26,6 +16,7 @@ const VERSION: Range<usize> = 8..10;
 const ENDIAN: Range<usize> = 10..12;
 const FLAGS: Range<usize> = 12..16;
 const BODY_LENGTH: Range<usize> = 16..24;
+/// CRC-32 (ISO-HDLC) over the header with this field and the next at 0, then the body.
 const CHECKSUM: Range<usize> = 24..28;
 const RESERVED: Range<usize> = 28..HEADER_LEN;
 
