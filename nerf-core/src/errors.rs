@@ -34,10 +34,11 @@ pub(crate) use errors;
 
 /// Returns the error unless the condition holds.
 macro_rules! ensure {
-    ($holds:expr, $error:expr) => {
-        if !$holds {
+    ($holds:expr, $error:expr) => {{
+        let holds: bool = $holds;
+        if !holds {
             return Err($error);
         }
-    };
+    }};
 }
 pub(crate) use ensure;
