@@ -1,6 +1,6 @@
-//! Error enums whose variants are declared with their messages.
+//! Error enums whose variants are declared with their messages, and conditions with their errors.
 
-/// Declares an error enum: each variant with its message, which explains the variant's fields.
+/// Declares an error enum: each variant with its message, which also documents the variant and its fields.
 macro_rules! errors {
     ($(#[$about:meta])* $error:ident: $(
         $(#[$doc:meta])* $name:ident $(($at:ident: $of:ty))? $({$($field:ident: $type:ty),+})?
@@ -11,7 +11,11 @@ macro_rules! errors {
         #[allow(missing_docs, reason = "a field's sentence says what it is")]
         #[non_exhaustive]
         pub enum $error {
-            $($(#[$doc])* $name $(($of))? $({$($field: $type),+})?,)+
+            $(
+                $(#[$doc])*
+                #[doc = concat!("\n`` ", $sentence, " ``")]
+                $name $(($of))? $({$($field: $type),+})?,
+            )+
         }
 
         impl core::fmt::Display for $error {
@@ -27,3 +31,14 @@ macro_rules! errors {
     };
 }
 pub(crate) use errors;
+
+/// Returns the error unless the condition holds.
+macro_rules! ensure {
+    ($holds:expr, $error:expr) => {{
+        let holds: bool = $holds;
+        if !holds {
+            return Err($error);
+        }
+    }};
+}
+pub(crate) use ensure;

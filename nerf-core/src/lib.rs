@@ -12,30 +12,8 @@
 //!
 //! # The pipeline
 //!
-//! ```text
-//!  camera ──► ray ──► clip to the scene box ──► bins, occupancy        one ray at a time
-//!                                                    │
-//!                            next occupied sample of each ray ◄────────────────────┐
-//!                                                    ▼                             │
-//!   blocks of 64, [channel][64]:       encoding ──► trunk ──► density ──► sigma    │ rays that
-//!                                                     │                     ▼      │ still see
-//!                                                     │    alpha, transmittance, weights
-//!                                                     ▼                     │
-//!                        h of the samples whose weight is above the cut ◄───┤
-//!                                                     ▼                     │
-//!   blocks of 64:     PE(dir), once a ray ──► colour (if asked for) ──► rgb │
-//!                                                                       ▼   ▼
-//!                                        rgb, opacity, ray_distance, z_depth ──► Target
-//!                                        (median_distance, normal, if asked for)
-//! ```
-//!
-//! Fields that are shaded once a ray ([`Shading::PerRay`](network::Shading::PerRay)), the default of learned grids,
-//! differ. Density is computed from `h`, the encoded position itself or the output of a short trunk. `h` of the
-//! samples above the cut is composited along the ray, and the colour branch maps its mean and `PE(dir)` to colour,
-//! once a ray.
-//!
-//! A 2D field, an image as a network, skips ray marching and compositing: pixel centres go through encoding, trunk
-//! and colour branch in the same blocks, whose output is the pixel ([`Renderer::render_picture`]).
+//! Camera, ray, samples, encoding, trunk, density, weights, colour of the samples above the cut, pixel:
+//! `docs/architecture.md` draws it.
 //!
 //! Modules are listed in the order of the data flow, and each uses those above it. [`memory`], `simd`, `math` and
 //! `matrix` are the basis; [`camera`] makes rays, `sampling` places samples on them, [`encoding`] and [`network`]

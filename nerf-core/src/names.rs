@@ -6,7 +6,7 @@ macro_rules! names {
         $(#[$about])*
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum $choice {
-            $($(#[$doc])* $variant,)+
+            $($(#[$doc])* #[doc = concat!("\n`", $name, "`")] $variant,)+
         }
 
         impl $choice {

@@ -45,20 +45,15 @@ pub fn tolerance(kernel: Kernel, exact: f64) -> f64 {
 }
 
 /// Comparison of errors in which NaN is the largest.
-pub trait Worse {
+pub trait Worse: Sized {
     /// The larger of two errors. NaN counts as larger than any number, whereas `max` would drop it.
     fn worse(self, other: Self) -> Self;
 }
 
-impl Worse for f32 {
+impl<T: Copy + PartialOrd + Into<f64>> Worse for T {
     fn worse(self, other: Self) -> Self {
-        if other > self || other.is_nan() { other } else { self }
-    }
-}
-
-impl Worse for f64 {
-    fn worse(self, other: Self) -> Self {
-        if other > self || other.is_nan() { other } else { self }
+        let is_nan = other.into().is_nan();
+        if other > self || is_nan { other } else { self }
     }
 }
 

@@ -1,11 +1,10 @@
 //! The content of a blob, as plain data.
 
-use super::front::ParetoFront;
-use super::proposal::{Proposal, as_bytes};
-use crate::network::Architecture;
+use crate::encoding::{GridEncoding, SinusoidalEncoding};
+use crate::network::{Architecture, DensityActivation, MAX_TRUNK, Shading, TrunkLayer};
 use crate::space::{Contraction, SceneBox};
 use glam::Vec3;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
 
 /// Maximum number of samples per ray.
 pub const MAX_SAMPLES: u16 = 4096;
@@ -15,6 +14,8 @@ pub const MAX_PICTURE_SIDE: u32 = 65_535;
 pub const MAX_OCCUPANCY_RESOLUTION: u16 = 512;
 /// Maximum length of each text of the provenance, bytes.
 pub const MAX_TEXT: usize = 1024;
+/// Maximum number of points of a Pareto front.
+pub const MAX_FRONT: usize = 16;
 
 /// The body of a blob, in file order.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -39,6 +40,16 @@ pub struct Body<'a> {
     /// The table entries of the grid encoding; present exactly if the position is encoded by a grid.
     #[serde(borrow)]
     pub tables: Option<StoredTables<'a>>,
+}
+
+impl<'a> Body<'a> {
+    /// The grid and the coded bytes; `None` unless tables are coded.
+    pub(super) fn coded(&self) -> Option<(&GridEncoding, &'a [u8])> {
+        match (self.architecture.position.grid(), self.tables) {
+            (Some(grid), Some(StoredTables::Coded { bytes, .. })) => Some((grid, bytes)),
+            _ => None,
+        }
+    }
 }
 
 /// The entries of a grid as stored in the file: level by level, entry by entry, feature by feature.
@@ -194,11 +205,13 @@ impl SceneFacts {
 
     /// The contraction; `None` in a bounded scene.
     pub fn contraction(&self) -> Option<Contraction> {
-        let cube = SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) };
-        match self.sampling {
-            SceneSampling::Contracted { power, .. } => Contraction::new(&cube, power),
-            SceneSampling::Bins(_) | SceneSampling::March(_) => None,
-        }
+        let SceneSampling::Contracted { power, .. } = self.sampling else { return None };
+        Contraction::new(&self.bounds(), power)
+    }
+
+    /// The scene box.
+    pub(crate) fn bounds(&self) -> SceneBox {
+        SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) }
     }
 
     /// Length of a ray of a contracted scene from the rim of the inner ball to `far`, in radii as counted by its
@@ -239,6 +252,69 @@ impl StoredOccupancy<'_> {
     }
 }
 
+/// The Pareto front of a scene, most expensive point first.
+pub type ParetoFront = heapless::Vec<FrontPoint, MAX_FRONT>;
+
+/// The settings of a [`Quality`](crate::plan::Quality) with their loss and cost. No point of a Pareto front is both
+/// cheaper and better than another.
+///
+/// Cost is in multiply-adds, not in time, which depends on the host.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrontPoint {
+    /// Samples per ray, 1 to [`MAX_SAMPLES`].
+    pub samples: u16,
+    /// Transmittance below which a ray ends, `[0, 1)`.
+    pub transmittance_cut: f32,
+    /// Weight above which a sample's colour is evaluated, `[0, 1)`.
+    pub colour_cut: f32,
+    /// Whether empty cells are skipped; true only in a scene with an occupancy grid.
+    pub occupancy: bool,
+    /// [`MathBackend::tag`](crate::math::MathBackend::tag) of the elementary functions.
+    pub math: u8,
+    /// Whether samples are drawn from the proposal network; true only in a scene that has one.
+    pub proposal: bool,
+    /// PSNR of the scene's exact rendering minus this point's, both against ground truth, dB. Negative if the
+    /// approximation happens to be better.
+    pub loss_db: f32,
+    /// Multiply-adds of this point relative to the exact rendering's, above 0.
+    pub cost: f32,
+}
+
+/// A network with densities only: encoding, trunk and density head, over the scene box.
+///
+/// # Source
+/// Mildenhall et al. 2020, section 5.2: the coarse network, of which rendering uses only the weights
+/// along the ray. Its colours are not in the file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Proposal<'a> {
+    /// Encoding of the position; it may differ from the scene's own.
+    pub position: SinusoidalEncoding,
+    /// The trunk, in order; the first layer takes `PE(x)` and has no skip.
+    pub trunk: heapless::Vec<TrunkLayer, MAX_TRUNK>,
+    /// Activation of the density head.
+    pub density: DensityActivation,
+    /// Samples per ray at which the proposal is evaluated, one in each of equal bins of `near..far`.
+    pub samples: u16,
+    /// The parameters as little-endian f16, in the order of [`Architecture::layers`]: trunk, density head.
+    #[serde(serialize_with = "as_bytes")]
+    pub weights: &'a [u8],
+}
+
+impl Proposal<'_> {
+    /// The shape as a scene's architecture. Its rgb head has no parameters in [`Proposal::weights`], which end after
+    /// [`Architecture::density_parameters`].
+    pub fn architecture(&self) -> Architecture {
+        Architecture {
+            position: self.position.into(),
+            direction: None,
+            trunk: self.trunk.clone(),
+            density: Some(self.density),
+            colour: heapless::Vec::new(),
+            shading: Shading::PerSample,
+        }
+    }
+}
+
 /// Origin of a blob: data, program, settings and measured PSNR.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Provenance<'a> {
@@ -273,4 +349,9 @@ impl Provenance<'_> {
         quantisation_loss_db: None,
         trained_parameters: 0,
     };
+}
+
+/// Serialises all bytes in one call instead of one call per byte; the bytes written are the same.
+fn as_bytes<S: Serializer>(bytes: &&[u8], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_bytes(bytes)
 }

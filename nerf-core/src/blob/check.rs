@@ -1,25 +1,19 @@
 //! The rules of the format, checked in one pass over a body after it is read or before it is written.
 
 use super::body::{
-    Body, Content, MAX_OCCUPANCY_RESOLUTION, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts,
-    SceneFacts, SceneSampling, StoredOccupancy, StoredTables, Viewpoint, steps,
+    Body, Content, FrontPoint, MAX_OCCUPANCY_RESOLUTION, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT,
+    PictureFacts, Proposal, SceneFacts, SceneSampling, StoredOccupancy, Viewpoint, steps,
 };
 use super::coded;
 use super::error::{BlobError, FrontFault, Section};
-use super::front::FrontPoint;
-use super::proposal::Proposal;
 use crate::encoding::{AngleScale, SinusoidalEncoding};
+use crate::errors::ensure;
 use crate::math::{MathBackend, polynomial::SIN_COS_DOMAIN};
-use crate::network::{Architecture, Layers};
+use crate::network::Architecture;
 use crate::sampling::Bins;
 use crate::space::{BoundsError, Contraction, SceneBox};
 use core::f32::consts::TAU;
 use glam::Vec3;
-
-/// Maximum number of values per byte of coded tables, rounded up: each of a value's two symbols has a probability of
-/// at most 1 - 15/2^15.
-#[cfg(feature = "grid")]
-const MAX_VALUES_OF_A_BYTE: usize = 6100;
 
 /// Checks every rule of the format except those of the header and of the canonical form.
 pub(super) fn check(body: &Body<'_>) -> Result<(), BlobError> {
@@ -29,10 +23,7 @@ pub(super) fn check(body: &Body<'_>) -> Result<(), BlobError> {
 
 /// Checks coded tables by decoding them.
 pub(super) fn check_coded(body: &Body<'_>) -> Result<(), BlobError> {
-    match (body.architecture.position.grid(), body.tables) {
-        (Some(grid), Some(StoredTables::Coded { bytes, .. })) => coded::decode_tables(grid, bytes, |_| {}),
-        _ => Ok(()),
-    }
+    body.coded().map_or(Ok(()), |(grid, bytes)| coded::decode_tables(grid, bytes, |_| {}))
 }
 
 /// Checks every rule of [`check`] except those of coded tables.
@@ -40,28 +31,24 @@ pub(super) fn check_undecoded(body: &Body<'_>) -> Result<(), BlobError> {
     body.architecture.check().map_err(BlobError::Architecture)?;
     let density_head = body.architecture.density.is_some();
     let scene = matches!(body.content, Content::Scene(_));
-    if density_head != scene {
-        return Err(BlobError::Kind { density_head, scene });
-    }
+    ensure!(density_head == scene, BlobError::Kind { density_head, scene });
     match &body.content {
-        Content::Picture(picture) => check_picture(*picture)?,
-        Content::Scene(scene) => check_scene(scene, &body.architecture)?,
-    }
-    match (&body.occupancy, &body.content) {
-        (Some(_), Content::Picture(_)) => return Err(BlobError::Field(Section::OccupancyBits)),
-        (None, Content::Scene(scene)) if scene.occupancy_required => {
-            return Err(BlobError::Field(Section::OccupancyRequired));
+        // The encoding's domain needs no check: `2^(levels − 1)` times a coordinate is 2^15 at most.
+        &Content::Picture(PictureFacts { width, height }) => {
+            let sides = 1..=MAX_PICTURE_SIDE;
+            let fits = sides.contains(&width) && sides.contains(&height);
+            ensure!(fits, BlobError::PictureSize { width, height });
+            ensure!(body.occupancy.is_none(), BlobError::Field(Section::OccupancyBits));
+            ensure!(body.front.is_empty(), BlobError::Field(Section::Front));
+            ensure!(body.proposal.is_none(), BlobError::Field(Section::Proposal));
         }
-        (Some(occupancy), Content::Scene(_)) => check_occupancy(occupancy)?,
-        _ => {}
-    }
-    match &body.content {
-        Content::Picture(_) if !body.front.is_empty() => return Err(BlobError::Field(Section::Front)),
-        Content::Picture(_) if body.proposal.is_some() => return Err(BlobError::Field(Section::Proposal)),
-        Content::Picture(_) => {}
         Content::Scene(scene) => {
-            check_front(&body.front, scene, body.occupancy.is_some(), body.proposal.is_some())
-                .map_err(|(index, fault)| BlobError::Front { index: index as u8, fault })?;
+            check_scene(scene, &body.architecture)?;
+            match &body.occupancy {
+                Some(occupancy) => check_occupancy(occupancy)?,
+                None => ensure!(!scene.occupancy_required, BlobError::Field(Section::OccupancyRequired)),
+            }
+            check_front(body, scene)?;
             if let Some(proposal) = &body.proposal {
                 check_proposal(proposal, scene)?;
             }
@@ -69,62 +56,43 @@ pub(super) fn check_undecoded(body: &Body<'_>) -> Result<(), BlobError> {
     }
     let p = &body.provenance;
     let finite = [p.psnr_db, p.quantisation_loss_db].into_iter().flatten().all(f32::is_finite);
-    if [p.data, p.made_by, p.psnr_convention].iter().any(|text| text.len() > MAX_TEXT) || !finite {
-        return Err(BlobError::Field(Section::Provenance));
-    }
-    check_weights(body)?;
+    let short = [p.data, p.made_by, p.psnr_convention].iter().all(|text| text.len() <= MAX_TEXT);
+    ensure!(short && finite, BlobError::Field(Section::Provenance));
+    check_values(&body.architecture, body.architecture.parameters(), body.weights, Section::Weights)?;
     check_tables(body)
-}
-
-/// The encoding's domain needs no check: `2^(levels − 1)` times a coordinate is 2^15 at most.
-fn check_picture(PictureFacts { width, height }: PictureFacts) -> Result<(), BlobError> {
-    let sides = 1..=MAX_PICTURE_SIDE;
-    if sides.contains(&width) && sides.contains(&height) {
-        Ok(())
-    } else {
-        Err(BlobError::PictureSize { width, height })
-    }
 }
 
 fn check_scene(scene: &SceneFacts, architecture: &Architecture) -> Result<(), BlobError> {
     let bounds = SceneBox::new(Vec3::from(scene.min), Vec3::from(scene.max)).map_err(BlobError::Bounds)?;
     let (near, far) = (scene.near, scene.far);
-    if !(near >= 0.0 && near < far && far.is_finite()) {
-        return Err(BlobError::Bounds(BoundsError::Range { near, far }));
-    }
+    ensure!(
+        near >= 0.0 && near < far && far.is_finite(),
+        BlobError::Bounds(BoundsError::Range { near, far })
+    );
     match scene.sampling {
-        SceneSampling::Bins(samples) if !(1..=MAX_SAMPLES).contains(&samples) => {
-            return Err(BlobError::Field(Section::Samples));
-        }
-        // Refuses bins too narrow for f32, so that every opened scene can be planned.
         SceneSampling::Bins(samples) => {
+            ensure!((1..=MAX_SAMPLES).contains(&samples), BlobError::Field(Section::Samples));
+            // Refuses bins too narrow for f32, so that every opened scene can be planned.
             Bins::new(near, far, u32::from(samples)).map_err(BlobError::Bounds)?;
         }
         SceneSampling::March(step) => {
             let fits = step > 0.0 && step.is_finite() && steps(scene.diagonal(), step) <= MAX_SAMPLES.into();
-            if !fits {
-                return Err(BlobError::Step { found: step });
-            }
-        }
-        SceneSampling::Contracted { .. } if !cfg!(feature = "contraction") => {
-            return Err(BlobError::NotBuilt { feature: "contraction" });
+            ensure!(fits, BlobError::Step { found: step });
         }
         SceneSampling::Contracted { step, power } => {
+            ensure!(cfg!(feature = "contraction"), BlobError::NotBuilt { feature: "contraction" });
             let fits = Contraction::new(&bounds, power).is_some()
                 && step > 0.0
                 && step <= 1.0
                 && steps(2.0 * (1.0 + f32::from(power)), step) <= MAX_SAMPLES.into();
-            if !fits {
-                return Err(BlobError::Contraction { step, power });
-            }
+            ensure!(fits, BlobError::Contraction { step, power });
         }
     }
-    if !scene.background.iter().all(|c| (0.0..=1.0).contains(c)) {
-        return Err(BlobError::Field(Section::Background));
-    }
-    if !scene.viewpoint.is_none_or(|viewpoint| looks_somewhere(&viewpoint)) {
-        return Err(BlobError::Field(Section::Viewpoint));
-    }
+    ensure!(scene.background.iter().all(|c| (0.0..=1.0).contains(c)), BlobError::Field(Section::Background));
+    ensure!(
+        scene.viewpoint.is_none_or(|viewpoint| looks_somewhere(&viewpoint)),
+        BlobError::Field(Section::Viewpoint)
+    );
     match architecture.position.sinusoidal() {
         Some(encoding) => check_domain(&bounds, encoding),
         // A grid spans the scene box, at any coordinates.
@@ -145,7 +113,7 @@ fn looks_somewhere(viewpoint: &Viewpoint) -> bool {
 
 /// Whether rays of the scene can have `samples` samples. Checked when a blob is opened, so that planning cannot fail
 /// on it later.
-pub(super) fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
+fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
     (1..=MAX_SAMPLES).contains(&samples)
         && match scene.sampling {
             SceneSampling::Bins(_) => Bins::new(scene.near, scene.far, u32::from(samples)).is_ok(),
@@ -168,15 +136,14 @@ fn check_domain(bounds: &SceneBox, position: &SinusoidalEncoding) -> Result<(), 
 }
 
 fn check_occupancy(occupancy: &StoredOccupancy<'_>) -> Result<(), BlobError> {
-    if occupancy.resolution.iter().any(|&side| side == 0 || side > MAX_OCCUPANCY_RESOLUTION) {
-        return Err(BlobError::Field(Section::OccupancyResolution));
-    }
+    ensure!(
+        occupancy.resolution.iter().all(|side| (1..=MAX_OCCUPANCY_RESOLUTION).contains(side)),
+        BlobError::Field(Section::OccupancyResolution)
+    );
     check_length(Section::OccupancyBits, StoredOccupancy::bytes(occupancy.resolution), occupancy.bits)?;
     let cells: usize = occupancy.resolution.iter().map(|&side| usize::from(side)).product();
     let padding = occupancy.bits.last().map_or(0, |last| last.checked_shr(cells as u32 % 8).unwrap_or(0));
-    if !cells.is_multiple_of(8) && padding != 0 {
-        return Err(BlobError::Field(Section::OccupancyBits));
-    }
+    ensure!(cells.is_multiple_of(8) || padding == 0, BlobError::Field(Section::OccupancyBits));
     Ok(())
 }
 
@@ -186,18 +153,9 @@ fn check_proposal(proposal: &Proposal<'_>, scene: &SceneFacts) -> Result<(), Blo
     architecture.check().map_err(BlobError::ProposalArchitecture)?;
     // A proposal draws samples between near and far: only scenes with bins have one.
     let bins = matches!(scene.sampling, SceneSampling::Bins(_));
-    if !(bins && samples_fit(scene, proposal.samples)) {
-        return Err(BlobError::Field(Section::ProposalSamples));
-    }
-    let bounds = SceneBox { min: Vec3::from(scene.min), max: Vec3::from(scene.max) };
-    check_domain(&bounds, &proposal.position)?;
-    let parameters = architecture.density_parameters();
-    check_values(&architecture.layers(), parameters, proposal.weights, Section::ProposalWeights)
-}
-
-fn check_weights(body: &Body<'_>) -> Result<(), BlobError> {
-    let layers = body.architecture.layers();
-    check_values(&layers, body.architecture.parameters(), body.weights, Section::Weights)
+    ensure!(bins && samples_fit(scene, proposal.samples), BlobError::Field(Section::ProposalSamples));
+    check_domain(&scene.bounds(), &proposal.position)?;
+    check_values(&architecture, architecture.density_parameters(), proposal.weights, Section::ProposalWeights)
 }
 
 #[cfg(not(feature = "grid"))]
@@ -209,6 +167,10 @@ fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
 /// none.
 #[cfg(feature = "grid")]
 fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
+    use super::body::StoredTables;
+    /// Maximum number of values per byte of coded tables, rounded up: each of a value's two symbols has a probability
+    /// of at most 1 - 15/2^15.
+    const MAX_VALUES_OF_A_BYTE: usize = 6100;
     let (grid, tables) = match (body.architecture.position.grid(), &body.tables) {
         (None, None) => return Ok(()),
         (Some(grid), Some(tables)) => (grid, tables),
@@ -220,9 +182,7 @@ fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
             let found = f32::from_le_bytes(scale);
             // Ensures that every value of the level is finite.
             let fits = found > 0.0 && found <= f32::MAX / 128.0;
-            if !fits {
-                return Err(BlobError::TableScale { level: level as u8, found });
-            }
+            ensure!(fits, BlobError::TableScale { level: level as u8, found });
         }
     }
     let bytes = match tables {
@@ -253,73 +213,49 @@ fn first_not_finite(bytes: &[u8]) -> Option<usize> {
     bytes.as_chunks().0.iter().position(|&[_, high]| high & 0x7c == 0x7c)
 }
 
-/// Checks that `weights` are `parameters` finite f16. `layers` name the faulty one.
+/// Checks that `weights` are `parameters` finite f16. The layers of the `architecture` name the faulty one.
 fn check_values(
-    layers: &Layers,
+    architecture: &Architecture,
     parameters: usize,
     weights: &[u8],
     section: Section,
 ) -> Result<(), BlobError> {
     check_length(section, 2 * parameters, weights)?;
     let Some(at) = first_not_finite(weights) else { return Ok(()) };
-    let owner = layers.iter().rev().find(|layer| layer.weights <= at);
-    Err(match owner {
+    Err(match architecture.layers().iter().rev().find(|layer| layer.weights <= at) {
         Some(layer) => BlobError::Weight { section, role: layer.role, index: (at - layer.weights) as u32 },
         None => BlobError::Field(section),
     })
 }
 
-/// Checks that every point can be planned and that the points form a Pareto front. `occupancy` and `proposal` say
-/// whether the scene has these.
-fn check_front(
-    front: &[FrontPoint],
-    scene: &SceneFacts,
-    occupancy: bool,
-    proposal: bool,
-) -> Result<(), (usize, FrontFault)> {
-    for (index, point) in front.iter().enumerate() {
-        check_point(point, scene, occupancy, proposal).map_err(|fault| (index, fault))?;
-        if let Some(before) = index.checked_sub(1).and_then(|i| front.get(i)) {
-            if point.cost >= before.cost {
-                return Err((index, FrontFault::CostOrder { before: before.cost, found: point.cost }));
-            }
-            if point.loss_db < before.loss_db {
-                return Err((index, FrontFault::LossOrder { before: before.loss_db, found: point.loss_db }));
-            }
+/// Checks that every point can be planned and that the points form a Pareto front.
+fn check_front(body: &Body<'_>, scene: &SceneFacts) -> Result<(), BlobError> {
+    let mut before: Option<&FrontPoint> = None;
+    for (index, point) in body.front.iter().enumerate() {
+        let at = |fault| BlobError::Front { index: index as u8, fault };
+        check_point(point, body, scene).map_err(at)?;
+        if let Some(&FrontPoint { cost, loss_db, .. }) = before {
+            ensure!(point.cost < cost, at(FrontFault::CostOrder { before: cost, found: point.cost }));
+            let fault = FrontFault::LossOrder { before: loss_db, found: point.loss_db };
+            ensure!(point.loss_db >= loss_db, at(fault));
         }
+        before = Some(point);
     }
     Ok(())
 }
 
-fn check_point(
-    point: &FrontPoint,
-    scene: &SceneFacts,
-    occupancy: bool,
-    proposal: bool,
-) -> Result<(), FrontFault> {
-    if !samples_fit(scene, point.samples) {
-        return Err(FrontFault::Samples { found: point.samples });
-    }
-    if !(0.0..1.0).contains(&point.transmittance_cut) {
-        return Err(FrontFault::TransmittanceCut { found: point.transmittance_cut });
-    }
-    if !(0.0..1.0).contains(&point.colour_cut) {
-        return Err(FrontFault::ColourCut { found: point.colour_cut });
-    }
-    if (point.occupancy && !occupancy) || (scene.occupancy_required && !point.occupancy) {
-        return Err(FrontFault::Occupancy { found: point.occupancy });
-    }
-    if point.math >= MathBackend::TAGS {
-        return Err(FrontFault::Math { found: point.math });
-    }
-    if point.proposal && !proposal {
-        return Err(FrontFault::Proposal);
-    }
-    if !point.loss_db.is_finite() {
-        return Err(FrontFault::LossDb { found: point.loss_db });
-    }
-    if !(point.cost > 0.0 && point.cost.is_finite()) {
-        return Err(FrontFault::Cost { found: point.cost });
-    }
+fn check_point(point: &FrontPoint, body: &Body<'_>, scene: &SceneFacts) -> Result<(), FrontFault> {
+    ensure!(samples_fit(scene, point.samples), FrontFault::Samples { found: point.samples });
+    ensure!(
+        (0.0..1.0).contains(&point.transmittance_cut),
+        FrontFault::TransmittanceCut { found: point.transmittance_cut }
+    );
+    ensure!((0.0..1.0).contains(&point.colour_cut), FrontFault::ColourCut { found: point.colour_cut });
+    let fits = if point.occupancy { body.occupancy.is_some() } else { !scene.occupancy_required };
+    ensure!(fits, FrontFault::Occupancy { found: point.occupancy });
+    ensure!(point.math < MathBackend::TAGS, FrontFault::Math { found: point.math });
+    ensure!(!point.proposal || body.proposal.is_some(), FrontFault::Proposal);
+    ensure!(point.loss_db.is_finite(), FrontFault::LossDb { found: point.loss_db });
+    ensure!(point.cost > 0.0 && point.cost.is_finite(), FrontFault::Cost { found: point.cost });
     Ok(())
 }

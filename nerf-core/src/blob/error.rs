@@ -3,71 +3,69 @@
 use super::body::{MAX_PICTURE_SIDE, MAX_SAMPLES};
 use crate::errors::errors;
 use crate::math::MathBackend;
+use crate::names::names;
 use crate::network::{ArchitectureError, Role};
 use crate::space::BoundsError;
 use core::fmt;
 
-/// Declares the sections of the body, each with its name and the range of its values.
-macro_rules! sections {
-    ($($section:ident: $name:literal, $range:literal;)+) => {
-        /// A section of the body, for messages.
-        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-        #[non_exhaustive]
-        pub enum Section {
-            $(#[doc = concat!("`", $name, "`")] $section,)+
-        }
-
-        impl Section {
-            /// The range of the section's values, for messages.
-            const fn range(self) -> &'static str {
-                match self {
-                    $(Self::$section => $range,)+
-                }
-            }
-        }
-
-        impl fmt::Display for Section {
-            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str(match self {
-                    $(Self::$section => $name,)+
-                })
-            }
-        }
-    };
+names! {
+    /// A section of the body, for messages.
+    #[non_exhaustive]
+    pub enum Section {
+        Position = "architecture.position",
+        Direction = "architecture.direction",
+        Architecture = "architecture",
+        Content = "content",
+        Samples = "scene.sampling",
+        Background = "scene.background",
+        OccupancyRequired = "scene.occupancy_required",
+        Viewpoint = "scene.viewpoint",
+        Occupancy = "occupancy",
+        OccupancyResolution = "occupancy.resolution",
+        OccupancyBits = "occupancy.bits",
+        Front = "front",
+        Proposal = "proposal",
+        ProposalSamples = "proposal.samples",
+        ProposalWeights = "proposal.weights",
+        Provenance = "provenance",
+        Weights = "weights",
+        Tables = "tables",
+        TableScales = "tables.scales",
+    }
 }
 
-sections! {
-    Position: "architecture.position", "a value in its range";
-    Direction: "architecture.direction", "a value in its range";
-    Architecture: "architecture", "a value in its range";
-    Content: "content", "a value in its range";
-    Samples: "scene.sampling", "1 to 4096 samples, in bins that f32 tells apart";
-    Background: "scene.background", "0 to 1";
-    OccupancyRequired: "scene.occupancy_required", "false without an occupancy grid";
-    Viewpoint: "scene.viewpoint",
-        "an eye and a target apart, up of unit length across the way between them, and an arc of 0 to 2 pi";
-    Occupancy: "occupancy", "a value in its range";
-    OccupancyResolution: "occupancy.resolution", "1 to 512 cells a side";
-    OccupancyBits: "occupancy.bits", "none in a picture, and padding of zeros";
-    Front: "front", "none in a picture";
-    Proposal: "proposal", "none in a picture";
-    ProposalSamples: "proposal.samples",
-        "1 to 4096 samples, in bins that f32 tells apart, of a scene with bins";
-    ProposalWeights: "proposal.weights", "a value in its range";
-    Provenance: "provenance", "texts of at most 1024 bytes and finite numbers";
-    Weights: "weights", "a value in its range";
-    Tables: "tables", "tables exactly where the position is a grid";
-    TableScales: "tables.scales", "a value in its range";
+impl Section {
+    /// The range of the section's values, for messages.
+    const fn range(self) -> &'static str {
+        match self {
+            Self::Samples => "1 to 4096 samples, in bins that f32 tells apart",
+            Self::Background => "0 to 1",
+            Self::OccupancyRequired => "false without an occupancy grid",
+            Self::Viewpoint => {
+                "an eye and a target apart, up of unit length across the way between them, and an arc of 0 to 2 pi"
+            }
+            Self::OccupancyResolution => "1 to 512 cells a side",
+            Self::OccupancyBits => "none in a picture, and padding of zeros",
+            Self::Front | Self::Proposal => "none in a picture",
+            Self::ProposalSamples => "1 to 4096 samples, in bins that f32 tells apart, of a scene with bins",
+            Self::Provenance => "texts of at most 1024 bytes and finite numbers",
+            Self::Tables => "tables exactly where the position is a grid",
+            _ => "a value in its range",
+        }
+    }
+}
+
+impl fmt::Display for Section {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
 }
 
 errors! {
     /// A fault of a point of the Pareto front.
     FrontFault:
-    /// No samples, more than [`MAX_SAMPLES`], or bins too narrow for the scene.
     Samples { found: u16 } => "samples: expected 1 to {MAX_SAMPLES} bins of some width, found {found}";
-    /// A transmittance cut outside `[0, 1)`.
     TransmittanceCut { found: f32 } => "transmittance_cut: expected 0 <= cut < 1, found {found}";
-    /// A colour cut outside `[0, 1)`.
     ColourCut { found: f32 } => "colour_cut: expected 0 <= cut < 1, found {found}";
     /// The point uses an occupancy grid that the scene does not have, or does not use one that is part of the model.
     Occupancy { found: bool } =>
@@ -76,18 +74,12 @@ errors! {
             true => "false in a scene without an occupancy grid",
             false => "true in a scene whose occupancy grid is part of its model",
         };
-    /// A tag that names no maths backend.
     Math { found: u8 } => "math: expected a tag below {tags}, found {found}", tags = MathBackend::TAGS;
-    /// The point uses a proposal network that the scene does not have.
     Proposal => "proposal: expected false in a scene without one";
-    /// A loss that is not finite.
     LossDb { found: f32 } => "loss_db: expected a finite value, found {found}";
-    /// A cost that is not finite and above 0.
     Cost { found: f32 } => "cost: expected a finite value above 0, found {found}";
-    /// A cost that is not below that of the previous point.
     CostOrder { before: f32, found: f32 } =>
         "cost: expected less than the {before} of the point before, found {found}";
-    /// A loss below that of the previous point, which is then neither cheaper nor better than this one.
     LossOrder { before: f32, found: f32 } =>
         "loss_db: expected at least the {before} of the point before, found {found}";
 }
@@ -95,13 +87,9 @@ errors! {
 errors! {
     /// Why a blob cannot be opened or written.
     BlobError:
-    /// The file does not begin with the magic bytes.
     NotABlob => "not a .nerf blob: the first bytes are not its magic";
-    /// The file is shorter than its header says, or than a header.
     Truncated { expected: u64, found: u64 } => "truncated: expected {expected} bytes, found {found}";
-    /// Bytes follow the body.
     TrailingBytes { expected: u64, found: u64 } => "trailing bytes: expected {expected} bytes, found {found}";
-    /// The file has another format version.
     Version { expected: u16, found: u16 } =>
         "format version: this build reads version {expected}, found {found} ({advice})",
         advice = match found < expected {
@@ -110,11 +98,8 @@ errors! {
         };
     /// The endian tag is wrong: the file was written with the other byte order.
     Endian { found: u16 } => "endian tag: expected 0xfeff, found {found:#06x}";
-    /// The header has flags that this version does not know.
     Flags { found: u32 } => "flags: expected 0, found {found:#x}";
-    /// The reserved bytes of the header are not 0.
     Reserved { found: u32 } => "reserved header bytes: expected 0, found {found:#x}";
-    /// The CRC-32 in the header is not that of header and body: the file is damaged.
     Checksum { expected: u32, found: u32 } =>
         "CRC-32: expected {expected:#010x}, found {found:#010x} (the file is damaged)";
     /// A section of the body cannot be decoded: a list longer than its limit, a number too large for its type, an
@@ -124,46 +109,33 @@ errors! {
     /// The body is not in canonical form: a number takes more bytes than needed, or bytes follow the last section.
     /// `at` is the offset of the first difference from the end of the header.
     Form { at: u64 } => "body: expected canonical postcard, found another form at byte {at}";
-    /// The architecture is outside the format's limits.
     Architecture(error: ArchitectureError) => "architecture: {error}";
-    /// The proposal network is outside the format's limits.
     ProposalArchitecture(error: ArchitectureError) => "proposal: {error}";
-    /// A point of the Pareto front cannot be rendered, or does not belong to a Pareto front.
     Front { index: u8, fault: FrontFault } => "front point {index}: {fault}";
-    /// The scene box is empty or not finite, or near and far are out of order.
     Bounds(error: BoundsError) => "scene: {error}";
     /// A picture whose network has a density head, or a scene whose network has none.
     Kind { density_head: bool, scene: bool } =>
         "content: expected a {expected} of a network {with} density head, found a {found}",
         expected = kind(*density_head), with = if *density_head { "with a" } else { "without a" }, found = kind(*scene);
-    /// The picture has a side of 0 or above [`MAX_PICTURE_SIDE`].
     PictureSize { width: u32, height: u32 } =>
         "picture: expected sides of 1 to {MAX_PICTURE_SIDE} pixels, found {width}x{height}";
-    /// The step of the ray march is not above 0, not finite, or too small for the scene box.
     Step { found: f32 } =>
         "scene.sampling: expected a finite step above 0, at most {MAX_SAMPLES} of them to the box's diagonal, found {found}";
-    /// An unbounded scene whose scene box is not a cube, or whose power or step is out of range.
     Contraction { step: f32, power: u8 } =>
         "scene.sampling: expected a contraction into a cube with a power of 1, 2 or 4 and steps above 0 and at most 1, \
          at most {MAX_SAMPLES} of them, found power {power} and step {step}";
-    /// A value outside its range.
     Field(section: Section) => "{section}: expected {range}, found otherwise", range = section.range();
-    /// A section has the wrong length.
     Length { section: Section, expected: u64, found: u64 } =>
         "{section}: expected {expected} bytes, found {found}";
-    /// Scene coordinates times `2^(levels − 1)`, the factor of the highest level, are outside the encoding's domain.
     EncodingDomain { found: f32, limit: f32 } =>
         "scene box: 2^(levels - 1) times its coordinates reaches {found}, the encoding ends at {limit}";
     /// A parameter of the scene's network or of the proposal network is infinite or NaN. `index` counts the layer's
     /// weights, then its biases.
     Weight { section: Section, role: Role, index: u32 } =>
         "{section}: layer {role:?}, parameter {index} is not finite";
-    /// The scale of a level of int8 or coded tables is not above 0, or makes a value infinite.
     TableScale { level: u8, found: f32 } =>
         "tables.scales: level {level}: expected a number above 0 of which 128 are finite, found {found}";
-    /// A value of the grid's tables is infinite or NaN.
     TableValue { level: u8, index: u32 } => "tables: level {level}, value {index} is not finite";
-    /// The coded bytes end before value `index` of level `level`.
     CodedEnd { level: u8, index: u32 } =>
         "tables: level {level}: expected value {index}, found the end of the coded bytes";
     /// The coded bytes are not what an encoder writes: the decoder's initial state is too low, or it does not end
@@ -171,7 +143,6 @@ errors! {
     CodedRest { state: u32, bytes: u64 } =>
         "tables: expected coded bytes that end in state 65536 behind the last value, found state {state} and {bytes} \
          bytes more";
-    /// The file needs a feature that this build was compiled without.
     NotBuilt { feature: &'static str } =>
         "{part}: expected a build with the feature `{feature}`{advice}, found one without",
         part = match *feature {
@@ -181,7 +152,6 @@ errors! {
         },
         // int8 tables are read in place and need no decoder.
         advice = if *feature == "coded" { " (or a file fitted with --export int8)" } else { "" };
-    /// The output buffer of a write is too small.
     Space { expected: u64, found: u64 } => "output buffer: expected {expected} bytes, found {found}";
 }
 

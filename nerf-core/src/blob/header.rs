@@ -1,16 +1,7 @@
-//! The fixed 32 bytes in front of the body.
-//!
-//! | offset | bytes | what |
-//! | --- | --- | --- |
-//! | 0 | 8 | magic |
-//! | 8 | 2 | format version |
-//! | 10 | 2 | endian tag `0xfeff` |
-//! | 12 | 4 | flags, 0 |
-//! | 16 | 8 | body length |
-//! | 24 | 4 | CRC-32 (ISO-HDLC) over the header with this field and the next at 0, then the body |
-//! | 28 | 4 | reserved, 0 |
+//! The fixed 32 bytes in front of the body, as `docs/blob-format.md` specifies them.
 
 use super::BlobError;
+use crate::errors::ensure;
 use core::ops::Range;
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 
@@ -25,6 +16,7 @@ const VERSION: Range<usize> = 8..10;
 const ENDIAN: Range<usize> = 10..12;
 const FLAGS: Range<usize> = 12..16;
 const BODY_LENGTH: Range<usize> = 16..24;
+/// CRC-32 (ISO-HDLC) over the header with this field and the next at 0, then the body.
 const CHECKSUM: Range<usize> = 24..28;
 const RESERVED: Range<usize> = 28..HEADER_LEN;
 
@@ -48,41 +40,25 @@ pub(super) fn write(body: &[u8]) -> [u8; HEADER_LEN] {
 pub(super) fn open(bytes: &[u8]) -> Result<&[u8], BlobError> {
     let found = bytes.len() as u64;
     let magic = bytes.len().min(MAGIC.len());
-    if bytes[..magic] != MAGIC[..magic] || bytes.is_empty() {
-        return Err(BlobError::NotABlob);
-    }
+    ensure!(bytes[..magic] == MAGIC[..magic] && !bytes.is_empty(), BlobError::NotABlob);
     let Some((header, body)) = bytes.split_first_chunk::<HEADER_LEN>() else {
         return Err(BlobError::Truncated { expected: HEADER_LEN as u64, found });
     };
     let endian = u16::from_le_bytes(field(header, ENDIAN));
-    if endian != ENDIAN_TAG {
-        return Err(BlobError::Endian { found: endian });
-    }
+    ensure!(endian == ENDIAN_TAG, BlobError::Endian { found: endian });
     let version = u16::from_le_bytes(field(header, VERSION));
-    if version != FORMAT_VERSION {
-        return Err(BlobError::Version { expected: FORMAT_VERSION, found: version });
-    }
+    ensure!(version == FORMAT_VERSION, BlobError::Version { expected: FORMAT_VERSION, found: version });
     let flags = u32::from_le_bytes(field(header, FLAGS));
-    if flags != 0 {
-        return Err(BlobError::Flags { found: flags });
-    }
+    ensure!(flags == 0, BlobError::Flags { found: flags });
     let length = u64::from_le_bytes(field(header, BODY_LENGTH));
     let expected = length.saturating_add(HEADER_LEN as u64);
-    if found < expected {
-        return Err(BlobError::Truncated { expected, found });
-    }
-    if found > expected {
-        return Err(BlobError::TrailingBytes { expected, found });
-    }
+    ensure!(found >= expected, BlobError::Truncated { expected, found });
+    ensure!(found <= expected, BlobError::TrailingBytes { expected, found });
     let stored = u32::from_le_bytes(field(header, CHECKSUM));
     let computed = checksum(header, body);
-    if stored != computed {
-        return Err(BlobError::Checksum { expected: stored, found: computed });
-    }
+    ensure!(stored == computed, BlobError::Checksum { expected: stored, found: computed });
     let reserved = u32::from_le_bytes(field(header, RESERVED));
-    if reserved != 0 {
-        return Err(BlobError::Reserved { found: reserved });
-    }
+    ensure!(reserved == 0, BlobError::Reserved { found: reserved });
     Ok(body)
 }
 

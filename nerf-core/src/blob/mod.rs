@@ -11,9 +11,7 @@ mod coded;
 #[path = "coded_off.rs"]
 mod coded;
 mod error;
-mod front;
 mod header;
-mod proposal;
 mod view;
 mod write;
 
@@ -22,14 +20,13 @@ mod tests;
 
 pub(crate) use body::steps;
 pub use body::{
-    Body, Content, MAX_OCCUPANCY_RESOLUTION, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT, PictureFacts,
-    Provenance, SceneFacts, SceneSampling, StoredOccupancy, StoredTables, Viewpoint,
+    Body, Content, FrontPoint, MAX_FRONT, MAX_OCCUPANCY_RESOLUTION, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT,
+    ParetoFront, PictureFacts, Proposal, Provenance, SceneFacts, SceneSampling, StoredOccupancy,
+    StoredTables, Viewpoint,
 };
 #[cfg(all(feature = "coded", any(feature = "train", test)))]
 pub use coded::{decode_tables, encode_tables};
 pub use error::{BlobError, FrontFault, Section};
-pub use front::{FrontPoint, MAX_FRONT, ParetoFront};
 pub use header::{FORMAT_VERSION, HEADER_LEN, MAGIC};
-pub use proposal::Proposal;
 pub use view::Blob;
 pub use write::{encoded_len, write};

@@ -1,17 +1,13 @@
 //! Opening a blob: check once, then borrow.
 
-use super::body::{Body, Content, PictureFacts, Provenance, SceneFacts, StoredTables};
+use super::body::{Body, Content, FrontPoint, PictureFacts, Proposal, Provenance, SceneFacts, StoredTables};
 use super::check::{check_coded, check_undecoded};
 use super::coded;
 use super::error::{BlobError, Section};
-use super::front::FrontPoint;
 use super::header;
-use super::proposal::Proposal;
-use crate::encoding::GridEncoding;
 use crate::network::{Architecture, Layers};
 use crate::sampling::OccupancyGrid;
 use crate::space::SceneBox;
-use glam::Vec3;
 use postcard::Deserializer;
 use postcard::de_flavors::Slice;
 use postcard::ser_flavors::Flavor;
@@ -127,8 +123,7 @@ impl<'a> Blob<'a> {
 
     /// The scene box; `None` in a 2D field.
     pub fn scene_box(&self) -> Option<SceneBox> {
-        let scene = self.scene()?;
-        Some(SceneBox { min: Vec3::from(scene.min), max: Vec3::from(scene.max) })
+        Some(self.scene()?.bounds())
     }
 
     /// The occupancy grid, if there is one.
@@ -164,7 +159,7 @@ impl<'a> Blob<'a> {
 
     /// Number of bytes that coded tables decode to; 0 for other tables, which are read in place.
     pub fn decoded_len(&self) -> usize {
-        self.coded().map_or(0, |(grid, _)| grid.values())
+        self.body.coded().map_or(0, |(grid, _)| grid.values())
     }
 
     /// Decodes coded tables into `to`, [`Blob::decoded_len`] bytes, in the layout of int8 tables. Other tables are left alone.
@@ -173,17 +168,9 @@ impl<'a> Blob<'a> {
     /// None after [`Blob::open`]. After [`Blob::open_undecoded`], the error that [`Blob::open`] gives for the coded
     /// bytes.
     pub fn decode_tables(&self, to: &mut [u8]) -> Result<(), BlobError> {
-        let Some((grid, bytes)) = self.coded() else { return Ok(()) };
+        let Some((grid, bytes)) = self.body.coded() else { return Ok(()) };
         let mut to = to.iter_mut();
         coded::decode_tables(grid, bytes, |value| to.next().into_iter().for_each(|to| *to = value))
-    }
-
-    /// The grid and the coded bytes; `None` unless tables are coded.
-    fn coded(&self) -> Option<(&GridEncoding, &'a [u8])> {
-        match (self.body.architecture.position.grid(), self.body.tables) {
-            (Some(grid), Some(StoredTables::Coded { bytes, .. })) => Some((grid, bytes)),
-            _ => None,
-        }
     }
 }
 

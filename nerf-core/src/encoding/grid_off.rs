@@ -18,6 +18,10 @@ impl GridEncoding {
         pub fn outputs(&self) -> usize;
         pub fn values(&self) -> usize;
         pub fn reads(&self) -> usize;
+        pub(crate) fn fits(&self, &GridTables<'_>) -> bool;
+        pub(crate) fn encode(&self, &GridTables<'_>, Isa, usize, &[f32], &mut [f32]) -> ();
+        #[cfg(feature = "normals")]
+        pub fn gradient(&self, &GridTables<'_>, Isa, usize, &[f32], &[f32], f32, &mut [f32]) -> ();
     }
 }
 
@@ -32,28 +36,5 @@ impl<'a> GridTables<'a> {
     /// Returns [`GridTables::NONE`].
     pub fn new(_values: TableValues<'a>, _bounds: Option<&SceneBox>) -> Self {
         Self::NONE
-    }
-
-    /// Whether the tables fit `grid`, which cannot exist.
-    pub(crate) fn fit(&self, grid: &GridEncoding) -> bool {
-        match *grid {}
-    }
-
-    pub(crate) fn encode(&self, _: Isa, grid: &GridEncoding, _stride: usize, _x: &[f32], _out: &mut [f32]) {
-        match *grid {}
-    }
-
-    #[cfg(feature = "normals")]
-    pub(crate) fn gradient(
-        &self,
-        _: Isa,
-        grid: &GridEncoding,
-        _stride: usize,
-        _x: &[f32],
-        _of_encoded: &[f32],
-        _blur: f32,
-        _of_x: &mut [f32],
-    ) {
-        match *grid {}
     }
 }

@@ -1,10 +1,4 @@
 //! Encodings: the inputs of the network's first layer from a position, and of its colour branch from a direction.
-//!
-//! | input | encoding | values |
-//! | --- | --- | --- |
-//! | position, direction | [`SinusoidalEncoding`] | sines and cosines of each coordinate |
-//! | position | [`GridEncoding`] (feature `grid`) | interpolated entries of learned tables |
-//! | direction | [`DirectionEncoding::SphericalHarmonics`] (feature `grid`) | the first `degree²` real spherical harmonics |
 
 #[cfg(feature = "grid")]
 mod grid;
@@ -12,10 +6,6 @@ mod grid;
 #[path = "grid_off.rs"]
 mod grid;
 mod sinusoidal;
-#[cfg(feature = "grid")]
-mod spherical_harmonics;
-#[cfg(not(feature = "grid"))]
-#[path = "spherical_harmonics_off.rs"]
 mod spherical_harmonics;
 
 pub use grid::GridEncoding;
@@ -30,14 +20,10 @@ pub(crate) use sinusoidal::encode_gradient_block;
 pub use sinusoidal::{AngleScale, MAX_LEVELS, SinusoidalEncoding};
 pub(crate) use spherical_harmonics::BUILT as HARMONICS_BUILT;
 pub use spherical_harmonics::MAX_HARMONICS_DEGREE;
-#[cfg(not(all(feature = "grid", feature = "train")))]
-pub(crate) use spherical_harmonics::encode_harmonics_block;
-#[cfg(all(feature = "grid", feature = "train"))]
-pub use spherical_harmonics::encode_harmonics_block;
 #[cfg(not(feature = "train"))]
-pub(crate) use {grid::GridTables, sinusoidal::encode_block};
+pub(crate) use {grid::GridTables, sinusoidal::encode_block, spherical_harmonics::encode_harmonics_block};
 #[cfg(feature = "train")]
-pub use {grid::GridTables, sinusoidal::encode_block};
+pub use {grid::GridTables, sinusoidal::encode_block, spherical_harmonics::encode_harmonics_block};
 
 use serde::{Deserialize, Serialize};
 
@@ -45,9 +31,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "there is one for each network, and no heap to put it on")]
 pub enum PositionEncoding {
-    /// Sines and cosines.
+    /// Sines and cosines of each coordinate.
     Sinusoidal(SinusoidalEncoding),
-    /// A multiresolution grid of learned features. Without the feature `grid` this variant cannot exist.
+    /// A multiresolution grid: interpolated entries of learned tables. Without the feature `grid` this variant cannot
+    /// exist.
     Grid(GridEncoding),
 }
 
@@ -94,7 +81,7 @@ impl From<SinusoidalEncoding> for PositionEncoding {
 /// The encoding of a viewing direction: inputs of the colour branch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DirectionEncoding {
-    /// Sines and cosines.
+    /// Sines and cosines of each coordinate.
     Sinusoidal(SinusoidalEncoding),
     /// Real spherical harmonics. Without the feature `grid` networks with them are refused.
     SphericalHarmonics {

@@ -3,16 +3,17 @@
 use crate::memory::{head, head_mut, tail, tail_mut};
 use crate::simd::{Isa, Lanes, Op};
 
-#[cfg(test)]
+#[cfg(all(test, feature = "grid"))]
 mod tests;
 
 /// Whether this build has spherical harmonics.
-pub(crate) const BUILT: bool = true;
+pub(crate) const BUILT: bool = cfg!(feature = "grid");
 
 /// Maximum number of bands of spherical harmonics.
 pub const MAX_HARMONICS_DEGREE: u8 = 4;
 
-/// Encodes a block of directions by the `degree²` real spherical harmonics of the bands below `degree`.
+/// Encodes a block of directions by the `degree²` real spherical harmonics of the bands below `degree`. Does nothing in
+/// a build without them, which refuses networks that need them.
 ///
 /// `dirs`: `[3][stride]`, unit length. `out`: `[degree²][stride]`. Value `l² + l + m` is `Y_l^m`,
 /// orthonormal over the sphere, with the Condon–Shortley phase: `Y_0^0 = ½ √(1/π)`,
@@ -28,6 +29,9 @@ pub const MAX_HARMONICS_DEGREE: u8 = 4;
 /// # Panics
 /// With debug assertions, if a slice is too short.
 pub fn encode_harmonics_block(isa: Isa, degree: u8, stride: usize, dirs: &[f32], out: &mut [f32]) {
+    if !BUILT {
+        return;
+    }
     let dirs = head(dirs, 3 * stride);
     let count = usize::from(degree) * usize::from(degree);
     let out = head_mut(out, count * stride);

@@ -6,7 +6,7 @@ use crate::encoding::{
 };
 #[cfg(feature = "grid")]
 use crate::encoding::{MAX_GRID_RESOLUTION, MAX_GRID_VALUES, MAX_LOG2_ENTRIES};
-use crate::errors::errors;
+use crate::errors::{ensure, errors};
 use serde::{Deserialize, Serialize};
 
 /// Maximum number of trunk layers.
@@ -149,26 +149,17 @@ impl Architecture {
                     check_inputs("direction", encoding.inputs, 3)?;
                     check_levels("direction", encoding)?;
                 }
-                DirectionEncoding::SphericalHarmonics { .. } if !HARMONICS_BUILT => {
-                    return Err(E::HarmonicsNotBuilt);
-                }
                 DirectionEncoding::SphericalHarmonics { degree } => {
-                    if !(1..=MAX_HARMONICS_DEGREE).contains(degree) {
-                        return Err(E::HarmonicsDegree { found: *degree });
-                    }
+                    ensure!(HARMONICS_BUILT, E::HarmonicsNotBuilt);
+                    let fits = (1..=MAX_HARMONICS_DEGREE).contains(degree);
+                    ensure!(fits, E::HarmonicsDegree { found: *degree });
                 }
             }
-            if self.density.is_none() {
-                return Err(E::DirectionWithoutDensity);
-            }
+            ensure!(self.density.is_some(), E::DirectionWithoutDensity);
         }
         let per_ray = self.shading == Shading::PerRay;
-        if per_ray && self.density.is_none() {
-            return Err(E::PerRayWithoutDensity);
-        }
-        if per_ray && !PER_RAY_BUILT {
-            return Err(E::PerRayNotBuilt);
-        }
+        ensure!(!per_ray || self.density.is_some(), E::PerRayWithoutDensity);
+        ensure!(!per_ray || PER_RAY_BUILT, E::PerRayNotBuilt);
         match self.trunk.first() {
             None if per_ray && self.position.grid().is_some() => {}
             None => return Err(E::NoTrunk),
@@ -272,16 +263,18 @@ fn check_inputs(field: &'static str, found: u8, expected: u8) -> Result<(), Arch
 }
 
 fn check_levels(field: &'static str, e: &SinusoidalEncoding) -> Result<(), ArchitectureError> {
-    if e.levels > MAX_LEVELS || e.outputs() == 0 {
-        return Err(ArchitectureError::EncodingLevels { field, found: e.levels });
-    }
+    ensure!(
+        e.levels <= MAX_LEVELS && e.outputs() > 0,
+        ArchitectureError::EncodingLevels { field, found: e.levels }
+    );
     Ok(())
 }
 
 fn check_width(field: &'static str, index: usize, width: u16) -> Result<(), ArchitectureError> {
-    if width == 0 || usize::from(width) > MAX_WIDTH {
-        return Err(ArchitectureError::Width { field, index, found: width });
-    }
+    ensure!(
+        (1..=MAX_WIDTH).contains(&usize::from(width)),
+        ArchitectureError::Width { field, index, found: width }
+    );
     Ok(())
 }
 
@@ -289,21 +282,14 @@ fn check_width(field: &'static str, index: usize, width: u16) -> Result<(), Arch
 #[cfg(feature = "grid")]
 pub(crate) fn check_grid(grid: &GridEncoding) -> Result<(), ArchitectureError> {
     use ArchitectureError as E;
-    if !matches!(grid.features, 1 | 2 | 4) {
-        return Err(E::GridFeatures { found: grid.features });
-    }
-    if grid.log2_entries > MAX_LOG2_ENTRIES {
-        return Err(E::GridEntries { found: grid.log2_entries });
-    }
-    if grid.resolutions.is_empty() {
-        return Err(E::GridLevels);
-    }
+    ensure!(matches!(grid.features, 1 | 2 | 4), E::GridFeatures { found: grid.features });
+    ensure!(grid.log2_entries <= MAX_LOG2_ENTRIES, E::GridEntries { found: grid.log2_entries });
+    ensure!(!grid.resolutions.is_empty(), E::GridLevels);
     for (level, resolution) in grid.resolutions.iter().enumerate() {
         for (axis, &found) in resolution.iter().enumerate() {
             let inside = axis < usize::from(grid.inputs);
-            if inside && !(1..=MAX_GRID_RESOLUTION).contains(&found) || !inside && found != 0 {
-                return Err(E::GridResolution { level, axis, found });
-            }
+            let fits = if inside { (1..=MAX_GRID_RESOLUTION).contains(&found) } else { found == 0 };
+            ensure!(fits, E::GridResolution { level, axis, found });
         }
     }
     let found = grid.entries_of_any() * u64::from(grid.features);
@@ -323,49 +309,32 @@ errors! {
     /// An architecture outside the format's limits.
     #[derive(Eq)]
     ArchitectureError:
-    /// An encoding takes the wrong number of inputs.
     EncodingInputs { field: &'static str, expected: u8, found: u8 } =>
         "{field} encoding: expected {expected} inputs, found {found}";
-    /// More than [`MAX_LEVELS`] levels, or neither levels nor identity.
     EncodingLevels { field: &'static str, found: u8 } =>
         "{field} encoding: expected 1 to {MAX_LEVELS} levels (0 with identity), found {found}";
-    /// A grid whose entries have neither 1 nor 2 nor 4 features.
     GridFeatures { found: u8 } => "position grid: expected 1, 2 or 4 features an entry, found {found}";
-    /// A grid with more than `2^`[`MAX_LOG2_ENTRIES`](crate::encoding::MAX_LOG2_ENTRIES) entries a level.
     GridEntries { found: u8 } => "position grid: expected at most 2^24 entries a level, found 2^{found}";
-    /// A grid without levels.
     GridLevels => "position grid: expected 1 to 32 levels, found none";
-    /// A grid with no cells along an axis, with more than
-    /// [`MAX_GRID_RESOLUTION`](crate::encoding::MAX_GRID_RESOLUTION), or with cells along z in two dimensions.
     GridResolution { level: usize, axis: usize, found: u16 } =>
         "position grid level {level}: expected 1 to 16384 cells along an axis (along z none in a 2D field), \
          found {found} along axis {axis}";
-    /// A grid whose tables have more than [`MAX_GRID_VALUES`](crate::encoding::MAX_GRID_VALUES) values.
     GridValues { found: u64 } =>
         "position grid: expected tables of at most 2^27 values together, found {found}";
-    /// A skip layer with a grid: `PE(x)` is appended to later layers only with a sinusoidal encoding.
     SkipBesideGrid { layer: usize } =>
         "trunk layer {layer}: expected no skip beside a position grid, found one";
-    /// Spherical harmonics of degree 0, or above [`MAX_HARMONICS_DEGREE`].
     HarmonicsDegree { found: u8 } =>
         "direction encoding: expected spherical harmonics of degree 1 to {MAX_HARMONICS_DEGREE}, \
          found {found}";
-    /// Spherical harmonics in a build without the feature `grid`.
     HarmonicsNotBuilt =>
         "direction encoding: expected a build with the feature `grid` for spherical harmonics, found one without";
-    /// A direction encoding in a network without a density head (a 2D field).
     DirectionWithoutDensity => "direction encoding: expected none in a 2D field, found one";
-    /// Shading once a ray in a network without a density head (a 2D field).
     PerRayWithoutDensity => "shading: expected once a sample in a 2D field, found once a ray";
-    /// Shading once a ray in a build without the feature `grid`.
     PerRayNotBuilt =>
         "shading: expected a build with the feature `grid` for shading once a ray, found one without";
-    /// An empty trunk, which is allowed only with a grid that is shaded once a ray.
     NoTrunk =>
         "trunk: expected 1 to {MAX_TRUNK} layers, or none behind a position grid shaded once a ray, found none";
-    /// A skip at the first layer, which already takes `PE(x)`.
     SkipAtFirstLayer => "trunk layer 0: expected no skip, found one";
-    /// A width of 0 or above [`MAX_WIDTH`].
     Width { field: &'static str, index: usize, found: u16 } =>
         "{field} layer {index}: expected a width of 1 to {MAX_WIDTH}, found {found}";
 }

@@ -128,7 +128,7 @@ impl Network<'_> {
                 encode_gradient_block(self.isa, encoding, stride, encoded, of_encoded, blur, gradient);
             }
             PositionEncoding::Grid(grid) => {
-                self.tables.gradient(self.isa, grid, stride, positions, memory.encoded, blur, gradient);
+                grid.gradient(&self.tables, self.isa, stride, positions, memory.encoded, blur, gradient);
             }
         }
     }

@@ -73,7 +73,7 @@ impl<'a> Network<'a> {
         tables: GridTables<'a>,
         isa: Isa,
     ) -> Option<Self> {
-        if architecture.position.grid().is_some_and(|grid| !tables.fit(grid)) {
+        if architecture.position.grid().is_some_and(|grid| !grid.fits(&tables)) {
             return None;
         }
         let have = match weights {
@@ -341,7 +341,7 @@ impl<'a> Network<'a> {
             PositionEncoding::Sinusoidal(encoding) => {
                 encode_block(self.isa, math, encoding, stride, positions, out);
             }
-            PositionEncoding::Grid(grid) => self.tables.encode(self.isa, grid, stride, positions, out),
+            PositionEncoding::Grid(grid) => grid.encode(&self.tables, self.isa, stride, positions, out),
         }
     }
 

@@ -41,7 +41,7 @@ pub fn encode_grid_block(
 
 /// The encoding, one sample and level at a time: without vectors, code size counts more than speed. The number of
 /// features is a run-time value, and two dimensions have two more rows of weight 0, which change no bit.
-fn encode_one_by_one(
+pub(super) fn encode_one_by_one(
     grid: &GridEncoding,
     tables: &GridTables<'_>,
     stride: usize,
@@ -167,30 +167,5 @@ impl<V: Lanes, const ROWS: usize> Read<V, ROWS> {
             *value = self.far.mul_add(far.sub(near), near).mul(scale);
         }
         values
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    extern crate std;
-
-    use super::super::tests::grids;
-    use super::*;
-    use crate::testing::noise;
-    use std::vec::Vec;
-
-    #[test]
-    fn what_a_machine_without_vectors_runs_has_the_same_bits() {
-        for grid in grids() {
-            let values = noise(grid.values(), 3);
-            let x: Vec<f32> = noise(64 * usize::from(grid.inputs), 8).iter().map(|x| 0.5 + 0.5 * x).collect();
-            let tables = GridTables::new(TableValues::F32(&values), None);
-            let [mut found, mut expected] = [(); 2].map(|()| std::vec![0.0; grid.outputs() * 64]);
-            encode_one_by_one(&grid, &tables, 64, &x, &mut found);
-            let table = Table::new(&values, &[]);
-            let x = &x[..];
-            Encode { grid: &grid, tables: &tables, table, stride: 64, x, out: &mut expected }.run::<f32>();
-            assert!(found.iter().zip(&expected).all(|(a, b)| a.to_bits() == b.to_bits()), "{grid:?}");
-        }
     }
 }

@@ -1,52 +1,21 @@
 //! The derivative of the grid encoding by the position.
 
 use super::cell::{Cells, unit_positions};
-use super::{GridEncoding, GridLevel, GridTables, TableValues, with_table};
+use super::{GridEncoding, GridLevel, GridTables};
 use crate::math::polynomial::exp;
-use crate::memory::{head, head_mut, tail, tail_mut};
-use crate::simd::{Isa, Lanes, Op, Table, VECTORS, Value};
+use crate::memory::{tail, tail_mut};
+use crate::simd::{Lanes, Op, Table, VECTORS, Value};
 
-/// Backward pass through the encoding of a block of samples.
-///
-/// `x`: `[inputs][stride]`, world units. `of_encoded`: `[outputs][stride]`, ∂f/∂encoded. `of_x`: `[inputs][stride]`,
-/// set to ∂f/∂x. `stride` as in [`encode_grid_block`](super::encode_grid_block).
-///
-/// The derivative is that of the cell's interpolation; on a face between two cells, of the cell with the larger
-/// index.
-///
-/// `blur`: standard deviation, world units, of a Gaussian around each sample over which the gradient is averaged: a
-/// level with cells of width `c` is weighted by `erf(c / (√8 blur))`. 0 gives the gradient itself.
-///
-/// # Source
-/// Barron et al. 2023 (Zip-NeRF), section 2: down-weighting of levels finer than the sample.
-#[allow(clippy::too_many_arguments, reason = "those of the sinusoidal encoding's gradient")]
-pub(super) fn grid_gradient_block(
-    isa: Isa,
-    grid: &GridEncoding,
-    tables: &GridTables<'_>,
-    stride: usize,
-    x: &[f32],
-    of_encoded: &[f32],
-    blur: f32,
-    of_x: &mut [f32],
-) {
-    let inputs = usize::from(grid.inputs);
-    let (x, of_encoded) = (head(x, inputs * stride), head(of_encoded, grid.outputs() * stride));
-    let of_x = head_mut(of_x, inputs * stride);
-    with_table!(tables.values, table => {
-        isa.run_columns(stride, Gradient { grid, tables, table, stride, x, of_encoded, blur, of_x });
-    });
-}
-
-struct Gradient<'a, T> {
-    grid: &'a GridEncoding,
-    tables: &'a GridTables<'a>,
-    table: Table<'a, T>,
-    stride: usize,
-    x: &'a [f32],
-    of_encoded: &'a [f32],
-    blur: f32,
-    of_x: &'a mut [f32],
+/// The backward pass of [`GridEncoding::gradient`], whose slices have their exact lengths here.
+pub(super) struct Gradient<'a, T> {
+    pub grid: &'a GridEncoding,
+    pub tables: &'a GridTables<'a>,
+    pub table: Table<'a, T>,
+    pub stride: usize,
+    pub x: &'a [f32],
+    pub of_encoded: &'a [f32],
+    pub blur: f32,
+    pub of_x: &'a mut [f32],
 }
 
 impl<T: Value> Op for Gradient<'_, T> {
@@ -72,7 +41,7 @@ impl<T: Value> Op for Gradient<'_, T> {
 
 impl<T: Value> Gradient<'_, T> {
     #[inline(always)]
-    fn gradient<V: Lanes, const ROWS: usize, const FEATURES: usize>(self) {
+    pub(super) fn gradient<V: Lanes, const ROWS: usize, const FEATURES: usize>(self) {
         let stride = self.stride;
         let features = if FEATURES == 0 { usize::from(self.grid.features).min(4) } else { FEATURES };
         let inputs = usize::from(self.grid.inputs);
@@ -134,38 +103,4 @@ fn erf(x: f32) -> f32 {
     let p = [1.061_405_4, -1.453_152, 1.421_413_8, -0.284_496_74, 0.254_829_6];
     let p = p.into_iter().fold(0.0, |sum, c| sum * t + c) * t;
     1.0 - p * exp(-(x * x))
-}
-
-#[cfg(test)]
-mod tests {
-    extern crate std;
-
-    use super::super::tests::grids;
-    use super::*;
-    use crate::testing::noise;
-    use std::vec::Vec;
-
-    #[test]
-    fn what_a_machine_without_vectors_runs_has_the_same_bits() {
-        for grid in grids() {
-            let (values, of_encoded) = (noise(grid.values(), 3), noise(64 * grid.outputs(), 5));
-            let x: Vec<f32> = noise(64 * usize::from(grid.inputs), 8).iter().map(|x| 0.5 + 0.5 * x).collect();
-            let tables = GridTables::new(TableValues::F32(&values), None);
-            let [mut found, mut expected] = [(); 2].map(|()| std::vec![0.0; x.len()]);
-            let table = Table::new(&values, &[]);
-            let op = |of_x| Gradient {
-                grid: &grid,
-                tables: &tables,
-                table,
-                stride: 64,
-                x: &x,
-                of_encoded: &of_encoded,
-                blur: 0.0,
-                of_x,
-            };
-            op(&mut found[..]).gradient::<f32, 4, 0>();
-            op(&mut expected[..]).run::<f32>();
-            assert!(found.iter().zip(&expected).all(|(a, b)| a.to_bits() == b.to_bits()), "{grid:?}");
-        }
-    }
 }

@@ -31,19 +31,16 @@ impl GridLevel {
     #[inline(always)]
     pub fn row(&self, y: u32, z: u32) -> u32 {
         match self.mask {
-            Some(mask) => hash(y, z) & mask,
+            Some(mask) => {
+                let h = y.wrapping_mul(HASH_Y) ^ z.wrapping_mul(HASH_Z);
+                (h ^ h >> 15) & mask
+            }
             None => {
                 let [nx, ny, _] = self.cells;
                 z.wrapping_mul(ny.wrapping_add(1)).wrapping_add(y).wrapping_mul(nx.wrapping_add(1))
             }
         }
     }
-}
-
-#[inline(always)]
-fn hash(y: u32, z: u32) -> u32 {
-    let h = y.wrapping_mul(HASH_Y) ^ z.wrapping_mul(HASH_Z);
-    h ^ h >> 15
 }
 
 /// Number of entries of a level, and whether it is hashed.

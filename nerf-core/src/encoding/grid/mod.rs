@@ -24,7 +24,11 @@ pub use corners::{GridCorners, grid_corners_block};
 pub use forward::encode_grid_block;
 pub use level::{GridLevel, GridLevels};
 
+#[cfg(feature = "normals")]
+use self::gradient::Gradient;
 use super::TableValues;
+#[cfg(feature = "normals")]
+use crate::memory::{head, head_mut};
 use crate::simd::Isa;
 use crate::space::SceneBox;
 use serde::{Deserialize, Serialize};
@@ -37,6 +41,27 @@ pub const MAX_GRID_RESOLUTION: u16 = 16_384;
 pub const MAX_LOG2_ENTRIES: u8 = 24;
 /// Maximum number of values of all levels together: half a gibibyte of f32, which a 32-bit host can address.
 pub const MAX_GRID_VALUES: u64 = 1 << 27;
+
+/// Evaluates `$body` with `$table` bound to the table of `$values`.
+macro_rules! with_table {
+    ($values:expr, $table:ident => $body:expr) => {
+        match $values {
+            TableValues::F16(bytes) => {
+                let $table = crate::simd::Table::new(bytes.as_chunks::<2>().0, &[]);
+                $body
+            }
+            TableValues::Int8 { values, scales } => {
+                let $table = crate::simd::Table::new(values, scales);
+                $body
+            }
+            TableValues::F32(values) => {
+                let $table = crate::simd::Table::new(values, &[]);
+                $body
+            }
+        }
+    };
+}
+use with_table;
 
 /// A multiresolution grid of features, dense at the levels that fit into `2^log2_entries` entries and hashed at
 /// the finer ones.
@@ -107,28 +132,63 @@ impl GridEncoding {
     pub(crate) fn entries_of_any(&self) -> u64 {
         self.resolutions.iter().map(|resolution| level::entries(*resolution, self.log2_entries).0).sum()
     }
-}
 
-/// Evaluates `$body` with `$table` bound to the table of `$values`.
-macro_rules! with_table {
-    ($values:expr, $table:ident => $body:expr) => {
-        match $values {
-            TableValues::F16(bytes) => {
-                let $table = crate::simd::Table::new(bytes.as_chunks::<2>().0, &[]);
-                $body
-            }
-            TableValues::Int8 { values, scales } => {
-                let $table = crate::simd::Table::new(values, scales);
-                $body
-            }
-            TableValues::F32(values) => {
-                let $table = crate::simd::Table::new(values, &[]);
-                $body
-            }
-        }
-    };
+    /// Whether `tables` have enough values, and a scale for each level if the values are integers.
+    pub(crate) fn fits(&self, tables: &GridTables<'_>) -> bool {
+        let found = match tables.values {
+            TableValues::F16(bytes) => bytes.len() / 2,
+            TableValues::Int8 { scales, .. } if scales.len() < 4 * self.resolutions.len() => return false,
+            TableValues::Int8 { values, .. } => values.len(),
+            TableValues::F32(values) => values.len(),
+        };
+        found >= self.values()
+    }
+
+    #[inline]
+    pub(crate) fn encode(
+        &self,
+        tables: &GridTables<'_>,
+        isa: Isa,
+        stride: usize,
+        x: &[f32],
+        out: &mut [f32],
+    ) {
+        encode_grid_block(isa, self, tables, stride, x, out);
+    }
+
+    /// Backward pass through the encoding of a block of samples.
+    ///
+    /// `x`: `[inputs][stride]`, world units. `of_encoded`: `[outputs][stride]`, ∂f/∂encoded. `of_x`:
+    /// `[inputs][stride]`, set to ∂f/∂x. `stride` as in [`encode_grid_block`].
+    ///
+    /// The derivative is that of the cell's interpolation; on a face between two cells, of the cell with the larger
+    /// index.
+    ///
+    /// `blur`: standard deviation, world units, of a Gaussian around each sample over which the gradient is averaged: a
+    /// level with cells of width `c` is weighted by `erf(c / (√8 blur))`. 0 gives the gradient itself.
+    ///
+    /// # Source
+    /// Barron et al. 2023 (Zip-NeRF), section 2: down-weighting of levels finer than the sample.
+    #[cfg(feature = "normals")]
+    #[allow(clippy::too_many_arguments, reason = "those of the sinusoidal encoding's gradient")]
+    pub fn gradient(
+        &self,
+        tables: &GridTables<'_>,
+        isa: Isa,
+        stride: usize,
+        x: &[f32],
+        of_encoded: &[f32],
+        blur: f32,
+        of_x: &mut [f32],
+    ) {
+        let inputs = usize::from(self.inputs);
+        let (x, of_encoded) = (head(x, inputs * stride), head(of_encoded, self.outputs() * stride));
+        let of_x = head_mut(of_x, inputs * stride);
+        with_table!(tables.values, table => {
+            isa.run_columns(stride, Gradient { grid: self, tables, table, stride, x, of_encoded, blur, of_x });
+        });
+    }
 }
-use with_table;
 
 /// The tables of a grid, and the box that the grid spans.
 #[derive(Clone, Copy, Debug)]
@@ -149,43 +209,5 @@ impl<'a> GridTables<'a> {
             Some(b) => Self { values, min: b.min.to_array(), sides: (b.max - b.min).to_array() },
             None => Self { values, ..Self::NONE },
         }
-    }
-
-    /// Whether there are enough values for `grid`, and a scale for each level if the values are integers.
-    pub(crate) fn fit(&self, grid: &GridEncoding) -> bool {
-        let found = match self.values {
-            TableValues::F16(bytes) => bytes.len() / 2,
-            TableValues::Int8 { scales, .. } if scales.len() < 4 * grid.resolutions.len() => return false,
-            TableValues::Int8 { values, .. } => values.len(),
-            TableValues::F32(values) => values.len(),
-        };
-        found >= grid.values()
-    }
-
-    #[inline]
-    pub(crate) fn encode(&self, isa: Isa, grid: &GridEncoding, stride: usize, x: &[f32], out: &mut [f32]) {
-        encode_grid_block(isa, grid, self, stride, x, out);
-    }
-
-    /// Backward pass through the encoding of a block of samples.
-    ///
-    /// `x`: `[inputs][stride]`, world units. `of_encoded`: `[outputs][stride]`, ∂f/∂encoded. `of_x`:
-    /// `[inputs][stride]`, set to ∂f/∂x. `stride` as in [`encode_grid_block`]. `blur`: standard deviation, world
-    /// units, of a Gaussian around each sample over which the gradient is averaged, which damps fine levels. 0 gives
-    /// the gradient itself.
-    #[cfg(feature = "normals")]
-    #[inline]
-    #[allow(clippy::too_many_arguments, reason = "those of the sinusoidal encoding's gradient")]
-    pub fn gradient(
-        &self,
-        isa: Isa,
-        grid: &GridEncoding,
-        stride: usize,
-        x: &[f32],
-        of_encoded: &[f32],
-        blur: f32,
-        of_x: &mut [f32],
-    ) {
-        gradient::grid_gradient_block(isa, grid, self, stride, x, of_encoded, blur, of_x);
     }
 }

@@ -18,7 +18,7 @@ fn grid(features: u8, log2_entries: u8, resolutions: &[[u16; 3]]) -> GridEncodin
 }
 
 /// Dense, hashed and tiny levels, in both dimensions, of every number of features.
-pub(super) fn grids() -> Vec<GridEncoding> {
+fn grids() -> Vec<GridEncoding> {
     let mut all = vec![
         grid(2, 0, &[[1, 1, 1]]),
         grid(1, 0, &[[1, 1, 1]]),
@@ -455,12 +455,28 @@ fn tables_that_are_too_short_are_read_within_what_is_there() {
                 let ones = vec![1; values.len()];
                 let int8 = TableValues::Int8 { values: &ones, scales };
                 let enough = values.len() == grid.values() && count % 2 == 0;
-                assert_eq!(GridTables::new(int8, None).fit(&grid), enough, "{grid:?}, {count}");
+                assert_eq!(grid.fits(&GridTables::new(int8, None)), enough, "{grid:?}, {count}");
                 let int8 = encode(isa, &grid, int8, &UNIT, &x);
                 let mut all = half.iter().chain(&full).chain(&int8);
                 assert!(all.all(|v| (-1e-6..=1.00001).contains(v)), "{isa:?}, {count}");
             }
         }
+    }
+}
+
+fn have_the_same_bits(a: &[f32], b: &[f32]) -> bool {
+    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())
+}
+
+#[test]
+fn what_a_machine_without_vectors_runs_has_the_same_bits() {
+    for grid in grids() {
+        let values = noise(grid.values(), 3);
+        let x: Vec<f32> = noise(64 * usize::from(grid.inputs), 8).iter().map(|x| 0.5 + 0.5 * x).collect();
+        let values = TableValues::F32(&values);
+        let mut found = vec![0.0; grid.outputs() * 64];
+        forward::encode_one_by_one(&grid, &GridTables::new(values, None), 64, &x, &mut found);
+        assert!(have_the_same_bits(&found, &encode(Isa::Portable, &grid, values, &UNIT, &x)), "{grid:?}");
     }
 }
 
@@ -493,8 +509,25 @@ mod derivative {
         let stride = x.len() / usize::from(grid.inputs);
         let tables = GridTables::new(values, bounds_of(grid, bounds).as_ref());
         let mut out = vec![f32::NAN; x.len()];
-        tables.gradient(isa, grid, stride, x, of, blur, &mut out);
+        grid.gradient(&tables, isa, stride, x, of, blur, &mut out);
         out
+    }
+
+    #[test]
+    fn what_a_machine_without_vectors_runs_has_the_same_bits() {
+        for grid in grids() {
+            let (values, of_encoded) = (noise(grid.values(), 3), noise(64 * grid.outputs(), 5));
+            let x: Vec<f32> = noise(64 * usize::from(grid.inputs), 8).iter().map(|x| 0.5 + 0.5 * x).collect();
+            let tables = &GridTables::new(TableValues::F32(&values), None);
+            let table = crate::simd::Table::new(&values[..], &[]);
+            let mut found = vec![0.0; x.len()];
+            let (grid, x, of_encoded, of_x) = (&grid, &x[..], &of_encoded[..], &mut found[..]);
+            Gradient { grid, tables, table, stride: 64, x, of_encoded, blur: 0.0, of_x }
+                .gradient::<f32, 4, 0>();
+            let values = TableValues::F32(&values);
+            let expected = gradient_of(Isa::Portable, grid, values, &UNIT, x, of_encoded, 0.0);
+            assert!(have_the_same_bits(&found, &expected), "{grid:?}");
+        }
     }
 
     /// Derivative of one cell's interpolation in f64; `far` says for each axis whether a point on a face belongs to

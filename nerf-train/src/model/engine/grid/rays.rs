@@ -53,7 +53,7 @@ impl RayScratch {
         self.by_point.resize(3 * stride, 0.0);
         let (points, by_encoded) = (&self.points[..], &self.by_encoded[..]);
         let by_point = &mut self.by_point[..3 * stride];
-        job.tables.gradient(job.isa, job.grid, stride, points, by_encoded, question.blur, by_point);
+        job.grid.gradient(&job.tables, job.isa, stride, points, by_encoded, question.blur, by_point);
         let along =
             |values: &[f32], i: usize| Vec3::from_array([0, 1, 2].map(|axis| values[axis * stride + i]));
         for (i, &ray) in samples.ray.iter().enumerate() {
