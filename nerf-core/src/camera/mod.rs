@@ -2,11 +2,9 @@
 
 mod lens;
 mod pinhole;
-mod ray;
 
 pub use lens::{Lens, Projection};
 pub(crate) use pinhole::PinholeRays;
-pub use ray::{Ray, is_unit};
 
 use crate::errors::errors;
 use glam::{Mat3, Vec2, Vec3};
@@ -19,6 +17,28 @@ pub const MAX_IMAGE_SIDE: u32 = 1 << 23;
 /// Maximum distance of an image point from the principal point along an axis, in focal lengths; its square is well
 /// inside f32.
 const MAX_NORMALISED: f32 = 1e9;
+
+/// A half line in world space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ray {
+    /// Start, world units.
+    pub origin: Vec3,
+    /// Direction, **unit length**, so that `t` is a distance in world units.
+    pub dir: Vec3,
+}
+
+impl Ray {
+    /// The point `origin + t * dir`.
+    #[inline]
+    pub fn at(&self, t: f32) -> Vec3 {
+        self.origin + self.dir * t
+    }
+}
+
+/// Whether `dir` has unit length: its squared length is 1 within 1e-3, loose enough for inexact normalisation.
+pub fn is_unit(dir: Vec3) -> bool {
+    (dir.length_squared() - 1.0).abs() <= 1e-3
+}
 
 /// Pinhole intrinsics, in pixels; pixel (0, 0) is top left and its centre is (0.5, 0.5).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -162,12 +182,8 @@ impl Camera {
                 return Err(CameraError::LensNotFinite { name, value });
             }
         }
-        if lens.projection == Projection::Fisheye {
-            let unused = lens
-                .coefficients()
-                .into_iter()
-                .filter(|(name, _)| matches!(*name, "p1" | "p2" | "k5" | "k6"));
-            if let Some((name, value)) = { unused }.find(|(_, value)| *value != 0.0) {
+        for (name, value) in [("p1", lens.p1), ("p2", lens.p2), ("k5", lens.k5), ("k6", lens.k6)] {
+            if value != 0.0 && lens.projection == Projection::Fisheye {
                 return Err(CameraError::LensNotOfFisheyes { name, value });
             }
         }
