@@ -420,15 +420,14 @@ impl<'a> Plan<'a> {
     /// samples are counted from `start`.
     #[inline]
     pub(crate) fn interval(&self, ends: &Ends, start: f32, t_min: f32, t: f32) -> SampleInterval {
-        let bins = self.bins.with(*ends);
         if self.contraction.is_some() {
             return self.spacing().interval(ends.parts(), self.least_distance(start, t_min), t);
         }
-        if bins.is_whole_around(t) {
+        if t >= ends.low && t < ends.high {
             // A jittered sample lies anywhere in its bin; the bin does not move.
             let jittered = self.outputs.median_distance && self.effects.jitter.is_some();
-            let mid = if jittered { bins.middle_around(t) } else { t };
-            return SampleInterval { t, mid, delta: bins.delta() };
+            let mid = if jittered { self.bins.with(*ends).middle_around(t) } else { t };
+            return SampleInterval { t, mid, delta: self.bins.delta() };
         }
         self.spacing().interval_of_cut(ends.parts(), t)
     }

@@ -80,7 +80,7 @@ impl Span {
         let seen = walk.overlapping(enter - start - slack, exit - start + slack);
         let (walk, own) = walk.cut(near - start, end, far - start);
         let bins = seen.start.max(own.start)..seen.end.min(own.end);
-        Some(Span { ray: Ray { origin, ..*ray }, start, bins, ends: walk.ends() })
+        Some(Span { ray: Ray { origin, ..*ray }, start, bins, ends: walk.ends })
     }
 }
 
@@ -101,7 +101,7 @@ fn contracted_span(
     let far = contraction.step_at(plan.far);
     let stop = contraction.step_at(t_max - start);
     let (walk, bins) = plan.bins.cut(enter, far, stop);
-    Some(Span { ray: centred, start, bins, ends: walk.ends() }).filter(|_| enter < far.min(stop))
+    Some(Span { ray: centred, start, bins, ends: walk.ends }).filter(|_| enter < far.min(stop))
 }
 
 /// Sampled intervals of a vector of rays through a bounded scene.
@@ -174,7 +174,7 @@ impl Spans {
         // `map` of an array is a call.
         let ([x, y, z], [start, low, high, far, stop]) = (&self.origin, &self.ends);
         let ray = Ray { origin: Vec3::new(at(x), at(y), at(z)), ..*ray };
-        let ends = Ends::of_parts([at(start), at(low), at(high), at(far), at(stop)]);
+        let ends = Ends { start: at(start), low: at(low), high: at(high), far: at(far), stop: at(stop) };
         (bins.start < bins.end).then_some(Span { ray, start: at(&self.start), bins, ends })
     }
 }

@@ -18,8 +18,6 @@ mod tests;
 
 pub use bins::Bins;
 pub(crate) use bins::Ends;
-#[cfg(all(feature = "proposal", feature = "train"))]
-pub use importance::WEIGHT_FLOOR;
 #[cfg(feature = "proposal")]
 pub use importance::{sample_interval, sample_pdf};
 pub(crate) use interval::{SampleInterval, Spacing, along};

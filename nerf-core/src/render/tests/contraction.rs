@@ -436,7 +436,7 @@ fn no_distance_from_far_away_is_in_front_of_near() {
             for ray in rays(&camera) {
                 let span = plan.span(&plan.bounds, &ray, plan.range().into()).unwrap();
                 let (bins, first) = (plan.bins.with(span.ends), span.bins.start);
-                let [_, from, _] = bins.edges_around(bins.ends().parts(), bins.at(first, 0.5));
+                let [_, from, _] = bins.edges_around(bins.ends.parts(), bins.at(first, 0.5));
                 rounded |= span.start + contraction.distance(from) < facts.near;
             }
             // The way to the middle and back, rounded.
@@ -466,7 +466,7 @@ fn bins_tile_the_ray() {
             let (mut before, mut first) = (f32::NAN, f32::NAN);
             for bin in span.bins.clone() {
                 let t = bins.at(bin, 0.5);
-                let edges = bins.edges_around(bins.ends().parts(), t);
+                let edges = bins.edges_around(bins.ends.parts(), t);
                 let [at, from, to] = edges.map(|s| contraction.distance(s));
                 assert!(from < to && from <= at && at <= to, "{power} {bin}: {from} {at} {to}");
                 if bin == span.bins.start {
