@@ -181,12 +181,8 @@ impl CandidateBins {
         if !(per_bin > 0.0 && 0.5 * per_bin + MOST_ROUNDING <= 1.0) {
             return Self::ALL;
         }
-        Self {
-            found,
-            first: (bins.distance(0.5) + (start - near)) / step,
-            per_bin,
-            bins: step / bins.delta(),
-        }
+        let first = (bins.distance(0.5) + (start - near)) / step;
+        Self { found, first, per_bin, bins: step / bins.delta() }
     }
 
     /// The first candidate from `bin` on; the largest `u32` if there is none.
