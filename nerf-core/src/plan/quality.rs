@@ -94,19 +94,13 @@ impl Quality {
     /// # Source
     /// `docs/accuracy-and-time.md`, the learned grid.
     pub fn preset(blob: &Blob<'_>, preset: Preset) -> Self {
-        match Self::within_loss(blob, preset.loss_db()) {
-            Some(choice) if choice.within => choice.quality,
-            Some(_) => Self::exact(blob),
-            None if preset == Preset::Exact => Self::exact(blob),
-            None => Self::unmeasured(blob, preset),
+        if let Some(choice) = Self::within_loss(blob, preset.loss_db()) {
+            return if choice.within { choice.quality } else { Self::exact(blob) };
         }
-    }
-
-    /// The settings of a preset in a scene without a front.
-    fn unmeasured(blob: &Blob<'_>, preset: Preset) -> Self {
         let all = blob.scene().map_or(0, |scene| scene.samples());
         let (transmittance_cut, colour_cut, samples) = match preset {
-            Preset::Exact | Preset::High => return Self::default(),
+            Preset::Exact => return Self::exact(blob),
+            Preset::High => return Self::default(),
             Preset::Balanced => (0.03, 0.03, 0),
             Preset::Fast => (0.1, 0.03, 0),
             Preset::Preview => (0.1, 0.1, (all - all / 5).max(1)),
