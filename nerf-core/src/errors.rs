@@ -1,6 +1,6 @@
 //! Error enums whose variants are declared with their messages.
 
-/// Declares an error enum: each variant with its message, which explains the variant's fields.
+/// Declares an error enum: each variant with its message, which is its documentation and explains its fields.
 macro_rules! errors {
     ($(#[$about:meta])* $error:ident: $(
         $(#[$doc:meta])* $name:ident $(($at:ident: $of:ty))? $({$($field:ident: $type:ty),+})?
@@ -11,7 +11,7 @@ macro_rules! errors {
         #[allow(missing_docs, reason = "a field's sentence says what it is")]
         #[non_exhaustive]
         pub enum $error {
-            $($(#[$doc])* $name $(($of))? $({$($field: $type),+})?,)+
+            $($(#[$doc])* #[doc = concat!("`", $sentence, "`")] $name $(($of))? $({$($field: $type),+})?,)+
         }
 
         impl core::fmt::Display for $error {

@@ -338,35 +338,25 @@ impl Camera {
 errors! {
     /// Invalid parameters of a camera.
     CameraError:
-    /// Width or height is 0 or above [`MAX_IMAGE_SIDE`].
     ImageSize { width: u32, height: u32 } =>
         "image size: expected sides of 1 to {MAX_IMAGE_SIDE} pixels, found {width}x{height}";
-    /// A focal length is not positive and finite.
     Focal { name: &'static str, value: f32 } =>
         "{name}: expected a positive finite focal length in pixels, found {value}";
-    /// The principal point is not finite.
     PrincipalPoint { name: &'static str, value: f32 } =>
         "{name}: expected a finite principal point in pixels, found {value}";
-    /// The pose contains a NaN or an infinity, or a position beyond 1e9 world units.
     PoseNotFinite =>
         "camera-to-world pose: expected finite numbers and a position within 1e9, found otherwise";
-    /// The upper left 3×3 of the pose is not a rotation.
     PoseNotRotation { off: f32, determinant: f32 } =>
         "camera-to-world pose: expected a rotation (|RtR - I| <= 1e-3, determinant 1), \
          found |RtR - I| = {off}, determinant {determinant}";
-    /// An image point is more than 1e9 focal lengths off the principal point.
     FieldOfView { x: f32, y: f32 } =>
         "intrinsics: expected image points within {MAX_NORMALISED} focal lengths of the principal \
          point, found pixel ({x}, {y}) beyond";
-    /// A coefficient of the lens is not finite.
     LensNotFinite { name: &'static str, value: f32 } =>
         "lens {name}: expected a finite number, found {value}";
-    /// A coefficient that fisheyes do not have is not 0.
     LensNotOfFisheyes { name: &'static str, value: f32 } =>
         "lens {name}: expected 0 in a fisheye, found {value}";
-    /// The lens has no inverse at an image point, or folds between the axis and the point.
     LensNotInvertible { x: f32, y: f32 } =>
         "lens: expected a distortion that does not turn back up to pixel ({x}, {y}) of the image";
-    /// The lens distorts, in a build without the feature `lens`.
     LensNotBuilt { lens: Lens } => "lens: expected a build with the feature lens, or zeros, found {lens:?}";
 }

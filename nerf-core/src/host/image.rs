@@ -63,22 +63,17 @@ impl Image {
 
     /// Stores pixel `i` in the planes.
     pub(super) fn put(&mut self, i: usize, pixel: &Pixel) {
-        let planes = [
-            (&mut self.opacity, pixel.opacity),
-            (&mut self.ray_distance, pixel.ray_distance),
-            (&mut self.z_depth, pixel.z_depth),
-            (&mut self.median_distance, pixel.median_distance),
-        ];
-        for (plane, value) in planes {
+        fn set<T>(plane: &mut [T], i: usize, value: T) {
             if let Some(place) = plane.get_mut(i) {
                 *place = value;
             }
         }
-        for (plane, value) in [(&mut self.rgb, pixel.rgb), (&mut self.normals, pixel.normal)] {
-            if let Some(place) = plane.get_mut(i) {
-                *place = value;
-            }
-        }
+        set(&mut self.rgb, i, pixel.rgb);
+        set(&mut self.opacity, i, pixel.opacity);
+        set(&mut self.ray_distance, i, pixel.ray_distance);
+        set(&mut self.z_depth, i, pixel.z_depth);
+        set(&mut self.median_distance, i, pixel.median_distance);
+        set(&mut self.normals, i, pixel.normal);
     }
 
     /// The colours as bytes, red, green, blue, row by row: the layout of picture files.

@@ -159,15 +159,11 @@ fn in_parallel<I: Iterator + Send, F: Send>(
     let tasks = Mutex::new((tasks, take));
     std::thread::scope(|scope| {
         let others: Vec<_> = (1..threads.get()).map(|_| scope.spawn(|| work(&tasks))).collect();
-        let mut all = work(&tasks);
-        for other in others {
+        others.into_iter().fold(work(&tasks), |all, other| {
             let found = other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-            match (&mut all, found) {
-                (Ok(all), Ok(found)) => *all += found,
-                (Ok(_), Err(error)) => all = Err(error),
-                (Err(_), _) => {}
-            }
-        }
-        all
+            let mut all = all?;
+            all += found?;
+            Ok(all)
+        })
     })
 }

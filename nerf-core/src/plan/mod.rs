@@ -339,11 +339,8 @@ impl<'a> Plan<'a> {
         if let Some(contraction) = &self.contraction {
             return ((eye - contraction.centre()).length() + self.far).min(self.range.1);
         }
-        let reach: [f32; 3] = core::array::from_fn(|axis| {
-            let (eye, low, high) = (eye[axis], self.bounds.min[axis], self.bounds.max[axis]);
-            (eye - low).abs().max((eye - high).abs())
-        });
-        self.far.max(Vec3::from(reach).length()).min(self.range.1)
+        let reach = (eye - self.bounds.min).abs().max((eye - self.bounds.max).abs());
+        self.far.max(reach.length()).min(self.range.1)
     }
 
     /// Whether a point of the network's space is in an occupied cell, or without an occupancy grid in the scene box.
@@ -416,11 +413,11 @@ impl<'a> Plan<'a> {
 /// The bins of a frame, and how rays use them.
 fn lattice(scene: &SceneFacts, samples: u16, proposal: bool) -> Result<(Lattice, Bins), BoundsError> {
     let diagonal = scene.diagonal();
+    let step = |own: f32, way: f32| if samples == scene.samples() { own } else { way / f32::from(samples) };
     let (mut lattice, near, step) = match scene.sampling {
-        SceneSampling::March(own) if samples == scene.samples() => (Lattice::March, 0.0, own),
-        SceneSampling::March(_) => (Lattice::March, 0.0, diagonal / f32::from(samples)),
+        SceneSampling::March(own) => (Lattice::March, 0.0, step(own, diagonal)),
         SceneSampling::Contracted { step: own, power } => {
-            let step = if samples == scene.samples() { own } else { scene.reach() / f32::from(samples) };
+            let step = step(own, scene.reach());
             let farthest = 1.0 + f32::from(power);
             return Ok((Lattice::Contracted, Bins::of_width(-farthest, step, steps(2.0 * farthest, step))));
         }

@@ -55,9 +55,7 @@ errors! {
     /// Invalid samples of a ray.
     #[derive(Eq)]
     VolumeError:
-    /// `rgb` is not as long as `sigma`, or `t_edges` not one longer.
     Lengths { sigma: usize, rgb: usize, t_edges: usize } =>
         "samples: expected n sigma, n rgb, n + 1 t_edges, found {sigma}, {rgb}, {t_edges}";
-    /// An edge is not finite or is less than the previous edge.
     Edges { bin: usize } => "t_edges: expected finite ascending values, bin {bin} has none";
 }

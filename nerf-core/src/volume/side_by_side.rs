@@ -1,8 +1,6 @@
-//! Compositing of several rays at once: the state of [`Accumulator`] without colour, one row per value and one column
-//! per ray.
+//! Compositing of several rays at once: the state of [`Accumulator`](super::Accumulator) without colour, one row per
+//! value and one column per ray.
 
-#[cfg(doc)]
-use super::Accumulator;
 use super::{MAX_TAU, alpha, light};
 use crate::math::Math;
 use crate::simd::{BLOCK, Lanes};
@@ -19,8 +17,8 @@ const DISTANCE: usize = 4;
 const UNCOLOURED: usize = 6;
 pub(crate) const LEFT: usize = 7;
 
-/// [`Accumulator::add_density`] for each ray of a vector that begins at column `from`. Returns for each the weight
-/// that [`Accumulator::take_uncoloured`] gives, or 0.
+/// `Accumulator::add_density` for each ray of a vector that begins at column `from`. Returns for each the weight that
+/// `Accumulator::take_uncoloured` gives, or 0.
 ///
 /// `sigma` 1/world unit, NaN as 0; `t`, `delta`: world units along the ray.
 #[inline(always)]

@@ -162,7 +162,6 @@ errors! {
     /// An exposure of more than [`Tone::MAX_STOPS`] up or down.
     Exposure { found: f32 } =>
         "effects.tone.exposure: expected -{most} to {most} stops, found {found}", most = Tone::MAX_STOPS;
-    /// This build lacks the effect.
     NotBuilt { feature: &'static str } =>
         "effects: expected a build with the feature {feature}, found one without";
 }
