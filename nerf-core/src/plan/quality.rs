@@ -132,14 +132,9 @@ impl Quality {
     pub fn front<'b>(blob: &'b Blob<'_>) -> impl Iterator<Item = (usize, Choice)> + 'b {
         let built = |point: &FrontPoint| !point.proposal || cfg!(feature = "proposal");
         blob.front().iter().enumerate().filter(move |(_, point)| built(point)).filter_map(|(index, point)| {
-            let quality = Quality {
-                samples: point.samples,
-                transmittance_cut: point.transmittance_cut,
-                colour_cut: point.colour_cut,
-                occupancy: point.occupancy,
-                math: MathBackend::from_tag(point.math)?,
-                proposal: point.proposal,
-            };
+            let FrontPoint { samples, transmittance_cut, colour_cut, occupancy, proposal, .. } = *point;
+            let math = MathBackend::from_tag(point.math)?;
+            let quality = Self { samples, transmittance_cut, colour_cut, occupancy, math, proposal };
             Some((index, Choice { quality, loss_db: point.loss_db, cost: point.cost, within: false }))
         })
     }

@@ -130,13 +130,12 @@ impl Effects {
         if !(-Tone::MAX_STOPS..=Tone::MAX_STOPS).contains(&self.tone.exposure) {
             return Err(EffectError::Exposure { found: self.tone.exposure });
         }
-        let asked = [
+        for (feature, asked, built) in [
             ("jitter", self.jitter.is_some(), cfg!(feature = "jitter")),
             ("anti-aliasing", self.anti_aliasing > 1, cfg!(feature = "anti-aliasing")),
             ("depth-of-field", self.depth_of_field.is_some(), cfg!(feature = "depth-of-field")),
             ("tone-map", self.tone != Tone::NONE, cfg!(feature = "tone-map")),
-        ];
-        for (feature, asked, built) in asked {
+        ] {
             if asked && !built {
                 return Err(EffectError::NotBuilt { feature });
             }
