@@ -2,8 +2,8 @@
 
 mod support;
 
-use nerf_core::Kernel;
 use nerf_core::volume::composite;
+use nerf_core::{Kernel, MathBackend};
 use std::hint::black_box;
 use support::{Table, noise};
 
@@ -23,7 +23,7 @@ fn main() {
         let name = format!("composite, {RAYS} rays of {samples} samples");
         table.line(&name, Kernel::detect(), 1, flop, || {
             for (sigma, rgb) in sigma.chunks(samples).zip(rgb.chunks(samples)) {
-                black_box(composite(sigma, rgb, &edges, [0.0; 3]).expect("a ray"));
+                black_box(composite(MathBackend::Polynomial, sigma, rgb, &edges, [0.0; 3]).expect("a ray"));
             }
         });
     }

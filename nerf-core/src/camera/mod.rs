@@ -2,11 +2,9 @@
 
 mod lens;
 mod pinhole;
-mod ray;
 
 pub use lens::{Lens, Projection};
 pub(crate) use pinhole::PinholeRays;
-pub use ray::{Ray, is_unit};
 
 use crate::errors::errors;
 use glam::{Mat3, Vec2, Vec3};
@@ -19,6 +17,28 @@ pub const MAX_IMAGE_SIDE: u32 = 1 << 23;
 /// Maximum distance of an image point from the principal point along an axis, in focal lengths; its square is well
 /// inside f32.
 const MAX_NORMALISED: f32 = 1e9;
+
+/// A half line in world space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ray {
+    /// Start, world units.
+    pub origin: Vec3,
+    /// Direction, **unit length**, so that `t` is a distance in world units.
+    pub dir: Vec3,
+}
+
+impl Ray {
+    /// The point `origin + t * dir`.
+    #[inline]
+    pub fn at(&self, t: f32) -> Vec3 {
+        self.origin + self.dir * t
+    }
+}
+
+/// Whether `dir` has unit length: its squared length is 1 within 1e-3, loose enough for inexact normalisation.
+pub fn is_unit(dir: Vec3) -> bool {
+    (dir.length_squared() - 1.0).abs() <= 1e-3
+}
 
 /// Pinhole intrinsics, in pixels; pixel (0, 0) is top left and its centre is (0.5, 0.5).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -162,12 +182,8 @@ impl Camera {
                 return Err(CameraError::LensNotFinite { name, value });
             }
         }
-        if lens.projection == Projection::Fisheye {
-            let unused = lens
-                .coefficients()
-                .into_iter()
-                .filter(|(name, _)| matches!(*name, "p1" | "p2" | "k5" | "k6"));
-            if let Some((name, value)) = { unused }.find(|(_, value)| *value != 0.0) {
+        for (name, value) in [("p1", lens.p1), ("p2", lens.p2), ("k5", lens.k5), ("k6", lens.k6)] {
+            if value != 0.0 && lens.projection == Projection::Fisheye {
                 return Err(CameraError::LensNotOfFisheyes { name, value });
             }
         }
@@ -322,35 +338,25 @@ impl Camera {
 errors! {
     /// Invalid parameters of a camera.
     CameraError:
-    /// Width or height is 0 or above [`MAX_IMAGE_SIDE`].
     ImageSize { width: u32, height: u32 } =>
         "image size: expected sides of 1 to {MAX_IMAGE_SIDE} pixels, found {width}x{height}";
-    /// A focal length is not positive and finite.
     Focal { name: &'static str, value: f32 } =>
         "{name}: expected a positive finite focal length in pixels, found {value}";
-    /// The principal point is not finite.
     PrincipalPoint { name: &'static str, value: f32 } =>
         "{name}: expected a finite principal point in pixels, found {value}";
-    /// The pose contains a NaN or an infinity, or a position beyond 1e9 world units.
     PoseNotFinite =>
         "camera-to-world pose: expected finite numbers and a position within 1e9, found otherwise";
-    /// The upper left 3×3 of the pose is not a rotation.
     PoseNotRotation { off: f32, determinant: f32 } =>
         "camera-to-world pose: expected a rotation (|RtR - I| <= 1e-3, determinant 1), \
          found |RtR - I| = {off}, determinant {determinant}";
-    /// An image point is more than 1e9 focal lengths off the principal point.
     FieldOfView { x: f32, y: f32 } =>
         "intrinsics: expected image points within {MAX_NORMALISED} focal lengths of the principal \
          point, found pixel ({x}, {y}) beyond";
-    /// A coefficient of the lens is not finite.
     LensNotFinite { name: &'static str, value: f32 } =>
         "lens {name}: expected a finite number, found {value}";
-    /// A coefficient that fisheyes do not have is not 0.
     LensNotOfFisheyes { name: &'static str, value: f32 } =>
         "lens {name}: expected 0 in a fisheye, found {value}";
-    /// The lens has no inverse at an image point, or folds between the axis and the point.
     LensNotInvertible { x: f32, y: f32 } =>
         "lens: expected a distortion that does not turn back up to pixel ({x}, {y}) of the image";
-    /// The lens distorts, in a build without the feature `lens`.
     LensNotBuilt { lens: Lens } => "lens: expected a build with the feature lens, or zeros, found {lens:?}";
 }

@@ -40,39 +40,3 @@ impl Op for PinholeRays<'_> {
         }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::camera::{Intrinsics, Lens, Pose};
-    use crate::simd::Isa;
-    use crate::testing::noise;
-    use glam::Vec3;
-
-    #[test]
-    fn several_pixels_have_the_rays_of_each() {
-        for seed in 0..50 {
-            let r = noise(9, seed);
-            let eye = Vec3::new(r[0], r[1], r[2]) * 5.0;
-            let target = Vec3::new(r[3], r[4], r[5]);
-            let Some(pose) = Pose::look_at(eye, target, Vec3::Z) else { continue };
-            let (fx, fy) = (30.0 + 9.0 * r[6], 25.0 + 9.0 * r[7]);
-            let intrinsics = Intrinsics { width: 16, height: 16, fx, fy, cx: 8.0 + r[8], cy: 7.5 };
-            let camera = Camera::new(intrinsics, Lens::NONE, pose).unwrap();
-            for isa in Isa::ALL.into_iter().filter(|isa| isa.available()) {
-                for count in [1, 7, 8, 16] {
-                    let across = core::array::from_fn(|i| i as f32 + 0.5);
-                    let points: [[f32; MAX_LANES]; 2] = [across, [(seed % 16) as f32 + 0.5; MAX_LANES]];
-                    let mut rays = [Ray { origin: Vec3::ZERO, dir: Vec3::X }; MAX_LANES];
-                    let to = &mut rays[..count];
-                    isa.run(PinholeRays { camera: &camera, points: &points, to });
-                    for (i, ray) in rays[..count].iter().enumerate() {
-                        let expected = camera.ray(points[0][i], points[1][i]);
-                        let bits = |ray: &Ray| ray.dir.to_array().map(f32::to_bits);
-                        assert_eq!((bits(ray), ray.origin), (bits(&expected), expected.origin));
-                    }
-                }
-            }
-        }
-    }
-}

@@ -7,22 +7,13 @@ use std::path::PathBuf;
 
 /// The reason why a scene was not opened or rendered.
 #[derive(Debug)]
+#[allow(missing_docs, reason = "a field's name says what it is")]
 #[non_exhaustive]
 pub enum HostError {
     /// The file could not be read.
-    Read {
-        /// Path of the file.
-        path: PathBuf,
-        /// The operating system's error.
-        source: std::io::Error,
-    },
+    Read { path: PathBuf, source: std::io::Error },
     /// The file is not a valid blob.
-    Open {
-        /// Path of the file.
-        path: PathBuf,
-        /// The error in its bytes.
-        source: BlobError,
-    },
+    Open { path: PathBuf, source: BlobError },
     /// The request does not go with the scene.
     Plan(PlanError),
     /// The camera, the size or a direction is out of range.

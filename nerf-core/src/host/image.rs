@@ -47,39 +47,33 @@ impl Image {
     /// # Errors
     /// [`RenderError::ImageMemory`] if there is not enough memory for them.
     pub(super) fn new(width: usize, height: usize, outputs: &Outputs) -> Result<Self, RenderError> {
-        let plane = |asked: bool| if asked { plane(width, height, 0.0) } else { Ok(Vec::new()) };
-        let triples = |asked: bool| if asked { self::plane(width, height, [0.0; 3]) } else { Ok(Vec::new()) };
+        let rows = |asked: bool| if asked { height } else { 0 };
         Ok(Self {
             width,
             height,
-            rgb: triples(outputs.rgb)?,
-            opacity: plane(outputs.opacity)?,
-            ray_distance: plane(outputs.ray_distance)?,
-            z_depth: plane(outputs.z_depth)?,
-            median_distance: plane(outputs.median_distance)?,
-            normals: triples(outputs.normals)?,
+            rgb: plane(width, rows(outputs.rgb), [0.0; 3])?,
+            opacity: plane(width, rows(outputs.opacity), 0.0)?,
+            ray_distance: plane(width, rows(outputs.ray_distance), 0.0)?,
+            z_depth: plane(width, rows(outputs.z_depth), 0.0)?,
+            median_distance: plane(width, rows(outputs.median_distance), 0.0)?,
+            normals: plane(width, rows(outputs.normals), [0.0; 3])?,
             counters: Counters::default(),
         })
     }
 
     /// Stores pixel `i` in the planes.
     pub(super) fn put(&mut self, i: usize, pixel: &Pixel) {
-        let planes = [
-            (&mut self.opacity, pixel.opacity),
-            (&mut self.ray_distance, pixel.ray_distance),
-            (&mut self.z_depth, pixel.z_depth),
-            (&mut self.median_distance, pixel.median_distance),
-        ];
-        for (plane, value) in planes {
+        fn set<T>(plane: &mut [T], i: usize, value: T) {
             if let Some(place) = plane.get_mut(i) {
                 *place = value;
             }
         }
-        for (plane, value) in [(&mut self.rgb, pixel.rgb), (&mut self.normals, pixel.normal)] {
-            if let Some(place) = plane.get_mut(i) {
-                *place = value;
-            }
-        }
+        set(&mut self.rgb, i, pixel.rgb);
+        set(&mut self.opacity, i, pixel.opacity);
+        set(&mut self.ray_distance, i, pixel.ray_distance);
+        set(&mut self.z_depth, i, pixel.z_depth);
+        set(&mut self.median_distance, i, pixel.median_distance);
+        set(&mut self.normals, i, pixel.normal);
     }
 
     /// The colours as bytes, red, green, blue, row by row: the layout of picture files.

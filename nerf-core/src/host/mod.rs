@@ -1,6 +1,6 @@
 //! Scenes that own their data, rendered on all cores: for programs with an operating system (feature `std`).
 //!
-//! The results are those of a [`Renderer`], bit for bit, whatever the number of threads.
+//! The results are those of a [`Renderer`](crate::Renderer), bit for bit, whatever the number of threads.
 
 mod error;
 mod image;
@@ -16,6 +16,3 @@ pub use image::Image;
 pub use request::Request;
 pub use scene::Scene;
 pub use threads::{render, render_picture, render_rays};
-
-#[cfg(doc)]
-use crate::Renderer;

@@ -1,9 +1,8 @@
 //! Requests to render a scene.
 
 use super::{HostError, Image, Scene, threads};
-use crate::blob::Blob;
 use crate::camera::Camera;
-use crate::plan::{Batch, Outputs, Plan, PlanError, Settings};
+use crate::plan::{Batch, Outputs, Settings};
 use crate::render::RaySegment;
 use crate::volume::Pixel;
 use glam::Vec3;
@@ -48,41 +47,22 @@ impl<'s> Request<'s> {
         self
     }
 
-    /// The plan of these settings for a blob of the scene.
-    ///
-    /// # Errors
-    /// [`PlanError`] names the setting that does not go with the scene.
-    pub fn plan<'b>(&self, blob: &Blob<'b>) -> Result<Plan<'b>, PlanError> {
-        self.settings.plan(blob, self.outputs, Batch::FULL)
-    }
-
     /// Renders an image.
     ///
     /// # Errors
     /// [`HostError::Plan`] names the setting that does not go with the scene.
     pub fn render(&self, camera: &Camera) -> Result<Image, HostError> {
         let renderer = self.scene.renderer();
-        let plan = self.plan(renderer.blob())?;
+        let plan = self.settings.plan(renderer.blob(), self.outputs, Batch::FULL)?;
         Ok(threads::render(&renderer, &plan, camera, self.threads)?)
     }
 
-    /// Renders rays of the caller's, each a pixel of its own with a `z_depth` of 0.
+    /// Renders rays of the caller's, each a pixel of its own. `axis`: of unit length, the direction of `z_depth`, which
+    /// is 0 without one.
     ///
     /// # Errors
     /// As [`Request::render`], and [`HostError::Render`] with the index of the first ray that is invalid.
-    pub fn render_rays(&self, rays: &[RaySegment]) -> Result<Vec<Pixel>, HostError> {
-        self.render_rays_along(rays, None)
-    }
-
-    /// [`Request::render_rays`] with a `z_depth` along `axis`, of unit length.
-    ///
-    /// # Errors
-    /// As [`Request::render_rays`].
-    pub fn render_rays_along(
-        &self,
-        rays: &[RaySegment],
-        axis: Option<Vec3>,
-    ) -> Result<Vec<Pixel>, HostError> {
+    pub fn render_rays(&self, rays: &[RaySegment], axis: Option<Vec3>) -> Result<Vec<Pixel>, HostError> {
         let renderer = self.scene.renderer();
         // Memory is prepared for no more rays than there are.
         let batch = Batch { rays: rays.len().clamp(1, Batch::FULL.rays), ..Batch::FULL };

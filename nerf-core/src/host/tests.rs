@@ -91,14 +91,14 @@ fn a_cameras_rays_as_the_callers_own_give_its_pixels() {
     );
     let request = scene.request().outputs(all()).threads(threads(2));
     let along = Some(camera.pose().forward());
-    assert_eq!(request.render_rays_along(&rays, along).unwrap(), expected);
+    assert_eq!(request.render_rays(&rays, along).unwrap(), expected);
     // Without an axis there is no z_depth; one by one they are the same.
-    let found = request.render_rays(&rays).unwrap();
+    let found = request.render_rays(&rays, None).unwrap();
     for (i, (found, expected)) in found.iter().zip(&expected).enumerate() {
         assert_eq!(*found, Pixel { z_depth: 0.0, ..*expected }, "ray {i}");
     }
-    assert_eq!(request.render_rays(&rays[400..401]).unwrap(), found[400..401]);
-    assert!(request.render_rays(&[]).unwrap().is_empty());
+    assert_eq!(request.render_rays(&rays[400..401], None).unwrap(), found[400..401]);
+    assert!(request.render_rays(&[], None).unwrap().is_empty());
 }
 
 #[test]
@@ -113,29 +113,29 @@ fn rays_that_are_none_are_refused_naming_the_first() {
         Ray { origin: Vec3::new(0.0, f32::INFINITY, 0.0), ..good },
     ] {
         rays[513] = bad.into();
-        let error = scene.request().threads(threads(1)).render_rays(&rays).unwrap_err();
+        let error = scene.request().threads(threads(1)).render_rays(&rays, None).unwrap_err();
         assert!(matches!(error, HostError::Render(RenderError::Ray { index: 513 })), "{bad:?}: {error}");
     }
     for (t_min, t_max) in
         [(-1.0, 2.0), (2.0, 1.0), (f32::NAN, 1.0), (0.0, f32::NAN), (f32::INFINITY, f32::INFINITY)]
     {
         rays[514] = RaySegment { ray: good, t_min, t_max };
-        let error = scene.request().threads(threads(2)).render_rays(&rays[510..]).unwrap_err();
+        let error = scene.request().threads(threads(2)).render_rays(&rays[510..], None).unwrap_err();
         assert!(error.to_string().contains("rays[3]: expected a finite origin"), "{error}");
         rays[513] = good.into();
-        let error = scene.request().threads(threads(1)).render_rays(&rays).unwrap_err();
+        let error = scene.request().threads(threads(1)).render_rays(&rays, None).unwrap_err();
         assert!(error.to_string().contains("rays[514]: expected 0 <= t_min <= t_max"), "{error}");
         rays[513] = RaySegment { ray: Ray { dir: Vec3::NAN, ..good }, t_min: 0.0, t_max: 1.0 };
     }
     rays[513] = good.into();
     rays[514] = good.into();
-    let error = scene.request().render_rays_along(&rays, Some(Vec3::ONE)).unwrap_err();
+    let error = scene.request().render_rays(&rays, Some(Vec3::ONE)).unwrap_err();
     assert!(error.to_string().contains("axis: expected a vector of unit length"), "{error}");
     #[cfg(feature = "anti-aliasing")]
     {
         let effects = Effects { anti_aliasing: 4, ..Effects::NONE };
         let settings = Settings { effects, ..Settings::default() };
-        let error = scene.request().settings(settings).render_rays(&rays).unwrap_err();
+        let error = scene.request().settings(settings).render_rays(&rays, None).unwrap_err();
         assert!(matches!(error, HostError::Render(RenderError::CameraEffects)), "{error}");
     }
     assert_eq!(Effects::NONE.anti_aliasing, 1);

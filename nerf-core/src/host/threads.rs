@@ -40,7 +40,7 @@ pub fn render(
         |tiles| {
             let mut memory = vec![Line::UNINIT; lines];
             let mut worker = renderer.worker(plan, &mut memory)?;
-            tiles.each(|tile, pixels| {
+            each(tiles, |tile, pixels| {
                 worker.render(camera, tile, &mut |x, y, pixel: &Pixel| pixels.push((x, y, *pixel)))
             })
         },
@@ -73,10 +73,16 @@ pub fn render_rays(
         |chunks| {
             let mut memory = vec![Line::UNINIT; lines];
             let mut worker = renderer.worker(plan, &mut memory)?;
-            chunks.each(|first, pixels| {
+            each(chunks, |first, pixels| {
                 let end = rays.len().min(first + CHUNK as usize);
                 let mut put = |i: usize, pixel: &Pixel| pixels.push((first + i, *pixel));
-                worker.render_rays(&rays[first..end], axis, &mut put).map_err(|error| behind(error, first))
+                worker.render_rays(&rays[first..end], axis, &mut put).map_err(|mut error| {
+                    // The index among all rays.
+                    if let RenderError::Ray { index } | RenderError::RayRange { index, .. } = &mut error {
+                        *index += first;
+                    }
+                    error
+                })
             })
         },
         |(i, pixel)| found[i] = pixel,
@@ -86,7 +92,7 @@ pub fn render_rays(
 
 /// Renders a 2D field in `size` (width, height) pixels on `threads` threads; row by row from the top left.
 ///
-/// `each` is called with the number of rows finished since its last call.
+/// `finished` is called with the number of rows finished since its last call.
 ///
 /// # Errors
 /// [`RenderError`] if the blob is a scene, on a size above the limit, and if there is not enough memory for it.
@@ -95,7 +101,7 @@ pub fn render_picture(
     math: MathBackend,
     size: [u32; 2],
     threads: NonZeroUsize,
-    mut each: impl FnMut(u32) + Send,
+    mut finished: impl FnMut(u32) + Send,
 ) -> Result<(Vec<[f32; 3]>, Counters), RenderError> {
     let [width, height] = size;
     let batch = Batch::FULL;
@@ -108,7 +114,7 @@ pub fn render_picture(
         full.tiles(width, BAND),
         |bands| {
             let mut memory = vec![Line::UNINIT; lines];
-            bands.each(|band, rows: &mut Vec<(u32, Vec<[f32; 3]>)>| {
+            each(bands, |band, rows| {
                 let mut pixels = Vec::with_capacity(band.width as usize * band.height as usize);
                 let mut put = |_: u32, _: u32, rgb: [f32; 3]| pixels.push(rgb);
                 let done = renderer.render_picture(math, batch, size, band, &mut memory, &mut put);
@@ -119,35 +125,26 @@ pub fn render_picture(
         |(y, pixels)| {
             let first = y as usize * width as usize;
             rgb[first..first + pixels.len()].copy_from_slice(&pixels);
-            each((pixels.len() / width as usize) as u32);
+            finished((pixels.len() / width as usize) as u32);
         },
     )?;
     Ok((rgb, counters))
 }
 
-/// The state that threads share: the tasks that are left, and the receiver of results.
-struct Tasks<I, F> {
-    shared: Mutex<(I, F)>,
-}
-
-impl<I: Iterator, F> Tasks<I, F> {
-    /// Runs task after task until none is left, and passes on the results of each.
-    fn each<T>(
-        &self,
-        mut run: impl FnMut(I::Item, &mut Vec<T>) -> Result<Counters, RenderError>,
-    ) -> Result<Counters, RenderError>
-    where
-        F: FnMut(T),
-    {
-        // A panic in one thread ends the whole render; until then the others find the shared state consistent.
-        let lock = || self.shared.lock().unwrap_or_else(PoisonError::into_inner);
-        let (mut found, mut counters) = (Vec::new(), Counters::default());
-        loop {
-            let Some(task) = lock().0.next() else { return Ok(counters) };
-            counters += run(task, &mut found)?;
-            let mut shared = lock();
-            found.drain(..).for_each(&mut shared.1);
-        }
+/// Runs task after task until none is left, and passes on the results of each. `tasks`: those that are left, and the
+/// receiver of results.
+fn each<T, I: Iterator, F: FnMut(T)>(
+    tasks: &Mutex<(I, F)>,
+    mut run: impl FnMut(I::Item, &mut Vec<T>) -> Result<Counters, RenderError>,
+) -> Result<Counters, RenderError> {
+    // A panic in one thread ends the whole render; until then the others find the shared state consistent.
+    let lock = || tasks.lock().unwrap_or_else(PoisonError::into_inner);
+    let (mut found, mut counters) = (Vec::new(), Counters::default());
+    loop {
+        let Some(task) = lock().0.next() else { return Ok(counters) };
+        counters += run(task, &mut found)?;
+        let mut shared = lock();
+        found.drain(..).for_each(&mut shared.1);
     }
 }
 
@@ -156,33 +153,17 @@ impl<I: Iterator, F> Tasks<I, F> {
 fn in_parallel<I: Iterator + Send, F: Send>(
     threads: NonZeroUsize,
     tasks: I,
-    work: impl Fn(&Tasks<I, F>) -> Result<Counters, RenderError> + Sync,
+    work: impl Fn(&Mutex<(I, F)>) -> Result<Counters, RenderError> + Sync,
     take: F,
 ) -> Result<Counters, RenderError> {
-    let tasks = Tasks { shared: Mutex::new((tasks, take)) };
+    let tasks = Mutex::new((tasks, take));
     std::thread::scope(|scope| {
         let others: Vec<_> = (1..threads.get()).map(|_| scope.spawn(|| work(&tasks))).collect();
-        let mut all = work(&tasks);
-        for other in others {
+        others.into_iter().fold(work(&tasks), |all, other| {
             let found = other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-            match (&mut all, found) {
-                (Ok(all), Ok(found)) => *all += found,
-                (Ok(_), Err(error)) => all = Err(error),
-                (Err(_), _) => {}
-            }
-        }
-        all
+            let mut all = all?;
+            all += found?;
+            Ok(all)
+        })
     })
-}
-
-/// The error of a chunk that begins at index `first` of all rays, with its index among all rays.
-fn behind(error: RenderError, first: usize) -> RenderError {
-    match error {
-        RenderError::Ray { index } => RenderError::Ray { index: first + index },
-        RenderError::RayRange { index, t_min, t_max } => {
-            RenderError::RayRange { index: first + index, t_min, t_max }
-        }
-        RenderError::Random { index } => RenderError::Random { index: first + index },
-        other => other,
-    }
 }

@@ -9,31 +9,21 @@ use crate::space::BoundsError;
 errors! {
     /// A request that does not go with the scene.
     PlanError:
-    /// The blob is a 2D field.
     NotAScene => "blob: expected a scene, found a 2D field";
-    /// The occupancy grid is part of the model, and the request switches it off.
     OccupancyRequired =>
         "quality.occupancy: this scene's occupancy is part of its model (outside of it the network was never trained), \
          so it cannot be switched off";
-    /// More samples per ray than the format allows.
     Samples { found: u16 } => "quality.samples: expected at most {MAX_SAMPLES} a ray, found {found}";
-    /// A transmittance cut outside `[0, 1)`.
     TransmittanceCut { found: f32 } => "quality.transmittance_cut: expected 0 <= cut < 1, found {found}";
-    /// The median distance with a transmittance cut above one half: rays would end in front of it.
     MedianBehindCut { found: f32 } =>
         "quality.transmittance_cut: expected at most 0.5, since median_distance is asked for and rays would end in front \
          of it, found {found}";
-    /// A range of distances that does not satisfy `0 <= t_min <= t_max`.
     Range { t_min: f32, t_max: f32 } =>
         "near/far: expected 0 <= near <= far, found near {t_min}, far {t_max}";
-    /// A blur of normals that is not finite, or below 0.
     NormalBlur { found: f32 } => "normal_blur: expected a finite number of bins, at least 0, found {found}";
-    /// An output or effect that this build has no code for.
     NotBuilt { effect: &'static str } =>
         "{effect}: not built in: expected a build with its feature, found one without";
-    /// A colour cut outside `[0, 1)`.
     ColourCut { found: f32 } => "quality.colour_cut: expected 0 <= cut < 1, found {found}";
-    /// A background outside `[0, 1]`.
     Background { found: [f32; 3] } => "background: expected channels in 0..=1, found {found:?}";
     /// A batch without rays or samples, with more than [`Batch::MAX_RAYS`] rays or with more than 64 samples.
     Batch { found: Batch } =>

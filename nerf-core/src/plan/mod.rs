@@ -68,16 +68,6 @@ impl Outputs {
     pub(crate) const fn surface(&self) -> bool {
         self.median_distance || self.normals
     }
-
-    /// Name of a requested output that this build lacks.
-    fn not_built(&self) -> Option<&'static str> {
-        [
-            ("median_distance", self.median_distance, cfg!(feature = "median")),
-            ("normals", self.normals, cfg!(feature = "normals")),
-        ]
-        .into_iter()
-        .find_map(|(effect, asked, built)| (asked && !built).then_some(effect))
-    }
 }
 
 /// Numbers of rays and samples processed at once; they never change a picture, only memory and time.
@@ -120,10 +110,8 @@ pub struct Plan<'a> {
     pub(crate) bins: Bins,
     /// Requested number of samples a ray.
     samples: u16,
-    /// Nearest visible distance along a ray, world units.
-    pub(crate) t_min: f32,
-    /// Farthest visible distance along a ray, world units.
-    pub(crate) t_max: f32,
+    /// Nearest and farthest visible distance along a ray, world units.
+    pub(crate) range: (f32, f32),
     /// The bins at which the proposal network is evaluated, if samples are drawn from one.
     pub(crate) proposal: Option<Bins>,
     pub(crate) near: f32,
@@ -156,8 +144,13 @@ impl<'a> Plan<'a> {
         let (Some(scene), Some(bounds)) = (blob.scene(), blob.scene_box()) else {
             return Err(PlanError::NotAScene);
         };
-        if let Some(effect) = outputs.not_built() {
-            return Err(PlanError::NotBuilt { effect });
+        for (effect, asked, built) in [
+            ("median_distance", outputs.median_distance, cfg!(feature = "median")),
+            ("normals", outputs.normals, cfg!(feature = "normals")),
+        ] {
+            if asked && !built {
+                return Err(PlanError::NotBuilt { effect });
+            }
         }
         if scene.occupancy_required && !quality.occupancy {
             return Err(PlanError::OccupancyRequired);
@@ -179,9 +172,8 @@ impl<'a> Plan<'a> {
             return Err(PlanError::Batch { found: batch });
         }
         let proposal = blob.proposal().filter(|_| quality.proposal && cfg!(feature = "proposal"));
-        let coarse = |samples: u16| Bins::new(scene.near, scene.far, u32::from(samples));
-        let proposal = proposal.map(|proposal| coarse(proposal.samples)).transpose();
-        let proposal = proposal.map_err(PlanError::Bounds)?;
+        let coarse = proposal.map(|proposal| Bins::new(scene.near, scene.far, proposal.samples.into()));
+        let proposal = coarse.transpose().map_err(PlanError::Bounds)?;
         let (lattice, bins) = lattice(scene, samples, proposal.is_some()).map_err(PlanError::Bounds)?;
         Ok(Self {
             scene: blob.identity(),
@@ -190,8 +182,7 @@ impl<'a> Plan<'a> {
             lattice,
             bins,
             samples,
-            t_min: 0.0,
-            t_max: f32::MAX,
+            range: (0.0, f32::MAX),
             proposal,
             near: scene.near,
             far: scene.far,
@@ -214,8 +205,8 @@ impl<'a> Plan<'a> {
     pub fn at(&self, blob: &Blob<'a>, quality: &Quality) -> Result<Self, PlanError> {
         let plan = Self::new(blob, quality, self.outputs, self.batch)?;
         let plan = if self.lattice == Lattice::Own { plan.with_own_bins() } else { plan };
-        let Self { background, normal_blur, effects, t_min, t_max, .. } = *self;
-        Ok(Self { background, normal_blur, effects, t_min, t_max, ..plan })
+        let Self { background, normal_blur, effects, range, .. } = *self;
+        Ok(Self { background, normal_blur, effects, range, ..plan })
     }
 
     /// The same frame with only the distances from `t_min` to `t_max` of a ray visible, world units; by default 0
@@ -230,13 +221,8 @@ impl<'a> Plan<'a> {
         if !(t_min >= 0.0 && t_min <= t_max && t_min.is_finite()) {
             return Err(PlanError::Range { t_min, t_max });
         }
-        (self.t_min, self.t_max) = (t_min, t_max.min(f32::MAX));
+        self.range = (t_min, t_max.min(f32::MAX));
         Ok(self)
-    }
-
-    /// The visible distances, `t_min` and `t_max`, that [`Plan::with_range`] set.
-    pub fn range(&self) -> (f32, f32) {
-        (self.t_min, self.t_max)
     }
 
     /// The same frame with only the bins that the scene's network was trained on, from its near to its far plane. It
@@ -338,32 +324,23 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// The part of `ray` that is sampled within a `range` of distances; nothing outside of `around` needs samples.
-    #[inline]
-    pub(crate) fn span(&self, around: &SceneBox, ray: &Ray, range: [f32; 2]) -> Option<Span> {
-        Span::new(self, around, ray, range)
-    }
-
     /// The visible distances of a ray whose own range is `t_min` to `t_max`.
     #[inline]
     pub(crate) fn range_of(&self, t_min: f32, t_max: f32) -> [f32; 2] {
-        [self.t_min.max(t_min), self.t_max.min(t_max)]
+        [self.range.0.max(t_min), self.range.1.min(t_max)]
     }
 
     /// The distance of pixels without a surface in a frame seen from `eye`: at least that of anything in the scene,
     /// and the same for all such pixels.
     pub fn far_from(&self, eye: Vec3) -> f32 {
         if self.lattice == Lattice::Own {
-            return self.far.min(self.t_max);
+            return self.far.min(self.range.1);
         }
         if let Some(contraction) = &self.contraction {
-            return ((eye - contraction.centre()).length() + self.far).min(self.t_max);
+            return ((eye - contraction.centre()).length() + self.far).min(self.range.1);
         }
-        let reach: [f32; 3] = core::array::from_fn(|axis| {
-            let (eye, low, high) = (eye[axis], self.bounds.min[axis], self.bounds.max[axis]);
-            (eye - low).abs().max((eye - high).abs())
-        });
-        self.far.max(Vec3::from(reach).length()).min(self.t_max)
+        let reach = (eye - self.bounds.min).abs().max((eye - self.bounds.max).abs());
+        self.far.max(reach.length()).min(self.range.1)
     }
 
     /// Whether a point of the network's space is in an occupied cell, or without an occupancy grid in the scene box.
@@ -420,15 +397,14 @@ impl<'a> Plan<'a> {
     /// samples are counted from `start`.
     #[inline]
     pub(crate) fn interval(&self, ends: &Ends, start: f32, t_min: f32, t: f32) -> SampleInterval {
-        let bins = self.bins.with(*ends);
         if self.contraction.is_some() {
             return self.spacing().interval(ends.parts(), self.least_distance(start, t_min), t);
         }
-        if bins.is_whole_around(t) {
+        if t >= ends.low && t < ends.high {
             // A jittered sample lies anywhere in its bin; the bin does not move.
             let jittered = self.outputs.median_distance && self.effects.jitter.is_some();
-            let mid = if jittered { bins.middle_around(t) } else { t };
-            return SampleInterval { t, mid, delta: bins.delta() };
+            let mid = if jittered { self.bins.with(*ends).middle_around(t) } else { t };
+            return SampleInterval { t, mid, delta: self.bins.delta() };
         }
         self.spacing().interval_of_cut(ends.parts(), t)
     }
@@ -437,11 +413,11 @@ impl<'a> Plan<'a> {
 /// The bins of a frame, and how rays use them.
 fn lattice(scene: &SceneFacts, samples: u16, proposal: bool) -> Result<(Lattice, Bins), BoundsError> {
     let diagonal = scene.diagonal();
+    let step = |own: f32, way: f32| if samples == scene.samples() { own } else { way / f32::from(samples) };
     let (mut lattice, near, step) = match scene.sampling {
-        SceneSampling::March(own) if samples == scene.samples() => (Lattice::March, 0.0, own),
-        SceneSampling::March(_) => (Lattice::March, 0.0, diagonal / f32::from(samples)),
+        SceneSampling::March(own) => (Lattice::March, 0.0, step(own, diagonal)),
         SceneSampling::Contracted { step: own, power } => {
-            let step = if samples == scene.samples() { own } else { scene.reach() / f32::from(samples) };
+            let step = step(own, scene.reach());
             let farthest = 1.0 + f32::from(power);
             return Ok((Lattice::Contracted, Bins::of_width(-farthest, step, steps(2.0 * farthest, step))));
         }

@@ -94,19 +94,13 @@ impl Quality {
     /// # Source
     /// `docs/accuracy-and-time.md`, the learned grid.
     pub fn preset(blob: &Blob<'_>, preset: Preset) -> Self {
-        match Self::within_loss(blob, preset.loss_db()) {
-            Some(choice) if choice.within => choice.quality,
-            Some(_) => Self::exact(blob),
-            None if preset == Preset::Exact => Self::exact(blob),
-            None => Self::unmeasured(blob, preset),
+        if let Some(choice) = Self::within_loss(blob, preset.loss_db()) {
+            return if choice.within { choice.quality } else { Self::exact(blob) };
         }
-    }
-
-    /// The settings of a preset in a scene without a front.
-    fn unmeasured(blob: &Blob<'_>, preset: Preset) -> Self {
         let all = blob.scene().map_or(0, |scene| scene.samples());
         let (transmittance_cut, colour_cut, samples) = match preset {
-            Preset::Exact | Preset::High => return Self::default(),
+            Preset::Exact => return Self::exact(blob),
+            Preset::High => return Self::default(),
             Preset::Balanced => (0.03, 0.03, 0),
             Preset::Fast => (0.1, 0.03, 0),
             Preset::Preview => (0.1, 0.1, (all - all / 5).max(1)),
@@ -138,14 +132,9 @@ impl Quality {
     pub fn front<'b>(blob: &'b Blob<'_>) -> impl Iterator<Item = (usize, Choice)> + 'b {
         let built = |point: &FrontPoint| !point.proposal || cfg!(feature = "proposal");
         blob.front().iter().enumerate().filter(move |(_, point)| built(point)).filter_map(|(index, point)| {
-            let quality = Quality {
-                samples: point.samples,
-                transmittance_cut: point.transmittance_cut,
-                colour_cut: point.colour_cut,
-                occupancy: point.occupancy,
-                math: MathBackend::from_tag(point.math)?,
-                proposal: point.proposal,
-            };
+            let FrontPoint { samples, transmittance_cut, colour_cut, occupancy, proposal, .. } = *point;
+            let math = MathBackend::from_tag(point.math)?;
+            let quality = Self { samples, transmittance_cut, colour_cut, occupancy, math, proposal };
             Some((index, Choice { quality, loss_db: point.loss_db, cost: point.cost, within: false }))
         })
     }

@@ -2,7 +2,7 @@
 
 use super::Plan;
 use crate::camera::Ray;
-use crate::sampling::{Ends, along};
+use crate::sampling::{Bins, Ends, along};
 use crate::simd::{Lanes, MAX_LANES, Op};
 use crate::space::{Contraction, SceneBox};
 use core::ops::Range;
@@ -53,7 +53,7 @@ impl Span {
         if let Some(contraction) = &plan.contraction {
             return contracted_span(plan, contraction, ray, range);
         }
-        let walk = plan.marched_bins();
+        let bins = plan.marched_bins();
         // With a proposal, the range cuts the drawn samples instead.
         let (t_min, t_max) = if plan.proposal.is_some() { (0.0, f32::MAX) } else { range.into() };
         let (near, far) = match plan.lattice {
@@ -61,12 +61,12 @@ impl Span {
             Lattice::Extended | Lattice::March | Lattice::Contracted => (t_min, t_max),
         };
         // The sample of a bin that is cut may lie beyond the cut.
-        let margin = if plan.lattice == Lattice::March { 0.0 } else { walk.delta() };
+        let margin = if plan.lattice == Lattice::March { 0.0 } else { bins.delta() };
         let (enter, exit) = around.clip(ray, near - margin, far + margin)?;
         let (origin, start, end) = match plan.lattice {
             Lattice::Own | Lattice::Contracted => (ray.origin, 0.0, f32::MAX),
             Lattice::Extended => {
-                let start = walk.shift(enter, exit);
+                let start = bins.shift(enter, exit);
                 (ray.at(start), start, f32::MAX)
             }
             Lattice::March => {
@@ -77,10 +77,10 @@ impl Span {
             }
         };
         let slack = ROUNDING * start.abs();
-        let seen = walk.overlapping(enter - start - slack, exit - start + slack);
-        let (walk, own) = walk.cut(near - start, end, far - start);
+        let seen = bins.overlapping(enter - start - slack, exit - start + slack);
+        let (Bins { ends, .. }, own) = bins.cut(near - start, end, far - start);
         let bins = seen.start.max(own.start)..seen.end.min(own.end);
-        Some(Span { ray: Ray { origin, ..*ray }, start, bins, ends: walk.ends() })
+        Some(Span { ray: Ray { origin, ..*ray }, start, bins, ends })
     }
 }
 
@@ -100,21 +100,25 @@ fn contracted_span(
     let enter = contraction.step_at(plan.near.max(t_min) - start);
     let far = contraction.step_at(plan.far);
     let stop = contraction.step_at(t_max - start);
-    let (walk, bins) = plan.bins.cut(enter, far, stop);
-    Some(Span { ray: centred, start, bins, ends: walk.ends() }).filter(|_| enter < far.min(stop))
+    let (Bins { ends, .. }, bins) = plan.bins.cut(enter, far, stop);
+    (enter < far.min(stop)).then_some(Span { ray: centred, start, bins, ends })
 }
 
-/// Sampled intervals of a vector of rays through a bounded scene.
-struct SpanLanes<V> {
-    origin: [V; 3],
-    start: V,
-    /// The first bin and the end of the bins; the end is 0 if the ray misses the scene.
-    bins: [V; 2],
+/// One value for each ray of a vector.
+type Row = [f32; MAX_LANES];
+
+/// The parts of up to [`MAX_LANES`] rays that are sampled; as `Spans<V>`, those of a vector of rays.
+pub(crate) struct Spans<T = Row> {
+    origin: [T; 3],
+    start: T,
+    /// The first bin and the end of the bins; the end is not behind the first bin if nothing is sampled.
+    bins: [T; 2],
     /// [`Ends::parts`].
-    ends: [V; Ends::PARTS],
+    ends: [T; Ends::PARTS],
 }
 
-impl<V: Lanes> SpanLanes<V> {
+impl<V: Lanes> Spans<V> {
+    /// [`Span::new`] of rays through a bounded scene.
     #[inline(always)]
     fn new(plan: &Plan<'_>, around: &SceneBox, origin: [V; 3], dir: [V; 3], [t_min, t_max]: [V; 2]) -> Self {
         let (zero, bins, most) = (V::splat(0.0), plan.marched_bins(), V::splat(f32::MAX));
@@ -146,18 +150,6 @@ impl<V: Lanes> SpanLanes<V> {
     }
 }
 
-/// One value for each ray of a vector.
-type Row = [f32; MAX_LANES];
-
-/// The parts of up to [`MAX_LANES`] rays that are sampled.
-pub(crate) struct Spans {
-    origin: [Row; 3],
-    start: Row,
-    /// The first bin and the end of the bins; the end is not behind the first bin if nothing is sampled.
-    bins: [Row; 2],
-    ends: [Row; Ends::PARTS],
-}
-
 impl Spans {
     pub const NONE: Self = Self {
         origin: [[0.0; MAX_LANES]; 3],
@@ -174,7 +166,7 @@ impl Spans {
         // `map` of an array is a call.
         let ([x, y, z], [start, low, high, far, stop]) = (&self.origin, &self.ends);
         let ray = Ray { origin: Vec3::new(at(x), at(y), at(z)), ..*ray };
-        let ends = Ends::of_parts([at(start), at(low), at(high), at(far), at(stop)]);
+        let ends = Ends { start: at(start), low: at(low), high: at(high), far: at(far), stop: at(stop) };
         (bins.start < bins.end).then_some(Span { ray, start: at(&self.start), bins, ends })
     }
 }
@@ -205,8 +197,8 @@ impl Op for SpanAll<'_> {
         for from in (0..self.rays.len().min(MAX_LANES)).step_by(V::COUNT) {
             let load = |rows: &[Row; 3]| rows.each_ref().map(|row| V::load(&row[from..]));
             let range = self.ranges.each_ref().map(|row| V::load(&row[from..]));
-            let SpanLanes { origin, start, bins, ends } =
-                SpanLanes::new(plan, around, load(&origins), load(&dirs), range);
+            let Spans { origin, start, bins, ends } =
+                Spans::<V>::new(plan, around, load(&origins), load(&dirs), range);
             let rows = to.origin.iter_mut().chain([&mut to.start]).chain(&mut to.bins).chain(&mut to.ends);
             let values = origin.into_iter().chain([start]).chain(bins).chain(ends);
             for (row, value) in rows.zip(values) {

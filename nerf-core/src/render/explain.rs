@@ -220,8 +220,8 @@ impl fmt::Display for Explanation<'_> {
         if plan.lattice == Lattice::Extended {
             writeln!(f, "                   and as many more as the scene box needs")?;
         }
-        if plan.t_min > 0.0 || plan.t_max < f32::MAX {
-            let (t_min, t_max) = (plan.t_min, plan.t_max);
+        let (t_min, t_max) = plan.range;
+        if t_min > 0.0 || t_max < f32::MAX {
             writeln!(f, "range              {t_min} to {t_max} along the ray")?;
         }
         for Stage { name, switch } in self.stages() {

@@ -13,20 +13,20 @@ pub struct Bins {
     near: f32,
     delta: f32,
     count: u32,
-    ends: Ends,
+    pub(crate) ends: Ends,
 }
 
 /// The cuts of the first and last bin that a ray uses; distances along the ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Ends {
     /// `start..low`: the used part of the first bin if it is cut, from `start` to the bin's end `low`; else both −∞.
-    start: f32,
-    low: f32,
+    pub start: f32,
+    pub low: f32,
     /// `high..far`: the last bin if it is cut; else `high` is +∞ and `far` the end of all bins. `stop`: end of the
     /// used part of a cut last bin; else +∞.
-    high: f32,
-    far: f32,
-    stop: f32,
+    pub high: f32,
+    pub far: f32,
+    pub stop: f32,
 }
 
 impl Ends {
@@ -42,16 +42,10 @@ impl Ends {
     /// Number of [`Ends::parts`].
     pub const PARTS: usize = 5;
 
-    /// The five distances as an array, in the order that [`Ends::of_parts`] takes.
+    /// The five distances as an array.
     #[inline]
     pub fn parts(&self) -> [f32; Self::PARTS] {
         [self.start, self.low, self.high, self.far, self.stop]
-    }
-
-    /// The inverse of [`Ends::parts`].
-    #[inline]
-    pub fn of_parts([start, low, high, far, stop]: [f32; Self::PARTS]) -> Self {
-        Self { start, low, high, far, stop }
     }
 }
 
@@ -79,12 +73,6 @@ impl Bins {
         Self { ends, ..*self }
     }
 
-    /// The cuts of the first and last bin.
-    #[inline]
-    pub(crate) fn ends(&self) -> Ends {
-        self.ends
-    }
-
     /// Cuts the bins for a ray that ends at `far` and uses only `start..stop`; also returns the range of bins used.
     ///
     /// `far` cuts the last bin and moves its samples in front of `far`. `start` and `stop` cut only widths and leave
@@ -94,16 +82,17 @@ impl Bins {
         let (mut ends, mut bins) = (self.ends, 0..self.count);
         if start > self.near {
             // `as` saturates, and takes NaN to 0.
-            bins.start = ((start - self.near) / self.delta) as u32;
-            (ends.start, ends.low) = (start, self.edge(bins.start.saturating_add(1)));
+            bins.start = self.position(start) as u32;
+            (ends.start, ends.low) = (start, self.distance(bins.start.saturating_add(1) as f32));
         }
         let stop = stop.min(far);
         if stop < ends.far {
-            let bin = ((stop - self.near) / self.delta) as u32;
+            let bin = self.position(stop) as u32;
             // A bin that begins exactly at `stop` is not used.
-            let last = if self.edge(bin) < stop { bin } else { bin.saturating_sub(1) };
+            let last = if self.distance(bin as f32) < stop { bin } else { bin.saturating_sub(1) };
             bins.end = bins.end.min(last.saturating_add(1));
-            ends = Ends { high: self.edge(last), far: self.edge(last + 1).min(far), stop, ..ends };
+            let (high, end) = (self.distance(last as f32), self.distance((last + 1) as f32));
+            ends = Ends { high, far: end.min(far), stop, ..ends };
         }
         (self.with(ends), bins)
     }
@@ -111,7 +100,7 @@ impl Bins {
     /// Distance, a multiple of the bin width, by which bins must move to begin at or just before `enter`; 0 if they
     /// cover `enter..exit`.
     pub(crate) fn shift(&self, enter: f32, exit: f32) -> f32 {
-        let index = (enter - self.near) / self.delta;
+        let index = self.position(enter);
         if index >= 0.0 && exit <= self.ends.far {
             return 0.0;
         }
@@ -124,19 +113,17 @@ impl Bins {
     #[inline(always)]
     pub(crate) fn cut_lanes<V: Lanes>(&self, start: V, far: V, stop: V) -> ([V; Ends::PARTS], [V; 2]) {
         let [all_start, all_low, all_high, all_far, all_stop] = self.ends.parts().map(V::splat);
-        let (near, delta, one) = (V::splat(self.near), V::splat(self.delta), V::splat(1.0));
-        let edge = |i: V| near.add(i.mul(delta));
-        let bin_at = |t: V| whole(t.sub(near).div(delta));
-        let (late, first) = (near.less(start), bin_at(start));
+        let one = V::splat(1.0);
+        let (late, first) = (V::splat(self.near).less(start), whole(self.position(start)));
         let stop = stop.min_of(far);
-        let (early, bin) = (stop.less(all_far), bin_at(stop));
-        let last = V::select(edge(bin).less(stop), bin, bin.sub(one).max_of(V::splat(0.0)));
+        let (early, bin) = (stop.less(all_far), whole(self.position(stop)));
+        let last = V::select(self.distance(bin).less(stop), bin, bin.sub(one).max_of(V::splat(0.0)));
         let (count, end) = (V::splat(self.count as f32), last.add(one));
         let ends = [
             V::select(late, start, all_start),
-            V::select(late, edge(first.add(one)), all_low),
-            V::select(early, edge(last), all_high),
-            V::select(early, edge(end).min_of(far), all_far),
+            V::select(late, self.distance(first.add(one)), all_low),
+            V::select(early, self.distance(last), all_high),
+            V::select(early, self.distance(end).min_of(far), all_far),
             V::select(early, stop, all_stop),
         ];
         (ends, [V::select(late, first, V::splat(0.0)), V::select(early, end.min_of(count), count)])
@@ -145,9 +132,8 @@ impl Bins {
     /// [`Bins::shift`] for a vector of rays.
     #[inline(always)]
     pub(crate) fn shift_lanes<V: Lanes>(&self, enter: V, exit: V) -> V {
-        let (zero, delta) = (V::splat(0.0), V::splat(self.delta));
-        let index = enter.sub(V::splat(self.near)).div(delta);
-        let shift = index.floor().mul(delta);
+        let (zero, index) = (V::splat(0.0), self.position(enter));
+        let shift = index.floor().mul(V::splat(self.delta));
         let fits = V::select(V::splat(self.ends.far).less(exit), shift, zero);
         V::select(index.less(zero), shift, fits)
     }
@@ -155,30 +141,28 @@ impl Bins {
     /// [`Bins::overlapping`] for a vector of rays: the first bin and the end of the range, integers.
     #[inline(always)]
     pub(crate) fn overlapping_lanes<V: Lanes>(&self, enter: V, exit: V) -> [V; 2] {
-        let (near, delta, count) = (V::splat(self.near), V::splat(self.delta), V::splat(self.count as f32));
-        let rounding = V::splat(self.rounding());
-        let index = |t: V| t.sub(near).div(delta);
-        let first = index(enter).sub(V::splat(1.0)).sub(rounding);
-        let last = index(exit).add(V::splat(2.0)).add(rounding);
+        let (count, rounding) = (V::splat(self.count as f32), V::splat(self.rounding()));
+        let first = self.position(enter).sub(V::splat(1.0)).sub(rounding);
+        let last = self.position(exit).add(V::splat(2.0)).add(rounding);
         [whole(first).min_of(count), whole(last).min_of(count)]
     }
 
     /// Rounding error of [`Bins::at`], in bins; far from the origin it is many bins.
     #[inline]
     fn rounding(&self) -> f32 {
-        let far = self.near + self.count as f32 * self.delta;
-        2.0 * f32::EPSILON * far / self.delta
+        2.0 * f32::EPSILON * self.distance(self.count as f32) / self.delta
     }
 
-    /// Beginning of bin `i` without cuts.
-    #[inline]
-    fn edge(&self, i: u32) -> f32 {
-        self.near + i as f32 * self.delta
+    /// Distance along the ray of a position counted in bins, without cuts: bin `i` begins at `i`.
+    #[inline(always)]
+    pub(crate) fn distance<V: Lanes>(&self, position: V) -> V {
+        V::splat(self.near).add(position.mul(V::splat(self.delta)))
     }
 
-    /// Middle of bin `i` without cuts.
-    pub(crate) fn middle(&self, i: u32) -> f32 {
-        self.near + (i as f32 + 0.5) * self.delta
+    /// The inverse of [`Bins::distance`].
+    #[inline(always)]
+    fn position<V: Lanes>(&self, distance: V) -> V {
+        distance.sub(V::splat(self.near)).div(V::splat(self.delta))
     }
 
     /// Number of bins.
@@ -195,29 +179,19 @@ impl Bins {
     #[inline(always)]
     pub(crate) fn edges_around<V: Lanes>(&self, ends: [V; Ends::PARTS], t: V) -> [V; 3] {
         let [start, low, high, _, stop] = ends;
-        let (near, delta, one) = (V::splat(self.near), V::splat(self.delta), V::splat(1.0));
-        let edge = |i: V| near.add(i.mul(delta));
         let bin = self.bin_around(t);
-        let from = V::select(t.less(low), start, edge(bin));
-        let to = V::select(t.less(high), edge(bin.add(one)), stop);
+        let from = V::select(t.less(low), start, self.distance(bin));
+        let to = V::select(t.less(high), self.distance(bin.add(V::splat(1.0))), stop);
         [t.max_of(from).min_of(to), from, to]
     }
 
     /// Index of the bin that contains `t`, at least 0 but not limited by the number of bins.
     #[inline(always)]
     fn bin_around<V: Lanes>(&self, t: V) -> V {
-        let (near, delta, one) = (V::splat(self.near), V::splat(self.delta), V::splat(1.0));
-        let edge = |i: V| near.add(i.mul(delta));
+        let (bin, one) = (whole(self.position(t)), V::splat(1.0));
         // Near an edge the quotient may round to the neighbouring bin.
-        let bin = whole(t.sub(near).div(delta));
-        let bin = V::select(t.less(edge(bin)), bin.sub(one).max_of(V::splat(0.0)), bin);
-        V::select(t.less(edge(bin.add(one))), bin, bin.add(one))
-    }
-
-    /// Whether the bin that contains `t` is not cut.
-    #[inline]
-    pub(crate) fn is_whole_around(&self, t: f32) -> bool {
-        t >= self.ends.low && t < self.ends.high
+        let bin = V::select(t.less(self.distance(bin)), bin.sub(one).max_of(V::splat(0.0)), bin);
+        V::select(t.less(self.distance(bin.add(one))), bin, bin.add(one))
     }
 
     /// The point of bin `i` at fraction `u` in `[0, 1]`, ½ being the middle; clamped to `far` against rounding.
@@ -230,17 +204,16 @@ impl Bins {
     #[inline(always)]
     pub(crate) fn points<V: Lanes>(&self, bins: V, u: V, ends: [V; Ends::PARTS]) -> V {
         let [_, _, high, far, _] = ends;
-        let (near, delta) = (V::splat(self.near), V::splat(self.delta));
-        let whole = near.add(bins.mul(delta)).less(high);
-        let t = V::select(whole, near.add(bins.add(u).mul(delta)), high.add(u.mul(far.sub(high))));
+        let whole = self.distance(bins).less(high);
+        let t = V::select(whole, self.distance(bins.add(u)), high.add(u.mul(far.sub(high))));
         V::select(t.less(far), t, far)
     }
 
     /// Whether bin `last` and all before it are not cut at the end, so that their middles are those of whole bins.
     #[inline(always)]
     pub(crate) fn whole_up_to(&self, last: u32) -> bool {
-        let Ends { high, far, .. } = self.ends;
-        self.edge(last) < high && self.near + (last as f32 + 0.5) * self.delta < far
+        let (last, Ends { high, far, .. }) = (last as f32, self.ends);
+        self.distance(last) < high && self.distance(last + 0.5) < far
     }
 
     /// The middles of a vector of bins from `first` on, an index below 2^23: [`Bins::at`] ½ of each. `whole`: the
@@ -249,7 +222,7 @@ impl Bins {
     pub(crate) fn middles<V: Lanes>(&self, first: u32, whole: bool) -> V {
         let (i, half) = (V::splat(first as f32).add(V::load(&LANES)), V::splat(0.5));
         if whole {
-            return V::splat(self.near).add(i.add(half).mul(V::splat(self.delta)));
+            return self.distance(i.add(half));
         }
         let [start, low, high, far, stop] = self.ends.parts();
         self.points(i, half, [V::splat(start), V::splat(low), V::splat(high), V::splat(far), V::splat(stop)])
@@ -273,11 +246,10 @@ impl Bins {
     /// The bins that may have a point in `enter..=exit`. This is a superset, larger by one or two bins at each end if
     /// a bin is wider than the spacing of f32 at `far`.
     pub fn overlapping(&self, enter: f32, exit: f32) -> Range<u32> {
-        let index = |t: f32| (t - self.near) / self.delta;
         let rounding = self.rounding();
         // `as` saturates, and takes NaN to 0.
-        let first = (index(enter) - 1.0 - rounding) as u32;
-        let last = (index(exit) + 2.0 + rounding) as u32;
+        let first = (self.position(enter) - 1.0 - rounding) as u32;
+        let last = (self.position(exit) + 2.0 + rounding) as u32;
         first.min(self.count)..last.min(self.count)
     }
 }

@@ -9,7 +9,7 @@ mod tests;
 
 /// Constant added to every bin's weight, so that bins that seem empty keep a few samples, and a ray without any
 /// weight gets uniform samples.
-pub const WEIGHT_FLOOR: f32 = 1e-5;
+const WEIGHT_FLOOR: f32 = 1e-5;
 
 /// Draws samples from the weights of `bins` and merges them with the bins' middles, in place.
 ///
@@ -18,7 +18,7 @@ pub const WEIGHT_FLOOR: f32 = 1e-5;
 /// the middle of every bin, and `drawn` more. A row with fewer values than bins is left alone.
 ///
 /// The probability density of the drawn samples is constant in a bin and proportional to its weight plus
-/// [`WEIGHT_FLOOR`]. The samples are its inverse distribution function at `(k + within(k)) / drawn`; `within` returns
+/// 1e-5. The samples are its inverse distribution function at `(k + within(k)) / drawn`; `within` returns
 /// numbers in `[0, 1)`. If it always returns ½, sampling is deterministic, and the same weights give the same bits.
 ///
 /// # Source
@@ -92,7 +92,7 @@ pub fn sample_interval(near: f32, far: f32, row: &[f32], k: usize) -> (f32, f32)
     (between(start, end), end - start)
 }
 
-/// The sampling weight of a bin: its weight clamped to `[0, 1]`, plus [`WEIGHT_FLOOR`].
+/// The sampling weight of a bin: its weight clamped to `[0, 1]`, plus the floor.
 #[inline]
 fn mass(weight: f32) -> f32 {
     // A NaN is not above 0 and counts as 0.

@@ -1,6 +1,7 @@
 //! Jitter: positions of a ray's samples inside their bins.
 
-use super::{Bins, Purpose, pixel_stream, uniform};
+use super::Bins;
+use super::random::{Purpose, pixel_stream, uniform};
 
 #[cfg(test)]
 mod tests;

@@ -12,8 +12,9 @@ const EXACT_CELLS: u64 = 1 << 23;
 /// A borrowed bit per cell of the scene box, x slowest.
 #[derive(Clone, Copy, Debug)]
 pub struct OccupancyGrid<'a> {
-    bounds: SceneBox,
-    cells_per_unit: Vec3,
+    pub(crate) bounds: SceneBox,
+    /// Number of cells per world unit along x, y, z.
+    pub(crate) cells_per_unit: Vec3,
     resolution: [u16; 3],
     bits: &'a [u8],
 }
@@ -92,12 +93,6 @@ impl<'a> OccupancyGrid<'a> {
         }
     }
 
-    /// Whether a point lies in the scene box.
-    #[inline(always)]
-    pub(crate) fn contains(&self, p: Vec3) -> bool {
-        self.bounds.contains(p)
-    }
-
     /// Cell x, y, z of `p`; `None` outside the box.
     #[inline]
     fn cell_of(&self, p: Vec3) -> Option<[usize; 3]> {
@@ -167,31 +162,19 @@ impl<'a> OccupancyGrid<'a> {
     /// Bounding box of all occupied cells, a cell larger on every side but clipped to the scene box; `None` if all
     /// cells are empty. Points outside of it are never [`OccupancyGrid::occupied`].
     pub fn occupied_box(&self) -> Option<SceneBox> {
-        let [_, ny, nz] = self.resolution.map(usize::from);
         let (mut low, mut high) = ([usize::MAX; 3], [0; 3]);
-        for (i, &byte) in self.bits.iter().enumerate().filter(|(_, byte)| **byte != 0) {
-            for bit in (0..8).filter(|bit| byte >> bit & 1 == 1) {
-                let index = 8 * i + bit;
-                // A grid with bits has no side of 0.
-                let (ny, nz) = (ny.max(1), nz.max(1));
-                let cell = [index / nz / ny, index / nz % ny, index % nz];
-                for axis in 0..3 {
-                    low[axis] = low[axis].min(cell[axis]);
-                    high[axis] = high[axis].max(cell[axis]);
-                }
+        self.each_occupied(|cell| {
+            for axis in 0..3 {
+                low[axis] = low[axis].min(cell[axis]);
+                high[axis] = high[axis].max(cell[axis]);
             }
-        }
+        });
         let size = self.cells_per_unit.recip();
         let corner = |cell: [usize; 3]| self.bounds.min + Vec3::from(cell.map(|side| side as f32)) * size;
         (low[0] <= high[0]).then(|| SceneBox {
             min: corner(low.map(|side| side.saturating_sub(1))).max(self.bounds.min),
             max: corner(high.map(|side| side + 2)).min(self.bounds.max),
         })
-    }
-
-    /// Number of cells per world unit along x, y, z.
-    pub(crate) fn cells_per_unit(&self) -> Vec3 {
-        self.cells_per_unit
     }
 
     /// Number of blocks of `side` cells along x, y, z; the last blocks may have fewer cells.
@@ -202,17 +185,24 @@ impl<'a> OccupancyGrid<'a> {
     /// Sets the bit of each block of `side`³ cells that contains an occupied cell, x slowest.
     pub(crate) fn mark_blocks(&self, side: u16, blocks: &mut [u8]) {
         let [_, ny, nz] = self.blocks(side).map(usize::from);
-        let (side, [_, cells_y, cells_z]) = (usize::from(side), self.resolution.map(usize::from));
+        let side = usize::from(side);
+        self.each_occupied(|[x, y, z]| {
+            let block = (x / side * ny + y / side) * nz + z / side;
+            if let Some(byte) = blocks.get_mut(block / 8) {
+                *byte |= 1 << (block % 8);
+            }
+        });
+    }
+
+    /// Calls `found` with x, y, z of each occupied cell.
+    #[inline]
+    fn each_occupied(&self, mut found: impl FnMut([usize; 3])) {
+        // A grid with bits has no side of 0.
+        let [_, ny, nz] = self.resolution.map(|side| usize::from(side).max(1));
         for (i, &byte) in self.bits.iter().enumerate().filter(|(_, byte)| **byte != 0) {
             for bit in (0..8).filter(|bit| byte >> bit & 1 == 1) {
                 let index = 8 * i + bit;
-                // A grid with bits has no side of 0.
-                let (y, z) = (index / cells_z.max(1), index % cells_z.max(1));
-                let (x, y) = (y / cells_y.max(1), y % cells_y.max(1));
-                let block = (x / side * ny + y / side) * nz + z / side;
-                if let Some(byte) = blocks.get_mut(block / 8) {
-                    *byte |= 1 << (block % 8);
-                }
+                found([index / nz / ny, index / nz % ny, index % nz]);
             }
         }
     }

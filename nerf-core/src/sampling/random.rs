@@ -49,18 +49,15 @@ fn mix(mut z: u64) -> u64 {
 }
 
 /// The random stream of a pixel, independent of image, tile and thread.
-#[cfg(any(feature = "jitter", feature = "depth-of-field"))]
 pub(crate) fn pixel_stream(x: u32, y: u32) -> u64 {
     u64::from(y) << 32 | u64::from(x)
 }
 
 /// Fractional part of the golden ratio, in units of 2^-32.
-#[cfg(any(feature = "anti-aliasing", feature = "depth-of-field"))]
 pub(crate) const GOLDEN: u32 = 0x9e37_79b9;
 
 /// Rank of the `index`-th among the first `count` multiples of `ratio`, modulo 1 and in units of 2^-32: a
 /// low-discrepancy permutation of `0..count`, exact in integers.
-#[cfg(any(feature = "anti-aliasing", feature = "depth-of-field"))]
 pub(crate) fn rank(ratio: u32, index: u32, count: u32) -> u32 {
     let own = index.wrapping_mul(ratio);
     (0..count).filter(|other| other.wrapping_mul(ratio) < own).count() as u32

@@ -241,7 +241,7 @@ fn occupancies_without_cells_or_bits_are_empty() {
 }
 
 #[test]
-fn a_walk_through_a_corner_meets_both_diagonal_cells() {
+fn a_march_through_a_corner_meets_both_diagonal_cells() {
     let bounds = SceneBox { min: Vec3::splat(-1e6), max: Vec3::splat(1e6) };
     // Cells (0,0,0) and (1,1,1) of 2×2×2.
     let occupancy = OccupancyGrid::new(bounds, [2, 2, 2], &[0b1000_0001]);
@@ -255,7 +255,7 @@ fn a_walk_through_a_corner_meets_both_diagonal_cells() {
 }
 
 /// Rays that are random, parallel to axes, in a plane of cell faces, or start on one.
-fn walking_rays(bounds: &SceneBox, resolution: [u16; 3]) -> vec::Vec<Ray> {
+fn marched_rays(bounds: &SceneBox, resolution: [u16; 3]) -> vec::Vec<Ray> {
     let noise = crate::testing::noise(6 * 400, 77);
     let size = (bounds.max - bounds.min) / Vec3::from(resolution.map(f32::from));
     let mut rays = vec![];
@@ -280,7 +280,7 @@ fn walking_rays(bounds: &SceneBox, resolution: [u16; 3]) -> vec::Vec<Ray> {
 }
 
 #[test]
-fn a_walk_meets_the_bins_that_asking_at_each_meets() {
+fn a_march_meets_the_bins_that_asking_at_each_meets() {
     let boxes = [
         SceneBox { min: Vec3::splat(-1.5), max: Vec3::splat(1.5) },
         SceneBox { min: Vec3::new(-0.3, 7.0, -1e3), max: Vec3::new(0.4, 8.1, 1e3) },
@@ -299,7 +299,7 @@ fn a_walk_meets_the_bins_that_asking_at_each_meets() {
                 for count in [7, 64, 1000] {
                     let bins = Bins::new(0.0, far, count).unwrap();
                     let middle = |bin| bins.at(bin, 0.5);
-                    for ray in walking_rays(bounds, resolution).iter().skip(k).step_by(7) {
+                    for ray in marched_rays(bounds, resolution).iter().skip(k).step_by(7) {
                         let mut next = 0;
                         for bin in 0..count {
                             let p = ray.at(bins.at(bin, 0.5));

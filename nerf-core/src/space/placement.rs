@@ -21,14 +21,11 @@ errors! {
     /// A transform that is no valid placement.
     #[derive(Eq)]
     PlacementError:
-    /// The matrix contains a number that is not finite.
     NotFinite => "expected a rotation, one scale and a translation, found a number that is not finite";
     /// The scale is not in `[1e-9, 1e9]`, as in a singular matrix.
     Singular => "expected a rotation, one scale and a translation, found a scale that is not in [1e-9, 1e9]";
-    /// The axes have different lengths, or are not at right angles.
     Sheared =>
         "expected a rotation, one scale and a translation, found axes of different lengths or not at right angles";
-    /// The matrix contains a reflection.
     Mirrored => "expected a rotation, one scale and a translation, found a mirrored one";
 }
 

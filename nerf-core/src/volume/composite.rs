@@ -4,41 +4,27 @@ use super::{Accumulator, Pixel};
 use crate::errors::errors;
 use crate::math::{MathBackend, with_math};
 
-/// Composites samples along one ray into colour, opacity and distance.
+/// Composites samples along one ray into colour, opacity and distance, as a frame rendered with the backend `math`.
 ///
 /// `sigma`: `[n]`, 1/world unit, >= 0. `rgb`: `[n]`. `t_edges`: `[n + 1]`, world units, ascending. Distances are
 /// those of the bins' middles. A sample whose density is NaN or whose colour is not finite is empty. `z_depth` equals
-/// `ray_distance`, since a single ray has no view axis. Median distance and normal stay 0. Exponentials are the
-/// project's own; [`composite_with`] takes another backend's.
+/// `ray_distance`, since a single ray has no view axis. Median distance and normal stay 0.
 ///
 /// # Errors
 /// [`VolumeError`] on lengths that do not fit and on edges that are not finite and ascending.
 /// # Examples
 /// ```
-/// use nerf_core::volume::composite;
+/// use nerf_core::{MathBackend, volume::composite};
 /// // A half-transparent red bin in front of an opaque green one.
 /// let sigma = [core::f32::consts::LN_2, 1e30, 0.0];
 /// let rgb = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0; 3]];
-/// let pixel = composite(&sigma, &rgb, &[2.0, 3.0, 4.0, 5.0], [0.0; 3])?;
+/// let pixel = composite(MathBackend::Polynomial, &sigma, &rgb, &[2.0, 3.0, 4.0, 5.0], [0.0; 3])?;
 /// assert!((pixel.rgb[0] - 0.5).abs() < 1e-6 && (pixel.rgb[1] - 0.5).abs() < 1e-6);
 /// assert!((pixel.opacity - 1.0).abs() < 1e-6);
 /// assert!((pixel.ray_distance - (0.5 * 2.5 + 0.5 * 3.5)).abs() < 1e-5);
 /// # Ok::<(), nerf_core::volume::VolumeError>(())
 /// ```
 pub fn composite(
-    sigma: &[f32],
-    rgb: &[[f32; 3]],
-    t_edges: &[f32],
-    background: [f32; 3],
-) -> Result<Pixel, VolumeError> {
-    composite_with(MathBackend::Polynomial, sigma, rgb, t_edges, background)
-}
-
-/// [`composite`] with the exponentials of a maths backend, as a frame rendered with that backend.
-///
-/// # Errors
-/// As [`composite`].
-pub fn composite_with(
     math: MathBackend,
     sigma: &[f32],
     rgb: &[[f32; 3]],
@@ -62,16 +48,14 @@ pub fn composite_with(
             ray.add::<M>(sigma, rgb, 0.5 * start + 0.5 * end, end - start);
         }
     });
-    Ok(ray.finish(background, t_edges[n], 1.0))
+    Ok(ray.finish_from(0.0, false, background, t_edges[n], 1.0))
 }
 
 errors! {
     /// Invalid samples of a ray.
     #[derive(Eq)]
     VolumeError:
-    /// `rgb` is not as long as `sigma`, or `t_edges` not one longer.
     Lengths { sigma: usize, rgb: usize, t_edges: usize } =>
         "samples: expected n sigma, n rgb, n + 1 t_edges, found {sigma}, {rgb}, {t_edges}";
-    /// An edge is not finite or is less than the previous edge.
     Edges { bin: usize } => "t_edges: expected finite ascending values, bin {bin} has none";
 }

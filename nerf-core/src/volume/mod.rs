@@ -1,12 +1,11 @@
 //! Volume rendering: densities and colours along a ray become one pixel.
 
 use crate::math::{Math, Sum};
-use crate::simd::Lanes;
+use crate::simd::{BLOCK, Lanes};
+use side_by_side::Rows;
 
 #[cfg(feature = "train")]
 mod composite;
-#[cfg(feature = "median")]
-mod median;
 #[cfg(feature = "normals")]
 mod normal;
 
@@ -15,9 +14,7 @@ pub(crate) mod side_by_side;
 mod tests;
 
 #[cfg(feature = "train")]
-pub use composite::{VolumeError, composite, composite_with};
-#[cfg(feature = "median")]
-pub(crate) use median::median_in_bin;
+pub use composite::{VolumeError, composite};
 #[cfg(feature = "normals")]
 pub(crate) use normal::NormalSum;
 
@@ -55,14 +52,12 @@ pub(crate) fn light<M: Math, V: Lanes>(total: V) -> V {
     V::select(total.less(V::splat(MAX_TAU)), M::decay(total), V::splat(0.0))
 }
 
-/// Length of a weighted mean of unit vectors at or below which it is rounding noise: the directions cancel.
-#[cfg(any(feature = "normals", feature = "anti-aliasing"))]
-const MEAN_EPSILON: f32 = 1e-6;
-
 /// Direction of `sum`, a sum of normals with a total weight of `weight`; 0 if `opacity` is at most
 /// [`OPACITY_EPSILON`], or if the directions cancel.
 #[cfg(any(feature = "normals", feature = "anti-aliasing"))]
 pub(crate) fn mean_direction(sum: [f32; 3], weight: f32, opacity: f32) -> [f32; 3] {
+    // Length of a mean of unit vectors at or below which it is rounding noise.
+    const MEAN_EPSILON: f32 = 1e-6;
     let sum = glam::Vec3::from(sum);
     let length = sum.length();
     if opacity > OPACITY_EPSILON && length > MEAN_EPSILON * weight {
@@ -268,26 +263,30 @@ impl Accumulator {
         weight
     }
 
-    /// The pixel of all samples, over `background`.
-    #[cfg(feature = "train")]
-    pub(crate) fn finish(&self, background: [f32; 3], far: f32, z_per_distance: f32) -> Pixel {
-        self.finish_from(0.0, false, background, far, z_per_distance)
+    /// Writes the state of the ray, without its colour, to column `column` of a block.
+    #[inline]
+    pub(crate) fn put_column(&self, rows: &mut Rows, column: usize) {
+        let Self { tau, opacity, distance, uncoloured, left, .. } = *self;
+        let values = [
+            tau.value,
+            tau.lost,
+            opacity.value,
+            opacity.lost,
+            distance.value,
+            distance.lost,
+            uncoloured,
+            left,
+        ];
+        for (row, value) in rows.iter_mut().zip(values) {
+            row[column % BLOCK] = value;
+        }
     }
 
-    /// The state except for the colour: optical thickness, opacity and distance, each with its rounding error, then
-    /// the weight without a colour and the transmittance.
+    /// Reads what [`Accumulator::put_column`] wrote.
     #[inline]
-    fn state(&self) -> [f32; side_by_side::ROWS] {
-        let Self { tau, opacity, distance, uncoloured, left, .. } = self;
-        [tau.value, tau.lost, opacity.value, opacity.lost, distance.value, distance.lost, *uncoloured, *left]
-    }
-
-    /// The inverse of [`Accumulator::state`].
-    #[inline]
-    fn set_state(
-        &mut self,
-        [tau, lost_tau, opacity, lost_opacity, distance, lost, uncoloured, left]: [f32; side_by_side::ROWS],
-    ) {
+    pub(crate) fn take_column(&mut self, rows: &Rows, column: usize) {
+        let [tau, lost_tau, opacity, lost_opacity, distance, lost, uncoloured, left] =
+            rows.each_ref().map(|row| row[column % BLOCK]);
         self.tau = Sum { value: tau, lost: lost_tau };
         self.opacity = Sum { value: opacity, lost: lost_opacity };
         self.distance = Sum { value: distance, lost };

@@ -1,7 +1,7 @@
-//! Compositing of several rays at once: the state of [`Accumulator`] without colour, one row per value and one column
-//! per ray.
+//! Compositing of several rays at once: the state of [`Accumulator`](super::Accumulator) without colour, one row per
+//! value and one column per ray.
 
-use super::{Accumulator, MAX_TAU, alpha, light};
+use super::{MAX_TAU, alpha, light};
 use crate::math::Math;
 use crate::simd::{BLOCK, Lanes};
 
@@ -15,29 +15,10 @@ const OPACITY: usize = 2;
 const DISTANCE: usize = 4;
 /// Rows of the weight without a colour (`UNCOLOURED`) and of the transmittance (`LEFT`).
 const UNCOLOURED: usize = 6;
-const LEFT: usize = 7;
+pub(crate) const LEFT: usize = 7;
 
-/// Writes the state of a ray, without its colour, to column `column` of a block.
-#[inline]
-pub(crate) fn put_column(ray: &Accumulator, rows: &mut Rows, column: usize) {
-    for (row, value) in rows.iter_mut().zip(ray.state()) {
-        row[column % BLOCK] = value;
-    }
-}
-
-/// Reads the state of a ray, without its colour, from column `column` of a block.
-#[inline]
-pub(crate) fn take_column(ray: &mut Accumulator, rows: &Rows, column: usize) {
-    ray.set_state(rows.each_ref().map(|row| row[column % BLOCK]));
-}
-
-/// Transmittance of a block's rays.
-pub(crate) fn left_of(rows: &Rows) -> &[f32; BLOCK] {
-    &rows[LEFT]
-}
-
-/// [`Accumulator::add_density`] for each ray of a vector that begins at column `from`. Returns for each the weight
-/// that [`Accumulator::take_uncoloured`] gives, or 0.
+/// `Accumulator::add_density` for each ray of a vector that begins at column `from`. Returns for each the weight that
+/// `Accumulator::take_uncoloured` gives, or 0.
 ///
 /// `sigma` 1/world unit, NaN as 0; `t`, `delta`: world units along the ray.
 #[inline(always)]

@@ -1,6 +1,7 @@
 extern crate std;
 
 use super::*;
+use crate::math::MathBackend;
 use crate::math::polynomial::Polynomial;
 use crate::testing::{self, Worse};
 use std::format;
@@ -16,6 +17,16 @@ fn noise(n: usize, seed: u32) -> Vec<f32> {
 
 fn edges(n: usize, near: f32, far: f32) -> Vec<f32> {
     (0..=n).map(|i| near + (far - near) * i as f32 / n as f32).collect()
+}
+
+/// [`super::composite`] with the polynomials.
+fn composite(
+    sigma: &[f32],
+    rgb: &[[f32; 3]],
+    t_edges: &[f32],
+    background: [f32; 3],
+) -> Result<Pixel, VolumeError> {
+    super::composite(MathBackend::Polynomial, sigma, rgb, t_edges, background)
 }
 
 /// `(rgb over black, opacity, mean distance)` in f64.
@@ -52,7 +63,7 @@ fn every_size_of_sigma_and_delta_gives_a_finite_pixel() {
                 assert!(error <= 2e-7 * truth + 1e-38, "{sigma} {delta}: {weight} {truth}");
                 assert!((0.0..=1.0).contains(&weight) && (0.0..=1.0).contains(&through));
                 assert!((weight + through - 1.0).abs() <= 1e-6, "{sigma} {delta}");
-                let pixel = ray.finish([0.2; 3], 1e30, 0.5);
+                let pixel = ray.finish_from(0.0, false, [0.2; 3], 1e30, 0.5);
                 let all = [pixel.opacity, pixel.ray_distance, pixel.z_depth];
                 assert!(
                     all.iter().chain(&pixel.rgb).all(|x| x.is_finite()),
@@ -251,7 +262,7 @@ fn distances_are_far_exactly_up_to_the_epsilon() {
     for (opacity, hit) in [(0.99e-4, false), (1.01e-4, true)] {
         let mut ray = Accumulator::NONE;
         ray.add::<Polynomial>(opacity, [1.0; 3], 3.0, 1.0);
-        let pixel = ray.finish([0.0; 3], 6.0, 0.5);
+        let pixel = ray.finish_from(0.0, false, [0.0; 3], 6.0, 0.5);
         let (distance, z) = if hit { (3.0, 1.5) } else { (6.0, 6.0) };
         assert!((pixel.ray_distance - distance).abs() < 1e-5 && (pixel.z_depth - z).abs() < 1e-5);
     }
@@ -268,7 +279,7 @@ fn conservation<M: Math>() -> (f32, f32) {
             }
             worst = worst.worse((ray.opacity.value + ray.transmittance() - 1.0).abs());
             most = most.max(ray.opacity.value);
-            let pixel = ray.finish([0.0; 3], 2.0, 1.0);
+            let pixel = ray.finish_from(0.0, false, [0.0; 3], 2.0, 1.0);
             assert!(pixel.opacity <= 1.0);
             assert!(pixel.rgb.iter().all(|&c| c <= 1.0 + 1e-6), "{pixel:?}");
         }
@@ -289,12 +300,4 @@ fn no_backend_makes_light() {
         std::println!("{name}: Σw + T − 1 {worst:e}, Σw {most}");
         assert!(worst <= limit, "{name}: {worst:e}");
     }
-}
-
-#[cfg(feature = "median")]
-#[test]
-fn half_of_the_light_is_left_ln_2_behind_the_edge_of_a_medium_of_density_1() {
-    // Bins begin at 2 and are 0.5 wide.
-    let t = super::median_in_bin(0.5, 1.0, 2.75, 0.5);
-    assert!((t - (2.0 + core::f32::consts::LN_2)).abs() < 1e-6);
 }

@@ -1,6 +1,7 @@
 //! Volume rendering against the published figures of the CS180 course.
 
 use crate::tools::data;
+use nerf_core::MathBackend;
 use nerf_core::volume::composite;
 
 #[test]
@@ -20,7 +21,9 @@ fn composite_equals_the_course_to_four_decimals() {
     for ray in 0..10 {
         let rgb: Vec<[f32; 3]> =
             rgbs[192 * ray..192 * (ray + 1)].chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
-        let pixel = composite(&sigmas[64 * ray..64 * (ray + 1)], &rgb, &t_edges, [0.0; 3]).expect("a ray");
+        let pixel =
+            composite(MathBackend::Polynomial, &sigmas[64 * ray..64 * (ray + 1)], &rgb, &t_edges, [0.0; 3])
+                .expect("a ray");
         for (found, expected) in pixel.rgb.iter().zip(&expected[3 * ray..]) {
             let (found, expected) = ((found * 1e4).round(), (expected * 1e4).round());
             assert_eq!(found, expected, "ray {ray}, in units of 1e-4");

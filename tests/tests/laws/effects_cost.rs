@@ -15,7 +15,7 @@ const EFFECTS: [(&str, &[&str], &[&str]); 7] = [
     ("depth-of-field", &["lens_ray"], &["render/pixel/depth_of_field"]),
     ("tone-map", &["decode_srgb", "develop"], &["render/pixel/tone"]),
     ("lens", &["undistort"], &["camera/lens/model"]),
-    ("median", &["median_in_bin"], &["render/pixel/median", "volume/median"]),
+    ("median", &["median_in_bin"], &["render/pixel/median"]),
     (
         "normals",
         &["gradient"],

@@ -6,7 +6,7 @@ pub use laws::CASES as LAWS;
 
 use crate::table::{BACKENDS, Row, Worst, cases};
 use nerf_core::math::MathBackend;
-use nerf_core::volume::{OPACITY_EPSILON, Pixel, composite_with};
+use nerf_core::volume::{OPACITY_EPSILON, Pixel, composite};
 use nerf_tests::error::{excess, worse};
 use nerf_tests::noise::share;
 use nerf_tests::oracle;
@@ -78,7 +78,7 @@ fn random_rays(n: usize, density: f32) -> Vec<Row> {
     let truths: Vec<_> = rays.iter().map(|(sigma, rgb)| truth(sigma, rgb, &edges, background)).collect();
     by_backend([RAY; 3], |math, worst| {
         for (ray, ((sigma, rgb), truth)) in rays.iter().zip(&truths).enumerate() {
-            let found = composite_with(math, sigma, rgb, &edges, background).expect("a ray");
+            let found = composite(math, sigma, rgb, &edges, background).expect("a ray");
             worst.see(off(&found, truth), || format!("ray {ray}"));
         }
     })
@@ -89,7 +89,7 @@ fn thin() -> Vec<Row> {
         for exponent in -120..=0 {
             for mantissa in [1.0f32, 1.3, 1.999] {
                 let tau = mantissa * 2f32.powi(exponent);
-                let found = composite_with(math, &[tau], &[[1.0; 3]], &[0.0, 1.0], [0.0; 3]).expect("a ray");
+                let found = composite(math, &[tau], &[[1.0; 3]], &[0.0, 1.0], [0.0; 3]).expect("a ray");
                 let truth = -(-f64::from(tau)).exp_m1();
                 let error = (f64::from(found.opacity) - truth).abs() / truth;
                 worst.see(error, || format!("sigma delta = {tau:e}"));
@@ -122,7 +122,7 @@ fn sizes() -> Vec<Row> {
     by_backend([2e-7; 3], |math, worst| {
         every_size(|sigma, edges, at| {
             let rgb = [[1.0; 3], [0.5; 3]];
-            let found = composite_with(math, &sigma, &rgb, &edges, [0.25; 3]).expect("a ray");
+            let found = composite(math, &sigma, &rgb, &edges, [0.25; 3]).expect("a ray");
             let truth = truth(&sigma, &rgb, &edges, [0.25; 3]);
             worst.see((f64::from(found.opacity) - truth.opacity).abs(), at);
             let colour = found.rgb.iter().all(|c| (0.0..=1.0).contains(c));
@@ -152,7 +152,7 @@ fn weights(math: MathBackend, sigma: &[f32], edges: &[f32]) -> Vec<f32> {
     let weight = |i: usize| {
         let mut rgb = vec![[0.0; 3]; n + 1];
         rgb[i] = [1.0; 3];
-        composite_with(math, &sigma, &rgb, &edges, [0.0; 3]).expect("a ray").rgb[0]
+        composite(math, &sigma, &rgb, &edges, [0.0; 3]).expect("a ray").rgb[0]
     };
     (0..=n).map(weight).collect()
 }
@@ -168,7 +168,7 @@ fn walls() -> Vec<Row> {
                 // In front of the last bin there is nothing, behind the first is fog.
                 let mut sigma = vec![if bin == 0 { 3.0 } else { 0.0 }; n];
                 sigma[bin] = wall;
-                let found = composite_with(math, &sigma, &rgb, &edges, [0.5; 3]).expect("a ray");
+                let found = composite(math, &sigma, &rgb, &edges, [0.5; 3]).expect("a ray");
                 let middle = 0.5 * edges[bin] + 0.5 * edges[bin + 1];
                 let right = found.rgb == rgb[bin] && found.opacity == 1.0 && found.ray_distance == middle;
                 worst.see(if right { 0.0 } else { 1.0 }, || {
@@ -183,13 +183,13 @@ fn no_width() -> Vec<Row> {
     by_backend([0.0; 3], |math, worst| {
         for thin in SIZES {
             let (sigma, rgb) = ([0.5, thin, 0.75], [[1.0, 0.0, 0.5], [0.5; 3], [0.25; 3]]);
-            let with = composite_with(math, &sigma, &rgb, &[2.0, 3.0, 3.0, 5.0], [1.0; 3]);
+            let with = composite(math, &sigma, &rgb, &[2.0, 3.0, 3.0, 5.0], [1.0; 3]);
             let without =
-                composite_with(math, &[sigma[0], sigma[2]], &[rgb[0], rgb[2]], &[2.0, 3.0, 5.0], [1.0; 3]);
+                composite(math, &[sigma[0], sigma[2]], &[rgb[0], rgb[2]], &[2.0, 3.0, 5.0], [1.0; 3]);
             worst.see(f64::from(u8::from(with != without)), || format!("density {thin:e}"));
         }
         // And nothing but such bins is nothing.
-        let found = composite_with(math, &SIZES, &[[1.0; 3]; 7], &[3.0; 8], [0.25; 3]).expect("a ray");
+        let found = composite(math, &SIZES, &[[1.0; 3]; 7], &[3.0; 8], [0.25; 3]).expect("a ray");
         worst.see(f64::from(u8::from(found.opacity != 0.0 || found.rgb != [0.25; 3])), || "all".to_string());
     })
 }
@@ -211,7 +211,7 @@ fn edges() -> Vec<Row> {
             }));
         }
         for edges in rays {
-            let found = composite_with(math, &[1.0; 3], &[[1.0; 3]; 3], &edges, [0.0; 3]);
+            let found = composite(math, &[1.0; 3], &[[1.0; 3]; 3], &edges, [0.0; 3]);
             worst.see(f64::from(u8::from(found.is_ok())), || format!("{edges:?}"));
         }
     })
@@ -221,10 +221,9 @@ fn no_numbers() -> Vec<Row> {
     by_backend([0.0; 3], |math, worst| {
         let edges = [2.0, 3.0, 4.0, 5.0];
         let (sigma, rgb) = ([0.5, 0.0, 0.75], [[1.0, 0.0, 0.5], [0.0; 3], [0.25; 3]]);
-        let clean = composite_with(math, &sigma, &rgb, &edges, [1.0; 3]).expect("a ray");
+        let clean = composite(math, &sigma, &rgb, &edges, [1.0; 3]).expect("a ray");
         let mut check = |density: f32, colour: [f32; 3]| {
-            let found =
-                composite_with(math, &[0.5, density, 0.75], &[rgb[0], colour, rgb[2]], &edges, [1.0; 3]);
+            let found = composite(math, &[0.5, density, 0.75], &[rgb[0], colour, rgb[2]], &edges, [1.0; 3]);
             worst.see(f64::from(u8::from(found != Ok(clean))), || format!("{density:e}, {colour:?}"));
         };
         for bad in [f32::NAN, f32::from_bits(0xffc0_1234), f32::NEG_INFINITY, -1.0, -0.0] {
@@ -247,8 +246,7 @@ fn empty() -> Vec<Row> {
         for n in [0, 1, 64, 4096] {
             let edges: Vec<f32> = (0..=n).map(|i| 2.0 + 4.0 * i as f32 / 4096.0).collect();
             for sigma in [0.0, -0.0, -1e30, f32::NEG_INFINITY, f32::NAN, 1e-45, 1e-12] {
-                let found =
-                    composite_with(math, &vec![sigma; n], &vec![[1.0; 3]; n], &edges, [0.25, 0.5, 1.0]);
+                let found = composite(math, &vec![sigma; n], &vec![[1.0; 3]; n], &edges, [0.25, 0.5, 1.0]);
                 let found = found.expect("a ray");
                 // What is as good as nothing has an opacity, but no surface.
                 let none = if sigma > 0.0 { found.opacity <= OPACITY_EPSILON } else { found.opacity == 0.0 };
@@ -270,8 +268,7 @@ fn white() -> Vec<Row> {
             let mut state = n as u64;
             for density in [1e-3, 0.1, 1.0, 3.0, 30.0, 1e3, f32::INFINITY] {
                 let sigma: Vec<f32> = (0..n).map(|_| density * (0.5 + share(&mut state))).collect();
-                let found =
-                    composite_with(math, &sigma, &vec![[1.0; 3]; n], &edges, [1.0; 3]).expect("a ray");
+                let found = composite(math, &sigma, &vec![[1.0; 3]; n], &edges, [1.0; 3]).expect("a ray");
                 let at = || format!("{n} of {density:e}: {found:?}");
                 // All is white, whatever the opacity.
                 worst.see((f64::from(found.rgb[0]) - 1.0).abs(), at);
@@ -289,11 +286,11 @@ fn splitting() -> Vec<Row> {
             let sigma: Vec<f32> = (0..n).map(|_| 3.0 * share(&mut state)).collect();
             let rgb: Vec<[f32; 3]> = (0..n).map(|_| [0; 3].map(|_| share(&mut state))).collect();
             let edges: Vec<f32> = (0..=n).map(|i| 2.0 + i as f32 / 16.0).collect();
-            let whole = composite_with(math, &sigma, &rgb, &edges, [1.0; 3]).expect("a ray");
+            let whole = composite(math, &sigma, &rgb, &edges, [1.0; 3]).expect("a ray");
             let halves: Vec<f32> = (0..=2 * n).map(|i| 2.0 + i as f32 / 32.0).collect();
             let sigma: Vec<f32> = (0..2 * n).map(|i| sigma[i / 2]).collect();
             let rgb: Vec<[f32; 3]> = (0..2 * n).map(|i| rgb[i / 2]).collect();
-            let split = composite_with(math, &sigma, &rgb, &halves, [1.0; 3]).expect("a ray");
+            let split = composite(math, &sigma, &rgb, &halves, [1.0; 3]).expect("a ray");
             worst.see(change(&whole, &split), || format!("ray {ray}"));
         }
     })

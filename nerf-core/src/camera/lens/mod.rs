@@ -11,8 +11,6 @@ mod model;
 mod model;
 
 #[cfg(all(test, feature = "lens"))]
-mod oracle;
-#[cfg(all(test, feature = "lens"))]
 mod tests;
 
 /// Coefficients of a lens on normalised image coordinates, +y down.
@@ -28,22 +26,15 @@ mod tests;
 /// Brown 1966 and Kannala, Brandt 2006, as in OpenCV and COLMAP: `k1 k2 p1 p2` are the parameters of OPENCV, all
 /// eight those of FULL_OPENCV, `k1 k2 k3 k4` of a fisheye those of OPENCV_FISHEYE.
 #[derive(Clone, Copy, Default, PartialEq)]
+#[allow(missing_docs, reason = "the formulas say what each coefficient is")]
 pub struct Lens {
-    /// Radial coefficient of second order.
     pub k1: f32,
-    /// Radial coefficient of fourth order.
     pub k2: f32,
-    /// Tangential.
     pub p1: f32,
-    /// Tangential.
     pub p2: f32,
-    /// Radial coefficient of sixth order.
     pub k3: f32,
-    /// Radial coefficient of second order in the denominator; in a fisheye, of eighth order.
     pub k4: f32,
-    /// Radial coefficient of fourth order in the denominator.
     pub k5: f32,
-    /// Radial coefficient of sixth order in the denominator.
     pub k6: f32,
     /// The model that the coefficients belong to.
     pub projection: Projection,

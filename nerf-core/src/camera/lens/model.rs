@@ -176,15 +176,16 @@ impl Lens {
     /// The direction (right, down, forward) that is seen at `(xd, yd)`, if it can be found and, with `from_axis`, no
     /// fold lies between the axis and it.
     pub(crate) fn invert(&self, xd: f32, yd: f32, from_axis: bool) -> Option<Vec3> {
-        if self.projection == Projection::Fisheye {
-            return self
-                .fisheye_direction(xd, yd)
-                .filter(|&dir| !from_axis || !self.fisheye_folds_before(dir));
-        }
-        let (x, y) = self.undistort(xd, yd)?;
-        let starts_inside = self.is_rational() || xd * xd + yd * yd <= x * x + y * y;
-        let found = !from_axis || (starts_inside || self.starts_well(xd, yd)) && !self.folds_before(x, y);
-        found.then(|| Vec3::new(x, y, 1.0))
+        let dir = self.direction(xd, yd)?;
+        let folds = || match self.projection {
+            Projection::Fisheye => self.fisheye_folds_before(dir),
+            Projection::Perspective => {
+                let starts_inside = xd * xd + yd * yd <= dir.x * dir.x + dir.y * dir.y;
+                !(starts_inside || self.is_rational() || self.starts_well(xd, yd))
+                    || self.folds_before(dir.x, dir.y)
+            }
+        };
+        (!from_axis || !folds()).then_some(dir)
     }
 
     /// Whether Newton's method may start at `(xd, yd)`, further from the axis than the solution: no fold lies before

@@ -4,6 +4,8 @@ use super::*;
 use crate::testing::{Worse, noise};
 use std::vec::Vec;
 
+mod colmap;
+
 fn lenses() -> impl Iterator<Item = Lens> {
     let k1 = [-0.1, -0.02, 0.0, 0.05, 0.3];
     let p = [-0.005, 0.0, 0.005];

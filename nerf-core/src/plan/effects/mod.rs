@@ -12,14 +12,11 @@
 //! takes its place in a build without the feature and does nothing. Lens distortion is a setting of the camera
 //! ([`Lens`](crate::camera::Lens), feature `lens`).
 
-mod error;
-
 #[cfg(test)]
 mod tests;
 
+use crate::errors::errors;
 use crate::names::names;
-
-pub use error::EffectError;
 
 /// The effects of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -105,12 +102,6 @@ names! {
     }
 }
 
-impl Default for Effects {
-    fn default() -> Self {
-        Self::NONE
-    }
-}
-
 impl Effects {
     /// No effect: one ray through each pixel's centre, samples in the middle of their bins, colours as the
     /// network gives them.
@@ -139,15 +130,37 @@ impl Effects {
         if !(-Tone::MAX_STOPS..=Tone::MAX_STOPS).contains(&self.tone.exposure) {
             return Err(EffectError::Exposure { found: self.tone.exposure });
         }
-        let asked = [
+        for (feature, asked, built) in [
             ("jitter", self.jitter.is_some(), cfg!(feature = "jitter")),
             ("anti-aliasing", self.anti_aliasing > 1, cfg!(feature = "anti-aliasing")),
             ("depth-of-field", self.depth_of_field.is_some(), cfg!(feature = "depth-of-field")),
             ("tone-map", self.tone != Tone::NONE, cfg!(feature = "tone-map")),
-        ];
-        match asked.into_iter().find(|&(_, asked, built)| asked && !built) {
-            Some((feature, ..)) => Err(EffectError::NotBuilt { feature }),
-            None => Ok(self),
+        ] {
+            if asked && !built {
+                return Err(EffectError::NotBuilt { feature });
+            }
         }
+        Ok(self)
     }
+}
+
+errors! {
+    /// An effect that is out of range or not in this build.
+    EffectError:
+    /// A number of rays a pixel outside 1 to [`Effects::MAX_RAYS`].
+    AntiAliasing { found: u16 } =>
+        "effects.anti_aliasing: expected 1 to {most} rays a pixel, found {found}", most = Effects::MAX_RAYS;
+    /// An aperture radius that is negative, above [`ThinLens::LARGEST`] or NaN.
+    Aperture { found: f32 } =>
+        "effects.depth_of_field.aperture_radius: expected 0 to {largest} world units, found {found}",
+        largest = ThinLens::LARGEST;
+    /// A plane of focus outside [`ThinLens::NEAREST`] to [`ThinLens::LARGEST`].
+    Focus { found: f32 } =>
+        "effects.depth_of_field.focus_distance: expected {nearest} to {largest} world units, found {found}",
+        nearest = ThinLens::NEAREST, largest = ThinLens::LARGEST;
+    /// An exposure of more than [`Tone::MAX_STOPS`] up or down.
+    Exposure { found: f32 } =>
+        "effects.tone.exposure: expected -{most} to {most} stops, found {found}", most = Tone::MAX_STOPS;
+    NotBuilt { feature: &'static str } =>
+        "effects: expected a build with the feature {feature}, found one without";
 }

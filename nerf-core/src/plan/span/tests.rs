@@ -46,7 +46,7 @@ fn spans_of_many_rays_are_those_of_each() {
                 isa.run(SpanAll { plan, around: &around, rays: &rays, ranges, to: &mut found });
                 for (i, ray) in rays.iter().enumerate() {
                     let range = [ranges[0][i], ranges[1][i]];
-                    let expected = plan.span(&around, ray, range).filter(|span| !span.bins.is_empty());
+                    let expected = Span::new(plan, &around, ray, range).filter(|span| !span.bins.is_empty());
                     let found = found.of(i, ray);
                     asked += 1;
                     assert_eq!(found.is_some(), expected.is_some(), "{lattice:?} {ray:?} {range:?}");

@@ -9,7 +9,7 @@ use super::deferred::Deferred;
 use crate::math::Math;
 use crate::memory::{Layout, at, column, head, put, put_column};
 use crate::network::Network;
-use crate::plan::Plan;
+use crate::plan::{Plan, Span};
 use crate::render::Counters;
 use crate::render::field::Field;
 use crate::render::march::RayState;
@@ -185,7 +185,7 @@ impl<'f, 'w> Merge<'f, 'w> {
             let (ray, scale) = (placement.ray_in_field(&ray), placement.scale());
             let range = plan.range_of(range[0] / scale, range[1] / scale);
             let around = if plan.occupancy.is_some() { renderer.occupied } else { Some(plan.bounds) };
-            let span = around.and_then(|bounds| plan.span(&bounds, &ray, range));
+            let span = around.and_then(|bounds| Span::new(plan, &bounds, &ray, range));
             if let Some(span) = &span {
                 start = start.min(scale * span.start);
             }

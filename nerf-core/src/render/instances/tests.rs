@@ -10,7 +10,7 @@ use crate::network::Role;
 use crate::plan::{Batch, Outputs, Plan, Quality};
 use crate::render::tests::{camera, constant, kernels};
 use crate::render::{Counters, Limit, RaySegment, Rect, RenderError, Renderer, Worker};
-use crate::sampling::{Purpose, uniform};
+use crate::sampling::random::{Purpose, uniform};
 use crate::space::{Placement, PlacementError};
 use crate::testing::{SCENE, body, bytes, every_kind, halve, parameters, tolerance};
 use crate::volume::Pixel;

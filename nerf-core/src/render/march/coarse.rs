@@ -56,7 +56,7 @@ impl CoarseOccupancy {
         if !VECTORS || self.side == 0 {
             return None;
         }
-        let reach = (f32::from(self.side) - SLACK) / occupancy.cells_per_unit().max_element();
+        let reach = (f32::from(self.side) - SLACK) / occupancy.cells_per_unit.max_element();
         Some(Packets {
             blocks: occupancy.of_blocks(self.side, &self.bits),
             around: SceneBox { min: around.min - reach, max: around.max + reach },
@@ -181,7 +181,8 @@ impl CandidateBins {
         if !(per_bin > 0.0 && 0.5 * per_bin + MOST_ROUNDING <= 1.0) {
             return Self::ALL;
         }
-        Self { found, first: (bins.middle(0) + (start - near)) / step, per_bin, bins: step / bins.delta() }
+        let first = (bins.distance(0.5) + (start - near)) / step;
+        Self { found, first, per_bin, bins: step / bins.delta() }
     }
 
     /// The first candidate from `bin` on; the largest `u32` if there is none.

@@ -175,7 +175,7 @@ impl<'f, 'w> Rays<'f, 'w> {
         let Some(state) = self.states.get_mut(hits) else { return false };
         let around = if plan.occupancy.is_some() { self.occupied } else { Some(plan.bounds) };
         // Nothing outside is occupied, so that most rays of most pictures end here.
-        let span = around.and_then(|around| plan.span(&around, &ray, range));
+        let span = around.and_then(|around| Span::new(plan, &around, &ray, range));
         begin::<COLLIDE>(plan, pixel, (ray, range, span), &intervals, source, state);
         let (drawn, meets_box) = (self.samples.is_on(), state.next < state.end);
         // A proposal is evaluated in the middle of its bins.

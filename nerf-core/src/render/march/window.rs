@@ -114,7 +114,7 @@ impl LookUp<'_> {
             return live;
         }
         // Rounding keeps order: a point between two points of the box is in the box.
-        let inside = |i: u32| occupancy.contains(ray.at(bins.at(first + i, 0.5)));
+        let inside = |i: u32| occupancy.bounds.contains(ray.at(bins.at(first + i, 0.5)));
         if !(inside(0) && inside(WIDTH - 1)) {
             for i in 0..WIDTH {
                 live &= !(u32::from(!inside(i)) << i);

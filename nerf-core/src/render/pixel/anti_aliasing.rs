@@ -3,7 +3,7 @@
 use crate::math::Sum;
 use crate::memory::Layout;
 use crate::plan::Effects;
-use crate::sampling::{GOLDEN, rank};
+use crate::sampling::random::{GOLDEN, rank};
 use crate::volume::{OPACITY_EPSILON, Pixel, mean_direction};
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use crate::camera::{Pose, Ray};
 use crate::math::{Math, polynomial::Polynomial};
 use crate::plan::{Effects, ThinLens};
-use crate::sampling::{GOLDEN, Purpose, pixel_stream, rank, uniform, uniform_u32};
+use crate::sampling::random::{GOLDEN, Purpose, pixel_stream, rank, uniform, uniform_u32};
 use crate::simd::Lanes;
 use glam::Vec3;
 

@@ -2,7 +2,8 @@
 
 use crate::memory::Layout;
 use crate::plan::Plan;
-use crate::volume::{Accumulator, median_in_bin};
+use crate::volume::{Accumulator, thickness_in_bin};
+use core::f32::consts::LN_2;
 
 #[cfg(test)]
 mod tests;
@@ -51,4 +52,14 @@ impl<'w> Medians<'w> {
     pub fn finish(&self, ray: usize, start: f32, far: f32) -> f32 {
         self.distance.get(ray).map_or(0.0, |&distance| (start + distance).min(far))
     }
+}
+
+/// Distance along the ray, world units, at which the transmittance falls to one half inside a bin of constant density:
+/// `t_edge + (ln 2 − thickness) / sigma`, clamped to the bin; its front edge if `sigma` is +inf.
+///
+/// `thickness`: Σ sigma·delta of the bins in front, below ln 2 up to rounding. `sigma`: the bin's density, not 0. `t`:
+/// its middle, `delta`: its width, world units along the ray.
+#[inline(never)]
+fn median_in_bin(thickness: f32, sigma: f32, t: f32, delta: f32) -> f32 {
+    thickness_in_bin(LN_2 - thickness, sigma, t, delta)
 }

@@ -16,7 +16,7 @@ use crate::render::field::Field;
 use crate::render::march::{RayState, Rays};
 use crate::sampling::Ends;
 use crate::simd::{BLOCK, Lanes, MAX_LANES, Op, VECTORS};
-use crate::volume::side_by_side::{self, add_samples, left_of};
+use crate::volume::side_by_side::{self, LEFT, add_samples};
 use core::marker::PhantomData;
 
 /// Number of rows of [`Columns`], without the sums of `h`.
@@ -148,7 +148,7 @@ impl<'a> Columns<'a> {
         for (row, end) in self.ends.iter_mut().zip(ray.ends.parts()) {
             row[at] = end;
         }
-        side_by_side::put_column(&line.gathered, self.gathered, at);
+        line.gathered.put_column(self.gathered, at);
         for row in &mut *self.sums {
             row[at] = 0.0;
         }
@@ -159,7 +159,7 @@ impl<'a> Columns<'a> {
     /// Writes the composited values of column `at` back to its ray.
     #[inline]
     fn end(&self, ray: &mut RayState, deferred: &mut Deferred<'_>, at: usize) {
-        side_by_side::take_column(&mut ray.pixel.gathered, self.gathered, at);
+        ray.pixel.gathered.take_column(self.gathered, at);
         deferred.put(self.owner[at % BLOCK] as usize, self.sums.iter().map(|row| row[at % BLOCK]));
     }
 
@@ -189,7 +189,7 @@ impl<'a> Columns<'a> {
             let owner = self.owner[column];
             let Some(ray) = rays.states.get_mut(owner as usize) else { return 0 };
             ray.kept += 1;
-            ray.pixel.done = left_of(self.gathered)[column] < self.plan.transmittance_cut;
+            ray.pixel.done = self.gathered[LEFT][column] < self.plan.transmittance_cut;
             if !ray.pixel.done {
                 if ray.march_looked_up() {
                     self.put_sample(ray, rays.turn, column);

@@ -3,7 +3,7 @@
 use super::segments::{of_rays, pixels, scenes, segments};
 use super::*;
 use crate::render::RaySegment;
-use crate::sampling::{Purpose, uniform};
+use crate::sampling::random::{Purpose, uniform};
 
 /// Collisions a ray.
 const DRAWS: usize = 1024;

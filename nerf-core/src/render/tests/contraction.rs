@@ -4,6 +4,7 @@ use super::*;
 use crate::blob::{Body, Content, SceneFacts, SceneSampling};
 use crate::camera::Ray;
 use crate::memory::Line;
+use crate::plan::Span;
 use crate::sampling::SampleInterval;
 use crate::space::Contraction;
 use crate::testing::noise;
@@ -416,7 +417,7 @@ fn points_are_asked_for_anywhere_but_nowhere() {
     // From as far away as f32 goes, and from nowhere: the background, not the middle.
     for origin in [[f32::MAX; 3], [f32::NAN, 0.0, 0.0], [f32::INFINITY, 0.0, 0.0]] {
         let ray = Ray { origin: origin.into(), dir: -Vec3::ONE.normalize() };
-        assert!(plan.span(&plan.bounds, &ray, plan.range().into()).is_none(), "{ray:?}");
+        assert!(Span::new(&plan, &plan.bounds, &ray, plan.range.into()).is_none(), "{ray:?}");
     }
 }
 
@@ -434,9 +435,9 @@ fn no_distance_from_far_away_is_in_front_of_near() {
             let plan = Plan::new(&blob, &Quality::EXACT, outputs(), Batch::SMALLEST).unwrap();
             let contraction = plan.contraction.unwrap();
             for ray in rays(&camera) {
-                let span = plan.span(&plan.bounds, &ray, plan.range().into()).unwrap();
+                let span = Span::new(&plan, &plan.bounds, &ray, plan.range.into()).unwrap();
                 let (bins, first) = (plan.bins.with(span.ends), span.bins.start);
-                let [_, from, _] = bins.edges_around(bins.ends().parts(), bins.at(first, 0.5));
+                let [_, from, _] = bins.edges_around(bins.ends.parts(), bins.at(first, 0.5));
                 rounded |= span.start + contraction.distance(from) < facts.near;
             }
             // The way to the middle and back, rounded.
@@ -461,12 +462,12 @@ fn bins_tile_the_ray() {
         let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::SMALLEST).unwrap();
         let contraction = plan.contraction.unwrap();
         for ray in cameras().iter().flat_map(rays) {
-            let span = plan.span(&plan.bounds, &ray, plan.range().into()).unwrap();
+            let span = Span::new(&plan, &plan.bounds, &ray, plan.range.into()).unwrap();
             let bins = plan.bins.with(span.ends);
             let (mut before, mut first) = (f32::NAN, f32::NAN);
             for bin in span.bins.clone() {
                 let t = bins.at(bin, 0.5);
-                let edges = bins.edges_around(bins.ends().parts(), t);
+                let edges = bins.edges_around(bins.ends.parts(), t);
                 let [at, from, to] = edges.map(|s| contraction.distance(s));
                 assert!(from < to && from <= at && at <= to, "{power} {bin}: {from} {at} {to}");
                 if bin == span.bins.start {
@@ -476,7 +477,7 @@ fn bins_tile_the_ray() {
                 }
                 // Rounding alone puts a bin in front of near.
                 let [at, from, to] = [at, from, to].map(|t| t.max(plan.near - span.start));
-                let interval = plan.interval(&span.ends, span.start, plan.range().0, t);
+                let interval = plan.interval(&span.ends, span.start, plan.range.0, t);
                 let delta = to - from;
                 assert_eq!(interval, SampleInterval { t: at, mid: from + 0.5 * delta, delta });
                 before = to;

@@ -73,7 +73,7 @@ fn every_pixel_ray_bin_and_seed_has_a_number_of_its_own() {
 }
 
 #[test]
-fn the_walk_through_the_occupancy_grid_finds_the_first_jittered_sample_that_is_live() {
+fn the_march_through_the_occupancy_grid_finds_the_first_jittered_sample_that_is_occupied() {
     let bounds = SceneBox { min: Vec3::new(-1.0, -2.0, -1.0), max: Vec3::new(1.0, 1.0, 3.0) };
     let numbers = noise(3000, 5);
     let (mut found_some, mut passed) = (0, 0);

@@ -97,10 +97,8 @@ impl SceneBox {
 errors! {
     /// Invalid bounds of a scene.
     BoundsError:
-    /// The scene box is empty, inverted or not finite.
     Box { min: [f32; 3], max: [f32; 3] } =>
         "scene box: expected finite min < max on every axis, found {min:?} .. {max:?}";
-    /// `0 <= near < far < inf` does not hold.
     Range { near: f32, far: f32 } =>
         "near/far: expected 0 <= near < far, both finite, found near {near}, far {far}";
 }

@@ -78,7 +78,7 @@ fn rays_and_ranges_that_are_no_numbers_meet_nothing() {
 }
 
 #[test]
-fn clipping_agrees_with_walking() {
+fn clipping_agrees_with_marching() {
     for row in noise(2000 * 6, 1).as_chunks::<6>().0 {
         let origin = Vec3::from_slice(&row[..3]) * 3.0;
         let dir = Vec3::from_slice(&row[3..]).normalize();

@@ -4,7 +4,7 @@ use super::{EXPONENTIALS, RAY, beyond, change, off, truth};
 use crate::property::law;
 use crate::table::{Row, cases};
 use nerf_core::math::MathBackend;
-use nerf_core::volume::{OPACITY_EPSILON, Pixel, composite_with};
+use nerf_core::volume::{OPACITY_EPSILON, Pixel, composite};
 use nerf_tests::error::{excess, worse, worst_of};
 use proptest::collection::vec;
 use proptest::prelude::{Just, Strategy, any, prop_oneof};
@@ -50,7 +50,7 @@ impl Ray {
     }
 
     fn pixel(&self, math: MathBackend) -> Pixel {
-        composite_with(math, &self.sigma, &self.rgb, &self.edges, self.background).expect("a ray")
+        composite(math, &self.sigma, &self.rgb, &self.edges, self.background).expect("a ray")
     }
 
     /// What a wall behind the last bin would weigh.
@@ -61,7 +61,7 @@ impl Ray {
         edges.push(edges[n] + 1.0);
         let mut rgb = vec![[0.0; 3]; n];
         rgb.push([1.0; 3]);
-        composite_with(math, &sigma, &rgb, &edges, [0.0; 3]).expect("a ray").rgb[0]
+        composite(math, &sigma, &rgb, &edges, [0.0; 3]).expect("a ray").rgb[0]
     }
 }
 

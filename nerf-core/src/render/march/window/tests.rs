@@ -25,7 +25,7 @@ fn first_occupied(
 ) -> u32 {
     let mut state = RayState {
         pixel: PixelRay { ray: *ray, ..PixelRay::NONE },
-        ends: bins.ends(),
+        ends: bins.ends,
         next,
         end,
         window: *window,

@@ -1,5 +1,6 @@
 extern crate std;
 
+use super::median_in_bin;
 use crate::Kernel;
 use crate::blob::Blob;
 use crate::memory::Line;
@@ -8,7 +9,6 @@ use crate::render::Renderer;
 use crate::render::tests::{camera, constant, kernels, render};
 use crate::sampling::Bins;
 use crate::testing::{Worse, architecture, body, bytes, every_kind, halve, parameters, pi};
-use crate::volume::median_in_bin;
 use core::f32::consts::LN_2;
 use std::string::ToString;
 use std::vec;
@@ -93,4 +93,11 @@ fn the_median_stays_in_its_bin() {
     }
     assert_eq!(median_in_bin(0.0, f32::INFINITY, 3.0, 0.25), 2.875, "the front of a wall");
     assert_eq!(median_in_bin(0.0, 4.0 * LN_2, 3.0, 0.5), 3.0, "half way through the bin");
+}
+
+#[test]
+fn half_of_the_light_is_left_ln_2_behind_the_edge_of_a_medium_of_density_1() {
+    // Bins begin at 2 and are 0.5 wide.
+    let t = median_in_bin(0.5, 1.0, 2.75, 0.5);
+    assert!((t - (2.0 + LN_2)).abs() < 1e-6);
 }

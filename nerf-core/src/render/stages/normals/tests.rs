@@ -134,7 +134,7 @@ fn sample_by_sample(
                 break;
             }
         }
-        normals.push(sum.finish(gathered.finish([0.0; 3], 6.0, 1.0).opacity));
+        normals.push(sum.finish(gathered.finish_from(0.0, false, [0.0; 3], 6.0, 1.0).opacity));
     }
     (normals, evaluations)
 }
