@@ -1,6 +1,6 @@
 //! The `libm` crate, lane by lane.
 
-use super::{Math, sin_cos_of_reduced};
+use super::{Math, polynomial::clamp_exp, sin_cos_of_reduced};
 use crate::simd::Lanes;
 
 /// See [`super::MathBackend::Libm`].
@@ -17,11 +17,11 @@ impl Math for Libm {
     }
     #[inline(always)]
     fn exp<V: Lanes>(x: V) -> V {
-        V::splat(-87.0).max_of(V::splat(88.0).min_of(x)).map(libm::expf)
+        clamp_exp(x).map(libm::expf)
     }
     #[inline(always)]
     fn expm1<V: Lanes>(x: V) -> V {
-        V::splat(-87.0).max_of(V::splat(88.0).min_of(x)).map(libm::expm1f)
+        clamp_exp(x).map(libm::expm1f)
     }
     #[inline(always)]
     fn softplus<V: Lanes>(x: V) -> V {

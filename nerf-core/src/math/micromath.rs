@@ -1,6 +1,6 @@
 //! The `micromath` crate, lane by lane.
 
-use super::{Math, sin_cos_of_reduced};
+use super::{Math, polynomial::clamp_exp, sin_cos_of_reduced};
 use crate::simd::Lanes;
 use micromath::F32Ext;
 
@@ -19,7 +19,7 @@ impl Math for Micromath {
     }
     #[inline(always)]
     fn exp<V: Lanes>(x: V) -> V {
-        let e = V::splat(-87.0).max_of(V::splat(88.0).min_of(x)).map(F32Ext::exp);
+        let e = clamp_exp(x).map(F32Ext::exp);
         // A NaN stays a NaN: the crate returns a number, which would not be counted as an invalid sample.
         V::select(x.equals(x), e, x)
     }

@@ -101,7 +101,7 @@ pub fn angle(y: f32, x: f32) -> f32 {
 
 /// Clamps `x` to the range in which `exp` is a normal number.
 #[inline(always)]
-fn clamp_exp<V: Lanes>(x: V) -> V {
+pub(super) fn clamp_exp<V: Lanes>(x: V) -> V {
     V::splat(-87.0).max_of(V::splat(88.0).min_of(x))
 }
 

@@ -20,11 +20,6 @@ names! {
 }
 
 impl Storage {
-    /// Whether products round weights and activations to fewer bits than the file and f32 have.
-    pub const fn rounds(self) -> bool {
-        matches!(self, Self::Bf16)
-    }
-
     /// Whether weights are read in place in the blob: with f16, and always if the target has no [`VECTORS`].
     pub(crate) const fn in_place(self) -> bool {
         matches!(self, Self::F16) || !VECTORS
@@ -71,9 +66,9 @@ impl Kernel {
             }
     }
 
-    /// Whether products round: [`Storage::rounds`].
+    /// Whether products round weights and activations to fewer bits than the file and f32 have.
     pub const fn rounds(self) -> bool {
-        self.storage.rounds()
+        matches!(self.storage, Storage::Bf16)
     }
 
     /// Parses the displayed form of a kernel; `None` if the name is unknown.

@@ -1,12 +1,12 @@
 //! AVX2 + FMA leaf: eight lanes.
 
-use super::Op;
-use super::gather::{Quads, address, last_word, weighted_rows_by_quads};
-use crate::simd::lanes::{Indices, SQRT_HALF_BITS, bits_by_lane};
-use crate::simd::portable::Portable;
-use crate::simd::table::{Format, Table, Value};
-use crate::simd::{Lanes, MAX_LANES};
+use super::lanes::{Indices, SQRT_HALF_BITS, bits_by_lane};
+use super::leaf::{Quads, address, instructions, lanes_in_memory, last_word};
+use super::portable::Portable;
+use super::table::{Format, Table, Value};
+use super::{Lanes, MAX_LANES, Op};
 use core::arch::x86_64::*;
+use core::mem::transmute;
 
 /// Eight f32 in a `ymm` register. Made only inside [`run`], whose caller guarantees the instructions.
 #[derive(Clone, Copy)]
@@ -31,98 +31,47 @@ pub unsafe fn run_portable<O: Op>(op: O) -> O::Output {
     op.run::<Portable>()
 }
 
-/// Calls an intrinsic under the safety contract of [`run`].
-macro_rules! avx2 {
-    ($e:expr) => {
-        // SAFETY: F32x8 exists only inside `run`, whose caller vouches for AVX2, FMA and F16C.
-        unsafe { $e }
-    };
-}
-
-impl super::lanes::sealed::Sealed for F32x8 {}
-const _: () = super::lanes::divides::<F32x8>();
+impl super::sealed::Sealed for F32x8 {}
 
 impl Lanes for F32x8 {
-    const COUNT: usize = 8;
     const TILE_ROWS: usize = 6;
     const TILE_COLS: usize = 2;
     type Mask = __m256;
     type Indices = U32x8;
 
-    #[inline(always)]
-    fn splat(x: f32) -> Self {
-        Self(avx2!(_mm256_set1_ps(x)))
-    }
-    #[inline(always)]
-    fn load(from: &[f32]) -> Self {
-        let from = &from[..8];
-        // SAFETY: eight values are in bounds; unaligned loads are allowed. Features as above.
-        Self(unsafe { _mm256_loadu_ps(from.as_ptr()) })
-    }
-    #[inline(always)]
-    fn store(self, to: &mut [f32]) {
-        let to = &mut to[..8];
-        // SAFETY: eight values are in bounds; unaligned stores are allowed. Features as above.
-        unsafe { _mm256_storeu_ps(to.as_mut_ptr(), self.0) }
-    }
+    lanes_in_memory!(8, _mm256_loadu_ps, _mm256_storeu_ps);
     instructions! {
-        add(a, b) = _mm256_add_ps(a, b);
-        sub(a, b) = _mm256_sub_ps(a, b);
-        mul(a, b) = _mm256_mul_ps(a, b);
-        div(a, b) = _mm256_div_ps(a, b);
-        mul_add(a, b, c) = _mm256_fmadd_ps(a, b, c);
-        max_of(a, b) = _mm256_max_ps(a, b);
-        min_of(a, b) = _mm256_min_ps(a, b);
-        sqrt(a) = _mm256_sqrt_ps(a);
-        abs(a) = _mm256_andnot_ps(_mm256_set1_ps(-0.0), a);
-        round_even(a) = _mm256_round_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>(a);
-        floor(a) = _mm256_floor_ps(a);
-        exp2_integer(a) = {
-            let biased = _mm256_add_epi32(_mm256_cvtps_epi32(a), _mm256_set1_epi32(127));
-            _mm256_castsi256_ps(_mm256_slli_epi32::<23>(biased))
+        fn splat(x: f32) -> Self = Self(_mm256_set1_ps(x));
+        fn add(self, b: Self) -> Self = Self(_mm256_add_ps(self.0, b.0));
+        fn sub(self, b: Self) -> Self = Self(_mm256_sub_ps(self.0, b.0));
+        fn mul(self, b: Self) -> Self = Self(_mm256_mul_ps(self.0, b.0));
+        fn div(self, b: Self) -> Self = Self(_mm256_div_ps(self.0, b.0));
+        fn mul_add(self, b: Self, c: Self) -> Self = Self(_mm256_fmadd_ps(self.0, b.0, c.0));
+        fn max_of(self, b: Self) -> Self = Self(_mm256_max_ps(self.0, b.0));
+        fn min_of(self, b: Self) -> Self = Self(_mm256_min_ps(self.0, b.0));
+        fn sqrt(self) -> Self = Self(_mm256_sqrt_ps(self.0));
+        fn abs(self) -> Self = Self(_mm256_andnot_ps(_mm256_set1_ps(-0.0), self.0));
+        fn round_even(self) -> Self =
+            Self(_mm256_round_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>(self.0));
+        fn floor(self) -> Self = Self(_mm256_floor_ps(self.0));
+        fn exp2_integer(self) -> Self = {
+            let biased = _mm256_add_epi32(_mm256_cvtps_epi32(self.0), _mm256_set1_epi32(127));
+            Self(_mm256_castsi256_ps(_mm256_slli_epi32::<23>(biased)))
         };
-    }
-    #[inline(always)]
-    fn split_exponent(self) -> (Self, Self) {
-        avx2!({
+        fn split_exponent(self) -> (Self, Self) = {
             let border = _mm256_set1_epi32(SQRT_HALF_BITS as i32);
             let shifted = _mm256_sub_epi32(_mm256_castps_si256(self.0), border);
             let mantissa = _mm256_and_si256(shifted, _mm256_set1_epi32(0x007f_ffff));
             let mantissa = _mm256_castsi256_ps(_mm256_add_epi32(mantissa, border));
-            let exponent = _mm256_cvtepi32_ps(_mm256_srai_epi32::<23>(shifted));
-            (Self(mantissa), Self(exponent))
-        })
-    }
-    #[inline(always)]
-    fn equals(self, b: Self) -> __m256 {
-        avx2!(_mm256_cmp_ps::<_CMP_EQ_OQ>(self.0, b.0))
-    }
-    #[inline(always)]
-    fn less(self, b: Self) -> __m256 {
-        avx2!(_mm256_cmp_ps::<_CMP_LT_OQ>(self.0, b.0))
-    }
-    #[inline(always)]
-    fn select(mask: __m256, a: Self, b: Self) -> Self {
-        Self(avx2!(_mm256_blendv_ps(b.0, a.0, mask)))
-    }
-    #[inline(always)]
-    fn to_indices(self) -> U32x8 {
-        U32x8(avx2!(_mm256_cvtps_epi32(self.0)))
-    }
-    #[inline(always)]
-    fn from_f16(bits: &[u16; MAX_LANES]) -> Self {
-        // SAFETY: sixteen values are in bounds, of which eight are read. Features as above.
-        Self(unsafe { _mm256_cvtph_ps(_mm_loadu_si128(bits.as_ptr().cast())) })
-    }
-    #[inline(always)]
-    fn to_f16(self) -> [u16; MAX_LANES] {
-        let mut bits = [0; MAX_LANES];
-        // SAFETY: there is room for sixteen values, of which eight are written. Features as above.
-        unsafe {
-            let halves = _mm256_cvtps_ph::<_MM_FROUND_TO_NEAREST_INT>(self.0);
-            _mm_storeu_si128(bits.as_mut_ptr().cast(), halves);
-        }
-        bits
+            (Self(mantissa), Self(_mm256_cvtepi32_ps(_mm256_srai_epi32::<23>(shifted))))
+        };
+        fn equals(self, b: Self) -> __m256 = _mm256_cmp_ps::<_CMP_EQ_OQ>(self.0, b.0);
+        fn less(self, b: Self) -> __m256 = _mm256_cmp_ps::<_CMP_LT_OQ>(self.0, b.0);
+        fn select(mask: __m256, a: Self, b: Self) -> Self = Self(_mm256_blendv_ps(b.0, a.0, mask));
+        fn to_indices(self) -> U32x8 = U32x8(_mm256_cvtps_epi32(self.0));
+        // SAFETY: both types have 256 bits, and any are valid.
+        fn to_f16(self) -> [u16; MAX_LANES] =
+            transmute([_mm256_cvtps_ph::<_MM_FROUND_TO_NEAREST_INT>(self.0), _mm_setzero_si128()]);
     }
     #[inline(always)]
     fn bits(bytes: &[u8], at: U32x8) -> u32 {
@@ -139,7 +88,6 @@ impl Lanes for F32x8 {
             _mm256_movemask_ps(_mm256_castsi256_ps(bit)) as u32
         }
     }
-    weighted_rows_by_quads!();
 }
 
 impl Quads for F32x8 {
@@ -147,13 +95,6 @@ impl Quads for F32x8 {
     const OFFSETS_IN_MEMORY: bool = true;
     type Offsets = [u32; 8];
 
-    #[inline(always)]
-    fn offsets(indices: U32x8) -> [u32; 8] {
-        let mut offsets = [0; 8];
-        // SAFETY: there is room for eight values; unaligned stores are allowed. Features as above.
-        unsafe { _mm256_storeu_si256(offsets.as_mut_ptr().cast(), indices.0) }
-        offsets
-    }
     #[inline(always)]
     unsafe fn read_four<T: Value, const LANE: usize>(
         table: Table<'_, T>,
@@ -176,51 +117,36 @@ impl Quads for F32x8 {
             }
         })
     }
-    #[inline(always)]
-    fn repeat<const LANE: usize>(self) -> Self {
-        Self(avx2!(match LANE {
+    instructions! {
+        // SAFETY: both types have 256 bits, and any are valid.
+        fn offsets(indices: U32x8) -> [u32; 8] = transmute(indices.0);
+        fn repeat<const LANE: usize>(self) -> Self = Self(match LANE {
             0 => _mm256_permute_ps::<0x00>(self.0),
             1 => _mm256_permute_ps::<0x55>(self.0),
             2 => _mm256_permute_ps::<0xaa>(self.0),
             _ => _mm256_permute_ps::<0xff>(self.0),
-        }))
-    }
-    #[inline(always)]
-    fn transpose([s0, s1, s2, s3]: [Self; 4]) -> [Self; 4] {
-        avx2!({
-            let (a, b) = (_mm256_unpacklo_ps(s0.0, s1.0), _mm256_unpackhi_ps(s0.0, s1.0));
-            let (c, d) = (_mm256_unpacklo_ps(s2.0, s3.0), _mm256_unpackhi_ps(s2.0, s3.0));
-            let (a, b) = (_mm256_castps_pd(a), _mm256_castps_pd(b));
-            let (c, d) = (_mm256_castps_pd(c), _mm256_castps_pd(d));
-            [
-                Self(_mm256_castpd_ps(_mm256_unpacklo_pd(a, c))),
-                Self(_mm256_castpd_ps(_mm256_unpackhi_pd(a, c))),
-                Self(_mm256_castpd_ps(_mm256_unpacklo_pd(b, d))),
-                Self(_mm256_castpd_ps(_mm256_unpackhi_pd(b, d))),
-            ]
-        })
+        });
+        fn zip(self, b: Self) -> [Self; 2] =
+            [Self(_mm256_unpacklo_ps(self.0, b.0)), Self(_mm256_unpackhi_ps(self.0, b.0))];
+        fn zip_pairs(self, b: Self) -> [Self; 2] =
+            [Self(_mm256_shuffle_ps::<0x44>(self.0, b.0)), Self(_mm256_shuffle_ps::<0xee>(self.0, b.0))];
     }
 }
+
 /// Eight u32 in a `ymm` register. Made only where `F32x8` is made.
 #[derive(Clone, Copy)]
 pub struct U32x8(__m256i);
 
 impl Indices for U32x8 {
-    #[inline(always)]
-    fn splat(x: u32) -> Self {
-        Self(avx2!(_mm256_set1_epi32(x as i32)))
-    }
     instructions! {
-        add(a, b) = _mm256_add_epi32(a, b);
-        mul(a, b) = _mm256_mullo_epi32(a, b);
-        xor(a, b) = _mm256_xor_si256(a, b);
-        and(a, b) = _mm256_and_si256(a, b);
-        min(a, b) = _mm256_min_epu32(a, b);
-        shift_right_15(a) = _mm256_srli_epi32::<15>(a);
-    }
-    #[inline(always)]
-    fn store(self, to: &mut [u32; MAX_LANES]) {
-        // SAFETY: sixteen values are in bounds, of which eight are written; unaligned stores are allowed. Features as above.
-        unsafe { _mm256_storeu_si256(to.as_mut_ptr().cast(), self.0) }
+        fn splat(x: u32) -> Self = Self(_mm256_set1_epi32(x as i32));
+        fn add(self, b: Self) -> Self = Self(_mm256_add_epi32(self.0, b.0));
+        fn mul(self, b: Self) -> Self = Self(_mm256_mullo_epi32(self.0, b.0));
+        fn xor(self, b: Self) -> Self = Self(_mm256_xor_si256(self.0, b.0));
+        fn and(self, b: Self) -> Self = Self(_mm256_and_si256(self.0, b.0));
+        fn min(self, b: Self) -> Self = Self(_mm256_min_epu32(self.0, b.0));
+        fn shift_right_15(self) -> Self = Self(_mm256_srli_epi32::<15>(self.0));
+        // SAFETY: sixteen values are in bounds, of which eight are written; unaligned stores are allowed.
+        fn store(self, to: &mut [u32; MAX_LANES]) = _mm256_storeu_si256(to.as_mut_ptr().cast(), self.0);
     }
 }

@@ -1,11 +1,11 @@
 //! AVX-512 F leaf: sixteen lanes.
 
-use super::Op;
-use super::gather::{Quads, address, last_word, weighted_rows_by_quads};
-use crate::simd::lanes::{Indices, SQRT_HALF_BITS, bits_by_lane};
-use crate::simd::table::{Format, Table, Value};
-use crate::simd::{Lanes, MAX_LANES};
+use super::lanes::{Indices, SQRT_HALF_BITS, bits_by_lane};
+use super::leaf::{Quads, address, instructions, lanes_in_memory, last_word};
+use super::table::{Format, Table, Value};
+use super::{Lanes, MAX_LANES, Op};
 use core::arch::x86_64::*;
+use core::mem::transmute;
 
 /// Sixteen f32 in a `zmm` register. Made only inside [`run`], whose caller guarantees the instructions.
 #[derive(Clone, Copy)]
@@ -20,98 +20,48 @@ pub unsafe fn run<O: Op>(op: O) -> O::Output {
     op.run::<F32x16>()
 }
 
-/// Calls an intrinsic under the safety contract of [`run`].
-macro_rules! avx512 {
-    ($e:expr) => {
-        // SAFETY: F32x16 exists only inside `run`, whose caller vouches for AVX-512 F.
-        unsafe { $e }
-    };
-}
-
-impl super::lanes::sealed::Sealed for F32x16 {}
-const _: () = super::lanes::divides::<F32x16>();
+impl super::sealed::Sealed for F32x16 {}
 
 impl Lanes for F32x16 {
-    const COUNT: usize = 16;
     const TILE_ROWS: usize = 6;
     const TILE_COLS: usize = 4;
     type Mask = __mmask16;
     type Indices = U32x16;
 
-    #[inline(always)]
-    fn splat(x: f32) -> Self {
-        Self(avx512!(_mm512_set1_ps(x)))
-    }
-    #[inline(always)]
-    fn load(from: &[f32]) -> Self {
-        let from = &from[..16];
-        // SAFETY: sixteen values are in bounds; unaligned loads are allowed. Features as above.
-        Self(unsafe { _mm512_loadu_ps(from.as_ptr()) })
-    }
-    #[inline(always)]
-    fn store(self, to: &mut [f32]) {
-        let to = &mut to[..16];
-        // SAFETY: sixteen values are in bounds; unaligned stores are allowed. Features as above.
-        unsafe { _mm512_storeu_ps(to.as_mut_ptr(), self.0) }
-    }
+    lanes_in_memory!(16, _mm512_loadu_ps, _mm512_storeu_ps);
     instructions! {
-        add(a, b) = _mm512_add_ps(a, b);
-        sub(a, b) = _mm512_sub_ps(a, b);
-        mul(a, b) = _mm512_mul_ps(a, b);
-        div(a, b) = _mm512_div_ps(a, b);
-        mul_add(a, b, c) = _mm512_fmadd_ps(a, b, c);
-        max_of(a, b) = _mm512_max_ps(a, b);
-        min_of(a, b) = _mm512_min_ps(a, b);
-        sqrt(a) = _mm512_sqrt_ps(a);
-        abs(a) = _mm512_abs_ps(a);
-        round_even(a) = _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>(a);
-        floor(a) = _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(a);
-        exp2_integer(a) = {
-            let biased = _mm512_add_epi32(_mm512_cvtps_epi32(a), _mm512_set1_epi32(127));
-            _mm512_castsi512_ps(_mm512_slli_epi32::<23>(biased))
+        fn splat(x: f32) -> Self = Self(_mm512_set1_ps(x));
+        fn add(self, b: Self) -> Self = Self(_mm512_add_ps(self.0, b.0));
+        fn sub(self, b: Self) -> Self = Self(_mm512_sub_ps(self.0, b.0));
+        fn mul(self, b: Self) -> Self = Self(_mm512_mul_ps(self.0, b.0));
+        fn div(self, b: Self) -> Self = Self(_mm512_div_ps(self.0, b.0));
+        fn mul_add(self, b: Self, c: Self) -> Self = Self(_mm512_fmadd_ps(self.0, b.0, c.0));
+        fn max_of(self, b: Self) -> Self = Self(_mm512_max_ps(self.0, b.0));
+        fn min_of(self, b: Self) -> Self = Self(_mm512_min_ps(self.0, b.0));
+        fn sqrt(self) -> Self = Self(_mm512_sqrt_ps(self.0));
+        fn abs(self) -> Self = Self(_mm512_abs_ps(self.0));
+        fn round_even(self) -> Self =
+            Self(_mm512_roundscale_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>(self.0));
+        fn floor(self) -> Self =
+            Self(_mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(self.0));
+        fn exp2_integer(self) -> Self = {
+            let biased = _mm512_add_epi32(_mm512_cvtps_epi32(self.0), _mm512_set1_epi32(127));
+            Self(_mm512_castsi512_ps(_mm512_slli_epi32::<23>(biased)))
         };
-    }
-    #[inline(always)]
-    fn split_exponent(self) -> (Self, Self) {
-        avx512!({
+        fn split_exponent(self) -> (Self, Self) = {
             let border = _mm512_set1_epi32(SQRT_HALF_BITS as i32);
             let shifted = _mm512_sub_epi32(_mm512_castps_si512(self.0), border);
             let mantissa = _mm512_and_si512(shifted, _mm512_set1_epi32(0x007f_ffff));
             let mantissa = _mm512_castsi512_ps(_mm512_add_epi32(mantissa, border));
-            let exponent = _mm512_cvtepi32_ps(_mm512_srai_epi32::<23>(shifted));
-            (Self(mantissa), Self(exponent))
-        })
-    }
-    #[inline(always)]
-    fn equals(self, b: Self) -> __mmask16 {
-        avx512!(_mm512_cmp_ps_mask::<_CMP_EQ_OQ>(self.0, b.0))
-    }
-    #[inline(always)]
-    fn less(self, b: Self) -> __mmask16 {
-        avx512!(_mm512_cmp_ps_mask::<_CMP_LT_OQ>(self.0, b.0))
-    }
-    #[inline(always)]
-    fn select(mask: __mmask16, a: Self, b: Self) -> Self {
-        Self(avx512!(_mm512_mask_blend_ps(mask, b.0, a.0)))
-    }
-    #[inline(always)]
-    fn to_indices(self) -> U32x16 {
-        U32x16(avx512!(_mm512_cvtps_epi32(self.0)))
-    }
-    #[inline(always)]
-    fn from_f16(bits: &[u16; MAX_LANES]) -> Self {
-        // SAFETY: sixteen values are in bounds. Features as above.
-        Self(unsafe { _mm512_cvtph_ps(_mm256_loadu_si256(bits.as_ptr().cast())) })
-    }
-    #[inline(always)]
-    fn to_f16(self) -> [u16; MAX_LANES] {
-        let mut bits = [0; MAX_LANES];
-        // SAFETY: there is room for sixteen values. Features as above.
-        unsafe {
-            let halves = _mm512_cvtps_ph::<_MM_FROUND_TO_NEAREST_INT>(self.0);
-            _mm256_storeu_si256(bits.as_mut_ptr().cast(), halves);
-        }
-        bits
+            (Self(mantissa), Self(_mm512_cvtepi32_ps(_mm512_srai_epi32::<23>(shifted))))
+        };
+        fn equals(self, b: Self) -> __mmask16 = _mm512_cmp_ps_mask::<_CMP_EQ_OQ>(self.0, b.0);
+        fn less(self, b: Self) -> __mmask16 = _mm512_cmp_ps_mask::<_CMP_LT_OQ>(self.0, b.0);
+        fn select(mask: __mmask16, a: Self, b: Self) -> Self = Self(_mm512_mask_blend_ps(mask, b.0, a.0));
+        fn to_indices(self) -> U32x16 = U32x16(_mm512_cvtps_epi32(self.0));
+        // SAFETY: both types have 256 bits, and any are valid.
+        fn to_f16(self) -> [u16; MAX_LANES] =
+            transmute(_mm512_cvtps_ph::<_MM_FROUND_TO_NEAREST_INT>(self.0));
     }
     #[inline(always)]
     fn bits(bytes: &[u8], at: U32x16) -> u32 {
@@ -127,7 +77,6 @@ impl Lanes for F32x16 {
             u32::from(_mm512_test_epi32_mask(_mm512_srlv_epi32(words, shift), _mm512_set1_epi32(1)))
         }
     }
-    weighted_rows_by_quads!();
 }
 
 impl Quads for F32x16 {
@@ -135,12 +84,6 @@ impl Quads for F32x16 {
     const OFFSETS_IN_MEMORY: bool = true;
     type Offsets = [u32; 16];
 
-    #[inline(always)]
-    fn offsets(indices: U32x16) -> [u32; 16] {
-        let mut offsets = [0; 16];
-        indices.store(&mut offsets);
-        offsets
-    }
     #[inline(always)]
     unsafe fn read_four<T: Value, const LANE: usize>(
         table: Table<'_, T>,
@@ -169,51 +112,36 @@ impl Quads for F32x16 {
             }
         })
     }
-    #[inline(always)]
-    fn repeat<const LANE: usize>(self) -> Self {
-        Self(avx512!(match LANE {
+    instructions! {
+        // SAFETY: both types have 512 bits, and any are valid.
+        fn offsets(indices: U32x16) -> [u32; 16] = transmute(indices.0);
+        fn repeat<const LANE: usize>(self) -> Self = Self(match LANE {
             0 => _mm512_permute_ps::<0x00>(self.0),
             1 => _mm512_permute_ps::<0x55>(self.0),
             2 => _mm512_permute_ps::<0xaa>(self.0),
             _ => _mm512_permute_ps::<0xff>(self.0),
-        }))
-    }
-    #[inline(always)]
-    fn transpose([s0, s1, s2, s3]: [Self; 4]) -> [Self; 4] {
-        avx512!({
-            let (a, b) = (_mm512_unpacklo_ps(s0.0, s1.0), _mm512_unpackhi_ps(s0.0, s1.0));
-            let (c, d) = (_mm512_unpacklo_ps(s2.0, s3.0), _mm512_unpackhi_ps(s2.0, s3.0));
-            let (a, b) = (_mm512_castps_pd(a), _mm512_castps_pd(b));
-            let (c, d) = (_mm512_castps_pd(c), _mm512_castps_pd(d));
-            [
-                Self(_mm512_castpd_ps(_mm512_unpacklo_pd(a, c))),
-                Self(_mm512_castpd_ps(_mm512_unpackhi_pd(a, c))),
-                Self(_mm512_castpd_ps(_mm512_unpacklo_pd(b, d))),
-                Self(_mm512_castpd_ps(_mm512_unpackhi_pd(b, d))),
-            ]
-        })
+        });
+        fn zip(self, b: Self) -> [Self; 2] =
+            [Self(_mm512_unpacklo_ps(self.0, b.0)), Self(_mm512_unpackhi_ps(self.0, b.0))];
+        fn zip_pairs(self, b: Self) -> [Self; 2] =
+            [Self(_mm512_shuffle_ps::<0x44>(self.0, b.0)), Self(_mm512_shuffle_ps::<0xee>(self.0, b.0))];
     }
 }
+
 /// Sixteen u32 in a `zmm` register. Made only where `F32x16` is made.
 #[derive(Clone, Copy)]
 pub struct U32x16(__m512i);
 
 impl Indices for U32x16 {
-    #[inline(always)]
-    fn splat(x: u32) -> Self {
-        Self(avx512!(_mm512_set1_epi32(x as i32)))
-    }
     instructions! {
-        add(a, b) = _mm512_add_epi32(a, b);
-        mul(a, b) = _mm512_mullo_epi32(a, b);
-        xor(a, b) = _mm512_xor_si512(a, b);
-        and(a, b) = _mm512_and_si512(a, b);
-        min(a, b) = _mm512_min_epu32(a, b);
-        shift_right_15(a) = _mm512_srli_epi32::<15>(a);
-    }
-    #[inline(always)]
-    fn store(self, to: &mut [u32; MAX_LANES]) {
-        // SAFETY: sixteen values are in bounds; unaligned stores are allowed. Features as above.
-        unsafe { _mm512_storeu_si512(to.as_mut_ptr().cast(), self.0) }
+        fn splat(x: u32) -> Self = Self(_mm512_set1_epi32(x as i32));
+        fn add(self, b: Self) -> Self = Self(_mm512_add_epi32(self.0, b.0));
+        fn mul(self, b: Self) -> Self = Self(_mm512_mullo_epi32(self.0, b.0));
+        fn xor(self, b: Self) -> Self = Self(_mm512_xor_si512(self.0, b.0));
+        fn and(self, b: Self) -> Self = Self(_mm512_and_si512(self.0, b.0));
+        fn min(self, b: Self) -> Self = Self(_mm512_min_epu32(self.0, b.0));
+        fn shift_right_15(self) -> Self = Self(_mm512_srli_epi32::<15>(self.0));
+        // SAFETY: sixteen values are in bounds; unaligned stores are allowed.
+        fn store(self, to: &mut [u32; MAX_LANES]) = _mm512_storeu_si512(to.as_mut_ptr().cast(), self.0);
     }
 }

@@ -174,9 +174,7 @@ mod cpu {
         let avx512 = zmm && fma && has(seven.ebx, 16);
         // The first subleaf says whether subleaf 1 exists.
         let bf16 = avx512 && seven.eax >= 1 && has(leaf(7, 1).eax, 5);
-        [(avx2, AVX2), (avx512, AVX512), (bf16, AVX512_BF16)]
-            .into_iter()
-            .fold(0, |features, (found, feature)| if found { features | feature } else { features })
+        (u8::from(avx2) * AVX2) | (u8::from(avx512) * AVX512) | (u8::from(bf16) * AVX512_BF16)
     }
 
     #[target_feature(enable = "xsave")]

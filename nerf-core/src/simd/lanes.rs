@@ -1,7 +1,7 @@
 //! Vectors of `f32`: the traits that elementary functions and kernels are generic over.
 
-use super::MAX_LANES;
-use super::table::{Table, Value, widen_finite};
+use super::table::{Table, Value};
+use super::{MAX_LANES, sealed};
 
 /// A vector of `u32`, used as indices of table entries. Arithmetic wraps.
 pub trait Indices: Copy {
@@ -23,33 +23,16 @@ pub trait Indices: Copy {
     fn store(self, to: &mut [u32; MAX_LANES]);
 }
 
-/// Declares methods of a one-lane vector, each by an expression.
-macro_rules! expressions {
-    ($($name:ident($a:ident $(, $b:ident)*) = $value:expr;)+) => {$(
-        #[inline(always)]
-        fn $name(self $(, $b: Self)*) -> Self {
-            let $a = self;
-            $value
-        }
-    )+};
-}
-
 impl Indices for u32 {
-    #[inline(always)]
-    fn splat(x: u32) -> Self {
-        x
-    }
-    expressions! {
-        add(a, b) = a.wrapping_add(b);
-        mul(a, b) = a.wrapping_mul(b);
-        xor(a, b) = a ^ b;
-        and(a, b) = a & b;
-        min(a, b) = Ord::min(a, b);
-        shift_right_15(a) = a >> 15;
-    }
-    #[inline(always)]
-    fn store(self, to: &mut [u32; MAX_LANES]) {
-        to[0] = self;
+    methods! {
+        fn splat(x: u32) -> Self = x;
+        fn add(self, b: Self) -> Self = self.wrapping_add(b);
+        fn mul(self, b: Self) -> Self = self.wrapping_mul(b);
+        fn xor(self, b: Self) -> Self = self ^ b;
+        fn and(self, b: Self) -> Self = self & b;
+        fn min(self, b: Self) -> Self = Ord::min(self, b);
+        fn shift_right_15(self) -> Self = self >> 15;
+        fn store(self, to: &mut [u32; MAX_LANES]) = to[0] = self;
     }
 }
 
@@ -120,16 +103,6 @@ pub trait Lanes: Copy + sealed::Sealed {
 
     /// Converts integers in `0..=2^23` to `u32`.
     fn to_indices(self) -> Self::Indices;
-
-    /// Converts the first `COUNT` of `bits`, finite f16.
-    #[inline(always)]
-    fn from_f16(bits: &[u16; MAX_LANES]) -> Self {
-        let mut values = [0.0; MAX_LANES];
-        for lane in 0..Self::COUNT {
-            values[lane] = widen_finite(bits[lane]);
-        }
-        Self::load(&values)
-    }
 
     /// Rounds each lane to the nearest f16, ties to even; values above the largest become infinity.
     #[inline(always)]
@@ -214,20 +187,8 @@ pub fn weighted_rows_by_lane<V: Lanes, T: Value, const ROWS: usize>(
 pub(crate) const LANES: [f32; MAX_LANES] =
     [0., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10., 11., 12., 13., 14., 15.];
 
-pub(super) mod sealed {
-    /// Restricts [`super::Lanes`] to the types of this module.
-    pub trait Sealed {}
-}
-
-/// Fails to compile if the number of lanes does not divide [`MAX_LANES`].
-pub(super) const fn divides<V: Lanes>() {
-    assert!(MAX_LANES.is_multiple_of(V::COUNT));
-}
-
 /// Bits of √½, the lower bound of the mantissa in `split_exponent`.
 pub(crate) const SQRT_HALF_BITS: u32 = 0x3f35_04f3;
-
-impl sealed::Sealed for f32 {}
 
 impl Lanes for f32 {
     const COUNT: usize = 1;
@@ -236,10 +197,6 @@ impl Lanes for f32 {
     type Mask = bool;
     type Indices = u32;
 
-    #[inline(always)]
-    fn splat(x: f32) -> Self {
-        x
-    }
     #[inline(always)]
     fn load(from: &[f32]) -> Self {
         debug_assert!(!from.is_empty(), "expected a value, found none");
@@ -252,17 +209,22 @@ impl Lanes for f32 {
             *first = self;
         }
     }
-    expressions! {
-        add(a, b) = a + b;
-        sub(a, b) = a - b;
-        mul(a, b) = a * b;
-        div(a, b) = a / b;
-        mul_add(a, b, c) = a * b + c;
-        max_of(a, b) = if a > b { a } else { b };
-        min_of(a, b) = if a < b { a } else { b };
-        sqrt(a) = libm::sqrtf(a);
-        abs(a) = f32::from_bits(a.to_bits() & 0x7fff_ffff);
-        exp2_integer(a) = f32::from_bits(((a as i32 + 127) as u32) << 23);
+    methods! {
+        fn splat(x: f32) -> Self = x;
+        fn add(self, b: Self) -> Self = self + b;
+        fn sub(self, b: Self) -> Self = self - b;
+        fn mul(self, b: Self) -> Self = self * b;
+        fn div(self, b: Self) -> Self = self / b;
+        fn mul_add(self, b: Self, c: Self) -> Self = self * b + c;
+        fn max_of(self, b: Self) -> Self = if self > b { self } else { b };
+        fn min_of(self, b: Self) -> Self = if self < b { self } else { b };
+        fn sqrt(self) -> Self = libm::sqrtf(self);
+        fn abs(self) -> Self = f32::from_bits(self.to_bits() & 0x7fff_ffff);
+        fn exp2_integer(self) -> Self = f32::from_bits(((self as i32 + 127) as u32) << 23);
+        fn equals(self, b: Self) -> bool = self == b;
+        fn less(self, b: Self) -> bool = self < b;
+        fn select(mask: bool, a: Self, b: Self) -> Self = if mask { a } else { b };
+        fn to_indices(self) -> u32 = self as u32;
     }
     #[inline(always)]
     fn round_even(self) -> Self {
@@ -278,21 +240,5 @@ impl Lanes for f32 {
         let exponent = (shifted as i32) >> 23;
         let mantissa = (shifted & 0x007f_ffff).wrapping_add(SQRT_HALF_BITS);
         (f32::from_bits(mantissa), exponent as f32)
-    }
-    #[inline(always)]
-    fn equals(self, b: Self) -> bool {
-        self == b
-    }
-    #[inline(always)]
-    fn less(self, b: Self) -> bool {
-        self < b
-    }
-    #[inline(always)]
-    fn select(mask: bool, a: Self, b: Self) -> Self {
-        if mask { a } else { b }
-    }
-    #[inline(always)]
-    fn to_indices(self) -> u32 {
-        self as u32
     }
 }

@@ -3,21 +3,12 @@
 //! holds one channel of neighbouring samples.
 #![allow(unsafe_code, reason = "instructions that the compiler does not choose by itself")]
 
-/// Declares methods of a leaf's vector by their intrinsics: in `name(a, b) = expression`, `a` and `b` are registers.
-#[cfg(any(
-    target_arch = "x86_64",
-    all(target_arch = "aarch64", target_feature = "neon"),
-    all(target_arch = "wasm32", target_feature = "simd128")
-))]
-macro_rules! instructions {
-    ($($name:ident($a:ident $(, $b:ident)*) = $value:expr;)+) => {$(
+/// Declares inlined methods, each by one expression.
+macro_rules! methods {
+    ($(fn $name:ident ($($arguments:tt)*) $(-> $type:ty)? = $value:expr;)+) => {$(
         #[inline(always)]
-        #[allow(unused_unsafe, reason = "WebAssembly's are safe")]
-        fn $name(self $(, $b: Self)*) -> Self {
-            let $a = self.0;
-            $(let $b = $b.0;)*
-            // SAFETY: a leaf's vectors exist only where its instructions do.
-            Self(unsafe { $value })
+        fn $name($($arguments)*) $(-> $type)? {
+            $value
         }
     )+};
 }
@@ -26,19 +17,17 @@ macro_rules! instructions {
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+mod isa;
+mod lanes;
 #[cfg(any(
     target_arch = "x86_64",
     all(target_arch = "aarch64", target_feature = "neon"),
     all(target_arch = "wasm32", target_feature = "simd128")
 ))]
-mod gather;
-mod isa;
-mod lanes;
+mod leaf;
 #[cfg(all(target_arch = "aarch64", target_feature = "neon"))]
 mod neon;
 mod portable;
-#[cfg(feature = "train")]
-mod prefetch;
 #[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
 mod simd128;
 #[cfg_attr(not(feature = "grid"), allow(dead_code, reason = "grids are what has tables"))]
@@ -50,8 +39,6 @@ mod tests;
 pub use isa::{Isa, VECTORS};
 pub(crate) use lanes::LANES;
 pub use lanes::{Indices, Lanes};
-#[cfg(feature = "train")]
-pub use prefetch::prefetch;
 #[cfg(any(feature = "grid", feature = "train"))]
 pub use table::{Table, Value};
 
@@ -67,4 +54,29 @@ pub trait Op {
     type Output;
     /// Runs the loop. Must be `#[inline(always)]`, or it is not compiled for the leaf's instruction set.
     fn run<V: Lanes>(self) -> Self::Output;
+}
+
+/// Restricts [`Lanes`] and table values to the types of this module.
+mod sealed {
+    pub trait Sealed {}
+    impl Sealed for f32 {}
+    impl Sealed for u8 {}
+    impl Sealed for [u8; 2] {}
+}
+
+/// Prefetches the cache line of `values[index]`. Does nothing if the index is out of range, or on targets other than
+/// x86_64.
+///
+/// For loops over data-dependent addresses, such as the entries of a hash table.
+#[cfg(feature = "train")]
+#[inline(always)]
+pub fn prefetch(values: &[f32], index: usize) {
+    #[cfg(target_arch = "x86_64")]
+    if let Some(value) = values.get(index) {
+        use core::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        // SAFETY: every x86_64 has SSE; the address is a value's own, and nothing is read from it.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(core::ptr::from_ref(value).cast()) }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (values, index);
 }

@@ -1,10 +1,9 @@
 //! NEON leaf: four lanes, fused. Every 64-bit ARM processor has NEON, so that nothing is detected at run time.
 
-use super::Op;
-use super::gather::{Quads, address, weighted_rows_by_quads};
-use crate::simd::lanes::{Indices, SQRT_HALF_BITS};
-use crate::simd::table::{Format, Table, Value};
-use crate::simd::{Lanes, MAX_LANES};
+use super::lanes::{Indices, SQRT_HALF_BITS};
+use super::leaf::{Quads, address, instructions, lanes_in_memory};
+use super::table::{Format, Table, Value};
+use super::{Lanes, MAX_LANES, Op};
 use core::arch::aarch64::*;
 use core::arch::asm;
 
@@ -12,93 +11,49 @@ use core::arch::asm;
 #[derive(Clone, Copy)]
 pub struct F32x4(float32x4_t);
 
-/// Calls an intrinsic, which is safe on every target for which this file is compiled.
-macro_rules! neon {
-    ($e:expr) => {
-        // SAFETY: this file is compiled only where the target has NEON (`mod.rs`).
-        unsafe { $e }
-    };
-}
-
 /// Runs `op` with four lanes.
 pub fn run<O: Op>(op: O) -> O::Output {
     op.run::<F32x4>()
 }
 
-impl super::lanes::sealed::Sealed for F32x4 {}
-const _: () = super::lanes::divides::<F32x4>();
+impl super::sealed::Sealed for F32x4 {}
 
 impl Lanes for F32x4 {
-    const COUNT: usize = 4;
     const TILE_ROWS: usize = 4;
     const TILE_COLS: usize = 4;
     type Mask = uint32x4_t;
     type Indices = U32x4;
 
-    #[inline(always)]
-    fn splat(x: f32) -> Self {
-        Self(neon!(vdupq_n_f32(x)))
-    }
-    #[inline(always)]
-    fn load(from: &[f32]) -> Self {
-        let from = &from[..4];
-        // SAFETY: four values are in bounds.
-        Self(unsafe { vld1q_f32(from.as_ptr()) })
-    }
-    #[inline(always)]
-    fn store(self, to: &mut [f32]) {
-        let to = &mut to[..4];
-        // SAFETY: four values are in bounds.
-        unsafe { vst1q_f32(to.as_mut_ptr(), self.0) }
-    }
+    lanes_in_memory!(4, vld1q_f32, vst1q_f32);
     instructions! {
-        add(a, b) = vaddq_f32(a, b);
-        sub(a, b) = vsubq_f32(a, b);
-        mul(a, b) = vmulq_f32(a, b);
-        div(a, b) = vdivq_f32(a, b);
-        mul_add(a, b, c) = vfmaq_f32(c, a, b);
+        fn splat(x: f32) -> Self = Self(vdupq_n_f32(x));
+        fn add(self, b: Self) -> Self = Self(vaddq_f32(self.0, b.0));
+        fn sub(self, b: Self) -> Self = Self(vsubq_f32(self.0, b.0));
+        fn mul(self, b: Self) -> Self = Self(vmulq_f32(self.0, b.0));
+        fn div(self, b: Self) -> Self = Self(vdivq_f32(self.0, b.0));
+        fn mul_add(self, b: Self, c: Self) -> Self = Self(vfmaq_f32(c.0, self.0, b.0));
         // NEON's own maximum and minimum are NaN if either is.
-        max_of(a, b) = vbslq_f32(vcltq_f32(b, a), a, b);
-        min_of(a, b) = vbslq_f32(vcltq_f32(a, b), a, b);
-        sqrt(a) = vsqrtq_f32(a);
-        abs(a) = vabsq_f32(a);
-        round_even(a) = vrndnq_f32(a);
-        floor(a) = vrndmq_f32(a);
-        exp2_integer(a) = {
-            let biased = vaddq_s32(vcvtq_s32_f32(a), vdupq_n_s32(127));
-            vreinterpretq_f32_s32(vshlq_n_s32::<23>(biased))
+        fn max_of(self, b: Self) -> Self = Self(vbslq_f32(vcltq_f32(b.0, self.0), self.0, b.0));
+        fn min_of(self, b: Self) -> Self = Self(vbslq_f32(vcltq_f32(self.0, b.0), self.0, b.0));
+        fn sqrt(self) -> Self = Self(vsqrtq_f32(self.0));
+        fn abs(self) -> Self = Self(vabsq_f32(self.0));
+        fn round_even(self) -> Self = Self(vrndnq_f32(self.0));
+        fn floor(self) -> Self = Self(vrndmq_f32(self.0));
+        fn exp2_integer(self) -> Self = {
+            let biased = vaddq_s32(vcvtq_s32_f32(self.0), vdupq_n_s32(127));
+            Self(vreinterpretq_f32_s32(vshlq_n_s32::<23>(biased)))
         };
-    }
-    #[inline(always)]
-    fn split_exponent(self) -> (Self, Self) {
-        neon!({
+        fn split_exponent(self) -> (Self, Self) = {
             let border = vdupq_n_s32(SQRT_HALF_BITS as i32);
             let shifted = vsubq_s32(vreinterpretq_s32_f32(self.0), border);
             let mantissa = vaddq_s32(vandq_s32(shifted, vdupq_n_s32(0x007f_ffff)), border);
             let exponent = vcvtq_f32_s32(vshrq_n_s32::<23>(shifted));
             (Self(vreinterpretq_f32_s32(mantissa)), Self(exponent))
-        })
-    }
-    #[inline(always)]
-    fn equals(self, b: Self) -> uint32x4_t {
-        neon!(vceqq_f32(self.0, b.0))
-    }
-    #[inline(always)]
-    fn less(self, b: Self) -> uint32x4_t {
-        neon!(vcltq_f32(self.0, b.0))
-    }
-    #[inline(always)]
-    fn select(mask: uint32x4_t, a: Self, b: Self) -> Self {
-        Self(neon!(vbslq_f32(mask, a.0, b.0)))
-    }
-    #[inline(always)]
-    fn to_indices(self) -> U32x4 {
-        U32x4(neon!(vcvtq_u32_f32(self.0)))
-    }
-    #[inline(always)]
-    fn from_f16(bits: &[u16; MAX_LANES]) -> Self {
-        // SAFETY: sixteen values are in bounds, of which four are read.
-        Self(widen(unsafe { vld1_u16(bits.as_ptr()) }))
+        };
+        fn equals(self, b: Self) -> uint32x4_t = vceqq_f32(self.0, b.0);
+        fn less(self, b: Self) -> uint32x4_t = vcltq_f32(self.0, b.0);
+        fn select(mask: uint32x4_t, a: Self, b: Self) -> Self = Self(vbslq_f32(mask, a.0, b.0));
+        fn to_indices(self) -> U32x4 = U32x4(vcvtq_u32_f32(self.0));
     }
     #[inline(always)]
     fn to_f16(self) -> [u16; MAX_LANES] {
@@ -113,27 +68,22 @@ impl Lanes for F32x4 {
         }
         bits
     }
-    weighted_rows_by_quads!();
 }
 
 impl Quads for F32x4 {
     type Offsets = U32x4;
 
     #[inline(always)]
-    fn offsets(indices: U32x4) -> U32x4 {
-        indices
-    }
-    #[inline(always)]
     unsafe fn read_four<T: Value, const LANE: usize>(table: Table<'_, T>, at: &U32x4, plus: usize) -> Self {
-        let offset = neon!(match LANE {
-            0 => vgetq_lane_u32::<0>(at.0),
-            1 => vgetq_lane_u32::<1>(at.0),
-            2 => vgetq_lane_u32::<2>(at.0),
-            _ => vgetq_lane_u32::<3>(at.0),
-        });
-        let from = address(table, offset, plus);
-        // SAFETY: the caller vouches for four values at the address.
+        // SAFETY: the caller vouches for four values at the address. Instructions as above.
         Self(unsafe {
+            let offset = match LANE {
+                0 => vgetq_lane_u32::<0>(at.0),
+                1 => vgetq_lane_u32::<1>(at.0),
+                2 => vgetq_lane_u32::<2>(at.0),
+                _ => vgetq_lane_u32::<3>(at.0),
+            };
+            let from = address(table, offset, plus);
             match T::FORMAT {
                 Format::F16 => widen(vcreate_u16(from.cast::<u64>().read_unaligned())),
                 Format::F32 => from.cast::<float32x4_t>().read_unaligned(),
@@ -144,27 +94,22 @@ impl Quads for F32x4 {
             }
         })
     }
-    #[inline(always)]
-    fn repeat<const LANE: usize>(self) -> Self {
-        Self(neon!(match LANE {
+    instructions! {
+        fn offsets(indices: U32x4) -> U32x4 = indices;
+        fn repeat<const LANE: usize>(self) -> Self = Self(match LANE {
             0 => vdupq_laneq_f32::<0>(self.0),
             1 => vdupq_laneq_f32::<1>(self.0),
             2 => vdupq_laneq_f32::<2>(self.0),
             _ => vdupq_laneq_f32::<3>(self.0),
-        }))
-    }
-    #[inline(always)]
-    fn transpose([s0, s1, s2, s3]: [Self; 4]) -> [Self; 4] {
-        neon!({
-            let (a, b) = (vzip1q_f32(s0.0, s1.0), vzip2q_f32(s0.0, s1.0));
-            let (c, d) = (vzip1q_f32(s2.0, s3.0), vzip2q_f32(s2.0, s3.0));
-            let (a, b) = (vreinterpretq_f64_f32(a), vreinterpretq_f64_f32(b));
-            let (c, d) = (vreinterpretq_f64_f32(c), vreinterpretq_f64_f32(d));
-            [vzip1q_f64(a, c), vzip2q_f64(a, c), vzip1q_f64(b, d), vzip2q_f64(b, d)]
-                .map(|of_lanes| Self(vreinterpretq_f32_f64(of_lanes)))
-        })
+        });
+        fn zip(self, b: Self) -> [Self; 2] = [Self(vzip1q_f32(self.0, b.0)), Self(vzip2q_f32(self.0, b.0))];
+        fn zip_pairs(self, b: Self) -> [Self; 2] = {
+            let (a, b) = (vreinterpretq_f64_f32(self.0), vreinterpretq_f64_f32(b.0));
+            [Self(vreinterpretq_f32_f64(vzip1q_f64(a, b))), Self(vreinterpretq_f32_f64(vzip2q_f64(a, b)))]
+        };
     }
 }
+
 /// Converts four f16 to f32, in assembly: the oldest supported compiler lacks the intrinsic.
 #[inline(always)]
 fn widen(bits: uint16x4_t) -> float32x4_t {
@@ -182,21 +127,15 @@ fn widen(bits: uint16x4_t) -> float32x4_t {
 pub struct U32x4(uint32x4_t);
 
 impl Indices for U32x4 {
-    #[inline(always)]
-    fn splat(x: u32) -> Self {
-        Self(neon!(vdupq_n_u32(x)))
-    }
     instructions! {
-        add(a, b) = vaddq_u32(a, b);
-        mul(a, b) = vmulq_u32(a, b);
-        xor(a, b) = veorq_u32(a, b);
-        and(a, b) = vandq_u32(a, b);
-        min(a, b) = vminq_u32(a, b);
-        shift_right_15(a) = vshrq_n_u32::<15>(a);
-    }
-    #[inline(always)]
-    fn store(self, to: &mut [u32; MAX_LANES]) {
+        fn splat(x: u32) -> Self = Self(vdupq_n_u32(x));
+        fn add(self, b: Self) -> Self = Self(vaddq_u32(self.0, b.0));
+        fn mul(self, b: Self) -> Self = Self(vmulq_u32(self.0, b.0));
+        fn xor(self, b: Self) -> Self = Self(veorq_u32(self.0, b.0));
+        fn and(self, b: Self) -> Self = Self(vandq_u32(self.0, b.0));
+        fn min(self, b: Self) -> Self = Self(vminq_u32(self.0, b.0));
+        fn shift_right_15(self) -> Self = Self(vshrq_n_u32::<15>(self.0));
         // SAFETY: sixteen values are in bounds, of which four are written.
-        unsafe { vst1q_u32(to.as_mut_ptr(), self.0) }
+        fn store(self, to: &mut [u32; MAX_LANES]) = vst1q_u32(to.as_mut_ptr(), self.0);
     }
 }

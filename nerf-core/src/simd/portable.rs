@@ -2,24 +2,14 @@
 //!
 //! Bit for bit the same as one lane at a time; the compiler vectorises it with the target's instructions.
 
-use crate::simd::{Indices, Lanes};
-
-/// Defines methods of two vectors lane by lane.
-macro_rules! by_lane {
-    ($of:ident: $($name:ident)+) => {$(
-        #[inline(always)]
-        fn $name(self, b: Self) -> Self {
-            Self(core::array::from_fn(|i| $of::$name(self.0[i], b.0[i])))
-        }
-    )+};
-}
+use super::{Indices, Lanes};
+use core::array::from_fn;
 
 /// Sixteen f32 in an array.
 #[derive(Clone, Copy)]
 pub struct Portable([f32; 16]);
 
-impl super::lanes::sealed::Sealed for Portable {}
-const _: () = super::lanes::divides::<Portable>();
+impl super::sealed::Sealed for Portable {}
 
 impl Lanes for Portable {
     const COUNT: usize = 16;
@@ -29,59 +19,34 @@ impl Lanes for Portable {
     type Indices = PortableIndices;
 
     #[inline(always)]
-    fn splat(x: f32) -> Self {
-        Self([x; 16])
-    }
-    #[inline(always)]
     fn load(from: &[f32]) -> Self {
         let from = &from[..16];
-        Self(core::array::from_fn(|i| from[i]))
-    }
-    #[inline(always)]
-    fn store(self, to: &mut [f32]) {
-        to[..16].copy_from_slice(&self.0);
-    }
-    by_lane!(Lanes: add sub mul div max_of min_of);
-    #[inline(always)]
-    fn mul_add(self, b: Self, c: Self) -> Self {
-        self.mul(b).add(c)
-    }
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        Self(self.0.map(Lanes::sqrt))
-    }
-    #[inline(always)]
-    fn abs(self) -> Self {
-        Self(self.0.map(Lanes::abs))
-    }
-    #[inline(always)]
-    fn round_even(self) -> Self {
-        Self(self.0.map(Lanes::round_even))
-    }
-    #[inline(always)]
-    fn exp2_integer(self) -> Self {
-        Self(self.0.map(Lanes::exp2_integer))
+        Self(from_fn(|i| from[i]))
     }
     #[inline(always)]
     fn split_exponent(self) -> (Self, Self) {
         let parts = self.0.map(Lanes::split_exponent);
         (Self(parts.map(|p| p.0)), Self(parts.map(|p| p.1)))
     }
-    #[inline(always)]
-    fn equals(self, b: Self) -> [bool; 16] {
-        core::array::from_fn(|i| self.0[i] == b.0[i])
-    }
-    #[inline(always)]
-    fn less(self, b: Self) -> [bool; 16] {
-        core::array::from_fn(|i| self.0[i] < b.0[i])
-    }
-    #[inline(always)]
-    fn select(mask: [bool; 16], a: Self, b: Self) -> Self {
-        Self(core::array::from_fn(|i| if mask[i] { a.0[i] } else { b.0[i] }))
-    }
-    #[inline(always)]
-    fn to_indices(self) -> PortableIndices {
-        PortableIndices(self.0.map(|x| x as u32))
+    methods! {
+        fn splat(x: f32) -> Self = Self([x; 16]);
+        fn store(self, to: &mut [f32]) = to[..16].copy_from_slice(&self.0);
+        fn add(self, b: Self) -> Self = Self(from_fn(|i| self.0[i] + b.0[i]));
+        fn sub(self, b: Self) -> Self = Self(from_fn(|i| self.0[i] - b.0[i]));
+        fn mul(self, b: Self) -> Self = Self(from_fn(|i| self.0[i] * b.0[i]));
+        fn div(self, b: Self) -> Self = Self(from_fn(|i| self.0[i] / b.0[i]));
+        fn mul_add(self, b: Self, c: Self) -> Self = self.mul(b).add(c);
+        fn max_of(self, b: Self) -> Self = Self(from_fn(|i| self.0[i].max_of(b.0[i])));
+        fn min_of(self, b: Self) -> Self = Self(from_fn(|i| self.0[i].min_of(b.0[i])));
+        fn sqrt(self) -> Self = Self(self.0.map(Lanes::sqrt));
+        fn abs(self) -> Self = Self(self.0.map(Lanes::abs));
+        fn round_even(self) -> Self = Self(self.0.map(Lanes::round_even));
+        fn exp2_integer(self) -> Self = Self(self.0.map(Lanes::exp2_integer));
+        fn equals(self, b: Self) -> [bool; 16] = from_fn(|i| self.0[i] == b.0[i]);
+        fn less(self, b: Self) -> [bool; 16] = from_fn(|i| self.0[i] < b.0[i]);
+        fn select(mask: [bool; 16], a: Self, b: Self) -> Self =
+            Self(from_fn(|i| if mask[i] { a.0[i] } else { b.0[i] }));
+        fn to_indices(self) -> PortableIndices = PortableIndices(self.0.map(|x| x as u32));
     }
 }
 
@@ -90,17 +55,14 @@ impl Lanes for Portable {
 pub struct PortableIndices([u32; 16]);
 
 impl Indices for PortableIndices {
-    #[inline(always)]
-    fn splat(x: u32) -> Self {
-        Self([x; 16])
-    }
-    by_lane!(Indices: add mul xor and min);
-    #[inline(always)]
-    fn shift_right_15(self) -> Self {
-        Self(self.0.map(|x| x >> 15))
-    }
-    #[inline(always)]
-    fn store(self, to: &mut [u32; 16]) {
-        *to = self.0;
+    methods! {
+        fn splat(x: u32) -> Self = Self([x; 16]);
+        fn add(self, b: Self) -> Self = Self(from_fn(|i| self.0[i].wrapping_add(b.0[i])));
+        fn mul(self, b: Self) -> Self = Self(from_fn(|i| self.0[i].wrapping_mul(b.0[i])));
+        fn xor(self, b: Self) -> Self = Self(from_fn(|i| self.0[i] ^ b.0[i]));
+        fn and(self, b: Self) -> Self = Self(from_fn(|i| self.0[i] & b.0[i]));
+        fn min(self, b: Self) -> Self = Self(from_fn(|i| Ord::min(self.0[i], b.0[i])));
+        fn shift_right_15(self) -> Self = Self(self.0.map(|x| x >> 15));
+        fn store(self, to: &mut [u32; 16]) = *to = self.0;
     }
 }

@@ -4,11 +4,10 @@
 //! the leaf is available if the build has the target feature. Relaxed SIMD could fuse, but its results depend on the
 //! engine.
 
-use super::Op;
-use super::gather::{Quads, address, weighted_rows_by_quads};
-use crate::simd::lanes::{Indices, SQRT_HALF_BITS};
-use crate::simd::table::{Format, Table, Value};
-use crate::simd::{Lanes, MAX_LANES};
+use super::lanes::{Indices, SQRT_HALF_BITS};
+use super::leaf::{Quads, address, instructions, lanes_in_memory};
+use super::table::{Format, Table, Value};
+use super::{Lanes, MAX_LANES, Op};
 use core::arch::wasm32::*;
 
 /// Four f32 in a `v128`.
@@ -20,72 +19,46 @@ pub fn run<O: Op>(op: O) -> O::Output {
     op.run::<F32x4>()
 }
 
-impl super::lanes::sealed::Sealed for F32x4 {}
-const _: () = super::lanes::divides::<F32x4>();
+impl super::sealed::Sealed for F32x4 {}
 
 impl Lanes for F32x4 {
-    const COUNT: usize = 4;
     const TILE_ROWS: usize = 2;
     const TILE_COLS: usize = 4;
     type Mask = v128;
     type Indices = U32x4;
 
-    #[inline(always)]
-    fn splat(x: f32) -> Self {
-        Self(f32x4_splat(x))
-    }
-    #[inline(always)]
-    fn load(from: &[f32]) -> Self {
-        let from = &from[..4];
-        // SAFETY: four values are in bounds; unaligned loads are allowed.
-        Self(unsafe { v128_load(from.as_ptr().cast()) })
-    }
-    #[inline(always)]
-    fn store(self, to: &mut [f32]) {
-        let to = &mut to[..4];
-        // SAFETY: four values are in bounds; unaligned stores are allowed.
-        unsafe { v128_store(to.as_mut_ptr().cast(), self.0) }
-    }
+    lanes_in_memory!(4, v128_load, v128_store);
     instructions! {
-        add(a, b) = f32x4_add(a, b);
-        sub(a, b) = f32x4_sub(a, b);
-        mul(a, b) = f32x4_mul(a, b);
-        div(a, b) = f32x4_div(a, b);
-        mul_add(a, b, c) = f32x4_add(f32x4_mul(a, b), c);
+        fn splat(x: f32) -> Self = Self(f32x4_splat(x));
+        fn add(self, b: Self) -> Self = Self(f32x4_add(self.0, b.0));
+        fn sub(self, b: Self) -> Self = Self(f32x4_sub(self.0, b.0));
+        fn mul(self, b: Self) -> Self = Self(f32x4_mul(self.0, b.0));
+        fn div(self, b: Self) -> Self = Self(f32x4_div(self.0, b.0));
+        fn mul_add(self, b: Self, c: Self) -> Self = Self(f32x4_add(f32x4_mul(self.0, b.0), c.0));
         // `pmax(b, a)` is `b < a ? a : b`, one instruction on x86; the plain `max` would spread NaNs.
-        max_of(a, b) = f32x4_pmax(b, a);
-        min_of(a, b) = f32x4_pmin(b, a);
-        sqrt(a) = f32x4_sqrt(a);
-        abs(a) = f32x4_abs(a);
+        fn max_of(self, b: Self) -> Self = Self(f32x4_pmax(b.0, self.0));
+        fn min_of(self, b: Self) -> Self = Self(f32x4_pmin(b.0, self.0));
+        fn sqrt(self) -> Self = Self(f32x4_sqrt(self.0));
+        fn abs(self) -> Self = Self(f32x4_abs(self.0));
         // Adding 0 removes the negative zero, as in the portable leaf.
-        round_even(a) = f32x4_add(f32x4_nearest(a), f32x4_splat(0.0));
-        floor(a) = f32x4_floor(a);
-        exp2_integer(a) = i32x4_shl(i32x4_add(i32x4_trunc_sat_f32x4(a), i32x4_splat(127)), 23);
-    }
-    #[inline(always)]
-    fn split_exponent(self) -> (Self, Self) {
-        let border = i32x4_splat(SQRT_HALF_BITS as i32);
-        let shifted = i32x4_sub(self.0, border);
-        let mantissa = i32x4_add(v128_and(shifted, i32x4_splat(0x007f_ffff)), border);
-        (Self(mantissa), Self(f32x4_convert_i32x4(i32x4_shr(shifted, 23))))
-    }
-    #[inline(always)]
-    fn equals(self, b: Self) -> v128 {
-        f32x4_eq(self.0, b.0)
-    }
-    #[inline(always)]
-    fn less(self, b: Self) -> v128 {
-        f32x4_lt(self.0, b.0)
-    }
-    #[inline(always)]
-    fn select(mask: v128, a: Self, b: Self) -> Self {
-        Self(v128_bitselect(a.0, b.0, mask))
-    }
-    #[inline(always)]
-    fn to_indices(self) -> U32x4 {
+        fn round_even(self) -> Self = Self(f32x4_add(f32x4_nearest(self.0), f32x4_splat(0.0)));
+        fn floor(self) -> Self = Self(f32x4_floor(self.0));
+        fn exp2_integer(self) -> Self =
+            Self(i32x4_shl(i32x4_add(i32x4_trunc_sat_f32x4(self.0), i32x4_splat(127)), 23));
+        fn split_exponent(self) -> (Self, Self) = {
+            let border = i32x4_splat(SQRT_HALF_BITS as i32);
+            let shifted = i32x4_sub(self.0, border);
+            let mantissa = i32x4_add(v128_and(shifted, i32x4_splat(0x007f_ffff)), border);
+            (Self(mantissa), Self(f32x4_convert_i32x4(i32x4_shr(shifted, 23))))
+        };
+        fn equals(self, b: Self) -> v128 = f32x4_eq(self.0, b.0);
+        fn less(self, b: Self) -> v128 = f32x4_lt(self.0, b.0);
+        fn select(mask: v128, a: Self, b: Self) -> Self = Self(v128_bitselect(a.0, b.0, mask));
         // Not WebAssembly's conversion: it saturates, which takes five instructions on x86.
-        let whole = f32x4_splat(8_388_608.0);
-        U32x4(i32x4_sub(f32x4_add(self.0, whole), whole))
+        fn to_indices(self) -> U32x4 = {
+            let whole = f32x4_splat(8_388_608.0);
+            U32x4(i32x4_sub(f32x4_add(self.0, whole), whole))
+        };
     }
     #[inline(always)]
     fn bits(bytes: &[u8], at: U32x4) -> u32 {
@@ -110,7 +83,6 @@ impl Lanes for F32x4 {
         let empty = i32x4_eq(v128_and(found, bit), u32x4_splat(0));
         u32::from(i32x4_bitmask(v128_andnot(inside, empty)))
     }
-    weighted_rows_by_quads!();
 }
 
 impl Quads for F32x4 {
@@ -118,10 +90,6 @@ impl Quads for F32x4 {
     const SUMS_IN_MEMORY: bool = true;
     type Offsets = U32x4;
 
-    #[inline(always)]
-    fn offsets(indices: U32x4) -> U32x4 {
-        indices
-    }
     #[inline(always)]
     unsafe fn read_four<T: Value, const LANE: usize>(table: Table<'_, T>, at: &U32x4, plus: usize) -> Self {
         let from = address(table, u32x4_extract_lane::<LANE>(at.0), plus);
@@ -137,22 +105,19 @@ impl Quads for F32x4 {
             }
         })
     }
-    #[inline(always)]
-    fn repeat<const LANE: usize>(self) -> Self {
-        Self(i32x4_shuffle::<LANE, LANE, LANE, LANE>(self.0, self.0))
-    }
-    #[inline(always)]
-    fn transpose([s0, s1, s2, s3]: [Self; 4]) -> [Self; 4] {
-        let (a, b) = (i32x4_shuffle::<0, 4, 1, 5>(s0.0, s1.0), i32x4_shuffle::<2, 6, 3, 7>(s0.0, s1.0));
-        let (c, d) = (i32x4_shuffle::<0, 4, 1, 5>(s2.0, s3.0), i32x4_shuffle::<2, 6, 3, 7>(s2.0, s3.0));
-        [
-            Self(i64x2_shuffle::<0, 2>(a, c)),
-            Self(i64x2_shuffle::<1, 3>(a, c)),
-            Self(i64x2_shuffle::<0, 2>(b, d)),
-            Self(i64x2_shuffle::<1, 3>(b, d)),
-        ]
+    instructions! {
+        fn offsets(indices: U32x4) -> U32x4 = indices;
+        fn repeat<const LANE: usize>(self) -> Self =
+            Self(i32x4_shuffle::<LANE, LANE, LANE, LANE>(self.0, self.0));
+        fn zip(self, b: Self) -> [Self; 2] = [
+            Self(i32x4_shuffle::<0, 4, 1, 5>(self.0, b.0)),
+            Self(i32x4_shuffle::<2, 6, 3, 7>(self.0, b.0)),
+        ];
+        fn zip_pairs(self, b: Self) -> [Self; 2] =
+            [Self(i64x2_shuffle::<0, 2>(self.0, b.0)), Self(i64x2_shuffle::<1, 3>(self.0, b.0))];
     }
 }
+
 /// Converts four finite f16, each with its sign extended, to f32.
 ///
 /// `v = 2 v − v`; for a subnormal, which has no leading 1, `v = (2^-14 + v) − 2^-14`. Both are exact. No intermediate
@@ -174,21 +139,15 @@ fn widen_finite(bits: v128) -> v128 {
 pub struct U32x4(v128);
 
 impl Indices for U32x4 {
-    #[inline(always)]
-    fn splat(x: u32) -> Self {
-        Self(u32x4_splat(x))
-    }
     instructions! {
-        add(a, b) = i32x4_add(a, b);
-        mul(a, b) = i32x4_mul(a, b);
-        xor(a, b) = v128_xor(a, b);
-        and(a, b) = v128_and(a, b);
-        min(a, b) = u32x4_min(a, b);
-        shift_right_15(a) = u32x4_shr(a, 15);
-    }
-    #[inline(always)]
-    fn store(self, to: &mut [u32; MAX_LANES]) {
+        fn splat(x: u32) -> Self = Self(u32x4_splat(x));
+        fn add(self, b: Self) -> Self = Self(i32x4_add(self.0, b.0));
+        fn mul(self, b: Self) -> Self = Self(i32x4_mul(self.0, b.0));
+        fn xor(self, b: Self) -> Self = Self(v128_xor(self.0, b.0));
+        fn and(self, b: Self) -> Self = Self(v128_and(self.0, b.0));
+        fn min(self, b: Self) -> Self = Self(u32x4_min(self.0, b.0));
+        fn shift_right_15(self) -> Self = Self(u32x4_shr(self.0, 15));
         // SAFETY: sixteen values are in bounds, of which four are written; unaligned stores are allowed.
-        unsafe { v128_store(to.as_mut_ptr().cast(), self.0) }
+        fn store(self, to: &mut [u32; MAX_LANES]) = v128_store(to.as_mut_ptr().cast(), self.0);
     }
 }

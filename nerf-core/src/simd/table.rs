@@ -13,39 +13,27 @@ pub enum Format {
     Int8,
 }
 
-impl Format {
-    /// Bytes of a value.
-    #[inline(always)]
-    pub const fn bytes(self) -> usize {
-        match self {
-            Self::F16 => 2,
-            Self::F32 => 4,
-            Self::Int8 => 1,
-        }
-    }
-}
-
 /// A value of a table, as stored in memory. Sealed, since kernels read as many bytes as the format says.
-pub trait Value: Copy + Default + sealed::Sealed {
+pub trait Value: Copy + Default + super::sealed::Sealed {
     /// Format of the value.
     const FORMAT: Format;
     /// The value in f32.
     fn widen(self) -> f32;
 }
 
-mod sealed {
-    pub trait Sealed {}
-    impl Sealed for [u8; 2] {}
-    impl Sealed for f32 {}
-    impl Sealed for u8 {}
-}
-
 impl Value for [u8; 2] {
     const FORMAT: Format = Format::F16;
 
+    /// The value of a finite f16, without a branch.
     #[inline(always)]
     fn widen(self) -> f32 {
-        widen_finite(u16::from_le_bytes(self))
+        let bits = u16::from_le_bytes(self);
+        let (sign, magnitude) = (u32::from(bits & 0x8000) << 16, u32::from(bits & 0x7fff));
+        // Adds the difference of the exponent biases, shifted to the exponent's position.
+        let normal = (magnitude << 13) + ((127 - 15) << 23);
+        // No leading 1: a multiple of 2^-24.
+        let subnormal = (magnitude as f32 * (1.0 / 16_777_216.0)).to_bits();
+        f32::from_bits(sign | if magnitude < 0x0400 { subnormal } else { normal })
     }
 }
 
@@ -71,7 +59,7 @@ impl Value for u8 {
 /// Values that are read by index; integers have a scale for each level of a grid.
 #[derive(Clone, Copy, Debug)]
 pub struct Table<'a, T> {
-    values: &'a [T],
+    pub(super) values: &'a [T],
     scales: &'a [[u8; 4]],
 }
 
@@ -87,19 +75,6 @@ impl<'a, T: Value> Table<'a, T> {
     pub fn part(self, first: usize, count: usize) -> Self {
         let rest = self.values.get(first..).unwrap_or_default();
         Self { values: rest.get(..count).unwrap_or(rest), ..self }
-    }
-
-    /// Number of values.
-    #[inline(always)]
-    #[allow(clippy::len_without_is_empty, reason = "who reads by index asks for the length alone")]
-    pub fn len(self) -> usize {
-        self.values.len()
-    }
-
-    /// Address of the first of `len()` values; aligned only as `T`.
-    #[inline(always)]
-    pub fn start(self) -> *const u8 {
-        self.values.as_ptr().cast()
     }
 
     /// Reads value `at[lane] + plus` for each of the first `lanes`; 0 if the index is beyond the table.
@@ -123,15 +98,4 @@ impl<'a, T: Value> Table<'a, T> {
             Format::F16 | Format::F32 => 1.0,
         }
     }
-}
-
-/// Converts a finite f16 to f32 without a branch.
-#[inline(always)]
-pub fn widen_finite(bits: u16) -> f32 {
-    let (sign, magnitude) = (u32::from(bits & 0x8000) << 16, u32::from(bits & 0x7fff));
-    // Adds the difference of the exponent biases, shifted to the exponent's position.
-    let normal = (magnitude << 13) + ((127 - 15) << 23);
-    // No leading 1: a multiple of 2^-24.
-    let subnormal = (magnitude as f32 * (1.0 / 16_777_216.0)).to_bits();
-    f32::from_bits(sign | if magnitude < 0x0400 { subnormal } else { normal })
 }

@@ -1,8 +1,56 @@
-//! Interpolation over a table with loads of four neighbouring values at once, generic over [`Quads`].
+//! What leaves with vector registers share: macros for their methods, and interpolation over a table with loads of four
+//! neighbouring values at once, generic over [`Quads`].
 
-use crate::simd::lanes::weighted_rows_by_lane;
-use crate::simd::table::{Table, Value};
-use crate::simd::{Indices, Lanes};
+use super::lanes::weighted_rows_by_lane;
+use super::table::{Table, Value};
+use super::{Indices, Lanes};
+
+/// Declares methods of a leaf's vector, each by one expression of intrinsics. An expression that needs more than the
+/// leaf's instructions has its own SAFETY line.
+macro_rules! instructions {
+    ($(fn $name:ident $(<const $lane:ident: usize>)? ($($arguments:tt)*) $(-> $type:ty)? = $value:expr;)+) => {$(
+        #[inline(always)]
+        #[allow(unused_unsafe, reason = "WebAssembly's are safe")]
+        fn $name $(<const $lane: usize>)? ($($arguments)*) $(-> $type)? {
+            // SAFETY: a leaf's vectors exist only where its instructions do.
+            unsafe { $value }
+        }
+    )+};
+}
+
+/// Defines the methods of [`Lanes`] for vectors of `$count` f32 that go through memory: loads and stores by two
+/// intrinsics for any alignment, and interpolation by [`Quads`].
+macro_rules! lanes_in_memory {
+    ($count:literal, $load:ident, $store:ident) => {
+        const COUNT: usize = {
+            assert!(MAX_LANES.is_multiple_of($count));
+            $count
+        };
+
+        #[inline(always)]
+        fn load(from: &[f32]) -> Self {
+            let from = &from[..$count];
+            // SAFETY: as many values are in bounds. A leaf's vectors exist only where its instructions do.
+            Self(unsafe { $load(from.as_ptr().cast()) })
+        }
+        #[inline(always)]
+        fn store(self, to: &mut [f32]) {
+            let to = &mut to[..$count];
+            // SAFETY: as above.
+            unsafe { $store(to.as_mut_ptr().cast(), self.0) }
+        }
+        #[inline(always)]
+        fn weighted_rows<T: Value, const ROWS: usize>(
+            table: Table<'_, T>,
+            rows: &[Self::Indices; ROWS],
+            weights: &[Self; ROWS],
+            features: usize,
+        ) -> [Self; 8] {
+            super::leaf::weighted_rows(table, rows, weights, features)
+        }
+    };
+}
+pub(super) use {instructions, lanes_in_memory};
 
 /// The primitives of [`weighted_rows`]. A vector consists of groups of four lanes. While rows are summed, a group
 /// holds four values of one of its lanes.
@@ -27,25 +75,11 @@ pub trait Quads: Lanes {
     ) -> Self;
     /// Copies lane `LANE` of each group to all four lanes of the group.
     fn repeat<const LANE: usize>(self) -> Self;
-    /// The transpose of each group: vector `i` of the result has value `i` of each lane.
-    fn transpose(lanes: [Self; 4]) -> [Self; 4];
+    /// `[a0, b0, a1, b1]` and `[a2, b2, a3, b3]` of each group `a` of `self` and `b`.
+    fn zip(self, b: Self) -> [Self; 2];
+    /// `[a0, a1, b0, b1]` and `[a2, a3, b2, b3]` of each group `a` of `self` and `b`.
+    fn zip_pairs(self, b: Self) -> [Self; 2];
 }
-
-/// Defines [`Lanes::weighted_rows`] for a leaf with [`Quads`].
-macro_rules! weighted_rows_by_quads {
-    () => {
-        #[inline(always)]
-        fn weighted_rows<T: Value, const ROWS: usize>(
-            table: Table<'_, T>,
-            rows: &[Self::Indices; ROWS],
-            weights: &[Self; ROWS],
-            features: usize,
-        ) -> [Self; 8] {
-            super::gather::weighted_rows(table, rows, weights, features)
-        }
-    };
-}
-pub(super) use weighted_rows_by_quads;
 
 /// [`Lanes::weighted_rows`], four values of a lane at a time; value by value if rows are not a multiple of four
 /// values.
@@ -83,12 +117,14 @@ fn four<V: Quads, T: Value, const ROWS: usize>(
     weights: &[V; ROWS],
     plus: usize,
 ) -> [V; 4] {
-    V::transpose([
-        sum_of_lane::<V, T, ROWS, 0>(table, offsets, weights, plus),
-        sum_of_lane::<V, T, ROWS, 1>(table, offsets, weights, plus),
-        sum_of_lane::<V, T, ROWS, 2>(table, offsets, weights, plus),
-        sum_of_lane::<V, T, ROWS, 3>(table, offsets, weights, plus),
-    ])
+    // Vector `i` of the transpose has value `i` of each lane.
+    let s0 = sum_of_lane::<V, T, ROWS, 0>(table, offsets, weights, plus);
+    let s1 = sum_of_lane::<V, T, ROWS, 1>(table, offsets, weights, plus);
+    let s2 = sum_of_lane::<V, T, ROWS, 2>(table, offsets, weights, plus);
+    let s3 = sum_of_lane::<V, T, ROWS, 3>(table, offsets, weights, plus);
+    let ([a, b], [c, d]) = (s0.zip(s1), s2.zip(s3));
+    let ([v0, v1], [v2, v3]) = (a.zip_pairs(c), b.zip_pairs(d));
+    [v0, v1, v2, v3]
 }
 
 /// Four weighted sums for lane `LANE` of each group.
@@ -111,7 +147,7 @@ fn sum_of_lane<V: Quads, T: Value, const ROWS: usize, const LANE: usize>(
 /// The address of value `offset + plus` of a table.
 #[inline(always)]
 pub fn address<T: Value>(table: Table<'_, T>, offset: u32, plus: usize) -> *const u8 {
-    table.start().wrapping_add(T::FORMAT.bytes() * (offset as usize + plus))
+    table.values.as_ptr().wrapping_add(offset as usize + plus).cast()
 }
 
 /// Index of the last entry at which a row of two entries can begin inside the table. `None` if a row is not a
@@ -119,8 +155,8 @@ pub fn address<T: Value>(table: Table<'_, T>, offset: u32, plus: usize) -> *cons
 #[inline(always)]
 fn last_row<T: Value>(table: Table<'_, T>, features: usize) -> Option<u32> {
     let entries = match features {
-        2 => table.len() / 2,
-        4 => table.len() / 4,
+        2 => table.values.len() / 2,
+        4 => table.values.len() / 4,
         _ => return None,
     };
     u32::try_from(entries.checked_sub(2)?).ok()
