@@ -14,7 +14,7 @@ use crate::render::Counters;
 use crate::render::field::Field;
 use crate::render::march::RayState;
 use crate::render::pixel::{PixelRay, Pixels, RaySource, Surface, Target};
-use crate::render::stages::{Density, DirectionShares, Gradients, PointColour, evaluate_points, take_points};
+use crate::render::stages::{Density, DirectionShares, Gradients, evaluate_points};
 use crate::volume::{Accumulator, thickness};
 use glam::Vec3;
 
@@ -461,16 +461,9 @@ impl<'f, 'w> Merge<'f, 'w> {
                 .iter()
                 .zip(dirs)
                 .map(|(&p, &dir)| (placement.point_in_field(p.into()), placement.dir_in_field(dir.into())));
-            let n = take_points(field, points, rays);
-            let colour = match field.plan.outputs.rgb && !rgb.is_empty() {
-                false => PointColour::None,
-                true if field.shades_rays() => PointColour::Rays(&mut self.deferred.networks),
-                true => {
-                    let shares = shares_at(self.instances, samples, self.shares, member);
-                    PointColour::Samples(shares, self.rgb)
-                }
-            };
-            evaluate_points(field, head(rays, n), &mut self.density, colour, counters, |i, density, own| {
+            let shares = shares_at(self.instances, samples, self.shares, member);
+            let colours = (!rgb.is_empty()).then_some((shares, &mut *self.rgb, &mut self.deferred.networks));
+            evaluate_points(field, points, rays, &mut self.density, colours, counters, |i, density, own| {
                 let (density, before) = ((density / placement.scale()).min(WALL), at(sigma, i));
                 if density > 0.0 {
                     put(sigma, i, before + density);

@@ -18,6 +18,8 @@ pub(in crate::render) struct Density<'w> {
     pub positions: &'w mut [f32],
     /// The network's scratch; `stride` is that of the current block, no more columns than its samples need.
     pub scratch: Scratch<'w>,
+    /// Number of samples of the block that was last evaluated.
+    pub count: usize,
 }
 
 impl<'w> Density<'w> {
@@ -34,6 +36,7 @@ impl<'w> Density<'w> {
                 front: layout.slice(activations * samples, 0.0),
                 back: layout.slice(activations * samples, 0.0),
             },
+            count: 0,
         }
     }
 
@@ -66,20 +69,9 @@ impl<'w> Density<'w> {
 
     /// Evaluates trunk and density head for the block's `n` samples; `positions` has the stride of `n` columns.
     pub fn evaluate(&mut self, field: Field<'_>, n: usize) {
-        self.scratch.stride = field.columns(n);
+        (self.count, self.scratch.stride) = (n, field.columns(n));
         field.network.trunk(field.plan.math, &mut self.scratch, self.positions);
         field.network.density(field.plan.math, &self.scratch, self.sigma);
-    }
-
-    /// Evaluates trunk and density head at the origins of `rays`, one sample a ray.
-    pub fn evaluate_points(&mut self, field: Field<'_>, rays: &[RayState]) {
-        let (n, stride) = (rays.len(), field.columns(rays.len()));
-        for column in 0..stride {
-            let index = column.min(n.saturating_sub(1));
-            put(self.owner, column, index as u32);
-            put_column(self.positions, stride, column, at(rays, index).pixel.ray.origin.to_array());
-        }
-        self.evaluate(field, n);
     }
 }
 

@@ -4,7 +4,7 @@
 //! The rays of a tile are marched through the proposal's bins as through the scene's, with a network of densities
 //! alone. Each ray draws its samples from the weights; the rest of the frame is the same as without a proposal.
 
-use super::density::Density;
+use super::InFlight;
 use crate::blob::Blob;
 use crate::encoding::GridTables;
 use crate::math::Math;
@@ -12,8 +12,6 @@ use crate::matrix::{Kernel, Storage};
 use crate::memory::{at, put};
 use crate::network::{Network, Role, Weights};
 use crate::plan::Plan;
-use crate::render::field::Field;
-use crate::render::march::Rays;
 use crate::render::pixel::{Pixels, RaySource, Target};
 use crate::sampling::SampleJitter;
 use crate::volume::Accumulator;
@@ -74,20 +72,18 @@ impl<'a> Proposer<'a> {
     }
 }
 
-/// Evaluates the proposal for the tile's first `hits` rays, and draws their samples.
+/// Evaluates the proposal for the rays in flight, and draws their samples.
 ///
-/// Rays without an occupied sample are finished; the others are compacted. Returns their number.
+/// Rays without an occupied sample are finished; the others are compacted.
 pub(in crate::render) fn propose<M: Math>(
     proposer: &Proposer<'_>,
-    field: Field<'_>,
-    hits: usize,
-    (rays, density): (&mut Rays<'_, '_>, &mut Density<'_>),
+    InFlight { field, rays, density, .. }: &mut InFlight<'_, '_>,
     pixels: &mut Pixels<'_, '_>,
     source: &impl RaySource,
     target: &mut impl Target,
-) -> usize {
-    let plan = field.plan;
-    let (Some(network), Some(coarse)) = (&proposer.network, &plan.proposal) else { return hits };
+) {
+    let (field, plan, hits) = (*field, field.plan, rays.hits);
+    let (Some(network), Some(coarse)) = (&proposer.network, &plan.proposal) else { return };
     let own = plan.bins.count() as usize;
     rays.samples.begin(hits);
     loop {
@@ -143,5 +139,5 @@ pub(in crate::render) fn propose<M: Math>(
             pixels.finish::<M>(&state.pixel, None, source, target);
         }
     }
-    left
+    rays.hits = left;
 }

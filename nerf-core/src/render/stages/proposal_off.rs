@@ -1,12 +1,10 @@
 //! In place of `proposal.rs` in a build without the feature: no samples are drawn.
 
-use super::density::Density;
+use super::InFlight;
 use crate::blob::Blob;
 use crate::math::Math;
 use crate::matrix::{Kernel, Storage};
 use crate::plan::Plan;
-use crate::render::field::Field;
-use crate::render::march::Rays;
 use crate::render::pixel::{Pixels, RaySource, Target};
 use core::marker::PhantomData;
 
@@ -41,12 +39,9 @@ impl<'a> Proposer<'a> {
 #[allow(clippy::extra_unused_type_parameters, reason = "the signature is that of `proposal.rs`")]
 pub(in crate::render) fn propose<M: Math>(
     _: &Proposer<'_>,
-    _: Field<'_>,
-    hits: usize,
-    _: (&mut Rays<'_, '_>, &mut Density<'_>),
+    _: &mut InFlight<'_, '_>,
     _: &mut Pixels<'_, '_>,
     _: &impl RaySource,
     _: &mut impl Target,
-) -> usize {
-    hits
+) {
 }
