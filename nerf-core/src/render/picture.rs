@@ -1,7 +1,6 @@
 //! A picture of a 2D field: every pixel is one evaluation of the network, without compositing.
 
-use super::{Counters, Rect, RenderError};
-use crate::blob::Blob;
+use super::{Counters, Rect};
 use crate::camera::MAX_IMAGE_SIDE;
 use crate::math::MathBackend;
 use crate::memory::{Arena, Layout, Line, Measure, column, put_column};
@@ -85,22 +84,4 @@ pub(super) fn render(
             target(x, y, counters.or_black(column(rgb, stride, i)));
         }
     }
-}
-
-/// Checks the blob, `batch`, `size` and `rect` of a picture.
-pub(super) fn check(blob: &Blob<'_>, batch: Batch, size: [u32; 2], rect: Rect) -> Result<(), RenderError> {
-    let [width, height] = size;
-    if blob.picture().is_none() {
-        return Err(RenderError::NotAPicture);
-    }
-    if !size.iter().all(|side| (1..=MAX_RENDER_SIDE).contains(side)) {
-        return Err(RenderError::Size { width, height });
-    }
-    if !rect.fits(width, height) {
-        return Err(RenderError::Rect { rect, width, height });
-    }
-    if !batch.is_valid() {
-        return Err(RenderError::Batch { found: batch });
-    }
-    Ok(())
 }

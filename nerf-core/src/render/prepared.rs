@@ -68,19 +68,15 @@ impl<F: AsMut<[f32]>, B: AsMut<[u8]>> Prepared<F, B> {
 }
 
 impl<'a> Prepared<&'a [f32], &'a [u8]> {
-    /// The scene's network, over its values in the blob or in `self`; `None` if there are too few.
+    /// The scene's network and its proposal network, over their values in the blob or in `self`; `None` if there are
+    /// too few.
     #[inline]
-    pub fn view(&self, blob: &Blob<'a>, kernel: Kernel) -> Option<Network<'a>> {
-        let [parameters, _, tables] = self.unpacked;
+    pub(super) fn view(&self, blob: &Blob<'a>, kernel: Kernel) -> Option<(Network<'a>, Proposer<'a>)> {
+        let [parameters, proposal, tables] = self.unpacked;
         let weights = Weights::view(blob.architecture(), kernel.storage, blob.weights(), parameters);
         let tables = tables_of(blob, kernel, tables, self.decoded);
-        Network::of_layers(blob.architecture(), blob.layers(), weights, tables, kernel.isa)
-    }
-
-    /// The scene's proposal network over its values, if it has one.
-    #[inline]
-    pub(super) fn view_proposal(&self, blob: &Blob<'a>, kernel: Kernel) -> Proposer<'a> {
-        Proposer::view(blob, kernel, self.unpacked[1])
+        let network = Network::of_layers(blob.architecture(), blob.layers(), weights, tables, kernel.isa)?;
+        Some((network, Proposer::view(blob, kernel, proposal)))
     }
 }
 

@@ -1,28 +1,24 @@
 //! A scene prepared for one kernel.
 
+use super::error::check_memory;
 use super::field::Field;
 use super::frame::Frame;
 use super::march::CoarseOccupancy;
 use super::pixel::Pixels;
 use super::prepared::Prepared;
-#[cfg(feature = "train")]
-use super::prepared::tables_of;
 use super::stages::Proposer;
-use super::{Counters, Explanation, Rect, RenderError, Shares, Target, Worker, picture};
+use super::{Counters, Explanation, MAX_RENDER_SIDE, Rect, RenderError, Shares, Target, Worker, picture};
 use crate::blob::Blob;
 use crate::camera::Camera;
-#[cfg(feature = "train")]
-use crate::encoding::GridTables;
 use crate::math::MathBackend;
 use crate::matrix::Kernel;
-#[cfg(feature = "train")]
-use crate::matrix::Storage;
 use crate::memory::{Arena, Line, Measure};
 use crate::network::Network;
-#[cfg(feature = "train")]
-use crate::network::Weights;
 use crate::plan::{Batch, Plan};
-use crate::space::SceneBox;
+#[cfg(feature = "train")]
+use {
+    super::prepared::tables_of, crate::encoding::GridTables, crate::matrix::Storage, crate::network::Weights,
+};
 
 /// A scene prepared for one kernel.
 #[derive(Clone, Debug)]
@@ -30,9 +26,7 @@ pub struct Renderer<'a> {
     blob: Blob<'a>,
     network: Network<'a>,
     proposer: Proposer<'a>,
-    /// A box around the occupied cells of the occupancy grid.
-    pub(super) occupied: Option<SceneBox>,
-    coarse: CoarseOccupancy,
+    pub(super) occupied: CoarseOccupancy,
 }
 
 impl<'a> Renderer<'a> {
@@ -51,38 +45,25 @@ impl<'a> Renderer<'a> {
     /// of a blob that was opened undecoded, and [`RenderError::Network`] if the blob's parameters or tables are not
     /// those of its architecture.
     pub fn new(blob: Blob<'a>, kernel: Kernel, memory: &'a mut [Line]) -> Result<Self, RenderError> {
-        let (expected, found) = (Self::prepared_lines(&blob, kernel), memory.len());
-        if found < expected {
-            return Err(RenderError::Memory { expected, found });
-        }
+        check_memory(Self::prepared_lines(&blob, kernel), memory)?;
         let mut prepared = Prepared::lay_out(&mut Arena::new(memory), &blob, kernel);
         prepared.unpack(&blob, kernel).map_err(RenderError::Tables)?;
         let Prepared { unpacked, decoded } = prepared;
         let prepared = Prepared { unpacked: unpacked.map(|values| &*values), decoded: &*decoded };
-        let network = prepared.view(&blob, kernel).ok_or(RenderError::Network)?;
-        let proposer = prepared.view_proposal(&blob, kernel);
-        let (occupied, coarse) = Self::occupied(&blob);
-        Ok(Self { blob, network, proposer, occupied, coarse })
+        let occupied = CoarseOccupancy::new(blob.occupancy().as_ref());
+        Self::of_prepared(blob, kernel, &prepared, occupied).ok_or(RenderError::Network)
     }
 
-    /// A scene over values that were prepared for `kernel`, with [`Renderer::occupied`] of its blob; `None` if there
+    /// A scene over values that were prepared for `kernel`, with the [`CoarseOccupancy`] of its blob; `None` if there
     /// are too few values.
-    #[cfg(all(feature = "std", not(target_os = "none")))]
     pub(crate) fn of_prepared(
         blob: Blob<'a>,
         kernel: Kernel,
         prepared: &Prepared<&'a [f32], &'a [u8]>,
-        (occupied, coarse): (Option<SceneBox>, CoarseOccupancy),
+        occupied: CoarseOccupancy,
     ) -> Option<Self> {
-        let (network, proposer) = (prepared.view(&blob, kernel)?, prepared.view_proposal(&blob, kernel));
-        Some(Self { blob, network, proposer, occupied, coarse })
-    }
-
-    /// A box around the occupied cells of the occupancy grid, and the coarse grid made of it.
-    pub(crate) fn occupied(blob: &Blob<'_>) -> (Option<SceneBox>, CoarseOccupancy) {
-        let occupancy = blob.occupancy();
-        let around = occupancy.as_ref().and_then(|occupancy| occupancy.occupied_box());
-        (around, CoarseOccupancy::new(occupancy.as_ref()))
+        let (network, proposer) = prepared.view(&blob, kernel)?;
+        Some(Self { blob, network, proposer, occupied })
     }
 
     /// The scene of `blob` with other parameters, f32 in the same order, to measure the loss by rounding. Its
@@ -102,8 +83,8 @@ impl<'a> Renderer<'a> {
         let weights = Weights::Prepared(parameters);
         let network = Network::of_layers(blob.architecture(), blob.layers(), weights, tables, kernel.isa)?;
         let proposer = Proposer::view(&blob, in_place, &[]);
-        let (occupied, coarse) = Self::occupied(&blob);
-        Some(Self { blob, network, proposer, occupied, coarse })
+        let occupied = CoarseOccupancy::new(blob.occupancy().as_ref());
+        Some(Self { blob, network, proposer, occupied })
     }
 
     /// The scene's blob.
@@ -148,12 +129,9 @@ impl<'a> Renderer<'a> {
         if plan.scene != self.blob.identity() {
             return Err(RenderError::OtherScene);
         }
-        let (expected, found) = (self.workspace_lines(plan), workspace.len());
-        if found < expected {
-            return Err(RenderError::Memory { expected, found });
-        }
+        check_memory(self.workspace_lines(plan), workspace)?;
         let mut arena = Arena::new(workspace);
-        let around = (self.occupied, self.coarse.packets(plan, self.occupied));
+        let around = (self.occupied.around, self.occupied.packets(plan));
         let field = Field { network: &self.network, plan };
         let frame = Frame::lay_out(&mut arena, field, &self.proposer, around);
         Ok(Worker::of_frame(frame, Pixels::lay_out(&mut arena, plan)))
@@ -235,10 +213,7 @@ impl<'a> Renderer<'a> {
         target: &mut impl FnMut(u32, u32, [f32; 3]),
     ) -> Result<Counters, RenderError> {
         self.check_picture(batch, size, rect)?;
-        let (expected, found) = (self.picture_workspace_lines(batch), workspace.len());
-        if found < expected {
-            return Err(RenderError::Memory { expected, found });
-        }
+        check_memory(self.picture_workspace_lines(batch), workspace)?;
         Ok(picture::render(&self.network, math, batch, (size, rect), workspace, target))
     }
 
@@ -247,6 +222,19 @@ impl<'a> Renderer<'a> {
     /// # Errors
     /// As [`Renderer::render_picture`], except for the workspace.
     pub fn check_picture(&self, batch: Batch, size: [u32; 2], rect: Rect) -> Result<(), RenderError> {
-        picture::check(&self.blob, batch, size, rect)
+        let [width, height] = size;
+        if self.blob.picture().is_none() {
+            return Err(RenderError::NotAPicture);
+        }
+        if !size.iter().all(|side| (1..=MAX_RENDER_SIDE).contains(side)) {
+            return Err(RenderError::Size { width, height });
+        }
+        if !rect.fits(width, height) {
+            return Err(RenderError::Rect { rect, width, height });
+        }
+        if !batch.is_valid() {
+            return Err(RenderError::Batch { found: batch });
+        }
+        Ok(())
     }
 }

@@ -184,7 +184,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         for (member, Instance { renderer, plan, placement }) in self.instances.iter().enumerate() {
             let (ray, scale) = (placement.ray_in_field(&ray), placement.scale());
             let range = plan.range_of(range[0] / scale, range[1] / scale);
-            let around = if plan.occupancy.is_some() { renderer.occupied } else { Some(plan.bounds) };
+            let around = if plan.occupancy.is_some() { renderer.occupied.around } else { Some(plan.bounds) };
             let span = around.and_then(|bounds| plan.span(&bounds, &ray, range));
             if let Some(span) = &span {
                 start = start.min(scale * span.start);

@@ -1,7 +1,7 @@
 //! The state of the rays in flight, and their march to the next occupied sample.
 
 use super::coarse::CandidateBins;
-use super::window::Window;
+use super::window::{LookUp, Window};
 use crate::camera::Ray;
 use crate::memory::{at, put};
 use crate::plan::{Plan, Span};
@@ -112,14 +112,14 @@ impl Op for MarchAll<'_> {
 
     #[inline(always)]
     fn run<V: Lanes>(self) {
-        let (contraction, inner) = (self.contraction, self.inner);
-        let occupancy = (self.occupancy, &self.occupancy.lanes::<V>());
+        let Self { occupancy, contraction, inner, .. } = self;
+        let lanes = occupancy.lanes::<V>();
         for &ray in self.list {
             let Some(state) = self.rays.get_mut(ray as usize) else { return };
             let candidates = state.candidates.first().unwrap_or(&CandidateBins::ALL);
-            let bins = (&self.bins.with(state.ends), candidates, inner);
-            let (ray, next, end) = (&state.pixel.ray, state.next, state.end);
-            state.next = state.window.first_occupied::<V>(occupancy, contraction, ray, bins, next, end);
+            let (ray, bins) = (&state.pixel.ray, &self.bins.with(state.ends));
+            let look_up = LookUp { occupancy, contraction, ray, bins, candidates, inner };
+            state.next = look_up.first_occupied(&lanes, &mut state.window, state.next, state.end);
         }
     }
 }

@@ -79,14 +79,11 @@ impl<'w> Compositing<'w> {
             if sigma.is_nan() {
                 counters.invalid_samples += 1;
             } else if sigma > 0.0 {
-                let interval = |state: &RayState| {
-                    let SampleInterval { t, mid, delta } =
-                        samples.interval(field, owner, state, column, at(density.t, column));
-                    [t, mid, delta]
-                };
+                let interval =
+                    |state: &RayState| samples.interval(field, owner, state, column, at(density.t, column));
                 let mut before = state.pixel.gathered.optical_thickness();
                 let weight = if COLLIDE {
-                    let [_, mid, delta] = interval(state);
+                    let SampleInterval { mid, delta, .. } = interval(state);
                     state.pixel.gathered.add_thickness(thickness(sigma, delta));
                     state.pixel.done = state.pixel.gathered.collide(before, sigma, mid, delta);
                     state.pixel.done.then_some(1.0)
@@ -96,11 +93,11 @@ impl<'w> Compositing<'w> {
                         before = front;
                         state.pixel.gathered.add_alpha(alpha, light, t);
                     } else {
-                        let [t, _, delta] = interval(state);
+                        let SampleInterval { t, delta, .. } = interval(state);
                         state.pixel.gathered.add_density::<M>(sigma, t, delta);
                     }
                     if medians.passes(owner, &state.pixel.gathered) {
-                        let [_, mid, delta] = interval(state);
+                        let SampleInterval { mid, delta, .. } = interval(state);
                         medians.put(owner, before, sigma, [mid, delta]);
                     }
                     state.pixel.done = state.pixel.gathered.transmittance() < plan.transmittance_cut;
@@ -152,9 +149,8 @@ impl<'w> Compositing<'w> {
                 if plan.contraction.is_some() {
                     [t, delta] = self::column(tail(self.rows, room), room, column);
                 } else {
-                    let t_bins = at(density.t, column);
-                    let interval = rays.samples.interval(field, owner, state, column, t_bins);
-                    (t, delta) = (interval.t, interval.delta);
+                    SampleInterval { t, delta, .. } =
+                        rays.samples.interval(field, owner, state, column, at(density.t, column));
                 }
                 tau = thickness(sigma, delta);
             }

@@ -1,5 +1,6 @@
 //! Trunk and density head of a block of samples.
 
+use crate::camera::Ray;
 use crate::memory::{Layout, at, put, put_column, tail_mut};
 use crate::network::Scratch;
 use crate::render::field::Field;
@@ -92,10 +93,9 @@ impl Op for Place<'_> {
     fn run<V: Lanes>(self) {
         let Self { spacing, stride, rays, owner, t, to } = self;
         for from in (0..stride).step_by(V::COUNT) {
-            let line = |state: &RayState| [state.pixel.ray.origin.to_array(), state.pixel.ray.dir.to_array()];
             let values = |state: &RayState| {
-                let [[x, y, z], [u, v, w]] = line(state);
-                [x, y, z, u, v, w]
+                let Ray { origin, dir } = state.pixel.ray;
+                [origin.x, origin.y, origin.z, dir.x, dir.y, dir.z]
             };
             let [x, y, z, u, v, w] = of_rays::<V, 6>(rays, &owner[from..], values);
             let p = spacing.point([x, y, z], [u, v, w], V::load(&t[from..]));
