@@ -6,7 +6,7 @@ use crate::blob::Blob;
 use crate::camera::Lens;
 use crate::names::names;
 use crate::network::{Network, Shading};
-use crate::plan::{Lattice, Plan, ThinLens, Tone, ToneMap};
+use crate::plan::{Lattice, Plan, Tone, ToneMap};
 use core::fmt;
 
 #[cfg(test)]
@@ -136,16 +136,14 @@ impl<'e> Explanation<'e> {
 
     fn write_setting(&self, name: &str, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (plan, network) = (self.plan, self.network);
-        let a = network.architecture();
+        let (a, asked) = (network.architecture(), &plan.effects);
         match name {
-            "occupancy" => {
-                let Some(occupancy) = &plan.occupancy else { return Ok(()) };
-                let [x, y, z] = occupancy.resolution();
-                write!(f, ", {x}x{y}x{z} cells, {:.2} % occupied", 100.0 * occupancy.occupied_share())
-            }
+            "occupancy" => plan.occupancy.as_ref().map_or(Ok(()), |occupancy| {
+                let ([x, y, z], share) = (occupancy.resolution(), occupancy.occupied_share());
+                write!(f, ", {x}x{y}x{z} cells, {:.2} % occupied", 100.0 * share)
+            }),
             "proposal" => {
-                let Some(coarse) = &plan.proposal else { return Ok(()) };
-                let (samples, macs) = (coarse.count(), self.proposal_macs);
+                let (samples, macs) = (plan.proposal.map_or(0, |coarse| coarse.count()), self.proposal_macs);
                 write!(f, ", {samples} samples a ray, {macs} multiply-adds an evaluation")
             }
             "density" => {
@@ -166,38 +164,31 @@ impl<'e> Explanation<'e> {
                 }
             }
             "view dependence" => write!(f, ", {} multiply-adds a ray", network.direction_macs()),
-            "colour cut" if (Field { network, plan }).shades_rays() => {
-                write!(f, ", composited where a weight exceeds {}", plan.colour_cut)
+            "colour cut" => {
+                let picked = if (Field { network, plan }).shades_rays() { "composited" } else { "asked" };
+                write!(f, ", {picked} where a weight exceeds {}", plan.colour_cut)
             }
-            "colour cut" => write!(f, ", asked where a weight exceeds {}", plan.colour_cut),
             "normals" => {
                 let (macs, blur) = (a.gradient_macs(), plan.normal_deviation());
                 write!(f, ", {macs} multiply-adds an evaluation, blurred by {blur} world units")
             }
             "background" => write!(f, ", {:?}", plan.background),
-            "anti-aliasing" => write!(f, ", {} rays a pixel", plan.effects.anti_aliasing),
-            "depth of field" => {
-                let Some(ThinLens { aperture_radius, focus_distance }) = plan.effects.depth_of_field else {
-                    return Ok(());
-                };
-                write!(f, ", aperture radius {aperture_radius}, in focus at {focus_distance}")
+            "anti-aliasing" => write!(f, ", {} rays a pixel", asked.anti_aliasing),
+            "depth of field" => asked.depth_of_field.map_or(Ok(()), |lens| {
+                write!(f, ", aperture radius {}, in focus at {}", lens.aperture_radius, lens.focus_distance)
+            }),
+            "jitter" => asked.jitter.map_or(Ok(()), |jitter| write!(f, ", seed {}", jitter.seed)),
+            "tone" => {
+                let Tone { exposure, map, linear } = asked.tone;
+                write!(f, ", exposure {exposure:+} stops")?;
+                if map != ToneMap::None {
+                    write!(f, ", curve {}", map.name())?;
+                }
+                write!(f, ", {} output", if linear { "linear" } else { "display-encoded" })
             }
-            "jitter" => match plan.effects.jitter {
-                Some(jitter) => write!(f, ", seed {}", jitter.seed),
-                None => Ok(()),
-            },
-            "tone" => write_tone(&plan.effects.tone, f),
             _ => Ok(()),
         }
     }
-}
-
-fn write_tone(tone: &Tone, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-    write!(f, ", exposure {:+} stops", tone.exposure)?;
-    if tone.map != ToneMap::None {
-        write!(f, ", curve {}", tone.map.name())?;
-    }
-    write!(f, ", {} output", if tone.linear { "linear" } else { "display-encoded" })
 }
 
 impl fmt::Display for Explanation<'_> {

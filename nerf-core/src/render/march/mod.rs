@@ -1,7 +1,6 @@
 //! Ray marching: the state of each ray, and its march to the next sample in an occupied cell.
 
 mod coarse;
-mod ray;
 mod rays;
 #[cfg_attr(not(feature = "proposal"), path = "samples_off.rs")]
 mod samples;
@@ -9,5 +8,4 @@ mod window;
 
 pub(crate) use coarse::CoarseOccupancy;
 pub(super) use coarse::Packets;
-pub(super) use ray::RayState;
-pub(super) use rays::Rays;
+pub(super) use rays::{RayState, Rays};

@@ -1,6 +1,6 @@
 //! Samples drawn from a proposal's weights, which take the place of a ray's bins.
 
-use super::ray::RayState;
+use super::rays::RayState;
 use crate::memory::{Layout, at, head, head_mut, put, tail, tail_mut};
 use crate::render::field::Field;
 use crate::sampling::{Bins, SampleInterval, SampleJitter, sample_interval, sample_pdf};

@@ -1,6 +1,6 @@
 //! In place of `samples.rs` in a build without the feature `proposal`: the plan's bins are always used.
 
-use super::ray::RayState;
+use super::rays::RayState;
 use crate::memory::Layout;
 use crate::render::field::Field;
 use crate::sampling::{SampleInterval, SampleJitter};
