@@ -56,27 +56,17 @@ pub struct Stage {
 /// Report of a frame: its [`Display`](fmt::Display) writes a table, a line for each stage, and allocates nothing.
 #[derive(Clone, Copy, Debug)]
 pub struct Explanation<'e> {
-    plan: &'e Plan<'e>,
-    blob: &'e Blob<'e>,
-    network: &'e Network<'e>,
+    pub(super) plan: &'e Plan<'e>,
+    pub(super) blob: &'e Blob<'e>,
+    pub(super) network: &'e Network<'e>,
     /// Multiply-adds of one evaluation of the proposal network.
-    proposal_macs: u64,
+    pub(super) proposal_macs: u64,
     /// Bytes.
-    workspace: usize,
-    counters: Option<Counters>,
+    pub(super) workspace: usize,
+    pub(super) counters: Option<Counters>,
 }
 
-impl<'e> Explanation<'e> {
-    pub(super) fn new(
-        plan: &'e Plan<'e>,
-        blob: &'e Blob<'e>,
-        network: &'e Network<'e>,
-        proposal_macs: u64,
-        workspace: usize,
-    ) -> Self {
-        Self { plan, blob, network, proposal_macs, workspace, counters: None }
-    }
-
+impl Explanation<'_> {
     /// Adds the counters of a frame that was rendered with this plan, and so the work of each stage.
     pub fn with_counters(self, counters: Counters) -> Self {
         Self { counters: Some(counters), ..self }
@@ -226,8 +216,7 @@ impl fmt::Display for Explanation<'_> {
         let lens = if Lens::BUILT { "as the camera has it" } else { Switch::NotBuilt.name() };
         writeln!(f, "lens distortion    {lens}")?;
         writeln!(f, "maths              {:?}", plan.math)?;
-        let batch = plan.batch;
-        writeln!(f, "kernel             {}, {} rays in flight", network.isa().name(), batch.rays)?;
+        writeln!(f, "kernel             {}, {} rays in flight", network.isa().name(), plan.batch.rays)?;
         writeln!(f, "workspace          {} bytes", self.workspace)?;
         let Some(c) = &self.counters else { return Ok(()) };
         let rays = c.rays.max(1) as f32;

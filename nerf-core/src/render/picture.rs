@@ -3,7 +3,7 @@
 use super::{Counters, Rect};
 use crate::camera::MAX_IMAGE_SIDE;
 use crate::math::MathBackend;
-use crate::memory::{Arena, Layout, Line, Measure, column, put_column};
+use crate::memory::{Arena, Layout, Line, column, put_column};
 use crate::network::{Network, Scratch};
 use crate::plan::Batch;
 use crate::simd::BLOCK;
@@ -17,7 +17,7 @@ mod tests;
 pub const MAX_RENDER_SIDE: u32 = MAX_IMAGE_SIDE;
 
 /// The workspace of a picture.
-struct Buffers<'w> {
+pub(super) struct Buffers<'w> {
     /// `[2][stride]`.
     positions: &'w mut [f32],
     /// `[3][stride]`.
@@ -26,7 +26,7 @@ struct Buffers<'w> {
 }
 
 impl<'w> Buffers<'w> {
-    fn lay_out(layout: &mut impl Layout<'w>, network: &Network<'_>, batch: Batch) -> Self {
+    pub fn lay_out(layout: &mut impl Layout<'w>, network: &Network<'_>, batch: Batch) -> Self {
         let stride = if network.whole_blocks() { BLOCK } else { batch.samples };
         let (encoded, activation) = (network.encoded_rows(), network.activation_rows());
         let mut rows = |count: usize| layout.slice(stride.saturating_mul(count), 0.0);
@@ -43,14 +43,7 @@ impl<'w> Buffers<'w> {
     }
 }
 
-/// Lines of workspace that [`render`] needs.
-pub(super) fn lines(network: &Network<'_>, batch: Batch) -> usize {
-    let mut measure = Measure::default();
-    Buffers::lay_out(&mut measure, network, batch);
-    measure.lines
-}
-
-/// Renders a rectangle of a picture of `size`; `workspace` has [`lines`].
+/// Renders a rectangle of a picture of `size`; `workspace` has the lines of [`Buffers`].
 pub(super) fn render(
     network: &Network<'_>,
     math: MathBackend,

@@ -6,6 +6,7 @@ use super::frame::Frame;
 use super::march::CoarseOccupancy;
 use super::pixel::Pixels;
 use super::stages::Proposer;
+use super::worker::Fields;
 use super::{Counters, Explanation, MAX_RENDER_SIDE, Rect, RenderError, Shares, Target, Worker, picture};
 use crate::blob::{Blob, BlobError, StoredTables};
 use crate::camera::Camera;
@@ -31,9 +32,7 @@ impl<'a> Renderer<'a> {
     /// Number of lines of memory that [`Renderer::new`] needs. Portable instructions read the blob in place, and need
     /// lines for coded tables alone.
     pub fn prepared_lines(blob: &Blob<'_>, kernel: Kernel) -> usize {
-        let mut measure = Measure::default();
-        Prepared::lay_out(&mut measure, blob, kernel);
-        measure.lines
+        Measure::lines_of(|it| Prepared::lay_out(it, blob, kernel))
     }
 
     /// Prepares a scene for `kernel`, unpacking its weights and decoding its tables once into `memory`.
@@ -108,10 +107,9 @@ impl<'a> Renderer<'a> {
     /// Number of lines of workspace that [`Renderer::worker`], [`Renderer::render`] and [`Renderer::query`] need for
     /// `plan`.
     pub fn workspace_lines(&self, plan: &Plan<'_>) -> usize {
-        let mut measure = Measure::default();
-        Frame::lay_out(&mut measure, Field { network: &self.network, plan }, &self.proposer, (None, None));
-        Pixels::lay_out(&mut measure, plan);
-        measure.lines
+        let field = Field { network: &self.network, plan };
+        let frame = |it: &mut Measure| Frame::lay_out(it, field, &self.proposer, (None, None));
+        Measure::lines_of(|it| (frame(it), Pixels::lay_out(it, plan)))
     }
 
     /// Makes a worker for frames of `plan`: one for each thread, for any number of calls.
@@ -131,8 +129,8 @@ impl<'a> Renderer<'a> {
         let mut arena = Arena::new(workspace);
         let around = (self.occupied.around, self.occupied.packets(plan));
         let field = Field { network: &self.network, plan };
-        let frame = Frame::lay_out(&mut arena, field, &self.proposer, around);
-        Ok(Worker::of_frame(frame, Pixels::lay_out(&mut arena, plan)))
+        let fields = Fields::One(Frame::lay_out(&mut arena, field, &self.proposer, around));
+        Ok(Worker { fields, pixels: Pixels::lay_out(&mut arena, plan) })
     }
 
     /// [`Worker::render`] by a worker for this call alone.
@@ -169,7 +167,8 @@ impl<'a> Renderer<'a> {
     /// Reports which stages a frame of `plan` runs, which it does not, and why.
     pub fn explain<'e>(&'e self, plan: &'e Plan<'e>) -> Explanation<'e> {
         let workspace = self.workspace_lines(plan).saturating_mul(size_of::<Line>());
-        Explanation::new(plan, &self.blob, &self.network, self.proposer.macs(), workspace)
+        let (blob, network, proposal_macs) = (&self.blob, &self.network, self.proposer.macs());
+        Explanation { plan, blob, network, proposal_macs, workspace, counters: None }
     }
 
     /// Splits the work in `counters`, of this scene's frames, by stage.
@@ -182,7 +181,7 @@ impl<'a> Renderer<'a> {
     /// Only `batch.samples` matters, and only for portable instructions over weights read in place: all others take
     /// whole blocks.
     pub fn picture_workspace_lines(&self, batch: Batch) -> usize {
-        picture::lines(&self.network, batch)
+        Measure::lines_of(|it| picture::Buffers::lay_out(it, &self.network, batch))
     }
 
     /// Renders the pixels of `rect` of the 2D field, as a picture of `size[0]` × `size[1]` pixels.

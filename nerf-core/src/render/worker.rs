@@ -23,8 +23,8 @@ pub const TILE_SIDE: u32 = 16;
 ///
 /// Apart from its rays and points a call costs a few comparisons, since the memory is prepared once.
 pub struct Worker<'f> {
-    fields: Fields<'f>,
-    pixels: Pixels<'f, 'f>,
+    pub(super) fields: Fields<'f>,
+    pub(super) pixels: Pixels<'f, 'f>,
 }
 
 /// The field or fields that a worker renders.
@@ -32,7 +32,7 @@ pub struct Worker<'f> {
     feature = "instances",
     allow(clippy::large_enum_variant, reason = "a worker is one or the other, and there is no heap")
 )]
-enum Fields<'f> {
+pub(super) enum Fields<'f> {
     One(Frame<'f, 'f>),
     #[cfg(feature = "instances")]
     Several(Merge<'f, 'f>),
@@ -57,10 +57,8 @@ impl<'f> Worker<'f> {
         renderers: impl Iterator<Item = &'n Renderer<'n>> + Clone,
         plan: &Plan<'_>,
     ) -> usize {
-        let mut measure = Measure::default();
-        Merge::lay_out(&mut measure, &[], renderers.map(|renderer| renderer.network()), plan);
-        Pixels::lay_out(&mut measure, plan);
-        measure.lines
+        let networks = renderers.map(|renderer| renderer.network());
+        Measure::lines_of(|it| (Merge::lay_out(it, &[], networks, plan), Pixels::lay_out(it, plan)))
     }
 
     /// A worker that renders several fields at once, or one that a host has placed.
@@ -87,10 +85,6 @@ impl<'f> Worker<'f> {
 }
 
 impl<'f> Worker<'f> {
-    pub(super) fn of_frame(frame: Frame<'f, 'f>, pixels: Pixels<'f, 'f>) -> Self {
-        Self { fields: Fields::One(frame), pixels }
-    }
-
     /// The plan of the worker's frames; with several fields, that of the last.
     pub fn plan(&self) -> &'f Plan<'f> {
         self.pixels.plan

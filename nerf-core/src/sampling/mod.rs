@@ -1,7 +1,6 @@
 //! Placement of the samples along a ray, and the occupancy grid.
 
 mod bins;
-#[cfg(feature = "proposal")]
 mod importance;
 mod interval;
 #[cfg(feature = "jitter")]
@@ -20,7 +19,6 @@ pub use bins::Bins;
 pub(crate) use bins::Ends;
 #[cfg(all(feature = "proposal", feature = "train"))]
 pub use importance::WEIGHT_FLOOR;
-#[cfg(feature = "proposal")]
 pub use importance::{sample_interval, sample_pdf};
 pub(crate) use interval::{SampleInterval, Spacing, along};
 pub(crate) use jitter::SampleJitter;

@@ -82,7 +82,7 @@ pub(in crate::render) struct Merge<'f, 'w> {
     surface: Surface<'w>,
     /// The [`DirectionShares`] of each instance, one after another, each of its own length.
     shares: &'w mut [f32],
-    deferred: Deferred<'f, 'w>,
+    deferred: Deferred<'w>,
     /// Memory of a block, for the largest of the networks.
     density: Density<'w>,
     /// Rays whose colour or gradient is evaluated: `[samples]`.
@@ -118,7 +118,7 @@ impl<'f, 'w> Merge<'f, 'w> {
             world: layout.slice(rays, WorldRay::NONE),
             surface: Surface::lay_out(layout, plan),
             shares: layout.slice(shares, 0.0),
-            deferred: Deferred::lay_out(layout, instances, fields(), samples),
+            deferred: Deferred::lay_out(layout, fields(), samples),
             density: Density::lay_out(layout, samples, encoded, activations),
             picked: layout.slice(samples, 0),
             rgb: layout.slice(if plan.outputs.rgb { 3 * samples } else { 0 }, 0.0),
@@ -238,11 +238,13 @@ impl<'f, 'w> Merge<'f, 'w> {
 
     /// Adds the colours of a field shaded once a ray to the first `count` rays.
     fn shade(&mut self, member: usize, count: usize, counters: &mut Counters) {
+        let field = self.instances.get(member).map(|it| it.field());
+        let Some(field) = field.filter(|field| field.shades_rays()) else { return };
         let first = member * self.world.len();
-        let (world, scratch) = (&mut *self.world, &mut self.density.scratch);
         let rays = self.rays.get_mut(first..first + count).unwrap_or_default();
-        self.deferred.shade(member, scratch, rays, counters, |ray, weight, rgb| {
-            if let Some(ray) = world.get_mut(ray) {
+        let (networks, sums) = self.deferred.sums_of(member, count);
+        networks.shade(field, &mut self.density.scratch, sums, rays, counters, |_, ray, weight, rgb| {
+            if let Some(ray) = self.world.get_mut(ray) {
                 ray.pixel.gathered.add_colour(weight, rgb);
             }
         });
@@ -300,7 +302,9 @@ impl<'f, 'w> Merge<'f, 'w> {
             if part.sigma > 0.0 && field.plan.outputs.picks() && (COLLIDE || most > field.plan.colour_cut) {
                 if field.shades_rays() {
                     part.deferred = true;
-                    self.deferred.keep(member, ray as usize, &density.scratch, k);
+                    let h = self.deferred.h_mut(member, ray as usize);
+                    h.fill(0.0);
+                    field.network.add_h(&density.scratch, k, 1.0, h);
                 } else {
                     for row in 0..field.network.trunk_rows() {
                         let h = at(density.scratch.front, row * stride + k);

@@ -2,10 +2,10 @@
 
 mod coarse;
 mod rays;
-#[cfg_attr(not(feature = "proposal"), path = "samples_off.rs")]
 mod samples;
 mod window;
 
 pub(crate) use coarse::CoarseOccupancy;
 pub(super) use coarse::Packets;
 pub(super) use rays::{RayState, Rays};
+pub(super) use samples::PROPOSAL_BUILT;

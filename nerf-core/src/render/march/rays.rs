@@ -67,11 +67,6 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
     }
 
-    /// The rays in flight.
-    pub fn hits_mut(&mut self) -> &mut [RayState] {
-        head_mut(self.states, self.hits)
-    }
-
     /// Starts the rays of a tile's pixels; those that meet nothing are finished at once.
     pub fn start<M: Math, const COLLIDE: bool>(
         &mut self,
@@ -167,13 +162,11 @@ impl<'f, 'w> Rays<'f, 'w> {
         let [t_min, t_max] = source.range(pixel.0, pixel.1, &ray);
         let range = plan.range_of(t_min, t_max);
         pixels.counters.rays += 1;
-        let mut intervals = Intervals::ALL;
-        if let Some(Some(packets)) = self.packets.first() {
-            let Some(found) = packets.intervals_of(isa, core::slice::from_ref(&ray)) else {
-                return pixels.miss::<M>(pixel, range[1], source, target);
-            };
-            intervals = found;
-        }
+        let intervals = match self.packets.first() {
+            Some(Some(packets)) => packets.intervals_of(isa, core::slice::from_ref(&ray)),
+            _ => Some(Intervals::ALL),
+        };
+        let Some(intervals) = intervals else { return pixels.miss::<M>(pixel, range[1], source, target) };
         let Some(state) = self.states.get_mut(self.hits) else { return };
         let around = if plan.occupancy.is_some() { self.occupied } else { Some(plan.bounds) };
         // Nothing outside is occupied, so that most rays of most pictures end here.

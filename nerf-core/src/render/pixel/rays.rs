@@ -34,7 +34,9 @@ pub(in crate::render) trait RaySource {
     /// Distance of a pixel of column `x` whose ray meets no surface, before it is limited to the ray's range.
     fn far(&self, x: u32) -> f32;
     /// The optical thickness at which the ray of column `x` collides.
-    fn until(&self, x: u32) -> f32;
+    fn until(&self, _x: u32) -> f32 {
+        f32::INFINITY
+    }
 }
 
 /// The `turn`-th rays of a camera's pixels.
@@ -77,10 +79,6 @@ impl<L: Fn(u32, u32) -> Limit> RaySource for CameraRays<'_, L> {
 
     fn far(&self, _: u32) -> f32 {
         self.far
-    }
-
-    fn until(&self, _: u32) -> f32 {
-        f32::INFINITY
     }
 }
 

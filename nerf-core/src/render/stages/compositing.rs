@@ -64,7 +64,7 @@ impl<'w> Compositing<'w> {
         }
         let InFlight { field, rays, density, surface } = flight;
         let (field, plan, medians, n) = (*field, field.plan, &mut surface.medians, density.count);
-        let room = density.owner.len();
+        let (room, picks) = (density.owner.len(), plan.outputs.picks());
         let Rays { states, active, samples, turn, .. } = rays;
         let (mut used, mut picked) = (0, 0);
         for column in 0..n {
@@ -101,15 +101,9 @@ impl<'w> Compositing<'w> {
                         medians.put(owner, before, sigma, [mid, delta]);
                     }
                     state.pixel.done = state.pixel.gathered.transmittance() < plan.transmittance_cut;
-                    if plan.outputs.picks() {
-                        state.pixel.gathered.take_uncoloured(plan.colour_cut)
-                    } else {
-                        None
-                    }
+                    if picks { state.pixel.gathered.take_uncoloured(plan.colour_cut) } else { None }
                 };
-                if plan.outputs.picks()
-                    && let Some(weight) = weight
-                {
+                if picks && let Some(weight) = weight {
                     put(self.picked, picked, column as u32);
                     put(self.weight, picked, weight);
                     picked += 1;

@@ -8,7 +8,6 @@ mod density;
 mod normals;
 mod per_ray;
 mod points;
-#[cfg_attr(not(feature = "proposal"), path = "proposal_off.rs")]
 mod proposal;
 
 use super::field::Field;

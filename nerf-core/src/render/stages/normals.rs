@@ -66,11 +66,9 @@ impl<'w> Normals<'w> {
             put_column(density.positions, stride, column, p.to_array());
         }
         density.scratch.stride = stride;
-        let weights = |i: usize| (at(self.owner, i), at(self.weight, i));
         self.gradients.run(field, density, n, counters, |i, gradient| {
-            let (owner, weight) = weights(i);
-            if let Some(sum) = surface.normals.get_mut(owner as usize) {
-                sum.add(weight, gradient);
+            if let Some(sum) = surface.normals.get_mut(at(self.owner, i) as usize) {
+                sum.add(at(self.weight, i), gradient);
             }
         });
     }

@@ -69,9 +69,10 @@ impl<'w> Deferred<'w> {
     /// Evaluates the colour branch for each ray that has a weight, and gives the ray that colour.
     pub fn shade(&mut self, flight: &mut InFlight<'_, '_>, counters: &mut Counters) {
         if self.is_on() {
-            let (rays, scratch) = (flight.rays.hits_mut(), &mut flight.density.scratch);
-            let sums = head(self.sums, rays.len() * self.row);
-            self.networks.shade(flight.field, scratch, sums, rays, counters, |state, _, _, rgb| {
+            let InFlight { field, rays, density, .. } = flight;
+            let sums = head(self.sums, rays.hits * self.row);
+            let (scratch, rays) = (&mut density.scratch, head_mut(rays.states, rays.hits));
+            self.networks.shade(*field, scratch, sums, rays, counters, |state, _, _, rgb| {
                 state.pixel.gathered.colour_all(rgb);
             });
         }
