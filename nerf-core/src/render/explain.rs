@@ -219,8 +219,7 @@ impl fmt::Display for Explanation<'_> {
         writeln!(f, "kernel             {}, {} rays in flight", network.isa().name(), plan.batch.rays)?;
         writeln!(f, "workspace          {} bytes", self.workspace)?;
         let Some(c) = &self.counters else { return Ok(()) };
-        let rays = c.rays.max(1) as f32;
-        let per_ray = |n: u64| n as f32 / rays;
+        let per_ray = |n: u64| n as f32 / c.rays.max(1) as f32;
         let (kept, skipped) = (per_ray(c.samples_kept), per_ray(c.samples_skipped));
         writeln!(f, "rays               {}", c.rays)?;
         writeln!(f, "samples a ray      {kept:.3} kept, {skipped:.3} skipped")?;

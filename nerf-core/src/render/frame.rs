@@ -104,8 +104,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
         density.place(field, n, rays.states);
         density.evaluate(field, n);
-        let used = compositing.run::<M, COLLIDE>(flight, counters);
-        counters.add_density(field.network, used);
+        compositing.run::<M, COLLIDE>(flight, counters);
         if self.deferred.is_on() {
             self.deferred.add(flight, compositing);
         } else if field.plan.outputs.rgb {

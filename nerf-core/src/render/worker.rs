@@ -73,8 +73,7 @@ impl<'f> Worker<'f> {
     /// [`RenderError::NoInstances`], [`RenderError::Instance`] with the first that does not go with the others, and
     /// [`RenderError::Memory`] if `memory` is smaller than [`Worker::instances_lines`] says.
     pub fn of_instances(instances: &'f [Instance<'f>], memory: &'f mut [Line]) -> Result<Self, RenderError> {
-        check(instances)?;
-        let last = instances.last().ok_or(RenderError::NoInstances)?;
+        let last = check(instances)?;
         let renderers = instances.iter().map(|instance| instance.renderer);
         check_memory(Self::instances_lines(renderers.clone(), last.plan), memory)?;
         let networks = renderers.map(|renderer| renderer.network());

@@ -186,9 +186,7 @@ impl<'f, 'w> Merge<'f, 'w> {
             let range = plan.range_of(range[0] / scale, range[1] / scale);
             let around = if plan.occupancy.is_some() { renderer.occupied.around } else { Some(plan.bounds) };
             let span = around.and_then(|bounds| plan.span(&bounds, &ray, range));
-            if let Some(span) = &span {
-                start = start.min(scale * span.start);
-            }
+            start = span.as_ref().map_or(start, |span| start.min(scale * span.start));
             if let Some(state) = self.rays.get_mut(member * capacity + i) {
                 state.begin((x, y), ray, range, span);
             }
@@ -230,8 +228,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         let parts = self.parts.get(first..first + count).unwrap_or_default();
         if parts.iter().any(|part| part.known != Known::Nothing) {
             let rays = self.rays.get(first..first + count).unwrap_or_default();
-            let samples = self.density.owner.len();
-            let mut shares = shares_at(self.instances, samples, self.shares, member);
+            let mut shares = shares_at(self.instances, self.density.owner.len(), self.shares, member);
             shares.fill(it.field(), &mut self.density.scratch, self.rgb, rays, counters);
         }
     }

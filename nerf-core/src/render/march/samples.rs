@@ -100,17 +100,13 @@ impl<'w> ProposalSamples<'w> {
 
     /// Clears the rows of the first `rays` rays, for their march through the proposal.
     pub fn begin(&mut self, rays: usize) {
-        for rows in &mut self.0 {
-            head_mut(rows.t, rays * rows.row).fill(0.0);
-        }
+        self.0.iter_mut().for_each(|rows| head_mut(rows.t, rays * rows.row).fill(0.0));
     }
 
     /// Notes that column `column` of the block holds bin `bin` of its ray.
     #[inline]
     pub fn take_bin(&mut self, bin: u32, column: usize) {
-        for rows in &mut self.0 {
-            put(rows.index, column, bin);
-        }
+        self.0.iter_mut().for_each(|rows| put(rows.index, column, bin));
     }
 
     /// Stores the weight of the bin in column `column` of the block; `drawn`: number of values before a row's

@@ -91,8 +91,7 @@ impl<'w> Colour<'w> {
             return;
         }
         let InFlight { field, rays, density, .. } = flight;
-        let field = *field;
-        let (room, stride) = (self.owner.len(), field.columns(n));
+        let (field, room, stride) = (*field, self.owner.len(), field.columns(n));
         narrow(self.h, field.network.trunk_rows(), [room, stride], n);
         let Scratch { encoded, back, .. } = &mut density.scratch;
         let mut scratch = Scratch { stride, encoded, front: self.h, back };

@@ -50,14 +50,13 @@ impl<'w> Compositing<'w> {
         picked.map(|(&column, &weight)| (column as usize, weight))
     }
 
-    /// Composites the densities of the block's `n` samples, picks those whose colour or normal is evaluated, and
-    /// marches the rays that have not ended to their next occupied sample. Returns the number of samples before the
-    /// end of their ray.
+    /// Composites the densities of the block's samples, picks those whose colour or normal is evaluated, and marches
+    /// the rays that have not ended to their next occupied sample. Counts the samples before the end of their ray.
     pub fn run<M: Math, const COLLIDE: bool>(
         &mut self,
         flight: &mut InFlight<'_, '_>,
         counters: &mut Counters,
-    ) -> usize {
+    ) {
         // Without vectors it would be the same work in more code.
         if VECTORS && !COLLIDE {
             self.absorb::<M>(flight);
@@ -118,10 +117,10 @@ impl<'w> Compositing<'w> {
             }
         }
         self.count = picked;
-        used
+        counters.add_density(field.network, used);
     }
 
-    /// Adds the optical thickness of the block's `n` samples to their rays, and computes the opacity of each and the
+    /// Adds the optical thickness of the block's samples to their rays, and computes the opacity of each and the
     /// transmittance behind it.
     ///
     /// The exponentials are the same bits with every instruction set, and computed up to sixteen at a time.

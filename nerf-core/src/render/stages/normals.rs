@@ -59,8 +59,7 @@ impl<'w> Normals<'w> {
             return;
         }
         let InFlight { field, rays, density, surface } = flight;
-        let field = *field;
-        let stride = field.columns(n);
+        let (field, stride) = (*field, field.columns(n));
         for (column, (&owner, &t)) in head(self.owner, n).iter().zip(&*self.t).enumerate() {
             let p = field.plan.point(&at(rays.states, owner as usize).pixel.ray, t);
             put_column(density.positions, stride, column, p.to_array());
