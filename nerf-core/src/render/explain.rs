@@ -202,8 +202,7 @@ impl fmt::Display for Explanation<'_> {
             writeln!(f, "                   and as many more as the scene box needs")?;
         }
         if plan.t_min > 0.0 || plan.t_max < f32::MAX {
-            let (t_min, t_max) = (plan.t_min, plan.t_max);
-            writeln!(f, "range              {t_min} to {t_max} along the ray")?;
+            writeln!(f, "range              {} to {} along the ray", plan.t_min, plan.t_max)?;
         }
         for Stage { name, switch } in self.stages() {
             write!(f, "{name:<18} {}", switch.name())?;

@@ -317,8 +317,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         let (owner, parts) = (head(self.picked, picked), &mut *self.parts);
         let part = |k: usize| first + at(owner, k) as usize;
         if picked > 0 && field.shades_samples() {
-            let samples = density.owner.len();
-            let shares = shares_at(self.instances, samples, self.shares, member);
+            let shares = shares_at(self.instances, density.owner.len(), self.shares, member);
             shares.evaluate(field, &mut density.scratch, owner, self.rgb);
             counters.add_colour(field.network, picked);
             for k in 0..picked {
@@ -454,7 +453,6 @@ impl<'f, 'w> Merge<'f, 'w> {
         rgb: &mut [[f32; 3]],
         counters: &mut Counters,
     ) {
-        let samples = self.density.owner.len();
         for (member, it) in self.instances.iter().enumerate() {
             let (field, placement) = (it.field(), &it.placement);
             let rays = self.rays.get_mut(member * self.world.len()..).unwrap_or_default();
@@ -462,7 +460,7 @@ impl<'f, 'w> Merge<'f, 'w> {
                 .iter()
                 .zip(dirs)
                 .map(|(&p, &dir)| (placement.point_in_field(p.into()), placement.dir_in_field(dir.into())));
-            let shares = shares_at(self.instances, samples, self.shares, member);
+            let shares = shares_at(self.instances, self.density.owner.len(), self.shares, member);
             let colours = (!rgb.is_empty()).then_some((shares, &mut *self.rgb, &mut self.deferred.networks));
             evaluate_points(field, points, rays, &mut self.density, colours, counters, |i, density, own| {
                 let (density, before) = ((density / placement.scale()).min(WALL), at(sigma, i));

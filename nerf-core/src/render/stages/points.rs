@@ -59,12 +59,10 @@ pub(in crate::render) fn evaluate_points(
     });
     for (i, point) in points.iter().enumerate() {
         let sigma = at(density.sigma, i);
-        let mut rgb = colours.as_ref().map_or([0.0; 3], |colours| column(colours, stride, i));
+        let rgb = colours.as_ref().map_or([0.0; 3], |colours| column(colours, stride, i));
         let black = rgb.iter().any(|c| c.is_nan());
         counters.invalid_samples += u64::from(sigma.is_nan() || (black && sigma > 0.0));
-        if black {
-            rgb = [0.0; 3];
-        }
+        let rgb = if black { [0.0; 3] } else { rgb };
         if !sigma.is_nan() {
             put(point.pixel.x as usize, sigma, rgb);
         }

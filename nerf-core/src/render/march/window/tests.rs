@@ -1,7 +1,7 @@
 extern crate std;
 
 use super::*;
-use crate::render::march::rays::{MarchAll, RayState};
+use crate::render::march::ray::{MarchAll, RayState};
 use crate::render::pixel::PixelRay;
 use crate::simd::Isa;
 use crate::space::SceneBox;
