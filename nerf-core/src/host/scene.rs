@@ -5,7 +5,6 @@ use crate::blob::{Blob, BlobError};
 use crate::camera::Camera;
 use crate::matrix::Kernel;
 use crate::render::{CoarseOccupancy, Prepared, Renderer};
-use crate::space::SceneBox;
 use std::boxed::Box;
 use std::path::Path;
 use std::vec;
@@ -29,7 +28,7 @@ pub struct Scene {
     bytes: Box<[u8]>,
     kernel: Kernel,
     prepared: Prepared<Box<[f32]>, Box<[u8]>>,
-    occupied: (Option<SceneBox>, CoarseOccupancy),
+    occupied: CoarseOccupancy,
 }
 
 const _: () = {
@@ -68,7 +67,7 @@ impl Scene {
         let unpacked = unpacked.map(|count| vec![0.0; count].into());
         let mut prepared = Prepared { unpacked, decoded: vec![0; decoded].into() };
         prepared.unpack(&blob, kernel)?;
-        let occupied = Renderer::occupied(&blob);
+        let occupied = CoarseOccupancy::new(blob.occupancy().as_ref());
         Ok(Self { occupied, kernel, prepared, bytes })
     }
 

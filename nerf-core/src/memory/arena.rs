@@ -31,6 +31,16 @@ pub struct Measure {
     pub lines: usize,
 }
 
+impl Measure {
+    /// Number of lines that the list of buffers `lay_out` takes.
+    #[inline]
+    pub fn lines_of<T>(lay_out: impl FnOnce(&mut Self) -> T) -> usize {
+        let mut measure = Self::default();
+        lay_out(&mut measure);
+        measure.lines
+    }
+}
+
 impl<'w> Layout<'w> for Measure {
     fn slice<T: Copy>(&mut self, count: usize, _: T) -> &'w mut [T] {
         self.lines = self.lines.saturating_add(lines_for::<T>(count));

@@ -4,6 +4,7 @@ use super::Rect;
 use crate::blob::BlobError;
 use crate::camera::MAX_IMAGE_SIDE;
 use crate::errors::errors;
+use crate::memory::Line;
 use crate::plan::{Batch, PlanError};
 
 errors! {
@@ -55,6 +56,12 @@ errors! {
     /// A direction of a query for colour that is not of unit length.
     Direction { index: usize, found: [f32; 3] } =>
         "dirs[{index}]: expected a vector of unit length, found {found:?}";
+}
+
+/// Checks that `memory` has at least `expected` lines.
+pub(super) fn check_memory(expected: usize, memory: &[Line]) -> Result<(), RenderError> {
+    let found = memory.len();
+    if found < expected { Err(RenderError::Memory { expected, found }) } else { Ok(()) }
 }
 
 #[cfg(feature = "instances")]

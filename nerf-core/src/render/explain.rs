@@ -6,7 +6,7 @@ use crate::blob::Blob;
 use crate::camera::Lens;
 use crate::names::names;
 use crate::network::{Network, Shading};
-use crate::plan::{Lattice, Plan, ThinLens, Tone, ToneMap};
+use crate::plan::{Lattice, Plan, Tone, ToneMap};
 use core::fmt;
 
 #[cfg(test)]
@@ -56,27 +56,17 @@ pub struct Stage {
 /// Report of a frame: its [`Display`](fmt::Display) writes a table, a line for each stage, and allocates nothing.
 #[derive(Clone, Copy, Debug)]
 pub struct Explanation<'e> {
-    plan: &'e Plan<'e>,
-    blob: &'e Blob<'e>,
-    network: &'e Network<'e>,
+    pub(super) plan: &'e Plan<'e>,
+    pub(super) blob: &'e Blob<'e>,
+    pub(super) network: &'e Network<'e>,
     /// Multiply-adds of one evaluation of the proposal network.
-    proposal_macs: u64,
+    pub(super) proposal_macs: u64,
     /// Bytes.
-    workspace: usize,
-    counters: Option<Counters>,
+    pub(super) workspace: usize,
+    pub(super) counters: Option<Counters>,
 }
 
-impl<'e> Explanation<'e> {
-    pub(super) fn new(
-        plan: &'e Plan<'e>,
-        blob: &'e Blob<'e>,
-        network: &'e Network<'e>,
-        proposal_macs: u64,
-        workspace: usize,
-    ) -> Self {
-        Self { plan, blob, network, proposal_macs, workspace, counters: None }
-    }
-
+impl Explanation<'_> {
     /// Adds the counters of a frame that was rendered with this plan, and so the work of each stage.
     pub fn with_counters(self, counters: Counters) -> Self {
         Self { counters: Some(counters), ..self }
@@ -136,16 +126,14 @@ impl<'e> Explanation<'e> {
 
     fn write_setting(&self, name: &str, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (plan, network) = (self.plan, self.network);
-        let a = network.architecture();
+        let (a, asked) = (network.architecture(), &plan.effects);
         match name {
-            "occupancy" => {
-                let Some(occupancy) = &plan.occupancy else { return Ok(()) };
-                let [x, y, z] = occupancy.resolution();
-                write!(f, ", {x}x{y}x{z} cells, {:.2} % occupied", 100.0 * occupancy.occupied_share())
-            }
+            "occupancy" => plan.occupancy.as_ref().map_or(Ok(()), |occupancy| {
+                let ([x, y, z], share) = (occupancy.resolution(), occupancy.occupied_share());
+                write!(f, ", {x}x{y}x{z} cells, {:.2} % occupied", 100.0 * share)
+            }),
             "proposal" => {
-                let Some(coarse) = &plan.proposal else { return Ok(()) };
-                let (samples, macs) = (coarse.count(), self.proposal_macs);
+                let (samples, macs) = (plan.proposal.map_or(0, |coarse| coarse.count()), self.proposal_macs);
                 write!(f, ", {samples} samples a ray, {macs} multiply-adds an evaluation")
             }
             "density" => {
@@ -166,38 +154,31 @@ impl<'e> Explanation<'e> {
                 }
             }
             "view dependence" => write!(f, ", {} multiply-adds a ray", network.direction_macs()),
-            "colour cut" if (Field { network, plan }).shades_rays() => {
-                write!(f, ", composited where a weight exceeds {}", plan.colour_cut)
+            "colour cut" => {
+                let picked = if (Field { network, plan }).shades_rays() { "composited" } else { "asked" };
+                write!(f, ", {picked} where a weight exceeds {}", plan.colour_cut)
             }
-            "colour cut" => write!(f, ", asked where a weight exceeds {}", plan.colour_cut),
             "normals" => {
                 let (macs, blur) = (a.gradient_macs(), plan.normal_deviation());
                 write!(f, ", {macs} multiply-adds an evaluation, blurred by {blur} world units")
             }
             "background" => write!(f, ", {:?}", plan.background),
-            "anti-aliasing" => write!(f, ", {} rays a pixel", plan.effects.anti_aliasing),
-            "depth of field" => {
-                let Some(ThinLens { aperture_radius, focus_distance }) = plan.effects.depth_of_field else {
-                    return Ok(());
-                };
-                write!(f, ", aperture radius {aperture_radius}, in focus at {focus_distance}")
+            "anti-aliasing" => write!(f, ", {} rays a pixel", asked.anti_aliasing),
+            "depth of field" => asked.depth_of_field.map_or(Ok(()), |lens| {
+                write!(f, ", aperture radius {}, in focus at {}", lens.aperture_radius, lens.focus_distance)
+            }),
+            "jitter" => asked.jitter.map_or(Ok(()), |jitter| write!(f, ", seed {}", jitter.seed)),
+            "tone" => {
+                let Tone { exposure, map, linear } = asked.tone;
+                write!(f, ", exposure {exposure:+} stops")?;
+                if map != ToneMap::None {
+                    write!(f, ", curve {}", map.name())?;
+                }
+                write!(f, ", {} output", if linear { "linear" } else { "display-encoded" })
             }
-            "jitter" => match plan.effects.jitter {
-                Some(jitter) => write!(f, ", seed {}", jitter.seed),
-                None => Ok(()),
-            },
-            "tone" => write_tone(&plan.effects.tone, f),
             _ => Ok(()),
         }
     }
-}
-
-fn write_tone(tone: &Tone, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-    write!(f, ", exposure {:+} stops", tone.exposure)?;
-    if tone.map != ToneMap::None {
-        write!(f, ", curve {}", tone.map.name())?;
-    }
-    write!(f, ", {} output", if tone.linear { "linear" } else { "display-encoded" })
 }
 
 impl fmt::Display for Explanation<'_> {
@@ -235,12 +216,10 @@ impl fmt::Display for Explanation<'_> {
         let lens = if Lens::BUILT { "as the camera has it" } else { Switch::NotBuilt.name() };
         writeln!(f, "lens distortion    {lens}")?;
         writeln!(f, "maths              {:?}", plan.math)?;
-        let batch = plan.batch;
-        writeln!(f, "kernel             {}, {} rays in flight", network.isa().name(), batch.rays)?;
+        writeln!(f, "kernel             {}, {} rays in flight", network.isa().name(), plan.batch.rays)?;
         writeln!(f, "workspace          {} bytes", self.workspace)?;
         let Some(c) = &self.counters else { return Ok(()) };
-        let rays = c.rays.max(1) as f32;
-        let per_ray = |n: u64| n as f32 / rays;
+        let per_ray = |n: u64| n as f32 / c.rays.max(1) as f32;
         let (kept, skipped) = (per_ray(c.samples_kept), per_ray(c.samples_skipped));
         writeln!(f, "rays               {}", c.rays)?;
         writeln!(f, "samples a ray      {kept:.3} kept, {skipped:.3} skipped")?;

@@ -18,7 +18,6 @@ mod march;
 mod pace;
 mod picture;
 mod pixel;
-mod prepared;
 mod renderer;
 mod stages;
 mod worker;
@@ -40,4 +39,4 @@ pub use renderer::Renderer;
 pub use worker::{TILE_SIDE, Worker};
 
 #[cfg(all(feature = "std", not(target_os = "none")))]
-pub(crate) use {march::CoarseOccupancy, prepared::Prepared};
+pub(crate) use {march::CoarseOccupancy, renderer::Prepared};

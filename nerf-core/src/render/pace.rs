@@ -1,5 +1,6 @@
 //! Time of a frame on this host: the measurement that turns a limit in milliseconds into settings.
 
+use super::error::check_memory;
 use super::{Rect, RenderError, Renderer};
 use crate::blob::{Blob, MAX_FRONT};
 use crate::camera::Camera;
@@ -74,10 +75,7 @@ impl Pace {
         workspace: &mut [Line],
         clock: &mut impl FnMut() -> u64,
     ) -> Result<Self, RenderError> {
-        let (expected, found) = (Self::lines(renderer, plan), workspace.len());
-        if found < expected {
-            return Err(RenderError::Memory { expected, found });
-        }
+        check_memory(Self::lines(renderer, plan), workspace)?;
         let (right, down) = steps(camera);
         let sample = camera.thinned(right, down);
         let scale = pixels(camera) as f32 / pixels(&sample) as f32;

@@ -1,10 +1,9 @@
 //! A picture of a 2D field: every pixel is one evaluation of the network, without compositing.
 
-use super::{Counters, Rect, RenderError};
-use crate::blob::Blob;
+use super::{Counters, Rect};
 use crate::camera::MAX_IMAGE_SIDE;
 use crate::math::MathBackend;
-use crate::memory::{Arena, Layout, Line, Measure, column, put_column};
+use crate::memory::{Arena, Layout, Line, column, put_column};
 use crate::network::{Network, Scratch};
 use crate::plan::Batch;
 use crate::simd::BLOCK;
@@ -18,7 +17,7 @@ mod tests;
 pub const MAX_RENDER_SIDE: u32 = MAX_IMAGE_SIDE;
 
 /// The workspace of a picture.
-struct Buffers<'w> {
+pub(super) struct Buffers<'w> {
     /// `[2][stride]`.
     positions: &'w mut [f32],
     /// `[3][stride]`.
@@ -27,7 +26,7 @@ struct Buffers<'w> {
 }
 
 impl<'w> Buffers<'w> {
-    fn lay_out(layout: &mut impl Layout<'w>, network: &Network<'_>, batch: Batch) -> Self {
+    pub fn lay_out(layout: &mut impl Layout<'w>, network: &Network<'_>, batch: Batch) -> Self {
         let stride = if network.whole_blocks() { BLOCK } else { batch.samples };
         let (encoded, activation) = (network.encoded_rows(), network.activation_rows());
         let mut rows = |count: usize| layout.slice(stride.saturating_mul(count), 0.0);
@@ -44,14 +43,7 @@ impl<'w> Buffers<'w> {
     }
 }
 
-/// Lines of workspace that [`render`] needs.
-pub(super) fn lines(network: &Network<'_>, batch: Batch) -> usize {
-    let mut measure = Measure::default();
-    Buffers::lay_out(&mut measure, network, batch);
-    measure.lines
-}
-
-/// Renders a rectangle of a picture of `size`; `workspace` has [`lines`].
+/// Renders a rectangle of a picture of `size`; `workspace` has the lines of [`Buffers`].
 pub(super) fn render(
     network: &Network<'_>,
     math: MathBackend,
@@ -85,22 +77,4 @@ pub(super) fn render(
             target(x, y, counters.or_black(column(rgb, stride, i)));
         }
     }
-}
-
-/// Checks the blob, `batch`, `size` and `rect` of a picture.
-pub(super) fn check(blob: &Blob<'_>, batch: Batch, size: [u32; 2], rect: Rect) -> Result<(), RenderError> {
-    let [width, height] = size;
-    if blob.picture().is_none() {
-        return Err(RenderError::NotAPicture);
-    }
-    if !size.iter().all(|side| (1..=MAX_RENDER_SIDE).contains(side)) {
-        return Err(RenderError::Size { width, height });
-    }
-    if !rect.fits(width, height) {
-        return Err(RenderError::Rect { rect, width, height });
-    }
-    if !batch.is_valid() {
-        return Err(RenderError::Batch { found: batch });
-    }
-    Ok(())
 }

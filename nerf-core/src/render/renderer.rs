@@ -1,28 +1,23 @@
 //! A scene prepared for one kernel.
 
+use super::error::check_memory;
 use super::field::Field;
 use super::frame::Frame;
 use super::march::CoarseOccupancy;
 use super::pixel::Pixels;
-use super::prepared::Prepared;
-#[cfg(feature = "train")]
-use super::prepared::tables_of;
 use super::stages::Proposer;
-use super::{Counters, Explanation, Rect, RenderError, Shares, Target, Worker, picture};
-use crate::blob::Blob;
+use super::worker::Fields;
+use super::{Counters, Explanation, MAX_RENDER_SIDE, Rect, RenderError, Shares, Target, Worker, picture};
+use crate::blob::{Blob, BlobError, StoredTables};
 use crate::camera::Camera;
-#[cfg(feature = "train")]
-use crate::encoding::GridTables;
+use crate::encoding::{GridTables, TableValues};
 use crate::math::MathBackend;
 use crate::matrix::Kernel;
 #[cfg(feature = "train")]
 use crate::matrix::Storage;
-use crate::memory::{Arena, Line, Measure};
-use crate::network::Network;
-#[cfg(feature = "train")]
-use crate::network::Weights;
+use crate::memory::{Arena, Layout, Line, Measure};
+use crate::network::{Network, Weights, unpack};
 use crate::plan::{Batch, Plan};
-use crate::space::SceneBox;
 
 /// A scene prepared for one kernel.
 #[derive(Clone, Debug)]
@@ -30,18 +25,14 @@ pub struct Renderer<'a> {
     blob: Blob<'a>,
     network: Network<'a>,
     proposer: Proposer<'a>,
-    /// A box around the occupied cells of the occupancy grid.
-    pub(super) occupied: Option<SceneBox>,
-    coarse: CoarseOccupancy,
+    pub(super) occupied: CoarseOccupancy,
 }
 
 impl<'a> Renderer<'a> {
     /// Number of lines of memory that [`Renderer::new`] needs. Portable instructions read the blob in place, and need
     /// lines for coded tables alone.
     pub fn prepared_lines(blob: &Blob<'_>, kernel: Kernel) -> usize {
-        let mut measure = Measure::default();
-        Prepared::lay_out(&mut measure, blob, kernel);
-        measure.lines
+        Measure::lines_of(|it| Prepared::lay_out(it, blob, kernel))
     }
 
     /// Prepares a scene for `kernel`, unpacking its weights and decoding its tables once into `memory`.
@@ -51,38 +42,25 @@ impl<'a> Renderer<'a> {
     /// of a blob that was opened undecoded, and [`RenderError::Network`] if the blob's parameters or tables are not
     /// those of its architecture.
     pub fn new(blob: Blob<'a>, kernel: Kernel, memory: &'a mut [Line]) -> Result<Self, RenderError> {
-        let (expected, found) = (Self::prepared_lines(&blob, kernel), memory.len());
-        if found < expected {
-            return Err(RenderError::Memory { expected, found });
-        }
+        check_memory(Self::prepared_lines(&blob, kernel), memory)?;
         let mut prepared = Prepared::lay_out(&mut Arena::new(memory), &blob, kernel);
         prepared.unpack(&blob, kernel).map_err(RenderError::Tables)?;
         let Prepared { unpacked, decoded } = prepared;
         let prepared = Prepared { unpacked: unpacked.map(|values| &*values), decoded: &*decoded };
-        let network = prepared.view(&blob, kernel).ok_or(RenderError::Network)?;
-        let proposer = prepared.view_proposal(&blob, kernel);
-        let (occupied, coarse) = Self::occupied(&blob);
-        Ok(Self { blob, network, proposer, occupied, coarse })
+        let occupied = CoarseOccupancy::new(blob.occupancy().as_ref());
+        Self::of_prepared(blob, kernel, &prepared, occupied).ok_or(RenderError::Network)
     }
 
-    /// A scene over values that were prepared for `kernel`, with [`Renderer::occupied`] of its blob; `None` if there
+    /// A scene over values that were prepared for `kernel`, with the [`CoarseOccupancy`] of its blob; `None` if there
     /// are too few values.
-    #[cfg(all(feature = "std", not(target_os = "none")))]
     pub(crate) fn of_prepared(
         blob: Blob<'a>,
         kernel: Kernel,
         prepared: &Prepared<&'a [f32], &'a [u8]>,
-        (occupied, coarse): (Option<SceneBox>, CoarseOccupancy),
+        occupied: CoarseOccupancy,
     ) -> Option<Self> {
-        let (network, proposer) = (prepared.view(&blob, kernel)?, prepared.view_proposal(&blob, kernel));
-        Some(Self { blob, network, proposer, occupied, coarse })
-    }
-
-    /// A box around the occupied cells of the occupancy grid, and the coarse grid made of it.
-    pub(crate) fn occupied(blob: &Blob<'_>) -> (Option<SceneBox>, CoarseOccupancy) {
-        let occupancy = blob.occupancy();
-        let around = occupancy.as_ref().and_then(|occupancy| occupancy.occupied_box());
-        (around, CoarseOccupancy::new(occupancy.as_ref()))
+        let (network, proposer) = prepared.view(&blob, kernel)?;
+        Some(Self { blob, network, proposer, occupied })
     }
 
     /// The scene of `blob` with other parameters, f32 in the same order, to measure the loss by rounding. Its
@@ -102,8 +80,8 @@ impl<'a> Renderer<'a> {
         let weights = Weights::Prepared(parameters);
         let network = Network::of_layers(blob.architecture(), blob.layers(), weights, tables, kernel.isa)?;
         let proposer = Proposer::view(&blob, in_place, &[]);
-        let (occupied, coarse) = Self::occupied(&blob);
-        Some(Self { blob, network, proposer, occupied, coarse })
+        let occupied = CoarseOccupancy::new(blob.occupancy().as_ref());
+        Some(Self { blob, network, proposer, occupied })
     }
 
     /// The scene's blob.
@@ -129,10 +107,9 @@ impl<'a> Renderer<'a> {
     /// Number of lines of workspace that [`Renderer::worker`], [`Renderer::render`] and [`Renderer::query`] need for
     /// `plan`.
     pub fn workspace_lines(&self, plan: &Plan<'_>) -> usize {
-        let mut measure = Measure::default();
-        Frame::lay_out(&mut measure, Field { network: &self.network, plan }, &self.proposer, (None, None));
-        Pixels::lay_out(&mut measure, plan);
-        measure.lines
+        let field = Field { network: &self.network, plan };
+        let frame = |it: &mut Measure| Frame::lay_out(it, field, &self.proposer, (None, None));
+        Measure::lines_of(|it| (frame(it), Pixels::lay_out(it, plan)))
     }
 
     /// Makes a worker for frames of `plan`: one for each thread, for any number of calls.
@@ -148,15 +125,12 @@ impl<'a> Renderer<'a> {
         if plan.scene != self.blob.identity() {
             return Err(RenderError::OtherScene);
         }
-        let (expected, found) = (self.workspace_lines(plan), workspace.len());
-        if found < expected {
-            return Err(RenderError::Memory { expected, found });
-        }
+        check_memory(self.workspace_lines(plan), workspace)?;
         let mut arena = Arena::new(workspace);
-        let around = (self.occupied, self.coarse.packets(plan, self.occupied));
+        let around = (self.occupied.around, self.occupied.packets(plan));
         let field = Field { network: &self.network, plan };
-        let frame = Frame::lay_out(&mut arena, field, &self.proposer, around);
-        Ok(Worker::of_frame(frame, Pixels::lay_out(&mut arena, plan)))
+        let fields = Fields::One(Frame::lay_out(&mut arena, field, &self.proposer, around));
+        Ok(Worker { fields, pixels: Pixels::lay_out(&mut arena, plan) })
     }
 
     /// [`Worker::render`] by a worker for this call alone.
@@ -193,7 +167,8 @@ impl<'a> Renderer<'a> {
     /// Reports which stages a frame of `plan` runs, which it does not, and why.
     pub fn explain<'e>(&'e self, plan: &'e Plan<'e>) -> Explanation<'e> {
         let workspace = self.workspace_lines(plan).saturating_mul(size_of::<Line>());
-        Explanation::new(plan, &self.blob, &self.network, self.proposer.macs(), workspace)
+        let (blob, network, proposal_macs) = (&self.blob, &self.network, self.proposer.macs());
+        Explanation { plan, blob, network, proposal_macs, workspace, counters: None }
     }
 
     /// Splits the work in `counters`, of this scene's frames, by stage.
@@ -206,7 +181,7 @@ impl<'a> Renderer<'a> {
     /// Only `batch.samples` matters, and only for portable instructions over weights read in place: all others take
     /// whole blocks.
     pub fn picture_workspace_lines(&self, batch: Batch) -> usize {
-        picture::lines(&self.network, batch)
+        Measure::lines_of(|it| picture::Buffers::lay_out(it, &self.network, batch))
     }
 
     /// Renders the pixels of `rect` of the 2D field, as a picture of `size[0]` × `size[1]` pixels.
@@ -235,10 +210,7 @@ impl<'a> Renderer<'a> {
         target: &mut impl FnMut(u32, u32, [f32; 3]),
     ) -> Result<Counters, RenderError> {
         self.check_picture(batch, size, rect)?;
-        let (expected, found) = (self.picture_workspace_lines(batch), workspace.len());
-        if found < expected {
-            return Err(RenderError::Memory { expected, found });
-        }
+        check_memory(self.picture_workspace_lines(batch), workspace)?;
         Ok(picture::render(&self.network, math, batch, (size, rect), workspace, target))
     }
 
@@ -247,6 +219,114 @@ impl<'a> Renderer<'a> {
     /// # Errors
     /// As [`Renderer::render_picture`], except for the workspace.
     pub fn check_picture(&self, batch: Batch, size: [u32; 2], rect: Rect) -> Result<(), RenderError> {
-        picture::check(&self.blob, batch, size, rect)
+        let [width, height] = size;
+        if self.blob.picture().is_none() {
+            return Err(RenderError::NotAPicture);
+        }
+        if !size.iter().all(|side| (1..=MAX_RENDER_SIDE).contains(side)) {
+            return Err(RenderError::Size { width, height });
+        }
+        if !rect.fits(width, height) {
+            return Err(RenderError::Rect { rect, width, height });
+        }
+        if !batch.is_valid() {
+            return Err(RenderError::Batch { found: batch });
+        }
+        Ok(())
+    }
+}
+
+/// The values of a scene that a kernel does not read in place from the blob.
+///
+/// `F` and `B` are numbers of values, slices of the caller's memory, or boxes; empty for values that are read in
+/// place.
+#[derive(Clone, Debug)]
+pub(crate) struct Prepared<F, B> {
+    /// f32: the network's parameters, those of the proposal network, and f16 tables.
+    pub unpacked: [F; 3],
+    /// Signed bytes: coded tables.
+    pub decoded: B,
+}
+
+impl Prepared<usize, usize> {
+    /// Numbers of values that `kernel` needs of a scene.
+    #[inline]
+    pub fn measure(blob: &Blob<'_>, kernel: Kernel) -> Self {
+        let unpacked = match kernel.storage.in_place() {
+            true => [0; 3],
+            false => [
+                blob.architecture().parameters(),
+                Proposer::parameters(blob),
+                widened_tables(blob, kernel).map_or(0, |bytes| bytes.len() / 2),
+            ],
+        };
+        Self { unpacked, decoded: blob.decoded_len() }
+    }
+}
+
+impl<'a> Prepared<&'a mut [f32], &'a mut [u8]> {
+    /// Memory for the values that `kernel` needs of a scene.
+    #[inline]
+    pub fn lay_out(layout: &mut impl Layout<'a>, blob: &Blob<'_>, kernel: Kernel) -> Self {
+        let Prepared { unpacked, decoded } = Prepared::measure(blob, kernel);
+        let unpacked = match kernel.storage.in_place() {
+            true => [&mut [][..], &mut [], &mut []],
+            false => unpacked.map(|count| layout.slice(count, 0.0)),
+        };
+        Self { unpacked, decoded: layout.slice(decoded, 0) }
+    }
+}
+
+impl<F: AsMut<[f32]>, B: AsMut<[u8]>> Prepared<F, B> {
+    /// Unpacks and decodes the values of a scene, once.
+    ///
+    /// # Errors
+    /// [`BlobError`] of coded tables in a blob that was opened undecoded.
+    #[inline]
+    pub fn unpack(&mut self, blob: &Blob<'_>, kernel: Kernel) -> Result<(), BlobError> {
+        if !kernel.storage.in_place() {
+            let [parameters, proposal, tables] = self.unpacked.each_mut().map(AsMut::as_mut);
+            Weights::unpack(blob.architecture(), kernel.storage, blob.weights(), parameters);
+            Proposer::unpack(blob, kernel.storage, proposal);
+            if let Some(bytes) = widened_tables(blob, kernel) {
+                unpack(bytes, tables);
+            }
+        }
+        blob.decode_tables(self.decoded.as_mut())
+    }
+}
+
+impl<'a> Prepared<&'a [f32], &'a [u8]> {
+    /// The scene's network and its proposal network, over their values in the blob or in `self`; `None` if there are
+    /// too few.
+    #[inline]
+    fn view(&self, blob: &Blob<'a>, kernel: Kernel) -> Option<(Network<'a>, Proposer<'a>)> {
+        let [parameters, proposal, tables] = self.unpacked;
+        let weights = Weights::view(blob.architecture(), kernel.storage, blob.weights(), parameters);
+        let tables = tables_of(blob, kernel, tables, self.decoded);
+        let network = Network::of_layers(blob.architecture(), blob.layers(), weights, tables, kernel.isa)?;
+        Some((network, Proposer::view(blob, kernel, proposal)))
+    }
+}
+
+/// The tables of a scene's grid: in place in the blob, or as f32 (`widened`) or bytes (`decoded`) made from them.
+fn tables_of<'a>(blob: &Blob<'a>, kernel: Kernel, widened: &'a [f32], decoded: &'a [u8]) -> GridTables<'a> {
+    let values = match blob.tables() {
+        None => TableValues::F32(&[]),
+        Some(StoredTables::F16(_)) if widened_tables(blob, kernel).is_some() => TableValues::F32(widened),
+        Some(StoredTables::F16(bytes)) => TableValues::F16(bytes),
+        Some(StoredTables::Int8 { scales, bytes }) => TableValues::Int8 { values: bytes, scales },
+        Some(StoredTables::Coded { scales, .. }) => TableValues::Int8 { values: decoded, scales },
+    };
+    GridTables::new(values, blob.scene_box().as_ref())
+}
+
+/// The blob's f16 tables, if the kernel does not read them in place.
+fn widened_tables<'a>(blob: &Blob<'a>, kernel: Kernel) -> Option<&'a [u8]> {
+    match blob.tables() {
+        Some(StoredTables::F16(bytes)) if !(kernel.storage.in_place() || kernel.isa.reads_f16_tables()) => {
+            Some(bytes)
+        }
+        _ => None,
     }
 }

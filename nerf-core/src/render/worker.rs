@@ -1,19 +1,20 @@
 //! Workers: a renderer, a plan and memory, prepared once for any number of calls.
 
-#[cfg(feature = "instances")]
-use super::Renderer;
 use super::frame::Frame;
-#[cfg(feature = "instances")]
-use super::instances::{Instance, Merge, check};
 use super::pixel::{CameraRays, OwnRays, Pixels, rays_a_pixel};
 use super::{Counters, Limit, RaySegment, Rect, RenderError, Target};
 use crate::camera::{Camera, Ray, is_unit};
 use crate::math::with_math;
-#[cfg(feature = "instances")]
-use crate::memory::{Arena, Line, Measure};
 use crate::plan::Plan;
 use crate::volume::Pixel;
 use glam::Vec3;
+#[cfg(feature = "instances")]
+use {
+    super::Renderer,
+    super::error::check_memory,
+    super::instances::{Instance, Merge, check},
+    crate::memory::{Arena, Line, Measure},
+};
 
 /// Side of the square tiles that a rectangle is rendered in, pixels: neighbouring rays tend to end together.
 pub const TILE_SIDE: u32 = 16;
@@ -22,8 +23,8 @@ pub const TILE_SIDE: u32 = 16;
 ///
 /// Apart from its rays and points a call costs a few comparisons, since the memory is prepared once.
 pub struct Worker<'f> {
-    fields: Fields<'f>,
-    pixels: Pixels<'f, 'f>,
+    pub(super) fields: Fields<'f>,
+    pub(super) pixels: Pixels<'f, 'f>,
 }
 
 /// The field or fields that a worker renders.
@@ -31,7 +32,7 @@ pub struct Worker<'f> {
     feature = "instances",
     allow(clippy::large_enum_variant, reason = "a worker is one or the other, and there is no heap")
 )]
-enum Fields<'f> {
+pub(super) enum Fields<'f> {
     One(Frame<'f, 'f>),
     #[cfg(feature = "instances")]
     Several(Merge<'f, 'f>),
@@ -56,10 +57,8 @@ impl<'f> Worker<'f> {
         renderers: impl Iterator<Item = &'n Renderer<'n>> + Clone,
         plan: &Plan<'_>,
     ) -> usize {
-        let mut measure = Measure::default();
-        Merge::lay_out(&mut measure, &[], renderers.map(|renderer| renderer.network()), plan);
-        Pixels::lay_out(&mut measure, plan);
-        measure.lines
+        let networks = renderers.map(|renderer| renderer.network());
+        Measure::lines_of(|it| (Merge::lay_out(it, &[], networks, plan), Pixels::lay_out(it, plan)))
     }
 
     /// A worker that renders several fields at once, or one that a host has placed.
@@ -74,13 +73,9 @@ impl<'f> Worker<'f> {
     /// [`RenderError::NoInstances`], [`RenderError::Instance`] with the first that does not go with the others, and
     /// [`RenderError::Memory`] if `memory` is smaller than [`Worker::instances_lines`] says.
     pub fn of_instances(instances: &'f [Instance<'f>], memory: &'f mut [Line]) -> Result<Self, RenderError> {
-        check(instances)?;
-        let last = instances.last().ok_or(RenderError::NoInstances)?;
+        let last = check(instances)?;
         let renderers = instances.iter().map(|instance| instance.renderer);
-        let (expected, found) = (Self::instances_lines(renderers.clone(), last.plan), memory.len());
-        if found < expected {
-            return Err(RenderError::Memory { expected, found });
-        }
+        check_memory(Self::instances_lines(renderers.clone(), last.plan), memory)?;
         let networks = renderers.map(|renderer| renderer.network());
         let mut arena = Arena::new(memory);
         let fields = Fields::Several(Merge::lay_out(&mut arena, instances, networks, last.plan));
@@ -89,10 +84,6 @@ impl<'f> Worker<'f> {
 }
 
 impl<'f> Worker<'f> {
-    pub(super) fn of_frame(frame: Frame<'f, 'f>, pixels: Pixels<'f, 'f>) -> Self {
-        Self { fields: Fields::One(frame), pixels }
-    }
-
     /// The plan of the worker's frames; with several fields, that of the last.
     pub fn plan(&self) -> &'f Plan<'f> {
         self.pixels.plan
@@ -140,30 +131,20 @@ impl<'f> Worker<'f> {
         // Lossless: a plan has at most `Batch::MAX_RAYS`.
         let capacity = plan.batch.rays as u32;
         let width = TILE_SIDE.min(capacity);
+        let pixels = &mut self.pixels;
+        pixels.forward = camera.pose().forward();
         for tile in rect.tiles(width, capacity / width.max(1)) {
-            self.tile(camera, tile, &limit, target);
+            pixels.tile = tile;
+            of_fields!(&mut self.fields, it => {
+                let far = it.far()(camera.pose().position);
+                for turn in 0..rays_a_pixel(&plan.effects) {
+                    pixels.turn = turn;
+                    let source = CameraRays::new(camera, &plan.effects, turn, &limit, far);
+                    with_math!(plan.math, M => it.turn::<M, false>(pixels, &source, target));
+                }
+            });
         }
         Ok(self.counters())
-    }
-
-    /// Renders one tile of at most `plan.batch.rays` pixels, a ray of every pixel at a time.
-    fn tile(
-        &mut self,
-        camera: &Camera,
-        tile: Rect,
-        limit: &impl Fn(u32, u32) -> Limit,
-        target: &mut impl Target,
-    ) {
-        let (plan, pixels) = (self.plan(), &mut self.pixels);
-        (pixels.tile, pixels.forward) = (tile, camera.pose().forward());
-        of_fields!(&mut self.fields, it => {
-            let far = it.far()(camera.pose().position);
-            for turn in 0..rays_a_pixel(&plan.effects) {
-                pixels.turn = turn;
-                let source = CameraRays::new(camera, &plan.effects, turn, limit, far);
-                with_math!(plan.math, M => it.turn::<M, false>(pixels, &source, target));
-            }
-        });
     }
 
     /// Sets whether colour is composited over the plan's background, as by default, or over nothing.

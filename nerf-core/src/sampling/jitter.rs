@@ -26,7 +26,6 @@ impl SampleJitter {
     }
 
     /// Position of a ray's drawn sample in the `k`-th of equal strata, in `[0, 1)`.
-    #[cfg_attr(not(feature = "proposal"), allow(dead_code, reason = "only proposals draw samples"))]
     #[inline]
     pub fn within(&self, k: u32) -> f32 {
         match self.seed {

@@ -13,7 +13,6 @@ impl SampleJitter {
         Self
     }
 
-    #[cfg_attr(not(feature = "proposal"), allow(dead_code, reason = "only proposals draw samples"))]
     #[inline(always)]
     pub fn within(&self, _k: u32) -> f32 {
         0.5

@@ -1,7 +1,6 @@
 //! Placement of the samples along a ray, and the occupancy grid.
 
 mod bins;
-#[cfg(feature = "proposal")]
 mod importance;
 mod interval;
 #[cfg(feature = "jitter")]
@@ -18,7 +17,6 @@ mod tests;
 
 pub use bins::Bins;
 pub(crate) use bins::Ends;
-#[cfg(feature = "proposal")]
 pub use importance::{sample_interval, sample_pdf};
 pub(crate) use interval::{SampleInterval, Spacing, along};
 pub(crate) use jitter::SampleJitter;

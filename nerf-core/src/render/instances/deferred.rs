@@ -1,11 +1,7 @@
 //! Deferred shading of several fields: each composites its own `h` along a ray, and shades it with its own network.
 
-use super::Instance;
 use crate::memory::{Layout, at};
-use crate::network::Scratch;
-use crate::render::Counters;
 use crate::render::field::Field;
-use crate::render::march::RayState;
 use crate::render::stages::RayNetworks;
 use core::ops::Range;
 
@@ -21,8 +17,7 @@ struct Place {
 }
 
 /// Sums of `h` of the rays in flight, for each field that is shaded once a ray.
-pub(super) struct Deferred<'f, 'w> {
-    instances: &'f [Instance<'f>],
+pub(super) struct Deferred<'w> {
     /// `[instances]`.
     places: &'w mut [Place],
     /// `h` of the bin that each ray is in: for each field `[rays][rows]`.
@@ -32,11 +27,10 @@ pub(super) struct Deferred<'f, 'w> {
     pub networks: RayNetworks<'w>,
 }
 
-impl<'f, 'w> Deferred<'f, 'w> {
+impl<'w> Deferred<'w> {
     /// Memory for blocks of `samples` of any of `fields`.
     pub fn lay_out<'n>(
         layout: &mut impl Layout<'w>,
-        instances: &'f [Instance<'f>],
         fields: impl Iterator<Item = Field<'n>> + Clone,
         samples: usize,
     ) -> Self {
@@ -53,7 +47,6 @@ impl<'f, 'w> Deferred<'f, 'w> {
             (direction_rows, any) = (direction_rows.max(network.direction_rows()), true);
         }
         Self {
-            instances,
             places,
             parts: layout.slice(parts, 0.0),
             sums: layout.slice(sums, 0.0),
@@ -76,18 +69,16 @@ impl<'f, 'w> Deferred<'f, 'w> {
 
     /// Clears the sums of the first `count` rays.
     pub fn begin(&mut self, count: usize) {
-        for member in 0..self.instances.len() {
+        for member in 0..self.places.len() {
             let sums = self.sums(member, 0, count);
             self.sums.get_mut(sums).unwrap_or_default().fill(0.0);
         }
     }
 
-    /// Stores the `h` of a sample as that of the bin its ray is in.
-    pub fn keep(&mut self, member: usize, ray: usize, scratch: &Scratch<'_>, column: usize) {
-        let (range, Some(it)) = (self.h(member, ray), self.instances.get(member)) else { return };
-        let h = self.parts.get_mut(range).unwrap_or_default();
-        h.fill(0.0);
-        it.renderer.network().add_h(scratch, column, 1.0, h);
+    /// Memory for the `h` of the bin of a field that a ray is in.
+    pub fn h_mut(&mut self, member: usize, ray: usize) -> &mut [f32] {
+        let range = self.h(member, ray);
+        self.parts.get_mut(range).unwrap_or_default()
     }
 
     /// Adds the `h` of the bin that a ray is in to the ray's sums.
@@ -100,21 +91,9 @@ impl<'f, 'w> Deferred<'f, 'w> {
         }
     }
 
-    /// Evaluates a field's colour branch for each of `rays` with a weight, and passes index, weight and colour to
-    /// `put`.
-    pub fn shade(
-        &mut self,
-        member: usize,
-        scratch: &mut Scratch<'_>,
-        rays: &mut [RayState],
-        counters: &mut Counters,
-        mut put: impl FnMut(usize, f32, [f32; 3]),
-    ) {
-        let Some(field) = self.instances.get(member).map(|it| it.field()) else { return };
-        if field.shades_rays() {
-            let sums = self.sums.get(self.sums(member, 0, rays.len())).unwrap_or_default();
-            let put = |_: &mut RayState, ray, weight, rgb| put(ray, weight, rgb);
-            self.networks.shade(field, scratch, sums, rays, counters, put);
-        }
+    /// The networks, and the sums of the first `count` rays of a field.
+    pub fn sums_of(&mut self, member: usize, count: usize) -> (&mut RayNetworks<'w>, &[f32]) {
+        let sums = self.sums.get(self.sums(member, 0, count)).unwrap_or_default();
+        (&mut self.networks, sums)
     }
 }

@@ -14,7 +14,7 @@ use crate::render::Counters;
 use crate::render::field::Field;
 use crate::render::march::RayState;
 use crate::render::pixel::{PixelRay, Pixels, RaySource, Surface, Target};
-use crate::render::stages::{Density, DirectionShares, Gradients, PointColour, evaluate_points, take_points};
+use crate::render::stages::{Density, DirectionShares, Gradients, evaluate_points};
 use crate::volume::{Accumulator, thickness};
 use glam::Vec3;
 
@@ -82,7 +82,7 @@ pub(in crate::render) struct Merge<'f, 'w> {
     surface: Surface<'w>,
     /// The [`DirectionShares`] of each instance, one after another, each of its own length.
     shares: &'w mut [f32],
-    deferred: Deferred<'f, 'w>,
+    deferred: Deferred<'w>,
     /// Memory of a block, for the largest of the networks.
     density: Density<'w>,
     /// Rays whose colour or gradient is evaluated: `[samples]`.
@@ -118,7 +118,7 @@ impl<'f, 'w> Merge<'f, 'w> {
             world: layout.slice(rays, WorldRay::NONE),
             surface: Surface::lay_out(layout, plan),
             shares: layout.slice(shares, 0.0),
-            deferred: Deferred::lay_out(layout, instances, fields(), samples),
+            deferred: Deferred::lay_out(layout, fields(), samples),
             density: Density::lay_out(layout, samples, encoded, activations),
             picked: layout.slice(samples, 0),
             rgb: layout.slice(if plan.outputs.rgb { 3 * samples } else { 0 }, 0.0),
@@ -184,11 +184,9 @@ impl<'f, 'w> Merge<'f, 'w> {
         for (member, Instance { renderer, plan, placement }) in self.instances.iter().enumerate() {
             let (ray, scale) = (placement.ray_in_field(&ray), placement.scale());
             let range = plan.range_of(range[0] / scale, range[1] / scale);
-            let around = if plan.occupancy.is_some() { renderer.occupied } else { Some(plan.bounds) };
+            let around = if plan.occupancy.is_some() { renderer.occupied.around } else { Some(plan.bounds) };
             let span = around.and_then(|bounds| Span::new(plan, &bounds, &ray, range));
-            if let Some(span) = &span {
-                start = start.min(scale * span.start);
-            }
+            start = span.as_ref().map_or(start, |span| start.min(scale * span.start));
             if let Some(state) = self.rays.get_mut(member * capacity + i) {
                 state.begin((x, y), ray, range, span);
             }
@@ -230,19 +228,20 @@ impl<'f, 'w> Merge<'f, 'w> {
         let parts = self.parts.get(first..first + count).unwrap_or_default();
         if parts.iter().any(|part| part.known != Known::Nothing) {
             let rays = self.rays.get(first..first + count).unwrap_or_default();
-            let samples = self.density.owner.len();
-            let mut shares = shares_at(self.instances, samples, self.shares, member);
+            let mut shares = shares_at(self.instances, self.density.owner.len(), self.shares, member);
             shares.fill(it.field(), &mut self.density.scratch, self.rgb, rays, counters);
         }
     }
 
     /// Adds the colours of a field shaded once a ray to the first `count` rays.
     fn shade(&mut self, member: usize, count: usize, counters: &mut Counters) {
+        let field = self.instances.get(member).map(|it| it.field());
+        let Some(field) = field.filter(|field| field.shades_rays()) else { return };
         let first = member * self.world.len();
-        let (world, scratch) = (&mut *self.world, &mut self.density.scratch);
         let rays = self.rays.get_mut(first..first + count).unwrap_or_default();
-        self.deferred.shade(member, scratch, rays, counters, |ray, weight, rgb| {
-            if let Some(ray) = world.get_mut(ray) {
+        let (networks, sums) = self.deferred.sums_of(member, count);
+        networks.shade(field, &mut self.density.scratch, sums, rays, counters, |_, ray, weight, rgb| {
+            if let Some(ray) = self.world.get_mut(ray) {
                 ray.pixel.gathered.add_colour(weight, rgb);
             }
         });
@@ -300,7 +299,9 @@ impl<'f, 'w> Merge<'f, 'w> {
             if part.sigma > 0.0 && field.plan.outputs.picks() && (COLLIDE || most > field.plan.colour_cut) {
                 if field.shades_rays() {
                     part.deferred = true;
-                    self.deferred.keep(member, ray as usize, &density.scratch, k);
+                    let h = self.deferred.h_mut(member, ray as usize);
+                    h.fill(0.0);
+                    field.network.add_h(&density.scratch, k, 1.0, h);
                 } else {
                     for row in 0..field.network.trunk_rows() {
                         let h = at(density.scratch.front, row * stride + k);
@@ -316,8 +317,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         let (owner, parts) = (head(self.picked, picked), &mut *self.parts);
         let part = |k: usize| first + at(owner, k) as usize;
         if picked > 0 && field.shades_samples() {
-            let samples = density.owner.len();
-            let shares = shares_at(self.instances, samples, self.shares, member);
+            let shares = shares_at(self.instances, density.owner.len(), self.shares, member);
             shares.evaluate(field, &mut density.scratch, owner, self.rgb);
             counters.add_colour(field.network, picked);
             for k in 0..picked {
@@ -453,7 +453,6 @@ impl<'f, 'w> Merge<'f, 'w> {
         rgb: &mut [[f32; 3]],
         counters: &mut Counters,
     ) {
-        let samples = self.density.owner.len();
         for (member, it) in self.instances.iter().enumerate() {
             let (field, placement) = (it.field(), &it.placement);
             let rays = self.rays.get_mut(member * self.world.len()..).unwrap_or_default();
@@ -461,16 +460,9 @@ impl<'f, 'w> Merge<'f, 'w> {
                 .iter()
                 .zip(dirs)
                 .map(|(&p, &dir)| (placement.point_in_field(p.into()), placement.dir_in_field(dir.into())));
-            let n = take_points(field, points, rays);
-            let colour = match field.plan.outputs.rgb && !rgb.is_empty() {
-                false => PointColour::None,
-                true if field.shades_rays() => PointColour::Rays(&mut self.deferred.networks),
-                true => {
-                    let shares = shares_at(self.instances, samples, self.shares, member);
-                    PointColour::Samples(shares, self.rgb)
-                }
-            };
-            evaluate_points(field, head(rays, n), &mut self.density, colour, counters, |i, density, own| {
+            let shares = shares_at(self.instances, self.density.owner.len(), self.shares, member);
+            let colours = (!rgb.is_empty()).then_some((shares, &mut *self.rgb, &mut self.deferred.networks));
+            evaluate_points(field, points, rays, &mut self.density, colours, counters, |i, density, own| {
                 let (density, before) = ((density / placement.scale()).min(WALL), at(sigma, i));
                 if density > 0.0 {
                     put(sigma, i, before + density);

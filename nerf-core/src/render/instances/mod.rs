@@ -30,8 +30,8 @@ impl<'a> Instance<'a> {
     }
 }
 
-/// Checks that the instances can be rendered together; the error names the first that cannot.
-pub(super) fn check(instances: &[Instance<'_>]) -> Result<(), RenderError> {
+/// Checks that the instances can be rendered together, and returns the last; the error names the first that cannot.
+pub(super) fn check<'i, 'f>(instances: &'i [Instance<'f>]) -> Result<&'i Instance<'f>, RenderError> {
     let last = instances.last().ok_or(RenderError::NoInstances)?;
     for (index, Instance { renderer, plan, .. }) in instances.iter().enumerate() {
         let request = |plan: &Plan<'_>| (plan.outputs, plan.effects, plan.batch);
@@ -48,5 +48,5 @@ pub(super) fn check(instances: &[Instance<'_>]) -> Result<(), RenderError> {
         };
         return Err(RenderError::Instance { index, problem });
     }
-    Ok(())
+    Ok(last)
 }

@@ -17,20 +17,21 @@ const SIDE: u16 = 4;
 /// Largest distance that rounding may move a point by, in cells.
 const SLACK: f32 = 0.5;
 
-/// Blocks of an occupancy grid's cells; a block is set if it or a neighbour has an occupied cell.
+/// Bounds of an occupancy grid's occupied cells: a box around all of them, and blocks of cells.
 #[derive(Clone, Debug)]
 pub(crate) struct CoarseOccupancy {
+    pub(in crate::render) around: Option<SceneBox>,
+    /// A block is set if it or a neighbour has an occupied cell.
     bits: [u8; BYTES],
     /// Cells along each side of a block; 0 if there are no blocks.
     side: u16,
 }
 
 impl CoarseOccupancy {
-    const NONE: Self = Self { bits: [0; BYTES], side: 0 };
-
-    /// The blocks of a scene's `occupancy`.
+    /// The bounds in a scene's `occupancy`.
     pub fn new(occupancy: Option<&OccupancyGrid<'_>>) -> Self {
-        let mut coarse = Self::NONE;
+        let around = occupancy.and_then(|occupancy| occupancy.occupied_box());
+        let mut coarse = Self { around, bits: [0; BYTES], side: 0 };
         let Some(occupancy) = occupancy.filter(|_| VECTORS) else { return coarse };
         let blocks = |side| occupancy.blocks(side).map(usize::from).iter().product::<usize>();
         let Some(side) = (SIDE..=SIDE << 9).find(|&side| blocks(side) <= 8 * BYTES) else { return coarse };
@@ -41,21 +42,14 @@ impl CoarseOccupancy {
     }
 
     /// The lookup of ray packets for frames of `plan`; `None` with a contraction, a proposal, or no occupancy grid.
-    pub(in crate::render) fn packets<'c>(
-        &'c self,
-        plan: &Plan<'c>,
-        around: Option<SceneBox>,
-    ) -> Option<Packets<'c>> {
+    pub(in crate::render) fn packets<'c>(&'c self, plan: &Plan<'c>) -> Option<Packets<'c>> {
         let straight = plan.lattice != Lattice::Contracted && plan.proposal.is_none();
-        if straight { self.packets_of(plan.occupancy.as_ref()?, around?) } else { None }
+        if straight { self.packets_of(plan.occupancy.as_ref()?) } else { None }
     }
 
-    /// The lookup of ray packets; `occupancy`: the grid this one was made of; `around`: a box around all occupied
-    /// cells.
-    fn packets_of<'c>(&'c self, occupancy: &OccupancyGrid<'c>, around: SceneBox) -> Option<Packets<'c>> {
-        if !VECTORS || self.side == 0 {
-            return None;
-        }
+    /// The lookup of ray packets; `occupancy`: the grid this one was made of.
+    fn packets_of<'c>(&'c self, occupancy: &OccupancyGrid<'c>) -> Option<Packets<'c>> {
+        let around = self.around.filter(|_| VECTORS && self.side > 0)?;
         let reach = (f32::from(self.side) - SLACK) / occupancy.cells_per_unit.max_element();
         Some(Packets {
             blocks: occupancy.of_blocks(self.side, &self.bits),

@@ -3,11 +3,9 @@
 mod coarse;
 mod ray;
 mod rays;
-#[cfg_attr(not(feature = "proposal"), path = "samples_off.rs")]
-mod samples;
 mod window;
 
 pub(crate) use coarse::CoarseOccupancy;
 pub(super) use coarse::Packets;
-pub(super) use ray::RayState;
+pub(super) use ray::{PROPOSAL_BUILT, RayState};
 pub(super) use rays::Rays;

@@ -6,8 +6,7 @@
 //! counted. So the work of a frame depends on the scene and the request alone, as its pixels do.
 
 use super::coarse::{CandidateBins, Intervals, Packets};
-use super::ray::{ActiveRays, MarchAll, RayState, windows};
-use super::samples::ProposalSamples;
+use super::ray::{ActiveRays, MarchAll, ProposalSamples, RayState, windows};
 use crate::camera::Ray;
 use crate::math::Math;
 use crate::memory::{Layout, head, head_mut, put};
@@ -33,6 +32,8 @@ pub(in crate::render) struct Rays<'f, 'w> {
     inner: bool,
     packets: [Option<Packets<'f>>; VECTORS as usize],
     pub states: &'w mut [RayState],
+    /// Number of rays in `states`.
+    pub hits: usize,
     pub active: ActiveRays<'w>,
     pub samples: ProposalSamples<'w>,
     /// Index of each ray in flight among the rays of its pixel.
@@ -57,51 +58,47 @@ impl<'f, 'w> Rays<'f, 'w> {
             inner: VECTORS && occupied.is_some_and(inner),
             packets: [packets; VECTORS as usize],
             states: layout.slice(rays, RayState::NONE),
+            hits: 0,
             active: ActiveRays::new(layout.slice(rays, 0)),
             samples: ProposalSamples::lay_out(layout, [rays, field.block_samples(), drawn]),
             turn: 0,
         }
     }
 
-    /// Starts the rays of a tile's pixels; those that meet nothing are finished at once. Returns the number of the
-    /// others.
+    /// Starts the rays of a tile's pixels; those that meet nothing are finished at once.
     pub fn start<M: Math, const COLLIDE: bool>(
         &mut self,
         pixels: &mut Pixels<'_, '_>,
         source: &impl RaySource,
         target: &mut impl Target,
-    ) -> usize {
-        let (mut hits, tile) = (0, pixels.tile);
-        self.turn = pixels.turn;
+    ) {
+        let tile = pixels.tile;
+        (self.hits, self.turn) = (0, pixels.turn);
         if let Some(&Some(packets)) = self.packets.first()
             && tile.width * tile.height > 1
         {
             let (across, down) = if tile.height > 1 { PACKET } else { (PACKET.0 * PACKET.1, 1) };
             for part in tile.tiles(across, down) {
-                hits = self.start_packet::<M, COLLIDE>(&packets, part, hits, pixels, source, target);
+                self.start_packet::<M, COLLIDE>(&packets, part, pixels, source, target);
             }
-            return hits;
+            return;
         }
         for y in tile.y..tile.y + tile.height {
             for x in tile.x..tile.x + tile.width {
-                let ray = source.ray(x, y);
-                hits += usize::from(self.start_ray::<M, COLLIDE>((x, y), ray, hits, pixels, source, target));
+                self.start_ray::<M, COLLIDE>((x, y), source.ray(x, y), pixels, source, target);
             }
         }
-        hits
     }
 
-    /// Starts the rays of a `part` of the tile. `hits`: number of rays before them that met something; returns it
-    /// with theirs.
+    /// Starts the rays of a `part` of the tile.
     fn start_packet<M: Math, const COLLIDE: bool>(
         &mut self,
         packets: &Packets<'_>,
         part: Rect,
-        mut hits: usize,
         pixels: &mut Pixels<'_, '_>,
         source: &impl RaySource,
         target: &mut impl Target,
-    ) -> usize {
+    ) {
         let (plan, isa) = (self.field.plan, self.field.isa());
         let mut rays = [PixelRay::NONE.ray; MAX_LANES];
         let rays = head_mut(&mut rays, (part.width * part.height) as usize);
@@ -116,11 +113,11 @@ impl<'f, 'w> Rays<'f, 'w> {
             for (pixel, &end) in part.pixels().zip(&ranges[1]) {
                 pixels.miss::<M>(pixel, end, source, target);
             }
-            return hits;
+            return;
         };
         let (around, mut spans) = (self.occupied.unwrap_or(plan.bounds), Spans::NONE);
         isa.run(SpanAll { plan, around: &around, rays, ranges: &ranges, to: &mut spans });
-        let (mut list, mut count) = ([0; MAX_LANES], 0);
+        let (mut list, mut count, mut hits) = ([0; MAX_LANES], 0, self.hits);
         for (i, (pixel, &ray)) in part.pixels().zip(rays).enumerate() {
             let Some(state) = self.states.get_mut(hits + count) else { break };
             let (range, span) = ([ranges[0][i], ranges[1][i]], spans.of(i, &ray));
@@ -145,34 +142,30 @@ impl<'f, 'w> Rays<'f, 'w> {
                 pixels.miss::<M>((x, y), range[1], source, target);
             }
         }
-        hits
+        self.hits = hits;
     }
 
-    /// Starts the ray of a pixel: marches it to its first occupied sample and stores it as the tile's ray number
-    /// `hits`. Returns `false` for a ray without one, which is finished at once.
+    /// Starts the ray of a pixel: marches it to its first occupied sample and stores it as the tile's next ray. A
+    /// ray without one is finished at once.
     #[inline(never)]
     fn start_ray<M: Math, const COLLIDE: bool>(
         &mut self,
         pixel: (u32, u32),
         ray: Ray,
-        hits: usize,
         pixels: &mut Pixels<'_, '_>,
         source: &impl RaySource,
         target: &mut impl Target,
-    ) -> bool {
+    ) {
         let (plan, isa) = (self.field.plan, self.field.isa());
         let [t_min, t_max] = source.range(pixel.0, pixel.1, &ray);
         let range = plan.range_of(t_min, t_max);
         pixels.counters.rays += 1;
-        let mut intervals = Intervals::ALL;
-        if let Some(Some(packets)) = self.packets.first() {
-            let Some(found) = packets.intervals_of(isa, core::slice::from_ref(&ray)) else {
-                pixels.miss::<M>(pixel, range[1], source, target);
-                return false;
-            };
-            intervals = found;
-        }
-        let Some(state) = self.states.get_mut(hits) else { return false };
+        let intervals = match self.packets.first() {
+            Some(Some(packets)) => packets.intervals_of(isa, core::slice::from_ref(&ray)),
+            _ => Some(Intervals::ALL),
+        };
+        let Some(intervals) = intervals else { return pixels.miss::<M>(pixel, range[1], source, target) };
+        let Some(state) = self.states.get_mut(self.hits) else { return };
         let around = if plan.occupancy.is_some() { self.occupied } else { Some(plan.bounds) };
         // Nothing outside is occupied, so that most rays of most pictures end here.
         let span = around.and_then(|around| Span::new(plan, &around, &ray, range));
@@ -182,15 +175,15 @@ impl<'f, 'w> Rays<'f, 'w> {
         let jitter = if drawn { SampleJitter::MIDDLE } else { state.pixel.jitter(plan, self.turn) };
         let occupied = state.march(isa, plan, plan.marched_bins(), jitter);
         if occupied {
-            self.active.push(hits as u32);
+            self.active.push(self.hits as u32);
         }
         // Between the proposal's samples there may be drawn ones that are occupied.
-        let met = occupied || (drawn && meets_box);
-        if !met {
+        if occupied || (drawn && meets_box) {
+            self.hits += 1;
+        } else {
             pixels.counters.samples_skipped += u64::from(plan.samples_per_ray());
             pixels.finish::<M>(&state.pixel, None, source, target);
         }
-        met
     }
 
     /// [`RayState::march`] of the rays `list`.

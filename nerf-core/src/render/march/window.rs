@@ -31,57 +31,48 @@ impl Window {
         let left = if from < self.end { self.live >> (from + WIDTH - self.end) } else { 0 };
         (left != 0).then(|| from + left.trailing_zeros())
     }
-
-    /// The first occupied bin of `from..end`, or `end`; the same as
-    /// [`Plan::first_occupied`](crate::plan::Plan::first_occupied) at the middles of the bins, bit for bit.
-    ///
-    /// `from` must not fall from call to call, and the bins must be those of the first call. Bins that are not
-    /// `candidates` are skipped.
-    #[inline(always)]
-    pub(super) fn first_occupied<V: Lanes>(
-        &mut self,
-        (occupancy, lanes): (&OccupancyGrid<'_>, &OccupancyLanes<'_, V>),
-        contraction: Option<&Contraction>,
-        ray: &Ray,
-        (bins, candidates, inner): (&Bins, &CandidateBins, bool),
-        from: u32,
-        end: u32,
-    ) -> u32 {
-        if let Some(bin) = self.left(from) {
-            return end.min(bin);
-        }
-        let from = from.max(self.end);
-        if from >= end {
-            return end;
-        }
-        *self = LookUp { occupancy, contraction, ray, bins, candidates, inner, from, end }.first(lanes);
-        end.min(self.end - WIDTH + self.live.trailing_zeros())
-    }
 }
 
-/// Finds the first window from bin `from` on with a sample that is [`OccupancyGrid::occupied`], or the last before
-/// `end`.
-struct LookUp<'a> {
-    occupancy: &'a OccupancyGrid<'a>,
-    contraction: Option<&'a Contraction>,
-    ray: &'a Ray,
-    bins: &'a Bins,
-    candidates: &'a CandidateBins,
-    inner: bool,
-    from: u32,
-    end: u32,
+/// Lookup of a ray's bins in the occupancy grid.
+pub(super) struct LookUp<'a> {
+    pub occupancy: &'a OccupancyGrid<'a>,
+    pub contraction: Option<&'a Contraction>,
+    pub ray: &'a Ray,
+    pub bins: &'a Bins,
+    /// Other bins are skipped.
+    pub candidates: &'a CandidateBins,
+    /// Whether no occupied cell lies at a face of the box.
+    pub inner: bool,
 }
 
 impl LookUp<'_> {
+    /// The first occupied bin of `from..end`, or `end`; the same as
+    /// [`Plan::first_occupied`](crate::plan::Plan::first_occupied) at the middles of the bins, bit for bit.
+    ///
+    /// For one `window`, `from` must not fall from call to call, and the bins must be those of the first call.
     #[inline(always)]
-    fn first<V: Lanes>(self, lanes: &OccupancyLanes<'_, V>) -> Window {
-        let mut window = Window { end: self.from, live: 0 };
-        while window.live == 0 && window.end < self.end {
-            let from = self.candidates.next(window.end).min(self.end);
-            let live = if from < self.end { self.live(lanes, from) } else { 0 };
-            window = Window { end: from + WIDTH, live };
+    pub fn first_occupied<V: Lanes>(
+        &self,
+        lanes: &OccupancyLanes<'_, V>,
+        window: &mut Window,
+        from: u32,
+        end: u32,
+    ) -> u32 {
+        if let Some(bin) = window.left(from) {
+            return end.min(bin);
         }
-        window
+        let from = from.max(window.end);
+        if from >= end {
+            return end;
+        }
+        let mut found = Window { end: from, live: 0 };
+        while found.live == 0 && found.end < end {
+            let from = self.candidates.next(found.end).min(end);
+            let live = if from < end { self.live(lanes, from) } else { 0 };
+            found = Window { end: from + WIDTH, live };
+        }
+        *window = found;
+        end.min(found.end - WIDTH + found.live.trailing_zeros())
     }
 
     /// The occupied bins of the window that begins with bin `first`.

@@ -8,7 +8,7 @@ use crate::blob::{Body, StoredTables};
 #[cfg(feature = "grid")]
 use crate::encoding::{GridEncoding, PositionEncoding};
 use crate::network::{Architecture, Role};
-use crate::render::Renderer;
+use crate::render::{RenderError, Renderer};
 #[cfg(feature = "grid")]
 use crate::testing::noise;
 use crate::testing::{

@@ -101,17 +101,13 @@ impl SurfaceSum {
         }
     }
 
-    /// The mean normal, weighted by opacity, and the mean of the median distances, `far` if less than half of the
+    /// Sets the mean normal, weighted by opacity, and the mean of the median distances, `far` if less than half of the
     /// rays have one. An output that was not requested is 0 on every ray, and so is its mean.
-    fn mean(&self, rays: u32, far: f32, opacity: f32) -> ([f32; 3], f32) {
+    fn finish(&self, rays: u32, far: f32, mean: &mut Pixel) {
         let sum = self.normal.map(|sum| sum.value);
-        let normal = mean_direction(sum, opacity * rays as f32, opacity);
-        let median_distance = if 2 * u32::from(self.halved) >= rays {
-            self.median_distance.value / f32::from(self.halved)
-        } else {
-            far
-        };
-        (normal, median_distance)
+        mean.normal = mean_direction(sum, mean.opacity * rays as f32, mean.opacity);
+        let halved = 2 * u32::from(self.halved) >= rays;
+        mean.median_distance = if halved { self.median_distance.value / f32::from(self.halved) } else { far };
     }
 }
 
@@ -164,7 +160,7 @@ impl<'w> Sums<'w> {
         }
         let mut mean = sum.mean(rays, far);
         if let Some(surface) = surface {
-            (mean.normal, mean.median_distance) = surface.mean(rays, far, mean.opacity);
+            surface.finish(rays, far, &mut mean);
         }
         Some(mean)
     }

@@ -10,10 +10,8 @@ mod depth_of_field;
 #[cfg_attr(not(feature = "median"), path = "median_off.rs")]
 mod median;
 mod pixels;
-mod ray;
+mod rays;
 mod rect;
-mod segment;
-mod source;
 mod surface;
 #[cfg_attr(not(feature = "tone-map"), path = "tone_off.rs")]
 mod tone;
@@ -21,9 +19,8 @@ mod tone;
 pub(super) use anti_aliasing::rays as rays_a_pixel;
 pub(super) use median::Medians;
 pub(super) use pixels::Pixels;
-pub(super) use ray::PixelRay;
+pub(super) use rays::{CameraRays, OwnRays, PixelRay, RaySource};
+pub use rays::{Limit, RaySegment};
 pub use rect::{Rect, Target};
-pub use segment::{Limit, RaySegment};
-pub(super) use source::{CameraRays, OwnRays, RaySource};
 pub(super) use surface::Surface;
 pub(super) use tone::samples_to_light;

@@ -93,7 +93,6 @@ fn develop<M: Math>(tone: &Tone, light: [f32; 3]) -> [f32; 3] {
 
 /// `2^stops`, exact for whole ones.
 fn exp2<M: Math>(stops: f32) -> f32 {
-    use crate::simd::Lanes;
     let whole = stops.round_even();
     whole.exp2_integer()
         * if stops == whole { 1.0 } else { M::exp((stops - whole) * core::f32::consts::LN_2) }

@@ -1,8 +1,9 @@
 //! Colours of samples: the colour branch runs on the samples picked from one block or from several. The direction's
 //! share of the branch is computed once a ray.
 
+use super::InFlight;
 use super::compositing::Compositing;
-use super::density::{Density, narrow};
+use super::density::narrow;
 use crate::memory::{Layout, at, column, head, head_mut, put, put_column, tail};
 use crate::network::Scratch;
 use crate::render::Counters;
@@ -48,54 +49,27 @@ impl<'w> Colour<'w> {
         (DirectionShares { values: self.shares, block: field.block_samples() }, self.rgb)
     }
 
-    /// Computes the direction's share of the colour branch for `rays`.
-    pub fn directions(
-        &mut self,
-        field: Field<'_>,
-        scratch: &mut Scratch<'_>,
-        rays: &[RayState],
-        counters: &mut Counters,
-    ) {
-        let (mut shares, dirs) = self.shares(field);
-        shares.fill(field, scratch, dirs, rays, counters);
-    }
-
-    /// Adds the colours of a block's `picked` samples to their rays: at once, or queued with those of later blocks.
-    pub fn run(
-        &mut self,
-        field: Field<'_>,
-        density: &mut Density<'_>,
-        picks: &Compositing<'_>,
-        (n, picked): (usize, usize),
-        rays: &mut [RayState],
-        counters: &mut Counters,
-    ) {
-        if picked * QUEUED_BELOW.1 < density.owner.len() * QUEUED_BELOW.0 {
-            return self.queue(field, density, picks, picked, rays, counters);
+    /// Adds the colours of a block's picked samples to their rays: at once, or queued with those of later blocks.
+    pub fn run(&mut self, flight: &mut InFlight<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
+        if picks.count * QUEUED_BELOW.1 < flight.density.owner.len() * QUEUED_BELOW.0 {
+            return self.queue(flight, picks, counters);
         }
-        self.flush(field, &mut density.scratch, rays, counters);
-        let (shares, rgb) = self.shares(field);
-        shares.evaluate(field, &mut density.scratch, head(density.owner, n), rgb);
-        counters.add_colour(field.network, picked);
-        for (&from, &weight) in head(picks.picked, picked).iter().zip(&*picks.weight) {
-            let rgb = column(self.rgb, density.scratch.stride, from as usize);
-            add_colour(rays, at(density.owner, from as usize), weight, rgb, counters);
+        self.flush(flight, counters);
+        let InFlight { field, rays, density, .. } = flight;
+        let (shares, rgb) = self.shares(*field);
+        shares.evaluate(*field, &mut density.scratch, head(density.owner, density.count), rgb);
+        counters.add_colour(field.network, picks.count);
+        for (from, weight) in picks.iter() {
+            let rgb = column(self.rgb, density.scratch.stride, from);
+            add_colour(rays.states, at(density.owner, from), weight, rgb, counters);
         }
     }
 
     /// Queues the block's picked samples; a full queue goes through the colour branch.
-    fn queue(
-        &mut self,
-        field: Field<'_>,
-        density: &mut Density<'_>,
-        picks: &Compositing<'_>,
-        picked: usize,
-        rays: &mut [RayState],
-        counters: &mut Counters,
-    ) {
-        let (room, stride) = (self.owner.len(), density.scratch.stride);
-        for (&column, &weight) in head(picks.picked, picked).iter().zip(&*picks.weight) {
-            let column = column as usize;
+    fn queue(&mut self, flight: &mut InFlight<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
+        let (room, stride) = (self.owner.len(), flight.density.scratch.stride);
+        for (column, weight) in picks.iter() {
+            let InFlight { field, density, .. } = &*flight;
             let from = density.scratch.front.chunks_exact(stride.max(1));
             let rows = from.zip(self.h.chunks_exact_mut(room.max(1)));
             for (h, to) in rows.take(field.network.trunk_rows()) {
@@ -105,32 +79,27 @@ impl<'w> Colour<'w> {
             put(self.weight, self.queued, weight);
             self.queued += 1;
             if self.queued == room {
-                self.flush(field, &mut density.scratch, rays, counters);
+                self.flush(flight, counters);
             }
         }
     }
 
     /// Sends the queue through the colour branch; the `h` of the current block is not changed.
-    pub fn flush(
-        &mut self,
-        field: Field<'_>,
-        scratch: &mut Scratch<'_>,
-        rays: &mut [RayState],
-        counters: &mut Counters,
-    ) {
+    pub fn flush(&mut self, flight: &mut InFlight<'_, '_>, counters: &mut Counters) {
         let n = core::mem::take(&mut self.queued);
         if n == 0 {
             return;
         }
-        let (room, stride) = (self.owner.len(), field.columns(n));
+        let InFlight { field, rays, density, .. } = flight;
+        let (field, room, stride) = (*field, self.owner.len(), field.columns(n));
         narrow(self.h, field.network.trunk_rows(), [room, stride], n);
-        let Scratch { encoded, back, .. } = scratch;
+        let Scratch { encoded, back, .. } = &mut density.scratch;
         let mut scratch = Scratch { stride, encoded, front: self.h, back };
         let shares = DirectionShares { values: self.shares, block: field.block_samples() };
         shares.evaluate(field, &mut scratch, head(self.owner, n), self.rgb);
         counters.add_colour(field.network, n);
         for (i, (&owner, &weight)) in head(self.owner, n).iter().zip(&*self.weight).enumerate() {
-            add_colour(rays, owner, weight, column(self.rgb, stride, i), counters);
+            add_colour(rays.states, owner, weight, column(self.rgb, stride, i), counters);
         }
     }
 }

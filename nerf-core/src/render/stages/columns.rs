@@ -5,7 +5,7 @@
 //! last; then the next active ray takes the column. When fewer rays are left than a vector has columns, they are
 //! marched block by block.
 
-use super::density::Density;
+use super::InFlight;
 use super::per_ray::Deferred;
 use crate::math::Math;
 use crate::matrix::Storage;
@@ -48,12 +48,12 @@ impl<'w> ColumnMarch<'w> {
     /// Marches the active rays in SIMD lanes while there are enough to fill a vector; the remaining rays stay active.
     pub fn run<M: Math>(
         &mut self,
-        field: Field<'_>,
-        rays: &mut Rays<'_, '_>,
-        density: &mut Density<'_>,
+        flight: &mut InFlight<'_, '_>,
         deferred: &mut Deferred<'_>,
         counters: &mut Counters,
     ) {
+        let InFlight { field, rays, density, .. } = flight;
+        let field = *field;
         if !VECTORS || rays.active.len() < MAX_LANES {
             return;
         }

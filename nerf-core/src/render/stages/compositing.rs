@@ -1,14 +1,14 @@
 //! Compositing: turns the densities of a block into weights, and marches the rays that have not ended to their next
 //! sample.
 
-use super::density::{Density, of_rays};
+use super::InFlight;
+use super::density::of_rays;
 use crate::math::Math;
-use crate::memory::{Layout, at, column, put, put_column, tail, tail_mut};
+use crate::memory::{Layout, at, column, head, put, put_column, tail, tail_mut};
 use crate::plan::Plan;
 use crate::render::Counters;
 use crate::render::field::Field;
 use crate::render::march::{RayState, Rays};
-use crate::render::pixel::Medians;
 use crate::sampling::{Ends, SampleInterval};
 use crate::simd::{Lanes, MAX_LANES, Op, VECTORS};
 use crate::volume::{alpha, light, thickness};
@@ -24,9 +24,11 @@ pub(in crate::render) struct Compositing<'w> {
     rows: &'w mut [f32],
     /// The columns of the block whose colour or normal is evaluated, ascending: `[samples]`, or empty if neither is
     /// requested.
-    pub picked: &'w mut [u32],
+    picked: &'w mut [u32],
     /// Weight of each picked column: as long as `picked`.
-    pub weight: &'w mut [f32],
+    weight: &'w mut [f32],
+    /// Number of columns picked.
+    pub count: usize,
 }
 
 impl<'w> Compositing<'w> {
@@ -37,27 +39,31 @@ impl<'w> Compositing<'w> {
             rows: layout.slice(if VECTORS { ROWS * samples } else { 0 }, 0.0),
             picked: layout.slice(picks, 0),
             weight: layout.slice(picks, 0.0),
+            count: 0,
         }
     }
 
-    /// Composites the densities of the block's `n` samples, picks those whose colour or normal is evaluated, and
-    /// marches the rays that have not ended to their next occupied sample. Returns the number of samples before the
-    /// end of their ray, and the number picked.
+    /// The picked columns of the block, and the weight of each.
+    #[inline]
+    pub fn iter(&self) -> impl Iterator<Item = (usize, f32)> {
+        let picked = head(self.picked, self.count).iter().zip(&*self.weight);
+        picked.map(|(&column, &weight)| (column as usize, weight))
+    }
+
+    /// Composites the densities of the block's samples, picks those whose colour or normal is evaluated, and marches
+    /// the rays that have not ended to their next occupied sample. Counts the samples before the end of their ray.
     pub fn run<M: Math, const COLLIDE: bool>(
         &mut self,
-        field: Field<'_>,
-        n: usize,
-        density: &Density<'_>,
-        rays: &mut Rays<'_, '_>,
-        medians: &mut Medians<'_>,
+        flight: &mut InFlight<'_, '_>,
         counters: &mut Counters,
-    ) -> (usize, usize) {
-        let plan = field.plan;
+    ) {
         // Without vectors it would be the same work in more code.
         if VECTORS && !COLLIDE {
-            self.absorb::<M>(field, n, density, rays);
+            self.absorb::<M>(flight);
         }
-        let room = density.owner.len();
+        let InFlight { field, rays, density, surface } = flight;
+        let (field, plan, medians, n) = (*field, field.plan, &mut surface.medians, density.count);
+        let (room, picks) = (density.owner.len(), plan.outputs.picks());
         let Rays { states, active, samples, turn, .. } = rays;
         let (mut used, mut picked) = (0, 0);
         for column in 0..n {
@@ -72,14 +78,11 @@ impl<'w> Compositing<'w> {
             if sigma.is_nan() {
                 counters.invalid_samples += 1;
             } else if sigma > 0.0 {
-                let interval = |state: &RayState| {
-                    let SampleInterval { t, mid, delta } =
-                        samples.interval(field, owner, state, column, at(density.t, column));
-                    [t, mid, delta]
-                };
+                let interval =
+                    |state: &RayState| samples.interval(field, owner, state, column, at(density.t, column));
                 let mut before = state.pixel.gathered.optical_thickness();
                 let weight = if COLLIDE {
-                    let [_, mid, delta] = interval(state);
+                    let SampleInterval { mid, delta, .. } = interval(state);
                     state.pixel.gathered.add_thickness(thickness(sigma, delta));
                     state.pixel.done = state.pixel.gathered.collide(before, sigma, mid, delta);
                     state.pixel.done.then_some(1.0)
@@ -89,23 +92,17 @@ impl<'w> Compositing<'w> {
                         before = front;
                         state.pixel.gathered.add_alpha(alpha, light, t);
                     } else {
-                        let [t, _, delta] = interval(state);
+                        let SampleInterval { t, delta, .. } = interval(state);
                         state.pixel.gathered.add_density::<M>(sigma, t, delta);
                     }
                     if medians.passes(owner, &state.pixel.gathered) {
-                        let [_, mid, delta] = interval(state);
+                        let SampleInterval { mid, delta, .. } = interval(state);
                         medians.put(owner, before, sigma, [mid, delta]);
                     }
                     state.pixel.done = state.pixel.gathered.transmittance() < plan.transmittance_cut;
-                    if plan.outputs.picks() {
-                        state.pixel.gathered.take_uncoloured(plan.colour_cut)
-                    } else {
-                        None
-                    }
+                    if picks { state.pixel.gathered.take_uncoloured(plan.colour_cut) } else { None }
                 };
-                if plan.outputs.picks()
-                    && let Some(weight) = weight
-                {
+                if picks && let Some(weight) = weight {
                     put(self.picked, picked, column as u32);
                     put(self.weight, picked, weight);
                     picked += 1;
@@ -119,21 +116,17 @@ impl<'w> Compositing<'w> {
                 }
             }
         }
-        (used, picked)
+        self.count = picked;
+        counters.add_density(field.network, used);
     }
 
-    /// Adds the optical thickness of the block's `n` samples to their rays, and computes the opacity of each and the
+    /// Adds the optical thickness of the block's samples to their rays, and computes the opacity of each and the
     /// transmittance behind it.
     ///
     /// The exponentials are the same bits with every instruction set, and computed up to sixteen at a time.
-    fn absorb<M: Math>(
-        &mut self,
-        field: Field<'_>,
-        n: usize,
-        density: &Density<'_>,
-        rays: &mut Rays<'_, '_>,
-    ) {
-        let (plan, isa, room) = (field.plan, field.isa(), density.owner.len());
+    fn absorb<M: Math>(&mut self, InFlight { field, rays, density, .. }: &mut InFlight<'_, '_>) {
+        let (field, n, room) = (*field, density.count, density.owner.len());
+        let (plan, isa) = (field.plan, field.isa());
         if plan.contraction.is_some() {
             let (owner, t, columns) = (&*density.owner, &*density.t, field.columns(n));
             let to = tail_mut(self.rows, room);
@@ -149,9 +142,8 @@ impl<'w> Compositing<'w> {
                 if plan.contraction.is_some() {
                     [t, delta] = self::column(tail(self.rows, room), room, column);
                 } else {
-                    let t_bins = at(density.t, column);
-                    let interval = rays.samples.interval(field, owner, state, column, t_bins);
-                    (t, delta) = (interval.t, interval.delta);
+                    SampleInterval { t, delta, .. } =
+                        rays.samples.interval(field, owner, state, column, at(density.t, column));
                 }
                 tau = thickness(sigma, delta);
             }

@@ -1,5 +1,6 @@
 //! Trunk and density head of a block of samples.
 
+use crate::camera::Ray;
 use crate::memory::{Layout, at, put, put_column, tail_mut};
 use crate::network::Scratch;
 use crate::render::field::Field;
@@ -18,6 +19,8 @@ pub(in crate::render) struct Density<'w> {
     pub positions: &'w mut [f32],
     /// The network's scratch; `stride` is that of the current block, no more columns than its samples need.
     pub scratch: Scratch<'w>,
+    /// Number of samples of the block that was last evaluated.
+    pub count: usize,
 }
 
 impl<'w> Density<'w> {
@@ -34,6 +37,7 @@ impl<'w> Density<'w> {
                 front: layout.slice(activations * samples, 0.0),
                 back: layout.slice(activations * samples, 0.0),
             },
+            count: 0,
         }
     }
 
@@ -66,20 +70,9 @@ impl<'w> Density<'w> {
 
     /// Evaluates trunk and density head for the block's `n` samples; `positions` has the stride of `n` columns.
     pub fn evaluate(&mut self, field: Field<'_>, n: usize) {
-        self.scratch.stride = field.columns(n);
+        (self.count, self.scratch.stride) = (n, field.columns(n));
         field.network.trunk(field.plan.math, &mut self.scratch, self.positions);
         field.network.density(field.plan.math, &self.scratch, self.sigma);
-    }
-
-    /// Evaluates trunk and density head at the origins of `rays`, one sample a ray.
-    pub fn evaluate_points(&mut self, field: Field<'_>, rays: &[RayState]) {
-        let (n, stride) = (rays.len(), field.columns(rays.len()));
-        for column in 0..stride {
-            let index = column.min(n.saturating_sub(1));
-            put(self.owner, column, index as u32);
-            put_column(self.positions, stride, column, at(rays, index).pixel.ray.origin.to_array());
-        }
-        self.evaluate(field, n);
     }
 }
 
@@ -100,10 +93,9 @@ impl Op for Place<'_> {
     fn run<V: Lanes>(self) {
         let Self { spacing, stride, rays, owner, t, to } = self;
         for from in (0..stride).step_by(V::COUNT) {
-            let line = |state: &RayState| [state.pixel.ray.origin.to_array(), state.pixel.ray.dir.to_array()];
             let values = |state: &RayState| {
-                let [[x, y, z], [u, v, w]] = line(state);
-                [x, y, z, u, v, w]
+                let Ray { origin, dir } = state.pixel.ray;
+                [origin.x, origin.y, origin.z, dir.x, dir.y, dir.z]
             };
             let [x, y, z, u, v, w] = of_rays::<V, 6>(rays, &owner[from..], values);
             let p = spacing.point([x, y, z], [u, v, w], V::load(&t[from..]));

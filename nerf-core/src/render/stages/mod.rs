@@ -1,4 +1,4 @@
-//! The stages of a frame: each owns its buffers, and is handed the rays and the block at work.
+//! The stages of a frame: each owns its buffers, and is handed the rays in flight.
 
 mod colour;
 mod columns;
@@ -8,8 +8,11 @@ mod density;
 mod normals;
 mod per_ray;
 mod points;
-#[cfg_attr(not(feature = "proposal"), path = "proposal_off.rs")]
 mod proposal;
+
+use super::field::Field;
+use super::march::Rays;
+use super::pixel::Surface;
 
 pub(super) use colour::Colour;
 pub(super) use columns::ColumnMarch;
@@ -17,7 +20,15 @@ pub(super) use compositing::Compositing;
 pub(super) use density::Density;
 pub(super) use normals::Normals;
 pub(super) use per_ray::Deferred;
-pub(super) use points::{PointColour, evaluate_points, take_points};
+pub(super) use points::evaluate_points;
 pub(super) use proposal::{Proposer, propose};
 #[cfg(feature = "instances")]
 pub(super) use {colour::DirectionShares, normals::Gradients, per_ray::RayNetworks};
+
+/// The rays of a tile in flight, and the block of their samples at work.
+pub(super) struct InFlight<'f, 'w> {
+    pub field: Field<'f>,
+    pub rays: Rays<'f, 'w>,
+    pub density: Density<'w>,
+    pub surface: Surface<'w>,
+}

@@ -1,13 +1,12 @@
 //! Normals: density gradients at the picked samples, in blocks of their own.
 
+use super::InFlight;
 use super::compositing::Compositing;
 use super::density::{Density, narrow};
 use crate::memory::{Layout, at, column, head, put, put_column};
 use crate::network::{GradientScratch, Network, Scratch};
 use crate::render::Counters;
 use crate::render::field::Field;
-use crate::render::march::RayState;
-use crate::render::pixel::Surface;
 use glam::Vec3;
 
 #[cfg(test)]
@@ -37,54 +36,38 @@ impl<'w> Normals<'w> {
         }
     }
 
-    /// Queues a block's first `n` picked samples for their normals; a full queue is evaluated.
-    pub fn queue(
-        &mut self,
-        field: Field<'_>,
-        density: &mut Density<'_>,
-        picks: &Compositing<'_>,
-        n: usize,
-        (rays, surface): (&[RayState], &mut Surface<'_>),
-        counters: &mut Counters,
-    ) {
-        if !field.plan.outputs.normals {
+    /// Queues a block's picked samples for their normals; a full queue is evaluated.
+    pub fn queue(&mut self, flight: &mut InFlight<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
+        if !flight.field.plan.outputs.normals {
             return;
         }
-        for (&column, &weight) in head(picks.picked, n).iter().zip(&*picks.weight) {
-            put(self.owner, self.queued, at(density.owner, column as usize));
-            put(self.t, self.queued, at(density.t, column as usize));
+        for (column, weight) in picks.iter() {
+            put(self.owner, self.queued, at(flight.density.owner, column));
+            put(self.t, self.queued, at(flight.density.t, column));
             put(self.weight, self.queued, weight);
             self.queued += 1;
             if self.queued == self.owner.len() {
-                self.flush(field, density, rays, surface, counters);
+                self.flush(flight, counters);
             }
         }
     }
 
     /// Computes the normals of the queued samples; overwrites the positions and scratch of the current block.
-    pub fn flush(
-        &mut self,
-        field: Field<'_>,
-        density: &mut Density<'_>,
-        rays: &[RayState],
-        surface: &mut Surface<'_>,
-        counters: &mut Counters,
-    ) {
+    pub fn flush(&mut self, flight: &mut InFlight<'_, '_>, counters: &mut Counters) {
         let n = core::mem::take(&mut self.queued);
         if n == 0 {
             return;
         }
-        let stride = field.columns(n);
+        let InFlight { field, rays, density, surface } = flight;
+        let (field, stride) = (*field, field.columns(n));
         for (column, (&owner, &t)) in head(self.owner, n).iter().zip(&*self.t).enumerate() {
-            let p = field.plan.point(&at(rays, owner as usize).pixel.ray, t);
+            let p = field.plan.point(&at(rays.states, owner as usize).pixel.ray, t);
             put_column(density.positions, stride, column, p.to_array());
         }
         density.scratch.stride = stride;
-        let weights = |i: usize| (at(self.owner, i), at(self.weight, i));
         self.gradients.run(field, density, n, counters, |i, gradient| {
-            let (owner, weight) = weights(i);
-            if let Some(sum) = surface.normals.get_mut(owner as usize) {
-                sum.add(weight, gradient);
+            if let Some(sum) = surface.normals.get_mut(at(self.owner, i) as usize) {
+                sum.add(at(self.weight, i), gradient);
             }
         });
     }

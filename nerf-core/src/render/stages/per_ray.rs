@@ -5,8 +5,8 @@
 //! march: picked samples ─► Σ w h, Σ w of their ray       after the march: P = Σ w h / Σ w ─► colour branch ─► ray
 //! ```
 
+use super::InFlight;
 use super::compositing::Compositing;
-use super::density::Density;
 use crate::memory::{Layout, at, column, head, head_mut, put, put_column, tail, tail_mut};
 use crate::network::{PER_RAY_BUILT, Scratch};
 use crate::render::Counters;
@@ -55,28 +55,24 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Adds the `h` of a block's first `n` picked samples, which is in `scratch.front`, to their rays.
-    pub fn add(&mut self, field: Field<'_>, density: &Density<'_>, picks: &Compositing<'_>, n: usize) {
-        for (&column, &weight) in head(picks.picked, n).iter().zip(&*picks.weight) {
-            let first = at(density.owner, column as usize) as usize * self.row;
+    /// Adds the `h` of a block's picked samples, which is in `scratch.front`, to their rays.
+    pub fn add(&mut self, InFlight { field, density, .. }: &InFlight<'_, '_>, picks: &Compositing<'_>) {
+        for (column, weight) in picks.iter() {
+            let first = at(density.owner, column) as usize * self.row;
             if let Some([sums @ .., total]) = self.sums.get_mut(first..first + self.row) {
-                field.network.add_h(&density.scratch, column as usize, weight, sums);
+                field.network.add_h(&density.scratch, column, weight, sums);
                 *total += weight;
             }
         }
     }
 
-    /// Evaluates the colour branch for each of `rays` that has a weight, and gives the ray that colour.
-    pub fn shade(
-        &mut self,
-        field: Field<'_>,
-        scratch: &mut Scratch<'_>,
-        rays: &mut [RayState],
-        counters: &mut Counters,
-    ) {
+    /// Evaluates the colour branch for each ray that has a weight, and gives the ray that colour.
+    pub fn shade(&mut self, flight: &mut InFlight<'_, '_>, counters: &mut Counters) {
         if self.is_on() {
-            let sums = head(self.sums, rays.len() * self.row);
-            self.networks.shade(field, scratch, sums, rays, counters, |state, _, _, rgb| {
+            let InFlight { field, rays, density, .. } = flight;
+            let sums = head(self.sums, rays.hits * self.row);
+            let (scratch, rays) = (&mut density.scratch, head_mut(rays.states, rays.hits));
+            self.networks.shade(*field, scratch, sums, rays, counters, |state, _, _, rgb| {
                 state.pixel.gathered.colour_all(rgb);
             });
         }
@@ -158,7 +154,7 @@ impl<'w> RayNetworks<'w> {
         scratch: &mut Scratch<'_>,
         rays: &[RayState],
         counters: &mut Counters,
-    ) -> &[f32] {
+    ) -> &mut [f32] {
         self.owner.iter_mut().zip(0..).for_each(|(owner, ray)| *owner = ray);
         self.run(field, scratch, rays, rays.len(), counters);
         self.rgb

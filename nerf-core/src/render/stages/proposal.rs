@@ -4,7 +4,7 @@
 //! The rays of a tile are marched through the proposal's bins as through the scene's, with a network of densities
 //! alone. Each ray draws its samples from the weights; the rest of the frame is the same as without a proposal.
 
-use super::density::Density;
+use super::InFlight;
 use crate::blob::Blob;
 use crate::encoding::GridTables;
 use crate::math::Math;
@@ -12,13 +12,12 @@ use crate::matrix::{Kernel, Storage};
 use crate::memory::{at, put};
 use crate::network::{Network, Role, Weights};
 use crate::plan::Plan;
-use crate::render::field::Field;
-use crate::render::march::Rays;
+use crate::render::march::PROPOSAL_BUILT;
 use crate::render::pixel::{Pixels, RaySource, Target};
 use crate::sampling::SampleJitter;
 use crate::volume::Accumulator;
 
-#[cfg(test)]
+#[cfg(all(test, feature = "proposal"))]
 mod tests;
 
 /// Transmittance at which a ray's march through the proposal ends: the weights behind would draw less than a
@@ -26,68 +25,68 @@ mod tests;
 /// [`Quality::transmittance_cut`](crate::plan::Quality::transmittance_cut), whose loss stays as measured.
 const LEAST_TRANSMITTANCE: f32 = 1e-3;
 
-/// The proposal network of a scene, if it has one.
+/// The proposal network of a scene, if it has one; nothing in a build without proposals.
 #[derive(Clone, Debug)]
-pub(in crate::render) struct Proposer<'a> {
-    network: Option<Network<'a>>,
-}
+pub(in crate::render) struct Proposer<'a>([Option<Network<'a>>; PROPOSAL_BUILT as usize]);
 
 impl<'a> Proposer<'a> {
     /// Number of parameters to unpack; 0 without a network.
     pub fn parameters(blob: &Blob<'_>) -> usize {
-        blob.proposal().map_or(0, |it| it.architecture().density_parameters())
+        blob.proposal().filter(|_| PROPOSAL_BUILT).map_or(0, |it| it.architecture().density_parameters())
     }
 
     /// Decodes the proposal network's weights from the stored format `storage` into `to`: one value a parameter.
     pub fn unpack(blob: &Blob<'_>, storage: Storage, to: &mut [f32]) {
-        if let Some(proposal) = blob.proposal() {
+        if let Some(proposal) = blob.proposal().filter(|_| PROPOSAL_BUILT) {
             Weights::unpack(&proposal.architecture(), storage, proposal.weights, to);
         }
     }
 
     /// The network over its weights: those in the blob, or those from [`Proposer::unpack`].
     pub fn view(blob: &Blob<'a>, kernel: Kernel, unpacked: &'a [f32]) -> Self {
-        let network = blob.proposal().and_then(|it| {
+        Self([(); PROPOSAL_BUILT as usize].map(|()| {
+            let it = blob.proposal()?;
             let architecture = it.architecture();
             let weights = Weights::view(&architecture, kernel.storage, it.weights, unpacked);
             let mut layers = architecture.layers();
             layers.retain(|layer| matches!(layer.role, Role::Trunk(_) | Role::Density));
             Network::of_layers(&architecture, layers, weights, GridTables::NONE, kernel.isa)
-        });
-        Self { network }
+        }))
+    }
+
+    fn network(&self) -> Option<&Network<'a>> {
+        self.0.first()?.as_ref()
     }
 
     /// Multiply-adds of an evaluation; 0 without a network.
     pub fn macs(&self) -> u64 {
-        self.network.as_ref().map_or(0, |network| network.architecture().density_macs() as u64)
+        self.network().map_or(0, |network| network.architecture().density_macs() as u64)
     }
 
     /// Number of samples of a ray, drawn ones and the proposal's own; 0 if the frame uses no proposal.
     pub fn row(&self, plan: &Plan<'_>) -> usize {
-        if self.network.is_some() && plan.proposal.is_some() { plan.samples_per_ray() as usize } else { 0 }
+        if self.network().is_some() && plan.proposal.is_some() { plan.samples_per_ray() as usize } else { 0 }
     }
 
     /// Numbers of rows of encoded inputs and of activations that an evaluation needs in frames of `plan`.
     pub fn rows(&self, plan: &Plan<'_>) -> (usize, usize) {
-        let network = self.network.as_ref().filter(|_| plan.proposal.is_some());
+        let network = self.network().filter(|_| plan.proposal.is_some());
         network.map_or((0, 0), |network| (network.encoded_rows(), network.activation_rows()))
     }
 }
 
-/// Evaluates the proposal for the tile's first `hits` rays, and draws their samples.
+/// Evaluates the proposal for the rays in flight, and draws their samples.
 ///
-/// Rays without an occupied sample are finished; the others are compacted. Returns their number.
+/// Rays without an occupied sample are finished; the others are compacted.
 pub(in crate::render) fn propose<M: Math>(
     proposer: &Proposer<'_>,
-    field: Field<'_>,
-    hits: usize,
-    (rays, density): (&mut Rays<'_, '_>, &mut Density<'_>),
+    InFlight { field, rays, density, .. }: &mut InFlight<'_, '_>,
     pixels: &mut Pixels<'_, '_>,
     source: &impl RaySource,
     target: &mut impl Target,
-) -> usize {
-    let plan = field.plan;
-    let (Some(network), Some(coarse)) = (&proposer.network, &plan.proposal) else { return hits };
+) {
+    let (field, plan, hits) = (*field, field.plan, rays.hits);
+    let (Some(network), Some(coarse)) = (proposer.network(), &plan.proposal) else { return };
     let own = plan.bins.count() as usize;
     rays.samples.begin(hits);
     loop {
@@ -143,5 +142,5 @@ pub(in crate::render) fn propose<M: Math>(
             pixels.finish::<M>(&state.pixel, None, source, target);
         }
     }
-    left
+    rays.hits = left;
 }

@@ -181,7 +181,7 @@ fn tables_of_f16_are_unpacked_in_webassembly_alone() {
     let file = scene(&a, None, &noise(a.position.grid().unwrap().values(), 5)).file;
     let blob = Blob::open(&file).unwrap();
     for kernel in Kernel::all() {
-        let [_, _, tables] = crate::render::prepared::Prepared::measure(&blob, kernel).unpacked;
+        let [_, _, tables] = crate::render::renderer::Prepared::measure(&blob, kernel).unpacked;
         assert_eq!(tables > 0, kernel.isa == crate::Isa::Simd128, "{kernel}");
     }
 }

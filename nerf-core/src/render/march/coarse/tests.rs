@@ -25,7 +25,7 @@ fn no_occupied_cell_is_outside_of_a_packets_stretches() {
             let occupancy = OccupancyGrid::new(*bounds, resolution, &bits);
             let coarse = CoarseOccupancy::new(Some(&occupancy));
             let around = occupancy.occupied_box().unwrap();
-            let packets = coarse.packets_of(&occupancy, around);
+            let packets = coarse.packets_of(&occupancy);
             assert_eq!(packets.is_some(), VECTORS);
             let Some(packets) = packets else { return };
             for i in 0..200 {
@@ -75,7 +75,7 @@ fn a_ray_that_is_no_number_hides_none_beside_it() {
     let bounds = SceneBox { min: Vec3::splat(-1.0), max: Vec3::splat(1.0) };
     let occupancy = OccupancyGrid::new(bounds, [8; 3], &[0xff; 64]);
     let coarse = CoarseOccupancy::new(Some(&occupancy));
-    let packets = coarse.packets_of(&occupancy, bounds);
+    let packets = coarse.packets_of(&occupancy);
     assert_eq!(packets.is_some(), VECTORS);
     let Some(packets) = packets else { return };
     let seen = Ray { origin: Vec3::new(0.0, 0.0, 5.0), dir: Vec3::NEG_Z };

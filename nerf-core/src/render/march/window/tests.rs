@@ -13,7 +13,7 @@ fn isas() -> impl Iterator<Item = Isa> {
     Isa::ALL.into_iter().filter(|isa| isa.available())
 }
 
-/// [`Window::first_occupied`] of all its candidates, with an instruction set.
+/// [`LookUp::first_occupied`] of all its candidates, with an instruction set.
 fn first_occupied(
     isa: Isa,
     window: &mut Window,

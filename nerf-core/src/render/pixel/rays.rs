@@ -1,10 +1,13 @@
-//! Source of the rays of a tile's pixels: a camera, or the caller.
+//! The rays of a tile's pixels: their source, a camera or the caller, and their visible part, a range or the limit of a
+//! depth buffer.
 
-use super::{Limit, RaySegment, Rect, anti_aliasing, depth_of_field};
+use super::{Rect, anti_aliasing, depth_of_field};
 use crate::camera::{Camera, Lens, PinholeRays, Ray};
 use crate::math::log1p;
-use crate::plan::Effects;
+use crate::plan::{Effects, Plan};
+use crate::sampling::SampleJitter;
 use crate::simd::{Isa, MAX_LANES};
+use crate::volume::Accumulator;
 use glam::Vec3;
 
 /// Source of the rays of a tile's pixels.
@@ -31,7 +34,9 @@ pub(in crate::render) trait RaySource {
     /// Distance of a pixel of column `x` whose ray meets no surface, before it is limited to the ray's range.
     fn far(&self, x: u32) -> f32;
     /// The optical thickness at which the ray of column `x` collides.
-    fn until(&self, x: u32) -> f32;
+    fn until(&self, _x: u32) -> f32 {
+        f32::INFINITY
+    }
 }
 
 /// The `turn`-th rays of a camera's pixels.
@@ -75,10 +80,6 @@ impl<L: Fn(u32, u32) -> Limit> RaySource for CameraRays<'_, L> {
     fn far(&self, _: u32) -> f32 {
         self.far
     }
-
-    fn until(&self, _: u32) -> f32 {
-        f32::INFINITY
-    }
 }
 
 /// Rays of the caller's, with any origins: those from index `first` on are the pixels of a row.
@@ -109,5 +110,84 @@ impl<R: Fn(usize) -> RaySegment, U: Fn(usize) -> f32, F: Fn(Vec3) -> f32> RaySou
 
     fn until(&self, x: u32) -> f32 {
         -log1p(-(self.random)(self.first + x as usize))
+    }
+}
+
+/// A ray given by the caller, and its visible distances.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RaySegment {
+    /// Origin, and direction of unit length.
+    pub ray: Ray,
+    /// Nearest visible distance, world units along the ray, at least 0.
+    pub t_min: f32,
+    /// Farthest visible distance, world units along the ray, at least `t_min`; may be infinite. It cuts the bin it
+    /// lies in: opacity is continuous in it.
+    pub t_max: f32,
+}
+
+impl From<Ray> for RaySegment {
+    fn from(ray: Ray) -> Self {
+        Self { ray, t_min: 0.0, t_max: f32::INFINITY }
+    }
+}
+
+/// End of a pixel's ray, from a depth buffer. Infinity and NaN mean no end.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Limit {
+    /// World units along the ray.
+    RayDistance(f32),
+    /// World units along the view axis.
+    ZDepth(f32),
+}
+
+impl Limit {
+    /// No end.
+    pub const NONE: Self = Self::RayDistance(f32::INFINITY);
+
+    /// The limit as a distance along `ray`, of a camera that looks along `forward`; infinite if the ray never meets
+    /// the plane.
+    #[inline]
+    pub(crate) fn along(self, ray: &Ray, forward: Vec3) -> f32 {
+        match self {
+            Self::RayDistance(t) => t,
+            Self::ZDepth(z) => {
+                let cosine = ray.dir.dot(forward);
+                if cosine > 0.0 { z / cosine } else { f32::INFINITY }
+            }
+        }
+    }
+}
+
+/// The ray of a pixel, and what is composited along it.
+#[derive(Clone, Copy)]
+pub(in crate::render) struct PixelRay {
+    /// The ray, from the point its samples are counted from.
+    pub ray: Ray,
+    /// Distance of that point along the ray, world units.
+    pub start: f32,
+    /// Nearest and farthest visible distance along the ray, world units.
+    pub range: [f32; 2],
+    pub x: u32,
+    pub y: u32,
+    /// Whether the transmittance is below the threshold.
+    pub done: bool,
+    pub gathered: Accumulator,
+}
+
+impl PixelRay {
+    pub const NONE: Self = Self {
+        ray: Ray { origin: Vec3::ZERO, dir: Vec3::NEG_Z },
+        start: 0.0,
+        range: [0.0, f32::MAX],
+        x: 0,
+        y: 0,
+        done: true,
+        gathered: Accumulator::NONE,
+    };
+
+    /// The jitter of the ray's samples in frames of `plan`; `turn`: the ray's index among those of its pixel.
+    #[inline]
+    pub fn jitter(&self, plan: &Plan<'_>, turn: u32) -> SampleJitter {
+        SampleJitter::of(plan.effects.jitter.map(|jitter| jitter.seed), self.x, self.y, turn)
     }
 }
