@@ -255,10 +255,11 @@ fn draw_to_surface(
 ) -> f32 {
     let Some(surface) = batch.surfaces.get(index) else { return 0.0 };
     let weight = surface.weight / batch.rays.len() as f32;
-    for i in evaluated.rays[ray].kept.0..evaluated.rays[ray].kept.1 {
-        let sample = evaluated.index_of[samples.row[i] as usize] as usize;
+    let (first, end) = evaluated.rays[ray].kept;
+    for (by_weight, &row) in by_weight[first..end].iter_mut().zip(&samples.row[first..end]) {
+        let sample = evaluated.index_of[row as usize] as usize;
         let along = batch.along.get(sample).copied().unwrap_or(surface.at);
-        by_weight[i] += weight * (along - surface.at).abs().min(Surface::CLIP);
+        *by_weight += weight * (along - surface.at).abs().min(Surface::CLIP);
     }
     weight * Surface::CLIP
 }
