@@ -14,8 +14,8 @@ use nerf_train::fit::run::{Ended, RunOptions, run, spread};
 use nerf_train::measure::eval::measure;
 use nerf_train::model::config::{Config, Jitter, Preset};
 use nerf_train::system::progress::ProgressStyle;
-use nerf_train::train::Trainer;
 use nerf_train::train::schedule::Budget;
+use nerf_train::train::{Trainer, psnr_db_of_mse};
 use std::path::Path;
 use std::time::Instant;
 
@@ -141,7 +141,7 @@ fn beside_dense(data: &Dataset) {
             *seconds += begun.elapsed().as_secs_f64();
         }
         if step == 1 || step % 10 == 0 {
-            let db = [0, 1].map(|i| trainers[i].train_psnr_db());
+            let db = [0, 1].map(|i| psnr_db_of_mse(trainers[i].progressed().mse));
             println!("| {step} | {:.2} | {:.1} | {:.2} | {:.1} |", db[0], seconds[0], db[1], seconds[1]);
         }
     }

@@ -36,7 +36,8 @@ pub struct Progressed {
     pub samples: u64,
     /// Smoothed number of samples in occupied cells per ray; decides how many rays are drawn.
     live_per_ray: f64,
-    mse: f64,
+    /// Smoothed squared error of the training rays; NaN before the first step.
+    pub mse: f64,
     /// Number of consecutive steps without density.
     dead_steps: u32,
     pub reseeds: u32,
