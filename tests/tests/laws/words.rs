@@ -55,7 +55,7 @@ fn comments_name_their_thing_first_in_the_words_of_the_field() {
     ["nerf-core/src", "nerf-render-ffi/src", "nerf-train/src", "include"]
         .iter()
         .for_each(|folder| sources(&root.join(folder), &mut files));
-    assert!(files.len() > 500, "{} files", files.len());
+    assert!(files.len() > 400, "{} files", files.len());
     let (mut faults, mut comments) = (Vec::new(), 0);
     for file in files {
         let text = read_to_string(&file).expect("a source file");

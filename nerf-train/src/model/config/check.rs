@@ -25,31 +25,29 @@ pub struct ConfigError {
     pub found: String,
 }
 
-impl Config {
-    pub fn check(&self) -> Result<(), ConfigError> {
-        let (n, s, g) = (&self.network, &self.sampling, &self.occupancy);
-        check_network(n)?;
-        if let Some(grid) = &n.grid {
-            check_beside_grid(n, grid, g)?;
-        }
-        let sound = s.distortion.is_finite() && s.distortion >= 0.0;
-        rule("sampling.distortion", sound, "finite, at least 0", s.distortion)?;
-        let depth = self.capture.depth;
-        rule("capture.depth", depth.is_finite() && depth >= 0.0, "finite, at least 0", depth)?;
-        if let Some(power) = s.contraction {
-            check_contraction(power, n, s, g)?;
-        }
-        check_sampling(s)?;
-        check_occupancy(g)?;
-        self.optimiser.check()?;
-        if let Jitter::Width(width) = s.jitter
-            && !(width.is_finite() && width >= 0.0)
-        {
-            let (expected, found) = ("a finite width of at least 0".into(), width.to_string());
-            return Err(ConfigError { field: "sampling.jitter", expected, found });
-        }
-        Ok(())
+pub(super) fn check(config: &Config) -> Result<(), ConfigError> {
+    let (n, s, g) = (&config.network, &config.sampling, &config.occupancy);
+    check_network(n)?;
+    if let Some(grid) = &n.grid {
+        check_beside_grid(n, grid, g)?;
     }
+    let sound = s.distortion.is_finite() && s.distortion >= 0.0;
+    rule("sampling.distortion", sound, "finite, at least 0", s.distortion)?;
+    let depth = config.capture.depth;
+    rule("capture.depth", depth.is_finite() && depth >= 0.0, "finite, at least 0", depth)?;
+    if let Some(power) = s.contraction {
+        check_contraction(power, n, s, g)?;
+    }
+    check_sampling(s)?;
+    check_occupancy(g)?;
+    config.optimiser.check()?;
+    if let Jitter::Width(width) = s.jitter
+        && !(width.is_finite() && width >= 0.0)
+    {
+        let (expected, found) = ("a finite width of at least 0".into(), width.to_string());
+        return Err(ConfigError { field: "sampling.jitter", expected, found });
+    }
+    Ok(())
 }
 
 fn check_network(n: &NetworkConfig) -> Result<(), ConfigError> {

@@ -357,4 +357,8 @@ impl Config {
         self.occupancy.hull = false;
         self
     }
+
+    pub fn check(&self) -> Result<(), ConfigError> {
+        check::check(self)
+    }
 }
