@@ -243,6 +243,12 @@ impl Camera {
         Ok(Self { pose, ..*self })
     }
 
+    /// The camera at the pose that a rotation and a translation make of its own.
+    #[cfg(feature = "instances")]
+    pub(crate) fn moved(&self, pose: Pose) -> Self {
+        Self { pose, ..*self }
+    }
+
     /// The intrinsics this camera was made with.
     pub fn intrinsics(&self) -> &Intrinsics {
         &self.intrinsics

@@ -114,17 +114,15 @@ impl<'f, 'w> Frame<'f, 'w> {
         true
     }
 
-    /// Density and colour at up to one block of points.
+    /// Density and colour at up to one block of points, given by position and direction.
     pub fn points(
         &mut self,
-        positions: &[[f32; 3]],
-        dirs: &[[f32; 3]],
+        points: impl Iterator<Item = (Vec3, Vec3)>,
         sigma: &mut [f32],
         rgb: &mut [[f32; 3]],
         counters: &mut Counters,
     ) {
         let InFlight { field, rays, density, .. } = &mut self.flight;
-        let points = positions.iter().zip(dirs).map(|(&p, &dir)| (p.into(), dir.into()));
         let (shares, block) = self.colour.shares(*field);
         let colours = (!rgb.is_empty()).then_some((shares, block, &mut self.deferred.networks));
         evaluate_points(*field, points, rays.states, density, colours, counters, |i, density, colour| {

@@ -13,7 +13,9 @@ use {
     super::Renderer,
     super::error::check_memory,
     super::instances::{Instance, Merge, check},
+    super::pixel::Placed,
     crate::memory::{Arena, Line, Measure},
+    crate::space::Placement,
 };
 
 /// Side of the square tiles that a rectangle is rendered in, pixels: neighbouring rays tend to end together.
@@ -57,8 +59,14 @@ impl<'f> Worker<'f> {
         renderers: impl Iterator<Item = &'n Renderer<'n>> + Clone,
         plan: &Plan<'_>,
     ) -> usize {
-        let networks = renderers.map(|renderer| renderer.network());
-        Measure::lines_of(|it| (Merge::lay_out(it, &[], networks, plan), Pixels::lay_out(it, plan)))
+        let networks = renderers.clone().map(|renderer| renderer.network());
+        let merged =
+            Measure::lines_of(|it| (Merge::lay_out(it, &[], networks, plan), Pixels::lay_out(it, plan)));
+        let mut alone = renderers.map(|renderer| renderer.workspace_lines(plan));
+        match (alone.next(), alone.next()) {
+            (Some(lines), None) => lines.max(merged),
+            _ => merged,
+        }
     }
 
     /// A worker that renders several fields at once, or one that a host has placed.
@@ -67,7 +75,9 @@ impl<'f> Worker<'f> {
     /// densities add and colours are mixed by density. A field shaded once a ray evaluates its colour branch once,
     /// for the mean of its own `h` under its fraction of the weights, and the ray's colour is the mean of the fields'
     /// colours under these fractions. So two instances of a field in one place are that field with twice the density.
-    /// Fields hide one another: a field is not evaluated where another one hides it.
+    /// Fields hide one another: a field is not evaluated where another one hides it. One field without a scale is
+    /// rendered in its own coordinates, at the cost and, at [`Placement::IDENTITY`], with the bits of
+    /// [`Renderer::worker`].
     ///
     /// # Errors
     /// [`RenderError::NoInstances`], [`RenderError::Instance`] with the first that does not go with the others, and
@@ -76,6 +86,14 @@ impl<'f> Worker<'f> {
         let last = check(instances)?;
         let renderers = instances.iter().map(|instance| instance.renderer);
         check_memory(Self::instances_lines(renderers.clone(), last.plan), memory)?;
+        if let [Instance { renderer, plan, placement }] = instances
+            && placement.is_rigid()
+        {
+            let mut worker = renderer.worker(plan, memory)?;
+            // The identity, too, would turn −0 into 0.
+            worker.pixels.placed = Placed(Some(*placement).filter(|it| *it != Placement::IDENTITY));
+            return Ok(worker);
+        }
         let networks = renderers.map(|renderer| renderer.network());
         let mut arena = Arena::new(memory);
         let fields = Fields::Several(Merge::lay_out(&mut arena, instances, networks, last.plan));
@@ -132,6 +150,7 @@ impl<'f> Worker<'f> {
         let capacity = plan.batch.rays as u32;
         let width = TILE_SIDE.min(capacity);
         let pixels = &mut self.pixels;
+        let camera = &pixels.placed.camera(camera);
         pixels.forward = camera.pose().forward();
         for tile in rect.tiles(width, capacity / width.max(1)) {
             pixels.tile = tile;
@@ -283,8 +302,12 @@ impl<'f> Worker<'f> {
         axis: Option<Vec3>,
         target: &mut impl FnMut(usize, &Pixel),
     ) -> Counters {
-        let plan = self.plan();
+        let (plan, placed) = (self.plan(), self.pixels.placed);
         let capacity = plan.batch.rays.max(1);
+        let ray = &|i: usize| {
+            let RaySegment { ray, t_min, t_max } = ray(i);
+            RaySegment { ray: placed.ray(ray), t_min, t_max }
+        };
         for first in (0..count).step_by(capacity) {
             let mut put = |x: u32, _: u32, pixel: &Pixel| match axis {
                 Some(_) => target(first + x as usize, pixel),
@@ -292,7 +315,7 @@ impl<'f> Worker<'f> {
             };
             // Lossless: a plan has at most `Batch::MAX_RAYS`.
             self.pixels.tile = Rect { x: 0, y: 0, width: capacity.min(count - first) as u32, height: 1 };
-            (self.pixels.forward, self.pixels.turn) = (axis.unwrap_or(Vec3::ZERO), 0);
+            (self.pixels.forward, self.pixels.turn) = (axis.map_or(Vec3::ZERO, |axis| placed.dir(axis)), 0);
             of_fields!(&mut self.fields, it => {
                 let source = OwnRays { first, ray, random, far: it.far() };
                 with_math!(plan.math, M => it.turn::<M, COLLIDE>(&mut self.pixels, &source, &mut put));
@@ -337,14 +360,19 @@ impl<'f> Worker<'f> {
             return Err(RenderError::Direction { index, found });
         }
         let capacity = plan.batch.rays.min(plan.batch.samples).max(1);
+        let placed = self.pixels.placed;
+        let in_field = |(&origin, &dir): (&[f32; 3], &[f32; 3])| {
+            let Ray { origin, dir } = placed.ray(Ray { origin: origin.into(), dir: dir.into() });
+            (origin, dir)
+        };
         let points = positions.chunks(capacity).zip(dirs.chunks(capacity));
         let mut colours = rgb.chunks_mut(capacity);
         for ((positions, dirs), sigma) in points.zip(sigma.chunks_mut(capacity)) {
             let rgb = colours.next().unwrap_or_default();
             sigma.fill(0.0);
             rgb.fill([0.0; 3]);
-            let counters = &mut self.pixels.counters;
-            of_fields!(&mut self.fields, it => it.points(positions, dirs, sigma, rgb, counters));
+            let (points, counters) = (positions.iter().zip(dirs).map(in_field), &mut self.pixels.counters);
+            of_fields!(&mut self.fields, it => it.points(points, sigma, rgb, counters));
         }
         Ok(self.counters())
     }

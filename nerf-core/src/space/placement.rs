@@ -1,6 +1,6 @@
 //! The placement of a field in a host's world.
 
-use crate::camera::Ray;
+use crate::camera::{Camera, Pose, Ray};
 use crate::errors::errors;
 use glam::{Mat3, Vec3};
 
@@ -82,6 +82,18 @@ impl Placement {
     /// [`Placement::scale`].
     pub fn ray_in_field(&self, ray: &Ray) -> Ray {
         Ray { origin: self.point_in_field(ray.origin), dir: self.dir_in_field(ray.dir) }
+    }
+
+    /// Whether a distance is the same in both coordinates, up to the rounding of the matrix.
+    pub(crate) fn is_rigid(&self) -> bool {
+        (self.scale - 1.0).abs() <= 1e-6
+    }
+
+    /// Transforms a camera from the world's to the field's coordinates.
+    pub(crate) fn camera_in_field(&self, camera: &Camera) -> Camera {
+        let Pose { rotation, position } = *camera.pose();
+        let rotation = self.rotation.transpose() * rotation;
+        camera.moved(Pose { rotation, position: self.point_in_field(position) })
     }
 
     /// Transforms a direction from the field's to the world's coordinates.

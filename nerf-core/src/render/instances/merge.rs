@@ -444,11 +444,10 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Density and colour at up to one block of points.
+    /// Density and colour at up to one block of points, given by position and direction.
     pub fn points(
         &mut self,
-        positions: &[[f32; 3]],
-        dirs: &[[f32; 3]],
+        points: impl Iterator<Item = (Vec3, Vec3)> + Clone,
         sigma: &mut [f32],
         rgb: &mut [[f32; 3]],
         counters: &mut Counters,
@@ -456,10 +455,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         for (member, it) in self.instances.iter().enumerate() {
             let (field, placement) = (it.field(), &it.placement);
             let rays = self.rays.get_mut(member * self.world.len()..).unwrap_or_default();
-            let points = positions
-                .iter()
-                .zip(dirs)
-                .map(|(&p, &dir)| (placement.point_in_field(p.into()), placement.dir_in_field(dir.into())));
+            let points =
+                points.clone().map(|(p, dir)| (placement.point_in_field(p), placement.dir_in_field(dir)));
             let shares = shares_at(self.instances, self.density.owner.len(), self.shares, member);
             let colours = (!rgb.is_empty()).then_some((shares, &mut *self.rgb, &mut self.deferred.networks));
             evaluate_points(field, points, rays, &mut self.density, colours, counters, |i, density, own| {

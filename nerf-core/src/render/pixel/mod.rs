@@ -10,6 +10,8 @@ mod depth_of_field;
 #[cfg_attr(not(feature = "median"), path = "median_off.rs")]
 mod median;
 mod pixels;
+#[cfg_attr(not(feature = "instances"), path = "placed_off.rs")]
+mod placed;
 mod rays;
 mod rect;
 mod surface;
@@ -19,6 +21,8 @@ mod tone;
 pub(super) use anti_aliasing::rays as rays_a_pixel;
 pub(super) use median::Medians;
 pub(super) use pixels::Pixels;
+#[cfg(feature = "instances")]
+pub(super) use placed::Placed;
 pub(super) use rays::{CameraRays, OwnRays, PixelRay, RaySource};
 pub use rays::{Limit, RaySegment};
 pub use rect::{Rect, Target};

@@ -1,6 +1,7 @@
 //! The pixels of the current tile: each sums up its rays, and goes to the target after the last of them.
 
 use super::anti_aliasing::Sums;
+use super::placed::Placed;
 use super::tone;
 use super::{Medians, PixelRay, RaySource, Rect, Surface, Target};
 use crate::math::Math;
@@ -19,8 +20,9 @@ pub(in crate::render) struct Pixels<'f, 'w> {
     pub tile: Rect,
     /// Whether colour is composited over the background.
     pub background: bool,
-    /// Axis that z_depth is measured along.
+    /// Axis that z_depth is measured along, in the field's coordinates.
     pub forward: Vec3,
+    pub placed: Placed,
     pub counters: Counters,
 }
 
@@ -33,6 +35,7 @@ impl<'f, 'w> Pixels<'f, 'w> {
             tile: Rect { x: 0, y: 0, width: 0, height: 0 },
             background: true,
             forward: Vec3::ZERO,
+            placed: Placed::NONE,
             counters: Counters::default(),
         }
     }
@@ -54,6 +57,7 @@ impl<'f, 'w> Pixels<'f, 'w> {
             Some((surface, index)) => surface.finish(index, ray.start, far, &mut seen),
             None => seen.median_distance = self.median_of_missed(far),
         }
+        seen.normal = self.placed.normal(seen.normal);
         self.put::<M>((ray.x, ray.y), seen, far, target);
     }
 

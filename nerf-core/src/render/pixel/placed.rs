@@ -1,0 +1,32 @@
+//! The placement of one rigid field, which is rendered in its own coordinates: no distance changes in them.
+
+use crate::camera::{Camera, Ray};
+use crate::space::Placement;
+use glam::Vec3;
+
+/// The placement of the field; `None` for a field in its own coordinates, and for several fields.
+#[derive(Clone, Copy)]
+pub(in crate::render) struct Placed(pub Option<Placement>);
+
+impl Placed {
+    pub const NONE: Self = Self(None);
+
+    pub fn camera(&self, camera: &Camera) -> Camera {
+        self.0.map_or(*camera, |placement| placement.camera_in_field(camera))
+    }
+
+    #[inline]
+    pub fn ray(&self, ray: Ray) -> Ray {
+        self.0.map_or(ray, |placement| placement.ray_in_field(&ray))
+    }
+
+    /// A direction of the world's in the field's coordinates.
+    pub fn dir(&self, dir: Vec3) -> Vec3 {
+        self.0.map_or(dir, |placement| placement.dir_in_field(dir))
+    }
+
+    /// A normal of the field's in the world's coordinates.
+    pub fn normal(&self, normal: [f32; 3]) -> [f32; 3] {
+        self.0.map_or(normal, |placement| placement.dir_in_world(normal.into()).into())
+    }
+}

@@ -1,0 +1,27 @@
+//! No placement: every field is in its own coordinates.
+
+use crate::camera::{Camera, Ray};
+use glam::Vec3;
+
+#[derive(Clone, Copy)]
+pub(in crate::render) struct Placed;
+
+impl Placed {
+    pub const NONE: Self = Self;
+
+    pub fn camera(&self, camera: &Camera) -> Camera {
+        *camera
+    }
+
+    pub fn ray(&self, ray: Ray) -> Ray {
+        ray
+    }
+
+    pub fn dir(&self, dir: Vec3) -> Vec3 {
+        dir
+    }
+
+    pub fn normal(&self, normal: [f32; 3]) -> [f32; 3] {
+        normal
+    }
+}
