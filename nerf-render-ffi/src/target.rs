@@ -55,7 +55,8 @@ pub struct Target {
     /// Infinity or NaN for no end; NULL for no limits. It cuts the sample interval that it lies in, so edges are
     /// smooth, and samples after it cost nothing.
     pub limit_ray_distance: Plane,
-    /// Input: the same limits as distances along the view axis, such as a depth buffer. At most one of the two.
+    /// Input: the same limits as distances along the view axis, such as a depth buffer. At most one of the two. A depth
+    /// `d` in normalised device coordinates is `p[14] / (d + p[10])`, of a column-major perspective `p` along -Z.
     pub limit_z_depth: Plane,
 }
 
