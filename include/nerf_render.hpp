@@ -15,6 +15,8 @@
 //     auto counters = worker->render(camera, target);
 //
 // - Names, units and rules are those of nerf_render.h. There is a wrapper for whatever needs a struct_size in C.
+// - A matrix passed to a function is 16 floats, column-major as in OpenGL and glTF, and the parameter is named so. The
+//   fields c2w and to_world are three rows of four, row-major, as in C.
 // - nerf::memory is owned or lent by the caller: without a heap, lend everything.
 // - A scene never changes: threads may share it, each with a worker of its own.
 // - A moved-from object is empty: calls on it are NERF_STATUS_NULL_POINTER, not undefined.
@@ -406,16 +408,16 @@ struct camera : detail::sized<nerf_camera> {
         return {columns, rows, 0.5f * static_cast<float>(rows) / std::tan(0.5f * fov)};
     }
 
-    /// The camera of a renderer's own matrices, 16 floats each, column-major as in OpenGL and glTF. `view` takes the
-    /// world to the eye by a rotation and a translation. `projection` is perspective, along -Z; its near and far
-    /// planes are ignored. NERF_STATUS_CAMERA for any other kind.
-    static result<camera> from_matrices(std::uint32_t columns, std::uint32_t rows, span<const float> view,
-                                        span<const float> projection) noexcept {
-        if (view.size() != 16 || projection.size() != 16) {
+    /// The camera of a renderer's own matrices, 16 floats each, column-major as in OpenGL and glTF. The view matrix
+    /// takes the world to the eye by a rotation and a translation. The projection is perspective, along -Z; its near
+    /// and far planes are ignored. NERF_STATUS_CAMERA for any other kind.
+    static result<camera> from_matrices(std::uint32_t columns, std::uint32_t rows, span<const float> view_column_major,
+                                        span<const float> projection_column_major) noexcept {
+        if (view_column_major.size() != 16 || projection_column_major.size() != 16) {
             return detail::failed(NERF_STATUS_CAMERA, "from_matrices: expected 16 floats each");
         }
         const auto near_to = [](float a, float b) { return std::fabs(a - b) <= 1e-4f; };
-        const float *const v = view.data(), *const p = projection.data();
+        const float *const v = view_column_major.data(), *const p = projection_column_major.data();
         const bool perspective = p[3] == 0.0f && p[7] == 0.0f && p[15] == 0.0f && p[11] == -1.0f && p[1] == 0.0f &&
                                  p[4] == 0.0f && p[12] == 0.0f && p[13] == 0.0f && p[0] > 0.0f && p[5] > 0.0f;
         if (!perspective) {
@@ -424,7 +426,7 @@ struct camera : detail::sized<nerf_camera> {
         const vec3 x{v[0], v[4], v[8]}, y{v[1], v[5], v[9]}, z{v[2], v[6], v[10]};
         const bool rigid = near_to(dot(x, x), 1.0f) && near_to(dot(y, y), 1.0f) && near_to(dot(x, y), 0.0f) &&
                            near_to(dot(cross(x, y), z), 1.0f) && near_to(dot(z, z), 1.0f) && v[3] == 0.0f &&
-                           v[7] == 0.0f && v[11] == 0.0f && v[15] == 1.0f;
+                           v[7] == 0.0f && v[11] == 0.0f && near_to(v[15], 1.0f);
         if (!rigid) {
             return detail::failed(NERF_STATUS_CAMERA, "view: expected a rotation and a translation");
         }
@@ -473,6 +475,16 @@ struct camera : detail::sized<nerf_camera> {
     vec3 backward() const noexcept { return {c2w[2], c2w[6], c2w[10]}; }
     vec3 centre() const noexcept { return {c2w[3], c2w[7], c2w[11]}; }
 };
+
+/// The distance along the view axis of a depth in normalised device coordinates, for target::limit_z_depth; infinite
+/// at an infinite far plane.
+///
+/// The projection is as in camera::from_matrices, with depths in [-1, 1] or [0, 1], reversed or not. OpenGL's buffer
+/// holds 0.5 * ndc + 0.5.
+inline float z_depth(float ndc, span<const float> projection_column_major) noexcept {
+    const float z = projection_column_major[14] / (ndc + projection_column_major[10]);
+    return z > 0.0f ? z : std::numeric_limits<float>::infinity();
+}
 
 // -------------------------------------------------------------------------------------- targets
 
@@ -566,7 +578,8 @@ private:
 /// Planes of an image, or of a window of it; any rectangle inside can be rendered into them. For rays, one row.
 struct target {
     plane rgb = {}, opacity = {}, ray_distance = {}, z_depth = {}, median_distance = {}, normals = {};
-    /// Limits at which each pixel's ray ends: hits that a host has traced, or a depth buffer. At most one of the two.
+    /// Limits at which each pixel's ray ends: hits that a host has traced, or a depth buffer (nerf::z_depth). At most
+    /// one of the two.
     plane limit_ray_distance = {}, limit_z_depth = {};
     /// The part of the image that the planes hold; empty for the whole image.
     rect window = {};
@@ -893,12 +906,16 @@ private:
 struct instance : detail::sized<nerf_instance> {
     /// The scene in its own coordinates.
     explicit instance(const nerf::scene &of) noexcept { scene = of.get(); }
-    /// `matrix`: 16 floats, column-major as in OpenGL and glTF, from the scene's coordinates to the world's. With
-    /// another number of floats the instance is invalid (`struct_size` 0), and opening a worker refuses it.
-    instance(const nerf::scene &of, span<const float> matrix) noexcept : instance(of) {
-        struct_size = matrix.size() == 16 ? sizeof(nerf_instance) : 0;
-        for (std::size_t i = 0; i < 12 && struct_size != 0; ++i) {
-            to_world[i] = matrix[i % 4 * 4 + i / 4];
+    /// The scene placed by a transform from its coordinates to the world's: 16 floats, column-major as in OpenGL and
+    /// glTF. With another number of floats, or another last row than 0, 0, 0, 1 (as a translation in row-major order
+    /// has), the instance is invalid (`struct_size` 0), and opening a worker refuses it.
+    instance(const nerf::scene &of, span<const float> column_major) noexcept : instance(of) {
+        const auto last_row = [&](std::size_t c) { return column_major[4 * c + 3]; };
+        const bool affine = column_major.size() == 16 && last_row(0) == 0.0f && last_row(1) == 0.0f &&
+                            last_row(2) == 0.0f && std::fabs(last_row(3) - 1.0f) <= 1e-4f;
+        struct_size = affine ? sizeof(nerf_instance) : 0;
+        for (std::size_t i = 0; i < 12 && affine; ++i) {
+            to_world[i] = column_major[i % 4 * 4 + i / 4];
         }
     }
 };
@@ -914,6 +931,43 @@ struct rays {
     /// The axis, of unit length, along which z_depth is measured.
     std::optional<vec3> axis = {};
 };
+
+/// The result of one ray; fields of outputs that the worker was not opened for are 0.
+struct pixel {
+    /// Colour as in an RGBA plane: premultiplied, in front of `(1 - opacity)` of what is behind.
+    vec3 rgb;
+    float opacity = 0.0f, ray_distance = 0.0f, median_distance = 0.0f;
+    vec3 normal;
+};
+static_assert(offsetof(pixel, opacity) == 3 * sizeof(float));
+
+namespace detail {
+
+template <class N>
+float to_float(N number) noexcept {
+    if constexpr (std::is_same_v<N, float>) {
+        return number;
+    } else {
+        return static_cast<float>(number);
+    }
+}
+
+/// Whether a host's vector has fields x, y and z.
+template <class V, class = void>
+inline constexpr bool has_xyz = false;
+template <class V>
+inline constexpr bool has_xyz<V, std::void_t<decltype(std::declval<V>().x + std::declval<V>().z)>> = true;
+
+template <class V>
+vec3 to_vec3(const V &of) noexcept {
+    if constexpr (has_xyz<V>) {
+        return {to_float(of.x), to_float(of.y), to_float(of.z)};
+    } else {
+        return {to_float(of[0]), to_float(of[1]), to_float(of[2])};
+    }
+}
+
+} // namespace detail
 
 /// Scene, options, outputs and memory, prepared for any number of calls: one for each thread. Movable; the scene must
 /// stay in place while the worker is used.
@@ -967,6 +1021,26 @@ public:
     /// Samples the point at which a photon on each ray collides, by its number of `of.random`.
     result<counters> sample_rays(const rays &of, const target &to) noexcept { return trace(nerf_sample_rays, of, to); }
 
+    /// Renders one ray from `t_min` to `t_max`, with every output of the worker but z_depth. Many rays in one call of
+    /// render_rays are faster.
+    ///
+    /// `origin`, and `dir` of unit length: vectors of floats or doubles, with fields x, y, z or three elements.
+    template <class V, class W, class N = float, class F = float>
+    result<pixel> render_ray(const V &origin, const W &dir, N t_min = 0.0f,
+                             F t_max = std::numeric_limits<float>::infinity()) noexcept {
+        return trace_one(nerf_render_rays, detail::to_vec3(origin), detail::to_vec3(dir), detail::to_float(t_min),
+                         detail::to_float(t_max));
+    }
+
+    /// Samples the point at which a photon on one ray collides, by a random number in [0, 1); the rest as in
+    /// render_ray.
+    template <class V, class W, class R, class N = float, class F = float>
+    result<pixel> sample_ray(const V &origin, const W &dir, R random, N t_min = 0.0f,
+                             F t_max = std::numeric_limits<float>::infinity()) noexcept {
+        return trace_one(nerf_sample_rays, detail::to_vec3(origin), detail::to_vec3(dir), detail::to_float(t_min),
+                         detail::to_float(t_max), detail::to_float(random));
+    }
+
     /// Evaluates density and colour at points seen along unit directions.
     ///
     /// `rgb` is display-encoded unless the options say linear; if it is empty, `dirs` may be empty, too.
@@ -1004,12 +1078,13 @@ private:
         asked.outputs = outputs;
         return asked;
     }
-    /// The error of the first instance that was made from another number of floats than 16.
+    /// The error of the first instance whose matrix was refused.
     static error wrong_instance(const nerf_request &asked) noexcept {
         error why;
         for (std::size_t i = 0; i < asked.instance_count && why.status == NERF_STATUS_OK; ++i) {
             if (asked.instances[i].struct_size == 0) {
-                constexpr std::string_view name = "instances[", wrong = "]: expected a matrix of 16 floats";
+                constexpr std::string_view name = "instances[";
+                constexpr std::string_view wrong = "]: expected a matrix of 16 floats, column-major, last row 0 0 0 1";
                 why.status = NERF_STATUS_TRANSFORM;
                 char *const index = std::copy(name.begin(), name.end(), why.message);
                 *std::copy(wrong.begin(), wrong.end(), std::to_chars(index, index + 20, i).ptr) = '\0';
@@ -1032,6 +1107,7 @@ private:
         }
         worker opened;
         opened.home_ = std::move(home);
+        opened.outputs_.value = asked.outputs;
         return detail::checked(std::move(opened), [&](worker &to, char *message, std::size_t capacity) {
             return nerf_worker_open(&asked, to.home_.data(), to.home_.size(), &to.handle_.value, message, capacity);
         });
@@ -1081,8 +1157,35 @@ private:
         return detail::made<counters>(call, get(), &asked);
     }
 
+    template <class Call, class... Random>
+    result<pixel> trace_one(Call &&call, const vec3 &origin, const vec3 &dir, float t_min, float t_max,
+                            const Random &...random) noexcept {
+        return detail::checked(pixel(), [&](pixel &to, char *message, std::size_t capacity) {
+            const auto plane_of = [this](std::uint32_t output, void *at, nerf_format format) {
+                return nerf_plane{(outputs_.value & output) != 0 ? at : nullptr, 0, 0, format, 0};
+            };
+            const bool coloured = (outputs_.value & NERF_OUTPUT_RGB) != 0; // RGBA: the opacity follows the colour
+            detail::sized<nerf_target> planes;
+            planes.rgb = plane_of(NERF_OUTPUT_RGB, &to, NERF_FORMAT_RGBA_F32);
+            planes.opacity = plane_of(coloured ? 0 : NERF_OUTPUT_OPACITY, &to.opacity, NERF_FORMAT_F32);
+            planes.ray_distance = plane_of(NERF_OUTPUT_RAY_DISTANCE, &to.ray_distance, NERF_FORMAT_F32);
+            planes.median_distance = plane_of(NERF_OUTPUT_MEDIAN_DISTANCE, &to.median_distance, NERF_FORMAT_F32);
+            planes.normals = plane_of(NERF_OUTPUT_NORMALS, &to.normal, NERF_FORMAT_VEC3_F32);
+            detail::sized<nerf_rays> asked;
+            asked.count = 1;
+            asked.origins.data = detail::floats_at<const float>(&origin);
+            asked.dirs.data = detail::floats_at<const float>(&dir);
+            asked.t_min.data = &t_min;
+            asked.t_max.data = &t_max;
+            ((asked.random.data = &random), ...);
+            asked.target = &planes;
+            return call(get(), &asked, nullptr, message, capacity);
+        });
+    }
+
     memory home_;
     detail::moved<nerf_worker *> handle_;
+    detail::moved<std::uint32_t> outputs_;
 };
 
 inline result<worker> scene::worker(std::uint32_t outputs, const options &how) const noexcept {
