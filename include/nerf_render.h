@@ -10,6 +10,7 @@
  * - Scalars and handles are written on success only, pictures only in whole tiles.
  * - A scene never changes: threads may use it at the same time, each with a worker of its own.
  * - World units throughout; right-handed; cameras look down -Z; colour is display-encoded.
+ * - Matrices are row-major, the upper three rows of a 4x4 matrix that is applied to column vectors.
  *
  * The whole contract: nerf-render-ffi/README.md.
  */
@@ -861,7 +862,8 @@ typedef struct nerf_instance {
     const struct nerf_scene *scene;
     /**
      * Transform from the scene's coordinates to the world's: the upper three rows of the 4x4 matrix, row-major, a
-     * rotation times one scale and a translation. All zeros for the identity.
+     * rotation times one scale and a translation. `to_world[4 * row + column]` is `m[4 * column + row]` of a
+     * column-major matrix `m`, as OpenGL and glTF have it. All zeros for the identity.
      */
     float to_world[12];
 } nerf_instance;
@@ -1130,7 +1132,8 @@ typedef struct nerf_target {
      */
     struct nerf_plane limit_ray_distance;
     /**
-     * Input: the same limits as distances along the view axis, such as a depth buffer. At most one of the two.
+     * Input: the same limits as distances along the view axis, such as a depth buffer. At most one of the two. A depth
+     * `d` in normalised device coordinates is `p[14] / (d + p[10])`, of a column-major perspective `p` along -Z.
      */
     struct nerf_plane limit_z_depth;
 } nerf_target;

@@ -15,6 +15,8 @@
 //     auto counters = worker->render(camera, target);
 //
 // - Names, units and rules are those of nerf_render.h. There is a wrapper for whatever needs a struct_size in C.
+// - A matrix passed to a function is 16 floats, column-major as in OpenGL and glTF, and the parameter is named so. The
+//   fields c2w and to_world are three rows of four, row-major, as in C.
 // - nerf::memory is owned or lent by the caller: without a heap, lend everything.
 // - A scene never changes: threads may share it, each with a worker of its own.
 // - A moved-from object is empty: calls on it are NERF_STATUS_NULL_POINTER, not undefined.
@@ -57,10 +59,9 @@ inline constexpr bool lends = std::is_lvalue_reference_v<C> || std::is_same_v<el
 struct strided_view {};
 
 /// Casts a pointer to floats, whatever structure holds them: the C library reads and writes them by copying.
-template <class T, class E>
-T *floats_at(E *first) noexcept {
-    using untyped = std::conditional_t<std::is_const_v<T>, const void, void>;
-    return static_cast<T *>(static_cast<untyped *>(first));
+template <class T>
+T *floats_at(std::conditional_t<std::is_const_v<T>, const void, void> *first) noexcept {
+    return static_cast<T *>(first);
 }
 
 } // namespace detail
@@ -99,7 +100,6 @@ public:
     constexpr bytes(const C &container) noexcept
         : data_(std::data(container)), size_(std::size(container) * sizeof(E)) {}
 
-    /// Deleted for a temporary that owns its bytes: they would be gone.
     template <class C, class = std::enable_if_t<!detail::lends<C>>>
     bytes(C &&container) = delete;
 
@@ -156,10 +156,9 @@ private:
     bool whole_ = true;
 };
 
-/// Points, directions or colours: three floats each.
+/// Points, directions or colours.
 template <class T>
 using triples = strided<T, 3>;
-/// One float per ray or point.
 template <class T>
 using numbers = strided<T, 1>;
 
@@ -178,7 +177,6 @@ auto member(C &&container, F S::*field) noexcept {
 
 /// Whether the library has the ABI that this header was written for.
 inline bool abi_matches() noexcept { return nerf_abi_version() == NERF_ABI_VERSION; }
-/// The library's version, "0.1.0".
 inline std::string_view version() noexcept { return nerf_version_text(); }
 
 /// A view of a text inside a blob; it lives as long as the blob.
@@ -195,12 +193,30 @@ struct error {
     const char *text() const noexcept { return message[0] == '\0' ? nerf_status_text(status) : message; }
 };
 
+template <class T>
+class result;
+
+/// Success, or the error that explains the failure.
+template <>
+class [[nodiscard]] result<void> {
+public:
+    result(const nerf::error &error = {}) noexcept : error_(error) {}
+
+    explicit operator bool() const noexcept { return error_.status == NERF_STATUS_OK; }
+    /// The error; its status is 0 after a success.
+    const nerf::error &error() const noexcept { return error_; }
+    nerf_status status() const noexcept { return error_.status; }
+
+private:
+    nerf::error error_;
+};
+
 /// A value, or the error that explains why there is none. Test it before using it.
 template <class T>
-class [[nodiscard]] result {
+class [[nodiscard]] result : public result<void> {
 public:
     result(T &&value) noexcept : value_(std::move(value)) {}
-    result(const nerf::error &error) noexcept : error_(error) {}
+    result(const nerf::error &error) noexcept : result<void>(error) {}
 
     explicit operator bool() const noexcept { return value_.has_value(); }
     T &operator*() & noexcept { return assert(value_), *value_; }
@@ -213,27 +229,8 @@ public:
     T *operator->() noexcept { return assert(value_), &*value_; }
     const T *operator->() const noexcept { return assert(value_), &*value_; }
 
-    /// The error; its status is 0 if there is a value.
-    const nerf::error &error() const noexcept { return error_; }
-    nerf_status status() const noexcept { return error_.status; }
-
 private:
     std::optional<T> value_;
-    nerf::error error_;
-};
-
-/// Success, or the error that explains the failure.
-template <>
-class [[nodiscard]] result<void> {
-public:
-    result(const nerf::error &error = {}) noexcept : error_(error) {}
-
-    explicit operator bool() const noexcept { return error_.status == NERF_STATUS_OK; }
-    const nerf::error &error() const noexcept { return error_; }
-    nerf_status status() const noexcept { return error_.status; }
-
-private:
-    nerf::error error_;
 };
 
 /// Size of the memory that a call needs, bytes, and its alignment.
@@ -277,9 +274,9 @@ struct sized : C {
 /// A value that becomes empty when it is moved from.
 template <class T>
 struct moved {
-    T value = {};
+    T value;
 
-    moved() noexcept = default;
+    moved(T of = {}) noexcept : value(of) {}
     moved(moved &&other) noexcept : value(std::exchange(other.value, T())) {}
     moved &operator=(moved &&other) noexcept {
         value = std::exchange(other.value, T());
@@ -290,23 +287,38 @@ struct moved {
 /// Deleter that frees only what is owned. A function pointer, so that a program that only lends links no heap.
 template <class T>
 struct ending {
-    void (*end)(T *, std::size_t align) noexcept = nullptr;
+    void (*end)(T *, std::size_t align) noexcept = [](T *, std::size_t) noexcept {};
     std::size_t align = 1;
 
-    void operator()(T *owned) const noexcept {
-        if (end != nullptr) {
-            end(owned, align);
-        }
-    }
+    void operator()(T *owned) const noexcept { end(owned, align); }
 };
 
-template <std::size_t length>
-error failed(nerf_status status, const char (&message)[length]) noexcept {
-    error why;
-    static_assert(length <= sizeof why.message);
-    why.status = status;
-    std::copy_n(message, length, why.message);
-    return why;
+/// Type of an absent progress callback, and of the library's own clock.
+struct none {};
+
+/// Calls a callable; noexcept, since no exception may reach C. `user` points to a pointer to it: it may be a function.
+template <class F>
+int32_t progress(void *user, std::uint64_t done, std::uint64_t all) noexcept {
+    F &f = **static_cast<F **>(user);
+    const auto call = [&] {
+        if constexpr (std::is_invocable_v<F &, std::uint64_t, std::uint64_t>) {
+            return f(done, all);
+        } else {
+            return f();
+        }
+    };
+    if constexpr (std::is_void_v<decltype(call())>) {
+        call();
+        return 0;
+    } else {
+        static_assert(std::is_same_v<decltype(call()), bool>, "a progress callback says whether to go on, or nothing");
+        return call() ? 0 : 1;
+    }
+}
+
+template <class F>
+std::uint64_t clock(void *user) noexcept {
+    return (**static_cast<F **>(user))();
 }
 
 } // namespace detail
@@ -320,15 +332,12 @@ public:
 
     /// Allocates memory from the heap; NERF_STATUS_OUT_OF_MEMORY if there is not enough.
     static result<memory> allocate(const layout &needed) noexcept {
-        memory owned;
-        owned.data_.reset(::operator new(needed.size, std::align_val_t{needed.align}, std::nothrow));
-        if (owned.data_ == nullptr) {
-            return detail::failed(NERF_STATUS_OUT_OF_MEMORY, "memory: the heap has not as much as is needed");
-        }
-        owned.size_.value = needed.size;
         const auto free = [](void *data, std::size_t align) noexcept { ::operator delete(data, std::align_val_t{align}); };
-        owned.data_.get_deleter() = {free, needed.align};
-        return owned;
+        void *const data = ::operator new(needed.size, std::align_val_t{needed.align}, std::nothrow);
+        if (data == nullptr) {
+            return error{NERF_STATUS_OUT_OF_MEMORY, "memory: the heap has not as much as is needed"};
+        }
+        return memory(data, needed.size, {free, needed.align});
     }
     /// Allocates memory of the layout in `needed`, or passes its error on.
     static result<memory> allocate(const result<layout> &needed) noexcept {
@@ -341,16 +350,15 @@ public:
         using element = detail::element<C>;
         static_assert(std::is_trivially_copyable_v<element> && !std::is_const_v<element>);
         static_assert(detail::lends<C>, "a temporary takes its memory along");
-        memory lent;
-        lent.data_.reset(std::data(container));
-        lent.size_.value = std::size(container) * sizeof(element);
-        return lent;
+        return {std::data(container), std::size(container) * sizeof(element)};
     }
 
     void *data() const noexcept { return data_.get(); }
     std::size_t size() const noexcept { return size_.value; }
 
 private:
+    memory(void *data, std::size_t size, detail::ending<void> end = {}) noexcept : data_(data, end), size_{size} {}
+
     std::unique_ptr<void, detail::ending<void>> data_;
     detail::moved<std::size_t> size_;
 };
@@ -381,6 +389,18 @@ inline std::pair<vec3, vec3> across(vec3 up) noexcept {
     return {{1.0f + sign * up.x * up.x * a, sign * b, -sign * up.x}, {b, sign + up.y * up.y * a, -up.y}};
 }
 
+inline float to_float(float number) noexcept { return number; }
+template <class N>
+float to_float(N number) noexcept { return static_cast<float>(number); }
+
+/// A host's vector, with fields x, y and z (the overload for an int, which goes first) or with three elements.
+template <class V>
+auto to_vec3(const V &of, int) noexcept -> decltype(of.x + of.z, vec3()) {
+    return {to_float(of.x), to_float(of.y), to_float(of.z)};
+}
+template <class V>
+vec3 to_vec3(const V &of, long) noexcept { return {to_float(of[0]), to_float(of[1]), to_float(of[2])}; }
+
 } // namespace detail
 
 /// The ray through an image point: `dir` is of unit length, and `z_depth` = z_per_distance * `ray_distance`.
@@ -406,27 +426,27 @@ struct camera : detail::sized<nerf_camera> {
         return {columns, rows, 0.5f * static_cast<float>(rows) / std::tan(0.5f * fov)};
     }
 
-    /// The camera of a renderer's own matrices, 16 floats each, column-major as in OpenGL and glTF. `view` takes the
-    /// world to the eye by a rotation and a translation. `projection` is perspective, along -Z; its near and far
-    /// planes are ignored. NERF_STATUS_CAMERA for any other kind.
-    static result<camera> from_matrices(std::uint32_t columns, std::uint32_t rows, span<const float> view,
-                                        span<const float> projection) noexcept {
-        if (view.size() != 16 || projection.size() != 16) {
-            return detail::failed(NERF_STATUS_CAMERA, "from_matrices: expected 16 floats each");
+    /// The camera of a renderer's own matrices. The view matrix takes the world to the eye by a rotation and a
+    /// translation. The projection is perspective, along -Z; its near and far planes are ignored. Any other kind is
+    /// NERF_STATUS_CAMERA.
+    static result<camera> from_matrices(std::uint32_t columns, std::uint32_t rows, span<const float> view_column_major,
+                                        span<const float> projection_column_major) noexcept {
+        if (view_column_major.size() != 16 || projection_column_major.size() != 16) {
+            return error{NERF_STATUS_CAMERA, "from_matrices: expected 16 floats each"};
         }
         const auto near_to = [](float a, float b) { return std::fabs(a - b) <= 1e-4f; };
-        const float *const v = view.data(), *const p = projection.data();
+        const float *const v = view_column_major.data(), *const p = projection_column_major.data();
         const bool perspective = p[3] == 0.0f && p[7] == 0.0f && p[15] == 0.0f && p[11] == -1.0f && p[1] == 0.0f &&
                                  p[4] == 0.0f && p[12] == 0.0f && p[13] == 0.0f && p[0] > 0.0f && p[5] > 0.0f;
         if (!perspective) {
-            return detail::failed(NERF_STATUS_CAMERA, "projection: expected a perspective one that looks along -Z");
+            return error{NERF_STATUS_CAMERA, "projection: expected a perspective one that looks along -Z"};
         }
         const vec3 x{v[0], v[4], v[8]}, y{v[1], v[5], v[9]}, z{v[2], v[6], v[10]};
         const bool rigid = near_to(dot(x, x), 1.0f) && near_to(dot(y, y), 1.0f) && near_to(dot(x, y), 0.0f) &&
                            near_to(dot(cross(x, y), z), 1.0f) && near_to(dot(z, z), 1.0f) && v[3] == 0.0f &&
-                           v[7] == 0.0f && v[11] == 0.0f && v[15] == 1.0f;
+                           v[7] == 0.0f && v[11] == 0.0f && near_to(v[15], 1.0f);
         if (!rigid) {
-            return detail::failed(NERF_STATUS_CAMERA, "view: expected a rotation and a translation");
+            return error{NERF_STATUS_CAMERA, "view: expected a rotation and a translation"};
         }
         const float half_width = 0.5f * static_cast<float>(columns), half_height = 0.5f * static_cast<float>(rows);
         camera made(columns, rows, half_width * p[0]);
@@ -444,8 +464,7 @@ struct camera : detail::sized<nerf_camera> {
     /// Places the camera at `eye`, looking at `target`, with `up` upwards in its image. If there is no such view
     /// (`eye` equals `target`, or `up` is the line of sight), rendering returns NERF_STATUS_CAMERA.
     camera &look_at(vec3 eye, vec3 target, vec3 up = {0.0f, 0.0f, 1.0f}) noexcept {
-        const auto three = [](const vec3 &of) { return detail::floats_at<const float>(&of); };
-        if (nerf_camera_look_at(this, three(eye), three(target), three(up), nullptr, 0) != NERF_STATUS_OK) {
+        if (nerf_camera_look_at(this, &eye.x, &target.x, &up.x, nullptr, 0) != NERF_STATUS_OK) {
             c2w[0] = std::numeric_limits<float>::quiet_NaN();
         }
         return *this;
@@ -463,8 +482,7 @@ struct camera : detail::sized<nerf_camera> {
     /// The ray through an image point, pixels from the left and the top; a pixel's centre is at + 0.5.
     result<nerf::ray> ray(float x, float y) const noexcept {
         return detail::checked(nerf::ray(), [&](nerf::ray &to, char *message, std::size_t capacity) {
-            float *const origin = detail::floats_at<float>(&to.origin), *const dir = detail::floats_at<float>(&to.dir);
-            return nerf_camera_ray(this, x, y, origin, dir, &to.z_per_distance, message, capacity);
+            return nerf_camera_ray(this, x, y, &to.origin.x, &to.dir.x, &to.z_per_distance, message, capacity);
         });
     }
 
@@ -473,6 +491,14 @@ struct camera : detail::sized<nerf_camera> {
     vec3 backward() const noexcept { return {c2w[2], c2w[6], c2w[10]}; }
     vec3 centre() const noexcept { return {c2w[3], c2w[7], c2w[11]}; }
 };
+
+/// The distance along the view axis of a depth in normalised device coordinates, for target::limit_z_depth; infinite
+/// at an infinite far plane. The projection is as in camera::from_matrices, with depths in [-1, 1] or [0, 1], reversed
+/// or not. OpenGL's buffer holds 0.5 * ndc + 0.5.
+inline float z_depth(float ndc, span<const float> projection_column_major) noexcept {
+    const float z = projection_column_major[14] / (ndc + projection_column_major[10]);
+    return z > 0.0f ? z : std::numeric_limits<float>::infinity();
+}
 
 // -------------------------------------------------------------------------------------- targets
 
@@ -497,8 +523,7 @@ private:
     std::uint32_t across() const noexcept { return count(width); }
 };
 
-/// Bytes from a pixel to the one below (`row`, negative if the last row is first in memory) and to its right
-/// neighbour (`pixel`); 0 if they are contiguous.
+/// `row_stride` and `pixel_stride` of a nerf_plane, bytes.
 struct strides {
     std::ptrdiff_t row = 0;
     std::size_t pixel = 0;
@@ -566,7 +591,7 @@ private:
 /// Planes of an image, or of a window of it; any rectangle inside can be rendered into them. For rays, one row.
 struct target {
     plane rgb = {}, opacity = {}, ray_distance = {}, z_depth = {}, median_distance = {}, normals = {};
-    /// Limits at which each pixel's ray ends: hits that a host has traced, or a depth buffer. At most one of the two.
+    /// Limits at which each pixel's ray ends, at most one of the two; nerf::z_depth makes them of a depth buffer.
     plane limit_ray_distance = {}, limit_z_depth = {};
     /// The part of the image that the planes hold; empty for the whole image.
     rect window = {};
@@ -586,16 +611,15 @@ struct target {
             return begin >= from && length <= all_of && begin - from <= all_of - length;
         };
         if (!inside(part.x, part.width, all.x, all.width) || !inside(part.y, part.height, all.y, all.height)) {
-            return detail::failed(NERF_STATUS_RECT, "rect: expected one inside the target's window");
+            return error{NERF_STATUS_RECT, "rect: expected one inside the target's window"};
         }
         detail::sized<nerf_target> to;
-        const plane *const from[8] = {&rgb,     &opacity, &ray_distance,       &z_depth, &median_distance,
-                                      &normals, &limit_ray_distance, &limit_z_depth};
-        nerf_plane *const into[8] = {&to.rgb,     &to.opacity, &to.ray_distance,       &to.z_depth, &to.median_distance,
-                                     &to.normals, &to.limit_ray_distance, &to.limit_z_depth};
-        for (int i = 0; i < 8; ++i) {
-            const error wrong = !*from[i] ? error() : place(*from[i], part, all, *into[i]);
-            if (wrong.status != NERF_STATUS_OK) {
+        const std::pair<const plane &, nerf_plane &> planes[] = {
+            {rgb, to.rgb}, {opacity, to.opacity}, {ray_distance, to.ray_distance}, {z_depth, to.z_depth},
+            {median_distance, to.median_distance}, {normals, to.normals},
+            {limit_ray_distance, to.limit_ray_distance}, {limit_z_depth, to.limit_z_depth}};
+        for (const auto &[from, into] : planes) {
+            if (const error wrong = from ? place(from, part, all, into) : error(); wrong.status != NERF_STATUS_OK) {
                 return wrong;
             }
         }
@@ -611,7 +635,7 @@ private:
         const std::int64_t step = to.pixel_stride > std::size_t{limit} ? limit + 1 : std::int64_t(to.pixel_stride);
         const std::int64_t row = from.by_.row == 0 ? step * all.width : from.by_.row;
         if (step > limit || (all.height > 1 && (row > limit || row < -limit))) {
-            return detail::failed(NERF_STATUS_OVERFLOW, "target: expected strides of at most 1 GiB");
+            return error{NERF_STATUS_OVERFLOW, "target: expected strides of at most 1 GiB"};
         }
         to.row_stride = static_cast<std::ptrdiff_t>(row);
         if (part.width == 0 || part.height == 0) {
@@ -623,7 +647,7 @@ private:
         const std::int64_t right = step * (part.width - 1), down = row * (part.height - 1);
         const std::int64_t highest = first + right + (down < 0 ? 0 : down);
         if (from.extent_ < size || std::uint64_t(highest) > from.extent_ - size) {
-            return detail::failed(NERF_STATUS_MEMORY, "target: a view ends before its last pixel");
+            return error{NERF_STATUS_MEMORY, "target: a view ends before its last pixel"};
         }
         to.data = static_cast<unsigned char *>(from.data_) + static_cast<std::ptrdiff_t>(first);
         return {};
@@ -632,7 +656,6 @@ private:
 
 // ------------------------------------------------------------------------------ settings, figures
 
-/// Options of opening a scene: its instruction set, and the storage of its weights.
 struct open_options : detail::sized<nerf_open_options> {
     open_options(nerf_kernel with = NERF_KERNEL_AUTO, nerf_storage in = NERF_STORAGE_AUTO) noexcept {
         kernel = with;
@@ -640,8 +663,7 @@ struct open_options : detail::sized<nerf_open_options> {
     }
 };
 
-/// Options of a frame, with every field of nerf_render_options. Default-constructed they are the defaults: cuts that
-/// cost nothing visible.
+/// Options of a frame. Default-constructed they are the defaults: cuts that cost nothing visible.
 struct options : detail::sized<nerf_render_options> {
     /// Options without a cut or a blur.
     static options uncut() noexcept {
@@ -651,7 +673,7 @@ struct options : detail::sized<nerf_render_options> {
     }
 };
 
-/// Exact counts of the work a call did; += adds up tiles.
+/// Counts of the work a call did; += adds up tiles.
 struct counters : detail::sized<nerf_counters> {
     counters &operator+=(const nerf_counters &other) noexcept {
         using work = nerf_counters;
@@ -664,10 +686,8 @@ struct counters : detail::sized<nerf_counters> {
     }
 };
 
-/// The chosen point of a scene's Pareto front.
 using choice = detail::sized<nerf_choice>;
 
-/// The time that a frame takes on one thread of this host, for each point of the scene's Pareto front.
 struct pace : detail::sized<nerf_pace> {
     /// The pace if `threads` threads share a frame's tiles.
     pace shared_among(unsigned threads) const noexcept {
@@ -679,39 +699,6 @@ struct pace : detail::sized<nerf_pace> {
     }
 };
 
-namespace detail {
-
-/// Type of an absent progress callback, and of the library's own clock.
-struct none {};
-
-/// Calls `F(done, all)` or `F()`, which returns whether to continue, or nothing. noexcept, since no exception may
-/// reach C. `user` points to a pointer to the callable, which may be a function.
-template <class F>
-int32_t progress(void *user, std::uint64_t done, std::uint64_t all) noexcept {
-    F &f = **static_cast<F **>(user);
-    const auto call = [&] {
-        if constexpr (std::is_invocable_v<F &, std::uint64_t, std::uint64_t>) {
-            return f(done, all);
-        } else {
-            return f();
-        }
-    };
-    if constexpr (std::is_void_v<decltype(call())>) {
-        call();
-        return 0;
-    } else {
-        static_assert(std::is_same_v<decltype(call()), bool>, "a progress callback says whether to go on, or nothing");
-        return call() ? 0 : 1;
-    }
-}
-
-template <class F>
-std::uint64_t clock(void *user) noexcept {
-    return (**static_cast<F **>(user))();
-}
-
-} // namespace detail
-
 // ---------------------------------------------------------------------------------------- scene
 
 class worker;
@@ -719,10 +706,8 @@ class worker;
 /// An opened scene, or an opened picture (a 2D field), with its memory. Movable.
 class scene {
 public:
-    /// An empty scene.
     scene() noexcept = default;
 
-    /// Layout of the memory that a scene needs for a blob.
     static result<layout> memory_layout(bytes blob, const open_options &how = {}) noexcept {
         return detail::layout_of(nerf_scene_memory, blob.data(), blob.size(), &how);
     }
@@ -772,8 +757,8 @@ public:
     /// Whether the scene has a default viewpoint, from which its photographs were taken.
     bool has_viewpoint() const noexcept { return info().up[0] != 0.0f || info().up[1] != 0.0f || info().up[2] != 0.0f; }
 
-    // The default orbit, through the viewpoint. Without a viewpoint it is around the middle of the scene box, with a
-    // radius half way between near and far, and z up.
+    // The default orbit, as in camera::orbit, through the viewpoint. Without a viewpoint it is around the middle of the
+    // scene box, with a radius half way between near and far, and z up.
 
     vec3 centre() const noexcept {
         return has_viewpoint() ? vector(info().target) : 0.5f * (vector(info().box_min) + vector(info().box_max));
@@ -782,12 +767,10 @@ public:
     float orbit_radius() const noexcept {
         return has_viewpoint() ? std::sqrt(dot(eye(), eye())) : 0.5f * (info().near_distance + info().far_distance);
     }
-    /// Azimuth of the orbit's start, radians, as in nerf::camera::orbit.
     float start_azimuth() const noexcept {
         const auto [side, ahead] = detail::across(up());
         return has_viewpoint() ? std::atan2(dot(eye(), ahead), dot(eye(), side)) : 0.6f;
     }
-    /// Elevation of the orbit's start, radians, as in nerf::camera::orbit.
     float start_elevation() const noexcept {
         const auto [side, ahead] = detail::across(up());
         const float flat = std::hypot(dot(eye(), ahead), dot(eye(), side));
@@ -804,39 +787,31 @@ public:
     result<nerf::worker> worker(std::uint32_t outputs, const options &how = {}) const noexcept;
     /// Opens a worker in memory that the caller lends or hands over.
     result<nerf::worker> worker(std::uint32_t outputs, const options &how, memory home) const noexcept;
-    /// Layout of the memory that a worker needs.
     result<layout> worker_layout(std::uint32_t outputs, const options &how = {}) const noexcept {
         const auto asked = request<nerf_request>(outputs, how);
         return detail::layout_of(nerf_worker_size, &asked);
     }
 
-    // The five below set the quality settings of `how` (samples, cuts, occupancy grid, maths, proposal) and leave the
-    // rest unchanged.
+    // Settings by loss, cost, time, point of the Pareto front or preset, as nerf_quality_* sets them in `how`.
 
-    /// Chooses the cheapest settings that lose at most `loss_db` against the exact rendering.
     result<choice> within_loss(float loss_db, options &how) const noexcept {
-        return chosen(nerf_quality_within_loss, how, loss_db);
+        return detail::made<choice>(nerf_quality_within_loss, get(), loss_db, &how);
     }
-    /// Chooses the settings that lose least at `ratio` of the exact rendering's multiply-adds.
     result<choice> within_cost(float ratio, options &how) const noexcept {
-        return chosen(nerf_quality_within_cost, how, ratio);
+        return detail::made<choice>(nerf_quality_within_cost, get(), ratio, &how);
     }
-    /// Chooses the settings that lose least in at most `milliseconds` per frame, at a measured pace.
     result<choice> within_time(float milliseconds, const pace &at, options &how) const noexcept {
-        return chosen(nerf_quality_within_time, how, milliseconds, &at);
+        return detail::made<choice>(nerf_quality_within_time, get(), milliseconds, &at, &how);
     }
-    /// Chooses the settings of one point of the Pareto front; 0 is the most expensive of info().front_points.
     result<choice> point(std::uint32_t index, options &how) const noexcept {
-        return chosen(nerf_quality_point, how, index);
+        return detail::made<choice>(nerf_quality_point, get(), index, &how);
     }
-    /// Chooses the settings of a preset, which lose at most what it allows.
     result<void> preset(nerf_preset wish, options &how) const noexcept {
         error why;
         why.status = nerf_quality_preset(get(), wish, &how, why.message, sizeof why.message);
         return why;
     }
 
-    /// Layout of the workspace that measuring the pace needs.
     result<layout> pace_layout(std::uint32_t outputs, const options &how = {}) const noexcept {
         const auto asked = request<nerf_pace_request>(outputs, how);
         return detail::layout_of(nerf_pace_workspace_size, &asked);
@@ -844,8 +819,8 @@ public:
     result<memory> pace_workspace(std::uint32_t outputs, const options &how = {}) const noexcept {
         return memory::allocate(pace_layout(outputs, how));
     }
-    /// Renders some pixels at each point of the Pareto front on this thread, cheapest first, until a frame would take
-    /// more than `limit` milliseconds. `clock`: microseconds since any fixed moment; the library's own if left out.
+    /// Measures the time of a frame on this thread at each point of the Pareto front, up to `limit` milliseconds.
+    /// `clock`: microseconds since any fixed moment; the library's own if left out.
     template <class F = detail::none>
     result<pace> measure_pace(const nerf_camera &camera, std::uint32_t outputs, float limit, memory &workspace,
                               const options &how = {}, F &&clock = {}) const noexcept {
@@ -869,10 +844,6 @@ private:
         asked.outputs = outputs;
         return asked;
     }
-    template <class Call, class... Limit>
-    result<choice> chosen(Call &&call, options &how, Limit... limit) const noexcept {
-        return detail::made<choice>(call, get(), limit..., &how);
-    }
     nerf_status describe(nerf_status opened, const nerf_scene *handle) noexcept {
         handle_.reset(handle);
         info_.value.struct_size = sizeof info_.value;
@@ -893,33 +864,40 @@ private:
 struct instance : detail::sized<nerf_instance> {
     /// The scene in its own coordinates.
     explicit instance(const nerf::scene &of) noexcept { scene = of.get(); }
-    /// `matrix`: 16 floats, column-major as in OpenGL and glTF, from the scene's coordinates to the world's. With
-    /// another number of floats the instance is invalid (`struct_size` 0), and opening a worker refuses it.
-    instance(const nerf::scene &of, span<const float> matrix) noexcept : instance(of) {
-        struct_size = matrix.size() == 16 ? sizeof(nerf_instance) : 0;
-        for (std::size_t i = 0; i < 12 && struct_size != 0; ++i) {
-            to_world[i] = matrix[i % 4 * 4 + i / 4];
+    /// The scene placed by a transform from its coordinates to the world's. With another number of floats than 16, or
+    /// another last row than 0, 0, 0, 1 (as a translation in row-major order has), the instance is invalid
+    /// (`struct_size` 0), and opening a worker refuses it.
+    instance(const nerf::scene &of, span<const float> column_major) noexcept : instance(of) {
+        const float *const m = column_major.data();
+        const bool affine = column_major.size() == 16 && m[3] == 0.0f && m[7] == 0.0f && m[11] == 0.0f &&
+                            std::fabs(m[15] - 1.0f) <= 1e-4f;
+        struct_size = affine ? sizeof(nerf_instance) : 0;
+        for (std::size_t i = 0; i < 12 && affine; ++i) {
+            to_world[i] = m[i % 4 * 4 + i / 4];
         }
     }
 };
 
-/// The host's own rays. Views may be left empty: `t_min` is then 0, and `t_max` infinite. With designated
-/// initialisers (C++20): `{.origins = ..., .dirs = ...}`.
+/// The host's own rays; an empty view is NULL in C. With designated initialisers (C++20): `{.origins = a, .dirs = b}`.
 struct rays {
     triples<const float> origins, dirs;
-    numbers<const float> t_min = {}, t_max = {};
-    /// Random numbers for sample_rays, in [0, 1); empty for render_rays. 1, which rounding to float produces, counts
-    /// as the largest float below it.
-    numbers<const float> random = {};
-    /// The axis, of unit length, along which z_depth is measured.
+    numbers<const float> t_min = {}, t_max = {}, random = {};
     std::optional<vec3> axis = {};
 };
+
+/// The result of one ray; fields of outputs that the worker was not opened for are 0.
+struct pixel {
+    /// Colour as in an RGBA plane: premultiplied, in front of `(1 - opacity)` of what is behind.
+    vec3 rgb;
+    float opacity = 0.0f, ray_distance = 0.0f, median_distance = 0.0f;
+    vec3 normal;
+};
+static_assert(offsetof(pixel, opacity) == 3 * sizeof(float));
 
 /// Scene, options, outputs and memory, prepared for any number of calls: one for each thread. Movable; the scene must
 /// stay in place while the worker is used.
 class worker {
 public:
-    /// An empty worker.
     worker() noexcept = default;
 
     /// Opens a worker of one or several scenes, each where the host has placed it; the rest as in scene::worker.
@@ -935,14 +913,12 @@ public:
         return layout_of(request(instances, outputs, how));
     }
 
-    /// Handle for calls of the C library; null if empty.
     nerf_worker *get() const noexcept { return handle_.value; }
 
     /// Renders a camera's image, or a rectangle of it.
     ///
-    /// `progress`: called as (pixels done, all) or () before the first tile of at most 16x16 pixels and after each,
-    /// on this thread; returns whether to continue, or nothing. Must not throw. After NERF_STATUS_CANCELLED each tile
-    /// is finished or untouched.
+    /// `progress`: called when a nerf_progress is, as (pixels done, all) or (); returns whether to continue, or nothing.
+    /// Must not throw.
     template <class F = detail::none>
     result<counters> render(const nerf_camera &camera, const target &to, const rect &part = whole,
                             F &&progress = {}) noexcept {
@@ -967,15 +943,31 @@ public:
     /// Samples the point at which a photon on each ray collides, by its number of `of.random`.
     result<counters> sample_rays(const rays &of, const target &to) noexcept { return trace(nerf_sample_rays, of, to); }
 
-    /// Evaluates density and colour at points seen along unit directions.
-    ///
-    /// `rgb` is display-encoded unless the options say linear; if it is empty, `dirs` may be empty, too.
+    /// Renders one ray from `t_min` to `t_max`, with every output of the worker but z_depth; many in one call of
+    /// render_rays are faster. `origin` and `dir`: vectors of floats or doubles, with fields x, y, z or three elements.
+    template <class V, class W, class N = float, class F = float>
+    result<pixel> render_ray(const V &origin, const W &dir, N t_min = 0.0f,
+                             F t_max = std::numeric_limits<float>::infinity()) noexcept {
+        return trace_one(nerf_render_rays, detail::to_vec3(origin, 0), detail::to_vec3(dir, 0), detail::to_float(t_min),
+                         detail::to_float(t_max));
+    }
+
+    /// Samples the point at which a photon on one ray collides; the rest as in render_ray.
+    template <class V, class W, class R, class N = float, class F = float>
+    result<pixel> sample_ray(const V &origin, const W &dir, R random, N t_min = 0.0f,
+                             F t_max = std::numeric_limits<float>::infinity()) noexcept {
+        const float number = detail::to_float(random);
+        return trace_one(nerf_sample_rays, detail::to_vec3(origin, 0), detail::to_vec3(dir, 0), detail::to_float(t_min),
+                         detail::to_float(t_max), &number);
+    }
+
+    /// Evaluates density and colour at points seen along unit directions. If `rgb` is empty, `dirs` may be empty, too.
     result<counters> query(triples<const float> positions, triples<const float> dirs, numbers<float> sigma,
                            triples<float> rgb) noexcept {
         const std::size_t n = sigma.size();
         const bool coloured = !rgb.empty();
         if (!sigma.holds(n) || !positions.holds(n) || (coloured && (!dirs.holds(n) || !rgb.holds(n)))) {
-            return detail::failed(NERF_STATUS_MEMORY, "query: expected views of one length");
+            return error{NERF_STATUS_MEMORY, "query: expected views of one length"};
         }
         detail::sized<nerf_points> asked;
         asked.count = n;
@@ -986,8 +978,7 @@ public:
         return detail::made<counters>(nerf_query, get(), &asked);
     }
 
-    /// Explains in English which stages a frame has and why; with counters, where the work went. Returns the bytes of
-    /// the whole text with its NUL; `text` receives as much as fits.
+    /// Explains a frame in English. Returns the bytes of the whole text with its NUL; `text` receives as much as fits.
     result<std::size_t> explain(span<char> text, const nerf_counters *work = nullptr) noexcept {
         return detail::made<std::size_t>(nerf_explain, get(), work, text.data(), text.size());
     }
@@ -1004,18 +995,18 @@ private:
         asked.outputs = outputs;
         return asked;
     }
-    /// The error of the first instance that was made from another number of floats than 16.
+    /// The error of the first instance whose matrix was refused.
     static error wrong_instance(const nerf_request &asked) noexcept {
-        error why;
-        for (std::size_t i = 0; i < asked.instance_count && why.status == NERF_STATUS_OK; ++i) {
+        for (std::size_t i = 0; i < asked.instance_count; ++i) {
             if (asked.instances[i].struct_size == 0) {
-                constexpr std::string_view name = "instances[", wrong = "]: expected a matrix of 16 floats";
-                why.status = NERF_STATUS_TRANSFORM;
-                char *const index = std::copy(name.begin(), name.end(), why.message);
-                *std::copy(wrong.begin(), wrong.end(), std::to_chars(index, index + 20, i).ptr) = '\0';
+                error why{NERF_STATUS_TRANSFORM, "instances["};
+                constexpr std::string_view wrong = "]: expected a matrix of 16 floats, column-major, last row 0 0 0 1";
+                char *const index = why.message + sizeof "instances[" - 1;
+                std::copy(wrong.begin(), wrong.end(), std::to_chars(index, index + 20, i).ptr);
+                return why;
             }
         }
-        return why;
+        return {};
     }
     static result<layout> layout_of(const nerf_request &asked) noexcept {
         const error wrong = wrong_instance(asked);
@@ -1026,20 +1017,20 @@ private:
         return home ? open_in(asked, *std::move(home)) : result<worker>(home.error());
     }
     static result<worker> open_in(const nerf_request &asked, memory home) noexcept {
-        const error wrong = wrong_instance(asked);
-        if (wrong.status != NERF_STATUS_OK) {
+        if (const error wrong = wrong_instance(asked); wrong.status != NERF_STATUS_OK) {
             return wrong;
         }
         worker opened;
         opened.home_ = std::move(home);
+        opened.outputs_.value = asked.outputs;
         return detail::checked(std::move(opened), [&](worker &to, char *message, std::size_t capacity) {
             return nerf_worker_open(&asked, to.home_.data(), to.home_.size(), &to.handle_.value, message, capacity);
         });
     }
 
-    template <class Call, class F>
-    result<counters> draw(Call &&call, nerf_frame &frame, std::uint32_t width, std::uint32_t height, const target &to,
-                          const rect &part, F &progress) noexcept {
+    template <class F>
+    result<counters> draw(decltype(nerf_render) &call, nerf_frame &frame, std::uint32_t width, std::uint32_t height,
+                          const target &to, const rect &part, F &progress) noexcept {
         const bool all = part.width == whole.width && part.height == whole.height;
         const rect asked = all ? rect{0, 0, width, height} : part;
         const result<nerf_target> planes = to.at(asked, width, height);
@@ -1056,13 +1047,12 @@ private:
         return detail::made<counters>(call, get(), &frame);
     }
 
-    template <class Call>
-    result<counters> trace(Call &&call, const rays &of, const target &to) noexcept {
+    result<counters> trace(decltype(nerf_render_rays) &call, const rays &of, const target &to) noexcept {
         const std::size_t n = of.origins.size();
         const auto fits = [n](const auto &view) { return view.empty() || view.holds(n); };
         if (!of.origins.holds(n) || !of.dirs.holds(n) || !fits(of.t_min) || !fits(of.t_max) || !fits(of.random) ||
             n > std::numeric_limits<std::uint32_t>::max()) {
-            return detail::failed(NERF_STATUS_MEMORY, "rays: expected views of one length");
+            return error{NERF_STATUS_MEMORY, "rays: expected views of one length"};
         }
         const auto count = static_cast<std::uint32_t>(n);
         const result<nerf_target> planes = to.at({0, 0, count, 1}, count, 1);
@@ -1076,19 +1066,44 @@ private:
         asked.t_min = of.t_min.c();
         asked.t_max = of.t_max.c();
         asked.random = of.random.c();
-        asked.axis = of.axis ? detail::floats_at<const float>(&*of.axis) : nullptr;
+        asked.axis = of.axis ? &of.axis->x : nullptr;
         asked.target = &*planes;
         return detail::made<counters>(call, get(), &asked);
     }
 
+    result<pixel> trace_one(decltype(nerf_render_rays) &call, const vec3 &origin, const vec3 &dir, float t_min,
+                            float t_max, const float *random = nullptr) noexcept {
+        return detail::checked(pixel(), [&](pixel &to, char *message, std::size_t capacity) {
+            const auto plane_of = [this](std::uint32_t output, void *at, nerf_format format) {
+                return nerf_plane{(outputs_.value & output) != 0 ? at : nullptr, 0, 0, format, 0};
+            };
+            const bool coloured = (outputs_.value & NERF_OUTPUT_RGB) != 0; // RGBA: the opacity follows the colour
+            detail::sized<nerf_target> planes;
+            planes.rgb = plane_of(NERF_OUTPUT_RGB, &to, NERF_FORMAT_RGBA_F32);
+            planes.opacity = plane_of(coloured ? 0 : NERF_OUTPUT_OPACITY, &to.opacity, NERF_FORMAT_F32);
+            planes.ray_distance = plane_of(NERF_OUTPUT_RAY_DISTANCE, &to.ray_distance, NERF_FORMAT_F32);
+            planes.median_distance = plane_of(NERF_OUTPUT_MEDIAN_DISTANCE, &to.median_distance, NERF_FORMAT_F32);
+            planes.normals = plane_of(NERF_OUTPUT_NORMALS, &to.normal, NERF_FORMAT_VEC3_F32);
+            detail::sized<nerf_rays> asked;
+            asked.count = 1;
+            asked.origins.data = &origin.x;
+            asked.dirs.data = &dir.x;
+            asked.t_min.data = &t_min;
+            asked.t_max.data = &t_max;
+            asked.random.data = random;
+            asked.target = &planes;
+            return call(get(), &asked, nullptr, message, capacity);
+        });
+    }
+
     memory home_;
     detail::moved<nerf_worker *> handle_;
+    detail::moved<std::uint32_t> outputs_;
 };
 
 inline result<worker> scene::worker(std::uint32_t outputs, const options &how) const noexcept {
     return nerf::worker::open_on_heap(request<nerf_request>(outputs, how));
 }
-
 inline result<worker> scene::worker(std::uint32_t outputs, const options &how, memory home) const noexcept {
     return nerf::worker::open_in(request<nerf_request>(outputs, how), std::move(home));
 }

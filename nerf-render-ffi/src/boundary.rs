@@ -213,6 +213,11 @@ pub(crate) unsafe fn read_or_zeros<T: Versioned>(at: *const T) -> Result<T, Fail
     unsafe { read_versioned(at) }
 }
 
+/// Returns an error unless all of the reserved `fields` are 0.
+pub(crate) fn check_zeros(name: &'static str, fields: &[u32]) -> Result<(), Failure> {
+    if fields.iter().all(|&field| field == 0) { Ok(()) } else { Err(Failure::Reserved(name)) }
+}
+
 /// The value of the C enum's number `found`. `names` is indexed by it, with `None` for a value that this build lacks.
 pub(crate) fn named<T: Copy>(
     names: &[Option<T>],

@@ -1,6 +1,8 @@
 //! A camera, and its rays.
 
-use crate::boundary::{Message, Out, by_width, call, check_out, named, read_versioned, versioned};
+use crate::boundary::{
+    Message, Out, by_width, call, check_out, check_zeros, named, read_versioned, versioned,
+};
 use crate::failure::Failure;
 use crate::span::Span;
 use crate::status::Status;
@@ -78,9 +80,7 @@ impl Camera {
     pub(crate) unsafe fn read(at: *const Self) -> Result<camera::Camera, Failure> {
         // SAFETY: `at` is as this function's `# Safety` has it.
         let c = unsafe { read_versioned(at)? };
-        if c.reserved != 0 {
-            return Err(Failure::Reserved("camera.reserved"));
-        }
+        check_zeros("camera.reserved", &[c.reserved])?;
         let projection = named(&PROJECTIONS, "camera.lens_model", "a nerf_lens_model", c.lens_model)?;
         let Self { width, height, fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6, .. } = c;
         let row = |i: usize| core::array::from_fn(|j| c.c2w[4 * i + j]);

@@ -1,6 +1,6 @@
 //! Effects: what a frame does beyond one ray through each pixel's centre.
 
-use crate::boundary::named;
+use crate::boundary::{check_zeros, named};
 use crate::failure::Failure;
 use crate::render_options::{at_most, flag};
 use nerf_core::plan;
@@ -52,9 +52,7 @@ pub struct Effects {
 impl Effects {
     /// Converts the effects to the renderer's, which checks the ranges of the floats.
     pub(crate) fn read(&self) -> Result<plan::Effects, Failure> {
-        if self.reserved != [0; 5] {
-            return Err(Failure::Reserved("options.effects.reserved"));
-        }
+        check_zeros("options.effects.reserved", &self.reserved)?;
         let most = plan::Effects::MAX_RAYS.into();
         let rays = at_most("options.effects.anti_aliasing", "0 to 256", self.anti_aliasing, most)?;
         let jitter = flag("options.effects.jitter", self.jitter)?;

@@ -1,6 +1,6 @@
 //! A scene, seen by a camera; a 2D field, drawn at any size.
 
-use crate::boundary::{Message, by_width, call, versioned};
+use crate::boundary::{Message, by_width, call, check_zeros, versioned};
 use crate::camera::Camera;
 use crate::counters::Counters;
 use crate::failure::Failure;
@@ -94,9 +94,7 @@ pub unsafe extern "C" fn nerf_render(
 ) -> Status {
     let draw = |worker: &mut State, frame: Frame| {
         worker.fields()?;
-        if [frame.width, frame.height] != [0; 2] {
-            return Err(Failure::Reserved("frame.width, frame.height"));
-        }
+        check_zeros("frame.width, frame.height", &[frame.width, frame.height])?;
         // SAFETY: `camera` is as this function's `# Safety` has it.
         let camera = unsafe { Camera::read(frame.camera)? };
         let image = camera.intrinsics();
@@ -105,7 +103,7 @@ pub unsafe extern "C" fn nerf_render(
         // SAFETY: as above.
         let canvas = unsafe { Canvas::of_image(frame.target, rect, worker)? };
         canvas.set_up(worker)?;
-        let limit = canvas.limit();
+        let limit = canvas.limit;
         render_tiles(worker, &frame, canvas, rect, |worker, tile| {
             let State { work: Work::Fields(fields), pixels, .. } = worker else {
                 return Err(Failure::Null("worker"));
@@ -114,7 +112,8 @@ pub unsafe extern "C" fn nerf_render(
                 pixels.put(((y - tile.y) * tile.width + (x - tile.x)) as usize, pixel);
             };
             // One closure for both cases, so that the frame loop is instantiated once.
-            let limit = |x: u32, y: u32| limit.map_or(Limit::NONE, |limit| limit.at(x - rect.x, y - rect.y));
+            let limit =
+                |x: u32, y: u32| limit.map_or(Limit::NONE, |plane| plane.limit(x - rect.x, y - rect.y));
             Ok(fields.render_limited(&camera, tile, limit, &mut put)?)
         })
     };

@@ -22,7 +22,8 @@ pub struct Instance {
     /// The scene.
     pub scene: *const Scene,
     /// Transform from the scene's coordinates to the world's: the upper three rows of the 4x4 matrix, row-major, a
-    /// rotation times one scale and a translation. All zeros for the identity.
+    /// rotation times one scale and a translation. `to_world[4 * row + column]` is `m[4 * column + row]` of a
+    /// column-major matrix `m`, as OpenGL and glTF have it. All zeros for the identity.
     pub to_world: [f32; 12],
 }
 

@@ -1,6 +1,6 @@
 //! Options of opening a scene.
 
-use crate::boundary::{by_width, named, number_of, read_or_zeros, versioned};
+use crate::boundary::{by_width, check_zeros, named, number_of, read_or_zeros, versioned};
 use crate::failure::Failure;
 use nerf_core::Isa;
 
@@ -77,9 +77,7 @@ versioned!(unsafe OpenOptions, "options", by_width(36, 40));
 pub(crate) unsafe fn read_kernel(options: *const OpenOptions) -> Result<nerf_core::Kernel, Failure> {
     // SAFETY: `options` is as this function's `# Safety` has it.
     let options = unsafe { read_or_zeros(options)? };
-    if options.reserved != [0; 6] {
-        return Err(Failure::Reserved("options.reserved"));
-    }
+    check_zeros("options.reserved", &options.reserved)?;
     let isa = match options.kernel {
         0 => None,
         found => Some(named(&ISAS, "options.kernel", "a nerf_kernel", found)?),

@@ -66,7 +66,7 @@ pub unsafe extern "C" fn nerf_query(
         // SAFETY: the planes are as this function's `# Safety` has them.
         let mut canvas = unsafe { Canvas::of_points(&points.sigma, &points.rgb, n, &read, worker)? };
         // SAFETY: all of them were found inside of arrays that the caller vouches for.
-        let dir_at = |i: usize| unsafe { dirs.three(i) };
+        let dir_at = |i: usize| unsafe { dirs.at::<3>(i) };
         // Every direction is checked before the first result is written, so the index is the caller's.
         if colour && let Some(index) = (0..n).find(|&i| !is_unit(Vec3::from(dir_at(i)))) {
             return Err(RenderError::Direction { index, found: dir_at(index) }.into());
@@ -79,7 +79,7 @@ pub unsafe extern "C" fn nerf_query(
             let (mut s, mut c) = ([0.0; CHUNK], [[0.0; 3]; CHUNK]);
             for i in 0..count {
                 // SAFETY: as for `dir_at`.
-                p[i] = unsafe { positions.three(start + i) };
+                p[i] = unsafe { positions.at(start + i) };
                 if colour {
                     d[i] = dir_at(start + i);
                 }

@@ -57,24 +57,15 @@ pub(crate) struct Numbers {
 }
 
 impl Numbers {
-    /// Element `i`, one float.
+    /// Element `i`: `EACH` floats.
     ///
     /// # Safety
-    /// `i` is below the count that was checked, and the caller's memory is readable.
+    /// `i` is below the count that was checked, `EACH` is the checked number of floats, and the caller's memory is
+    /// readable.
     #[inline]
-    pub unsafe fn one(&self, i: usize) -> f32 {
+    pub unsafe fn at<const EACH: usize>(&self, i: usize) -> [f32; EACH] {
         // SAFETY: inside of what was checked, and aligned; the caller vouches for the memory.
-        unsafe { self.data.add(i * self.stride).cast::<f32>().read() }
-    }
-
-    /// Element `i`, three floats.
-    ///
-    /// # Safety
-    /// That of [`Numbers::one`].
-    #[inline]
-    pub unsafe fn three(&self, i: usize) -> [f32; 3] {
-        // SAFETY: inside of what was checked, and aligned; the caller vouches for the memory.
-        unsafe { self.data.add(i * self.stride).cast::<[f32; 3]>().read() }
+        unsafe { self.data.add(i * self.stride).cast::<[f32; EACH]>().read() }
     }
 }
 
@@ -198,15 +189,15 @@ impl Arrays {
     /// The `i`-th ray.
     ///
     /// # Safety
-    /// That of [`Numbers::one`].
+    /// That of [`Numbers::at`].
     #[inline]
     unsafe fn ray(&self, i: usize) -> RaySegment {
         // SAFETY: the caller's promise.
         unsafe {
             RaySegment {
-                ray: Ray { origin: self.origins.three(i).into(), dir: self.dirs.three(i).into() },
-                t_min: self.t_min.map_or(0.0, |t| t.one(i)),
-                t_max: self.t_max.map_or(f32::INFINITY, |t| t.one(i)),
+                ray: Ray { origin: self.origins.at::<3>(i).into(), dir: self.dirs.at::<3>(i).into() },
+                t_min: self.t_min.map_or(0.0, |t| t.at::<1>(i)[0]),
+                t_max: self.t_max.map_or(f32::INFINITY, |t| t.at::<1>(i)[0]),
             }
         }
     }
@@ -233,7 +224,8 @@ unsafe fn trace(
             Some(unsafe { read_vec3("rays.axis", rays.axis)? })
         };
         // SAFETY: `target` and its planes are as this function's `# Safety` has them.
-        let mut canvas = unsafe { Canvas::of_rays(rays.target, rays.count, &arrays.read, worker)? };
+        let mut canvas =
+            unsafe { Canvas::of_target(rays.target, (rays.count, 1), Some(&arrays.read), worker)? };
         canvas.set_up(worker)?;
         if canvas.has(Channel::ZDepth) && axis.is_none() {
             return Err(Failure::Null("rays.axis"));
@@ -241,7 +233,7 @@ unsafe fn trace(
         // SAFETY: all of them were found inside of arrays that the caller vouches for.
         let ray = |i: usize| unsafe { arrays.ray(i) };
         // SAFETY: as above.
-        let number = |i: usize| arrays.random.map_or(0.0, |random| unsafe { random.one(i) });
+        let number = |i: usize| arrays.random.map_or(0.0, |random| unsafe { random.at::<1>(i)[0] });
         let fields = worker.fields()?;
         let mut put = |i: usize, pixel: &Pixel| canvas.put(i, pixel);
         Ok(if collide {

@@ -1,6 +1,6 @@
 //! Options of a frame.
 
-use crate::boundary::{by_width, named, number_of, read_or_zeros, versioned};
+use crate::boundary::{by_width, check_zeros, named, number_of, read_or_zeros, versioned};
 use crate::effects::Effects;
 use crate::failure::Failure;
 use nerf_core::MathBackend;
@@ -136,9 +136,7 @@ impl Settings {
     pub unsafe fn read(at: *const RenderOptions) -> Result<Self, Failure> {
         // SAFETY: `at` is as this function's `# Safety` has it.
         let o = unsafe { read_or_zeros(at)? };
-        if o.reserved != 0 {
-            return Err(Failure::Reserved("options.reserved"));
-        }
+        check_zeros("options.reserved", &[o.reserved])?;
         for (name, expected, found, most) in [
             ("options.samples", "0 to 4096", o.samples, MAX_SAMPLES.into()),
             ("options.batch_rays", "0 to 256", o.batch_rays, MAX_RAYS),

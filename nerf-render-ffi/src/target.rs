@@ -1,6 +1,6 @@
 //! The target of a render: planes in the caller's memory.
 
-use crate::boundary::{by_width, read_versioned, versioned};
+use crate::boundary::{by_width, check_zeros, read_versioned, versioned};
 use crate::failure::Failure;
 use crate::pixel::{Channel, FormatNumber, PixelFormat, put};
 use crate::span::{Pieces, PlaneBytes, Span, check_aligned};
@@ -55,7 +55,8 @@ pub struct Target {
     /// Infinity or NaN for no end; NULL for no limits. It cuts the sample interval that it lies in, so edges are
     /// smooth, and samples after it cost nothing.
     pub limit_ray_distance: Plane,
-    /// Input: the same limits as distances along the view axis, such as a depth buffer. At most one of the two.
+    /// Input: the same limits as distances along the view axis, such as a depth buffer. At most one of the two. A depth
+    /// `d` in normalised device coordinates is `p[14] / (d + p[10])`, of a column-major perspective `p` along -Z.
     pub limit_z_depth: Plane,
 }
 
@@ -63,7 +64,7 @@ versioned!(unsafe Target, "target", by_width(164, 264));
 
 /// A checked plane, whose pixels can be accessed without a further check.
 #[derive(Clone, Copy)]
-struct Surface {
+pub(crate) struct Surface {
     channel: Channel,
     format: PixelFormat,
     data: *mut u8,
@@ -77,7 +78,8 @@ type Extent = (usize, usize);
 /// A checked target.
 pub(crate) struct Canvas {
     surfaces: [Option<Surface>; 6],
-    limit: Option<Surface>,
+    /// The plane of limits, if there is one.
+    pub limit: Option<Surface>,
     /// The rectangle's top left pixel in the image.
     origin: [u32; 2],
 }
@@ -103,20 +105,6 @@ impl Canvas {
         other.map_or(Ok(()), |channel| Err(Failure::ScenePlane(channel.name())))
     }
 
-    /// Checks the planes for `count` rays, which must not overlap the memory in `read`.
-    ///
-    /// # Safety
-    /// That of [`Canvas::of_image`].
-    pub unsafe fn of_rays(
-        at: *const Target,
-        count: usize,
-        read: &[(&'static str, Pieces)],
-        worker: &State,
-    ) -> Result<Self, Failure> {
-        // SAFETY: the caller's promise.
-        unsafe { Self::of_target(at, (count, 1), Some(read), worker) }
-    }
-
     /// Checks the planes for `count` points, which must not overlap the memory in `read`. `rgb.data` may be NULL.
     ///
     /// # Safety
@@ -136,14 +124,7 @@ impl Canvas {
         for (k, (channel, plane)) in
             [(Channel::Density, sigma), (Channel::PointColour, rgb)].into_iter().enumerate()
         {
-            if plane.reserved != 0 {
-                return Err(Failure::Reserved(channel.name()));
-            }
-            if !plane.data.is_null() {
-                let (surface, pieces) = check(channel, plane, (count, 1), worker)?;
-                for (name, read) in read {
-                    pieces.check_apart(channel.name(), *read, name)?;
-                }
+            if let Some((surface, pieces)) = check(channel, plane, (count, 1), Some(read), worker)? {
                 (canvas.surfaces[k], written[k]) = (Some(surface), pieces);
             }
         }
@@ -151,15 +132,15 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// Checks every plane against its extent, the scenes, the worker and the other planes. `rays`, if given, is the
-    /// memory of the rays' inputs, which the planes must not overlap either.
+    /// Checks every plane against its extent, the scenes, the worker and the other planes. `read`: for rays, the memory
+    /// of their inputs, which the planes must not overlap either.
     ///
     /// # Safety
     /// That of [`Canvas::of_image`].
-    unsafe fn of_target(
+    pub unsafe fn of_target(
         at: *const Target,
         extent: Extent,
-        rays: Option<&[(&'static str, Pieces)]>,
+        read: Option<&[(&'static str, Pieces)]>,
         worker: &State,
     ) -> Result<Self, Failure> {
         // SAFETY: `at` is as this function's `# Safety` has it.
@@ -176,19 +157,7 @@ impl Canvas {
         ];
         let mut canvas = Self { surfaces: [None; 6], limit: None, origin: [0; 2] };
         for (k, &(channel, plane)) in planes.iter().enumerate() {
-            if plane.reserved != 0 {
-                return Err(Failure::Reserved(channel.name()));
-            }
-            if plane.data.is_null() {
-                continue;
-            }
-            if rays.is_some() && k >= canvas.surfaces.len() {
-                return Err(Failure::LimitOfRays(channel.name()));
-            }
-            let (checked, pieces) = check(channel, plane, extent, worker)?;
-            for (name, read) in rays.unwrap_or_default() {
-                pieces.check_apart(channel.name(), *read, name)?;
-            }
+            let Some((checked, _)) = check(channel, plane, extent, read, worker)? else { continue };
             match canvas.surfaces.get_mut(k) {
                 Some(_) => {
                     let bytes = checked.bytes(extent);
@@ -223,11 +192,6 @@ impl Canvas {
         self.surfaces.iter().flatten().any(|surface| surface.channel == channel)
     }
 
-    /// The plane of limits, if there is one.
-    pub fn limit(&self) -> Option<LimitPlane> {
-        self.limit.map(LimitPlane)
-    }
-
     /// Copies a finished tile, which must lie in the rectangle, into the planes.
     pub fn write(&mut self, tile: Rect, pixels: &TilePixels<'_>) {
         let [left, top] = self.origin;
@@ -256,22 +220,16 @@ impl Canvas {
     }
 }
 
-/// A checked plane of limits, one for each pixel of a rectangle.
-#[derive(Clone, Copy)]
-pub(crate) struct LimitPlane(Surface);
-
-impl LimitPlane {
-    /// The limit of a pixel of the rectangle.
+impl Surface {
+    /// The limit of a pixel of the rectangle, in a plane of limits.
     #[inline]
-    pub fn at(&self, x: u32, y: u32) -> Limit {
+    pub fn limit(&self, x: u32, y: u32) -> Limit {
         // SAFETY: the pixel lies in the rectangle that `check` was given; the memory is readable by the promise of
         // `of_image`.
-        let t = unsafe { self.0.at(x as usize, y as usize).cast::<f32>().read() };
-        if self.0.channel == Channel::LimitZDepth { Limit::ZDepth(t) } else { Limit::RayDistance(t) }
+        let t = unsafe { self.at(x as usize, y as usize).cast::<f32>().read() };
+        if self.channel == Channel::LimitZDepth { Limit::ZDepth(t) } else { Limit::RayDistance(t) }
     }
-}
 
-impl Surface {
     /// The bytes that the plane's pixels occupy.
     fn bytes(&self, extent: Extent) -> PlaneBytes {
         PlaneBytes::new(self.data as usize, extent, (self.pixel_stride, self.row_stride), self.format.size())
@@ -288,14 +246,23 @@ impl Surface {
     }
 }
 
-/// Checks a plane: output, format, strides, alignment, extent, and that it overlaps neither scenes nor worker.
+/// Checks a plane: output, format, strides, alignment, extent, and that it overlaps neither scenes nor worker nor the
+/// memory in `read`, which rays and points have. `None` for a plane that is left out.
 fn check(
     channel: Channel,
     plane: &Plane,
     extent: Extent,
+    read: Option<&[(&'static str, Pieces)]>,
     worker: &State,
-) -> Result<(Surface, Pieces), Failure> {
+) -> Result<Option<(Surface, Pieces)>, Failure> {
     let name = channel.name();
+    check_zeros(name, &[plane.reserved])?;
+    if plane.data.is_null() {
+        return Ok(None);
+    }
+    if read.is_some() && matches!(channel, Channel::LimitRayDistance | Channel::LimitZDepth) {
+        return Err(Failure::LimitOfRays(name));
+    }
     if !channel.is_in(worker.outputs) {
         return Err(Failure::NotRequested(name));
     }
@@ -328,5 +295,8 @@ fn check(
     worker.check_apart(name, span)?;
     let data = plane.data.cast::<u8>();
     let pieces = Pieces { span, stride: pixel_stride, size: format.size() };
-    Ok((Surface { channel, format, data, pixel_stride, row_stride }, pieces))
+    for (other, memory) in read.unwrap_or_default() {
+        pieces.check_apart(name, *memory, other)?;
+    }
+    Ok(Some((Surface { channel, format, data, pixel_stride, row_stride }, pieces)))
 }

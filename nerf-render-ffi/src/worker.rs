@@ -1,7 +1,8 @@
 //! A worker: scenes, options, outputs and memory, checked once for any number of calls.
 
 use crate::boundary::{
-    Message, Out, Versioned, by_width, call, call_for_size, check_out, read_versioned, span_of, versioned,
+    Message, Out, Versioned, by_width, call, call_for_size, check_out, check_zeros, read_versioned, span_of,
+    versioned,
 };
 use crate::counters::Counters;
 use crate::failure::Failure;
@@ -202,9 +203,7 @@ impl Checked {
     unsafe fn read(at: *const Request) -> Result<Self, Failure> {
         // SAFETY: `at` is as this function's `# Safety` has it.
         let request = unsafe { read_versioned(at)? };
-        if request.reserved != 0 {
-            return Err(Failure::Reserved("request.reserved"));
-        }
+        check_zeros("request.reserved", &[request.reserved])?;
         let placed = !request.instances.is_null();
         if !placed && request.scene.is_null() {
             return Err(Failure::Null("request.scene"));

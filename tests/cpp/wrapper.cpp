@@ -207,6 +207,27 @@ void cameras_look_where_they_are_told(const nerf::scene &scene) {
         const float x = projection[0] * 0.3f / 2.0f - projection[8], y = projection[5] * 0.2f / 2.0f - projection[9];
         const auto towards = same->ray(0.5f * width * (x + 1.0f), 0.5f * height * (1.0f - y));
         CHECK(towards && close(dot(cross(towards->dir, point - c), cross(towards->dir, point - c)), 0.0f));
+        // A depth of OpenGL's is where the point is, as is one of [0, 1], reversed and without a far plane.
+        const auto far_to = [&](float m10, float m14, float ndc, float z) {
+            float depths[16] = {};
+            depths[10] = m10;
+            depths[14] = m14;
+            const float found = nerf::z_depth(ndc, depths);
+            return std::isinf(z) ? found == z : std::fabs(found - z) < 1e-4f * z;
+        };
+        CHECK(far_to(projection[10], projection[14], (1.02f * 2.0f - 0.2f) / 2.0f, 2.0f));
+        // From 1 to 4.
+        CHECK(far_to(-5.0f / 3.0f, -8.0f / 3.0f, -1.0f, 1.0f) && far_to(-5.0f / 3.0f, -8.0f / 3.0f, 1.0f, 4.0f));
+        CHECK(far_to(-4.0f / 3.0f, -4.0f / 3.0f, 0.0f, 1.0f) && far_to(-4.0f / 3.0f, -4.0f / 3.0f, 1.0f, 4.0f)); // [0, 1]
+        CHECK(far_to(1.0f / 3.0f, 4.0f / 3.0f, 1.0f, 1.0f) && far_to(1.0f / 3.0f, 4.0f / 3.0f, 0.0f, 4.0f)); // reversed
+        constexpr float infinity = std::numeric_limits<float>::infinity();
+        CHECK(far_to(0.0f, 0.5f, 0.25f, 2.0f) && far_to(0.0f, 0.5f, 0.0f, infinity)); // reversed, without a far plane
+        CHECK(far_to(-1.0f, -1.0f, 0.75f, 4.0f) && far_to(-1.0f, -1.0f, 1.0f, infinity));
+        // An inverse that was computed may have a last number that is 1 by rounding only.
+        float inverse[16];
+        std::copy_n(view, 16, inverse);
+        inverse[15] = 0.99999994f;
+        CHECK(nerf::camera::from_matrices(width, height, inverse, projection));
         projection[11] = 0.0f;
         CHECK(nerf::camera::from_matrices(width, height, view, projection).status() == NERF_STATUS_CAMERA);
         projection[11] = -1.0f;
@@ -515,6 +536,67 @@ void rays_are_a_host_s_own(const nerf::scene &scene) {
     CHECK(wrong.status() == NERF_STATUS_RAY && says(wrong.error(), "rays[5]"));
 }
 
+void one_ray_in_one_call_is_one_of_many(const nerf::scene &scene) {
+    const nerf::camera camera = camera_of(scene);
+    struct doubles {
+        double x, y, z;
+    };
+    std::vector<Ray> rays;
+    std::vector<float> rgba(4 * width), normals(3 * width), opacity(width), distance(width), median(width);
+    for (std::uint32_t x = 0; x < width; ++x) {
+        const auto from = *camera.ray(static_cast<float>(x) + 0.5f, 0.5f * height);
+        rays.push_back({0, from.origin, {}, from.dir, 0.25f, 2.5f + 0.03f * static_cast<float>(x), 0.02f * static_cast<float>(x)});
+    }
+    nerf::rays all;
+    all.origins = nerf::member(rays, &Ray::origin);
+    all.dirs = nerf::member(rays, &Ray::dir);
+    all.t_min = nerf::member(rays, &Ray::t_min);
+    all.t_max = nerf::member(rays, &Ray::t_max);
+    nerf::target to;
+    to.rgb = nerf::plane::rgba_f32(rgba);
+    to.opacity = nerf::plane::f32(opacity);
+    to.ray_distance = nerf::plane::f32(distance);
+    to.median_distance = nerf::plane::f32(median);
+    to.normals = nerf::plane::vec3_f32(normals);
+    auto worker = *scene.worker(to.outputs() | NERF_OUTPUT_Z_DEPTH);
+    bool equal = true, opaque = false;
+    const auto compare = [&](std::size_t i, const nerf::result<nerf::pixel> &seen) {
+        equal = equal && seen && std::memcmp(&seen->rgb, &rgba[4 * i], 3 * sizeof(float)) == 0 && seen->opacity == opacity[i] &&
+                seen->ray_distance == distance[i] && seen->median_distance == median[i] &&
+                std::memcmp(&seen->normal, &normals[3 * i], 3 * sizeof(float)) == 0;
+        opaque = opaque || seen->opacity > 0.5f;
+    };
+    CHECK(worker.render_rays(all, to));
+    for (std::size_t i = 0; i < width; ++i) {
+        const Ray &ray = rays[i];
+        const doubles origin{ray.origin.x, ray.origin.y, ray.origin.z};
+        const std::array<double, 3> dir{ray.dir.x, ray.dir.y, ray.dir.z};
+        compare(i, worker.render_ray(ray.origin, ray.dir, ray.t_min, ray.t_max));
+        compare(i, worker.render_ray(origin, dir, 0.25, static_cast<double>(ray.t_max)));
+    }
+    all.random = nerf::member(rays, &Ray::random);
+    CHECK(equal && opaque && worker.sample_rays(all, to));
+    for (std::size_t i = 0; i < width; ++i) {
+        const float dir[3] = {rays[i].dir.x, rays[i].dir.y, rays[i].dir.z};
+        compare(i, worker.sample_ray(rays[i].origin, dir, static_cast<double>(rays[i].random), 0.25, rays[i].t_max));
+    }
+    CHECK(equal);
+    // To the end of the world, also where a host writes it in doubles; and a shadow ray's opacity alone.
+    auto shadows = *scene.worker(NERF_OUTPUT_OPACITY);
+    const Ray &middle = rays[width / 2];
+    const auto endless = worker.render_ray(middle.origin, middle.dir), shadow = shadows.render_ray(middle.origin, middle.dir);
+    const auto far = worker.render_ray(middle.origin, middle.dir, 0, std::numeric_limits<double>::max());
+    CHECK(endless && far && shadow && std::memcmp(&*endless, &*far, sizeof *far) == 0);
+    CHECK(shadow->opacity == endless->opacity && shadow->rgb.x == 0.0f && shadow->ray_distance == 0.0f);
+    const auto wrong = worker.render_ray(middle.origin, 3.0f * middle.dir);
+    CHECK(wrong.status() == NERF_STATUS_RAY && says(wrong.error(), "rays[0]"));
+    CHECK(worker.sample_ray(middle.origin, middle.dir, 1.5).status() == NERF_STATUS_RAY);
+    CHECK(scene.worker(NERF_OUTPUT_Z_DEPTH)->render_ray(middle.origin, middle.dir).status() == NERF_STATUS_TARGET);
+    nerf::worker moved = std::move(worker);
+    CHECK(moved.render_ray(middle.origin, middle.dir)->opacity == endless->opacity);
+    CHECK(worker.render_ray(middle.origin, middle.dir).status() == NERF_STATUS_NULL_POINTER);
+}
+
 void fields_stand_where_a_host_puts_them(const nerf::scene &scene) {
     const nerf::camera camera = camera_of(scene);
     std::vector<float> alone(4 * pixels), placed(4 * pixels);
@@ -560,6 +642,11 @@ void fields_stand_where_a_host_puts_them(const nerf::scene &scene) {
     const auto short_of = nerf::worker::open(rows, target.outputs());
     CHECK(short_of.status() == NERF_STATUS_TRANSFORM &&
           says(short_of.error(), "instances[1]: expected a matrix of 16 floats"));
+    // A translation in row-major order is where a column-major matrix has zeros.
+    const float row_major[16] = {1.0f, 0.0f, 0.0f, 0.5f, 0.0f, 1.0f, 0.0f, 0.0f, 0.0f, 0.0f, 1.0f, 0.0f, 0.0f, 0.0f, 0.0f, 1.0f};
+    const nerf::instance transposed[1] = {nerf::instance(scene, row_major)};
+    const auto in_rows = nerf::worker::open(transposed, target.outputs());
+    CHECK(in_rows.status() == NERF_STATUS_TRANSFORM && says(in_rows.error(), "column-major"));
     CHECK(nerf::worker::memory_layout(rows, target.outputs()).status() == NERF_STATUS_TRANSFORM);
     CHECK(nerf::worker::open(rows, target.outputs(), {}, nerf::memory()).status() == NERF_STATUS_TRANSFORM);
     CHECK(nerf::worker::open({}, target.outputs()).status() == NERF_STATUS_NULL_POINTER);
@@ -674,6 +761,7 @@ int main(int argc, char **argv) {
     effects_and_settings_reach_the_frame(*plain);
     points_can_be_asked(*plain);
     rays_are_a_host_s_own(*plain);
+    one_ray_in_one_call_is_one_of_many(*plain);
     fields_stand_where_a_host_puts_them(*plain);
     quality_has_a_price(*front, *plain);
     frames_explain_themselves(*plain);

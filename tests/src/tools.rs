@@ -18,6 +18,7 @@ use std::sync::Mutex;
 const NEEDS: &[(&str, &str)] = &[
     ("/dev/full", "devices that are full"),
     ("Embree 3", "rays beside Embree's"),
+    ("OpenMP", "rays on OpenMP's threads"),
     ("a build of each effect", "each effect alone"),
     ("abidiff", "the C ABI against its baseline"),
     ("abidw", "the C ABI against its baseline"),
@@ -51,7 +52,7 @@ const NEEDS: &[(&str, &str)] = &[
 ];
 
 /// What tests use wherever it is, `NERF_TESTS=all` or not: of the system, or of the compilers that all of them need.
-const UNASKED: &[&str] = &["/dev/full", "g++", "gcc", "mount", "right to mount"];
+const UNASKED: &[&str] = &["/dev/full", "OpenMP", "g++", "gcc", "mount", "right to mount"];
 
 /// Whether all of these programs are in `PATH`; each that is not is left out as by [`there_is`].
 ///

@@ -1,4 +1,4 @@
-// What the four renderers beside this file share: vectors, a film, threads, a floor under a sky. Nothing in here knows of
+// What the five renderers beside this file share: vectors, a film, threads, a floor under a sky. Nothing in here knows of
 // fields; z is up.
 #ifndef WORLD_HPP
 #define WORLD_HPP

@@ -1,4 +1,5 @@
-//! Example renderers that draw a field among their own surfaces: a ray tracer, a path tracer, a rasteriser, one on Embree.
+//! Example renderers that draw a field among their own surfaces: a ray tracer, a path tracer, a rasteriser, one on Embree,
+//! one on OpenMP's threads.
 
 use nerf_tests::build::{Language, program, run};
 use nerf_tests::paths;
@@ -22,14 +23,16 @@ fn drawn(directory: &Path, name: &str, scene: &str, last: &str) -> Vec<f32> {
         binary
     } else {
         let mut flags = vec!["-Wshadow"];
-        if name == "embree" {
-            flags.push("-lembree3");
+        match name {
+            "embree" => flags.push("-lembree3"),
+            "openmp" => flags.push("-fopenmp"),
+            _ => {}
         }
         program(Language::Cpp, &source, directory, &flags)
     };
     let (width, height) = (WIDTH.to_string(), HEIGHT.to_string());
     let mut command = Command::new(binary);
-    command.env_remove("NERF_KERNEL").current_dir(directory);
+    command.env_remove("NERF_KERNEL").env("OMP_NUM_THREADS", last).current_dir(directory);
     run(command.args([scene, "out", &width, &height, last]));
     let bytes = std::fs::read(directory.join("out.pfm")).expect("a picture");
     let header = format!("PF\n{WIDTH} {HEIGHT}\n-1.0\n");
@@ -88,4 +91,27 @@ fn embree_s_hits_end_the_rays() {
     scenes(directory.path());
     let draw = |scene| drawn(directory.path(), "embree", scene, "1");
     assert!(mean_difference(&draw("scene.nerf"), &draw("plain.nerf")) > 0.01);
+}
+
+/// Whether the C++ compiler has OpenMP.
+fn openmp(directory: &Path) -> bool {
+    let source = directory.join("probe.cpp");
+    std::fs::write(&source, "#include <omp.h>\nint main() { return omp_get_max_threads() < 1; }\n")
+        .expect("a file");
+    let mut command = Command::new(std::env::var_os("CXX").unwrap_or_else(|| "c++".into()));
+    let built = command.arg("-fopenmp").arg(source).arg("-o").arg(directory.join("probe")).output();
+    built.is_ok_and(|output| output.status.success())
+}
+
+#[test]
+fn openmp_s_threads_draw_the_same_with_workers_of_their_own() {
+    let directory = paths::temporary();
+    if !there_is("OpenMP", openmp(directory.path())) {
+        return;
+    }
+    scenes(directory.path());
+    let draw = |scene, threads| drawn(directory.path(), "openmp", scene, threads);
+    let one = draw("scene.nerf", "1");
+    assert!(one == draw("scene.nerf", "3"));
+    assert!(mean_difference(&one, &draw("plain.nerf", "2")) > 0.01, "another field is another picture");
 }
