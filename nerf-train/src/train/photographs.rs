@@ -143,7 +143,7 @@ impl Photographs {
         self.moving.as_ref().is_some_and(Moving::is_found)
     }
 
-    /// Those of the training photographs `views` of which something that moved is masked at present.
+    /// The training photographs `views` in which a moving object is masked at present.
     pub fn moved(&self, views: &[View]) -> Vec<Moved> {
         self.moving.as_ref().map_or_else(Vec::new, |moving| moving.found(views))
     }

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 pub(crate) const TRAIN: &str = "transforms_train.json";
 const VAL: &str = "transforms_val.json";
 const TEST: &str = "transforms_test.json";
-/// Lists of the splits; a file of one of these names stands for its whole folder.
+/// Lists of the splits. Given one of these files, a reader reads its whole folder.
 pub(crate) const SPLITS: [&str; 3] = [TRAIN, VAL, TEST];
 
 pub(crate) fn is_here(folder: &Path) -> bool {

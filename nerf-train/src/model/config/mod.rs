@@ -28,6 +28,7 @@ const OCCUPANCY_RESOLUTIONS: [u16; 5] = [128, 96, 64, 48, 32];
 pub struct Config {
     /// Preset that the settings started from.
     pub preset: Preset,
+    /// Engine that computes the gradients.
     pub engine: EngineKind,
     pub network: NetworkConfig,
     pub sampling: SamplingConfig,
@@ -60,6 +61,7 @@ pub struct NetworkConfig {
     pub feature: bool,
     /// Channels of the colour branch's hidden layer; 0 for none.
     pub colour_width: usize,
+    /// Activation from raw density to sigma.
     pub density: Density,
     /// `sigma = activation(scale · raw)` in training.
     pub density_scale: f32,
@@ -123,9 +125,13 @@ pub struct CaptureConfig {
     pub depth: f32,
     /// Whether space that lines of sight to sparse points cross counts as free.
     pub free_space: bool,
+    /// Whether each photograph has an exposure gain.
     pub exposure: Exposure,
+    /// Whether poses are refined.
     pub poses: PoseRefinement,
+    /// Whether moving objects are left out of the loss.
     pub moving: MovingObjects,
+    /// Whether photographs are withheld at the beginning, to choose the weight decay by their error.
     pub withhold: Withholding,
 }
 
@@ -176,7 +182,7 @@ pub enum MovingObjects {
     Off,
 }
 
-/// Whether photographs are withheld at the beginning of a run, to choose the weight decay by their error.
+/// Whether photographs are withheld at the beginning of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Withholding {
