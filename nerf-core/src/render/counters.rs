@@ -1,33 +1,33 @@
-//! Counters of a render's work: they make "paid only for what was used" testable without a clock.
+//! Counters of a render's work, by which tests check without a clock that a frame pays only for the stages it uses.
 
 use crate::network::Network;
 
-/// The work of a render; that of a 2D field has only colour evaluations, multiply-adds and invalid samples.
+/// Work of a render. A render of a 2D field counts only colour evaluations, multiply-adds and invalid samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Number of rays, including those that meet nothing.
+    /// Number of rays, including rays without a sample.
     pub rays: u64,
-    /// Samples at which the network was evaluated.
+    /// Number of samples at which the network was evaluated.
     pub samples_kept: u64,
-    /// Samples of the rays without an evaluation: outside the box, in empty cells, or behind the cut. Together with
-    /// `samples_kept`, the scene's samples of every ray, or more if a ray's path through the box is longer than
-    /// `near..far`: it continues there with the same spacing.
+    /// Number of samples without an evaluation: outside the box, in empty cells, or behind the transmittance cut. The
+    /// sum with `samples_kept` is the scene's number of samples for every ray, or more if a ray's path through the box
+    /// is longer than `near..far`: samples continue there with the same spacing.
     pub samples_skipped: u64,
-    /// Evaluations of the proposal network, which do not count as samples.
+    /// Number of evaluations of the proposal network, which do not count as samples.
     pub proposal_evaluations: u64,
-    /// Evaluations of trunk and density head.
+    /// Number of evaluations of trunk and density head.
     pub density_evaluations: u64,
-    /// Evaluations of the colour branch, for samples or, in a field shaded once a ray, for rays; in a 2D field,
-    /// evaluations of the whole network.
+    /// Number of evaluations of the colour branch: for samples, or in a field shaded once a ray, for rays. In a 2D
+    /// field, number of evaluations of the whole network.
     pub colour_evaluations: u64,
-    /// Gradients of the density, each a forward and a backward pass of the trunk.
+    /// Number of gradients of the density, each a forward and a backward pass of the trunk.
     pub normal_evaluations: u64,
-    /// Multiply-adds of the layers of the network and its proposal network. Table reads do not count: their number is
-    /// density evaluations times [`Architecture::table_reads`](crate::network::Architecture::table_reads).
+    /// Number of multiply-adds in layers of network and proposal network. Table reads do not count; their number is
+    /// `density_evaluations` times [`Architecture::table_reads`](crate::network::Architecture::table_reads).
     pub macs: u64,
-    /// Invalid results of the network. A density that is NaN counts as empty (the proposal's too). A colour that is
-    /// NaN (in a field shaded once a ray, that of a ray) counts as black. A sample whose gradient is not finite has
-    /// no normal.
+    /// Number of invalid results of the network. A NaN density, also of the proposal network, is rendered as 0. A NaN
+    /// colour of a sample, or of a ray in a field shaded once a ray, is rendered as black. A sample whose gradient is
+    /// not finite has no normal.
     pub invalid_samples: u64,
 }
 
@@ -39,13 +39,13 @@ impl Counters {
         self.macs += (n * network.architecture().density_macs()) as u64;
     }
 
-    /// Counts `n` samples evaluated by the colour branch; the direction's share is counted once a ray.
+    /// Counts `n` evaluations of the colour branch, without the direction's share, which is counted once a ray.
     pub(super) fn add_colour(&mut self, network: &Network<'_>, n: usize) {
         self.colour_evaluations += n as u64;
         self.macs += (n * (network.architecture().colour_macs() - network.direction_macs())) as u64;
     }
 
-    /// Returns `colour`, or black if it is NaN, which is counted.
+    /// Returns `colour`, or black for a NaN colour, which is counted as invalid.
     pub(super) fn or_black(&mut self, colour: [f32; 3]) -> [f32; 3] {
         if colour.iter().any(|c| c.is_nan()) {
             self.invalid_samples += 1;

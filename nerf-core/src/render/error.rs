@@ -1,4 +1,4 @@
-//! Why nothing was rendered.
+//! Reason why nothing was rendered.
 
 use super::Rect;
 use crate::blob::BlobError;
@@ -8,7 +8,7 @@ use crate::memory::Line;
 use crate::plan::{Batch, PlanError};
 
 errors! {
-    /// Why nothing was rendered.
+    /// Reason why nothing was rendered.
     RenderError:
     /// The blob is a scene, not a 2D field.
     NotAPicture => "blob: expected a 2D field, found a scene";
@@ -19,41 +19,41 @@ errors! {
         "size: expected sides of 1 to {MAX_IMAGE_SIDE} pixels, found {width}x{height}";
     /// A batch without rays or samples, with more than [`Batch::MAX_RAYS`] rays or with more than 64 samples.
     Batch { found: Batch } => "{error}", error = PlanError::Batch { found: *found };
-    /// The rectangle is not inside the image, whose width and height are given.
+    /// The rectangle is not inside the image of `width` × `height` pixels.
     Rect { rect: Rect, width: u32, height: u32 } =>
         "rectangle: expected it inside the {width}x{height} image, found {w}x{h} at ({x}, {y})",
         w = rect.width, h = rect.height, x = rect.x, y = rect.y;
-    /// Too little memory, in lines of 64 bytes.
+    /// The workspace is too small; `expected` and `found` are numbers of lines of 64 bytes.
     Memory { expected: usize, found: usize } => "workspace: expected {expected} lines of 64 bytes, found {found}";
     /// Parameters or tables that do not fit the scene's architecture.
     Network => "network: expected the parameters and tables of its architecture, found others";
-    /// Coded tables of a blob that [`Blob::open`](crate::blob::Blob::open) refuses.
+    /// Coded tables that cannot be decoded; [`Blob::open`](crate::blob::Blob::open) refuses such a blob.
     Tables(error: BlobError) => "{error}";
-    /// An image of more pixels than there is memory for.
+    /// The image has more pixels than fit into free memory.
     #[cfg(all(feature = "std", not(target_os = "none")))]
     ImageMemory { width: usize, height: usize } =>
         "image: expected free memory for {width}x{height} pixels, found less";
     /// The slices of a query differ in length.
     Lengths { positions: usize, dirs: usize, sigma: usize, rgb: usize } =>
         "query: expected slices of one length, found positions {positions}, dirs {dirs}, sigma {sigma}, rgb {rgb}";
-    /// A ray of the caller's that is not finite or whose direction is not of unit length.
+    /// A ray of the caller that is not finite or whose direction is not of unit length.
     Ray { index: usize } => "rays[{index}]: expected a finite origin and a direction of unit length";
-    /// A ray of the caller's whose range does not satisfy `0 <= t_min <= t_max`.
+    /// A ray of the caller whose range does not satisfy `0 <= t_min <= t_max`.
     RayRange { index: usize, t_min: f32, t_max: f32 } =>
         "rays[{index}]: expected 0 <= t_min <= t_max, found t_min {t_min}, t_max {t_max}";
     /// A random number outside `[0, 1]`, a ray without a number, or a number without a ray.
     Random { index: usize } => "random[{index}]: expected a number in [0, 1] for every ray and no more";
     /// An axis for z_depth that is not of unit length.
     Axis { found: [f32; 3] } => "axis: expected a vector of unit length, found {found:?}";
-    /// Rays of the caller's under a plan with several rays a pixel or with an aperture, which only a camera has.
+    /// Rays of the caller under a plan with several rays a pixel or an aperture, effects that need a camera.
     CameraEffects => "effects: expected no anti-aliasing and no aperture, which are a camera's, for rays";
     /// No instance to render.
     #[cfg(feature = "instances")]
     NoInstances => "instances: expected at least one, found none";
-    /// An instance that cannot be rendered with the others.
+    /// An instance that cannot be rendered with the other instances.
     #[cfg(feature = "instances")]
     Instance { index: usize, problem: InstanceProblem } => "instances[{index}]: {problem}";
-    /// A direction of a query for colour that is not of unit length.
+    /// A query for colour along a direction that is not of unit length.
     Direction { index: usize, found: [f32; 3] } =>
         "dirs[{index}]: expected a vector of unit length, found {found:?}";
 }
@@ -66,15 +66,15 @@ pub(super) fn check_memory(expected: usize, memory: &[Line]) -> Result<(), Rende
 
 #[cfg(feature = "instances")]
 errors! {
-    /// What keeps an instance from being rendered with the others.
+    /// Reason why an instance cannot be rendered with the others.
     #[derive(Eq)]
     InstanceProblem:
     /// The instance's plan was made for another blob.
     OtherScene => "expected a plan of this scene, found one of another";
-    /// Outputs, effects or batch are not those of the last instance.
+    /// The instance's outputs, effects or batch differ from those of the last instance.
     OtherRequest => "expected outputs, effects and batch of the last instance, found others";
     /// The instance draws samples from a proposal network: [`Quality::proposal`](crate::plan::Quality) must be off.
     Proposal => "expected a plan without a proposal network, found one with it";
-    /// The instance is unbounded, and not the last.
+    /// The instance is an unbounded scene, and not the last instance.
     Unbounded => "expected an unbounded scene as the last instance alone, found one in front of it";
 }

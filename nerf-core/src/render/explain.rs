@@ -1,4 +1,4 @@
-//! Report of a frame: which stages run, which do not and why, and with counters the work of each.
+//! Report of a frame: which stages run, why the others do not, and with counters the work of each stage.
 
 use super::Counters;
 use super::field::Field;
@@ -13,17 +13,17 @@ use core::fmt;
 mod tests;
 
 names! {
-    /// Whether a stage is part of a frame, and if not, why.
+    /// State of a stage in a frame: on, or the reason why the stage is off.
     pub enum Switch {
         /// The stage runs.
         On = "on",
-        /// The scene has nothing for it to do.
+        /// The scene has nothing for the stage to do.
         AbsentInScene = "off: absent in the scene",
-        /// Not requested, and no output needs it.
+        /// The request has no effect or output that needs the stage.
         NotAskedFor = "off: not asked for",
-        /// Its cargo feature is off: the build has no code for the stage.
+        /// The build has no code for the stage, since its cargo feature is off.
         NotBuilt = "off: not built in",
-        /// The request's [`Quality`](crate::plan::Quality) switches it off.
+        /// The request's [`Quality`](crate::plan::Quality) switches the stage off.
         SwitchedOff = "off: switched off by the request",
     }
 }
@@ -33,12 +33,12 @@ impl Switch {
         if asked { Self::On } else { Self::NotAskedFor }
     }
 
-    /// The switch of a stage that only some builds have.
+    /// Switch of a stage that needs a cargo feature; `built`: whether this build has the feature.
     fn built(built: bool, asked: bool) -> Self {
         if built { Self::asked(asked) } else { Self::NotBuilt }
     }
 
-    /// `other` if `self` is on, else `self` with its reason.
+    /// Returns `other` if `self` is on, else `self`, which holds the reason.
     fn and(self, other: Self) -> Self {
         if self == Self::On { other } else { self }
     }
@@ -53,31 +53,31 @@ pub struct Stage {
     pub switch: Switch,
 }
 
-/// Report of a frame: its [`Display`](fmt::Display) writes a table, a line for each stage, and allocates nothing.
+/// Report of a frame; [`Display`](fmt::Display) writes a table of one line a stage, and allocates nothing.
 #[derive(Clone, Copy, Debug)]
 pub struct Explanation<'e> {
     pub(super) plan: &'e Plan<'e>,
     pub(super) blob: &'e Blob<'e>,
     pub(super) network: &'e Network<'e>,
-    /// Multiply-adds of one evaluation of the proposal network.
+    /// Number of multiply-adds of one evaluation of the proposal network.
     pub(super) proposal_macs: u64,
-    /// Bytes.
+    /// Size of the workspace, bytes.
     pub(super) workspace: usize,
     pub(super) counters: Option<Counters>,
 }
 
 impl Explanation<'_> {
-    /// Adds the counters of a frame that was rendered with this plan, and so the work of each stage.
+    /// Adds the work of each stage, from the counters of a frame that was rendered with this plan.
     pub fn with_counters(self, counters: Counters) -> Self {
         Self { counters: Some(counters), ..self }
     }
 
-    /// Replaces the reported workspace by `bytes`, for a host that needs more than the renderer.
+    /// Replaces the reported size of the workspace by `bytes`, for a host that needs more memory than the renderer.
     pub fn with_workspace(self, bytes: usize) -> Self {
         Self { workspace: bytes, ..self }
     }
 
-    /// The stages that may be absent, in the order of the frame.
+    /// The stages that may be absent from a frame, in the order in which a frame runs them.
     pub fn stages(&self) -> [Stage; 17] {
         let plan = self.plan;
         let cut = |value: f32| if value > 0.0 { Switch::On } else { Switch::SwitchedOff };
@@ -119,7 +119,7 @@ impl Explanation<'_> {
         .map(|(name, switch)| Stage { name, switch })
     }
 
-    /// Bytes of workspace the frame needs.
+    /// Size of the workspace that the frame needs, bytes.
     pub fn workspace_bytes(&self) -> usize {
         self.workspace
     }
@@ -246,23 +246,23 @@ impl fmt::Display for Explanation<'_> {
     }
 }
 
-/// Multiply-adds of a frame by stage; they add up to [`Counters::macs`].
+/// Numbers of multiply-adds of a frame by stage; the sum is [`Counters::macs`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shares {
-    /// The proposal network.
+    /// Multiply-adds of the proposal network.
     pub proposal: u64,
-    /// The direction's part of the colour branch, once a ray.
+    /// Multiply-adds of the part of the colour branch that depends on the direction alone, evaluated once a ray.
     pub direction: u64,
-    /// Trunk and density head.
+    /// Multiply-adds of trunk and density head.
     pub density: u64,
-    /// Colour branch.
+    /// Multiply-adds of the colour branch without the direction's part.
     pub colour: u64,
-    /// Gradients of the density.
+    /// Multiply-adds of the density's gradients.
     pub normals: u64,
 }
 
 impl Shares {
-    /// Splits `counters` by stage; an evaluation of the proposal network takes `proposal_macs` multiply-adds.
+    /// Splits `counters.macs` by stage; `proposal_macs`: multiply-adds of one evaluation of the proposal network.
     pub(super) fn new(counters: &Counters, network: &Network<'_>, proposal_macs: u64) -> Self {
         let a = network.architecture();
         let per_colour = (a.colour_macs() - network.direction_macs()) as u64;

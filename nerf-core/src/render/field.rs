@@ -1,10 +1,9 @@
-//! A field and the plan of its frames, which every stage of a frame takes.
+//! A field's network and the plan of its frames: an argument of every stage of a frame.
 
 use crate::network::{Network, PER_RAY_BUILT, Shading};
 use crate::plan::Plan;
 use crate::simd::{BLOCK, Isa};
 
-/// A field's network, and the plan of its frames.
 #[derive(Clone, Copy)]
 pub(super) struct Field<'f> {
     pub network: &'f Network<'f>,
@@ -21,19 +20,20 @@ impl Field<'_> {
         if self.network.whole_blocks() { BLOCK } else { self.plan.batch.samples }
     }
 
-    /// Number of columns for `n` samples: `n`, or a multiple of [`Network::columns`] for the kernels that need it.
+    /// Number of columns for `n` samples: `n`, or the next multiple of [`Network::columns`] for kernels of whole
+    /// blocks.
     ///
-    /// A column's result does not depend on the number of columns.
+    /// The result in a column does not depend on the number of columns.
     pub fn columns(&self, n: usize) -> usize {
         if self.network.whole_blocks() { n.next_multiple_of(self.network.columns()) } else { n }
     }
 
-    /// Whether colours are computed once a ray.
+    /// Whether colour is requested and computed once a ray.
     pub fn shades_rays(&self) -> bool {
         PER_RAY_BUILT && self.plan.outputs.rgb && self.network.architecture().shading == Shading::PerRay
     }
 
-    /// Whether colours are computed at samples.
+    /// Whether colour is requested and computed at samples.
     pub fn shades_samples(&self) -> bool {
         self.plan.outputs.rgb && !self.shades_rays()
     }

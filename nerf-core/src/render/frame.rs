@@ -1,4 +1,4 @@
-//! The frame loop of one field: a tile's rays from pixel to pixel.
+//! The frame loop of one field, from a tile's pixels over their rays to finished pixels.
 
 use super::Counters;
 use super::field::Field;
@@ -13,7 +13,7 @@ use crate::memory::{Layout, head, put};
 use crate::space::SceneBox;
 use glam::Vec3;
 
-/// The stages of a field's frames.
+/// Stages of a field's frames, with their memory.
 pub(super) struct Frame<'f, 'w> {
     proposer: &'f Proposer<'f>,
     flight: InFlight<'f, 'w>,
@@ -25,7 +25,7 @@ pub(super) struct Frame<'f, 'w> {
 }
 
 impl<'f, 'w> Frame<'f, 'w> {
-    /// All memory of a frame except that of its pixels: this list alone both measures and allocates it.
+    /// Lays out the memory of a frame, except that of its pixels. The same code measures and allocates the memory.
     pub fn lay_out(
         layout: &mut impl Layout<'w>,
         field: Field<'f>,
@@ -53,7 +53,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
     }
 
-    /// The distance of pixels without a surface, by the position they are seen from.
+    /// Returns a function from the eye's position to the distance of pixels without a surface, world units.
     pub fn far(&self) -> impl Fn(Vec3) -> f32 + use<'f> {
         let plan = self.flight.field.plan;
         move |eye| plan.far_from(eye)
@@ -93,7 +93,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
     }
 
-    /// Evaluates one block of samples; `false` if no ray is active.
+    /// Evaluates and composites one block of samples; returns `false` if no ray is active.
     fn step<M: Math, const COLLIDE: bool>(&mut self, counters: &mut Counters) -> bool {
         let Self { flight, compositing, .. } = self;
         let InFlight { field, rays, density, .. } = flight;
@@ -114,7 +114,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         true
     }
 
-    /// Density and colour at up to one block of points, given by position and direction.
+    /// Computes density and colour at up to one block of points, each given by position and direction.
     pub fn points(
         &mut self,
         points: impl Iterator<Item = (Vec3, Vec3)>,

@@ -1,11 +1,11 @@
-//! One frame: rays to occupied samples to network to pixels, in the caller's memory.
+//! Rendering of one frame, in the caller's memory: from rays over occupied samples and the network to pixels.
 //!
-//! A tile's rays are marched front to back (`march`). A block takes the next occupied sample of as many active rays
-//! as it has room for and goes through trunk and density head; rays above the transmittance threshold join a later
-//! block. Samples whose weight calls for a colour are compacted until they fill a block for the colour branch. In a
-//! field shaded once a ray, the trunk's output `h` is composited along the ray, and the branch is run once a ray
-//! after the march. Neither pixels nor work depend on the size of tile or batch. A 2D field has no rays: its pixels
-//! go through the network block by block (`picture`).
+//! A tile's rays are marched front to back (`march`). A block holds the next occupied sample of as many active rays as
+//! fit, and trunk and density head are evaluated for the whole block. Rays above the transmittance threshold have their
+//! next sample in a later block. Samples that need a colour are collected until they fill a block for the colour
+//! branch. In a field shaded once a ray, the trunk's output `h` is composited along the ray, and the colour branch is
+//! evaluated once a ray after the march. Neither pixels nor work depend on the size of tile or batch. A 2D field has no
+//! rays: its pixels are evaluated block by block (`picture`).
 
 mod counters;
 mod error;

@@ -1,4 +1,4 @@
-//! Time of a frame on this host: the measurement that turns a limit in milliseconds into settings.
+//! Time of a frame on this host, measured to choose the settings that meet a limit in milliseconds.
 
 use super::error::check_memory;
 use super::{Rect, RenderError, Renderer};
@@ -11,16 +11,16 @@ use crate::volume::Pixel;
 #[cfg(test)]
 mod tests;
 
-/// Approximate maximum number of rays that sample a view: a few per cent of a small picture's, and enough to fill
-/// blocks.
+/// Approximate maximum number of pixels by which a frame is timed: a few per cent of those of a small picture, and
+/// enough to fill blocks.
 const SAMPLED_RAYS: u64 = 2048;
 
-/// Milliseconds of a frame at each point of a scene's Pareto front, in the front's order.
+/// Time of a frame, milliseconds, at each point of a scene's Pareto front, in the front's order.
 ///
-/// Valid for one host, camera and number of threads; [`Pace::measure`] measures it.
+/// Valid for one host, camera and number of threads; made by [`Pace::measure`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pace {
-    /// Milliseconds of a frame by index of the point; infinity if it was not measured.
+    /// Time of a frame at each point of the front, by the point's index; infinity if the point was not measured.
     pub milliseconds: [f32; MAX_FRONT],
 }
 
@@ -28,18 +28,18 @@ impl Pace {
     /// A pace without measurements.
     pub const UNKNOWN: Self = Self { milliseconds: [f32::INFINITY; MAX_FRONT] };
 
-    /// The settings of the blob's Pareto front with the least loss whose measured time is at most `milliseconds`,
-    /// and that time; of equal losses, the cheaper.
+    /// Returns the point of the blob's Pareto front with the least loss among those whose measured time is at most
+    /// `milliseconds`, and that time. Among points of equal loss the cheapest is returned.
     ///
-    /// If every point takes longer, the fastest, with [`Choice::within`] false. `None` without a front, or if
-    /// nothing was measured.
+    /// If every point takes longer, returns the fastest, with [`Choice::within`] false. `None` without a front, or if
+    /// no point was measured.
     pub fn within(&self, blob: &Blob<'_>, milliseconds: f32) -> Option<(Choice, f32)> {
         let timed = || {
             let known = |(_, time): &(Choice, f32)| time.is_finite();
             let of = |(index, choice)| Some((choice, *self.milliseconds.get::<usize>(index)?));
             Quality::front(blob).filter_map(of).filter(known)
         };
-        // Dearest first: of equal losses the last is the cheapest.
+        // Points come in order of falling cost: of points with equal loss the last is the cheapest.
         let least = |a: (Choice, f32), b: (Choice, f32)| if b.0.loss_db <= a.0.loss_db { b } else { a };
         match timed().filter(|(_, time)| *time <= milliseconds).reduce(least) {
             Some((choice, time)) => Some((Choice { within: true, ..choice }, time)),
@@ -47,7 +47,7 @@ impl Pace {
         }
     }
 
-    /// Lines of workspace that [`Pace::measure`] needs for frames like `plan`.
+    /// Number of 64-byte lines of workspace that [`Pace::measure`] needs for frames like `plan`.
     pub fn lines(renderer: &Renderer<'_>, plan: &Plan<'_>) -> usize {
         let points = Quality::front(renderer.blob());
         let lines = points.filter_map(|(_, choice)| {
@@ -56,14 +56,14 @@ impl Pace {
         lines.max().unwrap_or(0)
     }
 
-    /// Measures what a frame takes on one thread at each point of the scene's front.
+    /// Measures the time of a frame on one thread at each point of the scene's front.
     ///
-    /// `plan`: the plan of a frame, whose shortcuts are replaced by those of each point. `clock`: microseconds
-    /// since any moment, never falling. Every n-th pixel of every n-th row is rendered, about 2,048 of them
-    /// over the whole view, since single tiles may be empty. The cheapest point comes first; each is rendered
-    /// twice, and the shorter time is taken. Once a frame would take more than `limit_milliseconds`, dearer
-    /// points are not measured: for a picture far larger than the sample, the whole measurement takes little
-    /// longer than one frame at that limit. A scene without a front has no pace.
+    /// `plan`: plan of a frame, whose [`Quality`] is replaced by that of each point. `clock`: microseconds since any
+    /// moment, never decreasing. About 2,048 pixels are timed, every n-th of every n-th row over the whole view, since
+    /// single tiles may be empty. Points are measured in order of rising cost; each is rendered twice, and the shorter
+    /// time counts. Once a frame would take more than `limit_milliseconds`, points of higher cost are not measured: for
+    /// a picture far larger than the timed pixels, the whole measurement takes little longer than one frame at the
+    /// limit. A scene without a front yields [`Pace::UNKNOWN`].
     ///
     /// # Errors
     /// [`RenderError::Memory`] on less workspace than [`Pace::lines`] says.
@@ -104,20 +104,19 @@ impl Pace {
     }
 }
 
-/// Steps between sampled pixels, right and down: equal, unless a side is shorter than the step.
+/// Distances between timed pixels, right and down, pixels: equal, unless a side is shorter than the distance.
 fn steps(camera: &Camera) -> (u32, u32) {
     let i = camera.intrinsics();
     let (width, height) = (u64::from(i.width), u64::from(i.height));
     let all = width * height;
     let step = if all > SAMPLED_RAYS { (all / SAMPLED_RAYS).isqrt() + 1 } else { 1 };
-    // A side that is shorter than a step has one sample, and the other all the rest.
+    // If a side is shorter than the step, one pixel is timed along it, and all timed pixels lie along the other side.
     let right = if step > height { width.div_ceil(SAMPLED_RAYS) } else { step.min(width) };
     let down = if step > width { height.div_ceil(SAMPLED_RAYS) } else { step.min(height) };
-    // Lossless: no more than the sides.
+    // Lossless casts: no step is longer than its side.
     (right as u32, down as u32)
 }
 
-/// Pixels of a camera's image.
 fn pixels(camera: &Camera) -> u64 {
     let i = camera.intrinsics();
     u64::from(i.width) * u64::from(i.height)

@@ -11,12 +11,12 @@ use crate::simd::BLOCK;
 #[cfg(test)]
 mod tests;
 
-/// Longest side of a rendered picture, pixels: that of an image.
+/// Longest side of a rendered picture, pixels: the limit of camera images, too.
 ///
-/// Up to this size no two pixels have the same coordinate, and none has the coordinate 1.
+/// Up to this size no two columns or rows of pixels have the same coordinate, and no pixel has the coordinate 1.
 pub const MAX_RENDER_SIDE: u32 = MAX_IMAGE_SIDE;
 
-/// The workspace of a picture.
+/// Workspace of a picture, for one block of pixels.
 pub(super) struct Buffers<'w> {
     /// `[2][stride]`.
     positions: &'w mut [f32],
@@ -43,7 +43,7 @@ impl<'w> Buffers<'w> {
     }
 }
 
-/// Renders a rectangle of a picture of `size`; `workspace` has the lines of [`Buffers`].
+/// Renders the rectangle `rect` of a picture of `size` pixels; `workspace` has room for [`Buffers`].
 pub(super) fn render(
     network: &Network<'_>,
     math: MathBackend,
@@ -58,7 +58,7 @@ pub(super) fn render(
     let macs = (architecture.density_macs() + architecture.colour_macs()) as u64;
     let [width, height] = size.map(|side| side as f32);
     let (stride, mut counters) = (scratch.stride, Counters::default());
-    // Blocks run on across the ends of rows; only the last one may be short.
+    // A block may hold pixels of several rows; only the last block may be short.
     let mut pixels = rect.pixels();
     loop {
         let mut n = 0;

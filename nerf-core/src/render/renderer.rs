@@ -1,4 +1,4 @@
-//! A scene prepared for one kernel.
+//! A scene prepared for one [`Kernel`]: an instruction set and a storage of weights.
 
 use super::error::check_memory;
 use super::field::Field;
@@ -19,7 +19,7 @@ use crate::memory::{Arena, Layout, Line, Measure};
 use crate::network::{Network, Weights, unpack};
 use crate::plan::{Batch, Plan};
 
-/// A scene prepared for one kernel.
+/// A scene prepared for one [`Kernel`]: an instruction set and a storage of weights.
 #[derive(Clone, Debug)]
 pub struct Renderer<'a> {
     blob: Blob<'a>,
@@ -29,18 +29,18 @@ pub struct Renderer<'a> {
 }
 
 impl<'a> Renderer<'a> {
-    /// Number of lines of memory that [`Renderer::new`] needs. Portable instructions read the blob in place, and need
-    /// lines for coded tables alone.
+    /// Number of 64-byte lines of memory that [`Renderer::new`] needs. Kernels of portable instructions read the blob
+    /// in place, and need memory for coded tables alone.
     pub fn prepared_lines(blob: &Blob<'_>, kernel: Kernel) -> usize {
         Measure::lines_of(|it| Prepared::lay_out(it, blob, kernel))
     }
 
-    /// Prepares a scene for `kernel`, unpacking its weights and decoding its tables once into `memory`.
+    /// Prepares a scene for `kernel`: unpacks its weights and decodes its tables, once, into `memory`.
     ///
     /// # Errors
     /// [`RenderError::Memory`] if `memory` is smaller than [`Renderer::prepared_lines`] says, [`RenderError::Tables`]
-    /// of a blob that was opened undecoded, and [`RenderError::Network`] if the blob's parameters or tables are not
-    /// those of its architecture.
+    /// on invalid coded tables of a blob that was opened undecoded, and [`RenderError::Network`] if the blob's
+    /// parameters or tables do not fit its architecture.
     pub fn new(blob: Blob<'a>, kernel: Kernel, memory: &'a mut [Line]) -> Result<Self, RenderError> {
         check_memory(Self::prepared_lines(&blob, kernel), memory)?;
         let mut prepared = Prepared::lay_out(&mut Arena::new(memory), &blob, kernel);
@@ -51,8 +51,8 @@ impl<'a> Renderer<'a> {
         Self::of_prepared(blob, kernel, &prepared, occupied).ok_or(RenderError::Network)
     }
 
-    /// A scene over values that were prepared for `kernel`, with the [`CoarseOccupancy`] of its blob; `None` if there
-    /// are too few values.
+    /// Returns a renderer over values that were prepared for `kernel`; `occupied`: the [`CoarseOccupancy`] of the blob.
+    /// `None` if there are too few values.
     pub(crate) fn of_prepared(
         blob: Blob<'a>,
         kernel: Kernel,
@@ -63,10 +63,10 @@ impl<'a> Renderer<'a> {
         Some(Self { blob, network, proposer, occupied })
     }
 
-    /// The scene of `blob` with other parameters, f32 in the same order, to measure the loss by rounding. Its
-    /// proposal network keeps its own, and so does its grid without other `tables`.
+    /// Returns the renderer of `blob` with other network parameters, f32 in the same order, to measure the loss by
+    /// rounding. The proposal network keeps the blob's parameters; without `tables`, the grid keeps the blob's tables.
     ///
-    /// `None` if there are too few parameters, if the blob's tables are coded and no others are given, and in builds
+    /// `None` if there are too few parameters, if the blob's tables are coded and `tables` is `None`, and in builds
     /// without [`VECTORS`](crate::simd::VECTORS).
     #[cfg(feature = "train")]
     pub fn with_parameters(
@@ -104,15 +104,15 @@ impl<'a> Renderer<'a> {
         &self.network
     }
 
-    /// Number of lines of workspace that [`Renderer::worker`], [`Renderer::render`] and [`Renderer::query`] need for
-    /// `plan`.
+    /// Number of 64-byte lines of workspace that [`Renderer::worker`], [`Renderer::render`] and [`Renderer::query`]
+    /// need for `plan`.
     pub fn workspace_lines(&self, plan: &Plan<'_>) -> usize {
         let field = Field { network: &self.network, plan };
         let frame = |it: &mut Measure| Frame::lay_out(it, field, &self.proposer, (None, None));
         Measure::lines_of(|it| (frame(it), Pixels::lay_out(it, plan)))
     }
 
-    /// Makes a worker for frames of `plan`: one for each thread, for any number of calls.
+    /// Returns a worker for any number of frames of `plan`. Each thread needs a worker of its own.
     ///
     /// # Errors
     /// [`RenderError::OtherScene`] if the plan was made for another blob, and [`RenderError::Memory`] if `workspace`
@@ -133,7 +133,7 @@ impl<'a> Renderer<'a> {
         Ok(Worker { fields, pixels: Pixels::lay_out(&mut arena, plan) })
     }
 
-    /// [`Worker::render`] by a worker for this call alone.
+    /// Calls [`Worker::render`] of a worker made for this call alone.
     ///
     /// # Errors
     /// As [`Renderer::worker`] and [`Worker::render`].
@@ -148,7 +148,7 @@ impl<'a> Renderer<'a> {
         self.worker(plan, workspace)?.render(camera, rect, target)
     }
 
-    /// [`Worker::query`] by a worker for this call alone.
+    /// Calls [`Worker::query`] of a worker made for this call alone.
     ///
     /// # Errors
     /// As [`Renderer::worker`] and [`Worker::query`].
@@ -164,42 +164,41 @@ impl<'a> Renderer<'a> {
         self.worker(plan, workspace)?.query(positions, dirs, sigma, rgb)
     }
 
-    /// Reports which stages a frame of `plan` runs, which it does not, and why.
+    /// Reports which stages a frame of `plan` runs, and why the other stages are off.
     pub fn explain<'e>(&'e self, plan: &'e Plan<'e>) -> Explanation<'e> {
         let workspace = self.workspace_lines(plan).saturating_mul(size_of::<Line>());
         let (blob, network, proposal_macs) = (&self.blob, &self.network, self.proposer.macs());
         Explanation { plan, blob, network, proposal_macs, workspace, counters: None }
     }
 
-    /// Splits the work in `counters`, of this scene's frames, by stage.
+    /// Splits the multiply-adds in `counters` by stage; the counters must come from frames of this scene.
     pub fn shares(&self, counters: &Counters) -> Shares {
         Shares::new(counters, &self.network, self.proposer.macs())
     }
 
-    /// Number of lines of workspace that one [`Renderer::render_picture`] call needs.
+    /// Number of 64-byte lines of workspace that one [`Renderer::render_picture`] call needs.
     ///
-    /// Only `batch.samples` matters, and only for portable instructions over weights read in place: all others take
-    /// whole blocks.
+    /// The number depends on `batch.samples` alone, and only for portable instructions over weights read in place: all
+    /// other kernels evaluate whole blocks.
     pub fn picture_workspace_lines(&self, batch: Batch) -> usize {
         Measure::lines_of(|it| picture::Buffers::lay_out(it, &self.network, batch))
     }
 
-    /// Renders the pixels of `rect` of the 2D field, as a picture of `size[0]` × `size[1]` pixels.
+    /// Renders the pixels of `rect` in a picture of the 2D field, `size[0]` × `size[1]` pixels large.
     ///
-    /// Pixel (x, y) is the field's colour at its centre, ((x + ½) / width, (y + ½) / height) with
-    /// x to the right and y down: 0 to 1 over the picture whatever its aspect ratio. So any size shows the
-    /// whole picture, [`PictureFacts`](crate::blob::PictureFacts) has the size without distortion, and
-    /// a `rect` of a larger size shows a detail.
+    /// Pixel (x, y) has the field's colour at the pixel's centre, ((x + ½) / width, (y + ½) / height), with x to the
+    /// right and y down. Coordinates run from 0 to 1 over the picture, whatever its aspect ratio: every size shows the
+    /// whole picture. [`PictureFacts`](crate::blob::PictureFacts) has the size without distortion. A larger size with a
+    /// `rect` inside shows a detail.
     ///
-    /// `target` takes x, y and the display-encoded colour, in `[0, 1]`; each pixel comes once, row by
-    /// row. Within one kernel and maths backend a pixel does not depend on `rect`, on `batch` or on other
-    /// threads, bit for bit. A colour that is NaN becomes black and is counted
-    /// ([`Counters::invalid_samples`]).
+    /// `target` receives x, y and the display-encoded colour, in `[0, 1]`, of each pixel once, row by row. Within one
+    /// kernel and maths backend a pixel does not depend on `rect`, on `batch` or on other threads, bit for bit. A
+    /// colour that is NaN becomes black and is counted ([`Counters::invalid_samples`]).
     ///
     /// # Errors
-    /// [`RenderError`] on a scene, a size of 0 or above [`MAX_RENDER_SIDE`](super::MAX_RENDER_SIDE), a rectangle
-    /// outside `size`, a batch that a [`Plan`](crate::plan::Plan) would refuse, and too little workspace; nothing has
-    /// been written then.
+    /// [`RenderError`] on a blob that is a scene, a side of 0 or above [`MAX_RENDER_SIDE`](super::MAX_RENDER_SIDE), a
+    /// rectangle outside the picture, a batch that a [`Plan`](crate::plan::Plan) would refuse, and too little
+    /// workspace, before anything is written.
     pub fn render_picture(
         &self,
         math: MathBackend,
@@ -236,20 +235,20 @@ impl<'a> Renderer<'a> {
     }
 }
 
-/// The values of a scene that a kernel does not read in place from the blob.
+/// Values of a scene that a kernel does not read in place from the blob.
 ///
-/// `F` and `B` are numbers of values, slices of the caller's memory, or boxes; empty for values that are read in
-/// place.
+/// `F` and `B`: numbers of values, slices of the caller's memory, or boxes. Values that are read in place are absent:
+/// numbers are 0, slices and boxes empty.
 #[derive(Clone, Debug)]
 pub(crate) struct Prepared<F, B> {
-    /// f32: the network's parameters, those of the proposal network, and f16 tables.
+    /// Values unpacked to f32: parameters of the network, parameters of the proposal network, and f16 tables.
     pub unpacked: [F; 3],
-    /// Signed bytes: coded tables.
+    /// Coded tables, decoded to signed bytes.
     pub decoded: B,
 }
 
 impl Prepared<usize, usize> {
-    /// Numbers of values that `kernel` needs of a scene.
+    /// Numbers of a scene's values that must be prepared for `kernel`.
     #[inline]
     pub fn measure(blob: &Blob<'_>, kernel: Kernel) -> Self {
         let unpacked = match kernel.storage.in_place() {
@@ -265,7 +264,7 @@ impl Prepared<usize, usize> {
 }
 
 impl<'a> Prepared<&'a mut [f32], &'a mut [u8]> {
-    /// Memory for the values that `kernel` needs of a scene.
+    /// Memory for the values of a scene that must be prepared for `kernel`.
     #[inline]
     pub fn lay_out(layout: &mut impl Layout<'a>, blob: &Blob<'_>, kernel: Kernel) -> Self {
         let Prepared { unpacked, decoded } = Prepared::measure(blob, kernel);
@@ -278,10 +277,10 @@ impl<'a> Prepared<&'a mut [f32], &'a mut [u8]> {
 }
 
 impl<F: AsMut<[f32]>, B: AsMut<[u8]>> Prepared<F, B> {
-    /// Unpacks and decodes the values of a scene, once.
+    /// Unpacks parameters and f16 tables, and decodes coded tables, into `self`.
     ///
     /// # Errors
-    /// [`BlobError`] of coded tables in a blob that was opened undecoded.
+    /// [`BlobError`] on invalid coded tables of a blob that was opened undecoded.
     #[inline]
     pub fn unpack(&mut self, blob: &Blob<'_>, kernel: Kernel) -> Result<(), BlobError> {
         if !kernel.storage.in_place() {
@@ -298,7 +297,7 @@ impl<F: AsMut<[f32]>, B: AsMut<[u8]>> Prepared<F, B> {
 
 impl<'a> Prepared<&'a [f32], &'a [u8]> {
     /// The scene's network and its proposal network, over their values in the blob or in `self`; `None` if there are
-    /// too few.
+    /// too few values.
     #[inline]
     fn view(&self, blob: &Blob<'a>, kernel: Kernel) -> Option<(Network<'a>, Proposer<'a>)> {
         let [parameters, proposal, tables] = self.unpacked;
@@ -309,7 +308,7 @@ impl<'a> Prepared<&'a [f32], &'a [u8]> {
     }
 }
 
-/// The tables of a scene's grid: in place in the blob, or as f32 (`widened`) or bytes (`decoded`) made from them.
+/// Grid tables of a scene: those in the blob, or prepared from them as f32 (`widened`) or signed bytes (`decoded`).
 fn tables_of<'a>(blob: &Blob<'a>, kernel: Kernel, widened: &'a [f32], decoded: &'a [u8]) -> GridTables<'a> {
     let values = match blob.tables() {
         None => TableValues::F32(&[]),
@@ -321,7 +320,7 @@ fn tables_of<'a>(blob: &Blob<'a>, kernel: Kernel, widened: &'a [f32], decoded: &
     GridTables::new(values, blob.scene_box().as_ref())
 }
 
-/// The blob's f16 tables, if the kernel does not read them in place.
+/// Bytes of the blob's f16 tables, if the kernel needs these tables as f32.
 fn widened_tables<'a>(blob: &Blob<'a>, kernel: Kernel) -> Option<&'a [u8]> {
     match blob.tables() {
         Some(StoredTables::F16(bytes)) if !(kernel.storage.in_place() || kernel.isa.reads_f16_tables()) => {

@@ -1,4 +1,4 @@
-//! Workers: a renderer, a plan and memory, prepared once for any number of calls.
+//! Workers: renderer, plan and memory, prepared once for any number of frames and queries.
 
 use super::frame::Frame;
 use super::pixel::{CameraRays, OwnRays, Pixels, rays_a_pixel};
@@ -18,12 +18,12 @@ use {
     crate::space::Placement,
 };
 
-/// Side of the square tiles that a rectangle is rendered in, pixels: neighbouring rays tend to end together.
+/// Side of the square tiles into which a rectangle is divided, pixels. The rays of a small tile tend to end together.
 pub const TILE_SIDE: u32 = 16;
 
-/// Renders frames of one plan in memory of its own; [`Renderer::worker`](super::Renderer::worker) makes it.
+/// Renderer of frames of one plan, with a workspace of its own; made by [`Renderer::worker`](super::Renderer::worker).
 ///
-/// Apart from its rays and points a call costs a few comparisons, since the memory is prepared once.
+/// The overhead of a call, beside its rays and points, is a few comparisons, since the memory is prepared once.
 pub struct Worker<'f> {
     pub(super) fields: Fields<'f>,
     pub(super) pixels: Pixels<'f, 'f>,
@@ -40,7 +40,7 @@ pub(super) enum Fields<'f> {
     Several(Merge<'f, 'f>),
 }
 
-/// Evaluates `$body` for one field or for several.
+/// Evaluates `$body` with `$it` bound to the `Frame` of one field or to the `Merge` of several.
 macro_rules! of_fields {
     ($fields:expr, $it:ident => $body:expr) => {
         match $fields {
@@ -53,8 +53,8 @@ macro_rules! of_fields {
 
 #[cfg(feature = "instances")]
 impl<'f> Worker<'f> {
-    /// Number of lines of memory that [`Worker::of_instances`] needs for instances of these fields; `plan`: that of
-    /// the last instance.
+    /// Number of 64-byte lines of memory that [`Worker::of_instances`] needs for instances of `renderers`; `plan`: the
+    /// plan of the last instance.
     pub fn instances_lines<'n>(
         renderers: impl Iterator<Item = &'n Renderer<'n>> + Clone,
         plan: &Plan<'_>,
@@ -69,19 +69,19 @@ impl<'f> Worker<'f> {
         }
     }
 
-    /// A worker that renders several fields at once, or one that a host has placed.
+    /// Returns a worker that renders several placed fields in one frame, or one placed field.
     ///
-    /// Cameras, rays, points and distances are in the world that the instances are placed in. Where fields overlap,
-    /// densities add and colours are mixed by density. A field shaded once a ray evaluates its colour branch once,
-    /// for the mean of its own `h` under its fraction of the weights, and the ray's colour is the mean of the fields'
-    /// colours under these fractions. So two instances of a field in one place are that field with twice the density.
-    /// Fields hide one another: a field is not evaluated where another one hides it. One field without a scale is
-    /// rendered in its own coordinates, at the cost and, at [`Placement::IDENTITY`], with the bits of
-    /// [`Renderer::worker`].
+    /// Cameras, rays, points and distances are in the world in which the instances are placed. Where fields overlap,
+    /// densities add, and colours are averaged with the densities as weights. A field shaded once a ray evaluates its
+    /// colour branch once, for the mean of its own `h` under its fraction of the weights; the ray's colour is the mean
+    /// of the fields' colours under these fractions. Two instances of a field in one place thus equal the field with
+    /// twice the density. A field is not evaluated where another field hides it. One field without a scale is rendered
+    /// in its own coordinates, at the cost of [`Renderer::worker`]; at [`Placement::IDENTITY`] the pixels, too, are the
+    /// same bits.
     ///
     /// # Errors
-    /// [`RenderError::NoInstances`], [`RenderError::Instance`] with the first that does not go with the others, and
-    /// [`RenderError::Memory`] if `memory` is smaller than [`Worker::instances_lines`] says.
+    /// [`RenderError::NoInstances`], [`RenderError::Instance`] with the first instance that cannot be rendered with the
+    /// others, and [`RenderError::Memory`] if `memory` is smaller than [`Worker::instances_lines`] says.
     pub fn of_instances(instances: &'f [Instance<'f>], memory: &'f mut [Line]) -> Result<Self, RenderError> {
         let last = check(instances)?;
         let renderers = instances.iter().map(|instance| instance.renderer);
@@ -90,7 +90,7 @@ impl<'f> Worker<'f> {
             && placement.is_rigid()
         {
             let mut worker = renderer.worker(plan, memory)?;
-            // The identity, too, would turn −0 into 0.
+            // Even the identity would turn −0 into 0.
             worker.pixels.placed = Placed(Some(*placement).filter(|it| *it != Placement::IDENTITY));
             return Ok(worker);
         }
@@ -102,7 +102,7 @@ impl<'f> Worker<'f> {
 }
 
 impl<'f> Worker<'f> {
-    /// The plan of the worker's frames; with several fields, that of the last.
+    /// The plan of the worker's frames; with several fields, the plan of the last field.
     pub fn plan(&self) -> &'f Plan<'f> {
         self.pixels.plan
     }
@@ -117,7 +117,7 @@ impl<'f> Worker<'f> {
     /// or on other threads, bit for bit.
     ///
     /// # Errors
-    /// [`RenderError::Rect`] on a rectangle outside the image; nothing has been written then.
+    /// [`RenderError::Rect`] on a rectangle outside the image, before anything is written.
     pub fn render(
         &mut self,
         camera: &Camera,
@@ -129,8 +129,8 @@ impl<'f> Worker<'f> {
 
     /// [`Worker::render`] against a depth buffer: the ray of pixel (x, y) ends at `limit(x, y)`.
     ///
-    /// The last bin is cut there, not dropped: opacity is continuous in the limit. If a ray meets no surface in front
-    /// of the limit, its distances are those of the limit, or far if that is nearer.
+    /// The bin that contains the limit is cut there, not dropped: opacity is continuous in the limit. If a ray meets no
+    /// surface in front of the limit, its distances are the limit or, if nearer, [`Plan::far_from`] the camera.
     ///
     /// # Errors
     /// As [`Worker::render`].
@@ -146,7 +146,7 @@ impl<'f> Worker<'f> {
             return Err(RenderError::Rect { rect, width: i.width, height: i.height });
         }
         let plan = self.plan();
-        // Lossless: a plan has at most `Batch::MAX_RAYS`.
+        // Lossless cast: a plan's batch has at most `Batch::MAX_RAYS` rays.
         let capacity = plan.batch.rays as u32;
         let width = TILE_SIDE.min(capacity);
         let pixels = &mut self.pixels;
@@ -166,23 +166,23 @@ impl<'f> Worker<'f> {
         Ok(self.counters())
     }
 
-    /// Sets whether colour is composited over the plan's background, as by default, or over nothing.
+    /// Sets whether colour is composited over the plan's background, which is the default, or over black.
     pub fn show_background(&mut self, shown: bool) {
         self.pixels.background = shown;
     }
 
-    /// Renders rays of the caller's own, each a pixel: `target` takes the ray's index and its pixel.
+    /// Renders rays of the caller, one pixel a ray: `target` receives the index and the pixel of each ray.
     ///
-    /// A ray may begin inside or outside of the scene; if it meets no surface, its distances are
+    /// A ray may begin inside or outside of the scene. The distances of a ray without a surface are
     /// [`Plan::far_from`](crate::plan::Plan::far_from) of its origin. `z_depth` is measured along `axis`, of unit
-    /// length; without an axis it is 0. The rays of a camera give its pixels, bit for bit, except with jitter, whose
-    /// noise is that of a row of pixels.
+    /// length; without an axis, `z_depth` is 0. The rays of a camera yield the camera's pixels, bit for bit, except
+    /// with jitter, whose noise is that of a row of pixels.
     ///
     /// # Errors
     /// [`RenderError::Ray`] with the index of the first ray that is not finite or whose direction is not of unit
-    /// length, [`RenderError::RayRange`] with that of the first without `0 <= t_min <= t_max`, [`RenderError::Axis`],
-    /// and [`RenderError::CameraEffects`] on a plan with several rays a pixel or a lens with an aperture, which are a
-    /// camera's; nothing has been written then.
+    /// length, [`RenderError::RayRange`] with the index of the first ray without `0 <= t_min <= t_max`,
+    /// [`RenderError::Axis`], and [`RenderError::CameraEffects`] on a plan with several rays a pixel or an aperture,
+    /// which need a camera. Errors are found before anything is written.
     pub fn render_rays(
         &mut self,
         rays: &[RaySegment],
@@ -192,8 +192,8 @@ impl<'f> Worker<'f> {
         self.render_rays_with(rays.len(), &|i| ray_at(rays, i), axis, target)
     }
 
-    /// [`Worker::render_rays`] with rays from a function: `ray(i)` returns the `i`-th of `count`, the same at every
-    /// call.
+    /// [`Worker::render_rays`] with rays from a function: `ray(i)` returns the `i`-th of `count` rays, the same at
+    /// every call.
     ///
     /// # Errors
     /// As [`Worker::render_rays`].
@@ -208,25 +208,25 @@ impl<'f> Worker<'f> {
         Ok(self.rows_of_rays::<false>(count, ray, &|_| 0.0, axis, target))
     }
 
-    /// Draws the point of each ray where a photon along it collides, for path tracers: `target` takes the ray's index
-    /// and its pixel.
+    /// Draws a point on each ray where a photon along the ray collides, for path tracers: `target` receives the index
+    /// and the pixel of each ray.
     ///
-    /// `random`: a number in `[0, 1]` for each ray; 1, to which a number just below it is rounded in f32, counts as
-    /// the largest f32 below 1. A ray collides where its opacity reaches its number. Then `opacity` is 1, the
-    /// distances are those of that point, and colour and normal those of its sample. A ray without a collision has
-    /// opacity 0, infinite distances and the background's colour. The probability of a sample is its weight in
-    /// [`Worker::render_rays`]: over uniform numbers the mean colour is the one composited there without cuts. The
-    /// plan's cuts are not used.
+    /// `random`: a number in `[0, 1]` for each ray. The number 1 counts as the largest f32 below 1, since rounding to
+    /// f32 may turn a smaller number into 1. A ray collides where its opacity reaches its number; its pixel then has
+    /// opacity 1, the distances of the collision point, and colour and normal of the sample there. The pixel of a ray
+    /// without a collision has opacity 0, infinite distances and the background's colour. The probability of a sample
+    /// is its weight in [`Worker::render_rays`]: over uniform numbers, the mean colour is the colour composited there
+    /// without cuts. The plan's cuts are not used.
     ///
     /// In a field shaded once a ray ([`Shading::PerRay`](crate::network::Shading::PerRay)) the colour branch is
-    /// evaluated for that one sample alone, as by [`Worker::query`]. A network is not linear: the mean of these
-    /// colours is *not* what [`Worker::render_rays`] composites. The means of opacity, distance and normal are. A
-    /// path tracer that must show the field's own picture draws the point here, and takes the colour from
-    /// [`Worker::render_rays`] of the same ray.
+    /// evaluated for the collision's sample alone, as by [`Worker::query`]. Since a network is not linear, the mean of
+    /// these colours is *not* the colour that [`Worker::render_rays`] composites; for opacity, distance and normal the
+    /// means are equal. A path tracer that must reproduce the field's own picture draws the point with this function,
+    /// and takes the colour of the same ray from [`Worker::render_rays`].
     ///
     /// # Errors
-    /// As [`Worker::render_rays`]; [`RenderError::Random`] with the index of the first number that is not in
-    /// `[0, 1]`, or of the first ray without one.
+    /// As [`Worker::render_rays`]; [`RenderError::Random`] with the index of the first number that is not in `[0, 1]`,
+    /// or of the first ray without a number.
     pub fn sample_rays(
         &mut self,
         rays: &[RaySegment],
@@ -313,7 +313,7 @@ impl<'f> Worker<'f> {
                 Some(_) => target(first + x as usize, pixel),
                 None => target(first + x as usize, &Pixel { z_depth: 0.0, ..*pixel }),
             };
-            // Lossless: a plan has at most `Batch::MAX_RAYS`.
+            // Lossless cast: a plan's batch has at most `Batch::MAX_RAYS` rays.
             self.pixels.tile = Rect { x: 0, y: 0, width: capacity.min(count - first) as u32, height: 1 };
             (self.pixels.forward, self.pixels.turn) = (axis.map_or(Vec3::ZERO, |axis| placed.dir(axis)), 0);
             of_fields!(&mut self.fields, it => {
@@ -324,13 +324,13 @@ impl<'f> Worker<'f> {
         self.counters()
     }
 
-    /// Evaluates density and colour at points seen along directions.
+    /// Evaluates density and colour at points that are seen along given directions.
     ///
-    /// `positions`, `dirs` (unit): `[n]`, world space; `sigma`: `[n]`, 1/world unit; `rgb`: `[n]`, display-encoded,
-    /// or empty if it is not wanted. Points outside the scene box or in an empty cell of the plan's occupancy grid,
+    /// `positions`, `dirs` (unit): `[n]`, world space; `sigma`: `[n]`, 1/world unit; `rgb`: `[n]`, display-encoded, or
+    /// empty if no colour is requested. Points outside the scene box or in an empty cell of the plan's occupancy grid,
     /// and points whose density is NaN, have density 0 and black colour. A colour that is NaN becomes black
-    /// ([`Counters::invalid_samples`]). In a field shaded once a ray, the colour is that of a ray that meets this
-    /// point alone.
+    /// ([`Counters::invalid_samples`]). In a field shaded once a ray, the colour is that of a ray whose only sample is
+    /// this point.
     ///
     /// # Errors
     /// [`RenderError`] on lengths that differ, and on a direction that is not of unit length if colour is requested.
@@ -351,7 +351,7 @@ impl<'f> Worker<'f> {
             });
         }
         let plan = self.plan();
-        // Positions outside the box are never encoded, and neither are directions that are not of unit length.
+        // Neither positions outside the box nor directions that are not of unit length are ever encoded.
         if plan.outputs.rgb
             && !rgb.is_empty()
             && let Some((index, &found)) =
@@ -378,7 +378,7 @@ impl<'f> Worker<'f> {
     }
 }
 
-/// The `i`-th of `rays`; callers keep `i` in range.
+/// Returns the `i`-th of `rays`; callers keep `i` in range.
 fn ray_at(rays: &[RaySegment], i: usize) -> RaySegment {
     rays.get(i).copied().unwrap_or(Ray { origin: Vec3::ZERO, dir: Vec3::NEG_Z }.into())
 }

@@ -1,4 +1,4 @@
-//! Deferred shading of several fields: each composites its own `h` along a ray, and shades it with its own network.
+//! Deferred shading of several fields: each field's `h` is composited along a ray, and shaded by the field's network.
 
 use crate::memory::{Layout, at};
 use crate::render::field::Field;
@@ -12,23 +12,23 @@ struct Place {
     h: usize,
     /// Index of the field's first sum.
     sums: usize,
-    /// Number of values of `h` of a ray.
+    /// Number of values of `h` for a ray.
     rows: usize,
 }
 
 /// Sums of `h` of the rays in flight, for each field that is shaded once a ray.
 pub(super) struct Deferred<'w> {
-    /// `[instances]`.
+    /// Positions of each field's values, `[instances]`.
     places: &'w mut [Place],
-    /// `h` of the bin that each ray is in: for each field `[rays][rows]`.
+    /// `h` of the current bin of each ray: for each field `[rays][rows]`.
     parts: &'w mut [f32],
-    /// Σ weight · h, and last in each row Σ weight: for each field `[rays][rows + 1]`.
+    /// Σ weight · h, followed in each row by Σ weight: for each field `[rays][rows + 1]`.
     sums: &'w mut [f32],
     pub networks: RayNetworks<'w>,
 }
 
 impl<'w> Deferred<'w> {
-    /// Memory for blocks of `samples` of any of `fields`.
+    /// Memory for the rays of all `fields`, and for blocks of `samples` samples of any field.
     pub fn lay_out<'n>(
         layout: &mut impl Layout<'w>,
         fields: impl Iterator<Item = Field<'n>> + Clone,
@@ -54,14 +54,14 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Index range of the sums of `count` rays of a field from `ray` on.
+    /// Index range of the sums of field `member` for `count` rays from `ray` on.
     fn sums(&self, member: usize, ray: usize, count: usize) -> Range<usize> {
         let Place { sums, rows, .. } = at(self.places, member);
         let row = if rows > 0 { rows + 1 } else { 0 };
         sums + ray * row..sums + (ray + count) * row
     }
 
-    /// Index range of the `h` of the bin of a field that a ray is in.
+    /// Index range of the `h` of field `member` in the current bin of `ray`.
     fn h(&self, member: usize, ray: usize) -> Range<usize> {
         let Place { h, rows, .. } = at(self.places, member);
         h + ray * rows..h + (ray + 1) * rows
@@ -75,13 +75,13 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Memory for the `h` of the bin of a field that a ray is in.
+    /// Memory for the `h` of field `member` in the current bin of `ray`.
     pub fn h_mut(&mut self, member: usize, ray: usize) -> &mut [f32] {
         let range = self.h(member, ray);
         self.parts.get_mut(range).unwrap_or_default()
     }
 
-    /// Adds the `h` of the bin that a ray is in to the ray's sums.
+    /// Adds `weight` times the `h` of field `member` in the current bin of `ray` to the ray's sums.
     pub fn add(&mut self, member: usize, ray: usize, weight: f32) {
         let h = self.parts.get(self.h(member, ray)).unwrap_or_default();
         let sums = self.sums(member, ray, 1);
@@ -91,7 +91,7 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// The networks, and the sums of the first `count` rays of a field.
+    /// The [`RayNetworks`], and the sums of field `member` for the first `count` rays.
     pub fn sums_of(&mut self, member: usize, count: usize) -> (&mut RayNetworks<'w>, &[f32]) {
         let sums = self.sums.get(self.sums(member, 0, count)).unwrap_or_default();
         (&mut self.networks, sums)

@@ -1,8 +1,8 @@
-//! Rays through several fields: the bins of all of them cut a ray into segments in which every density is constant.
+//! Rays through several fields: bin edges of all fields cut a ray into segments in which every density is constant.
 //!
-//! A ray is composited segment by segment: densities add, and colours are mixed by density. Where the next bin of a
-//! field begins, the ray waits for an evaluation of that field's network. Rays that wait for the same network form a
-//! block. So a field behind another is evaluated only where light gets to it.
+//! A ray is composited segment by segment: densities add, and colours are averaged with densities as weights. Where the
+//! next bin of a field begins, the ray waits for an evaluation of that field's network. Rays that wait for the same
+//! network form a block. A field behind another is therefore evaluated only where transmittance is left.
 
 use super::Instance;
 use super::deferred::Deferred;
@@ -18,10 +18,10 @@ use crate::render::stages::{Density, DirectionShares, Gradients, evaluate_points
 use crate::volume::{Accumulator, thickness};
 use glam::Vec3;
 
-/// Largest density, 1/world unit: opaque at any width of a bin, and sums of it stay finite.
+/// Largest density of a sample, 1/world unit: opaque over a bin of any width, and sums of densities stay finite.
 const WALL: f32 = 1e30;
 
-/// The bin of a field that a ray is in, or comes to next.
+/// The bin of a field that contains the ray's current distance, or else the next bin along the ray.
 #[derive(Clone, Copy, Default)]
 struct Part {
     known: Known,
@@ -33,7 +33,7 @@ struct Part {
     to: f32,
     /// Distance at which the sample is composited, world units from the ray's start.
     counts_at: f32,
-    /// 1/world unit.
+    /// Density of the sample, 1/world unit.
     sigma: f32,
     rgb: Option<[f32; 3]>,
     /// Whether the sample's `h` is stored in [`Deferred`].
@@ -42,25 +42,25 @@ struct Part {
     gradient: Vec3,
 }
 
-/// Knowledge of a [`Part`].
+/// State of a [`Part`]: which of its values are known.
 #[derive(Clone, Copy, Default, PartialEq)]
 enum Known {
     /// The ray has left the field.
     #[default]
     Nothing,
-    /// The interval of the bin is known.
+    /// The interval of the bin is known, but its sample has not been evaluated.
     Place,
     /// The sample of the bin has been evaluated.
     Sample,
 }
 
-/// A ray in the world; it starts where it enters the first field.
+/// A ray in the world's space, which starts where the ray enters the first field.
 #[derive(Clone, Copy)]
 struct WorldRay {
     pixel: PixelRay,
-    /// Distance composited so far, world units from the ray's start.
+    /// Distance up to which the ray is composited, world units from the ray's start.
     at: f32,
-    /// Index of the field that must be evaluated before the ray goes on.
+    /// Index of the field whose sample must be evaluated before the ray is composited further.
     waits_for: Option<u32>,
 }
 
@@ -71,21 +71,21 @@ impl WorldRay {
 /// State and memory of a worker that renders several fields.
 pub(in crate::render) struct Merge<'f, 'w> {
     instances: &'f [Instance<'f>],
-    /// Index of each ray in flight among the rays of its pixel.
+    /// Index of the rays in flight among the rays of their pixels.
     turn: u32,
     /// The rays in the space of each field, `[instances][batch]`.
     rays: &'w mut [RayState],
     /// The current or next bin of each field on each ray, `[instances][batch]`.
     parts: &'w mut [Part],
-    /// `[batch]`.
+    /// The rays in the world's space, `[batch]`.
     world: &'w mut [WorldRay],
     surface: Surface<'w>,
-    /// The [`DirectionShares`] of each instance, one after another, each of its own length.
+    /// Values of the [`DirectionShares`] of all instances, one after another, of different lengths.
     shares: &'w mut [f32],
     deferred: Deferred<'w>,
-    /// Memory of a block, for the largest of the networks.
+    /// Memory of a block of samples, large enough for each of the networks.
     density: Density<'w>,
-    /// Rays whose colour or gradient is evaluated: `[samples]`.
+    /// Index of the ray of each picked sample, whose colour or gradient is evaluated: `[samples]`.
     picked: &'w mut [u32],
     /// `[3][samples]`: directions of a block of rays, then colours of a block of samples.
     rgb: &'w mut [f32],
@@ -93,8 +93,8 @@ pub(in crate::render) struct Merge<'f, 'w> {
 }
 
 impl<'f, 'w> Merge<'f, 'w> {
-    /// All memory of a worker of `instances` except that of its pixels: this list alone both measures and allocates
-    /// it. `networks`: those of the instances; `plan`: that of the last instance.
+    /// Lays out the memory of a worker of `instances`, except that of its pixels. The same code measures and allocates
+    /// the memory. `networks`: the instances' networks; `plan`: the plan of the last instance.
     pub fn lay_out<'n>(
         layout: &mut impl Layout<'w>,
         instances: &'f [Instance<'f>],
@@ -126,8 +126,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// The distance of pixels without a surface, by the position they are seen from: at least that of anything in any
-    /// field.
+    /// Returns a function from the eye's position to the distance of pixels without a surface, world units: at least
+    /// the distance of anything in any field.
     pub fn far(&self) -> impl Fn(Vec3) -> f32 + use<'f> {
         let instances = self.instances;
         move |eye| {
@@ -137,7 +137,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Renders one ray of each pixel of the tile; with `COLLIDE` each ray ends at the collision its random number
+    /// Renders one ray of each pixel of the tile; with `COLLIDE` each ray ends at the collision that its random number
     /// draws.
     pub fn turn<M: Math, const COLLIDE: bool>(
         &mut self,
@@ -176,7 +176,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Makes the ray of a pixel, number `i` of the tile, and finds the first bin of each field on it.
+    /// Starts ray `i` of the tile, that of pixel `(x, y)`, and marches it to the first occupied bin of each field.
     fn start<const COLLIDE: bool>(&mut self, (x, y): (u32, u32), i: usize, source: &impl RaySource) {
         let (capacity, ray) = (self.world.len(), source.ray(x, y));
         let range = source.range(x, y, &ray);
@@ -200,7 +200,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Marches ray `i` to the next occupied bin of a field.
+    /// Marches ray `i` to the next occupied bin of field `member`.
     fn next_part(&mut self, member: usize, i: usize) {
         let Some(Instance { renderer, plan, placement }) = self.instances.get(member) else { return };
         let place = member * self.world.len() + i;
@@ -221,7 +221,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         state.next += 1;
     }
 
-    /// Computes the direction's share of a field's colour branch, for the first `count` rays.
+    /// Computes the direction's share of the colour branch of field `member`, for the first `count` rays.
     fn directions(&mut self, member: usize, count: usize, counters: &mut Counters) {
         let Some(it) = self.instances.get(member) else { return };
         let first = member * self.world.len();
@@ -233,7 +233,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Adds the colours of a field shaded once a ray to the first `count` rays.
+    /// Adds the colour of field `member`, if it is shaded once a ray, to each of the first `count` rays.
     fn shade(&mut self, member: usize, count: usize, counters: &mut Counters) {
         let field = self.instances.get(member).map(|it| it.field());
         let Some(field) = field.filter(|field| field.shades_rays()) else { return };
@@ -247,7 +247,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         });
     }
 
-    /// Evaluates each field at the samples that rays wait for; `false` if no ray waits.
+    /// Evaluates each field at the samples that rays wait for; returns `false` if no ray waits.
     fn round<M: Math, const COLLIDE: bool>(&mut self, count: usize, counters: &mut Counters) -> bool {
         let mut any = false;
         for member in 0..self.instances.len() {
@@ -275,7 +275,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         any
     }
 
-    /// Evaluates a field at the next sample of the block's `n` rays.
+    /// Evaluates field `member` at the block's `n` samples, each on a ray of its own.
     fn ask<const COLLIDE: bool>(&mut self, member: usize, n: usize, counters: &mut Counters) {
         let Some(it) = self.instances.get(member) else { return };
         let (field, first, density) = (it.field(), member * self.world.len(), &mut self.density);
@@ -293,7 +293,7 @@ impl<'f, 'w> Merge<'f, 'w> {
             part.known = Known::Sample;
             part.sigma = if sigma > 0.0 { sigma.min(WALL) } else { 0.0 };
             state.kept += 1;
-            // Other fields in the same bin can only reduce the weight of this sample.
+            // `most`: upper bound of the sample's weight, since other fields in the same bin only reduce the weight.
             let light = world.pixel.gathered.transmittance();
             let most = light * thickness(part.sigma, part.to - part.from).min(1.0);
             if part.sigma > 0.0 && field.plan.outputs.picks() && (COLLIDE || most > field.plan.colour_cut) {
@@ -336,7 +336,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Advances ray `i` until it needs a network evaluation, or ends.
+    /// Composites ray `i` up to the next sample that must be evaluated, or to the ray's end.
     fn advance<M: Math, const COLLIDE: bool>(&mut self, i: usize) {
         let (members, capacity) = (self.instances.len(), self.world.len());
         loop {
@@ -345,7 +345,7 @@ impl<'f, 'w> Merge<'f, 'w> {
             if ray.pixel.done {
                 return;
             }
-            // The segment from here to the first start or end of a bin.
+            // The segment from the ray's current distance to the next start or end of a bin.
             let (mut end, mut sigma, mut whole) = (f32::INFINITY, 0.0, None);
             for member in 0..members {
                 let Some(part) = self.parts.get(member * capacity + i) else { return };
@@ -358,7 +358,7 @@ impl<'f, 'w> Merge<'f, 'w> {
                     Known::Place => end = end.min(part.from),
                     Known::Sample => {
                         end = end.min(part.to);
-                        // The whole bin, if no other begins or ends in it.
+                        // `whole`: the segment's only bin with density, if the segment begins with this bin.
                         let alone = sigma == 0.0 && part.from == ray.at;
                         whole = alone.then_some((part.counts_at, part.to));
                         sigma += part.sigma;
@@ -383,8 +383,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Composites a segment of ray `i`, of total density `sigma`; `counts_at`: its distance, if that is not its
-    /// middle.
+    /// Composites the segment `from..to` of ray `i`, of total density `sigma`, at the distance `counts_at`, or if that
+    /// is `None` at the segment's middle.
     fn composite<M: Math, const COLLIDE: bool>(
         &mut self,
         i: usize,
@@ -433,7 +433,7 @@ impl<'f, 'w> Merge<'f, 'w> {
                 sum.add(weight * share, part.gradient);
             }
         }
-        // A sample whose weight is too small to need a colour takes that of the others here, or of samples behind.
+        // Samples whose weight is too small for a colour get the colour of other samples in the segment or behind.
         if coloured > 0.0
             && let Some(weight) = if COLLIDE { Some(weight) } else { gathered.take_uncoloured(0.0) }
         {
@@ -444,7 +444,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Density and colour at up to one block of points, given by position and direction.
+    /// Computes density and colour at up to one block of points, each given by position and direction.
     pub fn points(
         &mut self,
         points: impl Iterator<Item = (Vec3, Vec3)> + Clone,
@@ -472,7 +472,7 @@ impl<'f, 'w> Merge<'f, 'w> {
     }
 }
 
-/// The [`DirectionShares`] of one of the instances, in the memory of all.
+/// The [`DirectionShares`] of instance `member`, a part of the `values` of all instances.
 fn shares_at<'a>(
     instances: &[Instance<'_>],
     samples: usize,

@@ -1,4 +1,4 @@
-//! Several fields in one world: a host places each of them, and a ray goes through all of them at once.
+//! Several fields in one world: the host places each field, and rays are composited through all fields at once.
 
 mod deferred;
 mod merge;
@@ -18,7 +18,7 @@ pub struct Instance<'a> {
     /// The field's renderer.
     pub renderer: &'a Renderer<'a>,
     /// The field's plan; its range is in the field's own units. Outputs, effects and batch must be the same in all
-    /// instances. Transmittance cut and background are those of the last; each field has its own colour cut.
+    /// instances. Transmittance cut and background are those of the last instance; each field has its own colour cut.
     pub plan: &'a Plan<'a>,
     /// The field's placement in the world.
     pub placement: Placement,
@@ -30,7 +30,7 @@ impl<'a> Instance<'a> {
     }
 }
 
-/// Checks that the instances can be rendered together, and returns the last; the error names the first that cannot.
+/// Returns the last instance, or an error that names the first instance that cannot be rendered with the others.
 pub(super) fn check<'i, 'f>(instances: &'i [Instance<'f>]) -> Result<&'i Instance<'f>, RenderError> {
     let last = instances.last().ok_or(RenderError::NoInstances)?;
     for (index, Instance { renderer, plan, .. }) in instances.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! A coarse occupancy grid: rejects packets of rays that pass no occupied cell, and bounds the march of the others.
+//! A coarse occupancy grid, which rejects packets of rays through empty cells alone and bounds the march of all others.
 
 use crate::camera::Ray;
 use crate::plan::{Lattice, Plan};
@@ -10,25 +10,25 @@ use glam::Vec3;
 #[cfg(test)]
 mod tests;
 
-/// Bytes of a coarse grid's bits; builds without vectors have none.
+/// Size of a coarse grid's bits, bytes; 0 in builds without vectors.
 const BYTES: usize = if VECTORS { 4096 } else { 0 };
-/// Cells of the occupancy grid along each side of a block, unless there would be too many blocks.
+/// Least number of the occupancy grid's cells along each side of a block; more if there would be too many blocks.
 const SIDE: u16 = 4;
-/// Largest distance that rounding may move a point by, in cells.
+/// Largest displacement of a point by rounding, in cells.
 const SLACK: f32 = 0.5;
 
 /// Bounds of an occupancy grid's occupied cells: a box around all of them, and blocks of cells.
 #[derive(Clone, Debug)]
 pub(crate) struct CoarseOccupancy {
     pub(in crate::render) around: Option<SceneBox>,
-    /// A block is set if it or a neighbour has an occupied cell.
+    /// One bit a block: whether the block or a neighbour has an occupied cell.
     bits: [u8; BYTES],
-    /// Cells along each side of a block; 0 if there are no blocks.
+    /// Number of cells along each side of a block; 0 if there are no blocks.
     side: u16,
 }
 
 impl CoarseOccupancy {
-    /// The bounds in a scene's `occupancy`.
+    /// Computes the bounds of the occupied cells of `occupancy`.
     pub fn new(occupancy: Option<&OccupancyGrid<'_>>) -> Self {
         let around = occupancy.and_then(|occupancy| occupancy.occupied_box());
         let mut coarse = Self { around, bits: [0; BYTES], side: 0 };
@@ -47,7 +47,7 @@ impl CoarseOccupancy {
         if straight { self.packets_of(plan.occupancy.as_ref()?) } else { None }
     }
 
-    /// The lookup of ray packets; `occupancy`: the grid this one was made of.
+    /// The lookup of ray packets; `occupancy`: the grid from which this coarse grid was made.
     fn packets_of<'c>(&'c self, occupancy: &OccupancyGrid<'c>) -> Option<Packets<'c>> {
         let around = self.around.filter(|_| VECTORS && self.side > 0)?;
         let reach = (f32::from(self.side) - SLACK) / occupancy.cells_per_unit.max_element();
@@ -59,11 +59,12 @@ impl CoarseOccupancy {
     }
 }
 
-/// Sets each block that has a neighbour that is set.
+/// Sets the bit of each block that has a neighbour whose bit is set.
 fn dilate(bits: &mut [u8], [nx, ny, nz]: [usize; 3]) {
     let axes = [(ny * nz, nx), (nz, ny), (1, nz)];
     for (stride, side) in axes {
-        // `before` and `here`: whether a block was set before this axis was dilated. Each row is visited once.
+        // Each row is visited once. `before`, `here`: whether the previous and the current block were set before this
+        // axis was dilated.
         for row in (0..nx * ny * nz).filter(|at| at / stride % side == 0) {
             let mut before = false;
             for i in 0..side {
@@ -95,14 +96,14 @@ pub(in crate::render) struct Packets<'c> {
     blocks: OccupancyGrid<'c>,
     /// A box around all occupied cells, enlarged by `reach` on every side.
     around: SceneBox,
-    /// Distance from an empty block within which no cell is occupied, along each axis; world units.
+    /// Distance along each axis, from any point of an unset block, within which no cell is occupied; world units.
     reach: f32,
 }
 
 impl Packets<'_> {
-    /// The intervals along `rays` that may have occupied cells; `None` if there are none.
+    /// The intervals along `rays` that may have occupied cells; `None` if no interval may have any.
     ///
-    /// The mean of the rays is looked up at [`INTERVALS`] points, each of which represents all rays around it.
+    /// The mean ray is looked up at [`INTERVALS`] points, each of which represents the nearby points of all rays.
     pub fn intervals_of(&self, isa: Isa, rays: &[Ray]) -> Option<Intervals> {
         let share = 1.0 / rays.len() as f32;
         let (mut origin, mut dir) = (Vec3::ZERO, Vec3::ZERO);
@@ -116,7 +117,8 @@ impl Packets<'_> {
             apart = apart.max((ray.origin - mean.origin).abs().max_element());
             turned = turned.max((ray.dir - mean.dir).abs().max_element());
         }
-        // Upper bounds: of the distance at which a ray leaves the box, and of its distance from the mean there.
+        // `farthest`: upper bound of the distance at which a ray leaves the box. `aside`: upper bound of a ray's
+        // distance from the mean ray up to there.
         let SceneBox { min, max } = self.around;
         let farthest = (0.5 * (min + max) - mean.origin).length() + 0.5 * (max - min).length();
         let aside = apart + turned * farthest * LENGTH;
@@ -124,7 +126,7 @@ impl Packets<'_> {
         if aside > self.reach || !(mean.origin.is_finite() && mean.dir.is_finite()) {
             return Some(Intervals::ALL);
         }
-        // Where a ray is near occupied cells, the mean is near the ray.
+        // The box is enlarged by `reach`: where a ray passes occupied cells, the mean ray is inside of the box.
         let (near, far) = self.around.clip(&mean, 0.0, f32::MAX)?;
         let step = (far - near) / INTERVALS as f32;
         let rounding = 8.0 * f32::EPSILON * (mean.origin.abs().max_element() + far);
@@ -139,10 +141,10 @@ impl Packets<'_> {
 /// Intervals along the rays of a packet that may have occupied cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::render) struct Intervals {
-    /// Bit `i`: whether the interval from `near + i step` to `near + (i + 1) step` or one next to it may have some.
+    /// Bit `i`: whether the interval from `near + i step` on, or one next to it, may have occupied cells.
     found: u64,
     near: f32,
-    /// World units along the rays; +∞ if nothing is known.
+    /// Width of an interval, world units along the rays; +∞ if nothing is known.
     step: f32,
 }
 
@@ -151,11 +153,11 @@ impl Intervals {
     pub const ALL: Self = Self { found: u64::MAX, near: 0.0, step: f32::INFINITY };
 }
 
-/// The bins of a ray that may have a sample in an occupied cell: its packet's [`Intervals`] in units of its bins.
+/// Bins of a ray that may have a sample in an occupied cell: the [`Intervals`] of the ray's packet, in bins.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::render) struct CandidateBins {
     found: u64,
-    /// The middle of bin 0, in intervals from the first one's start.
+    /// Position of the middle of bin 0, in intervals from the start of the first interval.
     first: f32,
     /// Width of a bin, in intervals.
     per_bin: f32,
@@ -167,11 +169,11 @@ impl CandidateBins {
     /// Every bin is a candidate.
     pub const ALL: Self = Self { found: u64::MAX, first: 0.0, per_bin: 0.0, bins: 0.0 };
 
-    /// `start`: the distance along the ray from which its `bins` are counted, world units.
+    /// Converts `intervals` to a ray's bins; `start`: distance along the ray from which `bins` count, world units.
     pub fn new(intervals: &Intervals, bins: &Bins, start: f32) -> Self {
         let Intervals { found, near, step } = *intervals;
         let per_bin = bins.delta() / step;
-        // A sample lies up to half a bin from the middle, and so at most in an interval next to its own.
+        // A sample lies at most half a bin from its bin's middle, and thus in the middle's interval or one next to it.
         if !(per_bin > 0.0 && 0.5 * per_bin + MOST_ROUNDING <= 1.0) {
             return Self::ALL;
         }
@@ -179,10 +181,10 @@ impl CandidateBins {
         Self { found, first, per_bin, bins: step / bins.delta() }
     }
 
-    /// The first candidate from `bin` on; the largest `u32` if there is none.
+    /// Index of the first candidate bin from `bin` on; `u32::MAX` if there is none.
     #[inline]
     pub fn next(&self, bin: u32) -> u32 {
-        // `as` saturates. Rounding may put a bin just behind the last interval.
+        // The cast saturates. Rounding may put a bin just behind the last interval.
         let at = ((self.first + bin as f32 * self.per_bin) as u32).min(INTERVALS - 1);
         match (self.found >> at).trailing_zeros() {
             0 => bin,
@@ -201,14 +203,14 @@ impl CandidateBins {
     }
 }
 
-/// Upper bound of the inverse length of a direction, which is 1 within 1e-3.
+/// Upper bound of the inverse length of a direction, whose length is 1 within 1e-3.
 const LENGTH: f32 = 1.002;
 /// Number of intervals that a packet's path through the box is divided into; each is looked up in its middle.
 const INTERVALS: u32 = 64;
 /// Largest error of a point's distance by rounding, in intervals.
 const MOST_ROUNDING: f32 = 0.25;
 
-/// Finds which of the [`INTERVALS`] intervals of `step` from `near` on may have occupied cells; bit 0 is the first.
+/// Lookup of [`INTERVALS`] intervals of width `step` from `near` on: sets bit `i` if interval `i` may be occupied.
 struct LookUp<'a> {
     packets: &'a Packets<'a>,
     ray: &'a Ray,

@@ -1,4 +1,4 @@
-//! A ray's state, and its march to the next occupied sample: a bin, or a sample drawn from a proposal's weights.
+//! State of a ray, and its march to the next occupied sample: that of a bin, or one drawn from a proposal's weights.
 
 use super::coarse::CandidateBins;
 use super::window::{LookUp, Window};
@@ -12,7 +12,7 @@ use crate::simd::{Isa, Lanes, Op, VECTORS};
 use crate::space::Contraction;
 use glam::Vec3;
 
-/// A ray's march through one field.
+/// State of a ray's march through one field.
 #[derive(Clone, Copy)]
 pub(in crate::render) struct RayState {
     pub pixel: PixelRay,
@@ -22,11 +22,11 @@ pub(in crate::render) struct RayState {
     pub next: u32,
     /// Index behind the last bin or drawn sample.
     pub end: u32,
-    /// The bins that were looked up in the occupancy grid.
+    /// The bins last looked up in the occupancy grid.
     pub window: Window,
-    /// The bins that may have a sample in an occupied cell; empty without vectors, where all may have one.
+    /// The bins that may have a sample in an occupied cell; empty without vectors, where all bins are candidates.
     pub candidates: [CandidateBins; VECTORS as usize],
-    /// Samples that the network was evaluated at.
+    /// Number of samples at which the network was evaluated.
     pub kept: u32,
 }
 
@@ -47,12 +47,12 @@ impl RayState {
         kept: 0,
     };
 
-    /// The state of a single queried point in the network's space, number `index`.
+    /// State of queried point number `index`, at `origin` in the network's space.
     pub fn of_point(origin: Vec3, dir: Vec3, index: usize) -> Self {
         Self { pixel: PixelRay { ray: Ray { origin, dir }, x: index as u32, ..PixelRay::NONE }, ..Self::NONE }
     }
 
-    /// Starts the ray of a pixel, before its first sample; `span`: the part of it that is sampled.
+    /// Starts the ray of pixel `(x, y)`, before its first sample; `span`: the part of the ray that is sampled.
     #[inline]
     pub fn begin(&mut self, (x, y): (u32, u32), ray: Ray, range: [f32; 2], span: Option<Span>) {
         *self = Self { pixel: PixelRay { ray, range, x, y, done: false, ..PixelRay::NONE }, ..Self::NONE };
@@ -62,7 +62,7 @@ impl RayState {
         }
     }
 
-    /// Moves `next` to the first occupied bin at or after it; `false` if there is none.
+    /// Advances `next` to the first occupied bin from `next` on; returns `false` if there is none.
     #[cfg_attr(target_os = "none", inline(never))]
     pub fn march(&mut self, isa: Isa, plan: &Plan<'_>, bins: &Bins, jitter: SampleJitter) -> bool {
         if VECTORS && self.march_looked_up() {
@@ -81,7 +81,7 @@ impl RayState {
         self.next < self.end
     }
 
-    /// Moves `next` on to the first occupied bin among those already looked up; `false` if there is none.
+    /// Advances `next` to the first occupied bin among those already looked up; returns `false` if there is none.
     #[inline]
     pub fn march_looked_up(&mut self) -> bool {
         let found = self.window.left(self.next).filter(|&bin| bin < self.end);
@@ -90,7 +90,7 @@ impl RayState {
     }
 }
 
-/// The occupancy grid, if it is looked up in windows.
+/// The occupancy grid, if bins are looked up a [`Window`] at a time.
 #[inline]
 pub(super) fn windows<'p>(isa: Isa, plan: &'p Plan<'_>) -> Option<&'p OccupancyGrid<'p>> {
     plan.occupancy.as_ref().filter(|_| VECTORS && isa != Isa::Portable && plan.effects.jitter.is_none())
@@ -104,7 +104,7 @@ pub(super) struct MarchAll<'a> {
     pub rays: &'a mut [RayState],
     /// Indices of the rays to march.
     pub list: &'a [u32],
-    /// Whether no occupied cell lies at a face of the box.
+    /// Whether no occupied cell lies at a face of the scene box.
     pub inner: bool,
 }
 
@@ -125,7 +125,7 @@ impl Op for MarchAll<'_> {
     }
 }
 
-/// The rays whose next sample is occupied, each at most once: a queue in a ring buffer.
+/// Queue of the rays whose next sample is occupied, each at most once, in a ring buffer.
 pub(in crate::render) struct ActiveRays<'w> {
     ring: &'w mut [u32],
     first: usize,
@@ -159,15 +159,15 @@ impl<'w> ActiveRays<'w> {
 /// Whether this build evaluates proposal networks.
 pub(in crate::render) const PROPOSAL_BUILT: bool = cfg!(feature = "proposal");
 
-/// The drawn samples of the rays in flight; without rows in a build without proposals.
+/// Samples of the rays in flight, drawn from the proposal's weights; empty in a build without proposals.
 pub(in crate::render) struct ProposalSamples<'w>([Rows<'w>; PROPOSAL_BUILT as usize]);
 
-/// A row of samples for each ray; empty if the frame draws none and uses the plan's bins.
+/// A row of samples for each ray; empty if the frame uses the plan's bins and draws no samples.
 struct Rows<'w> {
-    /// `[rays][row]`: distances, ascending; before samples are drawn, a row's last values are the proposal's weights.
+    /// Distances of samples, ascending: `[rays][row]`. Until samples are drawn, a row ends with the proposal's weights.
     t: &'w mut [f32],
     row: usize,
-    /// Index of each sample of a block in its ray's row, or of its bin in the proposal: `[samples]`.
+    /// Index of each sample of a block in its ray's row, or index of its bin in the proposal: `[samples]`.
     index: &'w mut [u32],
 }
 
@@ -178,7 +178,7 @@ impl Rows<'_> {
 }
 
 impl<'w> ProposalSamples<'w> {
-    /// Memory for `row` samples of each of `rays` rays; none if `row` is 0.
+    /// Memory for `row` samples of each of `rays` rays; no memory if `row` is 0.
     pub fn lay_out(layout: &mut impl Layout<'w>, [rays, samples, row]: [usize; 3]) -> Self {
         Self([(); PROPOSAL_BUILT as usize].map(|()| {
             let index = layout.slice(if row == 0 { 0 } else { samples }, 0);
@@ -198,7 +198,7 @@ impl<'w> ProposalSamples<'w> {
         self.rows().is_some()
     }
 
-    /// Moves `state.next` to the first occupied sample of ray `ray` at or after it; `false` if there is none.
+    /// Advances `state.next` to ray `ray`'s first occupied sample from there on; returns `false` if there is none.
     #[inline]
     pub fn march(&self, field: Field<'_>, ray: u32, state: &mut RayState, jitter: SampleJitter) -> bool {
         let plan = field.plan;
@@ -210,7 +210,7 @@ impl<'w> ProposalSamples<'w> {
         state.next < state.end
     }
 
-    /// Distance of the next sample of ray `ray`, which goes into column `column` of the block.
+    /// Returns the distance of ray `ray`'s next sample, and stores the sample's index for column `column` of the block.
     #[inline]
     pub fn take(
         &mut self,
@@ -254,13 +254,13 @@ impl<'w> ProposalSamples<'w> {
         self.0.iter_mut().for_each(|rows| head_mut(rows.t, rays * rows.row).fill(0.0));
     }
 
-    /// Notes that column `column` of the block holds bin `bin` of its ray.
+    /// Stores `bin`, the ray's bin in column `column` of the block.
     #[inline]
     pub fn take_bin(&mut self, bin: u32, column: usize) {
         self.0.iter_mut().for_each(|rows| put(rows.index, column, bin));
     }
 
-    /// Stores the weight of the bin in column `column` of the block; `drawn`: number of values before a row's
+    /// Stores the weight of the bin in column `column` of the block; `drawn`: number of values in front of a row's
     /// weights.
     pub fn put_weight(&mut self, ray: u32, column: usize, drawn: usize, weight: f32) {
         for Rows { t, row, index } in &mut self.0 {
@@ -268,8 +268,8 @@ impl<'w> ProposalSamples<'w> {
         }
     }
 
-    /// Draws the samples of ray `from` from the weights of the `coarse` bins, and stores them as those of ray `to`,
-    /// which is at most `from`. Returns their number.
+    /// Draws samples by the weights of ray `from` in the `coarse` bins, and stores them in the row of ray `to`, which
+    /// is at most `from`. Returns the number of samples.
     pub fn draw(&mut self, coarse: &Bins, from: usize, to: usize, jitter: SampleJitter) -> u32 {
         debug_assert!(to <= from, "expected a row at or before {from}, found {to}");
         let Some(&mut Rows { ref mut t, row, .. }) = self.0.first_mut() else { return 0 };

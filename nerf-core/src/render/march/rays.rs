@@ -1,9 +1,9 @@
-//! Ray marching: each block takes the next occupied sample of as many active rays as it has room for.
+//! Ray marching: each block holds the next occupied sample of as many active rays as fit.
 //!
-//! A ray has one sample in flight, so that its transmittance is known before the next one is evaluated. If fewer rays
-//! are active than a vector has columns, the next samples of the same rays fill the other columns, which would
-//! otherwise hold copies. Samples that turn out to lie behind the transmittance threshold are dropped and not
-//! counted. So the work of a frame depends on the scene and the request alone, as its pixels do.
+//! A ray has one sample in flight, so that its transmittance is known before its next sample is evaluated. If fewer
+//! rays are active than a vector has columns, further samples of the same rays fill the remaining columns, which would
+//! otherwise hold copies. Samples that prove to lie behind the transmittance threshold are dropped and not counted: the
+//! counted work of a frame depends on the scene and the request alone, as its pixels do.
 
 use super::coarse::{CandidateBins, Intervals, Packets};
 use super::ray::{ActiveRays, MarchAll, ProposalSamples, RayState, windows};
@@ -18,11 +18,11 @@ use crate::simd::{MAX_LANES, VECTORS};
 use crate::space::SceneBox;
 use crate::volume::Accumulator;
 
-/// Rays of a packet, across and down, that are looked up in the coarse occupancy grid together. In a tile of one row
-/// a packet has the same number of rays. At most [`MAX_LANES`].
+/// Width and height, in rays, of a packet that is looked up in the coarse occupancy grid as a whole. In a tile of one
+/// row a packet has the same number of rays, in a row. At most [`MAX_LANES`] rays.
 const PACKET: (u32, u32) = (4, 4);
 
-/// The rays of a tile that meet something occupied.
+/// The rays of a tile that meet an occupied cell.
 pub(in crate::render) struct Rays<'f, 'w> {
     field: Field<'f>,
     /// A box around the occupied cells of the occupancy grid.
@@ -36,12 +36,12 @@ pub(in crate::render) struct Rays<'f, 'w> {
     pub hits: usize,
     pub active: ActiveRays<'w>,
     pub samples: ProposalSamples<'w>,
-    /// Index of each ray in flight among the rays of its pixel.
+    /// Index of the rays in flight among the rays of their pixels.
     pub turn: u32,
 }
 
 impl<'f, 'w> Rays<'f, 'w> {
-    /// `drawn`: number of a ray's values in [`ProposalSamples`]; 0 without a proposal.
+    /// Memory for a batch of rays; `drawn`: number of a ray's values in [`ProposalSamples`], 0 without a proposal.
     pub fn lay_out(
         layout: &mut impl Layout<'w>,
         field: Field<'f>,
@@ -65,7 +65,7 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
     }
 
-    /// Starts the rays of a tile's pixels; those that meet nothing are finished at once.
+    /// Starts the rays of a tile's pixels; rays without an occupied sample are finished at once.
     pub fn start<M: Math, const COLLIDE: bool>(
         &mut self,
         pixels: &mut Pixels<'_, '_>,
@@ -90,7 +90,7 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
     }
 
-    /// Starts the rays of a `part` of the tile.
+    /// Starts the rays of `part`, a packet of the tile.
     fn start_packet<M: Math, const COLLIDE: bool>(
         &mut self,
         packets: &Packets<'_>,
@@ -145,8 +145,8 @@ impl<'f, 'w> Rays<'f, 'w> {
         self.hits = hits;
     }
 
-    /// Starts the ray of a pixel: marches it to its first occupied sample and stores it as the tile's next ray. A
-    /// ray without one is finished at once.
+    /// Starts the ray of a pixel: marches it to its first occupied sample and stores it as the tile's next ray. A ray
+    /// without an occupied sample is finished at once.
     #[inline(never)]
     fn start_ray<M: Math, const COLLIDE: bool>(
         &mut self,
@@ -167,7 +167,7 @@ impl<'f, 'w> Rays<'f, 'w> {
         let Some(intervals) = intervals else { return pixels.miss::<M>(pixel, range[1], source, target) };
         let Some(state) = self.states.get_mut(self.hits) else { return };
         let around = if plan.occupancy.is_some() { self.occupied } else { Some(plan.bounds) };
-        // Nothing outside is occupied, so that most rays of most pictures end here.
+        // No cell outside of `around` is occupied, so that most rays of most pictures have no span.
         let span = around.and_then(|around| Span::new(plan, &around, &ray, range));
         begin::<COLLIDE>(plan, pixel, (ray, range, span), &intervals, source, state);
         let (drawn, meets_box) = (self.samples.is_on(), state.next < state.end);
@@ -177,7 +177,7 @@ impl<'f, 'w> Rays<'f, 'w> {
         if occupied {
             self.active.push(self.hits as u32);
         }
-        // Between the proposal's samples there may be drawn ones that are occupied.
+        // Samples drawn between the middles of the proposal's bins may be occupied even if no middle is.
         if occupied || (drawn && meets_box) {
             self.hits += 1;
         } else {
@@ -201,9 +201,9 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
     }
 
-    /// Takes the next sample of each active ray for a block with room for `room`. If there are fewer rays than a
-    /// vector has columns, takes several samples of each; without a transmittance threshold, all samples of as many
-    /// rays as fit. `put` takes column, ray and distance. Returns the number of samples.
+    /// Passes the next sample of each active ray to `put`, up to `room` samples. If fewer rays are active than a vector
+    /// has columns, passes several samples of each ray; without a transmittance threshold, all samples of as many rays
+    /// as fit. `put` receives column, ray and distance. Returns the number of samples.
     pub fn take<const COLLIDE: bool>(&mut self, room: usize, mut put: impl FnMut(usize, u32, f32)) -> usize {
         let (field, plan) = (self.field, self.field.plan);
         let burst = match field.columns(1) {
@@ -229,7 +229,7 @@ impl<'f, 'w> Rays<'f, 'w> {
     }
 }
 
-/// Starts a pixel's ray in `state`, before its first sample. `intervals`: those of the ray that may have occupied
+/// Starts a pixel's ray in `state`, before its first sample. `intervals`: intervals of the ray that may have occupied
 /// cells.
 fn begin<const COLLIDE: bool>(
     plan: &Plan<'_>,

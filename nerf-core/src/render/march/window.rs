@@ -1,4 +1,4 @@
-//! Lookup of sixteen bins of a ray at a time: those with their sample in an occupied cell.
+//! Lookup of a ray's bins in the occupancy grid, sixteen bins at a time.
 
 use super::coarse::{CandidateBins, points_at};
 use crate::camera::Ray;
@@ -25,7 +25,7 @@ impl Window {
     /// No bin has been looked up.
     pub const NONE: Self = Self { end: 0, live: 0 };
 
-    /// The first occupied bin from `from` on, among those that have been looked up.
+    /// Index of the first occupied bin from `from` on, among the bins of the window.
     #[inline]
     pub fn left(&self, from: u32) -> Option<u32> {
         let left = if from < self.end { self.live >> (from + WIDTH - self.end) } else { 0 };
@@ -39,17 +39,17 @@ pub(super) struct LookUp<'a> {
     pub contraction: Option<&'a Contraction>,
     pub ray: &'a Ray,
     pub bins: &'a Bins,
-    /// Other bins are skipped.
+    /// The bins to look up; all other bins are skipped.
     pub candidates: &'a CandidateBins,
-    /// Whether no occupied cell lies at a face of the box.
+    /// Whether no occupied cell lies at a face of the scene box.
     pub inner: bool,
 }
 
 impl LookUp<'_> {
-    /// The first occupied bin of `from..end`, or `end`; the same as
+    /// Index of the first occupied bin of `from..end`, or `end`: equal to
     /// [`Plan::first_occupied`](crate::plan::Plan::first_occupied) at the middles of the bins, bit for bit.
     ///
-    /// For one `window`, `from` must not fall from call to call, and the bins must be those of the first call.
+    /// Between calls with the same `window`, `from` must not decrease and the bins must not change.
     #[inline(always)]
     pub fn first_occupied<V: Lanes>(
         &self,
@@ -75,7 +75,7 @@ impl LookUp<'_> {
         end.min(found.end - WIDTH + found.live.trailing_zeros())
     }
 
-    /// The occupied bins of the window that begins with bin `first`.
+    /// Occupied bins of the window that begins with bin `first`; bit `i` is bin `first + i`.
     #[inline(always)]
     fn live<V: Lanes>(&self, lanes: &OccupancyLanes<'_, V>, first: u32) -> u32 {
         let Self { occupancy, ray, bins, .. } = *self;
@@ -104,7 +104,7 @@ impl LookUp<'_> {
         if live == 0 || self.inner {
             return live;
         }
-        // Rounding keeps order: a point between two points of the box is in the box.
+        // Rounding preserves order: a point between two points inside the box is inside, too.
         let inside = |i: u32| occupancy.bounds.contains(ray.at(bins.at(first + i, 0.5)));
         if !(inside(0) && inside(WIDTH - 1)) {
             for i in 0..WIDTH {

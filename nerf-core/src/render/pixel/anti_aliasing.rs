@@ -1,4 +1,4 @@
-//! Several rays a pixel: their positions in the pixel, and their mean.
+//! Several rays a pixel: the positions of the rays in the pixel, and the mean of their results.
 
 use crate::math::Sum;
 use crate::memory::Layout;
@@ -15,10 +15,10 @@ pub(crate) fn rays(effects: &Effects) -> u32 {
     effects.anti_aliasing.into()
 }
 
-/// Position of the `ray`-th ray in its pixel, right and down, in `(0, 1)`; the middle if it is the only one.
+/// Position of the `ray`-th ray in its pixel, right and down, in `(0, 1)`; the centre of a pixel with one ray.
 ///
-/// The same in every pixel: `n` rays a pixel are the mean of `n` shifted pictures. Each of `n` columns and of
-/// `n` rows has one ray, so that their mean is the pixel's centre.
+/// Positions are the same in every pixel: the frame of `n` rays a pixel is the mean of `n` shifted pictures. Each of
+/// `n` columns and `n` rows of a pixel has one ray: the mean position is the pixel's centre.
 #[inline]
 pub(crate) fn offset(effects: &Effects, ray: u32) -> (f32, f32) {
     match rays(effects) {
@@ -27,7 +27,7 @@ pub(crate) fn offset(effects: &Effects, ray: u32) -> (f32, f32) {
     }
 }
 
-/// Fibonacci's lattice, for any number of points: columns in order, rows in the order of multiples of the
+/// Point `ray` of a Fibonacci lattice of `rays` points: columns in order, rows in the order of the multiples of the
 /// golden ratio.
 #[inline(never)]
 fn place_in_pixel(ray: u32, rays: u32) -> (f32, f32) {
@@ -40,17 +40,17 @@ fn place_in_pixel(ray: u32, rays: u32) -> (f32, f32) {
 struct PixelSum {
     rgb: [Sum; 3],
     opacity: Sum,
-    /// Sum of the opacities of rays with a surface, which divides the sums of distances.
+    /// Sum of opacity over the rays with a surface: the divisor of the sums of distances.
     surface: Sum,
-    /// Opacity times `ray_distance` of these rays.
+    /// Sum of opacity times `ray_distance` over the rays with a surface.
     ray_distance: Sum,
-    /// Opacity times `z_depth` of these rays.
+    /// Sum of opacity times `z_depth` over the rays with a surface.
     z_depth: Sum,
 }
 
 impl PixelSum {
     fn add(&mut self, pixel: &Pixel) {
-        // In full, so that a new field is not forgotten here.
+        // Destructured in full, so that a new field of [`Pixel`] is not forgotten here.
         let Pixel { rgb, opacity, ray_distance, z_depth, median_distance: _, normal: _ } = *pixel;
         for (sum, c) in self.rgb.iter_mut().zip(rgb) {
             sum.add(c);
@@ -63,7 +63,7 @@ impl PixelSum {
         }
     }
 
-    /// The mean of `rays` rays; distances are weighted by opacity.
+    /// The mean of `rays` rays. Distances are weighted by opacity; without a surface, they are `far`.
     fn mean(&self, rays: u32, far: f32) -> Pixel {
         let rays = rays as f32;
         let opacity = self.opacity.value / rays;
@@ -80,12 +80,12 @@ impl PixelSum {
     }
 }
 
-/// Sums of median distances and normals over the rays of one pixel; these outputs are requested more rarely.
+/// Sums of median distances and normals over the rays of one pixel, requested more rarely than [`PixelSum`].
 #[derive(Clone, Copy, Default)]
 struct SurfaceSum {
     /// Number of rays that have a median distance.
     halved: u16,
-    /// Sum of their median distances.
+    /// Sum of the median distances of the `halved` rays.
     median_distance: Sum,
     normal: [Sum; 3],
 }
@@ -101,8 +101,9 @@ impl SurfaceSum {
         }
     }
 
-    /// Sets the mean normal, weighted by opacity, and the mean of the median distances, `far` if less than half of the
-    /// rays have one. An output that was not requested is 0 on every ray, and so is its mean.
+    /// Sets the normal of `mean` to the rays' mean normal, weighted by opacity. Sets the median distance to the mean
+    /// over the rays that have one, or to `far` if less than half of the rays do. The mean of an output that was not
+    /// requested is 0.
     fn finish(&self, rays: u32, far: f32, mean: &mut Pixel) {
         let sum = self.normal.map(|sum| sum.value);
         mean.normal = mean_direction(sum, mean.opacity * rays as f32, mean.opacity);
@@ -111,7 +112,7 @@ impl SurfaceSum {
     }
 }
 
-/// The sums of a tile's pixels; empty if a pixel is one ray.
+/// Sums of each pixel of a tile; empty if a pixel is one ray.
 pub(crate) struct Sums<'w> {
     pixels: &'w mut [PixelSum],
     /// As long as `pixels` if a median distance or a normal is requested, else empty.
@@ -127,7 +128,7 @@ impl<'w> Sums<'w> {
         Self { pixels, surfaces: layout.slice(surfaces, SurfaceSum::default()) }
     }
 
-    /// Adds the `ray`-th ray of a tile's `index`-th pixel. Returns the pixel after its last ray.
+    /// Adds the `ray`-th ray of the tile's `index`-th pixel. Returns the mean after the pixel's last ray, else `None`.
     #[inline]
     pub fn add(
         &mut self,

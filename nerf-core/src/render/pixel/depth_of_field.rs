@@ -10,12 +10,12 @@ use glam::Vec3;
 #[cfg(test)]
 mod tests;
 
-/// Index of the aperture's area that the `ray`-th ray of every pixel goes through.
+/// Index of the ring of the aperture, of rings of equal area, that the `ray`-th ray of every pixel passes through.
 ///
-/// The order differs from that of the rays in the pixel, so that no side of a pixel has the aperture's rim.
+/// The order of the rings differs from that of the rays in the pixel: no side of a pixel sees the aperture's rim alone.
 #[inline]
 pub(crate) fn area(effects: &Effects, ray: u32) -> u32 {
-    /// The silver ratio's fraction, in 2^-32.
+    /// Fractional part of the silver ratio, in units of 2^-32.
     const SILVER: u32 = 0x6a09_e667;
     match effects.depth_of_field {
         None => 0,
@@ -23,7 +23,7 @@ pub(crate) fn area(effects: &Effects, ray: u32) -> u32 {
     }
 }
 
-/// The ray of pixel `(x, y)` through an [`area`] of the aperture; `pinhole`: the same ray through a pinhole.
+/// The ray of pixel `(x, y)` through ring [`area`] of the aperture; `pinhole`: the pixel's ray through a pinhole.
 #[inline]
 pub(crate) fn through_lens(
     effects: &Effects,
@@ -40,14 +40,14 @@ pub(crate) fn through_lens(
 
 /// The ray from point `at` of the aperture's unit disc to where `pinhole` meets the plane of focus.
 ///
-/// The plane of focus and the aperture are perpendicular to the view axis: a point at distance `t` along the
-/// new ray has a z_depth of `t` times the cosine between the new ray and that axis.
+/// The plane of focus and the aperture are perpendicular to the view axis: a point at distance `t` along the returned
+/// ray has a z_depth of `t` times the cosine between the returned ray and the view axis.
 #[inline(never)]
 fn lens_ray(lens: &ThinLens, pose: &Pose, pinhole: &Ray, at: (f32, f32)) -> Ray {
     let offset = pose.rotation * (Vec3::new(at.0, at.1, 0.0) * lens.aperture_radius);
-    // Relative to the camera's centre: no precision is lost far from the world's origin.
+    // Points are relative to the camera's centre: no precision is lost far from the world's origin.
     let cosine = pinhole.dir.dot(pose.forward());
-    // A fisheye also sees directions at 90° and more from its axis, which meet no plane of focus.
+    // A fisheye also sees directions at 90° and more from the view axis, which do not meet the plane of focus.
     if cosine <= 0.0 {
         return *pinhole;
     }
@@ -55,11 +55,11 @@ fn lens_ray(lens: &ThinLens, pose: &Pose, pinhole: &Ray, at: (f32, f32)) -> Ray 
     Ray { origin: pinhole.origin + offset, dir: (focus - offset).normalize() }
 }
 
-/// A point of an [`area`] of the unit disc.
+/// A random point of the unit disc, in the ring with index [`area`].
 ///
-/// Sunflower pattern: rings of equal area from the middle outwards, successive points the golden angle apart.
-/// Position within the ring and first angle are random for each pixel, so that every ray is uniform over the
-/// disc and neighbouring pixels differ.
+/// Sunflower pattern: rings of equal area from the middle outwards, with successive points the golden angle apart. The
+/// position within the ring and the first angle are random for each pixel, so that every ray is uniform over the disc
+/// and neighbouring pixels differ.
 ///
 /// # Source
 /// Vogel 1979; deviation: random start.

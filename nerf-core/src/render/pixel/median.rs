@@ -11,7 +11,7 @@ mod tests;
 /// Median distance of a ray whose transmittance has not fallen below one half.
 const NOT_YET: f32 = f32::INFINITY;
 
-/// The rays' median distances, `[rays]`, or empty if they are not requested.
+/// Median distance of each ray, world units from the ray's start: `[rays]`, or empty if not requested.
 pub(in crate::render) struct Medians<'w> {
     distance: &'w mut [f32],
 }
@@ -25,14 +25,14 @@ impl<'w> Medians<'w> {
         Self { distance: layout.slice(rays, NOT_YET) }
     }
 
-    /// Resets the first `count` rays.
+    /// Resets the median distances of the first `count` rays.
     pub fn begin(&mut self, count: usize) {
         self.distance.iter_mut().take(count).for_each(|distance| *distance = NOT_YET);
     }
 
-    /// Whether the sample last added to `gathered` is the first that takes the ray's transmittance below one half.
+    /// Whether the sample last added to `gathered` is the first to lower the ray's transmittance below one half.
     ///
-    /// The same comparison as the one that ends rays: a threshold of one half never ends a ray before its median is
+    /// The comparison equals that of the transmittance cut: a cut of one half never ends a ray before its median is
     /// known.
     #[inline]
     pub fn passes(&self, ray: u32, gathered: &Accumulator) -> bool {
@@ -40,25 +40,25 @@ impl<'w> Medians<'w> {
         distance.is_some_and(|&distance| distance == NOT_YET && gathered.transmittance() < 0.5)
     }
 
-    /// Stores the median distance, which lies in the sample that [`Medians::passes`]: density `sigma`, interval of
-    /// middle `mid` and width `delta`, optical thickness `before` in front of it.
+    /// Stores the median distance, inside the interval of the sample for which [`Medians::passes`] holds: density
+    /// `sigma`, middle `mid`, width `delta`, optical thickness `before` in front of the interval.
     pub fn put(&mut self, ray: u32, before: f32, sigma: f32, [mid, delta]: [f32; 2]) {
         if let Some(distance) = self.distance.get_mut(ray as usize) {
             *distance = median_in_bin(before, sigma, mid, delta);
         }
     }
 
-    /// The median distance of `ray`, whose samples are counted from `start`, at most `far`; `far` if it has none.
+    /// Median distance of `ray`, at most `far`, with `start` added; `far` if the ray has no median, 0 if not requested.
     pub fn finish(&self, ray: usize, start: f32, far: f32) -> f32 {
         self.distance.get(ray).map_or(0.0, |&distance| (start + distance).min(far))
     }
 }
 
 /// Distance along the ray, world units, at which the transmittance falls to one half inside a bin of constant density:
-/// `t_edge + (ln 2 − thickness) / sigma`, clamped to the bin; its front edge if `sigma` is +inf.
+/// `t_edge + (ln 2 − thickness) / sigma`, clamped to the bin; the bin's front edge if `sigma` is +inf.
 ///
-/// `thickness`: Σ sigma·delta of the bins in front, below ln 2 up to rounding. `sigma`: the bin's density, not 0. `t`:
-/// its middle, `delta`: its width, world units along the ray.
+/// `thickness`: Σ sigma·delta of the bins in front, below ln 2 up to rounding. `sigma`: density of the bin, not 0. `t`,
+/// `delta`: middle and width of the bin, world units along the ray.
 #[inline(never)]
 fn median_in_bin(thickness: f32, sigma: f32, t: f32, delta: f32) -> f32 {
     thickness_in_bin(LN_2 - thickness, sigma, t, delta)

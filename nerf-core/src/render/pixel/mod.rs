@@ -1,7 +1,7 @@
-//! Pixels: which rays a pixel has, and what it makes of them.
+//! Pixels: the rays of each pixel, and the pixel's outputs from the results of its rays.
 //!
-//! Each effect has a file that does it and one with the same interface that does nothing, in builds without its
-//! feature.
+//! Each effect has a file that implements it. A file with the same interface does nothing, for builds without the
+//! effect's feature.
 
 #[cfg_attr(not(feature = "anti-aliasing"), path = "anti_aliasing_off.rs")]
 mod anti_aliasing;

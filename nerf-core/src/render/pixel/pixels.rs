@@ -1,4 +1,4 @@
-//! The pixels of the current tile: each sums up its rays, and goes to the target after the last of them.
+//! The pixels of the current tile: each pixel sums up its rays, and is passed to the target after its last ray.
 
 use super::anti_aliasing::Sums;
 use super::placed::Placed;
@@ -11,11 +11,10 @@ use crate::render::Counters;
 use crate::volume::Pixel;
 use glam::Vec3;
 
-/// The pixels of a tile, and the work they took.
 pub(in crate::render) struct Pixels<'f, 'w> {
     pub plan: &'f Plan<'f>,
     sums: Sums<'w>,
-    /// Index of each ray in flight among the rays of its pixel.
+    /// Index of the rays in flight among the rays of their pixels.
     pub turn: u32,
     pub tile: Rect,
     /// Whether colour is composited over the background.
@@ -40,7 +39,7 @@ impl<'f, 'w> Pixels<'f, 'w> {
         }
     }
 
-    /// Adds a ray to its pixel; `hit`: if the ray met something, its index in the [`Surface`].
+    /// Adds a ray to its pixel; `hit`: the [`Surface`] and the ray's index in it, or `None` for a ray without samples.
     #[inline(never)]
     pub fn finish<M: Math>(
         &mut self,
@@ -61,7 +60,7 @@ impl<'f, 'w> Pixels<'f, 'w> {
         self.put::<M>((ray.x, ray.y), seen, far, target);
     }
 
-    /// Adds a ray that meets nothing, seen up to `end`, to its pixel.
+    /// Adds a ray without samples to its pixel; `end`: the ray's farthest visible distance, world units.
     pub fn miss<M: Math>(
         &mut self,
         (x, y): (u32, u32),
@@ -81,7 +80,7 @@ impl<'f, 'w> Pixels<'f, 'w> {
         if Medians::BUILT && self.plan.outputs.median_distance { far } else { 0.0 }
     }
 
-    /// The colour behind a ray: the background, or black if it is not shown.
+    /// The colour behind a ray: the background, or black if the background is not shown.
     fn background<M: Math>(&self) -> [f32; 3] {
         let shown = self.plan.outputs.rgb && self.background;
         tone::background::<M>(&self.plan.effects.tone, if shown { self.plan.background } else { [0.0; 3] })

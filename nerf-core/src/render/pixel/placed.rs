@@ -1,4 +1,4 @@
-//! The placement of one rigid field, which is rendered in its own coordinates: no distance changes in them.
+//! Placement of one rigid field, which is rendered in its own coordinates: without a scale, distances do not change.
 
 use crate::camera::{Camera, Ray};
 use crate::space::Placement;
@@ -20,12 +20,12 @@ impl Placed {
         self.0.map_or(ray, |placement| placement.ray_in_field(&ray))
     }
 
-    /// A direction of the world's in the field's coordinates.
+    /// Transforms a direction from the world's coordinates to the field's.
     pub fn dir(&self, dir: Vec3) -> Vec3 {
         self.0.map_or(dir, |placement| placement.dir_in_field(dir))
     }
 
-    /// A normal of the field's in the world's coordinates.
+    /// Transforms a normal from the field's coordinates to the world's.
     pub fn normal(&self, normal: [f32; 3]) -> [f32; 3] {
         self.0.map_or(normal, |placement| placement.dir_in_world(normal.into()).into())
     }

@@ -1,5 +1,5 @@
-//! The rays of a tile's pixels: their source, a camera or the caller, and their visible part, a range or the limit of a
-//! depth buffer.
+//! Rays of a tile's pixels: their source is a camera or the caller; their visible part is a range, or ends at the limit
+//! from a depth buffer.
 
 use super::{Rect, anti_aliasing, depth_of_field};
 use crate::camera::{Camera, Lens, PinholeRays, Ray};
@@ -12,13 +12,13 @@ use glam::Vec3;
 
 /// Source of the rays of a tile's pixels.
 pub(in crate::render) trait RaySource {
-    /// The ray of a pixel.
+    /// The ray of pixel `(x, y)`.
     fn ray(&self, x: u32, y: u32) -> Ray;
     /// The camera, and the position of the rays in their pixels, if the rays are those of a pinhole camera.
     fn pinhole(&self) -> Option<(&Camera, (f32, f32))> {
         None
     }
-    /// The rays of the pixels of `part`, up to [`MAX_LANES`] of them, row by row.
+    /// Writes the rays of the pixels of `part`, at most [`MAX_LANES`] pixels, row by row to `to`.
     fn rays(&self, isa: Isa, part: Rect, to: &mut [Ray]) {
         let Some((camera, offset)) = self.pinhole() else {
             return to.iter_mut().zip(part.pixels()).for_each(|(to, (x, y))| *to = self.ray(x, y));
@@ -31,7 +31,7 @@ pub(in crate::render) trait RaySource {
     }
     /// Nearest and farthest visible distance along a pixel's ray, world units.
     fn range(&self, x: u32, y: u32, ray: &Ray) -> [f32; 2];
-    /// Distance of a pixel of column `x` whose ray meets no surface, before it is limited to the ray's range.
+    /// Distance of a pixel in column `x` whose ray meets no surface, world units, not yet limited to the ray's range.
     fn far(&self, x: u32) -> f32;
     /// The optical thickness at which the ray of column `x` collides.
     fn until(&self, _x: u32) -> f32 {
@@ -39,13 +39,13 @@ pub(in crate::render) trait RaySource {
     }
 }
 
-/// The `turn`-th rays of a camera's pixels.
+/// Source of the `turn`-th ray of each pixel of a camera.
 pub(in crate::render) struct CameraRays<'a, L> {
     camera: &'a Camera,
     effects: &'a Effects,
     /// Position of each ray in its pixel.
     offset: (f32, f32),
-    /// Index of the aperture's area that the rays go through.
+    /// Index of the aperture's ring that the rays pass through.
     area: u32,
     limit: &'a L,
     far: f32,
@@ -53,7 +53,7 @@ pub(in crate::render) struct CameraRays<'a, L> {
 }
 
 impl<'a, L> CameraRays<'a, L> {
-    /// `limit` says where the ray of a pixel ends; `far` is the distance of pixels without a surface.
+    /// `limit`: end of a pixel's ray, by x and y; `far`: distance of pixels without a surface, world units.
     pub fn new(camera: &'a Camera, effects: &'a Effects, turn: u32, limit: &'a L, far: f32) -> Self {
         let (offset, area) = (anti_aliasing::offset(effects, turn), depth_of_field::area(effects, turn));
         Self { camera, effects, offset, area, limit, far, forward: camera.pose().forward() }
@@ -82,13 +82,13 @@ impl<L: Fn(u32, u32) -> Limit> RaySource for CameraRays<'_, L> {
     }
 }
 
-/// Rays of the caller's, with any origins: those from index `first` on are the pixels of a row.
+/// Source of rays given by the caller, with any origins: the tile is one row, and column `x` has ray `first + x`.
 pub(in crate::render) struct OwnRays<'a, R, U, F> {
     pub first: usize,
     pub ray: &'a R,
-    /// The random number of a ray.
+    /// Random number of a ray, by the ray's index.
     pub random: &'a U,
-    /// The distance of a ray that meets no surface, by its origin.
+    /// Distance of a ray that meets no surface, by the ray's origin.
     pub far: F,
 }
 
@@ -120,8 +120,8 @@ pub struct RaySegment {
     pub ray: Ray,
     /// Nearest visible distance, world units along the ray, at least 0.
     pub t_min: f32,
-    /// Farthest visible distance, world units along the ray, at least `t_min`; may be infinite. It cuts the bin it
-    /// lies in: opacity is continuous in it.
+    /// Farthest visible distance, world units along the ray, at least `t_min`; may be infinite. The bin that contains
+    /// `t_max` is cut there: opacity is continuous in `t_max`.
     pub t_max: f32,
 }
 
@@ -134,9 +134,9 @@ impl From<Ray> for RaySegment {
 /// End of a pixel's ray, from a depth buffer. Infinity and NaN mean no end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Limit {
-    /// World units along the ray.
+    /// Distance along the ray, world units.
     RayDistance(f32),
-    /// World units along the view axis.
+    /// Depth along the view axis, world units.
     ZDepth(f32),
 }
 
@@ -144,8 +144,8 @@ impl Limit {
     /// No end.
     pub const NONE: Self = Self::RayDistance(f32::INFINITY);
 
-    /// The limit as a distance along `ray`, of a camera that looks along `forward`; infinite if the ray never meets
-    /// the plane.
+    /// The limit as a distance along `ray`, for a camera that looks along `forward`; infinite if the ray never reaches
+    /// the limit's depth.
     #[inline]
     pub(crate) fn along(self, ray: &Ray, forward: Vec3) -> f32 {
         match self {
@@ -158,18 +158,18 @@ impl Limit {
     }
 }
 
-/// The ray of a pixel, and what is composited along it.
+/// The ray of a pixel, and the values composited along the ray.
 #[derive(Clone, Copy)]
 pub(in crate::render) struct PixelRay {
-    /// The ray, from the point its samples are counted from.
+    /// The ray, whose origin is the point from which samples are counted.
     pub ray: Ray,
-    /// Distance of that point along the ray, world units.
+    /// Distance along the source's ray to the origin of `ray`, world units.
     pub start: f32,
-    /// Nearest and farthest visible distance along the ray, world units.
+    /// Nearest and farthest visible distance along the source's ray, world units.
     pub range: [f32; 2],
     pub x: u32,
     pub y: u32,
-    /// Whether the transmittance is below the threshold.
+    /// Whether the ray has ended: its transmittance is below the threshold, or it has collided.
     pub done: bool,
     pub gathered: Accumulator,
 }
@@ -185,7 +185,7 @@ impl PixelRay {
         gathered: Accumulator::NONE,
     };
 
-    /// The jitter of the ray's samples in frames of `plan`; `turn`: the ray's index among those of its pixel.
+    /// The jitter of the ray's samples in frames of `plan`; `turn`: index of the ray among the rays of its pixel.
     #[inline]
     pub fn jitter(&self, plan: &Plan<'_>, turn: u32) -> SampleJitter {
         SampleJitter::of(plan.effects.jitter.map(|jitter| jitter.seed), self.x, self.y, turn)

@@ -20,7 +20,7 @@ pub struct Rect {
 }
 
 impl Rect {
-    /// All of a camera's image.
+    /// The rectangle of a camera's whole image.
     pub fn full(camera: &Camera) -> Self {
         let i = camera.intrinsics();
         Self { x: 0, y: 0, width: i.width, height: i.height }
@@ -41,7 +41,7 @@ impl Rect {
 
     /// Tiles of at most `width` × `height` pixels that cover the rectangle, row by row.
     ///
-    /// A rectangle that reaches beyond the last `u32` is cut off there.
+    /// A rectangle that reaches beyond `u32::MAX` is cut off there.
     pub fn tiles(self, width: u32, height: u32) -> impl Iterator<Item = Self> {
         let (right, bottom) = (self.x.saturating_add(self.width), self.y.saturating_add(self.height));
         let starts = |from: u32, end: u32, step: u32| (from..end).step_by(step.max(1) as usize);
@@ -58,7 +58,7 @@ impl Rect {
 
 /// Receiver of finished pixels.
 pub trait Target {
-    /// Takes the pixel at `(x, y)` of the image; each pixel comes once.
+    /// Receives the pixel at `(x, y)` of the image; called once for each pixel.
     fn put(&mut self, x: u32, y: u32, pixel: &Pixel);
 }
 

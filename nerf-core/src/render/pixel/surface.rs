@@ -15,7 +15,7 @@ mod tests;
 /// Median distances and normals of the rays in flight.
 pub(in crate::render) struct Surface<'w> {
     pub medians: Medians<'w>,
-    /// `[rays]`, or empty.
+    /// Sum of normals of each ray, `[rays]`; empty if normals are not requested.
     #[cfg(feature = "normals")]
     pub normals: &'w mut [NormalSum],
 }
@@ -29,15 +29,15 @@ impl<'w> Surface<'w> {
         }
     }
 
-    /// Resets the first `count` rays.
+    /// Resets the median distances and normals of the first `count` rays.
     pub fn begin(&mut self, count: usize) {
         self.medians.begin(count);
         #[cfg(feature = "normals")]
         self.normals.iter_mut().take(count).for_each(|sum| *sum = NormalSum::NONE);
     }
 
-    /// Completes the pixel of ray `ray`, whose distances are counted from `start`; a distance without a surface is
-    /// `far`.
+    /// Sets median distance and normal of the pixel of ray `ray`. `start`: distance from which the ray's samples are
+    /// counted; `far`: median distance without a surface.
     pub fn finish(&self, ray: usize, start: f32, far: f32, pixel: &mut Pixel) {
         pixel.median_distance = self.medians.finish(ray, start, far);
         #[cfg(feature = "normals")]

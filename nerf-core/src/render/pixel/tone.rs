@@ -1,7 +1,7 @@
-//! Display-encoded colour to light and back, with exposure and tone curve between.
+//! Conversion of display-encoded colour to linear light and back, with exposure and tone curve in between.
 //!
-//! Linear output is composited as light: each sample is decoded, and so is the background. Otherwise a ray's colour
-//! is composited display-encoded, like the photographs, and decoded once.
+//! For linear output, colour is composited as light: the colours of samples and background are decoded. Otherwise a
+//! ray's colour is composited display-encoded, like the photographs, and decoded once.
 
 use crate::math::{Math, MathBackend, with_math};
 use crate::plan::{Tone, ToneMap};
@@ -23,7 +23,7 @@ pub(crate) fn background<M: Math>(tone: &Tone, rgb: [f32; 3]) -> [f32; 3] {
     if tone.linear { decode_srgb::<M>(rgb) } else { rgb }
 }
 
-/// A ray's colour as light; unchanged if there is no tone setting, or if its samples were light already.
+/// A ray's colour as light; unchanged without a tone setting, or if samples were composited as light.
 #[inline]
 pub(crate) fn to_light<M: Math>(tone: &Tone, rgb: [f32; 3]) -> [f32; 3] {
     if *tone == Tone::NONE || tone.linear { rgb } else { decode_srgb::<M>(rgb) }
@@ -44,7 +44,7 @@ impl<M: Math> Op for Decode<'_, M> {
             let c = V::load(values);
             let c = zero.max_of(c);
             let low = c.div(V::splat(12.92));
-            // Below the knee the power is not used; its argument is kept at the knee.
+            // Below the knee the power is not used; its argument is clamped to the knee.
             let high = M::pow(knee.max_of(c).add(V::splat(0.055)).div(V::splat(1.055)), 2.4);
             V::select(knee.less(c), high, low).store(values);
         }
@@ -81,7 +81,7 @@ fn encode_srgb<M: Math>(x: f32) -> f32 {
     if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * M::pow(x, 1.0 / 2.4) - 0.055 }
 }
 
-/// Exposure, tone curve, and encoding unless the output is linear.
+/// Applies exposure and tone curve to `light`, and encodes the result for display unless the output is linear.
 #[inline(never)]
 fn develop<M: Math>(tone: &Tone, light: [f32; 3]) -> [f32; 3] {
     let gain = exp2::<M>(tone.exposure);
@@ -91,7 +91,7 @@ fn develop<M: Math>(tone: &Tone, light: [f32; 3]) -> [f32; 3] {
     })
 }
 
-/// `2^stops`, exact for whole ones.
+/// `2^stops`, exact for whole numbers of stops.
 fn exp2<M: Math>(stops: f32) -> f32 {
     let whole = stops.round_even();
     whole.exp2_integer()
@@ -104,7 +104,7 @@ fn curve(map: ToneMap, x: f32) -> f32 {
         ToneMap::None => x,
         ToneMap::Reinhard => x / (1.0 + x),
         ToneMap::Filmic => {
-            // Beyond this the curve has long reached 1, and squares stay finite.
+            // Above 1e4 the curve has long reached 1; the clamp keeps the squares finite.
             let x = x.min(1e4);
             ((x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14)).min(1.0)
         }

@@ -1,5 +1,5 @@
-//! Colours of samples: the colour branch runs on the samples picked from one block or from several. The direction's
-//! share of the branch is computed once a ray.
+//! Colours of samples: the colour branch is evaluated for picked samples, of one block or of several. The direction's
+//! share, the part of the branch that depends on the direction alone, is computed once a ray.
 
 use super::InFlight;
 use super::compositing::Compositing;
@@ -11,14 +11,14 @@ use crate::render::field::Field;
 use crate::render::march::RayState;
 use crate::render::pixel::samples_to_light;
 
-/// Fraction of a block, numerator and denominator: if fewer samples are picked, they are queued.
+/// Fraction of a block, numerator and denominator, below which picked samples are queued, not evaluated at once.
 const QUEUED_BELOW: (usize, usize) = (3, 4);
 
-/// The colour branch at samples; all empty if colours are computed once a ray, or not at all.
+/// Colour branch at samples; all buffers are empty if colours are computed once a ray, or not at all.
 pub(in crate::render) struct Colour<'w> {
     shares: &'w mut [f32],
-    /// Trunk outputs `h` of the queued samples, `[activation_rows][samples]`, which the branch overwrites. All three
-    /// are empty if a block is one sample.
+    /// Trunk outputs `h` of the queued samples, `[activation_rows][samples]`, which the colour branch overwrites. Empty
+    /// if a block is one sample, as are `owner` and `weight`.
     h: &'w mut [f32],
     /// Index of each queued sample's ray, `[samples]`.
     owner: &'w mut [u32],
@@ -49,7 +49,7 @@ impl<'w> Colour<'w> {
         (DirectionShares { values: self.shares, block: field.block_samples() }, self.rgb)
     }
 
-    /// Adds the colours of a block's picked samples to their rays: at once, or queued with those of later blocks.
+    /// Adds the colours of a block's picked samples to their rays, or queues the samples if few are picked.
     pub fn run(&mut self, flight: &mut InFlight<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
         if picks.count * QUEUED_BELOW.1 < flight.density.owner.len() * QUEUED_BELOW.0 {
             return self.queue(flight, picks, counters);
@@ -65,7 +65,7 @@ impl<'w> Colour<'w> {
         }
     }
 
-    /// Queues the block's picked samples; a full queue goes through the colour branch.
+    /// Queues the block's picked samples; evaluates the queue whenever it is full.
     fn queue(&mut self, flight: &mut InFlight<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
         let (room, stride) = (self.owner.len(), flight.density.scratch.stride);
         for (column, weight) in picks.iter() {
@@ -84,7 +84,7 @@ impl<'w> Colour<'w> {
         }
     }
 
-    /// Sends the queue through the colour branch; the `h` of the current block is not changed.
+    /// Evaluates the colour branch for the queue and empties it; the `h` of the current block is not changed.
     pub fn flush(&mut self, flight: &mut InFlight<'_, '_>, counters: &mut Counters) {
         let n = core::mem::take(&mut self.queued);
         if n == 0 {
@@ -104,7 +104,7 @@ impl<'w> Colour<'w> {
     }
 }
 
-/// Adds a sample's colour to its ray.
+/// Adds a sample's colour, black if NaN, to ray `owner`.
 #[inline]
 fn add_colour(rays: &mut [RayState], owner: u32, weight: f32, colour: [f32; 3], counters: &mut Counters) {
     let colour = counters.or_black(colour);
@@ -113,7 +113,7 @@ fn add_colour(rays: &mut [RayState], owner: u32, weight: f32, colour: [f32; 3], 
     }
 }
 
-/// The direction's share of the colour branch, once a ray: `[rays][direction_rows]`, room for whole blocks of rays.
+/// Direction-only part of the colour branch, once a ray: `[rays][direction_rows]`, with room for whole blocks of rays.
 pub(in crate::render) struct DirectionShares<'w> {
     pub values: &'w mut [f32],
     /// Number of rays whose directions are encoded together.
@@ -121,13 +121,13 @@ pub(in crate::render) struct DirectionShares<'w> {
 }
 
 impl DirectionShares<'_> {
-    /// Number of values for the rays of a batch, of which `block` are encoded together.
+    /// Number of values for the rays of a batch, whose directions are encoded `block` rays at a time.
     pub fn values(field: Field<'_>, block: usize) -> usize {
         let rows = if field.shades_samples() { field.network.direction_rows() } else { 0 };
         rows.saturating_mul(field.plan.batch.rays.div_ceil(block.max(1)) * block)
     }
 
-    /// Computes the shares of `rays`; overwrites `scratch` and `dirs` (`[3][block]`).
+    /// Computes the direction's shares of `rays`; overwrites `scratch` and `dirs` (`[3][block]`).
     pub fn fill(
         &mut self,
         field: Field<'_>,

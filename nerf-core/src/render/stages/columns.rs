@@ -1,9 +1,9 @@
-//! Ray marching of fields shaded once a ray, a ray in each column of a block: compositing is vector arithmetic over
-//! rays.
+//! Ray marching of fields shaded once a ray, with a ray in each column of a block: vector instructions composite
+//! several rays at a time.
 //!
 //! The results equal those of marching block by block, bit for bit. A column holds a ray from its first sample to its
-//! last; then the next active ray takes the column. When fewer rays are left than a vector has columns, they are
-//! marched block by block.
+//! last; the next active ray then replaces it. The last rays, fewer than a vector has columns, are marched block by
+//! block.
 
 use super::InFlight;
 use super::per_ray::Deferred;
@@ -30,7 +30,7 @@ fn in_middles(plan: &Plan<'_>) -> bool {
 /// One value for each column.
 type Row = [f32; BLOCK];
 
-/// Memory for rays marched side by side; empty if they are marched block by block.
+/// Memory for rays marched one a column; empty if all rays are marched block by block.
 pub(in crate::render) struct ColumnMarch<'w> {
     /// `[rows][BLOCK]`.
     memory: &'w mut [f32],
@@ -45,7 +45,7 @@ impl<'w> ColumnMarch<'w> {
         Self { memory: layout.slice(if on { (ROWS + sums) * BLOCK } else { 0 }, 0.0) }
     }
 
-    /// Marches the active rays in SIMD lanes while there are enough to fill a vector; the remaining rays stay active.
+    /// Marches active rays in SIMD lanes while there are enough to fill a vector; the remaining rays stay active.
     pub fn run<M: Math>(
         &mut self,
         flight: &mut InFlight<'_, '_>,
@@ -78,7 +78,7 @@ impl<'w> ColumnMarch<'w> {
         for column in 0..n {
             let owner = at(&columns.owner, column);
             if let Some(ray) = rays.states.get_mut(owner as usize) {
-                // The sample in its column has not been evaluated.
+                // Steps back, since the ray's sample in this column has not been evaluated.
                 ray.next -= 1;
                 columns.end(ray, deferred, column);
                 rays.active.push(owner);
@@ -94,22 +94,22 @@ struct Columns<'a> {
     owner: [u32; BLOCK],
     origins: &'a mut [Row; 3],
     dirs: &'a mut [Row; 3],
-    /// Distance of the sample along its ray in units of the bins, or if [`in_middles`] the index of its bin.
+    /// Distance of each sample along its ray in units of the bins, or if [`in_middles`] the index of its bin.
     t: &'a mut Row,
-    /// Distance at which the sample is composited, and width of its interval.
+    /// Distance at which each sample is composited, and width of its interval, world units.
     intervals: &'a mut [Row; 2],
-    /// [`Plan::least_distance`].
+    /// [`Plan::least_distance`] of each ray.
     near: &'a mut Row,
-    /// Cuts of the ray's outermost bins.
+    /// Cuts of each ray's outermost bins.
     ends: &'a mut [Row; Ends::PARTS],
-    /// Opacity, distance and optical thickness composited so far.
+    /// Sums of opacity, distance and optical thickness composited so far.
     gathered: &'a mut side_by_side::Rows,
     /// Σ weight · `h` so far, and in the last row Σ weight.
     sums: &'a mut [Row],
 }
 
 impl<'a> Columns<'a> {
-    /// Divides `memory`, `[rows][BLOCK]`, into rows; `None` if it is too short.
+    /// Divides `memory`, `[rows][BLOCK]`, into rows; `None` if `memory` is too short.
     fn new(plan: &'a Plan<'a>, memory: &'a mut [f32]) -> Option<Self> {
         let (rows, _) = memory.as_chunks_mut();
         let (origins, rows) = rows.split_first_chunk_mut()?;
@@ -122,7 +122,7 @@ impl<'a> Columns<'a> {
         Some(Self { plan, owner: [0; BLOCK], origins, dirs, t, intervals, near, ends, gathered, sums })
     }
 
-    /// Puts the next sample of `ray` into column `at`.
+    /// Puts the next sample of `ray` into column `at`, and advances `ray.next`.
     #[inline(always)]
     fn put_sample(&mut self, ray: &mut RayState, turn: u32, at: usize) {
         self.t[at % BLOCK] = if in_middles(self.plan) {
@@ -133,7 +133,7 @@ impl<'a> Columns<'a> {
         ray.next += 1;
     }
 
-    /// Starts the next active ray in column `at`; `false` if there is none.
+    /// Puts the next active ray with its first sample into column `at`; returns `false` if no ray is active.
     fn enter(&mut self, rays: &mut Rays<'_, '_>, at: usize) -> bool {
         let Some(owner) = rays.active.pop() else { return false };
         let Some(ray) = rays.states.get_mut(owner as usize) else { return false };
@@ -163,7 +163,6 @@ impl<'a> Columns<'a> {
         deferred.put(self.owner[at % BLOCK] as usize, self.sums.iter().map(|row| row[at % BLOCK]));
     }
 
-    /// Copies column `from` to column `to`.
     fn copy(&mut self, from: usize, to: usize) {
         let (from, to) = (from % BLOCK, to % BLOCK);
         self.owner[to] = self.owner[from];
@@ -255,7 +254,7 @@ impl Op for Samples<'_, '_> {
     }
 }
 
-/// Composites a block: adds its densities and `h` to its rays.
+/// Composites a block of samples: adds the density and `h` of each column to the column's ray.
 struct Absorb<'a, 'c, M> {
     stride: usize,
     sigma: &'a [f32],
@@ -278,7 +277,7 @@ impl<M: Math> Op for Absorb<'_, '_, M> {
             let (zero, mut h) = (V::splat(0.0), self.h.chunks_exact(self.stride));
             let takes = zero.less(weight);
             for sums in &mut **sums {
-                // The last sum has no row of `h`: it is that of the weights.
+                // The last row of sums has no row of `h`: it is the sum of the weights.
                 let more = h.next().map_or(weight, |row| V::load(tail(row, from)).mul(weight));
                 V::load(&sums[from..]).add(V::select(takes, more, zero)).store(&mut sums[from..]);
             }

@@ -17,13 +17,13 @@ use core::marker::PhantomData;
 /// Number of rows of [`Compositing::rows`].
 const ROWS: usize = 4;
 
-/// The samples of a block, composited.
+/// Compositing of a block of samples, and the samples picked for colour or normal.
 pub(in crate::render) struct Compositing<'w> {
-    /// With vectors `[ROWS][samples]`: the optical thickness in front of each sample, its distance, its opacity, and
-    /// the transmittance behind it. [`Absorb`] computes the last two from optical thicknesses in the same rows.
+    /// With vectors `[ROWS][samples]`: for each sample the optical thickness in front, the distance, the opacity and
+    /// the transmittance behind. [`Absorb`] computes the last two in place, from optical thicknesses in their rows.
     rows: &'w mut [f32],
-    /// The columns of the block whose colour or normal is evaluated, ascending: `[samples]`, or empty if neither is
-    /// requested.
+    /// Indices of the block's columns whose colour or normal is evaluated, ascending: `[samples]`, or empty if neither
+    /// is requested.
     picked: &'w mut [u32],
     /// Weight of each picked column: as long as `picked`.
     weight: &'w mut [f32],
@@ -43,21 +43,21 @@ impl<'w> Compositing<'w> {
         }
     }
 
-    /// The picked columns of the block, and the weight of each.
+    /// Index and weight of each picked column of the block.
     #[inline]
     pub fn iter(&self) -> impl Iterator<Item = (usize, f32)> {
         let picked = head(self.picked, self.count).iter().zip(&*self.weight);
         picked.map(|(&column, &weight)| (column as usize, weight))
     }
 
-    /// Composites the densities of the block's samples, picks those whose colour or normal is evaluated, and marches
-    /// the rays that have not ended to their next occupied sample. Counts the samples before the end of their ray.
+    /// Composites the block's samples, picks those whose colour or normal is evaluated, and marches the rays that have
+    /// not ended to their next occupied sample. Samples behind the end of a ray are not counted.
     pub fn run<M: Math, const COLLIDE: bool>(
         &mut self,
         flight: &mut InFlight<'_, '_>,
         counters: &mut Counters,
     ) {
-        // Without vectors it would be the same work in more code.
+        // Without vectors, a separate pass would be the same work in more code.
         if VECTORS && !COLLIDE {
             self.absorb::<M>(flight);
         }
@@ -120,10 +120,10 @@ impl<'w> Compositing<'w> {
         counters.add_density(field.network, used);
     }
 
-    /// Adds the optical thickness of the block's samples to their rays, and computes the opacity of each and the
-    /// transmittance behind it.
+    /// Adds the optical thickness of the block's samples to their rays. Computes the opacity of each sample and the
+    /// transmittance behind each sample.
     ///
-    /// The exponentials are the same bits with every instruction set, and computed up to sixteen at a time.
+    /// The exponentials, computed up to sixteen at a time, are the same bits with every instruction set.
     fn absorb<M: Math>(&mut self, InFlight { field, rays, density, .. }: &mut InFlight<'_, '_>) {
         let (field, n, room) = (*field, density.count, density.owner.len());
         let (plan, isa) = (field.plan, field.isa());
@@ -150,7 +150,7 @@ impl<'w> Compositing<'w> {
             let total = state.pixel.gathered.add_thickness(tau);
             put_column(self.rows, room, column, [before, t, tau, total]);
         }
-        // Portable lanes: their number is the same with every instruction set.
+        // The number of portable lanes is the same with every instruction set.
         let columns = field.columns(n).next_multiple_of(MAX_LANES).min(room);
         if let Some((alpha, light)) = tail_mut(self.rows, 2 * room).split_at_mut_checked(room) {
             let [alpha, light] = [alpha, light].map(|row| &mut row[..columns]);
@@ -159,7 +159,7 @@ impl<'w> Compositing<'w> {
     }
 }
 
-/// Turns optical thicknesses into [`alpha`], and their sums into [`light`].
+/// Turns optical thicknesses into opacities ([`alpha`]), and their sums into transmittances ([`light`]), in place.
 struct Absorb<'a, M> {
     alpha: &'a mut [f32],
     light: &'a mut [f32],
@@ -178,7 +178,7 @@ impl<M: Math> Op for Absorb<'_, M> {
     }
 }
 
-/// Computes the distances of an unbounded scene's samples, and the widths of their intervals: `[2][room]`.
+/// Computes the distances of an unbounded scene's samples and the widths of their intervals, world units: `[2][room]`.
 struct Intervals<'a> {
     plan: &'a Plan<'a>,
     columns: usize,

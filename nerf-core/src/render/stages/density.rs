@@ -8,23 +8,23 @@ use crate::render::march::RayState;
 use crate::sampling::Spacing;
 use crate::simd::{Lanes, MAX_LANES, Op, VECTORS};
 
-/// The block of samples that goes through trunk and density head: `[samples]` each.
+/// A block of samples for trunk and density head; each buffer is `[samples]` unless noted.
 pub(in crate::render) struct Density<'w> {
-    /// Index of each sample's ray; the samples of a ray are neighbours, in order.
+    /// Index of each sample's ray; samples of one ray are adjacent, in marching order.
     pub owner: &'w mut [u32],
     /// Distance of each sample along its ray, in units of the bins.
     pub t: &'w mut [f32],
     pub sigma: &'w mut [f32],
-    /// `[3][stride]`.
+    /// Positions in the network's space, `[3][stride]`.
     pub positions: &'w mut [f32],
-    /// The network's scratch; `stride` is that of the current block, no more columns than its samples need.
+    /// Scratch of the network; `stride` is the number of columns of the current block.
     pub scratch: Scratch<'w>,
     /// Number of samples of the block that was last evaluated.
     pub count: usize,
 }
 
 impl<'w> Density<'w> {
-    /// Memory for blocks of `samples`; `encoded`, `activations`: number of rows of encoded inputs and of activations.
+    /// Memory for blocks of `samples` samples; `encoded`, `activations`: rows of encoded inputs and of activations.
     pub fn lay_out(layout: &mut impl Layout<'w>, samples: usize, encoded: usize, activations: usize) -> Self {
         Self {
             owner: layout.slice(samples, 0),
@@ -41,7 +41,7 @@ impl<'w> Density<'w> {
         }
     }
 
-    /// Puts the sample at `t` of ray `owner` into column `column`.
+    /// Puts the sample of ray `owner` at distance `t`, in units of the bins, into column `column`.
     #[inline]
     pub fn put(&mut self, column: usize, owner: u32, t: f32) {
         put(self.owner, column, owner);
@@ -51,7 +51,7 @@ impl<'w> Density<'w> {
     /// Computes the positions of the block's `n` samples, in the network's space.
     pub fn place(&mut self, field: Field<'_>, n: usize, rays: &[RayState]) {
         let stride = field.columns(n);
-        // Columns that only fill the block are copies of its last sample; without vectors there are none.
+        // Padding columns are copies of the block's last sample; without vectors there is no padding.
         if VECTORS {
             let last = n.saturating_sub(1);
             let (owner, t) = (at(self.owner, last), at(self.t, last));
@@ -68,7 +68,7 @@ impl<'w> Density<'w> {
         }
     }
 
-    /// Evaluates trunk and density head for the block's `n` samples; `positions` has the stride of `n` columns.
+    /// Evaluates trunk and density head for the block's `n` samples; `positions` has the stride of [`Field::columns`].
     pub fn evaluate(&mut self, field: Field<'_>, n: usize) {
         (self.count, self.scratch.stride) = (n, field.columns(n));
         field.network.trunk(field.plan.math, &mut self.scratch, self.positions);
@@ -106,7 +106,7 @@ impl Op for Place<'_> {
     }
 }
 
-/// Gathers `N` values of each sample's ray into vectors.
+/// Gathers `N` values of each sample's ray into vectors, one sample a lane.
 #[inline(always)]
 pub(super) fn of_rays<V: Lanes, const N: usize>(
     rays: &[RayState],
@@ -128,7 +128,7 @@ pub(super) fn of_rays<V: Lanes, const N: usize>(
     values
 }
 
-/// Repacks the first `n` columns of a block, `[rows][from]`, to a stride that is no larger: `[rows][to]`.
+/// Repacks the first `n` columns of a block in place, from `[rows][from]` to a stride that is no larger, `[rows][to]`.
 pub(in crate::render) fn narrow(block: &mut [f32], rows: usize, [from, to]: [usize; 2], n: usize) {
     if to < from {
         for row in 1..rows {

@@ -1,4 +1,4 @@
-//! Normals: density gradients at the picked samples, in blocks of their own.
+//! Normals: density gradients at the picked samples, evaluated in separate blocks.
 
 use super::InFlight;
 use super::compositing::Compositing;
@@ -12,7 +12,7 @@ use glam::Vec3;
 #[cfg(test)]
 mod tests;
 
-/// The samples queued for their gradient; all empty if normals are not requested.
+/// Queue of the samples whose gradient will be evaluated; all buffers are empty if normals are not requested.
 pub(in crate::render) struct Normals<'w> {
     /// Index of each queued sample's ray, `[samples]`.
     owner: &'w mut [u32],
@@ -36,7 +36,7 @@ impl<'w> Normals<'w> {
         }
     }
 
-    /// Queues a block's picked samples for their normals; a full queue is evaluated.
+    /// Queues a block's picked samples for their normals; evaluates the queue whenever it is full.
     pub fn queue(&mut self, flight: &mut InFlight<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
         if !flight.field.plan.outputs.normals {
             return;
@@ -52,7 +52,7 @@ impl<'w> Normals<'w> {
         }
     }
 
-    /// Computes the normals of the queued samples; overwrites the positions and scratch of the current block.
+    /// Evaluates the queue and adds the gradients to their rays; overwrites positions and scratch of the current block.
     pub fn flush(&mut self, flight: &mut InFlight<'_, '_>, counters: &mut Counters) {
         let n = core::mem::take(&mut self.queued);
         if n == 0 {
@@ -73,7 +73,7 @@ impl<'w> Normals<'w> {
     }
 }
 
-/// Gradients of the raw density at a block of positions.
+/// Gradients of the raw density, before its activation, at a block of positions.
 pub(in crate::render) struct Gradients<'w> {
     memory: GradientScratch<'w>,
     /// ∂raw_sigma/∂x, `[3][samples]`.
@@ -81,7 +81,7 @@ pub(in crate::render) struct Gradients<'w> {
 }
 
 impl<'w> Gradients<'w> {
-    /// Memory for blocks of `samples` of any of `networks`.
+    /// Memory for blocks of `samples` samples, for any of `networks`.
     pub fn lay_out<'n>(
         layout: &mut impl Layout<'w>,
         networks: impl Iterator<Item = &'n Network<'n>> + Clone,
@@ -110,7 +110,7 @@ impl<'w> Gradients<'w> {
         let (Field { network, plan }, stride) = (field, field.columns(n));
         let positions = &mut *density.positions;
         narrow(positions, 3, [density.scratch.stride, stride], n);
-        // Columns that only fill the block are copies of its last sample.
+        // Padding columns are copies of the block's last sample.
         let last: [f32; 3] = column(positions, stride, n.saturating_sub(1));
         (n..stride).for_each(|column| put_column(positions, stride, column, last));
         density.scratch.stride = stride;

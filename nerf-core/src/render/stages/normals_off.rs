@@ -1,4 +1,4 @@
-//! No normals: this build was made without the feature `normals`.
+//! In place of `normals.rs` in a build without the feature `normals`: no normals are computed.
 
 use super::InFlight;
 use super::compositing::Compositing;

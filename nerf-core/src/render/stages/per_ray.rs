@@ -1,5 +1,5 @@
-//! Deferred shading: the trunk's output `h` is composited along each ray, and the colour branch runs once a ray, on
-//! its mean.
+//! Deferred shading: the trunk's output `h` is composited along each ray, and the colour branch is evaluated once a
+//! ray, at the weighted mean of `h`.
 //!
 //! ```text
 //! march: picked samples ─► Σ w h, Σ w of their ray       after the march: P = Σ w h / Σ w ─► colour branch ─► ray
@@ -14,9 +14,9 @@ use crate::render::field::Field;
 use crate::render::march::RayState;
 use crate::render::pixel::samples_to_light;
 
-/// Sums of `h` of the rays in flight; all empty if colours are computed at samples, or not at all.
+/// Sums of `h` of the rays in flight; all buffers are empty if colours are computed at samples, or not at all.
 pub(in crate::render) struct Deferred<'w> {
-    /// `[rays][row]`: Σ weight · h, and last in each row Σ weight.
+    /// Σ weight · h, followed in each row by Σ weight: `[rays][row]`.
     sums: &'w mut [f32],
     row: usize,
     pub networks: RayNetworks<'w>,
@@ -33,12 +33,11 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Number of sums of a ray: one for each row of `h`, and that of the weights.
+    /// Number of sums of a ray: the rows of `h` and the weights; 0 if colours are not computed once a ray.
     pub fn row(field: Field<'_>) -> usize {
         if field.shades_rays() { field.network.trunk_rows() + 1 } else { 0 }
     }
 
-    /// Sets the sums of ray `ray`.
     pub fn put(&mut self, ray: usize, sums: impl Iterator<Item = f32>) {
         let row = head_mut(tail_mut(self.sums, ray * self.row), self.row);
         row.iter_mut().zip(sums).for_each(|(to, sum)| *to = sum);
@@ -55,7 +54,7 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Adds the `h` of a block's picked samples, which is in `scratch.front`, to their rays.
+    /// Adds the weighted `h` of a block's picked samples, stored in `scratch.front`, to the sums of their rays.
     pub fn add(&mut self, InFlight { field, density, .. }: &InFlight<'_, '_>, picks: &Compositing<'_>) {
         for (column, weight) in picks.iter() {
             let first = at(density.owner, column) as usize * self.row;
@@ -66,7 +65,7 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Evaluates the colour branch for each ray that has a weight, and gives the ray that colour.
+    /// Evaluates the colour branch for each ray whose sum of weights is above 0, and sets the ray's colour.
     pub fn shade(&mut self, flight: &mut InFlight<'_, '_>, counters: &mut Counters) {
         if self.is_on() {
             let InFlight { field, rays, density, .. } = flight;
@@ -79,7 +78,7 @@ impl<'w> Deferred<'w> {
     }
 }
 
-/// The colour branch once a ray, evaluated for a block of rays at a time.
+/// Colour branch that is evaluated once a ray, for a block of rays at a time.
 pub(in crate::render) struct RayNetworks<'w> {
     /// Index of each column's ray, `[samples]`.
     owner: &'w mut [u32],
@@ -101,10 +100,10 @@ impl<'w> RayNetworks<'w> {
         }
     }
 
-    /// Evaluates the colour branch for each of `rays` that has a weight, and passes ray, index, weight and colour to
-    /// `put_colour`.
+    /// Evaluates the colour branch for each of `rays` whose sum of weights is above 0, and passes ray, index, sum of
+    /// weights and colour to `put_colour`.
     ///
-    /// `sums`: a row for each ray, Σ weight · h and last Σ weight. A colour that is NaN is counted and becomes black.
+    /// `sums`: for each ray a row of Σ weight · h, followed by Σ weight. A NaN colour is counted and becomes black.
     pub fn shade(
         &mut self,
         field: Field<'_>,
@@ -146,8 +145,7 @@ impl<'w> RayNetworks<'w> {
         }
     }
 
-    /// Colours of the samples whose `h` is in `scratch.front`, one for each of `rays`, as if a ray met its sample
-    /// alone.
+    /// Colours of the samples whose `h` is in `scratch.front`, one a ray of `rays`, each as its ray's only sample.
     pub fn of_samples(
         &mut self,
         field: Field<'_>,
@@ -160,7 +158,7 @@ impl<'w> RayNetworks<'w> {
         self.rgb
     }
 
-    /// Colours of the first `n` columns, whose `h` is in `scratch.front`.
+    /// Computes the colours of the first `n` columns, whose `h` is in `scratch.front`, into `self.rgb`.
     fn run(
         &mut self,
         field: Field<'_>,
@@ -170,7 +168,7 @@ impl<'w> RayNetworks<'w> {
         counters: &mut Counters,
     ) {
         let (network, plan, stride) = (field.network, field.plan, scratch.stride);
-        // Columns that only fill the block may have any direction.
+        // Padding columns may have any direction.
         for (column, &ray) in head(self.owner, n).iter().enumerate() {
             put_column(self.dirs, stride, column, at(rays, ray as usize).pixel.ray.dir.to_array());
         }

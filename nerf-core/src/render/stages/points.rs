@@ -9,11 +9,11 @@ use crate::render::field::Field;
 use crate::render::march::RayState;
 use glam::Vec3;
 
-/// Evaluates a field at those of the points, given by position and direction, that lie in occupied cells, and passes
-/// index, density and colour of each to `put`. A point whose density is NaN is only counted; a colour that is NaN
-/// becomes black.
+/// Evaluates a field at points, given by position and direction, and passes index, density and colour of each point in
+/// an occupied cell to `put`. A point whose density is NaN is counted as invalid and not passed on; a colour that is
+/// NaN becomes black.
 ///
-/// `rays`: room for the points. `colours`: the stages that compute colours at samples and once a ray, and memory for
+/// `rays`: memory for the points. `colours`: the stages that compute colours at samples and once a ray, with memory for
 /// the colours of a block; `None` if density alone is requested.
 pub(in crate::render) fn evaluate_points(
     field: Field<'_>,

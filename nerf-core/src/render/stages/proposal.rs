@@ -1,8 +1,7 @@
-//! The coarse pass of a scene with a proposal network: it places the samples at which the scene's network is
-//! evaluated.
+//! Coarse pass of a scene with a proposal network: selects the samples at which the scene's network is evaluated.
 //!
-//! The rays of a tile are marched through the proposal's bins as through the scene's, with a network of densities
-//! alone. Each ray draws its samples from the weights; the rest of the frame is the same as without a proposal.
+//! The rays of a tile are marched through the proposal's bins with the proposal network, which has densities alone.
+//! Each ray draws its samples from the resulting weights; the rest of the frame is the same as without a proposal.
 
 use super::InFlight;
 use crate::blob::Blob;
@@ -20,17 +19,17 @@ use crate::volume::Accumulator;
 #[cfg(all(test, feature = "proposal"))]
 mod tests;
 
-/// Transmittance at which a ray's march through the proposal ends: the weights behind would draw less than a
-/// thousandth of the samples. It is not a setting: the positions of samples do not depend on
+/// Transmittance below which a ray's march through the proposal ends: bins behind would draw less than a thousandth of
+/// the samples. A constant, not a setting: the positions of samples do not depend on
 /// [`Quality::transmittance_cut`](crate::plan::Quality::transmittance_cut), whose loss stays as measured.
 const LEAST_TRANSMITTANCE: f32 = 1e-3;
 
-/// The proposal network of a scene, if it has one; nothing in a build without proposals.
+/// Proposal network of a scene; empty if the scene or the build has none.
 #[derive(Clone, Debug)]
 pub(in crate::render) struct Proposer<'a>([Option<Network<'a>>; PROPOSAL_BUILT as usize]);
 
 impl<'a> Proposer<'a> {
-    /// Number of parameters to unpack; 0 without a network.
+    /// Number of parameters of the proposal network, to be unpacked; 0 without a proposal network.
     pub fn parameters(blob: &Blob<'_>) -> usize {
         blob.proposal().filter(|_| PROPOSAL_BUILT).map_or(0, |it| it.architecture().density_parameters())
     }
@@ -42,7 +41,7 @@ impl<'a> Proposer<'a> {
         }
     }
 
-    /// The network over its weights: those in the blob, or those from [`Proposer::unpack`].
+    /// The proposal network over its weights: those in the blob, or `unpacked` ones from [`Proposer::unpack`].
     pub fn view(blob: &Blob<'a>, kernel: Kernel, unpacked: &'a [f32]) -> Self {
         Self([(); PROPOSAL_BUILT as usize].map(|()| {
             let it = blob.proposal()?;
@@ -58,26 +57,26 @@ impl<'a> Proposer<'a> {
         self.0.first()?.as_ref()
     }
 
-    /// Multiply-adds of an evaluation; 0 without a network.
+    /// Number of multiply-adds of one evaluation; 0 without a proposal network.
     pub fn macs(&self) -> u64 {
         self.network().map_or(0, |network| network.architecture().density_macs() as u64)
     }
 
-    /// Number of samples of a ray, drawn ones and the proposal's own; 0 if the frame uses no proposal.
+    /// Number of samples of a ray: drawn samples and middles of the proposal's bins. 0 if the frame uses no proposal.
     pub fn row(&self, plan: &Plan<'_>) -> usize {
         if self.network().is_some() && plan.proposal.is_some() { plan.samples_per_ray() as usize } else { 0 }
     }
 
-    /// Numbers of rows of encoded inputs and of activations that an evaluation needs in frames of `plan`.
+    /// Numbers of rows of encoded inputs and of activations that one evaluation needs in frames of `plan`.
     pub fn rows(&self, plan: &Plan<'_>) -> (usize, usize) {
         let network = self.network().filter(|_| plan.proposal.is_some());
         network.map_or((0, 0), |network| (network.encoded_rows(), network.activation_rows()))
     }
 }
 
-/// Evaluates the proposal for the rays in flight, and draws their samples.
+/// Evaluates the proposal network for the rays in flight, and draws their samples.
 ///
-/// Rays without an occupied sample are finished; the others are compacted.
+/// Rays without an occupied sample are finished; the remaining rays are compacted.
 pub(in crate::render) fn propose<M: Math>(
     proposer: &Proposer<'_>,
     InFlight { field, rays, density, .. }: &mut InFlight<'_, '_>,
@@ -105,7 +104,7 @@ pub(in crate::render) fn propose<M: Math>(
             break;
         }
         density.place(field, n, rays.states);
-        // As many columns as a block of the scene's own network has.
+        // The same number of columns as in a block of the scene's own network.
         density.scratch.stride = field.columns(n);
         network.trunk(plan.math, &mut density.scratch, density.positions);
         network.density(plan.math, &density.scratch, density.sigma);
