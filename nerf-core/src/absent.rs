@@ -1,6 +1,6 @@
 //! Methods of types that have no values in a build without their feature.
 
-/// Declares methods by their signatures. They are never called, since `self` cannot exist.
+/// Declares, by their signatures, methods that are never called, since `self` cannot exist.
 macro_rules! absent {
     ($($(#[$about:meta])* $visibility:vis fn $name:ident $(<$V:ident: $Bound:ident>)?(&self $(, $argument:ty)*) -> $result:ty;)+) => {$(
         $(#[$about])*

@@ -3,22 +3,22 @@
 #![cfg_attr(target_os = "none", allow(rustdoc::broken_intra_doc_links))]
 //! Radiance fields in fixed memory: open one small file, render any view of it, allocate nothing.
 //!
-//! Programs with an operating system open a `Scene` (feature `std`, module `host`), which owns its bytes and renders
-//! on all cores. Everything below it needs neither `std` nor `alloc`, reads fp16 weights in place, and does all
-//! arithmetic of the hot path in f32. The caller queries the size of a workspace and supplies it: a [`Renderer`] is a
-//! prepared scene, a [`Plan`] the settings of a frame, a [`Worker`] both with their own memory, for any number of
-//! calls. On microcontrollers nothing panics from blob to pixel in a build without debug assertions;
-//! `examples/firmware` lets the linker prove it.
+//! Programs with an operating system open a `Scene` (feature `std`, module `host`), which owns its bytes and renders on
+//! all cores. Everything else needs neither `std` nor `alloc`, reads fp16 weights in place, and does all arithmetic of
+//! the hot path in f32. The caller queries the size of a workspace and supplies it: a [`Renderer`] is a prepared scene,
+//! a [`Plan`] the settings of a frame, a [`Worker`] a renderer and a plan with memory for any number of calls. On
+//! microcontrollers nothing panics from blob to pixel in a build without debug assertions; `examples/firmware` lets the
+//! linker prove it.
 //!
 //! # The pipeline
 //!
-//! Camera, ray, samples, encoding, trunk, density, weights, colour of the samples above the cut, pixel:
-//! `docs/architecture.md` draws it.
+//! Camera, ray, samples, encoding, trunk, density, weights, colour of the samples above the colour cut, pixel:
+//! `docs/architecture.md` draws the pipeline.
 //!
-//! Modules are listed in the order of the data flow, and each uses those above it. [`memory`], `simd`, `math` and
-//! `matrix` are the basis; [`camera`] makes rays, `sampling` places samples on them, [`encoding`] and [`network`]
-//! evaluate these, [`volume`] composites. [`blob`] is the file, [`plan`] decides which parts of it a frame needs, and
-//! [`render`] executes the plan.
+//! Modules are listed in the order of the data flow, and each uses only modules above it. [`memory`], `simd`, `math`
+//! and `matrix` are the basis; [`camera`] makes rays, `sampling` places samples on rays, [`encoding`] and [`network`]
+//! evaluate samples, [`volume`] composites. [`blob`] is the file, [`plan`] decides which parts of the file a frame
+//! needs, and [`render`] executes the plan.
 //!
 //! # Conventions
 //!
@@ -37,14 +37,14 @@
 //! | `alpha` | `−expm1(−sigma delta)`: fraction of the light that one bin absorbs |
 //! | `transmittance` | `exp(−Σ sigma delta)` over the bins in front, summed in log space, compensated |
 //! | `weights`, `opacity` | `transmittance · alpha`; their sum, `<= 1` |
-//! | samples | on the part of a ray inside the scene box, for any camera position: at the scene's step, or in its bins from near to far and as many more as the box needs; in an unbounded scene from near on, at steps that grow outside the inner ball ([`space::Contraction`]) |
-//! | `far` | one number for all pixels of a camera: the scene's far, or the distance of the farthest corner of its box if that is larger ([`Plan::far_from`]); in an unbounded scene its far behind the middle |
+//! | samples | on the part of a ray inside the scene box, for any camera position: at the scene's step, or in its bins from near to far and in further bins as far as the box reaches; in an unbounded scene from near on, at steps that grow outside the inner ball ([`space::Contraction`]) |
+//! | `far` | one number for all pixels of a camera: the scene's far, or the distance of the farthest corner of its box if that is larger ([`Plan::far_from`]); in an unbounded scene its far beyond the middle of the inner ball |
 //! | last bin | finite: in a march it ends where the ray leaves the box |
 //! | colour | display-encoded (sRGB, as the training images were), `[0, 1]`, composited in that space |
 //! | 2D field | x right, y down, 0 to 1 over the image whatever its aspect; pixel (x, y) is ((x + ½) / width, (y + ½) / height) |
 //! | sinusoidal encoding | `[identity,]` then per level `k` `sin(2^k s x)` of all inputs, `cos(2^k s x)` of all inputs; `s` is π or 1 |
 //!
-//! There is no bare "depth" anywhere: it would mean three things.
+//! No distance is called just "depth", which could mean three: along the ray, along the view axis, median.
 //!
 //! # Features
 //!

@@ -10,7 +10,7 @@ macro_rules! names {
         }
 
         impl $choice {
-            /// Every choice.
+            /// Every choice, in the order of declaration.
             pub const ALL: [Self; [$($name),+].len()] = [$(Self::$variant),+];
 
             /// Name of the choice in options and reports.

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize, Serializer};
 
 /// Maximum number of samples per ray.
 pub const MAX_SAMPLES: u16 = 4096;
-/// Longest side of a picture, pixels.
+/// Maximum side of a picture, pixels.
 pub const MAX_PICTURE_SIDE: u32 = 65_535;
 /// Maximum number of cells of the occupancy grid along one axis.
 pub const MAX_OCCUPANCY_RESOLUTION: u16 = 512;
@@ -29,7 +29,7 @@ pub struct Body<'a> {
     pub occupancy: Option<StoredOccupancy<'a>>,
     /// The Pareto front of accuracy against work, most expensive point first; empty if none was measured.
     pub front: ParetoFront,
-    /// A second, cheaper network whose weights say where on a ray the scene's network is evaluated.
+    /// A second, cheaper network: the samples of the scene's network are drawn from its weights along a ray.
     #[serde(borrow)]
     pub proposal: Option<Proposal<'a>>,
     /// Data, program, settings and PSNR that the blob results from.
@@ -37,7 +37,7 @@ pub struct Body<'a> {
     /// The parameters as little-endian f16, in the order of [`Architecture::layers`].
     #[serde(serialize_with = "as_bytes")]
     pub weights: &'a [u8],
-    /// The table entries of the grid encoding; present exactly if the position is encoded by a grid.
+    /// The table entries of the grid encoding; present if and only if a grid encodes the position.
     #[serde(borrow)]
     pub tables: Option<StoredTables<'a>>,
 }
@@ -103,7 +103,7 @@ impl<'a> StoredTables<'a> {
     }
 }
 
-/// The content of a blob: what the network is a field of.
+/// The content of a blob: a picture or a scene.
 ///
 /// A picture's network has 2 inputs and no density head, a scene's 3 inputs and a density head.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -116,7 +116,7 @@ pub enum Content {
 
 /// Size of the picture that a 2D field was fitted to. The field can be rendered at any other size.
 ///
-/// The network takes x to the right and y down, both 0 to 1 over the picture whatever its aspect.
+/// The network's inputs are x to the right and y down, each 0 to 1 over the picture at any aspect ratio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PictureFacts {
     /// Pixels per row, 1 to [`MAX_PICTURE_SIDE`].
@@ -134,11 +134,11 @@ pub struct SceneFacts {
     pub max: [f32; 3],
     /// Near plane of the cameras that the scene was trained on, world units along the ray.
     pub near: f32,
-    /// Far plane of those cameras, world units along the ray.
+    /// Far plane of the cameras that the scene was trained on, world units along the ray.
     pub far: f32,
     /// Placement of the samples along a ray.
     pub sampling: SceneSampling,
-    /// Background colour, seen through an opacity below 1; display-encoded.
+    /// Background colour, visible where opacity is below 1; display-encoded.
     pub background: [f32; 3],
     /// Whether the occupancy grid is part of the model: the network was never trained in empty cells, and rendering
     /// without the grid is refused.
@@ -160,17 +160,17 @@ pub struct Viewpoint {
     pub arc: f32,
 }
 
-/// The samples of a ray, at which a scene's field is evaluated.
+/// Placement of a ray's samples, at which a scene's field is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum SceneSampling {
     /// The middles of this number of equal bins of `near..far`, at which the network was trained. With a proposal
-    /// network, the number of samples drawn from it. 1 to [`MAX_SAMPLES`].
+    /// network, the number of samples drawn from the proposal. 1 to [`MAX_SAMPLES`].
     Bins(u16),
     /// Steps of this length, world units, from the point where the ray enters the scene box to the point where it
     /// leaves. Finite, above 0, and at most [`MAX_SAMPLES`] steps along the box's diagonal.
     March(f32),
-    /// Steps through unbounded space, which is contracted into the scene box, a cube ([`Contraction`]). Steps are
-    /// equal in the inner ball and grow outside of it, from `near` to `far` after the ball's middle.
+    /// Steps through unbounded space, which is contracted into the scene box, a cube ([`Contraction`]). Steps are equal
+    /// in the inner ball and grow outside of the ball, from `near` to `far` beyond the ball's middle.
     Contracted {
         /// Length of a step in the inner ball, in radii of the ball: above 0, at most 1, and at most [`MAX_SAMPLES`]
         /// steps on a ray that comes from far away.
@@ -214,8 +214,8 @@ impl SceneFacts {
         SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) }
     }
 
-    /// Length of a ray of a contracted scene from the rim of the inner ball to `far`, in radii as counted by its
-    /// steps.
+    /// Length of a ray of a contracted scene from the rim of the inner ball to `far`, in the unit of `s` in
+    /// [`Contraction::distance`].
     pub(crate) fn reach(&self) -> f32 {
         self.contraction().map_or(0.0, |contraction| 1.0 + contraction.step_at(self.far))
     }
@@ -229,7 +229,7 @@ impl SceneFacts {
 /// Number of steps that cover `length`, rounded up; at least 1.
 pub(crate) fn steps(length: f32, step: f32) -> u32 {
     let steps = length / step;
-    // `as` saturates, and takes NaN to 0.
+    // `as` saturates, and converts NaN to 0.
     let whole = steps as u32;
     if (whole as f32) < steps { whole.saturating_add(1) } else { whole.max(1) }
 }
@@ -237,7 +237,7 @@ pub(crate) fn steps(length: f32, step: f32) -> u32 {
 /// The occupancy grid: one bit per cell of the scene box.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StoredOccupancy<'a> {
-    /// Cells along x, y, z.
+    /// Number of cells along x, y, z.
     pub resolution: [u16; 3],
     /// Bit `(x * ny + y) * nz + z`, least significant bit of a byte first; padding bits are 0.
     #[serde(serialize_with = "as_bytes")]
@@ -273,7 +273,7 @@ pub struct FrontPoint {
     pub math: u8,
     /// Whether samples are drawn from the proposal network; true only in a scene that has one.
     pub proposal: bool,
-    /// PSNR of the scene's exact rendering minus this point's, both against ground truth, dB. Negative if the
+    /// PSNR of the scene's exact rendering minus that of this point, against ground truth, dB. Negative if the
     /// approximation happens to be better.
     pub loss_db: f32,
     /// Multiply-adds of this point relative to the exact rendering's, above 0.
@@ -287,9 +287,9 @@ pub struct FrontPoint {
 /// along the ray. Its colours are not in the file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Proposal<'a> {
-    /// Encoding of the position; it may differ from the scene's own.
+    /// Encoding of the position, which may differ from that of the scene's network.
     pub position: SinusoidalEncoding,
-    /// The trunk, in order; the first layer takes `PE(x)` and has no skip.
+    /// The trunk, in order; the input of the first layer is `PE(x)`, without a skip.
     pub trunk: heapless::Vec<TrunkLayer, MAX_TRUNK>,
     /// Activation of the density head.
     pub density: DensityActivation,
@@ -328,7 +328,7 @@ pub struct Provenance<'a> {
     pub seed: u64,
     /// Mean PSNR of this blob over the validation views, dB; `None` without validation views.
     pub psnr_db: Option<f32>,
-    /// The convention of the PSNR: views, background, samples.
+    /// Conventions by which the PSNR was measured: views, background, samples.
     pub psnr_convention: &'a str,
     /// PSNR lost on the validation views by rounding weights and tables to their stored format, dB (negative: a
     /// gain); `None` if not measured.

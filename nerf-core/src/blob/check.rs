@@ -111,8 +111,8 @@ fn looks_somewhere(viewpoint: &Viewpoint) -> bool {
         && (0.0..=TAU).contains(&viewpoint.arc)
 }
 
-/// Whether rays of the scene can have `samples` samples. Checked when a blob is opened, so that planning cannot fail
-/// on it later.
+/// Whether rays of the scene can have `samples` samples. Checked when a blob is opened, so that planning cannot fail on
+/// this number later.
 fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
     (1..=MAX_SAMPLES).contains(&samples)
         && match scene.sampling {
@@ -163,8 +163,7 @@ fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
     if body.tables.is_some() { Err(BlobError::Field(Section::Tables)) } else { Ok(()) }
 }
 
-/// Checks that a grid has tables with the right number of finite values and scales, and that other positions have
-/// none.
+/// Checks that a grid has tables with the right number of finite values and scales, and that other encodings have none.
 #[cfg(feature = "grid")]
 fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
     use super::body::StoredTables;
@@ -213,7 +212,7 @@ fn first_not_finite(bytes: &[u8]) -> Option<usize> {
     bytes.as_chunks().0.iter().position(|&[_, high]| high & 0x7c == 0x7c)
 }
 
-/// Checks that `weights` are `parameters` finite f16. The layers of the `architecture` name the faulty one.
+/// Checks that `weights` are `parameters` finite f16. An error names the faulty weight's layer in `architecture`.
 fn check_values(
     architecture: &Architecture,
     parameters: usize,

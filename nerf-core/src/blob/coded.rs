@@ -1,8 +1,8 @@
 //! Tables of bytes, entropy-coded: rANS with adaptive models, as `docs/blob-format.md` specifies it.
 //!
 //! A byte is two symbols of 16 values. The symbols decoded before select the model of the next, and a model adapts to
-//! each symbol that it decodes: no file holds probabilities. Decoding is a bijection between states, so that bytes
-//! are those that an encoder writes exactly if decoding ends in the encoder's initial state with no bytes left.
+//! each symbol that it decodes, so that files hold no probabilities. Decoding is a bijection between states. Bytes are
+//! therefore an encoder's if and only if decoding ends in the encoder's initial state with no bytes left.
 //!
 //! # Source
 //! Duda 2013, "Asymmetric numeral systems", arXiv:1311.2540. The update of the models is that of Giesen's "Mixing discrete
@@ -67,8 +67,8 @@ impl Model {
         (begin, end - begin)
     }
 
-    /// Moves the intervals towards a distribution that gives every other symbol 1 and `symbol` the rest: by a 16th of
-    /// the difference at first, by a 128th in the end. Rounding down keeps every interval at least 1 long.
+    /// Moves the intervals towards a distribution in which every other symbol has length 1 and `symbol` the rest: by a
+    /// 16th of the difference at first, by a 128th in the end. Rounding down keeps every interval at least 1 long.
     #[inline(always)]
     fn learn(&mut self, symbol: usize) {
         let rate = 4 + [16, 32, 128].iter().filter(|&&seen| self.seen >= seen).count();
@@ -96,8 +96,8 @@ impl Models {
         Self { models, last: [0; MAX_FEATURES], features, feature: 0 }
     }
 
-    /// Codes one value. `code` gets the model of each of its two symbols and returns the symbol, to which the model
-    /// then adapts.
+    /// Codes one value. `code` gets the model of each of the value's two symbols and returns the symbol, to which the
+    /// model then adapts.
     #[inline(always)]
     fn value(&mut self, mut code: impl FnMut(&Model, Half) -> Option<usize>) -> Option<u8> {
         let magnitude = |value: u8| u32::from(value.cast_signed().unsigned_abs());

@@ -138,8 +138,8 @@ errors! {
     TableValue { level: u8, index: u32 } => "tables: level {level}, value {index} is not finite";
     CodedEnd { level: u8, index: u32 } =>
         "tables: level {level}: expected value {index}, found the end of the coded bytes";
-    /// The coded bytes are not what an encoder writes: the decoder's initial state is too low, or it does not end
-    /// with the last byte in the encoder's initial state.
+    /// The coded bytes are not what an encoder writes: the decoder's initial state is too low, or the decoder does not
+    /// end with the last byte in the encoder's initial state.
     CodedRest { state: u32, bytes: u64 } =>
         "tables: expected coded bytes that end in state 65536 behind the last value, found state {state} and {bytes} \
          bytes more";

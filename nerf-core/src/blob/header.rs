@@ -7,7 +7,7 @@ use crc::{CRC_32_ISO_HDLC, Crc, Table};
 
 /// First bytes of every blob; as in PNG, a copy in text mode damages them detectably.
 pub const MAGIC: [u8; 8] = *b"\x89NERF\r\n\x1a";
-/// Format version that this build writes, and the only one it reads: no earlier version was released.
+/// Format version that this build writes, and the only version that it reads: no earlier version was released.
 pub const FORMAT_VERSION: u16 = 7;
 /// Length of the header, bytes.
 pub const HEADER_LEN: usize = 32;

@@ -51,15 +51,15 @@ impl<'a> Blob<'a> {
     /// Checks `bytes` once. Weights and tables are borrowed, not copied, and need no alignment.
     ///
     /// # Errors
-    /// [`BlobError`] says what was expected and found. No input panics or is read out of bounds.
+    /// [`BlobError`] says what was expected and found. No input causes a panic or a read out of bounds.
     pub fn open(bytes: &'a [u8]) -> Result<Self, BlobError> {
         let blob = Self::open_undecoded(bytes)?;
         check_coded(&blob.body)?;
         Ok(blob)
     }
 
-    /// [`Blob::open`] without checking coded tables, which takes as long as decoding them. For callers that decode
-    /// them next, such as [`Renderer::new`](crate::render::Renderer::new).
+    /// [`Blob::open`] without the check of coded tables, which takes as long as decoding. For callers that decode the
+    /// tables next, such as [`Renderer::new`](crate::render::Renderer::new).
     ///
     /// # Errors
     /// As [`Blob::open`].
@@ -162,11 +162,10 @@ impl<'a> Blob<'a> {
         self.body.coded().map_or(0, |(grid, _)| grid.values())
     }
 
-    /// Decodes coded tables into `to`, [`Blob::decoded_len`] bytes, in the layout of int8 tables. Other tables are left alone.
+    /// Decodes coded tables into `to`, [`Blob::decoded_len`] bytes, as int8 tables; does nothing for other tables.
     ///
     /// # Errors
-    /// None after [`Blob::open`]. After [`Blob::open_undecoded`], the error that [`Blob::open`] gives for the coded
-    /// bytes.
+    /// None after [`Blob::open`]. After [`Blob::open_undecoded`], the error of [`Blob::open`] for the coded bytes.
     pub fn decode_tables(&self, to: &mut [u8]) -> Result<(), BlobError> {
         let Some((grid, bytes)) = self.body.coded() else { return Ok(()) };
         let mut to = to.iter_mut();

@@ -14,8 +14,8 @@ mod tests;
 
 /// Maximum side of an image, pixels: up to this size the centre of every pixel is exact in f32.
 pub const MAX_IMAGE_SIDE: u32 = 1 << 23;
-/// Maximum distance of an image point from the principal point along an axis, in focal lengths; its square is well
-/// inside f32.
+/// Maximum distance of an image point from the principal point along an axis, in focal lengths; the square of the
+/// distance is well within the range of f32.
 const MAX_NORMALISED: f32 = 1e9;
 
 /// A half line in world space.
@@ -75,7 +75,7 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// Makes a pose from the upper three rows of a row-major camera-to-world matrix; does not check it.
+    /// Makes a pose from the upper three rows of a row-major camera-to-world matrix; does not check the matrix.
     pub fn from_rows(c2w: [[f32; 4]; 3]) -> Self {
         let column = |j: usize| Vec3::new(c2w[0][j], c2w[1][j], c2w[2][j]);
         Self { rotation: Mat3::from_cols(column(0), column(1), column(2)), position: column(3) }
@@ -124,7 +124,7 @@ impl Pose {
 
     /// The unit vector the camera looks along, in world space.
     pub fn forward(&self) -> Vec3 {
-        // A pose is a rotation only within 1e-3; the axis is of unit length all the same.
+        // A pose is a rotation only within 1e-3, so that the axis needs normalisation.
         (-self.rotation.z_axis).normalize_or_zero()
     }
 }
@@ -207,7 +207,7 @@ impl Camera {
     }
 
     /// Inverts the lens at 17×17 points over the image, unless its distortion is too weak to fail. Folds between axis
-    /// and point are searched only for points on the border, beyond all others.
+    /// and point are searched only for points on the border, which lie beyond all other points.
     fn check_lens(&self) -> Result<(), CameraError> {
         if self.lens == Lens::NONE {
             return Ok(());
@@ -234,7 +234,7 @@ impl Camera {
         Ok(())
     }
 
-    /// The camera at another pose.
+    /// This camera at another pose.
     ///
     /// # Errors
     /// [`CameraError`] if the pose is not finite, too far away or no rotation.
@@ -243,7 +243,7 @@ impl Camera {
         Ok(Self { pose, ..*self })
     }
 
-    /// The camera at the pose that a rotation and a translation make of its own.
+    /// This camera at `pose`, unchecked: its own pose, rotated and translated.
     #[cfg(feature = "instances")]
     pub(crate) fn moved(&self, pose: Pose) -> Self {
         Self { pose, ..*self }
@@ -270,7 +270,7 @@ impl Camera {
         ((x - i.cx) / i.fx, (y - i.cy) / i.fy)
     }
 
-    /// The ray through the image point `(x, y)`, in pixels; a pixel's centre is at `+ 0.5`.
+    /// The ray through the image point `(x, y)`, in pixels; the centre of pixel (0, 0) is (0.5, 0.5).
     ///
     /// # Examples
     /// ```
@@ -304,8 +304,8 @@ impl Camera {
         ray.dir.is_normalized().then_some(ray)
     }
 
-    /// Projects a point of the world to an image point, pixels, which may lie outside of the image. `None` if the
-    /// point is at the camera or, except for fisheyes, behind it.
+    /// Projects a point of the world to an image point, pixels, which may lie outside of the image. `None` if the point
+    /// is at the camera or, except for fisheyes, behind the camera.
     pub fn project(&self, point: Vec3) -> Option<(f32, f32)> {
         let local = self.pose.rotation.transpose() * (point - self.pose.position);
         if local == Vec3::ZERO {
@@ -316,8 +316,8 @@ impl Camera {
         Some((i.cx + i.fx * u, i.cy + i.fy * v))
     }
 
-    /// A smaller camera with one pixel, seen through the middle, for each block of `right` by `down` pixels.
-    /// Incomplete blocks at the edges are dropped, and each side keeps at least one pixel.
+    /// A smaller camera with one pixel for each block of `right` × `down` pixels, whose ray is that of the block's
+    /// middle. Incomplete blocks at the edges are dropped, and each side has at least one pixel.
     pub fn thinned(&self, right: u32, down: u32) -> Self {
         let Intrinsics { width, height, fx, fy, cx, cy } = self.intrinsics;
         // No side is 0, as checked by `new`.
@@ -335,7 +335,7 @@ impl Camera {
         Self { intrinsics, ..*self }
     }
 
-    /// The `z_depth` of one unit of `ray_distance` along `ray`: the cosine to the view axis.
+    /// Ratio of `z_depth` to `ray_distance` along `ray`: the cosine of the angle between ray and view axis.
     pub fn z_per_distance(&self, ray: &Ray) -> f32 {
         ray.dir.dot(self.pose.forward())
     }

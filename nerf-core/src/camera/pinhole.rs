@@ -3,7 +3,7 @@
 use super::{Camera, Ray};
 use crate::simd::{Lanes, MAX_LANES, Op};
 
-/// [`Camera::ray`] through up to [`MAX_LANES`] points of a camera without lens distortion, bit for bit.
+/// Rays through up to [`MAX_LANES`] points of a camera without lens distortion, bit for bit as [`Camera::ray`].
 pub(crate) struct PinholeRays<'a> {
     pub camera: &'a Camera,
     /// Image coordinates x and y of the points, pixels.

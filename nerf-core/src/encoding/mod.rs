@@ -1,4 +1,4 @@
-//! Encodings: the inputs of the network's first layer from a position, and of its colour branch from a direction.
+//! Encodings of a position, for the network's first layer, and of a viewing direction, for its colour branch.
 
 #[cfg(feature = "grid")]
 mod grid;
@@ -33,8 +33,7 @@ use serde::{Deserialize, Serialize};
 pub enum PositionEncoding {
     /// Sines and cosines of each coordinate.
     Sinusoidal(SinusoidalEncoding),
-    /// A multiresolution grid: interpolated entries of learned tables. Without the feature `grid` this variant cannot
-    /// exist.
+    /// A multiresolution grid: interpolated entries of learned tables. Cannot exist without the feature `grid`.
     Grid(GridEncoding),
 }
 
@@ -55,7 +54,7 @@ impl PositionEncoding {
         }
     }
 
-    /// The sinusoidal encoding, if it is one.
+    /// The sinusoidal encoding; `None` for any other.
     pub fn sinusoidal(&self) -> Option<&SinusoidalEncoding> {
         match self {
             Self::Sinusoidal(encoding) => Some(encoding),
@@ -63,7 +62,7 @@ impl PositionEncoding {
         }
     }
 
-    /// The grid, if it is one.
+    /// The grid; `None` for a sinusoidal encoding.
     pub fn grid(&self) -> Option<&GridEncoding> {
         match self {
             Self::Sinusoidal(_) => None,
@@ -83,7 +82,7 @@ impl From<SinusoidalEncoding> for PositionEncoding {
 pub enum DirectionEncoding {
     /// Sines and cosines of each coordinate.
     Sinusoidal(SinusoidalEncoding),
-    /// Real spherical harmonics. Without the feature `grid` networks with them are refused.
+    /// Real spherical harmonics. Without the feature `grid` networks with this encoding are refused.
     SphericalHarmonics {
         /// Number of bands, 1 to [`MAX_HARMONICS_DEGREE`], which have `degree²` functions together.
         degree: u8,
@@ -99,7 +98,7 @@ impl DirectionEncoding {
         }
     }
 
-    /// The sinusoidal encoding, if it is one.
+    /// The sinusoidal encoding; `None` for any other.
     pub const fn sinusoidal(&self) -> Option<&SinusoidalEncoding> {
         match self {
             Self::Sinusoidal(encoding) => Some(encoding),

@@ -13,7 +13,7 @@ pub(crate) const BUILT: bool = cfg!(feature = "grid");
 pub const MAX_HARMONICS_DEGREE: u8 = 4;
 
 /// Encodes a block of directions by the `degree²` real spherical harmonics of the bands below `degree`. Does nothing in
-/// a build without them, which refuses networks that need them.
+/// a build without the feature `grid`, which refuses networks with spherical harmonics.
 ///
 /// `dirs`: `[3][stride]`, unit length. `out`: `[degree²][stride]`. Value `l² + l + m` is `Y_l^m`,
 /// orthonormal over the sphere, with the Condon–Shortley phase: `Y_0^0 = ½ √(1/π)`,

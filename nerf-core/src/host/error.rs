@@ -14,7 +14,7 @@ pub enum HostError {
     Read { path: PathBuf, source: std::io::Error },
     /// The file is not a valid blob.
     Open { path: PathBuf, source: BlobError },
-    /// The request does not go with the scene.
+    /// The request does not fit the scene.
     Plan(PlanError),
     /// The camera, the size or a direction is out of range.
     Render(RenderError),

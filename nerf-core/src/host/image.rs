@@ -5,10 +5,10 @@ use crate::render::{Counters, RenderError};
 use crate::volume::Pixel;
 use std::vec::Vec;
 
-/// One value for each pixel of an image.
+/// A plane of an image: `value` for each pixel.
 ///
 /// # Errors
-/// [`RenderError::ImageMemory`] if there is not enough memory for them.
+/// [`RenderError::ImageMemory`] if there is not enough memory.
 pub(super) fn plane<T: Clone>(width: usize, height: usize, value: T) -> Result<Vec<T>, RenderError> {
     let error = RenderError::ImageMemory { width, height };
     let (count, mut values) = (width.checked_mul(height).ok_or(error)?, Vec::new());
@@ -37,7 +37,7 @@ pub struct Image {
     pub median_distance: Vec<f32>,
     /// Normals in world space, of unit length, or 0 if there is no surface.
     pub normals: Vec<[f32; 3]>,
-    /// The work of the render.
+    /// Counts of the work of the render.
     pub counters: Counters,
 }
 
@@ -45,7 +45,7 @@ impl Image {
     /// A black image with the planes of `outputs`.
     ///
     /// # Errors
-    /// [`RenderError::ImageMemory`] if there is not enough memory for them.
+    /// [`RenderError::ImageMemory`] if there is not enough memory.
     pub(super) fn new(width: usize, height: usize, outputs: &Outputs) -> Result<Self, RenderError> {
         let rows = |asked: bool| if asked { height } else { 0 };
         Ok(Self {

@@ -41,7 +41,7 @@ impl<'s> Request<'s> {
         self
     }
 
-    /// The number of threads that share a call; by default as many as there are cores. Pixels do not depend on it.
+    /// Number of threads that share a call, by default the number of cores. Pixels do not depend on this number.
     pub fn threads(mut self, threads: NonZeroUsize) -> Self {
         self.threads = threads;
         self
@@ -50,15 +50,14 @@ impl<'s> Request<'s> {
     /// Renders an image.
     ///
     /// # Errors
-    /// [`HostError::Plan`] names the setting that does not go with the scene.
+    /// [`HostError::Plan`] names the setting that does not fit the scene.
     pub fn render(&self, camera: &Camera) -> Result<Image, HostError> {
         let renderer = self.scene.renderer();
         let plan = self.settings.plan(renderer.blob(), self.outputs, Batch::FULL)?;
         Ok(threads::render(&renderer, &plan, camera, self.threads)?)
     }
 
-    /// Renders rays of the caller's, each a pixel of its own. `axis`: of unit length, the direction of `z_depth`, which
-    /// is 0 without one.
+    /// Renders one pixel for each of `rays`. `axis`: direction of `z_depth`, unit length; `None` makes `z_depth` 0.
     ///
     /// # Errors
     /// As [`Request::render`], and [`HostError::Render`] with the index of the first ray that is invalid.

@@ -37,7 +37,7 @@ const _: () = {
 };
 
 impl Scene {
-    /// Reads a file and prepares it for this machine's fastest instructions that compute in f32.
+    /// Reads a file and prepares the scene for this machine's fastest instructions that compute in f32.
     ///
     /// # Errors
     /// [`HostError::Read`] and [`HostError::Open`], which name the file.
@@ -94,7 +94,7 @@ impl Scene {
         self.request().render(camera)
     }
 
-    /// A request of this scene, with the defaults of [`Scene::render`].
+    /// A request to render this scene, with the defaults of [`Scene::render`].
     pub fn request(&self) -> Request<'_> {
         Request::new(self)
     }

@@ -1,4 +1,4 @@
-//! One frame on many threads: each thread takes the next tile, and its pixels are stored under a lock.
+//! One frame on many threads: each thread takes the next tile, and the tile's pixels are stored under a lock.
 
 use super::Image;
 use super::image::plane;
@@ -14,9 +14,9 @@ use std::sync::{Mutex, PoisonError};
 use std::vec;
 use std::vec::Vec;
 
-/// Number of rows of a 2D field that a thread takes at a time.
+/// Number of rows of a 2D field that a thread renders at a time.
 const BAND: u32 = 8;
-/// Number of rays that a thread takes at a time.
+/// Number of rays that a thread renders at a time.
 const CHUNK: u32 = 256;
 
 /// Renders all of `camera`'s image on `threads` threads; its planes are those of the plan's outputs.
@@ -50,7 +50,7 @@ pub fn render(
     Ok(image)
 }
 
-/// Renders rays of the caller's on `threads` threads, each a pixel of its own ([`Worker::render_rays`]).
+/// Renders one pixel for each of the caller's `rays` on `threads` threads ([`Worker::render_rays`]).
 ///
 /// [`Worker::render_rays`]: crate::render::Worker::render_rays
 ///
@@ -95,7 +95,7 @@ pub fn render_rays(
 /// `finished` is called with the number of rows finished since its last call.
 ///
 /// # Errors
-/// [`RenderError`] if the blob is a scene, on a size above the limit, and if there is not enough memory for it.
+/// [`RenderError`] if the blob is a scene, on a size above the limit, and without enough memory for the picture.
 pub fn render_picture(
     renderer: &Renderer<'_>,
     math: MathBackend,
@@ -131,13 +131,13 @@ pub fn render_picture(
     Ok((rgb, counters))
 }
 
-/// Runs task after task until none is left, and passes on the results of each. `tasks`: those that are left, and the
-/// receiver of results.
+/// Runs task after task until none is left, and passes on the results of each task. `tasks`: the remaining tasks, and
+/// the function that receives results.
 fn each<T, I: Iterator, F: FnMut(T)>(
     tasks: &Mutex<(I, F)>,
     mut run: impl FnMut(I::Item, &mut Vec<T>) -> Result<Counters, RenderError>,
 ) -> Result<Counters, RenderError> {
-    // A panic in one thread ends the whole render; until then the others find the shared state consistent.
+    // A panic in one thread ends the whole render; until then the shared state is consistent for the other threads.
     let lock = || tasks.lock().unwrap_or_else(PoisonError::into_inner);
     let (mut found, mut counters) = (Vec::new(), Counters::default());
     loop {
@@ -148,8 +148,7 @@ fn each<T, I: Iterator, F: FnMut(T)>(
     }
 }
 
-/// Runs `work` on `threads` threads, including this one, until the tasks are done; `take` gets their results, in any
-/// order.
+/// Runs `work` on `threads` threads, including this one, until the tasks are done; `take` gets results in any order.
 fn in_parallel<I: Iterator + Send, F: Send>(
     threads: NonZeroUsize,
     tasks: I,

@@ -1,4 +1,4 @@
-//! One elementary function over a slice with an instruction set, for tests and benchmarks of the backends.
+//! Evaluation of one elementary function over a slice, for tests and benchmarks of the backends.
 
 use super::{Math, MathBackend, with_math};
 use crate::simd::{Isa, Lanes, Op};
@@ -8,19 +8,19 @@ use core::marker::PhantomData;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Elementary {
-    /// `sin πx`, as in the encoding with `s = π`; `x` finite.
+    /// `sin πx` for finite `x`, as in the sinusoidal encoding of scale π.
     SinPi,
     /// `cos πx`.
     CosPi,
-    /// `sin x`, as in the encoding with `s = 1`; `|x| <= 1e5`.
+    /// `sin x` for `|x| <= 1e5`, as in the sinusoidal encoding of scale 1.
     Sin,
     /// `cos x`.
     Cos,
-    /// `e^x`, of arguments clamped to `[-87, 88]`.
+    /// `e^x`, with `x` clamped to `[-87, 88]`.
     Exp,
-    /// `e^x − 1`, of arguments clamped to `[-87, 88]`.
+    /// `e^x − 1`, with `x` clamped to `[-87, 88]`.
     Expm1,
-    /// `e^−x`, as in transmittance.
+    /// `e^−x`, the transmittance at optical thickness `x`.
     Decay,
     /// `ln(1 + e^x)`.
     Softplus,
@@ -29,8 +29,8 @@ pub enum Elementary {
 }
 
 impl Elementary {
-    /// `out[i] = f(x[i])` by a backend with an instruction set. Values after the last whole vector of 16 are computed
-    /// one by one; values after the end of the shorter slice are left alone.
+    /// Writes `f(x[i])` to `out[i]`, computed by backend `math` with instruction set `isa`. Values after the last whole
+    /// group of 16 are computed one by one. Values beyond the length of the shorter slice are left unchanged.
     pub fn apply(self, isa: Isa, math: MathBackend, x: &[f32], out: &mut [f32]) {
         let whole = x.len().min(out.len()) / 16 * 16;
         let ((x, rest), (out, rest_out)) = (x.split_at(whole), out.split_at_mut(whole));

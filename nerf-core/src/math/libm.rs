@@ -1,9 +1,8 @@
-//! The `libm` crate, lane by lane.
+//! Backend that calls the `libm` crate for one lane after the other.
 
 use super::{Math, polynomial::clamp_exp, sin_cos_of_reduced};
 use crate::simd::Lanes;
 
-/// See [`super::MathBackend::Libm`].
 pub struct Libm;
 
 impl Math for Libm {

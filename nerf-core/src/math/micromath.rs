@@ -1,11 +1,11 @@
-//! The `micromath` crate, lane by lane.
+//! Backend that calls the `micromath` crate for one lane after the other.
 
 use super::{Math, polynomial::clamp_exp, sin_cos_of_reduced};
 use crate::simd::Lanes;
 use micromath::F32Ext;
 
-/// See [`super::MathBackend::Micromath`]. The crate has no expm1, and the error of its power is 0.14 on the sRGB
-/// curve.
+/// See [`super::MathBackend::Micromath`]. `expm1` and `pow` are the project's own: the crate has no expm1, and the
+/// error of its power is 0.14 on the sRGB curve.
 pub struct Micromath;
 
 impl Math for Micromath {
@@ -20,10 +20,10 @@ impl Math for Micromath {
     #[inline(always)]
     fn exp<V: Lanes>(x: V) -> V {
         let e = clamp_exp(x).map(F32Ext::exp);
-        // A NaN stays a NaN: the crate returns a number, which would not be counted as an invalid sample.
+        // Returns NaN for NaN: the crate's `exp` returns a number, and the invalid sample would not be counted.
         V::select(x.equals(x), e, x)
     }
-    /// `e^−x` by `expm1`: with the crate's inexact `exp` the weights of a ray would add up to more than 1.
+    /// `e^−x` as `1 + expm1(−x)`: with the crate's inexact `exp` the weights of a ray would add up to more than 1.
     #[inline(always)]
     fn decay<V: Lanes>(x: V) -> V {
         V::splat(1.0).add(Self::expm1(x.neg()))

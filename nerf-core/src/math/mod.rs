@@ -1,4 +1,4 @@
-//! Elementary functions; the only module that uses `libm` or `micromath`, except for the root of one lane
+//! Elementary functions; the only module that uses `libm` or `micromath`, except for the square root of one lane
 //! ([`Lanes::sqrt`]).
 //!
 //! | backend | sin/cos of the encoding | exp, softplus | expm1 | powers (tone stage) |
@@ -45,10 +45,10 @@ pub enum MathBackend {
 }
 
 impl MathBackend {
-    /// Number of tags; [`MathBackend::from_tag`] says which of them this build supports.
+    /// Number of tags over all builds; [`MathBackend::from_tag`] is `None` for a backend that this build lacks.
     pub const TAGS: u8 = 4;
 
-    /// Number of the backend in files, the same in every build.
+    /// Tag of the backend in files, the same in every build.
     pub const fn tag(self) -> u8 {
         match self {
             Self::Polynomial => 0,
@@ -74,11 +74,11 @@ impl MathBackend {
     }
 }
 
-/// The elementary functions of one backend; by default the project's own polynomials.
+/// The elementary functions of one backend; the default implementations are the project's own polynomials.
 pub trait Math {
     /// Whether the encoding computes each level from the previous one by angle doubling.
     const DOUBLING: bool = false;
-    /// `(sin πu, cos πu)`, `u` finite: `u mod 2` is exact, so that no backend sees a large angle.
+    /// `(sin πu, cos πu)` for finite `u`; the reduction to `u mod 2` is exact, so that no backend gets a large angle.
     #[inline(always)]
     fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
         polynomial::sin_cos_pi(u)
@@ -108,7 +108,7 @@ pub trait Math {
     fn softplus<V: Lanes>(x: V) -> V {
         polynomial::softplus(x)
     }
-    /// `x^p` for a positive normal `x`, if the result is positive and normal, too.
+    /// `x^p` for a positive normal `x` and a positive normal result.
     #[cfg(any(feature = "tone-map", feature = "train"))]
     #[inline(always)]
     fn pow<V: Lanes>(x: V, p: f32) -> V {
@@ -131,8 +131,8 @@ fn sin_cos_of_reduced<M: Math, V: Lanes>(u: V) -> (V, V) {
     M::sin_cos(u.mul(V::splat(core::f32::consts::PI)))
 }
 
-/// Evaluates `$body` with `$M` bound to the [`Math`] of a backend, except for encodings: elsewhere the recurrence
-/// equals the polynomials, and needs no code of its own.
+/// Evaluates `$body` with `$M` bound to the [`Math`] of `$backend`, outside of encodings: there the backend
+/// `Recurrence` equals the polynomials, and needs no code of its own.
 macro_rules! with_math {
     ($backend:expr, $M:ident => $body:expr) => {
         match $backend {
@@ -155,7 +155,7 @@ macro_rules! with_math {
 }
 pub(crate) use with_math;
 
-/// `with_math` for encodings, where the recurrence has its own code.
+/// `with_math` for encodings, where the backend `Recurrence` has its own code.
 macro_rules! with_encoding_math {
     ($backend:expr, $M:ident => $body:expr) => {
         match $backend {

@@ -6,7 +6,7 @@ use super::Math;
 use crate::simd::Lanes;
 use core::f32::consts::{FRAC_2_PI, LN_2, LOG2_E, PI};
 
-/// The backend of this module's functions.
+/// Backend that consists of this module's functions.
 #[derive(Clone, Copy, Debug)]
 pub struct Polynomial;
 
@@ -34,11 +34,11 @@ fn rotate<V: Lanes>(n: V, sin: V, cos: V) -> (V, V) {
 
 /// `(sin πu, cos πu)` for every finite `u`.
 ///
-/// The angle is reduced before π enters: `u mod 2` and the quadrant are exact in f32, so that
-/// the error does not grow with `u`.
+/// The angle is reduced before it is multiplied by π: `u mod 2` and the quadrant are exact in f32, so that the error
+/// does not grow with `u`.
 ///
 /// # Accuracy
-/// Max abs error 1.2e-7 over all finite f32 (`math/tests.rs` samples them).
+/// Max abs error 1.2e-7 over all finite f32 (sampled in `math/tests.rs`).
 #[inline(always)]
 pub fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
     let turns = u.mul(V::splat(0.5)).round_even();
@@ -51,8 +51,8 @@ pub fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
     rotate(n, sin, cos)
 }
 
-/// Largest argument [`sin_cos`] accepts: the product of the quadrant with each leading part of
-/// π/2 is then exact.
+/// Largest `|x|` that [`sin_cos`] accepts: up to here the products of the quadrant's index with the first two parts of
+/// π/2 are exact.
 pub const SIN_COS_DOMAIN: f32 = 1e5;
 
 /// `(sin x, cos x)` for `|x| <= SIN_COS_DOMAIN`.
@@ -76,12 +76,12 @@ pub fn sin_cos<V: Lanes>(x: V) -> (V, V) {
     rotate(n, sin, cos)
 }
 
-/// The angle of `(x, y)` from the x axis, for `y >= 0`: 0 to π; 0 at the origin.
+/// Angle between `(x, y)` and the x axis, radians, for `y >= 0`: 0 to π, and 0 at the origin.
 ///
 /// # Accuracy
 /// Within 3e-7 (`math/tests.rs`).
 /// # Source
-/// Cephes (Moshier 1992), `atanf`, without its third range: the quotient is at most 1.
+/// Cephes (Moshier 1992), `atanf`, without its range of large quotients, since here the quotient is at most 1.
 #[cfg(feature = "lens")]
 pub fn angle(y: f32, x: f32) -> f32 {
     use core::f32::consts::{FRAC_PI_2, FRAC_PI_4};
@@ -89,7 +89,7 @@ pub fn angle(y: f32, x: f32) -> f32 {
     if high == 0.0 {
         return 0.0;
     }
-    // Above tan(π/8), the angle relative to an eighth of a turn.
+    // Above tan(π/8) the series gives the difference of the angle from π/4.
     let turned = low > 0.414_213_57 * high;
     let q = if turned { (low - high) / (low + high) } else { low / high };
     let z = q * q;

@@ -1,9 +1,8 @@
-//! Polynomials, with angle doubling from level to level of the encoding.
+//! Backend of the polynomials, with angle doubling from level to level of the encoding.
 
 use super::Math;
 use crate::simd::Lanes;
 
-/// See [`super::MathBackend::Recurrence`].
 pub struct Recurrence;
 
 impl Math for Recurrence {

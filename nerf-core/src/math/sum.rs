@@ -1,6 +1,6 @@
 //! Compensated summation.
 
-/// A compensated sum (Kahan 1965): the rounding error of 4,096 terms is that of one.
+/// A compensated sum (Kahan 1965): its rounding error over 4,096 terms is that of a single addition.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sum {
     pub value: f32,

@@ -1,4 +1,4 @@
-//! Dense layers in bf16 with f32 sums: two multiply-adds per lane if the CPU has `vdpbf16ps`.
+//! Dense layers in bf16 with f32 sums: two multiply-adds per lane and instruction if the CPU has `vdpbf16ps`.
 //!
 //! Inputs come in pairs: a 32-bit word holds input `2q` (low half) and `2q + 1` (high half) of one sample, or of one
 //! row of weights. An odd last input is paired with 0. Words are stored as bits in `f32` slices, so that one
@@ -8,7 +8,7 @@ use super::Init;
 use crate::simd::Isa;
 use half::bf16;
 
-/// One matrix of a layer, and the inputs that it is multiplied by.
+/// One matrix of a layer, and the inputs that the matrix multiplies.
 #[derive(Clone, Copy, Debug)]
 pub struct PairedInput<'a> {
     /// Weights in pairs, `[outputs][row]`; the first `pairs` words of each row are used.
@@ -21,7 +21,7 @@ pub struct PairedInput<'a> {
     pub inputs: &'a [f32],
 }
 
-/// The form of a layer's outputs.
+/// Format of a layer's outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PairedOutput {
     /// `[outputs][stride]` f32.
@@ -54,16 +54,16 @@ pub fn pair_rows(values: &mut [f32], rows: usize, stride: usize) {
         let (low, high) = (2 * q * stride, (2 * q + 1) * stride);
         for column in 0..stride {
             let odd = if 2 * q + 1 < rows { values[high + column] } else { 0.0 };
-            // Writing never overtakes reading.
+            // Row `q` of pairs overwrites only values that have been read.
             values[q * stride + column] = pair(values[low + column], odd);
         }
     }
 }
 
-/// `to = act(init + Σ weights inputs)` over both `parts`, in order; `act` is ReLU or nothing.
+/// `to = act(init + Σ weights inputs)` over both `parts`, in order; `act` is ReLU if `relu`, else the identity.
 ///
-/// `stride`: number of samples, a multiple of 16. With [`Init::Accumulate`] sums start from `[outputs][stride]` f32
-/// in `to`, even if pairs overwrite them. Each element is summed by itself in ascending pairs, for any sizes.
+/// `stride`: number of samples, a multiple of 16. With [`Init::Accumulate`] sums start from `to`, `[outputs][stride]`
+/// f32, which [`PairedOutput::Pairs`] overwrites. Each element is summed alone in ascending pairs, for any sizes.
 ///
 /// # Panics
 /// If `stride` is no multiple of 16 or a slice is too short.
@@ -97,13 +97,13 @@ pub fn dense_bf16(
     let layer = Layer { parts, outputs, stride, init, to, relu, output };
     match isa {
         #[cfg(target_arch = "x86_64")]
-        // SAFETY: the CPU and the OS have what the kernel needs; `multiplies_bf16` asked them.
+        // SAFETY: the CPU and the OS support the kernel's instructions; `multiplies_bf16` checked it.
         Isa::Avx512 if isa.multiplies_bf16() => unsafe { layer.avx512() },
         _ => layer.plain(),
     }
 }
 
-/// A layer whose slices are long enough: [`dense_bf16`] checked them.
+/// A layer whose slices are long enough, as checked by [`dense_bf16`].
 struct Layer<'a> {
     parts: [PairedInput<'a>; 2],
     outputs: usize,
@@ -115,7 +115,7 @@ struct Layer<'a> {
 }
 
 impl Layer<'_> {
-    /// The oracle: computes one element after the other.
+    /// Reference implementation: computes one element after the other.
     fn plain(self) {
         for row in (0..self.outputs).step_by(2) {
             for column in 0..self.stride {
@@ -261,7 +261,7 @@ mod avx512 {
     #[inline]
     #[target_feature(enable = "avx512f")]
     fn words(x: __m512) -> __m512bh {
-        // SAFETY: both are 512 bits, and any bits are valid.
+        // SAFETY: both types have 512 bits, and any bits are valid.
         unsafe { core::mem::transmute(x) }
     }
 
@@ -270,7 +270,7 @@ mod avx512 {
     #[target_feature(enable = "avx512f,avx512bf16")]
     fn pair(low: __m512, high: __m512) -> __m512 {
         let half = |x| {
-            // SAFETY: both are 256 bits, and any bits are valid.
+            // SAFETY: both types have 256 bits, and any bits are valid.
             let bits: __m256i = unsafe { core::mem::transmute(_mm512_cvtneps_pbh(x)) };
             _mm512_cvtepu16_epi32(bits)
         };

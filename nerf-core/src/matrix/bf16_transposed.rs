@@ -5,9 +5,9 @@ use crate::simd::{Isa, Lanes, Op};
 
 /// `to = start + Wᵀ from`, in f32 except for the weights, which are pairs of bf16 as in [`super::dense_bf16`].
 ///
-/// `weights`: `[outputs][row]`; the first pairs of each row, for `inputs`, are used. `from`: `[outputs][stride]` f32,
-/// `to`: `[inputs][stride]` f32. `start` is the content of `to` if `accumulate`, else 0. `stride`: number of samples,
-/// a multiple of 16. Each element is summed by itself, in ascending outputs.
+/// `weights`: `[outputs][row]`; the first `pairs(inputs)` words of each row are used. `from`: `[outputs][stride]` f32,
+/// `to`: `[inputs][stride]` f32. `start` is the content of `to` if `accumulate`, else 0. `stride`: number of samples, a
+/// multiple of 16. Each element is summed alone, in ascending outputs.
 ///
 /// # Panics
 /// If `stride` is no multiple of 16 or a slice is too short.
@@ -58,7 +58,7 @@ impl Op for Transposed<'_> {
 }
 
 impl Transposed<'_> {
-    /// Computes two rows × `COLS` vectors, held in registers over all outputs.
+    /// Computes two rows × `COLS` vectors of `to`, held in registers while all outputs are summed.
     #[inline(always)]
     fn tile<V: Lanes, const COLS: usize>(&mut self, pair: usize, column: usize) {
         let stride = self.stride;

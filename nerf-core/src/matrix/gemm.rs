@@ -46,11 +46,10 @@ impl<'a, T> Init<'a, T> {
     }
 }
 
-/// `C[i][j] = act(init + Σ_p A[i][p] B[p][j])`, summed in ascending `p`; `act` is ReLU or nothing.
+/// `C[i][j] = act(init + Σ_p A[i][p] B[p][j])`, summed in ascending `p`; `act` is ReLU if `relu`, else the identity.
 ///
-/// Every element is summed by itself in the same order for any sizes, so that a result does not depend on how work is
-/// split into products. Instruction sets differ in whether multiply-adds are fused. A NaN stays a NaN through the
-/// ReLU.
+/// Every element is summed alone in the same order for any sizes, so that a result does not depend on how work is split
+/// into products. Instruction sets differ in whether multiply-adds are fused. A NaN stays a NaN through the ReLU.
 ///
 /// # Panics
 /// If `n` is no multiple of [`Isa::columns`] or a slice is too short for sizes and strides.
@@ -76,7 +75,7 @@ pub fn gemm(isa: Isa, g: Gemm, a: &[f32], b: &[f32], c: &mut [f32], init: Init<'
     isa.run(Product { g, a, b, c, init, relu });
 }
 
-/// A product whose slices are long enough: [`gemm`] checked them.
+/// A product whose slices are long enough, as checked by [`gemm`].
 struct Product<'a> {
     g: Gemm,
     a: &'a [f32],

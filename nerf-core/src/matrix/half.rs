@@ -5,8 +5,8 @@ use super::{Gemm, Init};
 use crate::memory::{at, tail, tail_mut};
 use crate::simd::{Isa, Lanes, Op};
 
-/// [`super::gemm`] with A as little-endian f16 at any alignment, and any number of columns: if that is no multiple of
-/// [`Isa::columns`], columns are computed one by one with portable instructions. `c_row` is at least `n`.
+/// [`super::gemm`] with A as little-endian f16 at any alignment, and any number of columns `n`: if `n` is no multiple
+/// of [`Isa::columns`], columns are computed one by one with portable instructions. `c_row` is at least `n`.
 ///
 /// # Panics
 /// With debug assertions, if a slice is too short for sizes and strides. Without, missing values count as 0.
@@ -24,8 +24,8 @@ pub fn f16_at(bytes: &[u8], i: usize) -> f32 {
 
 /// Converts a little-endian f16 to f32.
 ///
-/// The software conversion of the crate `half`, but testing for normal numbers first: nearly all weights are normal,
-/// and every multiplication converts one.
+/// As the software conversion of the crate `half`, but tests for normal numbers first: nearly all weights are normal,
+/// and every multiplication converts a weight.
 #[inline(always)]
 fn widen(bytes: [u8; 2]) -> f32 {
     /// Difference of the exponent biases, shifted to the exponent's position.
@@ -36,7 +36,7 @@ fn widen(bytes: [u8; 2]) -> f32 {
     f32::from_bits(
         sign | match magnitude {
             0x0400..0x7c00 => widened,
-            // No leading 1: a multiple of 2^-24.
+            // A subnormal number has no leading 1: a multiple of 2^-24.
             0..0x0400 => (magnitude as f32 * (1.0 / 16_777_216.0)).to_bits(),
             // Infinities and NaN have the largest exponent in f32, too.
             _ => widened + BIAS,

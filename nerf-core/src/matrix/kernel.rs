@@ -5,16 +5,16 @@ use crate::simd::{Isa, VECTORS};
 use core::fmt;
 
 names! {
-    /// The storage of a scene's weights while it is rendered.
+    /// Format of a scene's weights in memory while the scene is rendered.
     #[derive(PartialOrd, Ord)]
     #[non_exhaustive]
     pub enum Storage {
-        /// f16 as in the file, read in place: needs no memory.
+        /// f16 read in place in the file's bytes: needs no memory of its own.
         F16 = "f16",
         /// Unpacked to f32 once: the same products as with f16, faster.
         F32 = "f32",
-        /// Pairs of bf16, for weights and activations: rounded to 8 significant bits, summed in f32.
-        /// [`Kernel::detect`] never chooses it.
+        /// Pairs of bf16, for weights and activations: rounded to 8 significant bits, summed in f32. [`Kernel::detect`]
+        /// never chooses this storage.
         Bf16 = "bf16",
     }
 }
@@ -26,8 +26,8 @@ impl Storage {
     }
 }
 
-/// The instruction set and the storage that a scene is rendered with. Displayed and parsed as `avx2` if weights are
-/// f32, else as `avx2-f16`.
+/// The instruction set and the storage that a scene is rendered with. Displayed and parsed as, for example, `avx2` if
+/// weights are f32, else as `avx2-f16`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Kernel {
     /// Instruction set.
@@ -37,15 +37,15 @@ pub struct Kernel {
 }
 
 impl Kernel {
-    /// The kernel that every machine has, and the oracle of all others: portable instructions, weights read in place.
+    /// The kernel of every machine, and the reference for all others: portable instructions, weights read in place.
     pub const IN_PLACE: Self = Self::new(Isa::Portable, Storage::F16);
 
-    /// Makes a kernel; it need not be [available](Kernel::available).
+    /// Makes a kernel, without a check that it is [available](Kernel::available).
     pub const fn new(isa: Isa, storage: Storage) -> Self {
         Self { isa, storage }
     }
 
-    /// The fastest kernel of this machine that does not round: f32, or in place if the target has no vectors.
+    /// The fastest kernel of this machine that does not round weights: f32, or f16 on a target without vectors.
     pub fn detect() -> Self {
         Self::new(Isa::detect(), if VECTORS { Storage::F32 } else { Storage::F16 })
     }

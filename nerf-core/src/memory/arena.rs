@@ -1,9 +1,9 @@
-//! Typed slices in the caller's memory: a stage lists its buffers once, and the list is both measured and allocated.
+//! Typed slices in the caller's memory: a stage lists its buffers once, and the list is measured and allocated.
 
 use core::mem::{MaybeUninit, align_of, size_of};
 
-/// One cache line of workspace. Callers pass memory to this crate as slices of lines, which have the alignment that
-/// loads of every instruction set prefer.
+/// One cache line of workspace, 64 bytes. Callers pass memory to this crate as slices of lines, which have the
+/// alignment that loads of every instruction set prefer.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub struct Line([MaybeUninit<u8>; 64]);
@@ -13,18 +13,18 @@ impl Line {
     pub const UNINIT: Self = Self([MaybeUninit::uninit(); 64]);
 }
 
-/// Number of lines that `count` values of `T` take.
+/// Number of lines that `count` values of `T` occupy.
 pub const fn lines_for<T>(count: usize) -> usize {
     count.saturating_mul(size_of::<T>()).div_ceil(size_of::<Line>())
 }
 
-/// The memory of a stage: the stage lists its buffers once, and the same list is measured or allocated.
+/// Source of a stage's buffers: [`Measure`] counts the lines that they need, [`Arena`] allocates them.
 pub trait Layout<'w> {
     /// Returns `count` values, all `value`, on lines of their own; an empty slice if memory is measured or too small.
     fn slice<T: Copy>(&mut self, count: usize, value: T) -> &'w mut [T];
 }
 
-/// Counts the lines that a list of buffers takes; returns empty slices.
+/// Counter of the lines that a list of buffers needs; its slices are empty.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Measure {
     /// Number of lines counted so far.
@@ -32,7 +32,7 @@ pub struct Measure {
 }
 
 impl Measure {
-    /// Number of lines that the list of buffers `lay_out` takes.
+    /// Number of lines that the buffers requested by `lay_out` need.
     #[inline]
     pub fn lines_of<T>(lay_out: impl FnOnce(&mut Self) -> T) -> usize {
         let mut measure = Self::default();
@@ -48,7 +48,7 @@ impl<'w> Layout<'w> for Measure {
     }
 }
 
-/// Allocates slices from the beginning of a workspace.
+/// Allocator of slices, from the beginning of a workspace on.
 pub struct Arena<'w> {
     rest: &'w mut [Line],
 }

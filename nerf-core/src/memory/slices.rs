@@ -1,16 +1,16 @@
 //! Slicing without panics, for the stages between the kernels.
 //!
-//! A length that does not fit is a bug. Builds with debug assertions panic; others return a slice that is as long as
-//! possible, so that a microcontroller's build contains no panic.
+//! A length that does not fit is a bug. Builds with debug assertions panic. Other builds return a slice that is as long
+//! as possible, so that a microcontroller's build contains no panic.
 
-/// The first `n` values.
+/// The first `n` values of `all`.
 #[inline(always)]
 pub fn head<T>(all: &[T], n: usize) -> &[T] {
     debug_assert!(n <= all.len(), "expected {n} values, found {}", all.len());
     all.get(..n).unwrap_or(all)
 }
 
-/// The first `n` values.
+/// The first `n` values of `all`.
 #[inline(always)]
 pub fn head_mut<T>(all: &mut [T], n: usize) -> &mut [T] {
     let found = all.len();
@@ -18,14 +18,14 @@ pub fn head_mut<T>(all: &mut [T], n: usize) -> &mut [T] {
     &mut all[..n.min(found)]
 }
 
-/// The values after the first `n`.
+/// The values of `all` after the first `n`.
 #[inline(always)]
 pub fn tail<T>(all: &[T], n: usize) -> &[T] {
     debug_assert!(n <= all.len(), "expected {n} values, found {}", all.len());
     all.get(n..).unwrap_or_default()
 }
 
-/// The values after the first `n`.
+/// The values of `all` after the first `n`.
 #[inline(always)]
 pub fn tail_mut<T>(all: &mut [T], n: usize) -> &mut [T] {
     debug_assert!(n <= all.len(), "expected {n} values, found {}", all.len());
@@ -47,14 +47,14 @@ pub fn put_column<const N: usize>(block: &mut [f32], stride: usize, column: usiz
     }
 }
 
-/// Reads value `i`.
+/// Reads value `i` of `all`.
 #[inline(always)]
 pub fn at<T: Copy + Default>(all: &[T], i: usize) -> T {
     debug_assert!(i < all.len(), "expected more than {i} values, found {}", all.len());
     all.get(i).copied().unwrap_or_default()
 }
 
-/// Writes value `i`.
+/// Writes value `i` of `all`.
 #[inline(always)]
 pub fn put<T>(all: &mut [T], i: usize, value: T) {
     debug_assert!(i < all.len(), "expected more than {i} values, found {}", all.len());

@@ -27,7 +27,7 @@ pub struct TrunkLayer {
     pub skip: bool,
 }
 
-/// The activation from the density head's raw output to sigma, per world unit.
+/// The activation that maps the density head's raw output to sigma, per world unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DensityActivation {
     /// `max(0, raw)`.
@@ -45,8 +45,8 @@ pub const EXPONENTIAL_LIMIT: f32 = 20.0;
 /// How often a field's colour branch is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Shading {
-    /// At every sample whose weight is above the cut: the colour branch takes the trunk's output `h` of the sample,
-    /// and colours are composited.
+    /// At every sample whose weight is above the colour cut: the colour branch takes the trunk's output `h` of the
+    /// sample, and colours are composited.
     PerSample,
     /// Once a ray (deferred shading): the trunk's outputs `h` are composited, and the colour branch takes their
     /// weighted mean.
@@ -61,20 +61,20 @@ pub enum Shading {
 
 /// A network's shape, from which [`Architecture::layers`] derives all layers.
 ///
-/// The original NeRF's linear feature layer is missing: no activation follows it, so it is folded into the first
-/// colour layer when a network is exported.
+/// The original NeRF's linear feature layer is missing: no activation follows that layer, which is therefore folded
+/// into the first colour layer when a network is exported.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Architecture {
     /// Encoding of the position (3 inputs), or of the image point (2 inputs).
     pub position: PositionEncoding,
     /// Encoding of the viewing direction, if colour depends on it.
     pub direction: Option<DirectionEncoding>,
-    /// The trunk, in order; the first layer takes `PE(x)` and has no skip. May be empty only with a grid that is
-    /// shaded [once a ray](Shading::PerRay).
+    /// The trunk, in order; the input of the first layer is `PE(x)`, without a skip. May be empty only with a grid that
+    /// is shaded [once a ray](Shading::PerRay).
     pub trunk: heapless::Vec<TrunkLayer, MAX_TRUNK>,
     /// Activation of the density head; `None` in a 2D field.
     pub density: Option<DensityActivation>,
-    /// Widths of the colour branch's hidden dense+ReLU layers; the first takes `[h, PE(d)]`.
+    /// Widths of the colour branch's hidden dense+ReLU layers; the input of the first layer is `[h, PE(d)]`.
     pub colour: heapless::Vec<u16, MAX_COLOUR>,
     /// Whether colour is evaluated once a sample or once a ray.
     pub shading: Shading,
@@ -83,11 +83,11 @@ pub struct Architecture {
 /// The role of a layer in its network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
-    /// Trunk layer of this index.
+    /// Layer of this index in the trunk.
     Trunk(u8),
     /// Density head: the trunk's output `h` → raw_sigma.
     Density,
-    /// Hidden layer of the colour branch of this index.
+    /// Hidden layer of this index in the colour branch.
     Colour(u8),
     /// Colour head: three channels, sigmoid.
     Rgb,
@@ -231,7 +231,7 @@ impl Architecture {
 
     /// Multiply-adds of one gradient of the raw density: forward and backward pass through the trunk.
     ///
-    /// The density head costs none: the backward pass begins with its row of weights.
+    /// The density head needs none: its row of weights is where the backward pass begins.
     pub fn gradient_macs(&self) -> usize {
         2 * self.macs(|role| matches!(role, Role::Trunk(_)))
     }
@@ -240,8 +240,8 @@ impl Architecture {
         self.layers().iter().filter(|layer| of(layer.role)).map(Layer::macs).sum()
     }
 
-    /// Table entries that one evaluation reads: the corners of a grid's cells, whose interpolation is not counted as
-    /// multiply-adds; 0 for a sinusoidal encoding.
+    /// Number of table entries that one evaluation reads: the corners of a grid's cells, whose interpolation is not
+    /// counted as multiply-adds; 0 for a sinusoidal encoding.
     pub fn table_reads(&self) -> usize {
         self.position.grid().map_or(0, |grid| grid.reads())
     }
@@ -252,7 +252,7 @@ impl Architecture {
         self.trunk.last().map_or_else(empty, |layer| usize::from(layer.width))
     }
 
-    /// Outputs of the widest trunk layer; 0 if the trunk is empty.
+    /// Number of outputs of the widest trunk layer; 0 if the trunk is empty.
     pub fn trunk_width(&self) -> usize {
         self.trunk.iter().map(|layer| usize::from(layer.width)).max().unwrap_or(0)
     }

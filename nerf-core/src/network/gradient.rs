@@ -20,13 +20,13 @@ use core::ops::Range;
 #[cfg(test)]
 mod tests;
 
-/// Number of units whose signs are stored in one word.
+/// Number of outputs whose signs are stored in one word.
 const SIGNS: usize = 16;
 
-/// Memory for one block's backward pass, in addition to its [`Scratch`].
+/// Memory that the backward pass of one block of samples needs in addition to [`Scratch`].
 #[derive(Debug)]
 pub struct GradientScratch<'w> {
-    /// One bit for each unit, set if its output was above 0; length [`Network::sign_words`].
+    /// One bit for each trunk output of each sample, set if the output is above 0; length [`Network::sign_words`].
     pub signs: &'w mut [u16],
     /// ∂raw/∂PE(x): `[gradient_rows][stride]`.
     pub encoded: &'w mut [f32],
@@ -49,12 +49,11 @@ impl Network<'_> {
     /// `scratch`.
     ///
     /// `blur`: standard deviation, world units, of the Gaussian over which the gradient is averaged: finer levels of
-    /// the encoding are damped, with the network taken as linear around each sample. 0 gives the gradient itself. For
-    /// a grid, the gradient is that of the sample's cell; on a face between two cells, of the one with the larger
-    /// index.
+    /// the encoding are damped, with the network taken as linear around each sample. 0 gives the gradient itself. For a
+    /// grid, the gradient is that of the sample's cell, and on a face that of the cell with the larger index.
     ///
-    /// A unit whose sum is exactly 0 counts as off. The backward pass is f32 and uses the units that were on in the
-    /// kernel's own forward pass. With weights stored as bf16 it uses these, too.
+    /// A unit whose sum is exactly 0 counts as off. The backward pass computes in f32, and the units that are on are
+    /// those of the kernel's own forward pass. Weights stored as bf16 are used as stored.
     ///
     /// # Panics
     /// If a slice is shorter than its rows times [`Scratch::stride`], as [`Network::trunk`] does.
@@ -185,7 +184,7 @@ fn sign_words(layer: &Layer, samples: usize) -> usize {
     (layer.outputs * samples).div_ceil(SIGNS)
 }
 
-/// Sets the bits of the units whose outputs are above 0.
+/// Sets the bit of each output that is above 0.
 ///
 /// `outputs`: `[rows][stride]` after the ReLU, or pairs of rows if `paired`; `stride` is then a multiple of
 /// [`SIGNS`]. `signs`: one bit per output, row after row.
@@ -210,7 +209,7 @@ fn word(outputs: &[f32], value: impl Fn(f32) -> f32) -> u16 {
     outputs.iter().enumerate().fold(0, |word, (i, &x)| word | u16::from(value(x) > 0.0) << i)
 }
 
-/// Sets the values of units that were off to 0: the derivative of the ReLU.
+/// Sets the value of each unit whose sign bit is 0 to 0: the derivative of the ReLU.
 fn mask(values: &mut [f32], signs: &[u16]) {
     for (values, &signs) in values.chunks_mut(SIGNS).zip(signs) {
         for (i, value) in values.iter_mut().enumerate() {

@@ -42,8 +42,8 @@ pub struct Scratch<'w> {
 impl<'a> Network<'a> {
     /// Makes a network without a grid from its architecture and parameters.
     ///
-    /// `None` if the architecture exceeds a limit or has a grid ([`Network::with_grid`] takes those), if there are
-    /// too few parameters, or if parameters are not read in place although the target has no [`VECTORS`].
+    /// `None` if the architecture exceeds a limit or has a grid ([`Network::with_grid`] takes a grid), if there are too
+    /// few parameters, or if parameters are not read in place although the target has no [`VECTORS`].
     #[cfg(feature = "train")]
     pub fn new(architecture: &Architecture, weights: Weights<'a>, isa: Isa) -> Option<Self> {
         Self::with_grid(architecture, weights, GridTables::NONE, isa)
@@ -65,7 +65,7 @@ impl<'a> Network<'a> {
 
     /// Makes a network of a checked architecture, such as a blob's; `None` if there are too few parameters or table
     /// values. `layers` are its [`layers`](Architecture::layers), or only trunk and density head
-    /// ([`Architecture::density_parameters`]); [`Network::colour`] must not be called then.
+    /// ([`Architecture::density_parameters`]); in the latter case [`Network::colour`] must not be called.
     pub(crate) fn of_layers(
         architecture: &Architecture,
         layers: Layers,
@@ -122,7 +122,7 @@ impl<'a> Network<'a> {
         VECTORS && (self.isa != Isa::Portable || !matches!(self.weights, Weights::InPlace(_)))
     }
 
-    /// Number of which [`Scratch::stride`] is a multiple, if [`Network::whole_blocks`].
+    /// Number that must divide [`Scratch::stride`] if [`Network::whole_blocks`] is true.
     pub fn columns(&self) -> usize {
         if let Weights::Paired(_) = self.weights() { MAX_LANES } else { self.isa.columns() }
     }
@@ -144,12 +144,12 @@ impl<'a> Network<'a> {
         self.architecture.h_rows()
     }
 
-    /// Outputs of the layer that takes the direction; 0 without view dependence.
+    /// Number of outputs of the layer whose inputs include the encoded direction; 0 without view dependence.
     pub fn direction_rows(&self) -> usize {
         self.direction_layer().map_or(0, |layer| layer.outputs)
     }
 
-    /// The layer that takes `[h, PE(d)]`.
+    /// The layer whose inputs are `[h, PE(d)]`; `None` without view dependence.
     fn direction_layer(&self) -> Option<&Layer> {
         self.architecture.direction?;
         self.layers.iter().find(|layer| matches!(layer.role, Role::Colour(0) | Role::Rgb))
@@ -162,7 +162,7 @@ impl<'a> Network<'a> {
 
     /// Evaluates the part of the colour branch that depends on the direction alone, once per ray: `bias + W PE(d)`.
     ///
-    /// `dirs`: `[3][stride]`, unit; `out`: `[direction_rows][stride]`.
+    /// `dirs`: `[3][stride]`, unit length; `out`: `[direction_rows][stride]`.
     pub fn direction(&self, math: MathBackend, scratch: &mut Scratch<'_>, dirs: &[f32], out: &mut [f32]) {
         if let (Some(encoding), Some(layer)) = (&self.architecture.direction, self.direction_layer()) {
             self.encode_direction(math, encoding, scratch, dirs);
@@ -182,7 +182,7 @@ impl<'a> Network<'a> {
         self.trunk_with(math, scratch, positions, |_, _| {});
     }
 
-    /// [`Network::trunk`] that calls `each` with every layer and its outputs.
+    /// [`Network::trunk`] that also calls `each` with every trunk layer and the layer's outputs.
     #[inline]
     pub(super) fn trunk_with(
         &self,
@@ -221,8 +221,8 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Adds `weight` times the trunk's output `h` of sample `column`, read from [`Scratch::front`], to `sums`, one
-    /// per row.
+    /// Adds `weight` times the trunk's output `h` of sample `column`, read from [`Scratch::front`], to `sums`, one sum
+    /// per row of `h`.
     #[inline]
     pub(crate) fn add_h(&self, scratch: &Scratch<'_>, column: usize, weight: f32, sums: &mut [f32]) {
         let rows = scratch.front.chunks_exact(scratch.stride.max(1));
@@ -239,8 +239,8 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Converts values of the trunk's output `h` that the caller put into [`Scratch::front`], f32, to the form that
-    /// the colour branch takes.
+    /// Converts the trunk's output `h`, written to [`Scratch::front`] as f32 by the caller, to the input format of the
+    /// colour branch.
     pub(crate) fn take_h(&self, scratch: &mut Scratch<'_>) {
         self.take_rows(self.trunk_rows(), scratch.stride, scratch.front);
     }
@@ -320,7 +320,7 @@ impl<'a> Network<'a> {
             core::mem::swap(&mut scratch.front, &mut scratch.back);
             apart = 1;
         }
-        // Three outputs do not fill a vector: only its first lane is used, the others start at later inputs.
+        // Three outputs do not fill a vector: only the first lane is used, and lane j sums inputs from the j-th on.
         let (k, n) = (to_rgb.main, isa.columns());
         let g = Gemm { m: 3, n, k, a_row: k, a_col: 1, b_row: 1, c_row: stride };
         let bias = Init::Bias(&parameters[to_rgb.bias..]);
@@ -345,7 +345,7 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Encodes a block of directions into [`Scratch::encoded`], in the form that the products take.
+    /// Encodes a block of directions into [`Scratch::encoded`], in the input format of the matrix products.
     fn encode_direction(
         &self,
         math: MathBackend,
@@ -364,17 +364,17 @@ impl<'a> Network<'a> {
         self.take_rows(encoding.outputs(), scratch.stride, scratch.encoded);
     }
 
-    /// Converts rows of f32 into the form that the products take.
+    /// Converts rows of f32 to the input format of the matrix products.
     fn take_rows(&self, rows: usize, stride: usize, values: &mut [f32]) {
         if let Weights::Paired(_) = self.weights() {
             pair_rows(values, rows, stride);
         }
     }
 
-    /// `to = act(init + W [main, extra])` over those `inputs` that are given. `init` is the content of `to` if
+    /// `to = act(init + W [main, extra])` over the `inputs` that are not `None`. `init` is the content of `to` if
     /// `accumulate`, else the bias.
     ///
-    /// A hidden layer applies the ReLU and writes its outputs in the form that the next layer takes.
+    /// A hidden layer applies the ReLU and writes its outputs in the input format of the next layer.
     fn dense(
         &self,
         layer: &Layer,
@@ -404,7 +404,7 @@ impl<'a> Network<'a> {
                     let init = Init::bias_unless(accumulate, tail(bytes, 2 * layer.bias));
                     gemm_f16(self.isa, g, tail(bytes, 2 * offset), from, to, init, hidden && last);
                 }
-                // Both parts in one product, so that their intermediate sum is not rounded.
+                // One product of the two parts, so that no intermediate sum is rounded.
                 Weights::Paired(words) => {
                     return self.dense_paired(words, layer, inputs, stride, to, accumulate, hidden);
                 }

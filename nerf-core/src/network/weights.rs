@@ -18,10 +18,10 @@ pub enum Weights<'a> {
 }
 
 impl<'a> Weights<'a> {
-    /// Unpacks little-endian f16 `bytes` into `memory` in the format of `storage`, unless that reads them in place.
+    /// Unpacks little-endian f16 `bytes` into `memory` for `storage`, unless `storage` reads weights in place.
     ///
     /// `memory`: one value for each parameter of the `architecture`, or only for trunk and density head
-    /// ([`Architecture::density_parameters`]) if colours are not evaluated; unused in place.
+    /// ([`Architecture::density_parameters`]) if colours are not evaluated; unused if weights are read in place.
     ///
     /// # Panics
     /// If `bytes` or `memory` is too short.
@@ -64,7 +64,7 @@ impl<'a> Weights<'a> {
         }
         let parameters = memory.len();
         for layer in architecture.layers().iter().filter(|layer| layer.bias + layer.outputs <= parameters) {
-            // A row of words is no longer than its row of f32, so that writing never overtakes reading.
+            // A row of words is no longer than its row of f32, so that no value is overwritten before it is read.
             let mut to = layer.weights;
             for row in 0..layer.outputs {
                 let row = layer.weights + row * layer.inputs();

@@ -1,4 +1,4 @@
-//! Requests that do not go with the scene.
+//! Errors of requests that do not fit the scene.
 
 use super::{Batch, EffectError};
 use crate::blob::MAX_SAMPLES;
@@ -7,7 +7,7 @@ use crate::simd::BLOCK;
 use crate::space::BoundsError;
 
 errors! {
-    /// A request that does not go with the scene.
+    /// A request that does not fit the scene.
     PlanError:
     NotAScene => "blob: expected a scene, found a 2D field";
     OccupancyRequired =>

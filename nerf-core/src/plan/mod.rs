@@ -26,7 +26,7 @@ pub(crate) use span::{Lattice, Span, SpanAll, Spans};
 /// Outputs of a pixel; an output that is off is not computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Outputs {
-    /// Colour over the background: without it the colour branch never runs.
+    /// Colour over the background; if off, the colour branch is never evaluated.
     pub rgb: bool,
     /// Opacity, `[0, 1]`.
     pub opacity: bool,
@@ -36,8 +36,8 @@ pub struct Outputs {
     pub z_depth: bool,
     /// Distance along the ray at which the transmittance falls below one half, world units (feature `median`).
     pub median_distance: bool,
-    /// Normals, from the gradient of the density; they cost about one [`Architecture::gradient_macs`] for each ray
-    /// that meets something (feature `normals`).
+    /// Normals, from the gradient of the density, at the cost of about one [`Architecture::gradient_macs`] for each ray
+    /// that is not empty (feature `normals`).
     ///
     /// [`Architecture::gradient_macs`]: crate::network::Architecture::gradient_macs
     pub normals: bool,
@@ -59,7 +59,7 @@ impl Outputs {
     /// requested by name.
     pub const ALL: Self = Self { ray_distance: true, z_depth: true, ..Self::RGB };
 
-    /// Whether samples are picked for their colour or normal.
+    /// Whether samples are picked for the evaluation of their colour or normal.
     pub(crate) const fn picks(&self) -> bool {
         self.rgb || (cfg!(feature = "normals") && self.normals)
     }
@@ -70,12 +70,12 @@ impl Outputs {
     }
 }
 
-/// Numbers of rays and samples processed at once; they never change a picture, only memory and time.
+/// Numbers of rays and samples processed at once, which affect memory and time, but never the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Batch {
-    /// Number of rays in flight.
+    /// Number of rays in flight, marched at the same time.
     pub rays: usize,
-    /// Number of samples that go through the network together: 64 with vectors.
+    /// Number of samples that the network evaluates together: 64 with vector instructions.
     pub samples: usize,
 }
 
@@ -101,10 +101,10 @@ pub struct Plan<'a> {
     /// [`Blob::identity`] of the blob that the plan was made for.
     pub(crate) scene: usize,
     pub(crate) bounds: SceneBox,
-    /// Contraction of an unbounded scene. The bins of a ray are then its steps, which [`Plan::point`] and
-    /// [`Plan::interval`] turn into points and distances.
+    /// Contraction of an unbounded scene. The bins of a ray are then steps of the contraction, which [`Plan::point`]
+    /// and [`Plan::interval`] turn into points and distances.
     pub(crate) contraction: Option<Contraction>,
-    /// How the samples of a ray are found from `bins`.
+    /// How rays use `bins`.
     pub(crate) lattice: Lattice,
     /// The bins of a ray; with a proposal only their number is used.
     pub(crate) bins: Bins,
@@ -128,13 +128,13 @@ pub struct Plan<'a> {
 }
 
 impl<'a> Plan<'a> {
-    /// The default blur of normals: one bin, the finest scale that the samples of a ray resolve.
+    /// The default blur of normals, bins: one bin is the finest scale that the samples of a ray resolve.
     pub const NORMAL_BLUR: f32 = 1.0;
 
     /// Makes the plan of a frame from what `blob` holds and what is requested.
     ///
     /// # Errors
-    /// [`PlanError`] names the setting that does not go with the scene.
+    /// [`PlanError`] names the setting that does not fit the scene.
     pub fn new(
         blob: &Blob<'a>,
         quality: &Quality,
@@ -198,7 +198,7 @@ impl<'a> Plan<'a> {
         })
     }
 
-    /// The same frame of `blob` with other shortcuts.
+    /// The same frame of `blob` with the shortcuts `quality`.
     ///
     /// # Errors
     /// As [`Plan::new`].
@@ -212,8 +212,8 @@ impl<'a> Plan<'a> {
     /// The same frame with only the distances from `t_min` to `t_max` of a ray visible, world units; by default 0
     /// to infinity.
     ///
-    /// Both cut the bins they lie in: opacity is continuous in both. Nothing behind `t_max` is visible, and a pixel
-    /// without a surface has a distance of at most `t_max`.
+    /// Each limit cuts the bin that it lies in, so that opacity is continuous in the limits. Nothing behind `t_max` is
+    /// visible, and a pixel without a surface has a distance of at most `t_max`.
     ///
     /// # Errors
     /// [`PlanError::Range`] unless `0 <= t_min <= t_max`; `t_max` may be infinite.
@@ -225,8 +225,8 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
-    /// The same frame with only the bins that the scene's network was trained on, from its near to its far plane. It
-    /// reproduces figures that were measured with them. A scene that names a step is not changed.
+    /// The same frame with only the bins that the scene's network was trained on, from its near to its far plane.
+    /// Reproduces figures that were measured with these bins. A scene whose samples lie at steps is not changed.
     #[must_use]
     pub fn with_own_bins(mut self) -> Self {
         if self.lattice == Lattice::Extended {
@@ -237,12 +237,12 @@ impl<'a> Plan<'a> {
 
     /// The same frame with another blur of normals, in bins; 0 for the density's gradient itself.
     ///
-    /// A field fitted through samples one bin apart also varies on far finer scales. No sum along a ray shows these,
-    /// but they are most of the gradient: 2^9 π for the tenth level of an encoding. A blur of one bin takes the
-    /// gradient's mean over a Gaussian as wide as a bin (standard deviation: a bin's width / √12).
+    /// A field fitted through samples one bin apart also varies on far finer scales. Sums along a ray do not show these
+    /// variations, but they are most of the gradient: the tenth level of an encoding has a factor of 2^9 π. A blur of
+    /// one bin takes the gradient's mean over a Gaussian as wide as a bin (standard deviation: a bin's width / √12).
     ///
     /// # Errors
-    /// [`PlanError::NormalBlur`] unless it is finite and at least 0.
+    /// [`PlanError::NormalBlur`] unless `bins` is finite and at least 0.
     pub fn with_normal_blur(mut self, bins: f32) -> Result<Self, PlanError> {
         if !(0.0..=f32::MAX).contains(&bins) {
             return Err(PlanError::NormalBlur { found: bins });
@@ -296,13 +296,13 @@ impl<'a> Plan<'a> {
     }
 
     /// Number of samples of a ray: the scene's bins or the steps through its box; with a proposal, the drawn samples
-    /// and the proposal's own. A ray that needs more bins than the scene has takes more.
+    /// and the proposal's own. A ray that needs more bins than the scene has gets more samples.
     pub(crate) fn samples_per_ray(&self) -> u32 {
         u32::from(self.samples) + self.proposal.map_or(0, |coarse| coarse.count())
     }
 
-    /// The first of the bins `from..end` on a ray whose sample, jittered by `place`, is occupied, or `end`.
-    // Inlined at each of its calls it would be a large part of a microcontroller's code.
+    /// The first bin of `from..end` whose sample, jittered by `place`, lies in an occupied cell; `end` if none does.
+    // Inlined at each call, this function would be a large part of a microcontroller's code.
     #[inline(never)]
     pub(crate) fn first_occupied(
         &self,
@@ -324,14 +324,14 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// The visible distances of a ray whose own range is `t_min` to `t_max`.
+    /// Nearest and farthest visible distance, world units, of a ray whose own range is `t_min` to `t_max`.
     #[inline]
     pub(crate) fn range_of(&self, t_min: f32, t_max: f32) -> [f32; 2] {
         [self.range.0.max(t_min), self.range.1.min(t_max)]
     }
 
-    /// The distance of pixels without a surface in a frame seen from `eye`: at least that of anything in the scene,
-    /// and the same for all such pixels.
+    /// The distance of pixels without a surface in a frame seen from `eye`, world units: at least that of every point
+    /// in the scene, and the same for all such pixels.
     pub fn far_from(&self, eye: Vec3) -> f32 {
         if self.lattice == Lattice::Own {
             return self.far.min(self.range.1);
@@ -352,7 +352,7 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// A point of the world, in the network's space; NaN stays NaN, which is in no box.
+    /// Converts a point of the world to the network's space; NaN stays NaN, which lies in no box.
     #[inline]
     pub(crate) fn inside(&self, p: Vec3) -> Vec3 {
         match &self.contraction {
@@ -366,7 +366,7 @@ impl<'a> Plan<'a> {
         self.proposal.is_none() && !self.outputs.surface()
     }
 
-    /// The spacing of a ray's samples, unless they are drawn from a proposal.
+    /// The spacing of a ray's samples, unless samples are drawn from a proposal.
     #[inline(always)]
     pub(crate) fn spacing(&self) -> Spacing<'_> {
         Spacing { bins: &self.bins, contraction: self.contraction.as_ref() }
@@ -386,8 +386,7 @@ impl<'a> Plan<'a> {
         self.proposal.as_ref().unwrap_or(&self.bins)
     }
 
-    /// The least distance of an unbounded scene's samples, counted from `start`, on a ray that is visible from
-    /// `t_min` on.
+    /// Least distance of an unbounded scene's samples from `start`, world units, on a ray visible from `t_min` on.
     #[inline]
     pub(crate) fn least_distance(&self, start: f32, t_min: f32) -> f32 {
         self.near.max(t_min) - start
@@ -410,7 +409,7 @@ impl<'a> Plan<'a> {
     }
 }
 
-/// The bins of a frame, and how rays use them.
+/// The bins of a frame, and how rays use these bins.
 fn lattice(scene: &SceneFacts, samples: u16, proposal: bool) -> Result<(Lattice, Bins), BoundsError> {
     let diagonal = scene.diagonal();
     let step = |own: f32, way: f32| if samples == scene.samples() { own } else { way / f32::from(samples) };
@@ -428,7 +427,7 @@ fn lattice(scene: &SceneFacts, samples: u16, proposal: bool) -> Result<(Lattice,
     };
     // Rounding may make a ray longer than the diagonal, and bins begin in front of the box.
     let mut count = steps(diagonal, step).saturating_add(3).max(samples.into());
-    // More of them would take longer than any scene was meant to.
+    // More bins would take longer than any scene was meant to.
     if lattice == Lattice::Extended && (proposal || count > u32::from(MAX_SAMPLES)) {
         (lattice, count) = (Lattice::Own, samples.into());
     }

@@ -7,7 +7,7 @@ use crate::names::names;
 #[cfg(test)]
 mod tests;
 
-/// The shortcuts of a frame; each costs accuracy and saves time.
+/// The shortcuts of a frame: approximations that cost accuracy and save time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
     /// Samples per ray; 0 for the scene's own number. In a scene with bins, the number between its near and far
@@ -17,29 +17,29 @@ pub struct Quality {
     pub samples: u16,
     /// Transmittance below which a ray ends and counts as opaque; 0 ends no ray.
     pub transmittance_cut: f32,
-    /// Weight above which a sample's colour is evaluated: its own weight, plus that of the samples in front of it
-    /// that were too light for a colour. 0 evaluates the colour of every sample with a weight.
+    /// Weight above which a sample's colour is evaluated: its own weight, plus the weights of all samples since the
+    /// last evaluated colour. 0 evaluates the colour of every sample of weight above 0.
     ///
-    /// The same rule decides whose normal is evaluated and, in a field shaded once a ray, whose `h` is composited.
-    /// Opacity and distances never depend on it.
+    /// The same rule picks the samples whose normal is evaluated and, in a field shaded once a ray, whose `h` is
+    /// composited. Opacity and distances never depend on this cut.
     pub colour_cut: f32,
-    /// Whether cells that the occupancy grid calls empty are skipped.
+    /// Whether cells that the occupancy grid marks as empty are skipped.
     pub occupancy: bool,
     /// The implementation of the elementary functions.
     pub math: MathBackend,
-    /// Whether samples are drawn from the scene's proposal network, if it has one; else they are uniform.
-    /// Not a shortcut: such a scene was trained with it, and it may cost more or less than uniform samples.
+    /// Whether samples are drawn from the scene's proposal network, if it has one; else they are uniform. Not a
+    /// shortcut: a scene with a proposal was trained with drawn samples, which may cost more or less than uniform ones.
     pub proposal: bool,
 }
 
 impl Quality {
-    /// The default transmittance cut: with the default colour cut it loses 0.01 dB against no cut, with less than
-    /// half the evaluations (`docs/journal/2026-11-22-frames.md`).
+    /// The default transmittance cut: with the default colour cut the loss is 0.01 dB against no cut, at less than half
+    /// the evaluations (`docs/journal/2026-11-22-frames.md`).
     pub const TRANSMITTANCE_CUT: f32 = 2e-2;
     /// The default colour cut.
     pub const COLOUR_CUT: f32 = 5e-3;
 
-    /// No shortcut: every sample inside the scene box, drawn as the scene was made for.
+    /// No shortcut: every sample inside the scene box, placed as in the scene's training.
     pub const EXACT: Self = Self {
         samples: 0,
         transmittance_cut: 0.0,
@@ -57,11 +57,11 @@ impl Quality {
 
     /// The cheapest settings of the blob's Pareto front that lose at most `db` against the exact rendering.
     ///
-    /// If every point loses more, the one that loses least. `None` without a front, or with one that needs
-    /// maths backends or a proposal that this build lacks. The transmittance cut may exceed one half, which a
-    /// plan with a median distance refuses.
+    /// If every point loses more, the point that loses least. `None` without a front, or with a front that needs maths
+    /// backends or a proposal that this build lacks. The transmittance cut may exceed one half, which a plan with a
+    /// median distance refuses.
     pub fn within_loss(blob: &Blob<'_>, db: f32) -> Option<Choice> {
-        // Dearest first, and so from the least loss to the most.
+        // Ordered from the most expensive point to the cheapest, and so from the least loss to the most.
         let last = Self::choices(blob).take_while(|choice| choice.loss_db <= db).last();
         last.map(|choice| Choice { within: true, ..choice }).or_else(|| Self::choices(blob).next())
     }
@@ -69,7 +69,7 @@ impl Quality {
     /// The settings of the blob's Pareto front with the least loss at no more than `ratio` of the exact rendering's
     /// multiply-adds; of equal losses, the cheaper.
     ///
-    /// If every point costs more, the cheapest. `None` as with [`Quality::within_loss`].
+    /// If every point costs more, the cheapest point. `None` as with [`Quality::within_loss`].
     pub fn within_cost(blob: &Blob<'_>, ratio: f32) -> Option<Choice> {
         let mut affordable = Self::choices(blob).filter(|choice| choice.cost <= ratio);
         let Some(first) = affordable.next() else { return Self::choices(blob).last() };
@@ -77,13 +77,13 @@ impl Quality {
         Some(Choice { within: true, ..best })
     }
 
-    /// The settings of a preset in this scene; they lose no more than [`Preset::loss_db`] says.
+    /// The settings of a preset in this scene, which lose at most [`Preset::loss_db`].
     ///
-    /// They are a point of the scene's Pareto front. If even its best point loses too much, [`Quality::exact`],
-    /// which loses nothing by definition.
+    /// The result is a point of the scene's Pareto front. If even the best point loses too much, the result is
+    /// [`Quality::exact`], which loses nothing by definition.
     ///
     /// Without a front the loss in this scene is not known. `Preset::Exact` is then [`Quality::exact`], and
-    /// `Preset::High` [`Quality::default`]; the others have the cuts from a study of another scene:
+    /// `Preset::High` [`Quality::default`]; the other presets have the cuts from a study of another scene:
     ///
     /// | preset | transmittance cut | colour cut | samples | lost there |
     /// | --- | ---: | ---: | ---: | ---: |
@@ -110,9 +110,9 @@ impl Quality {
 
     /// These settings as a point of the blob's front, with their measured loss and cost.
     ///
-    /// `loss_db`: PSNR of [`Quality::exact`] minus that of these settings, against ground truth.
-    /// `cost`: their multiply-adds over those of the exact rendering. Stages that the scene lacks are off, and
-    /// its own number of samples is written out, as in a file; [`crate::blob::write()`] checks the rest.
+    /// `loss_db`: PSNR of [`Quality::exact`] minus that of these settings, against ground truth. `cost`: multiply-adds
+    /// of these settings relative to those of the exact rendering. Stages that the scene lacks are off, and the scene's
+    /// own number of samples is written out, as in a file; [`crate::blob::write()`] checks the rest.
     pub fn front_point(&self, blob: &Blob<'_>, loss_db: f32, cost: f32) -> FrontPoint {
         let own = blob.scene().map_or(0, |scene| scene.samples());
         FrontPoint {
@@ -127,7 +127,7 @@ impl Quality {
         }
     }
 
-    /// Every point of the blob's front that this build can render, with its index: dearest first, with
+    /// Every point of the blob's front that this build can render, with its index: most expensive first, with
     /// [`Choice::within`] false.
     pub fn front<'b>(blob: &'b Blob<'_>) -> impl Iterator<Item = (usize, Choice)> + 'b {
         let built = |point: &FrontPoint| !point.proposal || cfg!(feature = "proposal");
@@ -167,13 +167,12 @@ pub struct Choice {
     pub loss_db: f32,
     /// Multiply-adds relative to those of the exact rendering.
     pub cost: f32,
-    /// Whether the settings meet the requested limit; if not, no point of the front does, and these come nearest.
+    /// Whether the settings meet the requested limit; if not, no point of the front does, and this point is nearest.
     pub within: bool,
 }
 
 names! {
-    /// Limits of the loss against the exact rendering, dB, best first; the scene's front has the settings that meet
-    /// them.
+    /// Limits of the loss against the exact rendering, dB, best first, for choices from the scene's front.
     pub enum Preset {
         /// No loss: 0 dB.
         Exact = "exact",

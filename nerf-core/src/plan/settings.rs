@@ -12,7 +12,7 @@ pub struct Settings {
     pub quality: Quality,
     /// Effects.
     pub effects: Effects,
-    /// Background, display-encoded; `None` is the scene's.
+    /// Background, display-encoded; `None` for the scene's own.
     pub background: Option<[f32; 3]>,
     /// Nearest and farthest visible distance along a ray, world units ([`Plan::with_range`]).
     pub range: (f32, f32),
@@ -39,7 +39,7 @@ impl Settings {
     /// The plan of these settings for a scene.
     ///
     /// # Errors
-    /// [`PlanError`] names the setting that does not go with the scene.
+    /// [`PlanError`] names the setting that does not fit the scene.
     pub fn plan<'a>(&self, blob: &Blob<'a>, outputs: Outputs, batch: Batch) -> Result<Plan<'a>, PlanError> {
         let mut plan = Plan::new(blob, &self.quality, outputs, batch)?
             .with_normal_blur(self.normal_blur)?

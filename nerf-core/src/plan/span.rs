@@ -14,22 +14,22 @@ mod tests;
 /// Placement of a ray's samples from a plan's bins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Lattice {
-    /// The bins are the scene's, from near to far, and there are no others.
+    /// The bins are the scene's own, from near to far, and no others.
     Own,
-    /// The scene's bins continue in front of near and behind far: a ray takes those it needs.
+    /// The scene's bins continue in front of near and behind far: a ray uses the bins that it needs.
     Extended,
     /// The first bin begins where the ray enters the scene box.
     March,
-    /// The scene is unbounded: bins count the steps of its contraction, from the point of the ray nearest to its
-    /// middle.
+    /// The scene is unbounded: bins count the steps of its contraction, from the point of the ray nearest to the
+    /// contraction's centre.
     Contracted,
 }
 
 /// The part of a ray that is sampled.
 pub(crate) struct Span {
-    /// The ray, from the point its samples are counted from.
+    /// The ray, moved to the point from which its samples are counted.
     pub ray: Ray,
-    /// Distance of that point along the ray, world units.
+    /// Distance of the moved ray's origin along the original ray, world units.
     pub start: f32,
     /// The bins that may need a sample.
     pub bins: Range<u32>,
@@ -37,15 +37,15 @@ pub(crate) struct Span {
     pub ends: Ends,
 }
 
-/// Largest error of a point by rounding, relative to its distance: that of the slab test and of the way to the point.
+/// Largest error of a point by rounding, relative to its distance: that of the slab test and of `Ray::at`.
 const ROUNDING: f32 = 4.0 * f32::EPSILON;
 
 impl Span {
     /// The part of `ray` that is sampled within a `range` of distances ([`Plan::range_of`]); nothing outside of
     /// `around` needs samples.
     ///
-    /// Samples are counted from a point at the box, so that distances in the scene are small however far away it is.
-    /// The distance to that point is added to the frame's outputs alone.
+    /// Samples are counted from a point at the box, so that distances in the scene are small however far away the
+    /// camera is. Only the frame's outputs add the distance to that point.
     pub fn new(plan: &Plan<'_>, around: &SceneBox, ray: &Ray, range: [f32; 2]) -> Option<Self> {
         if range[0] >= range[1] {
             return None;
@@ -70,7 +70,7 @@ impl Span {
                 (ray.at(start), start, f32::MAX)
             }
             Lattice::March => {
-                // Once more, from a point next to the box: the error of the first result grows with the distance.
+                // Clips again, from a point next to the box, since the first result's error grows with the distance.
                 let beside = Ray { origin: ray.at(enter), ..*ray };
                 let (first, last) = plan.bounds.clip(&beside, near - enter, f32::MAX)?;
                 (beside.at(first), enter + first, last - first)
@@ -111,7 +111,7 @@ type Row = [f32; MAX_LANES];
 pub(crate) struct Spans<T = Row> {
     origin: [T; 3],
     start: T,
-    /// The first bin and the end of the bins; the end is not behind the first bin if nothing is sampled.
+    /// The first bin and the end of the bins; if nothing is sampled, the end is at most the first bin.
     bins: [T; 2],
     /// [`Ends::parts`].
     ends: [T; Ends::PARTS],
@@ -158,12 +158,12 @@ impl Spans {
         ends: [[0.0; MAX_LANES]; Ends::PARTS],
     };
 
-    /// The span of `ray`, which is number `i`; `None` if nothing is sampled.
+    /// The span of `ray`, which is the ray of index `i`; `None` if nothing is sampled.
     #[inline]
     pub fn of(&self, i: usize, ray: &Ray) -> Option<Span> {
         let at = |row: &Row| row[i % MAX_LANES];
         let bins = at(&self.bins[0]) as u32..at(&self.bins[1]) as u32;
-        // `map` of an array is a call.
+        // Fields one by one, since `map` of an array is a call.
         let ([x, y, z], [start, low, high, far, stop]) = (&self.origin, &self.ends);
         let ray = Ray { origin: Vec3::new(at(x), at(y), at(z)), ..*ray };
         let ends = Ends { start: at(start), low: at(low), high: at(high), far: at(far), stop: at(stop) };

@@ -19,18 +19,18 @@ pub struct Bins {
 /// The cuts of the first and last bin that a ray uses; distances along the ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Ends {
-    /// `start..low`: the used part of the first bin if it is cut, from `start` to the bin's end `low`; else both −∞.
+    /// `start..low` is the used part of the first bin if the bin is cut; else `start` and `low` are −∞.
     pub start: f32,
     pub low: f32,
-    /// `high..far`: the last bin if it is cut; else `high` is +∞ and `far` the end of all bins. `stop`: end of the
-    /// used part of a cut last bin; else +∞.
+    /// `high..far` is the last bin if the bin is cut, and `high..stop` its used part. Else `high` and `stop` are +∞,
+    /// and `far` is the end of all bins.
     pub high: f32,
     pub far: f32,
     pub stop: f32,
 }
 
 impl Ends {
-    /// The ends of a ray without bins.
+    /// Ends without cuts, for a ray without bins.
     pub const NONE: Self = Self {
         start: f32::NEG_INFINITY,
         low: f32::NEG_INFINITY,
@@ -53,7 +53,7 @@ impl Bins {
     /// `count` bins of width `(far − near) / count`.
     ///
     /// # Errors
-    /// [`BoundsError::Range`] unless `0 <= near < far`, both finite, and the bins have a width.
+    /// [`BoundsError::Range`] unless `0 <= near < far`, both finite, and the width of a bin is above 0 and finite.
     pub fn new(near: f32, far: f32, count: u32) -> Result<Self, BoundsError> {
         let delta = (far - near) / count as f32;
         let valid = near >= 0.0 && near < far && far.is_finite() && delta > 0.0 && delta.is_finite();
@@ -67,7 +67,7 @@ impl Bins {
         Self { near, delta, count, ends: Ends { far, ..Ends::NONE } }
     }
 
-    /// These bins with the ends of a ray, from [`Bins::cut`].
+    /// These bins with the cuts `ends` of another ray, from [`Bins::cut`].
     #[inline]
     pub(crate) fn with(&self, ends: Ends) -> Self {
         Self { ends, ..*self }
@@ -76,12 +76,12 @@ impl Bins {
     /// Cuts the bins for a ray that ends at `far` and uses only `start..stop`; also returns the range of bins used.
     ///
     /// `far` cuts the last bin and moves its samples in front of `far`. `start` and `stop` cut only widths and leave
-    /// the samples in place, so that a sample's contribution is continuous in both. Bins that are not cut
+    /// the samples in place, so that a sample's contribution is continuous in `start` and `stop`. Bins that are not cut
     /// are unchanged, bit for bit.
     pub fn cut(&self, start: f32, far: f32, stop: f32) -> (Self, Range<u32>) {
         let (mut ends, mut bins) = (self.ends, 0..self.count);
         if start > self.near {
-            // `as` saturates, and takes NaN to 0.
+            // `as` saturates, and converts NaN to 0.
             bins.start = self.position(start) as u32;
             (ends.start, ends.low) = (start, self.distance(bins.start.saturating_add(1) as f32));
         }
@@ -97,19 +97,19 @@ impl Bins {
         (self.with(ends), bins)
     }
 
-    /// Distance, a multiple of the bin width, by which bins must move to begin at or just before `enter`; 0 if they
+    /// Distance, a multiple of the bin width, by which bins must move to begin at or just before `enter`; 0 if the bins
     /// cover `enter..exit`.
     pub(crate) fn shift(&self, enter: f32, exit: f32) -> f32 {
         let index = self.position(enter);
         if index >= 0.0 && exit <= self.ends.far {
             return 0.0;
         }
-        // From 2^23 on there are no fractions.
+        // From 2^23 on every f32 is an integer.
         let whole = if index.abs() < 8_388_608.0 { (index as i32) as f32 } else { index };
         (if whole > index { whole - 1.0 } else { whole }) * self.delta
     }
 
-    /// [`Bins::cut`] for a vector of rays: returns [`Ends::parts`] and the range of bins, integers.
+    /// [`Bins::cut`] for a vector of rays: [`Ends::parts`], and first bin and end of the range of bins, integers.
     #[inline(always)]
     pub(crate) fn cut_lanes<V: Lanes>(&self, start: V, far: V, stop: V) -> ([V; Ends::PARTS], [V; 2]) {
         let [all_start, all_low, all_high, all_far, all_stop] = self.ends.parts().map(V::splat);
@@ -147,13 +147,13 @@ impl Bins {
         [whole(first).min_of(count), whole(last).min_of(count)]
     }
 
-    /// Rounding error of [`Bins::at`], in bins; far from the origin it is many bins.
+    /// Rounding error of [`Bins::at`], in bins; many bins if bins are narrow and far from the ray's origin.
     #[inline]
     fn rounding(&self) -> f32 {
         2.0 * f32::EPSILON * self.distance(self.count as f32) / self.delta
     }
 
-    /// Distance along the ray of a position counted in bins, without cuts: bin `i` begins at `i`.
+    /// Distance along the ray of a position counted in bins, without cuts: bin `i` begins at position `i`.
     #[inline(always)]
     pub(crate) fn distance<V: Lanes>(&self, position: V) -> V {
         V::splat(self.near).add(position.mul(V::splat(self.delta)))
@@ -200,7 +200,7 @@ impl Bins {
         self.points(i as f32, u, self.ends.parts())
     }
 
-    /// [`Bins::at`] for a vector of bins, each of its own ray with [`Ends::parts`].
+    /// [`Bins::at`] for a vector of bins, each on a ray with the cuts `ends` ([`Ends::parts`]).
     #[inline(always)]
     pub(crate) fn points<V: Lanes>(&self, bins: V, u: V, ends: [V; Ends::PARTS]) -> V {
         let [_, _, high, far, _] = ends;
@@ -209,15 +209,15 @@ impl Bins {
         V::select(t.less(far), t, far)
     }
 
-    /// Whether bin `last` and all before it are not cut at the end, so that their middles are those of whole bins.
+    /// Whether no bin up to `last` is cut at its end, so that all their middles are those of whole bins.
     #[inline(always)]
     pub(crate) fn whole_up_to(&self, last: u32) -> bool {
         let (last, Ends { high, far, .. }) = (last as f32, self.ends);
         self.distance(last) < high && self.distance(last + 0.5) < far
     }
 
-    /// The middles of a vector of bins from `first` on, an index below 2^23: [`Bins::at`] ½ of each. `whole`: the
-    /// result of [`Bins::whole_up_to`] for the last of them.
+    /// The middles of a vector of bins from index `first`, below 2^23, on: [`Bins::at`] with `u` = ½. `whole`: the
+    /// result of [`Bins::whole_up_to`] for the vector's last bin.
     #[inline(always)]
     pub(crate) fn middles<V: Lanes>(&self, first: u32, whole: bool) -> V {
         let (i, half) = (V::splat(first as f32).add(V::load(&LANES)), V::splat(0.5));
@@ -243,11 +243,11 @@ impl Bins {
         self.at((self.bin_around(t) as u32).min(self.count - 1), 0.5)
     }
 
-    /// The bins that may have a point in `enter..=exit`. This is a superset, larger by one or two bins at each end if
-    /// a bin is wider than the spacing of f32 at `far`.
+    /// The bins that may have a point in `enter..=exit`. The range is a superset, larger by one or two bins at each end
+    /// if a bin is wider than the spacing of f32 at `far`.
     pub fn overlapping(&self, enter: f32, exit: f32) -> Range<u32> {
         let rounding = self.rounding();
-        // `as` saturates, and takes NaN to 0.
+        // `as` saturates, and converts NaN to 0.
         let first = (self.position(enter) - 1.0 - rounding) as u32;
         let last = (self.position(exit) + 2.0 + rounding) as u32;
         first.min(self.count)..last.min(self.count)

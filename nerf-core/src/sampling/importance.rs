@@ -7,19 +7,19 @@ use crate::memory::{at, put, tail};
 #[cfg(test)]
 mod tests;
 
-/// Constant added to every bin's weight, so that bins that seem empty keep a few samples, and a ray without any
-/// weight gets uniform samples.
+/// Constant added to every bin's weight, so that bins of weight 0 get a few samples, and a ray whose weights are all 0
+/// gets uniform samples.
 const WEIGHT_FLOOR: f32 = 1e-5;
 
 /// Draws samples from the weights of `bins` and merges them with the bins' middles, in place.
 ///
-/// `row`: `[drawn + bins]`. On entry its last values, one per bin, are the weights, in `[0, 1]`: NaN and negative
+/// `row`: `[drawn + bins]`. On entry the row's last values, one per bin, are the weights, in `[0, 1]`: NaN and negative
 /// weights count as 0, weights above 1 as 1. On return the whole row holds `t`, world units along the ray, ascending:
-/// the middle of every bin, and `drawn` more. A row with fewer values than bins is left alone.
+/// the middle of every bin, and the `drawn` samples. A row with fewer values than bins is left unchanged.
 ///
-/// The probability density of the drawn samples is constant in a bin and proportional to its weight plus
-/// 1e-5. The samples are its inverse distribution function at `(k + within(k)) / drawn`; `within` returns
-/// numbers in `[0, 1)`. If it always returns ½, sampling is deterministic, and the same weights give the same bits.
+/// The probability density of the drawn samples is constant in a bin and proportional to the bin's weight plus 1e-5.
+/// The samples are the inverse distribution function at `(k + within(k)) / drawn`; `within` returns numbers from 0 to
+/// below 1. If `within` always returns ½, sampling is deterministic, and the same weights give the same bits.
 ///
 /// # Source
 /// Mildenhall et al. 2020, section 5.2, and the authors' code (`sample_pdf`): floor, union with the coarse samples.
@@ -79,11 +79,10 @@ pub fn sample_pdf(bins: &Bins, row: &mut [f32], within: impl Fn(u32) -> f32) {
     }
 }
 
-/// Middle and width of the sample interval of sample `k` of a row: the points that are nearer to it than to any other
-/// sample.
+/// Middle and width of the interval of sample `k` of a row: the points nearer to sample `k` than to any other.
 ///
-/// `row`: ascending `t`, `k` one of its indices. The first interval begins at `near`, the last ends at `far`,
-/// so that they add up to `far − near`, and equal bins have the width they would have anyway.
+/// `row`: ascending `t`, `k` one of its indices. The first interval begins at `near`, the last ends at `far`, so that
+/// the widths add up to `far − near`. Samples in the middles of equal bins get the bins' width.
 #[inline]
 pub fn sample_interval(near: f32, far: f32, row: &[f32], k: usize) -> (f32, f32) {
     let between = |a: f32, b: f32| 0.5 * a + 0.5 * b;

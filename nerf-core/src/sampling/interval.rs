@@ -19,12 +19,12 @@ pub(crate) struct SampleInterval<V = f32> {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Spacing<'a> {
     pub bins: &'a Bins,
-    /// Contraction of an unbounded scene, whose bins are in units of its steps.
+    /// Contraction of an unbounded scene, whose bins are measured in steps of the contraction.
     pub contraction: Option<&'a Contraction>,
 }
 
 impl Spacing<'_> {
-    /// The point at `t` of the bins, in the network's space: x, y, z.
+    /// The point of a ray at distance `t`, in units of the bins, in the network's space: x, y, z.
     #[inline(always)]
     pub fn point<V: Lanes>(&self, origin: [V; 3], dir: [V; 3], t: V) -> [V; 3] {
         match self.contraction {
@@ -35,8 +35,8 @@ impl Spacing<'_> {
         }
     }
 
-    /// The interval of the sample at `t` of the bins. `ends`: cuts of the ray's first and last bin. `near`: least
-    /// distance of an unbounded scene's samples, world units from the point at which `t` is 0.
+    /// The interval of the sample at distance `t`, in units of the bins. `ends`: cuts of the ray's first and last bin.
+    /// `near`: least distance of an unbounded scene's samples, world units from the point at which `t` is 0.
     #[inline(always)]
     pub fn interval<V: Lanes>(&self, ends: [V; Ends::PARTS], near: V, t: V) -> SampleInterval<V> {
         if self.contraction.is_some() {
@@ -65,14 +65,14 @@ impl Spacing<'_> {
         SampleInterval { t: t.max_of(from).min_of(to), mid: from.add(V::splat(0.5).mul(delta)), delta }
     }
 
-    /// Distances of the sample at `t`, and of the beginning and end of its interval. Neighbouring intervals share
-    /// their edges bit for bit.
+    /// Distances of the sample at `t`, and of the beginning and end of its interval, world units. Neighbouring
+    /// intervals share their edges bit for bit.
     #[inline(always)]
     pub fn edges<V: Lanes>(&self, ends: [V; Ends::PARTS], near: V, t: V) -> [V; 3] {
         let [t, from, to] = self.bins.edges_around(ends, t);
         match self.contraction {
-            // A thousand radii away rounding a step moves it by a ten-thousandth of the distance; it must not pass
-            // near.
+            // A thousand radii away, the rounding of a position in steps changes its distance by a ten-thousandth. No
+            // distance may fall below `near`.
             Some(contraction) => {
                 let from = contraction.distance_lanes(from).max_of(near);
                 let to = contraction.distance_lanes(to).max_of(from);

@@ -6,17 +6,17 @@ use super::random::{Purpose, pixel_stream, uniform};
 #[cfg(test)]
 mod tests;
 
-/// The jitter of one ray's samples.
+/// Jitter of one ray's samples: the position of each in its bin.
 #[derive(Clone, Copy)]
 pub(crate) struct SampleJitter {
     seed: Option<u64>,
     stream: u64,
-    /// Index of the ray in its pixel, in the upper half.
+    /// Index of the ray in its pixel, in the upper 32 bits.
     first: u64,
 }
 
 impl SampleJitter {
-    /// No jitter: the middle of each bin.
+    /// No jitter: samples in the middle of their bins.
     pub const MIDDLE: Self = Self { seed: None, stream: 0, first: 0 };
 
     /// The jitter of the `ray`-th ray of pixel `(x, y)`; the middle of each bin without a seed.
@@ -25,7 +25,7 @@ impl SampleJitter {
         Self { seed, stream: pixel_stream(x, y), first: u64::from(ray) << 32 }
     }
 
-    /// Position of a ray's drawn sample in the `k`-th of equal strata, in `[0, 1)`.
+    /// Position, in `[0, 1)`, of the ray's `k`-th drawn sample in the `k`-th of equal strata.
     #[inline]
     pub fn within(&self, k: u32) -> f32 {
         match self.seed {

@@ -1,4 +1,4 @@
-//! The occupancy grid: which cells of the scene box may hold something.
+//! The occupancy grid: which cells of the scene box may have density.
 
 use super::Bins;
 use crate::camera::Ray;
@@ -6,10 +6,10 @@ use crate::simd::{Indices, Lanes};
 use crate::space::SceneBox;
 use glam::Vec3;
 
-/// Maximum number of cells whose index is exact in f32 and fits [`Lanes::to_indices`].
+/// Maximum number of cells for which every index is exact in f32 and fits [`Lanes::to_indices`].
 const EXACT_CELLS: u64 = 1 << 23;
 
-/// A borrowed bit per cell of the scene box, x slowest.
+/// The occupancy grid: a borrowed bit for each cell of the scene box, x slowest, set if the cell is occupied.
 #[derive(Clone, Copy, Debug)]
 pub struct OccupancyGrid<'a> {
     pub(crate) bounds: SceneBox,
@@ -53,8 +53,7 @@ impl<V: Lanes> OccupancyLanes<'_, V> {
 }
 
 impl<'a> OccupancyGrid<'a> {
-    /// Makes an occupancy grid of `resolution` cells over `bounds`; a cell has bit `(x * ny + y) * nz + z`, LSB
-    /// first.
+    /// Makes an occupancy grid of `resolution` cells over `bounds`; a cell's bit is `(x * ny + y) * nz + z`, LSB first.
     ///
     /// A cell without a bit counts as empty. All cells are empty if `resolution` contains a 0 or has more cells than
     /// `u32` can count.
@@ -65,12 +64,12 @@ impl<'a> OccupancyGrid<'a> {
         Self { bounds, cells_per_unit: sides / (bounds.max - bounds.min), resolution, bits }
     }
 
-    /// Cells along x, y, z.
+    /// Number of cells along x, y, z.
     pub fn resolution(&self) -> [u16; 3] {
         self.resolution
     }
 
-    /// Whether the cell of `p` may hold something; `false` outside the box.
+    /// Whether the cell that contains `p` is occupied; `false` outside the box.
     ///
     /// The box is closed, as in [`SceneBox::contains`]: a point on its largest face belongs to the last cell.
     #[inline]
@@ -93,10 +92,10 @@ impl<'a> OccupancyGrid<'a> {
         }
     }
 
-    /// Cell x, y, z of `p`; `None` outside the box.
+    /// Indices x, y, z of the cell that contains `p`; `None` outside the box.
     #[inline]
     fn cell_of(&self, p: Vec3) -> Option<[usize; 3]> {
-        // Tests `p` itself, since after scaling to cells rounding may move it across a face.
+        // Tests `p` itself, since after scaling to cells rounding may move the point across a face.
         if !self.bounds.contains(p) {
             return None;
         }
@@ -106,7 +105,7 @@ impl<'a> OccupancyGrid<'a> {
         Some([index(at.x, nx), index(at.y, ny), index(at.z, nz)])
     }
 
-    /// Index of a cell's bit.
+    /// Index of the bit of cell x, y, z.
     #[inline]
     fn index_of(&self, [x, y, z]: [usize; 3]) -> usize {
         let [_, ny, nz] = self.resolution.map(usize::from);
@@ -117,14 +116,14 @@ impl<'a> OccupancyGrid<'a> {
     /// Finds the first bin of `from..end` whose sample lies in an occupied cell, else `end`. The sample of `bin` lies
     /// at `t(bin)`, which must not decrease from bin to bin.
     ///
-    /// The result equals a test of every bin with [`OccupancyGrid::occupied`], but if bins are smaller than cells the
-    /// march goes from cell to cell.
+    /// The result equals a test of every bin with [`OccupancyGrid::occupied`], but if bins are smaller than cells, the
+    /// march advances from cell to cell.
     ///
     /// # Source
     /// Amanatides and Woo 1987; deviation: only the bins' samples are tested. The distance to a cell's exit gives the
-    /// number of bins to skip, and the cell of the last of them is verified, since jitter makes the estimate inexact
-    /// by one. Rounding is monotone: a coordinate that does not decrease along the ray does not decrease in f32
-    /// either, so that all bins between two bins of one cell are in it.
+    /// number of bins to skip, and the cell of the last skipped bin is verified, since jitter makes the estimate
+    /// inexact by one. Rounding is monotone: a coordinate that does not decrease along the ray does not decrease in f32
+    /// either, so that all bins between two bins of one cell are in that cell.
     #[inline]
     pub fn first_occupied(&self, ray: &Ray, bins: &Bins, from: u32, end: u32, t: impl Fn(u32) -> f32) -> u32 {
         let cells_per_bin = ray.dir.abs() * self.cells_per_unit * bins.delta();
@@ -155,12 +154,12 @@ impl<'a> OccupancyGrid<'a> {
         let low = Vec3::from(cell.map(|side| side as f32));
         let behind = (p - self.bounds.min) * self.cells_per_unit - low;
         let ahead = Vec3::select(dir.cmpge(Vec3::ZERO), Vec3::ONE - behind, behind);
-        // 0/0 is NaN, which `as` takes to 0: one bin at a time.
+        // 0/0 is NaN, which `as` converts to 0: the march then advances by one bin.
         (ahead / cells_per_bin).min_element() as u32
     }
 
-    /// Bounding box of all occupied cells, a cell larger on every side but clipped to the scene box; `None` if all
-    /// cells are empty. Points outside of it are never [`OccupancyGrid::occupied`].
+    /// Bounding box of all occupied cells, enlarged by a cell on every side and clipped to the scene box; `None` if all
+    /// cells are empty. Points outside of this box are never [`OccupancyGrid::occupied`].
     pub fn occupied_box(&self) -> Option<SceneBox> {
         let (mut low, mut high) = ([usize::MAX; 3], [0; 3]);
         self.each_occupied(|cell| {
@@ -217,7 +216,7 @@ impl<'a> OccupancyGrid<'a> {
         }
     }
 
-    /// Whether cell `index` may hold something.
+    /// Whether the cell with this index is occupied.
     #[inline]
     pub fn bit(&self, index: usize) -> bool {
         self.bits.get(index / 8).is_some_and(|byte| byte >> (index % 8) & 1 == 1)

@@ -12,7 +12,7 @@ pub enum Purpose {
     Pixel = 3,
     /// Position of a sample inside its bin.
     Jitter = 4,
-    /// Background colours.
+    /// Random background colours of training rays.
     Background = 5,
     /// Points in empty cells of the occupancy grid.
     Empty = 6,
@@ -56,7 +56,7 @@ pub(crate) fn pixel_stream(x: u32, y: u32) -> u64 {
 /// Fractional part of the golden ratio, in units of 2^-32.
 pub(crate) const GOLDEN: u32 = 0x9e37_79b9;
 
-/// Rank of the `index`-th among the first `count` multiples of `ratio`, modulo 1 and in units of 2^-32: a
+/// Rank of multiple `index` of `ratio` among multiples 0 to `count` − 1, modulo 1 and in units of 2^-32: a
 /// low-discrepancy permutation of `0..count`, exact in integers.
 pub(crate) fn rank(ratio: u32, index: u32, count: u32) -> u32 {
     let own = index.wrapping_mul(ratio);

@@ -8,7 +8,7 @@ use super::{Lanes, MAX_LANES, Op};
 use core::arch::x86_64::*;
 use core::mem::transmute;
 
-/// Eight f32 in a `ymm` register. Made only inside [`run`], whose caller guarantees the instructions.
+/// Eight f32 in a `ymm` register. Constructed only in [`run`], whose caller guarantees the CPU's instructions.
 #[derive(Clone, Copy)]
 pub struct F32x8(__m256);
 
@@ -21,8 +21,8 @@ pub unsafe fn run<O: Op>(op: O) -> O::Output {
     op.run::<F32x8>()
 }
 
-/// Runs `op` with portable lanes in `ymm` registers. Products and sums are not fused, so that results have the
-/// portable bits.
+/// Runs `op` with portable lanes in `ymm` registers. Products and sums are not fused, so that results equal those of
+/// the portable leaf bit for bit.
 ///
 /// # Safety
 /// As for [`run`].
@@ -69,7 +69,7 @@ impl Lanes for F32x8 {
         fn less(self, b: Self) -> __m256 = _mm256_cmp_ps::<_CMP_LT_OQ>(self.0, b.0);
         fn select(mask: __m256, a: Self, b: Self) -> Self = Self(_mm256_blendv_ps(b.0, a.0, mask));
         fn to_indices(self) -> U32x8 = U32x8(_mm256_cvtps_epi32(self.0));
-        // SAFETY: both types have 256 bits, and any are valid.
+        // SAFETY: both types have 256 bits, and any bits are valid.
         fn to_f16(self) -> [u16; MAX_LANES] =
             transmute([_mm256_cvtps_ph::<_MM_FROUND_TO_NEAREST_INT>(self.0), _mm_setzero_si128()]);
     }
@@ -82,7 +82,7 @@ impl Lanes for F32x8 {
         unsafe {
             let from = _mm256_min_epu32(_mm256_srli_epi32::<3>(at.0), _mm256_set1_epi32(last as i32));
             let words = _mm256_i32gather_epi32::<1>(bytes.as_ptr().cast(), from);
-            // Beyond the last byte the shift exceeds a word: 0.
+            // For a bit beyond the last byte the shift is at least a word, and gives 0.
             let shift = _mm256_sub_epi32(at.0, _mm256_slli_epi32::<3>(from));
             let bit = _mm256_slli_epi32::<31>(_mm256_srlv_epi32(words, shift));
             _mm256_movemask_ps(_mm256_castsi256_ps(bit)) as u32
@@ -91,7 +91,7 @@ impl Lanes for F32x8 {
 }
 
 impl Quads for F32x8 {
-    // Through memory: extracting lanes from registers is slower.
+    // Extracting lanes from registers is slower than reading them from memory.
     const OFFSETS_IN_MEMORY: bool = true;
     type Offsets = [u32; 8];
 
@@ -118,7 +118,7 @@ impl Quads for F32x8 {
         })
     }
     instructions! {
-        // SAFETY: both types have 256 bits, and any are valid.
+        // SAFETY: both types have 256 bits, and any bits are valid.
         fn offsets(indices: U32x8) -> [u32; 8] = transmute(indices.0);
         fn repeat<const LANE: usize>(self) -> Self = Self(match LANE {
             0 => _mm256_permute_ps::<0x00>(self.0),
@@ -133,7 +133,7 @@ impl Quads for F32x8 {
     }
 }
 
-/// Eight u32 in a `ymm` register. Made only where `F32x8` is made.
+/// Eight u32 in a `ymm` register. Constructed only where `F32x8` is.
 #[derive(Clone, Copy)]
 pub struct U32x8(__m256i);
 

@@ -7,7 +7,7 @@ use super::{Lanes, MAX_LANES, Op};
 use core::arch::x86_64::*;
 use core::mem::transmute;
 
-/// Sixteen f32 in a `zmm` register. Made only inside [`run`], whose caller guarantees the instructions.
+/// Sixteen f32 in a `zmm` register. Constructed only in [`run`], whose caller guarantees the CPU's instructions.
 #[derive(Clone, Copy)]
 pub struct F32x16(__m512);
 
@@ -59,7 +59,7 @@ impl Lanes for F32x16 {
         fn less(self, b: Self) -> __mmask16 = _mm512_cmp_ps_mask::<_CMP_LT_OQ>(self.0, b.0);
         fn select(mask: __mmask16, a: Self, b: Self) -> Self = Self(_mm512_mask_blend_ps(mask, b.0, a.0));
         fn to_indices(self) -> U32x16 = U32x16(_mm512_cvtps_epi32(self.0));
-        // SAFETY: both types have 256 bits, and any are valid.
+        // SAFETY: both types have 256 bits, and any bits are valid.
         fn to_f16(self) -> [u16; MAX_LANES] =
             transmute(_mm512_cvtps_ph::<_MM_FROUND_TO_NEAREST_INT>(self.0));
     }
@@ -72,7 +72,7 @@ impl Lanes for F32x16 {
         unsafe {
             let from = _mm512_min_epu32(_mm512_srli_epi32::<3>(at.0), _mm512_set1_epi32(last as i32));
             let words = _mm512_i32gather_epi32::<1>(from, bytes.as_ptr().cast());
-            // Beyond the last byte the shift exceeds a word: 0.
+            // For a bit beyond the last byte the shift is at least a word, and gives 0.
             let shift = _mm512_sub_epi32(at.0, _mm512_slli_epi32::<3>(from));
             u32::from(_mm512_test_epi32_mask(_mm512_srlv_epi32(words, shift), _mm512_set1_epi32(1)))
         }
@@ -80,7 +80,7 @@ impl Lanes for F32x16 {
 }
 
 impl Quads for F32x16 {
-    // Through memory: extracting lanes from registers is slower.
+    // Extracting lanes from registers is slower than reading them from memory.
     const OFFSETS_IN_MEMORY: bool = true;
     type Offsets = [u32; 16];
 
@@ -113,7 +113,7 @@ impl Quads for F32x16 {
         })
     }
     instructions! {
-        // SAFETY: both types have 512 bits, and any are valid.
+        // SAFETY: both types have 512 bits, and any bits are valid.
         fn offsets(indices: U32x16) -> [u32; 16] = transmute(indices.0);
         fn repeat<const LANE: usize>(self) -> Self = Self(match LANE {
             0 => _mm512_permute_ps::<0x00>(self.0),
@@ -128,7 +128,7 @@ impl Quads for F32x16 {
     }
 }
 
-/// Sixteen u32 in a `zmm` register. Made only where `F32x16` is made.
+/// Sixteen u32 in a `zmm` register. Constructed only where `F32x16` is.
 #[derive(Clone, Copy)]
 pub struct U32x16(__m512i);
 

@@ -9,24 +9,24 @@ names! {
     #[derive(PartialOrd, Ord)]
     #[non_exhaustive]
     pub enum Isa {
-        /// Plain, unfused f32: the oracle, the same bits on every target.
+        /// Plain, unfused f32: the same bits on every target, and the reference for all other instruction sets.
         Portable = "portable",
         /// AVX2, FMA and F16C, eight lanes.
         Avx2 = "avx2",
         /// AVX-512 F, sixteen lanes.
         Avx512 = "avx512",
-        /// WebAssembly SIMD, four lanes, unfused: the same bits as portable. Available if the build has the target
+        /// WebAssembly SIMD, four lanes, unfused: the same bits as `Portable`. Available if the build has the target
         /// feature `simd128`, since a module cannot detect it.
         Simd128 = "simd128",
-        /// NEON, four lanes, fused; every 64-bit ARM processor has it.
+        /// NEON, four lanes, fused; every 64-bit ARM processor has NEON.
         Neon = "neon",
     }
 }
 
 /// Whether this target is assumed to have vector instructions.
 ///
-/// On microcontrollers and in WebAssembly without `simd128` there are none: every instruction set is the portable
-/// one, weights are read in place, and a build has no other code.
+/// Microcontrollers and WebAssembly without `simd128` have none. Their builds contain the portable instruction set
+/// alone, and read weights in place.
 pub const VECTORS: bool = if cfg!(target_arch = "wasm32") {
     cfg!(target_feature = "simd128")
 } else {
@@ -72,7 +72,7 @@ impl Isa {
         !matches!(self, Self::Simd128)
     }
 
-    /// Number of which a block's columns must be a multiple: one or two vectors of [`Isa::run`].
+    /// Number that must divide the number of columns of a block: the lanes of one or two vectors of [`Isa::run`].
     #[inline]
     pub fn columns(self) -> usize {
         match self {
@@ -83,14 +83,13 @@ impl Isa {
         }
     }
 
-    /// Runs `op` over `columns` samples: as [`Isa::run`] if they fill whole vectors, else one by one.
+    /// Runs `op` over `columns` samples: with [`Isa::run`] if [`Isa::columns`] divides `columns`, else one by one.
     #[inline]
     pub fn run_columns<O: Op>(self, columns: usize, op: O) -> O::Output {
         if VECTORS && columns.is_multiple_of(self.columns()) { self.run(op) } else { op.run::<f32>() }
     }
 
-    /// Runs `op` over `columns` samples with the same bits as [`Isa::Portable`], in the widest vectors that give
-    /// them.
+    /// Runs `op` over `columns` samples in the widest vectors whose results have the bits of [`Isa::Portable`].
     #[inline]
     pub(crate) fn run_portable<O: Op>(self, columns: usize, op: O) -> O::Output {
         match self {
@@ -117,7 +116,7 @@ impl Isa {
             Self::Simd128 => super::simd128::run(op),
             #[cfg(all(target_arch = "aarch64", target_feature = "neon"))]
             Self::Neon => super::neon::run(op),
-            // Bit for bit the same as `Portable`, whose sixteen lanes take much code without vectors.
+            // One lane gives the bits of `Portable`, whose sixteen lanes are much code without vector instructions.
             _ if !VECTORS => op.run::<f32>(),
             _ => op.run::<Portable>(),
         }
@@ -132,7 +131,7 @@ mod cpu {
     pub const AVX2: u8 = 1;
     pub const AVX512: u8 = 2;
     pub const AVX512_BF16: u8 = 4;
-    /// Set after `cpuid` and the OS were queried.
+    /// Bit that is set once `cpuid` and the OS have been queried.
     const ASKED: u8 = 0x80;
 
     static FEATURES: AtomicU8 = AtomicU8::new(0);
@@ -172,7 +171,7 @@ mod cpu {
         let fma = has(one.ecx, 12) && has(one.ecx, 28) && has(one.ecx, 29);
         let avx2 = ymm && fma && has(seven.ebx, 5);
         let avx512 = zmm && fma && has(seven.ebx, 16);
-        // The first subleaf says whether subleaf 1 exists.
+        // Register `eax` of subleaf 0 is the index of the last subleaf.
         let bf16 = avx512 && seven.eax >= 1 && has(leaf(7, 1).eax, 5);
         (u8::from(avx2) * AVX2) | (u8::from(avx512) * AVX512) | (u8::from(bf16) * AVX512_BF16)
     }

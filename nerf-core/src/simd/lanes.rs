@@ -15,7 +15,7 @@ pub trait Indices: Copy {
     fn xor(self, b: Self) -> Self;
     /// `self & b`.
     fn and(self, b: Self) -> Self;
-    /// The smaller.
+    /// The smaller of `self` and `b`.
     fn min(self, b: Self) -> Self;
     /// `self >> 15`.
     fn shift_right_15(self) -> Self;
@@ -38,8 +38,8 @@ impl Indices for u32 {
 
 /// A vector of `COUNT` f32.
 ///
-/// `f32` itself is the one-lane instance; each leaf of this module has one. The trait is sealed. Every operation acts
-/// on each lane alone, so that a value never depends on its neighbours.
+/// `f32` is the vector of one lane, and each instruction set's module has a vector type. The trait is sealed. Every
+/// operation acts on each lane alone, so that a value never depends on its neighbours.
 pub trait Lanes: Copy + sealed::Sealed {
     /// Number of lanes, a divisor of [`MAX_LANES`].
     const COUNT: usize;
@@ -47,7 +47,7 @@ pub trait Lanes: Copy + sealed::Sealed {
     const TILE_ROWS: usize;
     /// Vectors per row of C in a register tile of the matrix product.
     const TILE_COLS: usize;
-    /// The result of a comparison.
+    /// Result of a comparison: true or false for each lane.
     type Mask: Copy;
     /// A vector of `u32` with as many lanes.
     type Indices: Indices;
@@ -57,12 +57,12 @@ pub trait Lanes: Copy + sealed::Sealed {
     /// Loads the first `COUNT` values of `from`.
     ///
     /// # Panics
-    /// If `from` is too short. A single lane panics only with debug assertions, and is 0 without.
+    /// If `from` has fewer than `COUNT` values; `f32` panics only with debug assertions, and without loads 0.
     fn load(from: &[f32]) -> Self;
     /// Writes the lanes to the first `COUNT` values of `to`.
     ///
     /// # Panics
-    /// If `to` is too short. A single lane panics only with debug assertions, and is not written without.
+    /// If `to` has fewer than `COUNT` values; `f32` panics only with debug assertions, and without writes nothing.
     fn store(self, to: &mut [f32]);
     /// `self + b`.
     fn add(self, b: Self) -> Self;
@@ -112,14 +112,14 @@ pub trait Lanes: Copy + sealed::Sealed {
         values.map(|value| half::f16::from_f32(value).to_bits())
     }
 
-    /// Reads bit `at[i]` of `bytes`, LSB first, into bit `i` of the result, for each lane `i`; 0 beyond their end.
+    /// Bit `i` of the result is bit `at[i]` of `bytes`, LSB first, for each lane `i`; 0 beyond the end of `bytes`.
     #[inline(always)]
     fn bits(bytes: &[u8], at: Self::Indices) -> u32 {
         bits_by_lane::<Self>(bytes, at)
     }
 
-    /// `Σ_r weights[r] · row r` for each lane, where a row is two neighbouring entries of 1, 2 or 4 `features`,
-    /// summed from 0 in ascending `r`. The first `2 · features` results are valid.
+    /// `Σ_r weights[r] · row r` for each lane, where a row is two neighbouring entries of 1, 2 or 4 `features`, summed
+    /// from 0 in ascending `r`. Of the eight results the first `2 · features` are valid.
     ///
     /// `rows`: index of each row's first entry. An index beyond the table reads any entry, or 0.
     #[inline(always)]

@@ -1,5 +1,5 @@
-//! What leaves with vector registers share: macros for their methods, and interpolation over a table with loads of four
-//! neighbouring values at once, generic over [`Quads`].
+//! Code shared by the leaves with vector registers: macros for their methods, and interpolation over a table with loads
+//! of four neighbouring values at once, generic over [`Quads`].
 
 use super::lanes::weighted_rows_by_lane;
 use super::table::{Table, Value};
@@ -18,8 +18,8 @@ macro_rules! instructions {
     )+};
 }
 
-/// Defines the methods of [`Lanes`] for vectors of `$count` f32 that go through memory: loads and stores by two
-/// intrinsics for any alignment, and interpolation by [`Quads`].
+/// Defines the methods of [`Lanes`] that access memory, for vectors of `$count` f32: loads and stores by two intrinsics
+/// for any alignment, and interpolation by [`Quads`].
 macro_rules! lanes_in_memory {
     ($count:literal, $load:ident, $store:ident) => {
         const COUNT: usize = {
@@ -52,12 +52,12 @@ macro_rules! lanes_in_memory {
 }
 pub(super) use {instructions, lanes_in_memory};
 
-/// The primitives of [`weighted_rows`]. A vector consists of groups of four lanes. While rows are summed, a group
-/// holds four values of one of its lanes.
+/// The primitives of [`weighted_rows`]. A vector consists of groups of four lanes. While rows are summed, a group holds
+/// four neighbouring table values for one of its lanes, `LANE`.
 pub trait Quads: Lanes {
     /// Whether offsets are moved to scalar registers through memory.
     const OFFSETS_IN_MEMORY: bool = false;
-    /// Whether sums go through memory, so that the compiler does not move the loads of the next lanes before these.
+    /// Whether sums go through memory, so that the compiler does not hoist the loads of the next lane above a sum.
     const SUMS_IN_MEMORY: bool = false;
     /// An offset into a table for each lane.
     type Offsets: Copy;
@@ -75,14 +75,14 @@ pub trait Quads: Lanes {
     ) -> Self;
     /// Copies lane `LANE` of each group to all four lanes of the group.
     fn repeat<const LANE: usize>(self) -> Self;
-    /// `[a0, b0, a1, b1]` and `[a2, b2, a3, b3]` of each group `a` of `self` and `b`.
+    /// `[a0, b0, a1, b1]` and `[a2, b2, a3, b3]` for each group `[a0, a1, a2, a3]` of `self` and the same group of `b`.
     fn zip(self, b: Self) -> [Self; 2];
-    /// `[a0, a1, b0, b1]` and `[a2, a3, b2, b3]` of each group `a` of `self` and `b`.
+    /// `[a0, a1, b0, b1]` and `[a2, a3, b2, b3]` for each group `[a0, a1, a2, a3]` of `self` and the same group of `b`.
     fn zip_pairs(self, b: Self) -> [Self; 2];
 }
 
-/// [`Lanes::weighted_rows`], four values of a lane at a time; value by value if rows are not a multiple of four
-/// values.
+/// [`Lanes::weighted_rows`], four values of a lane at a time; value by value if the length of a row is no multiple of
+/// four values.
 #[inline(always)]
 pub fn weighted_rows<V: Quads, T: Value, const ROWS: usize>(
     table: Table<'_, T>,
@@ -94,7 +94,7 @@ pub fn weighted_rows<V: Quads, T: Value, const ROWS: usize>(
         return weighted_rows_by_lane(table, rows, weights, features);
     };
     let (last, features_of_each) = (V::Indices::splat(last), V::Indices::splat(features as u32));
-    // No closure: it would lose the leaf's instructions.
+    // A closure would not be compiled for the leaf's instruction set.
     let mut offsets = [V::offsets(V::Indices::splat(0)); ROWS];
     for (offsets, row) in offsets.iter_mut().zip(rows) {
         *offsets = V::offsets(row.min(last).mul(features_of_each));
@@ -109,7 +109,7 @@ pub fn weighted_rows<V: Quads, T: Value, const ROWS: usize>(
     [a, b, c, d, e, f, g, h]
 }
 
-/// Four weighted sums for each lane, of the values from `plus` after each of the `offsets` on.
+/// Four weighted sums for each lane: sum `i` is over the values at `plus + i` after each of the `offsets`.
 #[inline(always)]
 fn four<V: Quads, T: Value, const ROWS: usize>(
     table: Table<'_, T>,
@@ -162,7 +162,7 @@ fn last_row<T: Value>(table: Table<'_, T>, features: usize) -> Option<u32> {
     u32::try_from(entries.checked_sub(2)?).ok()
 }
 
-/// Offset of the last four bytes of `bytes`; `None` if there are fewer, or the offset does not fit a lane.
+/// Offset of the last four bytes of `bytes`; `None` if `bytes` is shorter, or if the offset exceeds `i32::MAX`.
 #[cfg(target_arch = "x86_64")]
 #[inline(always)]
 pub fn last_word(bytes: &[u8]) -> Option<u32> {

@@ -45,14 +45,14 @@ pub use table::{Table, Value};
 /// Number of lanes of the widest vector of any instruction set.
 pub const MAX_LANES: usize = 16;
 
-/// Number of samples evaluated together, with every instruction set.
+/// Number of samples in a block, which are evaluated together; the same for every instruction set.
 pub const BLOCK: usize = 64;
 
 /// A loop that can be compiled for every instruction set.
 pub trait Op {
     /// The loop's result.
     type Output;
-    /// Runs the loop. Must be `#[inline(always)]`, or it is not compiled for the leaf's instruction set.
+    /// Runs the loop. Must be `#[inline(always)]`, or the loop is not compiled for the leaf's instruction set.
     fn run<V: Lanes>(self) -> Self::Output;
 }
 

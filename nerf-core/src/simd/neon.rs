@@ -32,7 +32,7 @@ impl Lanes for F32x4 {
         fn mul(self, b: Self) -> Self = Self(vmulq_f32(self.0, b.0));
         fn div(self, b: Self) -> Self = Self(vdivq_f32(self.0, b.0));
         fn mul_add(self, b: Self, c: Self) -> Self = Self(vfmaq_f32(c.0, self.0, b.0));
-        // NEON's own maximum and minimum are NaN if either is.
+        // NEON's own maximum and minimum are NaN if either operand is.
         fn max_of(self, b: Self) -> Self = Self(vbslq_f32(vcltq_f32(b.0, self.0), self.0, b.0));
         fn min_of(self, b: Self) -> Self = Self(vbslq_f32(vcltq_f32(self.0, b.0), self.0, b.0));
         fn sqrt(self) -> Self = Self(vsqrtq_f32(self.0));

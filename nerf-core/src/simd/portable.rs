@@ -1,6 +1,6 @@
 //! Portable leaf: sixteen lanes of plain, unfused f32.
 //!
-//! Bit for bit the same as one lane at a time; the compiler vectorises it with the target's instructions.
+//! Results equal those of one lane at a time bit for bit; the compiler vectorises with the target's instructions.
 
 use super::{Indices, Lanes};
 use core::array::from_fn;

@@ -54,7 +54,7 @@ impl Lanes for F32x4 {
         fn equals(self, b: Self) -> v128 = f32x4_eq(self.0, b.0);
         fn less(self, b: Self) -> v128 = f32x4_lt(self.0, b.0);
         fn select(mask: v128, a: Self, b: Self) -> Self = Self(v128_bitselect(a.0, b.0, mask));
-        // Not WebAssembly's conversion: it saturates, which takes five instructions on x86.
+        // WebAssembly's own conversion saturates, which takes five instructions on x86.
         fn to_indices(self) -> U32x4 = {
             let whole = f32x4_splat(8_388_608.0);
             U32x4(i32x4_sub(f32x4_add(self.0, whole), whole))
@@ -75,7 +75,7 @@ impl Lanes for F32x4 {
             let found = v128_load8_lane::<8>(found, start.add(u32x4_extract_lane::<2>(byte) as usize));
             v128_load8_lane::<12>(found, start.add(u32x4_extract_lane::<3>(byte) as usize))
         };
-        // Byte i of the table is bit i; only the lowest byte of each lane of `found` is not 0.
+        // Byte i of the constant is 1 << i. Only the lowest byte of each lane of `found` can be non-zero.
         let bit = u8x16_swizzle(
             i64x2_splat(0x8040_2010_0804_0201u64.cast_signed()),
             v128_and(at.0, u32x4_splat(7)),
@@ -86,7 +86,7 @@ impl Lanes for F32x4 {
 }
 
 impl Quads for F32x4 {
-    // Otherwise V8 hoists the next lanes' loads and spills most of their results to the stack.
+    // With sums in registers, V8 hoists the loads of the next lanes and spills most of their values to the stack.
     const SUMS_IN_MEMORY: bool = true;
     type Offsets = U32x4;
 
@@ -120,8 +120,8 @@ impl Quads for F32x4 {
 
 /// Converts four finite f16, each with its sign extended, to f32.
 ///
-/// `v = 2 v − v`; for a subnormal, which has no leading 1, `v = (2^-14 + v) − 2^-14`. Both are exact. No intermediate
-/// f32 is subnormal, on which multiplications of many Intel cores stall.
+/// `v = 2 v − v`; for a subnormal, which has no leading 1, `v = (2^-14 + v) − 2^-14`. The sum and the differences are
+/// exact. No intermediate f32 is subnormal, on which multiplications of many Intel cores stall.
 #[inline(always)]
 fn widen_finite(bits: v128) -> v128 {
     const SMALLEST_NORMAL: i32 = (127 - 14) << 23;
@@ -134,7 +134,7 @@ fn widen_finite(bits: v128) -> v128 {
     v128_or(f32x4_sub(more, less), v128_and(bits, u32x4_splat(0x8000_0000)))
 }
 
-/// Four u32 in a `v128`. Made only where `F32x4` is made.
+/// Four u32 in a `v128`. Constructed only where `F32x4` is.
 #[derive(Clone, Copy)]
 pub struct U32x4(v128);
 

@@ -31,7 +31,7 @@ impl Value for [u8; 2] {
         let (sign, magnitude) = (u32::from(bits & 0x8000) << 16, u32::from(bits & 0x7fff));
         // Adds the difference of the exponent biases, shifted to the exponent's position.
         let normal = (magnitude << 13) + ((127 - 15) << 23);
-        // No leading 1: a multiple of 2^-24.
+        // A subnormal number has no leading 1: a multiple of 2^-24.
         let subnormal = (magnitude as f32 * (1.0 / 16_777_216.0)).to_bits();
         f32::from_bits(sign | if magnitude < 0x0400 { subnormal } else { normal })
     }
@@ -56,7 +56,7 @@ impl Value for u8 {
     }
 }
 
-/// Values that are read by index; integers have a scale for each level of a grid.
+/// Table of values that are read by index; a table of integers has a scale for each level of a grid.
 #[derive(Clone, Copy, Debug)]
 pub struct Table<'a, T> {
     pub(super) values: &'a [T],
@@ -64,20 +64,20 @@ pub struct Table<'a, T> {
 }
 
 impl<'a, T: Value> Table<'a, T> {
-    /// A table of finite `values`. `scales`, for integers only: little-endian f32 at any alignment.
+    /// Makes a table of finite `values`. `scales` (integers only): one little-endian f32 a level, at any alignment.
     #[inline(always)]
     pub fn new(values: &'a [T], scales: &'a [u8]) -> Self {
         Self { values, scales: scales.as_chunks().0 }
     }
 
-    /// The `count` values from `first` on, or as many as there are.
+    /// The table of the `count` values from index `first` on, or of all from there if there are fewer.
     #[inline(always)]
     pub fn part(self, first: usize, count: usize) -> Self {
         let rest = self.values.get(first..).unwrap_or_default();
         Self { values: rest.get(..count).unwrap_or(rest), ..self }
     }
 
-    /// Reads value `at[lane] + plus` for each of the first `lanes`; 0 if the index is beyond the table.
+    /// Reads value `at[lane] + plus` for each of the first `lanes` lanes; 0 if the index is beyond the table.
     #[inline(always)]
     pub fn read(self, at: &[u32; MAX_LANES], plus: usize, lanes: usize) -> [f32; MAX_LANES] {
         let (mut found, mut values) = ([T::default(); MAX_LANES], [0.0; MAX_LANES]);

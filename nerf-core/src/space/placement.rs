@@ -6,7 +6,7 @@ use glam::{Mat3, Vec3};
 
 /// Maximum error of the lengths and dot products of a rotation's columns, relative to their length.
 const TOLERANCE: f32 = 1e-3;
-/// Maximum scale, and reciprocal of the minimum: distances in both units stay well inside f32.
+/// Maximum scale, and reciprocal of the minimum scale: distances in world and field units stay in the range of f32.
 const MAX_SCALE: f32 = 1e9;
 
 /// The placement of a field in a host's world: rotation, uniform scale and translation.
@@ -78,13 +78,13 @@ impl Placement {
         self.rotation.transpose() * dir
     }
 
-    /// Transforms a ray from the world's to the field's coordinates; distances along it are divided by
+    /// Transforms a ray from the world's to the field's coordinates; distances along the ray are divided by
     /// [`Placement::scale`].
     pub fn ray_in_field(&self, ray: &Ray) -> Ray {
         Ray { origin: self.point_in_field(ray.origin), dir: self.dir_in_field(ray.dir) }
     }
 
-    /// Whether a distance is the same in both coordinates, up to the rounding of the matrix.
+    /// Whether distances in the field equal those in the world, up to the rounding of the matrix.
     pub(crate) fn is_rigid(&self) -> bool {
         (self.scale - 1.0).abs() <= 1e-6
     }

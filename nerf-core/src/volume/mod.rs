@@ -36,9 +36,9 @@ pub(crate) fn alpha<M: Math, V: Lanes>(tau: V) -> V {
     M::expm1(tau.neg()).neg()
 }
 
-/// Distance along the ray at which the optical thickness since the bin's front edge is `left`, for constant density
-/// in the bin. `sigma`: not 0; `t`: the bin's middle, `delta`: its width, world units along the ray. The result is
-/// clamped to the bin; if `sigma` is +inf it is the front edge.
+/// Distance along the ray at which the optical thickness since the bin's front edge is `left`, for constant density in
+/// the bin. `sigma`: not 0; `t`: the bin's middle, `delta`: its width, world units along the ray. The result is clamped
+/// to the bin, and is the front edge if `sigma` is +inf.
 #[inline]
 pub(crate) fn thickness_in_bin(left: f32, sigma: f32, t: f32, delta: f32) -> f32 {
     // Neither operand of the clamp is NaN: sigma is not 0, and the difference is finite.
@@ -56,7 +56,7 @@ pub(crate) fn light<M: Math, V: Lanes>(total: V) -> V {
 /// [`OPACITY_EPSILON`], or if the directions cancel.
 #[cfg(any(feature = "normals", feature = "anti-aliasing"))]
 pub(crate) fn mean_direction(sum: [f32; 3], weight: f32, opacity: f32) -> [f32; 3] {
-    // Length of a mean of unit vectors at or below which it is rounding noise.
+    // Length at or below which a mean of unit vectors is rounding noise.
     const MEAN_EPSILON: f32 = 1e-6;
     let sum = glam::Vec3::from(sum);
     let length = sum.length();
@@ -112,14 +112,14 @@ pub(crate) struct Accumulator {
     rgb: [Sum; 3],
     opacity: Sum,
     distance: Sum,
-    /// Weight of samples without a colour yet.
+    /// Sum of the weights of the last samples, whose colours were not added yet.
     uncoloured: f32,
     /// Transmittance, `exp(−tau)`.
     left: f32,
 }
 
 impl Accumulator {
-    /// A ray without samples.
+    /// The sums of a ray without samples.
     pub const NONE: Self = {
         let zero = Sum::ZERO;
         Self { tau: zero, rgb: [zero; 3], opacity: zero, distance: zero, uncoloured: 0.0, left: 1.0 }
@@ -148,8 +148,8 @@ impl Accumulator {
         self.add_alpha(alpha::<M, f32>(tau), light::<M, f32>(total), t)
     }
 
-    /// The first half of [`Accumulator::add_density`]: adds the optical thickness of a sample and returns
-    /// `Σ sigma delta` including it.
+    /// The first half of [`Accumulator::add_density`]: adds the optical thickness of a sample and returns the sum up to
+    /// and including this sample.
     #[inline]
     pub(crate) fn add_thickness(&mut self, tau: f32) -> f32 {
         // A sample of thickness 0 must change no bit, but after a term larger than all before it Kahan's sum may
@@ -161,7 +161,7 @@ impl Accumulator {
     }
 
     /// The second half of [`Accumulator::add_density`]: adds the sample at `t` with opacity `alpha` and returns its
-    /// weight. `light`: the transmittance after it.
+    /// weight. `light`: the transmittance after the sample.
     #[inline]
     pub(crate) fn add_alpha(&mut self, alpha: f32, light: f32, t: f32) -> f32 {
         let weight = self.left * alpha;
@@ -175,8 +175,8 @@ impl Accumulator {
         weight
     }
 
-    /// A ray that collides after an optical thickness of `total`: its sum starts at `-total` and the collision is at
-    /// 0.
+    /// The sums of a ray that collides at optical thickness `total`: `Σ sigma delta` starts at `-total`, and the ray
+    /// collides where this sum reaches 0.
     pub(crate) fn until(total: f32) -> Self {
         let mut ray = Self::NONE;
         ray.tau.add(-total);
@@ -195,11 +195,11 @@ impl Accumulator {
         collides
     }
 
-    /// Takes the weight without a colour if it is more than `cut`. The caller then evaluates the colour of the last
-    /// sample and passes it to [`Accumulator::add_colour`] with this weight.
+    /// Returns the weight that has no colour yet if it is more than `cut`, and sets it to 0. The caller then evaluates
+    /// the colour of the last sample and passes it to [`Accumulator::add_colour`] with this weight.
     ///
-    /// Samples of low weight thus get the colour of the next evaluated sample, and at most `cut` of a ray stays
-    /// without a colour. With a cut of 0 this is the last sample's own weight.
+    /// Samples of low weight thus get the colour of the next evaluated sample, and at most `cut` of a ray stays without
+    /// a colour. With a cut of 0 the result is the last sample's own weight.
     #[inline]
     pub fn take_uncoloured(&mut self, cut: f32) -> Option<f32> {
         (self.uncoloured > cut).then(|| core::mem::take(&mut self.uncoloured))
@@ -213,15 +213,15 @@ impl Accumulator {
         }
     }
 
-    /// Adds one colour with all weight that was [taken](Accumulator::take_uncoloured).
+    /// Adds one colour with the sum of all weights that [`Accumulator::take_uncoloured`] returned.
     #[inline]
     pub(crate) fn colour_all(&mut self, rgb: [f32; 3]) {
         self.add_colour(self.opacity.value - self.uncoloured, rgb);
     }
 
-    /// Makes the pixel, over `background`, of samples whose `t` begin at `start` along the ray. `z_per_distance` is
-    /// the cosine between ray and view axis. Distances are clamped to `far`. A ray that was `cut`, terminated early,
-    /// becomes opaque: its remaining transmittance gets its mean colour.
+    /// Makes the pixel over `background`. The `t` of samples are counted from distance `start` along the ray.
+    /// `z_per_distance` is the cosine between ray and view axis. Distances are clamped to `far`. A ray that was
+    /// terminated early (`cut`) becomes opaque: its remaining transmittance gets its mean colour.
     ///
     /// Weight without a colour gets the mean of the ray's colours if it is less than the coloured weight. Median
     /// distance and normal stay 0.
@@ -282,7 +282,7 @@ impl Accumulator {
         }
     }
 
-    /// Reads what [`Accumulator::put_column`] wrote.
+    /// Reads the state that [`Accumulator::put_column`] wrote.
     #[inline]
     pub(crate) fn take_column(&mut self, rows: &Rows, column: usize) {
         let [tau, lost_tau, opacity, lost_opacity, distance, lost, uncoloured, left] =

@@ -1,4 +1,4 @@
-//! The normal that a ray sees: the weighted mean of its samples' normals.
+//! The normal of a pixel: the weighted mean of the normals of its ray's samples.
 
 use super::mean_direction;
 use crate::math::Sum;
@@ -6,12 +6,12 @@ use glam::Vec3;
 
 /// The sum of a ray's normals, front to back: `Σ weight · −∇sigma/|∇sigma|`.
 ///
-/// A sample counts by its weight, regardless of the length of its gradient.
+/// The length of a sample's gradient does not matter, only its direction and the sample's weight.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct NormalSum([Sum; 3]);
 
 impl NormalSum {
-    /// A ray without samples.
+    /// The sum of a ray without samples.
     pub const NONE: Self = Self([Sum::ZERO; 3]);
 
     /// Adds a sample of this `weight` and density gradient.

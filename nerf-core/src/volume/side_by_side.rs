@@ -7,7 +7,7 @@ use crate::simd::{BLOCK, Lanes};
 
 /// Number of rows of [`Rows`].
 pub(crate) const ROWS: usize = 8;
-/// The state of a block of rays.
+/// The state of a block of rays, `[row][ray]`.
 pub(crate) type Rows = [[f32; BLOCK]; ROWS];
 /// First row of each sum (`TAU`, `OPACITY`, `DISTANCE`): its value; the next row is its rounding error.
 const TAU: usize = 0;
@@ -17,8 +17,8 @@ const DISTANCE: usize = 4;
 const UNCOLOURED: usize = 6;
 pub(crate) const LEFT: usize = 7;
 
-/// `Accumulator::add_density` for each ray of a vector that begins at column `from`. Returns for each the weight that
-/// `Accumulator::take_uncoloured` gives, or 0.
+/// `Accumulator::add_density` for each ray of a vector that begins at column `from`. Returns for each ray the weight
+/// that `Accumulator::take_uncoloured` gives, or 0.
 ///
 /// `sigma` 1/world unit, NaN as 0; `t`, `delta`: world units along the ray.
 #[inline(always)]

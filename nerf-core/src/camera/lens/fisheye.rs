@@ -10,7 +10,7 @@ use glam::{Vec2, Vec3};
 const STEPS: u8 = 32;
 
 impl Lens {
-    /// Distance from the principal point at which the angle `theta` is seen, and its derivative.
+    /// Distance from the principal point, focal lengths, at which the angle `theta` is seen, and its derivative.
     fn angle_seen(&self, theta: f32) -> (f32, f32) {
         let t = theta * theta;
         let seen = 1.0 + t * (self.k1 + t * (self.k2 + t * (self.k3 + t * self.k4)));
@@ -29,10 +29,10 @@ impl Lens {
         (dir.x / across * seen, dir.y / across * seen)
     }
 
-    /// The unit direction (right, down, forward) that is seen at `(xd, yd)`.
+    /// The unit direction (right, down, forward) that is seen at the normalised image point `(xd, yd)`.
     ///
-    /// Finds the smallest angle that is seen at that distance, by Newton's method inside a bracket. `None` if the
-    /// lens folds at a smaller angle, or π is not enough.
+    /// Finds the smallest angle that is seen at the point's distance, by Newton's method inside a bracket. `None` if
+    /// the lens folds at a smaller angle, or if every angle up to π is seen closer to the principal point.
     pub(super) fn fisheye_direction(&self, xd: f32, yd: f32) -> Option<Vec3> {
         let seen = Vec2::new(xd, yd).length();
         if seen == 0.0 {

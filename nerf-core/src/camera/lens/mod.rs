@@ -20,7 +20,7 @@ mod tests;
 /// `y radial + p1 (r² + 2y²) + 2 p2 x y`.
 ///
 /// [`Projection::Fisheye`]: a direction `θ` radians off the axis is seen `θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)` from
-/// the principal point, on the side to which it points; `k5 k6 p1 p2` are 0.
+/// the principal point, on the side to which the direction points; `k5 k6 p1 p2` are 0.
 ///
 /// # Source
 /// Brown 1966 and Kannala, Brandt 2006, as in OpenCV and COLMAP: `k1 k2 p1 p2` are the parameters of OPENCV, all

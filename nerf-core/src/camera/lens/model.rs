@@ -5,8 +5,8 @@ use glam::{Vec2, Vec3};
 
 /// Slope, or determinant of the Jacobian, at or below which the model counts as folded.
 pub(super) const FOLD: f32 = 1e-3;
-/// Slope at or below which a minimum of the slope counts as a fold, since Newton's method may jump over it (measured:
-/// up to 0.01).
+/// Slope at or below which a minimum of the slope counts as a fold, since Newton's method may jump over the minimum
+/// (measured: at slopes up to 0.01).
 const TURN: f32 = 2e-2;
 
 impl Lens {
@@ -22,7 +22,7 @@ impl Lens {
         }
     }
 
-    /// Distorts the ideal point `(x, y)`, both in normalised image coordinates.
+    /// Distorts the ideal point `(x, y)`; point and result are in normalised image coordinates.
     pub fn distort(&self, x: f32, y: f32) -> (f32, f32) {
         if self.projection == Projection::Fisheye {
             return self.fisheye_seen(Vec3::new(x, y, 1.0));
@@ -38,9 +38,9 @@ impl Lens {
     /// The ideal point that is seen at `(xd, yd)`: the inverse of [`Lens::distort`], by Newton's method from
     /// `(xd, yd)`.
     ///
-    /// `None` if the lens folds over (the Jacobian's determinant is at most 1e-3 on the way), or if 20 steps do not
-    /// bring the residual below 1e-6 of the coordinates (1e-6 itself within the unit circle): there the model has no
-    /// inverse near the start, and a picture would show the same direction twice.
+    /// `None` if the lens folds over (the Jacobian's determinant is at most 1e-3 at some step), or if 20 steps do not
+    /// bring the residual below 1e-6 of the coordinates (1e-6 itself within the unit circle). In both cases the model
+    /// has no inverse near the start, and an image would show the same direction twice.
     ///
     /// # Domain
     /// The finite points around the axis up to the fold. With only `k1 < 0` that is the circle of radius
@@ -50,7 +50,7 @@ impl Lens {
     /// too weak to fail.
     ///
     /// With `k3 k4 k5 k6` a step that does not reduce the residual, or passes the fold, is halved. For a fisheye the
-    /// point is that of [`Lens::direction`], if it lies in front of the camera.
+    /// point lies on the direction of [`Lens::direction`], which must point forward.
     #[inline(never)]
     pub fn undistort(&self, xd: f32, yd: f32) -> Option<(f32, f32)> {
         if *self == Self::NONE {
@@ -101,13 +101,13 @@ impl Lens {
     fn undistort_damped(&self, xd: f32, yd: f32) -> Option<(f32, f32)> {
         let seen = Vec2::new(xd, yd);
         let residual = |p: Vec2| Vec2::from(self.distort(p.x, p.y)) - seen;
-        // Whether a step may end at a point: it must lie before the fold, and before the pole of the radial part.
+        // Whether a step may end at point `p`: before the fold, and before the pole of the radial part.
         let sound = |p: Vec2| {
             let ([a, b], [c, d]) = self.jacobian(p.x, p.y);
             self.denominator(p.length_squared()).0 > FOLD && a * d - b * c > FOLD
         };
         let mut p = seen;
-        // What is seen far out may lie in front of the fold all the same.
+        // A point may be seen beyond the radius of the fold, and still have an ideal point before the fold.
         for _ in 0..12 {
             if sound(p) {
                 break;
@@ -162,9 +162,10 @@ impl Lens {
     /// Whether the distortion is so weak that for every point seen within `radius` of the axis [`Self::undistort`]
     /// finds the ideal point, with no fold before it: a camera then needs no further check.
     ///
-    /// With a bend `b` of at most 1/8 within 9/7 of `radius`, `x ↦ seen − (distort(x) − x)` contracts the disc of
-    /// 8/7 `radius` into itself, so that it holds one ideal point. Newton's method starts within 1/7 `radius` of it
-    /// and keeps at most `2b / (1 − b)`, 2/7, of the distance a step, without leaving the larger disc.
+    /// With a bend `b` of at most 1/8 within 9/7 of `radius`, `x ↦ seen − (distort(x) − x)` contracts the disc of 8/7
+    /// `radius` into itself, which thus holds one ideal point. Newton's method starts within 1/7 `radius` of that
+    /// point. Each step reduces the distance to at most `2b / (1 − b)`, 2/7, of itself, without leaving the larger
+    /// disc.
     ///
     /// `false` for fisheyes and for lenses with `k3 k4 k5 k6`, to which the proof does not apply.
     pub(crate) fn is_gentle(&self, radius: f32) -> bool {
@@ -174,7 +175,7 @@ impl Lens {
     }
 
     /// The direction (right, down, forward) that is seen at `(xd, yd)`, if it can be found and, with `from_axis`, no
-    /// fold lies between the axis and it.
+    /// fold lies between axis and direction.
     pub(crate) fn invert(&self, xd: f32, yd: f32, from_axis: bool) -> Option<Vec3> {
         let dir = self.direction(xd, yd)?;
         let folds = || match self.projection {
@@ -201,23 +202,23 @@ impl Lens {
 
     /// Whether the model folds between the axis and the ideal point `(x, y)`.
     ///
-    /// Started behind a fold, Newton's method finds a solution behind it, which is not the direction that a real lens
-    /// shows there.
+    /// Newton's method that starts behind a fold finds a solution behind that fold, which is not the direction that a
+    /// real lens shows there.
     fn folds_before(&self, x: f32, y: f32) -> bool {
         let r2 = x * x + y * y;
         if self.is_rational() {
             return self.folds_on_the_way(x, y);
         }
-        // All slopes are at least 0.1, and all determinants at least 0.01.
+        // Then all slopes are at least 0.1, and all determinants at least 0.01.
         if self.bend(Vec2::new(x, y).length()) <= 0.9 {
             return false;
         }
-        // `distort(s x, s y)` is s + tilt/2 s² + second/3 s³ + fourth/5 s⁵, along (x, y) and in units of it.
+        // `distort(s x, s y)` is s + tilt/2 s² + second/3 s³ + fourth/5 s⁵, along (x, y) and in units of its length.
         let (second, fourth) = (3.0 * self.k1 * r2, 5.0 * self.k2 * r2 * r2);
         let tilt = 6.0 * (self.p2 * x + self.p1 * y);
         let slope = |s: f32| 1.0 + s * (tilt + s * (second + s * s * fourth));
-        // Without the tilt the slope is least at s² = turn, which the steps below could miss, or at an end. A
-        // negative tilt lowers it, a positive one may raise it.
+        // Without the tilt the slope is least at s² = turn, which the steps below could miss, or at an end. A negative
+        // tilt lowers the slope, a positive tilt may raise it.
         let turn = -second / (2.0 * fourth);
         if tilt <= 0.0 && fourth > 0.0 && turn > 0.0 && turn < 1.0 && 1.0 + 0.5 * second * turn <= TURN {
             return true;
@@ -250,8 +251,8 @@ impl Lens {
         })
     }
 
-    /// [`Lens::direction`] for a camera, which checked its lens at a grid of image points. If a strong tangential
-    /// part folds between these, returns the distorted direction, which is wrong but finite.
+    /// [`Lens::direction`] for a camera, which checked its lens at a grid of image points. If a strong tangential part
+    /// folds between grid points, returns the distorted direction, which is wrong but finite.
     #[inline]
     pub(crate) fn straighten(&self, xd: f32, yd: f32) -> Vec3 {
         if *self == Self::NONE {

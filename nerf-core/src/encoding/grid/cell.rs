@@ -7,7 +7,7 @@ use crate::simd::{Indices, Lanes};
 
 /// Maps a vector of positions to 0..1 on each axis of the box.
 ///
-/// A coordinate outside of the box is moved to its face, and NaN to 0.
+/// A coordinate outside of the box is moved to the nearest face, and NaN to 0.
 #[inline(always)]
 pub(super) fn unit_positions<V: Lanes>(
     tables: &GridTables<'_>,
@@ -47,8 +47,8 @@ impl<V: Lanes> Cells<V> {
         Self { x, y, z, weights: [wx, wy, wz] }
     }
 
-    /// Index of the entry at (x, row) of each row of corners, counted from the level's first entry; the entry at
-    /// x + 1 follows. Rows are (y, z), (y + 1, z), and in three dimensions (y, z + 1), (y + 1, z + 1). See
+    /// Index of each row's entry at the smaller x, counted from the level's first entry; the entry at the larger x
+    /// follows. Rows are (y, z), (y + 1, z), and in three dimensions (y, z + 1), (y + 1, z + 1). See
     /// [`GridLevel::row`].
     #[inline(always)]
     pub fn rows<const ROWS: usize>(&self, level: &GridLevel) -> [V::Indices; ROWS] {
@@ -123,7 +123,7 @@ impl<V: Lanes> Cells<V> {
     }
 }
 
-/// Index of the cell along one axis, and the weight of its far side.
+/// Index of the cell along one axis, and the weight of the cell's face at the larger coordinate.
 #[inline(always)]
 fn locate<V: Lanes>(unit: V, cells: u32) -> (V::Indices, V) {
     let g = unit.mul(V::splat(cells as f32));

@@ -23,7 +23,7 @@ pub struct GridCorners<'w> {
 /// Computes the entries that [`encode_grid_block`](super::encode_grid_block) reads at `level`, and their weights, by
 /// the same arithmetic.
 ///
-/// `x` and `stride`: as for that function. Of the `tables` only the box is used.
+/// `x` and `stride`: as for `encode_grid_block`. Of the `tables` only the box is used.
 ///
 /// # Panics
 /// With debug assertions, if a slice is too short.

@@ -7,12 +7,12 @@ use crate::simd::{Isa, Lanes, Op, Table, VECTORS, Value};
 
 /// Encodes a block of samples by a grid.
 ///
-/// `x`: `[inputs][stride]`, in the box of the `tables`; `out`: `[levels · features][stride]`. `stride` is a multiple
-/// of [`Isa::columns`], or any number with portable instructions. A position outside of the box is moved onto it. A
-/// NaN coordinate counts as the box's smallest.
+/// `x`: `[inputs][stride]`, in the box of the `tables`; `out`: `[levels · features][stride]`. `stride` is a multiple of
+/// [`Isa::columns`], or any number with portable instructions. A position outside of the box is moved onto its surface.
+/// A NaN coordinate counts as the box's smallest.
 ///
-/// A sample's values do not depend on the others of its block. f16 and f32 tables of the same values give the same
-/// bits, and so do int8 tables whose scales are powers of two. The cell of a sample is the same with every
+/// A sample's values do not depend on the other samples of its block. f16 and f32 tables of the same values give the
+/// same bits, and so do int8 tables whose scales are powers of two. The cell of a sample is the same with every
 /// instruction set.
 ///
 /// # Accuracy
@@ -85,7 +85,7 @@ impl<T: Value> Op for Encode<'_, T> {
             (3, 1) => self.encode::<V, 4, 1>(),
             (3, 2) => self.encode::<V, 4, 2>(),
             (3, 4) => self.encode::<V, 4, 4>(),
-            // `Architecture::check` allows no others.
+            // `Architecture::check` allows no other sizes.
             _ => {}
         }
     }
@@ -121,7 +121,7 @@ fn encode_level<V: Lanes, T: Value, const ROWS: usize, const FEATURES: usize>(
     reads: &mut heapless::Vec<Read<V, ROWS>, AT_ONCE>,
     (first, stride, out): (usize, usize, &mut [f32]),
 ) {
-    // Two loops, since each alone fits into the registers.
+    // Two loops, since the values of each loop alone fit into the registers.
     reads.clear();
     for &unit in units {
         let _ = reads.push(Read::of(level, unit));
@@ -144,7 +144,7 @@ fn encode_level<V: Lanes, T: Value, const ROWS: usize, const FEATURES: usize>(
 struct Read<V: Lanes, const ROWS: usize> {
     rows: [V::Indices; ROWS],
     weights: [V; ROWS],
-    /// Weight of the entries at x + 1.
+    /// Weight of the entries at the larger x, 0 to 1.
     far: V,
 }
 

@@ -33,7 +33,7 @@ impl<T: Value> Op for Gradient<'_, T> {
             (3, 1) => self.gradient::<V, 4, 1>(),
             (3, 2) => self.gradient::<V, 4, 2>(),
             (3, 4) => self.gradient::<V, 4, 4>(),
-            // `Architecture::check` allows no others.
+            // `Architecture::check` allows no other sizes.
             _ => {}
         }
     }
@@ -93,7 +93,7 @@ fn damping(level: &GridLevel, tables: &GridTables<'_>, inputs: usize, blur: f32)
     erf(narrowest / (2.828_427 * blur))
 }
 
-/// erf for `x >= 0`, absolute error 5e-7.
+/// The error function erf for `x >= 0`, with an absolute error of 5e-7.
 ///
 /// # Source
 /// Abramowitz and Stegun 1964, 7.1.26.

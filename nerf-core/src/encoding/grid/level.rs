@@ -13,12 +13,11 @@ pub struct GridLevel {
     pub index: usize,
     /// Number of cells along x, y, z; n cells have n + 1 vertices.
     pub cells: [u32; 3],
-    /// Index of the level's first entry among those of all levels.
+    /// Index of the level's first entry among the entries of all levels.
     pub first: usize,
     /// Number of entries of the level.
     pub entries: usize,
-    /// Mask of the hash of (y, z), a power of two less one; `None` in a dense level, in which each vertex has its own
-    /// entry.
+    /// Mask of the hash of (y, z), `2^n − 1`; `None` in a dense level, in which each vertex has its own entry.
     pub mask: Option<u32>,
 }
 
@@ -47,7 +46,7 @@ impl GridLevel {
 pub(super) fn entries(resolution: [u16; 3], log2_entries: u8) -> (u64, bool) {
     let vertices: u64 = resolution.iter().map(|&cells| u64::from(cells) + 1).product();
     let most = 1 << log2_entries.min(MAX_LOG2_ENTRIES);
-    // A row may begin at the last hashed entry, and extends beyond it.
+    // A row may begin at the last hashed entry, and then extends beyond that entry.
     if vertices > most { (most + u64::from(resolution[0]), true) } else { (vertices, false) }
 }
 
@@ -72,7 +71,7 @@ impl Iterator for GridLevels<'_> {
     fn next(&mut self) -> Option<GridLevel> {
         let &resolution = self.grid.resolutions.get(self.index)?;
         let (entries, hashed) = entries(resolution, self.grid.log2_entries);
-        // Lossless for a grid within the caps.
+        // Lossless for a grid that passes `check_grid`.
         let entries = entries as usize;
         let mask = hashed.then(|| (1 << self.grid.log2_entries.min(MAX_LOG2_ENTRIES)) - 1);
         let level = GridLevel {

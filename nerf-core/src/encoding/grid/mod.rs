@@ -161,8 +161,8 @@ impl GridEncoding {
     /// `x`: `[inputs][stride]`, world units. `of_encoded`: `[outputs][stride]`, ∂f/∂encoded. `of_x`:
     /// `[inputs][stride]`, set to ∂f/∂x. `stride` as in [`encode_grid_block`].
     ///
-    /// The derivative is that of the cell's interpolation; on a face between two cells, of the cell with the larger
-    /// index.
+    /// The derivative is that of the interpolation in the sample's cell. A face between two cells belongs to the cell
+    /// with the larger index.
     ///
     /// `blur`: standard deviation, world units, of a Gaussian around each sample over which the gradient is averaged: a
     /// level with cells of width `c` is weighted by `erf(c / (√8 blur))`. 0 gives the gradient itself.
@@ -203,7 +203,7 @@ impl<'a> GridTables<'a> {
     /// The tables of a network without a grid.
     pub const NONE: Self = Self { values: TableValues::F32(&[]), min: [0.0; 3], sides: [1.0; 3] };
 
-    /// Tables of a grid that spans the scene box `bounds`; `None`, for a 2D field, is 0..1 on each axis.
+    /// Tables of a grid that spans the scene box `bounds`, or 0..1 on each axis if `None`, as in a 2D field.
     pub fn new(values: TableValues<'a>, bounds: Option<&SceneBox>) -> Self {
         match bounds {
             Some(b) => Self { values, min: b.min.to_array(), sides: (b.max - b.min).to_array() },

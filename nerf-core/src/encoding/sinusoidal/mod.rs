@@ -28,7 +28,7 @@ pub enum AngleScale {
     Pi,
 }
 
-/// The sinusoidal encoding of a position or a direction, as a network was trained with it.
+/// The sinusoidal encoding of a position or a direction.
 ///
 /// `[identity,] then per level k: sin(2^k s x) for all inputs, cos(2^k s x) for all inputs`
 ///
@@ -61,12 +61,12 @@ impl SinusoidalEncoding {
 
 /// Encodes a block of samples.
 ///
-/// `x`: `[inputs][stride]`, `out`: `[outputs][stride]`, both with `stride` samples to a channel, a
-/// multiple of [`Isa::columns`] or any number with portable instructions.
+/// `x`: `[inputs][stride]`, `out`: `[outputs][stride]`, with `stride` samples in each channel, a multiple of
+/// [`Isa::columns`] or any number with portable instructions.
 ///
 /// # Accuracy
-/// 1.2e-7 at every level with [`MathBackend::Polynomial`]: `2^k x` is exact, and the angle is
-/// reduced before it is multiplied by π. With `s = 1` that holds while `|2^k x| <= 1e5`.
+/// 1.2e-7 at every level with [`MathBackend::Polynomial`]: `2^k x` is exact, and the angle is reduced before it is
+/// multiplied by π. With `s = 1` the bound holds while `|2^k x| <= 1e5`.
 ///
 /// # Panics
 /// With debug assertions, if a slice is too short.

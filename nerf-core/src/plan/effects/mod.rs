@@ -1,4 +1,4 @@
-//! Effects: what a frame adds to one ray through each pixel's centre, all of them off by default.
+//! Effects of a frame, beyond one ray through each pixel's centre. All effects are off by default.
 //!
 //! | effect | feature | costs |
 //! | --- | --- | --- |
@@ -7,9 +7,9 @@
 //! | [`ThinLens`] | `depth-of-field` | a few dozen operations a ray |
 //! | [`Tone`] | `tone-map` | three powers a ray, three more a pixel; linear output three a coloured sample |
 //!
-//! [`Plan::with_effects`](crate::plan::Plan::with_effects) checks the effects. Each is a stage of the frame
+//! [`Plan::with_effects`](crate::plan::Plan::with_effects) checks the effects. Each effect is a stage of the frame
 //! ([`crate::render`]; for [`Jitter`], [`crate::sampling`]) with a sibling `*_off.rs` of the same interface, which
-//! takes its place in a build without the feature and does nothing. Lens distortion is a setting of the camera
+//! replaces the stage in a build without the feature and does nothing. Lens distortion is a setting of the camera
 //! ([`Lens`](crate::camera::Lens), feature `lens`).
 
 #[cfg(test)]
@@ -57,24 +57,24 @@ pub struct ThinLens {
 impl ThinLens {
     /// The nearest plane of focus, world units.
     pub const NEAREST: f32 = 1e-6;
-    /// The largest aperture and the furthest plane of focus, world units.
+    /// The largest radius of the aperture and the furthest plane of focus, world units.
     pub const LARGEST: f32 = 1e9;
 }
 
 /// Conversion of the network's display-encoded colours to light and back: exposure, tone curve, linear output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tone {
-    /// Doublings of the light, −[`Tone::MAX_STOPS`] to [`Tone::MAX_STOPS`]; 0 leaves it as it is.
+    /// Exposure, stops (doublings of the light): −[`Tone::MAX_STOPS`] to [`Tone::MAX_STOPS`]; 0 changes nothing.
     pub exposure: f32,
     /// Tone curve, which maps light above 1 into the displayable range.
     pub map: ToneMap,
-    /// Whether colour is linear light, unbounded above, in place of sRGB in `[0, 1]`. It is then composited as light:
-    /// the colour of each sample (in a field shaded once a ray, of each ray) and the background are decoded first.
+    /// Whether colour is linear light, unbounded above, in place of sRGB in `[0, 1]`. Compositing is then of light: the
+    /// colour of each sample (in a field shaded once a ray, of each ray) and the background are decoded first.
     pub linear: bool,
 }
 
 impl Tone {
-    /// Colours stay as the network gives them.
+    /// No conversion: colours stay as the network gives them.
     pub const NONE: Self = Self { exposure: 0.0, map: ToneMap::None, linear: false };
     /// The largest exposure, stops.
     pub const MAX_STOPS: f32 = 32.0;

@@ -1,4 +1,4 @@
-//! Contraction of unbounded space into a box: distant regions get fewer of the field's cells and longer steps.
+//! Contraction of unbounded space into a box: distant regions get fewer grid cells and longer steps along a ray.
 
 use super::scene_box::SceneBox;
 use crate::camera::Ray;
@@ -10,9 +10,9 @@ mod tests;
 
 /// The contraction of a scene: maps all of space into a ball, and leaves an inner ball of half its radius unchanged.
 ///
-/// With `q = (p − centre) / radius` and `r = |q|`: `q` if `r <= 1`, else `(2 − 1/r) q/r`, converted back to world
-/// units around the same centre. The scene box is the cube around the outer ball, so that its sides are 4 radii of
-/// the inner ball.
+/// With `q = (p − centre) / radius` and `r = |q|`, a point `p` maps to `q` if `r <= 1`, else to `(2 − 1/r) q/r`,
+/// converted back to world units around the same centre. The scene box is the cube around the outer ball, so that its
+/// sides are 4 radii of the inner ball.
 ///
 /// # Source
 /// Barron et al. 2022, eq. 10.
@@ -28,8 +28,8 @@ impl Contraction {
     /// Valid powers for the growth of steps along a ray ([`Contraction::distance`]).
     pub const POWERS: [u8; 3] = [1, 2, 4];
 
-    /// Makes the contraction into `cube`. `None` unless it is a cube, the inner radius is 1e-30 to 1e30, and `power`
-    /// is one of [`Contraction::POWERS`].
+    /// Makes the contraction into `cube`. `None` unless all sides of `cube` are equal, the inner radius is 1e-30 to
+    /// 1e30, and `power` is one of [`Contraction::POWERS`].
     pub fn new(cube: &SceneBox, power: u8) -> Option<Self> {
         let (extent, centre) = (cube.max - cube.min, 0.5 * cube.min + 0.5 * cube.max);
         let (longest, shortest) = (extent.max_element(), extent.min_element());
@@ -43,7 +43,7 @@ impl Contraction {
         (valid && Self::POWERS.contains(&power)).then_some(Self { cube: *cube, centre, radius, power })
     }
 
-    /// The scene box of the contraction whose inner ball is given.
+    /// The scene box of the contraction whose inner ball has this centre and radius, world units.
     #[cfg(feature = "train")]
     pub fn cube(centre: Vec3, radius: f32) -> SceneBox {
         let reach = Vec3::splat(2.0 * radius);
@@ -60,7 +60,7 @@ impl Contraction {
         self.radius
     }
 
-    /// Power with which steps along a ray grow.
+    /// Power of the growth of steps along a ray, `p` in [`Contraction::distance`].
     pub fn power(&self) -> u8 {
         self.power
     }
@@ -83,10 +83,10 @@ impl Contraction {
         self.shrunk(q, V::splat(2.0).sub(inverse).mul(inverse).mul(V::splat(self.radius)))
     }
 
-    /// Whether the part of a ray between the steps `from <= to` lies in the inner ball.
+    /// Whether the part `from..=to` (in steps) of a ray from [`Contraction::centred`] lies in the inner ball.
     #[inline]
     pub(crate) fn keeps(&self, ray: &Ray, from: f32, to: f32) -> bool {
-        // A ball is convex, so that both ends suffice. The margin is for rounding.
+        // A ball is convex, so that a test of the two ends suffices. The margin is for rounding.
         const INNER: f32 = 0.9999;
         let within = |s: f32| {
             (ray.at(s * self.radius) - self.centre).length_squared() < INNER * self.radius * self.radius
@@ -115,11 +115,11 @@ impl Contraction {
         q
     }
 
-    /// Points of the scene box at `shrink` times `q` from the centre.
+    /// Points at `shrink` times `q` from the centre, clamped to the scene box.
     #[inline(always)]
     fn shrunk<V: Lanes>(&self, mut q: [V; 3], shrink: V) -> [V; 3] {
         let centre = self.centre.to_array();
-        // No closure: it would lose the leaf's instructions.
+        // A closure would not be compiled for the leaf's instruction set.
         for axis in 0..3 {
             let (low, high) = (V::splat(self.cube.min[axis]), V::splat(self.cube.max[axis]));
             q[axis] = V::splat(centre[axis]).add(q[axis].mul(shrink)).max_of(low).min_of(high);
@@ -127,7 +127,7 @@ impl Contraction {
         q
     }
 
-    /// Transforms `gradient` at `p`, both in contracted space, to the gradient in the world: the transpose of the
+    /// Transforms `gradient` at the contracted point `p` from contracted space to the world: the transpose of the
     /// contraction's Jacobian times `gradient`.
     #[cfg(feature = "normals")]
     pub fn gradient_in_world(&self, p: Vec3, gradient: Vec3) -> Vec3 {
@@ -143,17 +143,17 @@ impl Contraction {
         (gradient - along) * (contracted * inverse) + along * (inverse * inverse)
     }
 
-    /// Moves the ray's origin to the point nearest to the centre, unless that lies behind it; also returns the
-    /// distance moved.
+    /// Moves the ray's origin to the point nearest to the centre, unless that point lies behind the origin. Also
+    /// returns the distance moved, world units.
     pub fn centred(&self, ray: &Ray) -> (Ray, f32) {
         let start = (self.centre - ray.origin).dot(ray.dir).max(0.0);
         (Ray { origin: ray.at(start), ..*ray }, start)
     }
 
-    /// Distance along a ray from its point nearest to the centre, world units, at position `s` in steps: `s` radii if
-    /// `|s| <= 1`, else `(1 − (|s| − 1)/p)^−p` radii with the sign of `s`, for the power `p`. With power 1, steps are
-    /// uniform in disparity, like a line through the centre in contracted space; with larger powers nearly uniform in
-    /// the logarithm.
+    /// Distance along a ray from its point nearest to the centre, world units, at position `s`, counted in steps. With
+    /// power `p`: `s` radii if `|s| <= 1`, else `(1 − (|s| − 1)/p)^−p` radii with the sign of `s`. With power 1, steps
+    /// are uniform in disparity, and on a line through the centre uniform in contracted space. With larger powers they
+    /// are nearly uniform in the logarithm of distance.
     ///
     /// # Source
     /// Barron et al. 2025, power ladder; deviation: linear up to 1, and symmetric, since rays come from anywhere.
@@ -178,8 +178,7 @@ impl Contraction {
         V::select(s.less(V::splat(0.0)), size.neg(), size)
     }
 
-    /// Length of a step at the contracted point `p`, on a ray through the centre, relative to a step in the inner
-    /// ball.
+    /// Length of a step at contracted point `p`, on a ray through the centre, relative to a step in the inner ball.
     #[cfg(feature = "train")]
     pub fn step_growth(&self, p: Vec3) -> f32 {
         let contracted = (p - self.centre).length() / self.radius;

@@ -30,7 +30,7 @@ impl SceneBox {
         }
     }
 
-    /// Whether `p` lies inside or on the surface.
+    /// Whether `p` lies inside the box or on its surface.
     #[inline]
     pub fn contains(&self, p: Vec3) -> bool {
         p.cmpge(self.min).all() && p.cmple(self.max).all()
@@ -38,14 +38,14 @@ impl SceneBox {
 
     /// Clips the ray: returns the part of `[near, far]` inside the box, or `None` if the ray misses it.
     ///
-    /// A ray parallel to a slab is tested separately, since it is inside for all `t` or for none: neither 1/0 nor
-    /// 0·inf ever decides. A ray on a face counts as inside. `None`, too, if the ray contains a NaN or an infinity,
+    /// A ray parallel to a slab is tested separately, since its points are inside for all `t` or for none: neither 1/0
+    /// nor 0·inf ever decides. A ray on a face counts as inside. `None`, too, if the ray contains a NaN or an infinity,
     /// or the range is empty or NaN.
     ///
     /// # Source
     /// Kay and Kajiya 1986; deviation: parallel slabs are tested separately.
     pub fn clip(&self, ray: &Ray, near: f32, far: f32) -> Option<(f32, f32)> {
-        // `max` and `min` below would drop a NaN and let the other axes decide.
+        // The comparisons below would ignore a NaN, and the other axes would decide.
         let ordered = near <= far;
         if !(ordered && ray.origin.is_finite() && ray.dir.is_finite()) {
             return None;
@@ -59,7 +59,7 @@ impl SceneBox {
                 return (origin >= low && origin <= high).then_some((enter, exit));
             }
             let (a, b) = ((low - origin) / dir, (high - origin) / dir);
-            // Neither is a NaN: plain comparisons suffice, whereas `min` is a call in WebAssembly.
+            // Neither `a` nor `b` is NaN, so that plain comparisons suffice; `min` is a call in WebAssembly.
             let (first, last) = if b < a { (b, a) } else { (a, b) };
             Some((if first > enter { first } else { enter }, if last < exit { last } else { exit }))
         };
@@ -67,8 +67,7 @@ impl SceneBox {
         (enter <= exit).then_some((enter, exit))
     }
 
-    /// [`SceneBox::clip`] for a vector of rays: distances of entry and exit, and 1 for rays that meet the box, else
-    /// 0.
+    /// [`SceneBox::clip`] for a vector of rays: distances of entry and exit, and 1 for rays that hit the box, else 0.
     #[inline(always)]
     pub(crate) fn clip_lanes<V: Lanes>(&self, origin: [V; 3], dir: [V; 3], near: V, far: V) -> (V, V, V) {
         let (zero, one) = (V::splat(0.0), V::splat(1.0));
