@@ -1,8 +1,8 @@
-//! Posed pictures, read from the layouts that are in use.
+//! Posed pictures, read from the common layouts of data sets.
 //!
-//! One file per layout. Each converts to the project's convention on reading, so that nothing outside this module
-//! needs to know the layout: camera-to-world poses that look down −Z with +Y up, pixel centres at +0.5, `fx fy cx cy`
-//! in pixels, straight alpha.
+//! One reader per layout, in a file of its own, converts to the project's convention, so that no code outside this
+//! module needs to know the layout: camera-to-world poses that look down −Z with +Y up, pixel centres at +0.5, `fx fy
+//! cx cy` in pixels, straight alpha.
 //!
 //! | path | reader | convention of the file |
 //! | --- | --- | --- |
@@ -13,9 +13,9 @@
 //! | a folder with a COLMAP model in `sparse/0`, `sparse/1`…, `sparse` or itself | [`Format::Colmap`] | OpenCV, world to camera |
 //! | a folder with `poses_bounds.npy` | [`Format::Llff`] | columns down, right, backward |
 //!
-//! If several fit a folder, the first of transforms, COLMAP and LLFF is read, or the one that [`ReadOptions::layout`]
-//! names. Coordinates stay the file's own, except that the origin is moved near cameras that are far from it
-//! ([`Dataset::origin`]).
+//! If several layouts fit a folder, the first of transforms, COLMAP and LLFF is read, or the one that
+//! [`ReadOptions::layout`] names. Coordinates stay the file's own; only for cameras far from the origin, the origin is
+//! moved near them ([`Dataset::origin`]).
 
 pub mod cameras;
 pub mod demo;
@@ -71,7 +71,7 @@ pub struct Dataset {
     pub background: Background,
     /// Sparse points of a reconstruction, which lie on surfaces; may be empty.
     pub points: Vec<SparsePoint>,
-    /// Position of the origin of all coordinates in the file's own world, whose own may be too far away for f32.
+    /// Position, in the file's own world, of the origin of all coordinates; the file's own may be too far for f32.
     pub origin: [f64; 3],
     pub notes: Vec<String>,
     /// Oddities that did not prevent reading, one sentence each.
@@ -118,8 +118,8 @@ impl Dataset {
         instead
     }
 
-    /// The data set, whose coordinates its reader has counted from `origin`: sets the origin, and states it in a note
-    /// and in the name, which a blob keeps.
+    /// Sets the origin of a data set whose coordinates are already relative to `origin`, and states it in a note and in
+    /// the name, which a blob stores.
     pub(crate) fn counted_from(mut self, origin: DVec3) -> Self {
         if origin == DVec3::ZERO {
             return self;
@@ -245,7 +245,7 @@ impl std::str::FromStr for Cameras {
 /// Ending of a data set's name which states that its cameras are shared.
 const SHARED: &str = ", shared cameras";
 
-/// Cameras of the data set of this name, as a blob keeps them.
+/// Choice of cameras that the name of a data set, as stored in a blob, states.
 pub fn cameras_in_name(name: &str) -> Cameras {
     let shared = name.ends_with(SHARED) || name.contains(&format!("{SHARED}{STATED}"));
     if shared { Cameras::Shared } else { Cameras::Own }
@@ -270,10 +270,10 @@ pub struct ReadOptions {
     /// Factor by which photographs are read smaller than the size of their poses (`--downscale`); for Blender
     /// folders, only an explicit one applies.
     pub downscale: Downscale,
-    /// Index of the held-out photograph in every eight, ordered by name, if no list states those held out.
+    /// Index, in every eight photographs by name, of the held-out one, unless the data set lists its splits.
     pub hold_offset: usize,
     pub cameras: Cameras,
-    /// File of shared cameras: read if it is of this model, else written. `None`: they are computed and not kept.
+    /// File of shared cameras: read if written for this model, else written. `None`: the cameras are not stored.
     pub shared_cameras: Option<PathBuf>,
     /// Origin of all coordinates, in the file's own world ([`Dataset::origin`]), such as that of the blob to
     /// evaluate. `None`: a point near cameras that are far from the file's origin, else the file's origin.

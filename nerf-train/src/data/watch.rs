@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Number of pictures that are read and to be read; an archive, which is read at once, counts none.
+/// Numbers of pictures read and to be read; an archive, which is read at once, counts no pictures.
 #[derive(Debug, Default)]
 pub struct Watch {
     done: AtomicU64,

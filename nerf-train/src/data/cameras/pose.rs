@@ -35,7 +35,7 @@ pub(crate) fn bottom_row_fault(matrix: &[impl AsRef<[f64]>]) -> Option<String> {
     Some(if transposed { format!("{row}: the matrix looks transposed") } else { row })
 }
 
-/// Text of an angle of view if it is not valid in radians, else `None`.
+/// Text that describes an angle of view which is not valid in radians; `None` for a valid one.
 pub(crate) fn angle_fault(angle: f64) -> Option<String> {
     if angle > 0.0 && angle < PI {
         None

@@ -9,14 +9,14 @@ use std::path::{Path, PathBuf};
 pub(crate) const TRAIN: &str = "transforms_train.json";
 const VAL: &str = "transforms_val.json";
 const TEST: &str = "transforms_test.json";
-/// Lists of the splits; a file of one of these names stands for its whole folder.
+/// Lists of the splits; a path to one of these files is read as its whole folder.
 pub(crate) const SPLITS: [&str; 3] = [TRAIN, VAL, TEST];
 
 pub(crate) fn is_here(folder: &Path) -> bool {
     SPLITS.iter().any(|name| folder.join(name).is_file())
 }
 
-/// Reads a folder with `transforms_train.json` and perhaps `_val` and `_test`; any of them is enough without a fit.
+/// Reads a folder with `transforms_train.json` and perhaps `_val` and `_test`; any one suffices if nothing is fitted.
 pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
     let mut found = Found::default();

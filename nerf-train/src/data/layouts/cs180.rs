@@ -69,7 +69,7 @@ fn position(rows: &[[f64; 4]; 3]) -> [f64; 3] {
     rows.map(|row| row[3])
 }
 
-/// Views of an array of pictures `[n, h, w, 3 or 4]` and as many poses.
+/// Views from an array of pictures `[n, h, w, 3 or 4]` and one pose for each.
 fn views(
     archive: &Archive,
     (images, array): (&str, &Array),
@@ -150,7 +150,7 @@ fn mixed_alpha(splits: [(&str, &Vec<View>); 3]) -> Vec<String> {
         .collect()
 }
 
-/// Number of views in the notebook's file, which fits the first 100.
+/// Number of views in the original notebook's file; the notebook fits the first 100.
 const NOTEBOOK_VIEWS: usize = 106;
 /// Index of the first validation view of the notebook's file: the view that all its figures show.
 const NOTEBOOK_VALIDATION: usize = 101;
@@ -159,8 +159,8 @@ const LAST: usize = 6;
 
 /// Reads `tiny_nerf_data.npz` of the original notebook, pictures in floats and OpenGL poses: `images`, `poses` and `focal`.
 ///
-/// Of the notebook's own 106 views, 0..100 are training and 101..106 validation (100 is unused,
-/// as there); of other files the last six are validation, or none if that leaves no training.
+/// Of the notebook's own 106 views, 0..100 are training and 101..106 validation views (100 is unused, as in the
+/// notebook). In other files the last six are validation views, or none if no training views would remain.
 pub(crate) fn read_tiny_nerf(archive: &mut Archive, options: &ReadOptions) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
     let focal = archive.scalar("focal")?;

@@ -13,12 +13,12 @@ const MASKS: &str = "masks";
 /// A photograph that was found, and how to read it.
 pub(crate) struct Located {
     pub(crate) path: PathBuf,
-    /// Factor by which it is read smaller than the poses' size; `None`: the file's own size.
+    /// Factor by which the photograph is reduced from the size of its pose; `None`: the file's own size.
     pub(crate) downscale: Option<Downscale>,
     pub(crate) reduced: bool,
 }
 
-/// Folders of a data set's photographs, by the factor by which these are smaller.
+/// Folders of a data set's photographs, by the factor by which each folder's copies are smaller.
 pub(crate) struct Folders {
     root: PathBuf,
     by_factor: BTreeMap<u32, PathBuf>,
@@ -45,10 +45,10 @@ impl Folders {
         Ok(Self { root: root.to_owned(), by_factor })
     }
 
-    /// Folders to search for photographs whose poses are of this `size`, best first: copies of the factor itself,
-    /// else the smallest that are larger, which are made smaller still.
+    /// Folders to search for photographs whose poses are for pictures of `size`, pixels, best first: copies reduced by
+    /// the requested factor, else larger copies, the smallest first, which are reduced further.
     ///
-    /// With [`Downscale::Auto`] a folder of copies is read unchanged if it comes nearest to 800 pixels.
+    /// With [`Downscale::Auto`], copies that no further whole factor brings nearer to 800 pixels are read unchanged.
     fn candidates(&self, downscale: Downscale, size: (f64, f64)) -> Vec<(&Path, Option<Downscale>, bool)> {
         let factor = downscale.factor(size);
         let larger = self.by_factor.range(..=factor).rev();
@@ -65,7 +65,7 @@ impl Folders {
         candidates
     }
 
-    /// Finds the photograph `name`, which may contain folders. `size`: that of its pose, pixels.
+    /// Finds the photograph `name`, which may contain folders. `size`: picture size that its pose is for, pixels.
     pub(crate) fn locate(&self, name: &str, downscale: Downscale, size: (f64, f64)) -> Option<Located> {
         self.candidates(downscale, size).into_iter().find_map(|(folder, downscale, reduced)| {
             let path = folder.join(name.replace('\\', "/"));
@@ -75,7 +75,7 @@ impl Folders {
         })
     }
 
-    /// The pictures of the best folder, sorted by the bytes of their names.
+    /// Pictures of the best folder, sorted by the bytes of their names. `size`: that of the poses, pixels.
     pub(crate) fn list(
         &self,
         downscale: Downscale,
@@ -111,8 +111,8 @@ impl Folders {
     }
 }
 
-/// Path of the copy, `factor` times smaller, of a picture that a json names by its path from `root`: in `images_4`
-/// for `images/a.jpg` and 4.
+/// Path of the copy, `factor` times smaller, of a picture that a json names by its path from `root`: for `images/a.jpg`
+/// and 4, the same name in `images_4`.
 pub(crate) fn smaller_copy(root: &Path, file_path: &str, factor: u32) -> Option<PathBuf> {
     let path = file_path.replace('\\', "/");
     let (folder, rest) = path.trim_start_matches("./").split_once('/')?;

@@ -36,7 +36,7 @@ struct Dtype {
 const MAX_ARRAY: u64 = 4 << 30;
 /// Longest array header that is read, bytes; numpy's are 128.
 const MAX_HEADER: usize = 1 << 16;
-/// Most dimensions of an array; numpy's own limit.
+/// Maximum number of dimensions of an array: numpy's own limit.
 const MAX_DIMENSIONS: usize = 32;
 const NUMBERS: &str = "f2, f4, f8, b1 or a plain integer";
 
@@ -147,7 +147,7 @@ fn read_array(stream: &mut impl Read, file: &Path, key: &str, limit: u64) -> Res
     }
     let whole = format!("{bytes} bytes for shape {shape:?}");
     let mut data = Vec::new();
-    // One byte more than announced, to notice trailing data; grows with what really arrives.
+    // Reads one byte more than announced, to notice trailing data; the buffer grows with the bytes that arrive.
     let read = stream.take(bytes as u64 + 1).read_to_end(&mut data);
     read.map_err(|error| bad(&whole, format!("{} bytes, then: {error}", data.len())))?;
     if data.len() != bytes {
@@ -169,7 +169,7 @@ impl Array {
             (b'f', _) => {
                 let to_byte = |chunk| {
                     let value = self.dtype.value(chunk).unwrap_or(f64::NAN);
-                    // Resampling overshoots a little.
+                    // Tolerance for resampled pictures, which overshoot a little.
                     let fits = (-0.01..=1.01).contains(&value);
                     if fits { Ok((value * 255.0).round().clamp(0.0, 255.0) as u8) } else { Err(value) }
                 };

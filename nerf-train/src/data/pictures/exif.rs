@@ -53,7 +53,7 @@ impl Tiff<'_> {
         self.array(at).map(u16::from_le_bytes)
     }
 
-    /// `None` from 2^30 on, so that sums of offsets do not overflow.
+    /// Number at offset `at`; `None` from 2^30 on, so that sums of offsets do not overflow.
     fn u32(&self, at: u32) -> Option<u32> {
         self.array(at).map(u32::from_le_bytes).filter(|&value| value < 1 << 30)
     }
@@ -67,7 +67,7 @@ impl Tiff<'_> {
     fn text(&self, folder: u32, tag: u16) -> Option<String> {
         let entry = self.tag(folder, tag)?;
         let length = self.u32(entry + 4)?;
-        // Up to four bytes stand in the entry itself.
+        // A text of up to four bytes is stored in the entry itself.
         let start = if length <= 4 { entry + 8 } else { self.u32(entry + 8)? };
         let bytes = self.bytes.get(start as usize..)?.get(..length as usize)?;
         let text = String::from_utf8_lossy(bytes).trim_matches(['\0', ' ']).to_owned();

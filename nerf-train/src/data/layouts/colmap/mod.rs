@@ -20,7 +20,7 @@ use nerf_core::camera::Pose;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// Maximum number of points kept: of more, every second one is dropped, if need be repeatedly.
+/// Maximum number of points kept; whenever there are more, every second one is dropped.
 const MAX_POINTS: usize = 1 << 20;
 
 struct Registered {
@@ -150,7 +150,7 @@ fn kinds(cameras: &HashMap<u32, Camera>) -> String {
     names.join(", ")
 }
 
-/// The model with the most photographs, the first of several.
+/// Folder and encoding of the model with the most photographs, the first of several equal ones.
 fn largest(folder: &Path, found: &mut Found) -> Result<(PathBuf, Encoding), DatasetError> {
     let mut counted = Vec::new();
     for (model, encoding) in models(folder) {
@@ -174,7 +174,7 @@ fn largest(folder: &Path, found: &mut Found) -> Result<(PathBuf, Encoding), Data
     Ok((model, encoding))
 }
 
-/// Sparse points in `folder` that some photograph sees, counted from `origin`; empty if it has none.
+/// Sparse points of the model in `folder` that some photograph sees, relative to `origin`; empty without points.
 pub(crate) fn points_of(
     folder: &Path,
     origin: DVec3,
