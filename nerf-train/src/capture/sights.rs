@@ -46,7 +46,7 @@ impl Sights {
             let mut found = (Vec::new(), 0, 0);
             for key in &view.key_points {
                 let Some(point) = points.get(key.point as usize) else { continue };
-                // An error that is NaN is not believed.
+                // The comparison refuses an error that is NaN.
                 let believed = point.track >= MIN_TRACK && point.error < MAX_ERROR;
                 if !believed {
                     found.2 += 1;

@@ -1,10 +1,10 @@
-//! File names made from names of views, and names in sentences.
+//! File names derived from names of views, and names in sentences.
 
 use crate::data::View;
 use std::collections::HashSet;
 use std::path::Path;
 
-/// Stems that a report needs for itself: `views.png` is its contact sheet.
+/// Stems of files that a report writes itself: `views.png` is its contact sheet.
 const RESERVED: [&str; 4] = ["views", "curve", "curve_steps", "snapshots"];
 
 /// Maximum length of a stem, bytes: `step_0000000000_` before and `_z_depth.png` after it fit a file name of 255.
@@ -39,7 +39,7 @@ impl<'v> FileNames<'v> {
     /// # Panics
     /// If `view` is not one of the views.
     pub fn stem(&self, view: &View) -> &str {
-        // Names may occur twice in a file; views are told apart by their addresses.
+        // Names may occur twice in a data set; views are distinguished by their addresses.
         let index = self.views.iter().position(|other| std::ptr::eq(other, view));
         self.at(index.expect("a view of the split"))
     }

@@ -19,8 +19,8 @@ pub struct View {
     /// Distance from the camera within which an unbounded scene is empty, world units: a little less than that of the
     /// nearest sparse points in view; 0 if there are none.
     pub near: f32,
-    /// Positions of points of [`Dataset::points`](crate::data::Dataset::points) in the picture; empty without a
-    /// reconstruction's tracks.
+    /// Positions in the picture of points of [`Dataset::points`](crate::data::Dataset::points); empty if the data have
+    /// no tracks.
     pub key_points: Vec<KeyPoint>,
 }
 
@@ -110,7 +110,7 @@ impl View {
         self.pixels.iter().any(|p| p[3] < 255)
     }
 
-    /// The picture over `background`, `[height * width]`, both display-encoded in [0, 1].
+    /// The picture over `background`, `[height * width]`; result and background are display-encoded in [0, 1].
     ///
     /// `colour * alpha + background * (1 - alpha)` in display space, as published figures are.
     pub fn composite_over(&self, background: [f32; 3]) -> Vec<[f32; 3]> {

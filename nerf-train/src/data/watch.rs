@@ -1,4 +1,4 @@
-//! Progress of reading many pictures, for another thread to see.
+//! Progress of reading many pictures, which another thread can read.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -16,7 +16,7 @@ impl Watch {
         self.done.load(Ordering::Relaxed)
     }
 
-    /// Number of pictures to be read in all, as far as it is known; 0 before that.
+    /// Total number of pictures to be read; 0 until it is known.
     pub fn total(&self) -> u64 {
         self.total.load(Ordering::Relaxed)
     }

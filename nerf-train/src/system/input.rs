@@ -27,7 +27,7 @@ const PIECE_BYTES: usize = 1 << 16;
 
 /// The bytes of a file, pipe or device, if there are at most `limit`.
 ///
-/// A pipe or device is read once, until a little after `limit`: it need not be readable twice.
+/// A pipe or device is read once, to a little beyond `limit` at most: a second read may find no bytes.
 ///
 /// # Errors
 /// The system's errors. [`io::ErrorKind::FileTooLarge`] states the limit. [`io::ErrorKind::TimedOut`] if a pipe is

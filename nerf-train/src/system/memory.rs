@@ -1,4 +1,4 @@
-//! Whether a request fits the memory of this machine, asked before anything is allocated.
+//! Check whether a request fits the memory of this machine, before anything is allocated.
 
 use anyhow::ensure;
 use std::fmt::Display;
@@ -14,7 +14,7 @@ fn in_words(bytes: u64) -> String {
     if giga < 1000.0 { format!("{giga:.1} GB") } else { format!("{:.0} TB", giga / 1000.0) }
 }
 
-/// Refuses `items` of `bytes_each` that together need more memory than is available.
+/// Refuses a request for `items` of `bytes_each` bytes that exceeds [`limit`]. `what`, `advice`: for the error.
 pub fn check(what: impl Display, items: u64, bytes_each: u64, advice: &str) -> anyhow::Result<()> {
     let (needed, limit) = (items.saturating_mul(bytes_each), limit());
     ensure!(

@@ -168,7 +168,7 @@ impl Progress {
         self.update(position as u64, &Message::default());
     }
 
-    /// Prints a line of its own above the bar; nothing when quiet.
+    /// Prints a separate line above the bar; nothing when quiet.
     pub fn println(&self, line: impl AsRef<str>) {
         match &self.display {
             Display::Bar(bar) => bar.suspend(|| print_line(line.as_ref())),
@@ -328,7 +328,7 @@ fn new_bar() -> ProgressBar {
     }
 }
 
-/// Prints a line that belongs to no task, in the manner of `style`.
+/// Prints a line that belongs to no task, in the format of `style`.
 pub fn say(style: ProgressStyle, line: &str) {
     match style {
         ProgressStyle::Json => say_lines(style, line),
@@ -336,7 +336,7 @@ pub fn say(style: ProgressStyle, line: &str) {
     }
 }
 
-/// [`say`] for text that this program has broken into lines, in which names went through [`printable::line`] already.
+/// [`say`] for text that this program has broken into lines. [`printable::line`] must have escaped the names in it.
 pub fn say_lines(style: ProgressStyle, lines: &str) {
     match style {
         ProgressStyle::Quiet => {}
@@ -359,7 +359,7 @@ fn rounded_seconds(time: Duration) -> f64 {
     (time.as_secs_f64() * 1e3).round() / 1e3
 }
 
-/// 31,400 as "31.4 k", 2,500,000 as "2.50 M": three digits.
+/// Text of a value with three digits and a unit prefix: "31.4 k" for 31,400, "2.50 M" for 2,500,000.
 fn scaled(value: f64) -> String {
     let (value, unit) = match value.abs() {
         size if size >= 1e9 => (value / 1e9, " G"),
@@ -375,7 +375,7 @@ fn scaled(value: f64) -> String {
     format!("{value:.decimals$}{unit}")
 }
 
-/// "0:07", "12:41", "3:05:09".
+/// Text of a time, as "0:07", "12:41" or "3:05:09".
 fn in_words(time: Duration) -> String {
     let seconds = time.as_secs();
     let (hours, minutes, seconds) = (seconds / 3_600, seconds / 60 % 60, seconds % 60);

@@ -74,7 +74,7 @@ fn set(new: State) {
     CHANGED.notify_all();
 }
 
-/// Statement that there is unsaved work, whose owner polls [`requested`] often and saves it; holds until dropped.
+/// Statement that there is unsaved work, whose owner polls [`requested`] often and saves it; ends when dropped.
 ///
 /// Only one claim exists at a time: fits do not run in parallel.
 #[derive(Debug)]
@@ -116,8 +116,8 @@ struct Words {
 
 type LastWork = Box<dyn FnOnce() -> Result<(), String> + Send>;
 
-/// Message that a signal prints, instead of "interrupted", if no work is claimed; holds until dropped. Only one at a
-/// time.
+/// Message that a signal prints, instead of "interrupted", if no work is claimed. Only one at a time; ends when
+/// dropped.
 #[derive(Debug)]
 pub struct Note(());
 

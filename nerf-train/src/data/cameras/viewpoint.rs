@@ -1,4 +1,4 @@
-//! Viewpoint of a scene: a position from which one of its photographs was taken.
+//! Viewpoint of a scene: the position of one of its cameras, a target and an up direction.
 
 use super::bundle::median;
 use super::geometry::{LookAt, distances, outer, smallest_eigenvalue};

@@ -86,7 +86,7 @@ pub fn dataset(spec: &DemoSpec) -> Result<Dataset, CameraError> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     pub ray_distance: f32,
-    /// World units along the camera's view axis.
+    /// Depth of the hit along the camera's view axis, world units.
     pub z_depth: f32,
     pub normal: Vec3,
     /// Display-encoded sRGB in [0, 1].

@@ -42,7 +42,7 @@ pub(super) enum Look {
 pub(super) struct Shape {
     pub(super) form: Form,
     pub(super) centre: DVec3,
-    /// Radius of a sphere around `centre` that holds the shape.
+    /// Radius of a bounding sphere around `centre`.
     pub(super) reach: f64,
     pub(super) look: Look,
 }
@@ -76,7 +76,7 @@ pub(super) static SCENE: [Shape; 7] = [
         reach: 0.36,
         look: Look::Candy,
     },
-    // Rests in the ring: its centre is 0.31 from the ring's circle.
+    // The sphere rests in the ring: its centre is 0.31 from the circle that the ring's tube follows.
     Shape {
         form: Form::Sphere(0.20),
         centre: DVec3::new(0.34, -0.44, FLOOR + 0.11 + 0.183_303),
@@ -165,7 +165,7 @@ impl Shape {
                 return None;
             }
         }
-        // A ray that creeps along the surface without touching it.
+        // The ray passes close along the surface without touching it.
         None
     }
 
@@ -191,7 +191,7 @@ pub(super) fn first(origin: DVec3, dir: DVec3) -> Option<Found> {
     nearest.map(|(t, shape)| Found { t, shape, normal: shape.normal(origin + dir * t) })
 }
 
-/// Fraction of a small round light in direction `dir` that is visible from `point`, 0..=1.
+/// Fraction, 0..=1, of a small round light in direction `dir` that is visible from `point`.
 ///
 /// # Source
 /// Quilez, "Soft shadows in raymarched SDFs": the penumbra from the narrowest miss.

@@ -48,7 +48,7 @@ impl Bare {
         Ok((!photographs.is_empty()).then_some(Self { folder, photographs, damaged, cameras }))
     }
 
-    /// The error that `folder` has photographs but no poses, with advice on how to find poses.
+    /// Makes the error that `folder` has photographs but no poses, with advice on how to find poses.
     pub(crate) fn no_poses(self, folder: &Path) -> DatasetError {
         let sparse = folder.join("sparse");
         // Outside the folder of photographs, where COLMAP would take the file for a photograph.

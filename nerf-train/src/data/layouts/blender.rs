@@ -5,7 +5,7 @@ use crate::data::pictures::found::Found;
 use crate::data::{Axes, Dataset, DatasetError, Downscale, Format, ReadOptions, Watch, scene_name};
 use std::path::{Path, PathBuf};
 
-/// List of the training views, which a folder needs for a fit.
+/// List of the training views, without which a folder cannot be fitted.
 pub(crate) const TRAIN: &str = "transforms_train.json";
 const VAL: &str = "transforms_val.json";
 const TEST: &str = "transforms_test.json";

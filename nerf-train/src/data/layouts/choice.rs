@@ -1,11 +1,11 @@
-//! Choice of the layout that a folder is read as.
+//! Choice of the layout in which a folder is read.
 
 use crate::data::layouts::bare::Bare;
 use crate::data::layouts::{blender, colmap, llff, nerfstudio};
 use crate::data::{Dataset, DatasetError, ReadOptions, Watch};
 use std::path::Path;
 
-/// The layouts of folders, in the order in which they are looked for.
+/// Layouts of folders, in order of precedence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Layout {
     /// `transforms_train.json` or `transforms.json`.

@@ -7,10 +7,10 @@ use glam::DVec3;
 use nerf_core::camera::{Camera, Intrinsics, Lens};
 use rayon::prelude::*;
 
-/// Reads `images_{train,val,test}`, `c2ws_{train,val,test}` and `focal`; the training arrays may be missing if
-/// nothing is fitted.
+/// Reads `images_{train,val,test}`, `c2ws_{train,val,test}` and `focal`. The training arrays may be missing if no field
+/// is fitted.
 ///
-/// `c2ws_test` without `images_test` is a path to render.
+/// `c2ws_test` without `images_test` is read as a camera path to render.
 pub(crate) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opencv);
     let focal = archive.scalar("focal")?;
@@ -157,7 +157,7 @@ const NOTEBOOK_VALIDATION: usize = 101;
 /// Number of validation views of any other file of this layout, taken from its end.
 const LAST: usize = 6;
 
-/// Reads `tiny_nerf_data.npz` of the original notebook, pictures in floats and OpenGL poses: `images`, `poses` and `focal`.
+/// Reads `tiny_nerf_data.npz` of the original notebook: `images` in floats, OpenGL `poses`, and `focal`.
 ///
 /// Of the notebook's own 106 views, 0..100 are training and 101..106 validation views (100 is unused, as in the
 /// notebook). In other files the last six are validation views, or none if no training views would remain.

@@ -1,4 +1,4 @@
-//! Files that a data set consists of, found without reading its pictures.
+//! Files that belong to a data set, found without reading its pictures.
 
 use crate::data::layouts::folders::entries;
 use crate::data::layouts::{blender, colmap, llff, nerfstudio};
@@ -35,7 +35,7 @@ pub fn reads_data<'p, P: AsRef<Path> + ?Sized + 'p>(
     files(path).iter().fold(claims, |claims, file| claims.reads("a file of the data set,", file))
 }
 
-/// The data set's own file, its lists of views, and the files that they name, as far as they exist.
+/// The data set's own file, its lists of views, and the files named in these lists, if they exist.
 ///
 /// A damaged list counts as empty; reading the data set reports the damage.
 pub fn files(path: &Path) -> Vec<PathBuf> {

@@ -7,10 +7,10 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 pub(crate) const IMAGES: &str = "images";
-/// The usual folder of masks: COLMAP's habit is `masks/NAME.png` for `images/NAME`.
+/// Usual folder of masks; COLMAP's convention is `masks/NAME.png` for `images/NAME`.
 const MASKS: &str = "masks";
 
-/// A photograph that was found, and how to read it.
+/// Location of a photograph, and its further reduction.
 pub(crate) struct Located {
     pub(crate) path: PathBuf,
     /// Factor by which the photograph is reduced from the size of its pose; `None`: the file's own size.
@@ -120,7 +120,7 @@ pub(crate) fn smaller_copy(root: &Path, file_path: &str, factor: u32) -> Option<
     if copy.is_file() { Some(copy) } else { with_other_ending(&copy) }
 }
 
-/// The picture with this name but another extension: smaller copies are often PNG if the photographs are JPEG.
+/// Existing picture with this name but another extension: reduced copies are often PNG where photographs are JPEG.
 fn with_other_ending(path: &Path) -> Option<PathBuf> {
     let endings = ["png", "jpg", "jpeg", "JPG", "PNG"];
     endings.into_iter().map(|ending| path.with_extension(ending)).find(|path| path.is_file())
@@ -134,8 +134,8 @@ pub(crate) fn entries(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
 /// One view in this many is held out, as is usual in the field.
 pub(crate) const HOLD: usize = 8;
 
-/// Splits views into training and validation: in the order of the bytes of their names, every eighth from
-/// [`ReadOptions::hold_offset`] on is for validation. If there are too few views for that, all are for training.
+/// Splits views, sorted by the bytes of their names, into training and validation views: every eighth from
+/// [`ReadOptions::hold_offset`] on is for validation. With too few views, all are for training.
 pub(crate) fn every_eighth(
     mut views: Vec<View>,
     options: &ReadOptions,

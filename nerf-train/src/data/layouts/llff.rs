@@ -32,7 +32,7 @@ struct Row {
 
 impl Row {
     /// Row of 17 numbers: `[down right backward | centre | height width focal]`, row by row, and the bounds. The
-    /// centre is counted from `origin`.
+    /// position becomes relative to `origin`.
     fn new(n: &[f64], origin: DVec3) -> Self {
         let rows = [0, 1, 2].map(|i| [n[5 * i + 1], -n[5 * i], n[5 * i + 2], n[5 * i + 3]]);
         Self { pose: pose_of(rows, origin), size: (n[9], n[4]), focal: n[14], bounds: [n[15], n[16]] }

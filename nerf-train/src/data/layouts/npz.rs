@@ -1,7 +1,7 @@
 //! Arrays from an untrusted `.npz` or `.npy`.
 //!
 //! The array headers are parsed here, because npyz multiplies shapes unchecked, allocates what a header claims, and
-//! brings every compression of zip files. Here memory is allocated only for bytes that were read.
+//! supports every compression of zip files. This module allocates memory only for bytes that were read.
 
 use crate::data::DatasetError;
 use crate::data::cameras::pose::{BOTTOM_ROW, bottom_row_fault};
@@ -18,7 +18,7 @@ pub(crate) struct Archive {
     max_array_bytes: u64,
 }
 
-/// One array in C order.
+/// One array in C order (last index fastest).
 pub(crate) struct Array {
     pub(crate) shape: Vec<usize>,
     dtype: Dtype,
@@ -126,7 +126,7 @@ pub(crate) fn fault(file: &Path, key: &str, expected: impl Display, found: impl 
     DatasetError::value(file, format!("array `{key}`"), expected, found)
 }
 
-/// Reads the array of a `.npy` file; messages call it by the file's stem.
+/// Reads the array of a `.npy` file; error messages name the array by the file's stem.
 pub(crate) fn read_npy(file: &Path, max_array_bytes: Option<u64>) -> Result<Array, DatasetError> {
     let stream = open_regular(file).map_err(|source| DatasetError::io(file, source))?;
     let key = file.file_stem().unwrap_or_default().to_string_lossy();
@@ -190,7 +190,7 @@ impl Array {
 }
 
 impl Dtype {
-    /// From numpy's name, such as `<f4`.
+    /// Parses numpy's name of a dtype, such as `<f4`.
     fn parse(name: &str) -> Option<Self> {
         let &[order, kind @ (b'u' | b'i' | b'f' | b'b'), ref digits @ ..] = name.as_bytes() else {
             return None;
@@ -272,7 +272,7 @@ fn parse_header(text: &str) -> Option<(Dtype, bool, Vec<usize>)> {
     (shape.len() <= MAX_DIMENSIONS).then_some((dtype, fortran, shape))
 }
 
-/// Reorders elements of `size` bytes from first-index-fastest to last-index-fastest.
+/// Reorders elements of `size` bytes from Fortran order (first index fastest) to C order.
 fn to_c_order(data: &[u8], shape: &[usize], size: usize) -> Vec<u8> {
     let mut strides = Vec::with_capacity(shape.len());
     let mut stride = size;

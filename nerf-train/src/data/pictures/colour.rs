@@ -1,4 +1,4 @@
-//! Colours as people write them.
+//! Colours in text form.
 
 const NAMED: [(&str, [f32; 3]); 3] = [("black", [0.0; 3]), ("white", [1.0; 3]), ("red", [1.0, 0.0, 0.0])];
 

@@ -1,4 +1,4 @@
-//! A picture file, decoded whole or refused.
+//! Decoding of a picture file: whole, or refused.
 
 use crate::system::input::{MAX_PICTURE_BYTES, read_limited};
 use image::metadata::Orientation;
@@ -9,7 +9,7 @@ use zune_jpeg::errors::DecodeErrors;
 use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
-/// Maximum number of pixels of a picture, 16,384 × 16,384: a header of a few bytes may claim any number.
+/// Maximum number of pixels of a picture, 16,384 × 16,384: a header of a few bytes may claim any size.
 const MAX_PIXELS: u64 = 1 << 28;
 /// Longest side of a picture, pixels: the largest size that a blob can state.
 pub const MAX_SIDE: u32 = 65_535;

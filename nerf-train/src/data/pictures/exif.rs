@@ -6,7 +6,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-/// TIFF tags; `EXIF_FOLDER` points to the folder that holds the focal length.
+/// TIFF tags; `EXIF_FOLDER` points to the directory that holds the focal length.
 const MAKE: u16 = 0x010f;
 const MODEL: u16 = 0x0110;
 const EXIF_FOLDER: u16 = 0x8769;
@@ -58,7 +58,7 @@ impl Tiff<'_> {
         self.array(at).map(u32::from_le_bytes).filter(|&value| value < 1 << 30)
     }
 
-    /// Offset of the entry of a tag in the folder at `folder`.
+    /// Offset of the entry of a tag in the directory at offset `folder`.
     fn tag(&self, folder: u32, tag: u16) -> Option<u32> {
         let entries = 0..u32::from(self.u16(folder)?);
         entries.map(|i| folder + 2 + 12 * i).find(|&entry| self.u16(entry) == Some(tag))

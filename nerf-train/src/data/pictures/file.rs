@@ -8,9 +8,9 @@ use std::collections::{HashMap, HashSet};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// File extensions of pictures, in the order in which a name without one is completed.
+/// File extensions of pictures, in the order in which they are tried for a name without one.
 const ENDINGS: [&str; 8] = ["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "gif"];
-/// File extensions of pictures that are not decoded, to be refused by name rather than overlooked.
+/// File extensions of pictures that are not decoded, but refused with an error that names the file.
 const REFUSED_ENDINGS: [&str; 3] = ["heic", "heif", "avif"];
 
 pub(crate) struct Picture {
@@ -26,7 +26,7 @@ pub(crate) struct Decoded {
     orientation: Orientation,
 }
 
-/// Width and height as far as the poses' file states them, pixels.
+/// Width and height, pixels, as far as the poses' file states them.
 pub(crate) type StatedSize = (Option<f64>, Option<f64>);
 
 /// Decodes a picture of any depth and channel count, as it is stored. If its size fits `stated` neither as it is nor

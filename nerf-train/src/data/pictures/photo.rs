@@ -1,4 +1,4 @@
-//! Photographs with their cameras: decoded one at a time, turned, made smaller, masked.
+//! Photographs with their cameras: decoded one at a time, turned, reduced, masked.
 
 use crate::data::pictures::file::{self, Picture, StatedSize};
 use crate::data::pictures::found::Found;
@@ -36,9 +36,9 @@ impl Optics {
     }
 }
 
-/// A photograph that exists, with what is known of it before it is decoded.
+/// A photograph that exists, with its properties that are known before it is decoded.
 pub(crate) struct Photo<'a> {
-    /// Path of its file as the data set writes it.
+    /// Path of the picture's file as the data set writes it.
     pub(crate) name: &'a str,
     pub(crate) path: PathBuf,
     /// Mask: a picture that is black at pixels that are neither trained on nor evaluated.
@@ -161,13 +161,13 @@ pub(crate) struct Fence {
 }
 
 impl Fence {
-    /// Restricts photographs to `folder`, unless `options` allow pictures outside of it.
+    /// Restriction to `folder`, or none if `options` allow pictures outside of it.
     pub(crate) fn around(folder: &Path, options: &ReadOptions) -> Result<Self, DatasetError> {
         let resolve = || std::fs::canonicalize(folder).map_err(|source| DatasetError::io(folder, source));
         Ok(Self { bounds: if options.outside_files { None } else { Some(resolve()?) } })
     }
 
-    /// Refuses a `path` that leads outside the folder. `file`, `view`: names in the error.
+    /// Refuses a `path` that leads outside the folder. `file`, `view`: file and view that the error names.
     pub(crate) fn check(&self, file: &Path, view: &str, path: &Path) -> Result<(), DatasetError> {
         let Some(bounds) = &self.bounds else { return Ok(()) };
         let found = std::fs::canonicalize(path).map_err(|source| DatasetError::io(path, source))?;

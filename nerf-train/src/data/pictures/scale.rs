@@ -1,4 +1,4 @@
-//! Pictures made smaller by averaging areas.
+//! Reduction of pictures by averaging areas.
 
 use crate::data::pictures::file::Picture;
 use image::DynamicImage;
@@ -8,7 +8,7 @@ use std::ops::Range;
 const AUTO_SIDE: f64 = 800.0;
 const MAX_FACTOR: u32 = 64;
 
-/// Factor by which photographs are read smaller than the size of their poses.
+/// Factor by which photographs are reduced from the size of their poses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Downscale {
     /// The whole number that brings the long side nearest to 800 pixels; never enlarges.
@@ -26,7 +26,7 @@ impl Downscale {
         }
         let ratio = (width.max(height) / AUTO_SIDE).clamp(1.0, f64::from(MAX_FACTOR));
         let (low, high) = (ratio.floor(), ratio.ceil());
-        // Nearest by ratio, not by difference.
+        // The factor nearest by ratio, not by difference.
         (if ratio / low <= high / ratio { low } else { high }) as u32
     }
 }
@@ -65,8 +65,8 @@ fn touched(index: u32, count: u32, length: u32) -> Range<usize> {
     (from + 1e-6).floor() as usize..((to - 1e-6).ceil() as usize).min(length as usize)
 }
 
-/// A picture as straight 8-bit sRGB and alpha, made smaller to `width` by `height` if it is larger. Each pixel is the
-/// mean over its area, weighted by alpha, in display space as in the field's data sets.
+/// Converts to straight 8-bit sRGB and alpha, and reduces to `width` by `height` if the picture is larger. Each pixel
+/// is the mean over its area, weighted by alpha, in display space as in the field's data sets.
 pub(crate) fn shrunk(image: DynamicImage, width: u32, height: u32) -> Picture {
     let (from_width, from_height) = (image.width(), image.height());
     let (width, height) = (width.min(from_width), height.min(from_height));

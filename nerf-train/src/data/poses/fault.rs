@@ -5,9 +5,9 @@ use crate::data::names::listed;
 use serde::{Serialize, Serializer};
 use std::fmt;
 
-/// Fraction of the photographs below which a model is torn.
+/// Fraction of the photographs below which a model is torn ([`Fault::Torn`]).
 const REGISTERED: f64 = 0.9;
-/// Number of photographs, absent from the largest model, from which on a further model shows that it is torn.
+/// Number of photographs that a further model must add for the largest model to count as torn.
 const OTHERS: usize = 3;
 
 /// Fault of a model: missing photographs, or photographs with wrong poses.

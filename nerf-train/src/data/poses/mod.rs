@@ -33,7 +33,7 @@ pub struct Request<'a> {
     pub sequential: bool,
     /// Maximum number of threads; `None`: no limit.
     pub threads: Option<usize>,
-    /// Time without output after which COLMAP is ended.
+    /// Time without output after which COLMAP is killed.
     pub patience: Duration,
     /// Returns the groups of photographs if the model is folded, else `None`.
     pub folded: &'a dyn Fn(&Dataset) -> Option<Vec<Vec<String>>>,

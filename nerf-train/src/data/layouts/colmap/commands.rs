@@ -63,7 +63,7 @@ impl Way {
         }
     }
 
-    /// The way whose matches this one uses.
+    /// Way that computed the matches which this way uses.
     fn matches(self) -> Self {
         match self {
             Self::OtherPair { sequential: false } => Self::Exhaustive,
@@ -133,7 +133,7 @@ fn matcher(database: &Path, sequential: bool) -> Stage {
     Stage {
         name: if sequential { "sequential_matcher" } else { "exhaustive_matcher" },
         options: vec![("--database_path", database.into()), ("--SiftMatching.use_gpu", "0".into())],
-        // Number of photographs in a block of comparisons: small, so that progress is shown often.
+        // Small blocks of compared photographs, so that progress is shown often.
         optional: vec![("--ExhaustiveMatching.block_size", "10".into())],
     }
 }

@@ -32,7 +32,7 @@ impl Lines {
 
     /// The next line without its end, or `None` at the end of the file.
     ///
-    /// A last line without a line end is refused: it may have lost digits of a number.
+    /// A last line without a line end is refused: a cut file may have lost digits of a number.
     fn any(&mut self) -> Result<Option<String>, DatasetError> {
         let mut line = Vec::new();
         let read = self.stream.by_ref().take(MAX_LINE).read_until(b'\n', &mut line);
@@ -54,7 +54,7 @@ impl Lines {
         while let Some(line) = self.any()? {
             let line = line.trim_start_matches('\u{feff}');
             match line.trim_start().strip_prefix('#') {
-                // "# Number of images: 77, mean observations per image: 100"
+                // For example "# Number of images: 77, mean observations per image: 100".
                 Some(comment) => {
                     let count =
                         comment.trim().strip_prefix("Number of ").and_then(|rest| rest.split_once(": "));

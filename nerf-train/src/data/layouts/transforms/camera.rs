@@ -130,7 +130,7 @@ impl Place<'_> {
     }
 }
 
-/// Lens model that the coefficients of a json belong to.
+/// Lens model to which the coefficients in a json belong.
 enum Model {
     /// A radial polynomial, and tangential terms.
     Polynomial,

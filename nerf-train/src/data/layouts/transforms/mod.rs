@@ -15,7 +15,7 @@ use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// A `transforms*.json` file. Its JSON is parsed three times, so that every error has its own line.
+/// A `transforms*.json` file. Its JSON is parsed three times, so that each error states its own line.
 pub(crate) struct Transforms {
     pub(crate) header: Header,
     /// Frames in the file's order, each with its own camera fields.
@@ -94,7 +94,7 @@ impl Transforms {
         self.frames.len()
     }
 
-    /// Positions of the cameras whose matrices have one.
+    /// Positions of the cameras whose matrices hold a position.
     pub(crate) fn positions(&self) -> impl Iterator<Item = [f64; 3]> {
         self.frames.iter().filter_map(|(frame, _)| match frame.transform_matrix.as_slice() {
             [x, y, z, ..] => Some([*x.get(3)?, *y.get(3)?, *z.get(3)?]),
@@ -173,7 +173,7 @@ impl Transforms {
             }
             None => None,
         };
-        // If the file states no size, only the picture tells what size the factor refers to.
+        // Without a stated size, the picture must be read to learn to which size the factor applies.
         let factor = match (folder.downscale, stated) {
             (Some(downscale), (Some(w), Some(h))) => downscale.factor((w, h)),
             _ => 1,
@@ -202,7 +202,7 @@ const MAX_EXPLAINED_BYTES: usize = 16 << 20;
 /// Error that names the first frame and field with NaN or Infinity in a file that does not parse because of it: many
 /// programs write these numbers, which JSON lacks.
 fn number_fault(file: &Path, bytes: &[u8], error: &serde_json::Error) -> Option<DatasetError> {
-    // A larger file is no list of photographs, and would take many times its size in memory here.
+    // A larger file is no list of photographs, and its parsed form would take many times its size in memory.
     let text = std::str::from_utf8(bytes).ok().filter(|text| text.len() <= MAX_EXPLAINED_BYTES)?;
     let mut cleared = text.to_owned();
     for word in ["-Infinity", "Infinity", "NaN"] {

@@ -80,12 +80,12 @@ impl Picture {
         Self { width: self.width * factor, height: self.height * factor, rgb }
     }
 
-    /// Enlarged by the smallest whole factor that makes the longer side at least `pixels`.
+    /// Enlarges by the smallest whole factor that makes the longer side at least `pixels`.
     pub fn enlarged_to(&self, pixels: usize) -> Self {
         self.enlarged(pixels.div_ceil(self.width.max(self.height).max(1)))
     }
 
-    /// Reduced by the smallest whole factor that makes the longer side at most `pixels`; see [`box_filtered`](Self::box_filtered).
+    /// [Reduces](Self::box_filtered) by the smallest whole factor that makes the longer side at most `pixels`.
     pub fn reduced_to(&self, pixels: usize) -> Self {
         let factor = self.width.max(self.height).div_ceil(pixels.max(1));
         if factor <= 1 {
@@ -94,7 +94,7 @@ impl Picture {
         self.box_filtered(self.width.div_ceil(factor), self.height.div_ceil(factor))
     }
 
-    /// Shrunk to `width` × `height`: each pixel the mean of the block that falls into it, in display space.
+    /// Reduces to `width` × `height` pixels, each the mean, in display space, of the pixels that it overlaps.
     pub fn box_filtered(&self, width: usize, height: usize) -> Self {
         let block =
             |i: usize, to: usize, from: usize| (i * from / to, ((i + 1) * from).div_ceil(to).min(from));

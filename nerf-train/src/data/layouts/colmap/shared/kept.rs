@@ -1,4 +1,4 @@
-//! The file of shared cameras next to a blob.
+//! File of shared cameras next to a blob.
 
 use crate::data::DatasetError;
 use crate::data::layouts::colmap::model::{Camera, Kind};
@@ -14,7 +14,7 @@ use std::path::Path;
 /// Maximum size of a file that is read back, bytes.
 const MAX_BYTES: u64 = 1 << 30;
 
-/// Result of the adjustment, as it is kept in the file.
+/// Result of the adjustment, as stored in the file.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Shared {
     /// Checksum of the model before it was adjusted.
@@ -22,7 +22,7 @@ pub(super) struct Shared {
     pub(super) devices: Vec<Adjusted>,
     /// Mean reprojection error before and after the adjustment, pixels.
     pub(super) reprojection_error_px: [f64; 2],
-    /// Median and largest distance by which cameras moved, as fractions of their distance to what they see.
+    /// Median and largest shift of the cameras, as fractions of the median depth of the points in view.
     pub(super) moved: [f64; 2],
     /// Width, height and OPENCV's parameters of each camera.
     pub(super) cameras: Vec<(u64, u64, [f64; 8])>,

@@ -15,16 +15,16 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::time::Instant;
 
-/// Maximum number of photographs whose cameras are adjusted; time grows with its cube, up to half a minute.
+/// Maximum number of photographs whose cameras are adjusted; time grows with the cube, to half a minute.
 const MAX_PHOTOGRAPHS: usize = 300;
-/// Ratio of the mean reprojection error after and before the adjustment above which a group mixes devices.
+/// Ratio of the mean reprojection error after and before the adjustment above which devices count as mixed.
 const MAX_GROWTH: f64 = 1.25;
 /// Difference of fy / fx from 1 below which pixels count as square.
 const SQUARE: f64 = 0.02;
 /// Version of the adjustment, part of the checksum.
 const VERSION: u64 = 1;
 
-/// Replaces the cameras of each device by one, with a note or warning in `found`; returns whether it did so.
+/// Replaces the cameras of each device by one, with a note or warning in `found`; returns whether they changed.
 pub(super) fn settle(
     model: &mut Model,
     points: &mut Points,
@@ -79,7 +79,7 @@ pub(super) fn settle(
     Ok(true)
 }
 
-/// Index of the device of each photograph, as far as size and EXIF tell; `None` if no device has cameras to merge.
+/// Index of the device of each photograph, by size and EXIF; `None` if no device has cameras to merge.
 fn devices(model: &Model, folders: &Folders, options: &ReadOptions) -> Option<Vec<usize>> {
     if model.cameras.len() < 2 {
         return None;
@@ -189,7 +189,7 @@ impl<'a> Task<'a> {
             moved: [median(moved), largest],
             ..self.posed(&bundle)
         };
-        // A round trip through JSON, for the same result as from the file: a number may lose its last digit.
+        // A round trip through JSON gives the same numbers as the file, where one may lose its last digit.
         let same = serde_json::to_vec(&shared).and_then(|bytes| serde_json::from_slice(&bytes));
         same.map_err(|error| DatasetError::io(Path::new("shared cameras"), error.into()))
     }
@@ -267,7 +267,7 @@ fn observe(bundle: &mut Bundle, model: &Model, points: &Points) -> Vec<u64> {
     numbers
 }
 
-/// Bundle with one camera per device, initialised with the median of its photographs' cameras.
+/// Bundle with one camera per device, initialised with the median over the device's photographs.
 fn with_devices(own: &Bundle, model: &Model, devices: &[usize]) -> Bundle {
     let mut shared = Bundle { devices: Vec::new(), ..own.clone() };
     let of = |device: usize, what: &dyn Fn(usize) -> f64| {
