@@ -1,27 +1,27 @@
-//! Exposure and white balance: how much brighter each photograph is than the mean of all.
+//! Exposure and white balance: brightness of each photograph relative to the mean of all photographs.
 //!
-//! A gain is a factor on display-encoded colour, one a channel. Gains are kept as logarithms, and their mean over
-//! the photographs is 0 in each channel, so that the field has the mean exposure.
+//! A gain is a factor on display-encoded colour, one per channel. Gains are stored as natural logarithms. Their mean
+//! over the photographs is 0 in each channel, so that the field has the mean exposure.
 
 use crate::capture::sights::Sights;
 use crate::data::View;
 use serde::{Deserialize, Serialize};
 use std::borrow::Borrow;
 
-/// Rounds of iteratively reweighted least squares.
+/// Number of rounds of iteratively reweighted least squares.
 const ROUNDS: usize = 30;
-/// Lower limit of the residual whose inverse is a weight.
+/// Lower limit of the absolute residual (of log colour) whose inverse is an observation's weight.
 const SMALLEST_RESIDUAL: f64 = 0.02;
-/// Range of mean colours that are used, 0 to 255: below it they are too dark, above it clipped.
+/// Range of mean colours that are used, 0 to 255: smaller values are too dark, larger ones clipped.
 const USABLE: (f64, f64) = (15.0, 245.0);
 /// Half the side of the square over which a colour is averaged, pixels.
 const HALF_SIDE: i64 = 2;
 /// Number of lines of sight that a photograph needs for its gain to be measured.
 const ENOUGH_SIGHTS: usize = 20;
-/// Standard deviation of log gains from which on exposure is fitted. Below it, gains lose more on unchanged
-/// photographs than they win (0.043 and 0.079 on two steady captures lost 0.2 to 0.7 dB).
+/// Smallest standard deviation of log gains at which exposure is fitted. On two captures of steady exposure (0.043 and
+/// 0.079), fitted gains cost 0.2 to 0.7 dB.
 pub const CALLED_FOR: f64 = 0.12;
-/// Absolute log gain from which on a single photograph calls for gains: a factor of two.
+/// Absolute log gain of a single photograph from which on exposure is fitted: a factor of two.
 const FAR_OFF: f32 = std::f32::consts::LN_2;
 
 /// Log gain of each photograph, red, green, blue.
@@ -40,15 +40,15 @@ impl LogGains {
         (self.0.iter().map(|gain| (brightness(gain) - mean).powi(2)).sum::<f64>() / count).sqrt()
     }
 
-    /// Index and log gain of the photograph whose gain, averaged over the channels, is farthest from 0; `None` if
-    /// that is less than a factor of two.
+    /// Index and log gain of the photograph whose gain, averaged over the channels, is farthest from 0; `None` if that
+    /// gain is less than a factor of two.
     pub fn outlier(&self) -> Option<(u32, f32)> {
         let gains = self.0.iter().map(|gain| brightness(gain) as f32).zip(0..);
         let farthest = gains.max_by(|(a, _), (b, _)| a.abs().total_cmp(&b.abs()));
         farthest.filter(|(gain, _)| gain.abs() >= FAR_OFF).map(|(gain, view)| (view, gain))
     }
 
-    /// Moves the mean over the photographs to 0, channel by channel, summed in f64.
+    /// Shifts the log gains so that their mean over the photographs is 0 in each channel; sums in f64.
     pub fn centre(&mut self) {
         for channel in 0..3 {
             let sum: f64 = self.0.iter().map(|gain| f64::from(gain[channel])).sum();
@@ -57,7 +57,7 @@ impl LogGains {
         }
     }
 
-    /// Measures gains at points that several photographs show; `None` if too few photographs have enough of these.
+    /// Measures gains at points that several photographs show; `None` if too few photographs show enough points.
     ///
     /// Log colour at a key point = log colour of its point + log gain of its photograph, by least absolute residuals.
     /// `sights`: one entry per view, in the order of `views`.
@@ -89,8 +89,8 @@ fn brightness(gain: &[f32; 3]) -> f64 {
     gain.iter().map(|&g| f64::from(g)).sum::<f64>() / 3.0
 }
 
-/// Natural logarithm of the mean colour, 0 to 255, around pixel `at` of a view; `None` if it is too dark, clipped or
-/// transparent.
+/// Natural logarithm of the mean colour, 0 to 255, around pixel `at` of a view; `None` if the colour is too dark,
+/// clipped or transparent.
 fn log_colour(view: &View, at: [f32; 2]) -> Option<[f64; 3]> {
     let (mut sum, mut count) = ([0.0; 3], 0.0);
     let [x, y] = at.map(|v| v.floor() as i64);
@@ -106,7 +106,7 @@ fn log_colour(view: &View, at: [f32; 2]) -> Option<[f64; 3]> {
     mean.iter().all(|c| (USABLE.0..USABLE.1).contains(c)).then(|| mean.map(f64::ln))
 }
 
-/// Gains of the views from observations (view, point, log colour), by iteratively reweighted least squares.
+/// Log gains of the views from observations (view, point, log colour), by iteratively reweighted least squares.
 fn least_absolute(observed: &[(usize, usize, f64)], views: usize) -> Vec<f64> {
     let points = observed.iter().map(|&(_, point, _)| point + 1).max().unwrap_or(0);
     let mut gains = vec![0.0; views];

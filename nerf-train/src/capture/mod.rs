@@ -1,5 +1,5 @@
-//! What a capture's own reconstruction tells about the scene before a fit: positions of key points, free space, and
-//! the brightness of each photograph.
+//! Information that a capture's own reconstruction gives before a fit: positions of key points, free space, and the
+//! brightness of each photograph.
 
 pub mod check;
 pub mod exposure;

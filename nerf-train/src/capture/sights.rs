@@ -1,4 +1,4 @@
-//! Lines of sight: from the camera of a photograph to the sparse points it shows.
+//! Lines of sight from the camera of each photograph to the sparse points that the photograph shows.
 
 use crate::data::{Dataset, SparsePoint, View};
 use glam::Vec3;
@@ -6,13 +6,13 @@ use rayon::prelude::*;
 use std::borrow::Borrow;
 use std::fmt;
 
-/// Number of photographs that must show a point for it to be used: a wrong match of two meets somewhere, too.
+/// Smallest track length of a point that is used: the rays of a wrong match of two photographs meet somewhere, too.
 const MIN_TRACK: u32 = 3;
-/// Mean reprojection error of a point from which on it is not used, pixels of the full size.
+/// Mean reprojection error from which on a point is not used, pixels of the full size.
 const MAX_ERROR: f32 = 2.0;
-/// Distance between a key point and the projection of its 3D point from which on it is not used, pixels of the view.
+/// Distance from the projection of its 3D point from which on a key point is not used, pixels of the view.
 const MAX_RESIDUAL: f32 = 3.0;
-/// Number of photographs that see a point from which on it counts as certain.
+/// Track length, in photographs, from which on a point has full confidence.
 const FULL_TRACK: f32 = 6.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,11 +27,11 @@ pub struct Sight {
     pub confidence: f32,
 }
 
-/// Lines of sight of a list of views, and numbers of the key points that are not used.
+/// Lines of sight of a list of views, and numbers of unused key points.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sights {
     pub of_views: Vec<Vec<Sight>>,
-    /// View by view, the number of key points whose 3D point is behind the camera or projects elsewhere.
+    /// Number of key points of each view whose 3D point is behind the camera or projects elsewhere.
     pub contradictory: Vec<usize>,
     /// Number of key points whose 3D point has a short track or a large reprojection error.
     doubtful: usize,
@@ -46,7 +46,7 @@ impl Sights {
             let mut found = (Vec::new(), 0, 0);
             for key in &view.key_points {
                 let Some(point) = points.get(key.point as usize) else { continue };
-                // An error that is NaN is not believed.
+                // The comparison refuses an error that is NaN.
                 let believed = point.track >= MIN_TRACK && point.error < MAX_ERROR;
                 if !believed {
                     found.2 += 1;
@@ -82,7 +82,7 @@ impl Sights {
 }
 
 impl fmt::Display for Sights {
-    /// One sentence: how many key points are used, and how many are not and why.
+    /// Writes one sentence: numbers of used and unused key points, and the reasons for not using them.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (contradictory, doubtful) = (self.contradictory.iter().sum::<usize>(), self.doubtful);
         let (count, views) = (self.count(), self.of_views.len());

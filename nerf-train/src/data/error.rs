@@ -6,7 +6,7 @@ use nerf_core::space::BoundsError;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-/// A data set that cannot be read: which file, which field, what was expected and found.
+/// Error of reading a data set: which file, which field, what was expected and what was found.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DatasetError {
@@ -35,7 +35,7 @@ impl DatasetError {
         Self::Fault { path: path.into(), fault: fault.into() }
     }
 
-    /// The error that a place of a file holds another value than expected.
+    /// Makes the error that `place` in a file holds another value than expected.
     pub(super) fn value(
         file: &Path,
         place: impl Display,
@@ -45,14 +45,14 @@ impl DatasetError {
         Self::fault(file, format!("{place}: expected {expected}, found {found}"))
     }
 
-    /// The error that a view's pose or intrinsics make no valid camera.
+    /// Makes the error that a view's pose or intrinsics form no valid camera.
     pub(super) fn camera(file: &Path, view: &str, source: &CameraError) -> Self {
         Self::fault(file, format!("view `{view}`: {source}"))
     }
 
     pub(super) fn json(file: &Path, error: &serde_json::Error) -> Self {
         let text = error.to_string();
-        // serde_json ends its message with the place; here it comes first.
+        // serde_json ends its message with line and column; here they come first.
         let found = text.rsplit_once(" at line ").map_or(text.as_str(), |(what, _)| what);
         Self::fault(file, format!("line {}, column {}: {found}", error.line(), error.column()))
     }

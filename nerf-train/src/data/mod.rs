@@ -1,8 +1,8 @@
-//! Posed pictures, read from the layouts that are in use.
+//! Posed pictures, read from the common layouts of data sets.
 //!
-//! One file per layout. Each converts to the project's convention on reading, so that nothing outside this module
-//! needs to know the layout: camera-to-world poses that look down −Z with +Y up, pixel centres at +0.5, `fx fy cx cy`
-//! in pixels, straight alpha.
+//! One reader per layout, in a file of its own, converts to the project's convention, so that no code outside this
+//! module needs to know the layout: `fx fy cx cy` in pixels, pixel centres at +0.5, straight alpha, and camera-to-world
+//! poses that look down −Z with +Y up.
 //!
 //! | path | reader | convention of the file |
 //! | --- | --- | --- |
@@ -13,9 +13,9 @@
 //! | a folder with a COLMAP model in `sparse/0`, `sparse/1`…, `sparse` or itself | [`Format::Colmap`] | OpenCV, world to camera |
 //! | a folder with `poses_bounds.npy` | [`Format::Llff`] | columns down, right, backward |
 //!
-//! If several fit a folder, the first of transforms, COLMAP and LLFF is read, or the one that [`ReadOptions::layout`]
-//! names. Coordinates stay the file's own, except that the origin is moved near cameras that are far from it
-//! ([`Dataset::origin`]).
+//! If several layouts fit a folder, the first of transforms, COLMAP and LLFF is read, or the one that
+//! [`ReadOptions::layout`] names. Coordinates stay the file's own; only for cameras far from the origin, the origin is
+//! moved near them ([`Dataset::origin`]).
 
 pub mod cameras;
 pub mod demo;
@@ -58,9 +58,9 @@ pub struct Dataset {
     pub axes: Axes,
     /// Training views; at least one, unless the data were read to measure a field ([`ReadOptions::to_measure`]).
     pub train: Vec<View>,
-    /// Validation views, which the fit is evaluated on as it runs; may be empty.
+    /// Validation views, on which the fit is evaluated as it runs; may be empty.
     pub val: Vec<View>,
-    /// Test views, which the result is evaluated on; may be empty.
+    /// Test views, on which the result is evaluated; may be empty.
     pub test: Vec<View>,
     /// Poses without pictures, such as `c2ws_test`: a path to render.
     pub test_path: Vec<Camera>,
@@ -71,7 +71,7 @@ pub struct Dataset {
     pub background: Background,
     /// Sparse points of a reconstruction, which lie on surfaces; may be empty.
     pub points: Vec<SparsePoint>,
-    /// Position of the origin of all coordinates in the file's own world, whose own may be too far away for f32.
+    /// Position, in the file's own world, of the origin of all coordinates; the file's own may be too far for f32.
     pub origin: [f64; 3],
     pub notes: Vec<String>,
     /// Oddities that did not prevent reading, one sentence each.
@@ -108,8 +108,8 @@ impl Dataset {
         }
     }
 
-    /// Uses the test views for validation if there are no validation views; returns whether it did. No choice of a
-    /// fit depends on validation views, so that results on these views still count as test results.
+    /// Uses the test views for validation if there are no validation views; returns whether it did so. No choice of a
+    /// fit depends on validation views: results on the moved views still count as test results.
     pub fn validate_on_test(&mut self) -> bool {
         let instead = self.val.is_empty() && !self.test.is_empty();
         if instead {
@@ -118,8 +118,8 @@ impl Dataset {
         instead
     }
 
-    /// The data set, whose coordinates its reader has counted from `origin`: sets the origin, and states it in a note
-    /// and in the name, which a blob keeps.
+    /// Sets the origin of a data set whose coordinates are already relative to `origin`, and states it in a note and in
+    /// the name, which a blob stores.
     pub(crate) fn counted_from(mut self, origin: DVec3) -> Self {
         if origin == DVec3::ZERO {
             return self;
@@ -221,10 +221,10 @@ impl std::str::FromStr for Axes {
     }
 }
 
-/// Cameras of a model's photographs (`--cameras`).
+/// Choice of the cameras of a COLMAP model's photographs (`--cameras`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Cameras {
-    /// One camera for each device: a model with one for each photograph is adjusted again.
+    /// One camera for each device: a model with one camera for each photograph is adjusted again.
     #[default]
     Shared,
     Own,
@@ -242,16 +242,16 @@ impl std::str::FromStr for Cameras {
     }
 }
 
-/// Ending of a data set's name which states that its cameras are shared.
+/// Suffix of a data set's name which states that its cameras are shared.
 const SHARED: &str = ", shared cameras";
 
-/// Cameras of the data set of this name, as a blob keeps them.
+/// Choice of cameras that the name of a data set, as stored in a blob, states.
 pub fn cameras_in_name(name: &str) -> Cameras {
     let shared = name.ends_with(SHARED) || name.contains(&format!("{SHARED}{STATED}"));
     if shared { Cameras::Shared } else { Cameras::Own }
 }
 
-/// Options of reading, which override what the file states.
+/// Options for reading a data set, which override what its files state.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReadOptions {
     /// Overrides the pose convention that is usual for the layout (`--axes`).
@@ -260,26 +260,26 @@ pub struct ReadOptions {
     pub near: Option<f32>,
     /// Overrides the distance at which rays end, world units.
     pub far: Option<f32>,
-    /// Size limit of an unpacked array of an archive, bytes, if it is not 4 GiB: a guard against zip bombs.
+    /// Size limit of an unpacked array of an archive, bytes, against zip bombs; `None`: 4 GiB.
     pub max_array_bytes: Option<u64>,
     /// Whether pictures that a json names outside of its folder are read (`--outside-files`): by `..`, by an absolute
     /// path, or through a link that leads out.
     pub outside_files: bool,
-    /// Layout that a folder is read as, if several fit (`--layout`).
+    /// Layout in which a folder is read, if several fit (`--layout`).
     pub layout: Option<Layout>,
-    /// Factor by which photographs are read smaller than the size of their poses (`--downscale`); for Blender
-    /// folders, only an explicit one applies.
+    /// Factor by which photographs are reduced from the size of their poses (`--downscale`). For Blender folders, only
+    /// an explicit factor applies.
     pub downscale: Downscale,
-    /// Index of the held-out photograph in every eight, ordered by name, if no list states those held out.
+    /// Index, in every eight photographs by name, of the held-out one, unless the data set lists its splits.
     pub hold_offset: usize,
     pub cameras: Cameras,
-    /// File of shared cameras: read if it is of this model, else written. `None`: they are computed and not kept.
+    /// File of shared cameras: read if written for this model, else written. `None`: the cameras are not stored.
     pub shared_cameras: Option<PathBuf>,
     /// Origin of all coordinates, in the file's own world ([`Dataset::origin`]), such as that of the blob to
     /// evaluate. `None`: a point near cameras that are far from the file's origin, else the file's origin.
     pub origin: Option<[f64; 3]>,
-    /// Whether the data are read for an existing field, for which views of any split are enough; else training views
-    /// are required.
+    /// Whether the data are read to evaluate an existing field, for which views of any split suffice. Otherwise
+    /// training views are required.
     pub to_measure: bool,
 }
 
@@ -299,7 +299,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError>
     read_watched(path, options, &Watch::default())
 }
 
-/// [`read`], with its progress in `watch` for another thread to see.
+/// [`read`] with progress in `watch`, which another thread can read.
 pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     check_range(options.near, options.far)?;
     let kind = std::fs::metadata(path).map_err(|source| DatasetError::io(path, source))?;

@@ -1,20 +1,20 @@
-//! File names made from names of views, and names in sentences.
+//! File names derived from names of views, and names in sentences.
 
 use crate::data::View;
 use std::collections::HashSet;
 use std::path::Path;
 
-/// Stems that a report needs for itself: `views.png` is its contact sheet.
+/// Stems of files that a report writes itself: `views.png` is its contact sheet.
 const RESERVED: [&str; 4] = ["views", "curve", "curve_steps", "snapshots"];
 
 /// Maximum length of a stem, bytes: `step_0000000000_` before and `_z_depth.png` after it fit a file name of 255.
 const MAX_BYTES: usize = 200;
 
-/// A stem for each view of a split; no two are equal, even if case is ignored.
+/// File name stems of the views of a split; no two are equal, even if case is ignored.
 ///
 /// `./train/r_3.png` becomes `train_r_3`. Letters of any script stay. A stem that an earlier view has, or that the
-/// report needs for itself, gets a number: `照片/一.png` and `照片_一.jpg` become `照片_一` and `照片_一_2`. The names
-/// depend on the whole split, so that a view has the same one in every command.
+/// report needs for itself, gets a number: `照片/一.png` and `照片_一.jpg` become `照片_一` and `照片_一_2`. The stems depend on
+/// the whole split, so that a view has the same stem in every command.
 #[derive(Clone, Debug)]
 pub struct FileNames<'v> {
     views: &'v [View],
@@ -39,7 +39,7 @@ impl<'v> FileNames<'v> {
     /// # Panics
     /// If `view` is not one of the views.
     pub fn stem(&self, view: &View) -> &str {
-        // Names may occur twice in a file; views are told apart by their addresses.
+        // Names may occur twice in a data set; views are distinguished by their addresses.
         let index = self.views.iter().position(|other| std::ptr::eq(other, view));
         self.at(index.expect("a view of the split"))
     }
@@ -49,7 +49,7 @@ fn stems<'n>(names: impl Iterator<Item = &'n str>) -> Vec<String> {
     let plain: Vec<String> = names.map(plain).collect();
     let fold = |stem: &str| stem.to_lowercase();
     let mut taken: HashSet<String> = RESERVED.into_iter().map(str::to_owned).collect();
-    // A number that is made up must not be another view's own name.
+    // A numbered stem must not equal the plain stem of another view.
     let own: HashSet<String> = plain.iter().map(|stem| fold(stem)).collect();
     let with_depth = |stem: &str| [fold(stem), fold(stem) + "_z_depth"];
     let mut assign = |stem: &str| {
@@ -66,7 +66,7 @@ fn stems<'n>(names: impl Iterator<Item = &'n str>) -> Vec<String> {
     plain.iter().map(|stem| assign(stem)).collect()
 }
 
-/// The name without its extension, within the limit; characters that are not letters or digits become `_`.
+/// `name` without its extension, of at most [`MAX_BYTES`] bytes; characters other than letters and digits become `_`.
 fn plain(name: &str) -> String {
     let stem = Path::new(name).with_extension("");
     let letter = |c: char| if c.is_alphanumeric() { c } else { '_' };
@@ -85,12 +85,12 @@ pub(crate) fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// `1 view`, `2 views`.
+/// Number with its noun: `1 view`, `2 views`.
 pub(crate) fn count(n: usize, what: &str) -> String {
     if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
 }
 
-/// The first few names, and how many more there are.
+/// The first few names, and the number of further ones.
 pub(crate) fn listed(names: &[impl AsRef<str>]) -> String {
     const SHOWN: usize = 8;
     let shown: Vec<&str> = names.iter().take(SHOWN).map(AsRef::as_ref).collect();

@@ -1,4 +1,4 @@
-//! Contents of a data set, and what looks wrong with it.
+//! Report on a data set: its contents, and warnings about suspicious properties.
 
 use crate::data::cameras::geometry::bounds;
 use crate::data::names::listed;
@@ -17,7 +17,7 @@ const FEW: usize = 6;
 pub struct Report {
     pub name: String,
     pub format: Format,
-    /// The pose convention that its file was read in.
+    /// Pose convention in which the data set was read.
     pub axes: Axes,
     pub train: usize,
     pub val: usize,
@@ -36,9 +36,9 @@ pub struct Report {
     pub scene_box: Option<[[f32; 3]; 2]>,
     pub background: Background,
     pub points: usize,
-    /// Number of cameras that differ in their intrinsics or lens.
+    /// Number of distinct cameras, by intrinsics and lens.
     pub cameras: usize,
-    /// Position of the origin of all these coordinates in the file's own world.
+    /// Position of the origin of all coordinates of the report in the file's own world.
     pub origin: [f64; 3],
     pub notes: Vec<String>,
     /// The reader's warnings, then those of this report.
@@ -103,7 +103,7 @@ impl Report {
     }
 }
 
-/// Warning that names the views with exactly the same pose as another.
+/// Warning that names the views with exactly the same pose as another view.
 fn one_place(dataset: &Dataset) -> Option<String> {
     let mut seen = HashMap::new();
     let mut twins = Vec::new();
@@ -119,11 +119,11 @@ fn one_place(dataset: &Dataset) -> Option<String> {
     (count > 0).then(|| format!("{count} views have the pose of another: {names}"))
 }
 
-/// Warning if the cameras do not look at a common place, with what would correct it.
+/// Warning, with a remedy, if the cameras do not look at a common place.
 ///
-/// The other convention looks along the same axes the other way, so it is right exactly if
-/// the axes meet but behind the cameras. Forward-facing captures are never warned about: their
-/// axes meet nowhere in particular.
+/// The opposite convention ([`Axes::other`]) reverses the viewing direction along each axis, so it is right exactly if
+/// the axes meet, but behind the cameras. Forward-facing captures are never warned about: their axes meet nowhere in
+/// particular.
 fn axes_warning(look_at: &LookAt, cameras: &[Camera], axes: Axes) -> Option<String> {
     if look_at.agrees() || look_at.forward_facing() {
         return None;

@@ -14,13 +14,13 @@ pub struct View {
     /// `[height * width]` from the top left, row by row: straight (not premultiplied) sRGB and
     /// alpha; alpha is 255 if the file has none.
     pub pixels: Vec<[u8; 4]>,
-    /// Whether each pixel is trained on and evaluated, in the same order; `None`: all pixels are.
+    /// Whether each pixel is trained on and evaluated, in the order of `pixels`; `None`: all pixels are.
     pub mask: Option<Vec<bool>>,
     /// Distance from the camera within which an unbounded scene is empty, world units: a little less than that of the
     /// nearest sparse points in view; 0 if there are none.
     pub near: f32,
-    /// Positions of points of [`Dataset::points`](crate::data::Dataset::points) in the picture; empty without a
-    /// reconstruction's tracks.
+    /// Positions in the picture of points of [`Dataset::points`](crate::data::Dataset::points); empty if the data have
+    /// no tracks.
     pub key_points: Vec<KeyPoint>,
 }
 
@@ -58,8 +58,8 @@ impl View {
         Self { camera, ..self.clone() }
     }
 
-    /// Every `step`-th pixel of every `step`-th row, with a camera that has exactly their rays. The view itself if
-    /// `step` is 1, or if the mask leaves none of these pixels.
+    /// Every `step`-th pixel of every `step`-th row, with a camera that has exactly the rays of these pixels. The view
+    /// itself if `step` is 1, or if the mask leaves no sampled pixel.
     ///
     /// `step`: odd. Pixel `i` of the result is pixel `step i + step / 2` of the view. Along a side shorter than
     /// `step`, the step is the largest odd number that fits.
@@ -87,7 +87,7 @@ impl View {
         Cow::Owned(Self { name: self.name.clone(), camera, pixels, mask, near: self.near, key_points })
     }
 
-    /// Whether the pixel at `index`, counted row by row, is trained on and measured.
+    /// Whether the pixel at `index`, counted row by row, is trained on and evaluated.
     pub fn counts(&self, index: usize) -> bool {
         self.mask.as_ref().is_none_or(|mask| mask.get(index).copied().unwrap_or(false))
     }
@@ -110,7 +110,7 @@ impl View {
         self.pixels.iter().any(|p| p[3] < 255)
     }
 
-    /// The picture over `background`, `[height * width]`, both display-encoded in [0, 1].
+    /// The picture over `background`, `[height * width]`; result and background are display-encoded in [0, 1].
     ///
     /// `colour * alpha + background * (1 - alpha)` in display space, as published figures are.
     pub fn composite_over(&self, background: [f32; 3]) -> Vec<[f32; 3]> {
@@ -154,12 +154,12 @@ pub enum Background {
     Alpha,
     /// No alpha, but more than half of all border pixels are exactly this sRGB colour.
     Constant([u8; 3]),
-    /// Neither of the above.
+    /// Neither transparent nor constant.
     Unknown,
 }
 
 impl Background {
-    /// The background of these pictures, from their alpha or else from their borders.
+    /// Background of `views`, from their alpha or else from their border pixels.
     pub fn of(views: &[View]) -> Self {
         if views.iter().any(View::has_alpha) {
             return Self::Alpha;
@@ -177,7 +177,7 @@ impl Background {
                 }
             }
         }
-        // More than half can be only one colour, so the order of the map does not matter.
+        // Only one colour can have more than half of the pixels, so the order of the map does not matter.
         match counts.into_iter().find(|&(_, count)| 2 * count > total) {
             Some((colour, _)) => Self::Constant(colour),
             None => Self::Unknown,

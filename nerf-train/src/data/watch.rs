@@ -1,9 +1,9 @@
-//! Progress of reading many pictures, for another thread to see.
+//! Progress of reading many pictures, which another thread can read.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Number of pictures that are read and to be read; an archive, which is read at once, counts none.
+/// Numbers of pictures read and to be read; an archive, which is read at once, counts no pictures.
 #[derive(Debug, Default)]
 pub struct Watch {
     done: AtomicU64,
@@ -16,7 +16,7 @@ impl Watch {
         self.done.load(Ordering::Relaxed)
     }
 
-    /// Number of pictures to be read in all, as far as it is known; 0 before that.
+    /// Total number of pictures to be read; 0 until it is known.
     pub fn total(&self) -> u64 {
         self.total.load(Ordering::Relaxed)
     }

@@ -1,7 +1,7 @@
 //! Child processes: none outlives this process or blocks it for ever.
 //!
-//! On unix each is the leader of a process group of its own: a terminal's Ctrl-C reaches this process alone, which
-//! decides what is saved first ([`crate::system::stop`]), and what a wrapper script has started ends with the script.
+//! On Unix each child leads a process group of its own. A terminal's Ctrl-C reaches this process alone, which decides
+//! what is saved first ([`crate::system::stop`]). Processes that a wrapper script has started end with the script.
 
 use crate::system::lock;
 use std::io::{self, Read, Write};
@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 const ASK_EVERY: Duration = Duration::from_millis(5);
 /// Time limit for a killed child to end: it ends at once, unless the system itself holds it.
 const KILLED: Duration = Duration::from_secs(1);
-/// Number of bytes written at a time; each such part that the child reads is a sign of life.
+/// Number of bytes written at a time; each part that the child reads restarts its time limit.
 const PIECE_BYTES: usize = 1 << 16;
 
 static RUNNING: Mutex<Vec<Arc<Mutex<Process>>>> = Mutex::new(Vec::new());
@@ -39,7 +39,7 @@ impl Process {
         #[cfg(unix)]
         if let Ok(group) = i32::try_from(self.child.id()) {
             use nix::sys::signal::{Signal, killpg};
-            // Fails if it has ended by itself.
+            // Fails if the group has ended by itself.
             let _ = killpg(nix::unistd::Pid::from_raw(group), Signal::SIGKILL);
         }
         let _ = self.child.kill();
@@ -54,7 +54,7 @@ impl Helper {
     pub fn spawn(command: &mut Command) -> io::Result<Self> {
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(command, 0);
-        // The lock is held meanwhile, so that a signal finds the child.
+        // The lock is held while the child starts, so that a signal finds the child.
         let mut running = lock(&RUNNING);
         let process = Arc::new(Mutex::new(Process { child: command.spawn()?, status: None }));
         running.push(Arc::clone(&process));
@@ -88,7 +88,7 @@ impl Helper {
     /// Writes all of `bytes` to the child's standard input; a child that reads none of it for `patience` is killed.
     ///
     /// # Errors
-    /// [`io::ErrorKind::TimedOut`] if it was killed, or the system's error if it no longer reads.
+    /// [`io::ErrorKind::TimedOut`] if the child was killed, or the system's error if the child no longer reads.
     pub fn feed(&self, stdin: &mut ChildStdin, bytes: &[u8], patience: Duration) -> io::Result<()> {
         let (taken, pieces) = mpsc::channel();
         std::thread::scope(|scope| {
@@ -125,7 +125,7 @@ impl Drop for Helper {
     }
 }
 
-/// Ends all running children, and lets no further one start. To be called when this process ends.
+/// Ends all running children, and blocks the start of further ones. To be called when this process ends.
 pub fn end_all() {
     let running = lock(&RUNNING);
     for process in &*running {
@@ -139,7 +139,7 @@ pub fn end_all() {
     std::mem::forget(running);
 }
 
-/// Output of a child on a pipe, read all the time, so that the child never waits for a reader.
+/// Output of a child on a pipe, read continuously, so that the child never waits for a reader.
 #[derive(Debug)]
 pub struct Heard {
     kept: Arc<Mutex<Vec<u8>>>,
@@ -147,7 +147,7 @@ pub struct Heard {
 }
 
 impl Heard {
-    /// Starts to read; keeps the last `keep` bytes.
+    /// Starts a thread that reads `stream` and keeps its last `keep` bytes.
     pub fn of(stream: Option<impl Read + Send + 'static>, keep: usize) -> Self {
         let kept = Arc::new(Mutex::new(Vec::new()));
         let (ending, ended) = mpsc::channel::<()>();
@@ -165,15 +165,15 @@ impl Heard {
         lock(&self.kept).clone()
     }
 
-    /// The output. To be called when the child has ended. Processes that it has started and left behind may hold the
-    /// pipe open, and are not waited for.
+    /// The last bytes of the output. To be called when the child has ended. Processes that the child has left behind
+    /// may hold the pipe open, and are not waited for.
     pub fn text(&self) -> Vec<u8> {
         let _ = self.ended.recv_timeout(Duration::from_millis(500));
         lock(&self.kept).clone()
     }
 }
 
-/// Reads to the end of the stream, keeps the last `keep` bytes.
+/// Reads `stream` to its end, and keeps its last `keep` bytes in `kept`.
 fn tail(mut stream: impl Read, keep: usize, kept: &Mutex<Vec<u8>>) {
     let mut buffer = [0; 4096];
     loop {
@@ -189,7 +189,7 @@ fn tail(mut stream: impl Read, keep: usize, kept: &Mutex<Vec<u8>>) {
     }
 }
 
-/// The last lines that contain words, joined into one line.
+/// The last lines with letters or digits, joined into one line.
 pub fn last_lines(bytes: &[u8]) -> String {
     const SHOWN_LINES: usize = 4;
     let text = String::from_utf8_lossy(bytes);

@@ -1,8 +1,9 @@
-//! The one way in which this project reads whole files: at most a stated number of bytes.
+//! Reading of whole files, all in this place: at most a stated number of bytes.
 //!
-//! What a command is pointed at may be a device without end, a pipe, a file that grows, or a sparse terabyte. A read
-//! here ends with an error that states the limit, before the memory does. Archives (`.npz`) and arrays (`.npy`) are not
-//! read whole: `data::layouts::npz` limits what each array unpacks to. The kernel's own files under `/proc` have no limit.
+//! A path that a command is given may be a device without end, a pipe, a file that grows, or a sparse terabyte. A read
+//! here fails with an error that states the limit, before memory runs out. Archives (`.npz`) and arrays (`.npy`) are
+//! not read whole: `data::layouts::npz` limits what each array unpacks to. The kernel's own files under `/proc` have no
+//! limit.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -11,26 +12,26 @@ use std::str::FromStr;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
-/// Limit of a blob. The format's caps (22 layers of 512, an occupancy grid of 512³ bits) come to a sixth of it.
+/// Size limit of a blob, bytes: six times the format's caps (22 layers of 512, an occupancy grid of 512³ bits).
 pub const MAX_BLOB_BYTES: u64 = 256 << 20;
-/// Limit of a JSON file: some 400,000 frames of a `transforms.json`.
+/// Size limit of a JSON file, bytes: some 400,000 frames of a `transforms.json`.
 pub const MAX_JSON_BYTES: u64 = 256 << 20;
 pub const MAX_TOML_BYTES: u64 = 1 << 20;
-/// Limit of a picture file: 16,384² pixels of three bytes, not compressed, fit.
+/// Size limit of a picture file, bytes: 16,384² pixels of three bytes, not compressed, fit.
 pub const MAX_PICTURE_BYTES: u64 = 1 << 30;
 pub const MAX_CHECKPOINT_BYTES: u64 = 1 << 30;
 
-/// How long a pipe or device may stay silent, also before its first byte.
+/// Maximum time for which a pipe or device may send nothing, also before its first byte.
 const MAX_SILENCE: Duration = Duration::from_secs(60);
 const PIECE_BYTES: usize = 1 << 16;
 
 /// The bytes of a file, pipe or device, if there are at most `limit`.
 ///
-/// A pipe or device is read once, until a little after `limit`: it need not be readable twice.
+/// A pipe or device is read once, to a little beyond `limit` at most: a second read may find no bytes.
 ///
 /// # Errors
 /// The system's errors. [`io::ErrorKind::FileTooLarge`] states the limit. [`io::ErrorKind::TimedOut`] if a pipe is
-/// silent for a minute. None of them names the file: the caller does.
+/// silent for a minute. No error names the file: the caller does.
 pub fn read_limited(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     let metadata = std::fs::metadata(path)?;
     if !metadata.is_file() && !metadata.is_dir() {
@@ -65,7 +66,7 @@ pub fn read_text(path: &Path, limit: u64) -> io::Result<String> {
     })
 }
 
-/// `bytes` after a UTF-8 byte order mark, if there is one.
+/// `bytes` without a leading UTF-8 byte order mark.
 pub fn without_mark(bytes: &[u8]) -> &[u8] {
     bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)
 }
@@ -87,7 +88,7 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
 pub fn toml_message(text: &str, error: &toml::de::Error) -> String {
     let said = error.message().lines().map(str::trim).collect::<Vec<_>>().join("; ");
     let Some(before) = error.span().and_then(|span| text.get(..span.start)) else {
-        // An error without a place, of a value that was merged from several: its text names the tables.
+        // An error without a position, in a value that was merged from several: the error's text names the tables.
         return error.to_string().lines().map(str::trim).collect::<Vec<_>>().join(" ").trim().to_owned();
     };
     let start = before.rfind('\n').map_or(0, |end| end + 1);
@@ -96,7 +97,7 @@ pub fn toml_message(text: &str, error: &toml::de::Error) -> String {
     format!("line {row}, column {column}: {said} (in `{}`)", shown.trim())
 }
 
-/// Reads on another thread, as opening and reading may block for ever; after a timeout it ends with the process.
+/// Reads on another thread, as opening and reading may block for ever; a blocked thread ends with the process.
 fn read_stream(path: &Path, limit: u64, silence: Duration) -> io::Result<Vec<u8>> {
     let (sender, pieces) = mpsc::sync_channel::<io::Result<Vec<u8>>>(16);
     let path = path.to_owned();

@@ -1,20 +1,20 @@
-//! Whether a request fits the memory of this machine, asked before anything is allocated.
+//! Check whether a request fits the memory of this machine, before anything is allocated.
 
 use anyhow::ensure;
 use std::fmt::Display;
 
-/// Fraction of the memory that is free now that one command may use.
+/// Fraction of the currently free memory that one command may use.
 const SHARE: f64 = 0.8;
 /// Free memory assumed if the system does not state it, bytes.
 const UNKNOWN: u64 = 8 << 30;
 
-/// Bytes as a person reads them.
+/// Text of a number of bytes in GB or TB.
 fn in_words(bytes: u64) -> String {
     let giga = bytes as f64 / 1e9;
     if giga < 1000.0 { format!("{giga:.1} GB") } else { format!("{:.0} TB", giga / 1000.0) }
 }
 
-/// Refuses `items` of `bytes_each` that together need more memory than is available.
+/// Refuses a request for `items` of `bytes_each` bytes that exceeds [`limit`]. `what`, `advice`: for the error.
 pub fn check(what: impl Display, items: u64, bytes_each: u64, advice: &str) -> anyhow::Result<()> {
     let (needed, limit) = (items.saturating_mul(bytes_each), limit());
     ensure!(

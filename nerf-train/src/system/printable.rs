@@ -2,9 +2,9 @@
 //!
 //! Names of views and arrays, provenance, messages of decoders and of child processes are untrusted. A terminal obeys
 //! the control characters in them: they move the cursor, retitle the window, answer for the user; bidirectional
-//! overrides make a name read as another. Each way out of this program escapes them, once, where text leaves it:
+//! overrides make a name read as another. Each output of this program escapes them, once, where text leaves it:
 //!
-//! | way out | where | with |
+//! | output | where | with |
 //! | --- | --- | --- |
 //! | a line of results, of progress, of an error | `cli::common::print_lines`, `tell`, `system::progress` | [`line()`] |
 //! | lines of results, such as a table | `cli::common::print`, `system::progress::say_lines` | [`lines`] |
@@ -73,7 +73,7 @@ fn replaced(
 /// assert_eq!(line("照片/Ågq 👩‍🚀"), "照片/Ågq 👩‍🚀");
 /// ```
 pub fn line(text: &str) -> Cow<'_, str> {
-    // `escape_unicode` for the few that `escape_debug` shows as they are.
+    // `escape_unicode`, as `escape_debug` leaves a few of these characters unchanged.
     replaced(text, acts, |safe, c| match c {
         '\n' | '\r' | '\t' => write!(safe, "{}", c.escape_default()),
         _ => write!(safe, "{}", c.escape_unicode()),
@@ -82,8 +82,8 @@ pub fn line(text: &str) -> Cow<'_, str> {
 
 /// [`line()`] for text that this program has broken into lines: line ends and tabs stay.
 ///
-/// A line end in a name stays, too. If it could pass for a line of this program's own, the name alone goes through
-/// [`line()`] first.
+/// A line end in a name stays, too. If it could pass for a line of this program's own, the caller escapes the name
+/// alone with [`line()`] first.
 pub fn lines(text: &str) -> Cow<'_, str> {
     replaced(text, |c| acts(c) && !matches!(c, '\n' | '\t'), |safe, c| write!(safe, "{}", c.escape_unicode()))
 }
@@ -107,8 +107,8 @@ pub fn markdown(text: &str) -> String {
 
 /// JSON with control and invisible characters as `\u001b`: the same values for a parser, and safe on a terminal.
 ///
-/// Outside of strings JSON has none of these characters but line ends and tabs, which stay; within, writers of JSON
-/// escape C0 themselves.
+/// Outside of strings JSON has none of these characters but line ends and tabs, which stay. Within strings, writers of
+/// JSON escape C0 themselves.
 pub fn json(text: &str) -> Cow<'_, str> {
     replaced(
         text,

@@ -1,7 +1,7 @@
 //! Progress of long work: a bar on a terminal, plain or JSON lines elsewhere, nothing when quiet.
 //!
-//! All of it goes to stderr, so that stdout stays free for results. Nothing here can fail: a closed
-//! stderr is passed over.
+//! All output goes to stderr, so that stdout stays free for results. No function here fails: a closed stderr is
+//! ignored.
 
 use crate::system::{lock, printable};
 use indicatif::{HumanCount, ProgressBar, ProgressDrawTarget};
@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 /// Time between lines, plain or JSON, if there is no bar.
 const LINE_EVERY: Duration = Duration::from_secs(5);
-/// Number of positions of the bar: it shows a fraction, not steps, as a time budget has none.
+/// Number of positions of the bar, which shows a fraction of the work: a time budget has no steps.
 const BAR_LENGTH: u64 = 10_000;
 /// Elapsed time before which the remaining time is not estimated.
 const EARLIEST_ESTIMATE: Duration = Duration::from_secs(1);
@@ -34,7 +34,7 @@ pub enum ProgressStyle {
     Auto,
     /// Plain lines every five seconds, also on a terminal.
     Plain,
-    /// One JSON object a line, at the pace of plain lines, for a program that follows.
+    /// One JSON object a line, at the pace of plain lines, for another program to read.
     ///
     /// `{"event":"progress","what":"render","position":3,"total":60,"elapsed_s":5.2,"left_s":98.8}`, then what is
     /// known of `rays_per_s`, `train_psnr_db`, `val_psnr_db` and `note`; `total` and `left_s` are null if they are
@@ -53,12 +53,12 @@ pub struct Message {
     pub train_psnr_db: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub val_psnr_db: Option<f64>,
-    /// Anything else, shown unchanged; may be empty.
+    /// Further text, shown unchanged; may be empty.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub note: String,
 }
 
-/// One JSON line for a program that follows the progress; numbers that are not finite are null.
+/// One JSON line for another program to read; numbers that are not finite are null.
 #[derive(Debug, Serialize)]
 #[serde(tag = "event", rename_all = "lowercase")]
 enum Event<'a> {
@@ -84,19 +84,19 @@ enum Event<'a> {
 
 impl Event<'_> {
     fn line(&self) -> String {
-        // Strings and numbers alone: nothing that could fail.
+        // Serialising strings and numbers cannot fail.
         let json = serde_json::to_string(self).unwrap_or_default();
         printable::json(&json).into_owned()
     }
 }
 
-/// The display of one task; when dropped, it leaves its last state on the screen.
+/// Progress display of one task; a drop leaves its last state on the screen.
 #[derive(Debug)]
 pub struct Progress {
     what: String,
     total: Total,
     started: Instant,
-    /// Position at the start: work that resumes must not count what was done in earlier runs.
+    /// Position at the start of this run: steps of earlier runs do not count in the estimate.
     first: u64,
     display: Display,
 }
@@ -109,7 +109,7 @@ enum Display {
 }
 
 impl Progress {
-    /// Starts the clock and shows an empty bar or a first line. `what` names the work: "train".
+    /// Starts the clock and shows an empty bar or a first line. `what`: name of the work, such as "train".
     pub fn new(what: impl Into<String>, total: Total, style: ProgressStyle) -> Self {
         let terminal = std::io::stderr().is_terminal();
         let display = match style {
@@ -130,7 +130,7 @@ impl Progress {
         Self::new(what, Total::Steps(total as u64), style)
     }
 
-    /// For work that resumes at `position`: the estimate counts only what this run does.
+    /// Sets the position at which work resumes: the estimate counts only the steps of this run.
     pub fn resume_at(mut self, position: u64) -> Self {
         self.first = position;
         self
@@ -168,7 +168,7 @@ impl Progress {
         self.update(position as u64, &Message::default());
     }
 
-    /// Prints a line of its own above the bar; nothing when quiet.
+    /// Prints a separate line above the bar; nothing when quiet.
     pub fn println(&self, line: impl AsRef<str>) {
         match &self.display {
             Display::Bar(bar) => bar.suspend(|| print_line(line.as_ref())),
@@ -204,7 +204,7 @@ impl Progress {
         }
     }
 
-    /// Fraction of the work that is done, in [0, 1]: the larger of steps and time, as either ends it.
+    /// Fraction of the work that is done, in [0, 1]: the larger of those of steps and of time; `None` if unknown.
     fn share(&self, position: u64, elapsed: Duration) -> Option<f64> {
         let steps = |total: u64| if total == 0 { 1.0 } else { position as f64 / total as f64 };
         let time = |budget: Duration| {
@@ -293,7 +293,7 @@ fn details(message: &Message) -> String {
     parts.into_iter().flatten().collect::<Vec<_>>().join(" · ")
 }
 
-/// The bar that was started last, for a signal: no one else removes it then.
+/// The bar that was started last, which a signal abandons, as nothing else removes it then.
 static BAR: Mutex<Option<ProgressBar>> = Mutex::new(None);
 
 /// Leaves a running bar unchanged, with the cursor on a new line, for a last message before the process ends.
@@ -309,7 +309,7 @@ pub fn abandon() {
 
 impl Drop for Progress {
     fn drop(&mut self) {
-        // Also on an error's way out: the bar's last state stays, the cursor is on a new line.
+        // Also after an error: the bar's last state stays, and the cursor is on a new line.
         if let Display::Bar(bar) = &self.display
             && !bar.is_finished()
         {
@@ -320,15 +320,15 @@ impl Drop for Progress {
 
 fn new_bar() -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(BAR_LENGTH), ProgressDrawTarget::stderr());
-    // Two lines: on 80 columns one cannot hold both how long it will take and how good it is.
-    // A template that does not parse would leave the default bar, which says the same less well.
+    // Two lines: 80 columns cannot hold times and figures on one.
+    // If the template does not parse, the default bar shows the same, less well.
     match indicatif::ProgressStyle::with_template("{bar:24.cyan/white} {percent:>3} % {prefix}\n{wide_msg}") {
         Ok(style) => bar.with_style(style.progress_chars("━╸─")),
         Err(_) => bar,
     }
 }
 
-/// Prints a line that belongs to no task, in the manner of `style`.
+/// Prints a line that belongs to no task, in the format of `style`.
 pub fn say(style: ProgressStyle, line: &str) {
     match style {
         ProgressStyle::Json => say_lines(style, line),
@@ -336,7 +336,7 @@ pub fn say(style: ProgressStyle, line: &str) {
     }
 }
 
-/// [`say`] for text that this program has broken into lines, in which names went through [`printable::line`] already.
+/// [`say`] for text that this program has broken into lines. [`printable::line`] must have escaped the names in it.
 pub fn say_lines(style: ProgressStyle, lines: &str) {
     match style {
         ProgressStyle::Quiet => {}
@@ -359,7 +359,7 @@ fn rounded_seconds(time: Duration) -> f64 {
     (time.as_secs_f64() * 1e3).round() / 1e3
 }
 
-/// 31,400 as "31.4 k", 2,500,000 as "2.50 M": three digits.
+/// Text of a value with three digits and a unit prefix: "31.4 k" for 31,400, "2.50 M" for 2,500,000.
 fn scaled(value: f64) -> String {
     let (value, unit) = match value.abs() {
         size if size >= 1e9 => (value / 1e9, " G"),
@@ -375,7 +375,7 @@ fn scaled(value: f64) -> String {
     format!("{value:.decimals$}{unit}")
 }
 
-/// "0:07", "12:41", "3:05:09".
+/// Text of a time, as "0:07", "12:41" or "3:05:09".
 fn in_words(time: Duration) -> String {
     let seconds = time.as_secs();
     let (hours, minutes, seconds) = (seconds / 3_600, seconds / 60 % 60, seconds % 60);

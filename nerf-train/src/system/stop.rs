@@ -1,20 +1,20 @@
-//! Signals that ask the process to end (SIGINT, SIGTERM, SIGHUP), handled at once whatever it is doing.
+//! Handling of signals that ask the process to end (SIGINT, SIGTERM, SIGHUP), at once whatever the process does.
 //!
-//! A thread of its own waits for them, so that handling them does not depend on what other threads are doing: a tile
-//! of a frame, a decoder, a read from a fifo. What a command would lose decides what the thread does:
+//! A thread of its own waits for signals, so that handling does not depend on what other threads are doing: a tile of a
+//! frame, a decoder, a read from a fifo. The work that a command would lose decides what the signal thread does:
 //!
-//! - nothing: it does what a [`Note`] asks for, ends child processes, removes temporary files, and ends the process
-//!   with status `128 + signal`;
+//! - no work: the thread does what a [`Note`] asks for, ends child processes, removes temporary files, and ends the
+//!   process with status `128 + signal`;
 //! - work that a loop saves between two steps ([`Claim`]): the thread waits for the loop, which polls [`requested`].
-//!   Once the loop has dropped its claim, it has [`LAST_WORD`] to report that and to end with [`status`];
-//! - the same, while the loop is busy for longer ([`Claim::cover`]): the thread writes the files that the loop has
-//!   lent it.
+//!   Once it has dropped its claim, the loop has [`LAST_WORD`] to report that and to end with [`status`];
+//! - work of a loop that is busy for longer ([`Claim::cover`]): the thread writes the files that the loop has handed to
+//!   it.
 //!
-//! A further signal changes nothing: what the first has begun to save is saved. A signal that the process was
+//! A further signal changes nothing: a save that the first has begun is completed. A signal that the process was
 //! started to ignore, such as SIGHUP under `nohup`, stays ignored.
 //!
-//! Child processes inherit that these signals are blocked, and do not see a terminal's Ctrl-C (`crate::system::child`): they
-//! live until this process, or its thread here, ends them.
+//! Child processes inherit that these signals are blocked, and do not see a terminal's Ctrl-C (`crate::system::child`).
+//! Each child lives until this process, or its signal thread, ends it.
 
 use crate::system::lock;
 use crate::system::output::{remove_temporaries, write_atomic};
@@ -33,7 +33,7 @@ const TIDYING: Duration = Duration::from_millis(200);
 /// Time limit for removing temporaries, of which one may be a folder of many files.
 const REMOVING: Duration = Duration::from_millis(600);
 
-/// Number of the first signal; 0 before.
+/// Number of the first signal; 0 before a signal.
 static SIGNAL: AtomicI32 = AtomicI32::new(0);
 static STATE: Mutex<State> = Mutex::new(State::Nothing);
 static CHANGED: Condvar = Condvar::new();
@@ -65,7 +65,7 @@ pub fn requested() -> bool {
 
 /// Exit status of a process that a signal ended: 128 plus the signal, so 130 after Ctrl-C.
 pub fn status() -> ExitCode {
-    // Signals end at 64.
+    // Signal numbers end at 64.
     u8::try_from(128 + SIGNAL.load(Ordering::Relaxed)).map_or(ExitCode::FAILURE, ExitCode::from)
 }
 
@@ -74,14 +74,14 @@ fn set(new: State) {
     CHANGED.notify_all();
 }
 
-/// States that there is work to save, and that its owner polls [`requested`] often and saves it; ends when dropped.
+/// Statement that there is unsaved work, whose owner polls [`requested`] often and saves it; ends when dropped.
 ///
-/// Only one at a time: fits do not run in parallel.
+/// Only one claim exists at a time: fits do not run in parallel.
 #[derive(Debug)]
 pub struct Claim(());
 
 impl Claim {
-    /// From now on a signal waits for the owner.
+    /// Makes every signal wait for the owner until the claim is dropped.
     #[allow(clippy::new_without_default, reason = "it is a guard, not a value")]
     pub fn new() -> Self {
         set(State::Claimed);
@@ -107,7 +107,7 @@ impl Drop for Claim {
     }
 }
 
-/// Message of a signal if nothing is claimed, and work that is done before it.
+/// Message that a signal prints if no work is claimed, and work that is done before the message.
 struct Words {
     message: String,
     /// Name of the work, and the work itself.
@@ -116,12 +116,13 @@ struct Words {
 
 type LastWork = Box<dyn FnOnce() -> Result<(), String> + Send>;
 
-/// Message of a signal instead of "interrupted" if nothing is claimed; ends when dropped. Only one at a time.
+/// Message that a signal prints, instead of "interrupted", if no work is claimed. Only one at a time; ends when
+/// dropped.
 #[derive(Debug)]
 pub struct Note(());
 
 impl Note {
-    /// From now on a signal prints this message.
+    /// Makes a signal print this message.
     pub fn new(message: impl Into<String>) -> Self {
         let note = Self(());
         note.say(message);
@@ -134,7 +135,7 @@ impl Note {
         *words = Some(Words { message: message.into(), last });
     }
 
-    /// Registers work to do on a signal before the message is printed, in less than a second. `what`: its name in the message.
+    /// Registers work, of less than a second, to do on a signal before its message. `what`: its name in the message.
     pub fn before(&self, what: &'static str, work: impl FnOnce() -> Result<(), String> + Send + 'static) {
         if let Some(words) = lock(&NOTE).as_mut() {
             words.last = Some((what, Box::new(work)));
@@ -185,7 +186,7 @@ fn end(signal: i32, say: fn(&str)) -> ! {
     let claimed = |state: &mut State| matches!(state, State::Claimed);
     let answered = |state: &mut State| matches!(state, State::Answered);
     let now = CHANGED.wait_while(lock(&STATE), claimed).unwrap_or_else(PoisonError::into_inner);
-    // The owner ends the process; it is ended here only if the owner takes longer than `LAST_WORD`.
+    // If the owner has saved its work, the owner ends the process; it is ended here only after `LAST_WORD`.
     let waited = CHANGED.wait_timeout_while(now, LAST_WORD, answered);
     let (now, _) = waited.unwrap_or_else(PoisonError::into_inner);
     let said = match &*now {
@@ -199,19 +200,19 @@ fn end(signal: i32, say: fn(&str)) -> ! {
     std::process::exit(128 + signal)
 }
 
-/// Waits for the end of the process if a signal is being handled: the command's error then only comes from a child
-/// process that was ended or a temporary that was removed.
+/// Waits for the end of the process if a signal is being handled: an error of the command then only comes from an ended
+/// child process or a removed temporary.
 pub fn leave_to_signal() {
     while requested() && !matches!(*lock(&STATE), State::Answered) {
         std::thread::park();
     }
 }
 
-/// Signals that are handled: those of the three that the process was not started to ignore.
+/// Signals that are handled: SIGINT, SIGTERM and SIGHUP, except those that the process was started to ignore.
 #[cfg(unix)]
 pub fn answered() -> Vec<nix::sys::signal::Signal> {
     use nix::sys::signal::Signal;
-    // Linux keeps an ignored signal that is blocked, and would hand it out. Others drop it, and have no such file.
+    // Linux queues a blocked signal even if it is ignored, and would hand it out. Others drop it, and lack this file.
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
     let ignored = ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0);
@@ -219,8 +220,8 @@ pub fn answered() -> Vec<nix::sys::signal::Signal> {
     [Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP].into_iter().filter(is_answered).collect()
 }
 
-/// Starts the thread that handles signals and prints messages with `say`. To be called once, before there are other
-/// threads: these inherit that the signals are blocked.
+/// Starts the thread that handles signals and prints messages with `say`. To be called once, before other threads
+/// start, so that they inherit the blocking of the signals.
 #[cfg(unix)]
 pub fn watch(say: fn(&str)) -> std::io::Result<()> {
     let signals: nix::sys::signal::SigSet = answered().into_iter().collect();
@@ -235,7 +236,7 @@ pub fn watch(say: fn(&str)) -> std::io::Result<()> {
     std::thread::Builder::new().name("signals".into()).spawn(wait).map(|_| ())
 }
 
-/// As on Unix, for the signals that the system has.
+/// Handles the system's interrupt, such as Ctrl-C, as SIGINT, and prints messages with `say`.
 #[cfg(not(unix))]
 pub fn watch(say: fn(&str)) -> std::io::Result<()> {
     ctrlc::set_handler(move || end(2, say)).map_err(std::io::Error::other)

@@ -1,14 +1,14 @@
 //! Results as JSON: what `--json` prints and `summary.json` holds.
 //!
-//! A result is any type that serialises; its fields carry their unit: `train_seconds`, `val_psnr_db`. JSON has no infinities
-//! and no NaN: such a number is `null`.
+//! A result is any type that serialises; its field names carry their unit: `train_seconds`, `val_psnr_db`. JSON has no
+//! infinities and no NaN: a number of this kind is `null`.
 
 use crate::system::output::{Attempt, OutputError, write_atomic};
 use crate::system::printable;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// The result as JSON, with a line end at its end.
+/// JSON of a result, with a line end at its end.
 ///
 /// # Examples
 /// ```

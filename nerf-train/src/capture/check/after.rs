@@ -1,4 +1,4 @@
-//! Checks of the capture that need a fitted field: how well it reproduces each training photograph.
+//! Checks of the capture after the fit: how well the field reproduces each training photograph.
 
 use super::Diagnosis;
 use super::found::subject;
@@ -6,22 +6,22 @@ use crate::data::cameras::bundle::median;
 use crate::system::summary::Short;
 use serde::Serialize;
 
-/// A photograph is far worse than the rest if its PSNR is below the median by both of these: dB, median deviations.
+/// Limits on how far a PSNR may lie below the median: dB, and median absolute deviations; the larger applies.
 const FAR_WORSE: (f64, f64) = (5.0, 6.0);
-/// PSNR difference between the best and the worst group from which on the worst is doubtful, dB.
+/// Smallest PSNR difference, dB, between the best and the worst group at which the worst group is doubtful.
 const DIFFERENT_DB: f64 = 3.0;
-/// Median training PSNR below which photographs without tracks contradict each other, dB, from [`A_WHILE`] steps on.
+/// Median training PSNR, dB, below which photographs without tracks contradict each other, see [`A_WHILE`].
 const LOW_DB: f64 = 22.0;
-/// Number of steps of a fit from which on [`LOW_DB`] applies.
+/// Smallest number of training steps after which [`LOW_DB`] applies.
 const A_WHILE: u32 = 2000;
 
-/// How well a field reproduces the photographs that it was fitted to.
+/// Figures of how well a field reproduces its training photographs.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Fitted {
     pub train_psnr_db: Option<Short>,
-    /// The groups that the check found. Without tracks, a group begins where the viewing direction jumps.
+    /// Groups of the diagnosis; without groups and tracks, runs of photographs between jumps of the viewing direction.
     pub train_groups: Vec<Group>,
-    /// Photographs that are shown far worse than the rest.
+    /// Names of the photographs whose PSNR is far below the median.
     pub train_far_worse: Vec<String>,
     #[serde(skip)]
     findings: Vec<String>,
@@ -37,7 +37,7 @@ pub struct Group {
 }
 
 impl Fitted {
-    /// Evaluates the fit of the training photographs after `steps` steps. `photographs`: names and PSNR, dB.
+    /// Judges a fit of `steps` training steps. `photographs`: name and PSNR, dB, of each training photograph.
     pub fn of(diagnosis: &Diagnosis, photographs: &[(&str, f64)], steps: u32) -> Self {
         let finite = || photographs.iter().map(|(_, db)| *db).filter(|db| db.is_finite());
         let middle = median(finite());
@@ -89,7 +89,7 @@ impl Fitted {
         }
     }
 
-    /// Returns a finding if the PSNR of the groups, or of all photographs, suggests that they contradict each other.
+    /// Returns a finding if the PSNR of groups, or of all photographs, suggests contradictory photographs.
     fn doubt(&self, tracks: bool, middle: f64, steps: u32) -> Option<String> {
         let by_db = |a: &&Group, b: &&Group| a.psnr_db.0.total_cmp(&b.psnr_db.0);
         let (low, high) = (self.train_groups.iter().min_by(by_db)?, self.train_groups.iter().max_by(by_db)?);

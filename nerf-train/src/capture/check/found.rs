@@ -14,16 +14,16 @@ use std::collections::BTreeSet;
 
 /// Number of photographs below which all are fitted, even if some contradict the rest.
 const ENOUGH: usize = 10;
-/// A pose is wrong if at least this many key points contradict it, and more than this many times those that agree.
+/// Limits from which on a pose is wrong: number of contradicting key points, and their ratio to the agreeing ones.
 const MISPLACED: (usize, usize) = (10, 2);
 /// Smallest unseen sector that is warned of, degrees.
 const WIDE_GAP: f32 = 60.0;
 /// Maximum number of names or ranges of names in a list; the rest is only counted.
 const LISTED: usize = 6;
-/// A bridge is reported if its smaller side has at least this many photographs.
+/// Smallest number of photographs behind a bridge of the link graph at which the bridge is reported.
 const HANGING: usize = 3;
 
-/// Why photographs fall into groups.
+/// Reason for which the photographs fall into groups.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Reason {
     Folded,
@@ -31,7 +31,7 @@ enum Reason {
     Pieces,
 }
 
-/// Findings of the check; photographs are indices into `views`.
+/// Findings of the check. Each photograph is given as its index in `views`.
 pub(super) struct Found<'v> {
     pub views: Vec<&'v View>,
     pub sharpness: Vec<f32>,
@@ -85,7 +85,7 @@ impl<'v> Found<'v> {
         found
     }
 
-    /// Sets the groups, for the first reason that applies, and the photographs that contradict them.
+    /// Sets `groups`, for the first [`Reason`] that applies, and `outliers`, which contradict the rest.
     fn settle_groups(&mut self) {
         let count = self.views.len();
         let Groups { groups, outliers } = Groups::of(count, &self.pairs);
@@ -113,7 +113,7 @@ impl<'v> Found<'v> {
         self.groups.iter_mut().for_each(|group| group.retain(|view| !outliers.contains(view)));
     }
 
-    /// Whether the reconstruction lays two sides that look alike on top of each other; `None` if too few photographs
+    /// Whether the reconstruction superimposes two sides of the scene that look alike; `None` if too few photographs
     /// can be compared.
     pub fn folded(&self) -> Option<bool> {
         match self.reason {
@@ -122,7 +122,7 @@ impl<'v> Found<'v> {
         }
     }
 
-    /// The pair that contradicts most; pairs of photographs in different groups come first.
+    /// The two photographs that contradict each other most; a pair from different groups takes precedence.
     pub fn worst_pair(&self) -> Option<[usize; 2]> {
         let group = |view: usize| self.groups.iter().position(|group| group.contains(&view));
         let bad = self.pairs.iter().filter(|pair| pair.contradicts());
@@ -327,7 +327,7 @@ impl<'v> Found<'v> {
     }
 }
 
-/// `1 photograph is`, `2 photographs are`.
+/// Number of photographs with its verb: `1 photograph is`, `2 photographs are`.
 pub(super) fn subject(n: usize, one: &str, many: &str) -> String {
     format!("{} {}", count(n, "photograph"), if n == 1 { one } else { many })
 }

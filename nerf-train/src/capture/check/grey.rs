@@ -9,17 +9,17 @@ use rayon::prelude::*;
 const WORKING_SIDE: u32 = 640;
 /// Half the side of a patch, pixels of the working size.
 pub(super) const HALF_PATCH: i32 = 6;
-/// Number of nearest photographs that the sharpness of one is compared with.
+/// Number of nearest photographs with which a photograph's sharpness is compared.
 const NEIGHBOURS: usize = 6;
 /// Ratio of a photograph's sharpness to its neighbours' median below which it is blurred.
 const BLURRED: f32 = 0.3;
 /// Side of the small pictures that are compared to find duplicates, pixels.
 const STAMP: usize = 32;
-/// Two small pictures are the same if their mean difference over their standard deviation is at most this.
+/// Largest ratio of mean absolute difference to standard deviation at which two small pictures are duplicates.
 const SAME: f32 = 0.01;
 
 pub(super) struct Grey {
-    /// Number of the view's pixels along the side of one working pixel.
+    /// Number of the view's pixels along each side of a working-size pixel.
     pub factor: u32,
     width: usize,
     height: usize,
@@ -66,8 +66,8 @@ impl Grey {
         Some(a + v * (b - a))
     }
 
-    /// Samples a square grid around `middle` with the steps `right` and `down`, all in working pixels, row by row.
-    /// `None` if it leaves the picture.
+    /// Grey levels on a square grid around `middle` with steps `right` and `down`, all in working pixels, row by row.
+    /// `None` if the grid leaves the picture.
     pub fn patch(&self, middle: [f32; 2], right: [f32; 2], down: [f32; 2]) -> Option<Vec<f32>> {
         let range = -HALF_PATCH..=HALF_PATCH;
         let steps = range.clone().flat_map(|v| range.clone().map(move |u| (u as f32, v as f32)));
@@ -78,7 +78,7 @@ impl Grey {
         steps.map(at).collect()
     }
 
-    /// Variance of the Laplacian, grey levels squared.
+    /// Sharpness: variance of the Laplacian, grey levels squared.
     fn sharpness(&self) -> f32 {
         let (mut sum, mut squares, mut count) = (0.0f64, 0.0f64, 0u32);
         for y in 1..self.height.saturating_sub(1) {
@@ -94,7 +94,7 @@ impl Grey {
         (squares / count - (sum / count).powi(2)) as f32
     }
 
-    /// The picture at [`STAMP`] by [`STAMP`], and its standard deviation.
+    /// The picture box-filtered to [`STAMP`] by [`STAMP`] pixels, and the standard deviation of its grey levels.
     fn stamp(&self) -> (Vec<f32>, f32) {
         let rgb = self.levels.iter().map(|&level| [f32::from(level); 3]).collect();
         let small = Picture { width: self.width, height: self.height, rgb }.box_filtered(STAMP, STAMP);
@@ -112,7 +112,7 @@ pub(super) fn centred(mut values: Vec<f32>) -> (Vec<f32>, f32) {
     (values, norm)
 }
 
-/// Sharpness of each photograph over the median of those taken nearest to it; 1 if there are none.
+/// Ratio of each photograph's sharpness to the median of its [`NEIGHBOURS`] nearest photographs; 1 without any.
 pub(super) fn sharpness(views: &[&View], greys: &[Grey]) -> Vec<f32> {
     let own: Vec<f32> = greys.par_iter().map(Grey::sharpness).collect();
     let place = |view: &View| (view.camera.pose().position, view.camera.pose().forward());

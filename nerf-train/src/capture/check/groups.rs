@@ -1,18 +1,18 @@
-//! Groups of photographs whose poses can be right together, from pairs that agree or contradict each other.
+//! Groups of photographs whose poses are mutually consistent, from pairs of photographs that agree or contradict.
 
 use super::pairs::Pair;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Fraction of different patches at which a pair counts neither for nor against its poses.
+/// Fraction of differing patches at which a pair of photographs is neutral, neither for nor against its two poses.
 const UNDECIDED: f32 = 0.35;
-/// At most one in this many photographs is few, and can be left out if it contradicts the rest.
+/// Inverse of the fraction of photographs that may be left out if they contradict the rest.
 const FEW: usize = 10;
 /// Number of contradicting pairs needed to leave out a photograph, or to separate two groups.
 const CERTAIN: usize = 3;
-/// Fraction of contradicting pairs from which on many contradicting photographs become a group of their own.
+/// Smallest fraction of contradicting pairs at which many contradicting photographs form a group of their own.
 const TORN: f32 = 0.1;
 
-/// Groups of photographs whose poses agree within the group, and the few that agree with none.
+/// Groups of photographs whose poses agree within each group, and the outliers, which agree with no group.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Groups {
     /// Indices of the photographs of each group; one group if nothing contradicts.
@@ -25,9 +25,9 @@ pub(super) fn few(count: usize) -> usize {
     (count / FEW).max(2)
 }
 
-/// Merges clusters as long as the pairs between two of them agree on average, those that agree best first.
+/// Clusters photographs by repeatedly merging the two clusters whose pairs agree best, as long as the mean agrees.
 ///
-/// Returns for each photograph the smallest index of its cluster.
+/// Returns, for each photograph, the smallest index of a photograph in its cluster.
 fn clusters(count: usize, pairs: &[Pair]) -> Vec<usize> {
     let mut label: Vec<usize> = (0..count).collect();
     let weighted = pairs.iter().map(|pair| (pair.views, (UNDECIDED - pair.different, 1.0f32)));
@@ -57,8 +57,8 @@ fn count(pairs: &[Pair], which: impl Fn([usize; 2]) -> bool) -> (usize, usize) {
     })
 }
 
-/// Small clusters with more contradicting than agreeing pairs. The worst is rejected first, and its pairs no longer
-/// count for the others.
+/// Labels of small clusters with more contradicting than agreeing pairs. The worst cluster is rejected first; its pairs
+/// no longer count for the remaining clusters.
 fn rejected(label: &[usize], pairs: &[Pair]) -> BTreeSet<usize> {
     let mut size: BTreeMap<usize, usize> = BTreeMap::new();
     label.iter().for_each(|label| *size.entry(*label).or_default() += 1);
@@ -93,7 +93,7 @@ fn rejected(label: &[usize], pairs: &[Pair]) -> BTreeSet<usize> {
 }
 
 impl Groups {
-    /// Groups photographs, numbered in the order of their names.
+    /// Groups the photographs, numbered from 0 to `photographs` − 1 in the order of their names.
     pub fn of(photographs: usize, pairs: &[Pair]) -> Self {
         let label = clusters(photographs, pairs);
         let rejected = rejected(&label, pairs);
@@ -125,7 +125,7 @@ impl Groups {
         Self::named(group, groups, contradict, pairs)
     }
 
-    /// Forms the large groups and the outliers. A photograph without pairs joins the group of the one before it.
+    /// Forms the large groups and the outliers. A photograph without pairs joins the group of the previous one.
     fn named(
         mut group: Vec<Option<usize>>,
         groups: usize,

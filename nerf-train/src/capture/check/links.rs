@@ -4,7 +4,7 @@ use super::pairs::Pair;
 use crate::capture::sights::Sights;
 use std::collections::BTreeMap;
 
-/// Number of shared points from which on two photographs are linked.
+/// Smallest number of shared points at which two photographs are linked.
 const LINKED: u32 = 15;
 /// Maximum number of photographs that are counted per point.
 const MAX_TRACK: usize = 200;
@@ -17,7 +17,7 @@ pub(super) struct Links {
     pub bridges: Vec<([usize; 2], usize)>,
 }
 
-/// Depth-first search through all links.
+/// State of a depth-first search through all links.
 struct Search<'l> {
     linked: &'l [Vec<usize>],
     /// Order in which each photograph was reached, from 1; 0 if it was not reached yet.
@@ -27,7 +27,7 @@ struct Search<'l> {
 }
 
 impl Search<'_> {
-    /// Visits `view` and all reached from it; returns the lowest order linked to these, but for the link to `parent`.
+    /// Visits the search tree below `view`; returns the lowest order among its links, without the one to `parent`.
     ///
     /// # Source
     /// Tarjan 1974, "A note on finding the bridges of a graph".
@@ -52,7 +52,7 @@ impl Search<'_> {
 }
 
 impl Links {
-    /// Links the photographs of `sights`. Pairs that agree are linked, whatever points they share.
+    /// Links photographs that share at least [`LINKED`] points, and pairs that agree, whatever number they share.
     pub fn of(sights: &Sights, pairs: &[Pair]) -> Self {
         let mut showing: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
         for (view, sights) in sights.of_views.iter().enumerate() {

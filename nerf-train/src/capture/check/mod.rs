@@ -1,9 +1,9 @@
-//! Checks of a capture before it is fitted: how its photographs are spread, sharp, exposed and linked, and whether
-//! they can all be right.
+//! Checks of a capture before the fit: spread, sharpness, exposure and links of its photographs, and whether all poses
+//! can be right.
 //!
-//! Places that repeat make a reconstruction lay two sides of an orbit on top of each other. Such a folded model agrees
-//! with its own key points; its photographs contradict each other's pixels around points that they see from nearly the
-//! same place (`pairs.rs`), and fall into groups that are each right alone (`groups.rs`).
+//! Repeated structure makes a reconstruction superimpose two sides of an orbit. A model folded in this way agrees with
+//! its own key points. Its photographs contradict each other in the pixels around points that two of them see from
+//! nearly the same place (`pairs.rs`), and fall into groups, each consistent alone (`groups.rs`).
 
 pub mod after;
 mod found;
@@ -28,31 +28,31 @@ use serde::Serialize;
 pub struct Diagnosis {
     pub data: String,
     pub photographs: usize,
-    /// Whether the reconstruction lays two sides that look alike on top of each other; `None` if unknown.
+    /// Whether the reconstruction superimposes two sides of the scene that look alike; `None` if unknown.
     pub folded: Option<bool>,
-    /// Groups of photographs that can be right together, the largest first; empty if all can.
+    /// Groups of photographs whose poses can all be right, the largest first; empty if all photographs are one group.
     pub groups: Vec<Vec<String>>,
     /// The few photographs that contradict the rest; a fit leaves them out.
     pub contradicting: Vec<String>,
     pub compared_pairs: usize,
     pub contradicting_pairs: usize,
-    /// Two photographs that cannot both be right.
+    /// Two photographs whose poses cannot both be right.
     pub worst_pair: Option<[String; 2]>,
-    /// Largest gap between directions that photographs look from.
+    /// Largest gap in azimuth between photographs.
     pub unseen_sector_degrees: Option<Short>,
     pub gaps: Vec<NamedGap>,
     pub blurred: Vec<String>,
     pub duplicates: Vec<[String; 2]>,
     /// Standard deviation of log gains, measured at points that several photographs show.
     pub exposure_spread: Option<f64>,
-    /// Numbers of photographs in the pieces that share points only within themselves, the largest first.
+    /// Number of photographs in each connected component of the graph of shared points, the largest first.
     pub pieces: Vec<usize>,
     pub bridges: Vec<[String; 2]>,
     pub views: Vec<Photograph>,
     /// Runs of photographs between jumps of the viewing direction, in the order of names.
     #[serde(skip)]
     runs: Vec<Vec<String>>,
-    /// Whether there are tracks of points, which tell more than the runs.
+    /// Whether there are tracks of points, which are better evidence than the runs.
     #[serde(skip)]
     tracks: bool,
     pub facts: String,
@@ -69,12 +69,12 @@ pub struct NamedGap {
 #[derive(Clone, Debug, Serialize)]
 pub struct Photograph {
     pub name: String,
-    /// Number of the photograph's group, from 1; `None` if there are no groups or it contradicts them.
+    /// Number of the photograph's group, from 1; `None` if there are no groups, or the photograph is in none.
     pub group: Option<usize>,
     pub azimuth_degrees: Option<Short>,
-    /// Variance of the Laplacian over the median of the neighbours.
+    /// Variance of the Laplacian, divided by the median of the nearest photographs.
     pub sharpness: Short,
-    /// Mean log gain.
+    /// Natural log gain, averaged over the colour channels.
     pub exposure: Option<Short>,
 }
 
@@ -116,9 +116,9 @@ impl Diagnosis {
         }
     }
 
-    /// Keeps the photographs to be fitted. A few training photographs that contradict the rest are left out.
-    /// With a `group`, counted from 1, only its photographs are kept, including held-out ones.
-    /// If this fails, the data set is not changed.
+    /// Removes the training photographs that contradict the rest. With a `group`, counted from 1, also removes all
+    /// photographs outside that group, including held-out ones.
+    /// On an error, the data set is unchanged.
     pub fn select(&self, dataset: &mut Dataset, group: Option<usize>) -> anyhow::Result<()> {
         if let Some(found) = group {
             let groups = self.groups.len();

@@ -1,4 +1,4 @@
-//! Agreement of photographs: patches around sparse points, compared between two photographs that see these alike.
+//! Agreement of two photographs, by patches around sparse points that both see from similar positions.
 
 use super::grey::{Grey, HALF_PATCH, centred};
 use crate::capture::sights::{Sight, Sights};
@@ -6,24 +6,24 @@ use crate::data::{SparsePoint, View};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Two cameras see a point alike up to this angle (cosine of 12°) and this ratio of their distances.
+/// Limits within which two cameras see a point alike: cosine of the angle between their rays (12°), distance ratio.
 const ALIKE: (f32, f32) = (0.978_147_6, 1.25);
 /// Number of points that two photographs must see alike to be compared.
 const ENOUGH_POINTS: usize = 30;
 /// Number of compared patches from which on a pair is judged.
 const ENOUGH_PATCHES: usize = 15;
-/// Maximum number of tests whether a camera sees a point alike, so that thousands of photographs take seconds.
+/// Maximum number of tests whether two cameras see a point alike, so that thousands of photographs take seconds.
 const MAX_QUESTIONS: usize = 400_000_000;
 /// Maximum number of points of a photograph whose patches are compared.
 const COMPARED_POINTS: usize = 60;
 /// Maximum number of compared pairs; of more, every N-th is compared.
 const MAX_PAIRS: usize = 60_000;
-/// Standard deviation of a patch below which there is nothing to compare, grey levels of 255.
+/// Standard deviation below which a patch has too little texture to compare, grey levels of 255.
 const MIN_TEXTURE: f32 = 2.0;
 /// Normalised cross-correlation below which two patches show different things.
 const DIFFERENT: f32 = 0.3;
 
-/// Two photographs that see the same points alike, and whether they show the same there.
+/// Two photographs that see the same points alike, and how much their patches around these points differ.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Pair {
     /// Indices of the photographs, the smaller first.
@@ -33,12 +33,12 @@ pub(super) struct Pair {
 }
 
 impl Pair {
-    /// Whether the two photographs show the same.
+    /// Whether the two photographs show the same content around the points.
     pub fn agrees(&self) -> bool {
         self.different < 0.3
     }
 
-    /// Whether the two poses cannot both be right.
+    /// Whether the poses of the two photographs cannot both be right.
     pub fn contradicts(&self) -> bool {
         self.different > 0.6
     }
@@ -51,7 +51,7 @@ struct Compared<'v> {
 }
 
 impl Compared<'_> {
-    /// Points of this photograph that `other` sees alike and inside its picture.
+    /// Points of this photograph that `other` sees alike, and within its picture.
     fn seen_alike(&self, other: &Self) -> Vec<Vec3> {
         let [from, to] = [self, other].map(|of| of.view.camera.pose().position);
         let (width, height) = other.view.size();
@@ -73,8 +73,8 @@ impl Compared<'_> {
         Some([x, y].map(|v| v / self.grey.factor as f32))
     }
 
-    /// Normalised cross-correlation of the patch around `point` in this photograph and in `other`. The patch is on
-    /// the plane through the point, parallel to this picture. `None` without texture, or outside.
+    /// Normalised cross-correlation of the patches around `point` in this photograph and in `other`. The patch lies in
+    /// the plane through the point parallel to this image plane. `None` without texture, or outside a picture.
     fn correlation(&self, other: &Self, point: Vec3) -> Option<f32> {
         let pose = self.view.camera.pose();
         let mine = self.grey.patch(self.shows(point)?, [1.0, 0.0], [0.0, 1.0])?;

@@ -1,4 +1,4 @@
-//! How photographs are spread around what they show: gaps in the orbit.
+//! Spread of the photographs around their common point: azimuths, and gaps in the orbit.
 
 use crate::data::cameras::bundle::median;
 use crate::data::{LookAt, View};
@@ -7,10 +7,10 @@ use nerf_core::camera::Camera;
 
 /// Smallest gap that is reported, degrees.
 const GAP: f32 = 30.0;
-/// Elevation, above or below, beyond which a camera has no azimuth, degrees.
+/// Elevation, positive or negative, beyond which a camera has no azimuth, degrees.
 const STEEP: f32 = 75.0;
 
-/// A turn between consecutive photographs is a jump if it is at least [`GAP`] and this many times the median turn.
+/// Ratio to the median turn from which on a turn of at least [`GAP`] between consecutive photographs is a jump.
 const JUMP: f32 = 5.0;
 /// Minimum number of photographs of a run, except the last run.
 const SHORTEST_RUN: usize = 3;
@@ -19,23 +19,23 @@ const SHORTEST_RUN: usize = 3;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Gap {
     pub degrees: f32,
-    /// The photographs at its two ends.
+    /// Indices of the photographs at the two ends of the sector.
     pub between: [usize; 2],
 }
 
-/// Directions from which photographs look at their common point; without such a point, directions in which they look.
+/// Directions from which photographs look at their common point; without such a point, their viewing directions.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Spread {
     /// Whether the cameras look at one point.
     pub inward: bool,
     /// Azimuth of each photograph around the cameras' mean up, degrees; `None` nearly straight above or below.
     pub azimuths: Vec<Option<f32>>,
-    /// The largest gap, and all others of at least [`GAP`], the largest first.
+    /// Largest gap, and all further gaps of at least [`GAP`], in descending order.
     pub gaps: Vec<Gap>,
 }
 
 impl Spread {
-    /// `None` if all `views` look in much the same direction, or there are fewer than two.
+    /// Spread of `views`; `None` if all look in much the same direction, or there are fewer than two.
     pub fn of(views: &[&View]) -> Option<Self> {
         let cameras: Vec<Camera> = views.iter().map(|view| view.camera).collect();
         let look_at = LookAt::of(&cameras).filter(|look_at| !look_at.forward_facing())?;

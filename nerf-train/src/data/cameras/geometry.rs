@@ -7,19 +7,17 @@ use nerf_core::space::SceneBox;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// Mean squared sine between the optical axes and their plane or line of best fit below which
-/// they are as good as parallel: half a degree.
+/// [`LookAt::spread`] below which the optical axes count as parallel: half a degree.
 const PARALLEL: f64 = 1e-4;
-/// Mean squared sine below which a scene counts as forward-facing: eight degrees.
+/// [`LookAt::spread`] below which a scene counts as forward-facing: eight degrees.
 const FORWARD_FACING: f64 = 0.02;
-/// Iterations of reweighting, which minimise the sum of distances.
+/// Number of reweighted least-squares iterations, which minimise the sum of distances.
 const ROUNDS: usize = 20;
 
-/// The point nearest to all optical axes, and how well they agree on it.
+/// Point nearest to all optical axes, and how well the axes agree on it.
 ///
-/// The sum of distances to the axes is minimised, not of their squares, so that a few cameras
-/// that look elsewhere do not move it. It does not depend on which way along its axis a camera
-/// looks.
+/// The point minimises the sum of distances to the axes, not of their squares, so that a few cameras that look
+/// elsewhere do not move it. The sense in which a camera looks along its axis has no influence on the point.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct LookAt {
     pub point: [f32; 3],
@@ -36,7 +34,7 @@ pub struct LookAt {
 }
 
 impl LookAt {
-    /// `None` if the axes of `cameras` are as good as parallel, or there are fewer than two.
+    /// Look-at point of `cameras`; `None` if their axes are nearly parallel, or there are fewer than two.
     pub fn of(cameras: &[Camera]) -> Option<Self> {
         let line = |camera: &Camera| {
             (camera.pose().position.as_dvec3(), camera.pose().forward().as_dvec3().normalize_or_zero())
@@ -50,7 +48,7 @@ impl LookAt {
             return None;
         }
         let count = lines.len() as f64;
-        // Around the mean, for the sake of scenes far from the origin.
+        // Relative to the mean position, for precision in scenes far from the origin.
         let centre = lines.iter().map(|line| line.0).sum::<DVec3>() / count;
         let across = |dir: DVec3| DMat3::IDENTITY - outer(dir, dir);
         let spread = smallest_eigenvalue(lines.iter().map(|l| across(l.1)).sum::<DMat3>() * (1.0 / count));
@@ -108,7 +106,7 @@ impl LookAt {
         self.axes_meet() && self.behind <= 0.1
     }
 
-    /// Whether the cameras look much the same way, so that the point says little.
+    /// Whether the cameras look in nearly the same direction, so that the point is uncertain.
     pub fn forward_facing(&self) -> bool {
         f64::from(self.spread) < FORWARD_FACING
     }
@@ -119,7 +117,7 @@ impl LookAt {
     }
 }
 
-/// `a bᵀ`.
+/// Outer product `a bᵀ`.
 pub(super) fn outer(a: DVec3, b: DVec3) -> DMat3 {
     DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
@@ -149,13 +147,13 @@ pub struct SceneBounds {
     pub scene_box: SceneBox,
 }
 
-/// Near, far and box for a data set; `None` if neither the data nor the cameras tell them.
+/// Near and far distance, world units, and scene box of a data set; `None` if neither data nor cameras give them.
 ///
-/// `near` and `far` are the data set's own if it has them. Otherwise they are 2 and 6 if the cameras are about 4 from
-/// what they look at and the layout's recipe says so (NeRF-synthetic, CS180, tiny_nerf). Else `near` is half the
-/// smallest camera distance, and `far` is as far behind the look-at point as `near` is in front of it. The box is a
-/// cube around the look-at point with half-size mean camera distance − near. Without such a point, it is the box
-/// around all view frusta from `near` to `far`.
+/// `near` and `far` are the data set's own if it states them. Otherwise they are 2 and 6 for the layouts of
+/// NeRF-synthetic, CS180 and tiny_nerf, if the cameras are about 4 from their look-at point, as in their recipe. Else
+/// `near` is half the smallest camera distance, and `far` is as far behind the look-at point as `near` is in front of
+/// it. The box is a cube around the look-at point with half-size mean camera distance − near. Without a look-at point,
+/// the box encloses all view frusta from `near` to `far`.
 pub fn scene_bounds(dataset: &Dataset) -> Option<SceneBounds> {
     let cameras: Vec<Camera> = dataset.cameras().copied().collect();
     bounds(&cameras, LookAt::of(&cameras).as_ref(), dataset)
@@ -166,7 +164,7 @@ pub(crate) fn bounds(cameras: &[Camera], look_at: Option<&LookAt>, dataset: &Dat
     let proposed = look_at.map(|look_at| proposed_range(look_at, dataset.format));
     let near = dataset.near.or(proposed.map(|range| range.0))?;
     let far = dataset.far.or(proposed.map(|range| range.1))?;
-    // One of the two may be the caller's and not fit the other.
+    // A bound that the caller gave may not fit the proposed one.
     if near >= far {
         return None;
     }
@@ -211,10 +209,10 @@ pub fn frusta_box(
     SceneBox::new(min, max)
 }
 
-/// Number of points below which they are not used to estimate distances.
+/// Smallest number of points from which distances are estimated.
 const ENOUGH_POINTS: usize = 50;
-/// Quantile of the distances to a view's points, and factor, whose product is the view's near distance: many points
-/// are outliers, and surfaces lie between points.
+/// Quantile of the distances to a view's points, and factor on it that gives the view's near distance: many points are
+/// outliers, and surfaces lie between points.
 const ONE_VIEW: (f32, f32) = (0.01, 0.7);
 
 pub(crate) fn set_near(dataset: &mut Dataset) {

@@ -1,5 +1,5 @@
-//! What follows from cameras alone: position of the scene, its nearest distance, the origin of its world, and a
-//! viewpoint to look at it from.
+//! Quantities derived from cameras alone: position of the scene, its nearest distance, the origin of its world, and a
+//! viewpoint.
 
 pub(crate) mod bundle;
 pub(crate) mod geometry;
@@ -21,7 +21,7 @@ pub(crate) fn scaled(camera: &Camera, (width, height): (u32, u32)) -> Result<Cam
     Camera::new(new, *camera.lens(), *camera.pose())
 }
 
-/// Principal point, pixels, and lens of a camera, by their usual names in files.
+/// Principal point, pixels, and lens coefficients of a camera, by their usual names in files.
 pub(crate) fn optics_by_name(camera: &Camera) -> BTreeMap<&'static str, f32> {
     let (&Intrinsics { cx, cy, .. }, &Lens { k1, k2, k3, k4, k5, k6, p1, p2, .. }) =
         (camera.intrinsics(), camera.lens());

@@ -1,16 +1,16 @@
-//! Worlds far from their origin, such as GPS coordinates, moved to where 32-bit numbers are fine enough.
+//! Origin shift for worlds far from their origin, such as GPS coordinates, to where f32 is precise enough.
 
 use glam::DVec3;
 
-/// The world is moved if its cameras are further from the origin than this many times their distance from their
-/// middle: f32 then rounds positions to 4e-6 of that distance, a hundredth of a pixel.
+/// Ratio of the cameras' distance from the origin to half their extent above which the origin is moved. At this ratio
+/// f32 rounds positions to 4e-6 of the half extent, a hundredth of a pixel.
 const FAR_AWAY: f64 = 64.0;
 
-/// Text of a data set's name in front of the coordinates of its origin.
+/// Text in front of the origin's coordinates in the name of a data set.
 pub(crate) const STATED: &str = ", origin at (";
 
-/// Point of the file's world that becomes the origin: (0, 0, 0), or near the middle of cameras that are far from it.
-/// Its coordinates are multiples of a power of ten, so that they are exact and do not depend on a single camera.
+/// Point of the file's world that becomes the origin: (0, 0, 0), or a point near the middle of cameras far from there.
+/// Its coordinates are multiples of a power of ten, hence exact and independent of any single camera.
 pub(crate) fn origin(cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
     let cameras: Vec<DVec3> =
         cameras.into_iter().map(DVec3::from).filter(|camera| camera.is_finite()).collect();
@@ -20,7 +20,7 @@ pub(crate) fn origin(cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
     if !(reach > 0.0 && middle.length() > FAR_AWAY * reach) {
         return DVec3::ZERO;
     }
-    // Powers of ten from 1 on are exact; smaller ones are not, so that their inverse is used.
+    // Powers of ten from 1 on are exact; for smaller ones, which are not, the inverse is used.
     let exponent = reach.log10().ceil();
     let rounded = match 10f64.powf(exponent.abs()) {
         unit if exponent >= 0.0 => (middle / unit).round() * unit,
@@ -29,7 +29,7 @@ pub(crate) fn origin(cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
     if rounded.is_finite() { rounded } else { DVec3::ZERO }
 }
 
-/// Origin that the name of a data set states, as a blob keeps it; (0, 0, 0) if the name states none.
+/// Origin that the name of a data set, as stored in a blob, states; (0, 0, 0) if the name states none.
 pub fn origin_in_name(name: &str) -> [f64; 3] {
     let stated = || {
         let numbers = name.rsplit_once(STATED)?.1.strip_suffix(')')?;

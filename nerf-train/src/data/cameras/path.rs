@@ -35,7 +35,7 @@ struct Nerfstudio {
     render_width: Option<f64>,
     render_height: Option<f64>,
     fps: Option<f64>,
-    /// `None` in another kind of file, such as a data set's.
+    /// `None` in another kind of file, such as a data set.
     camera_path: Option<Vec<Frame>>,
 }
 
@@ -55,7 +55,7 @@ enum Matrix {
 }
 
 impl Matrix {
-    /// Three or four rows of four numbers; the error says what was found instead.
+    /// Three or four rows of four numbers; an error states what was found instead.
     fn rows(&self) -> Result<Vec<[f64; 4]>, String> {
         let rows: Vec<&[f64]> = match self {
             Self::Flat(flat) if matches!(flat.len(), 12 | 16) => flat.chunks(4).collect(),
@@ -77,7 +77,7 @@ impl Place<'_> {
         DatasetError::value(self.0, field, expected, found)
     }
 
-    /// Pose of a matrix, with its position counted from `origin`.
+    /// Pose of a matrix, with its position relative to `origin`.
     fn pose(&self, field: &str, matrix: &Matrix, origin: [f64; 3]) -> Result<Pose, DatasetError> {
         let fault = |expected: &str, found: String| self.fault(field, expected, found);
         let rows = matrix
@@ -94,7 +94,7 @@ impl Place<'_> {
     }
 }
 
-/// Reads a camera path, with positions counted from `origin`; `None` for another JSON, such as a data set's.
+/// Reads a camera path, with positions relative to `origin`; `None` for another JSON file, such as a data set.
 pub fn read_path(file: &Path, origin: [f64; 3]) -> Result<Option<CameraPath>, DatasetError> {
     let bytes = read_limited(file, MAX_PATH_BYTES)
         .map_err(|source| DatasetError::Io { path: file.into(), source })?;

@@ -4,7 +4,7 @@ use glam::DVec3;
 use nerf_core::camera::Pose;
 use std::f64::consts::PI;
 
-/// Pose of the upper rows of a camera-to-world matrix, with its position counted from `origin`.
+/// Pose of the upper rows of a camera-to-world matrix, with its position relative to `origin`.
 pub(crate) fn pose_of(mut rows: [[f64; 4]; 3], origin: DVec3) -> Pose {
     rows.iter_mut().zip(origin.to_array()).for_each(|(row, origin)| row[3] -= origin);
     Pose::from_rows(rows.map(|row| row.map(|v| v as f32)))
@@ -35,7 +35,7 @@ pub(crate) fn bottom_row_fault(matrix: &[impl AsRef<[f64]>]) -> Option<String> {
     Some(if transposed { format!("{row}: the matrix looks transposed") } else { row })
 }
 
-/// Text of an angle of view if it is not valid in radians, else `None`.
+/// Text that describes an angle of view which is not valid in radians; `None` for a valid one.
 pub(crate) fn angle_fault(angle: f64) -> Option<String> {
     if angle > 0.0 && angle < PI {
         None

@@ -14,7 +14,7 @@ pub struct RefinedPoses {
     frames: Vec<Frame>,
 }
 
-/// A view with nerfstudio's field names, in the file's own world.
+/// A view with nerfstudio's field names; its pose is in the world of the data set's file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Frame {
     file_path: String,
@@ -36,7 +36,7 @@ pub fn beside(blob: &Path) -> PathBuf {
 }
 
 impl RefinedPoses {
-    /// Refined poses of views and their refined cameras, whose positions count from `origin` of the file's own world.
+    /// Refined poses of views, with their refined cameras relative to `origin` in the world of the data set's file.
     pub fn of<'v>(views: impl IntoIterator<Item = (&'v View, Camera)>, origin: [f64; 3]) -> Self {
         Self { frames: views.into_iter().map(|(view, camera)| Frame::of(view, &camera, origin)).collect() }
     }
@@ -58,7 +58,7 @@ impl RefinedPoses {
         }
     }
 
-    /// Refined camera of each of `views`; `None` for one not in the file. `blob`: names the file in errors.
+    /// Refined camera of each of `views`; `None` for a view that the file lacks. `blob`: names the file in errors.
     pub fn cameras<'v>(
         &self,
         blob: &Path,

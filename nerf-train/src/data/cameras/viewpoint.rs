@@ -1,4 +1,4 @@
-//! Viewpoint of a scene: a position from which one of its photographs was taken.
+//! Viewpoint of a scene: the position of one of its cameras, a target and an up direction.
 
 use super::bundle::median;
 use super::geometry::{LookAt, distances, outer, smallest_eigenvalue};
@@ -8,21 +8,21 @@ use nerf_core::blob::Viewpoint;
 use nerf_core::camera::{Camera, Pose};
 use std::f32::consts::TAU;
 
-/// Fraction of the cameras that the arc holds: a few may stand elsewhere.
+/// Fraction of the cameras that the arc covers: a few may lie outside.
 const MOST: f32 = 0.95;
-/// Arc, radians, from which on a camera can go all the way round: two thirds of a circle.
+/// Arc of the cameras, radians, from which on a viewer may orbit the full circle: two thirds of it.
 const ROUND: f32 = 2.0 / 3.0 * TAU;
-/// Limits for taking the up direction from the cameras' horizontal axes: their largest deviation from a common plane,
-/// as a fraction of their spread, and their smallest spread (a mean squared sine).
+/// Limits within which the cameras' horizontal axes give the up direction: largest deviation from a common plane, as a
+/// fraction of the spread in the plane, and smallest spread (a mean squared sine).
 const LEVEL: (f64, f64) = (0.15, 0.02);
-/// Number of points below which they do not tell how far the scene is.
+/// Smallest number of points in view from which the scene's distance is taken.
 const ENOUGH_POINTS: usize = 8;
 
-/// Viewpoint of the training cameras; `None` if they give none. `range`: distances of the scene along rays.
+/// Viewpoint derived from the training cameras; `None` if there is none. `range`: near and far, world units.
 ///
-/// If the cameras look at a common point, the viewpoint looks at it, too. It stands at the camera nearest to their
-/// median height over the point, their median distance from the axis through it, and the middle of their arc.
-/// Otherwise it is the middle one of the cameras, with the direction of that one.
+/// If the cameras look at a common point, the viewpoint looks at that point from one of them: the nearest to the median
+/// height over the point, the median distance from the axis through it, and the middle of the arc. Otherwise the
+/// viewpoint is the camera nearest to the geometric median of all positions, with its own direction.
 pub(crate) fn viewpoint(dataset: &Dataset, range: (f32, f32)) -> Option<Viewpoint> {
     let cameras: Vec<Camera> = dataset.train.iter().map(|view| view.camera).collect();
     let eyes: Vec<Vec3> = cameras.iter().map(|camera| camera.pose().position).collect();
@@ -59,13 +59,13 @@ pub(crate) fn viewpoint(dataset: &Dataset, range: (f32, f32)) -> Option<Viewpoin
     places.then_some(found)
 }
 
-/// Distance from the middle view to the scene, world units.
+/// Depth of the scene in view `middle`, world units: median over its points, or from near and far if there are few.
 fn depth_of(dataset: &Dataset, middle: usize, (near, far): (f32, f32)) -> f32 {
     let seen = distances(&dataset.train[middle], &dataset.points);
     if seen.len() >= ENOUGH_POINTS {
         return median(seen) as f32;
     }
-    // The middle of the range in inverse depth.
+    // The middle of near and far in inverse depth.
     let depth = 2.0 * near * far / (near + far);
     if depth > 0.0 { depth } else { 0.5 * (near + far) }
 }
@@ -75,7 +75,7 @@ struct Place {
     height: f32,
     /// Distance from the axis along `up` through the target, world units.
     distance: f32,
-    /// Angle around that axis, radians.
+    /// Angle around the axis along `up`, radians.
     azimuth: f32,
 }
 
@@ -92,7 +92,7 @@ impl Place {
     }
 }
 
-/// Start and length, radians, of the shortest arc that holds all but a few azimuths.
+/// Start and length, radians, of the shortest arc that covers all but a few azimuths.
 fn covered(mut azimuths: Vec<f32>) -> Option<(f32, f32)> {
     azimuths.sort_unstable_by(f32::total_cmp);
     let count = azimuths.len();
@@ -105,8 +105,8 @@ fn covered(mut azimuths: Vec<f32>) -> Option<(f32, f32)> {
     (0..count).map(arc).min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// Up direction of the scene: perpendicular to the cameras' horizontal axes, as people hold cameras level. If these
-/// do not tell it, the median of the cameras' own up directions.
+/// Up direction of the scene: perpendicular to the cameras' horizontal axes, as people hold cameras level. If the axes
+/// do not determine it, the median of the cameras' own up directions.
 fn up_of(cameras: &[Camera]) -> Vec3 {
     let axes = |axis: fn(&Pose) -> Vec3| -> Vec<DVec3> {
         cameras.iter().map(|camera| axis(camera.pose()).as_dvec3().normalize_or_zero()).collect()
@@ -116,17 +116,17 @@ fn up_of(cameras: &[Camera]) -> Vec3 {
     let up = [geometric_median(&ups), mean].into_iter().find(|up| up.length() > 0.1);
     let up = up.unwrap_or(DVec3::Z).normalize();
     let level = level(&axes(|pose| pose.rotation.x_axis)).map(|level| level * level.dot(up).signum());
-    // Without negative zeros.
+    // Adding zero turns negative zeros into positive ones.
     level.filter(|level| level.dot(up) > 0.5).unwrap_or(up).as_vec3().normalize() + Vec3::ZERO
 }
 
-/// Normal of the plane of these unit vectors; `None` if they do not lie in a plane, or lie along a line.
+/// Normal of the plane in which the unit vectors `horizons` lie; `None` if they lie in no plane or along a line.
 fn level(horizons: &[DVec3]) -> Option<DVec3> {
     let m = horizons.iter().map(|&dir| outer(dir, dir)).sum::<DMat3>() * (1.0 / horizons.len() as f64);
     let least = smallest_eigenvalue(m);
     let rest = m - DMat3::from_diagonal(DVec3::splat(least));
     let (x, y, z) = (rest.x_axis, rest.y_axis, rest.z_axis);
-    // Columns of the adjugate: products of the two other eigenvalues, the normal, and one of its components.
+    // Columns of the adjugate: the normal, times one of its components, times the product of the other eigenvalues.
     let normals = [y.cross(z), z.cross(x), x.cross(y)];
     let product = normals[0].x + normals[1].y + normals[2].z;
     let half = 0.5 * (x.x + y.y + z.z);
@@ -148,7 +148,7 @@ fn geometric_median(points: &[DVec3]) -> DVec3 {
     })
 }
 
-/// Index of the nearest item, the first of several.
+/// Index of the item with the smallest `distance`, the first of several equal ones.
 fn nearest<T>(items: &[T], distance: impl Fn(&T) -> f32) -> Option<usize> {
     (0..items.len()).min_by(|&a, &b| distance(&items[a]).total_cmp(&distance(&items[b])))
 }

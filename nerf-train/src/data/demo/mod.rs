@@ -1,9 +1,9 @@
 //! A small demo scene, with exact pictures and distances.
 //!
-//! Shapes on a plinth on nothing: checkers, stripes and marble, soft shadows, and highlights that
-//! move with the camera, so that a field fitted to it needs its direction branch. It fits into
-//! the box [−1, 1]³, needs no download and has no licence but this crate's. All of it is computed:
-//! the same spec gives the same bytes.
+//! Shapes on a plinth without surroundings: checkers, stripes and marble, soft shadows, and highlights that move with
+//! the camera, so that a field fitted to the scene needs its direction branch. The scene fits into the box [−1, 1]³,
+//! needs no download and has this crate's licence. All pictures are computed: the same [`DemoSpec`] gives the same
+//! bytes.
 
 mod rounds;
 mod shade;
@@ -17,7 +17,7 @@ use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose};
 use nerf_core::space::SceneBox;
 use rayon::prelude::*;
 
-/// Subsamples along each side of a pixel.
+/// Number of subsamples along each side of a pixel.
 const SIDE: u32 = 3;
 
 pub const SCENE_BOX: SceneBox = SceneBox { min: Vec3::NEG_ONE, max: Vec3::ONE };
@@ -29,9 +29,9 @@ pub struct DemoSpec {
     pub val: u32,
     /// Side of the square pictures, pixels.
     pub size: u32,
-    /// Distance of the cameras from the origin, world units; above √3, outside of the box.
+    /// Distance of the cameras from the origin, world units; above √3, the cameras are outside of the box.
     pub radius: f32,
-    /// Focal length over the picture's side; 1.3 shows the whole scene at the default radius.
+    /// Focal length divided by the picture's side; 1.3 shows the whole scene at the default radius.
     pub focal: f32,
 }
 
@@ -71,7 +71,7 @@ pub fn dataset(spec: &DemoSpec) -> Result<Dataset, CameraError> {
         views.map(view).collect()
     };
     let (train, val) = (spec.spiral(spec.train, 0.0)?, spec.spiral(spec.val, 1.1)?);
-    // From every camera, all corners of the box are between these distances.
+    // Distance of the box's corners from its centre, at which every camera looks.
     let reach = 3.0f32.sqrt();
     Ok(Dataset {
         train: shoot("train", train),
@@ -86,7 +86,7 @@ pub fn dataset(spec: &DemoSpec) -> Result<Dataset, CameraError> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     pub ray_distance: f32,
-    /// World units along the camera's view axis.
+    /// Depth of the hit along the camera's view axis, world units.
     pub z_depth: f32,
     pub normal: Vec3,
     /// Display-encoded sRGB in [0, 1].
@@ -118,7 +118,7 @@ pub struct Truth {
     pub ray_distance: Vec<Option<f32>>,
     /// Depth of the centre ray's hit along the view axis, world units.
     pub z_depth: Vec<Option<f32>>,
-    /// Whether every subsample meets the scene: no edge against the background.
+    /// Whether every subsample of the pixel hits the scene, so that no background shows in it.
     pub opaque: Vec<bool>,
 }
 
@@ -160,7 +160,7 @@ fn pixel(camera: &Camera, x: f32, y: f32) -> [u8; 4] {
 
 /// Distance from `point` to the nearest surface, world units; negative inside.
 ///
-/// For checks of fitted densities and distances.
+/// Serves as a reference for fitted densities and distances.
 pub fn signed_distance(point: Vec3) -> f32 {
     let point: DVec3 = point.as_dvec3();
     shapes::SCENE.iter().map(|shape| shape.distance(point)).fold(f64::INFINITY, f64::min) as f32

@@ -15,10 +15,10 @@ const STEP: f32 = 6.0;
 const SIZE: u32 = 160;
 /// Spacing of a photograph's points, pixels.
 const POINT_EVERY: usize = 9;
-/// One in this many photographs has points of its own.
+/// Spacing, in photographs, of those from which points are taken.
 const VIEW_EVERY: usize = 3;
 
-/// A photograph: its pose in the model, and the camera that it was really taken with.
+/// A photograph: camera in the model, camera that took it, and azimuth between the two, radians.
 struct Shot {
     pose: Camera,
     taken: Camera,
@@ -26,7 +26,7 @@ struct Shot {
 }
 
 impl Shot {
-    /// Position of a point in this photograph, pixels; `None` if it is hidden, or `turn` is not this photograph's.
+    /// Position of a point in this photograph, pixels; `None` if the point is hidden, or belongs to another `turn`.
     fn shows(&self, position: Vec3, turn: f32) -> Option<(f32, f32)> {
         let (x, y) = self.pose.project(position)?;
         let inside = |v: f32| v > 1.0 && v < SIZE as f32 - 1.0;
@@ -43,11 +43,11 @@ impl Shot {
     }
 }
 
-/// Two rounds of photographs along the same path of 81°, the second between those of the first, and the points that
-/// they show.
+/// Two rounds of photographs along one path of 81°, the second interleaved with the first, and the points that they
+/// show.
 ///
-/// `folded`: the second round was taken a quarter turn further, and its poses laid onto the first, as when places
-/// repeat. (After half a turn the plinth looks the same.)
+/// `folded`: the second round is taken a quarter turn further, but posed like the first, as in a reconstruction of
+/// repeated structure. (After half a turn the plinth would look the same.)
 pub fn two_rounds(folded: bool) -> Result<Dataset, CameraError> {
     let spec = DemoSpec { size: SIZE, ..DemoSpec::default() };
     let shot = |i: usize| {

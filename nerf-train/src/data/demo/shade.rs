@@ -23,7 +23,7 @@ pub(super) fn colour(shape: &Shape, point: DVec3, normal: DVec3, dir: DVec3) -> 
     let surface = surface(shape.look, (point - shape.centre).as_vec3(), point.as_vec3(), normal.as_vec3());
     let (n, view) = (normal.as_vec3(), -dir.as_vec3());
     let facing = n.dot(light_dir).max(0.0);
-    // Off the surface, so that it does not shadow itself.
+    // Starts off the surface, so that the surface does not shadow itself.
     let start = point + normal * 2e-3;
     let seen = if facing > 0.0 { lit(start, light_dir.as_dvec3()) as f32 } else { 0.0 };
     let open = openness(point, normal) as f32;
@@ -57,7 +57,7 @@ fn surface(look: Look, p: Vec3, world: Vec3, n: Vec3) -> Surface {
             if n.z < 0.5 || world.z < FLOOR as f32 - 0.02 {
                 return plain(rgb(196, 178, 150));
             }
-            // A border, and inside of it squares of a fifth.
+            // A border around a chequerboard with squares of 0.2.
             let inside = world.truncate().length() < 0.86;
             let even = ((world.x / 0.2).floor() + (world.y / 0.2).floor()).rem_euclid(2.0) < 0.5;
             plain(if inside && even { slate } else { cream })

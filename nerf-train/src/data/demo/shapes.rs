@@ -1,4 +1,4 @@
-//! The shapes: exact distances, bounding spheres, and intersections with rays.
+//! Shapes of the demo scene: exact distances, bounding spheres, and intersections with rays.
 
 use glam::{DVec2, DVec3};
 
@@ -8,19 +8,19 @@ pub(super) const FLOOR: f64 = -0.38;
 #[derive(Clone, Copy)]
 pub(super) enum Form {
     Sphere(f64),
-    /// `half`: half sides after rounding. `round`: radius of the rounding. `turn`: cosine and sine about z.
+    /// A rounded box. `half`: half sides, with rounding. `round`: edge radius. `turn`: its cosine and sine about z.
     Block {
         half: DVec3,
         round: f64,
         turn: DVec2,
     },
-    /// A cylinder. `half`: half its height. `round`: radius of the rounding.
+    /// A rounded cylinder. `half`: half height, with rounding. `round`: edge radius.
     Drum {
         radius: f64,
         half: f64,
         round: f64,
     },
-    /// A torus that lies flat. `radius`: of the ring. `tube`: of its tube.
+    /// A torus around z. `radius`: of the circle that the tube follows. `tube`: radius of the tube.
     Ring {
         radius: f64,
         tube: f64,
@@ -42,7 +42,7 @@ pub(super) enum Look {
 pub(super) struct Shape {
     pub(super) form: Form,
     pub(super) centre: DVec3,
-    /// Radius of a sphere around `centre` that holds the shape.
+    /// Radius of a bounding sphere around `centre`.
     pub(super) reach: f64,
     pub(super) look: Look,
 }
@@ -76,7 +76,7 @@ pub(super) static SCENE: [Shape; 7] = [
         reach: 0.36,
         look: Look::Candy,
     },
-    // Rests in the ring: its centre is 0.31 from the ring's circle.
+    // The sphere rests in the ring: its centre is 0.31 from the circle that the ring's tube follows.
     Shape {
         form: Form::Sphere(0.20),
         centre: DVec3::new(0.34, -0.44, FLOOR + 0.11 + 0.183_303),
@@ -123,7 +123,7 @@ impl Shape {
         }
     }
 
-    /// Distances at which the ray enters and leaves the bounding sphere, enlarged by `margin`; `None` if it misses.
+    /// Distances at which the ray enters and leaves the bounding sphere, enlarged by `margin`; `None` for a miss.
     pub(super) fn bounds(&self, origin: DVec3, dir: DVec3, margin: f64) -> Option<(f64, f64)> {
         let to = self.centre - origin;
         let middle = to.dot(dir);
@@ -133,7 +133,7 @@ impl Shape {
         (middle + half > 0.0).then_some(((middle - half).max(0.0), middle + half))
     }
 
-    /// Distance at which a ray from outside first hits the surface, if it is before `limit`.
+    /// Distance at which a ray from outside first hits the surface; `None` if there is no hit before `limit`.
     fn hit(&self, origin: DVec3, dir: DVec3, limit: f64) -> Option<f64> {
         const STEPS: usize = 400;
         const CLOSE: f64 = 1e-8;
@@ -151,8 +151,8 @@ impl Shape {
                 return Some(t);
             }
             t += if convex {
-                // Along a ray the distance to a convex shape is a convex function: Newton's method
-                // comes to its first root from the left, and a rising slope means there is none.
+                // Along a ray the distance to a convex shape is a convex function: Newton's method reaches its first
+                // root from the left, and a rising slope means that there is no root.
                 let slope = (at(t + SLOPE_STEP) - distance) / SLOPE_STEP;
                 if slope >= 0.0 {
                     return None;
@@ -165,7 +165,7 @@ impl Shape {
                 return None;
             }
         }
-        // A ray that creeps along the surface without touching it.
+        // The ray passes close along the surface without touching it.
         None
     }
 
@@ -191,18 +191,18 @@ pub(super) fn first(origin: DVec3, dir: DVec3) -> Option<Found> {
     nearest.map(|(t, shape)| Found { t, shape, normal: shape.normal(origin + dir * t) })
 }
 
-/// Fraction of a small round light in direction `dir` that is visible from `point`, 0..=1.
+/// Fraction, 0..=1, of a small round light in direction `dir` that is visible from `point`.
 ///
 /// # Source
 /// Quilez, "Soft shadows in raymarched SDFs": the penumbra from the narrowest miss.
 pub(super) fn lit(point: DVec3, dir: DVec3) -> f64 {
     const SHARPNESS: f64 = 9.0;
     const STEPS: usize = 40;
-    /// Penumbras that would reach farther than this from a shape are cut off.
+    /// Distance from a shape, world units, beyond which its penumbra is cut off.
     const MARGIN: f64 = 0.2;
     let mut light: f64 = 1.0;
     for shape in &SCENE {
-        // The light stands above: what is level with the plinth's top is not in its shadow.
+        // The light is above: points level with the plinth's top are not in the plinth's shadow.
         if shape.look == Look::Plinth && point.z >= FLOOR {
             continue;
         }
@@ -223,7 +223,7 @@ pub(super) fn lit(point: DVec3, dir: DVec3) -> f64 {
     light * light * (3.0 - 2.0 * light)
 }
 
-/// Openness of the hemisphere around `normal` (ambient occlusion), 0..=1, from a few distances along it.
+/// Openness of the hemisphere around `normal` (ambient occlusion), 0..=1, from distances at a few points along it.
 pub(super) fn openness(point: DVec3, normal: DVec3) -> f64 {
     const PROBES: u32 = 4;
     let (mut closed, mut total) = (0.0, 0.0);

@@ -18,12 +18,12 @@ pub(crate) struct Bare {
     pub(crate) photographs: Vec<PathBuf>,
     /// Names of picture files that cannot be read as whole pictures.
     pub(crate) damaged: Vec<String>,
-    /// Names of the photographs of each camera: one size, and one device as far as EXIF tells.
+    /// Names of the photographs of each camera: one picture size of one device, as far as EXIF tells.
     pub(crate) cameras: Vec<Vec<String>>,
 }
 
 impl Bare {
-    /// Photographs in `folder`, or in its subfolder `images` if there is one; `None` if there are none.
+    /// Photographs in `folder`, or in its subfolder `images` if it exists; `None` without photographs.
     pub(crate) fn of(folder: &Path) -> Result<Option<Self>, DatasetError> {
         let images = folder.join(IMAGES);
         let folder = if images.is_dir() { images } else { folder.to_owned() };
@@ -48,10 +48,10 @@ impl Bare {
         Ok((!photographs.is_empty()).then_some(Self { folder, photographs, damaged, cameras }))
     }
 
-    /// The error that `folder` has photographs but no poses, with advice on how to find poses.
+    /// Makes the error that `folder` has photographs but no poses, with advice on how to find poses.
     pub(crate) fn no_poses(self, folder: &Path) -> DatasetError {
         let sparse = folder.join("sparse");
-        // Outside the folder of photographs: in it, COLMAP would take the file for one of them.
+        // Outside the folder of photographs, where COLMAP would take the file for a photograph.
         let database = sparse.join("database.db");
         let made = format!("mkdir -p {}", quoted(&sparse));
         let stages = commands::by_hand(&self.folder, &database, &sparse, self.cameras.len() == 1);

@@ -5,7 +5,7 @@ use crate::data::pictures::found::Found;
 use crate::data::{Axes, Dataset, DatasetError, Downscale, Format, ReadOptions, Watch, scene_name};
 use std::path::{Path, PathBuf};
 
-/// List of the training views, which a folder needs for a fit.
+/// List of the training views, without which a folder cannot be fitted.
 pub(crate) const TRAIN: &str = "transforms_train.json";
 const VAL: &str = "transforms_val.json";
 const TEST: &str = "transforms_test.json";
@@ -16,7 +16,7 @@ pub(crate) fn is_here(folder: &Path) -> bool {
     SPLITS.iter().any(|name| folder.join(name).is_file())
 }
 
-/// Reads a folder with `transforms_train.json` and perhaps `_val` and `_test`; any of them is enough without a fit.
+/// Reads a folder with `transforms_train.json` and perhaps `_val` and `_test`; any one suffices if nothing is fitted.
 pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
     let mut found = Found::default();

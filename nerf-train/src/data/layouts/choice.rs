@@ -1,11 +1,11 @@
-//! Choice of the layout that a folder is read as.
+//! Choice of the layout in which a folder is read.
 
 use crate::data::layouts::bare::Bare;
 use crate::data::layouts::{blender, colmap, llff, nerfstudio};
 use crate::data::{Dataset, DatasetError, ReadOptions, Watch};
 use std::path::Path;
 
-/// The layouts of folders, in the order in which they are looked for.
+/// Layouts of folders, in order of precedence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Layout {
     /// `transforms_train.json` or `transforms.json`.
@@ -58,7 +58,7 @@ impl std::str::FromStr for Layout {
     }
 }
 
-/// Reads a folder in the requested layout, or else in the first that fits it; adds a note if others fit, too.
+/// Reads a folder in the requested layout, or else the first that fits; adds a note if further layouts fit.
 pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let fitting: Vec<Layout> = Layout::ALL.into_iter().filter(|layout| layout.fits(folder)).collect();
     let wanted = options.layout.or(fitting.first().copied());
@@ -79,7 +79,7 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
         Layout::Transforms if folder.join(nerfstudio::FILE).is_file() => {
             nerfstudio::read(&folder.join(nerfstudio::FILE), options, watch)?
         }
-        // Without its list of training views: an error that names the file, unless nothing is fitted.
+        // Without the list of training views this is an error that names the file, unless nothing is fitted.
         Layout::Transforms => blender::read(folder, options, watch)?,
         Layout::Colmap => colmap::read(folder, options, watch)?,
         Layout::Llff => llff::read(folder, options, watch)?,

@@ -7,10 +7,10 @@ use glam::DVec3;
 use nerf_core::camera::{Camera, Intrinsics, Lens};
 use rayon::prelude::*;
 
-/// Reads `images_{train,val,test}`, `c2ws_{train,val,test}` and `focal`; the training arrays may be missing if
-/// nothing is fitted.
+/// Reads `images_{train,val,test}`, `c2ws_{train,val,test}` and `focal`. The training arrays may be missing if no field
+/// is fitted.
 ///
-/// `c2ws_test` without `images_test` is a path to render.
+/// `c2ws_test` without `images_test` is read as a camera path to render.
 pub(crate) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opencv);
     let focal = archive.scalar("focal")?;
@@ -69,7 +69,7 @@ fn position(rows: &[[f64; 4]; 3]) -> [f64; 3] {
     rows.map(|row| row[3])
 }
 
-/// Views of an array of pictures `[n, h, w, 3 or 4]` and as many poses.
+/// Views from an array of pictures `[n, h, w, 3 or 4]` and one pose for each.
 fn views(
     archive: &Archive,
     (images, array): (&str, &Array),
@@ -150,17 +150,17 @@ fn mixed_alpha(splits: [(&str, &Vec<View>); 3]) -> Vec<String> {
         .collect()
 }
 
-/// Number of views in the notebook's file, which fits the first 100.
+/// Number of views in the original notebook's file; the notebook fits the first 100.
 const NOTEBOOK_VIEWS: usize = 106;
 /// Index of the first validation view of the notebook's file: the view that all its figures show.
 const NOTEBOOK_VALIDATION: usize = 101;
 /// Number of validation views of any other file of this layout, taken from its end.
 const LAST: usize = 6;
 
-/// Reads `tiny_nerf_data.npz` of the original notebook, pictures in floats and OpenGL poses: `images`, `poses` and `focal`.
+/// Reads `tiny_nerf_data.npz` of the original notebook: `images` in floats, OpenGL `poses`, and `focal`.
 ///
-/// Of the notebook's own 106 views, 0..100 are training and 101..106 validation (100 is unused,
-/// as there); of other files the last six are validation, or none if that leaves no training.
+/// Of the notebook's own 106 views, 0..100 are training and 101..106 validation views (100 is unused, as in the
+/// notebook). In other files the last six are validation views, or none if no training views would remain.
 pub(crate) fn read_tiny_nerf(archive: &mut Archive, options: &ReadOptions) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
     let focal = archive.scalar("focal")?;

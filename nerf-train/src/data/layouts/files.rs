@@ -1,4 +1,4 @@
-//! Files that a data set consists of, found without reading its pictures.
+//! Files that belong to a data set, found without reading its pictures.
 
 use crate::data::layouts::folders::entries;
 use crate::data::layouts::{blender, colmap, llff, nerfstudio};
@@ -10,7 +10,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// Size limit of a list of views that is searched for names, bytes.
+/// Size limit of a list of views that is searched for file names, bytes.
 const MAX_LIST_BYTES: u64 = 256 << 20;
 
 #[derive(Deserialize)]
@@ -25,7 +25,7 @@ struct Frame {
     depth_file_path: Option<String>,
 }
 
-/// [`Claims::reads`] for a data set, if there is one: its file or folder, and the files that its lists name anywhere.
+/// [`Claims::reads`] of a data set, if given: its file or folder, and all files that its lists of views name.
 pub fn reads_data<'p, P: AsRef<Path> + ?Sized + 'p>(
     claims: Claims,
     path: impl Into<Option<&'p P>>,
@@ -35,9 +35,9 @@ pub fn reads_data<'p, P: AsRef<Path> + ?Sized + 'p>(
     files(path).iter().fold(claims, |claims, file| claims.reads("a file of the data set,", file))
 }
 
-/// The data set's own file, its lists of views, and the files that they name, as far as they exist.
+/// The data set's own file, its lists of views, and the files named in these lists, if they exist.
 ///
-/// A damaged list names nothing: reading the data set reports the damage.
+/// A damaged list counts as empty; reading the data set reports the damage.
 pub fn files(path: &Path) -> Vec<PathBuf> {
     let folder = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
     let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
@@ -53,7 +53,7 @@ pub fn files(path: &Path) -> Vec<PathBuf> {
     lists.into_iter().chain(named).chain(whole).collect()
 }
 
-/// Files of a folder's COLMAP model or LLFF poses, and all in its folders of pictures; empty without such poses.
+/// Files of a folder's COLMAP model or LLFF poses, and all files in its folders of pictures; empty without poses.
 fn photographs(folder: &Path) -> Vec<PathBuf> {
     let poses = folder.join(llff::FILE);
     let mut files = colmap::files(folder);
@@ -67,7 +67,7 @@ fn photographs(folder: &Path) -> Vec<PathBuf> {
     };
     let mut open: Vec<PathBuf> =
         entries(folder).unwrap_or_default().into_iter().filter(of_pictures).collect();
-    // Links are not followed: one to a folder above would lead round for ever.
+    // Links are not followed: a link to a parent folder would make an endless loop.
     while let Some(path) = open.pop() {
         if path.is_symlink() || !path.is_dir() {
             files.push(path);
@@ -80,7 +80,7 @@ fn photographs(folder: &Path) -> Vec<PathBuf> {
 
 fn named_in(list: &Path, folder: &Path) -> Vec<PathBuf> {
     let mut bytes = Vec::new();
-    // A pipe is not read: it would be empty for its reader afterwards.
+    // A pipe is not read: the later reader of the data set would find it empty.
     let read = list.is_file().then(|| File::open(list)?.take(MAX_LIST_BYTES).read_to_end(&mut bytes));
     if !matches!(read, Some(Ok(_))) {
         return Vec::new();

@@ -7,18 +7,18 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 pub(crate) const IMAGES: &str = "images";
-/// The usual folder of masks: COLMAP's habit is `masks/NAME.png` for `images/NAME`.
+/// Usual folder of masks; COLMAP's convention is `masks/NAME.png` for `images/NAME`.
 const MASKS: &str = "masks";
 
-/// A photograph that was found, and how to read it.
+/// Location of a photograph, and its further reduction.
 pub(crate) struct Located {
     pub(crate) path: PathBuf,
-    /// Factor by which it is read smaller than the poses' size; `None`: the file's own size.
+    /// Factor by which the photograph is reduced from the size of its pose; `None`: the file's own size.
     pub(crate) downscale: Option<Downscale>,
     pub(crate) reduced: bool,
 }
 
-/// Folders of a data set's photographs, by the factor by which these are smaller.
+/// Folders of a data set's photographs, by the factor by which each folder's copies are smaller.
 pub(crate) struct Folders {
     root: PathBuf,
     by_factor: BTreeMap<u32, PathBuf>,
@@ -45,10 +45,10 @@ impl Folders {
         Ok(Self { root: root.to_owned(), by_factor })
     }
 
-    /// Folders to search for photographs whose poses are of this `size`, best first: copies of the factor itself,
-    /// else the smallest that are larger, which are made smaller still.
+    /// Folders to search for photographs whose poses are for pictures of `size`, pixels, best first: copies reduced by
+    /// the requested factor, else larger copies, the smallest first, which are reduced further.
     ///
-    /// With [`Downscale::Auto`] a folder of copies is read unchanged if it comes nearest to 800 pixels.
+    /// With [`Downscale::Auto`], copies that no further whole factor brings nearer to 800 pixels are read unchanged.
     fn candidates(&self, downscale: Downscale, size: (f64, f64)) -> Vec<(&Path, Option<Downscale>, bool)> {
         let factor = downscale.factor(size);
         let larger = self.by_factor.range(..=factor).rev();
@@ -65,7 +65,7 @@ impl Folders {
         candidates
     }
 
-    /// Finds the photograph `name`, which may contain folders. `size`: that of its pose, pixels.
+    /// Finds the photograph `name`, which may contain folders. `size`: picture size that its pose is for, pixels.
     pub(crate) fn locate(&self, name: &str, downscale: Downscale, size: (f64, f64)) -> Option<Located> {
         self.candidates(downscale, size).into_iter().find_map(|(folder, downscale, reduced)| {
             let path = folder.join(name.replace('\\', "/"));
@@ -75,7 +75,7 @@ impl Folders {
         })
     }
 
-    /// The pictures of the best folder, sorted by the bytes of their names.
+    /// Pictures of the best folder, sorted by the bytes of their names. `size`: that of the poses, pixels.
     pub(crate) fn list(
         &self,
         downscale: Downscale,
@@ -111,8 +111,8 @@ impl Folders {
     }
 }
 
-/// Path of the copy, `factor` times smaller, of a picture that a json names by its path from `root`: in `images_4`
-/// for `images/a.jpg` and 4.
+/// Path of the copy, `factor` times smaller, of a picture that a json names by its path from `root`: for `images/a.jpg`
+/// and 4, the same name in `images_4`.
 pub(crate) fn smaller_copy(root: &Path, file_path: &str, factor: u32) -> Option<PathBuf> {
     let path = file_path.replace('\\', "/");
     let (folder, rest) = path.trim_start_matches("./").split_once('/')?;
@@ -120,7 +120,7 @@ pub(crate) fn smaller_copy(root: &Path, file_path: &str, factor: u32) -> Option<
     if copy.is_file() { Some(copy) } else { with_other_ending(&copy) }
 }
 
-/// The picture with this name but another extension: smaller copies are often PNG if the photographs are JPEG.
+/// Existing picture with this name but another extension: reduced copies are often PNG where photographs are JPEG.
 fn with_other_ending(path: &Path) -> Option<PathBuf> {
     let endings = ["png", "jpg", "jpeg", "JPG", "PNG"];
     endings.into_iter().map(|ending| path.with_extension(ending)).find(|path| path.is_file())
@@ -134,8 +134,8 @@ pub(crate) fn entries(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
 /// One view in this many is held out, as is usual in the field.
 pub(crate) const HOLD: usize = 8;
 
-/// Splits views into training and validation: in the order of the bytes of their names, every eighth from
-/// [`ReadOptions::hold_offset`] on is for validation. If there are too few views for that, all are for training.
+/// Splits views, sorted by the bytes of their names, into training and validation views: every eighth from
+/// [`ReadOptions::hold_offset`] on is for validation. With too few views, all are for training.
 pub(crate) fn every_eighth(
     mut views: Vec<View>,
     options: &ReadOptions,

@@ -15,7 +15,7 @@ use std::path::Path;
 pub(crate) const FILE: &str = "poses_bounds.npy";
 /// Number of values per photograph: three rows of a 3×5 matrix, near and far.
 const NUMBERS: usize = 17;
-/// Rays begin a little before the nearest bound, as in LLFF's own loader.
+/// Factor on the nearest bound that gives the start of rays, as in LLFF's own loader.
 const NEAR_MARGIN: f64 = 0.9;
 
 /// Values of one photograph in the file.
@@ -32,7 +32,7 @@ struct Row {
 
 impl Row {
     /// Row of 17 numbers: `[down right backward | centre | height width focal]`, row by row, and the bounds. The
-    /// centre is counted from `origin`.
+    /// position becomes relative to `origin`.
     fn new(n: &[f64], origin: DVec3) -> Self {
         let rows = [0, 1, 2].map(|i| [n[5 * i + 1], -n[5 * i], n[5 * i + 2], n[5 * i + 3]]);
         Self { pose: pose_of(rows, origin), size: (n[9], n[4]), focal: n[14], bounds: [n[15], n[16]] }
@@ -103,7 +103,7 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     .counted_from(origin))
 }
 
-/// Sparse points of a COLMAP model in the same folder, whose world is the same; empty if there are none.
+/// Sparse points of a COLMAP model in the same folder, which share the world of the poses; empty without a model.
 fn points(folder: &Path, origin: DVec3, found: &mut Found) -> Result<Vec<SparsePoint>, DatasetError> {
     for place in [folder.join("sparse/0"), folder.join("sparse"), folder.to_owned()] {
         let points = colmap::points_of(&place, origin, found)?;

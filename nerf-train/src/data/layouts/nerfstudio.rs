@@ -10,7 +10,7 @@ use std::path::Path;
 
 pub(crate) const FILE: &str = "transforms.json";
 
-/// Reads one json. It is split by its lists, or else every eighth view by file path is for validation.
+/// Reads one json. Views are split by its lists of file names; without lists, every eighth by path is for validation.
 pub(crate) fn read(file: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
     let mut found = Found::default();
@@ -46,7 +46,7 @@ pub(crate) fn read(file: &Path, options: &ReadOptions, watch: &Watch) -> Result<
     .counted_from(origin))
 }
 
-/// Adds notes on fields that change nothing here.
+/// Adds notes on fields of the json that are ignored.
 fn say_fields(header: &Header, notes: &mut Vec<String>) {
     let identity = |rows: &Vec<Vec<f64>>| {
         rows.iter()

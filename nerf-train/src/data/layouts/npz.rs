@@ -1,7 +1,7 @@
 //! Arrays from an untrusted `.npz` or `.npy`.
 //!
 //! The array headers are parsed here, because npyz multiplies shapes unchecked, allocates what a header claims, and
-//! brings every compression of zip files. Here memory is allocated only for bytes that were read.
+//! supports every compression of zip files. This module allocates memory only for bytes that were read.
 
 use crate::data::DatasetError;
 use crate::data::cameras::pose::{BOTTOM_ROW, bottom_row_fault};
@@ -18,7 +18,7 @@ pub(crate) struct Archive {
     max_array_bytes: u64,
 }
 
-/// One array in C order.
+/// One array in C order (last index fastest).
 pub(crate) struct Array {
     pub(crate) shape: Vec<usize>,
     dtype: Dtype,
@@ -36,7 +36,7 @@ struct Dtype {
 const MAX_ARRAY: u64 = 4 << 30;
 /// Longest array header that is read, bytes; numpy's are 128.
 const MAX_HEADER: usize = 1 << 16;
-/// Most dimensions of an array; numpy's own limit.
+/// Maximum number of dimensions of an array: numpy's own limit.
 const MAX_DIMENSIONS: usize = 32;
 const NUMBERS: &str = "f2, f4, f8, b1 or a plain integer";
 
@@ -126,7 +126,7 @@ pub(crate) fn fault(file: &Path, key: &str, expected: impl Display, found: impl 
     DatasetError::value(file, format!("array `{key}`"), expected, found)
 }
 
-/// Reads the array of a `.npy` file; messages call it by the file's stem.
+/// Reads the array of a `.npy` file; error messages name the array by the file's stem.
 pub(crate) fn read_npy(file: &Path, max_array_bytes: Option<u64>) -> Result<Array, DatasetError> {
     let stream = open_regular(file).map_err(|source| DatasetError::io(file, source))?;
     let key = file.file_stem().unwrap_or_default().to_string_lossy();
@@ -147,7 +147,7 @@ fn read_array(stream: &mut impl Read, file: &Path, key: &str, limit: u64) -> Res
     }
     let whole = format!("{bytes} bytes for shape {shape:?}");
     let mut data = Vec::new();
-    // One byte more than announced, to notice trailing data; grows with what really arrives.
+    // Reads one byte more than announced, to notice trailing data; the buffer grows with the bytes that arrive.
     let read = stream.take(bytes as u64 + 1).read_to_end(&mut data);
     read.map_err(|error| bad(&whole, format!("{} bytes, then: {error}", data.len())))?;
     if data.len() != bytes {
@@ -169,7 +169,7 @@ impl Array {
             (b'f', _) => {
                 let to_byte = |chunk| {
                     let value = self.dtype.value(chunk).unwrap_or(f64::NAN);
-                    // Resampling overshoots a little.
+                    // Tolerance for resampled pictures, which overshoot a little.
                     let fits = (-0.01..=1.01).contains(&value);
                     if fits { Ok((value * 255.0).round().clamp(0.0, 255.0) as u8) } else { Err(value) }
                 };
@@ -190,7 +190,7 @@ impl Array {
 }
 
 impl Dtype {
-    /// From numpy's name, such as `<f4`.
+    /// Parses numpy's name of a dtype, such as `<f4`.
     fn parse(name: &str) -> Option<Self> {
         let &[order, kind @ (b'u' | b'i' | b'f' | b'b'), ref digits @ ..] = name.as_bytes() else {
             return None;
@@ -272,7 +272,7 @@ fn parse_header(text: &str) -> Option<(Dtype, bool, Vec<usize>)> {
     (shape.len() <= MAX_DIMENSIONS).then_some((dtype, fortran, shape))
 }
 
-/// Reorders elements of `size` bytes from first-index-fastest to last-index-fastest.
+/// Reorders elements of `size` bytes from Fortran order (first index fastest) to C order.
 fn to_c_order(data: &[u8], shape: &[usize], size: usize) -> Vec<u8> {
     let mut strides = Vec::with_capacity(shape.len());
     let mut stride = size;

@@ -1,9 +1,8 @@
-//! Colours as people write them.
+//! Colours in text form.
 
 const NAMED: [(&str, [f32; 3]); 3] = [("black", [0.0; 3]), ("white", [1.0; 3]), ("red", [1.0, 0.0, 0.0])];
 
-/// `black`, `white`, `red`, `R,G,B` with channels 0 to 255, or `#RRGGBB`, as display-encoded values in
-/// `0..=1`.
+/// Parses `black`, `white`, `red`, `R,G,B` with channels 0 to 255, or `#RRGGBB` into display-encoded values in `0..=1`.
 pub fn parse(text: &str) -> Result<[f32; 3], String> {
     if let Some((_, colour)) = NAMED.into_iter().find(|(name, _)| *name == text) {
         return Ok(colour);

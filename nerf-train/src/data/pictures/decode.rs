@@ -1,4 +1,4 @@
-//! A picture file, decoded whole or refused.
+//! Decoding of a picture file: whole, or refused.
 
 use crate::system::input::{MAX_PICTURE_BYTES, read_limited};
 use image::metadata::Orientation;
@@ -9,7 +9,7 @@ use zune_jpeg::errors::DecodeErrors;
 use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
-/// Maximum number of pixels of a picture, 16,384 × 16,384: a header of a few bytes may claim any number.
+/// Maximum number of pixels of a picture, 16,384 × 16,384: a header of a few bytes may claim any size.
 const MAX_PIXELS: u64 = 1 << 28;
 /// Longest side of a picture, pixels: the largest size that a blob can state.
 pub const MAX_SIDE: u32 = 65_535;
@@ -19,7 +19,7 @@ const HEAD_BYTES: u64 = 12;
 
 pub(crate) const FORMATS: &str = "PNG, JPEG, WebP, TIFF, BMP or GIF";
 
-/// Advice for the pictures of telephones that are not decoded.
+/// Advice for HEIF pictures of telephones, which are not decoded.
 const HEIF_ADVICE: &str = "turn them into JPEG first, with `heif-convert a.heic a.jpg` (libheif) or `magick mogrify -format jpg *.heic`";
 
 #[derive(Debug, thiserror::Error)]
@@ -37,7 +37,7 @@ pub enum DecodeError {
     Size { file: PathBuf, found: (u32, u32) },
 }
 
-/// Source that pictures are read from; a single type, so that all decoders are compiled once.
+/// Source of a picture's bytes, as a trait object so that all decoders are compiled once.
 pub(super) trait Source: BufRead + Seek {}
 impl<S: BufRead + Seek> Source for S {}
 
@@ -54,8 +54,8 @@ pub fn decode(file: &Path) -> Result<(DynamicImage, Orientation), DecodeError> {
     decode_of(file, |_| true)
 }
 
-/// [`decode`] for a picture whose width and height, as its header states them, satisfy `wanted`; another one is
-/// refused undecoded.
+/// [`decode`] for a picture whose width and height, as its header states them, satisfy `wanted`; any other is refused
+/// without decoding.
 pub fn decode_of(
     file: &Path,
     wanted: impl Fn((u32, u32)) -> bool,
@@ -74,7 +74,7 @@ pub fn decode_of(
     let mut reader = reader(Cursor::new(&bytes));
     reader.set_format(format);
     let mut decoder = reader.into_decoder().map_err(text)?;
-    // What follows allocates all that the header asks for.
+    // The decoder allocates whatever size the header states.
     let (width, height) = decoder.dimensions();
     if width.max(height) > MAX_SIDE || u64::from(width) * u64::from(height) > MAX_PIXELS {
         let most = format!("at most {MAX_SIDE} a side and {MAX_PIXELS} in all are read");
@@ -86,7 +86,7 @@ pub fn decode_of(
     if format == ImageFormat::Jpeg {
         check_jpeg(&bytes).map_err(damaged)?;
     }
-    // A tag that cannot be read is no reason to refuse the picture.
+    // An orientation tag that cannot be read is no reason to refuse the picture.
     let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
     Ok((DynamicImage::from_decoder(decoder).map_err(text)?, orientation))
 }
@@ -109,7 +109,7 @@ pub fn dimensions(file: &Path) -> Result<(u32, u32), DecodeError> {
     reader.into_dimensions().map_err(damaged)
 }
 
-/// Whether a file begins like one of the HEIF family: with a box `ftyp` of one of its brands.
+/// Whether a file begins with a box `ftyp` of a HEIF or AVIF brand.
 fn is_heif(bytes: &[u8]) -> bool {
     const BRANDS: [&[u8; 4]; 10] =
         [b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1", b"avif", b"avis"];
@@ -117,7 +117,7 @@ fn is_heif(bytes: &[u8]) -> bool {
         && bytes.get(8..12).is_some_and(|brand| BRANDS.iter().any(|b| *b == brand))
 }
 
-/// Decodes a JPEG once more, strictly.
+/// Decodes a JPEG in strict mode, to find damage.
 fn check_jpeg(bytes: &[u8]) -> Result<(), String> {
     let options = DecoderOptions::default()
         .set_strict_mode(true)
@@ -125,7 +125,7 @@ fn check_jpeg(bytes: &[u8]) -> Result<(), String> {
         .set_max_height(usize::from(u16::MAX));
     match zune_jpeg::JpegDecoder::new_with_options(ZCursor::new(bytes), options).decode() {
         Ok(_) => Ok(()),
-        // Against the letter of the standard, but nothing is lost.
+        // Violates the standard, but loses no data.
         Err(DecodeErrors::FormatStatic(text)) if text.contains("Extra bytes between headers") => Ok(()),
         Err(error) => Err(format!("{error:?}")),
     }

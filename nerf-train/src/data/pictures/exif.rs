@@ -6,7 +6,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-/// TIFF tags; `EXIF_FOLDER` points to the folder that holds the focal length.
+/// TIFF tags; `EXIF_FOLDER` points to the directory that holds the focal length.
 const MAKE: u16 = 0x010f;
 const MODEL: u16 = 0x0110;
 const EXIF_FOLDER: u16 = 0x8769;
@@ -53,12 +53,12 @@ impl Tiff<'_> {
         self.array(at).map(u16::from_le_bytes)
     }
 
-    /// `None` from 2^30 on, so that sums of offsets do not overflow.
+    /// Number at offset `at`; `None` from 2^30 on, so that sums of offsets do not overflow.
     fn u32(&self, at: u32) -> Option<u32> {
         self.array(at).map(u32::from_le_bytes).filter(|&value| value < 1 << 30)
     }
 
-    /// Offset of the entry of a tag in the folder at `folder`.
+    /// Offset of the entry of a tag in the directory at offset `folder`.
     fn tag(&self, folder: u32, tag: u16) -> Option<u32> {
         let entries = 0..u32::from(self.u16(folder)?);
         entries.map(|i| folder + 2 + 12 * i).find(|&entry| self.u16(entry) == Some(tag))
@@ -67,7 +67,7 @@ impl Tiff<'_> {
     fn text(&self, folder: u32, tag: u16) -> Option<String> {
         let entry = self.tag(folder, tag)?;
         let length = self.u32(entry + 4)?;
-        // Up to four bytes stand in the entry itself.
+        // A text of up to four bytes is stored in the entry itself.
         let start = if length <= 4 { entry + 8 } else { self.u32(entry + 8)? };
         let bytes = self.bytes.get(start as usize..)?.get(..length as usize)?;
         let text = String::from_utf8_lossy(bytes).trim_matches(['\0', ' ']).to_owned();

@@ -8,9 +8,9 @@ use std::collections::{HashMap, HashSet};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// File extensions of pictures, in the order in which a name without one is completed.
+/// File extensions of pictures, in the order in which they are tried for a name without one.
 const ENDINGS: [&str; 8] = ["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "gif"];
-/// File extensions of pictures that are not decoded, to be refused by name rather than overlooked.
+/// File extensions of pictures that are not decoded, but refused with an error that names the file.
 const REFUSED_ENDINGS: [&str; 3] = ["heic", "heif", "avif"];
 
 pub(crate) struct Picture {
@@ -26,11 +26,11 @@ pub(crate) struct Decoded {
     orientation: Orientation,
 }
 
-/// Width and height as far as the poses' file states them, pixels.
+/// Width and height, pixels, as far as the poses' file states them.
 pub(crate) type StatedSize = (Option<f64>, Option<f64>);
 
-/// Decodes a picture of any depth and channel count, as it is stored. If its size does not fit `stated`, not even
-/// lying on its side, only the header is read.
+/// Decodes a picture of any depth and channel count, as it is stored. If its size fits `stated` neither as it is nor
+/// turned by 90°, only the header is read.
 pub(crate) fn decode(file: &Path, stated: StatedSize) -> Result<Decoded, DatasetError> {
     let bad =
         |found: String| DatasetError::fault(file, format!("expected a {FORMATS} picture, found {found}"));
@@ -58,7 +58,7 @@ pub(crate) fn other_size(file: &Path, stated: StatedSize, found: (u32, u32)) -> 
     DatasetError::fault(file, fault)
 }
 
-/// Whether a picture of `found` pixels has the `stated` width and height, or a uniformly scaled one.
+/// Whether a picture of `found` pixels has the `stated` width and height, up to uniform scaling.
 pub(crate) fn fits(found: (u32, u32), stated: StatedSize) -> bool {
     let size = (f64::from(found.0), f64::from(found.1));
     let (w, h) = (stated.0.unwrap_or(size.0), stated.1.unwrap_or(size.1));
@@ -71,10 +71,10 @@ impl Decoded {
         (self.image.width(), self.image.height())
     }
 
-    /// Applies the EXIF orientation if the picture has only then the shape that the poses' file states; returns a
+    /// Applies the EXIF orientation if only the turned picture has the shape `stated` by the poses' file; returns a
     /// note on the tag. `says`: name of the poses' file in notes, such as "the json".
     ///
-    /// Otherwise the pixels stay as they are stored: COLMAP, nerfstudio and instant-ngp read them so, and poses and
+    /// Otherwise the pixels stay as they are stored: COLMAP, nerfstudio and instant-ngp ignore the tag, and poses and
     /// principal points belong to the stored pixels.
     pub(crate) fn turn_to(&mut self, stated: StatedSize, says: &str) -> Option<String> {
         if self.orientation == Orientation::NoTransforms {
@@ -115,7 +115,7 @@ pub(crate) fn locate(folder: &Path, file_path: &str) -> Option<PathBuf> {
     }
     let endings = || ENDINGS.into_iter().chain(REFUSED_ENDINGS);
     endings().map(str::to_owned).chain(endings().map(str::to_uppercase)).find_map(|extension| {
-        // Appended, not replaced: `r_0.5` is a name.
+        // The extension is appended, not replaced: `r_0.5` has none.
         let mut name = written.clone().into_os_string();
         name.push(".");
         name.push(extension);
@@ -124,14 +124,14 @@ pub(crate) fn locate(folder: &Path, file_path: &str) -> Option<PathBuf> {
     })
 }
 
-/// Names in folders, each folder listed once: a million missing pictures are not each searched under every extension.
+/// File names in folders. Each folder is listed once, so that a missing picture is not tried under every extension.
 #[derive(Default)]
 pub(crate) struct Listings(HashMap<PathBuf, Option<HashSet<String>>>);
 
 impl Listings {
     pub(crate) fn locate(&mut self, folder: &Path, file_path: &str) -> Option<PathBuf> {
         let written = folder.join(file_path.replace('\\', "/"));
-        // Only ASCII names are looked up: systems differ in which other letters they take for the same.
+        // Only ASCII names are looked up: file systems differ in which other letters they treat as equal.
         if let (Some(parent), Some(name)) = (written.parent(), written.file_name())
             && let Some(name) = name.to_str().filter(|name| name.is_ascii())
         {

@@ -25,8 +25,7 @@ pub(crate) struct Found {
 }
 
 impl Found {
-    /// Counts a picture, what became of it, and what is said of it as a view of `file`; false if its mask leaves no
-    /// pixel.
+    /// Records a loaded picture and its notes as a view of `file`; returns false if its mask leaves no pixel.
     pub(crate) fn count(&mut self, file: &Path, loaded: &Loaded) -> bool {
         let Loaded { view, alpha, larger, notes } = loaded;
         self.pictures += 1;

@@ -1,4 +1,4 @@
-//! Photographs with their cameras: decoded one at a time, turned, made smaller, masked.
+//! Photographs with their cameras: decoded one at a time, turned, reduced, masked.
 
 use crate::data::pictures::file::{self, Picture, StatedSize};
 use crate::data::pictures::found::Found;
@@ -36,26 +36,26 @@ impl Optics {
     }
 }
 
-/// A photograph that exists, with what is known of it before it is decoded.
+/// A photograph that exists, with its properties that are known before it is decoded.
 pub(crate) struct Photo<'a> {
-    /// Path of its file as the data set writes it.
+    /// Path of the picture's file as the data set writes it.
     pub(crate) name: &'a str,
     pub(crate) path: PathBuf,
-    /// A picture that is black at pixels that do not count.
+    /// Mask: a picture that is black at pixels that are neither trained on nor evaluated.
     pub(crate) mask: Option<PathBuf>,
     pub(crate) stated: StatedSize,
-    /// Factor by which it is read smaller than `stated`; `None`: its own size.
+    /// Factor by which the picture is reduced from `stated`; `None`: the file's own size.
     pub(crate) downscale: Option<Downscale>,
-    /// Whether it is from a folder of copies that are known to be smaller than `stated`.
+    /// Whether the picture is from a folder of copies that are known to be smaller than `stated`.
     pub(crate) reduced: bool,
     pub(crate) pose: Pose,
 }
 
 pub(crate) struct Loaded {
     pub(crate) view: View,
-    /// Whether its file has an alpha channel.
+    /// Whether the picture's file has an alpha channel.
     pub(crate) alpha: bool,
-    /// Size before it was made smaller, if it was.
+    /// Size before reduction, pixels; `None` if the picture was not reduced.
     pub(crate) larger: Option<(u32, u32)>,
     pub(crate) notes: Vec<String>,
 }
@@ -86,13 +86,13 @@ impl Source<'_> {
         }
         let optics = optics((w, h), &mut notes)?;
         let (width, height) = photo.downscale.map_or(found, |downscale| {
-            // A given factor refers to the poses' size, auto to the picture's.
+            // A given factor applies to the size stated with the poses, `Auto` to the picture's own.
             let (w, h) = if downscale == Downscale::Auto { own } else { (w, h) };
             let factor = f64::from(downscale.factor((w, h)));
             let side = |side: f64| (side / factor).round().clamp(1.0, 65_535.0) as u32;
             (side(w), side(h))
         });
-        // Never enlarged, and not resampled for one pixel: makers of smaller copies round differently.
+        // Pictures are never enlarged, nor resampled for one pixel: makers of smaller copies round differently.
         let larger = found.0 > width + 1 || found.1 > height + 1;
         let (width, height) = if larger { (width.min(found.0), height.min(found.1)) } else { found };
         if (w, h) != own && !photo.reduced {
@@ -109,7 +109,7 @@ impl Source<'_> {
         Ok(Loaded { view, alpha, larger: larger.then_some(found), notes })
     }
 
-    /// Loads `count` photographs in parallel. `load`: loads the one at an index.
+    /// Loads `count` photographs in parallel. `load`: loads the photograph at an index.
     pub(crate) fn load_all(
         &self,
         count: usize,
@@ -161,13 +161,13 @@ pub(crate) struct Fence {
 }
 
 impl Fence {
-    /// The fence around `folder`, unless `options` allow pictures outside of it.
+    /// Restriction to `folder`, or none if `options` allow pictures outside of it.
     pub(crate) fn around(folder: &Path, options: &ReadOptions) -> Result<Self, DatasetError> {
         let resolve = || std::fs::canonicalize(folder).map_err(|source| DatasetError::io(folder, source));
         Ok(Self { bounds: if options.outside_files { None } else { Some(resolve()?) } })
     }
 
-    /// Refuses a `path` that leads outside the folder. `file`, `view`: name it in errors.
+    /// Refuses a `path` that leads outside the folder. `file`, `view`: file and view that the error names.
     pub(crate) fn check(&self, file: &Path, view: &str, path: &Path) -> Result<(), DatasetError> {
         let Some(bounds) = &self.bounds else { return Ok(()) };
         let found = std::fs::canonicalize(path).map_err(|source| DatasetError::io(path, source))?;

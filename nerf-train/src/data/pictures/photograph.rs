@@ -1,4 +1,4 @@
-//! A photograph, read and made ready: upright, opaque, three channels.
+//! A photograph, read as an upright, opaque picture of three channels.
 
 pub use crate::data::pictures::decode::MAX_SIDE;
 use crate::data::pictures::decode::decode;
@@ -13,15 +13,15 @@ use std::path::Path;
 pub struct Photo {
     pub name: String,
     pub picture: Picture,
-    /// Changes made to it after decoding, one sentence each.
+    /// Changes made to the picture after decoding, one sentence each.
     pub notes: Vec<String>,
 }
 
 impl Photo {
     /// Reads a picture of any bit depth and channel count.
     ///
-    /// It is turned upright as its EXIF tag says, composited over `background` (display-encoded) if it
-    /// is transparent, and reduced to `scale` times its width and height. The format is told from the content.
+    /// The picture is turned upright as its EXIF tag says, composited over `background` (display-encoded) if it is
+    /// transparent, and reduced to `scale` times its width and height. The format is told from the content.
     pub fn read(file: &Path, background: [f32; 3], scale: f64) -> anyhow::Result<Self> {
         if !(scale > 0.0 && scale <= 1.0) {
             bail!("--scale: expected a number above 0 and at most 1, found {scale}");
@@ -39,7 +39,7 @@ impl Photo {
         let mut image = composited(image, background, &mut notes);
         if scale < 1.0 {
             let side = |side: u32| ((f64::from(side) * scale).round() as u32).max(1);
-            // A triangle as wide as the new pixel: every old pixel counts, nothing rings.
+            // Triangle filter as wide as the new pixel: every source pixel counts, and nothing rings.
             image = image.resize_exact(side(width), side(height), FilterType::Triangle);
             notes.push(format!("reduced from {width}x{height} pixels"));
         }
@@ -62,7 +62,7 @@ impl Photo {
     }
 
     pub fn size(&self) -> [u32; 2] {
-        // Lossless: `read` holds them to `MAX_SIDE`.
+        // Lossless: `read` limits both sides to `MAX_SIDE`.
         [self.picture.width as u32, self.picture.height as u32]
     }
 }

@@ -1,4 +1,4 @@
-//! Pictures made smaller by averaging areas.
+//! Reduction of pictures by averaging areas.
 
 use crate::data::pictures::file::Picture;
 use image::DynamicImage;
@@ -8,7 +8,7 @@ use std::ops::Range;
 const AUTO_SIDE: f64 = 800.0;
 const MAX_FACTOR: u32 = 64;
 
-/// Factor by which photographs are read smaller than the size of their poses.
+/// Factor by which photographs are reduced from the size of their poses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Downscale {
     /// The whole number that brings the long side nearest to 800 pixels; never enlarges.
@@ -26,7 +26,7 @@ impl Downscale {
         }
         let ratio = (width.max(height) / AUTO_SIDE).clamp(1.0, f64::from(MAX_FACTOR));
         let (low, high) = (ratio.floor(), ratio.ceil());
-        // Nearest by ratio, not by difference.
+        // The factor nearest by ratio, not by difference.
         (if ratio / low <= high / ratio { low } else { high }) as u32
     }
 }
@@ -43,8 +43,8 @@ impl std::str::FromStr for Downscale {
     }
 }
 
-/// First source pixel that target pixel `index` of `count` covers, and the covered fractions of it and the following
-/// ones. `length`: number of source pixels.
+/// First source pixel that target pixel `index` of `count` covers, and the covered fractions of that and the following
+/// source pixels. `length`: number of source pixels.
 fn covered(index: u32, count: u32, length: u32) -> (usize, Vec<f32>) {
     let (from, to) = span(index, count, length);
     let first = from.floor() as usize;
@@ -53,20 +53,20 @@ fn covered(index: u32, count: u32, length: u32) -> (usize, Vec<f32>) {
     (first, (first..last).map(part).collect())
 }
 
-/// Start and end of target pixel `index` of `count` in a line of `length` pixels.
+/// Start and end of target pixel `index` of `count` in a line of `length` source pixels.
 fn span(index: u32, count: u32, length: u32) -> (f64, f64) {
     let at = |i: u32| f64::from(i) * f64::from(length) / f64::from(count);
     (at(index), at(index + 1))
 }
 
-/// All source pixels that target pixel `index` touches, except by rounding.
+/// Range of the source pixels that target pixel `index` of `count` overlaps by more than rounding errors.
 fn touched(index: u32, count: u32, length: u32) -> Range<usize> {
     let (from, to) = span(index, count, length);
     (from + 1e-6).floor() as usize..((to - 1e-6).ceil() as usize).min(length as usize)
 }
 
-/// A picture as straight 8-bit sRGB and alpha, made smaller to `width` by `height` if it is larger. Each pixel is the
-/// mean over its area, weighted by alpha, in display space as in the field's data sets.
+/// Converts to straight 8-bit sRGB and alpha, and reduces to `width` by `height` if the picture is larger. Each pixel
+/// is the mean over its area, weighted by alpha, in display space as in the field's data sets.
 pub(crate) fn shrunk(image: DynamicImage, width: u32, height: u32) -> Picture {
     let (from_width, from_height) = (image.width(), image.height());
     let (width, height) = (width.min(from_width), height.min(from_height));
@@ -96,7 +96,7 @@ pub(crate) fn shrunk(image: DynamicImage, width: u32, height: u32) -> Picture {
     Picture { width, height, pixels, alpha }
 }
 
-/// Adds a source row to `sums`: colours times alpha, and alpha. `part`: fraction of it that the target row covers.
+/// Adds a source row to `sums`: colours times alpha, and alpha. `part`: fraction of the row in the target row.
 fn add_row(sums: &mut [[f32; 4]], row: &[u8], channels: usize, columns: &[(usize, Vec<f32>)], part: f32) {
     for (sum, (first, shares)) in sums.iter_mut().zip(columns) {
         for (pixel, share) in row[first * channels..].chunks_exact(channels).zip(shares) {
@@ -119,7 +119,7 @@ fn pixel_of([r, g, b, weight]: [f32; 4], area: f32) -> [u8; 4] {
     [r, g, b, (255.0 * weight / area).round() as u8]
 }
 
-/// Scales a mask: a pixel is kept if all source pixels that it touches are.
+/// Scales a mask: a pixel is kept if all source pixels that it overlaps are kept.
 pub(crate) fn shrunk_mask(kept: &[bool], from: (u32, u32), to: (u32, u32)) -> Vec<bool> {
     let columns: Vec<_> = (0..to.0).map(|x| touched(x, to.0, from.0)).collect();
     let mut out = Vec::with_capacity(to.0 as usize * to.1 as usize);

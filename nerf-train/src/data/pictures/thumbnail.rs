@@ -1,4 +1,4 @@
-//! Small copies of the cameras' pictures, to keep them all in one page.
+//! Small copies of the cameras' pictures, so that one page can hold all of them.
 
 use crate::data::View;
 use crate::data::pictures::rgb::Picture;
@@ -7,7 +7,7 @@ use base64::Engine as _;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 
-/// Maximum number of pixels of all pictures together; as JPEG in base64, 0.3 to 2.2 bytes each.
+/// Maximum number of pixels of all pictures together; as JPEG in base64, 0.3 to 2.2 bytes a pixel.
 const PIXEL_BUDGET: usize = 1_200_000;
 /// Upper limit of a picture's longest side, pixels.
 const LARGEST: usize = 400;
@@ -20,7 +20,7 @@ const QUALITY: u8 = 85;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Thumbnail(pub Picture);
 
-/// Longest side of each of `count` pictures at which all keep to the budget, pixels.
+/// Longest side, pixels, at which `count` pictures together stay within the pixel budget.
 pub fn side_for(count: usize) -> usize {
     ((PIXEL_BUDGET / count.max(1)) as f64).sqrt().floor().clamp(SMALLEST as f64, LARGEST as f64) as usize
 }

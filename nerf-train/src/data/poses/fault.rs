@@ -5,12 +5,12 @@ use crate::data::names::listed;
 use serde::{Serialize, Serializer};
 use std::fmt;
 
-/// A model of fewer than this fraction of the photographs is torn.
+/// Fraction of the photographs below which a model is torn ([`Fault::Torn`]).
 const REGISTERED: f64 = 0.9;
-/// A model is also torn if another one has at least this many photographs that the largest lacks.
+/// Number of photographs that a further model must add for the largest model to count as torn.
 const OTHERS: usize = 3;
 
-/// A model that does not show all of the photographs as they were taken.
+/// Fault of a model: missing photographs, or photographs with wrong poses.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Fault {
@@ -19,15 +19,15 @@ pub enum Fault {
         /// Photographs of each further model that the largest model lacks, by name.
         others: Vec<Vec<String>>,
     },
-    /// Photographs of two sides have poses of only one side.
+    /// Photographs of two sides of the scene have poses on only one side.
     Folded {
-        /// Photographs that agree with each other, by name.
+        /// Names of the photographs in each group, which agree with each other.
         groups: Vec<Vec<String>>,
     },
 }
 
 impl Fault {
-    /// Fault of the largest model of `photographs` photographs; `folded`: its groups, if it is folded.
+    /// Fault of `model`, the largest of `photographs` photographs. `folded`: groups of a folded model, else `None`.
     pub(super) fn of(model: &Facts, photographs: usize, folded: Option<Vec<Vec<String>>>) -> Option<Self> {
         if let Some(groups) = folded {
             return Some(Self::Folded { groups });

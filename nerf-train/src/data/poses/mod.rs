@@ -1,8 +1,8 @@
 //! Poses of bare photographs, found by an installed COLMAP.
 //!
-//! COLMAP works in a hidden folder next to the result, on copies of the photographs: editing one never edits another.
-//! The folder gets its final name, whole, once a model was found. If a model is torn or folded, COLMAP's other ways
-//! are tried.
+//! COLMAP works in a hidden folder next to the result, on copies of the photographs, so that later edits of one never
+//! change the other. The folder gets its final name, complete, once a model is found. If a model is torn or folded,
+//! COLMAP's further ways are tried.
 
 mod fault;
 mod run;
@@ -29,11 +29,11 @@ const MIN_PHOTOGRAPHS: usize = 3;
 pub struct Request<'a> {
     pub photographs: &'a Path,
     pub output: &'a Path,
-    /// Whether only neighbours in the order of names are compared, not all with all.
+    /// Whether photographs are matched only with their neighbours in the order of names, not all with all.
     pub sequential: bool,
-    /// Maximum number of threads; `None`: all there are.
+    /// Maximum number of threads; `None`: no limit.
     pub threads: Option<usize>,
-    /// Time without output after which COLMAP is ended.
+    /// Time without output after which COLMAP is killed.
     pub patience: Duration,
     /// Returns the groups of photographs if the model is folded, else `None`.
     pub folded: &'a dyn Fn(&Dataset) -> Option<Vec<Vec<String>>>,
@@ -58,7 +58,7 @@ pub struct Found {
     pub fault: Option<Fault>,
 }
 
-/// A model, how it was found, and what is wrong with it.
+/// A model, the way in which COLMAP made it, and its fault, if any.
 struct Attempt {
     model: Facts,
     way: Way,
@@ -66,7 +66,7 @@ struct Attempt {
 }
 
 /// Finds the poses of photographs and writes `sparse/0` and `images` into a new folder.
-/// If that fails, nothing is left of the folder.
+/// On an error, no part of the folder remains.
 pub fn find(request: &Request<'_>) -> anyhow::Result<Found> {
     let few = |found: usize, damaged: &[String]| {
         let skipped = match damaged.len() {
@@ -85,7 +85,7 @@ pub fn find(request: &Request<'_>) -> anyhow::Result<Found> {
     let result = AtomicFolder::create(request.output)?;
     let work = result.place().join("work");
     let place = Place { images: result.place().join("images"), work: work.clone() };
-    // First, so that nothing is copied if COLMAP is not installed.
+    // Called first, so that nothing is copied if COLMAP is not installed.
     runner.help(&commands::features(&place, None))?;
     let cannot_write_output = |source| cannot_write(request.output, source);
     [&place.images, &work].into_iter().try_for_each(fs::create_dir).map_err(cannot_write_output)?;
@@ -145,7 +145,7 @@ fn best(place: &Place, runner: &Runner<'_>) -> anyhow::Result<Attempt> {
     best.ok_or_else(|| none_registered(count, "no model was made"))
 }
 
-/// Reads a way's largest model with its photographs, moved next to it meanwhile; `None` if it cannot be read.
+/// Reads a way's largest model with its photographs, which are moved there meanwhile; `None` if unreadable.
 fn with_photographs(place: &Place, way: Way) -> io::Result<Option<Dataset>> {
     let models = place.models(way);
     let beside = models.join("images");
@@ -198,7 +198,7 @@ fn copy(bare: &Bare, images: &Path) -> io::Result<()> {
 /// Moves the model to its place and removes the working files.
 fn keep(model: &Facts, place: &Path, work: &Path) -> io::Result<()> {
     fs::rename(&model.folder, place)?;
-    // This file names the hidden folder.
+    // `project.ini` names the hidden folder.
     let _ = fs::remove_file(place.join("project.ini"));
     fs::remove_dir_all(work)
 }

@@ -13,9 +13,9 @@ use std::time::{Duration, Instant};
 const KEPT_BYTES: usize = 32 << 10;
 /// Interval at which COLMAP's output is polled.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
-/// Time between shown lines of output.
+/// Minimum time between two shown lines of COLMAP's output.
 const LINE_EVERY: Duration = Duration::from_secs(5);
-/// Time limit for listing the options.
+/// Time limit for COLMAP's help on the options of a command.
 const HELP_PATIENCE: Duration = Duration::from_secs(30);
 
 #[derive(Clone, Copy)]
@@ -24,7 +24,7 @@ pub(super) struct Runner<'a> {
     pub(super) photographs: usize,
 }
 
-/// `colmap`, without a window and without input.
+/// Command `colmap` without a window and with empty standard input.
 fn colmap() -> Command {
     let mut command = Command::new("colmap");
     command.env("QT_QPA_PLATFORM", "offscreen");
@@ -45,7 +45,7 @@ fn start(command: &mut Command) -> anyhow::Result<(Helper, Heard, Heard)> {
 }
 
 impl Runner<'_> {
-    /// Runs a command to its end and shows its output.
+    /// Runs a stage to its end and shows its output.
     pub(super) fn run(&self, stage: Stage) -> anyhow::Result<()> {
         let Request { threads, patience, style, .. } = *self.request;
         let stage = match threads {
@@ -81,7 +81,7 @@ impl Runner<'_> {
         Err(failure(&stage, status, self.photographs, &help, [out.text(), err.text()]))
     }
 
-    /// Help of the installed version on a command's options.
+    /// Help text of the installed COLMAP on the options of a stage's command.
     pub(super) fn help(&self, stage: &Stage) -> anyhow::Result<String> {
         let (helper, out, err) = start(colmap().arg(stage.name).arg("--help"))?;
         let patience = HELP_PATIENCE.min(self.request.patience);
@@ -100,7 +100,7 @@ pub(super) fn none_registered(photographs: usize, said: &str) -> anyhow::Error {
     )
 }
 
-/// The last whole line that is not blank.
+/// Last complete line that is not blank; empty if there is none.
 fn last_line(said: &[u8]) -> String {
     let text = String::from_utf8_lossy(said);
     let whole = text.rsplit_once('\n').map_or("", |(whole, _)| whole);
@@ -125,7 +125,7 @@ fn failure(
 ) -> anyhow::Error {
     let [out, err] = said;
     let all = [out.as_slice(), b"\n", err.as_slice()].concat();
-    // Messages are on stdout or stderr, by version.
+    // Messages are on stdout or stderr, depending on the version.
     let last = last_lines(if err.trim_ascii().is_empty() { &out } else { &err });
     let text = String::from_utf8_lossy(&all);
     if stage.name == "mapper" && status.code().is_some() && text.contains("failed to create") {

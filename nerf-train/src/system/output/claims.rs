@@ -1,10 +1,10 @@
-//! An input is never an output: what a command reads and what it writes, compared before it does either.
+//! Protection of inputs: all paths that a command reads and writes are compared before it does either.
 //!
-//! Files are compared by what the file system knows them by (device and inode on Unix, the canonical path elsewhere),
-//! so that links, relative paths and names that differ in case only are seen through. A data set that is named as a
-//! folder is read as a whole: nothing is written into it. If it is named as a file, that file, the lists next
-//! to it and the pictures they name are protected. A folder of results holds no input that looks like a result. Devices
-//! and pipes such as `/dev/null` may be both.
+//! Files are compared by their identity in the file system (device and inode on Unix, the canonical path elsewhere),
+//! which sees through links, relative paths and names that differ in case only. A data set named by a folder is read as
+//! a whole: nothing is written into the folder. For a data set named by a file, that file, the lists next to it and the
+//! pictures that the lists name are protected. A folder of results holds no input that looks like a result. Devices and
+//! pipes such as `/dev/null` may be input and output.
 
 use super::mark::was_made_here;
 use super::{Attempt, OutputError, ensure_folder, folder_of};
@@ -70,7 +70,7 @@ enum Kind {
 enum Identity {
     #[cfg(unix)]
     Inode(u64, u64),
-    /// Canonical path of what does not exist yet, or has no inode.
+    /// Canonical path, for a file that does not exist yet or a system without inodes.
     Path(PathBuf),
 }
 
@@ -98,7 +98,7 @@ pub fn is_device(path: &Path) -> bool {
 
 impl Claims {
     /// Adds an input, if there is one: a file, or a folder with all its contents; `what` names it in errors. A
-    /// missing one is ignored: reading it reports the error.
+    /// missing file is ignored: reading it reports the error.
     pub fn reads<'p, P: AsRef<Path> + ?Sized + 'p>(
         mut self,
         what: &str,
@@ -116,7 +116,7 @@ impl Claims {
         self.derives(flag, path, Existing::Replace)
     }
 
-    /// Adds an output file whose name is derived from another one's.
+    /// Adds an output file whose name is derived from that of another file.
     pub fn derives(self, what: &str, path: &Path, existing: Existing) -> Self {
         self.output(what, path, Kind::File(existing))
     }
@@ -133,7 +133,7 @@ impl Claims {
         }
     }
 
-    /// Adds `frame_0000.png` and on in the folder that `flag` names as outputs.
+    /// Adds `frame_0000.png`, `frame_0001.png` and so on, in the folder that `flag` names, as outputs.
     pub fn writes_frames(self, flag: &str, folder: &Path) -> Self {
         self.output(flag, folder, Kind::Frames)
     }
@@ -196,7 +196,7 @@ impl Claims {
         };
         for folder in folders.iter().map(|below| path.join(below)) {
             self.check_place(&folder)?;
-            // A folder that is not there holds nothing; one that cannot be read says so when it is tried out.
+            // A missing folder holds no files; a folder that cannot be read is reported when it is probed.
             for file in fs::read_dir(&folder).into_iter().flatten().flatten().map(|entry| entry.path()) {
                 let is_like = |found: &OsStr| extensions.iter().any(|e| found.eq_ignore_ascii_case(e));
                 if !file.extension().is_some_and(is_like) {
@@ -219,7 +219,7 @@ impl Claims {
         self.inputs.get(&Identity::of(path)?)
     }
 
-    /// Refuses an input, and a path inside one: checks the folders above the path and, for a link, above its target.
+    /// Refuses a path that is an input or inside one: checks the folders above it and, for a link, above its target.
     fn check_place(&self, path: &Path) -> Result<(), String> {
         let (place, shown_path) = (resolved(path), path.display());
         let above = resolved(folder_of(path));
@@ -253,7 +253,7 @@ fn check_name(path: &Path) -> Result<(), String> {
         ));
     }
     match fs::symlink_metadata(path) {
-        // Reported when the folder is created.
+        // `NotFound` and `NotADirectory` are reported when the folder is created.
         Err(error) if !matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => {
             Err(OutputError::new(Attempt::Create, path, error).to_string())
         }
@@ -274,7 +274,7 @@ fn check_existing(path: &Path, existing: Existing) -> Result<(), String> {
     Err(format!("{} is there already{why}", path.display()))
 }
 
-/// The path without links, `.` and `..`, as far as it exists; the rest is kept literally.
+/// `path` with links, `.` and `..` resolved, as far as it exists; the rest is kept literally.
 fn resolved(path: &Path) -> PathBuf {
     let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     let mut real = PathBuf::new();

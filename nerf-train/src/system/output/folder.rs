@@ -8,8 +8,8 @@ use tempfile::TempDir;
 
 /// A folder that appears under its name only when [`commit`](Self::commit) succeeds.
 ///
-/// Until then it is a hidden folder next to that name, which a signal removes as well. If it is dropped without
-/// commit, it is removed.
+/// Until then the contents are in a hidden folder next to that name. A drop without commit, or a signal, removes the
+/// hidden folder.
 #[derive(Debug)]
 pub struct AtomicFolder {
     temporary: TempDir,
@@ -18,7 +18,7 @@ pub struct AtomicFolder {
 }
 
 impl AtomicFolder {
-    /// Creates the hidden folder in the parent of `path`, which is created if it is missing.
+    /// Creates the hidden folder in the parent of `path`; creates the parent, too, if it is missing.
     ///
     /// # Errors
     /// [`Attempt::CreateFolder`] if `path` exists and is not an empty folder; also those of [`ensure_folder`].
@@ -34,7 +34,7 @@ impl AtomicFolder {
         Ok(Self { temporary, _listed: Listed(place), target: path.to_owned() })
     }
 
-    /// Path of the folder until the commit.
+    /// Path of the hidden folder until the commit.
     pub fn place(&self) -> &Path {
         self.temporary.path()
     }
@@ -46,7 +46,7 @@ impl AtomicFolder {
     pub fn commit(self) -> Result<(), OutputError> {
         let fail = |source| OutputError::new(Attempt::Rename, &self.target, source);
         check_free(&self.target).map_err(fail)?;
-        // Removes only an empty folder; other systems than Unix cannot rename over one.
+        // Removes only an empty folder; systems other than Unix cannot rename over a folder.
         let _ = fs::remove_dir(&self.target);
         fs::rename(self.temporary.path(), &self.target).map_err(fail)?;
         sync_folder(folder_of(&self.target)).map_err(fail)

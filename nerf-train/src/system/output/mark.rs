@@ -1,7 +1,7 @@
 //! Mark by which a picture or film of this program is recognised.
 //!
-//! A PNG holds the mark as a comment (tEXt), a GIF in a comment extension, an MP4 in its metadata, an EXR in its attribute
-//! `comments`.
+//! A PNG holds the mark as a comment (tEXt), a GIF in a comment extension, an MP4 in its metadata, an EXR in its
+//! attribute `comments`.
 
 use std::fs::File;
 use std::io::Read;

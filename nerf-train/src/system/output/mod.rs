@@ -1,9 +1,9 @@
-//! The one way in which this project writes files: whole, or not at all.
+//! Writing of files, all in this place: whole, or not at all.
 //!
-//! [`AtomicFile`] writes next to the final name and renames over it on [`AtomicFile::commit`]; a reader, a crash or a
-//! full disk never meets half a file. Of two processes that write the same name one wins whole. A signal removes what
-//! is not committed ([`crate::system::stop`]); a process that is killed outright may leave a hidden `.nerf-*.tmp`
-//! behind, which is safe to delete.
+//! [`AtomicFile`] writes next to the final name and renames over it on [`AtomicFile::commit`]: no reader, crash or full
+//! disk leaves half a file under that name. If two processes write the same name, the file of one remains, whole. A
+//! signal removes uncommitted files ([`crate::system::stop`]); a process that is killed outright may leave a hidden
+//! `.nerf-*.tmp` behind, which is safe to delete.
 
 pub mod claims;
 mod folder;
@@ -76,7 +76,7 @@ enum Sink {
 
 /// A file that appears under its name only when [`commit`](Self::commit) succeeds.
 ///
-/// Dropped without commit, the temporary is removed and an earlier file of that name stays intact.
+/// A drop without commit removes the temporary, and an earlier file of that name stays intact.
 /// A symbolic link to an existing file is followed (the link stays a link), a replaced file keeps
 /// its permissions, a new one gets 0666 less the umask, and devices and pipes are written directly.
 #[derive(Debug)]
@@ -86,12 +86,12 @@ pub struct AtomicFile {
     path: PathBuf,
     /// The name that is replaced: `path` with symbolic links resolved.
     target: PathBuf,
-    /// Set by the first failed write; such a file must never be committed.
+    /// Whether a write has failed; the file must then never be committed.
     failed: bool,
 }
 
 impl AtomicFile {
-    /// Opens a temporary in the folder of `path`, which must exist.
+    /// Opens a temporary file in the folder of `path`; the folder must exist.
     ///
     /// # Errors
     /// [`Attempt::Create`] if `path` is a folder, or its folder is missing or not writable.
@@ -120,7 +120,7 @@ impl AtomicFile {
         };
         let (temporary, listed) = new_temporary(folder_of(&target)).map_err(fail)?;
         if let Some(metadata) = existing {
-            // Not every file system keeps permissions; the content matters more.
+            // Errors are ignored: not every file system keeps permissions, and the content matters more.
             let _ = temporary.as_file().set_permissions(metadata.permissions());
         }
         let sink = Sink::Temporary(BufWriter::with_capacity(BUFFER_BYTES, temporary), listed);
@@ -155,9 +155,9 @@ impl AtomicFile {
         &self.path
     }
 
-    /// Path of the bytes until the commit, for another program to write to.
+    /// Path to write to before the commit, for another program.
     ///
-    /// That program must write into this file, not replace it, and be done before the commit.
+    /// The other program must write into this file, not replace it, and finish before the commit.
     pub fn place(&self) -> &Path {
         match &self.sink {
             Sink::Temporary(buffer, _) => buffer.get_ref().path(),
@@ -173,7 +173,7 @@ impl AtomicFile {
     }
 
     fn note<T>(&mut self, result: io::Result<T>) -> io::Result<T> {
-        // An interrupted write is repeated by every caller of std: not a failure.
+        // An interrupted write is no failure: every caller in std repeats it.
         self.failed |= result.as_ref().is_err_and(|e| e.kind() != io::ErrorKind::Interrupted);
         result
     }
@@ -210,10 +210,10 @@ pub fn write_atomic(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), OutputEr
     file.commit()
 }
 
-/// Writes `bytes` to `path`, whole, unless there is a file of that name; returns whether it did.
+/// Writes `bytes` to `path`, whole, unless a file of that name exists; returns whether the file was written.
 ///
-/// Of several processes that try this with one name, exactly one is told that it did. File systems that can neither
-/// rename without replacing nor link get the file as from [`write_atomic`]: there, more than one may be told so.
+/// Of several processes that call this with one name, exactly one gets true. On file systems that can neither rename
+/// without replacing nor link, the file is written as by [`write_atomic`], and more than one may get true.
 pub fn write_new(path: impl AsRef<Path>, bytes: &[u8]) -> Result<bool, OutputError> {
     let path = path.as_ref();
     let fail = |attempt| move |source| OutputError::new(attempt, path, source);
@@ -273,7 +273,7 @@ impl Drop for Listed {
     }
 }
 
-/// Removes all temporaries, and lets no further one appear. To be called when the process ends.
+/// Removes all temporaries, and blocks the creation of further ones. To be called when the process ends.
 pub fn remove_temporaries() {
     let listed = lock(&TEMPORARIES);
     for path in &*listed {
@@ -308,7 +308,7 @@ fn hidden(#[cfg_attr(not(unix), expect(unused))] mode: u32) -> tempfile::Builder
 }
 
 fn new_temporary(folder: &Path) -> io::Result<(NamedTempFile, Listed)> {
-    // tempfile appends the path of its temporary; the name that the caller gave is what counts.
+    // tempfile's error ends with the path of its temporary, which is cut off: the caller adds the final name.
     let mut listed = lock(&TEMPORARIES);
     let temporary = hidden(0o666).tempfile_in(folder).map_err(|error| {
         let message = error.to_string();

@@ -1,14 +1,14 @@
-//! Normal equations of a step, with the points eliminated.
+//! Normal equations of a Levenberg-Marquardt step, with the points eliminated (Schur complement).
 
 use super::{Bundle, Device, Jacobian, Observation, POSE, SOFT_PIXELS};
 use crate::data::cameras::geometry::outer;
 use glam::{DMat3, DQuat, DVec3};
 
 /// Block of the normal equations that couples a camera or a device with a point: one row per parameter. A device has
-/// fewer parameters, and its last rows are 0.
+/// fewer parameters than a camera: the last rows of its block are 0.
 type Block = [DVec3; POSE];
 
-/// Index of a camera's or device's first parameter, and derivatives by its parameters, rows x and y.
+/// Index of a camera's or device's first parameter, and derivatives of the residual's x and y by its parameters.
 type Rows = (usize, [[f64; POSE]; 2]);
 
 /// Reduced normal equations of all poses and devices. `matrix` is symmetric; only its lower triangle is used.
@@ -28,7 +28,7 @@ struct Point {
 }
 
 impl<'a> Reduced<'a> {
-    /// `None` if the equations of a point are singular.
+    /// Reduced equations of a step with this damping; `None` if the equations of a point are singular.
     pub(super) fn of(bundle: &'a Bundle, damping: f64) -> Option<Self> {
         // POSE rows for each camera and device; the last rows of a device are empty.
         let size = POSE * (bundle.photographs.len() + bundle.devices.len());
@@ -47,7 +47,7 @@ impl<'a> Reduced<'a> {
         Some(reduced)
     }
 
-    /// Rows of an observation by pose and by device, its Jacobian, and its weight.
+    /// Rows of an observation for pose and device, its Jacobian, and its weight; `None` for a point behind the camera.
     fn rows(&self, seen: &Observation) -> Option<([Rows; 2], Jacobian, f64)> {
         let jacobian = self.bundle.linearised(seen)?;
         let weight = SOFT_PIXELS / SOFT_PIXELS.hypot(jacobian.residual.length());

@@ -1,8 +1,8 @@
-//! Bundle adjustment: cameras and points moved until points are projected to where photographs show them.
+//! Bundle adjustment: optimises cameras and points so that points project to where the photographs show them.
 //!
 //! Minimises Σ ρ(|π(R_i X_j + t_i) − x_ij|²), ρ(e²) = 2 s² (√(1 + e²/s²) − 1), over all poses and points and, of each
 //! device, the focal length and two coefficients of radial distortion, by Levenberg and Marquardt's method with the
-//! points eliminated (Schur complement). Everything is added up in one order: the result does not depend on threads.
+//! points eliminated (Schur complement). Sums have a fixed order: the result does not depend on threads.
 //!
 //! # Source
 //! Triggs et al. 2000, "Bundle adjustment: a modern synthesis"; the loss is SciPy's `soft_l1`.
@@ -15,17 +15,17 @@ use crate::data::cameras::geometry::outer;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use linear::Reduced;
 
-/// Parameters of a pose: rotation and translation. A device has three: logarithm of the focal length, k1, k2.
+/// Number of parameters of a pose: rotation, translation. A device uses three: logarithm of the focal length, k1, k2.
 const POSE: usize = 6;
 /// Reprojection error from which on an observation counts less, pixels.
 const SOFT_PIXELS: f64 = 1.0;
 /// Smallest depth of a point in front of a camera, as a fraction of the camera's distance from the origin.
 const MIN_DEPTH: f64 = 1e-6;
 const MAX_ITERATIONS: usize = 100;
-/// The adjustment ends after a step that lowers the cost by less than this fraction.
+/// Relative decrease of the cost below which the adjustment ends.
 const SMALLEST_GAIN: f64 = 1e-8;
 const MAX_DAMPING: f64 = 1e8;
-/// Number of iterations of the rotation onto the anchor, each of which turns by the remaining angle.
+/// Number of iterations that find the rotation onto the anchor; each turns by the remaining angle.
 const TURNS: usize = 20;
 
 /// Intrinsics that all photographs of one device share.
@@ -76,7 +76,7 @@ pub(crate) struct Bundle {
     pub(crate) observations: Vec<Observation>,
 }
 
-/// Residual of a projection, and its derivatives, rows x and y.
+/// Residual of a projection, pixels, and its derivatives by pose, device and point, rows x and y.
 struct Jacobian {
     residual: DVec2,
     pose: [[f64; POSE]; 2],
@@ -137,7 +137,7 @@ impl Bundle {
         self.errors().iter().map(|e| 2.0 * SOFT_PIXELS * (SOFT_PIXELS.hypot(*e) - SOFT_PIXELS)).sum()
     }
 
-    /// Moves each camera along its axis to make up for its change of focal length, from `own` to its device's.
+    /// Moves each camera along its axis to compensate for its change of focal length from `own` to the device's.
     pub(crate) fn dolly(&mut self, own: &[f64]) {
         let depths = self.depths();
         for ((photograph, own), depth) in self.photographs.iter_mut().zip(own).zip(depths) {
@@ -156,8 +156,8 @@ impl Bundle {
         depths.into_iter().map(median).collect()
     }
 
-    /// Adjusts everything; returns the number of steps. Position, rotation and scale of the world are kept:
-    /// afterwards the cameras lie as near as possible to `anchor`.
+    /// Adjusts all cameras, devices and points; returns the number of steps. Position, rotation and scale of the world
+    /// are preserved: at the end, the cameras are aligned with their positions `anchor`.
     pub(crate) fn adjust(&mut self, anchor: &[DVec3]) -> usize {
         self.observations.sort_by_key(|seen| (seen.point, seen.photograph));
         let seen = |bundle: &Self, seen: &Observation| bundle.residual(seen).is_some();
@@ -184,7 +184,7 @@ impl Bundle {
     }
 }
 
-/// Rotates, scales and shifts everything so that the cameras lie as near as possible to their positions in `anchor`.
+/// Rotates, scales and shifts cameras and points so that the cameras lie as near as possible to `anchor`.
 ///
 /// With fewer than two distinct positions nothing is moved.
 fn align(bundle: &mut Bundle, anchor: &[DVec3]) {
@@ -218,7 +218,7 @@ fn align(bundle: &mut Bundle, anchor: &[DVec3]) {
     }
 }
 
-/// Median of the values, the upper of two; NaN if there are none.
+/// Median of the values, the upper one of an even number; NaN if there are none.
 pub(crate) fn median<T: Into<f64>>(values: impl IntoIterator<Item = T>) -> f64 {
     let mut values: Vec<f64> = values.into_iter().map(Into::into).collect();
     let middle = values.len() / 2;

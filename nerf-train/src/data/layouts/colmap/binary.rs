@@ -1,6 +1,6 @@
 //! COLMAP's binary files: little-endian numbers without padding.
 //!
-//! Read from front to back. No count is trusted: memory is allocated only for bytes that were read.
+//! Files are read from front to back. No count is trusted: memory is allocated only for bytes that were read.
 
 use super::model::{Camera, Kind};
 use super::{Encoding, Model, NO_POINT, Points, Registered};
@@ -11,7 +11,7 @@ use std::fs::File;
 use std::io::{BufReader, Read, sink};
 use std::path::{Path, PathBuf};
 
-/// Longest name of a photograph, bytes; that of a path on Linux.
+/// Maximum length of a photograph's name, bytes: that of a path on Linux.
 const MAX_NAME: usize = 4096;
 
 struct Bytes {
@@ -162,7 +162,7 @@ pub(crate) fn points(file: &Path, points: &mut Points) -> Result<(), DatasetErro
         let field = format!("point number {index}");
         let number = bytes.u64(&field)?;
         let position = bytes.f64s(&field)?;
-        // Colour.
+        // Skips the colour.
         bytes.array::<3>(&field)?;
         let [error] = bytes.f64s(&field)?;
         let track = bytes.u64(&field)?;

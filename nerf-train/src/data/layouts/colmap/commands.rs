@@ -29,13 +29,13 @@ pub(crate) struct Place {
     pub(crate) work: PathBuf,
 }
 
-/// A way to get from features to a model with COLMAP.
+/// Way in which COLMAP makes a model from features.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Way {
     Exhaustive,
     /// Matches each photograph with its neighbours in the order of names.
     Sequential,
-    /// Uses the matches of the first way, but starts the model from another pair of photographs.
+    /// Reuses the matches of `Exhaustive` or `Sequential`, but starts the model from another pair of photographs.
     OtherPair {
         sequential: bool,
     },
@@ -46,7 +46,7 @@ pub(crate) enum Way {
 }
 
 impl Way {
-    /// The requested way, and those to try next, best first.
+    /// Ways to try, in order: the requested one, then the alternatives.
     pub(crate) fn all(sequential: bool) -> Vec<Self> {
         let others = [Self::OtherPair { sequential }, Self::Strict { sequential }];
         let asked: &[Self] =
@@ -63,7 +63,7 @@ impl Way {
         }
     }
 
-    /// The way whose matches this one uses.
+    /// Way that computed the matches which this way uses.
     fn matches(self) -> Self {
         match self {
             Self::OtherPair { sequential: false } => Self::Exhaustive,
@@ -87,7 +87,7 @@ impl Place {
         })
     }
 
-    /// Folder of a way's models; these are in its subfolder `sparse`, as readers expect.
+    /// Folder of a way; its models are in the subfolder `sparse`, where readers expect them.
     pub(crate) fn models(&self, way: Way) -> PathBuf {
         self.work.join(match way {
             Way::Exhaustive => "exhaustive",
@@ -98,7 +98,7 @@ impl Place {
     }
 }
 
-/// Extracts features of all photographs, or of those in `list`, which were taken by one camera. Needs no GPU.
+/// Stage that extracts features of all photographs, or of one camera's photographs in `list`. Needs no GPU.
 pub(crate) fn features(place: &Place, list: Option<&Path>) -> Stage {
     let mut stage = extraction(&place.images, &place.features(), true);
     stage.options.extend(list.map(|list| ("--image_list_path", list.into())));
@@ -116,7 +116,7 @@ fn extraction(images: &Path, database: &Path, one_camera: bool) -> Stage {
     Stage { name: "feature_extractor", options, optional: Vec::new() }
 }
 
-/// Matches the features in a way; `None` if it uses the matches of another.
+/// Stage that matches the features in this way; `None` if the way reuses the matches of another.
 pub(crate) fn matching(place: &Place, way: Way) -> Option<Stage> {
     let (sequential, strict) = match way {
         Way::Exhaustive => (false, false),
@@ -133,7 +133,7 @@ fn matcher(database: &Path, sequential: bool) -> Stage {
     Stage {
         name: if sequential { "sequential_matcher" } else { "exhaustive_matcher" },
         options: vec![("--database_path", database.into()), ("--SiftMatching.use_gpu", "0".into())],
-        // Number of photographs in a block of comparisons: small, so that progress is shown often.
+        // Small blocks of compared photographs, so that progress is shown often.
         optional: vec![("--ExhaustiveMatching.block_size", "10".into())],
     }
 }
@@ -178,7 +178,7 @@ impl Stage {
         self
     }
 
-    /// Arguments of `colmap`. `help`: help of the installed version on the command, which tells its options.
+    /// Arguments of `colmap` for this stage. `help`: help text of the installed version, which lists its options.
     pub(crate) fn arguments(&self, help: &str) -> Vec<OsString> {
         let named = |option: &'static str| {
             let newer = NEWER

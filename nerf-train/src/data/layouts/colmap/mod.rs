@@ -20,7 +20,7 @@ use nerf_core::camera::Pose;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// Maximum number of points kept: of more, every second one is dropped, if need be repeatedly.
+/// Maximum number of points kept; whenever there are more, every second one is dropped.
 const MAX_POINTS: usize = 1 << 20;
 
 struct Registered {
@@ -81,7 +81,7 @@ pub(crate) fn is_here(root: &Path) -> bool {
     !models(root).is_empty()
 }
 
-/// The files of all models, and those directly in `root`.
+/// Files of all models, and files of a model directly in `root`.
 pub(crate) fn files(root: &Path) -> Vec<PathBuf> {
     let folders = models(root).into_iter().map(|(folder, _)| folder).chain([root.to_owned()]);
     let stems = ["cameras", "images", "points3D", "rigs", "frames"];
@@ -150,7 +150,7 @@ fn kinds(cameras: &HashMap<u32, Camera>) -> String {
     names.join(", ")
 }
 
-/// The model with the most photographs, the first of several.
+/// Folder and encoding of the model with the most photographs, the first of several equal ones.
 fn largest(folder: &Path, found: &mut Found) -> Result<(PathBuf, Encoding), DatasetError> {
     let mut counted = Vec::new();
     for (model, encoding) in models(folder) {
@@ -174,7 +174,7 @@ fn largest(folder: &Path, found: &mut Found) -> Result<(PathBuf, Encoding), Data
     Ok((model, encoding))
 }
 
-/// Sparse points in `folder` that some photograph sees, counted from `origin`; empty if it has none.
+/// Sparse points of the model in `folder` that a photograph sees, relative to `origin`; empty without points.
 pub(crate) fn points_of(
     folder: &Path,
     origin: DVec3,
@@ -266,7 +266,7 @@ impl Points {
         }
     }
 
-    /// Adds a point: its number in the file, position, mean reprojection error in pixels, and how many photographs show it.
+    /// Adds a point: number in the file, position, mean reprojection error in pixels, number of photographs.
     fn push(
         &mut self,
         number: u64,
@@ -302,7 +302,7 @@ impl Points {
     }
 }
 
-/// Context in which all photographs of a model are read.
+/// Context for reading all photographs of a model.
 struct Reader<'a> {
     model: &'a Model,
     file: &'a Path,

@@ -62,14 +62,14 @@ static KINDS: [Kind; 18] = {
 const EXPECTED: &str = "a camera model that there is a lens for: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, \
                         FULL_OPENCV, OPENCV_FISHEYE, SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, SIMPLE_FISHEYE, FISHEYE";
 
-/// Lens of `k1 k2 p1 p2 k3 k4 k5 k6`; missing parameters are 0.
+/// Lens from the parameters `k1 k2 p1 p2 k3 k4 k5 k6`; missing ones are 0.
 fn radial_tangential(parameters: &[f64]) -> Lens {
     let at = |i: usize| parameters.get(i).map_or(0.0, |&value| value as f32);
     let [k1, k2, p1, p2, k3, k4, k5, k6] = std::array::from_fn(at);
     Lens { k1, k2, p1, p2, k3, k4, k5, k6, projection: Projection::Perspective }
 }
 
-/// Lens of `k1 k2 k3 k4`; missing parameters are 0.
+/// Lens from the parameters `k1 k2 k3 k4`; missing ones are 0.
 fn fisheye(parameters: &[f64]) -> Lens {
     let at = |i: usize| parameters.get(i).map_or(0.0, |&value| value as f32);
     Lens { k1: at(0), k2: at(1), k3: at(2), k4: at(3), projection: Projection::Fisheye, ..Lens::NONE }
@@ -86,7 +86,7 @@ impl Kind {
 }
 
 impl Camera {
-    /// `None` if `parameters` has not the number of values that `kind` has.
+    /// Camera of model `kind`; `None` if the number of `parameters` is not that of the model.
     pub(crate) fn new(kind: &'static Kind, width: u64, height: u64, parameters: Vec<f64>) -> Option<Self> {
         (parameters.len() == kind.parameters).then_some(Self { kind, width, height, parameters })
     }

@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
-/// Longest line that is read, bytes: a photograph of a million points has a third of it.
+/// Maximum length of a line, bytes; a photograph with a million points needs a third of it.
 const MAX_LINE: u64 = 256 << 20;
 
 struct Lines {
@@ -32,7 +32,7 @@ impl Lines {
 
     /// The next line without its end, or `None` at the end of the file.
     ///
-    /// A last line without a line end is refused: it may have lost digits of a number.
+    /// A last line without a line end is refused: a cut file may have lost digits of a number.
     fn any(&mut self) -> Result<Option<String>, DatasetError> {
         let mut line = Vec::new();
         let read = self.stream.by_ref().take(MAX_LINE).read_until(b'\n', &mut line);
@@ -54,7 +54,7 @@ impl Lines {
         while let Some(line) = self.any()? {
             let line = line.trim_start_matches('\u{feff}');
             match line.trim_start().strip_prefix('#') {
-                // "# Number of images: 77, mean observations per image: 100"
+                // For example "# Number of images: 77, mean observations per image: 100".
                 Some(comment) => {
                     let count =
                         comment.trim().strip_prefix("Number of ").and_then(|rest| rest.split_once(": "));
@@ -90,7 +90,7 @@ impl Lines {
         Ok(numbers)
     }
 
-    /// Checks the number of items against the one that a comment states, if there is one.
+    /// Checks the number of items against the number that a comment states, if any.
     fn check(&self, found: u64) -> Result<(), DatasetError> {
         match self.announced {
             Some(announced) if announced != found => {
@@ -145,7 +145,7 @@ fn images(file: &Path) -> Result<Vec<Registered>, DatasetError> {
         let rotation = lines.numbers(&mut words, "quaternion")?;
         let translation = lines.numbers(&mut words, "translation")?;
         let camera = lines.number(&mut words, "camera id")?;
-        // What is left is the name, with its spaces.
+        // The rest of the line is the name, which may contain spaces.
         let mut rest = line.as_str();
         for _ in 0..9 {
             rest = rest.trim_start().split_once(char::is_whitespace).map_or("", |(_, rest)| rest);
@@ -154,7 +154,7 @@ fn images(file: &Path) -> Result<Vec<Registered>, DatasetError> {
         if name.is_empty() {
             return Err(lines.value("name", "the name of a photograph", "none"));
         }
-        // The line of its points, which may be empty.
+        // The photograph's second line, with its points, may be empty.
         let Some(points) = lines.any()? else {
             return Err(lines.value(
                 "points",
@@ -192,7 +192,7 @@ pub(crate) fn points(file: &Path, points: &mut Points) -> Result<(), DatasetErro
         let mut words = line.split_whitespace();
         let number = lines.number::<u64>(&mut words, "point id")?;
         let position = lines.numbers(&mut words, "position")?;
-        // Colour and error, then pairs: photograph, point in it.
+        // Colour and error, followed by the track: pairs of a photograph and a point in it.
         let [.., error] = lines.numbers::<4>(&mut words, "colour and error")?;
         points.push(number, position, error, words.count() as u64 / 2)?;
         count += 1;

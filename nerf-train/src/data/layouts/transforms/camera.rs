@@ -89,8 +89,8 @@ impl Place<'_> {
         }
     }
 
-    /// The lens. Of the polynomial models, k4 is of eighth order, as in nerfstudio, which no lens here has: it is
-    /// dropped, with a note, if it moves the farthest corner by at most half a pixel, and refused otherwise.
+    /// Lens of the view. In polynomial models k4 is of eighth order, as in nerfstudio, a term that no [`Lens`] has: k4
+    /// is dropped, with a note, if it moves the farthest corner by at most half a pixel, and refused otherwise.
     fn lens(
         &self,
         fields: &CameraFields,
@@ -130,7 +130,7 @@ impl Place<'_> {
     }
 }
 
-/// Lens model that the coefficients of a json belong to.
+/// Lens model to which the coefficients in a json belong.
 enum Model {
     /// A radial polynomial, and tangential terms.
     Polynomial,

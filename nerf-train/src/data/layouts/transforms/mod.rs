@@ -15,7 +15,7 @@ use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// A `transforms*.json` file. Its JSON is parsed three times, so that every error has its own line.
+/// A `transforms*.json` file. Its JSON is parsed three times, so that each error states its own line.
 pub(crate) struct Transforms {
     pub(crate) header: Header,
     /// Frames in the file's order, each with its own camera fields.
@@ -70,7 +70,7 @@ struct CameraFields {
     p2: Option<f64>,
 }
 
-/// Models with the coefficients of a polynomial, or none; with `is_fisheye`, with those of a fisheye.
+/// Camera models with polynomial coefficients or none; with the field `is_fisheye`, the coefficients of a fisheye.
 const MODELS: &[&str] = &["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
 
 /// Largest shift of any point by the highest radial term, pixels, at which the term may be dropped.
@@ -94,7 +94,7 @@ impl Transforms {
         self.frames.len()
     }
 
-    /// Positions of the cameras, as far as the matrices have them.
+    /// Positions of the cameras whose matrices hold a position.
     pub(crate) fn positions(&self) -> impl Iterator<Item = [f64; 3]> {
         self.frames.iter().filter_map(|(frame, _)| match frame.transform_matrix.as_slice() {
             [x, y, z, ..] => Some([*x.get(3)?, *y.get(3)?, *z.get(3)?]),
@@ -173,7 +173,7 @@ impl Transforms {
             }
             None => None,
         };
-        // If the file states no size, only the picture tells what size the factor refers to.
+        // Without a stated size, the picture must be read to learn to which size the factor applies.
         let factor = match (folder.downscale, stated) {
             (Some(downscale), (Some(w), Some(h))) => downscale.factor((w, h)),
             _ => 1,
@@ -199,16 +199,16 @@ impl Transforms {
 /// Size limit of a file that is searched for the frame with NaN or Infinity, bytes.
 const MAX_EXPLAINED_BYTES: usize = 16 << 20;
 
-/// The first frame and field with NaN or Infinity in a file that does not parse because of it: JSON has no such
-/// numbers, but many programs write them.
+/// Error that names the first frame and field with NaN or Infinity in a file that does not parse because of it: many
+/// programs write these numbers, which JSON lacks.
 fn number_fault(file: &Path, bytes: &[u8], error: &serde_json::Error) -> Option<DatasetError> {
-    // A larger one is no list of photographs, and would take many times its size here.
+    // A larger file is no list of photographs, and its parsed form would take many times its size in memory.
     let text = std::str::from_utf8(bytes).ok().filter(|text| text.len() <= MAX_EXPLAINED_BYTES)?;
     let mut cleared = text.to_owned();
     for word in ["-Infinity", "Infinity", "NaN"] {
         let text = std::mem::take(&mut cleared);
         for (index, part) in text.split(word).enumerate() {
-            // Only if it stands as a value, not within a name.
+            // Replaced only where it is a value, not within a name.
             let value = cleared.trim_end().ends_with(['[', ',', ':'])
                 && part.trim_start().starts_with([']', ',', '}']);
             match (index, value) {
@@ -247,7 +247,7 @@ struct Folder<'a> {
 }
 
 impl CameraFields {
-    /// These fields, with those of `shared` in place of missing ones.
+    /// The fields of `self`, with those of `shared` in place of missing ones.
     fn over(&self, shared: &Self) -> Self {
         macro_rules! first {
             ($($field:ident)*) => { Self { $($field: Clone::clone(&self.$field).or(Clone::clone(&shared.$field)),)* } };

@@ -8,8 +8,8 @@ use std::path::Path;
 
 /// A colour picture, display-encoded (sRGB as in the training images), row-major, top row first.
 ///
-/// Values outside [0, 1] are clamped only where a file is written; NaN is written as 0. Every
-/// method copes with an `rgb` whose length is wrong: writers refuse, drawing leaves pixels out.
+/// Values outside [0, 1] are clamped only where a file is written; NaN is written as 0. If `rgb` has a wrong length,
+/// writers return an error, and drawing skips missing pixels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
     pub width: usize,
@@ -38,7 +38,7 @@ impl Picture {
         (x < self.width).then(|| self.rgb.get(y.checked_mul(self.width)?.checked_add(x)?).copied())?
     }
 
-    /// Mixes `colour` into the pixel at column `x`, row `y`. `share`: 0 keeps, 1 replaces. Nothing outside.
+    /// Mixes `colour` into the pixel at column `x`, row `y`, if it exists. `share`: 0 keeps the pixel, 1 replaces it.
     pub fn blend(&mut self, x: i64, y: i64, colour: [f32; 3], share: f32) {
         let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y)) else { return };
         if x >= self.width || y >= self.height {
@@ -51,7 +51,7 @@ impl Picture {
         }
     }
 
-    /// Copies `other` in with its top left corner at (`x`, `y`), cut off at the edges.
+    /// Copies `other` into this picture, its top left corner at (`x`, `y`), cut off at the edges.
     pub fn paste(&mut self, other: &Self, x: usize, y: usize) {
         if other.width == 0 || x >= self.width {
             return;
@@ -80,12 +80,12 @@ impl Picture {
         Self { width: self.width * factor, height: self.height * factor, rgb }
     }
 
-    /// Enlarged by the smallest whole factor that makes the longer side at least `pixels`.
+    /// Enlarges by the smallest whole factor that makes the longer side at least `pixels`.
     pub fn enlarged_to(&self, pixels: usize) -> Self {
         self.enlarged(pixels.div_ceil(self.width.max(self.height).max(1)))
     }
 
-    /// Reduced by the smallest whole factor that makes the longer side at most `pixels`; see [`box_filtered`](Self::box_filtered).
+    /// [Reduces](Self::box_filtered) by the smallest whole factor that makes the longer side at most `pixels`.
     pub fn reduced_to(&self, pixels: usize) -> Self {
         let factor = self.width.max(self.height).div_ceil(pixels.max(1));
         if factor <= 1 {
@@ -94,7 +94,7 @@ impl Picture {
         self.box_filtered(self.width.div_ceil(factor), self.height.div_ceil(factor))
     }
 
-    /// Shrunk to `width` × `height`: each pixel the mean of the block that falls into it, in display space.
+    /// Reduces to `width` × `height` pixels, each the mean, in display space, of the pixels that it overlaps.
     pub fn box_filtered(&self, width: usize, height: usize) -> Self {
         let block =
             |i: usize, to: usize, from: usize| (i * from / to, ((i + 1) * from).div_ceil(to).min(from));
@@ -177,9 +177,9 @@ pub fn write_rgba_png(
 
 /// Writes a 16-bit grey PNG in which `range.0` is 0 and `range.1` is 65,535.
 ///
-/// `values`: `[height * width]`, in the unit of `range`, for example world units. Clamped, rounded
-/// half up; NaN gives 0, as does everything if the range is empty. One step is
-/// (range.1 − range.0) / 65,535: note the range with the file.
+/// `values`: `[height * width]`, in the unit of `range`, for example world units. Values are clamped and rounded half
+/// up. NaN gives 0, as does any value if the range is empty. One grey level is (range.1 − range.0) / 65,535: store the
+/// range with the file.
 pub fn write_grey16_png(
     path: impl AsRef<Path>,
     values: &[f32],

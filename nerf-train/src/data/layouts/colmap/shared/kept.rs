@@ -1,4 +1,4 @@
-//! The file of shared cameras next to a blob.
+//! File of shared cameras next to a blob.
 
 use crate::data::DatasetError;
 use crate::data::layouts::colmap::model::{Camera, Kind};
@@ -11,18 +11,18 @@ use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::path::Path;
 
-/// Longest file that is read back, bytes.
+/// Maximum size of a file that is read back, bytes.
 const MAX_BYTES: u64 = 1 << 30;
 
-/// Result of the adjustment, as it is kept in the file.
+/// Result of the adjustment, as stored in the file.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Shared {
     /// Checksum of the model before it was adjusted.
     pub(super) model: u64,
     pub(super) devices: Vec<Adjusted>,
-    /// Mean reprojection error before and after, pixels.
+    /// Mean reprojection error before and after the adjustment, pixels.
     pub(super) reprojection_error_px: [f64; 2],
-    /// Median and largest distance by which cameras moved, as fractions of their distance to what they see.
+    /// Median and largest shift of the cameras, as fractions of the median depth of the points in view.
     pub(super) moved: [f64; 2],
     /// Width, height and OPENCV's parameters of each camera.
     pub(super) cameras: Vec<(u64, u64, [f64; 8])>,
@@ -32,22 +32,22 @@ pub(super) struct Shared {
     pub(super) points: Vec<(u64, [f64; 3], f64)>,
 }
 
-/// Focal lengths of a device before and after.
+/// Focal lengths of a device before and after the adjustment.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Adjusted {
     pub(super) photographs: usize,
-    /// Median, smallest and largest focal length of its photographs before, pixels.
+    /// Median, smallest and largest focal length of the device's photographs before the adjustment, pixels.
     pub(super) focal_before: [f64; 3],
     pub(super) focal: f64,
 }
 
-/// Offset of the translation if the world counts from `origin`.
+/// Offset of the world-to-camera translation for coordinates relative to `origin`: `origin`, rotated to the camera.
 pub(super) fn turned_origin([w, x, y, z]: [f64; 4], origin: DVec3) -> DVec3 {
     DQuat::from_xyzw(x, y, z, w).normalize() * origin
 }
 
 impl Shared {
-    /// Reads `file`; `None` if it does not exist, or `model` is not the checksum of its model.
+    /// Reads `file`; `None` if the file does not exist, or its model has another checksum than `model`.
     pub(super) fn read(file: &Path, model: u64) -> Result<Option<Self>, DatasetError> {
         let bytes = match read_limited(file, MAX_BYTES) {
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),

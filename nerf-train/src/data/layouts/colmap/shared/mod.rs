@@ -1,4 +1,4 @@
-//! Shared cameras: a model with one camera for each photograph is adjusted again with one for each device.
+//! Shared cameras: readjusts a model with one camera for each photograph to one camera for each device.
 
 mod kept;
 
@@ -15,16 +15,16 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::time::Instant;
 
-/// Largest number of photographs whose cameras are adjusted. The time grows with its cube: half a minute for this many.
+/// Maximum number of photographs whose cameras are adjusted; time grows with the cube, to half a minute.
 const MAX_PHOTOGRAPHS: usize = 300;
-/// Largest ratio of the mean reprojection error after and before: beyond it, photographs are of several devices.
+/// Ratio of the mean reprojection error after and before the adjustment above which devices count as mixed.
 const MAX_GROWTH: f64 = 1.25;
-/// Pixels count as square if fy / fx differs from 1 by less than this.
+/// Difference of fy / fx from 1 below which pixels count as square.
 const SQUARE: f64 = 0.02;
 /// Version of the adjustment, part of the checksum.
 const VERSION: u64 = 1;
 
-/// Gives the photographs of a device one camera if `model` has several, and reports it; returns whether it did.
+/// Replaces the cameras of each device by one, with a note or warning in `found`; returns whether they changed.
 pub(super) fn settle(
     model: &mut Model,
     points: &mut Points,
@@ -79,7 +79,7 @@ pub(super) fn settle(
     Ok(true)
 }
 
-/// Index of the device of each photograph, as far as size and EXIF tell; `None` if no device has cameras to merge.
+/// Index of the device of each photograph, by size and EXIF; `None` if no device has cameras to merge.
 fn devices(model: &Model, folders: &Folders, options: &ReadOptions) -> Option<Vec<usize>> {
     if model.cameras.len() < 2 {
         return None;
@@ -100,7 +100,7 @@ fn devices(model: &Model, folders: &Folders, options: &ReadOptions) -> Option<Ve
         *used[index].entry(image.camera).or_default() += 1;
         devices.push(index);
     }
-    // Few cameras with many photographs each are intended, except for upright and turned photographs of a device.
+    // A few cameras with many photographs each are intentional, except one each for upright and turned photographs.
     let several = |used: &BTreeMap<u32, usize>| {
         let photographs: usize = used.values().sum();
         let sizes = used.keys().filter_map(|camera| Some(model.cameras.get(camera)?.size().0.to_bits()));
@@ -123,7 +123,7 @@ struct Task<'a> {
 }
 
 impl<'a> Task<'a> {
-    /// `None` if there are no points, or lenses that cannot be adjusted.
+    /// Task for `model`; `None` without shared points, or with a lens that cannot be adjusted.
     fn of(
         model: &'a Model,
         points: &Points,
@@ -189,7 +189,7 @@ impl<'a> Task<'a> {
             moved: [median(moved), largest],
             ..self.posed(&bundle)
         };
-        // A round trip through JSON, for the same result as from the file: a number may lose its last digit.
+        // A round trip through JSON gives the same numbers as the file, where one may lose its last digit.
         let same = serde_json::to_vec(&shared).and_then(|bytes| serde_json::from_slice(&bytes));
         same.map_err(|error| DatasetError::io(Path::new("shared cameras"), error.into()))
     }
@@ -229,7 +229,7 @@ impl<'a> Task<'a> {
         }
         let points = self.numbers.iter().zip(&bundle.points).zip(errors);
         let points = points.map(|((&number, at), (sum, count))| (number, at.to_array(), sum / count));
-        // Behind a camera a point has no error that JSON could say.
+        // The error of a point behind a camera is infinite, which JSON cannot hold.
         let points = points.map(|(number, at, error)| (number, at, error.min(1e6))).collect();
         let (devices, zero) = (Vec::new(), [0.0; 2]);
         Shared { model: 0, devices, reprojection_error_px: zero, moved: zero, cameras, photographs, points }
@@ -267,7 +267,7 @@ fn observe(bundle: &mut Bundle, model: &Model, points: &Points) -> Vec<u64> {
     numbers
 }
 
-/// Bundle with one camera per device, initialised with the median of its photographs' cameras.
+/// Bundle with one camera per device, initialised with the median over the device's photographs.
 fn with_devices(own: &Bundle, model: &Model, devices: &[usize]) -> Bundle {
     let mut shared = Bundle { devices: Vec::new(), ..own.clone() };
     let of = |device: usize, what: &dyn Fn(usize) -> f64| {
