@@ -1,16 +1,16 @@
-//! Fineness of a grid, from the number of pixels that the photographs have across the scene.
+//! Resolution of a learned grid, from the number of pixels across the scene in the photographs.
 //!
-//! Lego of 100², 200², 400² and 800² pixels, every tenth training photograph held out and measured, Sapphire Rapids, two
-//! cores: the settings of 200² against those of this rule.
+//! Measured on lego at 100², 200², 400² and 800² pixels, on every tenth training photograph, held out; Sapphire Rapids,
+//! two cores. The table compares the preset's settings, chosen at 200², with those of [`for_pixels`].
 //!
 //! | pixels | seconds | settings of 200² | by the rule |
 //! | --- | ---: | ---: | ---: |
 //! | 400² | 30 | 30.85 dB | 31.63 dB |
 //! | 800² | 60 | 29.89 dB | 31.20 dB |
 //!
-//! At 800², after 60 s: a finest level of 724 cells with 2^19 entries and 424 steps 30.70 dB; 512 cells with 2^17 entries
-//! and 220 steps 30.85 dB; ten levels up to 768 cells 31.00 dB. Fewer pixels than 200² keep the preset's settings (at 100²
-//! half the entries and 0.7 times the cells reach 32.66 dB after 15 s, for 32.62).
+//! Alternatives at 800², after 60 s: a finest level of 724 cells with 2^19 entries and 424 steps 30.70 dB; 512 cells
+//! with 2^17 entries and 220 steps 30.85 dB; ten levels up to 768 cells 31.00 dB. Scenes of fewer pixels than 200² keep
+//! the preset's settings: 32.62 dB at 100² after 15 s; half the entries and 0.7 times the cells reach 32.66 dB.
 
 use super::size::Chosen;
 use crate::data::cameras::bundle::median;
@@ -18,18 +18,18 @@ use crate::data::{Dataset, View};
 use crate::model::config::Config;
 use nerf_core::space::SceneBox;
 
-/// Pixels across the longest side of lego's box at 200², where the preset's settings were chosen.
+/// Number of pixels across the longest side of lego's box in photographs of 200², for which the preset was chosen.
 const PRESET_PIXELS: f32 = 175.0;
-/// Largest binary logarithm of the entries of a level: a table of 2^19 no longer fits a core's cache.
+/// Largest binary logarithm of a level's number of entries: a table of 2^19 entries no longer fits a core's cache.
 const MOST_LOG2_ENTRIES: u8 = 19;
-/// Largest multiple of the preset's pixels that settings follow: a camera near the box's middle sees more.
+/// Upper limit of the ratio of a scene's pixels to [`PRESET_PIXELS`]: a camera near the middle of the box exceeds it.
 const MOST_PIXELS: f32 = 8.0;
-/// Cells of the finest level and steps are rounded to multiples of these, so that a pixel does not change them.
+/// Multiples to which the finest level's cells and a ray's steps are rounded: one pixel more changes neither.
 const ROUNDED_CELLS: f32 = 32.0;
 const ROUNDED_STEPS: f32 = 10.0;
 
-/// Number of pixels along the longest side of the box in a photograph taken at the cameras' distance: the median over
-/// training views. `None` if a camera stands at the middle of the box.
+/// Number of pixels that the longest side of the box spans in a photograph, at the camera's distance from the box's
+/// middle: the median over training views. `None` if that is not finite, as for a camera at the middle.
 pub fn pixels_across(dataset: &Dataset, scene_box: &SceneBox) -> Option<f32> {
     let middle = 0.5 * (scene_box.min + scene_box.max);
     let side = (scene_box.max - scene_box.min).max_element();
@@ -40,9 +40,9 @@ pub fn pixels_across(dataset: &Dataset, scene_box: &SceneBox) -> Option<f32> {
     Some(median(dataset.train.iter().map(of_view)) as f32).filter(|pixels| pixels.is_finite())
 }
 
-/// The preset's settings for a scene of this many pixels. Each doubling doubles the entries, and multiplies the cells
-/// of the finest level and the steps of a ray by √2. Settings that differ from the preset's or that `chosen` names do
-/// not change, nor do any of a scene of fewer pixels.
+/// Adapts the preset's settings to a scene of `pixels` pixels across. Each doubling doubles the entries of a level, and
+/// multiplies the cells of the finest level and the steps of a ray by √2. Settings that differ from the preset's or
+/// that `chosen` names do not change, nor do any for fewer pixels than the preset's.
 pub fn for_pixels(mut config: Config, chosen: Chosen, pixels: f32) -> Config {
     let preset = config.preset.config();
     let (Some(grid), Some(own)) = (&mut config.network.grid, &preset.network.grid) else { return config };

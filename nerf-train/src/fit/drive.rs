@@ -1,4 +1,4 @@
-//! The loop of every fit, of scenes and of pictures: budget, validation, checkpoints, Ctrl-C, progress.
+//! Loop of every fit, of a scene or a picture: budget, validation, checkpoints, Ctrl-C, progress.
 
 use crate::system::output::write_atomic;
 use crate::system::progress::{Message, Progress};
@@ -6,9 +6,9 @@ use crate::system::stop::{Claim, Cover};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Steps between the points of the curve without validation.
+/// Number of steps between two points of the training curve that have no validation.
 pub(super) const POINT_EVERY: u32 = 20;
-/// Longest step, seconds, for which no files are prepared for a signal that comes meanwhile.
+/// Seconds of a step above which files are prepared beforehand, to be written if a signal interrupts the next step.
 const LONG_STEP: f64 = 0.3;
 
 pub(super) type File = (PathBuf, Vec<u8>);
@@ -18,28 +18,28 @@ pub(super) trait Task {
     type Due;
 
     fn steps(&self) -> u32;
-    /// Used fraction of the budget, if the next step takes as long as the last one did.
+    /// Used fraction of the budget, with `last_step`, the seconds of the last step, added to the elapsed time.
     fn share(&mut self, last_step: f64) -> anyhow::Result<f64>;
-    /// Refuses a run that its limit in seconds ended after too few steps.
+    /// Returns an error if the limit in seconds ended the run after too few steps.
     fn check_steps(&self) -> anyhow::Result<()>;
-    /// The validation that is due now, if any is.
+    /// Returns the validation that is due at the used fraction `share` of the budget, if any.
     fn due(&self, share: f64, ended: bool) -> Option<Self::Due>;
     fn validate(&mut self, due: Self::Due) -> anyhow::Result<()>;
-    /// Adds a point to the curve, if one is due and validation has added none.
+    /// Adds a point to the training curve, if one is due and the step's validation has added none.
     fn note(&mut self, ended: bool);
     fn step(&mut self, share: f64, progress: &Progress) -> anyhow::Result<()>;
     fn message(&self) -> Message;
 
-    /// Whether the run has something that a signal must not lose.
+    /// Whether the run has results that a signal must not discard.
     fn is_worth_keeping(&self) -> bool;
     /// Checkpoint of the present state, if the run has a path for one.
     fn checkpoint(&self) -> Option<File>;
-    /// File that is also written when the run is interrupted: a picture's blob.
+    /// File to write in addition to the checkpoint when the run is interrupted: a picture's blob.
     fn as_it_stands(&self) -> anyhow::Result<Option<File>>;
     /// Message of an interrupted run.
     fn interrupted(&self) -> String;
 
-    /// Ends the steps; returns a message about them.
+    /// Records the totals after the last step; returns a message about the steps.
     fn ended(&mut self) -> String;
     fn finish(&mut self) -> anyhow::Result<Self::Outcome>;
 }
@@ -55,10 +55,10 @@ pub enum Ended<O> {
     },
 }
 
-/// Runs until the budget is used or `stop`, which is called between steps with the steps done, returns true.
+/// Runs until the budget is used or `stop` returns true. `stop` is called between steps with the number of steps done.
 ///
-/// A checkpoint is written every `checkpoint_every` seconds. A signal during any other long work leaves the run as it
-/// was before that work.
+/// A checkpoint is written every `checkpoint_every` seconds. A signal during a long step, a validation or the final
+/// export saves the state from before that work.
 pub(super) fn drive<T: Task>(
     task: &mut T,
     checkpoint_every: f64,
@@ -108,12 +108,12 @@ pub(super) fn drive<T: Task>(
     keeper.covered(task, T::finish).map(Ended::Finished)
 }
 
-/// Protects a run from being lost.
+/// Saves a run's state: at intervals, and when a signal interrupts long work.
 struct Keeper {
-    /// Makes signals wait for the run's owner, while there is something to keep.
+    /// Claim that makes a signal wait until the run saves its state; absent while there are no results to save.
     claim: Option<Claim>,
     last: Instant,
-    /// Whether a warning said that checkpoints cannot be written.
+    /// Whether the warning that checkpoints cannot be written has been shown.
     warned: bool,
 }
 
@@ -124,7 +124,7 @@ impl Keeper {
         }
     }
 
-    /// Does work that may take long; a signal meanwhile leaves the run as it stands.
+    /// Does `work`, which may take long; a signal meanwhile writes the files of the state before the work.
     fn covered<T: Task, R>(
         &self,
         task: &mut T,
@@ -135,7 +135,7 @@ impl Keeper {
         claim.cover(Cover { files, message: task.interrupted() }, || work(task))
     }
 
-    /// Writes the checkpoint. If that fails, the one before stays, and the first failure is reported.
+    /// Writes the checkpoint. On failure the previous checkpoint stays; only the first failure is reported.
     fn save(&mut self, task: &impl Task, progress: &Progress) {
         self.last = Instant::now();
         let Some((path, bytes)) = task.checkpoint() else { return };

@@ -1,4 +1,4 @@
-//! The end of a run: the export, and its quality.
+//! End of a run: export of the field, and measurement of the exported blob.
 
 use crate::data::{Dataset, RefinedPoses, View};
 use crate::fit::pace::{FINAL_SHARE, Pace, QUESTION_SHARE, lattice_of};
@@ -20,47 +20,47 @@ use crate::train::{CurvePoint, Snapshot};
 use nerf_core::plan::Quality;
 use std::time::Instant;
 
-/// Validation views whose pictures a report shows.
+/// Number of validation views that a report shows.
 const SHOWN_VIEWS: usize = 4;
-/// Pixels of a training photograph that its score uses, and most pixels over all of them.
+/// Number of pixels that the score of a training photograph uses, and largest number over all photographs.
 const TRAINING_PIXELS: usize = 1000;
 const MAX_TRAINING_PIXELS: usize = 120_000;
 
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// Bytes of the blob: the run after its last step.
+    /// Exported blob: the field after the last step.
     pub bytes: Vec<u8>,
-    /// Scores of this blob over `background` on all validation views; empty without any.
+    /// Scores of the blob on all validation views, over `background`; empty without validation views.
     pub scores: Scores,
-    /// Scores of the training photographs, in their order, at few and evenly spaced pixels.
+    /// Scores of the training photographs, in their order, at few, evenly spaced pixels.
     pub trained: Vec<ViewScore>,
     /// Spacing of the scored pixels in rows and columns of a view: 1 is every pixel.
     pub lattice: u32,
-    /// Surfaces of the blob, against the sparse points of the same views.
+    /// Comparison of the blob's surfaces with the sparse points of the validation views.
     pub surfaces: Surfaces,
-    /// Scores of the same views from their refined poses, at the same pixels; `None` if poses are not refined.
+    /// Scores of the validation views from refined poses, at the pixels of `scores`; `None` if poses are not refined.
     pub refined_scores: Option<Scores>,
     pub refined_poses: Option<RefinedPoses>,
     pub poses: Option<PosesFound>,
     pub exposure: Option<ExposureFound>,
     pub withheld: Option<WithheldFound>,
     pub moved: Vec<Moved>,
-    /// Renderings of some of the validation views, if the run was to keep them.
+    /// Renderings of some validation views, if a report is requested.
     pub shown: Vec<Shown>,
-    /// Background that validation views are rendered over to be measured, display-encoded.
+    /// Background over which validation views are rendered and measured, display-encoded.
     pub background: [f32; 3],
-    /// Mean PSNR of a flat colour on the same views, for each view its own, dB; on training views if there are no
-    /// others. Views that are flat themselves do not count.
+    /// Mean PSNR of an image of one colour, chosen for each view, dB: on the validation views or, without any, on
+    /// training views. Views that show one colour themselves do not count.
     pub flat_psnr_db: f64,
-    /// Whether the blob shows no more than that on any view: too fast a rate, or too few steps.
+    /// Whether every view scores no better than an image of one colour: too high a learning rate, or too few steps.
     pub flat: bool,
-    /// PSNR that rounding costs (weights to f16, and a grid's tables to their storage), dB, on at most ten of the
-    /// views and at the same pixels.
+    /// PSNR lost by rounding, weights to f16 and a grid's tables to their storage, dB, on at most ten validation views
+    /// at the pixels of `scores`.
     pub quantisation_loss_db: Option<f64>,
-    /// PSNR lost on training views by rendering without the occupancy grid, dB. Not measured for a learned grid, whose tables
-    /// hold any values in space that was not trained.
+    /// PSNR lost on training views by rendering without the occupancy grid, dB. Not measured for a learned grid, whose
+    /// tables hold arbitrary values in space that was not trained.
     pub occupancy_loss_db: Option<f64>,
-    /// Whether the occupancy grid is part of the model.
+    /// Whether the field must be rendered with its occupancy grid.
     pub occupancy_required: bool,
     pub view_dependence: Option<ViewDependence>,
     pub subnormal_weights: usize,
@@ -69,10 +69,10 @@ pub struct Outcome {
     /// Names of the views that were validated during training.
     pub watched: Vec<String>,
     pub snapshots: Vec<Snapshot>,
-    /// Steps of requested pictures that the run did not reach.
+    /// Steps of requested snapshots that the run did not reach.
     pub missed_snapshots: Vec<u32>,
     pub steps: u32,
-    /// Times the run was started anew with another seed because every density had become 0.
+    /// Number of restarts with another seed, each because every density had become 0.
     pub reseeds: u32,
     pub parameters: usize,
     /// Occupied fraction of the exported occupancy grid.
@@ -86,9 +86,9 @@ pub struct Outcome {
 #[derive(Clone, Debug)]
 pub struct Shown {
     pub view: usize,
-    /// The exported field, rendered from that view.
+    /// Rendering of the exported field from the view.
     pub frame: Frame,
-    /// The photograph over the same background, at the same pixels.
+    /// Photograph over the rendering's background, at the pixels of `frame`.
     pub truth: Vec<[f32; 3]>,
     pub psnr_db: f64,
 }
@@ -104,7 +104,7 @@ pub(crate) fn convention(views: usize, lattice: u32, background: [f32; 3], sampl
     )
 }
 
-/// Exports the last step, and measures the blob that is exported.
+/// Exports the state after the last step, and measures the exported blob.
 pub(super) fn finish(session: &mut Session<'_, '_>) -> anyhow::Result<Outcome> {
     let mut candidate = Candidate::of(&session.trainer, true);
     let view_dependence = ask_direction(session, &mut candidate)?;
@@ -171,7 +171,7 @@ pub(super) fn finish(session: &mut Session<'_, '_>) -> anyhow::Result<Outcome> {
     })
 }
 
-/// Scores of a blob on `views` over the run's background; if given, `parameters` replace its rounded weights.
+/// Scores of a blob on `views` over the run's background; if given, `parameters` replace the blob's rounded weights.
 fn scores_of<'v>(
     session: &Session<'_, '_>,
     blob: &[u8],
@@ -183,7 +183,7 @@ fn scores_of<'v>(
     measure(blob, parameters, kernel, quality, background, views, |_, _, _, _| {})
 }
 
-/// Scores of several renderings of the same views, all at the same pixels: as many as their part of the time allows.
+/// Scores of several renderings of the same views at the same pixels, as many as the available time allows.
 pub(super) fn compare(
     session: &Session<'_, '_>,
     views: &[&View],
@@ -211,7 +211,7 @@ pub(super) fn compare(
     if lattice < probe { on(lattice) } else { Ok(scores) }
 }
 
-/// PSNR that leaving out the occupancy grid costs on training views, dB, and their scores with it.
+/// Returns the PSNR lost on training views without the occupancy grid, dB, and the views' scores with the grid.
 fn ask_occupancy(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Option<f64>, Scores)> {
     let views = asked_views(session);
     let views: Vec<&View> = views.iter().collect();
@@ -226,7 +226,7 @@ fn ask_occupancy(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Opt
     Ok((Some(loss_db), scores.swap_remove(0)))
 }
 
-/// Scores of the blob on all validation views, the spacing of their pixels, and the views that are shown.
+/// Returns the blob's scores on all validation views, the spacing of the scored pixels, and the views to show.
 fn evaluate(session: &mut Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Scores, u32, Vec<Shown>)> {
     let views: Vec<&View> = session.dataset.val.iter().collect();
     let (pixels, largest) = pixels_of(views.iter().copied());
@@ -251,7 +251,7 @@ fn evaluate(session: &mut Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Scor
     Ok((scores, lattice, shown))
 }
 
-/// Scores of all training photographs without moving objects, within the time of one question about the export.
+/// Scores of all training photographs, moving objects masked, within [`QUESTION_SHARE`] of the time.
 fn score_training(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<Vec<ViewScore>> {
     let train = &session.dataset.train;
     let (pixels, largest) = pixels_of(train);
@@ -267,13 +267,13 @@ fn score_training(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<Vec
     Ok(scores_of(session, draft, None, &Quality::default(), &thinned)?.views)
 }
 
-/// Training views for questions about the export, from their refined cameras.
+/// Training views on which variants of the export are compared, seen from their refined cameras.
 pub(super) fn asked_views(session: &Session<'_, '_>) -> Vec<View> {
     let (train, cameras) = (&session.dataset.train, session.trainer.training_cameras());
     spread_indices(train.len(), ASKED_VIEWS).map(|i| train[i].seen_from(cameras[i])).collect()
 }
 
-/// Refined poses, and scores of the validation views from these.
+/// Returns the refined poses, and the scores of the validation views rendered from their refined poses.
 fn refine(
     session: &mut Session<'_, '_>,
     draft: &[u8],
@@ -290,7 +290,7 @@ fn refine(
     Ok((Some(poses), (!views.is_empty()).then_some(scores)))
 }
 
-/// PSNR that rounding costs, dB, on some of the views of `scores`; `None` without any.
+/// PSNR lost by rounding weights and tables, dB, on some of the views of `scores`; `None` without views.
 fn ask_rounding(
     session: &Session<'_, '_>,
     candidate: &Candidate,
@@ -317,15 +317,15 @@ const RAY_VIEWS: usize = 50;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewDependence {
-    /// PSNR that view dependence gains over a mean direction, dB, on training views.
+    /// PSNR gained by view-dependent colour over colour at one mean direction, dB, on training views.
     pub gain_db: f64,
     pub left_out: bool,
 }
 
-/// Replaces the candidate's direction by its mean over the training rays if that loses little enough.
+/// Fixes the candidate's direction input to the mean over the training rays, if the PSNR lost is small enough.
 ///
-/// Measured on training views: views whose PSNR is reported do not choose what is exported. `None` if no threshold is
-/// set, and if colour does not depend on the direction.
+/// The loss is measured on training views: views whose PSNR is reported must not decide what is exported. Returns
+/// `None` if no threshold is set, or if colour does not depend on the direction.
 pub(super) fn ask_direction(
     session: &Session<'_, '_>,
     candidate: &mut Candidate,
@@ -344,14 +344,14 @@ pub(super) fn ask_direction(
     let (dependent, independent) = (blob(candidate)?, blob(&flat)?);
     let quality = Quality::default();
     let scores = compare(session, &views, &[(&dependent, quality), (&independent, quality)])?;
-    // Photographs of different exposure show the difference between them, whatever the direction is worth.
+    // With fitted gains, exposure differs between photographs: scores are aligned before they are compared.
     let gains = session.trainer.state.photographs.exposure.is_some_and(|found| found.fitted);
     let db = |scores: &Scores| {
         let db = if gains { scores.aligned_psnr_db() } else { scores.psnr_db() };
         db.unwrap_or(f64::NAN)
     };
     let gain_db = gain_db(db(&scores[0]), db(&scores[1]));
-    // View dependence takes work and spares none.
+    // The ratio of work is 1: leaving out a direction is judged by PSNR alone.
     let left_out = Verdict::of(gain_db, 1.0, threshold_db) == Verdict::Drops;
     if left_out {
         *candidate = flat;

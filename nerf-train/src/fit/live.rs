@@ -1,9 +1,9 @@
-//! A folder with the newest blob of a run, and the data that a page there loads.
+//! Folder with a run's newest blob, and the data that a web page in it displays.
 //!
 //! | file | |
 //! | --- | --- |
-//! | `live.nerf` | the run as it stands, replaced about every second |
-//! | `live.json` | steps, seconds, PSNR, and whether it is the end: written after the blob |
+//! | `live.nerf` | blob of the present state, replaced about every second |
+//! | `live.json` | steps, seconds, PSNR, and whether the run has ended: written after the blob |
 //! | `views.json` | some photographs and their cameras, to compare with: written once |
 
 use crate::data::cameras::optics_by_name;
@@ -19,9 +19,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Photographs to compare with, spread over the validation split, or over the training split without one.
+/// Number of photographs to compare with, spread over the validation split or, without one, over the training split.
 const VIEWS: usize = 8;
-/// Longest side of these photographs, pixels.
+/// Longest side of the written photographs, pixels.
 const SIDE: usize = 400;
 /// Least number of seconds between two blobs.
 const EVERY: f64 = 1.0;
@@ -53,7 +53,7 @@ struct Photograph<'d> {
     picture: String,
 }
 
-/// A `nerf_camera`, with the names of its fields.
+/// Camera, with the field names of `nerf_camera` in the C interface.
 #[derive(Serialize)]
 struct Camera {
     width: u32,
@@ -83,7 +83,7 @@ impl Camera {
 }
 
 impl Live {
-    /// Writes `views.json`; photographs over `background`.
+    /// Writes `views.json`, with photographs composited over `background`.
     pub fn begin(folder: PathBuf, dataset: &Dataset, background: [f32; 3]) -> anyhow::Result<Self> {
         let views = if dataset.val.is_empty() { &dataset.train } else { &dataset.val };
         let photograph = |i: usize| {
@@ -101,7 +101,7 @@ impl Live {
         self.last.elapsed().as_secs_f64() >= EVERY.max(self.took / SHARE)
     }
 
-    /// Writes a blob begun at `begun`. If that fails, the one before stays, and the first failure returns a warning.
+    /// Writes a blob whose export began at `begun`. On failure the previous blob stays; the first failure is returned.
     pub fn write(&mut self, blob: &[u8], state: &State, begun: Instant) -> Option<String> {
         let written = write(&self.folder, blob, state);
         (self.last, self.took) = (Instant::now(), begun.elapsed().as_secs_f64());
@@ -110,7 +110,7 @@ impl Live {
     }
 }
 
-/// Writes the blob of a finished run into its folder.
+/// Writes the blob of a finished run into the live folder.
 pub fn finish(folder: &Path, outcome: &Outcome) -> Result<(), OutputError> {
     let last = outcome.curve.last();
     let state = State {

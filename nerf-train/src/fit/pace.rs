@@ -1,34 +1,34 @@
-//! Division of a limit in seconds: time for validation during training, and time reserved for the end.
+//! Division of a run's time limit between training, validation, and the work after the last step.
 //!
 //! Views are measured at every N-th row and column, as densely as the time allows. The cost of a pixel is known from
-//! earlier measurements, or measured on very few pixels first. All of this is arithmetic on seconds that the caller
-//! measures, so that tests need no clock.
+//! earlier measurements, or measured on very few pixels first. The caller measures all times, so that tests need no
+//! clock.
 
 /// Fraction of the time that validation during training may take.
 pub const VALIDATION_SHARE: f64 = 0.05;
 /// Fraction of the time that the final evaluation over all validation views may take.
 pub const FINAL_SHARE: f64 = 0.10;
-/// Fraction of the time that each rendering for a question about the export may take: with and without view
+/// Fraction of the time for each measurement that decides on the export or describes it: with and without view
 /// dependence, with and without the occupancy grid, without rounding, and all training photographs at few pixels.
 pub const QUESTION_SHARE: f64 = 0.015;
 const QUESTIONS: usize = 6;
 /// Seconds reserved for writing files, without and with a report.
 const WRITING: [f64; 2] = [0.1, 0.5];
-/// Pixels of a view that is measured during training, if there is no limit or enough time.
+/// Largest number of measured pixels of a view in validation during training, however much time is left.
 const PIXELS_A_VIEW: u64 = 40_000;
-/// Pixels of a view on which the cost of a pixel is measured.
+/// Number of pixels of a view on which the cost of a pixel is first measured.
 const PROBED_PIXELS: u64 = 100;
-/// Factor on estimates, which are of earlier work: the next may take a little longer.
+/// Safety factor on estimated times, which are extrapolated from earlier work.
 const MARGIN: f64 = 1.15;
 
-/// Measured cost of rendering, and the time that it may take.
+/// Measured cost of rendering, and the limit of the run's time.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Pace {
-    /// Limit in seconds; none if steps alone decide.
+    /// Limit in seconds; `None` if the number of steps alone limits the run.
     seconds: Option<f64>,
     /// Seconds spent on validation so far.
     validated: f64,
-    /// Seconds that making a file of the present state takes, before any pixel is rendered.
+    /// Seconds that exporting the present state takes, before any pixel is rendered.
     overhead: Option<f64>,
     per_pixel: Option<f64>,
     report: bool,
@@ -45,8 +45,8 @@ pub fn lattice_of(pixels: u64, count: f64) -> u32 {
 }
 
 impl Pace {
-    /// Pace of a run with this limit. `report`: whether one is written. `dense`: whether the scene is measured
-    /// without its occupancy grid at the end.
+    /// Pace of a run with a limit of `seconds`. `report`: whether a report is written. `dense`: whether the scene is
+    /// measured without its occupancy grid at the end.
     pub fn new(seconds: Option<f64>, report: bool, dense: bool) -> Self {
         Self { seconds, report, dense, ..Self::default() }
     }
@@ -55,17 +55,17 @@ impl Pace {
         self.seconds.is_some()
     }
 
-    /// A fraction of the limit in seconds; infinite without one.
+    /// The fraction `share` of the limit, seconds; infinite without a limit.
     pub fn share(&self, share: f64) -> f64 {
         self.seconds.map_or(f64::INFINITY, |seconds| share * seconds)
     }
 
-    /// Seconds that validation may take at `now`, so that all of it stays below its fraction of the time so far.
+    /// Seconds that a validation at `now` may take, for all validation to stay within [`VALIDATION_SHARE`] of `now`.
     pub fn allowance(&self, now: f64) -> f64 {
         self.seconds.map_or(f64::INFINITY, |_| VALIDATION_SHARE * now - self.validated)
     }
 
-    /// Whether validation of this many views is affordable at `now`, at least at the fewest pixels.
+    /// Whether validation of `views` views at `now` is affordable at `PROBED_PIXELS` pixels each, the fewest.
     pub fn affords(&self, now: f64, views: usize) -> bool {
         let coarsest = (views as u64 * PROBED_PIXELS) as f64 * self.per_pixel.unwrap_or(0.0);
         MARGIN * (self.overhead.unwrap_or(0.0) + coarsest) <= self.allowance(now)
@@ -79,13 +79,13 @@ impl Pace {
         self.per_pixel.is_some()
     }
 
-    /// Spacing of pixels for validation during training, of views of `pixels` in all, the largest of `largest`, in
-    /// `seconds`.
+    /// Spacing of the measured pixels in validation during training. `pixels`: of all views together; `largest`: of the
+    /// largest view; `seconds`: time for rendering.
     pub fn lattice_on_the_way(&self, pixels: u64, largest: u64, seconds: f64) -> u32 {
         lattice_of(largest, PIXELS_A_VIEW as f64).max(self.lattice(pixels, largest, seconds))
     }
 
-    /// Smallest spacing at which views of `pixels` in all are expected to take at most `seconds`.
+    /// Smallest spacing at which rendering views with `pixels` pixels in all is expected to take at most `seconds`.
     pub fn lattice(&self, pixels: u64, largest: u64, seconds: f64) -> u32 {
         let coarsest = self.probe(largest);
         match self.per_pixel {
@@ -114,16 +114,15 @@ impl Pace {
         self.validated += seconds;
     }
 
-    /// Seconds to reserve for the work after the last step: the last validation, the export, its questions over
-    /// `asked` pixels each, the question about rounding over `validation` pixels, the final evaluation over the same,
-    /// and files.
+    /// Seconds to reserve for the work after the last step: the last validation, the export, the comparisons of its
+    /// variants (`asked` pixels each), rounding loss and final evaluation (`validation` pixels each), and files.
     pub fn reserve(&self, validation: u64, asked: u64) -> f64 {
         let Some(seconds) = self.seconds else { return 0.0 };
         let price = |pixels: u64, share: f64| match self.per_pixel {
             Some(price) => (MARGIN * price * pixels as f64).min(share * seconds),
             None => share * seconds,
         };
-        // Without its occupancy grid a scene needs many more samples: that question takes all the time it may.
+        // Without its occupancy grid a scene needs many more samples: that measurement takes all its allotted time.
         let dense = if self.dense { QUESTION_SHARE * seconds } else { 0.0 };
         let rounding = price(validation, QUESTION_SHARE);
         let questions = (QUESTIONS - 2) as f64 * price(asked, QUESTION_SHARE) + rounding + dense;

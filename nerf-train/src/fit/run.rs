@@ -23,16 +23,16 @@ use std::time::Instant;
 
 #[derive(Clone, Debug)]
 pub struct RunOptions {
-    /// Limits; one in seconds is for this command only, even if it resumes a checkpoint.
+    /// Limits in steps and seconds; seconds are of this command alone, even if it resumes a checkpoint.
     pub budget: Budget,
-    /// Fewest steps of a run that a limit in seconds ends.
+    /// Fewest steps that a run ended by its limit in seconds must have.
     pub min_steps: u32,
-    /// Path of checkpoints; without it none are written.
+    /// Path of the checkpoint; `None` writes none.
     pub checkpoint: Option<PathBuf>,
     pub checkpoint_every: f64,
     pub resume: bool,
     pub snapshots: Option<SnapshotOptions>,
-    /// Whether a report is written afterwards, which takes pictures and time.
+    /// Whether a report is written after the run: renderings are kept for the report, and time is reserved.
     pub report: bool,
     /// Steps between validations during training; an eighth of the budget if absent.
     pub validate_every: Option<u32>,
@@ -45,7 +45,7 @@ pub struct RunOptions {
 }
 
 impl RunOptions {
-    /// Options of a run that writes nothing during training and asks no questions about its export.
+    /// Options of a run that writes nothing during training, and does not test whether view dependence can be left out.
     pub fn unattended(budget: Budget, kernel: Kernel, style: ProgressStyle) -> Self {
         Self {
             budget,
@@ -63,8 +63,8 @@ impl RunOptions {
         }
     }
 
-    /// Calls `restore` with the checkpoint if the run resumes, and returns the clock with the earlier seconds.
-    /// `config`, `data`: as in [`Checkpoint::check_belongs`].
+    /// Calls `restore` with the checkpoint if the run resumes, and returns the clock with the checkpoint's seconds
+    /// added. `config`, `data`: as in [`Checkpoint::check_belongs`].
     pub(super) fn resumed(
         &self,
         clock: Clock,
@@ -85,14 +85,14 @@ pub(super) struct Session<'a, 'd> {
     pub(super) trainer: Trainer<'d>,
     pub(super) dataset: &'d Dataset,
     pub(super) options: &'a RunOptions,
-    /// Limits, including what earlier commands used.
+    /// Limits, with the seconds of earlier commands added.
     pub(super) budget: Budget,
-    /// Validation views that are measured during training.
+    /// Indices of the validation views that are measured during training.
     pub(super) watched: Vec<usize>,
     pub(super) pictured: Vec<usize>,
     pub(super) clock: Clock,
     pub(super) pace: Pace,
-    /// Pixels of all validation views, and pixels of the training views for one question about the export.
+    /// Number of pixels of all validation views, and of the training views that variants of the export are compared on.
     pub(super) pixels: [u64; 2],
     /// Counters at the start, or when the run was resumed.
     pub(super) started: Progressed,
@@ -103,7 +103,7 @@ pub(super) struct Session<'a, 'd> {
 }
 
 impl Session<'_, '_> {
-    /// Used fraction of the budget without the reserve for the end.
+    /// Used fraction of the budget; the reserve for the end is subtracted from its seconds.
     pub(super) fn share_at(&self, step: u32, seconds: f64) -> f64 {
         self.budget.share(step, seconds, self.reserve())
     }
@@ -126,8 +126,8 @@ impl Session<'_, '_> {
     }
 }
 
-/// Runs until the budget is used or `stop`, which is called between steps with the steps done, returns true. If it
-/// fails, a checkpoint written earlier stays as it is.
+/// Runs until the budget is used or `stop` returns true. `stop` is called between steps with the number of steps done.
+/// On failure, a checkpoint written earlier stays unchanged.
 pub fn run(
     dataset: &Dataset,
     config: Config,
@@ -137,7 +137,7 @@ pub fn run(
     run_since(Clock::start(), dataset, config, options, stop)
 }
 
-/// As [`run`], including the time since `clock`.
+/// Does [`run`], with time counted from the start of `clock`.
 pub fn run_since(
     clock: Clock,
     dataset: &Dataset,
@@ -227,7 +227,7 @@ impl Task for Session<'_, '_> {
         let found = &self.trainer.state.photographs;
         let (exposure, poses, withheld) = (found.exposure, found.poses_found, found.withheld_found);
         let moved = found.has_moved();
-        // On a thread of the pool, so that the parts of a step need not wake it one by one.
+        // On a thread of the pool, so that the parts of a step need not wake the pool one by one.
         rayon::scope(|_| self.trainer.step(share))?;
         let found = &self.trainer.state.photographs;
         if let Some(found) = found.exposure.filter(|found| Some(*found) != exposure) {

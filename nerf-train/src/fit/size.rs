@@ -1,4 +1,4 @@
-//! Size of a run's file, of a scene or a picture, and settings that keep it within a limit.
+//! Size of an exported scene or picture file, and settings that keep the file within a limit.
 
 use crate::data::Dataset;
 use crate::fit::finish::convention;
@@ -18,32 +18,32 @@ use nerf_core::encoding::{GridEncoding, MAX_LOG2_ENTRIES};
 
 /// Candidate resolutions of the occupancy grid, cells along the longest side of the scene box.
 const RESOLUTIONS: [u16; 11] = [128, 112, 96, 80, 64, 56, 48, 40, 32, 24, 16];
-/// Fraction of a file that the occupancy grid may take. On lego, 128 KiB: 29.2 dB with 32 cells, 29.7 with 48 and
-/// fewer levels of the grid.
+/// Largest fraction of a file for the occupancy grid. Lego in 128 KiB: 29.2 dB with 32 cells, 29.7 with 48 and fewer
+/// levels of the learned grid.
 const OCCUPANCY_SHARE: f64 = 1.0 / 6.0;
-/// Number of adjacent resolutions of the occupancy grid, of which the one with room for the most values is taken. In
-/// 128 KiB, after 15,000 steps and with two seeds, eight levels and 48 cells have 31.09 and 30.98 dB, seven and 64
-/// cells 30.87 and 30.95.
+/// Number of adjacent resolutions of the occupancy grid that are compared: the one with room for the most table values
+/// is taken. In 128 KiB, after 15,000 steps and with two seeds, eight levels and 48 cells have 31.09 and 30.98 dB,
+/// seven levels and 64 cells 30.87 and 30.95.
 const NEIGHBOURS: usize = 3;
-/// Smallest binary logarithm of the entries of a level.
+/// Smallest binary logarithm of a level's number of entries.
 const LEAST_LOG2_ENTRIES: u8 = 4;
-/// Number of levels that a grid may have fewer than its settings say.
+/// Largest number of levels by which a grid may be reduced.
 const FEWER_LEVELS: usize = 2;
-/// Number of doublings of the entries that coded tables may have over the settings, if the file has room. Lego, 4,000
-/// steps, 1 MiB: 32.66 dB with 2^17 entries, 32.40 with 2^16.
+/// Largest number of doublings of the configured entries, for coded tables and if the file has room. Lego, 4,000 steps,
+/// 1 MiB: 32.66 dB with 2^17 entries, 32.40 with 2^16.
 const MORE_LOG2_ENTRIES: u8 = 1;
-/// Fewest bits that are planned for a coded value: the first or, if no table fits, the second. Steps get finer until
-/// the file is full. Lego, every tenth training photograph held out, 3.9 bits against 2.0: in 128 KiB after 4,000
-/// steps 30.4 and 30.7 dB, after 8,000 31.42 and 31.23, after 16,000 31.83 and 31.33; in 256 KiB after 30,000 33.07
-/// and 32.69.
+/// Fewest bits that are planned for a coded value: the first or, if no table fits, the second. Quantisation steps then
+/// become finer until the file is full. Lego, every tenth training photograph held out, 3.9 bits against 2.0: in 128
+/// KiB after 4,000 steps 30.4 and 30.7 dB, after 8,000 31.42 and 31.23, after 16,000 31.83 and 31.33; in 256 KiB after
+/// 30,000 33.07 and 32.69.
 const LEAST_BITS: [f64; 2] = [3.9, 0.5];
 
-/// Candidates for the coarsest level of a picture's grid, as multiples of the settings' own: coarser levels can hold
-/// what fine ones have too few entries for. fox.jpg in 128 KiB, 2,500 steps: 30.0 dB (104 KiB) with the settings' own
-/// alone, 30.6 dB (126 KiB) with all.
+/// Candidates for the coarsest level of a picture's grid, as multiples of the configured one: coarser levels can hold
+/// detail for which fine ones have too few entries. fox.jpg in 128 KiB, 2,500 steps: 30.0 dB (104 KiB) with the
+/// configured level alone, 30.6 dB (126 KiB) with all candidates.
 const FINER_COARSEST: [f64; 7] = [1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0];
 
-/// Settings that the user has chosen, and that do not change.
+/// Settings that the user has chosen, and that are not adapted.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Chosen {
     pub entries: bool,
@@ -55,11 +55,11 @@ pub struct Chosen {
     pub steps: bool,
 }
 
-/// `config` with settings of a grid, over a box of this extent, whose file is no larger than `max_bytes` whatever the
-/// run does, with room for a Pareto front; `None` without a grid.
+/// Adapts the grid's settings of a scene whose box has this extent. The file, with room for a Pareto front, is then no
+/// larger than `max_bytes` whatever the run learns. `None` without a grid.
 ///
-/// If what `config` says does not fit, values are coded: as many as fit, up to twice as many as `config` says, in
-/// steps as fine as fit. Nothing else is larger than `config` says. Fails if even the smallest file is larger.
+/// If the settings of `config` do not fit, values are coded: as many as fit, at most twice as many as configured, in
+/// the finest quantisation steps that fit. No other setting grows. Fails if even the smallest file is larger.
 pub fn within(
     config: &Config,
     chosen: Chosen,
@@ -74,7 +74,7 @@ pub fn within(
         fitted.occupancy.resolution = resolution;
         fitted
     };
-    // With fewer entries, coarser levels are worth it: fewer vertices share an entry.
+    // Fewer entries call for coarser levels, in which fewer vertices share an entry.
     let cells = |fewer: f64| {
         let cells = |cells: u16, fixed: bool, halved_by: f64| match fixed {
             true => cells,
@@ -95,11 +95,11 @@ pub fn within(
     Ok(Some(with(&table, resolution)))
 }
 
-/// `config` with settings of a grid, over a picture of this size and name, whose file is no larger than `max_bytes`
-/// whatever the run does; `None` without a grid.
+/// Adapts the grid's settings for a picture of this size and name. The file is then no larger than `max_bytes` whatever
+/// the run learns. `None` without a grid.
 ///
-/// As many values as fit, chosen as by [`within`]. The finest level does not change, as it holds the picture's
-/// detail. Fails if even the smallest file is larger.
+/// The number of values is chosen as by [`within`]. The finest level does not change, as it holds the picture's detail.
+/// Fails if even the smallest file is larger.
 pub fn picture_within(
     config: &FieldConfig,
     chosen: Chosen,
@@ -122,9 +122,9 @@ pub fn picture_within(
     Ok(Some(with(&table)))
 }
 
-/// Table with the most values that fits into `max_bytes`, and the occupancy grid's resolution: one of the
-/// [`NEIGHBOURS`] finest that leave room for a table; of several with as many values, the finest. Coded tables may
-/// then take what is left.
+/// Returns the table with the most values that fits into `max_bytes`, and the occupancy grid's resolution: one of the
+/// [`NEIGHBOURS`] finest that leave room for a table; of several with equally many values, the finest. Coded tables may
+/// then use the remaining bytes.
 fn most_values(
     mut tables: Vec<TableConfig>,
     resolutions: &[u16],
@@ -133,7 +133,7 @@ fn most_values(
     max_bytes: u64,
 ) -> anyhow::Result<(TableConfig, u16)> {
     let least_bytes = |table: &TableConfig, bits| least_bytes(&encoding(table), table.storage, bits);
-    // Stable: tables with as many values keep their order.
+    // The sort is stable: tables with equally many values keep their order.
     tables.sort_by_key(|table| std::cmp::Reverse(encoding(table).values()));
     for bits in LEAST_BITS {
         for neighbours in resolutions.chunks(NEIGHBOURS) {
@@ -162,7 +162,7 @@ fn most_values(
     )
 }
 
-/// Bytes of a grid's values in this storage; of coded ones with `bits` each.
+/// Number of bytes of a grid's values in this storage; a coded value takes `bits` bits.
 fn least_bytes(grid: &GridEncoding, storage: TableStorage, bits: f64) -> u64 {
     let values = grid.values();
     match storage {
@@ -173,7 +173,7 @@ fn least_bytes(grid: &GridEncoding, storage: TableStorage, bits: f64) -> u64 {
     }
 }
 
-/// Candidate resolutions of the occupancy grid, finest first: none finer than what `config` says.
+/// Candidate resolutions of the occupancy grid, finest first, none finer than in `config`.
 fn resolutions(config: &Config, chosen: Chosen, extent: Vec3, max_bytes: u64) -> Vec<u16> {
     let own = config.occupancy_resolution(extent);
     let share = (max_bytes as f64 * OCCUPANCY_SHARE) as usize;
@@ -191,9 +191,9 @@ fn resolutions(config: &Config, chosen: Chosen, extent: Vec3, max_bytes: u64) ->
     }
 }
 
-/// Candidate tables. None has more levels than `own`, and only coded ones have more entries, by up to `more`
-/// doublings. f16 comes before coded, and many levels before few. `cells`: coarsest and finest level for a number of
-/// halvings of the entries.
+/// Candidate tables, f16 before coded and many levels before few. No candidate has more levels than `own`; only coded
+/// ones have more entries, by up to `more` doublings. `cells`: candidates for coarsest and finest level, by how often
+/// the entries are halved.
 fn tables(
     own: &TableConfig,
     chosen: Chosen,
@@ -230,15 +230,15 @@ fn tables(
     all
 }
 
-/// Most cells of an occupancy grid along each side, even if it was carved at half the resolution.
+/// Largest number of cells of the occupancy grid along each side, also if it is carved at half the resolution.
 fn most_sides(extent: Vec3, resolution: u16) -> [u16; 3] {
     let [whole, half] =
         [resolution, resolution.div_ceil(2)].map(|resolution| Occupancy::sides(extent, resolution));
     std::array::from_fn(|axis| whole[axis].max(2 * half[axis]))
 }
 
-/// Bytes of the largest file that a run over a box of this extent can end in: a full Pareto front, the longest
-/// numbers.
+/// Size of the largest file that a run over a box of this extent can export, bytes: a full Pareto front, and the
+/// longest numbers.
 pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u64, BlobError> {
     let resolution = most_sides(extent, config.occupancy_resolution(extent));
     let bits = vec![0; StoredOccupancy::bytes(resolution)];
@@ -246,7 +246,7 @@ pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u6
     let (across, power) = (f32::from(config.sampling.steps_across), config.sampling.contraction);
     let content = Content::Scene(SceneFacts {
         min: [0.0; 3],
-        // The corners of a cube that is far from the origin are rounded.
+        // The box is a cube; its corners, if far from the origin, are rounded.
         max: if power.is_some() { [longest; 3] } else { extent.into() },
         near: 0.0,
         far: 1.0,
@@ -288,7 +288,7 @@ pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u6
     length(body, config.network.grid.as_ref())
 }
 
-/// Bytes of the largest file that a run over a picture of this size and name can end in.
+/// Size of the largest file that a run over a picture of this size and name can export, bytes.
 pub fn most_picture_bytes(config: &FieldConfig, size: [u32; 2], name: &str) -> Result<u64, BlobError> {
     let [width, height] = size;
     let body = Body {
@@ -304,7 +304,7 @@ pub fn most_picture_bytes(config: &FieldConfig, size: [u32; 2], name: &str) -> R
     length(body, config.grid.as_ref())
 }
 
-/// Provenance of a file, with numbers at their longest.
+/// Provenance of a file, with every number present and at its longest.
 fn provenance(data: &str, seed: u64) -> Provenance<'_> {
     Provenance {
         data,
@@ -317,8 +317,8 @@ fn provenance(data: &str, seed: u64) -> Provenance<'_> {
     }
 }
 
-/// Bytes of the file of `body` with all weights and, if its network has a grid, with the tables of these settings;
-/// coded ones with the most bytes that they may take.
+/// Size of the file of `body`, bytes, with all weights and, if its network has a grid, with tables of the settings
+/// `table`. Coded tables count with their limit.
 fn length(body: Body<'_>, table: Option<&TableConfig>) -> Result<u64, BlobError> {
     let weights = vec![0; 2 * body.architecture.parameters()];
     let grid = body.architecture.position.grid().cloned();
@@ -334,7 +334,7 @@ fn length(body: Body<'_>, table: Option<&TableConfig>) -> Result<u64, BlobError>
         TableStorage::Int8 => of(StoredTables::Int8 { scales: &scales, bytes: &vec![0; values] }),
         TableStorage::Coded => {
             let int8 = of(StoredTables::Int8 { scales: &scales, bytes: &vec![0; values] })?;
-            // For any bytes, a symbol has at most 15 bits, and a longer length field at most two bytes more.
+            // A symbol has at most 15 bits whatever the values, and a longer length field takes at most two bytes more.
             let most = table.most_bytes.unwrap_or(4 * values as u64 + 4);
             Ok(int8 - values as u64 + 2 + most)
         }

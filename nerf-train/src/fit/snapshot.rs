@@ -1,4 +1,4 @@
-//! Pictures of validation views during training, and the sheet of them.
+//! Snapshots: pictures of validation views, taken during training.
 
 use crate::data::Dataset;
 use crate::train::Snapshot;
@@ -9,11 +9,11 @@ use std::path::PathBuf;
 /// Pictures to take during training.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SnapshotOptions {
-    /// Folder of the report; pictures go into `snapshots` in it.
+    /// Folder of the report; pictures are written to its folder `snapshots`.
     pub folder: PathBuf,
     /// Steps at which pictures are taken; if empty, with every validation.
     pub steps: Vec<u32>,
-    /// Indices into the validation split; if empty, the views that the run watches anyway.
+    /// Indices into the validation split; if empty, the views that are validated during training.
     pub views: Vec<usize>,
 }
 
@@ -39,7 +39,7 @@ impl SnapshotOptions {
         Ok(chosen)
     }
 
-    /// Named steps without a snapshot in `taken`, ascending.
+    /// Requested steps without a snapshot in `taken`, ascending.
     pub fn missed(&self, taken: &[Snapshot]) -> Vec<u32> {
         let steps: BTreeSet<u32> = self.steps.iter().copied().collect();
         steps.into_iter().filter(|&step| taken.iter().all(|snapshot| snapshot.step != step)).collect()

@@ -19,7 +19,7 @@ use std::path::Path;
 /// `summary.json` of a fit; a missing value is null or left out.
 #[derive(Debug, Serialize)]
 pub struct Summary {
-    // The test split, if there are no other views.
+    // Split of the validated views: "test" if the data set has no others.
     pub val_split: &'static str,
     // Null without validation views: scripts rely on the names.
     pub val_psnr_db: f64,

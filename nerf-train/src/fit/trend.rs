@@ -5,18 +5,18 @@ use std::fmt;
 
 /// Least gain, dB, by which a later validation counts as a rise: two views are a small sample.
 const VAL_RISE_DB: f64 = 0.05;
-/// Least rise of the training PSNR, dB, with which training goes on: three times the noise of the smoothed curve.
+/// Least rise of the training PSNR, dB, that counts as progress: three times the noise of the smoothed curve.
 const TRAIN_RISE_DB: f64 = 0.3;
-/// Validations without a rise that are needed: one is no trend.
+/// Number of later validations without a rise that are needed: one is no trend.
 const VALIDATIONS_AFTER: usize = 2;
 
-/// Validation after which PSNR did not rise any more. `val`: mean of the watched views; `train`: smoothed, of the
-/// training rays; `last`: at the last validation.
+/// Validation after which the validation PSNR rose no more. `val`: mean over the watched views; `train`: smoothed over
+/// the training rays; `last`: at the last validation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stop {
     pub step: u32,
     pub seconds: f64,
-    /// The best, or within 0.05 dB of the best.
+    /// Best PSNR of all validations, or within 0.05 dB of the best.
     pub val_psnr_db: f64,
     pub last_val_psnr_db: f64,
     pub train_psnr_db: f64,
@@ -24,14 +24,14 @@ pub struct Stop {
 }
 
 impl Stop {
-    /// Finds where validation stopped rising while training went on; `curve` has its oldest point first. What was
-    /// learned since does not carry over to new views.
+    /// Finds the validation after which validation PSNR stopped rising while training PSNR still rose: overfitting.
+    /// `curve`: oldest point first.
     ///
-    /// Validation stopped at the first that no later one beats by more than 0.05 dB, if at least two
-    /// followed; training went on if its smoothed PSNR rose by more than 0.3 dB from there to the last validation.
+    /// Validation stopped rising at the first validation that no later one exceeds by over 0.05 dB, if two or more
+    /// followed. Training still rose if its smoothed PSNR gained over 0.3 dB from there to the last validation.
     ///
     /// # Examples
-    /// Validations of 20, 22, 21, 20 dB while training goes 20, 23, 26, 29: stopped at the second.
+    /// Validations of 20, 22, 21, 20 dB, and training PSNR of 20, 23, 26, 29 dB: stopped at the second validation.
     /// ```
     /// use nerf_train::fit::trend::Stop;
     /// use nerf_train::train::CurvePoint;

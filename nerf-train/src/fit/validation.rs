@@ -11,10 +11,10 @@ use crate::train::candidate::{About, Candidate};
 use nerf_core::plan::Quality;
 use std::time::Instant;
 
-/// Number of validation views for a question about rounding or a table, spread over the split.
+/// Largest number of validation views, spread over the split, for measuring the rounding loss or for a table.
 pub const FINAL_VIEWS: usize = 10;
 const WATCHED_VIEWS: usize = 2;
-/// Number of training views for questions about the export.
+/// Number of training views on which variants of the export are compared.
 pub(super) const ASKED_VIEWS: usize = 3;
 /// Number of parts of the budget that end with a validation, if no interval is given.
 const PARTS: f64 = 8.0;
@@ -29,13 +29,13 @@ pub fn spread(views: &[View], count: usize) -> Vec<&View> {
     spread_indices(views.len(), count).map(|i| &views[i]).collect()
 }
 
-/// Indices of the views, of `len`, that are measured during training.
+/// Indices, among `len` validation views, of those that are measured during training.
 pub(super) fn watched(len: usize) -> Vec<usize> {
     let all: Vec<usize> = spread_indices(len, FINAL_VIEWS).collect();
     spread_indices(all.len(), WATCHED_VIEWS).map(|i| all[i]).collect()
 }
 
-/// Number of pixels of all these views, and of the largest.
+/// Number of pixels of all views together, and of the largest view.
 pub(super) fn pixels_of<'v>(views: impl IntoIterator<Item = &'v View>) -> (u64, u64) {
     let counts = views.into_iter().map(View::pixel_count);
     counts.fold((0, 0), |(all, largest), count| (all + count, largest.max(count)))
@@ -47,10 +47,10 @@ pub(super) struct Due {
     pictures: bool,
 }
 
-/// The validation and the pictures that are due between two steps.
+/// Returns whether a validation or snapshots are due between two steps.
 ///
-/// Decided by step, budget and the trainer's state, so that a resumed run of a given number of steps validates at the
-/// same steps as an undisturbed one; with a limit in seconds, also by the time that validation takes.
+/// The decision depends on step, budget and the trainer's state, so that a resumed run of a given number of steps
+/// validates at the same steps as an uninterrupted one; with a limit in seconds, also on the time of a validation.
 ///
 /// `share`: used fraction of the budget.
 pub(super) fn due_at(session: &Session<'_, '_>, share: f64, ended: bool) -> Option<Due> {
@@ -59,10 +59,10 @@ pub(super) fn due_at(session: &Session<'_, '_>, share: f64, ended: bool) -> Opti
     (validation || pictures).then_some(Due { validation, pictures })
 }
 
-/// Whether another eighth of the budget is in use than at `last`.
+/// Whether the run has entered another eighth of the budget since `last`, a step and its seconds.
 ///
-/// The reserve for the end of a run is estimated anew all the time, and moves the eighths of a limit in seconds a
-/// little: an eighth that has just begun must not begin again.
+/// The reserve for the end of a run is estimated anew at every step, which shifts the eighths of a limit in seconds. An
+/// eighth that has just begun must not begin again.
 fn in_another_part(session: &Session<'_, '_>, share: f64, last: Option<(u32, f64)>) -> bool {
     let then = last.map_or(0.0, |(step, seconds)| session.share_at(step, seconds));
     let part = |share: f64| (share * PARTS) as u32;
@@ -98,7 +98,7 @@ fn pictures_are_due(session: &Session<'_, '_>, share: f64, ended: bool) -> bool 
     }
 }
 
-/// Renders the present state from the watched views and those to take pictures of, all with one spacing of pixels.
+/// Measures the present state on the watched views and takes snapshots, all at one spacing of pixels.
 pub(super) fn validate(session: &mut Session<'_, '_>, due: Due) -> anyhow::Result<()> {
     let (begun, seconds) = (Instant::now(), session.clock.seconds());
     let mut point = session.trainer.state.point(seconds, None);
@@ -142,7 +142,7 @@ pub(super) fn validate(session: &mut Session<'_, '_>, due: Due) -> anyhow::Resul
     Ok(())
 }
 
-/// Measures a blob at every `lattice`-th row and column of views, and stores the time of a pixel.
+/// Measures a blob at every `lattice`-th row and column of `views`, and stores the measured time per pixel.
 pub(super) fn measure_priced(
     session: &mut Session<'_, '_>,
     bytes: &[u8],
@@ -157,7 +157,7 @@ pub(super) fn measure_priced(
     let scores =
         measure(bytes, None, kernel, &Quality::default(), background, views(), |view, frame, _, _| {
             each(frame::picture(frame));
-            // The first view's time includes opening the file: it counts only if it is the only one.
+            // The first view's time includes opening the file: the view counts only if there is no other.
             if counted == 0 && thinned.len() > 1 {
                 (begun, counted) = (Instant::now(), view.pixel_count());
             }

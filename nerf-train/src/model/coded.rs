@@ -1,21 +1,20 @@
-//! Coded tables: their steps, their bytes, and the entries that no sample reads.
+//! Coded tables: quantisation steps, coded bytes, and entries that no sample reads.
 
 use crate::model::quantise::{levels, scale_of, steps};
 use nerf_core::blob::encode_tables;
 use nerf_core::encoding::GridEncoding;
 
-/// Candidate steps per octave.
+/// Number of candidate step sizes per octave.
 const TO_AN_OCTAVE: i32 = 16;
-/// Step of the largest level if no size is requested, 1/16 octaves from the values' root mean square: 4.6 bits a
-/// value.
+/// Default step size of the largest level, in 1/16 octaves from the values' root mean square: 4.6 bits a value.
 const OWN: i32 = -11 * TO_AN_OCTAVE / 4;
-/// Finest candidate step; with [`COARSEST`] every value is 0.
+/// Finest and coarsest candidate step size, in 1/16 octaves; with [`COARSEST`] every value becomes 0.
 const FINEST: i32 = -8 * TO_AN_OCTAVE;
 const COARSEST: i32 = 24 * TO_AN_OCTAVE;
 /// Exponent by which a level's step grows with its number of values. Bytes and squared error alone suggest 1/2; lego
 /// in 95 KB has 30.20 dB with 0, 30.22 with 1/4, 30.19 with 1/2.
 const POWER: f32 = 0.25;
-/// Most vertices per entry of a level whose unread entries are searched: with more, hardly one is unread.
+/// Most vertices per entry of a level that is searched for unread entries; with more, hardly any entry is unread.
 const SHARED: usize = 8;
 
 /// Step size of each level: the finest with which coded tables take at most `most_bytes`, but none finer than int8's.
@@ -39,7 +38,7 @@ pub(super) fn scales(grid: &GridEncoding, values: &[f32], most_bytes: Option<usi
     }
 }
 
-/// Least number from `least` to [`COARSEST`] that fits, if all above one that fits do; [`COARSEST`] if none fits.
+/// Least number from `least` to [`COARSEST`] that `fits`, by bisection; [`COARSEST`] if none does.
 fn finest_within(least: i32, fits: impl Fn(i32) -> bool) -> i32 {
     let (mut low, mut high) = (least, COARSEST);
     while low < high {
@@ -61,7 +60,7 @@ pub(super) fn rounded(grid: &GridEncoding, values: &[f32], scales: &[f32]) -> Ve
     levels(grid, values).zip(scales).flat_map(of_level).collect()
 }
 
-/// Codes `values` by the `given` scales or, if that takes over `most_bytes`, by coarser ones; returns bytes and
+/// Codes `values` with the `given` scales or, if that takes over `most_bytes`, with coarser ones; returns bytes and
 /// scales.
 pub(super) fn coded(
     grid: &GridEncoding,
@@ -86,7 +85,7 @@ fn encoded(grid: &GridEncoding, values: &[u8]) -> Vec<u8> {
     encode_tables(grid, values, &mut symbols, &mut out).expect("room for all values of the grid").to_vec()
 }
 
-/// `values` with 0 for those that no sample in an occupied cell reads.
+/// Returns `values` with 0 in the entries that no sample in an occupied cell reads.
 pub(super) fn without_unread(
     grid: &GridEncoding,
     values: &[f32],

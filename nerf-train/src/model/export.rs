@@ -33,7 +33,7 @@ pub enum Tables<'a> {
 }
 
 impl<'a> Tables<'a> {
-    /// The trained `values` of a grid with these settings; if they are rounded, to multiples of `scales`.
+    /// Trained `values` of a grid with these settings; int8 and coded values are rounded to multiples of `scales`.
     pub fn of(grid: Option<&TableConfig>, values: &'a [f32], scales: &'a [f32]) -> Self {
         grid.map_or(Self::None, |grid| Self::Values { values, rounding: grid.rounding(), scales })
     }
@@ -48,11 +48,11 @@ pub struct Coarse<'a> {
     pub samples: u16,
 }
 
-/// A blob, and what rounding did to its weights.
+/// Exported blob, and the number of weights that lost digits.
 #[derive(Clone, Debug)]
 pub struct Exported {
     pub bytes: Vec<u8>,
-    /// Weights that became f16 subnormals: they keep fewer digits.
+    /// Number of weights that became f16 subnormals, which have fewer digits.
     pub subnormal_weights: usize,
 }
 
@@ -146,7 +146,7 @@ impl Rounded {
         for layer in layers {
             let values = &parameters[layer.weights..layer.bias + layer.outputs];
             for (index, &found) in values.iter().enumerate() {
-                // A value just beyond would round to the largest one; NaN compares false.
+                // A value just beyond f16's range would round to its largest value; NaN compares false.
                 let fits = found.abs() <= f16::MAX.to_f32();
                 if !fits {
                     return Err((layer.role, index, found));

@@ -24,14 +24,13 @@ pub struct FieldConfig {
     /// Number of hidden layers, all of one width; the output layer comes in addition.
     pub layers: usize,
     pub width: usize,
-    /// Random pixels per step: with a grid one from each of this many equal parts of the picture, else each from the
-    /// whole picture.
+    /// Random pixels per step; with a grid, one from each of as many equal parts of the picture.
     pub pixels: usize,
     pub optimiser: OptimiserConfig,
     pub seed: u64,
 }
 
-/// A named starting point.
+/// Preset of the settings of a 2D field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum FieldPreset {

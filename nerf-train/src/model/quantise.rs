@@ -22,7 +22,7 @@ pub enum TableStorage {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rounding {
     pub storage: TableStorage,
-    /// Most bytes of coded tables, which their steps follow from.
+    /// Limit of coded tables, bytes, which decides their quantisation steps.
     pub most_bytes: Option<usize>,
 }
 
@@ -33,10 +33,9 @@ impl From<TableStorage> for Rounding {
 }
 
 /// Fraction of a run after which tables that are exported in int8 or coded are also rounded in training: the rest of
-/// the run makes up for the rounding.
+/// the run compensates for the rounding.
 pub(crate) const ROUNDED_FROM: f64 = 0.85;
-/// Fractions of a level's values, the smallest by magnitude, that a candidate scale does not clip; the rest are
-/// clipped.
+/// Fractions of a level's values that candidate scales leave unclipped; the largest magnitudes are clipped.
 const KEPT: [f64; 3] = [1.0, 0.9999, 0.9995];
 /// Largest magnitude of a quantised int8 value.
 pub(crate) const STEPS: f32 = 127.0;
@@ -49,11 +48,11 @@ pub struct Quantised {
 }
 
 impl Quantised {
-    /// Rounds the `values` of all levels of `grid`; in int8 or coded, by the `given` scales, one per level, or if
-    /// there are none by those of [`scales`].
+    /// Rounds the `values` of all levels of `grid`. In int8 or coded, rounds to steps of the `given` scales, one per
+    /// level or, if `given` is empty, to steps of those of [`scales`].
     ///
     /// # Errors
-    /// Index and value of the first that is not finite or beyond ±65504, f16's largest.
+    /// Index and value of the first value that is not finite or beyond ±65504, f16's largest.
     ///
     /// # Panics
     /// If there are fewer values than the grid has.
@@ -123,8 +122,8 @@ pub(super) fn levels<'v>(grid: &GridEncoding, values: &'v [f32]) -> impl Iterato
     grid.levels().map(move |level| &values[level.first * features..][..level.entries * features])
 }
 
-/// Step size of each level. In int8: of the scales that clip none of its values, or very few of the largest, the one
-/// with the least squared error of rounding and clipping. Coded: steps that fit the number of bytes.
+/// Step size of each level. In int8: by `scale_of`, with the least squared error of rounding and clipping. Coded:
+/// steps with which the tables fit the number of bytes.
 pub fn scales(grid: &GridEncoding, values: &[f32], rounding: Rounding) -> Vec<f32> {
     match rounding.storage {
         TableStorage::Coded => coded::scales(grid, values, rounding.most_bytes),

@@ -4,8 +4,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-/// Fraction of the updates so far that the average reaches back over at most: the first ones are of a field that is
-/// still far off.
+/// Longest horizon of the average, as a fraction of the updates so far: the field is far off in the first updates.
 const REACH: f64 = 1.0 / 9.0;
 /// Number of parameters that one task averages.
 const PART: usize = 1 << 14;
@@ -28,7 +27,7 @@ impl Average {
         Self { decay: decay.powi(every as i32), every, updates: 0, values }
     }
 
-    /// Whether this can be `other` after `steps` steps.
+    /// Whether this average can be the state of `other` after `steps` steps of its run.
     pub(super) fn is_like(&self, other: &Self, steps: u32) -> bool {
         let finite = self.values.iter().all(|value| value.is_finite());
         let shape = |average: &Self| (average.decay, average.every, average.values.len());

@@ -1,4 +1,4 @@
-//! Bounds of a scene, and those of its cells that may hold something.
+//! Bounds of a scene, and the cells that may hold something: the first occupancy grid.
 
 use super::TrainError;
 use crate::capture::sights::Sights;
@@ -48,18 +48,17 @@ impl Bounds {
 
 /// Cells along the longest side of the first, coarse hull, which only finds the scene box.
 const COARSE_HULL: u16 = 64;
-/// Distances from the cameras of an unbounded scene, in radii of the ball that is not contracted, if no points tell
-/// them: within the first there is nothing, at the second rays end.
+/// Distances from the cameras of an unbounded scene without sparse points, in radii of the ball that is not contracted:
+/// space within the first is empty, and rays end at the second.
 const NEAR_RADII: f32 = 0.1;
 const FAR_RADII: f32 = 100.0;
-/// Smallest baseline of two views that place a cell, as a fraction of the radius of the ball that is not contracted.
+/// Smallest baseline of two views that see an occupied cell, as a fraction of the radius of the uncontracted ball.
 const APART_RADII: f32 = 0.05;
-/// Fraction of the points of all views that are nearer than a distance, and factor on that: within the product there
-/// is nothing.
+/// Quantile of the distances from cameras to the points they see, and factor on the quantile: nearer space is empty.
 const ALL_VIEWS: (f32, f32) = (0.001, 0.6);
-/// The same, if all cameras look much the same way: the ball that is not contracted ends there.
+/// Quantile and factor for the radius of the uncontracted ball, if all cameras look much the same way.
 const IN_FRONT: (f32, f32) = (0.01, 1.0);
-/// The same for the distance at which rays end: nearly all points are nearer.
+/// Quantile and factor for the distance at which rays end: nearly all points are nearer.
 const BEHIND: (f32, f32) = (0.999, 2.0);
 
 /// Finds near plane, far plane and scene box from settings and data.
@@ -102,7 +101,7 @@ fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, Tr
     let s = &config.sampling;
     let cameras: Vec<_> = dataset.train.iter().map(|view| view.camera).collect();
     let missing = || TrainError::NoBounds { data: dataset.name.clone() };
-    // Parallel axes meet nowhere.
+    // Cameras with parallel axes look at no common point.
     let look_at = LookAt::of(&cameras);
     let same_way = look_at.is_none_or(|look_at| look_at.forward_facing());
     let of_view = |view: &View| distances(view, &dataset.points);
@@ -119,7 +118,7 @@ fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, Tr
     };
     let scene_box = Contraction::cube(centre, radius);
     let contraction = Contraction::new(&scene_box, power).ok_or_else(missing)?;
-    // From the camera, as hosts render: space nearer than anything seen is empty in the field.
+    // Rays begin at the camera, as in rendering; the field before the nearest visible point is empty.
     let near = s.near.unwrap_or(0.0);
     let far = s.far.or(dataset.far).or_else(|| begin(seen, BEHIND)).unwrap_or(FAR_RADII * radius);
     if !(near >= 0.0 && near < far && far.is_finite()) {
@@ -135,7 +134,7 @@ fn hull(dataset: &Dataset, config: &Config, bounds: SceneBox, resolution: u16) -
     (g.skip && g.hull).then(|| Occupancy::carve(bounds, resolution, &dataset.train, dataset.background))?
 }
 
-/// Does [`find_box`], and finds the occupancy grid to start with.
+/// Does [`find_box`], and finds the first occupancy grid.
 pub(crate) fn find_bounds(
     dataset: &Dataset,
     config: &Config,
@@ -143,7 +142,7 @@ pub(crate) fn find_bounds(
 ) -> Result<(Bounds, Option<Occupancy>), TrainError> {
     let bounds = find_box(dataset, config)?;
     let scene_box = bounds.scene_box;
-    // A hull of half the resolution takes an eighth of the time; the network finds the rest by itself.
+    // A hull of half the resolution takes an eighth of the time; updates from the network refine it.
     let resolution = config.occupancy_resolution(scene_box.max - scene_box.min);
     let carved = || match config.network.grid {
         Some(_) => hull(dataset, config, scene_box, resolution.div_ceil(2)).map(|hull| hull.halved()),
@@ -157,7 +156,7 @@ pub(crate) fn find_bounds(
     Ok((bounds, occupancy))
 }
 
-/// Cells of an unbounded scene that may hold something.
+/// First occupancy grid of an unbounded scene: the cells that may hold something.
 fn seen(
     dataset: &Dataset,
     config: &Config,

@@ -1,7 +1,7 @@
-//! State from which a run goes on as if it had not stopped.
+//! Checkpoint: the state from which a run resumes as if it had never stopped.
 //!
-//! Two runs with one output also share their checkpoint's name. The last one to write it replaces it as a whole, and
-//! [`Checkpoint::check_belongs`] keeps the other from resuming from it: no run is ever a mix of two.
+//! Two runs with one output also share their checkpoint's name. The last write replaces the whole checkpoint, and
+//! [`Checkpoint::check_belongs`] keeps the other run from resuming from it.
 
 use super::average::Average;
 use super::photographs::Photographs;
@@ -33,7 +33,7 @@ pub struct Checkpoint {
     pub seconds: f64,
 }
 
-/// What changes from step to step in a run, except the optimiser.
+/// State of a run that changes from step to step, except the optimiser's.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct State {
     pub average: Average,
@@ -57,7 +57,7 @@ impl State {
         CurvePoint { step, seconds, train_psnr_db, val_psnr_db, ..CurvePoint::default() }
     }
 
-    /// Adds a point without validation to the curve, unless the step has one.
+    /// Adds a point without validation to the curve, unless the curve has a point of the step.
     pub fn note(&mut self, seconds: f64) {
         let step = self.progressed.step;
         if step > 0 && self.curve.last().is_none_or(|last| last.step != step) {
@@ -128,8 +128,8 @@ impl Checkpoint {
         }
     }
 
-    /// Finds a part that cannot belong to a run with `average`: counters, averaged parameters or curve. The checksum
-    /// does not tell who wrote the file.
+    /// Returns the first part that cannot belong to a run with `average`: counters, averaged parameters or curve. A
+    /// valid checksum does not prove that this program wrote the file.
     pub(super) fn wrong_part(&self, average: &Average) -> Option<&'static str> {
         let State { average: averaged, progressed, curve, .. } = &self.state;
         let step = progressed.step;
@@ -162,7 +162,7 @@ pub(crate) fn settings(config: &impl Serialize) -> String {
     tree.to_string()
 }
 
-/// The first field that differs, as `network.width`, with both values.
+/// Path of the first field that differs, as `network.width`, with its values in `now` and in `then`.
 pub(crate) fn difference(now: &Value, then: &Value) -> Option<(String, String, String)> {
     match (now, then) {
         (Value::Object(a), Value::Object(b)) if a.keys().eq(b.keys()) => {
@@ -175,7 +175,7 @@ pub(crate) fn difference(now: &Value, then: &Value) -> Option<(String, String, S
     }
 }
 
-/// Checksum of the data that decides a run: training pictures, near, far, background, sparse points, and the cameras
+/// Checksum of the data that determine a run: training pictures, near, far, background, sparse points, and the cameras
 /// of all splits, which the scene box is found from.
 pub fn fingerprint(data: &Dataset) -> u64 {
     const CRC: crc::Crc<u64> = crc::Crc::<u64>::new(&crc::CRC_64_XZ);

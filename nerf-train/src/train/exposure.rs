@@ -7,7 +7,7 @@ use crate::model::config::Exposure;
 use crate::train::photographs::SmallAdam;
 use serde::{Deserialize, Serialize};
 
-/// Steps of the trial: gains are learned from 0, and kept if they differ by enough between photographs.
+/// Number of steps of the trial: gains are learned from 0, and kept if they differ enough between photographs.
 const TRIAL: u32 = 1_000;
 /// Learning rates of the log gains: in the trial, and after it.
 const RATES: [f32; 2] = [5e-3, 1e-3];
@@ -28,11 +28,12 @@ pub struct Gains {
 pub struct ExposureFound {
     /// Standard deviation of the log gains over the photographs.
     pub spread: f64,
-    /// True: measured from a reconstruction's key points. False: from gains learned in the first steps of the fit.
+    /// Whether the gains were measured at a reconstruction's key points; else they were learned in the fit's first
+    /// steps.
     pub by_tracks: bool,
     /// Whether each photograph has a gain of its own.
     pub fitted: bool,
-    /// View whose gain is farthest from the mean, and its log gain, if that is a factor of two or more.
+    /// Index and log gain of the view whose gain is farthest from the mean, if by a factor of two or more.
     pub outlier: Option<(u32, f32)>,
 }
 
@@ -99,9 +100,10 @@ impl Gains {
         factors.extend(views.iter().map(|&view| of_view[view as usize]));
     }
 
-    /// One Adam step of the log gains, whose mean is then moved to 0.
+    /// Does one Adam step of the log gains, and shifts their mean to 0.
     ///
-    /// Returns the verdict after the trial's last step; the gains may then be used only if it says so.
+    /// Returns the verdict after the trial's last step. Unless the verdict is `fitted`, the gains must not be used
+    /// further.
     pub fn step(&mut self, gradients: &[[f32; 3]]) -> Option<ExposureFound> {
         self.steps += 1;
         let rate = RATES[usize::from(!self.on_trial)];

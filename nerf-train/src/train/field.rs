@@ -81,7 +81,7 @@ impl<'p> FieldTrainer<'p> {
         };
         let chunks = batch.rays.par_chunks_mut(DRAWN).zip(batch.positions.par_chunks_mut(DRAWN)).enumerate();
         chunks.with_min_len(16).for_each(|(chunk, (rays, positions))| {
-            // All are chosen before one is read, so that many loads from memory overlap.
+            // All pixels are chosen before the first is read, so that many loads from memory overlap.
             let index: [usize; DRAWN] = std::array::from_fn(|i| {
                 let i = chunk * DRAWN + i;
                 let (part, random) = (

@@ -73,7 +73,7 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// Path of the picture in the report's `folder`; `dataset`: the one that the view belongs to.
+    /// Path of the picture in the report's `folder`; `dataset`: the view's data set.
     pub fn path(&self, folder: &Path, dataset: &Dataset) -> PathBuf {
         let names = FileNames::of(&dataset.val);
         folder.join("snapshots").join(format!("step_{:06}_{}.png", self.step, names.at(self.view)))

@@ -1,14 +1,14 @@
 //! Objects that moved while photographs were taken: found by the field's errors, and left out of its loss.
 //!
 //! Photographs are cut into square patches. A patch's error is the mean of its rays' signed errors: fine texture that
-//! is hard to fit is too bright in one place and too dark in another, which cancels out, while an object that only
-//! one photograph shows has another colour as a whole. If patches that err together are large and far off, their rays
-//! have weight 0. They are still drawn, so that a wrong mask is taken back. If the photographs of the two nearest
-//! cameras err at the same patches, the field is wrong, and nothing is masked.
+//! is hard to fit is too bright in one place and too dark in another, which cancels out, while an object that only one
+//! photograph shows has another colour as a whole. Rays of a large connected region of patches with large errors have
+//! weight 0. The rays are still drawn, so that a wrong mask is undone. If a photograph of the two nearest cameras has
+//! errors at the same patches, the field is wrong, and the region is not masked.
 //!
 //! # Source
-//! Sabour et al. 2023 (RobustNeRF), patch-wise robust weights. Deviation: the signed mean of a patch's error in place of
-//! trimmed squared errors, which masked texture too; connected regions in place of fixed windows.
+//! Sabour et al. 2023 (RobustNeRF), patch-wise robust weights. Deviation: the signed mean of a patch's error in place
+//! of trimmed squared errors, which masked texture too; connected regions in place of fixed windows.
 
 use crate::data::View;
 use crate::data::cameras::bundle::median;
@@ -23,22 +23,22 @@ use std::ops::Range;
 const EVERY: u32 = 500;
 /// Fewest photographs of a capture in which one can contradict the others.
 const FEWEST_VIEWS: usize = 8;
-/// Most patches along the longer side of a photograph, and over all photographs: each needs enough rays for a
+/// Most patches along the longer side of a photograph, and over all photographs: each patch needs enough rays for a
 /// decision.
 const PATCHES: [u32; 2] = [60, 90_000];
 /// Least side of a patch, pixels.
 const SMALLEST_SIDE: u32 = 4;
-/// Fewest rays in three by three patches whose error is known.
+/// Fewest rays in three by three patches for which an error is computed.
 const KNOWN: f32 = 8.0;
-/// Least error of a patch that belongs to a region: as a multiple of the median over all patches, and in colours of 0
-/// to 1. Errors are root mean squares over the channels.
+/// Least error of a patch of a region, the larger of two: a multiple of the median over all patches, and a value in
+/// colours of 0 to 1. Errors are root mean squares over the channels.
 const OFF: (f32, f32) = (3.0, 0.03);
-/// Least mean error of a masked region, and least product of that and its fraction of the photograph. Clean captures
-/// have regions of up to 0.116, and 0.14 times 0.06; figures of a flat colour in front of the same captures 0.13 to
-/// 0.3, and from 0.015 on.
+/// Least mean error of a masked region, and least product of this error and the region's fraction of the photograph.
+/// Clean captures have regions of up to 0.116, and 0.14 times 0.06; figures of one colour in front of the same captures
+/// have 0.13 to 0.3, and from 0.015 on.
 const FAR_OFF: (f32, f32) = (0.125, 0.01);
-/// Number of nearest cameras that a region is compared with. If the fraction `SHARED` of its patches is off in one of
-/// them, too, the field is wrong there and not the photograph.
+/// Number of nearest cameras that a region is compared with. If the fraction `SHARED` of the region's patches has
+/// errors in one of their photographs, too, the field is wrong there and not the region's photograph.
 const NEIGHBOURS: usize = 2;
 const SHARED: f32 = 0.5;
 /// Fraction of all patches above which the capture is wrong as a whole and nothing is masked.
@@ -63,7 +63,7 @@ impl Tiles {
         self.columns * self.rows
     }
 
-    /// Patch at the position that `patch` has in `other`; both are counted from their photograph's first.
+    /// Patch at the position of the patch `patch` of `other`; patches are counted from the first of each photograph.
     fn across(&self, patch: usize, other: &Self) -> usize {
         let (column, row) = (patch % other.columns, patch / other.columns);
         row * self.rows / other.rows * self.columns + column * self.columns / other.columns
@@ -74,7 +74,7 @@ impl Tiles {
         self.first + y as usize * self.columns + x as usize
     }
 
-    /// The three by three patches around `patch`; both are counted from the photograph's first.
+    /// The three by three patches around `patch`, all counted from the photograph's first.
     fn around(&self, patch: usize) -> impl Iterator<Item = usize> + use<> {
         let near = |at: usize, end: usize| at.saturating_sub(1)..(at + 2).min(end);
         let columns = self.columns;
@@ -94,7 +94,7 @@ pub struct Moving {
     masked: Vec<bool>,
 }
 
-/// A photograph that shows something which the others contradict.
+/// Photograph with an object that the other photographs contradict.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Moved {
     /// Index and name of the training photograph.

@@ -1,4 +1,4 @@
-//! What a run learns of its photographs beside the field: gains, poses, masks, and the gap of withheld ones.
+//! What a run learns about its photographs: gains, poses, masks of moving objects, and the gap of withheld ones.
 
 use super::exposure::{ExposureFound, Gains};
 use super::moving::{Moved, Moving};
@@ -12,7 +12,7 @@ use nerf_core::camera::Camera;
 use nerf_core::space::Contraction;
 use serde::{Deserialize, Serialize};
 
-/// State of what is learned, and the verdicts that are known.
+/// Learned gains, poses and masks, and the verdicts of finished trials.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Photographs {
     gains: Option<Gains>,
@@ -39,14 +39,14 @@ impl Photographs {
             (found.poses, found.poses_found) = Poses::of(dataset, sights.is_some(), capture.poses);
             found.moving = Moving::of(views, capture.moving);
         }
-        // If poses were refined, the others' would move away from those of withheld photographs.
+        // Refined poses of the other photographs would move away from those of the withheld photographs.
         if found.poses.is_none() {
             found.withheld = Withheld::of(views, config);
         }
         found
     }
 
-    /// Finds a part of a checkpoint, which may hold anything, that does not belong to the run with this state.
+    /// Returns the first part of a checkpoint's `theirs`, which may hold anything, that cannot belong to this run.
     pub(super) fn wrong_part(&self, theirs: &Self, views: &[View], config: &Config) -> Option<&'static str> {
         let gains = theirs.gains.as_ref().is_none_or(|gains| gains.views() == views.len());
         let unbounded = config.sampling.contraction.is_some();
@@ -64,8 +64,8 @@ impl Photographs {
         parts.into_iter().find(|&(_, fits)| !fits).map(|(part, _)| part)
     }
 
-    /// Gives a batch its rays' gains and weights, and the request for their gradients, at the fraction `share` of the
-    /// run. Returns the cameras that rays are cast from, if they have moved.
+    /// Sets a batch's gains, weights and request for ray gradients, at the fraction `share` of the run. Returns the
+    /// cameras that rays are cast from, if they have moved.
     pub fn prepare(
         &mut self,
         batch: &mut Batch,
@@ -87,8 +87,8 @@ impl Photographs {
         poses.renew().then(|| poses.cast(views))
     }
 
-    /// Learns from step `step` of a run, the last one of `engine`, on `batch`. Returns whether the cameras have their
-    /// given poses again.
+    /// Updates gains, poses and masks after step `step` of a run, which `engine` did on `batch`. Returns whether the
+    /// cameras are back at their given poses.
     pub fn learn(
         &mut self,
         engine: &dyn Engine,
@@ -112,7 +112,7 @@ impl Photographs {
                 self.poses.take_if(|_| given);
             }
         }
-        // A photograph contradicts the field only once that has been trained on all of them for long enough.
+        // A photograph can contradict the field only after long enough training on all photographs.
         let all_are_shown =
             self.withheld.is_none() && (self.withheld_found.is_none() || step >= LEARNED_FROM);
         if let Some(moving) = self.moving.as_mut().filter(|_| all_are_shown) {

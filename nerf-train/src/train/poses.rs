@@ -5,8 +5,8 @@
 //! moving.
 //!
 //! # Source
-//! Lin et al. 2021 (BARF), poses by the photometric loss, coarse to fine; Park et al. 2023 (CamP), the preconditioner. Deviation:
-//! a Cholesky factor in place of the symmetric root; the field itself is not blurred, only the gradient that the poses follow.
+//! Lin et al. 2021 (BARF), poses by the photometric loss, coarse to fine; Park et al. 2023 (CamP), the preconditioner.
+//! Deviation: a Cholesky factor in place of the symmetric root; the poses' gradient is blurred, not the field.
 
 use crate::data::cameras::bundle::median;
 use crate::data::{Dataset, View};
@@ -18,7 +18,7 @@ use nerf_core::camera::{Camera, Pose, Ray};
 use nerf_core::space::Contraction;
 use serde::{Deserialize, Serialize};
 
-/// Steps of the trial: poses are refined from the given ones, and kept if they moved by enough.
+/// Number of steps of the trial: poses are refined from the given ones, and refined further if they moved enough.
 const TRIAL: u32 = 1_000;
 /// Steps between two moves of the cameras.
 const EVERY: u32 = 8;
@@ -41,7 +41,7 @@ type Twist = [f32; 6];
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Poses {
     moved: Vec<Twist>,
-    /// Corrections before the last step. Rays use these, because they are cast while the step before theirs is
+    /// Corrections before the last step, from which rays are cast: a step's rays are cast while the previous step is
     /// computed.
     cast: Vec<Twist>,
     /// Sums of the gradients since the last move.
@@ -54,8 +54,8 @@ pub struct Poses {
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PosesFound {
-    /// Median, pixels: reprojection error of a reconstruction's points or, without these, motion of the photographs
-    /// in the first steps.
+    /// Median, pixels: reprojection error of a reconstruction's points or, without points, motion of the photographs in
+    /// the first steps.
     pub pixels: f64,
     /// Whether `pixels` was measured at a reconstruction's sparse points.
     pub by_tracks: bool,
@@ -132,7 +132,7 @@ impl Poses {
         cameras(given, &self.moved)
     }
 
-    /// Casts rays from the present cameras from the next step on; returns whether these have moved.
+    /// Casts rays from the present cameras from the next step on; returns whether these cameras have moved.
     pub fn renew(&mut self) -> bool {
         let moved = self.cast != self.moved;
         self.cast.clone_from(&self.moved);
@@ -184,7 +184,7 @@ impl Poses {
         Some(PosesFound { pixels, by_tracks: false, refined })
     }
 
-    /// One Adam step, in pixels.
+    /// Moves the cameras by one Adam step, in coordinates of pixels.
     pub fn move_cameras(&mut self, given: &[View], share: f64, contraction: &Contraction) {
         self.moves += 1;
         let rate = RATES[0] * (RATES[1] / RATES[0]).powf(share as f32);
@@ -235,7 +235,7 @@ fn cameras(given: &[View], moved: &[Twist]) -> Vec<Camera> {
     given.iter().zip(moved).map(of).collect()
 }
 
-/// The mean over an image, of points at three distances, of squared motion by a twist `v`: `vᵀ M v`, pixels squared.
+/// Matrix `M` of the image's squared motion by a twist `v`, `vᵀ M v`, pixels squared: mean over points at three depths.
 fn motion(camera: &Camera, contraction: &Contraction) -> [[f32; 6]; 6] {
     const SIDE: u8 = 5;
     let i = camera.intrinsics();
@@ -278,7 +278,7 @@ fn cholesky(m: &[[f32; 6]; 6]) -> [[f64; 6]; 6] {
     l
 }
 
-/// `L⁻¹ x`.
+/// Forward substitution: `L⁻¹ x`.
 fn forward(l: &[[f64; 6]; 6], x: Twist) -> Twist {
     let mut y = x.map(f64::from);
     for i in 0..6 {
@@ -288,7 +288,7 @@ fn forward(l: &[[f64; 6]; 6], x: Twist) -> Twist {
     y.map(|y| y as f32)
 }
 
-/// `L⁻ᵀ x`.
+/// Back substitution: `L⁻ᵀ x`.
 fn backward(l: &[[f64; 6]; 6], x: Twist) -> Twist {
     let mut y = x.map(f64::from);
     for i in (0..6).rev() {
@@ -298,8 +298,8 @@ fn backward(l: &[[f64; 6]; 6], x: Twist) -> Twist {
     y.map(|y| y as f32)
 }
 
-/// Removes what all cameras do together, which the field cannot tell: mean rotation, mean motion, and growth about
-/// their centre.
+/// Removes the motion that all cameras share, which the photographs cannot determine: mean rotation, mean translation,
+/// and scaling about their centre.
 fn hold(moved: &mut [Twist], given: &[View]) {
     let count = moved.len().max(1) as f32;
     let places = || given.iter().map(|view| view.camera.pose().position);

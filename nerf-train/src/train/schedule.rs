@@ -80,15 +80,15 @@ impl Budget {
         }
     }
 
-    /// Budget of a run that resumes after `seconds` of earlier commands. A limit in seconds is this command's own, so
-    /// that the used fraction goes on as in one run of both times.
+    /// Budget of a run that resumes after `seconds` of earlier commands. A limit in seconds applies to this command
+    /// alone and is extended by `seconds`: the used fraction continues as in one run of both times.
     #[must_use]
     pub fn after(self, seconds: f64) -> Self {
         Self { seconds: self.seconds.map(|limit| limit + seconds), ..self }
     }
 
-    /// Refuses a run that its limit in seconds ended before `min_steps` steps, or without a single step of this
-    /// command.
+    /// Returns an error if the limit in seconds ended the run before `min_steps` steps, or without a single step of
+    /// this command.
     pub fn check_steps(&self, done: Done, min_steps: u32) -> anyhow::Result<()> {
         let Some(limit) = self.seconds.filter(|_| self.steps.is_none_or(|steps| done.steps < steps)) else {
             return Ok(());

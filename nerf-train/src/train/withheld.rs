@@ -1,4 +1,4 @@
-//! Photographs withheld at the beginning of a run. How much better the field shows the others decides the weight
+//! Photographs withheld at the beginning of a run. Their PSNR gap to the photographs trained on decides the weight
 //! decay.
 
 use crate::data::View;
@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 /// Steps of the trial, in which photographs are withheld, and step from which errors are summed.
 const TRIAL: u32 = 1_500;
 const SUMMED_FROM: u32 = 1_000;
-/// Step from which the withheld photographs are learned as well as the others.
+/// Step from which the field shows the withheld photographs as well as the others.
 pub const LEARNED_FROM: u32 = 2_000;
 /// Fewest steps of a run that has a trial, and fraction of the run at which an unfinished trial ends without a
 /// verdict.
@@ -18,12 +18,12 @@ const GIVEN_UP_AT: f64 = 0.5;
 /// Number of withheld photographs, and fewest photographs of a capture that has a trial.
 const COUNT: usize = 6;
 const FEWEST: usize = 24;
-/// Gap up to which the weight decay stays as set, and gap from which it is [`MOST`] times as much, dB. Captures that
-/// lose by more decay have gaps of 0.8 to 2.9. One whose light turned with its object has 4.9 to 5.1, and gains 2.4
-/// dB by more decay.
+/// PSNR gaps, dB: up to the first, the weight decay stays as set; from the second on, it is [`MOST`] times as much.
+/// Captures that lose by more decay have gaps of 0.8 to 2.9. A capture whose light turned with its object has gaps of
+/// 4.9 to 5.1, and gains 2.4 dB by more decay.
 const GAPS: [f64; 2] = [3.4, 4.4];
 const MOST: f64 = 30.0;
-/// Fewest rays of a photograph whose error is known.
+/// Fewest rays of a photograph for which a PSNR is computed.
 const KNOWN: f64 = 64.0;
 
 /// Errors of a run's photographs while some of them are withheld.
@@ -42,7 +42,7 @@ pub struct WithheldFound {
 }
 
 impl WithheldFound {
-    /// Whether photographs contradict each other: the others do not show what is in one.
+    /// Whether photographs contradict each other: the field shows withheld ones much worse than the others.
     pub fn contradict(&self) -> bool {
         self.gap_db > GAPS[0]
     }
@@ -84,7 +84,7 @@ impl Withheld {
         self.sums.len() == views.len() && self.sums.as_flattened().iter().all(|x| x.is_finite())
     }
 
-    /// Whether the photograph is one of [`COUNT`] that are spread evenly over all.
+    /// Whether the photograph is withheld: one of [`COUNT`] that are spread evenly over all.
     fn has(&self, view: usize) -> bool {
         let apart = self.sums.len() / COUNT;
         view % apart == apart / 2 && view / apart < COUNT

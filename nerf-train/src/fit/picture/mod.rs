@@ -32,19 +32,19 @@ const EVALUATIONS: f64 = 10.0;
 pub struct Evaluation<'a> {
     pub step: u32,
     pub picture: &'a Picture,
-    /// dB over the whole picture.
+    /// PSNR over the whole picture, dB.
     pub psnr_db: f64,
 }
 
 #[derive(Clone, Debug)]
 pub struct Outcome {
     pub bytes: Vec<u8>,
-    /// Rendering of this blob, at the photograph's size.
+    /// Rendering of the exported blob, at the photograph's size.
     pub picture: Picture,
-    /// dB over the whole picture.
+    /// PSNR over the whole picture, dB.
     pub psnr_db: f64,
     pub subnormal_weights: usize,
-    /// The curve; its `val_psnr_db` is of the whole picture.
+    /// Training curve, whose `val_psnr_db` is over the whole picture.
     pub curve: Vec<CurvePoint>,
     pub steps: u32,
     pub parameters: usize,
@@ -53,10 +53,10 @@ pub struct Outcome {
     pub pixels_per_second: f64,
 }
 
-/// Time that evaluations of the whole picture take of a limit in seconds.
+/// Time spent on evaluations of the whole picture, in a run with a limit in seconds.
 #[derive(Clone, Copy, Debug, Default)]
 struct EvaluationTime {
-    /// Seconds of one evaluation, once known.
+    /// Seconds of one evaluation; `None` until measured.
     one: Option<f64>,
     all: f64,
 }
@@ -67,7 +67,7 @@ impl EvaluationTime {
         self.all += seconds;
     }
 
-    /// Whether an evaluation at `now` keeps all of them within their fraction of the time.
+    /// Whether all evaluations, with one more at `now`, stay within [`VALIDATION_SHARE`] of the time.
     fn affords(&self, now: f64) -> bool {
         self.one.is_some_and(|one| self.all + one <= VALIDATION_SHARE * now)
     }
@@ -94,8 +94,8 @@ pub(super) fn render_blob(bytes: &[u8], kernel: Kernel, size: [u32; 2]) -> anyho
     Ok(frame::render_picture(&renderer, MathBackend::Polynomial, size, |_| {})?.0)
 }
 
-/// Fits a field until the budget is used or `stop`, which is called between steps with the steps done, returns true.
-/// `each` is called with every evaluation, that of step 0 included if requested.
+/// Fits a field until the budget is used or `stop` returns true. `stop` is called between steps with the number of
+/// steps done, and `each` with every evaluation, including step 0 if requested.
 ///
 /// An interrupted run writes its present blob and a checkpoint, if it has paths for them.
 pub fn run(
@@ -123,7 +123,7 @@ pub fn run(
         options,
         output,
         clock,
-        // Earlier evaluations of a resumed run count as their whole fraction of its time.
+        // The evaluations of earlier commands count as if they had used all their allotted time.
         time: EvaluationTime { one: None, all: VALIDATION_SHARE * before },
         train_seconds: 0.0,
         each: &mut each,
@@ -137,7 +137,7 @@ struct Session<'a, 'p> {
     trainer: FieldTrainer<'p>,
     photo: &'p Photo,
     options: &'a RunOptions,
-    /// File of the blob, written at the end or when a signal stops the run. Without it a stopped run saves no blob.
+    /// File of the blob, written at the end or when a signal stops the run; `None` writes no blob.
     output: Option<&'a Path>,
     clock: Clock,
     time: EvaluationTime,
@@ -150,7 +150,7 @@ struct Session<'a, 'p> {
 }
 
 impl Session<'_, '_> {
-    /// Used fraction of the budget without the reserve for the end.
+    /// Used fraction of the budget; the reserve for the end is subtracted from its seconds.
     fn share_at(&self, step: u32, seconds: f64) -> f64 {
         self.budget.share(step, seconds, self.time.reserve(&self.options.budget))
     }

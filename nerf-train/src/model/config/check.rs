@@ -11,10 +11,10 @@ use nerf_core::space::Contraction;
 use std::fmt::Display;
 use std::ops::RangeInclusive;
 
-/// Most samples of a step: some gigabytes of positions if none is skipped, as in a first step.
+/// Largest number of samples of a step. In a first step, none is skipped: some gigabytes of positions.
 const MAX_STEP_SAMPLES: usize = 1 << 27;
-/// Most values of a trained grid's tables, half of what the format holds: a checkpoint, which stores each value with
-/// two moments, then stays within its reader's limit.
+/// Largest number of table values of a trained grid, half of what the format holds. A checkpoint, which stores two
+/// moments with each value, then stays within its reader's limit.
 const MAX_TABLE_VALUES: usize = 1 << 26;
 
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -64,7 +64,7 @@ fn check_network(n: &NetworkConfig) -> Result<(), ConfigError> {
 
 fn check_beside_grid(n: &NetworkConfig, grid: &TableConfig, g: &OccupancyConfig) -> Result<(), ConfigError> {
     check_table(grid)?;
-    // A box that is not a cube has no more values.
+    // A cube has the most table values of all boxes.
     check_table_values(&grid.encoding(Vec3::ONE), "a cube")?;
     let levels = n.position_levels;
     rule("network.position_levels", levels == 0, "0 beside a grid, which takes their place", levels)?;
@@ -128,7 +128,7 @@ pub(crate) fn check_table(grid: &TableConfig) -> Result<(), ConfigError> {
     rule("network.grid.finest", (coarsest..=MAX_GRID_RESOLUTION).contains(&finest), most, finest)
 }
 
-/// Checks the size of the tables of a grid over `what`.
+/// Checks the number of table values of a grid; `what` names what the grid spans.
 pub(crate) fn check_table_values(grid: &GridEncoding, what: &str) -> Result<(), ConfigError> {
     let values = grid.values();
     let most =

@@ -32,7 +32,7 @@ pub struct Config {
     pub engine: EngineKind,
     pub network: NetworkConfig,
     pub sampling: SamplingConfig,
-    /// The occupancy grid that skips empty space in training; its end state is the blob's occupancy grid.
+    /// Occupancy grid, which skips empty space in training and then in the blob.
     pub occupancy: OccupancyConfig,
     /// Use of a capture's sparse points, exposures, poses and moving objects; with a grid only.
     pub capture: CaptureConfig,
@@ -44,11 +44,11 @@ pub struct Config {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NetworkConfig {
-    /// Number of trunk layers; 0 only with a grid, whose features density and colour are then read from.
+    /// Number of trunk layers; 0 only with a grid: density and colour then read the grid's features.
     pub depth: usize,
     /// Channels of every trunk layer.
     pub width: usize,
-    /// Trunk layers before the one that takes the encoded position again; 0 for none.
+    /// Trunk layers before the skip connection from the encoded position; 0 for none.
     pub skip_after: usize,
     /// The grid that encodes positions; the sinusoidal encoding if absent.
     pub grid: Option<TableConfig>,
@@ -86,18 +86,17 @@ pub enum Density {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SamplingConfig {
-    /// Samples per ray, in equal bins between near and far; with a grid, `steps_across` decides instead.
+    /// Samples per ray, in equal bins between near and far; with a grid, follows from `steps_across`.
     pub samples: u16,
     /// With a grid: steps of a ray across the longest side of the scene box; in an unbounded scene, across the ball
     /// that is not contracted.
     pub steps_across: u16,
     /// Random offset of a sample in its bin: none, the whole bin, or a width in world units.
     pub jitter: Jitter,
-    /// Rays per step; times `samples` at most 2^27. With `live_samples`: rays of the first step. The limit is the
-    /// same, as all of them are drawn before any is left out.
+    /// Rays per step; with `live_samples`, rays of the first step. `rays` times `samples` is at most 2^27.
     pub rays: usize,
-    /// Samples in occupied cells per step; with a grid, samples whose weight is large enough to be kept. The number
-    /// of rays follows from it. 0 draws exactly `rays`.
+    /// Samples per step in occupied cells or, with a grid, of large enough weight: decides the number of rays. 0 draws
+    /// exactly `rays`.
     pub live_samples: usize,
     /// Images per step if rays are drawn image by image; 0 draws over all pixels of all images.
     pub images: usize,
@@ -109,15 +108,15 @@ pub struct SamplingConfig {
     pub far: Option<f32>,
     /// Scene box as x0 y0 z0 x1 y1 z1; found from the data if absent. Must be absent with a contraction.
     pub scene_box: Option<[f32; 6]>,
-    /// Power that the steps of an unbounded scene grow with, 1, 2 or 4: it is contracted around what the cameras look
-    /// at. Absent for a scene in a box. With a grid only.
+    /// Power with which steps grow in an unbounded scene, contracted around what the cameras look at: 1, 2 or 4. Absent
+    /// for a scene in a box. With a grid only.
     pub contraction: Option<u8>,
-    /// Weight of the distortion loss, which draws the weights of a ray together; in an unbounded scene only, lengths
+    /// Weight of the distortion loss, which concentrates the weights along a ray; in an unbounded scene only, lengths
     /// in sides of its cube. 0 for none.
     pub distortion: f32,
 }
 
-/// Use of what a capture tells about its scene in addition to the colours.
+/// Use of a capture's sparse points, exposures, poses and moving objects.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CaptureConfig {
@@ -152,7 +151,7 @@ impl Default for CaptureConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Exposure {
-    /// If exposures differ by enough; in a box, if withheld photographs contradict the others.
+    /// Gains if exposures differ enough; in a box, if withheld photographs contradict the others.
     Auto,
     /// Each photograph has its own gain.
     Own,
@@ -164,7 +163,7 @@ pub enum Exposure {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PoseRefinement {
-    /// If the poses are off by enough.
+    /// Refined if the given poses are too inaccurate.
     Auto,
     /// Always.
     Refine,
@@ -192,7 +191,7 @@ pub enum Withholding {
     Off,
 }
 
-/// Knowledge of the data about the surroundings of a scene.
+/// What the data tell about a scene's background.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Surroundings {
     /// The pictures tell which of their parts are background.
@@ -224,7 +223,7 @@ pub struct OccupancyConfig {
     pub resolution: u16,
     /// Whether a visual hull is carved if the pictures tell what is empty.
     pub hull: bool,
-    /// Steps between updates from the network.
+    /// Steps between updates of the occupancy grid from the network.
     pub every: u32,
     /// Most cells that one update evaluates.
     pub cells: usize,
@@ -235,9 +234,9 @@ pub struct OccupancyConfig {
     pub threshold: f32,
     /// Factor on a cell's stored density at each update.
     pub decay: f32,
-    /// Points in culled space per step, as a fraction of the samples in occupied cells; their density is pushed to zero.
+    /// Points in culled space per step, whose density is pushed to 0, per sample in occupied cells.
     pub empty_share: f32,
-    /// Weight of these points' density in the loss.
+    /// Weight in the loss of the density at the points in culled space.
     pub empty_weight: f32,
 }
 
@@ -252,8 +251,8 @@ impl Config {
         self.model_of(Vec3::ONE)
     }
 
-    /// Cells of the occupancy grid along the longest side of a box of this extent: the configured number or, if that
-    /// is 0, the most whose bits take at most a third of the grid's tables.
+    /// Cells of the occupancy grid along the longest side of a box of this extent: the configured number or, if that is
+    /// 0, the largest candidate whose bits take at most a third of the space of the grid's tables.
     pub fn occupancy_resolution(&self, extent: Vec3) -> u16 {
         if self.occupancy.resolution > 0 {
             return self.occupancy.resolution;
@@ -310,8 +309,8 @@ impl Config {
         }
     }
 
-    /// Settings for data from which no hull can be carved. The network itself must find the empty space: without a
-    /// gentler start its densities die in the fog.
+    /// Settings for data from which no hull can be carved. The network itself must then find the empty space: without a
+    /// gentler start, all its densities become 0.
     pub fn without_hull(mut self) -> Self {
         if self.preset == Preset::Small {
             self.network.density_bias = 0.5;
@@ -320,8 +319,8 @@ impl Config {
         }
         let preset = self.preset.config();
         if let Some(grid) = &mut self.network.grid {
-            // Without a hull the object is only a part of the box, which follows from the cameras' distances. The
-            // grid is finer, unless the settings chose another.
+            // Without a hull the box follows from the cameras' distances, and the object is only a part of the box: the
+            // preset's grid is made finer.
             if preset.network.grid.as_ref() == Some(&*grid) {
                 (grid.coarsest, grid.finest) = (32, 416);
             }
@@ -353,10 +352,10 @@ impl Config {
         self.sampling.steps_across = 160;
         self.sampling.random_background = true;
         self.sampling.live_samples = 4096;
-        // If hashed levels move only every few steps, a short fit keeps its fog: 17.7 dB for 19.8 in a test's 1,500
-        // steps.
+        // With hashed levels updated only every few steps, a short fit keeps its fog: 17.7 dB in place of 19.8 in a
+        // test's 1,500 steps.
         self.optimiser.hashed_every = 1;
-        // At the start a step absorbs less than the threshold that keeps a cell: what no view needs disappears.
+        // The initial optical depth of a step is below the occupancy threshold: cells that no view needs are dropped.
         self.network.density_bias = 1.9;
         self.occupancy.resolution = 128;
         self.occupancy.threshold = 0.1;

@@ -1,4 +1,4 @@
-//! Named starting points.
+//! Presets of the settings.
 
 use super::{
     CaptureConfig, Config, Density, Jitter, NetworkConfig, OccupancyConfig, OptimiserConfig, SamplingConfig,
@@ -8,7 +8,7 @@ use crate::model::engine::EngineKind;
 use crate::model::quantise::TableStorage;
 use serde::{Deserialize, Serialize};
 
-/// A named starting point.
+/// Preset of all settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Preset {

@@ -17,18 +17,18 @@ pub struct TableConfig {
     pub log2_entries: u8,
     /// Cells of the first level along the longest side of the scene box.
     pub coarsest: u16,
-    /// Cells of the last level along the same side.
+    /// Cells of the last level along the longest side.
     pub finest: u16,
     /// Storage of the tables' values in the exported file; they are trained in f32.
     pub storage: TableStorage,
-    /// Most bytes of coded tables, which their steps follow from; if absent, steps are a fixed fraction of the
-    /// values.
+    /// Limit of coded tables, bytes, which decides their quantisation steps; if absent, steps are a fixed fraction of
+    /// the values.
     #[serde(default)]
     pub most_bytes: Option<u64>,
 }
 
 impl TableConfig {
-    /// `8 levels of 16 to 320 cells, at most 2^16 entries a level as f16`.
+    /// Describes the settings: `8 levels of 16 to 320 cells, at most 2^16 entries a level as f16`.
     pub fn in_words(&self) -> String {
         let Self { levels, log2_entries, coarsest, finest, storage, .. } = self;
         let storage = value_name(storage);
@@ -37,13 +37,12 @@ impl TableConfig {
         )
     }
 
-    /// The grid over a box of this extent: resolutions grow geometrically, and cells are cubes as far as whole
-    /// numbers of them allow.
+    /// Grid over a box of this extent. Resolutions grow geometrically; cells are cubes, up to rounding to whole cells.
     pub fn encoding(&self, extent: Vec3) -> GridEncoding {
         self.over(3, extent)
     }
 
-    /// The grid over a picture of this size, pixels; its cells are squares as far as whole numbers of them allow.
+    /// Grid over a picture of this size, pixels; cells are squares, up to rounding to whole cells.
     pub fn picture_encoding(&self, [width, height]: [u32; 2]) -> GridEncoding {
         self.over(2, Vec3::new(width as f32, height as f32, 0.0))
     }
@@ -64,7 +63,7 @@ impl TableConfig {
         GridEncoding { inputs, features: self.features, log2_entries: self.log2_entries, resolutions }
     }
 
-    /// Whether the tables are rounded as for export while they are trained, after the fraction `share` of the run.
+    /// Whether training rounds the tables as for export, after the fraction `share` of the run.
     pub(crate) fn is_rounded(&self, share: f64) -> bool {
         self.storage != TableStorage::F16 && share >= ROUNDED_FROM
     }

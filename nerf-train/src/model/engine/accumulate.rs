@@ -23,12 +23,12 @@ pub(super) struct LayerSum {
 }
 
 impl LayerSum {
-    /// Resets the sum without touching its memory.
+    /// Marks the sum as empty, without writing its values.
     pub(super) fn clear(&mut self) {
         self.touched = false;
     }
 
-    /// Adds `dy [main, extra, 1]ᵀ` of a chunk; `transposed` is scratch.
+    /// Adds a chunk's gradient by weights and biases, `dy [main, extra, 1]ᵀ`; `transposed`: scratch memory.
     pub(super) fn add(
         &mut self,
         isa: Isa,
@@ -143,7 +143,7 @@ fn transpose(x: &[f32], channels: usize, lanes: usize, out: &mut Vec<f32>) {
         let row = |i: usize| if first + i < channels { &x[(first + i) * BLOCK..][..BLOCK] } else { &zeros };
         let rows = [row(0), row(1), row(2), row(3)];
         for first_lane in (0..lanes).step_by(4) {
-            // Four rows at a time: the loop is bound by its loads, and this keeps their streams few.
+            // Four rows at a time: the loop is bound by its loads, and few rows mean few streams of loads.
             let [a, b, c, d] = rows.map(|row| four(row, first_lane));
             for lane in 0..4 {
                 let out = &mut out[(first_lane + lane) * columns + first..][..4];

@@ -1,10 +1,10 @@
-//! Input of a training step: rays, samples and target colours; and its chunks, whose cuts depend on the batch only.
+//! Input of a training step: rays, samples and target colours. Its division into chunks depends on the batch alone.
 
 use glam::Vec3;
 use nerf_core::space::Contraction;
 use std::ops::Range;
 
-/// Most samples of a chunk, except for its last ray: their activations fit the caches.
+/// Most samples of a chunk, not counting its last ray: the chunk's activations fit the caches.
 pub(super) const SAMPLES: usize = 512;
 /// Most rays of a chunk: rays without samples cost time, too.
 const RAYS: usize = 2048;
@@ -14,7 +14,7 @@ const RAYS: usize = 2048;
 pub struct BatchRay {
     pub dir: [f32; 3],
     pub rgb: [f32; 3],
-    /// Colour behind the ray's last sample, which the remaining transmittance lets through; display-encoded.
+    /// Background behind the ray's last sample, seen through the remaining transmittance; display-encoded.
     pub background: [f32; 3],
     /// Number of [`Batch::positions`] that belong to this ray; may be 0.
     pub samples: u32,
@@ -47,39 +47,38 @@ pub struct RayQuestion {
     pub blur: f32,
 }
 
-/// Gradient of the loss by a ray's origin and direction; its samples stay at their distances.
+/// Gradient of the loss by a ray's origin and direction, with constant distances of the samples along the ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayGradient {
     pub ray: u32,
     /// Gradient by the origin, per world unit.
     pub by_origin: Vec3,
-    /// Gradient by the direction; only its component across the ray is meaningful.
+    /// Gradient by the direction; only its component perpendicular to the ray is meaningful.
     pub by_dir: Vec3,
 }
 
 /// Rays with their samples in occupied cells, ray after ray, front to back.
 ///
-/// In a 2D field `positions` hold the point in their first two coordinates, every sample is opaque, and each ray has
-/// one.
+/// In a 2D field, each ray has one sample, which is opaque; the point is in the first two coordinates of the position.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct Batch {
     pub rays: Vec<BatchRay>,
-    /// Sample positions, world.
+    /// Positions of the samples, world; contracted in an unbounded scene.
     pub positions: Vec<[f32; 3]>,
     /// Length of each sample's bin, world units, at least 0.
     pub deltas: Vec<f32>,
-    /// Factor on the gradient of each sample; empty: 1. Only the grid's engine reads it.
+    /// Factor on the gradient of each sample; empty: 1. With a grid only.
     pub gradient_scales: Vec<f32>,
     /// Points of culled space, whose density is pushed to zero.
     pub empty: Vec<[f32; 3]>,
-    /// Weight of these points' term in the loss.
+    /// Weight in the loss of the density at the `empty` points.
     pub empty_weight: f32,
-    /// Seed and step of the Russian roulette that keeps some samples of little weight, so that the field learns from
-    /// fog of them. If absent, none of them is kept. With a grid only.
+    /// Seed and step of the Russian roulette that keeps some samples of small weight, so that fog of such samples is
+    /// trained. If absent, no sample of small weight is kept. With a grid only.
     pub roulette: Option<(u64, u64)>,
     /// Known surfaces, one for each of the first rays; empty if none are known. With a grid only.
     pub surfaces: Vec<Surface>,
-    /// Position of each sample of those rays along its ray, 0 to 1 as [`Surface::at`].
+    /// Position along its ray, 0 to 1 as [`Surface::at`], of each sample of the rays with known surfaces.
     pub along: Vec<f32>,
     /// Index of each ray's photograph. With a grid only, as all following fields.
     pub views: Vec<u32>,
@@ -87,9 +86,9 @@ pub struct Batch {
     pub pixels: Vec<u32>,
     /// Origin of each ray, world.
     pub origins: Vec<[f32; 3]>,
-    /// Request for the gradients by the rays, if any. They leave out that the distortion loss depends on distances.
+    /// Request for the gradients by the rays, if any, except through the distances in the distortion loss.
     pub question: Option<RayQuestion>,
-    /// Gain of each ray's photograph on the field's colour, red, green, blue; empty: 1. The background has none.
+    /// Gain of each ray's photograph on the field's colour, red, green, blue; empty: 1. The background has no gain.
     pub gains: Vec<[f32; 3]>,
     /// Weight of each ray's squared error in the loss; empty: 1.
     pub weights: Vec<f32>,
@@ -192,15 +191,15 @@ pub enum BatchError {
     NonFinite { field: &'static str, index: usize },
 }
 
-/// A part of a batch that goes through the network together.
+/// Part of a batch that the network evaluates together.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Chunk {
     Rays { rays: Range<usize>, samples: Range<usize> },
     Empty(Range<usize>),
 }
 
-/// Fills `chunks` with the parts of the batch, in order, of up to `most` samples, except for a longer ray: an even
-/// number of chunks of about the same size, so that two threads finish at the same time.
+/// Fills `chunks` with parts of the batch, in order: an even number of about equal size, so that two threads finish
+/// together. Only its last ray may take a chunk beyond `most` samples.
 pub(super) fn cut(batch: &Batch, most: usize, chunks: &mut Vec<Chunk>) {
     chunks.clear();
     let total = batch.positions.len();

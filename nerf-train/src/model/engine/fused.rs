@@ -17,7 +17,7 @@ use std::borrow::Cow;
 /// Number of accumulators, which is the most threads a step can use.
 const ACCUMULATORS: usize = 16;
 
-/// Trains a sinusoidal network by explicit passes.
+/// Trains a network of sinusoidal encodings by explicit forward and backward passes.
 ///
 /// Memory: parameters ×5, and per accumulator one gradient and the activations of one chunk (about
 /// 512 samples, or one longer ray): some 150 MiB for the 8×256 network, whatever the batch.
@@ -25,7 +25,7 @@ pub struct FusedEngine {
     graph: Graph,
     isa: Isa,
     optimiser: Optimiser,
-    /// The optimiser's values, contiguous.
+    /// Contiguous copy of the optimiser's parameters.
     parameters: Vec<f32>,
     chunks: Vec<Chunk>,
     passes: Vec<Pass>,

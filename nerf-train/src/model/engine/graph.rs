@@ -1,4 +1,4 @@
-//! Inputs of each layer, and the product kernel applied to one layer of one chunk.
+//! Graph of the layers, and the product kernel applied to one layer of one chunk.
 //!
 //! Activations lie in slots, `[blocks][channels][BLOCK]`: slot 0 is PE(x), slot 1 PE(d), slot
 //! `FIRST + l` the output of layer `l`.
@@ -14,8 +14,8 @@ pub(super) const POSITION: usize = 0;
 pub(super) const DIRECTION: usize = 1;
 pub(super) const FIRST: usize = 2;
 
-/// Lanes are computed, and rows of matrices padded, in multiples of this length: it fills the vectors of [`Isa::run`] with
-/// every instruction set.
+/// Length to a multiple of which lanes and matrix rows are padded: whole vectors of [`Isa::run`] with every instruction
+/// set.
 pub(super) const VECTOR: usize = 16;
 
 pub(super) fn padded(length: usize) -> usize {
@@ -80,7 +80,7 @@ pub(super) fn block_of_mut(slot: &mut [f32], channels: usize, block: usize) -> &
 }
 
 impl Node {
-    /// Computes the layer's output slot from the slots before it.
+    /// Computes the layer's output slot from its input slots.
     pub(super) fn forward(
         &self,
         isa: Isa,
@@ -106,7 +106,7 @@ impl Node {
         }
     }
 
-    /// `dx (+)= W_mainᵀ dy`: the gradient of the layer's main input, `[blocks][main][BLOCK]`.
+    /// Gradient by the layer's main input, `dx (+)= W_mainᵀ dy`, `[blocks][main][BLOCK]`.
     pub(super) fn backward(
         &self,
         isa: Isa,

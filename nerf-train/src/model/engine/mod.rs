@@ -119,8 +119,8 @@ pub enum EngineKind {
 /// Creates an engine of this kind that trains `model`; `bounds`: the box that its grid spans, if it has one.
 ///
 /// # Errors
-/// [`EngineError::Model`] and [`EngineError::NotPlain`] if the model is out of bounds, [`EngineError::NoDensity`] for the
-/// grid of a 2D field by [`EngineKind::Dfdx`].
+/// [`EngineError::Model`] and [`EngineError::NotPlain`] if the model is out of bounds, [`EngineError::NoDensity`] for
+/// the grid of a 2D field by [`EngineKind::Dfdx`].
 pub fn engine_for(
     kind: EngineKind,
     model: &Model,
@@ -199,8 +199,8 @@ pub trait Engine: Send {
         Box::new(std::iter::empty())
     }
 
-    /// Index and colour error, shown minus photographed, of each ray of the last batch that names its photograph;
-    /// none if the engine does not report them.
+    /// Index and colour error, shown minus photographed, of each ray of the last batch whose photograph is known; none
+    /// if the engine does not report them.
     fn errors(&self) -> Box<dyn Iterator<Item = &(u32, [f32; 3])> + '_> {
         Box::new(std::iter::empty())
     }
@@ -224,8 +224,8 @@ pub trait Engine: Send {
     /// Resumes from the state of a checkpoint.
     ///
     /// # Errors
-    /// [`EngineError::Parameters`] if it is of a model of another size, [`EngineError::NonFinite`]
-    /// if a value in it is not finite; the engine is then unchanged.
+    /// [`EngineError::Parameters`] if the state is of a model of another size, [`EngineError::NonFinite`] if a value of
+    /// the state is not finite; the engine is then unchanged.
     fn restore(&mut self, state: &OptimiserState) -> Result<(), EngineError>;
 }
 
@@ -254,9 +254,9 @@ impl Default for Adam {
 pub struct OptimiserState {
     /// Parameters in the [`Model`]'s order.
     pub parameters: Vec<f32>,
-    /// First moments, in the same order.
+    /// First moments, in the order of `parameters`.
     pub moment1: Vec<f32>,
-    /// Second moments, in the same order, none negative.
+    /// Second moments, in the order of `parameters`, none negative.
     pub moment2: Vec<f32>,
     pub steps: u64,
     /// Step size of each level of a grid whose tables are rounded; else empty.
@@ -279,12 +279,12 @@ impl OptimiserState {
 pub struct StepLoss {
     /// Mean over rays and channels of the squared error; 0 without rays.
     pub mse: f64,
-    /// Mean over `empty` of ln(1 + sigma), not yet weighted; 0 without such points.
+    /// Mean of ln(1 + sigma) over the batch's `empty` points, not yet weighted; 0 without points.
     pub empty: f64,
-    /// Whether the batch has samples on rays but every sigma of theirs is 0: no gradient reaches the network.
+    /// Whether the rays have samples and every sample's sigma is 0: no gradient reaches the network.
     pub dead: bool,
     pub evaluated: usize,
-    /// Samples with a colour and a backward pass.
+    /// Number of samples with a colour and a backward pass.
     pub kept: usize,
 }
 
@@ -318,7 +318,6 @@ pub enum EngineError {
     OutOfMemory,
 }
 
-/// Checks the input of a step.
 fn check_step(batch: &Batch, rate: f64) -> Result<(), EngineError> {
     if !(rate.is_finite() && rate >= 0.0) {
         return Err(EngineError::Rate { found: rate });

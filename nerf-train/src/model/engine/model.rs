@@ -1,4 +1,4 @@
-//! The network in training: with more layers than the exported one, and foldable into that.
+//! Network in training, with layers that are folded into the exported network's.
 
 use nerf_core::encoding::GridEncoding;
 use nerf_core::network::{Architecture, ArchitectureError, Role};
@@ -10,7 +10,7 @@ use std::borrow::Cow;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Model {
     pub architecture: Architecture,
-    /// Whether a linear layer, as wide as the trunk, stands between trunk and first colour layer.
+    /// Whether there is a linear layer, as wide as the trunk, between trunk and first colour layer.
     pub feature: bool,
     /// `sigma = activation(density_scale · raw)`: lets the density learn faster or slower than the rest.
     pub density_scale: f32,
@@ -21,9 +21,9 @@ pub struct Model {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
     Trunk(u8),
-    /// `h` → raw_sigma.
+    /// Density head: from the trunk's output to raw density.
     Density,
-    /// The linear layer that is folded away at export.
+    /// Linear layer before the colour branch, folded away at export.
     Feature,
     /// Hidden layer of the colour branch with this index.
     Colour(u8),
@@ -41,7 +41,7 @@ pub struct Dense {
     pub outputs: usize,
     /// Index of `W[0][0]` in the model's parameters.
     pub weights: usize,
-    /// Index of `b[0]`.
+    /// Index of `b[0]` in the model's parameters.
     pub bias: usize,
 }
 
@@ -212,7 +212,7 @@ impl Model {
     }
 }
 
-/// `W [F h + f, e] + b = [W_main F, W_extra] [h, e] + (W_main f + b)`.
+/// Appends the product of two layers: `W [F h + f, e] + b = [W_main F, W_extra] [h, e] + (W_main f + b)`.
 fn fold_into(out: &mut Vec<f32>, outer: &Dense, values: &[f32], inner: &Dense, inner_values: &[f32]) {
     let (weights, bias) = values.split_at(outer.inputs() * outer.outputs);
     let (inner_weights, inner_bias) = inner_values.split_at(inner.inputs() * inner.outputs);
@@ -232,7 +232,7 @@ fn fold_into(out: &mut Vec<f32>, outer: &Dense, values: &[f32], inner: &Dense, i
     }
 }
 
-/// Uniform in [0, 1).
+/// Random number, uniform in [0, 1).
 pub(super) fn uniform(seed: u64, counter: u64) -> f64 {
     f64::from(uniform_u32(seed, Purpose::Parameters, 0, counter)) / 4_294_967_296.0
 }

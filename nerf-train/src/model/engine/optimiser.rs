@@ -37,7 +37,7 @@ impl Parameter {
         Ok(Self { first, length, value, gradients, moment1: moment()?, moment2: moment()? })
     }
 
-    /// The gradient, which the engine writes.
+    /// Gradient of the layer's parameters, for the engine to write.
     pub(super) fn gradient_mut(&mut self) -> Result<&mut [f32], EngineError> {
         Ok(self.gradients.get_or_alloc_mut(&self.value)?.as_mut_slice())
     }
@@ -73,7 +73,7 @@ impl Optimiser {
         &mut self.parameters
     }
 
-    /// One Adam step with the written gradients.
+    /// Applies one Adam step with the gradients in the parameters.
     pub(super) fn apply(&mut self, rate: f64) -> Result<(), EngineError> {
         let step = self.steps.checked_add(1).ok_or(EngineError::Steps { found: self.next_step() })?;
         let decay = self.adam.weight_decay;

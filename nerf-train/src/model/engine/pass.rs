@@ -32,7 +32,7 @@ pub(super) struct Pass {
     pub(super) loss: ChunkLoss,
     pub(super) sums: Vec<LayerSum>,
     slots: Vec<Vec<f32>>,
-    /// Gradient of the current layer's output, `[blocks][outputs][BLOCK]`, and of its input.
+    /// Gradient by the current layer's output, `[blocks][outputs][BLOCK]`, and by its input.
     upper: Vec<f32>,
     lower: Vec<f32>,
     /// `[samples]`, padded to whole blocks.
@@ -172,7 +172,7 @@ impl Pass {
         }
     }
 
-    /// Backward pass of the colour branch: `upper` goes from the gradient of the rgb output to that of the trunk's.
+    /// Backward pass of the colour branch: turns `upper` from the gradient by rgb into that by the trunk's output.
     fn backward_colour(&mut self, job: Job<'_>, samples: usize) {
         let Graph { nodes, colour, .. } = job.graph;
         for l in colour.clone().rev() {

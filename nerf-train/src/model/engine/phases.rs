@@ -59,7 +59,7 @@ impl Phases {
         self.0[phase as usize] += time;
     }
 
-    /// Adds the time since `since` to a phase, and returns the present.
+    /// Adds the time since `since` to a phase, and returns the present time.
     pub fn lap(&mut self, phase: Phase, since: Instant) -> Instant {
         let now = Instant::now();
         self.add(phase, now - since);

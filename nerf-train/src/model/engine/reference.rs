@@ -104,7 +104,7 @@ impl ReferenceEngine {
         Ok(h)
     }
 
-    /// sigma of each point, on a tape of its own.
+    /// sigma of each point, recorded on a separate tape.
     fn density<T: Tape<f32, Cpu>>(
         &self,
         weights: &[Weights],
@@ -130,7 +130,7 @@ impl ReferenceEngine {
         Ok(Some(sigma.try_clamp(0.0, SIGMA_LIMIT)?))
     }
 
-    /// Colour of each point, `[points][3]`, on a tape of its own.
+    /// Colour of each point, `[points][3]`, recorded on a separate tape.
     fn colour<T: Tape<f32, Cpu>>(
         &self,
         weights: &[Weights],
@@ -145,7 +145,7 @@ impl ReferenceEngine {
         Ok(h.try_sigmoid()?)
     }
 
-    /// Mean squared error that `rays` contribute to the batch, and whether a density is above 0.
+    /// Contribution of `rays` to the batch's mean squared error, and whether any density is above 0.
     fn render(
         &self,
         weights: &[Weights],
@@ -176,11 +176,11 @@ impl ReferenceEngine {
         let seen = over(shown, left, matrix(|ray| ray.background)?)?;
         let scale = 1.0 / (3 * batch.rays.len()) as f32;
         let error = squared_error(seen, matrix(|ray| ray.rgb)?, scale)?;
-        // h's tape holds the trunk, from which both branches grew.
+        // The tape of `h` holds the trunk, which density and colour share.
         Ok((with_tape(error, h.split_tape().1), alive))
     }
 
-    /// Contribution of these points of culled space to the mean of ln(1 + sigma); none without a density.
+    /// Contribution of these points of culled space to the mean of ln(1 + sigma); `None` without a density.
     fn thin(
         &self,
         weights: &[Weights],

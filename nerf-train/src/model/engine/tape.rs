@@ -15,7 +15,7 @@ pub(super) type Taped = OwnedTape<f32, Cpu>;
 /// network. A batch's gradient is the sum over its tapes.
 pub(super) const TAPE_SAMPLES: usize = 4096;
 
-/// Parameters of one layer. `[main, extra]` are two products, as dfdx has no concatenation.
+/// Parameters of one layer, with a matrix each for main and extra inputs, as dfdx has no concatenation.
 pub(super) struct Weights {
     main: Matrix,
     extra: Option<Matrix>,
@@ -82,7 +82,7 @@ pub(super) fn add(to: &mut [f32], values: &[f32]) {
 pub(super) struct Rows {
     device: Cpu,
     shape: (usize, usize),
-    /// Index in the list; none after a ray's last sample.
+    /// Index in the list of each matrix element's sample; `None` after a ray's last sample.
     places: Vec<Option<usize>>,
     index: Tensor<(usize,), usize, Cpu>,
 }
@@ -102,7 +102,7 @@ impl Rows {
         Ok(Self { device: device.clone(), shape: (samples.len(), longest), places, index })
     }
 
-    /// Constants of the samples; 0 after a ray's last sample.
+    /// Matrix of a constant for each sample, without a tape; 0 after a ray's last sample.
     pub(super) fn constants(&self, values: impl Fn(usize) -> f32) -> Result<Matrix, EngineError> {
         let values = self.places.iter().map(|place| place.map_or(0.0, &values)).collect();
         Ok(self.device.try_tensor_from_vec(values, self.shape)?)
@@ -145,8 +145,8 @@ impl Rows {
     }
 }
 
-/// Composites colours over the background. `shown`: Σ weight · colour of each ray, `[rays][3]`; `transmittance`: after its
-/// last sample, `[rays]`.
+/// Composites colours over the background. `shown`: Σ weight · colour of each ray, `[rays][3]`; `transmittance`: after
+/// each ray's last sample, `[rays]`.
 pub(super) fn over(
     shown: Matrix<Taped>,
     transmittance: Vector<Taped>,

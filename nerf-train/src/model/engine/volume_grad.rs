@@ -11,7 +11,7 @@ pub(super) struct Samples<'a> {
     pub(super) colour: &'a [f32],
 }
 
-/// Per sample, from the forward pass to the backward pass.
+/// Values of each sample that the backward pass reads from the forward pass.
 #[derive(Default)]
 pub(super) struct Scratch {
     weights: Vec<f64>,

@@ -8,9 +8,9 @@ use rayon::prelude::*;
 /// Fraction of the way from a camera to a point that counts as free; less than 1, since points are inexact and
 /// surfaces slanted.
 const FREE_SHARE: f32 = 0.85;
-/// Fewest lines of sight that cross a free cell.
+/// Fewest lines of sight that cross a free cell, or block of cells.
 const MIN_CROSSINGS: u32 = 3;
-/// A cell is free if more than this many times as many lines cross it as end in it.
+/// Ratio of lines that cross a cell to lines that end there, above which the cell is free.
 const ENDS: u32 = 4;
 /// Side of a block of cells, in cells.
 const BLOCK: usize = 4;
@@ -19,9 +19,9 @@ const MIN_CONFIDENCE: f32 = 0.15;
 /// Steps per cell in the ball that is not contracted.
 const STEPS_A_CELL: f32 = 2.0;
 
-/// Tells for each cell of an unbounded scene, in the blob's order, whether lines of sight show that it is free.
-/// Either at least three cross it within 0.85 of their length, and fewer than a quarter as many end in it. Or at
-/// least three such crossings fall into its block of 4 × 4 × 4 cells, and no line ends in the block.
+/// Returns for each cell of an unbounded scene, in the blob's order, whether the cell is free. At least three lines of
+/// sight cross a free cell within 0.85 of their length, and fewer than a quarter as many end there. All cells of a
+/// block of 4 × 4 × 4 are also free if the block has at least three crossings and no end of a line.
 ///
 /// `resolution`: cells along each side of the cube `bounds`. `sights`: of `views`, in their order.
 pub(crate) fn free_cells(

@@ -1,4 +1,4 @@
-//! Cells of the scene box that may hold something: carved from the pictures, then learned.
+//! Occupancy grid in training: carved from the pictures, then updated from the network.
 
 mod free_space;
 mod silhouette;
@@ -17,19 +17,19 @@ use serde::{Deserialize, Serialize};
 use silhouette::Silhouette;
 pub use silhouette::is_foreground;
 
-/// Fraction of the candidates below which an update is ignored: a network without density must not empty the
-/// occupancy grid.
+/// Least fraction of the candidates that an update must leave occupied to be applied: a network without density must
+/// not empty the occupancy grid.
 const SMALLEST_SHARE: f64 = 0.02;
-/// A cell of the hull must be seen by 1/`SEEN_SHARE` of the views that see the best-seen cell: what only a few
-/// cameras see behind the scene is not carved, and is not the scene.
+/// A cell of the hull must be seen by 1/`SEEN_SHARE` as many views as the best-seen cell. The rule excludes space
+/// behind the scene that only a few cameras see, and that is therefore not carved.
 const SEEN_SHARE: u32 = 4;
-/// Most multiply-adds for evaluating every cell at eight points: some seconds.
+/// Most multiply-adds, some seconds, for which every cell is evaluated at eight points.
 const SETTLE_MACS: usize = 300_000_000_000;
-/// Weight along a training ray from which a cell holds something that was seen.
+/// Least weight of a training sample that marks its cell as visible.
 const MARKED_WEIGHT: f32 = 3e-3;
-/// Number of training rays after which a cell that none of them gave weight to holds nothing that was seen.
+/// Number of training rays after which cells without a mark count as invisible.
 const MARKED_RAYS: u64 = 250_000;
-/// Density of a cell that was not evaluated yet: it stays occupied.
+/// Stored density of a cell that was not evaluated yet; the cell stays occupied.
 const UNKNOWN: f32 = -1.0;
 
 /// Occupancy grid with one bit per cell, as in the blob.
@@ -46,7 +46,7 @@ impl LiveCells {
         SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) }
     }
 
-    /// Whether both have the same bounds and resolution.
+    /// Whether `self` and `other` have the same bounds and resolution.
     pub(crate) fn is_like(&self, other: &Self) -> bool {
         let shape = |cells: &Self| (cells.min, cells.max, cells.resolution, cells.bits.len());
         shape(self) == shape(other)
@@ -114,7 +114,7 @@ pub struct Occupancy {
     /// Stored density of each candidate, 1/world unit.
     density: Vec<f32>,
     refreshes: u64,
-    /// One bit per cell: whether a training ray gave it weight since marking began; empty before.
+    /// One bit per cell: whether a training ray gave the cell weight since marking began; empty before.
     weighted: Vec<u8>,
     /// Number of rays of the steps in which cells were marked.
     marked_rays: u64,
@@ -134,8 +134,8 @@ impl Occupancy {
         Self::of_candidates(bounds, sides, (0..cells).collect())
     }
 
-    /// Occupancy grid of an unbounded scene. A cell is occupied if two views see it from apart, if it is not nearer
-    /// to a camera than anything the camera shows, and if it is not known to be free.
+    /// Occupancy grid of an unbounded scene. A cell is occupied if two views at least `apart` from each other see it,
+    /// if each camera is farther away than its distance in `nears`, and if the cell is not known to be free.
     ///
     /// `nears`: for each view, the distance within which there is nothing, world units. `apart`: least distance of
     /// the two cameras, world units. `free`: one value per cell, empty if none is known.
@@ -169,7 +169,7 @@ impl Occupancy {
             }
             enough
         };
-        // The corners of the box are beyond all of space.
+        // The corners of the cube are outside of contracted space, which is a ball.
         let reach = 2.0 * contraction.radius();
         let possible = |&cell: &u32| {
             let inside = (full.live.point(cell, [0.5; 3]) - contraction.centre()).length() < reach;
@@ -179,7 +179,7 @@ impl Occupancy {
         Self::of_candidates(bounds, full.live.resolution, cells)
     }
 
-    /// Halves the cells along each side: each becomes eight, occupied or not as before.
+    /// Returns a grid of twice the resolution: each cell becomes eight, occupied or not as before.
     pub fn halved(&self) -> Self {
         let [_, ny, nz] = self.live.resolution.map(u32::from);
         let resolution = self.live.resolution.map(|side| 2 * side);
@@ -198,7 +198,7 @@ impl Occupancy {
         Self { live, candidates, density, refreshes: 0, weighted: Vec::new(), marked_rays: 0 }
     }
 
-    /// Carves the visual hull: cells that many views see, and none as its empty background.
+    /// Carves the visual hull: the cells that enough views see, and that no view shows as background.
     ///
     /// `None` if the pictures do not tell what is empty. A view sees a cell if the window around the projection of
     /// the cell's bounding sphere is completely in the picture.
@@ -239,7 +239,7 @@ impl Occupancy {
         SceneBox::new(min, max).ok()
     }
 
-    /// Whether both have the same cells and candidates, so that they can be one grid at two steps of a run.
+    /// Whether `self` and `other` have the same cells and candidates, as one grid at two steps of a run has.
     pub(crate) fn is_like(&self, other: &Self) -> bool {
         let candidates = self.candidates == other.candidates && self.density.len() == other.density.len();
         let marks = self.weighted.is_empty() || self.weighted.len() == self.live.bits.len();
@@ -262,7 +262,7 @@ impl Occupancy {
         self.live
     }
 
-    /// Marks the cells of the samples of `rays` training rays; a sample: position in the box, weight along its ray.
+    /// Marks the cells of samples with enough weight, of `rays` training rays; a sample: position in the box, weight.
     pub fn mark(&mut self, rays: usize, samples: impl Iterator<Item = ([f32; 3], f32)>) {
         self.weighted.resize(self.live.bits.len(), 0);
         self.marked_rays += rays as u64;
@@ -277,7 +277,7 @@ impl Occupancy {
         }
     }
 
-    /// Empties the cells that no training ray gave weight to, if enough rays were marked to tell.
+    /// Empties the cells without a mark, if at least `MARKED_RAYS` rays were marked.
     pub fn drop_unweighted(&mut self) {
         if self.marked_rays >= MARKED_RAYS {
             self.live.bits.iter_mut().zip(&self.weighted).for_each(|(live, weighted)| *live &= weighted);

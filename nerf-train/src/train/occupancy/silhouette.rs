@@ -4,7 +4,7 @@ use crate::data::{Background, View};
 use glam::Vec3;
 use nerf_core::camera::Camera;
 
-/// Foreground of a view, as sums over rectangles.
+/// Foreground mask of a view, as a table of sums over rectangles.
 pub(super) struct Silhouette {
     camera: Camera,
     width: usize,
@@ -14,7 +14,7 @@ pub(super) struct Silhouette {
 }
 
 impl Silhouette {
-    /// `None` if the pictures do not tell what is foreground.
+    /// Silhouette of a view; `None` if the pictures do not tell what is foreground.
     pub(super) fn of(view: &View, background: Background) -> Option<Self> {
         let (width, height) = view.size();
         let (width, height) = (width as usize, height as usize);

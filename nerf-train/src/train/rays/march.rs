@@ -8,7 +8,7 @@ use nerf_core::space::{Contraction, SceneBox};
 
 /// Number of samples that are looked up together.
 const GROUP: usize = 16;
-/// Added to a number from 0 to 2^22, this leaves the nearest whole number in the last bits.
+/// Constant that, added to a number from 0 to 2^22, leaves the nearest whole number in the last bits.
 const MAGIC: f32 = 8_388_608.0;
 
 /// Cells along each side of a block.
@@ -23,7 +23,7 @@ pub struct MarchCells {
     bits: Vec<u8>,
     /// Number of blocks of [`BLOCK_SIDE`]³ cells along x, y, z.
     blocks: [u16; 3],
-    /// Whether a block or one next to it has an occupied cell; bits in the order of the cells' bits.
+    /// One bit per block, in the order of `bits`: whether the block or an adjacent one has an occupied cell.
     near: Vec<u8>,
 }
 
@@ -63,7 +63,7 @@ impl MarchCells {
         Lookup::new(&self.bits, self.resolution, self.resolution.map(f32::from), &self.bounds, ray)
     }
 
-    /// As [`Self::lookup`], for the blocks: the last ones may reach out of the box.
+    /// Lookup of blocks in place of cells; the last blocks may reach out of the box.
     fn block_lookup(&self, ray: &Ray) -> Lookup<'_> {
         let sides = self.resolution.map(|side| f32::from(side) / BLOCK_SIDE as f32);
         Lookup::new(&self.near, self.blocks, sides, &self.bounds, ray)
@@ -92,7 +92,7 @@ impl<'a> Lookup<'a> {
         }
     }
 
-    /// Bit `i`: whether the cell at `t = first + (base + i) step` is occupied; outside of the box, the nearest cell.
+    /// Mask: bit `i` is set if the cell at `t = first + (base + i) step` (or the nearest cell in the box) is occupied.
     #[inline(always)]
     fn live(&self, first: f32, step: f32, base: u32) -> u32 {
         let [_, ny, nz] = self.resolution;
@@ -121,10 +121,10 @@ fn first_bits(count: u32) -> u32 {
     u32::MAX >> (32 - count.min(GROUP as u32))
 }
 
-/// A march that appends to `positions` the points `t = first + i step` of `ray`, `i` in `0..count`, that lie in occupied
+/// March that appends to `positions` the points `t = first + i step` of `ray`, `i` in `0..count`, that lie in occupied
 /// cells.
 ///
-/// A point counts as inside of the box. On a face between two cells, it counts as in either.
+/// All points are assumed inside of the box. A point on a face between two cells may count as in either.
 pub(super) struct March<'a> {
     pub cells: &'a MarchCells,
     pub ray: &'a Ray,
@@ -166,11 +166,11 @@ impl Op for March<'_> {
     }
 }
 
-/// As [`March`], for a ray through an unbounded scene. The points are at `first + i step` in steps of the contraction
-/// ([`Contraction::distance`]). Appends to `samples` the contracted points, the length of each step, world units, and
-/// the factor on its gradient. Less than a radius of the ball from the camera, which is `start` before the ray, the
-/// factor is the square of the distance in radii: cells close to a camera have many rays through them, all of that
-/// camera, and fog would settle there.
+/// March as [`March`], for a ray through an unbounded scene. The points are at `first + i step` in steps of the
+/// contraction ([`Contraction::distance`]). Appends to `samples` the contracted points, the length of each step, world
+/// units, and the factor on the sample's gradient. Within one ball radius of the camera, which is `start` before the
+/// ray, this factor is the squared distance in radii: many rays of that camera alone cross the cells, and fog would
+/// settle.
 ///
 /// # Source
 /// Philip and Deschaintre 2023, "Floaters No More".

@@ -21,10 +21,10 @@ use std::time::{Duration, Instant};
 
 /// Number of rays that one task marches together.
 const CHUNK: usize = 128;
-/// The same for an unbounded scene, whose rays are fewer and longer.
+/// Number of rays that one task marches together in an unbounded scene, whose rays are fewer and longer.
 const CONTRACTED_CHUNK: usize = 16;
 
-/// One in this many rays of an unbounded scene goes along a line of sight.
+/// Number of rays of an unbounded scene per ray along a line of sight.
 const SIGHT_SHARE: usize = 8;
 
 /// All pixels that a run may draw, and the sampling of their rays.
@@ -41,9 +41,9 @@ pub struct RayBank<'d> {
     bins: Bins,
     bounds: Bounds,
     sampling: SamplingConfig,
-    /// Lines of sight, each with its view, which a fraction of the rays of an unbounded scene go along.
+    /// Lines of sight, each with its view's index, along which a fraction of an unbounded scene's rays are cast.
     sights: Vec<(usize, Sight)>,
-    /// Weight of the distances of their points in the loss.
+    /// Weight of the depth loss of the rays along lines of sight.
     depth: f32,
     seed: u64,
 }
@@ -55,9 +55,9 @@ struct Marched {
     samples: Samples,
     /// Surfaces of the rays along lines of sight, which come first.
     surfaces: Vec<Surface>,
-    /// Position of each sample of those rays along its ray, 0 to 1.
+    /// Position along its ray, 0 to 1, of each sample of the rays along lines of sight.
     along: Vec<f32>,
-    /// View of each ray; `pixels`: its pixel there; `origins`: its origin.
+    /// Index of each ray's view; `pixels`: index of its pixel in the view; `origins`: its origin, world.
     views: Vec<u32>,
     pixels: Vec<u32>,
     origins: Vec<[f32; 3]>,
@@ -104,7 +104,7 @@ impl<'d> RayBank<'d> {
         })
     }
 
-    /// Lets an eighth of the rays go along lines of sight of the bank's views.
+    /// Casts an eighth of the rays along lines of sight of the bank's views.
     #[must_use]
     pub fn with_sights(mut self, sights: &Sights) -> Self {
         let of_view = |(view, sights): (usize, &Vec<Sight>)| {
@@ -141,7 +141,7 @@ impl<'d> RayBank<'d> {
 
     /// Fills `batch` with `rays` rays of `step` or, if `live` is not 0, with fewer that have at most `live` samples.
     ///
-    /// `occupancy` tells which samples are live; without it, all inside the scene box are.
+    /// Samples are kept in occupied cells of `occupancy` or, without it, anywhere in the scene box.
     pub fn fill(
         &self,
         batch: &mut Batch,
@@ -171,8 +171,8 @@ impl<'d> RayBank<'d> {
         batch.deltas.resize(batch.positions.len(), self.bins.delta());
     }
 
-    /// Fills `batch` with `rays` rays of `step`. Their samples are in `cells`, `width` apart, from a random position
-    /// in the first step on. Returns the time that this took, summed over threads.
+    /// Fills `batch` with `rays` rays of `step`, whose samples are in occupied cells of `cells`, `width` world units
+    /// apart, at a random offset within the first step. Returns the time that this took, summed over threads.
     ///
     /// Near and far planes do not matter: a ray is marched through all of the scene box.
     pub fn fill_marched(
@@ -208,8 +208,7 @@ impl<'d> RayBank<'d> {
         time
     }
 
-    /// As [`Self::fill_marched`], for an unbounded scene: `width` is in radii of `contraction`'s ball, as long as
-    /// nothing is contracted.
+    /// Does [`Self::fill_marched`] for an unbounded scene. `width`: length of a step, radii of the uncontracted ball.
     fn fill_contracted(
         &self,
         isa: Isa,
@@ -280,7 +279,7 @@ impl<'d> RayBank<'d> {
         }
     }
 
-    /// A random pixel of all views, near foreground or not.
+    /// Random view and pixel of all views, near foreground or not.
     fn any_pixel(&self, step: u64, index: u64) -> (usize, usize) {
         let total = self.starts[self.views.len()];
         let bits = uniform_u32(self.seed, Purpose::Pixel, step, index);
@@ -344,15 +343,15 @@ impl<'d> RayBank<'d> {
     fn target(&self, step: u64, index: u64, (view, pixel): (usize, usize), rgba: [u8; 4]) -> (Ray, BatchRay) {
         let ray = ray_of(&self.cameras[view], pixel);
         let background = match self.background {
-            // Corners of the colour cube, where errors of opacity weigh most; white one time in
-            // three, since against it the edges of most things do.
+            // Corners of the colour cube, where errors of opacity weigh most; white one time in three, since errors at
+            // the edges of most things weigh most against white.
             Background::Alpha if self.sampling.random_background => {
                 let bits = uniform_u32(self.seed, Purpose::Background, step, index);
                 let white = bits >> 30 == 0;
                 std::array::from_fn(|c| if white { 1.0 } else { (bits >> c & 1) as f32 })
             }
             Background::Constant(colour) => colour.map(|c| f32::from(c) / 255.0),
-            // Nothing is behind the scene: light that passes through it is an error whatever its colour.
+            // Nothing is behind an unbounded scene: against a random colour, transmitted light is an error.
             Background::Unknown if self.bounds.contraction.is_some() => {
                 let bits = uniform_u32(self.seed, Purpose::Background, step, index);
                 std::array::from_fn(|c| (bits >> (8 * c) & 255) as f32 / 255.0)
@@ -392,7 +391,7 @@ impl<'d> RayBank<'d> {
             Jitter::None => self.bins.at(bin, 0.5),
             Jitter::Bin => self.bins.within(bin, draw()),
             Jitter::Width(width) => {
-                // A width beyond the bin counts as the bin's: uniform over it, without a pile at the end.
+                // A width beyond the bin's is limited to it: uniform over the bin, without a peak at the end.
                 let delta = self.bins.delta();
                 let u = draw() * width.min(delta) / delta;
                 self.bins.within(bin, u.min(1f32.next_down()))
@@ -401,8 +400,8 @@ impl<'d> RayBank<'d> {
     }
 }
 
-/// Fills `batch` with `rays` rays, of which one task marches `chunk` together: `march` adds a range of them. Returns the
-/// time that this took, summed over threads.
+/// Fills `batch` with `rays` rays, in tasks of `chunk` rays: `march` marches the range of one task. Returns the time
+/// that this took, summed over threads.
 fn marched(
     batch: &mut Batch,
     rays: usize,

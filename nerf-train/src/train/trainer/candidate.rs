@@ -13,19 +13,19 @@ pub(crate) const MADE_BY: &str = concat!("nerf-train ", env!("CARGO_PKG_VERSION"
 /// Optical depth of a marched step above which a cell is kept in the file; training keeps more.
 const EXPORTED: f32 = 0.03;
 
-/// A state of the run as it would be exported: measurements of it are of what its blob shows.
+/// State of a run as it would be exported: its measurements are those of the exported blob.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
     pub step: u32,
     /// Parameters in export order, not yet rounded; averaged over steps if the run averages.
     pub parameters: Vec<f32>,
-    /// Occupancy grid, evaluated once more everywhere.
+    /// Occupancy grid, usually after a last evaluation of all cells.
     pub live: LiveCells,
     /// Architecture, if it differs from the trained one: without the direction.
     pub architecture: Option<Architecture>,
 }
 
-/// Facts in a blob besides those that the run knows.
+/// Facts about an exported blob that the trainer does not know.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct About<'a> {
     /// Whether the occupancy grid is part of the model.
@@ -36,10 +36,10 @@ pub struct About<'a> {
 }
 
 impl Candidate {
-    /// Takes the present state of the run, without changing the training.
+    /// Copies the present state of the run, without changing the training.
     ///
-    /// `settle`: evaluate all cells of the occupancy grid once more. A grid field's cells are evaluated all the time,
-    /// so that before the end of its run this is not needed.
+    /// `settle`: whether all cells of the occupancy grid are evaluated once more. A grid field needs this only at the
+    /// end of its run, because training evaluates its cells all the time.
     pub fn of(trainer: &Trainer<'_>, settle: bool) -> Self {
         let averaged = trainer.state.average.values().map(Cow::Borrowed);
         let parameters = averaged.unwrap_or_else(|| trainer.engine.parameters());

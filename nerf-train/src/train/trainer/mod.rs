@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 
 /// Number of consecutive steps without any density after which a run restarts with another seed.
 const DEAD_STEPS: u32 = 100;
-/// Updates of the occupancy grid in which every cell of a grid field is evaluated once.
+/// Number of updates of the occupancy grid in which every candidate cell of a grid field is evaluated once.
 const REFRESHES: usize = 24;
 /// Factor on the length of a grid's steps at the beginning, when most of the scene is still fog, and fraction of the
 /// run after which the steps have their final length: in an unbounded scene and in a bounded one.
@@ -33,7 +33,7 @@ const STAGES: f64 = 8.0;
 const MARKED_FROM: f64 = 0.5;
 /// Number of steps in which the poses of validation views are refined.
 const HELD_OUT_STEPS: u32 = 100;
-/// Rays per validation view in each of these steps; fewer if there are more views than [`HELD_OUT_VIEWS`].
+/// Rays per validation view in each of the [`HELD_OUT_STEPS`]; fewer if there are more views than [`HELD_OUT_VIEWS`].
 const HELD_OUT_RAYS: usize = 48;
 const HELD_OUT_VIEWS: usize = 64;
 /// Number of restarts before a run is given up.
@@ -43,23 +43,23 @@ pub(crate) const RESEEDS: u32 = 3;
 pub struct Trainer<'d> {
     pub(crate) config: Config,
     dataset: &'d Dataset,
-    /// Background colour, display-encoded: the data's own; in an unbounded scene, where it shows only in parts that
-    /// no photograph saw, the photographs' mean colour; else black.
+    /// Background colour, display-encoded: the data's own; in an unbounded scene, the photographs' mean colour, which
+    /// shows only in parts that no photograph saw; else black.
     pub(crate) background: [f32; 3],
     pub(crate) model: Model,
     kernel: Kernel,
     pub(crate) bounds: Bounds,
     bank: RayBank<'d>,
-    /// Width of the steps that rays are marched in; none if they are cut into bins between near and far.
+    /// Width of marched steps, world units; `None` if rays are divided into bins between near and far.
     step_width: Option<f32>,
     engine: Box<dyn Engine>,
     pub(crate) state: State,
     batch: Batch,
     /// Key points of the training views of an unbounded scene.
     pub(crate) sights: Option<Sights>,
-    /// Occupied cells in the layout for marching; none until they are needed.
+    /// Occupied cells in the layout for marching; `None` until they are needed.
     cells: Option<MarchCells>,
-    /// The next step's batch, if it was marched during this step's update, and the parameters of that march.
+    /// The next step's batch and the parameters of its march, if it was marched during this step's update.
     prefetched: (Option<March>, Batch),
     phases: Phases,
     pub(crate) fingerprint: u64,
@@ -120,8 +120,8 @@ impl<'d> Trainer<'d> {
     /// Resumes from a checkpoint of the same run.
     ///
     /// # Errors
-    /// [`TrainError::Engine`] if its parameters do not fit, [`TrainError::Parts`] if anything else does not; the run
-    /// is then as before.
+    /// [`TrainError::Engine`] if the checkpoint's parameters do not fit, [`TrainError::Parts`] if anything else does
+    /// not; the run is then as before.
     pub fn restore(&mut self, checkpoint: Checkpoint) -> Result<(), TrainError> {
         self.check_parts(&checkpoint)?;
         self.engine.restore(&checkpoint.optimiser)?;
@@ -133,7 +133,7 @@ impl<'d> Trainer<'d> {
         Ok(())
     }
 
-    /// Checks that the run can compute with a checkpoint, whose checksum does not tell who wrote it.
+    /// Checks that a checkpoint's parts fit the run: a valid checksum does not prove that this program wrote it.
     fn check_parts(&self, checkpoint: &Checkpoint) -> Result<(), TrainError> {
         let State { progressed: p, occupancy, photographs, .. } = &checkpoint.state;
         let counted = p.rays.max(p.samples).max(p.evaluated) <= u64::MAX / 2;
@@ -254,7 +254,7 @@ impl<'d> Trainer<'d> {
             if grid {
                 live_per_ray = smoothed(live_per_ray, loss.kept, batch.rays.len());
             }
-            // The cells that an update of the occupancy grid leaves are not known yet.
+            // Before an update of the occupancy grid, the cells of the next step are not known yet.
             if let (Some(width), Some(cells), false) = (width, &cells, refreshed) {
                 let (step, rays) = (u64::from(step) + 1, rays_of(s, 1.0, live_per_ray));
                 let march = March { step, rays, width };
@@ -289,7 +289,7 @@ impl<'d> Trainer<'d> {
         Ok(())
     }
 
-    /// Marks the cells of an unbounded scene that the last step gave weight to.
+    /// In an unbounded scene, from [`MARKED_FROM`] on, marks the cells of the last step's samples of enough weight.
     fn mark_weighted(&mut self, share: f64) {
         if self.bounds.contraction.is_none() || share < MARKED_FROM {
             return;
@@ -337,7 +337,7 @@ impl<'d> Trainer<'d> {
         }
     }
 
-    /// Discards what was marched with the previous cells.
+    /// Discards the cells in the layout for marching, and the batch that was marched with them.
     fn forget_marched(&mut self) {
         (self.cells, self.prefetched.0) = (None, None);
     }
@@ -422,7 +422,7 @@ impl March {
     }
 }
 
-/// Number of rays that a step draws if each has `live_per_ray` samples; 0 is not known yet.
+/// Number of rays that a step draws if each has `live_per_ray` samples (0: not known yet).
 fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
     if sampling.live_samples > 0 && live_per_ray > 0.0 {
         ((margin * sampling.live_samples as f64 / live_per_ray) as usize).clamp(64, 65_536)
@@ -431,7 +431,7 @@ fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
     }
 }
 
-/// Smoothed number of samples in occupied cells per ray, after a step that had `live` on `rays`.
+/// Smoothed number of samples in occupied cells per ray, after a step of `rays` rays with `live` samples.
 fn smoothed(before: f64, live: usize, rays: usize) -> f64 {
     let now = live as f64 / rays.max(1) as f64;
     if before == 0.0 { now } else { 0.9 * before + 0.1 * now }

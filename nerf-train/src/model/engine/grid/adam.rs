@@ -1,17 +1,17 @@
 //! Adam for entries that have a gradient, and the steps at which each level of the tables is updated.
 //!
-//! Adam costs as much for a small gradient as for a large one, and the hashed levels have most of a grid's entries.
-//! Each of them is updated only at every `hashed_every`th step, by the sum of its gradients, which serves Adam as
-//! well as their mean. Dense levels are updated at every step.
+//! Adam costs as much for a small gradient as for a large one, and the hashed levels have most of a grid's entries. A
+//! hashed level is updated only at every `hashed_every`th step, by the sum of its gradients, which serves Adam as well
+//! as their mean. Dense levels are updated at every step.
 //!
-//! Weight decay is decoupled (Loshchilov & Hutter 2019) and applies to the colour branch alone, which without it fits
-//! the photographs' directions too closely.
+//! Weight decay is decoupled (Loshchilov & Hutter 2019) and applies to the colour branch alone, which would otherwise
+//! fit the photographs' directions too closely.
 
 use crate::model::engine::{Adam, Model, Part};
 use nerf_core::encoding::GridLevel;
 use nerf_core::simd::{Lanes, Op};
 
-/// Smallest second moment that a step divides by, the square of the usual epsilon, so that no step overflows.
+/// Lower bound of the second moment in a step, the square of the usual epsilon, so that no step overflows.
 const SMALLEST: f32 = 1e-30;
 
 #[derive(Clone, Copy)]
@@ -49,7 +49,7 @@ pub(super) fn decay_weights(adam: &Adam, rate: f64, model: &Model, parameters: &
     }
 }
 
-/// Updates the values that have a gradient. The others and their moments do not change.
+/// Applies Adam to values whose gradient is not 0; other values and their moments do not change.
 pub(super) struct Apply<'a> {
     pub step: AdamStep,
     pub values: &'a mut [f32],
@@ -68,7 +68,7 @@ impl Op for Apply<'_> {
     }
 }
 
-/// Updates the values that have a gradient, sixteen at a time; `m`, `v`: their moments.
+/// Applies Adam to values whose gradient is not 0, sixteen at a time; `m`, `v`: first and second moments.
 #[inline(always)]
 pub(super) fn move_values(
     step: AdamStep,
@@ -82,7 +82,7 @@ pub(super) fn move_values(
     let (m, last_m) = m.as_chunks_mut::<16>();
     let (v, last_v) = v.as_chunks_mut::<16>();
     for (((value, m), v), g) in values.iter_mut().zip(m).zip(v).zip(gradient) {
-        // Without a gradient, three lines of memory are neither read nor written.
+        // If all sixteen gradients are 0, values and moments are neither read nor written.
         if g.iter().fold(0, |any, g| any | g.to_bits() << 1) != 0 {
             for i in 0..16 {
                 moved(step, &mut value[i], &mut m[i], &mut v[i], g[i]);
@@ -119,7 +119,7 @@ fn moved(step: AdamStep, value: &mut f32, m: &mut f32, v: &mut f32, g: f32) {
     *v = if some { new_v } else { *v };
 }
 
-/// Number of a level's updates up to and including step `step`, counted from 1; none if that step does not update it.
+/// Number of a level's updates up to and including step `step`, counted from 1; `None` if the step does not update it.
 pub(super) fn moves(adam: &Adam, level: &GridLevel, step: u64) -> Option<u64> {
     if level.mask.is_none() {
         return Some(step);

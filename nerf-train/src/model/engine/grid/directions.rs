@@ -42,11 +42,11 @@ impl Directions {
     }
 }
 
-/// `Jᵀ of_encoded`, with `J` the derivative of the spherical harmonics' polynomials by the direction; `of_encoded`:
-/// one value per polynomial of the degree.
+/// Gradient by the direction: `Jᵀ of_encoded`, with `J` the derivative of the spherical harmonics' polynomials.
+/// `of_encoded`: gradient by each polynomial's value.
 ///
-/// The polynomials are those of [`encode_harmonics_block`]. They mean nothing off the sphere, so that only the
-/// component across the direction does.
+/// The polynomials are those of [`encode_harmonics_block`], which are defined on the sphere alone: only the component
+/// perpendicular to the direction is meaningful.
 pub(super) fn harmonics_gradient([x, y, z]: [f32; 3], of_encoded: &[f32]) -> Vec3 {
     let band3 = 0.457_045_8 * (1.0 - 5.0 * z * z);
     let by_dir = [

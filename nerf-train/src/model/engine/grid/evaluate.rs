@@ -11,19 +11,19 @@ use nerf_core::network::EXPONENTIAL_LIMIT;
 use std::ops::Range;
 use std::time::Instant;
 
-/// Samples of a ray that are evaluated between two tests of its transmittance.
+/// Number of samples of a ray that are evaluated between two tests of its transmittance.
 const WAVE: usize = 8;
 
 /// State of a ray of the current chunk.
 #[derive(Clone, Copy, Default)]
 pub(super) struct RayState {
-    /// Index in the batch of its first sample; `samples` is their number.
+    /// Index in the batch of the ray's first sample; `samples`: number of its samples.
     pub first: usize,
     samples: usize,
     pub evaluated: usize,
     depth: f32,
     pub kept: (usize, usize),
-    /// Transmittance after its last sample.
+    /// Transmittance after the ray's last evaluated sample.
     pub transmittance: f32,
 }
 
@@ -98,7 +98,7 @@ impl Evaluated {
         phases.lap(Phase::Composite, now);
     }
 
-    /// Evaluates the first sample of each ray of a 2D field, which hides the others.
+    /// Evaluates the first sample of each ray of a 2D field, which occludes the rest.
     pub fn picture(
         &mut self,
         job: &Job<'_>,

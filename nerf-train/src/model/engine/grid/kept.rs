@@ -1,25 +1,25 @@
-//! Samples that the reference engine trains: the decisions of [`super::pass`], in the plainest form.
+//! Samples that the reference engine trains, chosen as in [`super::pass`] by the simplest code.
 
 use super::pass::{GATE, ROULETTE_WEIGHT, T_MIN};
 use crate::model::engine::BatchRay;
 use nerf_core::sampling::{Purpose, uniform};
 
-/// Samples of some rays that are coloured and trained, ray after ray, and the transmittance of the others.
+/// Samples of some rays that are coloured and trained, ray after ray, and the transmittance of the remaining samples.
 pub(super) struct KeptSamples {
     pub samples: Vec<usize>,
     pub counts: Vec<usize>,
-    /// Inverse of the probability with which each was kept.
+    /// Inverse of the probability with which each sample was kept.
     pub inverse: Vec<f32>,
-    /// Transmittance of all samples before each that were not kept.
+    /// Transmittance of the samples in front of each kept sample that were not kept.
     pub front: Vec<f32>,
-    /// Transmittance of all of a ray's samples that were not kept.
+    /// Transmittance of all samples of each ray that were not kept.
     pub unkept: Vec<f32>,
 }
 
 impl KeptSamples {
-    /// Chooses from samples with these optical `depths`, which begin at index `first` of the batch: those whose
-    /// weight exceeds the gate and, if there is a seed, some of the others by Russian roulette. A ray ends when its
-    /// transmittance is below `T_MIN`.
+    /// Chooses the samples whose weight exceeds the gate and, with `roulette`, some of the others by Russian roulette.
+    /// A ray ends when its transmittance is below `T_MIN`. `depths`: optical depth of each sample; `first`: index of
+    /// the first in the batch.
     pub fn of(rays: &[BatchRay], depths: &[f32], first: usize, roulette: Option<(u64, u64)>) -> Self {
         let (mut samples, mut inverse, mut front) = (Vec::new(), Vec::new(), Vec::new());
         let (mut counts, mut unkept) = (Vec::new(), Vec::new());
@@ -53,7 +53,7 @@ impl KeptSamples {
         Self { samples, counts, inverse, front, unkept }
     }
 
-    /// Distance of each kept sample from the first one of its ray, along their `positions`.
+    /// Distance of each kept sample from the first one of its ray, summed over the gaps between `positions`.
     pub fn along(&self, positions: &[[f32; 3]]) -> Vec<f32> {
         let mut along = Vec::with_capacity(positions.len());
         for &count in &self.counts {

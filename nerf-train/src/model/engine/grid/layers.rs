@@ -13,9 +13,9 @@ use nerf_core::simd::Isa;
 pub(super) struct Product {
     pub inputs: usize,
     pub outputs: usize,
-    /// `[inputs][padded outputs]`: forward.
+    /// Weights of the forward pass, `[inputs][padded outputs]`.
     forward: Vec<f32>,
-    /// `[outputs][padded inputs]`: backward.
+    /// Weights of the backward pass, `[outputs][padded inputs]`.
     backward: Vec<f32>,
 }
 
@@ -25,7 +25,7 @@ impl Product {
         Self { inputs, outputs, forward: vec![0.0; forward], backward: vec![0.0; backward] }
     }
 
-    /// Copies the columns of `weights`, `[outputs][row]`, from `first` on.
+    /// Copies the `inputs` columns from `first` on of `weights`, `[outputs][row]`.
     fn load(&mut self, weights: &[f32], row: usize, first: usize) {
         let (across, back) = (padded(self.outputs), padded(self.inputs));
         for (output, weights) in weights.chunks_exact(row).take(self.outputs).enumerate() {
@@ -68,7 +68,7 @@ impl Product {
         gemm(isa, g, x, dy, sum, Init::Accumulate, false);
     }
 
-    /// Number of values of a gradient's sum.
+    /// Number of values of the sum of [`Self::add_gradient`].
     fn sum_len(&self) -> usize {
         self.inputs * padded(self.outputs)
     }

@@ -4,8 +4,8 @@
 //! rays, 8 samples at a time:  encode ──► trunk ──► density ──► T; rays below T_MIN leave
 //! samples with weight > gate: the mean of a ray's features ──► colour ──► pixel ──► loss
 //!                             d colour ──► d trunk ──► d encoded        sums of the layers: one an accumulator
-//! level by level:             d encoded ──► d table entries             in the samples' order; then, if it is the level's
-//!                             turn, Adam of the entries that have a gradient, and their f16, which the next step encodes with
+//! level by level:             d encoded ──► d table entries             in the samples' order; then, for a level
+//!                             that is due, Adam of the entries with a gradient, and their f16 for the next step
 //! Adam:                       layers
 //! ```
 //!
@@ -54,9 +54,9 @@ use scatter::{Halve, Kept, LevelScratch, LevelState, LevelSum};
 use std::borrow::Cow;
 use std::sync::{Mutex, MutexGuard};
 
-/// Number of accumulators, which is the most threads that a step can use before the tables.
+/// Number of accumulators, and most threads of forward and backward pass; each level of the tables has one thread.
 const ACCUMULATORS: usize = 16;
-/// Rays of a chunk: their samples, activations included, fit the second-level cache.
+/// Most rays of a chunk: their samples, activations included, fit the second-level cache.
 const CHUNK_RAYS: usize = 32;
 /// Fewest chunks of a batch of few rays, so that every thread has work: the rays of an unbounded scene are few and
 /// long.
@@ -73,7 +73,7 @@ pub struct GridEngine {
     bounds: SceneBox,
     isa: Isa,
     adam: Adam,
-    /// Parameters, moments, step count and step sizes; what is accumulated for hashed levels is in `sums`.
+    /// Parameters, moments, step count and quantisation steps; gradients accumulated for hashed levels are in `sums`.
     state: OptimiserState,
     layers: Layers,
     passes: Vec<Pass>,
@@ -183,12 +183,12 @@ impl GridEngine {
     }
 }
 
-/// The thread's own entry, so that no thread blocks on the lock.
+/// Entry of `scratch` for the current thread, so that no thread waits for the lock.
 fn own<T>(scratch: &[Mutex<T>]) -> MutexGuard<'_, T> {
     lock(&scratch[rayon::current_thread_index().unwrap_or(0) % scratch.len()])
 }
 
-/// Sums over rays of gradients by log gain, photograph by photograph.
+/// Sums of the rays' gradients by log gain, for each of `views` photographs.
 fn gain_sums<'g>(gains: impl IntoIterator<Item = &'g (u32, [f32; 3])>, views: usize) -> Vec<[f32; 3]> {
     let mut sums = vec![[0.0f32; 3]; views];
     for (view, gradient) in gains {
@@ -244,9 +244,9 @@ impl Engine for GridEngine {
         let (isa, grid, passes) = (self.isa, &self.grid, &self.passes);
         self.level_scratch.resize_with(rayon::current_num_threads(), || Mutex::new(LevelScratch::new(grid)));
         let scratch = &self.level_scratch;
-        // Only its box is used.
+        // `tables` provides only the box.
         let tables = GridTables::new(TableValues::F16(&[]), Some(&self.bounds));
-        // The largest levels, which are the last, come first.
+        // In reverse order: the largest levels are the last.
         let update = || {
             levels.into_par_iter().rev().with_max_len(1).for_each(|mut level| {
                 own(scratch).step(isa, grid, &tables, passes.iter().map(|pass| &pass.kept), &mut level);
@@ -331,7 +331,7 @@ impl Engine for GridEngine {
     }
 }
 
-/// Cuts the first `length` values off.
+/// Splits off the first `length` values.
 fn front<'a, T>(values: &mut &'a mut [T], length: usize) -> &'a mut [T] {
     values.split_off_mut(..length).expect("values for all layers and levels")
 }

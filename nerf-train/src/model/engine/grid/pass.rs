@@ -20,8 +20,8 @@ use std::time::Instant;
 pub(super) const T_MIN: f32 = 1e-3;
 /// Largest weight of samples that are neither coloured nor trained.
 pub(super) const GATE: f32 = 1e-3;
-/// Weight below which Russian roulette ([`Batch::roulette`]) decides on a sample: it is kept with probability weight
-/// / this, and then counts with the inverse of that probability.
+/// Weight below which Russian roulette ([`Batch::roulette`]) decides on a sample. The sample is kept with probability
+/// weight / `ROULETTE_WEIGHT`, and then counts with the inverse of that probability.
 pub(super) const ROULETTE_WEIGHT: f32 = 3e-3;
 
 /// Value from which a photograph's channel counts as clipped at white.
@@ -41,7 +41,7 @@ pub(super) struct Totals {
     /// Sum of (C − rgb)² over rays and channels.
     pub squared: f64,
     pub evaluated: usize,
-    /// Samples with a colour and a backward pass.
+    /// Number of samples with a colour and a backward pass.
     pub kept: usize,
 }
 
@@ -50,9 +50,9 @@ pub(super) struct Pass {
     pub totals: Totals,
     pub sums: LayerSums,
     pub kept: Kept,
-    /// Gradients by log gain, each with the index of its photograph.
+    /// Gradient of each ray by the log gain of its photograph, with the photograph's index.
     pub gains: Vec<(u32, [f32; 3])>,
-    /// Index in the batch and colour error of each ray that names its photograph.
+    /// Index in the batch and colour error of each ray whose photograph is known.
     pub errors: Vec<(u32, [f32; 3])>,
     /// Gradients by rays, if they are requested.
     pub rays: Vec<RayGradient>,
@@ -64,13 +64,13 @@ pub(super) struct Scratch {
     evaluated: Evaluated,
     samples: Samples,
     shade: Shade,
-    /// Gradient by what each ray's kept samples show.
+    /// Gradient by the colour of each ray's kept samples, before gain and background.
     by_shown: Vec<[f32; 3]>,
     /// Gradient by the transmittance after each ray's last sample.
     by_transmittance: Vec<f32>,
     /// Gradient by each kept sample's weight.
     by_weight: Vec<f32>,
-    /// Distance of each kept sample from the one before.
+    /// Distance of each kept sample from the kept sample before.
     gaps: Vec<f32>,
     /// Gradient by raw density, in the first column of each row.
     d_raw: Vec<f32>,
@@ -150,8 +150,8 @@ impl Scratch {
         }
     }
 
-    /// Returns the sum of the pixels' squared errors. Sets the gradients by what the kept samples show, by their
-    /// weights as far as these do not depend on colour, and by the remaining transmittance.
+    /// Returns the sum of the pixels' squared errors. Sets the gradients by the kept samples' colour, by their weights
+    /// (the terms without colour), and by the remaining transmittance.
     fn loss(&mut self, batch: &Batch, rays: Range<usize>, pass: &mut Pass) -> f64 {
         self.distort(batch);
         self.by_shown.clear();
@@ -195,7 +195,7 @@ impl Scratch {
             return;
         }
         let position = |i: usize| batch.positions[evaluated.index_of[samples.row[i] as usize] as usize];
-        // The sample before a ray's first one is another ray's: this gap is not used.
+        // The gap before a ray's first sample, from another ray's sample, is not used.
         let gap = |i: usize| {
             let (from, to) = (position(i.saturating_sub(1)), position(i));
             (0..3).map(|axis| (to[axis] - from[axis]).powi(2)).sum::<f32>().sqrt()
@@ -244,8 +244,8 @@ impl Scratch {
     }
 }
 
-/// Adds the gradient of a ray's known surface to `by_weight` of its samples; returns the gradient by the
-/// transmittance after the last. `index`, `ray`: the ray's in the batch and in the chunk.
+/// Adds the gradient of a ray's depth loss by its samples' weights to `by_weight`; returns the gradient by the
+/// transmittance after the last sample. `index`, `ray`: index of the ray in the batch and in the chunk.
 fn draw_to_surface(
     batch: &Batch,
     index: usize,
@@ -264,7 +264,7 @@ fn draw_to_surface(
     weight * Surface::CLIP
 }
 
-/// Gradients by raw density: of what a sample shows, minus what it hides.
+/// Gradients by raw density: of the colour that a sample adds, minus the light from behind that it absorbs.
 fn raw_densities(
     evaluated: &Evaluated,
     samples: &Samples,

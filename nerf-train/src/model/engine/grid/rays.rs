@@ -17,11 +17,11 @@ pub(super) struct RayScratch {
 }
 
 impl RayScratch {
-    /// Appends the gradient of each ray with kept samples.
+    /// Appends the gradient of each ray with kept samples to `found`.
     ///
     /// A sample is at `origin + t dir`. The gradient by the origin is the sum of the gradients by the samples'
-    /// positions. The gradient by the direction is the sum of these times `t`, plus that through the colour branch.
-    /// `by_encoded`: gradients by the kept samples' encoded values, `[samples][padded outputs]`.
+    /// positions. The gradient by the direction is the sum of `t` times the same gradients, plus the gradient through
+    /// the colour branch. `by_encoded`: gradients by the kept samples' encoded values, `[samples][padded outputs]`.
     pub fn gradients(
         &mut self,
         job: &Job<'_>,
@@ -73,8 +73,8 @@ impl RayScratch {
     }
 }
 
-/// Writes dL/dw of the distortion loss for each sample of a ray to `gradient`. The loss draws the weights of a ray
-/// together, against fog and against surfaces in several places.
+/// Writes dL/dw of the distortion loss for each sample of a ray to `gradient`. The loss concentrates the weights along
+/// a ray, against fog and against surfaces in several places.
 ///
 /// ```text
 /// L = Σ_ij w_i w_j |s_i − s_j|     s: length of the way through the samples, in the space that the grid spans
@@ -85,8 +85,8 @@ impl RayScratch {
 /// the first: any finite number). `gradient`: `[samples]`.
 ///
 /// # Source
-/// Barron et al. 2022 (mip-NeRF 360), section 4. Deviation: the term of each interval's own width is left out, as widths are
-/// given.
+/// Barron et al. 2022 (mip-NeRF 360), section 4. Deviation: the term of each interval's own width is left out, as the
+/// widths are given.
 pub(super) fn distortion_gradient(weights: &[f32], gaps: &[f32], gradient: &mut [f32]) {
     // Sums over the samples in front: of their weights, and of weights times distances.
     let (mut sum, mut moment) = (0.0, 0.0);

@@ -1,8 +1,8 @@
-//! The reference engine of grid fields: tables as a dfdx tensor that samples gather from, all derivatives left to the tape.
+//! The reference engine of grid fields: samples gather from a dfdx tensor of tables; derivatives are left to the tape.
 //!
-//! The results are those of [`GridEngine`](super::GridEngine), in the plainest form. The kept samples are chosen
-//! without a tape; the transmittance of the others is a constant. Deviations: every sample's density is evaluated,
-//! even after the end of a ray, and pixels that a photograph clips at white are treated as all others.
+//! The results are those of [`GridEngine`](super::GridEngine), by the simplest code. The kept samples are chosen
+//! without a tape; the transmittance of the remaining samples is a constant. Deviations: every sample's density is
+//! evaluated, even after the end of a ray, and pixels that a photograph clips at white are treated as all others.
 
 mod forward;
 mod terms;
@@ -34,7 +34,7 @@ pub struct GridReferenceEngine {
     grid: GridEncoding,
     bounds: SceneBox,
     adam: Adam,
-    /// Layers, then tables.
+    /// Parameters and moments: layers, then tables.
     state: OptimiserState,
     of_rays: OfRays,
     device: Cpu,
@@ -153,7 +153,7 @@ impl GridReferenceEngine {
         let sigma = with_gradient_scaled(forward::density(network, &h)?, scales.clone())?;
         let tau = rows.of(sigma)?.try_mul(rows.constants(|i| batch.deltas[kept.samples[i]])?)?;
 
-        // Russian roulette: inverse-probability weights for what a sample shows and the gradient of what it hides.
+        // Russian roulette: inverse-probability weights on a sample's colour, and on the gradient of its occlusion.
         let inverse = || rows.constants(|i| kept.inverse[i]);
         let (front, transmittance) =
             rows.transmittance(with_gradient_scaled(tau.with_empty_tape(), inverse()?)?)?;
@@ -164,7 +164,7 @@ impl GridReferenceEngine {
 
         let towards = surfaces(&rows, batch, indices.clone(), kept, &weights, &transmittance)?;
         let dirs: Vec<_> = rays.iter().map(|ray| ray.dir).collect();
-        // A ray without samples is divided by 1 in place of 0.
+        // The features of a ray without samples are divided by 1 in place of 0.
         let none = kept.counts.iter().map(|&count| f32::from(u8::from(count == 0))).collect();
         let opacity = weights.with_empty_tape().try_sum::<(usize,), Axis<1>>()?;
         let divisor = opacity.with_empty_tape().try_add(device.try_tensor_from_vec(none, (rays.len(),))?)?;
@@ -254,7 +254,7 @@ impl GridReferenceEngine {
         Ok(())
     }
 
-    /// Applies dfdx's Adam to the parameters that have a gradient; the others and their moments do not change.
+    /// Applies dfdx's Adam to parameters whose gradient is not 0; other parameters and their moments do not change.
     fn move_values(
         &mut self,
         range: Range<usize>,

@@ -10,13 +10,13 @@ use nerf_core::sampling::{Purpose, uniform};
 /// The kept samples, ray after ray.
 #[derive(Default)]
 pub(super) struct Samples {
-    /// Row of each among the evaluated samples.
+    /// Row of each kept sample among the evaluated samples.
     pub row: Vec<u32>,
-    /// Index of each one's ray in the chunk.
+    /// Index in the chunk of each kept sample's ray.
     pub ray: Vec<u32>,
     pub weight: Vec<f32>,
     pub after: Vec<f32>,
-    /// Inverse-probability weight of each: 1, except for samples kept by Russian roulette.
+    /// Inverse-probability weight of each kept sample: 1, except for samples kept by Russian roulette.
     pub inverse_probability: Vec<f32>,
     pub counted: Vec<f32>,
     pub scale: Vec<f32>,

@@ -1,6 +1,6 @@
-//! Update of a level: the kept samples' gradients are added to the entries they read, and Adam moves those.
+//! Update of a level: the kept samples' gradients are added to the entries they read, and Adam updates these entries.
 //!
-//! One thread updates a level, in memory that stays in its cache: the gradients of successive levels share a buffer.
+//! One thread updates a level, in memory that stays in the thread's cache: successive levels share a gradient buffer.
 
 use super::adam::{AdamStep, move_values};
 use crate::model::engine::{GRADIENT_LIMIT, Phase, Phases};
@@ -9,24 +9,24 @@ use nerf_core::encoding::{GridCorners, GridEncoding, GridLevel, GridTables, grid
 use nerf_core::simd::{BLOCK, Isa, Lanes, Op, prefetch};
 use std::time::Instant;
 
-/// Number of values in a part of a level; a part that no sample read from is skipped.
+/// Number of values in a part of a level; a part that no sample reads is skipped.
 const PART: usize = 64;
 /// Distance of the prefetch ahead of Adam's step, parts.
 const AHEAD: usize = 4;
 /// Distance of the prefetch ahead of the sum of gradients, samples.
 const SAMPLES_AHEAD: usize = 8;
 
-/// The samples whose gradient reaches the tables.
+/// Kept samples, whose gradients are added to the tables.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Kept {
     /// Positions, `[samples]` along each axis.
     pub positions: [Vec<f32>; 3],
     /// Weights along their rays, `[samples]`.
     pub weights: Vec<f32>,
-    /// Gradients of the encoded values, `[samples][width]`.
+    /// Gradients by the encoded values, `[samples][width]`.
     pub gradients: Vec<f32>,
     pub width: usize,
-    /// Largest absolute value of the gradients; NaN if one is.
+    /// Largest absolute value of the gradients; NaN if any gradient is NaN.
     pub largest: f32,
 }
 
@@ -44,15 +44,15 @@ impl Kept {
         self.gradients.extend_from_slice(gradients);
     }
 
-    /// Whether no entry's sum over all of `kept` can reach [`GRADIENT_LIMIT`].
+    /// Whether no entry's accumulated gradient over all of `kept` can reach [`GRADIENT_LIMIT`].
     pub fn usable<'k>(kept: impl Iterator<Item = &'k Self>) -> bool {
-        // A sample's weights at a level sum to 1.
+        // A sample's interpolation weights at a level sum to 1.
         let most: f64 = kept.map(|kept| kept.positions[0].len() as f64 * f64::from(kept.largest)).sum();
         most < f64::from(GRADIENT_LIMIT)
     }
 }
 
-/// Bits of the largest absolute value: they have the order of the values, and NaN is above all numbers.
+/// Bits of the largest absolute value. Bits of absolute values are ordered as the values, with NaN above all numbers.
 struct Largest<'a> {
     gradients: &'a [f32],
 }
@@ -66,7 +66,7 @@ impl Op for Largest<'_> {
     }
 }
 
-/// Level that a thread updates: values, moments and f16 copy, one of each per value.
+/// State of the level that a thread updates: each value has two moments and an f16 copy.
 pub(super) struct LevelState<'a> {
     pub level: GridLevel,
     pub values: &'a mut [f32],
@@ -81,12 +81,12 @@ pub(super) struct LevelState<'a> {
     pub adam: Option<AdamStep>,
 }
 
-/// Gradient of a level, which Adam resets to 0.
+/// Accumulated gradient of a level; Adam resets it to 0.
 #[derive(Clone, Debug)]
 pub(super) struct LevelSum {
-    /// `[entries][features]`, and a part more for rows that reach beyond the last entry.
+    /// `[entries][features]`, and one part more: a row of two entries may extend beyond the last entry.
     gradient: Vec<f32>,
-    /// Whether a row of two entries begins in each part.
+    /// Whether a row of two entries with a gradient begins in each part.
     touched: Vec<bool>,
 }
 
@@ -109,7 +109,7 @@ impl LevelSum {
     }
 }
 
-/// Buffers of a thread: the gradient of the current level, if every step updates that.
+/// Buffers of a thread. `sum`: gradient of the current level, unless that is accumulated over steps.
 #[derive(Clone, Debug)]
 pub(super) struct LevelScratch {
     sum: LevelSum,
@@ -117,7 +117,7 @@ pub(super) struct LevelScratch {
     pub phases: Phases,
 }
 
-/// Entries, weights and x of a block of samples.
+/// Entries, interpolation weights, and weights of the corners at the larger x, of a block of samples.
 type Corners = (Vec<u32>, Vec<f32>, Vec<f32>);
 
 impl LevelScratch {
@@ -197,7 +197,7 @@ struct Add<'a> {
     touched: &'a mut [bool],
 }
 
-/// Cells with `ROWS` rows of two entries, of `F` values each, two of them `F2`.
+/// [`Add`] for cells with `ROWS` rows of two entries, of `F` values per entry and `F2` per row.
 struct Features<'a, const ROWS: usize, const F: usize, const F2: usize>(Add<'a>);
 
 impl<const ROWS: usize, const F: usize, const F2: usize> Op for Features<'_, ROWS, F, F2> {
@@ -235,7 +235,7 @@ impl<const ROWS: usize, const F: usize, const F2: usize> Op for Features<'_, ROW
     }
 }
 
-/// Applies Adam to the values of a level that have a gradient, resets that to 0, and updates the f16 copy.
+/// Applies Adam to the values of a level whose gradient is not 0, resets the gradient, and updates the f16 copy.
 struct Update<'a, 's, 'l> {
     adam: AdamStep,
     gradient: &'a mut [f32],

@@ -126,7 +126,7 @@ impl Shade {
         job.isa.run(Sigmoids { x: &mut rgb[..count * VECTOR] });
     }
 
-    /// Colour that the kept samples of the chunk's ray of this index show.
+    /// Colour of the kept samples of the chunk's ray `ray`, before gain and background.
     pub fn shown(&self, ray: usize, chunk: Shaded<'_>) -> [f32; 3] {
         let (first, end) = chunk.states[ray].kept;
         if first == end {
@@ -149,9 +149,9 @@ impl Shade {
         })
     }
 
-    /// Backward pass from the gradient by each ray's shown colour. Adds the branch's gradient to `sums` and that by
-    /// each kept sample's weight to `by_weight`; writes that by its features to `by_features`, `[samples][padded
-    /// features]`.
+    /// Backward pass from the gradient by each ray's shown colour. Adds the gradient by the branch's weights to `sums`
+    /// and by each sample's weight to `by_weight`; writes the gradient by each sample's features to `by_features`,
+    /// `[samples][padded features]`.
     pub fn backward(
         &mut self,
         job: &Job<'_>,
@@ -209,7 +209,7 @@ impl Op for Mean<'_> {
     }
 }
 
-/// Gradients by the samples' weights and features, from those by P.
+/// Gradients by the samples' weights and features, from the gradients by P.
 struct OfSamples<'a> {
     rows: &'a [Row],
     samples: &'a Samples,

@@ -19,7 +19,7 @@ impl Op for Exponentials<'_> {
     fn run<V: Lanes>(self) {
         for (x, out) in self.x.chunks_exact(V::COUNT).zip(self.out.chunks_exact_mut(V::COUNT)) {
             let x = V::load(x).add(V::splat(self.bias));
-            // Also -87 of what has underflowed; NaN goes through the comparison as it is.
+            // `exp` clamps its argument at -87; the comparison leaves NaN as it is.
             let limited = V::select(V::splat(self.limit).less(x), V::splat(self.limit), x);
             V::select(limited.equals(limited), exp(limited), limited).store(out);
         }

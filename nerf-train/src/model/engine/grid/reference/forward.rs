@@ -79,7 +79,7 @@ pub(super) fn trunk<T: Tape<f32, Cpu>>(
     Ok(h)
 }
 
-/// sigma of each sample, on a tape of its own.
+/// sigma of each sample, recorded on a separate tape.
 pub(super) fn density<T: Tape<f32, Cpu>>(network: &Network, h: &Matrix<T>) -> Result<Vector<T>, EngineError> {
     let density = network.layers.iter().find(|(d, _)| d.part == Part::Density);
     let (_, weights) = density.ok_or(EngineError::NoDensity)?;
@@ -88,7 +88,7 @@ pub(super) fn density<T: Tape<f32, Cpu>>(network: &Network, h: &Matrix<T>) -> Re
     Ok(raw.try_reshape_like(&(samples,))?.try_clamp(f32::MIN, EXPONENTIAL_LIMIT)?.try_exp()?)
 }
 
-/// Colour of each row of features, `[rows][3]`, on a tape of its own.
+/// Colour of each row of features, `[rows][3]`, recorded on a separate tape.
 pub(super) fn colour(
     engine: &GridReferenceEngine,
     network: &Network,
@@ -124,7 +124,7 @@ fn directions(engine: &GridReferenceEngine, dirs: &[[f32; 3]]) -> Result<Option<
     Ok(Some(engine.device.try_tensor_from_vec(values, (dirs.len(), channels))?))
 }
 
-/// Entries at a cell's corners, as indices among those of all levels, and their trilinear weights.
+/// Entries at the corners of the cell around `unit`, as indices over all levels, and their trilinear weights.
 fn corners(level: &GridLevel, unit: [f32; 3]) -> [(usize, f32); 8] {
     let at: [(u32, f32); 3] = std::array::from_fn(|axis| {
         let along = unit[axis] * level.cells[axis] as f32;
