@@ -59,7 +59,7 @@ impl Audit {
         let mut lab = Variants::new(&bytes)?;
         let dataset = self.data_options.read_for(&self.data, (&blob, &self.file), global)?;
         let views = self.split.some(&dataset, &self.data, self.views)?;
-        // Directions are averaged over training views, not over those that are measured.
+        // Ray directions of training views are averaged, not those of the measured views.
         let rays: Vec<&View> =
             if dataset.train.is_empty() { views.clone() } else { dataset.train.iter().collect() };
         let options =

@@ -13,7 +13,7 @@ use clap::Args;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Number of photographs from which on time and memory are announced first.
+/// Number of photographs from which on expected time and memory are reported first.
 const MANY: usize = 300;
 /// Memory per photograph of about 800 pixels, bytes.
 const BYTES_EACH: u64 = 2_400_000;
@@ -24,9 +24,9 @@ const DECODED_PER_SECOND: u64 = 15_000_000;
 
 /// Check a capture before training: coverage, blur, exposure, overlap, poses.
 ///
-/// `fit` reports the same before training. A model is folded if repeated structures laid two sides of an orbit on top
-/// of each other: photographs that share points then show different things there. This is judged only if the poses
-/// come with tracks of points, as in a COLMAP model.
+/// `fit` runs the same check before training. A model is folded if repeated structures place two sides of an orbit on
+/// top of each other: photographs that share points then show different objects. Detecting a folded model needs poses
+/// with point tracks, as in a COLMAP model.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train check holiday_poses
@@ -64,7 +64,7 @@ impl Check {
         global.finish_with(&diagnosis, || print_lines(lines))
     }
 
-    /// Reports the time and memory that many photographs take. Refuses more than memory can hold.
+    /// Reports the expected time and memory for many photographs. Fails if memory cannot hold them.
     fn say_size(&self, global: &Global) -> anyhow::Result<()> {
         let files = data::files(&self.data);
         let pictures: Vec<_> = files.iter().filter(|file| is_picture_name(file)).collect();

@@ -21,7 +21,7 @@ use std::process::ExitCode;
 /// Message when a signal ends a sequence of runs, each of which has its own file.
 pub const GO_ON: &str = "interrupted: the run that was under way is lost, the finished ones are kept; go on with the same command";
 
-/// Largest number of threads per core: more only cost memory.
+/// Largest number of threads per core: more would only take memory.
 const THREADS_PER_CORE: usize = 4;
 
 /// Prints lines to stdout. A closed pipe is no error.
@@ -102,19 +102,19 @@ impl Global {
         self.say(format!("training on {cpu} ({kernel}, {threads} threads), seed {seed}"));
     }
 
-    /// Reports that a signal ended the command; `message` says what is left of its work.
+    /// Reports that a signal ended the command; `message`: which results are kept.
     pub fn interrupted(&self, message: &str) {
         if self.json { super::interrupted_json(message) } else { super::interrupted(message) }
     }
 
-    /// Prints the result, once and last: as JSON with `--json`, else its fields as lines.
+    /// Prints the result as the last output: as JSON with `--json`, else its fields as lines.
     ///
     /// With `--json` nothing else goes to stdout, so a command prints results nowhere but here.
     pub fn finish(&self, result: &impl Serialize) -> anyhow::Result<ExitCode> {
         self.finish_with(result, || print(lines(result)?.trim_end()))
     }
 
-    /// Prints the result, once and last: as JSON with `--json`, else by calling `human`.
+    /// Prints the result as the last output: as JSON with `--json`, else by calling `human`.
     pub fn finish_with(
         &self,
         result: &impl Serialize,
@@ -148,12 +148,12 @@ pub fn survive_file_size_limits() {
     }
 }
 
-/// Reads a blob, from a file or a pipe, naming it in the error.
+/// Reads a blob from a file or a pipe; an error names the path.
 pub fn read_file(path: &Path) -> anyhow::Result<Vec<u8>> {
     read_limited(path, MAX_BLOB_BYTES).with_context(|| format!("cannot read {}", path.display()))
 }
 
-/// Opens a blob, naming its file in the error.
+/// Opens a blob; an error names its file.
 pub fn open_blob<'a>(path: &Path, bytes: &'a [u8]) -> anyhow::Result<Blob<'a>> {
     Blob::open(bytes).with_context(|| path.display().to_string())
 }
@@ -185,7 +185,7 @@ pub fn tell_flat(outcome: &Outcome) {
     }
 }
 
-/// Names the steps of `--snapshots` at which a run that ended at step `last` took no picture.
+/// Reports the steps of `--snapshots` that have no picture, because the run ended at step `last`.
 pub fn tell_missed(last: u32, missed: &[u32]) {
     let (beyond, passed): (Vec<u32>, Vec<u32>) = missed.iter().partition(|&&step| step > last);
     let say = |steps: &[u32], why: String| {

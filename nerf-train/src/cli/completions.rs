@@ -18,7 +18,7 @@ pub struct Completions {
 }
 
 impl Completions {
-    /// Runs the command; `cli` is the whole command line.
+    /// Runs the command; `cli`: definition of the whole command line.
     pub fn run(&self, mut cli: Command, global: &Global) -> anyhow::Result<ExitCode> {
         let mut script = Vec::new();
         generate(self.shell, &mut cli, "nerf-train", &mut script);

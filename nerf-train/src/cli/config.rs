@@ -40,7 +40,7 @@ impl PrintConfig {
     }
 }
 
-/// The settings as TOML, each after its comment; an unset one is a comment itself.
+/// The settings as TOML, each after its comment; unset settings are commented out.
 fn commented(settings: &toml::Table) -> anyhow::Result<String> {
     let mut text = String::new();
     for (path, name) in TABLES {
@@ -65,7 +65,7 @@ fn commented(settings: &toml::Table) -> anyhow::Result<String> {
     Ok(text)
 }
 
-/// The fields of a type in the sources, each with the lines of its comment.
+/// Fields of the type `name` in the sources, each with the lines of its comment.
 fn fields(name: &str) -> Option<Vec<(Vec<&'static str>, &'static str)>> {
     let (_, body) = SOURCES.split_once(&format!("pub struct {name} {{\n"))?;
     let (body, _) = body.split_once("\n}")?;

@@ -37,14 +37,14 @@ impl Split {
         }
     }
 
-    /// At most `count` views of the split, evenly spread; `data`: path that an error names.
+    /// At most `count` evenly spaced views of the split; `data`: path of the data set, for the error.
     pub fn some<'d>(self, dataset: &'d Dataset, data: &Path, count: usize) -> anyhow::Result<Vec<&'d View>> {
         let views = spread(self.of(dataset), count);
         ensure!(!views.is_empty(), "{}: the split `{}` has no views", data.display(), self.name());
         Ok(views)
     }
 
-    /// Cameras of the split; for a test split without pictures, those of its poses.
+    /// Cameras of the split. A test split without pictures has cameras from its poses.
     pub fn cameras(self, dataset: &Dataset) -> Vec<Camera> {
         let views = self.of(dataset);
         if self == Self::Test && views.is_empty() {
@@ -147,7 +147,7 @@ impl Eval {
         global.finish(&found)
     }
 
-    /// The split of `--split`; by default val, or test if only that has views.
+    /// Split of `--split`; by default val, or test if val has no views but test has.
     fn split_of(&self, dataset: &Dataset) -> Split {
         let there = if dataset.val.is_empty() && !dataset.test.is_empty() { Split::Test } else { Split::Val };
         self.split.unwrap_or(there)
@@ -175,7 +175,7 @@ impl Eval {
         Ok(views.iter().zip(cameras).map(|(view, camera)| Some(view.seen_from(camera?))).collect())
     }
 
-    /// Reports when `--background` cannot change the background of the pictures, which have no alpha.
+    /// Reports if `--background` has no effect, as the pictures have no alpha.
     fn say_opaque(&self, views: &[&View], own: [f32; 3], global: &Global) {
         let other = self.background.is_some_and(|background| background != own);
         if other && views.iter().all(|view| !view.has_alpha()) {

@@ -17,7 +17,7 @@ use serde_json::Value;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Width and height of the picture that is rendered without a data set, pixels, and its field of view, degrees.
+/// Width and height, pixels, and field of view, degrees, of the picture that is rendered without a data set.
 const ORBIT: (u32, u32, f32) = (200, 200, 40.0);
 
 /// Show a frame's render stages, why each runs, and its cost.

@@ -140,7 +140,7 @@ impl Settings {
     }
 }
 
-/// Memory per sample of a step, bytes: measured with 130 million samples.
+/// Memory per sample of a training batch, bytes: measured with 130 million samples.
 const BYTES_PER_SAMPLE: u64 = 32;
 
 impl Fit {
@@ -170,13 +170,13 @@ impl Fit {
         let what = format!("a step of {rays} rays with {samples} samples");
         memory::check(what, rays * samples, BYTES_PER_SAMPLE, "lower --rays")?;
         if let Some(grid) = &config.network.grid {
-            // For a cube; any other box has no more values.
+            // A cubic box has the largest number of grid values of any box.
             check_memory(&grid.encoding(Vec3::ONE))?;
         }
         Ok(config)
     }
 
-    /// Adapts grid and march steps to the photographs' resolution across the scene, then the file's size to
+    /// Adapts grid and march steps to the photographs' resolution across the scene, then the file size to
     /// `--max-bytes`. Reports what was chosen.
     fn sized(&self, config: Config, dataset: &Dataset, global: &Global) -> anyhow::Result<Config> {
         let hull =
@@ -224,7 +224,7 @@ impl Fit {
         }
     }
 
-    /// Checks the options before any data is read. Returns the path of the checkpoint, if there is to be one.
+    /// Checks the options before any data is read. Returns the path of the checkpoint, if one is written.
     fn check(&self) -> anyhow::Result<Option<PathBuf>> {
         // The settings are checked before the data is read, and again with its background.
         self.config(Background::Alpha)?;

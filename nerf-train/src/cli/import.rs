@@ -23,7 +23,7 @@ const RAY_VIEWS: usize = 50;
 /// Convert a nerf-pytorch checkpoint to a scene file.
 ///
 /// CKPT is a .npz or .safetensors file with pts_linears.0.weight, … of one network, or of a coarse and a fine one
-/// (then the fine one is taken).
+/// (of which the fine one is read).
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     nerf-train import lego_200k_fine.npz -o lego.nerf --background white --check lego_200\n  \

@@ -33,7 +33,7 @@ fn collect(name: &str, value: &Value, fields: &mut Vec<(String, String)>, tables
         value => {
             let text = text(value);
             if !text.is_empty() {
-                // The text may be a name from a file.
+                // The text may contain control characters, for example from a file name.
                 fields.push((name.to_owned(), printable::line(&text).into_owned()));
             }
         }

@@ -29,7 +29,7 @@ use clap::{ArgAction, CommandFactory, Parser, Subcommand};
 use std::collections::BTreeMap;
 use std::process::ExitCode;
 
-/// Trains a radiance field on two CPU cores and keeps it as one small file that renders anywhere.
+/// Trains a radiance field on two CPU cores and stores it as one small file that renders anywhere.
 #[derive(Debug, Parser)]
 #[command(
     name = "nerf-train",
@@ -76,7 +76,7 @@ enum Command {
     Completions(completions::Completions),
 }
 
-/// One line with an error and its causes, without repetition: the text of many errors already contains their cause.
+/// One line with an error and its causes; a cause that the error's text already contains is not repeated.
 fn message(error: &anyhow::Error) -> String {
     let mut message = error.to_string();
     for cause in error.chain().skip(1).map(ToString::to_string) {
@@ -93,7 +93,7 @@ fn print_error(message: &str) {
     let _ = to_json(&BTreeMap::from([("error", message)])).map(|json| common::print(json.trim_end()));
 }
 
-/// Reports on stderr that a signal ended the command; `message` says what is left of its work.
+/// Reports on stderr that a signal ended the command; `message`: which results are kept.
 pub(crate) fn interrupted(message: &str) {
     crate::system::progress::abandon();
     common::tell(message);

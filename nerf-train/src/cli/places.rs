@@ -19,10 +19,10 @@ use std::path::{Path, PathBuf};
 pub const BLOB: &[&str] = &["nerf"];
 pub const PICTURE: &[&str] = &["png"];
 pub const VIEW: &[&str] = &["png", "exr"];
-/// Extensions of files, with which the name of a new folder must not end.
+/// File extensions that the name of a new folder must not have.
 const FILES: &str = "nerf png gif mp4 jpg jpeg exr webp tif tiff bmp npz npy json csv svg html md toml safetensors ply obj glb";
 
-/// Refuses a name whose extension means another format than `accepted`.
+/// Refuses a name with the extension of another format than `accepted`.
 pub fn check_extension(flag: &str, path: &Path, accepted: &[&str]) -> anyhow::Result<()> {
     match extension(path) {
         Some(found) if !accepted.contains(&found.as_str()) && !is_device(path) => {

@@ -18,7 +18,7 @@ use std::process::ExitCode;
 
 /// Draw a data set's cameras, and the rays and samples of one training step, in 3D.
 ///
-/// Writes show.html (turn it with the mouse; needs no network) and summary.json into a folder. Rays and samples come
+/// Writes show.html (rotate with the mouse; works offline) and summary.json into a folder. Rays and samples come
 /// from the code that draws training batches, with the occupancy grid that training starts with.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
@@ -119,7 +119,7 @@ impl Show {
         global.finish_with(&summary, || print_lines([&html, &json].map(|path| path.display().to_string())))
     }
 
-    /// The settings that training would start from.
+    /// Settings that training would start with.
     fn config(&self, background: Background) -> Config {
         let around = self.space.around(background, self.scene_box.is_some());
         let mut config = self.preset.config().around(around);

@@ -87,7 +87,7 @@ impl Lists {
         Ok(inputs.writes_folder("-o", &self.output).check()?)
     }
 
-    /// Whether `--levels`, `--layers` or `--width` is given: a preset with a sinusoidal network is then the default.
+    /// Whether `--levels`, `--layers` or `--width` is given, so that the default preset has a sinusoidal network.
     fn of_sinusoidal(&self) -> bool {
         !(self.levels.is_empty() && self.layers.is_empty() && self.width.is_empty())
     }
@@ -107,7 +107,7 @@ impl Lists {
         Combinations { base: job.base_point(), lists: own.into_iter().chain(more).collect(), mode }
     }
 
-    /// Runs the points that are not finished, then reports on all that are.
+    /// Runs the points that are not finished, then reports on all finished ones.
     fn sweep(&self, job: &Job<'_>, more: [(Knob, Vec<f64>); 3], global: &Global) -> anyhow::Result<ExitCode> {
         let combinations = self.combinations(job, more);
         let points = combinations.points()?;
@@ -278,7 +278,7 @@ impl Merge {
         let open = |path: &PathBuf| Folder::existing(Path::new(path));
         let parts = self.folders.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let Some(first) = parts.first() else { bail!("expected at least one folder") };
-        // All are checked against each other before anything is written.
+        // All folders are checked against each other before anything is written.
         parts.iter().try_for_each(|part| first.check_same(&part.header))?;
         let whole = Folder::open(&self.output, first.header.clone())?;
         for part in &parts {

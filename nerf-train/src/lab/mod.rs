@@ -1,7 +1,7 @@
 //! Experiments: settings, their runs, and the results.
 //!
-//! lists of settings → one run each, kept as one small file in the experiment's folder → rows. Tables, plots and
-//! pages of these are in `show/reports`.
+//! lists of settings → one run each, kept as one small file in the experiment's folder → table rows. The modules in
+//! `show/reports` turn rows into tables, plots and pages.
 
 mod shard;
 pub mod study;

@@ -1,21 +1,21 @@
-//! Part of the work that one of several machines does.
+//! Shards: the parts into which work is divided between processes or machines.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// The part of a sweep that one process runs: `i/n` takes every n-th point, beginning with the i-th.
+/// Part of a sweep that one process runs: `i/n` takes every n-th point, beginning with the i-th.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
-    /// `1..=count`.
+    /// Number of the part, `1..=count`.
     pub index: usize,
-    /// At least 1.
+    /// Number of parts, at least 1.
     pub count: usize,
 }
 
 impl Shard {
     pub const WHOLE: Self = Self { index: 1, count: 1 };
 
-    /// Part of an array job that this process does, and the variable that tells it.
+    /// Part of an array job that this process runs, and the environment variable that names the part.
     ///
     /// Slurm: `SLURM_ARRAY_TASK_ID` of `SLURM_ARRAY_TASK_COUNT`, from `SLURM_ARRAY_TASK_MIN` (0 if absent) to `_MAX`
     /// by `_STEP` (1), without gaps. Kubernetes: `JOB_COMPLETION_INDEX`, from 0, of `JOB_COMPLETIONS`, which the

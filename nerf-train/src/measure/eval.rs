@@ -16,14 +16,14 @@ use nerf_core::render::{Counters, Renderer};
 use serde::Serialize;
 use std::time::Instant;
 
-/// An occupancy grid is part of the model if leaving it out changes training views by more than this, dB: a little
-/// less than the 0.1 dB that a blob promises for unseen views.
+/// Change of PSNR on training views without the occupancy grid, above which the grid is part of the model, dB: a
+/// little less than the 0.1 dB that a blob promises for unseen views.
 pub const OCCUPANCY_LOSS_DB: f64 = 0.08;
 
 #[derive(Clone, Debug, Serialize)]
 pub struct ViewScore {
     pub view: String,
-    /// dB; infinite if every pixel is equal.
+    /// PSNR, dB; infinite if all pixels are equal.
     pub psnr_db: f64,
     /// PSNR after the photograph's exposure gain is fitted for each channel, dB.
     pub aligned_psnr_db: f64,
@@ -42,7 +42,7 @@ impl Scores {
         mean(self.views.iter().map(|score| score.psnr_db))
     }
 
-    /// PSNR of the worst view, dB; `None` without views.
+    /// Smallest PSNR of a view, dB; `None` without views.
     pub fn worst_psnr_db(&self) -> Option<f64> {
         self.views.iter().map(|score| score.psnr_db).min_by(f64::total_cmp)
     }
@@ -63,12 +63,12 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> Option<f64> {
     (n > 0).then(|| values.sum::<f64>() / n as f64)
 }
 
-/// Renders every view over `background` and compares it with its picture over the same colour. Masked pixels do not
+/// Renders every view over `background` and compares it with its photograph over the same colour. Masked pixels do not
 /// count.
 ///
-/// Rays start at the camera, as in hosts, unless the plan has a range.
+/// Rays begin at the camera, as in host programs, unless the plan has a range.
 ///
-/// `each` is called with every view, its frame, truth and score, in order.
+/// `each` is called with every view, its frame, ground truth and score, in order.
 pub fn evaluate<'v>(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,
@@ -98,7 +98,7 @@ pub fn evaluate<'v>(
 pub struct EvalOptions {
     /// Background colour; `None`: the blob's own.
     pub background: Option<[f32; 3]>,
-    /// Measures, in addition, every N-th pixel of every N-th row: many published figures are of these.
+    /// Also measures PSNR on every N-th pixel of every N-th row, as many published figures are.
     pub lattice: Option<u32>,
 }
 
@@ -198,7 +198,7 @@ impl Evaluation {
         })
     }
 
-    /// Adds the scores of the same views rendered from their refined poses.
+    /// Adds the scores of `views`, which are the same views with refined poses.
     pub fn add_refined(
         &mut self,
         bytes: &[u8],
@@ -220,7 +220,7 @@ pub fn own_background(blob: &Blob<'_>) -> [f32; 3] {
     blob.scene().map_or([0.0; 3], |scene| scene.background)
 }
 
-/// The pixels whose column and row are multiples of `step`.
+/// Pixels of the picture whose column and row are multiples of `step`.
 fn lattice(picture: &[[f32; 3]], width: usize, step: usize) -> Vec<[f32; 3]> {
     let rows = picture.chunks_exact(width).step_by(step);
     rows.flat_map(|row| row.iter().step_by(step)).copied().collect()
@@ -228,7 +228,7 @@ fn lattice(picture: &[[f32; 3]], width: usize, step: usize) -> Vec<[f32; 3]> {
 
 /// Opens a blob and measures it on `views` over `background`.
 ///
-/// `parameters`, if given, replaces the blob's rounded weights.
+/// `parameters`: f32 weights in place of the blob's rounded weights.
 pub fn measure<'v>(
     blob: &[u8],
     parameters: Option<&[f32]>,
@@ -240,7 +240,7 @@ pub fn measure<'v>(
 ) -> anyhow::Result<Scores> {
     let blob = Blob::open(blob)?;
     let plan = Plan::new(&blob, quality, Outputs::ALL, Batch::FULL)?;
-    // Scores are of the bins that the network was trained on.
+    // Samples lie in the bins that the network was trained with.
     let plan = plan.with_background(background)?.with_own_bins();
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
     let renderer = match parameters {

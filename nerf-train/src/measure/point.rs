@@ -1,4 +1,4 @@
-//! One way to render, and what was measured of it.
+//! Settings of a rendering, and the measurements with them.
 
 use crate::measure::bench::{Clocked, Memory};
 use crate::measure::frame::Frame;
@@ -10,10 +10,10 @@ use nerf_core::math::MathBackend;
 use nerf_core::plan::Quality;
 use nerf_core::render::Counters;
 
-/// Opacity of the exact picture above which a pixel is solid: its distance is compared.
+/// Opacity of the exact rendering above which a pixel is solid, so that its distance is compared.
 const SOLID: f32 = 0.5;
 
-/// Errors of one view against the truth and against the exact rendering.
+/// Errors of one view against ground truth and against the exact rendering.
 #[derive(Clone, Copy, Debug)]
 pub struct ViewErrors {
     pub psnr_db: f64,
@@ -21,7 +21,7 @@ pub struct ViewErrors {
     /// Mean squared error against the exact rendering.
     pub exact_mse: f64,
     pub exact_max: f64,
-    /// Sum of |ray_distance| differences from the exact rendering over its solid pixels, world units.
+    /// Sum over the solid pixels of the |ray_distance| differences from the exact rendering, world units.
     pub distance_sum: f64,
     pub distance_max: f64,
     pub solid: u64,
@@ -29,10 +29,10 @@ pub struct ViewErrors {
 }
 
 impl ViewErrors {
-    /// Errors of a frame against the truth and the exact frame of the same view.
+    /// Errors of a frame against ground truth and against the exact frame of the same view.
     pub fn of(frame: &Frame, truth: &[[f32; 3]], exact: &Frame) -> Self {
         let difference = |(a, b): (&f32, &f32)| f64::from(a - b).abs();
-        // Unlike `max`, keeps a NaN.
+        // Returns NaN if a value is NaN, unlike `max`.
         let larger = |a: f64, b: f64| if b > a || b.is_nan() { b } else { a };
         let colours = frame.rgb.as_flattened().iter().zip(exact.rgb.as_flattened());
         let distances = frame.ray_distance.iter().zip(&exact.ray_distance).map(difference);
@@ -60,21 +60,21 @@ pub enum Origin {
     Exact,
     /// The renderer's default settings.
     Base,
-    /// The base with one knob changed: its index in the table of knobs.
+    /// The base with one knob changed: index in the study's table of knobs.
     Knob(usize),
     Combination,
 }
 
-/// One way to render, and what was measured of it.
+/// Settings of a rendering, and the measurements with them.
 #[derive(Clone, Debug)]
 pub struct Point {
     pub origin: Origin,
     pub settings: Settings,
     /// Differences from the base, in words.
     pub label: String,
-    /// Errors by view; `None` if it was not rendered.
+    /// Errors of each view; `None` for a view that was not rendered.
     pub views: Vec<Option<ViewErrors>>,
-    /// Times by round and timing view; `None` if it was not rendered.
+    /// Times by round and timing view; `None` for a view that was not rendered.
     pub rounds: Vec<Vec<Option<Clocked>>>,
     pub memory: Memory,
 }
@@ -87,11 +87,11 @@ pub struct Totals {
     /// Mean PSNR of the exact rendering over the same views minus `psnr_db`, dB.
     pub loss_db: f64,
     pub ssim: f64,
-    /// PSNR of the mean squared error against the exact rendering over all views, dB.
+    /// PSNR against the exact rendering, from the mean squared error over all views, dB.
     pub exact_psnr_db: f64,
     /// Largest difference of a colour channel from the exact rendering.
     pub exact_max: f64,
-    /// Mean |ray_distance| difference from the exact rendering over its solid pixels, world units.
+    /// Mean over the solid pixels of the |ray_distance| differences from the exact rendering, world units.
     pub distance_mean: f64,
     pub distance_max: f64,
     pub counters: Counters,
@@ -139,7 +139,7 @@ impl Point {
             distance_mean: sum(&|v| v.distance_sum) / sum(&|v| v.solid as f64),
             distance_max: largest(&|v| v.distance_max),
             counters,
-            // Both are 0 in an empty scene.
+            // In an empty scene all renderings have 0 multiply-adds.
             relative_macs: if counters.macs == dense.macs {
                 1.0
             } else {
@@ -159,8 +159,8 @@ impl Point {
         })
     }
 
-    /// Median over the rounds of this point's time over that of `exact` in the same round; `None` if they have no
-    /// round in common.
+    /// Median over the rounds of the ratio of this point's time to that of `exact`; `None` if they have no round in
+    /// common.
     pub fn relative_time(&self, exact: &Self, clock: Clock) -> Option<f64> {
         let both = self.rounds.iter().zip(&exact.rounds);
         let ratios: Vec<f64> =
@@ -186,14 +186,14 @@ impl Clock {
     }
 }
 
-/// Mean over the timing views of a round; `None` if one of them is missing.
+/// Mean time over the timing views of a round, seconds; `None` if one of the views is missing.
 fn mean(round: &[Option<Clocked>], clock: Clock) -> Option<f64> {
     let seconds: Option<Vec<f64>> = round.iter().map(|c| c.as_ref().map(|c| clock.of(c))).collect();
     let seconds = seconds.filter(|seconds| !seconds.is_empty())?;
     Some(seconds.iter().sum::<f64>() / seconds.len() as f64).filter(|mean| mean.is_finite())
 }
 
-/// Median of values; of an even number the mean of the two in the middle.
+/// Median of the values; for an even number, the mean of the two in the middle.
 fn median(values: &[f64]) -> Option<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -205,7 +205,7 @@ fn median(values: &[f64]) -> Option<f64> {
 pub enum Precision {
     /// The blob's weights, rounded to f16.
     Rounded,
-    /// The f32 weights that the blob's were rounded from.
+    /// The f32 weights of the blob before rounding.
     Unrounded,
 }
 
@@ -213,7 +213,7 @@ pub enum Precision {
 pub struct Settings {
     pub quality: Quality,
     pub kernel: Kernel,
-    /// Index of the bench's variant of the blob; 0: the blob itself.
+    /// Index of the blob's variant in the bench; 0: the blob itself.
     pub variant: usize,
     pub precision: Precision,
     /// Sides of the rendered picture in quarters of the view's; a smaller picture is enlarged again.
@@ -240,8 +240,8 @@ impl Settings {
         }
     }
 
-    /// Whether a frame is so slow that only the timing views are rendered: without an occupancy grid, or by portable
-    /// instructions over weights that are read in place.
+    /// Whether a frame is so slow that only the timing views are rendered: without an occupancy grid, or with the
+    /// portable kernel that reads weights in place.
     pub fn is_slow(&self, has_occupancy: bool) -> bool {
         self.kernel == Kernel::IN_PLACE || !(has_occupancy && self.quality.occupancy)
     }
@@ -316,7 +316,7 @@ mod tests {
         assert_eq!(other.relative_time(&exact, Clock::Wall), Some(0.1));
         let seconds = other.seconds(Clock::Cpu).expect("timed");
         assert_eq!((seconds.rounds, seconds.low, seconds.median, seconds.high), (2, 3.0, 6.0, 9.0));
-        // A round without all of its views is none.
+        // A round that lacks a view does not count.
         other.rounds[0][1] = None;
         assert_eq!(other.seconds(Clock::Wall).expect("timed").median, 4.5);
         assert_eq!(Point::new(Origin::Base, Settings::base(), String::new(), 1).seconds(Clock::Wall), None);

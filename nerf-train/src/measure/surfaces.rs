@@ -1,5 +1,5 @@
-//! Distances of a field's surfaces, against the sparse points that held-out photographs show. PSNR does not reveal
-//! fog in front of plain surfaces; its distance, nearer than the known points, does.
+//! Errors of a field's surfaces against the sparse points of held-out photographs. PSNR does not reveal fog in front
+//! of plain surfaces; surface distances smaller than those of the sparse points do.
 
 use crate::capture::sights::{Sight, Sights};
 use crate::data::{SparsePoint, View};
@@ -10,23 +10,23 @@ use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{RaySegment, RenderError, Renderer};
 use nerf_core::{Kernel, host};
 
-/// Approximate number of pixels per view at which depth is measured, on a regular grid.
+/// Approximate number of pixels per view, on a regular grid, at which depth is measured.
 const ASKED_PIXELS: u64 = 10_000;
 /// Fraction of the nearest sparse point's distance below which a surface is too near.
 const TOO_NEAR: f32 = 0.9;
 
-/// Figures of a field's surfaces, by median distance.
+/// Errors of a field's surfaces, by median distance.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Surfaces {
-    /// Median over the views' key points of the relative error of `median_distance`; `None` without any.
+    /// Median over the views' key points of the relative error of `median_distance`; `None` without key points.
     pub depth_error: Option<f64>,
-    /// Mean over the views of the fraction of their pixels whose `median_distance` is more than a tenth nearer than
-    /// the nearest sparse point that the view shows; `None` without any.
+    /// Mean over the views of the fraction of pixels whose `median_distance` is less than 0.9 times the distance of
+    /// the nearest sparse point in the view; `None` without any.
     pub near_share: Option<f64>,
 }
 
 impl Surfaces {
-    /// Figures of a blob at the default quality, from the cameras of `views`, which show some of `points`.
+    /// Measures a blob at the default quality, with the cameras of `views`, which show some of `points`.
     pub fn of(bytes: &[u8], kernel: Kernel, views: &[&View], points: &[SparsePoint]) -> anyhow::Result<Self> {
         let blob = Blob::open(bytes)?;
         let plan = Plan::new(&blob, &Quality::default(), Self::OUTPUTS, Batch::FULL)?.with_own_bins();
@@ -37,7 +37,7 @@ impl Surfaces {
     /// Outputs that a plan must have for [`Self::with`].
     pub const OUTPUTS: Outputs = Outputs { median_distance: true, ..Outputs::ALL };
 
-    /// Figures of a renderer's field with a plan of its own, whose outputs include [`Self::OUTPUTS`].
+    /// Measures a renderer's field with a plan of its own, whose outputs include [`Self::OUTPUTS`].
     ///
     /// Key points and sparse points that [`Sights`] leaves out are not used.
     pub fn with(
@@ -71,7 +71,7 @@ impl Surfaces {
     }
 }
 
-/// Rays through a regular grid of a view's pixels, without masked ones.
+/// Rays through the pixels of a view on a regular grid, without masked pixels.
 fn lattice(view: &View) -> Vec<RaySegment> {
     let (width, height) = view.size();
     let pixels = u64::from(width) * u64::from(height);

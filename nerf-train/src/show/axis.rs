@@ -1,6 +1,6 @@
-//! Round numbers for axes and legends, and how to write them.
+//! Ticks at round numbers for axes and legends, and their labels.
 
-/// At most `most` (at least 1) multiples of 1, 2 or 5 times a power of ten in [`low`, `high`].
+/// At most `most` (≥ 1) ticks in [`low`, `high`]: multiples of 1, 2 or 5 times a power of ten.
 ///
 /// Empty if the range is empty or not finite. Between 2 and `most` ticks for `most` ≥ 4.
 pub fn nice_ticks(low: f64, high: f64, most: usize) -> Vec<f64> {
@@ -12,7 +12,7 @@ pub fn nice_ticks(low: f64, high: f64, most: usize) -> Vec<f64> {
     let magnitude = 10_f64.powf((span / most as f64).log10().floor());
     for factor in [1.0, 2.0, 5.0, 10.0, 20.0] {
         let step = factor * magnitude;
-        // A hair of tolerance: the ends of a range are often ticks themselves.
+        // With a tolerance of 1e-9 steps, as the ends of a range are often ticks themselves.
         let first = (low / step - 1e-9).ceil();
         let last = (high / step + 1e-9).floor();
         if !(first.is_finite() && last.is_finite() && step > 0.0) {
@@ -27,7 +27,7 @@ pub fn nice_ticks(low: f64, high: f64, most: usize) -> Vec<f64> {
     Vec::new()
 }
 
-/// Labels of the ticks: as many decimals as tell them apart, powers of ten for long numbers.
+/// Labels of the ticks: just enough decimals to tell them apart; long numbers in scientific notation.
 pub fn labels(ticks: &[f64]) -> Vec<String> {
     let largest = ticks.iter().fold(0.0_f64, |m, t| m.max(t.abs()));
     let steps = ticks.windows(2).map(|pair| (pair[1] - pair[0]).abs());
@@ -36,7 +36,7 @@ pub fn labels(ticks: &[f64]) -> Vec<String> {
     if largest == 0.0 {
         return vec!["0".to_owned(); ticks.len()];
     }
-    // Decimals that show a step to its first digit; a lone tick gets three significant ones.
+    // Decimals down to the first digit of the step; a lone tick has three significant digits.
     let lone = if ticks.len() < 2 { 2 } else { 0 };
     let decimals = (-(step.log10() + 1e-9).floor()) as i64 + lone;
     if largest >= 1e6 || decimals > 5 {

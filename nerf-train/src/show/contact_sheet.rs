@@ -3,20 +3,20 @@
 use super::text::{self, Direction};
 use crate::data::pictures::rgb::Picture;
 
-/// Longer side that small pictures are enlarged to, pixels (by a whole factor, nearest neighbour).
+/// Longer side to which small pictures are enlarged by a whole factor (nearest neighbour), pixels.
 const CELL: usize = 192;
 const GAP: usize = 12;
 const CAPTION: f32 = 18.0;
 const TITLE: f32 = 24.0;
-/// Narrowest cell: a caption needs room even under a picture of one pixel's width.
+/// Smallest width of a cell, pixels: a caption needs room even under a narrow picture.
 const NARROWEST: usize = 150;
 const INK: [f32; 3] = [0.1; 3];
 
 #[derive(Clone, Debug)]
 pub struct Cell {
-    /// Enlarged if it is small.
+    /// Picture of the cell; enlarged if small.
     pub picture: Picture,
-    /// Wrapped to the cell's width; line ends are kept. May be empty.
+    /// Text below the picture, wrapped to the cell's width with its line ends kept; may be empty.
     pub caption: String,
 }
 
@@ -26,10 +26,10 @@ impl Cell {
     }
 }
 
-/// A sheet of `columns` cells per row, on white, with a title line above unless it is empty.
+/// Contact sheet of `columns` cells per row on white, with a title line on top unless `title` is empty.
 ///
-/// `columns` is taken as at least 1 and at most the number of cells. Without cells and title the
-/// result is a small white picture.
+/// `columns` is clamped to between 1 and the number of cells. Without cells and title the result is a small white
+/// picture.
 pub fn contact_sheet(title: &str, cells: &[Cell], columns: usize) -> Picture {
     let columns = columns.clamp(1, cells.len().max(1));
     let pictures: Vec<Picture> = cells.iter().map(|cell| cell.picture.enlarged_to(CELL)).collect();

@@ -1,4 +1,4 @@
-//! A smooth flight through given views, at constant speed.
+//! Smooth camera path through keyframes, at constant speed.
 
 use glam::{Mat3, Quat, Vec3};
 use nerf_core::camera::Pose;
@@ -12,9 +12,9 @@ pub struct Keyframe {
     pub fov_degrees: f32,
 }
 
-/// `frames` views from the first of `keys` to the last, evenly spaced by arc length along a Catmull-Rom spline
-/// through positions and rotations. A rotation by 90° counts as much as the mean distance between keyframes. Fields
-/// of view are interpolated by the logarithm of the focal length, without overshoot.
+/// `frames` keyframes from the first of `keys` to the last, evenly spaced by arc length along a Catmull-Rom spline
+/// through positions and rotations. In the arc length, a rotation by 90° counts as much as the mean distance between
+/// `keys`. Fields of view are interpolated by the logarithm of the focal length, without overshoot.
 ///
 /// One view if there is one keyframe; no view without keyframes.
 pub fn flight(keys: &[Keyframe], frames: usize) -> Vec<Keyframe> {
@@ -32,7 +32,7 @@ pub fn flight(keys: &[Keyframe], frames: usize) -> Vec<Keyframe> {
     let mut last = at(0.0);
     for i in 1..=spans * PIECES {
         let next = at(i as f32 / PIECES as f32);
-        // Precise for small angles, which an arc cosine would round to 0.
+        // This form is precise for small angles, which an arc cosine would round to 0.
         let angle = 2.0 * (next.1 - last.1).length().min((next.1 + last.1).length());
         lengths.push(lengths[i - 1] + f64::from(last.0.distance(next.0) + radius * angle));
         last = next;
@@ -49,7 +49,7 @@ pub fn flight(keys: &[Keyframe], frames: usize) -> Vec<Keyframe> {
     (0..frames).map(frame).collect()
 }
 
-/// The rotations of the keyframes as quaternions, each with the sign that is nearer to the one before.
+/// Rotations of the keyframes as quaternions, each with the sign that is nearer to its predecessor.
 fn aligned(keys: &[Keyframe]) -> Vec<Quat> {
     let mut turns: Vec<Quat> = Vec::with_capacity(keys.len());
     for key in keys {
@@ -59,11 +59,11 @@ fn aligned(keys: &[Keyframe]) -> Vec<Quat> {
     turns
 }
 
-/// Position, rotation and field of view (degrees) `at` keyframes from the first.
+/// Position, rotation and field of view (degrees), `at` keyframes after the first.
 fn place_at(keys: &[Keyframe], turns: &[Quat], at: f32) -> (Vec3, Quat, f32) {
     let first = (at as usize).min(keys.len() - 2);
     let t = at - first as f32;
-    // The spline's weights of the view before, both ends, and the view after.
+    // The spline's weights of the keyframe before, both ends of the segment, and the keyframe after.
     let weights = [
         0.5 * t * (t * (2.0 - t) - 1.0),
         0.5 * (t * t * (3.0 * t - 5.0) + 2.0),
@@ -102,7 +102,7 @@ mod tests {
             assert!(found.pose.rotation.abs_diff_eq(given.pose.rotation, 1e-4));
             assert!((found.fov_degrees - given.fov_degrees).abs() < 1e-2);
         }
-        // Through every view on the way.
+        // The path passes through every keyframe.
         for key in &keys[1..3] {
             let nearest =
                 flight.iter().map(|f| f.pose.position.distance(key.pose.position)).fold(1.0, f32::min);
@@ -140,7 +140,7 @@ mod tests {
         assert!(flight(&[], 5).is_empty());
         assert_eq!(flight(&[key(1.0, 2.0, 0.5)], 5), [key(1.0, 2.0, 0.5)]);
         assert_eq!(flight(&[key(0.0, 0.0, 0.0), key(1.0, 0.0, 0.0)], 1).len(), 1);
-        // Views that stand still only turn, evenly.
+        // Keyframes at one position: the camera only turns, evenly.
         let turned = flight(&[key(0.0, 0.0, 0.0), key(0.0, 0.0, 1.0)], 3);
         let middle = Quat::from_mat3(&turned[1].pose.rotation).angle_between(Quat::IDENTITY);
         assert!((middle - 0.5).abs() < 1e-2, "{middle}");

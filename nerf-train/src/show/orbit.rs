@@ -5,7 +5,7 @@ use nerf_core::blob::{SceneFacts, Viewpoint};
 use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose};
 use std::f32::consts::TAU;
 
-/// Largest elevation of an orbit through a viewpoint, degrees: `up` may differ from the viewpoint's.
+/// Largest elevation of an orbit through a viewpoint, degrees: `up` may differ from the viewpoint's up direction.
 const STEEPEST: f32 = 80.0;
 
 /// A circle of cameras, or an arc of one, that look at its centre.
@@ -25,7 +25,7 @@ pub struct Orbit {
 
 impl Orbit {
     /// Orbit through the viewpoint of the photographs, if the blob has one; else around the middle of the scene box,
-    /// half way between near and far. `up`: replaces the blob's up direction, or z.
+    /// with a radius half way between near and far. `up`: replaces the blob's up direction, or z.
     pub fn of(scene: &SceneFacts, up: Option<Vec3>) -> Self {
         match &scene.viewpoint {
             Some(viewpoint) => {
@@ -61,8 +61,8 @@ impl Orbit {
         }
     }
 
-    /// Camera at `turn` of a full circle, or of a swing back and forth over the arc, 0 to 1, with a horizontal field
-    /// of view of `fov` degrees.
+    /// Camera at `turn` (0 to 1) of the full circle, or of a swing back and forth over the arc. `fov`: horizontal
+    /// field of view, degrees.
     pub fn camera(&self, turn: f32, width: u32, height: u32, fov: f32) -> Result<Camera, CameraError> {
         let azimuth = if self.arc < TAU { 0.5 * self.arc * (turn * TAU).sin() } else { turn * TAU };
         let elevation = self.elevation.to_radians();

@@ -13,14 +13,14 @@ use nerf_core::render::{Counters, Renderer};
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Range of the colours of each distance output, world units.
+/// Colour range of each distance output, world units.
 pub type Ranges = Vec<(Output, (f32, f32))>;
 
-/// Sides of the coarse pass are a quarter of the view's, but no less than this, pixels.
+/// Smallest side of a view in the coarse pass, pixels; a side is otherwise a quarter of the view's.
 const COARSE: u32 = 64;
 
-/// Renders every camera's view and hands it to all writers. `each` is called with the number done, before the next
-/// begins.
+/// Renders every camera's view and passes it to all writers. `each` is called with the number of views done, before
+/// the next begins.
 ///
 /// If a view fails, dropping the writers leaves no half-written file.
 pub fn render(
@@ -41,9 +41,9 @@ pub fn render(
     Ok(counters)
 }
 
-/// Range of colours of each distance output over all frames of a video, world units.
+/// Colour range of each distance output over all frames of a video, world units.
 ///
-/// It is found in a coarse pass, a sixteenth of the work, so that no frame must be kept until the last is there.
+/// A coarse pass, a sixteenth of the work, finds the ranges, so that no frame is kept until the last one is rendered.
 /// `each` is called with the number of frames done.
 pub fn ranges(
     renderer: &Renderer<'_>,
@@ -62,18 +62,18 @@ pub fn ranges(
         }
         each(i + 1);
     }
-    // If nothing is solid no colour is shown, but the legend must not change from frame to frame.
+    // Without solid pixels no colour is shown, but all frames need the same legend.
     let range = |values: &Vec<f32>| robust_range(values, &opacity).unwrap_or((0.0, 1.0));
     Ok(distances.iter().copied().zip(values.iter().map(range)).collect())
 }
 
-/// The same view in fewer pixels, for the range of a video's distances.
+/// Camera of the same view in fewer pixels, for [`ranges`].
 pub fn coarse(camera: &Camera) -> Result<Camera, CameraError> {
     let side = |pixels: u32| (pixels / 4).max(COARSE).min(pixels);
     scaled(camera, (side(camera.intrinsics().width), side(camera.intrinsics().height)))
 }
 
-/// Summary of a rendering, printed by `render --json`. Its ranges are those of a video's distance colours, world
+/// Summary of a rendering, printed by `render --json`. Ranges are those of the colours of a video's distances, world
 /// units.
 #[derive(Debug, Serialize)]
 pub struct Rendering {

@@ -13,7 +13,7 @@ pub struct Table {
 }
 
 impl Table {
-    /// A table without rows; names carry their unit: "time, s".
+    /// Table without rows; column names include their unit: "time, s".
     pub fn new<S: Into<String>>(columns: impl IntoIterator<Item = S>) -> Self {
         Self { columns: columns.into_iter().map(cell).collect(), rows: Vec::new() }
     }
@@ -31,8 +31,8 @@ impl Table {
         self
     }
 
-    /// The table as CSV (RFC 4180, lines end in "\n"): the column names first, quoted where needed; a line end in a
-    /// cell is escaped, as many a reader takes a file line by line.
+    /// Table as CSV (RFC 4180, lines end in "\n"): column names first, cells quoted where needed. Line ends in cells
+    /// are escaped, as many programs read a file line by line.
     pub fn to_csv(&self) -> anyhow::Result<Vec<u8>> {
         let mut writer = csv::Writer::from_writer(Vec::new());
         for row in std::iter::once(&self.columns).chain(&self.rows).filter(|row| !row.is_empty()) {
@@ -48,26 +48,26 @@ impl Table {
         Ok(write_atomic(path, &self.to_csv()?)?)
     }
 
-    /// The table in columns for the terminal, numbers to the right; every line ends in "\n".
+    /// Table in aligned columns for the terminal, numbers to the right; every line ends in "\n".
     pub fn to_text(&self) -> String {
         let tidy = |cell: &String| cell.split_whitespace().collect::<Vec<_>>().join(" ");
         self.lines(tidy, "", "  ", "", |_, width| "─".repeat(width))
     }
 
-    /// The table in Markdown (GitHub's), aligned in its source too; every line ends in "\n".
+    /// Table in Markdown (GitHub's), with columns aligned in the source; every line ends in "\n".
     pub fn to_markdown(&self) -> String {
         let tidy = |cell: &String| {
             let cell = cell.replace('\\', "\\\\").replace('|', "\\|").replace('<', "&lt;");
             cell.lines().map(str::trim).collect::<Vec<_>>().join("<br>")
         };
         self.lines(tidy, "| ", " | ", " |", |right, width| {
-            // GitHub wants three characters at least; `lines` makes no column narrower.
+            // GitHub needs three characters at least; `lines` makes no column narrower.
             let dashes = "-".repeat(width.saturating_sub(1));
             if right { format!("{dashes}:") } else { format!(":{dashes}") }
         })
     }
 
-    /// Pads cells to columns; `rule` draws the line below the names of a column (right-aligned, width).
+    /// Pads cells to columns; `rule` makes the line below a column's name (whether right-aligned, width).
     fn lines(
         &self,
         tidy: impl Fn(&String) -> String,
@@ -106,7 +106,7 @@ impl Table {
     }
 }
 
-/// Makes the text of a cell printable, as it may be a name from a file; it may have several lines.
+/// Escapes control characters of a cell's text, which may be a file name; line ends are kept.
 fn cell(text: impl Into<String>) -> String {
     printable::lines(&text.into()).into_owned()
 }

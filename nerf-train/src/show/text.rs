@@ -5,7 +5,7 @@ use crate::system::printable;
 use ab_glyph::{Font, FontRef, GlyphId, PxScale, ScaleFont, point};
 use std::sync::LazyLock;
 
-/// Ubuntu Light, then Hack for what it lacks.
+/// Fonts in order of preference: Ubuntu Light, then Hack for characters that Ubuntu Light lacks.
 static FONTS: LazyLock<Vec<FontRef<'static>>> = LazyLock::new(|| {
     [epaint_default_fonts::UBUNTU_LIGHT, epaint_default_fonts::HACK_REGULAR]
         .into_iter()
@@ -13,12 +13,12 @@ static FONTS: LazyLock<Vec<FontRef<'static>>> = LazyLock::new(|| {
         .collect()
 });
 
-/// Largest line height that is drawn, pixels; larger ones are taken as this.
+/// Largest line height, pixels; larger ones are clamped.
 const LARGEST: f32 = 400.0;
-/// The longest line that is drawn, characters; what follows is left out.
+/// Largest number of characters of a line; later ones are left out.
 const LONGEST: usize = 2_000;
 
-/// Which way a line of text runs.
+/// Direction in which a line of text runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
     Right,
@@ -32,7 +32,7 @@ struct Placed {
     x: f32,
 }
 
-/// Places the characters of `text`; returns them and the width, pixels.
+/// Positions the characters of a line; returns them and the width of the line, pixels.
 fn layout(text: &str, size: f32) -> (Vec<Placed>, f32) {
     let mut placed: Vec<Placed> = Vec::new();
     let mut x = 0.0;
@@ -54,7 +54,7 @@ fn sane(size: f32) -> f32 {
     if size.is_nan() { 1.0 } else { size.clamp(1.0, LARGEST) }
 }
 
-/// Width of one line of text, pixels; `size` is the line height, pixels.
+/// Width of one line of text, pixels; `size`: line height, pixels.
 pub fn width(text: &str, size: f32) -> usize {
     layout(text, sane(size)).1.ceil() as usize
 }
@@ -64,14 +64,14 @@ pub fn line_height(size: f32) -> usize {
     sane(size).ceil() as usize
 }
 
-/// Rasterises one line of text of `size` pixels line height; control characters are drawn escaped. Returns its width and
-/// its coverage, `[height * width]`, in [0, 1].
+/// Rasterises one line of text, with control characters escaped; `size`: line height, pixels. Returns the width,
+/// pixels, and the coverage, `[height * width]`, in [0, 1].
 fn rasterise(text: &str, size: f32) -> (usize, Vec<f32>) {
     let size = sane(size);
     let (placed, advance) = layout(text, size);
     let (width, height) = (advance.ceil() as usize, line_height(size));
     let mut coverage = vec![0.0; width * height];
-    // One baseline for all fonts, on a whole pixel for crisp feet.
+    // All fonts have one baseline, on a whole pixel so that the lower edges of letters are sharp.
     let baseline = FONTS.first().map_or(0.0, |f| f.as_scaled(size).ascent().round());
     for Placed { font, glyph, x } in placed {
         let glyph = glyph.with_scale_and_position(PxScale::from(size), point(x, baseline));
@@ -81,7 +81,7 @@ fn rasterise(text: &str, size: f32) -> (usize, Vec<f32>) {
             let (x, y) = (corner.x as i64 + i64::from(dx), corner.y as i64 + i64::from(dy));
             if (0..width as i64).contains(&x) && (0..height as i64).contains(&y) {
                 let old: &mut f32 = &mut coverage[y as usize * width + x as usize];
-                // A light face at small sizes is grey on white: thicken what is partly covered.
+                // A light font at small sizes is grey on white: partial coverage is raised.
                 let share = 1.0 - (1.0 - share.clamp(0.0, 1.0)).powf(1.6);
                 *old = old.max(share);
             }
@@ -92,7 +92,7 @@ fn rasterise(text: &str, size: f32) -> (usize, Vec<f32>) {
 
 /// Draws one line of text with its top left corner (as it appears on the page) at (`x`, `y`).
 ///
-/// What falls outside the picture is cut off.
+/// Text outside the picture is cut off.
 pub fn draw(
     picture: &mut Picture,
     text: &str,
@@ -116,7 +116,7 @@ pub fn draw(
 }
 
 /// Breaks `text` into lines no wider than `widest` pixels: at line ends, at spaces, and inside a word
-/// that is too long for a line. At least one character stands on each line.
+/// that is too long for a line. Each line has at least one character.
 pub fn wrap(text: &str, size: f32, widest: usize) -> Vec<String> {
     let mut lines = Vec::new();
     for paragraph in text.lines() {

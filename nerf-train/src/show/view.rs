@@ -28,17 +28,17 @@ pub enum Output {
     MedianDistance,
     /// Normals in world space: red, green, blue are (x, y, z) / 2 + 1/2.
     Normals,
-    /// All of these.
+    /// All outputs.
     All,
 }
 
 impl Output {
-    /// Whether the output is a distance, which is shown in a range of colours.
+    /// Whether the output is a distance, which is shown in a colour map.
     pub fn is_distance(self) -> bool {
         matches!(self, Self::RayDistance | Self::ZDepth | Self::MedianDistance)
     }
 
-    /// Suffix of the file name of a further output.
+    /// Suffix of the output's file name if it is not the first output.
     pub fn suffix(self) -> &'static str {
         match self {
             Self::Rgb | Self::All => "rgb",
@@ -50,7 +50,7 @@ impl Output {
         }
     }
 
-    /// Values of a distance, world units; for any other output those of the distance along the ray.
+    /// Values of a distance output, world units; for any other output the distance along the ray.
     pub fn distances(self, frame: &Frame) -> &[f32] {
         match self {
             Self::ZDepth => &frame.z_depth,
@@ -67,7 +67,7 @@ pub fn is_exr(path: &Path) -> bool {
 
 /// Writes an output of a frame as PNG, or as EXR if `path` says so.
 ///
-/// `range`: range of a distance's colours, world units; `None`: the frame's own. `transparent`: colour with alpha.
+/// `range`: colour range of a distance, world units; `None`: the frame's own. `transparent`: colour has alpha.
 pub fn write_still(
     path: &Path,
     frame: &Frame,
@@ -90,7 +90,7 @@ pub fn write_still(
     Ok(())
 }
 
-/// Channels of an output, under the names that compositors know if there are any.
+/// Channels of an output, under the names that compositing programs know, if there are any.
 fn channels_of(frame: &Frame, output: Output, transparent: bool) -> Vec<(&'static str, Vec<f32>)> {
     let axis = |of: &[[f32; 3]], axis: usize| of.iter().map(|value| value[axis]).collect();
     match output {
@@ -115,7 +115,7 @@ fn channels_of(frame: &Frame, output: Output, transparent: bool) -> Vec<(&'stati
     }
 }
 
-/// Picture of an output of a frame, as in a video.
+/// RGB picture of an output; `range`: colour range of a distance, world units.
 pub fn picture_of(frame: &Frame, output: Output, range: Option<(f32, f32)>) -> anyhow::Result<Picture> {
     let size = (frame.width, frame.height);
     Ok(match output {

@@ -1,4 +1,4 @@
-//! A rendering on its way to its files: a picture, a film, or a folder of numbered pictures.
+//! Writers of a rendering: a picture, a video, or a folder of numbered pictures.
 
 use super::animation::{GifWriter, NO_FRAMES, check_rate};
 use super::video::{Ffmpeg, Mp4Writer};
@@ -10,9 +10,9 @@ use std::path::{Path, PathBuf};
 
 pub struct Writer {
     pub output: Output,
-    /// Range of a distance's colours in a video, world units.
+    /// Colour range of a distance in a video, world units.
     pub range: Option<(f32, f32)>,
-    /// Whether colour has alpha, outside of films.
+    /// Whether colour is written with alpha; a video has none.
     pub transparent: bool,
     pub sink: Sink,
 }
@@ -20,14 +20,14 @@ pub struct Writer {
 pub enum Sink {
     Still(PathBuf),
     Film(Box<Film>),
-    /// A folder of `frame_0000.png` and on, the number of the next frame, and the step from one number to the next.
+    /// Folder of `frame_0000.png` and on: its path, number of the next frame, increment of the number.
     Frames(PathBuf, usize, usize),
 }
 
 #[derive(Debug)]
 pub struct Written {
     pub path: PathBuf,
-    /// First number of the frames of an earlier run that the folder still holds.
+    /// Number of the first frame that an earlier run has left in the folder.
     pub older_from: Option<usize>,
 }
 
@@ -50,7 +50,7 @@ impl Writer {
             Sink::Still(path) => Written { path, older_from: None },
             Sink::Film(film) => Written { path: film.finish()?, older_from: None },
             Sink::Frames(folder, next, every) => {
-                // With several parts, they may be frames of another part.
+                // With several shards, later frames in the folder may be from another shard.
                 let older_from = (every == 1 && numbered(&folder, next).exists()).then_some(next);
                 Written { path: folder, older_from }
             }
@@ -62,7 +62,7 @@ fn numbered(folder: &Path, index: usize) -> PathBuf {
     folder.join(format!("frame_{index:04}.png"))
 }
 
-/// A video that is written frame by frame; without [`finish`](Self::finish) no file is left.
+/// Video that is written frame by frame; without [`finish`](Self::finish) no file is left.
 pub struct Film {
     path: PathBuf,
     /// Encoder for an MP4; `None`: a GIF.
@@ -77,8 +77,8 @@ enum FilmWriter {
 }
 
 impl Film {
-    /// A video of `fps` frames per second: an MP4 with an ffmpeg, else a GIF. Its file is opened with the first
-    /// frame, which sets its size.
+    /// Video of `fps` frames per second: an MP4 with an ffmpeg, else a GIF. The first frame opens the file and sets
+    /// its size.
     pub fn new(path: PathBuf, ffmpeg: Option<Ffmpeg>, fps: f64) -> anyhow::Result<Self> {
         check_rate(fps)?;
         Ok(Self { path, ffmpeg, fps, writer: None })

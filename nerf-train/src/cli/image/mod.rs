@@ -87,7 +87,7 @@ impl Settings {
         // The warm-up is at most a fifth of a short run, unless `--set` names it.
         o.warm_up = o.warm_up.min(o.steps / 5);
         config.pixels = self.pixels.unwrap_or(config.pixels);
-        // Last, as TOML has no u64.
+        // The seed is set last, as TOML has no u64.
         Ok(FieldConfig { seed: self.seed.unwrap_or(config.seed), ..self.set.over(config)? })
     }
 }
@@ -149,7 +149,7 @@ impl Fit {
         Ok(config)
     }
 
-    /// The settings with which the file fits into `--max-bytes`. Reports what was chosen.
+    /// Settings with which the file fits into `--max-bytes`. Reports the chosen settings.
     fn within_bytes(
         &self,
         config: FieldConfig,

@@ -74,7 +74,7 @@ impl Render {
         global.finish(&summary)
     }
 
-    /// Width and height to render at, pixels; one that is not given follows from the photograph's proportions.
+    /// Width and height to render at, pixels; a side that is not given follows from the photograph's proportions.
     fn size(&self, facts: PictureFacts) -> [u32; 2] {
         let along = |side: u32, of: u32, to: u32| {
             // Rounded, at least 1; of u16 range as the sides are.

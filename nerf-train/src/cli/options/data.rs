@@ -45,7 +45,7 @@ pub struct DataOptions {
 /// Extent of a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Space {
-    /// Unbounded if the pictures do not say what is background, the preset has a learned grid, no box is given and
+    /// Unbounded if the background of the pictures is unknown, the preset has a learned grid, no box is given and
     /// empty space is skipped; else a box.
     #[default]
     Auto,
@@ -56,7 +56,7 @@ pub enum Space {
 }
 
 impl Space {
-    /// What is known of the surroundings of a scene with this background; `boxed`: whether a scene box is given.
+    /// Surroundings of a scene with this background; `boxed`: whether a scene box is given.
     pub fn around(self, background: Background, boxed: bool) -> Surroundings {
         match (self, background) {
             (Self::Contracted, _) => Surroundings::Unbounded,
@@ -66,7 +66,7 @@ impl Space {
         }
     }
 
-    /// Applies `--space box` or `--space contracted` to the settings, whatever preset and file say.
+    /// Applies `--space box` or `--space contracted` to the settings, over those of preset and file.
     pub fn settle(self, config: &mut Config) {
         match self {
             Self::Auto => {}
@@ -108,7 +108,7 @@ impl DataOptions {
     }
 
     /// As [`Self::read`], for a fit that writes its blob to `output`: shared cameras are stored next to that file.
-    /// Also returns the time to find them, which does not count as training time.
+    /// Also returns the time to find shared cameras, which does not count as training time.
     pub fn read_to_fit(
         &self,
         path: &Path,
@@ -121,7 +121,7 @@ impl DataOptions {
         Ok((dataset, watch.set_aside()))
     }
 
-    /// As [`Self::read_given_for`], with the views' refined poses if their file is next to `file`, that of `blob`.
+    /// As [`Self::read_given_for`], with the refined poses of the views if `file`, that of `blob`, has a file of them.
     pub fn read_for(
         &self,
         path: &Path,
@@ -142,8 +142,8 @@ impl DataOptions {
         Ok(dataset)
     }
 
-    /// As [`Self::read`], with the cameras that `blob` in `file` was fitted with, in coordinates relative to the
-    /// blob's origin. There need not be training views.
+    /// As [`Self::read`], with the cameras that the `blob` in `file` was trained with, in coordinates relative to the
+    /// blob's origin. The data set may lack training views.
     pub fn read_given_for(
         &self,
         path: &Path,
@@ -175,7 +175,7 @@ impl DataOptions {
     }
 }
 
-/// Reads a data set, with a progress bar if that takes more than a second.
+/// Reads a data set, with a progress bar if reading takes more than a second.
 pub fn read_with(
     path: &Path,
     options: &ReadOptions,
@@ -192,7 +192,7 @@ pub fn read_with(
     })
 }
 
-/// The file of shared cameras that belongs to the blob in `file`.
+/// Path of the file of shared cameras that belongs to the blob in `file`.
 fn cameras_beside(file: &Path) -> PathBuf {
     file.with_extension("cameras.json")
 }

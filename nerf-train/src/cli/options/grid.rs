@@ -52,7 +52,7 @@ pub fn set<T: Clone>(to: &mut T, from: &Option<T>) {
     }
 }
 
-/// The first of these flags that was given.
+/// Name of the first of these flags that was given.
 pub fn given<const N: usize>(flags: [(&'static str, bool); N]) -> Option<&'static str> {
     flags.into_iter().find(|flag| flag.1).map(|flag| flag.0)
 }

@@ -50,7 +50,7 @@ impl UpAxis {
     }
 }
 
-/// Selects the part of a divided work that this process does.
+/// Option for the part of the work that this process does.
 #[derive(Debug, Args)]
 pub struct ShardOption {
     /// Part I of N of the work [default: from the Slurm or Kubernetes array index].
@@ -59,7 +59,7 @@ pub struct ShardOption {
 }
 
 impl ShardOption {
-    /// The part named by the flag, else that of an array job, which is then reported.
+    /// Part named by the flag, else the part of an array job, which is reported.
     pub fn choose(&self, global: &Global) -> anyhow::Result<Shard> {
         if let Some(part) = self.shard {
             return Ok(part);
@@ -104,7 +104,7 @@ impl Conduct {
     /// checkpoint; `None` if the output is a device.
     pub fn check(&self, claims: Claims) -> anyhow::Result<Option<PathBuf>> {
         check_max_seconds(self.max_seconds)?;
-        // With an infinite interval none is written during training.
+        // With an infinite interval no checkpoint is written during training.
         if self.checkpoint_every.is_nan() || self.checkpoint_every < 0.0 {
             bail!("--checkpoint-every: expected seconds of at least 0, found {}", self.checkpoint_every);
         }
@@ -127,7 +127,7 @@ impl Conduct {
         Ok(checkpoint)
     }
 
-    /// Snapshots of these steps and validation views, which go into the report; `None` without one.
+    /// Snapshots of these steps and validation views for the report; `None` without a report.
     pub fn snapshots(&self, steps: &[u32], views: &[usize]) -> Option<SnapshotOptions> {
         let folder = self.report.clone()?;
         Some(SnapshotOptions { folder, steps: steps.into(), views: views.into() })

@@ -1,4 +1,4 @@
-//! The shortcuts of a rendering.
+//! Options that trade the quality of a rendering for time.
 
 use super::data::DataOptions;
 use crate::measure::point::MATHS;
@@ -9,7 +9,7 @@ use nerf_core::math::MathBackend;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use std::path::Path;
 
-/// The shortcuts of a rendering.
+/// Options that trade the quality of a rendering for time.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Quality and speed")]
 pub struct QualityOptions {

@@ -8,7 +8,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::path::Path;
 
-/// Settings by their path in the TOML file.
+/// Settings by their path in the TOML file, which override the file's.
 #[derive(Debug, Default, Args)]
 pub struct SetOption {
     /// Set anything that `config` prints, such as network.depth=2; may be repeated.
@@ -24,7 +24,7 @@ fn parse_set(text: &str) -> Result<toml::Table, String> {
 }
 
 impl SetOption {
-    /// Overrides `settings` with these values; an error names the first that does not fit.
+    /// Overrides `settings` with these values; an error names the first value that does not fit.
     pub fn over<T: Serialize + DeserializeOwned>(&self, settings: T) -> anyhow::Result<T> {
         merged(settings, self.tables.clone()).map_err(|error| match error.downcast_ref::<toml::de::Error>() {
             Some(toml) => anyhow!("--set: {}", input::toml_message("", toml)),
@@ -39,7 +39,7 @@ impl SetOption {
 
 /// The preset adapted to `surroundings`, overridden by the TOML file's values and then by those of `set`.
 ///
-/// If these turn the hull off, or name a contraction or a box, all other settings default to those of that case.
+/// If file or `set` turns the hull off, or gives a contraction or a box, all other settings default accordingly.
 pub fn read_config(
     preset: Preset,
     file: Option<&Path>,
@@ -136,11 +136,11 @@ mod tests {
         assert_eq!(read("[occupancy]\nhull = false"), gentle);
         assert_eq!(read("[occupancy]\nhull = true"), Preset::Small.config());
         assert_eq!(read("seed = 0"), Preset::Small.config());
-        // What the file says itself counts.
+        // Values of the file itself take precedence.
         let mut own = gentle.clone();
         (own.occupancy.from, own.optimiser.rate) = (77, 2e-3);
         assert_eq!(read("[occupancy]\nhull = false\nfrom = 77\n[optimiser]\nrate = 2e-3"), own);
-        // A grid's own table over a preset without one is filled up; what does not go with it is refused by name.
+        // Missing values of a grid over a preset without one are filled in; an incompatible setting is refused.
         let mixed = read("[network.grid]\nlevels = 4");
         let grid = Preset::Grid.config().network.grid.expect("a grid");
         assert_eq!(mixed.network.grid, Some(crate::model::config::TableConfig { levels: 4, ..grid }));
@@ -148,16 +148,16 @@ mod tests {
         let whole = "[network]\nposition_levels = 0\ndensity = \"exponential\"\ndensity_scale = 1.0\n[network.grid]\n\
                      features = 4\n[occupancy]\nempty_share = 0.0";
         read(whole).check().expect("a grid with the network that goes with it");
-        // The other way round a preset is named: TOML has no word for nothing.
+        // A file without a grid names a preset without one, as TOML cannot unset a value.
         let back = read("preset = \"seed\"\n[network]\nwidth = 8");
         assert_eq!(back.network.grid, None);
-        // What a config writes of itself reads back as it is.
+        // A preset written as TOML reads back unchanged.
         for preset in [Preset::Grid, Preset::Small, Preset::Seed] {
             let written = toml::to_string(&preset.config()).expect("TOML");
             assert_eq!(read(&written), preset.config());
             assert_eq!(written.contains("[network.grid]"), preset == Preset::Grid);
         }
-        // The seed preset carves none and starts as it always does.
+        // The seed preset has no visual hull, so turning it off changes nothing.
         let seed = "preset = \"seed\"\n[occupancy]\nhull = false";
         assert_eq!(read(seed), Preset::Seed.config());
     }

@@ -125,7 +125,7 @@ pub struct Render {
     data_options: DataOptions,
 }
 
-/// Memory per pixel of a frame, bytes: all of its values, and those of its tile.
+/// Memory per pixel of a frame, bytes: the frame's values, and those of its tile.
 const BYTES_PER_PIXEL: u64 = 40 + 60;
 /// Memory per pixel for each output, bytes: colour as f32 and as bytes, twice, and the encoded file; a video buffers
 /// two frames per thread.
@@ -152,7 +152,7 @@ impl Render {
         let fps = self.fps.or(fps).unwrap_or(20.0);
         let writers = outputs.map(|output| target::writer(self, &target, output, range(output), shard, fps));
         let mut writers = writers.collect::<anyhow::Result<Vec<_>>>()?;
-        // The shard is selected only now: all parts share one range of colours.
+        // The shard is selected after the colour ranges, which all shards share.
         let mine = |(i, camera): (usize, Camera)| shard.takes(i).then_some(camera);
         let cameras: Vec<Camera> = cameras.into_iter().enumerate().filter_map(mine).collect();
         let mut progress = Progress::steps("render", cameras.len(), global.style());
@@ -189,7 +189,7 @@ impl Render {
         self.effects.in_light(plan, target::is_exr(self))
     }
 
-    /// Range of colours of each distance output, common to all frames of a video.
+    /// Colour range of each distance output, common to all frames of a video.
     fn ranges(
         &self,
         renderer: &Renderer<'_>,
@@ -211,7 +211,7 @@ impl Render {
     fn outputs(&self) -> Vec<Output> {
         match self.outputs.contains(&Output::All) {
             true => Output::value_variants().iter().copied().filter(|of| *of != Output::All).collect(),
-            // Each once: it has one file.
+            // Each output only once, as it has one file.
             false => self.outputs.iter().fold(Vec::new(), |mut outputs, output| {
                 if !outputs.contains(output) {
                     outputs.push(*output);
@@ -221,7 +221,7 @@ impl Render {
         }
     }
 
-    /// Refuses what does not fit into memory: a frame and its files, and the distances from which a video's range is
+    /// Fails if memory cannot hold a frame and its files, and the distances from which a video's colour ranges are
     /// found.
     fn check_memory(&self, cameras: &[Camera]) -> anyhow::Result<()> {
         let pixels = |camera: &Camera| {

@@ -1,4 +1,4 @@
-//! Cameras of a rendering.
+//! Cameras of a rendering, from the command line.
 
 use super::Render;
 use crate::cli::common::Global;
@@ -76,7 +76,7 @@ pub(super) fn shots(render: &Render, blob: &Blob<'_>, global: &Global) -> anyhow
     Ok(vec![camera].into())
 }
 
-/// Horizontal field of view of a picture `width` pixels wide, as the flags say, degrees.
+/// Horizontal field of view of a picture `width` pixels wide, as set by the flags, degrees.
 fn fov_across(render: &Render, width: u32) -> anyhow::Result<f32> {
     match render.focal {
         Some(focal) if focal > 0.0 => Ok(2.0 * (0.5 * width as f32 / focal).atan().to_degrees()),
@@ -85,7 +85,7 @@ fn fov_across(render: &Render, width: u32) -> anyhow::Result<f32> {
     }
 }
 
-/// The orbit around a scene, as the flags say.
+/// Orbit around a scene, as set by the flags.
 fn around(render: &Render, scene: &SceneFacts) -> Orbit {
     let orbit = Orbit::of(scene, render.up.map(UpAxis::direction));
     Orbit {
@@ -95,7 +95,7 @@ fn around(render: &Render, scene: &SceneFacts) -> Orbit {
     }
 }
 
-/// Cameras of a camera path, in the size of the flags or of the path.
+/// Cameras of a camera path; the flags, or else the path, set the size of the pictures.
 fn along(render: &Render, path: &CameraPath) -> anyhow::Result<Vec<Camera>> {
     let size = size_of(render, path.size.unwrap_or((400, 400)));
     let key = |of: &PathCamera| Keyframe {
@@ -111,7 +111,7 @@ fn along(render: &Render, path: &CameraPath) -> anyhow::Result<Vec<Camera>> {
     of_keys(render, keys, size).context("--path")
 }
 
-/// Cameras of a flight through views of a data set, in the size of the flags or of the first view.
+/// Cameras of a flight through views of a data set; the flags, or else the first view, set the size.
 fn through(render: &Render, data: &Path, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Vec<Camera>> {
     let frames = render.frames.unwrap_or(120);
     check_frames("--frames", frames)?;
@@ -156,14 +156,14 @@ fn path_of(render: &Render, data: &Path, blob: &Blob<'_>, global: &Global) -> an
     Ok(cameras.iter().map(|camera| resized(render, camera, size)).collect::<Result<_, _>>()?)
 }
 
-/// The camera of a view, scaled to the size of the flags.
+/// Camera of a view, scaled to the size that the flags set.
 fn view_of(render: &Render, data: &Path, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Camera> {
     let dataset = render.data_options.read_for(data, (blob, &render.file), global)?;
     let camera = render.split.unwrap_or(Split::Val).camera("--view", &dataset, render.view)?;
     Ok(resized(render, &camera, size_for(render, &camera))?)
 }
 
-/// Width and height, pixels, as the flags say; one that is not given follows from the camera's proportions.
+/// Width and height that the flags set, pixels; a missing one follows from the camera's proportions.
 fn size_for(render: &Render, camera: &Camera) -> (u32, u32) {
     let size = camera.intrinsics();
     size_of(render, (size.width, size.height))

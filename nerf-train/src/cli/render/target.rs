@@ -1,4 +1,4 @@
-//! Outputs of a rendering: a picture, a film, or a folder of numbered pictures.
+//! Outputs of a rendering: a picture, a video, or a folder of numbered pictures.
 
 use super::Render;
 use crate::cli::common::Global;
@@ -21,7 +21,7 @@ pub(super) enum Target {
 }
 
 impl Target {
-    /// What is left after a signal, in words; `output`: the path of `-o`.
+    /// Message about the files that remain after a signal; `output`: path of `-o`.
     pub(super) fn left(&self, output: &Path) -> String {
         match self {
             Self::Still => "no picture is written".to_owned(),
@@ -40,7 +40,7 @@ pub(super) fn is_exr(render: &Render) -> bool {
     !is_sequence(render) && view::is_exr(&render.output)
 }
 
-/// Kind of output that `-o` names. Refuses what cannot be written, before any work is done.
+/// Kind of output that `-o` names. Fails if it cannot be written, before any work is done.
 pub(super) fn target(render: &Render) -> anyhow::Result<Target> {
     let name = render.output.display();
     let extension = places::extension(&render.output);
@@ -84,7 +84,7 @@ fn find_ffmpeg(render: &Render) -> anyhow::Result<Ffmpeg> {
     })
 }
 
-/// File or folder of an output: the first has the name of `-o`, each other one that name with a suffix.
+/// Path of an output: `-o` for the first output, that name with a suffix for any other.
 fn place_of(render: &Render, output: Output) -> PathBuf {
     if render.outputs().first() == Some(&output) {
         return render.output.clone();
@@ -126,7 +126,7 @@ pub(super) fn part(render: &Render, target: &Target, global: &Global) -> anyhow:
     }
 }
 
-/// Writer for an output; `range`: range of a distance's colours, world units.
+/// Writer for an output; `range`: colour range of a distance, world units.
 pub(super) fn writer(
     render: &Render,
     target: &Target,

@@ -1,4 +1,4 @@
-//! Combinations of knobs that are worth rendering: predicted from the knobs' rows, then measured.
+//! Combinations of knobs worth rendering, predicted from measurements of single knobs.
 
 use super::front::{Price, pareto, thin};
 use super::knobs::{KNOBS, Knob};
@@ -8,15 +8,15 @@ use crate::measure::point::Settings;
 #[derive(Clone, Debug, Default)]
 pub struct Choices {
     pub knob: usize,
-    /// Settings of the row, dB lost against the base, multiply-adds relative to the base's.
+    /// Settings with one value of the knob; loss against the base, dB, and multiply-adds relative to the base's.
     pub rows: Vec<(Settings, Price)>,
 }
 
-/// Combinations that may be on the Pareto front, dearest first, at most `most`.
+/// Combinations that are predicted to lie on the Pareto front, dearest first, at most `most`.
 ///
-/// Losses are assumed to add and costs to multiply. That is rough, but enough for a choice: what is chosen is
-/// measured. `limit_db`: largest predicted loss against the base. Only multiply-adds count as cost, so that the
-/// choice is the same on every machine.
+/// Predicted losses add and costs multiply: a rough rule, but the chosen combinations are then measured. `limit_db`:
+/// largest predicted loss against the base. Cost is multiply-adds, not time, so that the choice is the same on every
+/// machine.
 pub fn combinations(base: Settings, choices: &[Choices], limit_db: f64, most: usize) -> Vec<Settings> {
     let start = (base, Price { loss_db: 0.0, cost: 1.0 });
     let mut all = vec![start];
@@ -41,7 +41,7 @@ pub fn combinations(base: Settings, choices: &[Choices], limit_db: f64, most: us
     front.into_iter().map(|i| all[i].0).filter(|settings| turned(&base, choices, settings) > 1).collect()
 }
 
-/// Number of knobs with another value than in the base.
+/// Number of knobs whose value differs from the base's.
 fn turned(base: &Settings, choices: &[Choices], settings: &Settings) -> usize {
     let differs = |choices: &&Choices| {
         let mut copy = *base;

@@ -1,4 +1,4 @@
-//! Pareto fronts: points that no other beats in both cost and loss.
+//! Pareto fronts: points that no other point beats in cost and loss together.
 
 /// Loss and cost of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,10 +15,10 @@ impl Price {
     }
 }
 
-/// Indices of the points that no other beats, dearest first: along them cost falls and loss rises, both strictly.
+/// Indices of the points on the Pareto front, dearest first: along it cost falls and loss rises, both strictly.
 ///
-/// A point is beaten by one that costs no more and loses no more, and is better in one of the two. Of equal
-/// points the first stays. Points whose loss or cost is not finite, and costs of 0, are left out.
+/// A point is beaten by one that costs no more and loses no more, and is better in cost or loss. Of equal points the
+/// first is kept. Points whose loss or cost is not finite, and costs of 0, are left out.
 pub fn pareto(points: &[Price]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..points.len()).filter(|&i| points[i].is_usable()).collect();
     let key = |i: usize| (points[i].cost, points[i].loss_db);
@@ -41,8 +41,8 @@ pub fn pareto(points: &[Price]) -> Vec<usize> {
 
 /// At most `most` points of a Pareto front (dearest first), its two ends among them.
 ///
-/// Repeatedly removes the inner point with the least area between it and the staircase of its neighbours, dB times
-/// the logarithm of cost.
+/// Repeatedly removes the inner point with the smallest area between it and the staircase of its neighbours, in dB
+/// times the logarithm of cost.
 pub fn thin(points: &[Price], front: &[usize], most: usize) -> Vec<usize> {
     let mut front = front.to_vec();
     while front.len() > most.max(2) {
@@ -80,7 +80,7 @@ mod tests {
             let z = (i * 2 + salt).wrapping_mul(0x9e37_79b9_7f4a_7c15);
             f64::from(((z ^ (z >> 29)) % 40) as u32)
         };
-        // Dearer is better, more or less; some are equal.
+        // Dearer points mostly lose less; some points are equal.
         let point = |i: u64| {
             let cost = 1.0 + noise(i, 0);
             Price { cost, loss_db: (60.0 / cost).round() + 0.5 * noise(i, 1) - 5.0 }

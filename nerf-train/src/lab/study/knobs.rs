@@ -1,4 +1,4 @@
-//! The knobs: each entry says how to read, copy and vary a setting.
+//! Knobs of a study: settings of a rendering, with functions to read, copy and vary each.
 
 use crate::measure::bench::Variants;
 use crate::measure::point::{MATHS, Precision, Settings};
@@ -8,11 +8,11 @@ use nerf_core::{Isa, Kernel, Storage};
 /// A setting that trades accuracy for time.
 pub struct Knob {
     pub name: &'static str,
-    /// Whether a blob's Pareto front can hold the setting; other knobs stay at the base there.
+    /// Whether a blob's Pareto front can hold the setting; otherwise the front has the base's value.
     pub in_blob: bool,
-    /// Whether the knob's cheaper values are tried together with other knobs'.
+    /// Whether the knob's values are combined with those of other knobs.
     pub combines: bool,
-    /// Copies the setting from the first to the second.
+    /// Copies the knob's setting from the first to the second.
     pub copy: fn(&Settings, &mut Settings),
     pub read: fn(&Variants<'_>, &Settings) -> String,
     /// Settings of the base with other values of the knob.
@@ -28,7 +28,7 @@ const COLOUR: [f32; 5] = [0.0, 1e-2, 3e-2, 0.1, 0.2];
 
 const RAYS: [u16; 2] = [2, 4];
 
-/// All knobs, in the order of the report. A knob of the renderer joins the study by an entry here.
+/// All knobs, in the order of the report. An entry here adds a setting to the study.
 pub const KNOBS: &[Knob] = &[
     Knob {
         name: "samples",
@@ -36,7 +36,7 @@ pub const KNOBS: &[Knob] = &[
         combines: true,
         copy: |from, to| to.quality.samples = from.quality.samples,
         read: |lab, s| match (lab.is_marched(), s.quality.samples) {
-            // The number of samples follows from the step.
+            // The march step sets the number of samples.
             (true, _) => String::new(),
             (false, 0) => lab.scene.samples().to_string(),
             (false, samples) => samples.to_string(),
@@ -136,7 +136,7 @@ pub const KNOBS: &[Knob] = &[
         copy: |from, to| to.kernel = from.kernel,
         read: |_, s| s.kernel.to_string(),
         values: |_, base| {
-            // Kernels that read weights in place render the same as f32: only the oracle is measured.
+            // Kernels that read weights in place render the same as f32 kernels: only the portable oracle is measured.
             let differs = |it: &Kernel| {
                 *it == Kernel::IN_PLACE || it.isa != Isa::Portable && it.storage != Storage::F16
             };

@@ -1,4 +1,4 @@
-//! Time that accuracy costs, and value of each effect of a scene: measured, not guessed.
+//! Study of render time against accuracy, from measurements.
 //!
 //! ```text
 //! knobs ─► points ─► frames against truth and the exact rendering ─► one-knob rows
@@ -8,9 +8,9 @@
 //!                                  Pareto front ─► report, blob
 //! ```
 //!
-//! *Exact* is every sample inside the scene box, no cuts, the exact encoding, f32 with the fastest instructions; with
-//! the occupancy grid only if the blob says that it is part of the model. *Base* is the default of a renderer. Knobs
-//! are varied one at a time from the base.
+//! *Exact* renders every sample inside the scene box, without cuts, with the exact encoding, in f32 with the fastest
+//! instructions; with the occupancy grid only if the blob says that the grid is part of the model. *Base* is a
+//! renderer's default. Knobs are varied one at a time from the base.
 
 mod combine;
 mod front;

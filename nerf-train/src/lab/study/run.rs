@@ -9,7 +9,7 @@
 //! Without an occupancy grid all renderings are slow: the timing views are then the only views.
 //!
 //! Within a pass all points are rendered view by view, in rotated order, so that a machine that slows down slows all
-//! of them. Errors come from the first rendering of a view, times from all renderings of the timing views.
+//! points. Errors come from the first rendering of a view, times from all renderings of the timing views.
 
 use super::combine::{Choices, combinations};
 use super::front::{Price, cheapest_within, pareto, thin};
@@ -25,14 +25,14 @@ use nerf_core::camera::{Camera, Intrinsics};
 use nerf_core::plan::Preset;
 use std::time::{Duration, Instant};
 
-/// Largest loss against the base, dB, up to which combinations are searched.
+/// Largest predicted loss of a combination against the base, dB.
 const COMBINATION_LOSS_DB: f64 = 2.5;
 /// Largest loss against the exact rendering of a point on a blob's Pareto front, dB.
 pub const BLOB_LOSS_DB: f64 = 3.0;
-/// Loss up to which a point of a blob's Pareto front has no longer steps than the field was trained with, dB: the
-/// loss by longer steps differs from view to view.
+/// Loss up to which points of a blob's Pareto front have no longer steps than in training, dB: the loss by longer
+/// steps differs from view to view.
 pub const TRAINED_STEP_LOSS_DB: f32 = Preset::Balanced.loss_db();
-/// Most combinations of all knobs, and most of those that a blob's Pareto front can hold.
+/// Largest number of combinations of all knobs, and of the knobs that a blob's Pareto front can hold, each.
 const COMBINATIONS: usize = 12;
 /// Side of the square that the portable oracle renders, pixels.
 const ORACLE_SIDE: u32 = 16;
@@ -40,11 +40,11 @@ const ORACLE_SIDE: u32 = 16;
 #[derive(Clone, Copy, Debug)]
 pub struct Effort {
     pub timing_views: usize,
-    /// Rounds of timing, if time allows.
+    /// Number of rounds of timing, if time allows.
     pub repeats: usize,
     /// Time after which no further round of timing begins.
     pub limit: Duration,
-    /// Clock that the Pareto front over time uses.
+    /// Clock of the Pareto front over time.
     pub clock: Clock,
 }
 
@@ -59,7 +59,7 @@ pub struct Progressed<'a> {
 pub struct Study<'a, 'b> {
     pub lab: &'a Variants<'b>,
     pub views: Vec<&'a View>,
-    /// Indices of the views that times are taken on.
+    /// Indices in `views` of the timing views.
     pub timing: Vec<usize>,
     pub background: [f32; 3],
     pub effort: Effort,
@@ -75,8 +75,7 @@ pub struct Study<'a, 'b> {
 }
 
 impl<'a, 'b> Study<'a, 'b> {
-    /// Measures the scene of `lab` on `views`; `each` is called after every frame. The time limit counts from
-    /// `start`.
+    /// Measures the scene of `lab` on `views`. `each` is called after every frame; the time limit counts from `start`.
     pub fn run(
         lab: &'a Variants<'b>,
         mut views: Vec<&'a View>,
@@ -89,10 +88,10 @@ impl<'a, 'b> Study<'a, 'b> {
         }
         let background = lab.scene.background;
         let count = effort.timing_views.clamp(1, views.len());
-        // The middles of `count` equal parts.
+        // Timing views are in the middles of `count` equal parts of the views.
         let mut timing: Vec<usize> = (0..count).map(|i| (2 * i + 1) * views.len() / (2 * count)).collect();
         if Settings::base().is_slow(lab.has_occupancy(0)) {
-            // Without an occupancy grid all renderings are slow: the timing views must do for all.
+            // Without an occupancy grid all renderings are slow: only the timing views are rendered.
             views = timing.iter().map(|&view| views[view]).collect();
             timing = (0..count).collect();
         }
@@ -130,7 +129,7 @@ impl<'a, 'b> Study<'a, 'b> {
         Ok(study)
     }
 
-    /// Expected wall-clock seconds of a round of timing.
+    /// Expected wall-clock seconds of one round of timing.
     fn round_seconds(&self) -> f64 {
         let medians = self.points.iter().filter_map(|point| Some(point.seconds(Clock::Wall)?.median));
         medians.sum::<f64>() * self.timing.len() as f64
@@ -196,11 +195,11 @@ impl<'a, 'b> Study<'a, 'b> {
     }
 
     fn is_slow(&self, settings: &Settings) -> bool {
-        // If times are taken on every view, leaving some out saves nothing.
+        // If all views are timing views, there are no others to leave out.
         self.timing.len() < self.views.len() && settings.is_slow(self.lab.has_occupancy(settings.variant))
     }
 
-    /// Whether a point is rendered on a view in this pass.
+    /// Whether this pass renders the point on the view.
     fn wanted(&self, point: &Point, view: usize, only_timing: bool) -> bool {
         let timed = self.timing.contains(&view);
         let first = point.views[view].is_none();
@@ -220,14 +219,14 @@ impl<'a, 'b> Study<'a, 'b> {
         let settings: Vec<Settings> = which.iter().map(|&i| self.points[i].settings).collect();
         let mut order: Vec<(usize, usize)> = Vec::new();
         for view in 0..self.views.len() {
-            // The exact frame comes first if it is missing. In rotated order, no point always follows the same one.
+            // A missing exact frame comes first. Otherwise the order rotates: no point always follows the same one.
             let turn = if view < self.exact.len() { pass + view } else { 0 };
             let turned = (0..which.len()).map(|i| which[(i + turn) % which.len()]);
             let wanted = turned.filter(|&i| self.wanted(&self.points[i], view, only_timing));
             order.extend(wanted.map(|i| (view, i)));
         }
         for point in &mut self.points {
-            // New points have no part in the passes before.
+            // New points have no times in earlier passes.
             point.rounds.resize(self.passes, vec![None; self.timing.len()]);
         }
         let lab = self.lab;
@@ -259,7 +258,7 @@ impl<'a, 'b> Study<'a, 'b> {
         let i = *camera.intrinsics();
         let (width, height) = (i.width.min(ORACLE_SIDE), i.height.min(ORACLE_SIDE));
         let (left, top) = ((i.width - width) / 2, (i.height - height) / 2);
-        // The same rays as in the whole view: the lens is relative to (cx, cy).
+        // Rays are those of the whole view, as the lens is relative to (cx, cy).
         let (cx, cy) = (i.cx - left as f32, i.cy - top as f32);
         let cut = Camera::new(Intrinsics { width, height, cx, cy, ..i }, *camera.lens(), *camera.pose())?;
         let exact = Settings::exact(&self.lab.blob);
@@ -279,7 +278,7 @@ impl<'a, 'b> Study<'a, 'b> {
         self.points.iter().map(|point| point.totals(&self.points[0])).collect()
     }
 
-    /// Loss and time of each point, time as a fraction of the exact rendering's.
+    /// Loss of each point, and its time as a fraction of the exact rendering's.
     pub fn times(&self) -> Vec<Price> {
         let price = |point: &Point| {
             let cost = point.relative_time(&self.points[0], self.effort.clock).unwrap_or(f64::NAN);
@@ -293,21 +292,21 @@ impl<'a, 'b> Study<'a, 'b> {
         pareto(&self.times())
     }
 
-    /// Pareto front over multiply-adds of the points that a blob can hold: their indices, dearest first, and the
-    /// price of every point. At most [`MAX_FRONT`] points that lose no more than `BLOB_LOSS_DB`; within
-    /// `TRAINED_STEP_LOSS_DB` none has a longer step than the field was trained with.
+    /// Indices of the Pareto front over multiply-adds of the points that a blob can hold, dearest first, and the price
+    /// of every point. The front has at most [`MAX_FRONT`] points that lose no more than `BLOB_LOSS_DB`. Within
+    /// `TRAINED_STEP_LOSS_DB` no point has a longer step than in training.
     pub fn blob_front(&self) -> (Vec<usize>, Vec<Price>) {
         let base = Settings::base();
         let price = |point: &Point| {
             let totals = point.totals(&self.points[0]);
             let longer = self.lab.is_marched() && self.lab.step_share(&point.settings) > 1.0;
-            // Losses on other views are not comparable.
+            // Losses of points that lack a view are not comparable.
             let fits = fits_blob(self.lab, &base, &point.settings)
                 && totals.views == self.views.len()
                 && totals.loss_db <= BLOB_LOSS_DB
                 && !(longer && totals.loss_db as f32 <= TRAINED_STEP_LOSS_DB);
             let cost = if fits { totals.relative_macs } else { f64::NAN };
-            // Rounded as in the file: points that are equal there must not count as different.
+            // Rounded as in the file: points that are equal in the file must not count as different.
             Price { loss_db: f64::from(totals.loss_db as f32), cost: f64::from(cost as f32) }
         };
         let prices: Vec<Price> = self.points.iter().map(price).collect();
@@ -324,7 +323,7 @@ impl<'a, 'b> Study<'a, 'b> {
         front.into_iter().map(point).collect()
     }
 
-    /// Cheapest point over time that loses at most `loss_db`, among those that `keep` accepts.
+    /// Index of the fastest point that loses at most `loss_db`, among those that `keep` accepts.
     pub fn cheapest(&self, loss_db: f64, keep: impl Fn(&Point) -> bool) -> Option<usize> {
         let mut times = self.times();
         for (price, point) in times.iter_mut().zip(&self.points) {

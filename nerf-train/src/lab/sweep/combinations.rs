@@ -1,4 +1,4 @@
-//! Lists of values, and the points that they span.
+//! Lists of values, and their combinations, the points of a sweep.
 
 use anyhow::bail;
 use clap::ValueEnum;
@@ -14,21 +14,21 @@ pub enum Knob {
     Levels,
     Layers,
     Width,
-    /// Binary logarithm of the most entries of a level of a learned grid.
+    /// log2 of the largest number of entries of a grid level.
     Table,
     GridLevels,
     Features,
-    /// Cells of the finest level of a learned grid.
+    /// Resolution of the finest level of a learned grid, cells.
     Finest,
     Rate,
     Samples,
-    /// Steps between updates of a hashed level of a learned grid.
+    /// Training steps between updates of a hashed level of a learned grid.
     Turns,
     Seconds,
 }
 
 impl Knob {
-    /// Flag, name on the axis of a plot, and encoding that the knob belongs to; `None` if every field has it.
+    /// Flag, label of a plot's axis, and encoding that the knob belongs to; `None` if every field has the knob.
     fn row(self) -> (&'static str, &'static str, Option<&'static str>) {
         match self {
             Self::Levels => ("levels", "levels L of the encoding", Some(SINUSOIDAL)),
@@ -45,7 +45,7 @@ impl Knob {
         }
     }
 
-    /// Flag that lists the knob's values, without dashes.
+    /// Flag, without dashes, that lists the knob's values.
     pub fn flag(self) -> &'static str {
         self.row().0
     }
@@ -59,7 +59,7 @@ impl Knob {
     }
 }
 
-/// Settings that a sweep varies, at one point: a value for each [`Knob`] of its field.
+/// Settings of one run of a sweep: a value for each [`Knob`] of its field.
 #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
 pub struct Point([Option<f64>; Knob::Seconds as usize + 1]);
 
@@ -83,7 +83,7 @@ impl Point {
         Knob::value_variants().iter().copied().zip(self.0).filter_map(|(knob, value)| Some((knob, value?)))
     }
 
-    /// Unique name of the point, fit for a file: `L10_layers4_width256_rate0.01`.
+    /// Unique name of the point, usable as a file name: `L10_layers4_width256_rate0.01`.
     pub fn name(&self) -> String {
         self.joined("", "_")
     }
@@ -122,13 +122,13 @@ impl<'de> Deserialize<'de> for Point {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Mode {
-    /// Every value of a list with every value of the others.
+    /// All combinations of the lists' values.
     Full,
-    /// Every list on its own; the other settings stay at the base.
+    /// Each list on its own; the other settings stay at the base.
     OneAtATime,
 }
 
-/// Lists of values around a base: an empty list keeps the base's value, a list of one value replaces it.
+/// Lists of values to vary around a base: an empty list keeps the base's value, a list of one value replaces it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Combinations {
     /// Values for the knobs whose list is empty.

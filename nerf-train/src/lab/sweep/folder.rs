@@ -1,4 +1,4 @@
-//! A sweep on disk.
+//! Folder of a sweep, with its records and pictures.
 
 use super::{Header, Point, Record};
 use crate::data::pictures::rgb::Picture;
@@ -11,13 +11,13 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
 
-/// File in the folder with what all runs share.
+/// File in the folder with the data and settings that all runs share.
 const FILE: &str = "sweep.json";
 
 /// The folder of a sweep.
 ///
-/// A run is one small file and is never done twice, whoever did it: runs can be spread over machines
-/// ([`Shard`](crate::lab::Shard)) into one folder or into several that are merged.
+/// Each run is one small file and is never repeated, whichever process made it. Runs can be spread over machines
+/// ([`Shard`](crate::lab::Shard)) into one folder, or into several that are merged.
 #[derive(Clone, Debug)]
 pub struct Folder {
     pub path: PathBuf,
@@ -26,12 +26,12 @@ pub struct Folder {
 
 impl Folder {
     /// Resumes the sweep in `path`, or begins one there.
-    /// Fails without any change if the folder holds one with other settings.
+    /// Fails without any change if the folder holds a sweep with other settings.
     pub fn open(path: &Path, header: Header) -> anyhow::Result<Self> {
         let file = path.join(FILE);
         if !file.exists() {
             ensure_folder(path.join("runs"))?;
-            // Another process may begin a sweep here at this very moment: its file then counts.
+            // Another process may begin the sweep at the same time: the file of the first one counts.
             write_new(file, to_json(&header)?.as_bytes())?;
         }
         let folder = Self::existing(path)?;
@@ -49,7 +49,7 @@ impl Folder {
         Ok(Self { path: path.into(), header })
     }
 
-    /// Refuses a sweep that `other` does not describe.
+    /// Fails unless `other` describes the same sweep.
     pub fn check_same(&self, other: &Header) -> anyhow::Result<()> {
         let tree = |header: &Header| serde_json::to_value(header).unwrap_or_default();
         match difference(&tree(other), &tree(&self.header)) {
@@ -78,7 +78,7 @@ impl Folder {
         if path.exists() { read_json(&path, "record").map(Some) } else { Ok(None) }
     }
 
-    /// Saves a finished run: its picture first, so that a record never lacks a picture it should have.
+    /// Saves a finished run: its picture first, so that no record lacks its picture.
     pub fn keep(&self, run: &Record, picture: Option<&Picture>) -> anyhow::Result<()> {
         if let Some(picture) = picture {
             picture.write_png(self.picture_path(&run.point.name()))?;
@@ -100,7 +100,7 @@ impl Folder {
         files.iter().map(|path| read_json(path, "record")).collect()
     }
 
-    /// Does the runs of `points` that are not finished, and reports each result.
+    /// Runs the points that are not finished, and reports each result.
     pub fn conduct(
         &self,
         points: &[Point],

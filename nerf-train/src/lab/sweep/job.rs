@@ -32,7 +32,7 @@ pub enum Job<'a> {
     Scene {
         dataset: &'a Dataset,
         base: Box<Config>,
-        /// Seconds of a run if no list sets them, in place of the settings' steps.
+        /// Time limit of a run, seconds, in place of a number of steps, if no list sets one.
         seconds: Option<f64>,
     },
 }
@@ -93,10 +93,10 @@ impl Job<'_> {
         }
     }
 
-    /// Runs one point to its end; an interrupted run leaves nothing.
+    /// Runs one point to its end; an interrupted run leaves no record.
     ///
-    /// A run that diverges by its own settings is a result. Its picture is the photograph's, or the first validation
-    /// view's.
+    /// A run that diverges because of its settings is a result. The picture is that of the photograph, or of the first
+    /// validation view.
     pub fn run(&self, point: &Point, runner: &Runner<'_>) -> anyhow::Result<Run> {
         let clock = Clock::start();
         let (blank, ran) = match self {
@@ -128,7 +128,7 @@ impl Job<'_> {
     }
 }
 
-/// Point of a learned grid's settings, or else of a sinusoidal network's: levels, layers and width.
+/// Point of a base: the settings of a learned grid, or else levels, layers and width of a sinusoidal network.
 fn base_point(grid: Option<&TableConfig>, (levels, layers, width): (u8, usize, usize), rate: f64) -> Point {
     let point = match grid {
         Some(grid) => Point::of(&[
@@ -174,7 +174,7 @@ fn scene_config(base: &Config, point: &Point) -> Config {
     set_grid(n.grid.as_mut(), point);
     set(&mut config.sampling.samples, point.get(Knob::Samples));
     set(&mut config.optimiser.hashed_every, point.get(Knob::Turns));
-    // The skip layer stays where it is, if the trunk reaches that far.
+    // The skip connection stays, unless the trunk ends before it.
     if n.skip_after >= n.depth {
         n.skip_after = 0;
     }
@@ -182,14 +182,14 @@ fn scene_config(base: &Config, point: &Point) -> Config {
     config
 }
 
-/// Sets a whole number: lists hold them as f64, which is exact.
+/// Sets a whole number from a list's f64, which holds it exactly.
 fn set<T: TryFrom<u64>>(to: &mut T, value: Option<f64>) {
     if let Some(value) = value.and_then(|value| T::try_from(value as u64).ok()) {
         *to = value;
     }
 }
 
-/// Record of a run without its figures.
+/// Record of a run before its results.
 fn blank(point: &Point, runner: &Runner<'_>, architecture: &Architecture) -> Record {
     Record {
         point: *point,
@@ -207,7 +207,7 @@ fn blank(point: &Point, runner: &Runner<'_>, architecture: &Architecture) -> Rec
     }
 }
 
-/// Status and note of a run that shows no more than a flat colour would, which has `flat_psnr_db`.
+/// Status and note of a run; `flat`: PSNR is no better than that of one flat colour, `flat_psnr_db`.
 fn judged(flat: bool, flat_psnr_db: f64) -> (Status, String) {
     match flat {
         true => (Status::Flat, format!("no better than one flat colour, which has {flat_psnr_db:.2} dB")),

@@ -2,9 +2,9 @@
 //!
 //! lists of values → their combinations → one run each, kept as one small file → table, plots, sheet
 //!
-//! A folder holds a sweep: `sweep.json` says what all of its runs share, `runs/` has a record and a
-//! picture for each finished one. A record is never made twice, whoever made it: runs can be spread
-//! over machines ([`Shard`](super::Shard)) into one folder or into several that are merged.
+//! A folder holds a sweep: `sweep.json` has what all of its runs share, `runs/` a record and a picture of each
+//! finished run. A record is never made twice, whichever process made it. Runs can be spread over machines
+//! ([`Shard`](super::Shard)) into one folder, or into several that are merged.
 
 mod combinations;
 mod folder;
@@ -34,7 +34,7 @@ pub struct Header {
     pub data: String,
     pub fingerprint: String,
     pub mode: Mode,
-    /// All settings of the base, including those that are varied; others may be varied later.
+    /// All settings of the base, including those that are varied; a later command may vary others.
     pub settings: serde_json::Value,
 }
 
@@ -44,7 +44,7 @@ pub enum Status {
     Ok,
     /// A number overflowed, or every density became 0.
     Diverged,
-    /// The run ended, but shows no more than one flat colour would: too fast a rate, or too few steps.
+    /// The run ended, but scores no better than one flat colour: too high a rate, or too few steps.
     Flat,
 }
 
@@ -53,13 +53,13 @@ pub enum Status {
 pub struct Record {
     pub point: Point,
     pub status: Status,
-    /// Reason, if the run did not end as it should.
+    /// Reason why the run diverged or is flat; else empty.
     pub note: String,
     /// PSNR as defined by [`Kind`], dB; absent if there is no picture.
     pub psnr_db: Option<f64>,
     pub steps: u32,
     pub parameters: usize,
-    /// Multiply-adds of one pixel or sample.
+    /// Multiply-adds per pixel or sample.
     pub macs: u64,
     pub blob_bytes: usize,
     pub train_seconds: f64,
@@ -69,7 +69,7 @@ pub struct Record {
 }
 
 impl Record {
-    /// Result in a few words.
+    /// Status and figures of the run in a few words.
     pub(super) fn result(&self) -> String {
         match (self.status, self.psnr_db) {
             (Status::Ok, Some(db)) => format!("{db:.2} dB in {:.1} s", self.train_seconds),

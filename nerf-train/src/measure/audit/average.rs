@@ -49,7 +49,7 @@ pub fn mean_encoding(encoding: &DirectionEncoding, views: &[&View]) -> Option<Ve
     Some(sums.into_iter().map(|sum| sum / dirs.len() as f64).collect())
 }
 
-/// The network without its direction: PE(d) is replaced by `mean` and folded into the bias, in f64.
+/// Network without view dependence: PE(d) is replaced by its mean `mean` and folded into the bias, in f64.
 ///
 /// `parameters` and the result are in export order. `None` if colour does not depend on the direction.
 ///
@@ -75,15 +75,15 @@ pub fn without_direction(
             (f64::from(bias) + share) as f32
         }));
     }
-    // Parameters after the layers, a grid's tables, stay.
+    // Parameters after those of the layers are the grid's tables and do not change.
     result.extend_from_slice(&parameters[architecture.parameters()..]);
     Some((folded, result))
 }
 
-/// The network without its direction: PE(d) is replaced by its mean over the rays of `views`.
+/// Network without view dependence: PE(d) is replaced by its mean over the rays of `views`.
 ///
-/// `parameters` and the result are in export order. `None` if colour does not depend on the direction, and
-/// without views.
+/// `parameters` and the result are in export order. `None` if colour does not depend on the direction, or without
+/// views.
 pub fn flattened(
     architecture: &Architecture,
     parameters: &[f32],
@@ -93,7 +93,7 @@ pub fn flattened(
     without_direction(architecture, parameters, &mean)
 }
 
-/// Whether the layer's input is `[h, PE(d)]`, in a network that has a direction.
+/// Whether the layer's input is `[h, PE(d)]`: a first colour layer of a network with view dependence.
 fn takes_direction(layer: &Layer) -> bool {
     matches!(layer.role, Role::Colour(_) | Role::Rgb) && layer.extra > 0
 }
@@ -104,7 +104,7 @@ mod tests {
     use crate::data::demo;
     use crate::model::config::{Config, Preset};
 
-    /// A small network with a direction; every parameter is another number.
+    /// Small network with view dependence, whose parameters are all different.
     fn network(colour_width: usize) -> (Architecture, Vec<f32>) {
         let mut config: Config = Preset::Small.config();
         let n = &mut config.network;
@@ -143,8 +143,8 @@ mod tests {
         }
     }
 
-    /// What the layer gives before its activation is linear in PE(d): its mean over directions is what the
-    /// folded layer gives, whatever `h` is.
+    /// The layer before its activation is linear in PE(d), so its mean over directions equals the output of the folded
+    /// layer for any `h`.
     #[test]
     fn the_folded_bias_is_the_mean_over_directions_in_f64() {
         let dataset = demo::small(3, 1, 12);

@@ -1,4 +1,4 @@
-//! Ablation of a scene's effects: the scene with each of them and without.
+//! Ablation of a scene's effects: renderings with and without each effect.
 
 mod average;
 
@@ -13,9 +13,9 @@ pub use average::{flattened, mean_encoding, without_direction};
 use nerf_core::plan::Quality;
 use serde::Serialize;
 
-/// Default of the minimum gain that keeps an effect, dB.
+/// Default of the smallest PSNR gain that keeps an effect, dB.
 pub const THRESHOLD_DB: f64 = 0.05;
-/// Ratio of work with an effect to work without it, below which the savings may keep the effect.
+/// Largest ratio of work with an effect to work without it at which the saved work can outweigh a small loss.
 const SPARED: f64 = 0.9;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,19 +24,19 @@ pub struct Without {
     pub background: [f32; 3],
 }
 
-/// How to render without an effect, or why there is nothing to leave out.
+/// Settings that leave an effect out, or the reason why there is nothing to leave out.
 pub type Asked = anyhow::Result<Result<Without, &'static str>>;
 
-/// An effect that a scene may have: one entry of the table.
+/// Effect of a scene, as an entry of [`EFFECTS`].
 pub struct Effect {
     pub name: &'static str,
     pub instead: &'static str,
-    /// Derives the settings without the effect from those with it and the views whose directions are averaged. May
-    /// add a variant of the blob.
+    /// Settings without the effect, from those with it and from the views whose ray directions are averaged. May add a
+    /// variant of the blob.
     pub without: fn(&mut Variants<'_>, Without, &[&View]) -> Asked,
 }
 
-/// All effects, in the order of the report. An effect of the scene joins the audit by an entry here.
+/// All effects, in the order of the report. An entry here adds an effect to the audit.
 pub const EFFECTS: &[Effect] = &[
     Effect {
         name: "view dependence",
@@ -78,13 +78,13 @@ pub const EFFECTS: &[Effect] = &[
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// The effect gains the threshold, or it saves work and loses less than the threshold.
+    /// The effect gains at least the threshold, or saves work and loses less than the threshold.
     Keeps,
     Drops,
 }
 
 impl Verdict {
-    /// The verdict on an effect that gains `gain_db` and takes `relative_macs` of the work without it.
+    /// Verdict on an effect that gains `gain_db` and has `relative_macs` times the multiply-adds without it.
     pub fn of(gain_db: f64, relative_macs: f64, threshold_db: f64) -> Self {
         let spares = relative_macs < SPARED && gain_db > -threshold_db;
         // A gain of NaN, which was not measured, keeps the effect.
@@ -103,7 +103,7 @@ impl Verdict {
 pub struct Worth {
     pub with_db: f64,
     pub without_db: f64,
-    /// Time with the effect over time without it: median of the rounds.
+    /// Ratio of the time with the effect to the time without it, median over the rounds.
     pub relative_time: f64,
     pub relative_macs: f64,
     pub verdict: Verdict,
@@ -115,7 +115,7 @@ impl Worth {
     }
 }
 
-/// Findings by effect: its worth, or why there was nothing to leave out.
+/// Worth of each effect, or the reason why there was nothing to leave out.
 pub type Audit = Vec<(&'static Effect, Result<Worth, &'static str>)>;
 
 #[derive(Clone, Copy, Debug)]
@@ -125,10 +125,10 @@ pub struct AuditOptions {
     pub clock: Clock,
 }
 
-/// Renders `views` with every effect and without each; `rays`: the views whose directions are averaged.
+/// Renders `views` with all effects and without each. `rays`: views whose ray directions are averaged.
 ///
-/// Renderings with and without alternate, view by view. `each` is called with the number of frames done and their
-/// total.
+/// Renderings with and without an effect alternate, view by view. `each` is called with the number of frames done and
+/// their total.
 pub fn audit(
     lab: &mut Variants<'_>,
     views: &[&View],
@@ -163,7 +163,7 @@ pub fn audit(
     Ok(found.into_iter().map(|(effect, place)| (effect, place.map(worth))).collect())
 }
 
-/// Renders each view in each of `ways`, alternating, `repeats` times; errors are against the first way.
+/// Renders each view in each of `ways`, alternating, `repeats` times; errors are relative to the first way.
 fn measure(
     lab: &Variants<'_>,
     ways: &[Without],
@@ -182,7 +182,7 @@ fn measure(
     lab.prepared(&settings, |bench| {
         for round in 0..repeats {
             for (v, view) in views.iter().enumerate() {
-                // The truth has the scene's own background, whatever is rendered.
+                // Ground truth has the scene's own background, even if the rendering has another.
                 let truth = view.composite_over(ways[0].background);
                 let mut first = None;
                 for (point, way) in points.iter_mut().zip(ways) {
@@ -214,7 +214,7 @@ pub struct Summary {
     pub cpu: String,
 }
 
-/// What an effect is worth, or why it was not measured.
+/// Worth of an effect, or the reason why it was not measured.
 #[derive(Debug, Serialize)]
 #[serde(untagged)]
 pub enum EffectSummary {
@@ -277,7 +277,7 @@ mod tests {
         assert_eq!(verdict(0.05, 1.0), Verdict::Keeps);
         assert_eq!(verdict(0.04, 1.0), Verdict::Drops);
         assert_eq!(verdict(-1.0, 1.0), Verdict::Drops);
-        // It takes a fortieth of the work: worth no more than the threshold's loss.
+        // At a fortieth of the work the effect is kept, as it loses less than the threshold.
         assert_eq!(verdict(-0.02, 0.025), Verdict::Keeps);
         assert_eq!(verdict(-0.2, 0.025), Verdict::Drops);
         assert_eq!(verdict(f64::NAN, 1.0), Verdict::Keeps);

@@ -1,4 +1,4 @@
-//! Benchmark of frames: the blob, its variants, and the clocks.
+//! Benchmark of rendered frames of a blob and its variants, with clocks.
 
 pub mod size;
 pub mod source;
@@ -33,14 +33,14 @@ pub struct Variant {
     pub has_occupancy: bool,
 }
 
-/// A blob, its variants, and the weights it was rounded from, if they are available.
+/// A blob, its variants, and its weights before rounding, if available.
 #[derive(Clone, Debug)]
 pub struct Variants<'b> {
     pub blob: Blob<'b>,
     pub scene: SceneFacts,
     cells: Option<LiveCells>,
     pub variants: Vec<Variant>,
-    /// The weights that the blob was rounded from, in export order.
+    /// Weights of the blob before rounding, in export order; `None` if not available.
     pub source: Option<Vec<f32>>,
 }
 
@@ -55,7 +55,7 @@ pub struct Clocked {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Memory {
     pub workspace: usize,
-    /// Prepared weights, shared by all threads.
+    /// Prepared weights, bytes; shared by all threads.
     pub prepared: usize,
     pub file: usize,
 }
@@ -70,12 +70,12 @@ impl<'b> Variants<'b> {
         Ok(Self { blob, scene, cells, variants, source: None })
     }
 
-    /// Whether rays are marched at the scene's own step; else samples lie in bins between near and far.
+    /// Whether rays are marched with the scene's own step; otherwise samples lie in bins between near and far.
     pub fn is_marched(&self) -> bool {
         !matches!(self.scene.sampling, SceneSampling::Bins(_))
     }
 
-    /// Distance between samples relative to that of training.
+    /// Ratio of the distance between samples to that of training.
     pub fn step_share(&self, settings: &Settings) -> f64 {
         let own = self.scene.samples();
         let samples = if settings.quality.samples == 0 { own } else { settings.quality.samples };
@@ -86,7 +86,7 @@ impl<'b> Variants<'b> {
         self.variants[variant].has_occupancy
     }
 
-    /// Whether samples can be drawn from a proposal network.
+    /// Whether the blob has a proposal network, from which samples can be drawn.
     pub fn has_proposal(&self) -> bool {
         self.blob.proposal().is_some()
     }
@@ -127,7 +127,7 @@ impl<'b> Variants<'b> {
         Ok(Some(self.add(Variant { name, bytes, has_occupancy: true })))
     }
 
-    /// Adds a variant with the grid's tables in int8, and returns its index. `None` unless the blob has tables in
+    /// Adds a variant with the grid's tables in int8, and returns its index. `None` unless the blob's tables are in
     /// f16.
     pub fn add_int8(&mut self) -> anyhow::Result<Option<usize>> {
         let (Some(grid), Some(StoredTables::F16(_))) =
@@ -135,7 +135,7 @@ impl<'b> Variants<'b> {
         else {
             return Ok(None);
         };
-        // A file's own values are finite.
+        // The values of a valid blob are finite, so quantisation does not fail.
         let Ok(rounded) = Quantised::new(grid, &self.table_values(), TableStorage::Int8, &[]) else {
             return Ok(None);
         };
@@ -175,7 +175,7 @@ impl<'b> Variants<'b> {
             provenance: self.blob.provenance().clone(),
         })?;
         let rounded = Blob::open(&alone.bytes)?;
-        // Occupancy grid and whatever else the scene has stay.
+        // The occupancy grid and all other parts of the blob stay.
         let body = Body { architecture: architecture.clone(), weights: rounded.weights(), ..self.body() };
         let (name, bytes, has_occupancy) = (name.to_owned(), written(&body)?, self.has_occupancy(0));
         Ok(self.add(Variant { name, bytes, has_occupancy }))
@@ -226,7 +226,7 @@ impl<'b> Variants<'b> {
             let renderer = match (key.precision, &self.source) {
                 (Precision::Unrounded, Some(source)) => {
                     let bounds = blob.scene_box();
-                    // Coded tables cannot be read in place.
+                    // Entropy-coded tables cannot be read in place: the renderer reads decoded values.
                     let tables = GridTables::new(TableValues::F32(&own), bounds.as_ref());
                     let tables = (blob.decoded_len() > 0).then_some(tables);
                     Renderer::with_parameters(blob, key.kernel, source, tables)
@@ -240,7 +240,7 @@ impl<'b> Variants<'b> {
     }
 }
 
-/// The settings that need a renderer of their own; all others are the plan's or the camera's.
+/// Settings that need a renderer of their own; all others belong to the plan or the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Key {
     variant: usize,
@@ -261,9 +261,9 @@ pub struct Bench<'l, 'b> {
 }
 
 impl Bench<'_, '_> {
-    /// Renders a view with `settings` over `background`. The result has the view's own size.
+    /// Renders a view with `settings` over `background`. The frame has the size of `camera`'s picture.
     ///
-    /// The time is that of the frame on rayon's threads, and of enlarging it if it is smaller.
+    /// The time includes rendering on rayon's threads, and enlarging a smaller frame.
     pub fn render(
         &self,
         settings: &Settings,

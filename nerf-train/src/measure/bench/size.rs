@@ -5,7 +5,7 @@ use crate::measure::frame::Frame;
 use anyhow::Context;
 use nerf_core::camera::Camera;
 
-/// Camera of a picture whose sides are `quarters` quarters of this one's, at least one pixel.
+/// Camera of the same view whose sides are `quarters` quarters of `camera`'s, at least one pixel.
 pub fn scaled(camera: &Camera, quarters: u32) -> anyhow::Result<Camera> {
     if quarters == 4 {
         return Ok(*camera);
@@ -17,7 +17,7 @@ pub fn scaled(camera: &Camera, quarters: u32) -> anyhow::Result<Camera> {
 
 /// Enlarges a frame to the size of `camera`'s picture: bilinear between pixel centres, clamped at the edges.
 ///
-/// Median distances and normals are left out: their means across an edge are meaningless.
+/// Median distances and normals are left out: interpolation across an edge is meaningless.
 pub fn enlarged(frame: Frame, camera: &Camera) -> Frame {
     let i = camera.intrinsics();
     let (width, height) = (i.width as usize, i.height as usize);
@@ -42,7 +42,7 @@ pub fn enlarged(frame: Frame, camera: &Camera) -> Frame {
     }
 }
 
-/// For each pixel of the larger side, the two pixels of the smaller side around it, and the weight of the second.
+/// For each pixel along the large side, its two neighbours along the small side and the weight of the second.
 fn taps(small: usize, large: usize) -> Vec<(usize, usize, f32)> {
     let last = small.saturating_sub(1);
     let tap = |i: usize| {
@@ -88,7 +88,7 @@ mod tests {
         assert_eq!(scaled(&whole, 4).expect("a camera"), whole);
         let half = scaled(&whole, 2).expect("a camera");
         assert_eq!((half.intrinsics().width, half.intrinsics().height), (10, 10));
-        // The middle of a pixel of the half is the corner between four of the whole.
+        // The centre of a pixel at half size is the corner between four pixels at full size.
         for (x, y) in [(0.5, 0.5), (3.5, 7.5), (9.5, 9.5)] {
             let (a, b) = (half.ray(x, y), whole.ray(2.0 * x, 2.0 * y));
             assert!((a.dir - b.dir).length() < 1e-6 && a.origin == b.origin);

@@ -8,14 +8,14 @@ use nerf_core::network::{Architecture, unpack};
 use std::fmt::Display;
 use std::path::Path;
 
-/// Column orders to try: neither a checkpoint nor its blob names one.
+/// Column orders of the encodings to try: neither a checkpoint nor its blob names one.
 const ORDERS: [Order; 5] = [Order::Level, Order::Pairs, Order::Input, Order::Halves, Order::HalvesByInput];
 /// Density activations to try.
 const DENSITIES: [RawDensity; 3] = [RawDensity::Relu, RawDensity::Softplus, RawDensity::ShiftedSoftplus];
 
 /// Reads the network that `blob` was imported from, in the blob's order, before rounding.
 ///
-/// Tries column orders and activations: the right ones give exactly the blob's weights when rounded.
+/// Tries column orders and density activations: only the right ones give exactly the blob's weights when rounded.
 pub fn unrounded(file: &Path, blob: &Blob<'_>) -> anyhow::Result<Vec<f32>> {
     let tensors = Tensors::read(file, None)?;
     let angle = match blob.architecture().position.sinusoidal().map(|encoding| encoding.scale) {
@@ -32,7 +32,7 @@ pub fn unrounded(file: &Path, blob: &Blob<'_>) -> anyhow::Result<Vec<f32>> {
             };
             match found {
                 Ok(parameters) => return Ok(parameters),
-                // The first reading is the usual one: its error is the most useful.
+                // The first attempt has the usual order and activation: its error is the most useful.
                 Err(error) => fault = fault.or(Some(error)),
             }
         }

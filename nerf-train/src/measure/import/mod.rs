@@ -53,10 +53,9 @@ use nerf_core::network::Architecture;
 use nerf_core::plan::Quality;
 use std::fmt::Display;
 
-/// Every `STRIDE`-th pixel of every `STRIDE`-th row is measured. Odd, so that the middle of a block is a pixel's
-/// centre.
+/// Spacing of the measured pixels along rows and columns. Odd, so that the middle of a block is a pixel's centre.
 pub const STRIDE: u32 = 3;
-/// PSNR below which some setting of the import must be wrong, dB.
+/// PSNR below which some setting of the import is probably wrong, dB.
 pub const SUSPICIOUS_DB: f64 = 15.0;
 
 /// Error about a file or a setting that an import cannot use.
@@ -72,7 +71,7 @@ pub struct Request<'a> {
     pub settings: &'a Settings,
     pub kernel: Kernel,
     pub style: ProgressStyle,
-    /// View dependence that gains less than this on the check's views is removed, dB.
+    /// Smallest PSNR gain on the check's views that keeps view dependence, dB.
     pub effect_threshold_db: f64,
 }
 
@@ -88,7 +87,7 @@ pub enum Occupancy {
     /// The grid that the network was trained with.
     Given {
         cells: LiveCells,
-        /// Whether the grid is not part of the model, whatever the check says.
+        /// Whether the grid is not part of the model, even if PSNR depends on it.
         optional: bool,
     },
     Build,
@@ -109,12 +108,12 @@ impl Check {
         self.scores.psnr_db().unwrap_or(f64::NAN)
     }
 
-    /// Whether the picture changes without the occupancy grid.
+    /// Whether PSNR changes without the occupancy grid.
     fn occupancy_matters(&self) -> bool {
         self.occupancy_gain_db.is_some_and(|gain| gain.is_nan() || gain.abs() > OCCUPANCY_LOSS_DB)
     }
 
-    /// Whether the picture is worse with the occupancy grid.
+    /// Whether PSNR is lower with the occupancy grid than without.
     pub fn occupancy_harms(&self) -> bool {
         self.occupancy_gain_db.is_some_and(|gain| gain < -OCCUPANCY_LOSS_DB)
     }
@@ -126,7 +125,7 @@ impl Check {
     }
 }
 
-/// An import: networks, occupancy grid, and what the check found.
+/// Import of a checkpoint: networks, occupancy grid, and results of the check.
 pub struct Import<'a> {
     request: Request<'a>,
     network: Imported,
@@ -160,7 +159,7 @@ impl<'a> Import<'a> {
             direction: None,
             check: None,
         };
-        // A first export finds what the format refuses, before the work.
+        // A trial export fails on what the format refuses, before any long work.
         import.export(None)?;
         Ok(import)
     }
@@ -195,7 +194,7 @@ impl<'a> Import<'a> {
         self.export(views.map(|views| &*views.name))
     }
 
-    /// Occupancy grid built from the network's densities; `None` if they are nowhere above the threshold.
+    /// Occupancy grid built from the network's densities; `None` if no density exceeds the threshold.
     fn built(&self) -> Option<LiveCells> {
         let Request { settings, kernel, style, .. } = self.request;
         say(style, "building the occupancy grid from the network's densities");
@@ -207,7 +206,7 @@ impl<'a> Import<'a> {
         occupancy::build(settings, &ask, threshold)
     }
 
-    /// Exports the blob; `data`: name of the data set that it was checked on.
+    /// Exports the blob; `data`: name of the data set of the check.
     fn export(&self, data: Option<&str>) -> anyhow::Result<Exported> {
         let finite = |db: f64| Some(db as f32).filter(|db| db.is_finite());
         let Request { tensors, settings, .. } = self.request;
@@ -274,8 +273,8 @@ impl<'a> Import<'a> {
         Ok(Check { scores, quantisation_loss_db, occupancy_gain_db })
     }
 
-    /// Measures the gain by view dependence over its mean, dB. If it is too small, the mean replaces the direction in
-    /// the network. `None` if colour does not depend on the direction, or if the check is suspicious.
+    /// Measures the gain by view dependence over its mean, dB. If the gain is too small, the mean replaces the
+    /// direction in the network. `None` if colour does not depend on the direction, or if the check is suspicious.
     fn ask_direction(&mut self, views: &Views) -> anyhow::Result<Option<(f64, Verdict)>> {
         let rays: Vec<&View> = views.rays.iter().collect();
         let check = self.check.as_ref().filter(|check| !check.is_suspicious());

@@ -15,18 +15,18 @@ use std::iter::once;
 /// Encoding of the direction, if colour depends on it, and widths of the colour network's hidden layers.
 type ColourBranch = (Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>);
 
-/// A network in this project's shape and order, before its feature layer is folded.
+/// Imported network in this project's shape and order, before its feature layer is folded.
 #[derive(Clone, Debug)]
 pub struct Imported {
     pub model: Model,
-    /// Parameters in the model's own order.
+    /// Parameters in the order of `model`.
     pub parameters: Vec<f32>,
     /// Tensors that the network has but does not use, by name.
     pub unused: Vec<String>,
 }
 
 impl Imported {
-    /// Parameters of the exported network, f32: the feature layer folded in f64.
+    /// Parameters of the exported network, f32; the feature layer is folded in f64.
     pub fn folded(&self) -> Vec<f32> {
         self.model.fold((&self.parameters).into()).into_owned()
     }
@@ -40,16 +40,16 @@ pub fn network(tensors: &Tensors, settings: &Settings) -> anyhow::Result<Importe
     Ok(Imported { model, parameters: reader.parameters, unused })
 }
 
-/// Reads layer after layer, in the order of a [`Model`]'s parameters.
+/// Reader of a network's layers, in the order of a [`Model`]'s parameters.
 struct Reader<'t> {
     tensors: &'t Tensors,
     settings: &'t Settings,
-    /// Names of tensors that were not read yet.
+    /// Names of the tensors that are not read yet.
     left: BTreeSet<&'t str>,
     parameters: Vec<f32>,
 }
 
-/// `y = W x + b`, `W` row-major `[outputs][inputs]`.
+/// Linear layer `y = W x + b`, `W` row-major `[outputs][inputs]`.
 #[derive(Clone, Copy)]
 struct Linear<'t> {
     weight: &'t [f32],
@@ -59,8 +59,8 @@ struct Linear<'t> {
 }
 
 impl<'t> Reader<'t> {
-    /// Reads the whole network. Also returns whether it has a feature layer, and the names of tensors that it does
-    /// not use.
+    /// Reads the whole network. Returns its architecture, whether it has a feature layer, and the names of unused
+    /// tensors.
     fn architecture(&mut self) -> anyhow::Result<(Architecture, bool, Vec<String>)> {
         let (position, trunk) = self.trunk()?;
         let width = trunk.last().map_or(0, |layer| usize::from(layer.width));
@@ -106,7 +106,7 @@ impl<'t> Reader<'t> {
             let fits = |_, inputs| inputs == width || inputs == encoded + width;
             let layer = self.linear(&format!("pts_linears.{i}"), &expected, fits)?;
             let skip = layer.inputs != width;
-            // The file has [PE(x), h], this project [h, PE(x)].
+            // Columns are [PE(x), h] in the file, and [h, PE(x)] in this project.
             let of_h = if skip { encoded..encoded + width } else { 0..width };
             let of_position = if skip { &columns[..] } else { &[] };
             let permuted: Vec<usize> = of_h.chain(of_position.iter().copied()).collect();
@@ -154,8 +154,7 @@ impl<'t> Reader<'t> {
         Ok((direction, colour))
     }
 
-    /// Reads density and rgb of a network without view directions: rows r, g, b, sigma, and a fifth that is never
-    /// read.
+    /// Reads the output layer of a network without view directions: rows r, g, b, sigma, and a fifth that is ignored.
     fn output(&mut self, width: usize) -> anyhow::Result<ColourBranch> {
         let straight: Vec<usize> = (0..width).collect();
         let output = self.exactly("output_linear", &[4, 5], width)?;
@@ -164,7 +163,7 @@ impl<'t> Reader<'t> {
         Ok((None, heapless::Vec::new()))
     }
 
-    /// Number of layers `layers.0`, `layers.1`, …: one more than the largest index.
+    /// Number of layers named `layers.0`, `layers.1`, …: one more than the largest index.
     fn count(&self, layers: &'static str, most: usize) -> anyhow::Result<usize> {
         let index = |name: &String| -> Option<usize> {
             name.strip_prefix(layers)?.strip_prefix('.')?.split('.').next()?.parse().ok()
@@ -177,14 +176,14 @@ impl<'t> Reader<'t> {
         }
     }
 
-    /// Reads the layer whose weight has the shape `[one of outputs][inputs]`.
+    /// Reads a layer whose weight has `inputs` columns and one of the numbers of rows in `outputs`.
     fn exactly(&mut self, layer: &str, outputs: &[usize], inputs: usize) -> anyhow::Result<Linear<'t>> {
         let rows = outputs.iter().map(usize::to_string).collect::<Vec<_>>().join(" or ");
         let expected = format!("[{rows}, {inputs}]");
         self.linear(layer, &expected, |rows, found| outputs.contains(&rows) && found == inputs)
     }
 
-    /// Reads the layer of this name; `fits` accepts its numbers of rows and of inputs.
+    /// Reads the layer named `layer`; `fits` accepts its numbers of rows and of columns.
     fn linear(
         &mut self,
         layer: &str,
@@ -220,7 +219,7 @@ impl<'t> Reader<'t> {
         }
     }
 
-    /// Encoding with `found` values, and for each channel of this project the column in the file.
+    /// Encoding of `found` channels, and for each channel in this project's order its column in the file.
     fn encoding(
         &self,
         field: &'static str,
@@ -232,7 +231,7 @@ impl<'t> Reader<'t> {
             let expected = format!("{expected} columns of encoded {field}");
             Err(self.tensors.refused(tensor, expected, found.to_string()))
         };
-        // Three inputs: a level adds six values, the inputs themselves three.
+        // With three inputs, a level adds six values, and the raw inputs add three.
         let own = found % 6;
         let identity = match (own, settings.identity) {
             (3, None) => Identity::First,
@@ -260,7 +259,7 @@ impl<'t> Reader<'t> {
         Ok((encoding, settings.order.columns(&encoding, identity)))
     }
 
-    /// Appends rows of a layer with its columns in the order of `columns`, then their biases.
+    /// Appends `rows` of a layer with their columns in the order of `columns`, then the biases of the rows.
     fn put(&mut self, layer: Linear<'_>, rows: std::ops::Range<usize>, columns: &[usize]) {
         for row in rows.clone() {
             let row = &layer.weight[row * layer.inputs..][..layer.inputs];
@@ -275,7 +274,7 @@ impl<'t> Reader<'t> {
         if self.settings.density == RawDensity::Softplus
             && let Some(bias) = self.parameters.last_mut()
         {
-            // softplus(raw) = softplus((raw + 1) − 1).
+            // The model has softplus(raw − 1): softplus(raw) = softplus((raw + 1) − 1).
             *bias += 1.0;
         }
     }

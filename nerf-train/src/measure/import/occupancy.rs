@@ -1,4 +1,4 @@
-//! The occupancy grid of an imported network: one it was trained with, or one built from its densities.
+//! Occupancy grid of an imported network: the grid it was trained with, or one built from its densities.
 
 use super::refused;
 use super::settings::Settings;
@@ -7,7 +7,7 @@ use crate::train::occupancy::{DensityQuery, LiveCells, Occupancy};
 use nerf_core::blob::MAX_OCCUPANCY_RESOLUTION;
 use std::path::Path;
 
-/// Largest array that is read, bytes: the largest occupancy grid in f64.
+/// Largest size of an array in the file, bytes: the largest occupancy grid in f64.
 const MAX_ARRAY_BYTES: u64 = 8 << 27;
 
 /// Reads an occupancy grid of the scene box: a `.npy` array `[x, y, z]` of booleans, or of zeros and ones.
@@ -34,8 +34,8 @@ pub fn read(file: &Path, settings: &Settings) -> anyhow::Result<LiveCells> {
     Ok(cells)
 }
 
-/// Builds a grid of the cells in which the network's density exceeds `threshold`, 1/world unit; `None` if there are
-/// none.
+/// Builds a grid of the cells in which the network's density exceeds `threshold`, 1/world unit; `None` if no cell is
+/// occupied.
 pub fn build(settings: &Settings, ask: &DensityQuery<'_>, threshold: f32) -> Option<LiveCells> {
     let cells =
         Occupancy::asked(settings.bounds(), settings.occupancy_resolution, ask, threshold).into_live();

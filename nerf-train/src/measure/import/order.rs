@@ -1,10 +1,10 @@
-//! Order of the values of an encoding: from the orders in use to this project's.
+//! Permutation of an encoding's channels, from the orders of other trainers to this project's.
 
 use nerf_core::encoding::SinusoidalEncoding;
 
 /// Order of sines and cosines in an encoded input; `x y z` are the inputs.
 ///
-/// A network that was trained with one order shows nothing with another, so its weight columns are permuted.
+/// A network works only with the order that it was trained with, so its weight columns are permuted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Order {
     /// Per level sin x y z, cos x y z: the original code, nerf-pytorch, and this project.
@@ -19,7 +19,7 @@ pub enum Order {
     HalvesByInput,
 }
 
-/// Position of the inputs themselves.
+/// Position of the raw inputs in the encoding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Identity {
     /// Before the sines and cosines.
@@ -31,7 +31,7 @@ pub enum Identity {
 }
 
 impl Order {
-    /// For each channel of `encoding`, in this project's order, the column of the same channel in the order `self`.
+    /// For each channel of `encoding`, in this project's order, its column in the order `self`.
     ///
     /// ```
     /// use nerf_core::encoding::{AngleScale, SinusoidalEncoding};

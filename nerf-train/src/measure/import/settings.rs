@@ -118,7 +118,7 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Checks every setting; the blob's own rules are checked again when it is written.
+    /// Checks every setting. The blob format's own rules are checked when the blob is written.
     pub fn check(&self) -> Result<(), ConfigError> {
         let Self { near, far, background, occupancy_threshold: threshold, .. } = *self;
         let sound = near >= 0.0 && near < far && far.is_finite();

@@ -11,12 +11,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-/// Names of the layers; all text before them is a prefix.
+/// Beginnings of the names of layers; the text before one of them is the network's prefix.
 const LAYERS: [&str; 6] =
     ["pts_linears.", "views_linears.", "feature_linear.", "alpha_linear.", "rgb_linear.", "output_linear."];
-/// Largest number of tensors: those of the largest network, and a few so that an error can name the surplus.
+/// Largest number of tensors: those of the largest network, and a few more, so that an error can name a surplus one.
 const MAX_TENSORS: usize = 2 * (MAX_TRUNK + MAX_COLOUR + 4) + 16;
-/// Largest array that is unpacked, bytes: 30 times the largest layer in f64.
+/// Largest size of an unpacked array, bytes: 30 times the largest layer in f64.
 const MAX_ARRAY_BYTES: u64 = 1 << 26;
 /// Largest `.safetensors` file, bytes; it is read whole.
 const MAX_FILE_BYTES: u64 = 1 << 30;
@@ -25,34 +25,34 @@ const LISTED: usize = 5;
 /// A tensor in C order; its values are finite.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tensor {
-    /// Outermost first.
+    /// Dimensions, outermost first.
     pub shape: Vec<usize>,
     pub(super) values: Vec<f32>,
 }
 
-/// The tensors of one network by their names without prefix.
+/// Tensors of one network, by their names without the network's prefix.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tensors {
     pub(super) file: PathBuf,
     pub prefix: String,
-    /// Prefixes of other networks in the file, which are left out.
+    /// Prefixes of other networks in the file, which are not read.
     pub others: Vec<String>,
     pub(super) tensors: BTreeMap<String, Tensor>,
 }
 
-/// An open file, before anything of it is unpacked.
+/// Open file whose tensors are not unpacked yet.
 enum Source<'d> {
     Npz(Archive),
     Safe(SafeTensors<'d>),
 }
 
 impl Tensors {
-    /// Reads the network whose names begin with `prefix`; if that is `None`, the file's only one, or its fine one.
+    /// Reads the network whose names begin with `prefix`; `None`: the file's only network, or the fine one of several.
     pub fn read(file: &Path, prefix: Option<&str>) -> anyhow::Result<Self> {
         Self::read_where(file, prefix, |prefix| prefix.contains("fine"))
     }
 
-    /// Reads a coarse network: without `prefix`, the file's only network, or its only one that is not fine.
+    /// Reads the coarse network; `prefix` is `None`: the file's only network, or the only one that is not fine.
     pub fn read_coarse(file: &Path, prefix: Option<&str>) -> anyhow::Result<Self> {
         Self::read_where(file, prefix, |prefix| !prefix.contains("fine"))
     }
@@ -114,7 +114,7 @@ fn prefix_of(name: &str) -> Option<&str> {
     places.filter(begins_a_part).min().map(|at| &name[..at])
 }
 
-/// Prefix of the requested network, or else of the `wanted` one, and the prefixes of the others.
+/// Prefix of the requested network, else of the one that `wanted` accepts, and the prefixes of the others.
 fn choose(
     file: &Path,
     names: &[String],

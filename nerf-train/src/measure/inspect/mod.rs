@@ -196,7 +196,7 @@ pub struct GridSummary {
 impl GridSummary {
     pub fn of(blob: &Blob<'_>) -> Option<Self> {
         let grid = blob.architecture().position.grid()?;
-        // Along the longest side.
+        // Number of cells along the longest side.
         let cells =
             |level: Option<&[u16; 3]>| level.and_then(|level| level.iter().max().copied()).unwrap_or(0);
         let tables = blob.tables();

@@ -41,7 +41,7 @@ pub fn psnr_db(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
 }
 
 /// PSNR in dB after each channel of `shown` is multiplied by the gain that brings it nearest to `truth` (least
-/// squares), and clamped to 1: without the error that a photograph's own exposure gain makes.
+/// squares), and clamped to 1. This removes the error by the photograph's own exposure gain.
 pub fn aligned_psnr_db(shown: &[[f32; 3]], truth: &[[f32; 3]]) -> f64 {
     let gain: [f32; 3] = std::array::from_fn(|c| {
         let products = |other: &[[f32; 3]]| -> f64 {
@@ -55,7 +55,7 @@ pub fn aligned_psnr_db(shown: &[[f32; 3]], truth: &[[f32; 3]]) -> f64 {
     psnr_db(&aligned, truth)
 }
 
-/// Difference of two PSNRs, dB; 0 if they are equal, also if both are infinite.
+/// `psnr_db` minus `over`, dB; 0 if they are equal, even if infinite.
 pub fn gain_db(psnr_db: f64, over: f64) -> f64 {
     if psnr_db == over { 0.0 } else { psnr_db - over }
 }
@@ -71,7 +71,7 @@ pub fn flat_psnr_db(rgb: &[[f32; 3]]) -> f64 {
     psnr_db(&vec![mean; rgb.len()], rgb)
 }
 
-/// Whether no view is better than one flat colour would be. `psnr_and_flat_db`: PSNR and [`flat_psnr_db`] of every
+/// Whether every view scores no better than one flat colour. `psnr_and_flat_db`: PSNR and [`flat_psnr_db`] of every
 /// view.
 ///
 /// The mean is the best flat colour for a view, so that one view above it proves that something was learned. Views of
@@ -81,13 +81,13 @@ pub fn is_flat(psnr_and_flat_db: impl IntoIterator<Item = (f64, f64)>) -> bool {
     telling.peek().is_some() && !telling.any(|(psnr, flat)| psnr > flat)
 }
 
-/// Mean of [`flat_psnr_db`] over views, dB, without those of one flat colour; +inf if none is left.
+/// Mean of [`flat_psnr_db`] over the views that are not one flat colour, dB; +inf without any.
 pub fn mean_flat_psnr_db(flat_db: impl IntoIterator<Item = f64>) -> f64 {
     let telling: Vec<f64> = flat_db.into_iter().filter(|flat| flat.is_finite()).collect();
     if telling.is_empty() { f64::INFINITY } else { telling.iter().sum::<f64>() / telling.len() as f64 }
 }
 
-/// Mean structural similarity of two `width` × `height` pictures, at most 1, per channel then mean.
+/// Mean structural similarity of two `width` × `height` pictures, at most 1: the mean over their channels.
 ///
 /// Gaussian 11×11 window of sigma 1.5, K1 = 0.01, K2 = 0.03, data range 1, population covariance, averaged over the
 /// windows that lie wholly inside ("valid"): what scikit-image computes with `gaussian_weights=True,
@@ -104,7 +104,7 @@ pub fn ssim(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize) -> f64 
 }
 
 /// [`ssim`] of the pixels that `counts` marks, `[width * height]`: all others are taken as equal in both pictures,
-/// and the mean is over windows whose middle is marked. NaN if there is none.
+/// and the mean is over windows whose middle is marked. NaN if no window is.
 pub fn ssim_of(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize, counts: Option<&[bool]>) -> f64 {
     let pixels = width.checked_mul(height).unwrap_or(0);
     let differ = |length: usize| length != pixels;
@@ -128,7 +128,7 @@ fn ssim_of_plane(a: &[f64], b: &[f64], width: usize, height: usize, counts: Opti
     let blur = |plane: &[f64]| blur_valid(plane, width, height, &across, &down);
     let product = |f: fn(f64, f64) -> f64| -> Vec<f64> { a.iter().zip(b).map(|(&x, &y)| f(x, y)).collect() };
     let (mean_a, mean_b) = (blur(a), blur(b));
-    // Only the sum of the two variances enters the formula: one blur less.
+    // The formula needs only the sum of the two variances, which takes one blur instead of two.
     let squares = blur(&product(|x, y| x * x + y * y));
     let cross = blur(&product(|x, y| x * y));
     let (mut sum, mut windows) = (0.0, 0usize);

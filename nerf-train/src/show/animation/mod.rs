@@ -1,11 +1,10 @@
 //! Animated GIFs.
 //!
-//! The quality choice: each frame has its own palette of up to 256 colours, exact where the frame
-//! has no more than that, else cut by variance and refined; no dithering. Frames have own palettes
-//! because a turntable shows other colours from each side, and because they can then be written as
-//! they come, on all cores, without holding the whole animation. There is no dithering because its
-//! grain crawls from frame to frame and doubles the file. The price is slight banding in smooth
-//! gradients (1 to 2 of 255 levels rms): look at PNG frames to judge quality.
+//! Each frame has its own palette of up to 256 colours: exact if the frame has no more colours, else found by
+//! variance-based cutting and k-means. Palettes of single frames suit a turntable, which shows other colours from each
+//! side, and let all cores encode frames without holding the whole animation in memory. There is no dithering, as its
+//! grain flickers from frame to frame and doubles the file's size. The price is slight banding in smooth gradients (1
+//! to 2 of 255 levels rms): judge quality by PNG frames.
 
 mod palette;
 
@@ -25,23 +24,22 @@ const LONGEST_DELAY: f64 = 65_535.0;
 
 /// An endlessly looping GIF that is written frame by frame, whole or not at all.
 ///
-/// It buffers at most two frames per thread. Without [`finish`](Self::finish) no file is left.
+/// Buffers at most two frames per thread. Without [`finish`](Self::finish) no file is left.
 pub struct GifWriter {
     encoder: Encoder<AtomicFile>,
     width: u16,
     height: u16,
     fps: f64,
     written: usize,
-    /// Frames that are buffered until there are enough to keep all cores busy.
+    /// Buffered frames, encoded together once there are enough for all cores.
     waiting: Vec<Picture>,
 }
 
 impl GifWriter {
-    /// Opens the file. All frames have this size, pixels.
+    /// Opens the file at `path`, for frames of `width` × `height` pixels.
     ///
-    /// `fps`: frames per second; GIF counts time in hundredths of a second, so that delays alternate where
-    /// the rate does not divide 100 and the mean rate is kept. Above 50 the file plays at 50, as viewers
-    /// slow down anything faster.
+    /// `fps`: frames per second. GIF counts delays in hundredths of a second: if `fps` does not divide 100, delays
+    /// alternate and their mean is exact. Above 50 the file plays at 50, as viewers slow down faster files.
     pub fn create(path: impl AsRef<Path>, width: usize, height: usize, fps: f64) -> anyhow::Result<Self> {
         check_rate(fps)?;
         let side = |pixels| u16::try_from(pixels).ok().filter(|&side| side > 0);
@@ -119,7 +117,7 @@ pub(crate) fn check_size(index: usize, frame: &Picture, expected: (usize, usize)
 /// Delay of frame `index`, hundredths of a second.
 fn delay(index: usize, fps: f64) -> u16 {
     let at = |i: usize| (i as f64 * 100.0 / fps).round();
-    // From absolute times, so that rounding does not add up.
+    // Differences of rounded absolute times, so that rounding errors do not accumulate.
     (at(index + 1) - at(index)).clamp(2.0, LONGEST_DELAY) as u16
 }
 

@@ -1,27 +1,27 @@
 //! Palettes of up to 256 colours for a frame.
 //!
-//! Own code, as the `gif` crate's NeuQuant spends its palette by area: on a small object in front of a wide
-//! background it left a dozen colours for the object. Here the colours go to where the error is.
+//! The `gif` crate's NeuQuant assigns colours by area: a small object in front of a wide background got only a dozen.
+//! Here colours are assigned where the squared error is largest.
 
 const MAX_COLOURS: usize = 256;
-/// Rounds of moving each entry to the mean of the colours nearest to it.
+/// Number of iterations of k-means.
 const ROUNDS: usize = 2;
 
-/// A colour of the frame and how many pixels have it.
+/// Colour of the frame, and the number of pixels that have it.
 type Counted = ([u8; 3], u32);
 
-/// A palette and, per pixel, an index into it.
+/// Palette of a frame, and the palette index of each pixel.
 pub struct Quantised {
-    /// `[k * 3]`, 1 ≤ k ≤ 256 for a frame with pixels.
+    /// Colours, `[k * 3]`; 1 ≤ k ≤ 256 for a frame with pixels.
     pub palette: Vec<u8>,
-    /// `[n]`.
+    /// Palette index of each pixel, `[n]`.
     pub indices: Vec<u8>,
 }
 
 /// Finds a palette for the pixels of `rgb` (`[n * 3]`) and the nearest entry for each pixel.
 ///
-/// Exact up to 256 colours. Else: of the sets of colours the one with the largest squared error is cut
-/// in two at its mean along its widest axis, until there are 256; then two rounds of k-means.
+/// Exact up to 256 colours. Otherwise the set of colours with the largest squared error is split at its mean along its
+/// widest axis, until there are 256 sets; two iterations of k-means follow.
 ///
 /// # Source
 /// Variance-based cutting after Wan, Wong, Prusinkiewicz 1988, "An algorithm for multidimensional data
@@ -56,7 +56,7 @@ fn count(rgb: &[u8]) -> Vec<Counted> {
     pixels.chunk_by(|a, b| a == b).map(|same| (same[0], same.len() as u32)).collect()
 }
 
-/// A set of colours with the axis along which it spreads most: sum of squares, mean and axis.
+/// Set of colours; `axis`: channel of largest spread; `error`, `mean`: sum of squared deviations and mean along it.
 struct Set {
     colours: Vec<Counted>,
     error: f64,
@@ -88,7 +88,7 @@ fn cut(colours: &[Counted]) -> Vec<Vec<Counted>> {
         let set = sets.swap_remove(worst);
         let below = |c: &Counted| f64::from(c.0[set.axis]) <= set.mean;
         let (low, high): (Vec<Counted>, Vec<Counted>) = set.colours.into_iter().partition(below);
-        // Colours differ along the widest axis, so that both have some; rounding must not end this.
+        // Colours differ along the widest axis, so neither part is empty. If rounding empties one, splitting ends.
         let whole = low.is_empty() || high.is_empty();
         sets.extend([low, high].into_iter().filter(|part| !part.is_empty()).map(Set::new));
         if whole {
@@ -98,7 +98,7 @@ fn cut(colours: &[Counted]) -> Vec<Vec<Counted>> {
     sets.into_iter().map(|set| set.colours).collect()
 }
 
-/// The mean, or the colour that more than half of the pixels have: flat backgrounds stay exact.
+/// Palette entry of a set: the colour of more than half of its pixels (flat backgrounds stay exact), else the mean.
 fn representative(set: &[Counted]) -> [u8; 3] {
     let total: u64 = set.iter().map(|c| u64::from(c.1)).sum();
     if let Some(main) = set.iter().find(|c| 2 * u64::from(c.1) > total) {
@@ -110,7 +110,7 @@ fn representative(set: &[Counted]) -> [u8; 3] {
     })
 }
 
-/// The index of the entry with the least squared distance; the first of equals.
+/// Index of the entry nearest to `colour`; the first of equally near ones.
 fn nearest(entries: &[[u8; 3]], colour: [u8; 3]) -> usize {
     let square = |a: u8, b: u8| (i32::from(a) - i32::from(b)).pow(2);
     let distance = |entry: &[u8; 3]| (0..3).map(|c| square(entry[c], colour[c])).sum::<i32>();

@@ -1,4 +1,4 @@
-//! Findings about a capture, shown on its cameras.
+//! Findings of a capture check, and cameras coloured by them.
 
 use super::scene::{Request, Scene};
 use crate::capture::check::Diagnosis;
@@ -6,26 +6,26 @@ use crate::data::pictures::thumbnail::Thumbnail;
 use crate::data::{Background, Dataset, View};
 use crate::model::config::{Preset, Surroundings};
 
-/// Colours of the groups, display-encoded; repeated if there are more groups.
+/// Colours of the inconsistent groups of photographs, display-encoded; repeated if there are more groups.
 const GROUPS: [[f32; 3]; 4] =
     [[0.13, 0.39, 0.85], [0.90, 0.47, 0.06], [0.15, 0.58, 0.24], [0.55, 0.25, 0.68]];
 /// Colour of photographs that contradict the rest.
 const CONTRADICTING: [f32; 3] = [0.85, 0.08, 0.12];
 /// Colour of blurred photographs.
 const BLURRED: [f32; 3] = [0.62, 0.50, 0.10];
-/// Long side of the photographs side by side, pixels.
+/// Longer side of the photographs of the contradicting pair, pixels.
 const SIDE: usize = 400;
 
 #[derive(Clone, Debug)]
 pub struct Findings {
     pub(super) facts: String,
     pub(super) lines: Vec<String>,
-    /// Two photographs that cannot both be right, with their names.
+    /// The two photographs that contradict each other most, with their names; empty if there are none.
     pub(super) pair: Vec<(String, Thumbnail)>,
 }
 
-/// Scene of all photographs of a data set, with cameras coloured by the diagnosis; `range`: near and far planes, if
-/// given. All views become training views, in the order of names.
+/// Scene of all photographs of a data set, as training views ordered by name, with cameras coloured by the diagnosis.
+/// `range`: near and far planes, if given.
 pub fn checked(
     dataset: &mut Dataset,
     diagnosis: &Diagnosis,
@@ -48,7 +48,7 @@ pub fn checked(
     Ok(scene)
 }
 
-/// Colours the cameras by the diagnosis, and keeps its findings. `views`: the photographs of the diagnosis.
+/// Colours the cameras by the diagnosis, and stores its findings in the scene. `views`: photographs of the diagnosis.
 fn find(scene: &mut Scene, diagnosis: &Diagnosis, views: &[View]) {
     for camera in &mut scene.cameras {
         let of = diagnosis.views.iter().find(|view| view.name == camera.name);

@@ -1,6 +1,6 @@
-//! What training sees, in 3D: cameras with frusta and pictures, rays and samples of one step.
+//! 3D view of one training step: cameras with frusta and pictures, rays and their samples.
 //!
-//! One [`Scene`] is made from the data and the very code that draws training batches; an interactive [`page`] shows it.
+//! A [`Scene`] is drawn with the code that draws training batches; an interactive [`page`] shows it.
 
 mod findings;
 pub mod page;

@@ -1,4 +1,4 @@
-//! The rays and samples of one training step, drawn by the code that training draws them with.
+//! Rays and samples of one training step, drawn with the code of training.
 
 use crate::data::{Background, View};
 use crate::model::config::Config;
@@ -11,18 +11,18 @@ use nerf_core::Isa;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShownRay {
-    /// Index of its camera in the cameras of the [scene](super::Scene).
+    /// Index of the ray's camera in the cameras of the [scene](super::Scene).
     pub camera: usize,
-    /// Start, world units.
+    /// Position of the camera, world units.
     pub origin: Vec3,
     pub dir: Vec3,
-    /// Start of the ray, world units along it.
+    /// Distance from the origin at which the ray begins, world units.
     pub near: f32,
     /// Target colour in training, display-encoded.
     pub rgb: [f32; 3],
-    /// Samples at which training evaluates the network: `t`, world units along the ray, ascending.
+    /// Distances `t` of the samples in occupied cells, where training evaluates the network: world units, ascending.
     pub live: Vec<f32>,
-    /// Samples inside the scene box that the occupancy grid culls: `t`, ascending.
+    /// Distances `t` of the samples in the scene box that the occupancy grid culls: world units, ascending.
     pub culled: Vec<f32>,
 }
 
@@ -40,17 +40,17 @@ impl ShownRay {
 pub struct StepFacts {
     pub step: u32,
     pub seed: u64,
-    /// Number of bins between near and far, one sample in each; if rays are marched, the largest number of steps of a
+    /// Number of bins between near and far, one sample in each; for marched rays, the largest number of samples of a
     /// ray.
     pub bins: u16,
     pub marched: bool,
-    /// Number of rays that the step trains on; the first of them are shown.
+    /// Number of rays of the training step, of which the first are shown.
     pub rays: usize,
     pub live: usize,
     pub occupancy: bool,
 }
 
-/// Samples rays of some views by the code of training, for display.
+/// Draws rays and samples for display, with the code of training.
 pub(super) struct Drawer<'a> {
     pub(super) config: &'a Config,
     pub(super) bounds: Bounds,
@@ -60,9 +60,9 @@ pub(super) struct Drawer<'a> {
 }
 
 impl Drawer<'_> {
-    /// Draws the first `count` rays of the step over `views`; the first view is camera `first`.
+    /// Draws the first `count` rays of the training step over `views`. `first`: camera index of the first view.
     ///
-    /// `whole`: the step has as many rays as in training; else `count` rays.
+    /// `whole`: whether the step has as many rays as in training; otherwise `count`.
     pub(super) fn draw(
         &self,
         views: &[View],
@@ -92,7 +92,7 @@ impl Drawer<'_> {
             let (view, _) = bank.source(step, index as u64, rays);
             let (origin, dir) = (views[view].camera.pose().position, Vec3::from(ray.dir));
             let live = take(&mut live, ray.samples);
-            // Live samples are a subset of those inside the box, in the same order and bit for bit.
+            // Samples in occupied cells are a subset of all samples in the box, bit for bit and in the same order.
             let mut next = live.iter().peekable();
             let culled = take(&mut inside, whole.samples).iter().filter(|p| next.next_if_eq(p).is_none());
             let t = |p: &[f32; 3]| {
@@ -115,8 +115,8 @@ impl Drawer<'_> {
         Ok((shown.collect(), facts))
     }
 
-    /// Rays of the step with their samples in `cells`, or with all inside the scene box. If rays are not marched,
-    /// only as many as bring `most` samples (0: no limit).
+    /// Rays of the step with their samples in the occupied `cells`; `None`: with all samples in the scene box. If rays
+    /// are not marched, the batch ends at `most` samples (0: no limit).
     fn batch(&self, bank: &RayBank<'_>, rays: usize, most: usize, cells: Option<&Occupancy>) -> Batch {
         let (mut batch, step) = (Batch::default(), u64::from(self.step));
         if !self.is_marched() {
@@ -134,7 +134,7 @@ impl Drawer<'_> {
         batch
     }
 
-    /// Whether rays are marched, as they are if the field is a learned grid.
+    /// Whether rays are marched: the field is a learned grid and has an occupancy grid.
     fn is_marched(&self) -> bool {
         self.occupancy.is_some() && self.config.network.grid.is_some()
     }

@@ -1,17 +1,16 @@
-//! Numbers as colours: colour maps, pictures of distances, and their legends.
+//! Colour maps, false-colour pictures of distances and normals, and their legends.
 
 use super::axis;
 use super::text::{self, Direction};
 use crate::data::pictures::rgb::{Picture, check_length};
 
-/// The colour of pixels that hold no value: a light grey, which occurs in none of the maps.
+/// Colour of pixels without a value: a light grey that occurs in none of the maps.
 pub const EMPTY: [f32; 3] = [0.86; 3];
 
-/// Opacity above which a pixel's distance counts.
+/// Opacity above which a pixel shows a surface, so that its distance is used.
 const SOLID: f32 = 0.5;
 
-/// A map from [0, 1] to colours whose lightness rises evenly: readable in grey print, and by
-/// the colour-blind.
+/// Colour map of [0, 1] whose lightness rises evenly: readable in grey print, and by the colour-blind.
 ///
 /// # Source
 /// Degree-6 polynomials fitted to matplotlib's maps (van der Walt and Smith, CC0) by Matt Zucker,
@@ -45,7 +44,7 @@ const MAGMA: [[f64; 3]; 7] = [
 ];
 
 impl ColourMap {
-    /// The colour of `share`, clamped to [0, 1]; NaN gives [`EMPTY`].
+    /// Colour of the value `share`, clamped to [0, 1]; NaN gives [`EMPTY`].
     pub fn colour(self, share: f32) -> [f32; 3] {
         if share.is_nan() {
             return EMPTY;
@@ -60,22 +59,22 @@ impl ColourMap {
     }
 }
 
-/// A range for colouring `values`: their 1st to 99th percentile over pixels of `opacity` > 0.5.
+/// Range for colouring `values`: their 1st to 99th percentile over pixels of `opacity` > 0.5.
 ///
-/// Both `[n]`, `values` in any unit. Only finite values count; `None` if there are none. A few stray pixels cannot
-/// stretch it. Equal ends (a flat wall) are widened by half a per cent each way.
+/// `values` (any unit), `opacity`: `[n]`. Only finite values count; `None` if there are none. A few outliers cannot
+/// stretch the range. Equal ends (a flat wall) are widened by half a per cent each way.
 pub fn robust_range(values: &[f32], opacity: &[f32]) -> Option<(f32, f32)> {
     let solid = |&(value, opacity): &(&f32, &f32)| value.is_finite() && *opacity > SOLID;
     let mut kept: Vec<f32> = values.iter().zip(opacity).filter(solid).map(|(&value, _)| value).collect();
     kept.sort_unstable_by(f32::total_cmp);
     let last = kept.len().checked_sub(1)?;
-    // Outwards, so that of a handful of values none is left out.
+    // Rounded outwards, so that all of a handful of values lie within.
     let low = kept[(last as f64 * 0.01).floor() as usize];
     let high = kept[(last as f64 * 0.99).ceil() as usize];
     Some(widened(low, high))
 }
 
-/// Sorts two finite ends, and widens a range without extent.
+/// Range between two finite ends, in either order; widened if the ends are equal.
 fn widened(low: f32, high: f32) -> (f32, f32) {
     let (low, high) = if low <= high { (low, high) } else { (high, low) };
     let middle = low.abs().max(high.abs());
@@ -86,7 +85,7 @@ fn widened(low: f32, high: f32) -> (f32, f32) {
     (low - margin, high + margin)
 }
 
-/// The range of the colours of distances: the given one if it is usable, else the robust one, else 0..1.
+/// Range of a distance picture's colours: `range` if it is usable, else [`robust_range`], else 0..1.
 fn settle_range(values: &[f32], opacity: &[f32], range: Option<(f32, f32)>) -> (f32, f32) {
     match range {
         Some((low, high)) if low.is_finite() && high.is_finite() => widened(low, high),
@@ -94,12 +93,11 @@ fn settle_range(values: &[f32], opacity: &[f32], range: Option<(f32, f32)>) -> (
     }
 }
 
-/// Distances in colour ([`ColourMap::Viridis`], near is dark), enlarged if small, with a legend on their right.
+/// Picture of distances in [`ColourMap::Viridis`] (near is dark), enlarged if small, with a legend on the right.
 ///
-/// `values`, `opacity`: `[height * width]`; `values` in world units. Pixels of opacity ≤ 0.5 or
-/// without a finite value are [`EMPTY`]. `range`: near and far end of the colours, world units;
-/// `None` takes [`robust_range`]. Give one range to all frames of an animation. `title` names the value and its unit, for
-/// example "z_depth, world units".
+/// `values`, `opacity`: `[height * width]`; `values` in world units. Pixels of opacity ≤ 0.5 or without a finite value
+/// are [`EMPTY`]. `range`: near and far end of the colours, world units; `None`: [`robust_range`]. All frames of an
+/// animation need the same range. `title`: name and unit of the values, for example "z_depth, world units".
 pub fn depth_picture_with_legend(
     values: &[f32],
     opacity: &[f32],
@@ -131,10 +129,9 @@ fn depth_picture(
     Picture::new(width, height, values.iter().zip(opacity).map(colour).collect())
 }
 
-/// Normals in colour: red, green, blue are (x, y, z) / 2 + 1/2 of the unit vector.
+/// Picture of normals: red, green, blue are (x, y, z) / 2 + 1/2 of the unit vector.
 ///
-/// `normals`, `opacity`: `[height * width]`. As in [`depth_picture_with_legend`], pixels of opacity ≤ 0.5 are [`EMPTY`],
-/// and so are those whose normal is 0.
+/// `normals`, `opacity`: `[height * width]`. Pixels of opacity ≤ 0.5, or whose normal is 0, are [`EMPTY`].
 pub fn normal_picture(
     normals: &[[f32; 3]],
     opacity: &[f32],
@@ -149,8 +146,8 @@ pub fn normal_picture(
     Picture::new(width, height, normals.iter().zip(opacity).map(colour).collect())
 }
 
-/// `picture` with a bar of the map's colours on its right, ticks in the unit of `range`, and `title`
-/// running up beside them. Small pictures are enlarged to 256 pixels by a whole factor.
+/// `picture` with a legend on its right: a bar of the map's colours, ticks in the unit of `range`, and a vertical
+/// `title`. Small pictures are enlarged to 256 pixels by a whole factor.
 pub fn with_legend(picture: &Picture, map: ColourMap, range: (f32, f32), title: &str) -> Picture {
     const SIZE: f32 = 18.0;
     const MARGIN: usize = 12;
@@ -177,7 +174,7 @@ pub fn with_legend(picture: &Picture, map: ColourMap, range: (f32, f32), title: 
     page.paste(&picture, MARGIN, MARGIN);
 
     for y in 0..bar_height {
-        // The far end is on top.
+        // The far end of the range is at the top of the bar.
         let share = 1.0 - y as f32 / (bar_height - 1) as f32;
         for x in 0..BAR {
             page.blend((bar_left + x) as i64, (MARGIN + y) as i64, map.colour(share), 1.0);

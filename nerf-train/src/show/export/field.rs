@@ -1,4 +1,4 @@
-//! Density and colour at points, evaluated on all threads.
+//! Densities and colours at points, evaluated on all threads.
 
 use nerf_core::camera::Ray;
 use nerf_core::memory::Line;
@@ -7,27 +7,27 @@ use nerf_core::render::Renderer;
 use rayon::prelude::*;
 use std::f32::consts::LN_2;
 
-/// Points that one task evaluates.
+/// Number of points that one task evaluates.
 const CHUNK: usize = 4096;
 
-/// A scene that is evaluated at points.
+/// Radiance field of a scene, evaluated at points.
 pub struct Field<'a, 'b> {
     renderer: &'a Renderer<'b>,
     plan: &'a Plan<'a>,
 }
 
 impl<'a, 'b> Field<'a, 'b> {
-    /// Field of a renderer, evaluated with a plan of its scene.
+    /// Field of a renderer's scene, evaluated with `plan`.
     pub fn new(renderer: &'a Renderer<'b>, plan: &'a Plan<'a>) -> Self {
         Self { renderer, plan }
     }
 
-    /// Whether space is contracted: there is no outside to look from.
+    /// Whether the scene is unbounded, with contracted space: no ray can begin outside of it.
     pub fn is_unbounded(&self) -> bool {
         self.renderer.blob().scene().is_some_and(|scene| scene.contraction().is_some())
     }
 
-    /// Densities, 1/world unit; 0 outside of the scene.
+    /// Densities at `points`, 1/world unit; 0 outside of the scene.
     pub fn densities(&self, points: &[[f32; 3]]) -> anyhow::Result<Vec<f32>> {
         let mut sigma = vec![0.0; points.len()];
         let chunks = points.par_chunks(CHUNK).zip(sigma.par_chunks_mut(CHUNK));
@@ -41,7 +41,7 @@ impl<'a, 'b> Field<'a, 'b> {
         Ok(sigma)
     }
 
-    /// Densities, 1/world unit, and display-encoded colours as seen along the unit directions `dirs`.
+    /// Densities at `points`, 1/world unit, and display-encoded colours as seen along the unit directions `dirs`.
     pub fn seen(&self, points: &[[f32; 3]], dirs: &[[f32; 3]]) -> anyhow::Result<(Vec<f32>, Vec<[f32; 3]>)> {
         let (mut sigma, mut rgb) = (vec![0.0; points.len()], vec![[0.0; 3]; points.len()]);
         let asked = points.par_chunks(CHUNK).zip(dirs.par_chunks(CHUNK));
@@ -55,8 +55,8 @@ impl<'a, 'b> Field<'a, 'b> {
         Ok((sigma, rgb))
     }
 
-    /// Distance along each ray at which its opacity crosses 1/2, world units; `None` if it stays below. The rays have
-    /// this length, and one sample in the middle of each of `steps` equal bins, whatever the scene's own samples are.
+    /// Distance along each ray at which its opacity crosses 1/2, world units; `None` if it stays below. Rays are
+    /// `length` world units long and have one sample in the middle of each of `steps` equal bins.
     pub fn half_way(&self, rays: &[Ray], length: f32, steps: usize) -> anyhow::Result<Vec<Option<f32>>> {
         let delta = length / steps as f32;
         let points = |ray: &Ray| {
@@ -73,7 +73,7 @@ impl<'a, 'b> Field<'a, 'b> {
     }
 }
 
-/// Distance at which the optical depth of the bins so far reaches ln 2.
+/// Distance at which the accumulated optical depth reaches ln 2 (opacity 1/2), in the unit of `delta`.
 fn crossing(sigma: &[f32], delta: f32) -> Option<f32> {
     let mut depth = 0.0;
     for (i, sigma) in sigma.iter().enumerate() {

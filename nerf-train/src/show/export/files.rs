@@ -1,6 +1,6 @@
 //! Meshes as PLY, OBJ and binary glTF 2.0, points as PLY.
 //!
-//! Own writers: each is a header and a loop.
+//! The writers need no library: each is a header and a loop.
 
 use super::{Mesh, Vertex};
 use crate::data::pictures::rgb::to_u8;
@@ -10,8 +10,8 @@ use serde_json::{Value, json};
 use std::io::{self, Write};
 use std::path::Path;
 
-/// Writes a mesh as binary PLY: `x y z nx ny nz red green blue`, faces as `vertex_indices`. Coordinates are the
-/// data's own: doubles if their origin is far away.
+/// Writes a mesh as binary PLY: `x y z nx ny nz red green blue`, faces as `vertex_indices`. Coordinates are the data's
+/// own: doubles if the mesh has an origin other than 0.
 pub fn write_ply(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
     written(path, |out| {
         let far = mesh.origin != [0.0; 3];
@@ -73,7 +73,7 @@ pub fn write_obj(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
 /// defines +Y as up, but the axes are not changed. An origin that is far away becomes the node's translation.
 pub fn write_glb(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
     let size = 36 * mesh.vertices.len() as u64 + 12 * mesh.triangles.len() as u64;
-    // With room for the JSON document.
+    // Leaves 64 KiB of the format's 4 GiB for the JSON document.
     let Some(bytes) = u32::try_from(size).ok().filter(|&size| size < u32::MAX - (1 << 16)) else {
         bail!(
             "-o: expected a mesh of less than 4 GiB as .glb, found {size} bytes: lower --resolution, or write .ply"
@@ -107,7 +107,7 @@ pub fn write_glb(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
     })
 }
 
-/// The JSON document about the bytes: positions, normals, colours, indices, one after the other.
+/// JSON document that describes the binary chunk: positions, normals, colours, indices, one after the other.
 fn document(mesh: &Mesh, bytes: usize) -> Value {
     let (count, indices) = (mesh.vertices.len(), 3 * mesh.triangles.len());
     let mut low = [f32::INFINITY; 3];

@@ -1,4 +1,4 @@
-//! Cubes of equal size over a box.
+//! Lattice of cubes of equal size over a box.
 
 use super::Field;
 use anyhow::bail;
@@ -6,19 +6,19 @@ use glam::Vec3;
 use half::f16;
 use nerf_core::space::SceneBox;
 
-/// Cubes over a box, and a layer of them around it, so that surfaces that reach the box's sides are closed there.
+/// Cubes over a box and one layer around it, so that surfaces that reach the box's sides are closed there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lattice {
-    /// The first corner, world units.
+    /// Position of the first corner, world units.
     pub min: Vec3,
     /// Side of a cube, world units.
     pub cell: f32,
-    /// Cubes along each axis.
+    /// Number of cubes along each axis.
     pub cells: [usize; 3],
 }
 
 impl Lattice {
-    /// `resolution` cubes along the longest side of the box, and one more at each end.
+    /// Lattice with `resolution` cubes along the longest side of the box, and one more at each end.
     pub fn new(bounds: &SceneBox, resolution: u32) -> anyhow::Result<Self> {
         let (cell, cells) = cubes(bounds, resolution)?;
         let cells = cells.map(|count| count + 2);
@@ -29,15 +29,15 @@ impl Lattice {
         self.min + self.cell * Vec3::new(x as f32, y as f32, z as f32)
     }
 
-    /// Corners of a slice across z, x fastest.
+    /// Positions of the corners of slice `z`, x fastest.
     pub fn slice(&self, z: usize) -> Vec<[f32; 3]> {
         let [width, height] = self.corners();
         let corner = |i: usize| self.corner([i % width, i / width, z]).into();
         (0..width * height).map(corner).collect()
     }
 
-    /// Optical depth of a cell at each corner of a slice: density times the cell's side; 0 at the lattice's sides,
-    /// which are outside of the box.
+    /// Optical depth of one cell at each corner of slice `z`: density times the side of a cube. 0 at the sides of the
+    /// lattice, which are outside of the box.
     pub fn cell_depths(&self, field: &Field<'_, '_>, z: usize) -> anyhow::Result<Vec<f16>> {
         let [width, height] = self.corners();
         let side = |i: usize| {
@@ -51,20 +51,20 @@ impl Lattice {
         Ok(found.into_iter().enumerate().map(depth).collect())
     }
 
-    /// The nearest point of the box.
+    /// Point of the box that is nearest to `point`.
     pub fn clamp(&self, point: Vec3) -> Vec3 {
         let last = self.cells.map(|count| count - 1);
         point.clamp(self.corner([1; 3]), self.corner(last))
     }
 
-    /// Corners of a slice along x and y.
+    /// Number of corners of a slice along x and y.
     pub fn corners(&self) -> [usize; 2] {
         [self.cells[0] + 1, self.cells[1] + 1]
     }
 }
 
-/// Side of the cubes over a box with `resolution` along its longest side, world units, and their number along each
-/// axis.
+/// Side of a cube, world units, and number of cubes along each axis, for a box with `resolution` cubes along its
+/// longest side.
 pub(super) fn cubes(bounds: &SceneBox, resolution: u32) -> anyhow::Result<(f32, [usize; 3])> {
     let extent = bounds.max - bounds.min;
     let cell = extent.max_element() / resolution.max(1) as f32;
@@ -79,6 +79,6 @@ pub(super) fn cubes(bounds: &SceneBox, resolution: u32) -> anyhow::Result<(f32, 
             extent.to_array()
         );
     }
-    // A hair less, so that a side of a whole number of cubes has no further one.
+    // The tolerance keeps rounding from adding a cube to a side of a whole number of cubes.
     Ok((cell, extent.to_array().map(|side| (side / cell - 1e-3).ceil().max(1.0) as usize)))
 }

@@ -30,19 +30,19 @@ use std::path::Path;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Vertex {
-    /// World units, relative to [`Mesh::origin`].
+    /// Position relative to [`Mesh::origin`], world units.
     pub position: [f32; 3],
-    /// Unit length, outward.
+    /// Unit normal, outward.
     pub normal: [f32; 3],
     pub rgb: [f32; 3],
 }
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
-    /// Origin of the blob's coordinates, in the data's world.
+    /// Origin of the blob's coordinates, in the data's world, world units.
     pub origin: [f64; 3],
     pub vertices: Vec<Vertex>,
-    /// Counter-clockwise seen from outside; empty for a point cloud.
+    /// Vertex indices, counter-clockwise seen from outside; empty for a point cloud.
     pub triangles: Vec<[u32; 3]>,
 }
 
@@ -68,7 +68,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Summary of a file that is yet to be written; `bounds` are relative to `origin`.
+    /// Summary of an export before its file is written; `bounds` are relative to `origin`.
     pub fn new(file: &Path, kind: &'static str, bounds: &SceneBox, origin: [f64; 3]) -> Self {
         let world = |corner: Vec3| [0, 1, 2].map(|axis| f64::from(corner[axis]) + origin[axis]);
         Self {

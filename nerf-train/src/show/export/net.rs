@@ -1,4 +1,4 @@
-//! A surface net: the level 0.5 of values at a lattice's corners, as triangles.
+//! Surface net: triangles of the isosurface at 0.5 of levels at a lattice's corners.
 
 use super::lattice::Lattice;
 use anyhow::Context;
@@ -6,23 +6,23 @@ use glam::Vec3;
 use half::f16;
 
 pub(super) const NONE: u32 = u32::MAX;
-/// The twelve edges of a cube by the bits of their corners (x, y, z).
+/// The twelve edges of a cube as pairs of corners; bits 0, 1, 2 of a corner are its x, y, z.
 const EDGES: [(usize, usize); 12] =
     [(0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7)];
 
-/// One vertex in each cube that the surface passes, at the mean of its crossings with the cube's edges, and two
-/// triangles across each crossed edge; built slice by slice.
+/// Surface net, built slice by slice: each cube that the surface crosses has a vertex, at the mean of the crossings
+/// with the cube's edges; each crossed edge has two triangles.
 ///
 /// # Source
 /// Gibson 1998, "Constrained elastic surface nets".
 pub(super) struct Net<'l> {
     lattice: &'l Lattice,
-    /// Levels of the last slice.
+    /// Levels at the corners of the previous slice.
     below: Vec<f16>,
-    /// Vertices of the cubes of the last layer, and of the one before.
+    /// Vertex index of each cube of the last two layers, the lower layer first; [`NONE`] without a vertex.
     layers: [Vec<u32>; 2],
     pub(super) positions: Vec<Vec3>,
-    /// Unit length, outward: against the mean slope of the values in a vertex's cube.
+    /// Unit normals, outward: opposite to the gradient of the levels in the vertex's cube.
     pub(super) normals: Vec<Vec3>,
     pub(super) triangles: Vec<[u32; 3]>,
 }
@@ -40,7 +40,7 @@ impl<'l> Net<'l> {
         }
     }
 
-    /// Adds the next slice: vertices of the layer below it, and the faces whose four cubes then exist.
+    /// Adds slice `z`: the vertices of the layer of cubes below it, and the faces whose four cubes are then complete.
     pub(super) fn slice(&mut self, z: usize, above: Vec<f16>) -> anyhow::Result<()> {
         if z > 0 {
             self.layers.swap(0, 1);
@@ -74,7 +74,7 @@ impl<'l> Net<'l> {
         Ok(())
     }
 
-    /// Faces across the edges of the lower slice, and across those between the slices.
+    /// Adds faces across the edges within the lower slice, and across the edges between the two slices.
     fn faces(&mut self, z: usize, above: &[f16]) {
         let [width, height, _] = self.lattice.cells;
         let row = width + 1;
@@ -93,7 +93,7 @@ impl<'l> Net<'l> {
                 faces[2] = Some([cube(1, 1, 1), cube(1, 0, 1), cube(1, 0, 0), cube(1, 1, 0)]);
             }
             for [a, b, c, d] in faces.into_iter().flatten() {
-                // Counter-clockwise about the edge seen from its far end: outward if the near end is inside.
+                // Counter-clockwise seen from the far end of the edge, so outward if the near end is inside.
                 let turned = if here { [a, b, c, d] } else { [d, c, b, a] };
                 let [a, b, c, d] = turned;
                 self.triangles.extend([[a, b, c], [a, c, d]]);
@@ -102,7 +102,7 @@ impl<'l> Net<'l> {
     }
 }
 
-/// Mean of the points where the surface crosses the edges of a cube, in units of its side.
+/// Mean of the points where the surface crosses the edges of a cube, in units of the cube's side.
 fn crossing(values: &[f32; 8]) -> Vec3 {
     let corner = |i: usize| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32);
     let crossed = EDGES.iter().filter(|(a, b)| (values[*a] > 0.5) != (values[*b] > 0.5));
@@ -113,7 +113,7 @@ fn crossing(values: &[f32; 8]) -> Vec3 {
     sum / count
 }
 
-/// Gradient of the level across a cube, up to a factor.
+/// Gradient of the levels at the corners of a cube, up to a factor.
 fn slope(v: &[f32; 8]) -> Vec3 {
     let rise = |bit: usize| (0..8).map(|i| if i & bit == 0 { -v[i] } else { v[i] }).sum();
     Vec3::new(rise(1), rise(2), rise(4))

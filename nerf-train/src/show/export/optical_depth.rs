@@ -1,28 +1,28 @@
-//! The optical depth from outside up to each corner of a lattice.
+//! Optical depth from outside of the box to each corner of a lattice.
 //!
-//! It is summed along 26 directions, from neighbour to neighbour, and the third smallest sum counts, so that a single
-//! gap makes nothing visible.
+//! Optical depths are summed from neighbour to neighbour along 26 directions. The third smallest sum counts, so that a
+//! single gap makes nothing visible.
 
 use super::Lattice;
 use half::f16;
 use rayon::prelude::*;
 use std::f32::consts::LN_2;
 
-/// Ratio of the optical depths, or densities, at which a level is 0.5 and 1, or 0.5 and 0.
+/// Ratio of the optical depths, or densities, of levels 1 and 0.5, and of levels 0.5 and 0.
 const RANGE: f32 = 1000.0;
-/// Optical depths are clamped to this: a ray is then dark, and if sums decay it is clear again after a few cells.
+/// Largest optical depth of a sum: the ray is then dark, and with decay it is clear again after a few cells.
 const DARK: f32 = 4.0 * LN_2;
 /// The nine directions to the next slice, as steps in x and y: straight, and to the eight neighbours.
 const ACROSS: [[isize; 2]; 9] =
     [[0, 0], [-1, -1], [0, -1], [1, -1], [-1, 0], [1, 0], [-1, 1], [0, 1], [1, 1]];
 
-/// Level of a point, 0 to 1: above 0.5 inside of the surface, linear in the logarithm of `ratio`, a density or
-/// optical depth over that of the surface. Both grow by factors across a surface.
+/// Level of a point, 0 to 1; above 0.5 inside the surface. `ratio`: density or optical depth over that of the surface.
+/// Linear in the logarithm of `ratio`, as either quantity grows by factors across a surface.
 pub(super) fn level(ratio: f32) -> f16 {
     f16::from_f32((0.5 + 0.5 * ratio.ln() / RANGE.ln()).clamp(0.0, 1.0))
 }
 
-/// The three smallest optical depths of a corner, ascending, as upper halves of `f32`, which have the same order.
+/// The three smallest optical depths of a corner, ascending, as upper 16 bits of `f32`, which have the same order.
 type Least = [u16; 3];
 
 pub(super) struct OpticalDepth {
@@ -31,7 +31,7 @@ pub(super) struct OpticalDepth {
 
 impl OpticalDepth {
     /// Sums the optical depths of cells ([`Lattice::cell_depths`]) of all slices. If `decay`, cells, is finite, sums
-    /// fall by a factor of about e over it: surfaces are then visible from free space inside of the box, too.
+    /// fall by a factor of about e over that length: surfaces are then visible from free space inside of the box, too.
     pub(super) fn new(lattice: &Lattice, cells: &[Vec<f16>], decay: f32) -> Self {
         let slices = cells.iter().map(|slice| vec![[u16::MAX; 3]; slice.len()]).collect();
         let (mut depths, keep) = (Self { slices }, 1.0 - 1.0 / decay);
@@ -42,7 +42,7 @@ impl OpticalDepth {
         depths
     }
 
-    /// Levels of a slice: above 0.5 if the opacity up to there is above 1/2; 0 at the lattice's sides.
+    /// Levels of slice `z`: above 0.5 if the opacity from outside is above 1/2; 0 at the lattice's sides.
     pub(super) fn levels(&self, z: usize) -> Vec<f16> {
         let depth = |least: &Least| match least[2] {
             u16::MAX => 0.0,
@@ -51,7 +51,7 @@ impl OpticalDepth {
         self.slices[z].iter().map(|least| level(depth(least) / LN_2)).collect()
     }
 
-    /// Sums along the eight directions in x and y.
+    /// Sums along the eight directions within each slice.
     fn within_slices(&mut self, lattice: &Lattice, cells: &[Vec<f16>], keep: f32) {
         let [width, height] = lattice.corners();
         self.slices.par_iter_mut().zip(cells).for_each(|(least, cells)| {
@@ -72,7 +72,7 @@ impl OpticalDepth {
         });
     }
 
-    /// Sums along the nine directions from each slice to the next of `order`.
+    /// Sums along the nine directions from each slice to the next, in `order`.
     fn between_slices(&mut self, lattice: &Lattice, cells: &[Vec<f16>], keep: f32, order: &[usize]) {
         let [width, height] = lattice.corners();
         let steps = ACROSS.map(|[dx, dy]| {
@@ -101,18 +101,18 @@ impl OpticalDepth {
     }
 }
 
-/// A direction's step in cells, and half of it.
+/// Length of a direction's step, cells, and half of it.
 fn step(direction: [isize; 3]) -> (f32, f32) {
     let cells = (direction.iter().map(|d| d * d).sum::<isize>() as f32).sqrt();
     (cells, 0.5 * cells)
 }
 
-/// Indices without the first and the last, which are outside of the box; backward if `direction` is negative.
+/// Indices of the corners inside the box, all but the first and last; descending if `direction` is negative.
 fn inner(corners: usize, direction: isize) -> impl Iterator<Item = usize> {
     (1..corners - 1).map(move |i| if direction < 0 { corners - 1 - i } else { i })
 }
 
-/// Inserts a depth if it is one of the three smallest.
+/// Inserts `depth` if it is one of the three smallest.
 fn insert(least: &mut Least, depth: f32) {
     let depth = (depth.to_bits() >> 16) as u16;
     if depth < least[2] {

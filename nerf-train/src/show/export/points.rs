@@ -12,14 +12,14 @@ use nerf_core::render::Renderer;
 use nerf_core::sampling::{Purpose, uniform};
 use nerf_core::space::SceneBox;
 
-/// Pixels per view of a first pass that estimates how many of them show something.
+/// Number of pixels per view of a coarse pass, which estimates the fraction of opaque pixels.
 const PILOT: f64 = 1024.0;
-/// A pixel this opaque shows a surface.
+/// Opacity above which a pixel shows a surface.
 const OPAQUE: f32 = 0.5;
 
-/// About `count` points at the median distances of rays of the views, in the colours they show there; only those in
-/// the box `within`, if given. `plan` has colours, opacity, median distances and normals. `each` is called with the
-/// number of views done.
+/// About `count` points at the median distances of the views' rays, in the colours seen there; only those in the box
+/// `within`, if given. `plan` outputs colours, opacity, median distances and normals. `each` is called with the number
+/// of views done.
 pub fn points_of_views(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,
@@ -73,7 +73,7 @@ pub fn points_of_views(
     }
 }
 
-/// `count` random points, spread uniformly over the area of a mesh; the same for the same seed.
+/// `count` random points, uniformly distributed over the area of a mesh; the same for the same seed.
 pub fn points_of_surface(mesh: &Mesh, count: usize, seed: u64) -> Mesh {
     let corners = |triangle: &[u32; 3]| triangle.map(|i| mesh.vertices[i as usize]);
     let mut areas = Vec::with_capacity(mesh.triangles.len());
@@ -85,7 +85,7 @@ pub fn points_of_surface(mesh: &Mesh, count: usize, seed: u64) -> Mesh {
     }
     let draw = |i: usize, axis: u64| f64::from(uniform(seed, Purpose::Jitter, axis, i as u64));
     let point = |i: usize| {
-        // One in each of as many equal parts of the whole area.
+        // Stratified: one point in each of `count` equal parts of the total area.
         let at = (i as f64 + draw(i, 0)) / count as f64 * total;
         let triangle = areas.partition_point(|&area| area <= at).min(areas.len() - 1);
         let (u, v) = (draw(i, 1).sqrt() as f32, draw(i, 2) as f32);

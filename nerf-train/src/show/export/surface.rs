@@ -11,40 +11,40 @@ use glam::Vec3;
 use half::f16;
 use nerf_core::camera::Ray;
 
-/// Distance from the start of a ray to its vertex, cells.
+/// Distance from the start of a vertex's ray to the vertex, cells.
 const BEFORE: f32 = 2.0;
-/// Samples of this ray per cell.
+/// Samples of a vertex's ray per cell.
 const SAMPLES: f32 = 4.0;
-/// Distance after the vertex within which the ray must meet the surface, cells.
+/// Distance behind the vertex within which its ray must meet the surface, cells.
 const BEHIND: f32 = 8.0;
-/// Largest distance from a vertex to where its ray meets the surface, cells: a vertex further away moves, in
-/// quarters.
+/// Largest distance from a vertex to the surface along its ray, cells; a vertex further away moves by a multiple of a
+/// quarter cell.
 const NEAR: f32 = 1.75;
-/// Cells over which sums of optical depth decay in a scene that is seen from inside.
+/// Decay length of sums of optical depth in a scene that is seen from inside, cells.
 const DECAY: f32 = 8.0;
-/// Number of times that each normal is averaged with its neighbours': those of single cells are noise.
+/// Number of times that each normal is averaged with its neighbours, as normals of single cells are noisy.
 const NORMAL_PASSES: usize = 6;
-/// Vertices whose rays and colours are evaluated at a time.
+/// Number of vertices whose rays and colours are evaluated together.
 const BATCH: usize = 1 << 16;
 /// Memory per vertex, with its two triangles, while the mesh is made, bytes.
 const BYTES_PER_VERTEX: u64 = 200;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Surface {
-    /// Where the opacity of rays from outside of the box crosses 1/2.
+    /// Surface at which the opacity of rays from outside of the box crosses 1/2.
     Visible,
-    /// Where the opacity of rays from any free space crosses 1/2, for a scene that is seen from inside.
+    /// Surface at which the opacity of rays from any free space crosses 1/2, for a scene that is seen from inside.
     VisibleFromInside,
-    /// Where the density has this value, 1/world unit, visible or not.
+    /// Isosurface of this density, 1/world unit, visible or not.
     Density(f32),
 }
 
-/// Extracts the surface of a field, with colours as seen against the normals.
+/// Extracts the surface of a field as a mesh, with colours as seen against the normals.
 ///
 /// The mesh is a surface net of the lattice's optical depths, or densities, with smoothed normals. For a visible
-/// surface, a ray is integrated along the normal of each vertex. The vertex moves just far enough along it to be
-/// within two cells of where the ray's opacity crosses 1/2, so that triangles tangle little. It is left out if the
-/// opacity stays below. `each` is called with the number of slices done, of three times as many as the lattice has.
+/// surface, a ray is integrated inward along the normal of each vertex. The vertex moves along its ray, but no further
+/// than to within two cells of where the opacity crosses 1/2, so that triangles rarely tangle. A vertex whose ray
+/// stays below 1/2 is left out. `each` is called with the number of slices done, out of three times the lattice's.
 pub fn mesh(
     field: &Field<'_, '_>,
     lattice: &Lattice,
@@ -89,7 +89,7 @@ pub fn mesh(
     }
 }
 
-/// The surface net of the optical depths of cells.
+/// Surface net of `surface`, from the optical depths of the cells.
 fn net<'l>(
     lattice: &'l Lattice,
     cells: Vec<Vec<f16>>,
@@ -120,7 +120,7 @@ fn net<'l>(
     Ok(net)
 }
 
-/// Smooths normals over the edges of the triangles; an edge counts once for each of its triangles.
+/// Averages normals over the edges of the triangles; an edge counts once for each of its triangles.
 fn smooth(normals: &mut [Vec3], triangles: &[[u32; 3]]) {
     for _ in 0..NORMAL_PASSES {
         let mut sums = normals.to_vec();
@@ -134,15 +134,15 @@ fn smooth(normals: &mut [Vec3], triangles: &[[u32; 3]]) {
     }
 }
 
-/// Position of a vertex, and the visible point that gives its colour.
+/// Position of a vertex, and the point on the surface that gives its colour.
 #[derive(Clone, Copy)]
 struct Place {
     position: Vec3,
     surface: Vec3,
 }
 
-/// Moves vertices to within two cells of where the opacity of rays along the normals crosses 1/2; `None` if it stays
-/// below.
+/// Moves vertices along their rays to within two cells of where the opacity crosses 1/2; `None` for a vertex whose ray
+/// stays below.
 fn settled(
     field: &Field<'_, '_>,
     cell: f32,
@@ -162,7 +162,7 @@ fn settled(
     Ok(rays.iter().zip(points).zip(crossings).map(place).collect())
 }
 
-/// Vertices with colours as seen against their normals.
+/// Vertices with colours as seen against their normals; `None` for a vertex that is left out.
 fn coloured(
     field: &Field<'_, '_>,
     places: &[Option<Place>],
@@ -178,7 +178,7 @@ fn coloured(
     Ok(places.iter().zip(normals).zip(rgb).map(vertex).collect())
 }
 
-/// Mesh of the triangles whose vertices all exist, at three different positions.
+/// Mesh of the triangles whose three vertices all exist, at different positions.
 fn kept(vertices: &[Option<Vertex>], triangles: &[[u32; 3]]) -> Mesh {
     let mut mesh = Mesh::default();
     let mut places = vec![NONE; vertices.len()];

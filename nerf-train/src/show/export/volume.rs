@@ -1,4 +1,4 @@
-//! Density and colour of every cell of a box.
+//! Density and colour of every cell of a grid over a box.
 
 use super::field::Field;
 use super::lattice::cubes;
@@ -12,23 +12,23 @@ use std::path::Path;
 use zip::ZipWriter;
 use zip::write::FileOptions;
 
-/// Density and colour at the middles of cells.
+/// Densities and colours at the centres of cells.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Volume {
-    /// Corner of the first cell, in the data's world, world units.
+    /// Lower corner of the first cell, in the data's world, world units.
     pub min: [f64; 3],
     /// Side of a cell, world units.
     pub cell: f32,
-    /// Cells along x, y, z.
+    /// Number of cells along x, y, z.
     pub cells: [usize; 3],
-    /// `[x][y][z]`, 1/world unit.
+    /// Densities, `[x][y][z]`, 1/world unit.
     pub density: Vec<f32>,
-    /// `[x][y][z]`, display-encoded; black where the density is 0.
+    /// Colours, `[x][y][z]`, display-encoded; black where the density is 0.
     pub rgb: Vec<[u8; 3]>,
 }
 
-/// Samples the field over a box with `resolution` cells along its longest side. Colours are the mean over six
-/// directions along the axes. `each` is called with the number of slices along x done.
+/// Samples the field over a box with `resolution` cells along its longest side. Colours are means over six view
+/// directions, along the axes. `each` is called with the number of slices along x done.
 pub fn volume(
     field: &Field<'_, '_>,
     bounds: &SceneBox,
@@ -79,7 +79,7 @@ fn mean_colours(
 /// Writes `density` (float32 `[x, y, z]`), `rgb` (uint8 `[x, y, z, 3]`), `min` (float64 `[3]`) and `cell` (float64): numpy
 /// reads it with `np.load`.
 pub fn write_npz(volume: &Volume, path: &Path) -> anyhow::Result<()> {
-    // In memory first: on a full disk the archive's writer would print to stderr.
+    // The archive is built in memory: on a full disk its writer would print to stderr.
     let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
     let failed = "cannot make the NPZ";
     let [x, y, z] = volume.cells;
@@ -99,7 +99,7 @@ pub fn write_npz(volume: &Volume, path: &Path) -> anyhow::Result<()> {
     Ok(write_atomic(path, &archive.finish().context(failed)?.into_inner())?)
 }
 
-/// The header of a `.npy` of format 1.0, padded to a multiple of 64 bytes.
+/// Header of a `.npy` file of format 1.0, padded to a multiple of 64 bytes.
 fn npy_header(kind: &str, shape: &str) -> Vec<u8> {
     let mut text = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}");
     // Magic, version and length take ten bytes, the line end one.

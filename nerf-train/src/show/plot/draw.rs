@@ -27,7 +27,7 @@ pub(super) fn draw_series<DB: DrawingBackend, X: Ranged<ValueType = f64>>(
     Ok(())
 }
 
-/// Draws a dashed horizontal line, with a pattern that tells the references apart.
+/// Draws a reference as a dashed horizontal line, whose pattern depends on `index`.
 pub(super) fn dashed<DB: DrawingBackend>(
     root: &DrawingArea<DB, Shift>,
     (start, y): (i32, i32),
@@ -48,12 +48,12 @@ pub(super) fn style(size: f32, colour: RGBColor) -> TextStyle<'static> {
     (FONT, size).into_font().color(&colour)
 }
 
-/// Replaces control characters, with which no viewer opens an SVG.
+/// Replaces control characters, which make an SVG unreadable for any viewer.
 pub(super) fn clean(label: &str) -> String {
     label.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 
-/// Registers the font under its name: the plotting library measures text even for SVG.
+/// Registers the compiled-in font under its name: the plotting library measures text with it, even for SVG.
 pub(super) fn register_font() {
     static DONE: Once = Once::new();
     DONE.call_once(|| {
@@ -63,24 +63,24 @@ pub(super) fn register_font() {
     });
 }
 
-/// Space between a point and its name, pixels.
+/// Space between a point and its label, pixels.
 const GAP: i32 = 8;
-/// Width at which a name is cut off, pixels.
+/// Width at which a label is cut off, pixels.
 const WIDEST: usize = 330;
 
 #[derive(Clone, Debug)]
 pub struct Label {
-    /// Cut off if it is long; empty for none.
+    /// Text of the label; cut off if long, empty for none.
     pub text: String,
-    /// The point, in the units of the axes.
+    /// Position of the point, in the units of the axes.
     pub at: (f64, f64),
 }
 
-/// A rectangle that is occupied: left, top, right, bottom, pixels.
+/// Rectangle that a point or a label covers: left, top, right, bottom, pixels.
 type Taken = [i32; 4];
 
-/// Draws names at points of the drawing, inside of `area`: on the side with room, moved up or down past the names
-/// before, with a thin line to a point that is far from its name.
+/// Draws labels at points (pixels of `root`), inside of `area`: on the side with room, moved up or down to avoid
+/// points and earlier labels, with a thin line to a point that is far from its label.
 pub(super) fn draw_labels<DB: DrawingBackend>(
     root: &DrawingArea<DB, Shift>,
     area: &(Range<i32>, Range<i32>),

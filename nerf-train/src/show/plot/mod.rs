@@ -26,12 +26,12 @@ const TEXT_SIZE: f32 = 20.0;
 const NOTE_SIZE: f32 = 17.0;
 /// Length of a key in the legend, pixels.
 const KEY: i32 = 34;
-/// About how many ticks an axis has.
+/// Approximate number of ticks of an axis.
 const TICKS: usize = 9;
-/// Larger values are treated as not finite: plotters computes ticks in f64. On a logarithmic axis so are those below
-/// its inverse.
+/// Magnitude above which values are treated as not finite, as plotters computes ticks in f64. On a logarithmic axis,
+/// values below its inverse are too.
 const LARGEST: f64 = 1e15;
-/// A font that every SVG viewer has; in the PNG it is the one that is compiled in.
+/// Font family that every SVG viewer has; in PNGs this name refers to the compiled-in font.
 const FONT: &str = "sans-serif";
 const INK: RGBColor = RGBColor(30, 30, 30);
 const GREY: RGBColor = RGBColor(90, 90, 90);
@@ -64,12 +64,12 @@ pub struct Series {
     pub marker: Marker,
 }
 
-/// A horizontal line to compare with, dashed.
+/// Dashed horizontal line at a value to compare with.
 #[derive(Clone, Debug)]
 pub struct Reference {
-    /// Stands in the legend; empty for none.
+    /// Name in the legend; empty for none.
     pub label: String,
-    /// In the unit of the vertical axis.
+    /// Value to compare with, in the unit of the vertical axis.
     pub y: f64,
 }
 
@@ -77,27 +77,27 @@ pub struct Reference {
 #[derive(Clone, Debug, Default)]
 pub struct LinePlot {
     pub title: String,
-    /// With the unit, for example "training time, s".
+    /// Label of the horizontal axis with its unit, for example "training time, s".
     pub x_label: String,
-    /// With the unit, for example "validation PSNR, dB".
+    /// Label of the vertical axis with its unit, for example "validation PSNR, dB".
     pub y_label: String,
-    /// Drawn in this order; may be empty.
+    /// Series in the order in which they are drawn; may be empty.
     pub series: Vec<Series>,
-    /// Logarithmic horizontal axis; points with x ≤ 0 are left out.
+    /// Whether the horizontal axis is logarithmic; points with x ≤ 0 are left out.
     pub log_x: bool,
-    /// Dashed horizontal lines; the axis always reaches them.
+    /// Dashed horizontal lines; the vertical axis always includes their values.
     pub references: Vec<Reference>,
     pub labels: Vec<Label>,
-    /// Small print below the plot, a paragraph each.
+    /// Small print below the plot, one paragraph per note.
     pub notes: Vec<String>,
 }
 
 impl LinePlot {
-    /// A plot without series, with linear axes.
+    /// Plot without series, with linear axes.
     pub fn new(title: impl Into<String>, x_label: impl Into<String>, y_label: impl Into<String>) -> Self {
         let (title, x_label, y_label): (String, String, String) =
             (title.into(), x_label.into(), y_label.into());
-        // Titles name data sets: a line end in such a name breaks no line.
+        // Titles contain names of data sets, whose line ends are escaped.
         let title = printable::line(&title).into_owned();
         Self { title, x_label, y_label, ..Self::default() }
     }
@@ -114,7 +114,7 @@ impl LinePlot {
     pub fn to_svg(&self) -> anyhow::Result<String> {
         let mut svg = String::new();
         self.draw(SVGBackend::with_string(&mut svg, SIZE).into_drawing_area())?;
-        // In the markup itself there is none of what is escaped; in texts the library escapes what is markup.
+        // Control characters occur only in texts, whose markup the library has escaped.
         Ok(printable::lines(&svg).into_owned())
     }
 
@@ -132,7 +132,7 @@ impl LinePlot {
         Ok(paths)
     }
 
-    /// Whether an axis can show the point.
+    /// Whether the axes can show the point.
     fn has_place(&self, (x, y): (f64, f64)) -> bool {
         x.abs() <= LARGEST && y.abs() <= LARGEST && (!self.log_x || x >= 1.0 / LARGEST)
     }
@@ -178,7 +178,7 @@ impl LinePlot {
         }
     }
 
-    /// Draws axes and data on `area` of the whole drawing `root`.
+    /// Draws axes and data on `area`, a part of the drawing `root`.
     fn draw_chart<DB: DrawingBackend, X: AsRangedCoord<Value = f64>>(
         &self,
         root: &DrawingArea<DB, Shift>,
@@ -213,7 +213,7 @@ impl LinePlot {
             .draw()?;
         let (columns, rows) = chart.plotting_area().get_pixel_range();
         for (index, reference) in references.iter().enumerate() {
-            // The pixel coordinates are those of the whole drawing.
+            // `map_coordinate` returns pixel coordinates of the whole drawing.
             let (_, y) = chart.plotting_area().map_coordinate(&(chart.x_range().start, reference.y));
             dashed(root, (columns.start, y), columns.end, index)?;
         }
@@ -243,7 +243,7 @@ impl LinePlot {
         Ok(top)
     }
 
-    /// Draws the small print, and returns the first row of pixels that it takes.
+    /// Draws the small print, and returns its first row of pixels.
     fn draw_notes<DB: DrawingBackend>(
         &self,
         root: &DrawingArea<DB, Shift>,
@@ -272,7 +272,7 @@ impl LinePlot {
         Ok(first - if lines.is_empty() { 0 } else { 6 })
     }
 
-    /// Draws keys and names at the right edge, and returns the first column of pixels they take.
+    /// Draws the legend at the right edge, and returns its first column of pixels.
     fn draw_legend<DB: DrawingBackend>(
         &self,
         root: &DrawingArea<DB, Shift>,
@@ -292,14 +292,14 @@ impl LinePlot {
         let Some(text_width) = lines().map(|line| text::width(line, TEXT_SIZE)).max() else {
             return Ok(WIDTH as i32);
         };
-        // Viewers' own sans-serif fonts run up to a tenth wider than ours.
+        // Sans-serif fonts of viewers are up to a tenth wider than the compiled-in one.
         let text_width = (text_width + text_width / 10).max(110) as i32;
         let left = WIDTH as i32 - MARGIN / 2 - text_width - KEY - 8;
         let step = TEXT_SIZE as i32 + 2;
         let mut y = top;
         for (shown, (index, lines)) in entries.iter().enumerate() {
             let rest = entries.len() - shown;
-            // The last row may be needed to say how many there is no room for.
+            // If more entries follow, one further row is needed for the number of those without room.
             let needed = lines.len() as i32 * step + if rest > 1 { step } else { 0 };
             if y + needed > bottom && shown > 0 {
                 let more = format!("… and {rest} more");
@@ -348,12 +348,12 @@ fn extent(values: impl Iterator<Item = f64>) -> Range<f64> {
     low - margin..high + margin
 }
 
-/// Range of a logarithmic axis and its ticks, which are at 1, 2 and 5 times powers of ten, or at powers of ten if
-/// those are too many. The range ends at the ticks around the values.
+/// Range of a logarithmic axis, and its ticks: 1, 2 and 5 times powers of ten, or powers of ten only if there would be
+/// too many. The range ends at the ticks around the values.
 fn decades(values: impl Iterator<Item = f64>) -> (Range<f64>, Vec<f64>) {
     let (low, high) = ends(values).unwrap_or((1.0, 10.0));
     let exponents = low.log10().floor() as i32..=high.log10().floor() as i32 + 1;
-    // Read as decimals: a power of ten by multiplication is not the nearest number.
+    // Parsed from text: a power of ten computed by multiplication is not the nearest f64.
     let tick = |exponent: i32, digit: u8| format!("{digit}e{exponent}").parse::<f64>().ok();
     let mut ticks: Vec<f64> = exponents
         .clone()

@@ -39,13 +39,13 @@ pub fn write(
     Ok(())
 }
 
-/// `data.json`: report about the data set.
+/// Writes `data.json`, the report about the data set.
 pub fn write_data(folder: &Path, report: &Report) -> anyhow::Result<()> {
     let json = serde_json::to_string_pretty(report).context("cannot make the data.json")?;
     Ok(write_atomic(folder.join("data.json"), printable::json(&json).as_bytes())?)
 }
 
-/// `curve.csv`; and PSNR over time as `curve.png` and `.svg`, over steps as `curve_steps.png` and `.svg`.
+/// Writes `curve.csv`; plots PSNR over time as `curve.png` and `.svg`, over steps as `curve_steps.png` and `.svg`.
 pub fn write_curve(folder: &Path, outcome: &Outcome) -> anyhow::Result<()> {
     let mut table =
         Table::new(["step", "seconds", "train_psnr_db", "val_psnr_db", "val_views", "val_lattice"]);
@@ -87,7 +87,7 @@ fn plot(outcome: &Outcome, x_label: &str, x: impl Fn(&CurvePoint) -> f64) -> Lin
     plot
 }
 
-/// `snapshots.png`: views while training, ground truth last; nothing if no pictures were taken.
+/// Writes `snapshots.png`: validation views during training, ground truth last. No file if there are no snapshots.
 pub fn write_snapshots(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> anyhow::Result<()> {
     let (taken, background) = (&outcome.snapshots, outcome.background);
     let title = format!(
@@ -101,10 +101,10 @@ pub fn write_snapshots(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> a
     Ok(())
 }
 
-/// A sheet with a row per view, a column per step, and ground truth over `background` last; `None` without snapshots.
+/// Sheet with a row per view, a column per step, and ground truth over `background` last; `None` without snapshots.
 ///
-/// The pictures are read back from the report's `folder`, so that those from before a resumed run are there, too. A
-/// missing picture becomes an empty cell that says so.
+/// Pictures are read from the report's `folder`, which also has those from before a resume. A missing picture becomes
+/// a grey cell with the caption "no picture".
 fn sheet(
     title: &str,
     folder: &Path,
@@ -123,7 +123,7 @@ fn sheet(
             let taken = snapshots.iter().find(|taken| (taken.step, taken.view) == (step, index));
             let stored = taken.and_then(|taken| {
                 let picture = Picture::read(taken.path(folder, dataset))?;
-                // A picture of every N-th pixel is smaller: it is enlarged to the size of the others.
+                // A picture of every N-th pixel is enlarged to the size of the others.
                 let fits = picture.width <= width && picture.height <= height;
                 fits.then(|| (picture.enlarged(width / picture.width.max(1)), taken.psnr_db))
             });
@@ -139,7 +139,7 @@ fn sheet(
     (!cells.is_empty()).then(|| contact_sheet(title, &cells, steps.len() + 1))
 }
 
-/// Pictures of a few validation views with their truth and their z_depth, and a sheet of them.
+/// Writes pictures of a few validation views with ground truth and z_depth, and a contact sheet of them.
 fn write_views(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> anyhow::Result<()> {
     let names = FileNames::of(&dataset.val);
     let mut cells = Vec::new();
@@ -158,7 +158,7 @@ fn write_views(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> anyhow::R
     Ok(())
 }
 
-/// `moved/NAME.png`: training photographs, red where something that moved was left out of the loss.
+/// Writes `moved/NAME.png`: training photographs, red where moving objects are left out of the loss.
 fn write_moved(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> anyhow::Result<()> {
     let (names, moved_folder) = (FileNames::of(&dataset.train), folder.join("moved"));
     if !outcome.moved.is_empty() {
@@ -195,7 +195,7 @@ mod tests {
         }
         let sheet = sheet("a title", folder.path(), &dataset, &snapshots, [0.0; 3]).expect("a sheet");
         let count = |colour: [f32; 3]| sheet.rgb.iter().filter(|rgb| **rgb == colour).count();
-        // Enlarged eight times: two that are there, two that are not, and two truths.
+        // Pictures are enlarged eight times: two exist, two are missing, two are ground truth.
         assert_eq!((count([1.0, 0.0, 0.0]), count(NOTHING)), (2 * 192 * 192, 2 * 192 * 192));
         assert!(sheet.width >= 3 * 192 && sheet.height >= 2 * 192);
     }

@@ -10,7 +10,7 @@ use crate::system::summary;
 use crate::train::CurvePoint;
 use std::path::{Path, PathBuf};
 
-/// Writes the whole report; `snapshots` are the steps whose pictures are in its folder.
+/// Writes the whole report; `snapshots`: steps whose pictures are in `folder`.
 pub fn write(
     folder: &Path,
     photo: &Photo,
@@ -25,7 +25,7 @@ pub fn write(
     Ok(())
 }
 
-/// `curve.csv`, `curve.png` and `curve.svg`.
+/// Writes `curve.csv`, `curve.png` and `curve.svg`.
 fn write_curve(folder: &Path, photo: &Photo, outcome: &Outcome) -> anyhow::Result<()> {
     let mut table = Table::new(["step", "seconds", "batch_psnr_db", "psnr_db"]);
     let (mut batch, mut whole) = (Vec::new(), Vec::new());
@@ -60,8 +60,8 @@ pub fn step_file(snapshots: &Path, step: u32) -> PathBuf {
     snapshots.join(format!("step_{step:06}.png"))
 }
 
-/// `sheet.png`: the snapshots, read back so that those from before a resumed run are there, the final picture, and
-/// the target.
+/// Writes `sheet.png`: the snapshots, the final picture, and the target. Snapshots are read from `folder`, which also
+/// has those from before a resume.
 fn write_sheet(folder: &Path, photo: &Photo, outcome: &Outcome, snapshots: &[u32]) -> anyhow::Result<()> {
     let shown = |point: &CurvePoint| {
         let db =

@@ -13,12 +13,12 @@ use serde::{Serialize, Serializer};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Largest number of curves of a plot that can be told apart.
+/// Largest number of curves that can be told apart in a plot.
 const MAX_SERIES: usize = 7;
 /// Longest side of a picture on the sheet, pixels.
 const THUMBNAIL: usize = 256;
 
-/// Writes table.csv, report.md, plots and sheet.png of the finished runs into their folder.
+/// Writes table.csv, report.md, plots and sheet.png of the finished runs into the sweep's folder.
 ///
 /// Returns the records.
 pub fn write_report(folder: &Folder) -> anyhow::Result<Vec<Record>> {
@@ -37,7 +37,7 @@ pub fn write_report(folder: &Folder) -> anyhow::Result<Vec<Record>> {
     Ok(records)
 }
 
-/// The settings with more than one value.
+/// Settings that have more than one value among the runs.
 fn varied(records: &[Record]) -> Vec<Knob> {
     Knob::value_variants().iter().copied().filter(|&knob| values(records, knob).len() > 1).collect()
 }
@@ -49,7 +49,7 @@ fn values(records: &[Record], knob: Knob) -> Vec<f64> {
     values
 }
 
-/// All runs, the best first; those that diverged last.
+/// All runs ordered by PSNR, the best first; diverged runs last.
 fn ranked(records: &[Record]) -> Vec<&Record> {
     let mut ranked: Vec<&Record> = records.iter().collect();
     let key = |record: &Record| match record.status {
@@ -92,7 +92,7 @@ fn status(record: &Record) -> &'static str {
     }
 }
 
-/// Two settings against each other, PSNR in the cells; `None` unless exactly two are varied.
+/// Table of PSNR over the two settings that vary; `None` unless exactly two do.
 fn matrix(records: &[Record]) -> Option<Table> {
     let [down, across] = varied(records)[..] else { return None };
     let columns = values(records, across);
@@ -143,16 +143,16 @@ fn markdown(folder: &Folder, records: &[Record]) -> String {
     text
 }
 
-/// Runs to draw, with their PSNR, dB: those that neither diverged nor are flat.
+/// Runs to plot, with their PSNR, dB: neither diverged nor flat.
 fn drawn(records: &[Record]) -> impl Iterator<Item = (&Record, f64)> + Clone {
     let fine = |record: &&Record| record.status == Status::Ok;
     records.iter().filter(fine).filter_map(|record| Some((record, record.psnr_db?)))
 }
 
-/// The points of a curve: x, dB.
+/// Points of a curve: x, and PSNR in dB.
 type Points = Vec<(f64, f64)>;
 
-/// A curve for each combination of the other settings that has more than one point.
+/// One curve of PSNR over `x` per combination of the other settings; of several, curves of one point are left out.
 fn curves(records: &[Record], knob: Knob, x: impl Fn(&Record) -> f64) -> Vec<Series> {
     let others: Vec<Knob> = varied(records).into_iter().filter(|&other| other != knob).collect();
     let mut curves: Vec<(Vec<f64>, Points)> = Vec::new();
@@ -182,7 +182,7 @@ fn curves(records: &[Record], knob: Knob, x: impl Fn(&Record) -> f64) -> Vec<Ser
     curves.into_iter().map(series).collect()
 }
 
-/// The best and the mean of all runs at each value, for when there are too many curves to tell apart.
+/// Best and mean PSNR of all runs at each value of `knob`, if there are too many curves to tell apart.
 fn summarised(records: &[Record], knob: Knob) -> Vec<Series> {
     let of_value =
         |value: f64| drawn(records).filter(move |(r, _)| r.point.get(knob) == Some(value)).map(|(_, db)| db);
@@ -208,7 +208,7 @@ fn knob_plot(folder: &Folder, records: &[Record], knob: Knob) -> LinePlot {
     plot
 }
 
-/// PSNR of every run over its training time.
+/// Plot of every run's PSNR over its training time.
 fn time_plot(folder: &Folder, records: &[Record]) -> LinePlot {
     let title = format!("{}: PSNR over training time", folder.header.data);
     let mut plot = LinePlot::new(title, "training time, s", measured(folder.header.kind));
@@ -244,7 +244,7 @@ fn notes(records: &[Record]) -> Vec<String> {
     if others.is_empty() { Vec::new() } else { vec![format!("Not drawn: {}.", others.join("; "))] }
 }
 
-/// The runs' pictures in the order of their settings; `None` if there is none.
+/// Contact sheet of the runs' pictures in the order of their settings; `None` if there is none.
 fn sheet(folder: &Folder, records: &[Record]) -> Option<Picture> {
     let mut cells = Vec::new();
     for record in records {
@@ -276,7 +276,7 @@ impl<'r> Summary<'r> {
     }
 }
 
-/// A run: its settings, named as their flags, and its results.
+/// Settings of a run, named as their flags, and its results.
 #[derive(Debug)]
 pub struct RunSummary<'r>(&'r Record);
 

@@ -1,9 +1,9 @@
-//! MP4s, encoded by the `ffmpeg` program if there is one.
+//! MP4 videos, encoded by an installed `ffmpeg`.
 //!
-//! Frames go to ffmpeg's standard input as raw RGB; what it writes appears under the final name only
-//! when it has ended well. The choices: H.264 at CRF 16 (mpeg4 where this ffmpeg has no libx264), 4:2:0
-//! chroma because players show nothing else, and the BT.709 matrix, named in the file, because an
-//! unnamed one is guessed from the picture's size. An ffmpeg that hangs is ended after [`PATIENCE`].
+//! Frames go to ffmpeg's standard input as raw RGB. The file gets its final name only after ffmpeg has succeeded. The
+//! encoder is H.264 at CRF 16, or mpeg4 if ffmpeg has no libx264. Chroma is 4:2:0, as players show nothing else. The
+//! file names its BT.709 matrix, which players otherwise guess from the picture's size. An ffmpeg that hangs is killed
+//! after [`PATIENCE`].
 
 use super::animation::{NO_FRAMES, check_rate, check_size};
 use crate::data::pictures::rgb::{Picture, wrong_size};
@@ -17,19 +17,19 @@ use std::process::{ChildStdin, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 use std::{fs, io};
 
-/// Time after which an ffmpeg that reads nothing of a frame, or after the last frame writes nothing, counts as hung
-/// and is ended.
+/// Time after which ffmpeg counts as hung and is killed: it reads nothing of a frame, or writes nothing after the last
+/// frame.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 /// Time in which ffmpeg must list its encoders.
 const LISTING_PATIENCE: Duration = Duration::from_secs(10);
-/// Time in which an ffmpeg that no longer reads frames must end and say why.
+/// Time in which an ffmpeg that has stopped reading frames must exit with its error message.
 const LAST_WORDS: Duration = Duration::from_millis(200);
-/// Bytes of the list of encoders that are kept: it has about 20 KB.
+/// Number of bytes that are kept of the list of encoders, which has about 20 KB.
 const LISTING_BYTES: usize = 1 << 20;
-/// Bytes of ffmpeg's messages that are kept: the last ones say why it failed.
+/// Number of bytes that are kept of the end of ffmpeg's messages, which says why it failed.
 const KEPT_BYTES: usize = 8 << 10;
 
-/// The encoders, as ffmpeg's arguments.
+/// Arguments of ffmpeg that select the encoder.
 const X264: [&str; 4] = ["-c:v", "libx264", "-crf", "16"];
 const MPEG4: [&str; 4] = ["-c:v", "mpeg4", "-q:v", "2"];
 
@@ -38,17 +38,17 @@ const MPEG4: [&str; 4] = ["-c:v", "mpeg4", "-q:v", "2"];
 pub struct Ffmpeg {
     program: PathBuf,
     encoder: [&'static str; 4],
-    /// Time for which ffmpeg may read nothing and write nothing.
+    /// Time after which an ffmpeg that neither reads nor writes counts as hung.
     patience: Duration,
 }
 
 impl Ffmpeg {
-    /// Tries out `program`; `None`: `ffmpeg` from `PATH`.
+    /// Checks that `program` (`None`: `ffmpeg` on `PATH`) runs and has an encoder for MP4s.
     pub fn find(program: Option<&Path>) -> anyhow::Result<Self> {
         Self::find_within(program, LISTING_PATIENCE)
     }
 
-    /// As [`find`](Self::find); `patience`: time in which it must answer.
+    /// As [`find`](Self::find); `patience`: time in which ffmpeg must list its encoders.
     fn find_within(program: Option<&Path>, patience: Duration) -> anyhow::Result<Self> {
         let program = program.unwrap_or(Path::new("ffmpeg"));
         let unusable = |reason| unusable(program, reason);
@@ -89,24 +89,24 @@ impl Ffmpeg {
 
 /// An MP4 that is written frame by frame, whole or not at all.
 ///
-/// Without [`finish`](Self::finish) ffmpeg is ended and no file is left.
+/// Without [`finish`](Self::finish) ffmpeg is killed and no file is left.
 #[derive(Debug)]
 pub struct Mp4Writer {
     ffmpeg: Ffmpeg,
     helper: Helper,
-    /// Closed to say that there are no more frames.
+    /// Standard input of ffmpeg; closed after the last frame.
     stdin: Option<ChildStdin>,
     messages: Heard,
-    /// The file that is written; `None` once it is in place.
+    /// File that is being written; `None` once it has its final name.
     file: Option<AtomicFile>,
     size: (usize, usize),
     written: usize,
 }
 
 impl Mp4Writer {
-    /// Starts ffmpeg. All frames have this size, pixels; `fps`: frames per second.
+    /// Starts ffmpeg for frames of `width` × `height` pixels; `fps`: frames per second.
     ///
-    /// An odd side gets its last column or row twice, as 4:2:0 chroma needs even ones.
+    /// The last column or row of an odd side is repeated, as 4:2:0 chroma needs even sides.
     pub fn create(
         ffmpeg: &Ffmpeg,
         path: impl AsRef<Path>,
@@ -130,7 +130,7 @@ impl Mp4Writer {
         command.args(ffmpeg.encoder);
         command.arg("-metadata").arg(format!("comment={MARK}"));
         command.args(["-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4"]);
-        // `file:` keeps a name with a colon or a leading dash a name.
+        // With `file:` ffmpeg takes a name with a colon or a leading dash as a name.
         let mut place = OsString::from("file:");
         place.push(file.place());
         command.arg(place).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
@@ -178,7 +178,7 @@ impl Mp4Writer {
         }
     }
 
-    /// Waits for ffmpeg as long as its file changes: a long film takes a while to put its index in front.
+    /// Waits for ffmpeg while its file changes: moving the index of a long video to the front takes time.
     fn wait(&self) -> Option<ExitStatus> {
         /// Time between two checks of the file.
         const LOOK_EVERY: Duration = Duration::from_millis(100);
@@ -205,7 +205,7 @@ impl Mp4Writer {
         self.file.as_ref().map_or_else(PathBuf::new, |file| file.path().to_owned())
     }
 
-    /// Ends an ffmpeg that has failed, and returns an error with its last messages.
+    /// Kills an ffmpeg that has failed, and returns an error with its last messages.
     fn failure(&mut self) -> anyhow::Error {
         drop(self.stdin.take());
         let status = self.helper.wait(LAST_WORDS).or_else(|| self.helper.kill());
@@ -238,7 +238,7 @@ fn even(side: usize) -> usize {
     side.next_multiple_of(2)
 }
 
-/// The bytes of a frame, red, green, blue; the last column and row twice if their number is odd.
+/// Bytes of a frame as RGB; an odd side's last column or row is repeated.
 fn even_rgb8(frame: &Picture) -> Vec<u8> {
     let bytes = frame.to_rgb8();
     if frame.width.is_multiple_of(2) && frame.height.is_multiple_of(2) {

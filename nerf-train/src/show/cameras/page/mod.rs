@@ -1,6 +1,6 @@
 //! The interactive 3D page: one HTML file that loads nothing else.
 //!
-//! Its template, style and scripts are next to this file, which turns the scene into their data.
+//! The template, style and scripts are files next to this one, which serialises the scene for them.
 
 use super::sampling::ShownRay;
 use super::scene::{Scene, ShownCamera};
@@ -18,14 +18,14 @@ const SCRIPT: &str = include_str!("viewer.js");
 const VIEW: &str = include_str!("view.js");
 const SELF_TEST: &str = include_str!("selftest.js");
 
-/// Number of steps between near and far to which the page's distances are rounded: finer than a pixel.
+/// Number of quantisation steps of the page's distances between near and far: each is finer than a pixel.
 const STEPS: f32 = 65_535.0;
 const COLOURS: usize = 64;
 const DISTANCE_MAP: ColourMap = ColourMap::Viridis;
 const AXES: [(&str, [f32; 3]); 3] =
     [("x", [0.80, 0.12, 0.12]), ("y", [0.10, 0.52, 0.14]), ("z", [0.12, 0.25, 0.85])];
 
-/// What the script reads; lengths in world units.
+/// Data of the page's script, as JSON; lengths in world units.
 #[derive(Serialize)]
 struct Data<'s> {
     title: String,
@@ -33,7 +33,7 @@ struct Data<'s> {
     alone: bool,
     near: f32,
     far: f32,
-    /// `t = near + (far − near) · stored / steps`.
+    /// Number of quantisation steps of distances: `t = near + (far − near) · stored / steps`.
     steps: f32,
     colour_range: (f32, f32),
     colours: Vec<String>,
@@ -43,7 +43,7 @@ struct Data<'s> {
     axes: Vec<Axis>,
     axes_length: String,
     up: [f32; 3],
-    /// Two unit vectors perpendicular to `up`; with it they make a right-handed frame.
+    /// Two unit vectors that complete `up` to a right-handed frame.
     across: [[f32; 3]; 2],
     /// Direction from the scene to the first viewpoint.
     towards: [f32; 3],
@@ -111,7 +111,7 @@ fn shown((name, image): &(String, Thumbnail)) -> anyhow::Result<Shown<'_>> {
 
 impl RayData {
     fn of(ray: &ShownRay, bounds: &Bounds) -> Self {
-        // Casts saturate: rounding may leave the range by a hair.
+        // The cast saturates if rounding leaves the range.
         let stored = |t: &f32| ((t - bounds.near) / (bounds.far - bounds.near) * STEPS).round() as u16;
         Self {
             camera: ray.camera,
@@ -165,7 +165,7 @@ pub fn page(scene: &Scene) -> anyhow::Result<String> {
     Ok(filled(TEMPLATE, &parts))
 }
 
-/// The template with each `{{NAME}}` replaced; inserted text is not searched again.
+/// Returns the template with each `{{NAME}}` replaced; inserted text is not searched again.
 fn filled(template: &str, parts: &[(&str, String)]) -> String {
     let mut page = String::new();
     for (i, piece) in template.split("{{").enumerate() {
@@ -196,7 +196,7 @@ fn escaped(text: &str) -> String {
     safe
 }
 
-/// Escapes `<`, which JSON has in strings only, so that the JSON cannot end the script element that holds it.
+/// Escapes `<`, which JSON has in strings only, so that the JSON cannot close its script element.
 fn in_script(json: &str) -> String {
     printable::json(json).replace('<', "\\u003c")
 }

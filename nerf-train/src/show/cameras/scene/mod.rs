@@ -11,11 +11,11 @@ use anyhow::bail;
 use glam::Vec3;
 use nerf_core::camera::Camera;
 
-/// Largest number of samples, live and culled, of all cameras' own rays: about a megabyte of the page.
+/// Largest total number of samples of all cameras' `own_rays`: about a megabyte of the page.
 const OWN_SAMPLES: usize = 300_000;
-/// Length of the drawn rays of an unbounded scene, in radii of the ball that is not contracted.
+/// Length of the drawn rays of an unbounded scene, in radii of the inner ball, which is not contracted.
 const SHOWN_RADII: f32 = 2.0;
-/// Smallest and largest depth of the frusta of an unbounded scene, in the same radii.
+/// Smallest and largest depth of the frusta of an unbounded scene, in radii of the inner ball.
 const FRUSTUM_RADII: (f32, f32) = (0.1, 0.35);
 
 #[derive(Clone, Copy, Debug)]
@@ -27,10 +27,9 @@ pub struct Request<'v> {
     /// Largest number of rays to show; 0: cameras only.
     pub rays: usize,
     pub step: u32,
-    /// World direction that is up; found from the cameras if absent.
+    /// Up direction in world space; `None`: derived from the cameras.
     pub up: Option<Vec3>,
-    /// Distance of the pictures from their cameras along the view axis, world units; found from the
-    /// cameras' spacing if absent.
+    /// Depth of the frusta along the view axis, world units; `None`: derived from the cameras' spacing.
     pub frustum: Option<f32>,
 }
 
@@ -40,14 +39,14 @@ pub struct Scene {
     pub split: &'static str,
     /// The cameras, at least one.
     pub cameras: Vec<ShownCamera>,
-    /// The rays of the step; of the one camera if `alone`.
+    /// Rays of the training step; those of the only camera if `alone`.
     pub rays: Vec<ShownRay>,
     pub alone: bool,
     pub step: StepFacts,
     pub bounds: Bounds,
-    /// World axis that is up, unit length.
+    /// Up direction in world space, unit length.
     pub up: Vec3,
-    /// Distance of the pictures from their cameras along the view axis, world units.
+    /// Depth of the frusta along the view axis, world units.
     pub frustum: f32,
     pub axes: Axes,
     pub findings: Option<Findings>,
@@ -60,7 +59,7 @@ pub struct ShownCamera {
     pub camera: Camera,
     pub near: f32,
     pub thumbnail: Thumbnail,
-    /// The rays that the same step draws if this camera is alone; none if the whole scene shows it alone.
+    /// Rays that the step draws if this is the only view; empty if the scene shows only this camera.
     pub own_rays: Vec<ShownRay>,
     /// Colour of the frustum, display-encoded; `None`: dark.
     pub colour: Option<[f32; 3]>,
@@ -68,14 +67,14 @@ pub struct ShownCamera {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axes {
-    /// Origin of the axes: the world's origin, or the box's centre if the world's is far away.
+    /// Origin of the axes: the world's origin, or the centre of the scene box if the world's origin is far away.
     pub origin: Vec3,
     /// Length of the axes, a round number of world units.
     pub length: f32,
 }
 
 impl Scene {
-    /// Draws the rays of a step as training would, from the occupancy grid that training starts with.
+    /// Draws the rays of a step as training would, with the occupancy grid that training starts with.
     pub fn new(dataset: &Dataset, config: &Config, request: &Request<'_>) -> anyhow::Result<Self> {
         let Request { views, split, step, .. } = *request;
         if views.is_empty() {
@@ -114,7 +113,7 @@ impl Scene {
             Ok(ShownCamera { index, name, camera, near, thumbnail, own_rays, colour: None })
         };
         let cameras = shown.iter().enumerate().map(camera).collect::<Result<Vec<_>, _>>()?;
-        // A march keeps to the scene box, whatever near and far are.
+        // Marched rays have samples in the whole scene box, also outside of near and far.
         for t in
             rays.iter().chain(cameras.iter().flat_map(|camera| &camera.own_rays)).flat_map(ShownRay::samples)
         {
@@ -129,7 +128,7 @@ impl Scene {
     }
 
     /// Outline of the scene as polylines, world units: the edges of the scene box, or for an unbounded scene three
-    /// circles around the ball that is not contracted.
+    /// circles around the inner ball, which is not contracted.
     pub fn outline(&self) -> Vec<Vec<Vec3>> {
         const EDGE: usize = 8;
         const CIRCLE: usize = 64;
@@ -161,20 +160,20 @@ impl Scene {
     /// Direction from the scene to a viewpoint at `elevation` degrees that sees the cameras from the side.
     pub fn towards_viewer(&self, elevation: f32) -> Vec3 {
         let (side, ahead) = self.up.any_orthonormal_pair();
-        // The cameras of an unbounded scene may stand in its middle and look outward.
+        // The cameras of an unbounded scene may be in its middle and look outward.
         let behind = |camera: &ShownCamera| match self.bounds.contraction {
             Some(_) => -camera.camera.pose().forward(),
             None => camera.camera.pose().position - self.centre(),
         };
         let mean = self.cameras.iter().map(behind).sum::<Vec3>() / self.cameras.len() as f32;
-        // One camera is seen from behind its shoulder, many from where they overlap least.
+        // A single camera is seen over its shoulder, several from the direction in which they overlap least.
         let turn = if self.alone { 40f32 } else { 55f32 };
         let azimuth = mean.dot(ahead).atan2(mean.dot(side)) + turn.to_radians();
         let elevation = elevation.to_radians();
         (side * azimuth.cos() + ahead * azimuth.sin()) * elevation.cos() + self.up * elevation.sin()
     }
 
-    /// Range of `t` that the colours span, world units: that of all samples in occupied cells, or near to far.
+    /// Range of `t` of the colours, world units: that of all samples in occupied cells, or near to far without any.
     pub fn colour_range(&self) -> (f32, f32) {
         let live = self.rays.iter().flat_map(|ray| &ray.live);
         let (low, high) =
@@ -199,7 +198,7 @@ impl Scene {
         }
     }
 
-    /// A sentence that says which rays and samples are shown, of which scene, and in which units.
+    /// Sentence that names the shown rays and samples, their scene and the units.
     pub fn facts(&self) -> String {
         let s = &self.step;
         let of = match self.alone {
@@ -207,7 +206,7 @@ impl Scene {
             false if self.split == "train" => {
                 format!("{} of the {} rays of training step {}", self.rays.len(), s.rays, s.step)
             }
-            // Training never sees other views.
+            // Training draws no rays from views of other splits.
             false => format!(
                 "{} of the {} rays that step {} would draw from these views",
                 self.rays.len(),
@@ -250,13 +249,13 @@ impl Scene {
 }
 
 impl ShownCamera {
-    /// The corners of its picture at `z` along the view axis, world units: clockwise from top left.
+    /// Corners of the camera's picture at distance `z` along the view axis, world units: clockwise from top left.
     pub fn corners(&self, z: f32) -> [Vec3; 4] {
         let i = self.camera.intrinsics();
         let (w, h) = (i.width as f32, i.height as f32);
         [(0.0, 0.0), (w, 0.0), (w, h), (0.0, h)].map(|(x, y)| {
             let ray = self.camera.ray(x, y);
-            // A corner beside or behind the camera (a fisheye's) would be infinitely far off.
+            // The limit keeps a corner beside or behind the camera (of a fisheye) at a finite distance.
             ray.at(z / self.camera.z_per_distance(&ray).max(0.1))
         })
     }
@@ -266,7 +265,7 @@ impl Axes {
     fn of(cameras: &[ShownCamera], bounds: &Bounds) -> Self {
         let b = bounds.scene_box;
         let centre = 0.5 * (b.min + b.max);
-        // The size of an unbounded scene is the radius of the ball.
+        // The box of an unbounded scene has sides of four radii of the inner ball.
         let share = if bounds.contraction.is_some() { 0.25 } else { 1.0 };
         let size = share * (b.max - b.min);
         let reach = cameras.iter().map(|c| c.camera.pose().position.distance(centre));
@@ -281,13 +280,13 @@ impl Axes {
         format!("{} world unit{plural} long", self.length)
     }
 
-    /// The end of the axis along `unit`, world units.
+    /// End point of the axis along `unit`, world units.
     pub fn tip(&self, unit: Vec3) -> Vec3 {
         self.origin + self.length * unit
     }
 }
 
-/// Depth of frusta that neither hide each other nor reach into the scene, world units.
+/// Depth of the frusta, world units: small enough that they neither hide each other nor reach into the scene.
 fn frustum_length(cameras: &[ShownCamera], bounds: &Bounds) -> f32 {
     let before_scene = 0.5 * if bounds.near > 0.0 { bounds.near } else { 0.25 * bounds.far };
     let positions: Vec<Vec3> = cameras.iter().map(|c| c.camera.pose().position).collect();
@@ -297,7 +296,7 @@ fn frustum_length(cameras: &[ShownCamera], bounds: &Bounds) -> f32 {
     };
     let spacing = median(positions.iter().enumerate().filter_map(nearest)) as f32;
     let (least, most) = match &bounds.contraction {
-        // Its near plane says little about the distance of things.
+        // The near plane of an unbounded scene says little about the distance of its surfaces.
         Some(contraction) => (FRUSTUM_RADII.0 * contraction.radius(), FRUSTUM_RADII.1 * contraction.radius()),
         None => (0.02 * before_scene, 0.8 * before_scene),
     };
@@ -309,11 +308,11 @@ fn frustum_length(cameras: &[ShownCamera], bounds: &Bounds) -> f32 {
     (0.7 * spacing / width).clamp(least, most)
 }
 
-/// The world axis that is nearest to the cameras' mean up.
+/// World axis that is nearest to the mean of the cameras' up directions.
 fn nearest_axis(views: &[View]) -> Vec3 {
     let mean: Vec3 = views.iter().map(|view| view.camera.pose().rotation.y_axis).sum();
     let axes = [Vec3::Z, Vec3::Y, Vec3::X, Vec3::NEG_Z, Vec3::NEG_Y, Vec3::NEG_X];
-    // The first of equals: z where the cameras say nothing.
+    // The first of equally near axes: +Z if the mean is 0.
     axes.into_iter().rev().max_by(|a, b| a.dot(mean).total_cmp(&b.dot(mean))).unwrap_or(Vec3::Z)
 }
 

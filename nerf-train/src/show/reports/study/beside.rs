@@ -1,10 +1,10 @@
-//! The Pareto front of another study, from its points.csv.
+//! Pareto front of another study, read from its points.csv.
 
 use crate::measure::point::Clock;
 use crate::show::plot::{Marker, Series};
 use std::path::Path;
 
-/// The Pareto front of a points.csv, as the plot draws it: PSNR over seconds per view; named after the table's
+/// Pareto front in the points.csv at `path`, as a series of the plot: PSNR over seconds per view, named after the
 /// folder.
 pub fn front_of(path: &Path, clock: Clock) -> anyhow::Result<Series> {
     let refused = |found: String| {
@@ -18,7 +18,7 @@ pub fn front_of(path: &Path, clock: Clock) -> anyhow::Result<Series> {
     };
     let (on_front, time, loss) = (place("on_front")?, place("relative_time")?, place("loss_db")?);
     let (psnr, seconds) = (place("psnr_db")?, place(seconds)?);
-    // Seconds and PSNR of the exact rendering, the first row.
+    // `exact`: seconds and PSNR of the exact rendering, which is the first row.
     let (mut exact, mut points) = (None, Vec::new());
     for (row, cells) in table.records().enumerate() {
         let cells = cells.map_err(|e| refused(e.to_string()))?;

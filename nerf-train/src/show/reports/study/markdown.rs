@@ -21,7 +21,7 @@ pub(super) fn markdown(findings: &Findings<'_, '_, '_>, setting: &Setting<'_>) -
     text
 }
 
-/// Data and machine of the study, and the span of the Pareto front.
+/// Writes the data and machine of the study, and the span of the Pareto front.
 fn head(findings: &Findings<'_, '_, '_>, setting: &Setting<'_>, line: Line<'_>) {
     let study = findings.study;
     line(format_args!(

@@ -14,7 +14,7 @@ pub use beside::front_of;
 use serde::Serialize;
 use std::path::Path;
 
-/// Largest loss of a point in the span of the Pareto front, dB.
+/// Largest loss of the point whose speed-up is the span of the Pareto front, dB.
 pub const SPAN_LOSS_DB: f64 = 1.0;
 
 /// Data and machine of a study.
@@ -30,15 +30,15 @@ pub struct Setting<'a> {
     pub beside: Vec<Series>,
 }
 
-/// All results of a study, computed once.
+/// Results of a study, computed once.
 pub struct Findings<'s, 'a, 'b> {
     pub study: &'s Study<'a, 'b>,
     pub totals: Vec<Totals>,
-    /// Pareto front over time: indices of points.
+    /// Indices of the points on the Pareto front over time.
     pub front: Vec<usize>,
-    /// Pareto front over multiply-adds, of points that a blob can hold: their indices.
+    /// Indices of the points on the Pareto front over multiply-adds, among those that a blob can hold.
     pub blob_front: Vec<usize>,
-    /// Time of each point, as a fraction of the exact rendering's.
+    /// Ratio of each point's time to that of the exact rendering.
     pub times: Vec<f64>,
 }
 
@@ -49,33 +49,33 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
         Self { study, totals, front, blob_front, times }
     }
 
-    /// Speed-up over the exact rendering of the cheapest point within [`SPAN_LOSS_DB`], among those that `keep`
-    /// accepts, and the index of that point.
+    /// Speed-up over the exact rendering, and index, of the cheapest point within [`SPAN_LOSS_DB`] among those that
+    /// `keep` accepts.
     pub fn span(&self, keep: impl Fn(&Point) -> bool) -> Option<(f64, usize)> {
         let point = self.study.cheapest(SPAN_LOSS_DB, keep)?;
         Some((1.0 / self.times[point], point))
     }
 
-    /// Plot of PSNR over seconds: all points, coloured by the size of their files, and the Pareto front through
-    /// numbered ones.
+    /// Plot of PSNR over seconds: all points, coloured by file size, and the Pareto front as a line through numbered
+    /// points.
     fn plot(&self, setting: &Setting<'_>) -> LinePlot {
         let clock = self.study.effort.clock;
         let name = if clock == Clock::Wall { "seconds a view" } else { "CPU seconds a view" };
         let title = format!("{}: what accuracy costs in time", setting.data);
         let mut plot = LinePlot::new(title, name, format!("PSNR, dB, on {}", setting.background));
         let exact = self.study.points[0].seconds(clock).map_or(1.0, |s| s.median);
-        // Ratios of the same rounds: points do not move with the machine's load.
+        // Times are ratios within a round, which do not depend on the machine's load.
         let place = |i: usize| (self.times[i] * exact, self.totals[0].psnr_db - self.totals[i].loss_db);
         let series = |name: &str, which: Vec<usize>, marker| Series {
             name: name.into(),
             points: which.into_iter().map(place).collect(),
             marker,
         };
-        // The third axis is the colour: the size of each file.
+        // File size is the third axis, shown as colour.
         let kib = |i: usize| (self.study.points[i].memory.file as f64 / 1024.0).round() as u64;
         let all = || 0..self.study.points.len();
         let mut sizes: Vec<u64> = all().map(kib).collect();
-        // Small ones last, on top: a smaller file often takes the same time.
+        // Small files are drawn last, on top: a smaller file often takes the same time.
         sizes.sort_unstable_by(|a, b| b.cmp(a));
         sizes.dedup();
         let of_size = |&size: &u64| {
@@ -85,12 +85,12 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
                 Marker::Points,
             )
         };
-        // Under the points, whose colours say more.
+        // The front is drawn below the points, whose colours say more.
         plot.series = vec![series("front", self.front.clone(), Marker::Line)];
         plot.series.extend(setting.beside.iter().cloned());
         plot.series.extend(sizes.iter().map(of_size));
         plot.log_x = true;
-        // Names would cover the points: those on the Pareto front have the numbers of the tables, and a legend below.
+        // Names would cover the points: points on the front have the numbers of the tables, which a note explains.
         let label = |text: String, i: usize| Label { text, at: place(i) };
         plot.labels = [0, 1].map(|i| label(self.study.points[i].label.clone(), i)).to_vec();
         let numbered = || self.front.iter().copied().filter(|&i| i > 1);

@@ -15,7 +15,7 @@ pub fn table(findings: &Findings<'_, '_, '_>) -> Table {
     table
 }
 
-/// The cells of a point with the names of their columns.
+/// Cells of a point's row, each with the name of its column.
 fn row(findings: &Findings<'_, '_, '_>, i: usize) -> Vec<(&'static str, String)> {
     let (point, t, lab) = (&findings.study.points[i], &findings.totals[i], findings.study.lab);
     let origin = match point.origin {
