@@ -17,7 +17,7 @@
 // - Names, units and rules are those of nerf_render.h. There is a wrapper for whatever needs a struct_size in C.
 // - A matrix passed to a function is 16 floats, column-major as in OpenGL and glTF, and the parameter is named so. The
 //   fields c2w and to_world are three rows of four, row-major, as in C.
-// - nerf::memory is owned or lent by the caller: without a heap, lend everything.
+// - nerf::memory is owned, or lent by the caller: a program without a heap lends all memory.
 // - A scene never changes: threads may share it, each with a worker of its own.
 // - A moved-from object is empty: calls on it are NERF_STATUS_NULL_POINTER, not undefined.
 #ifndef NERF_RENDER_HPP
@@ -50,15 +50,15 @@ namespace detail {
 template <class C>
 using element = std::remove_pointer_t<decltype(std::data(std::declval<C &>()))>;
 
-/// Whether C (as deduced for a C &&) can lend its elements: it is an lvalue, or a view, whose own constness does not
-/// make its elements const. A temporary that owns its elements would take them along.
+/// Whether C (as deduced for a C &&) can lend its elements: C is an lvalue, or a view, whose own constness does not
+/// make its elements const. A temporary that owns its elements would free them.
 template <class C>
 inline constexpr bool lends = std::is_lvalue_reference_v<C> || std::is_same_v<element<C>, element<const C>>;
 
-/// Base class by which strided views are told from containers.
+/// Base class that distinguishes strided views from containers.
 struct strided_view {};
 
-/// Casts a pointer to floats, whatever structure holds them: the C library reads and writes them by copying.
+/// Casts a pointer to floats, whatever structure holds the floats: the C library reads and writes floats by copying.
 template <class T>
 T *floats_at(std::conditional_t<std::is_const_v<T>, const void, void> *first) noexcept {
     return static_cast<T *>(first);
@@ -66,8 +66,8 @@ T *floats_at(std::conditional_t<std::is_const_v<T>, const void, void> *first) no
 
 } // namespace detail
 
-/// A view of contiguous elements in memory that it does not own; made from arrays, std::vector, std::array, std::span
-/// and any other container with data and size.
+/// A view of contiguous elements in memory that the view does not own. Made from arrays, std::vector, std::array,
+/// std::span and any other container with data and size.
 template <class T>
 class span {
 public:
@@ -91,7 +91,7 @@ private:
     std::size_t size_ = 0;
 };
 
-/// The bytes of any contiguous container: a blob in a std::vector<char>, an array in flash, a mapped file.
+/// A view of the bytes of a contiguous container: a blob in a std::vector<char>, an array in flash, a mapped file.
 class bytes {
 public:
     constexpr bytes(const void *data, std::size_t size) noexcept : data_(data), size_(size) {}
@@ -111,10 +111,10 @@ private:
     std::size_t size_;
 };
 
-/// A view of floats that it does not own, `each` per ray or point, contiguous or strided. T is float or const float.
+/// A view of floats, `each` per ray or point, contiguous or strided, not owned. T is float or const float.
 ///
-/// Made from a container of floats, or of trivially copyable structures of `each` floats (a host's own vector), or
-/// with nerf::member from one field of larger structures.
+/// Made from a container of floats, or of trivially copyable structures of `each` floats (a host's own vector).
+/// nerf::member makes a view of one field of larger structures.
 template <class T, std::size_t each>
 class strided : detail::strided_view {
 public:
@@ -140,7 +140,7 @@ public:
     /// Number of rays or points.
     std::size_t size() const noexcept { return count_; }
     bool empty() const noexcept { return data_ == nullptr; }
-    /// Bytes from one ray's or point's floats to the next; 0 if they are contiguous.
+    /// Bytes from one ray's or point's floats to those of the next; 0 for contiguous floats.
     std::size_t stride() const noexcept { return stride_; }
     nerf_floats c() const noexcept { return {data_, stride_}; }
     /// Whether the view holds exactly `count` rays or points.
@@ -156,7 +156,7 @@ private:
     bool whole_ = true;
 };
 
-/// Points, directions or colours.
+/// View of three floats per ray or point: points, directions or colours.
 template <class T>
 using triples = strided<T, 3>;
 template <class T>
@@ -179,7 +179,7 @@ auto member(C &&container, F S::*field) noexcept {
 inline bool abi_matches() noexcept { return nerf_abi_version() == NERF_ABI_VERSION; }
 inline std::string_view version() noexcept { return nerf_version_text(); }
 
-/// A view of a text inside a blob; it lives as long as the blob.
+/// A view of a text inside a blob; valid as long as the blob.
 inline std::string_view view(const nerf_text &text) noexcept { return {text.data, text.length}; }
 
 // --------------------------------------------------------------------------------------- errors
@@ -189,7 +189,7 @@ struct error {
     nerf_status status = NERF_STATUS_OK;
     char message[256] = {};
 
-    /// The message, or the meaning of the status if there is none; never null.
+    /// The message, or without a message the meaning of the status; never null.
     const char *text() const noexcept { return message[0] == '\0' ? nerf_status_text(status) : message; }
 };
 
@@ -203,7 +203,7 @@ public:
     result(const nerf::error &error = {}) noexcept : error_(error) {}
 
     explicit operator bool() const noexcept { return error_.status == NERF_STATUS_OK; }
-    /// The error; its status is 0 after a success.
+    /// The error; NERF_STATUS_OK after a success.
     const nerf::error &error() const noexcept { return error_; }
     nerf_status status() const noexcept { return error_.status; }
 
@@ -211,7 +211,7 @@ private:
     nerf::error error_;
 };
 
-/// A value, or the error that explains why there is none. Test it before using it.
+/// A value, or the error that explains why there is no value. Test the result before using the value.
 template <class T>
 class [[nodiscard]] result : public result<void> {
 public:
@@ -233,7 +233,7 @@ private:
     std::optional<T> value_;
 };
 
-/// Size of the memory that a call needs, bytes, and its alignment.
+/// Size of the memory that a call needs, and alignment of this memory, bytes.
 struct layout {
     std::size_t size = 0;
     std::size_t align = 1;
@@ -241,7 +241,7 @@ struct layout {
 
 namespace detail {
 
-/// Runs a call of the C library, `call(value, message, capacity)`, which writes its result to `value`.
+/// Runs a call of the C library, `call(value, message, capacity)`, which writes the call's result to `value`.
 template <class T, class Call>
 result<T> checked(T value, Call &&call) noexcept {
     error why;
@@ -249,7 +249,7 @@ result<T> checked(T value, Call &&call) noexcept {
     return why.status == NERF_STATUS_OK ? result<T>(std::move(value)) : result<T>(why);
 }
 
-/// Runs a call whose last argument before the message receives a value.
+/// Runs a C call whose last argument before the message receives a value; returns this value.
 template <class T, class Call, class... Arguments>
 result<T> made(Call &&call, Arguments... arguments) noexcept {
     return checked(T(), [&](T &to, char *message, std::size_t capacity) {
@@ -257,7 +257,7 @@ result<T> made(Call &&call, Arguments... arguments) noexcept {
     });
 }
 
-/// Runs a call whose last arguments before the message receive a size and an alignment.
+/// Runs a C call whose last arguments before the message receive a size and an alignment; returns these as a layout.
 template <class Call, class... Arguments>
 result<layout> layout_of(Call &&call, Arguments... arguments) noexcept {
     return checked(layout(), [&](layout &to, char *message, std::size_t capacity) {
@@ -265,7 +265,7 @@ result<layout> layout_of(Call &&call, Arguments... arguments) noexcept {
     });
 }
 
-/// A structure of the C library with its size set and zeros elsewhere.
+/// A structure of the C library with struct_size set and zeros elsewhere.
 template <class C>
 struct sized : C {
     sized() noexcept : C() { this->struct_size = sizeof(C); }
@@ -284,7 +284,7 @@ struct moved {
     }
 };
 
-/// Deleter that frees only what is owned. A function pointer, so that a program that only lends links no heap.
+/// Deleter that frees only owned memory. `end` is a function pointer, so that a program that only lends links no heap.
 template <class T>
 struct ending {
     void (*end)(T *, std::size_t align) noexcept = [](T *, std::size_t) noexcept {};
@@ -293,10 +293,10 @@ struct ending {
     void operator()(T *owned) const noexcept { end(owned, align); }
 };
 
-/// Type of an absent progress callback, and of the library's own clock.
+/// Type that means no progress callback, and as a clock the library's own clock.
 struct none {};
 
-/// Calls a callable; noexcept, since no exception may reach C. `user` points to a pointer to it: it may be a function.
+/// Calls a callable or function; noexcept, since no exception may reach C. `user` points to a pointer to the callable.
 template <class F>
 int32_t progress(void *user, std::uint64_t done, std::uint64_t all) noexcept {
     F &f = **static_cast<F **>(user);
@@ -325,7 +325,7 @@ std::uint64_t clock(void *user) noexcept {
 
 // --------------------------------------------------------------------------------------- memory
 
-/// Memory for a scene or a worker: owned and freed, or lent by the caller. Movable.
+/// Memory for a scene or a worker: owned and freed by this object, or lent by the caller. Movable.
 class memory {
 public:
     memory() noexcept = default;
@@ -339,12 +339,12 @@ public:
         }
         return memory(data, needed.size, {free, needed.align});
     }
-    /// Allocates memory of the layout in `needed`, or passes its error on.
+    /// Allocates memory of the layout in `needed`, or returns the error in `needed`.
     static result<memory> allocate(const result<layout> &needed) noexcept {
         return needed ? allocate(*needed) : result<memory>(needed.error());
     }
 
-    /// Lends the caller's memory, which must stay in place while it is used; never freed.
+    /// Makes a memory of the caller's container, which must stay in place while in use, and is never freed.
     template <class C>
     static memory lend(C &&container) noexcept {
         using element = detail::element<C>;
@@ -382,7 +382,7 @@ inline vec3 cross(vec3 a, vec3 b) noexcept {
 
 namespace detail {
 
-/// Two directions perpendicular to `up` and to each other, as in nerf-train's orbits.
+/// Returns two directions perpendicular to `up` and to each other, as in nerf-train's orbits.
 /// Source: Duff et al. 2017, "Building an orthonormal basis, revisited".
 inline std::pair<vec3, vec3> across(vec3 up) noexcept {
     const float sign = std::copysign(1.0f, up.z), a = -1.0f / (sign + up.z), b = up.x * up.y * a;
@@ -393,7 +393,7 @@ inline float to_float(float number) noexcept { return number; }
 template <class N>
 float to_float(N number) noexcept { return static_cast<float>(number); }
 
-/// A host's vector, with fields x, y and z (the overload for an int, which goes first) or with three elements.
+/// Converts a host's vector with fields x, y and z (the preferred overload, for an int) or with three elements.
 template <class V>
 auto to_vec3(const V &of, int) noexcept -> decltype(of.x + of.z, vec3()) {
     return {to_float(of.x), to_float(of.y), to_float(of.z)};
@@ -403,15 +403,15 @@ vec3 to_vec3(const V &of, long) noexcept { return {to_float(of[0]), to_float(of[
 
 } // namespace detail
 
-/// The ray through an image point: `dir` is of unit length, and `z_depth` = z_per_distance * `ray_distance`.
+/// The ray through an image point: `dir` has unit length, and `z_depth` = z_per_distance * `ray_distance`.
 struct ray {
     vec3 origin, dir;
     float z_per_distance = 0.0f;
 };
 
-/// A pinhole camera; every field of nerf_camera is there, lens included. Looks down -Z, +Y up, +X right.
+/// A pinhole camera with every field of nerf_camera, lens included. The camera looks down -Z; +Y is up, +X is right.
 struct camera : detail::sized<nerf_camera> {
-    /// A camera at the world's origin, with the principal point in the middle; `focal` in pixels.
+    /// Makes a camera at the world's origin, with the principal point in the middle of the image; `focal` in pixels.
     camera(std::uint32_t columns, std::uint32_t rows, float focal) noexcept {
         width = columns;
         height = rows;
@@ -421,14 +421,14 @@ struct camera : detail::sized<nerf_camera> {
         c2w[0] = c2w[5] = c2w[10] = 1.0f;
     }
 
-    /// A camera whose field of view is `fov` radians from the bottom of the image to its top.
+    /// Makes a camera whose field of view is `fov` radians from the bottom of the image to its top.
     static camera from_vertical_fov(std::uint32_t columns, std::uint32_t rows, float fov) noexcept {
         return {columns, rows, 0.5f * static_cast<float>(rows) / std::tan(0.5f * fov)};
     }
 
-    /// The camera of a renderer's own matrices. The view matrix takes the world to the eye by a rotation and a
-    /// translation. The projection is perspective, along -Z; its near and far planes are ignored. Any other kind is
-    /// NERF_STATUS_CAMERA.
+    /// Makes the camera of a renderer's own matrices. The view matrix transforms the world to the eye's coordinates by
+    /// a rotation and a translation. The projection is perspective, along -Z; its near and far planes are ignored.
+    /// Other matrices are NERF_STATUS_CAMERA.
     static result<camera> from_matrices(std::uint32_t columns, std::uint32_t rows, span<const float> view_column_major,
                                         span<const float> projection_column_major) noexcept {
         if (view_column_major.size() != 16 || projection_column_major.size() != 16) {
@@ -461,8 +461,8 @@ struct camera : detail::sized<nerf_camera> {
         return made;
     }
 
-    /// Places the camera at `eye`, looking at `target`, with `up` upwards in its image. If there is no such view
-    /// (`eye` equals `target`, or `up` is the line of sight), rendering returns NERF_STATUS_CAMERA.
+    /// Places the camera at `eye`, looking at `target`, with `up` upwards in its image. If `eye` equals `target` or
+    /// `up` is along the view, rendering returns NERF_STATUS_CAMERA.
     camera &look_at(vec3 eye, vec3 target, vec3 up = {0.0f, 0.0f, 1.0f}) noexcept {
         if (nerf_camera_look_at(this, &eye.x, &target.x, &up.x, nullptr, 0) != NERF_STATUS_OK) {
             c2w[0] = std::numeric_limits<float>::quiet_NaN();
@@ -470,8 +470,8 @@ struct camera : detail::sized<nerf_camera> {
         return *this;
     }
 
-    /// Places the camera on a sphere around `target`: `azimuth` rotates around `up`, `elevation` rises towards it,
-    /// both in radians. `up`: of unit length, a world axis or any other direction.
+    /// Places the camera on a sphere around `target`. `azimuth` is the angle around `up`, `elevation` the angle above
+    /// the plane normal to `up`, radians. `up`: any direction of unit length.
     camera &orbit(vec3 target, float radius, float azimuth, float elevation,
                   vec3 up = {0.0f, 0.0f, 1.0f}) noexcept {
         const auto [side, ahead] = detail::across(up);
@@ -479,7 +479,7 @@ struct camera : detail::sized<nerf_camera> {
         return look_at(target + radius * (std::cos(elevation) * flat + std::sin(elevation) * up), target, up);
     }
 
-    /// The ray through an image point, pixels from the left and the top; a pixel's centre is at + 0.5.
+    /// Computes the ray through an image point, pixels from the left and the top; a pixel's centre is at + 0.5.
     result<nerf::ray> ray(float x, float y) const noexcept {
         return detail::checked(nerf::ray(), [&](nerf::ray &to, char *message, std::size_t capacity) {
             return nerf_camera_ray(this, x, y, &to.origin.x, &to.dir.x, &to.z_per_distance, message, capacity);
@@ -492,9 +492,9 @@ struct camera : detail::sized<nerf_camera> {
     vec3 centre() const noexcept { return {c2w[3], c2w[7], c2w[11]}; }
 };
 
-/// The distance along the view axis of a depth in normalised device coordinates, for target::limit_z_depth; infinite
-/// at an infinite far plane. The projection is as in camera::from_matrices, with depths in [-1, 1] or [0, 1], reversed
-/// or not. OpenGL's buffer holds 0.5 * ndc + 0.5.
+/// Converts a depth in normalised device coordinates to a distance along the view axis, for target::limit_z_depth;
+/// infinite at an infinite far plane. The projection is as in camera::from_matrices, with depths in [-1, 1] or [0, 1],
+/// reversed or not. OpenGL's buffer holds 0.5 * ndc + 0.5.
 inline float z_depth(float ndc, span<const float> projection_column_major) noexcept {
     const float z = projection_column_major[14] / (ndc + projection_column_major[10]);
     return z > 0.0f ? z : std::numeric_limits<float>::infinity();
@@ -504,7 +504,7 @@ inline float z_depth(float ndc, span<const float> projection_column_major) noexc
 
 using rect = nerf_rect;
 
-/// Placeholder rectangle: the whole image.
+/// Placeholder rectangle that means the whole image.
 inline constexpr rect whole{0, 0, std::numeric_limits<std::uint32_t>::max(), std::numeric_limits<std::uint32_t>::max()};
 
 /// An image cut into rectangles of at most side x side pixels (side > 0), row by row.
@@ -523,14 +523,14 @@ private:
     std::uint32_t across() const noexcept { return count(width); }
 };
 
-/// `row_stride` and `pixel_stride` of a nerf_plane, bytes.
+/// Strides of a nerf_plane, `row_stride` and `pixel_stride`, bytes.
 struct strides {
     std::ptrdiff_t row = 0;
     std::size_t pixel = 0;
 };
 
-/// A plane that receives one output, or that limits are read from: a view of every pixel of the target's window that
-/// knows its end. A plane that is left out is not computed.
+/// A plane that receives one output or contains limits. The plane is a view, with a known end, of the pixels of the
+/// target's whole window. An output without a plane is not computed.
 class plane {
 public:
     plane() noexcept = default;
@@ -544,11 +544,11 @@ public:
     static plane f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_F32, s, by}; }
     // Normals.
     static plane vec3_f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_VEC3_F32, s, by}; }
-    // Limits, an input.
+    // Limits at which rays end: an input.
     static plane limit(span<const float> s, strides by = {}) noexcept {
         return {NERF_FORMAT_F32, span<float>(const_cast<float *>(s.data()), s.size()), by};
     }
-    // A field of contiguous structures: three floats are colour, or with `normals` a normal; four are RGBA.
+    // One field of contiguous structures. Three floats are colour, or a normal with `normals`; four floats are RGBA.
     template <class C, class S, class F>
     static plane member(C &&pixels, F S::*field, bool normals = false) noexcept {
         static_assert(sizeof(F) == 4 || sizeof(F) == 12 || sizeof(F) == 16, "expected one, three or four floats");
@@ -562,7 +562,7 @@ public:
         return of;
     }
 
-    /// Whether the plane is given. A view without elements is given, but too short.
+    /// Whether the plane has a view. A view without elements counts, but is too short to render into.
     explicit operator bool() const noexcept { return there_; }
 
 private:
@@ -588,12 +588,12 @@ private:
     bool there_ = false;
 };
 
-/// Planes of an image, or of a window of it; any rectangle inside can be rendered into them. For rays, one row.
+/// Planes of an image or its window, into which any rectangle inside can be rendered; for rays, of one row.
 struct target {
     plane rgb = {}, opacity = {}, ray_distance = {}, z_depth = {}, median_distance = {}, normals = {};
-    /// Limits at which each pixel's ray ends, at most one of the two; nerf::z_depth makes them of a depth buffer.
+    /// Inputs: limits at which each pixel's ray ends, one plane at most; nerf::z_depth converts a depth buffer.
     plane limit_ray_distance = {}, limit_z_depth = {};
-    /// The part of the image that the planes hold; empty for the whole image.
+    /// Rectangle of the image that the planes hold; an empty rectangle for the whole image.
     rect window = {};
 
     /// NERF_OUTPUT_* of the planes that are given, or-ed.
@@ -604,7 +604,7 @@ struct target {
                bit(median_distance, NERF_OUTPUT_MEDIAN_DISTANCE) | bit(normals, NERF_OUTPUT_NORMALS);
     }
 
-    /// The C target for a rectangle of a width x height image, checked against the ends of the views.
+    /// Makes the C target for the rectangle `part` of a width x height image. Checks that no view ends too early.
     result<nerf_target> at(const rect &part, std::uint32_t width, std::uint32_t height) const noexcept {
         const rect all = window.width == 0 || window.height == 0 ? rect{0, 0, width, height} : window;
         const auto inside = [](std::uint32_t begin, std::uint32_t length, std::uint32_t from, std::uint32_t all_of) {
@@ -663,7 +663,7 @@ struct open_options : detail::sized<nerf_open_options> {
     }
 };
 
-/// Options of a frame. Default-constructed they are the defaults: cuts that cost nothing visible.
+/// Options of a frame. Default-constructed options are the defaults: cuts without a visible loss.
 struct options : detail::sized<nerf_render_options> {
     /// Options without a cut or a blur.
     static options uncut() noexcept {
@@ -673,7 +673,7 @@ struct options : detail::sized<nerf_render_options> {
     }
 };
 
-/// Counts of the work a call did; += adds up tiles.
+/// Counts of the work that a call did; += adds up the counts of tiles.
 struct counters : detail::sized<nerf_counters> {
     counters &operator+=(const nerf_counters &other) noexcept {
         using work = nerf_counters;
@@ -689,7 +689,7 @@ struct counters : detail::sized<nerf_counters> {
 using choice = detail::sized<nerf_choice>;
 
 struct pace : detail::sized<nerf_pace> {
-    /// The pace if `threads` threads share a frame's tiles.
+    /// The pace of `threads` threads that share a frame's tiles.
     pace shared_among(unsigned threads) const noexcept {
         pace all = *this;
         for (float &frame : all.milliseconds) {
@@ -712,8 +712,8 @@ public:
         return detail::layout_of(nerf_scene_memory, blob.data(), blob.size(), &how);
     }
 
-    /// Opens a blob in memory that the caller lends or hands over. `blob` is borrowed: it must stay unchanged while
-    /// the scene is used.
+    /// Opens a blob in memory that the caller lends or hands over. `blob` is borrowed: the caller leaves its bytes
+    /// unchanged while the scene is used.
     static result<scene> open(bytes blob, memory home, const open_options &how = {}) noexcept {
         scene opened;
         opened.home_ = std::move(home);
@@ -725,7 +725,7 @@ public:
         });
     }
 
-    /// Opens a blob in memory from the heap. `blob` is borrowed, as above.
+    /// Opens a blob in memory from the heap. `blob` is borrowed: its bytes must stay unchanged while the scene is used.
     static result<scene> open(bytes blob, const open_options &how = {}) noexcept {
         result<memory> home = memory::allocate(memory_layout(blob, how));
         return home ? open(blob, std::move(*home), how) : result<scene>(home.error());
@@ -741,24 +741,24 @@ public:
         });
     }
 
-    /// Opens a file by std::string, std::filesystem::path (if its characters are char) or another type with c_str().
+    /// Opens a file by std::string, std::filesystem::path (with characters of char) or another type with c_str().
     template <class P, class = std::enable_if_t<std::is_same_v<decltype(std::declval<const P &>().c_str()), const char *>>>
     static result<scene> open_file(const P &path, const open_options &how = {}) noexcept {
         return open_file(path.c_str(), how);
     }
 
-    /// Handle for calls of the C library; null if empty.
+    /// Handle of the scene for calls of the C library; null if the scene is empty.
     const nerf_scene *get() const noexcept { return handle_.get(); }
 
-    /// The facts of the scene; all zeros if empty.
+    /// Facts of the scene; all zeros if the scene is empty.
     const nerf_scene_info &info() const noexcept { return info_.value; }
     bool is_picture() const noexcept { return info().kind == NERF_KIND_PICTURE; }
 
-    /// Whether the scene has a default viewpoint, from which its photographs were taken.
+    /// Whether the scene has a default viewpoint, the place of its photographs.
     bool has_viewpoint() const noexcept { return info().up[0] != 0.0f || info().up[1] != 0.0f || info().up[2] != 0.0f; }
 
-    // The default orbit, as in camera::orbit, through the viewpoint. Without a viewpoint it is around the middle of the
-    // scene box, with a radius half way between near and far, and z up.
+    // Default orbit, as in camera::orbit, through the viewpoint. Without a viewpoint the orbit is around the middle of
+    // the scene box, with z up and a radius half way between near and far.
 
     vec3 centre() const noexcept {
         return has_viewpoint() ? vector(info().target) : 0.5f * (vector(info().box_min) + vector(info().box_max));
@@ -776,23 +776,23 @@ public:
         const float flat = std::hypot(dot(eye(), ahead), dot(eye(), side));
         return has_viewpoint() ? std::atan2(dot(eye(), up()), flat) : 0.4f;
     }
-    /// A camera at the orbit's start; `fov`: radians, bottom to top.
+    /// Makes a camera at the start of the default orbit; `fov`: field of view from bottom to top, radians.
     camera start_camera(std::uint32_t width, std::uint32_t height, float fov) const noexcept {
         auto start = camera::from_vertical_fov(width, height, fov);
         return start.orbit(centre(), orbit_radius(), start_azimuth(), start_elevation(), up());
     }
 
-    /// Opens a worker of this scene in memory from the heap: one for each thread. `outputs`: NERF_OUTPUT_* of the
-    /// targets that it will render into; for queries NERF_OUTPUT_RGB or 0.
+    /// Opens a worker of this scene in memory from the heap; each thread needs a worker of its own. `outputs`:
+    /// NERF_OUTPUT_* of the targets to render into, or-ed; for queries NERF_OUTPUT_RGB or 0.
     result<nerf::worker> worker(std::uint32_t outputs, const options &how = {}) const noexcept;
-    /// Opens a worker in memory that the caller lends or hands over.
+    /// Opens a worker of this scene in memory that the caller lends or hands over.
     result<nerf::worker> worker(std::uint32_t outputs, const options &how, memory home) const noexcept;
     result<layout> worker_layout(std::uint32_t outputs, const options &how = {}) const noexcept {
         const auto asked = request<nerf_request>(outputs, how);
         return detail::layout_of(nerf_worker_size, &asked);
     }
 
-    // Settings by loss, cost, time, point of the Pareto front or preset, as nerf_quality_* sets them in `how`.
+    // Quality settings by loss, cost, time, point of the Pareto front or preset; nerf_quality_* writes them to `how`.
 
     result<choice> within_loss(float loss_db, options &how) const noexcept {
         return detail::made<choice>(nerf_quality_within_loss, get(), loss_db, &how);
@@ -820,7 +820,7 @@ public:
         return memory::allocate(pace_layout(outputs, how));
     }
     /// Measures the time of a frame on this thread at each point of the Pareto front, up to `limit` milliseconds.
-    /// `clock`: microseconds since any fixed moment; the library's own if left out.
+    /// `clock`: returns microseconds since any fixed moment; default: the library's own clock.
     template <class F = detail::none>
     result<pace> measure_pace(const nerf_camera &camera, std::uint32_t outputs, float limit, memory &workspace,
                               const options &how = {}, F &&clock = {}) const noexcept {
@@ -850,7 +850,7 @@ private:
         return opened == NERF_STATUS_OK ? nerf_scene_describe(handle, &info_.value) : opened;
     }
     static vec3 vector(const float (&of)[3]) noexcept { return {of[0], of[1], of[2]}; }
-    /// The vector from the centre of the orbit to the viewpoint.
+    /// Vector from the centre of the orbit to the viewpoint, world units.
     vec3 eye() const noexcept { return vector(info().eye) - vector(info().target); }
 
     memory home_;
@@ -862,11 +862,11 @@ private:
 
 /// A scene placed in a host's world: rotated, scaled uniformly, and moved.
 struct instance : detail::sized<nerf_instance> {
-    /// The scene in its own coordinates.
+    /// Places the scene in its own coordinates, without a transform.
     explicit instance(const nerf::scene &of) noexcept { scene = of.get(); }
-    /// The scene placed by a transform from its coordinates to the world's. With another number of floats than 16, or
-    /// another last row than 0, 0, 0, 1 (as a translation in row-major order has), the instance is invalid
-    /// (`struct_size` 0), and opening a worker refuses it.
+    /// Places the scene by a transform from its coordinates to the world's. The instance is invalid (`struct_size` 0),
+    /// and opening a worker refuses it, unless there are 16 floats whose last matrix row is 0, 0, 0, 1. A matrix in
+    /// row-major order with a translation has another last row.
     instance(const nerf::scene &of, span<const float> column_major) noexcept : instance(of) {
         const float *const m = column_major.data();
         const bool affine = column_major.size() == 16 && m[3] == 0.0f && m[7] == 0.0f && m[11] == 0.0f &&
@@ -878,29 +878,29 @@ struct instance : detail::sized<nerf_instance> {
     }
 };
 
-/// The host's own rays; an empty view is NULL in C. With designated initialisers (C++20): `{.origins = a, .dirs = b}`.
+/// Host's own rays; an empty view is NULL in C. With designated initialisers (C++20): `{.origins = a, .dirs = b}`.
 struct rays {
     triples<const float> origins, dirs;
     numbers<const float> t_min = {}, t_max = {}, random = {};
     std::optional<vec3> axis = {};
 };
 
-/// The result of one ray; fields of outputs that the worker was not opened for are 0.
+/// The result of one ray; outputs that the worker was not opened for are 0.
 struct pixel {
-    /// Colour as in an RGBA plane: premultiplied, in front of `(1 - opacity)` of what is behind.
+    /// Colour as in an RGBA plane: premultiplied; the background's share is `1 - opacity`.
     vec3 rgb;
     float opacity = 0.0f, ray_distance = 0.0f, median_distance = 0.0f;
     vec3 normal;
 };
 static_assert(offsetof(pixel, opacity) == 3 * sizeof(float));
 
-/// Scene, options, outputs and memory, prepared for any number of calls: one for each thread. Movable; the scene must
-/// stay in place while the worker is used.
+/// Scene, options, outputs and memory, prepared for any number of calls. Each thread needs a worker of its own.
+/// Movable; the scene must stay in place while the worker is used.
 class worker {
 public:
     worker() noexcept = default;
 
-    /// Opens a worker of one or several scenes, each where the host has placed it; the rest as in scene::worker.
+    /// Opens a worker of one or several placed scenes, in memory from the heap; everything else is as in scene::worker.
     static result<worker> open(span<const instance> instances, std::uint32_t outputs, const options &how = {}) noexcept {
         return open_on_heap(request(instances, outputs, how));
     }
@@ -915,10 +915,10 @@ public:
 
     nerf_worker *get() const noexcept { return handle_.value; }
 
-    /// Renders a camera's image, or a rectangle of it.
+    /// Renders a camera's image, or the rectangle `part` of the image.
     ///
-    /// `progress`: called when a nerf_progress is, as (pixels done, all) or (); returns whether to continue, or nothing.
-    /// Must not throw.
+    /// `progress`: callable as (pixels done, all pixels) or (), at the times of a nerf_progress; returns whether to
+    /// continue, or nothing. Must not throw.
     template <class F = detail::none>
     result<counters> render(const nerf_camera &camera, const target &to, const rect &part = whole,
                             F &&progress = {}) noexcept {
@@ -927,7 +927,7 @@ public:
         return draw(nerf_render, frame, camera.width, camera.height, to, part, progress);
     }
 
-    /// Renders a picture (a 2D field) at width x height pixels, or a rectangle of it; the rest as in render.
+    /// Renders a picture (a 2D field) at width x height pixels, or its rectangle `part`; the rest is as in render.
     template <class F = detail::none>
     result<counters> render_picture(std::uint32_t width, std::uint32_t height, const target &to, const rect &part = whole,
                                     F &&progress = {}) noexcept {
@@ -937,14 +937,14 @@ public:
         return draw(nerf_render_picture, frame, width, height, to, part, progress);
     }
 
-    /// Renders the host's own rays: pixel i of the planes is what ray i sees.
+    /// Renders the host's own rays: pixel i of the planes belongs to ray i.
     result<counters> render_rays(const rays &of, const target &to) noexcept { return trace(nerf_render_rays, of, to); }
 
-    /// Samples the point at which a photon on each ray collides, by its number of `of.random`.
+    /// Samples the point at which a photon on each ray collides; `of.random` has one random number for each ray.
     result<counters> sample_rays(const rays &of, const target &to) noexcept { return trace(nerf_sample_rays, of, to); }
 
-    /// Renders one ray from `t_min` to `t_max`, with every output of the worker but z_depth; many in one call of
-    /// render_rays are faster. `origin` and `dir`: vectors of floats or doubles, with fields x, y, z or three elements.
+    /// Renders one ray from `t_min` to `t_max`, with every output of the worker but z_depth. A call of render_rays is
+    /// faster for many rays. `origin` and `dir`: vectors of floats or doubles, with fields x, y, z or three elements.
     template <class V, class W, class N = float, class F = float>
     result<pixel> render_ray(const V &origin, const W &dir, N t_min = 0.0f,
                              F t_max = std::numeric_limits<float>::infinity()) noexcept {
@@ -952,7 +952,7 @@ public:
                          detail::to_float(t_max));
     }
 
-    /// Samples the point at which a photon on one ray collides; the rest as in render_ray.
+    /// Samples the point at which a photon on one ray collides; `random` in [0, 1), the rest as in render_ray.
     template <class V, class W, class R, class N = float, class F = float>
     result<pixel> sample_ray(const V &origin, const W &dir, R random, N t_min = 0.0f,
                              F t_max = std::numeric_limits<float>::infinity()) noexcept {
@@ -961,7 +961,7 @@ public:
                          detail::to_float(t_max), &number);
     }
 
-    /// Evaluates density and colour at points seen along unit directions. If `rgb` is empty, `dirs` may be empty, too.
+    /// Evaluates density and colour at points seen along unit directions. `dirs` may be empty if `rgb` is empty.
     result<counters> query(triples<const float> positions, triples<const float> dirs, numbers<float> sigma,
                            triples<float> rgb) noexcept {
         const std::size_t n = sigma.size();
@@ -978,7 +978,7 @@ public:
         return detail::made<counters>(nerf_query, get(), &asked);
     }
 
-    /// Explains a frame in English. Returns the bytes of the whole text with its NUL; `text` receives as much as fits.
+    /// Explains a frame in English. `text` receives as much as fits. Returns the bytes of the uncut text with its NUL.
     result<std::size_t> explain(span<char> text, const nerf_counters *work = nullptr) noexcept {
         return detail::made<std::size_t>(nerf_explain, get(), work, text.data(), text.size());
     }
@@ -995,7 +995,7 @@ private:
         asked.outputs = outputs;
         return asked;
     }
-    /// The error of the first instance whose matrix was refused.
+    /// Returns the error of the first instance whose matrix was refused; NERF_STATUS_OK if there is none.
     static error wrong_instance(const nerf_request &asked) noexcept {
         for (std::size_t i = 0; i < asked.instance_count; ++i) {
             if (asked.instances[i].struct_size == 0) {

@@ -8,7 +8,7 @@ use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
 use nerf_core::memory::Line;
 
-/// Largest `struct_size` that is accepted: a larger one is garbage, not a later version.
+/// Largest `struct_size` that is accepted, bytes: a larger value is garbage, not a later version.
 const MAX_STRUCT_SIZE: usize = 4096;
 
 /// A structure that begins with `size_t struct_size` and may grow at its end.
@@ -18,14 +18,14 @@ const MAX_STRUCT_SIZE: usize = 4096;
 pub(crate) unsafe trait Versioned: Copy {
     /// The argument's name, for messages.
     const NAME: &'static str;
-    /// The size in version 2 of the ABI; stays when fields are added.
+    /// Size in version 2 of the ABI, bytes; does not change when fields are added.
     const SIZE_V2: usize;
 }
 
-/// `versioned!(unsafe Camera, "camera", by_width(116, 120))`: name and size of a structure that is [`Versioned`].
+/// `versioned!(unsafe Camera, "camera", by_width(116, 120))`: implements [`Versioned`] with a name and a size in bytes.
 ///
-/// `unsafe`: the structure is `repr(C)`, and its fields are numbers, pointers and optional functions: any bytes are a valid
-/// value.
+/// `unsafe`: the structure is `repr(C)`, and its fields are numbers, pointers and optional functions, so that any bytes
+/// are a valid value.
 macro_rules! versioned {
     (unsafe $type:ty, $name:literal, $size:expr) => {
         // SAFETY: the caller promises all but the first field, which is asserted below.
@@ -40,7 +40,7 @@ macro_rules! versioned {
 }
 pub(crate) use versioned;
 
-/// Picks the size of a structure by the target's pointers, 32 or 64 bits.
+/// Returns the size of a structure, bytes, for the target's pointers, 32 or 64 bits.
 pub(crate) const fn by_width(bytes_32: usize, bytes_64: usize) -> usize {
     if size_of::<usize>() == 4 { bytes_32 } else { bytes_64 }
 }
@@ -53,16 +53,15 @@ pub(crate) struct Message {
 }
 
 impl Message {
-    /// No buffer.
     pub const NONE: Self = Self { text: core::ptr::null_mut(), capacity: 0 };
 
-    /// The buffer's first byte, which even a successful call writes; empty without a buffer.
+    /// Address range of the buffer's first byte, which even a successful call writes; empty without a buffer.
     pub fn first(&self) -> Result<Span, Failure> {
         Span::new("message", self.text.cast(), usize::from(!self.text.is_null() && self.capacity > 0))
     }
 
-    /// Writes what `say` produces, cut at the capacity and NUL-terminated. Returns the length of the uncut text with
-    /// its NUL, bytes.
+    /// Writes the text that `say` produces, cut at the capacity and NUL-terminated. Returns the length of the uncut
+    /// text with its NUL, bytes.
     pub fn write(&self, say: impl FnOnce(&mut Cut)) -> usize {
         let there = !self.text.is_null() && self.capacity > 0;
         let room = if there { self.capacity - 1 } else { 0 };
@@ -76,7 +75,7 @@ impl Message {
     }
 }
 
-/// Counts a text's bytes and keeps as many as fit, never part of a character.
+/// Writer that counts the bytes of a text and stores as many as fit, never part of a character.
 pub(crate) struct Cut {
     text: *mut c_char,
     /// Bytes that may be written, without the NUL.
@@ -87,7 +86,7 @@ pub(crate) struct Cut {
 
 impl Write for Cut {
     fn write_str(&mut self, text: &str) -> fmt::Result {
-        // Once something was left out, nothing more is kept.
+        // Nothing more is stored once a part of the text was left out.
         let room = if self.kept == self.all { self.room - self.kept } else { 0 };
         let mut cut = room.min(text.len());
         while !text.is_char_boundary(cut) {
@@ -105,11 +104,11 @@ impl Write for Cut {
 
 /// Why a call failed: a sentence and a status.
 pub(crate) trait Reason: fmt::Display {
-    /// The reason after a panic: a defect of this library.
+    /// Reason for a call that panicked: a defect of this library.
     #[cfg(feature = "std")]
     fn panic() -> Self;
     fn status(&self) -> Status;
-    /// Writes the sentence, or in a build without the feature `messages` the status' text.
+    /// Writes the sentence; in a build without the feature `messages`, writes the text of the status.
     fn say(&self, to: &mut impl Write) -> fmt::Result {
         if cfg!(feature = "messages") {
             write!(to, "{self}")
@@ -119,7 +118,7 @@ pub(crate) trait Reason: fmt::Display {
     }
 }
 
-/// Runs the body of a call: its failure becomes status and message, its panic a status.
+/// Runs the body of a call and turns its failure or panic into a status and a message.
 pub(crate) fn call(message: Message, body: impl FnOnce() -> Result<(), Failure>) -> Status {
     call_with_reason(message, body)
 }
@@ -128,7 +127,7 @@ pub(crate) fn call(message: Message, body: impl FnOnce() -> Result<(), Failure>)
 pub(crate) fn call_with_reason<R: Reason>(message: Message, body: impl FnOnce() -> Result<(), R>) -> Status {
     #[cfg(feature = "std")]
     let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(body)).unwrap_or_else(|payload| {
-        // A payload's own drop may panic, too; it is small, so it is leaked.
+        // Dropping the payload may panic, too. The payload is small, and leaked.
         core::mem::forget(payload);
         Err(R::panic())
     });
@@ -162,7 +161,7 @@ unsafe fn size_of_versioned<T: Versioned>(at: *const T) -> Result<usize, Failure
     }
 }
 
-/// Address range of an array of `count` versioned structures, whose stride is the first one's size; empty at NULL.
+/// Address range of an array of `count` structures, each as long as the first one's `struct_size`; empty at NULL.
 ///
 /// # Safety
 /// `first` is NULL or was read by [`read_versioned`].
@@ -171,7 +170,7 @@ pub(crate) unsafe fn span_of(name: &'static str, first: *const usize, count: usi
     if first.is_null() {
         return Ok(Span::EMPTY);
     }
-    // SAFETY: it was read before, so that it is aligned and readable.
+    // SAFETY: the first structure was read before, and is aligned and readable.
     let size = unsafe { first.read() };
     Span::new(name, first.cast(), size.checked_mul(count).ok_or(Failure::Overflow(name))?)
 }
@@ -192,8 +191,8 @@ pub(crate) unsafe fn read_versioned<T: Versioned>(at: *const T) -> Result<T, Fai
     }
     let mut value = MaybeUninit::<T>::zeroed();
     let known = size.min(size_of::<T>());
-    // SAFETY: not NULL and readable for `known` bytes (`size_of_versioned`); what an older caller's structure
-    // does not have stays zero, and any bytes are a value (`Versioned`).
+    // SAFETY: not NULL and readable for `known` bytes (`size_of_versioned`). Fields that an older caller's structure
+    // lacks stay zero, and any bytes are a value (`Versioned`).
     unsafe {
         at.cast::<u8>().copy_to_nonoverlapping(value.as_mut_ptr().cast(), known);
         Ok(value.assume_init())
@@ -203,7 +202,7 @@ pub(crate) unsafe fn read_versioned<T: Versioned>(at: *const T) -> Result<T, Fai
 /// [`read_versioned`] for an optional structure: NULL reads as all zeros.
 ///
 /// # Safety
-/// That of [`read_versioned`].
+/// As for [`read_versioned`].
 pub(crate) unsafe fn read_or_zeros<T: Versioned>(at: *const T) -> Result<T, Failure> {
     if at.is_null() {
         // SAFETY: any bytes are a value (`Versioned`).
@@ -218,7 +217,7 @@ pub(crate) fn check_zeros(name: &'static str, fields: &[u32]) -> Result<(), Fail
     if fields.iter().all(|&field| field == 0) { Ok(()) } else { Err(Failure::Reserved(name)) }
 }
 
-/// The value of the C enum's number `found`. `names` is indexed by it, with `None` for a value that this build lacks.
+/// Returns `names[found]`, the value of a C enum's number `found`; an error if this build lacks the value.
 pub(crate) fn named<T: Copy>(
     names: &[Option<T>],
     name: &'static str,
@@ -229,7 +228,7 @@ pub(crate) fn named<T: Copy>(
     known.ok_or(Failure::Setting { name, expected, found })
 }
 
-/// The C enum's number of `value`: its index in `names`.
+/// Returns the C enum's number of `value`: its index in `names`.
 pub(crate) fn number_of<T: PartialEq>(names: &[Option<T>], value: T) -> u32 {
     names.iter().position(|named| named.as_ref() == Some(&value)).unwrap_or_default() as u32
 }
@@ -254,14 +253,14 @@ impl<T: Versioned> Out<T> {
     /// [`Out::new`] for a pointer that may be NULL.
     ///
     /// # Safety
-    /// That of [`Out::new`].
+    /// As for [`Out::new`].
     pub unsafe fn new_or_none(at: *mut T) -> Result<Option<Self>, Failure> {
         // SAFETY: `at` is as this function's `# Safety` has it.
         if at.is_null() { Ok(None) } else { unsafe { Self::new(at).map(Some) } }
     }
 
-    /// Copies `value` into the caller's structure, up to its `struct_size`, which stays unchanged. Fields that this
-    /// build does not know become zero.
+    /// Copies `value` into the caller's structure, up to its `struct_size`, which stays unchanged. Sets fields that
+    /// this build does not know to zero.
     pub fn write(self, value: T) {
         let known = self.size.min(size_of::<T>());
         let (from, to) = ((&raw const value).cast::<u8>(), self.at.cast::<u8>());
@@ -274,7 +273,7 @@ impl<T: Versioned> Out<T> {
     }
 }
 
-/// Runs the body of a size query; writes the size that it returns, and the alignment of a [`Line`].
+/// Runs the body of a size query. Writes the size that the body returns and the alignment of a [`Line`], bytes.
 ///
 /// # Safety
 /// `size` and `align` are NULL, or may be written until the call ends.

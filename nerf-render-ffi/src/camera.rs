@@ -10,22 +10,22 @@ use core::ffi::c_char;
 use glam::Vec3;
 use nerf_core::camera::{self, Intrinsics, Lens, Pose, Projection};
 
-/// The model of a `nerf_camera`'s lens, which its coefficients belong to.
+/// Lens model of a `nerf_camera`, which gives the distortion coefficients their meaning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum LensModel {
-    /// A perspective camera: `k1 k2 p1 p2` are those of OpenCV and of COLMAP's OPENCV, all eight those of FULL_OPENCV,
-    /// with `k4 k5 k6` in the denominator.
+    /// Perspective camera. `k1 k2 p1 p2` are those of OpenCV and of COLMAP's OPENCV model; all eight coefficients are
+    /// those of FULL_OPENCV, with `k4 k5 k6` in the denominator.
     RadialTangential = 0,
-    /// A fisheye, COLMAP's OPENCV_FISHEYE: an angle `t` off the axis is seen at `t (1 + k1 t^2 + k2 t^4 + k3 t^6 +
-    /// k4 t^8)` focal lengths; `k5 k6 p1 p2` are 0.
+    /// Fisheye, COLMAP's OPENCV_FISHEYE: a direction at angle `t` (radians) off the axis is seen at `t (1 + k1 t^2 + k2
+    /// t^4 + k3 t^6 + k4 t^8)` focal lengths from the principal point; `k5 k6 p1 p2` must be 0.
     Fisheye = 1,
 }
 
-/// The core's value for each number of [`LensModel`]; `None` where it has none.
+/// Projection of the core for each number of [`LensModel`]; `None` for a number without a projection.
 const PROJECTIONS: [Option<Projection>; 2] = [Some(Projection::Perspective), Some(Projection::Fisheye)];
 
-/// A pinhole camera with an optional lens; looks down −Z, +Y is up, +X right, as in OpenGL.
+/// A pinhole camera with an optional lens. The camera looks down −Z, +Y is up, +X is right, as in OpenGL.
 ///
 /// Pixel (0, 0) is top left and its centre is at (0.5, 0.5).
 #[derive(Clone, Copy, Debug)]
@@ -53,18 +53,18 @@ pub struct Camera {
     pub p1: f32,
     /// Second coefficient of tangential distortion.
     pub p2: f32,
-    /// Camera-to-world, the upper three rows of the 4x4 matrix, row-major: a rotation (columns
-    /// right, up, backward) and in `c2w[3]`, `c2w[7]`, `c2w[11]` the camera's centre.
+    /// Camera-to-world transform: the upper three rows of the 4x4 matrix, row-major. The rotation's columns are right,
+    /// up, backward; `c2w[3]`, `c2w[7]`, `c2w[11]` are the camera's centre, world units.
     pub c2w: [f32; 12],
     /// Radial distortion, sixth order; 0 for none.
     pub k3: f32,
-    /// Radial distortion: second order of the denominator, or eighth of a fisheye; 0 for none.
+    /// Radial distortion: second order of the denominator, or eighth order of a fisheye; 0 for none.
     pub k4: f32,
     /// Radial distortion, fourth order of the denominator; 0 for none.
     pub k5: f32,
     /// Radial distortion, sixth order of the denominator; 0 for none.
     pub k6: f32,
-    /// A `nerf_lens_model`; 0 is a perspective camera.
+    /// Lens model: a `nerf_lens_model`; 0 is a perspective camera.
     pub lens_model: u32,
     /// Reserved; must be 0.
     pub reserved: u32,
@@ -103,9 +103,9 @@ pub(crate) unsafe fn read_vec3(name: &'static str, at: *const f32) -> Result<Vec
 
 /// Sets a camera's pose: at `eye`, looking at `target`, with `up` upwards in its image.
 ///
-/// `camera`: `struct_size` set by the caller; only its `c2w` is written, on success. `eye`, `target`, `up`: three
-/// floats each, world units; `up` of any length. If `eye` equals `target`, or `up` points along the view, there is no
-/// such camera: `NERF_STATUS_CAMERA`. `message`: as in `nerf_scene_memory`.
+/// `camera`: the caller sets `struct_size`; only `c2w` is written, on success. `eye`, `target`, `up`: three floats
+/// each, world units; `up` of any length. `NERF_STATUS_CAMERA` if `eye` equals `target`, or `up` points along the view.
+/// `message`: as in `nerf_scene_memory`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.
@@ -131,13 +131,13 @@ pub unsafe extern "C" fn nerf_camera_look_at(
     })
 }
 
-/// Computes the ray through an image point, for example to evaluate points along it with `nerf_query`.
+/// Computes the ray through an image point, for example to evaluate points on the ray with `nerf_query`.
 ///
-/// `x`, `y`: pixels from the left and the top, fractions too; a pixel's centre is at + 0.5. They may lie outside the
-/// image. `NERF_STATUS_CAMERA` if the point has no direction in f32, or none in front of every fold of the lens.
-/// `origin`, `dir`: three floats each, world space, `dir` of unit length, the lens taken into account.
-/// `z_per_distance`: NULL, or one float: `z_depth` per unit of `ray_distance` along this ray. Written on success
-/// only. `message`: as in `nerf_camera_look_at`.
+/// `x`, `y`: image point, pixels from the left and the top edge; a pixel's centre is at + 0.5. The point may lie
+/// outside the image. `NERF_STATUS_CAMERA` if the direction overflows f32, or the lens has no inverse there or folds in
+/// front of the point. `origin`, `dir`: three floats each, world space; `dir` has unit length and includes the lens
+/// distortion. `z_per_distance`: NULL, or one float: `z_depth` per unit of `ray_distance` along this ray. Results are
+/// written on success only. `message`: as in `nerf_camera_look_at`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.

@@ -1,10 +1,10 @@
-//! The work of a call.
+//! Counts of the work of a call.
 
 use crate::boundary::{by_width, versioned};
 use nerf_core::render;
 
-/// Exact counts of the work a call did; no times. A picture (a 2D field) has no rays and no samples: only its colour
-/// evaluations, multiply-adds and invalid samples are counted.
+/// Exact counts of the work that a call did, not times. A picture (a 2D field) has no rays and no samples: only its
+/// colour evaluations, multiply-adds and invalid samples are counted.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Counters {
@@ -12,23 +12,23 @@ pub struct Counters {
     pub struct_size: usize,
     /// Number of rays.
     pub rays: u64,
-    /// Samples at which the network was evaluated.
+    /// Number of samples at which the network was evaluated.
     pub samples_kept: u64,
-    /// Samples that were skipped: outside the scene box, in an empty cell, or after the transmittance cut.
+    /// Number of samples that were skipped: outside the scene box, in an empty cell, or after the transmittance cut.
     pub samples_skipped: u64,
-    /// Evaluations of the trunk and density head.
+    /// Number of evaluations of the trunk and density head.
     pub density_evaluations: u64,
-    /// Evaluations of the colour branch: one per sample, or one per ray in a field shaded once a ray. For a picture,
-    /// evaluations of the whole network.
+    /// Number of evaluations of the colour branch: one per sample, or one per ray in a field shaded once per ray. For a
+    /// picture, evaluations of the whole network.
     pub colour_evaluations: u64,
-    /// Multiply-adds of the network and of the proposal network.
+    /// Number of multiply-adds of the network and of the proposal network.
     pub macs: u64,
-    /// Samples whose density was NaN (treated as empty), whose colour was NaN (black), or whose density gradient was
-    /// not finite (no normal).
+    /// Number of samples whose density was NaN (treated as empty), whose colour was NaN (black), or whose density
+    /// gradient was not finite (no normal).
     pub invalid_samples: u64,
-    /// Evaluations of the density's gradient, for normals.
+    /// Number of evaluations of the density's gradient, for normals.
     pub normal_evaluations: u64,
-    /// Evaluations of the coarse proposal network; they are not counted as samples.
+    /// Number of evaluations of the coarse proposal network; not counted as samples.
     pub proposal_evaluations: u64,
 }
 

@@ -17,21 +17,21 @@ pub enum ToneMap {
     Filmic = 2,
 }
 
-/// The core's value for each number of [`ToneMap`]; `None` where it has none.
+/// Tone curve of the core for each number of [`ToneMap`]; `None` for a number without a curve.
 const TONE_MAPS: [Option<plan::ToneMap>; 3] =
     [Some(plan::ToneMap::None), Some(plan::ToneMap::Reinhard), Some(plan::ToneMap::Filmic)];
 
 /// Effects: what a frame does beyond one ray through each pixel's centre. All zeros for none, which costs nothing.
 ///
-/// An effect that this build of the library lacks is `NERF_STATUS_OPTIONS`.
+/// `NERF_STATUS_OPTIONS` for an effect that this build of the library lacks.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Effects {
-    /// 1: each sample lies at a random position in its sample interval, by `seed`. Else 0.
+    /// 1: each sample lies at a random position in its sample interval, drawn from `seed`. Otherwise 0.
     pub jitter: u32,
-    /// Rays per pixel, at most 256; 0 and 1 are one ray through its centre. More rays take more memory.
+    /// Rays per pixel, at most 256; 0 and 1 are one ray through the pixel's centre. More rays take more memory.
     pub anti_aliasing: u32,
-    /// Seed, read only if `jitter` is 1. Positions on the aperture then depend on it, too.
+    /// Seed of the jitter and, with jitter, of positions on the aperture; read only if `jitter` is 1.
     pub seed: u64,
     /// Radius of a thin lens' aperture, world units, at most 1e9; 0 is a pinhole.
     pub aperture_radius: f32,
@@ -43,14 +43,14 @@ pub struct Effects {
     /// Tone curve: a `nerf_tone_map`.
     pub tone_map: u32,
     /// 1: colour is linear light, unbounded above: samples and background are decoded before compositing. This also
-    /// applies to RGBA planes (premultiplied) and to queries. 0: display-encoded.
+    /// applies to RGBA planes (premultiplied) and to queries. 0: colour is display-encoded.
     pub linear: u32,
     /// Reserved; must be zeros.
     pub reserved: [u32; 5],
 }
 
 impl Effects {
-    /// Converts the effects to the renderer's, which checks the ranges of the floats.
+    /// Converts the effects to those of the renderer, which checks the ranges of the floats.
     pub(crate) fn read(&self) -> Result<plan::Effects, Failure> {
         check_zeros("options.effects.reserved", &self.reserved)?;
         let most = plan::Effects::MAX_RAYS.into();

@@ -8,14 +8,14 @@ use core::ffi::c_char;
 use core::fmt::Write;
 use nerf_core::render;
 
-/// Explains in English which stages a worker's frames have, which not, and why; with counters, where the work went.
+/// Explains in English which stages a worker's frames have or lack, and why; with counters, also where the work went.
 ///
-/// For people to read: the wording may change between versions. Each of several instances has its own part.
+/// The text is for people: its wording may change between versions. Each of several instances has a part of its own.
 ///
-/// `counters`: NULL, or what a call of this worker wrote; ignored if there are several instances. `text`: NULL, or
-/// `capacity` bytes for the text, cut if it does not fit, always NUL-terminated. `needed`: NULL, or receives the
-/// bytes of the whole text with its NUL. `text` and `needed` are written on success only; a cut text is a success.
-/// `message`: as in `nerf_scene_memory`.
+/// `counters`: NULL, or what a call of this worker wrote; ignored with several instances. `text`: NULL, or a buffer of
+/// `capacity` bytes; the text is cut to fit, and NUL-terminated. `needed`: NULL, or receives the bytes of the uncut
+/// text with its NUL. `text` and `needed` are written on success only; a cut text is a success. `message`: as in
+/// `nerf_scene_memory`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.

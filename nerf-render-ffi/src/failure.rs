@@ -11,8 +11,8 @@ use nerf_core::memory::Line;
 use nerf_core::plan::PlanError;
 use nerf_core::render::RenderError;
 
-/// Declares why calls fail: each reason with its fields, its status, and its sentence, which names the argument and what was
-/// expected and found.
+/// Declares an enum of reasons why calls fail. Each reason has fields, a status, and a sentence that names the argument
+/// and says what was expected and found.
 macro_rules! reasons {
     ($(#[$about:meta])* $reason:ident: $($(#[cfg($built:meta)])? $name:ident
         $(($($at:ident: $of:ty),+))? $({$($field:ident: $type:ty),+})? => $status:expr, $sentence:literal;)+
@@ -142,7 +142,7 @@ fn status_of_render(error: &RenderError) -> Status {
 }
 
 impl Failure {
-    /// Turns the failure of one instance of a request into one that names its index.
+    /// Adds the index of an instance to a failure of this instance.
     #[cfg(feature = "instances")]
     pub fn of_instance(self, index: usize) -> Self {
         let problem = match self {
@@ -156,7 +156,7 @@ impl Failure {
         Self::Instance { index, problem }
     }
 
-    /// Converts the renderer's error about a workspace; sizes become bytes.
+    /// Converts the renderer's error about a workspace; sizes in lines become bytes.
     pub fn of_workspace(error: RenderError) -> Self {
         match error {
             RenderError::Memory { expected, found } => Self::Memory {

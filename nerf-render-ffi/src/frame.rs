@@ -1,4 +1,4 @@
-//! A scene, seen by a camera; a 2D field, drawn at any size.
+//! Rendering of images: a scene seen by a camera, or a 2D field at any size.
 
 use crate::boundary::{Message, by_width, call, check_zeros, versioned};
 use crate::camera::Camera;
@@ -13,7 +13,7 @@ use core::ffi::{c_char, c_void};
 use nerf_core::render::{self, Limit};
 use nerf_core::volume::Pixel;
 
-/// A rectangle of an image's pixels, `x..x + width`, `y..y + height`.
+/// A rectangle of an image's pixels: columns `x..x + width`, rows `y..y + height`.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Rect {
@@ -28,7 +28,7 @@ pub struct Rect {
 }
 
 impl Rect {
-    /// Reads and checks the rectangle at `at`; NULL for the whole `width` × `height` image.
+    /// Reads and checks the rectangle at `at`; NULL is the whole `width` × `height` image.
     ///
     /// # Safety
     /// `at` is NULL or points to a readable rectangle.
@@ -48,23 +48,23 @@ impl Rect {
     }
 }
 
-/// A frame: the part of an image to render, and the planes to render it into.
+/// A frame: the part of an image to render, and the planes that receive its pixels.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Frame {
     /// `sizeof(nerf_frame)`.
     pub struct_size: usize,
-    /// The camera that a scene is seen from; NULL for a picture.
+    /// Camera from which a scene is seen; NULL for a picture (a 2D field).
     pub camera: *const Camera,
-    /// Rectangle to render; NULL for the whole image. For an empty one nothing is written.
+    /// Rectangle to render; NULL for the whole image. An empty rectangle writes nothing.
     pub rect: *const Rect,
-    /// Planes that receive the pixels; those that the worker was not opened for must be NULL.
+    /// Planes that receive the pixels. Planes of outputs that the worker was not opened for must be NULL.
     pub target: *const Target,
-    /// Width of a picture's image, pixels; 0 for a scene.
+    /// Width in pixels at which a picture (a 2D field) is rendered; 0 for a scene, whose `camera` has the width.
     pub width: u32,
-    /// Height of a picture's image, pixels; 0 for a scene.
+    /// Height in pixels at which a picture (a 2D field) is rendered; 0 for a scene, whose `camera` has the height.
     pub height: u32,
-    /// NULL, or called with `user` before the first tile and after each tile of at most 16x16 pixels.
+    /// Callback, called with `user` before the first tile and after each tile of at most 16x16 pixels; may be NULL.
     pub progress: Progress,
     /// Argument passed to `progress`.
     pub user: *mut c_void,
@@ -74,12 +74,12 @@ versioned!(unsafe Frame, "frame", by_width(32, 56));
 
 /// Renders a rectangle of a camera's image into the planes of a target.
 ///
-/// Within one kernel pixels are equal bit for bit, whatever the rectangle, the batch, the worker's earlier calls and
-/// other threads. `frame->target` may contain limits, such as a depth buffer.
+/// With one kernel, pixels do not depend on the rectangle, the batch, the worker's earlier calls or other threads, bit
+/// for bit. `frame->target` may contain limits, such as a depth buffer.
 ///
 /// `counters`: NULL, or written on success, with `struct_size` set by the caller. `message`: as in `nerf_scene_memory`.
 ///
-/// Everything is checked before the first pixel is written. Pixels are written in whole tiles: after
+/// All arguments are checked before the first pixel is written. Pixels are written in whole tiles: after
 /// `NERF_STATUS_CANCELLED` or `NERF_STATUS_PANIC` each tile is finished or untouched.
 ///
 /// # Safety
@@ -111,7 +111,7 @@ pub unsafe extern "C" fn nerf_render(
             let mut put = |x: u32, y: u32, pixel: &Pixel| {
                 pixels.put(((y - tile.y) * tile.width + (x - tile.x)) as usize, pixel);
             };
-            // One closure for both cases, so that the frame loop is instantiated once.
+            // One closure for rays with and without limits, so that the frame loop is instantiated once.
             let limit =
                 |x: u32, y: u32| limit.map_or(Limit::NONE, |plane| plane.limit(x - rect.x, y - rect.y));
             Ok(fields.render_limited(&camera, tile, limit, &mut put)?)
@@ -125,12 +125,12 @@ pub unsafe extern "C" fn nerf_render(
 
 /// Renders a rectangle of a picture (a 2D field: `NERF_KIND_PICTURE`) at `frame->width` x `frame->height` pixels.
 ///
-/// Pixel (x, y) is the field's colour at its centre, ((x + 0.5) / width, (y + 0.5) / height). Every size from 1x1 to
-/// 8388608x8388608 shows the whole picture; `picture_width` x `picture_height` of `nerf_scene_info` is undistorted. A
-/// rectangle of a larger size shows a detail.
+/// Pixel (x, y) is the field's colour at the pixel's centre, ((x + 0.5) / width, (y + 0.5) / height). Every size from
+/// 1x1 to 8388608x8388608 shows the whole picture, undistorted at `picture_width` x `picture_height` of
+/// `nerf_scene_info`. A rectangle of a larger size shows a detail.
 ///
-/// `worker`: opened for the picture; of its options only maths and batch matter. The target may have only the plane
-/// `rgb`. A picture is opaque, so the alpha of RGBA formats is 1. The rest as in `nerf_render`.
+/// `worker`: opened for the picture; only `maths` and batch of its options matter. The target may have only the plane
+/// `rgb`. A picture is opaque, so the alpha of RGBA formats is 1. Everything else is as in `nerf_render`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `worker` and its scene are intact.
@@ -176,7 +176,7 @@ pub unsafe extern "C" fn nerf_render_picture(
     })
 }
 
-/// Renders `rect`, the canvas' rectangle, by tiles: `draw` renders one into the worker's `pixels`, row by row.
+/// Renders `rect`, the canvas' rectangle, tile by tile: `draw` renders a tile into the worker's `pixels`, row by row.
 fn render_tiles(
     worker: &mut State,
     frame: &Frame,

@@ -17,13 +17,13 @@ use nerf_core::space::Placement;
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Instance {
-    /// `sizeof(nerf_instance)`; the first one's is the stride of an array.
+    /// `sizeof(nerf_instance)`. In an array, the first instance's value is the stride, bytes.
     pub struct_size: usize,
-    /// The scene.
+    /// Scene that is placed.
     pub scene: *const Scene,
-    /// Transform from the scene's coordinates to the world's: the upper three rows of the 4x4 matrix, row-major, a
-    /// rotation times one scale and a translation. `to_world[4 * row + column]` is `m[4 * column + row]` of a
-    /// column-major matrix `m`, as OpenGL and glTF have it. All zeros for the identity.
+    /// Transform from the scene's coordinates to the world's: the upper three rows of the 4x4 matrix, row-major. The
+    /// transform is a rotation times one scale and a translation; all zeros for the identity. With a column-major
+    /// matrix `m`, as in OpenGL and glTF, `to_world[4 * row + column]` is `m[4 * column + row]`.
     pub to_world: [f32; 12],
 }
 
@@ -50,7 +50,7 @@ impl Instance {
     /// Reads and checks instance `index` of an array.
     ///
     /// # Safety
-    /// `first` is NULL or points to more than `index` instances, each of as many bytes as the first says.
+    /// `first` is NULL or points to more than `index` instances, each as long as the first one's `struct_size`.
     pub(crate) unsafe fn read(first: *const Self, index: usize) -> Result<Self, Failure> {
         // SAFETY: `first` is as this function's `# Safety` has it.
         let found = unsafe { read_versioned(first) }.map_err(|failure| failure.of_instance(0))?;
@@ -64,7 +64,7 @@ impl Instance {
         check_aligned("instances", at as usize, align_of::<Self>())?;
         // SAFETY: as above, aligned, and `struct_size` comes first.
         let found = unsafe { at.cast::<usize>().read() };
-        // Reading as many bytes as another size says could go past the end of the array.
+        // Reading as many bytes as another `struct_size` says could go past the end of the array.
         if found != expected {
             return Err(Failure::Instance { index, problem: Problem::OtherSize { expected, found } });
         }

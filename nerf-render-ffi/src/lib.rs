@@ -1,8 +1,8 @@
-//! C ABI of `nerf-core`: render radiance fields from C and C++.
+//! C ABI of `nerf-core`: renders radiance fields from C and C++.
 //!
-//! One file per C type, in the order a host meets them. The contract is prose, in this crate's README;
-//! `include/nerf_render.h` is generated from these files. Nothing here allocates or owns memory: scenes and workers
-//! lie in the caller's. The one exception is `scene_file.rs`, which needs the feature `std`.
+//! Each C type has a file of its own. This crate's README describes the contract in prose; `include/nerf_render.h` is
+//! generated from these files. Scenes and workers lie in the caller's memory: nothing here allocates or owns memory,
+//! except `scene_file.rs`, which needs the feature `std`.
 #![cfg_attr(not(feature = "std"), no_std)]
 #![allow(unsafe_code, reason = "this crate is the boundary: it turns C's pointers into slices")]
 
@@ -13,7 +13,7 @@ mod panic_handler;
 mod span;
 mod tile_pixels;
 
-// From here on in the header's order, which is the order of use.
+// The modules below are in the order of the header, which is the order of use.
 mod version;
 
 mod status;

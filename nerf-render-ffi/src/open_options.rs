@@ -4,15 +4,15 @@ use crate::boundary::{by_width, check_zeros, named, number_of, read_or_zeros, ve
 use crate::failure::Failure;
 use nerf_core::Isa;
 
-/// The instruction set that the inner loops use.
+/// The instruction set of the inner loops.
 ///
-/// With the same kernel and storage pictures are equal bit for bit, whatever the rectangles and threads.
+/// With the same kernel and storage pictures are equal bit for bit, for all rectangles and threads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Kernel {
-    /// The fastest of this machine. In a library built with std, the environment variable `NERF_KERNEL` can name
-    /// another ("portable", "avx2", "avx512", "simd128", "neon", each followed by "-f16" or "-bf16" if weights are
-    /// not f32).
+    /// The fastest kernel of this machine. In a library built with std, the environment variable `NERF_KERNEL` can name
+    /// another ("portable", "avx2", "avx512", "simd128", "neon", each followed by "-f16" or "-bf16" if weights are not
+    /// f32).
     Auto = 0,
     /// Portable code, unfused f32; available on every machine.
     Portable = 1,
@@ -20,13 +20,13 @@ pub enum Kernel {
     Avx2 = 2,
     /// AVX-512 F.
     Avx512 = 3,
-    /// WebAssembly SIMD: the same bits as portable code, faster. Only in a library built with `simd128`.
+    /// WebAssembly SIMD: the same bits as with portable code, faster. Only in a library built with `simd128`.
     Simd128 = 4,
     /// NEON: available on every 64-bit ARM processor.
     Neon = 5,
 }
 
-/// The core's value for each number of [`Kernel`]; `None` where it has none.
+/// Instruction set of the core for each number of [`Kernel`]; `None` for a number without an instruction set.
 const ISAS: [Option<Isa>; 6] =
     [None, Some(Isa::Portable), Some(Isa::Avx2), Some(Isa::Avx512), Some(Isa::Simd128), Some(Isa::Neon)];
 
@@ -34,22 +34,22 @@ const ISAS: [Option<Isa>; 6] =
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Storage {
-    /// f32; in a build without vector instructions, as for microcontrollers, f16 read in place.
+    /// f32; in a build without vector instructions, such as for microcontrollers, f16 that is read in place.
     Auto = 0,
     /// f16, read in place: the weights take no memory in the scene.
     F16 = 1,
-    /// f32, unpacked when the scene is opened: the same products, faster. A grid's tables are still read in place,
-    /// except that the WebAssembly kernel unpacks f16 tables.
+    /// f32, unpacked when the scene is opened: the same products as with f16, faster. Tables of a learned grid are
+    /// still read in place, except that the WebAssembly kernel unpacks f16 tables.
     F32 = 2,
-    /// Pairs of bf16, as are the activations: rounded to 8 significant bits. Only with AVX-512 BF16.
+    /// Pairs of bf16, rounded to 8 significant bits, for weights and activations. Only with AVX-512 BF16.
     Bf16 = 3,
 }
 
-/// The core's value for each number of [`Storage`]; `None` where it has none.
+/// Storage of the core for each number of [`Storage`]; `None` for a number without a storage.
 const STORAGES: [Option<nerf_core::Storage>; 4] =
     [None, Some(nerf_core::Storage::F16), Some(nerf_core::Storage::F32), Some(nerf_core::Storage::Bf16)];
 
-/// The `nerf_kernel` and `nerf_storage` numbers of a kernel.
+/// Returns the `nerf_kernel` and `nerf_storage` numbers of a kernel.
 pub(crate) fn numbers_of(kernel: nerf_core::Kernel) -> (u32, u32) {
     (number_of(&ISAS, kernel.isa), number_of(&STORAGES, kernel.storage))
 }

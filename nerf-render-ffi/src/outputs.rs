@@ -12,7 +12,7 @@ pub const NERF_OUTPUT_OPACITY: u32 = 2;
 pub const NERF_OUTPUT_RAY_DISTANCE: u32 = 4;
 /// Requests the mean distance along the view axis.
 pub const NERF_OUTPUT_Z_DEPTH: u32 = 8;
-/// Requests the distance along the ray at which less than half of the light is left.
+/// Requests the median distance, at which transmittance along the ray falls below one half.
 pub const NERF_OUTPUT_MEDIAN_DISTANCE: u32 = 16;
 /// Requests normals.
 pub const NERF_OUTPUT_NORMALS: u32 = 32;

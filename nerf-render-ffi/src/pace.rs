@@ -21,7 +21,7 @@ pub struct Pace {
     /// `sizeof(nerf_pace)`, set by the caller.
     pub struct_size: usize,
     /// Milliseconds per frame, in the order of the scene's Pareto front; infinity for points that were not measured.
-    /// Divide by n if n threads render tiles.
+    /// With n threads that render tiles, a frame takes one n-th of this time.
     pub milliseconds: [f32; 16],
 }
 
@@ -30,7 +30,7 @@ const _: () = assert!(MAX_FRONT == 16);
 
 versioned!(unsafe Pace, "pace", by_width(68, 72));
 
-/// Returns microseconds since any fixed moment, never decreasing.
+/// Clock of the caller: returns microseconds since any fixed moment, never decreasing.
 pub type Clock = Option<unsafe extern "C-unwind" fn(user: *mut c_void) -> u64>;
 
 /// A request to measure the time per frame.
@@ -39,17 +39,17 @@ pub type Clock = Option<unsafe extern "C-unwind" fn(user: *mut c_void) -> u64>;
 pub struct PaceRequest {
     /// `sizeof(nerf_pace_request)`.
     pub struct_size: usize,
-    /// The scene.
+    /// Scene that is measured.
     pub scene: *const Scene,
-    /// The view; not read by `nerf_pace_workspace_size`.
+    /// Camera of the measured frame; not read by `nerf_pace_workspace_size`.
     pub camera: *const Camera,
-    /// NULL for the defaults; samples, cuts, occupancy grid, maths and proposal are ignored.
+    /// Options of the frame, NULL for the defaults; samples, cuts, occupancy grid, maths and proposal are ignored.
     pub options: *const RenderOptions,
     /// `NERF_OUTPUT_*` of the planes that will not be NULL, or-ed.
     pub outputs: u32,
-    /// Milliseconds per frame: measuring stops after the first point whose frame would take longer.
+    /// Limit in milliseconds per frame: measuring stops after the first point whose frame would take longer.
     pub limit_milliseconds: f32,
-    /// Called with `user`; must not touch the workspace. NULL for the library's own, which a build without std lacks.
+    /// Clock, called with `user`; must not touch the workspace. NULL for the library's own, which needs std.
     pub clock: Clock,
     /// Argument passed to `clock`.
     pub user: *mut c_void,
@@ -85,11 +85,11 @@ pub unsafe extern "C" fn nerf_pace_workspace_size(
 /// Measures how long a frame takes on this thread at each point of the scene's Pareto front.
 ///
 /// Renders about 2,048 pixels, spread over the view, at each point, cheapest first. Stops after the first point whose
-/// frame would take more than the limit; more expensive points stay at infinity. Measure on an idle host.
+/// frame would take more than the limit; times of more expensive points are infinity. Measure on an idle host.
 ///
-/// `workspace`: of the size and alignment that `nerf_pace_workspace_size` says, not overlapping scene or blob.
-/// `pace`: `struct_size` set by the caller; written on success. A scene without a front is `NERF_STATUS_NO_FRONT`.
-/// `message`: as in `nerf_scene_memory`.
+/// `workspace`: has the size and alignment from `nerf_pace_workspace_size`, and does not overlap scene or blob. `pace`:
+/// the caller sets `struct_size`; written on success. A scene without a front is `NERF_STATUS_NO_FRONT`. `message`: as
+/// in `nerf_scene_memory`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; the scene is intact.
@@ -114,8 +114,8 @@ pub unsafe extern "C" fn nerf_pace_measure(
         scene.check_apart("workspace", Span::new("workspace", workspace, workspace_size)?)?;
         let mut now = time(request.clock, request.user)?;
         let lines = workspace_size / size_of::<Line>();
-        // SAFETY: aligned, a line holds any bytes, and the workspace is this call's own, as this function's `# Safety` has
-        // it.
+        // SAFETY: aligned, a line holds any bytes, and the workspace is this call's own, as this function's `# Safety`
+        // has it.
         let lines = unsafe { core::slice::from_raw_parts_mut(workspace.cast::<Line>(), lines) };
         let found = nerf_core::render::Pace::measure(
             scene.renderer(),
@@ -134,7 +134,7 @@ pub unsafe extern "C" fn nerf_pace_measure(
 /// Reads and checks a request; returns it with its scene and the plan of its frames.
 ///
 /// # Safety
-/// That of [`nerf_pace_measure`].
+/// As for [`nerf_pace_measure`].
 unsafe fn planned<'s>(at: *const PaceRequest) -> Result<(PaceRequest, &'s Scene, Plan<'s>), Failure> {
     // SAFETY: `at` is as this function's `# Safety` has it.
     let request = unsafe { read_versioned(at)? };
@@ -142,7 +142,7 @@ unsafe fn planned<'s>(at: *const PaceRequest) -> Result<(PaceRequest, &'s Scene,
     let scene = unsafe { Scene::of(request.scene)? };
     // SAFETY: the options are as this function's `# Safety` has them.
     let mut settings = unsafe { Settings::read(request.options)? };
-    // Each point replaces these settings, so the caller's must not cause an error.
+    // Each point replaces the quality settings, so the caller's must not cause an error.
     settings.frame.quality = Quality::exact(scene.renderer().blob());
     let outputs = read_outputs("request.outputs", request.outputs)?;
     let plan = settings.plan(scene.renderer().blob(), outputs, 1.0)?;
@@ -157,12 +157,12 @@ fn time(clock: Clock, user: *mut c_void) -> Result<impl FnMut() -> u64, Failure>
     if clock.is_none() {
         return Err(Failure::Null("clock"));
     }
-    // As in `progress::call`: nothing unwinds here, and a call that might would link a panic for that case.
+    // As in `progress::call`: a call that might unwind would link code that panics then.
     #[cfg(not(feature = "std"))]
     // SAFETY: the two ABIs pass the same arguments in the same way, and there are no exceptions.
     let clock: Option<unsafe extern "C" fn(*mut c_void) -> u64> = unsafe { core::mem::transmute(clock) };
     Ok(move || match clock {
-        // SAFETY: the caller's function, with what the caller gave it.
+        // SAFETY: the caller's function, called with the caller's argument.
         Some(clock) => unsafe { clock(user) },
         #[cfg(feature = "std")]
         None => start.elapsed().as_micros() as u64,

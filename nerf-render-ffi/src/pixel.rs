@@ -9,23 +9,23 @@ use nerf_core::volume;
 
 /// The format of a plane's pixel in memory; 8-bit channels are clamped and rounded half up.
 ///
-/// RGB is composited over the background. RGBA is the scene alone, premultiplied by its opacity, which is the alpha: `rgb +
-/// (1 - a) * background` is what RGB gives, in display-encoded values or in linear light, as `options.effects.linear` says.
-/// A picture (a 2D field) is opaque: its alpha is 1, and it shows no background.
+/// RGB is composited over the background. RGBA is the scene alone, premultiplied by its opacity, the alpha `a`. The RGB
+/// format's colour is `rgb + (1 - a) * background`, in linear light if `options.effects.linear` is 1, else
+/// display-encoded. A picture (a 2D field) is opaque: its alpha is 1, and no background shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum PixelFormat {
-    /// Three bytes over the background.
+    /// Three bytes: colour over the background.
     RgbU8 = 1,
-    /// Three floats over the background.
+    /// Three floats: colour over the background.
     RgbF32 = 2,
-    /// Four bytes, premultiplied, no background.
+    /// Four bytes: premultiplied colour and alpha, without background.
     RgbaU8 = 3,
-    /// Four floats, premultiplied, no background.
+    /// Four floats: premultiplied colour and alpha, without background.
     RgbaF32 = 4,
-    /// One float: opacity and distances.
+    /// One float: opacity, a distance or a density.
     F32 = 5,
-    /// Three floats, x, y, z: normals.
+    /// Three floats: x, y, z of a normal.
     Vec3F32 = 6,
 }
 
@@ -48,7 +48,7 @@ impl PixelFormat {
     }
 }
 
-/// A plane's format number, which messages display by name.
+/// Number of a plane's format; messages display the format's name.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FormatNumber(pub u32);
 
@@ -74,13 +74,13 @@ pub(crate) enum Channel {
     /// The density of a point.
     Density,
     PointColour,
-    /// An input, as is `LimitZDepth`.
+    /// Limit along the ray: an input, like `LimitZDepth`.
     LimitRayDistance,
     LimitZDepth,
 }
 
 impl Channel {
-    /// The plane's name in messages, and its `NERF_OUTPUT_*` bit, 0 if it needs none.
+    /// Returns the plane's name in messages, and the `NERF_OUTPUT_*` bit that the plane needs, 0 for none.
     fn about(self) -> (&'static str, u32) {
         match self {
             Self::Colour => ("target.rgb", NERF_OUTPUT_RGB),
@@ -101,7 +101,7 @@ impl Channel {
         self.about().0
     }
 
-    /// Whether `outputs` has this channel's bit; a channel that needs none is in all of them.
+    /// Whether `outputs` has this channel's bit; always true for a channel that needs no bit.
     pub fn is_in(self, outputs: u32) -> bool {
         self.about().1 & !outputs == 0
     }

@@ -11,7 +11,7 @@ use nerf_core::blob::Blob;
 use nerf_core::plan::{self, Quality};
 use nerf_core::render;
 
-/// A limit on the loss against the exact rendering; the scene's Pareto front says which settings keep it.
+/// Largest loss of PSNR against the exact rendering. The scene's Pareto front says which settings stay within it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Preset {
@@ -19,11 +19,11 @@ pub enum Preset {
     Exact = 0,
     /// No visible loss: 0.01 dB.
     High = 1,
-    /// 0.1 dB.
+    /// Loss of at most 0.1 dB.
     Balanced = 2,
-    /// 0.3 dB.
+    /// Loss of at most 0.3 dB.
     Fast = 3,
-    /// 1 dB: for looking around.
+    /// Loss of at most 1 dB: for looking around.
     Preview = 4,
 }
 
@@ -39,7 +39,7 @@ pub struct Choice {
     pub cost: f32,
     /// Expected milliseconds per frame; NaN unless the choice was by time.
     pub milliseconds: f32,
-    /// 1 if the settings meet the limit; 0 if no point of the front does, and these come nearest.
+    /// 1 if the settings meet the limit; 0 if no point of the front does, and the nearest point was chosen.
     pub within: u32,
 }
 
@@ -48,7 +48,7 @@ versioned!(unsafe Choice, "choice", by_width(20, 24));
 /// Writes the chosen settings into the caller's options, and the choice into `choice` unless that is NULL.
 ///
 /// # Safety
-/// Pointers are NULL or point to what the callers of this describe.
+/// Pointers are NULL or point to what the calling functions describe.
 unsafe fn answer(
     scene: *const Scene,
     options: *mut RenderOptions,
@@ -80,13 +80,13 @@ fn without_time(choice: plan::Choice) -> (plan::Choice, f32) {
     (choice, f32::NAN)
 }
 
-/// Sets the cheapest settings that lose at most `loss_db` against the exact rendering.
+/// Sets the cheapest settings that lose at most `loss_db` of PSNR against the exact rendering.
 ///
-/// `options`: `struct_size` set by the caller; its quality settings (samples, cuts, occupancy grid, maths, proposal)
-/// are replaced, the rest is kept. `choice`: NULL, or written. If every point of the scene's Pareto front loses more,
-/// the one that loses least is set, and `choice->within` is 0. A scene without a front, or with no point that this
-/// build can render, is `NERF_STATUS_NO_FRONT`, and nothing is written. A point's transmittance cut may be above one
-/// half, which a frame with a median distance refuses. `message`: as in `nerf_scene_memory`.
+/// `options`: the caller sets `struct_size`; the quality settings (samples, cuts, occupancy grid, maths, proposal) are
+/// replaced, other fields stay. `choice`: NULL, or receives the chosen point. If every point of the scene's Pareto
+/// front loses more, the point that loses least is set, and `choice->within` is 0. `NERF_STATUS_NO_FRONT`, and nothing
+/// is written, if the scene has no front, or none of its points can be rendered by this build. A point's transmittance
+/// cut may exceed one half, which a frame with a median distance refuses. `message`: as in `nerf_scene_memory`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `scene` is intact.
@@ -106,9 +106,9 @@ pub unsafe extern "C" fn nerf_quality_within_loss(
     })
 }
 
-/// Sets the settings that lose least at no more than `ratio` of the exact rendering's multiply-adds.
+/// Sets the settings of least loss with at most `ratio` times the multiply-adds of the exact rendering.
 ///
-/// If every point of the scene's Pareto front costs more, the cheapest is set. The rest as in
+/// If every point of the scene's Pareto front costs more, the cheapest is set. Everything else is as in
 /// `nerf_quality_within_loss`.
 ///
 /// # Safety
@@ -129,11 +129,11 @@ pub unsafe extern "C" fn nerf_quality_within_cost(
     })
 }
 
-/// Sets the settings that lose least in a frame of at most `milliseconds`, at a pace that `nerf_pace_measure`
-/// measured.
+/// Sets the settings of least loss whose frame takes at most `milliseconds`, by the times that `nerf_pace_measure`
+/// wrote to `pace`.
 ///
-/// If every point of the scene's Pareto front takes longer, the fastest is set. `choice->milliseconds` is the
-/// expected time of a frame. The rest as in `nerf_quality_within_loss`.
+/// If every point of the scene's Pareto front takes longer, the fastest is set. `choice->milliseconds` is the expected
+/// time of a frame. Everything else is as in `nerf_quality_within_loss`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described there, `pace` to a pace; `scene` is intact.
@@ -156,11 +156,11 @@ pub unsafe extern "C" fn nerf_quality_within_time(
     })
 }
 
-/// Sets the settings of one point of the scene's Pareto front; `front_points` of `nerf_scene_info` is their number.
+/// Sets the settings of one of the `front_points` (`nerf_scene_info`) points of the scene's Pareto front.
 ///
-/// `point`: from 0, most expensive first. For hosts that show the whole trade-off or choose by rules of their own. A
-/// point that does not exist is `NERF_STATUS_OPTIONS`, one that this build cannot render `NERF_STATUS_NO_FRONT`. The
-/// rest as in `nerf_quality_within_loss`; `choice->within` is 1.
+/// `point`: index from 0, most expensive first. For hosts that show the whole trade-off or choose by rules of their
+/// own. `NERF_STATUS_OPTIONS` for a point that does not exist, `NERF_STATUS_NO_FRONT` for one that this build cannot
+/// render. `choice->within` is 1. Everything else is as in `nerf_quality_within_loss`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described there; `scene` is intact.
@@ -189,10 +189,10 @@ pub unsafe extern "C" fn nerf_quality_point(
 
 /// Sets the settings of a `nerf_preset`, which lose at most what the preset allows.
 ///
-/// For a scene without a front the loss is not known. `NERF_PRESET_EXACT` is then every sample inside the scene box
-/// and `NERF_PRESET_HIGH` the defaults. The others lose 0.05, 0.2 and 0.9 dB in the scene of the project's own study:
-/// transmittance cuts of 0.03, 0.1 and 0.1, colour cuts of 0.03, 0.03 and 0.1, and for `NERF_PRESET_PREVIEW` four
-/// fifths of the samples. `options` and `message` as in `nerf_quality_within_loss`.
+/// The loss is not known in a scene without a front. `NERF_PRESET_EXACT` then uses every sample inside the scene box,
+/// and `NERF_PRESET_HIGH` is the defaults. BALANCED, FAST and PREVIEW have transmittance cuts of 0.03, 0.1 and 0.1,
+/// colour cuts of 0.03, 0.03 and 0.1, and PREVIEW has four fifths of the samples: 0.05, 0.2 and 0.9 dB are lost in the
+/// scene of the project's own study. `options` and `message` as in `nerf_quality_within_loss`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `scene` is intact.

@@ -16,7 +16,7 @@ use nerf_core::volume::Pixel;
 /// Number of points that are copied in and out together.
 const CHUNK: usize = 64;
 
-/// Points, and the directions that they are seen along.
+/// Points, and the direction along which each point is seen.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Points {
@@ -24,16 +24,15 @@ pub struct Points {
     pub struct_size: usize,
     /// Number of points.
     pub count: usize,
-    /// Position of each point: x, y, z, world space. Points outside the scene box, or in a cell that the occupancy
-    /// grid calls empty, have density 0 and black colour.
+    /// Position of each point: x, y, z, world space. Density is 0 and colour is black outside the scene box, and in
+    /// cells that the occupancy grid marks as empty.
     pub positions: Floats,
-    /// Direction from the camera to each point, of unit length (the square is 1 within 1e-3); not read if `rgb` is
-    /// NULL.
+    /// Direction from the camera to each point, unit length (squared length 1 within 1e-3); not read if `rgb` is NULL.
     pub dirs: Floats,
-    /// Receives the density of each point, per world unit: a row of `count` pixels, `NERF_FORMAT_F32`, of which only
-    /// `pixel_stride` matters.
+    /// Receives the density of each point, per world unit, as `NERF_FORMAT_F32`: one row of `count` pixels;
+    /// `row_stride` is ignored.
     pub sigma: Plane,
-    /// Receives each point's colour, display-encoded unless the options say linear: `NERF_FORMAT_RGB_F32`; or NULL.
+    /// Receives each point's colour as `NERF_FORMAT_RGB_F32`, linear if `options.effects.linear` is 1; or NULL.
     pub rgb: Plane,
 }
 
@@ -41,9 +40,9 @@ versioned!(unsafe Points, "points", by_width(64, 112));
 
 /// Evaluates density and colour at points seen along directions.
 ///
-/// `worker`: opened with `NERF_OUTPUT_RGB` if colour is wanted; of its options only occupancy grid, maths and tone
-/// affect the results. `sigma` and `rgb` must not overlap anything else. If a direction is not of unit length,
-/// nothing is written: `NERF_STATUS_DIRECTION`. `counters` and `message`: as in `nerf_render`.
+/// `worker`: opened with `NERF_OUTPUT_RGB` if colour is wanted; only the options for occupancy grid, maths and tone
+/// affect the results. `sigma` and `rgb` must not overlap other memory of the call. `NERF_STATUS_DIRECTION` if a
+/// direction is not of unit length; nothing is written then. `counters` and `message`: as in `nerf_render`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
@@ -65,9 +64,9 @@ pub unsafe extern "C" fn nerf_query(
         let read = [("points.positions", of_positions), ("points.dirs", of_dirs)];
         // SAFETY: the planes are as this function's `# Safety` has them.
         let mut canvas = unsafe { Canvas::of_points(&points.sigma, &points.rgb, n, &read, worker)? };
-        // SAFETY: all of them were found inside of arrays that the caller vouches for.
+        // SAFETY: all directions were found inside of arrays that the caller vouches for.
         let dir_at = |i: usize| unsafe { dirs.at::<3>(i) };
-        // Every direction is checked before the first result is written, so the index is the caller's.
+        // Checked before the first result is written, so that the error has the index in the caller's array.
         if colour && let Some(index) = (0..n).find(|&i| !is_unit(Vec3::from(dir_at(i)))) {
             return Err(RenderError::Direction { index, found: dir_at(index) }.into());
         }

@@ -1,4 +1,4 @@
-//! The caller's own rays: what each sees, and where a photon on it collides.
+//! The caller's own rays: rendering, and sampling of the points at which photons collide.
 
 use crate::boundary::{Message, by_width, call, versioned};
 use crate::camera::read_vec3;
@@ -14,7 +14,7 @@ use nerf_core::camera::Ray;
 use nerf_core::render::RaySegment;
 use nerf_core::volume::Pixel;
 
-/// The caller's floats, one or three per ray or point.
+/// An array in the caller's memory: one or three floats per ray or point.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Floats {
@@ -57,7 +57,7 @@ pub(crate) struct Numbers {
 }
 
 impl Numbers {
-    /// Element `i`: `EACH` floats.
+    /// Reads element `i`, `EACH` floats.
     ///
     /// # Safety
     /// `i` is below the count that was checked, `EACH` is the checked number of floats, and the caller's memory is
@@ -79,24 +79,25 @@ pub struct Rays {
     pub count: usize,
     /// Origin of each ray: x, y, z, world space.
     pub origins: Floats,
-    /// Direction of each ray: x, y, z, of unit length (the square is 1 within 1e-3). It is not normalised, so
+    /// Direction of each ray: x, y, z, unit length (squared length 1 within 1e-3). Directions are not normalised, so
     /// distances have the same relative error.
     pub dirs: Floats,
     /// Distance along each ray at which visibility begins, world units, at least 0; NULL for 0. In a scene that is
-    /// marched (`step` of `nerf_scene_info` is not 0) samples are counted from here, so another `t_min` moves all of
-    /// them. In other scenes samples stay where they are, and `t_min` cuts the sample interval that it lies in.
+    /// marched (`step` of `nerf_scene_info` is not 0) the first sample interval begins here, or where the ray enters
+    /// the scene box if that is farther: another `t_min` can move all samples. In other scenes `t_min` moves no sample,
+    /// but cuts the sample interval that contains `t_min`.
     pub t_min: Floats,
-    /// Distance along each ray at which visibility ends, at least `t_min`, may be infinite; NULL for no end. It cuts
-    /// the sample interval that it lies in: opacity is a continuous function of it.
+    /// Distance along each ray at which visibility ends, world units, at least `t_min`, may be infinite; NULL for no
+    /// end. Cuts the sample interval that contains `t_max`: opacity is a continuous function of `t_max`.
     pub t_max: Floats,
-    /// One random number in [0, 1) per ray for `nerf_sample_rays`; NULL for `nerf_render_rays`. 1 counts as the
-    /// largest float below 1, since rounding to float produces it.
+    /// One random number in [0, 1) per ray for `nerf_sample_rays`; NULL for `nerf_render_rays`. 1 counts as the largest
+    /// float below 1, since rounding to float can produce 1.
     pub random: Floats,
-    /// Axis that `z_depth` is measured along: three floats, of unit length as `dirs` are. For a camera it is the
-    /// direction of the ray through (cx, cy). May be NULL without a plane for `z_depth`.
+    /// Axis along which `z_depth` is measured: three floats, unit length like `dirs`. A camera's axis is the direction
+    /// of the ray through (cx, cy). May be NULL without a plane for `z_depth`.
     pub axis: *const f32,
-    /// Planes for the results: one row of `count` pixels, of which only `pixel_stride` matters. They may be fields of
-    /// the structures that hold the rays. Limits must be NULL: each ray has its `t_max`.
+    /// Planes for the results: one row of `count` pixels; `row_stride` is ignored. Planes may be fields of the
+    /// structures that hold the rays. Planes of limits must be NULL: each ray has its `t_max`.
     pub target: *const Target,
 }
 
@@ -104,14 +105,15 @@ versioned!(unsafe Rays, "rays", by_width(56, 112));
 
 /// Renders the caller's own rays: ray i is pixel i of the target.
 ///
-/// A ray may begin anywhere: outside the scene, inside it or behind it. Without a surface, distances are no less than
-/// any in the scene, or `t_max`. A camera's rays give its pixels, bit for bit, without jitter. For a shadow ray a
-/// plane of opacity alone is enough: it gets the same bits as together with other planes, for less work.
+/// A ray may begin outside, inside or behind the scene. The distances of a ray without a surface are no less than any
+/// in the scene, or, if nearer, `t_max`. The rays of a camera's pixels give the camera's picture, bit for bit, without
+/// jitter. A shadow ray needs only the plane of opacity: opacity has the same bits as together with other planes, for
+/// less work.
 ///
-/// Rays are checked before the first result is written. `NERF_STATUS_RAY` names the first with an origin that is not
-/// finite, a direction that is not of unit length or an empty range. It is also the status if `random` is not NULL.
-/// Options with anti-aliasing or an aperture, which belong to cameras, are `NERF_STATUS_OPTIONS`. `counters` and
-/// `message`: as in `nerf_render`.
+/// All rays are checked before the first result is written. `NERF_STATUS_RAY` names the first ray with an origin that
+/// is not finite, a direction that is not of unit length or an empty range; also if `random` is not NULL. Options with
+/// anti-aliasing or an aperture, which belong to cameras, are `NERF_STATUS_OPTIONS`. `counters` and `message`: as in
+/// `nerf_render`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
@@ -131,13 +133,13 @@ pub unsafe extern "C" fn nerf_render_rays(
 
 /// Samples the point at which a photon along each ray collides with the field, for path tracers.
 ///
-/// A ray collides where its opacity reaches its number of `random`. Then `opacity` is 1, the distances are that
-/// point's, and colour and normal are the field's there. Otherwise opacity is 0, distances are infinite, and colour
-/// is the background (0 in RGBA planes). The options' cuts are not used. Over uniform numbers the mean of the colours
-/// is what `nerf_render_rays` composites without cuts, except in a field shaded once a ray: there each colour is the
-/// network's for one sample alone, and only `nerf_render_rays` gives the field's own. The means of opacity, distance
-/// and normal agree in every field. `NERF_STATUS_RAY` also if a number is not in [0, 1]. The rest as in
-/// `nerf_render_rays`.
+/// A ray's photon collides where the opacity accumulated along the ray reaches the ray's number in `random`. Then
+/// `opacity` is 1, distances are those of the collision, and colour and normal are the field's at that point. Without a
+/// collision, opacity is 0, distances are infinite, and colour is the background (0 in RGBA planes). Cuts in the
+/// options are ignored. Over uniform numbers the mean colour is that of `nerf_render_rays` without cuts, except in a
+/// field shaded once per ray: each colour is then the network's for one sample alone, and only `nerf_render_rays` gives
+/// the field's own. The means of opacity, distance and normal agree in every field. `NERF_STATUS_RAY` also for a number
+/// outside [0, 1]. Everything else is as in `nerf_render_rays`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described there; `worker` and its scenes are intact.
@@ -155,7 +157,7 @@ pub unsafe extern "C" fn nerf_sample_rays(
     })
 }
 
-/// The checked input arrays of a call, and the memory that they occupy, `read`.
+/// The checked input arrays of a call; `read` is the memory that the arrays occupy.
 struct Arrays {
     origins: Numbers,
     dirs: Numbers,
@@ -189,7 +191,7 @@ impl Arrays {
     /// The `i`-th ray.
     ///
     /// # Safety
-    /// That of [`Numbers::at`].
+    /// As for [`Numbers::at`].
     #[inline]
     unsafe fn ray(&self, i: usize) -> RaySegment {
         // SAFETY: the caller's promise.
@@ -203,10 +205,10 @@ impl Arrays {
     }
 }
 
-/// Renders rays or, if `collide`, samples the points at which photons on them collide.
+/// Renders rays; if `collide` is set, samples the points at which photons on the rays collide instead.
 ///
 /// # Safety
-/// That of [`nerf_render_rays`].
+/// As for [`nerf_render_rays`].
 #[inline]
 unsafe fn trace(
     worker: *mut Worker,
@@ -230,7 +232,7 @@ unsafe fn trace(
         if canvas.has(Channel::ZDepth) && axis.is_none() {
             return Err(Failure::Null("rays.axis"));
         }
-        // SAFETY: all of them were found inside of arrays that the caller vouches for.
+        // SAFETY: all rays were found inside of arrays that the caller vouches for.
         let ray = |i: usize| unsafe { arrays.ray(i) };
         // SAFETY: as above.
         let number = |i: usize| arrays.random.map_or(0.0, |random| unsafe { random.at::<1>(i)[0] });

@@ -10,19 +10,19 @@ use nerf_core::plan::{self, Batch, Outputs, Plan, Quality, Tone, ToneMap};
 /// Largest `batch_rays`: the pixels of one tile.
 const MAX_RAYS: u32 = 256;
 
-/// Values of a flag, for messages.
+/// Valid values of a flag, for messages.
 const FLAG: &str = "0 or 1";
 
-/// Default of `transmittance_cut`: no visible difference from no cut.
+/// Default of `transmittance_cut`: the picture has no visible difference from one without a cut.
 pub const NERF_TRANSMITTANCE_CUT_DEFAULT: f32 = 2e-2;
-/// Default of `colour_cut`: no visible difference from no cut.
+/// Default of `colour_cut`: the picture has no visible difference from one without a cut.
 pub const NERF_COLOUR_CUT_DEFAULT: f32 = 5e-3;
 /// Default of `normal_blur`: one sample interval.
 pub const NERF_NORMAL_BLUR_DEFAULT: f32 = 1.0;
 /// Value that turns off a cut or a blur.
 pub const NERF_NONE: f32 = -1.0;
 
-/// The backend of the elementary functions.
+/// Implementation of the elementary functions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Maths {
@@ -32,11 +32,11 @@ pub enum Maths {
     Libm = 1,
     /// The `micromath` crate: small code, low accuracy.
     Micromath = 2,
-    /// Angle doubling from level to level of the encoding; errors grow with the level.
+    /// Angle doubling: each level of the encoding follows from the level below; errors grow with the level.
     Recurrence = 3,
 }
 
-/// The core's value for each number of [`Maths`]; `None` where it has none.
+/// Backend of the core for each number of [`Maths`]; `None` for a number without a backend in this build.
 const MATHS: [Option<MathBackend>; 4] = [
     Some(MathBackend::Polynomial),
     #[cfg(feature = "libm")]
@@ -52,51 +52,52 @@ const MATHS: [Option<MathBackend>; 4] = [
 
 /// Options of a frame: quality settings, batches, distances and effects.
 ///
-/// All zeros (except `struct_size`), or NULL for the structure, are the defaults: cuts that cost nothing visible.
-/// With `transmittance_cut` and `colour_cut` at `NERF_NONE` the picture is exact: it uses every sample that the
-/// occupancy grid does not call empty.
+/// NULL for the structure, or all zeros except `struct_size`, are the defaults: cuts without a visible loss. With
+/// `transmittance_cut` and `colour_cut` at `NERF_NONE` the picture is exact: every sample that the occupancy grid does
+/// not mark as empty is used.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct RenderOptions {
     /// `sizeof(nerf_render_options)`.
     pub struct_size: usize,
     /// Samples per ray, at most 4096; 0 for the scene's own number. In a scene that is marched (`step` of
-    /// `nerf_scene_info` is not 0), the number of steps along the diagonal of its box; in others, the number between
-    /// its near and far. With a proposal network these samples are drawn from it, in addition to its own.
+    /// `nerf_scene_info` is not 0), the number of steps along the diagonal of the scene box; in other scenes, the
+    /// number between near and far. With a proposal network, drawn from its distribution, in addition to the proposal's
+    /// own samples.
     pub samples: u32,
-    /// Transmittance threshold, less than 1: a ray ends once its transmittance falls below it. 0 for
-    /// `NERF_TRANSMITTANCE_CUT_DEFAULT`; `NERF_NONE` (or anything below 0) never ends one.
+    /// Transmittance threshold, less than 1: a ray ends, and counts as opaque, once its transmittance is below. 0 for
+    /// `NERF_TRANSMITTANCE_CUT_DEFAULT`; `NERF_NONE` (or any value below 0) ends no ray.
     pub transmittance_cut: f32,
-    /// 1: cells that the occupancy grid calls empty are evaluated, too. Else 0.
+    /// 1: samples in empty cells of the occupancy grid are evaluated, too. Otherwise 0.
     pub ignore_occupancy: u32,
-    /// A `nerf_maths`.
+    /// Implementation of the elementary functions: a `nerf_maths`.
     pub maths: u32,
-    /// 1: `background` replaces the scene's. Else 0.
+    /// 1: `background` replaces the scene's background. Otherwise 0.
     pub background_set: u32,
     /// Background colour, display-encoded, in `[0, 1]`; read only if `background_set` is 1.
     pub background: [f32; 3],
-    /// Rays in one batch, at most 256; 0 for a number that keeps vector units busy. Never changes a picture, only
-    /// memory and time; a tile has at most this many pixels.
+    /// Rays in one batch, and largest number of pixels of a tile, at most 256; 0 for a number that keeps vector units
+    /// busy. Affects memory and time, never the picture.
     pub batch_rays: u32,
     /// Samples that the network evaluates together, at most 64; 0 for a number that keeps vector units busy. Only the
     /// portable kernel with f16 weights uses fewer than 64.
     pub batch_samples: u32,
-    /// Weight threshold, less than 1: weight along a ray accumulates until it exceeds this, then the next colour is
-    /// evaluated for all of it. 0 for `NERF_COLOUR_CUT_DEFAULT`, `NERF_NONE` evaluates every colour. Never affects
-    /// opacity or distances.
+    /// Weight threshold, less than 1. Once the weight accumulated since a ray's last colour exceeds the threshold, the
+    /// next colour is evaluated and gets all of this weight. 0 for `NERF_COLOUR_CUT_DEFAULT`; `NERF_NONE` evaluates
+    /// every colour. Never affects opacity or distances.
     pub colour_cut: f32,
-    /// Width of the Gaussian blur of the density before its gradient is taken for normals, in sample intervals
-    /// (standard deviation: width / sqrt(12)). 0 for `NERF_NORMAL_BLUR_DEFAULT`; `NERF_NONE` is the gradient itself,
-    /// which is mostly noise finer than a sample interval.
+    /// Width of the Gaussian blur of the density whose gradient gives the normals, in sample intervals (standard
+    /// deviation: width / sqrt(12)). 0 for `NERF_NORMAL_BLUR_DEFAULT`; `NERF_NONE` for no blur: the gradient is then
+    /// mostly noise finer than a sample interval.
     pub normal_blur: f32,
-    /// 1: samples are uniform even if the scene has a proposal network. Else 0.
+    /// 1: samples are uniform even if the scene has a proposal network. Otherwise 0.
     pub ignore_proposal: u32,
     /// Distance along a ray at which visibility begins, world units, at least 0.
     pub near_distance: f32,
     /// Distance along a ray at which visibility ends, world units; 0 for no end.
     pub far_distance: f32,
-    /// 1: a scene that is not marched is sampled only between its own near and far, where it was trained: to
-    /// reproduce figures that were measured so. 0: the rest of its box is sampled, too.
+    /// 1: a scene that is not marched is sampled only between its near and far, the range of its training, to reproduce
+    /// figures measured in this way. 0: the rest of the scene box is sampled, too.
     pub own_bins: u32,
     /// Reserved; must be 0.
     pub reserved: u32,
@@ -107,7 +108,7 @@ pub struct RenderOptions {
 versioned!(unsafe RenderOptions, "options", by_width(128, 136));
 
 impl RenderOptions {
-    /// These options with the settings of `quality`.
+    /// Returns these options with the settings of `quality`.
     pub(crate) fn with(self, quality: &Quality) -> Self {
         Self {
             samples: quality.samples.into(),
@@ -169,7 +170,7 @@ impl Settings {
         Ok(Self { frame, batch: Batch { rays, samples: or(o.batch_samples, Batch::FULL.samples) } })
     }
 
-    /// The plan of a frame of a scene, whose unit is `scale` world units.
+    /// Makes the plan of a scene's frames; the scene's unit of length is `scale` world units.
     pub fn plan<'a>(&self, blob: &Blob<'a>, outputs: Outputs, scale: f32) -> Result<Plan<'a>, Failure> {
         let (near, far) = self.frame.range;
         let of_scene = plan::Settings { range: (near / scale, far / scale), ..self.frame };
@@ -177,7 +178,7 @@ impl Settings {
     }
 
     /// Returns an error if the tone stage does not suit a target with alpha. Premultiplied display-encoded values are
-    /// not light, so exposure needs linear output. A tone curve of premultiplied values is not that of the colour.
+    /// not light, so exposure needs linear output. A tone curve of premultiplied values is not the curve of the colour.
     pub fn check_tone_of_alpha(&self) -> Result<(), Failure> {
         let tone = self.frame.effects.tone;
         let fits = tone == Tone::NONE || (tone.linear && tone.map == ToneMap::None);
@@ -185,7 +186,7 @@ impl Settings {
     }
 }
 
-/// Resolves a cut or a blur: 0 is the default, below 0 is none.
+/// Resolves a cut or a blur: 0 becomes the default, a value below 0 becomes 0, which means none.
 fn or_default(asked: f32, default: f32) -> f32 {
     if asked == 0.0 {
         default
@@ -196,7 +197,7 @@ fn or_default(asked: f32, default: f32) -> f32 {
     }
 }
 
-/// The inverse of `or_default`: a cut of 0, which is none, becomes `NERF_NONE`.
+/// Inverse of `or_default`: a cut of 0, which means none, becomes `NERF_NONE`.
 fn or_none(cut: f32) -> f32 {
     if cut == 0.0 { NERF_NONE } else { cut }
 }

@@ -11,11 +11,11 @@ use nerf_core::blob::Blob;
 use nerf_core::memory::{Line, lines_for};
 use nerf_core::render::Renderer;
 
-/// An opened scene: lies at the beginning of the memory it was opened in and borrows the blob.
+/// An opened scene, which lies at the beginning of the memory that it was opened in, and borrows the blob.
 ///
-/// A scene owns nothing and never changes: threads may use it at the same time, and there is nothing to close. It is
-/// valid until the caller reuses its memory or the blob's. (A scene from `nerf_scene_open_file` lies in memory of the
-/// library's own and is valid until `nerf_scene_close`.)
+/// A scene owns nothing and never changes: threads may share a scene, and there is nothing to close. A scene is valid
+/// until the caller reuses its memory or the blob's memory. (A scene from `nerf_scene_open_file` lies in the library's
+/// own memory and is valid until `nerf_scene_close`.)
 #[repr(align(64))]
 pub struct Scene {
     renderer: Renderer<'static>,
@@ -32,7 +32,7 @@ const _: () = {
 };
 
 impl Scene {
-    /// The scene that a handle points to.
+    /// Returns the scene that a handle points to.
     ///
     /// # Safety
     /// `scene` is NULL or a handle whose memory and blob are intact during `'a`.
@@ -56,12 +56,12 @@ impl Scene {
     }
 }
 
-/// Number of lines of memory that a scene takes.
+/// Number of [`Line`]s of memory that a scene takes.
 pub(crate) fn memory_lines(blob: &Blob<'_>, kernel: Kernel) -> usize {
     lines_for::<Scene>(1) + Renderer::prepared_lines(blob, kernel)
 }
 
-/// Parses and checks a blob, except its coded tables, which are checked when opening the scene decodes them.
+/// Parses and checks a blob. Opening the scene decodes the entropy-coded tables, and only then checks them.
 ///
 /// # Safety
 /// `blob` is NULL or points to `blob_size` bytes that stay as they are during `'a`.
@@ -74,9 +74,9 @@ unsafe fn open_blob<'a>(blob: *const c_void, blob_size: usize) -> Result<Blob<'a
 
 /// Computes the size and alignment of the memory that `nerf_scene_open` needs for a blob.
 ///
-/// `blob`: `blob_size` bytes at any alignment. `options`: NULL for all zeros. `size` and `align`
-/// are written on success only. `message`: NULL, or `message_capacity` bytes for a sentence about
-/// what was expected and found; empty on success.
+/// `blob`: `blob_size` bytes at any alignment. `options`: NULL for all zeros. `size` and `align`, bytes, are written on
+/// success only. `message`: NULL, or a buffer of `message_capacity` bytes that receives a sentence about what was
+/// expected and found; empty on success.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.
@@ -105,7 +105,7 @@ pub unsafe extern "C" fn nerf_scene_memory(
 /// Opens a scene in the caller's memory; allocates nothing and owns nothing.
 ///
 /// The scene borrows `blob` and `memory`: the caller leaves both in place and unchanged while the scene is used.
-/// `memory`: at least the size and alignment that `nerf_scene_memory` says, not overlapping the blob. `scene`
+/// `memory`: has at least the size and alignment from `nerf_scene_memory`, and does not overlap the blob. `scene`
 /// receives the handle on success only; there is nothing to close. `message`: as in `nerf_scene_memory`. Neither
 /// `message` nor `scene` may overlap blob or memory.
 ///
@@ -146,8 +146,8 @@ pub unsafe extern "C" fn nerf_scene_open(
 /// Opens a scene at the beginning of `memory`.
 ///
 /// # Safety
-/// `memory` is aligned for a line and `memory_size` bytes long. It does not overlap `blob`, and both are the caller's
-/// to lend while the scene is used.
+/// `memory` is aligned for a [`Line`], `memory_size` bytes long, and does not overlap `blob`. The caller lends `blob`
+/// and `memory` while the scene is used.
 // Inlined, so that a microcontroller's stack has one frame less.
 #[inline(always)]
 pub(crate) unsafe fn open_in(

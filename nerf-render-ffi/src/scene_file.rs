@@ -16,7 +16,7 @@ use std::io::{self, Read};
 
 /// Blob and memory of a scene that was opened from a file; `nerf_scene_close` frees them.
 ///
-/// Pointers rather than boxes, since the scene borrows both, and itself lies in `memory`.
+/// The fields are no boxes, since the scene borrows blob and memory, and itself lies in `memory`.
 pub(crate) struct Owned {
     blob: NonNull<[u8]>,
     memory: NonNull<[Line]>,
@@ -140,7 +140,7 @@ pub unsafe extern "C" fn nerf_scene_open_file(
                 Ok(())
             }
             Err(failure) => {
-                // SAFETY: no scene came of it.
+                // SAFETY: no scene was opened that uses the memory.
                 unsafe { owned.free() };
                 Err(named(Cause::Scene(failure)))
             }
@@ -148,7 +148,7 @@ pub unsafe extern "C" fn nerf_scene_open_file(
     })
 }
 
-/// Frees a scene that `nerf_scene_open_file` opened; NULL, and a scene in the caller's memory, are left alone.
+/// Frees a scene that `nerf_scene_open_file` opened. Does nothing for NULL and for a scene in the caller's memory.
 ///
 /// Only in a library built with `std`.
 ///
@@ -162,7 +162,7 @@ pub unsafe extern "C" fn nerf_scene_close(scene: *const Scene) {
             // SAFETY: an intact scene by this function's contract, and not used elsewhere any more.
             let owned = unsafe { (*scene.cast_mut()).owned.take() };
             if let Some(owned) = owned {
-                // SAFETY: the scene, which borrows both, is not used any more.
+                // SAFETY: the scene, which borrows blob and memory, is not used any more.
                 unsafe { owned.free() };
             }
         }
@@ -170,7 +170,7 @@ pub unsafe extern "C" fn nerf_scene_close(scene: *const Scene) {
     });
 }
 
-/// Reads a file; an error if its header already shows that it is no blob, or of another length.
+/// Reads a file. An error if the header is not that of a blob, or gives another length than the file's.
 fn read(path: &CStr) -> Result<Vec<u8>, Cause> {
     let path = as_path(path)?;
     // Checked before opening, since opening a pipe blocks until something writes to it.
@@ -199,7 +199,7 @@ fn read(path: &CStr) -> Result<Vec<u8>, Cause> {
     }
     let whole = usize::try_from(found).map_err(|_| Failure::Overflow("path"))?;
     bytes.try_reserve_exact(whole - bytes.len()).map_err(|_| Cause::OutOfMemory { bytes: whole })?;
-    // No further than the length at opening: a file that grows meanwhile is refused by its checksum.
+    // Reads no further than the length at opening: the checksum refuses a file that grows meanwhile.
     file.take(found - bytes.len() as u64).read_to_end(&mut bytes)?;
     Ok(bytes)
 }
@@ -214,7 +214,7 @@ fn as_path(path: &CStr) -> Result<&str, Cause> {
     path.to_str().map_err(|error| io::Error::new(io::ErrorKind::InvalidInput, error).into())
 }
 
-/// Makes `count` values; an error with their size if there is not enough memory.
+/// Makes `count` copies of `value`; an error with their size in bytes if there is not enough memory.
 fn filled<T: Clone>(count: usize, value: T) -> Result<Vec<T>, Cause> {
     let mut values = Vec::new();
     let bytes = count.saturating_mul(size_of::<T>());

@@ -26,10 +26,10 @@ pub enum TableStorage {
     None = 0,
     /// Two bytes per value.
     F16 = 1,
-    /// One byte per value, and one scale per level.
+    /// One byte per value, and one scale per level of the grid.
     Int8 = 2,
-    /// As `NERF_TABLE_STORAGE_INT8`, entropy-coded: `nerf_scene_open` decodes it into the scene's memory. A library
-    /// without the feature `coded` (microcontrollers) refuses it: fit with `--export int8`, which is read in place.
+    /// `NERF_TABLE_STORAGE_INT8`, entropy-coded: `nerf_scene_open` decodes the tables into the scene's memory. Without
+    /// the feature `coded` (microcontrollers) a library refuses these: fit with `--export int8`, read in place.
     Coded = 3,
 }
 
@@ -49,29 +49,29 @@ impl Text {
     }
 }
 
-/// The facts of a scene; those that do not apply to a picture (a 2D field) are 0 for one.
+/// The facts of a scene. For a picture (a 2D field), fields that do not apply are 0.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct SceneInfo {
     /// `sizeof(nerf_scene_info)`, set by the caller.
     pub struct_size: usize,
-    /// A `nerf_kind`.
+    /// Content of the blob: a `nerf_kind`.
     pub kind: u32,
-    /// The `nerf_kernel` the scene runs on; never `NERF_KERNEL_AUTO`.
+    /// The `nerf_kernel` that the scene runs on; never `NERF_KERNEL_AUTO`.
     pub kernel: u32,
     /// Smallest corner of the scene box, world units. Outside the box density is 0, unless the scene is unbounded
     /// (`contraction_radius` is not 0).
     pub box_min: [f32; 3],
     /// Largest corner of the scene box, world units.
     pub box_max: [f32; 3],
-    /// Distance at which the scene begins on the rays of the cameras it was made from, world units. Half way between
-    /// it and far is a good place for a camera; any other works as well. (`near` alone is a macro on Windows.)
+    /// Distance at which the scene begins on the rays of its training cameras, world units. Half way between near and
+    /// far is a good camera distance; any other works as well. (`near` alone is a macro on Windows.)
     pub near_distance: f32,
-    /// Distance along the same rays at which the scene ends, world units.
+    /// Distance at which the scene ends on the rays of its training cameras, world units.
     pub far_distance: f32,
-    /// Samples per ray the scene was made for: between near and far, or if marched (`step`) the most in its box.
+    /// Samples per ray that the scene was made for: between near and far, or, if `step` is not 0, the most in its box.
     pub samples: u32,
-    /// The background, which shows where opacity is below 1, display-encoded.
+    /// Background colour, which shows where opacity is below 1, display-encoded.
     pub background: [f32; 3],
     /// 1 if colour depends on the viewing direction.
     pub view_dependent: u32,
@@ -79,25 +79,25 @@ pub struct SceneInfo {
     pub occupancy_required: u32,
     /// Number of cells of the occupancy grid along x, y, z; zeros without an occupancy grid.
     pub occupancy_resolution: [u32; 3],
-    /// Fraction of the cells that may be occupied; 1 without an occupancy grid.
+    /// Fraction of the occupancy grid's cells that are occupied; 1 without an occupancy grid.
     pub occupied_share: f32,
     /// Number of trunk layers: entries of `trunk_widths` in use.
     pub trunk_layers: u32,
-    /// Widths of the trunk's layers.
+    /// Number of units in each layer of the trunk.
     pub trunk_widths: [u32; 16],
     /// Number of the colour branch's hidden layers: entries of `colour_widths` in use.
     pub colour_layers: u32,
-    /// Widths of the colour branch's hidden layers.
+    /// Number of units in each hidden layer of the colour branch.
     pub colour_widths: [u32; 4],
     /// Mean PSNR over the validation views, dB; NaN if there were none.
     pub psnr_db: f32,
-    /// PSNR lost on the same views by rounding weights and tables to their storage, dB; NaN if not measured.
+    /// PSNR lost on the validation views by rounding weights and tables to their storage, dB; NaN if not measured.
     pub quantisation_loss_db: f32,
     /// Number of optimiser steps of the training run.
     pub steps: u32,
     /// Number of parameters of the network.
     pub parameters: u64,
-    /// Multiply-adds of one density evaluation; for a picture, of the trunk.
+    /// Multiply-adds of one density evaluation; for a picture, of one evaluation of the trunk.
     pub density_macs: u64,
     /// Additional multiply-adds of one colour evaluation.
     pub colour_macs: u64,
@@ -113,33 +113,34 @@ pub struct SceneInfo {
     pub picture_width: u32,
     /// Height of the picture the 2D field was made from, pixels; 0 for a scene.
     pub picture_height: u32,
-    /// Samples per ray of the coarse proposal network; 0 without one.
+    /// Samples per ray of the coarse proposal network; 0 without a proposal network.
     pub proposal_samples: u32,
-    /// Number of points of the Pareto front that a study measured, settings with their loss and cost; 0 without one.
+    /// Number of points of the Pareto front of loss against cost, measured by a study; 0 without a front.
     pub front_points: u32,
-    /// Multiply-adds of one evaluation of the proposal network; 0 without one.
+    /// Multiply-adds of one evaluation of the proposal network; 0 without a proposal network.
     pub proposal_macs: u64,
-    /// Distance between samples, world units, in a scene that is marched through its box; 0 if rays have bins between
-    /// near and far. In an unbounded scene it holds inside the ball of `contraction_radius`; outside, steps grow.
+    /// Distance between samples in a scene that is marched through its box, world units; 0 if rays have bins between
+    /// near and far. In an unbounded scene, steps grow outside the ball of `contraction_radius`.
     pub step: f32,
-    /// A `nerf_table_storage`: what the learned grid's tables are stored in.
+    /// Storage of the learned grid's tables: a `nerf_table_storage`.
     pub table_storage: u32,
-    /// Radius of the ball around the middle of the scene box outside which unbounded space is contracted into the
-    /// box, a cube of 4 radii, world units; 0 if the scene ends at its box.
+    /// Radius of the ball around the middle of an unbounded scene's box, world units; 0 if the scene ends at its box.
+    /// Space outside the ball is contracted into the box, a cube with sides of 4 radii.
     pub contraction_radius: f32,
-    /// Power that steps outside that ball grow with: 1, 2 or 4; 0 if the scene ends at its box.
+    /// Power by which steps grow outside the ball of `contraction_radius`: 1 (uniform in disparity), 2 or 4 (nearly
+    /// uniform in the logarithm of the distance); 0 if the scene ends at its box.
     pub contraction_power: u32,
-    /// The `nerf_storage` of the weights; never `NERF_STORAGE_AUTO`.
+    /// Storage of the weights: a `nerf_storage`, never `NERF_STORAGE_AUTO`.
     pub storage: u32,
-    /// Position of the default viewpoint, world units: a view from here towards `target` shows what was photographed.
-    /// `eye`, `target`, `up` and `arc` are 0 if the file has no viewpoint; otherwise `up` is not 0.
+    /// Position of the default viewpoint, world units: a view from `eye` towards `target` shows the photographed
+    /// subject. `eye`, `target`, `up` and `arc` are 0 if the file has no viewpoint; otherwise `up` is not 0.
     pub eye: [f32; 3],
     /// The subject of the photographs, world units: the centre of an orbit.
     pub target: [f32; 3],
     /// Upward direction of the photographs, unit length: the axis of an orbit.
     pub up: [f32; 3],
-    /// Arc around `target` that the photographs were taken from, radians around `up` with `eye` in the middle; 2 pi
-    /// for a full circle. No photograph was taken outside the arc.
+    /// Angle, around `up`, of the arc from which `target` was photographed, radians; 2 pi for a full circle. `eye` is
+    /// in the middle of the arc. No photograph was taken outside the arc.
     pub arc: f32,
 }
 
@@ -148,10 +149,10 @@ const _: () = assert!(MAX_TRUNK == 16 && MAX_COLOUR == 4);
 
 versioned!(unsafe SceneInfo, "info", by_width(if align_of::<u64>() == 4 { 284 } else { 288 }, 320));
 
-/// Describes a scene: where to put a camera, what it costs, where it comes from.
+/// Describes a scene: placement of a camera, cost, origin.
 ///
-/// `info`: `struct_size` set by the caller, the rest is written on success; fields that a newer
-/// header has and this library does not know become zero. Its texts point into the blob.
+/// `info`: the caller sets `struct_size`; the other fields are written on success. Fields of a newer header that this
+/// library does not know become zero. The texts point into the blob.
 ///
 /// # Safety
 /// `scene` is NULL or a scene whose memory and blob are intact; `info` is NULL or points to

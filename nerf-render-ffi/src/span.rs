@@ -11,7 +11,6 @@ pub(crate) struct Span {
 }
 
 impl Span {
-    /// No bytes.
     pub const EMPTY: Self = Self { start: 0, length: 0 };
 
     /// The range of `length` bytes from `start`; an error if no Rust slice could be that long.
@@ -31,13 +30,13 @@ impl Span {
         Self::new(name, start.cast(), length)
     }
 
-    /// Whether the two share a byte.
+    /// Whether `self` and `other` share a byte.
     fn meets(self, other: Self) -> bool {
         let shared = self.start.max(other.start)..(self.start + self.length).min(other.start + other.length);
         !shared.is_empty()
     }
 
-    /// Returns an error if the two share a byte.
+    /// Returns an error if `self`, called `name`, and `other`, called `of`, share a byte.
     pub fn check_apart(self, name: &'static str, other: Self, of: &'static str) -> Result<(), Failure> {
         if self.meets(other) { Err(Failure::Overlap { name, other: of }) } else { Ok(()) }
     }
@@ -52,14 +51,13 @@ pub(crate) struct Pieces {
 }
 
 impl Pieces {
-    /// No elements.
     pub const NONE: Self = Self { span: Span::EMPTY, stride: 1, size: 0 };
 
-    /// Returns an error if the two share a byte, or may: fields of the same structures do not.
+    /// Returns an error if `self` and `other` share a byte or may share one. Fields of the same structures share none.
     pub fn check_apart(self, name: &'static str, other: Self, of: &'static str) -> Result<(), Failure> {
         let behind = other.span.start.wrapping_sub(self.span.start);
         if self.stride == other.stride && self.stride > 0 {
-            // Offset of the other's elements within a stride, without wrapping around the address space.
+            // Offset of the elements of `other` within a stride of `self`, without wrapping around the address space.
             let offset = if other.span.start >= self.span.start {
                 behind % self.stride
             } else {
@@ -86,7 +84,7 @@ pub(crate) struct PlaneBytes {
 }
 
 impl PlaneBytes {
-    /// `data`: the top left pixel; a negative row stride stores rows bottom up. The caller has checked for overflow.
+    /// `data`: address of the top left pixel; a negative row stride stores rows bottom up. Overflow is checked before.
     pub fn new(
         data: usize,
         (columns, rows): (usize, usize),
@@ -97,7 +95,7 @@ impl PlaneBytes {
         Self { first: data - up, columns, rows, pixel_stride, row_stride: row_stride.unsigned_abs(), size }
     }
 
-    /// Returns an error if the two share a byte.
+    /// Returns an error if the planes `self`, called `name`, and `other`, called `of`, share a byte.
     pub fn check_apart(&self, name: &'static str, other: &Self, of: &'static str) -> Result<(), Failure> {
         if self.meets(other) { Err(Failure::Overlap { name, other: of }) } else { Ok(()) }
     }
@@ -117,12 +115,12 @@ impl PlaneBytes {
         self.columns == 0 || self.rows == 0
     }
 
-    /// Bytes from the first pixel of a row to the end of its last; the plane must not be empty.
+    /// Bytes from the start of a row's first pixel to the end of its last pixel; the plane must not be empty.
     fn row_length(&self) -> usize {
         (self.columns - 1) * self.pixel_stride + self.size
     }
 
-    /// Whether the two are interleaved channels of one structure: the usual case, found without visiting each pixel.
+    /// Whether the planes are interleaved channels of one structure: the usual case, found without visiting each pixel.
     fn are_channels_with(&self, other: &Self) -> bool {
         let (low, high) = if self.first <= other.first { (self, other) } else { (other, self) };
         let offset = high.first - low.first;
@@ -132,10 +130,10 @@ impl PlaneBytes {
             && offset.saturating_add(high.size) <= low.pixel_stride
     }
 
-    /// Whether a pixel contains one of the `length` bytes from `at`; the plane must not be empty.
+    /// Whether any pixel contains one of the `length` bytes from address `at`; the plane must not be empty.
     fn has_any(&self, at: usize, length: usize) -> bool {
         let (start, end) = (at.saturating_sub(self.first), (at + length).saturating_sub(self.first));
-        // Index of the first element, of those a stride apart, that ends after `place`.
+        // Index of the first element that ends after `place`; elements of `size` bytes begin every `stride` bytes.
         let behind = |place: usize, stride: usize, size: usize| {
             place
                 .checked_sub(size)

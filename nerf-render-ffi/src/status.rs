@@ -10,11 +10,11 @@ pub enum Status {
     Ok = 0,
     /// A required pointer is NULL.
     NullPointer = 1,
-    /// `struct_size` is smaller than in version 2 of the structure, or absurdly large.
+    /// `struct_size` is smaller than in version 2 of the ABI, or above 4096.
     StructSize = 2,
     /// A reserved field, or a field this library does not know, is not zero.
     Reserved = 3,
-    /// A pointer or stride is not a multiple of the alignment it needs.
+    /// A pointer or stride is not a multiple of its alignment.
     Alignment = 4,
     /// Memory is smaller than the size query says.
     Memory = 5,
@@ -24,13 +24,13 @@ pub enum Status {
     Overflow = 7,
     /// A setting is outside its range.
     Options = 8,
-    /// This machine lacks the instructions, or has none for that storage.
+    /// This machine lacks the kernel's instructions, or has none for the requested storage.
     Kernel = 9,
-    /// The camera makes no rays.
+    /// The camera is invalid: its parameters define no rays.
     Camera = 10,
     /// The rectangle is not inside the image.
     Rect = 11,
-    /// There is no plane, one that does not belong there, or one with a wrong format or stride.
+    /// The target has no plane, a plane that does not belong there, or a plane with a wrong format or stride.
     Target = 12,
     /// The blob is a picture (a 2D field), not a scene: `nerf_render_picture` renders it.
     NotAScene = 13,
@@ -38,7 +38,7 @@ pub enum Status {
     OccupancyRequired = 14,
     /// A direction of a query is not of unit length.
     Direction = 15,
-    /// The progress callback asked to stop; finished tiles are in the picture.
+    /// The progress callback cancelled the render; finished tiles are in the planes.
     Cancelled = 16,
     /// A defect of this library; the scene is unharmed.
     Panic = 17,
@@ -50,12 +50,12 @@ pub enum Status {
     File = 20,
     /// An allocation failed for lack of memory.
     OutOfMemory = 21,
-    /// A ray has no direction of unit length, no finite origin, no valid range or no valid random number, or rays to
-    /// be rendered have random numbers.
+    /// A ray has no direction of unit length, no finite origin, no valid range or no valid random number, or rays for
+    /// `nerf_render_rays` have random numbers.
     Ray = 22,
     /// An instance's transform is not a rotation, one scale and a translation.
     Transform = 23,
-    /// Another call works with the worker, or one of its calls has panicked.
+    /// Another call uses the worker, or a call with the worker has panicked.
     Busy = 24,
     /// The bytes do not begin as a blob does.
     BlobMagic = 32,
@@ -65,7 +65,7 @@ pub enum Status {
     BlobTrailing = 34,
     /// The blob is of another version of the format.
     BlobVersion = 35,
-    /// The blob was written with the other byte order.
+    /// The blob was written with the opposite byte order.
     BlobEndian = 36,
     /// The blob has flags this library does not know.
     BlobFlags = 37,

@@ -10,53 +10,55 @@ use core::ffi::c_void;
 use nerf_core::render::{Limit, Rect};
 use nerf_core::volume::Pixel;
 
-/// One plane of a target, in the caller's memory. It begins with the top left pixel of the **rectangle**, not of the
-/// image. For rays and points it is one row.
+/// One plane of a target: the values of one output, or of limits, in the caller's memory. The first pixel is the top
+/// left one of the **rectangle**, not of the image. For rays and points the plane is one row.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Plane {
-    /// Address of the rectangle's top left pixel; NULL to leave the plane out, which then costs nothing.
+    /// Address of the rectangle's top left pixel; NULL leaves the plane out, at no cost.
     pub data: *mut c_void,
     /// Bytes from a pixel to its right neighbour; 0 for the size of a pixel.
     pub pixel_stride: usize,
-    /// Bytes from a pixel to the one below; negative if rows are stored bottom up; 0 for rows without a gap.
+    /// Bytes from a pixel to the pixel below; negative if rows are stored bottom up; 0 for rows without a gap.
     pub row_stride: isize,
-    /// A `nerf_format`: RGB or RGBA for `rgb`, VEC3_F32 for `normals`, F32 for the others.
+    /// Format of a pixel, a `nerf_format`: RGB or RGBA for `rgb`, VEC3_F32 for `normals`, F32 for every other plane.
     pub format: u32,
     /// Reserved; must be 0.
     pub reserved: u32,
 }
 
-/// The target of a render: a plane that is NULL is not computed, and takes no memory.
+/// The target of a render. `limit_ray_distance` and `limit_z_depth` are inputs; every other plane is an output.
 ///
-/// Planes may share memory as channels of one structure; bytes between pixels are never touched. Those written to
-/// must not share a byte (`NERF_STATUS_OVERLAP`). `far`: no less than any distance in the scene, up to a limit.
+/// An output plane that is NULL is not computed, and takes no memory. Planes may share memory as channels of one
+/// structure: bytes between pixels are never touched. Output planes must not share a byte (`NERF_STATUS_OVERLAP`). A
+/// pixel without a surface has the distance `far`: no less than any distance in the scene, or, if nearer, the pixel's
+/// own limit along its ray or `far_distance` of the options.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Target {
     /// `sizeof(nerf_target)`.
     pub struct_size: usize,
-    /// Colour, composited display-encoded unless `options.effects.linear` is 1.
+    /// Colour. Compositing and result are display-encoded, or linear light if `options.effects.linear` is 1.
     pub rgb: Plane,
     /// Opacity, in `[0, 1]`.
     pub opacity: Plane,
-    /// Mean distance along the ray, world units; `far` where opacity is 1e-4 or less.
+    /// Mean distance along the ray under the sample weights, world units; `far` where opacity is 1e-4 or less.
     pub ray_distance: Plane,
-    /// Mean distance along the view axis, world units; `far` where opacity is 1e-4 or less.
+    /// Mean distance along the view axis under the sample weights, world units; `far` where opacity is 1e-4 or less.
     pub z_depth: Plane,
-    /// Smallest distance along the ray at which less than half of the light is left, world units; `far` if there is
-    /// none. Needs a `transmittance_cut` of at most 0.5.
+    /// Smallest distance along the ray at which transmittance is below one half, world units; `far` if there is none.
+    /// Needs a `transmittance_cut` of at most 0.5.
     pub median_distance: Plane,
-    /// The surface's normal, the mean of -grad(density)/|grad(density)| along the ray: world space, unit
-    /// length, or 0 where opacity is 1e-4 or less or directions cancel. Costs about as much as two more
-    /// samples a ray.
+    /// Normal of the surface: mean of -grad(density)/|grad(density)| under the sample weights, world space, unit
+    /// length; 0 where opacity is 1e-4 or less or directions cancel. Costs about as much as two more samples per ray.
     pub normals: Plane,
-    /// Input: distance along each pixel's ray at which it ends, world units, such as a hit that the host has traced.
-    /// Infinity or NaN for no end; NULL for no limits. It cuts the sample interval that it lies in, so edges are
-    /// smooth, and samples after it cost nothing.
+    /// Input: distance along each pixel's ray at which the ray ends, world units, for example at a surface that the
+    /// host has traced. Infinity or NaN for no end; NULL for no limits. A limit cuts the sample interval that contains
+    /// the limit, so edges are smooth. Samples behind a limit cost nothing.
     pub limit_ray_distance: Plane,
-    /// Input: the same limits as distances along the view axis, such as a depth buffer. At most one of the two. A depth
-    /// `d` in normalised device coordinates is `p[14] / (d + p[10])`, of a column-major perspective `p` along -Z.
+    /// Input: limits as in `limit_ray_distance`, but along the view axis, such as a depth buffer; only one of these two
+    /// planes may be set. A depth `d` in normalised device coordinates is `p[14] / (d + p[10])`, of a column-major
+    /// perspective `p` along -Z.
     pub limit_z_depth: Plane,
 }
 
@@ -85,11 +87,11 @@ pub(crate) struct Canvas {
 }
 
 impl Canvas {
-    /// Checks the planes for a rectangle of an image.
+    /// Checks the planes of a target for the rectangle `rect` of an image.
     ///
     /// # Safety
-    /// `at` is NULL or points to `struct_size` readable bytes; its planes are NULL or span memory that is writable while the
-    /// canvas is used.
+    /// `at` is NULL or points to `struct_size` readable bytes; its planes are NULL or span memory that is writable
+    /// while the canvas is used.
     pub unsafe fn of_image(at: *const Target, rect: Rect, worker: &State) -> Result<Self, Failure> {
         let extent = (rect.width as usize, rect.height as usize);
         // SAFETY: the caller's promise.
@@ -98,17 +100,17 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// Returns an error if there is a plane other than colour, which is all that a picture has.
+    /// Returns an error if a plane other than colour is given: a picture (a 2D field) has only colour.
     pub fn check_picture(&self) -> Result<(), Failure> {
         let planes = self.surfaces.iter().chain([&self.limit]).flatten();
         let other = planes.map(|surface| surface.channel).find(|channel| *channel != Channel::Colour);
         other.map_or(Ok(()), |channel| Err(Failure::ScenePlane(channel.name())))
     }
 
-    /// Checks the planes for `count` points, which must not overlap the memory in `read`. `rgb.data` may be NULL.
+    /// Checks the planes of `count` points, which must not overlap the memory in `read`. `rgb.data` may be NULL.
     ///
     /// # Safety
-    /// That of [`Canvas::of_image`].
+    /// As for [`Canvas::of_image`].
     pub unsafe fn of_points(
         sigma: &Plane,
         rgb: &Plane,
@@ -132,11 +134,11 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// Checks every plane against its extent, the scenes, the worker and the other planes. `read`: for rays, the memory
-    /// of their inputs, which the planes must not overlap either.
+    /// Checks every plane against its extent, the scenes, the worker and the other planes. `read`: memory of the rays'
+    /// input arrays, which no plane may overlap; `None` for an image.
     ///
     /// # Safety
-    /// That of [`Canvas::of_image`].
+    /// As for [`Canvas::of_image`].
     pub unsafe fn of_target(
         at: *const Target,
         extent: Extent,
@@ -170,14 +172,14 @@ impl Canvas {
                 None => canvas.limit = Some(checked),
             }
         }
-        // Without rays no plane is needed.
+        // A target for 0 rays needs no plane.
         if canvas.surfaces.iter().all(Option::is_none) && extent.0 > 0 {
             return Err(Failure::NoPlane);
         }
         Ok(canvas)
     }
 
-    /// Checks the tone of planes with alpha; without any, has the worker composite over the background.
+    /// Checks that the tone suits planes with alpha. Without alpha, lets the worker composite over the background.
     pub fn set_up(&self, worker: &mut State) -> Result<(), Failure> {
         let alpha = self.surfaces.iter().flatten().any(|surface| surface.format.has_alpha());
         if alpha {
@@ -221,7 +223,7 @@ impl Canvas {
 }
 
 impl Surface {
-    /// The limit of a pixel of the rectangle, in a plane of limits.
+    /// Reads the limit of pixel (`x`, `y`) of the rectangle from a plane of limits.
     #[inline]
     pub fn limit(&self, x: u32, y: u32) -> Limit {
         // SAFETY: the pixel lies in the rectangle that `check` was given; the memory is readable by the promise of
@@ -246,8 +248,8 @@ impl Surface {
     }
 }
 
-/// Checks a plane: output, format, strides, alignment, extent, and that it overlaps neither scenes nor worker nor the
-/// memory in `read`, which rays and points have. `None` for a plane that is left out.
+/// Checks a plane: output, format, strides, alignment, extent, and no overlap with scenes, worker and the memory in
+/// `read`, the input arrays of rays or points. Returns `None` for a plane that is left out.
 fn check(
     channel: Channel,
     plane: &Plane,

@@ -20,9 +20,9 @@ impl Plain {
 /// A tile's pixels, row by row. Outputs that were not requested take no memory.
 pub(crate) struct TilePixels<'w> {
     plain: &'w mut [Plain],
-    /// `[pixels]`, or empty if not requested.
+    /// Median distances, `[pixels]`, world units; empty if not requested.
     median_distance: &'w mut [f32],
-    /// `[pixels]`, or empty if not requested.
+    /// Normals, `[pixels]`; empty if not requested.
     normals: &'w mut [[f32; 3]],
 }
 
@@ -47,7 +47,7 @@ impl<'w> TilePixels<'w> {
         }
     }
 
-    /// Stores pixel `i` of the tile.
+    /// Stores `pixel` as pixel `i` of the tile.
     pub fn put(&mut self, i: usize, pixel: &Pixel) {
         let Pixel { rgb, opacity, ray_distance, z_depth, .. } = *pixel;
         if let Some(plain) = self.plain.get_mut(i) {
@@ -61,7 +61,7 @@ impl<'w> TilePixels<'w> {
         }
     }
 
-    /// Pixel `i` of the tile; blank if `i` is out of range.
+    /// Returns pixel `i` of the tile; blank if `i` is out of range.
     pub fn get(&self, i: usize) -> Pixel {
         let plain = self.plain.get(i).copied().unwrap_or(Plain::BLANK);
         let Plain { rgb, opacity, ray_distance, z_depth } = plain;

@@ -2,9 +2,9 @@
 
 use core::ffi::{CStr, c_char};
 
-/// Version of the ABI this header describes; the library's own is `nerf_abi_version()`.
+/// Version of the ABI that this header describes; `nerf_abi_version()` is the library's.
 ///
-/// It changes only when a program built against the old header would break.
+/// The version changes only when a program built against the old header would break.
 pub const NERF_ABI_VERSION: u32 = 2;
 
 const TEXT: &CStr = match CStr::from_bytes_with_nul(concat!(env!("CARGO_PKG_VERSION"), "\0").as_bytes()) {
@@ -12,13 +12,13 @@ const TEXT: &CStr = match CStr::from_bytes_with_nul(concat!(env!("CARGO_PKG_VERS
     Err(_) => c"",
 };
 
-/// Version of the ABI the library was built with; compare with `NERF_ABI_VERSION`.
+/// Version of the ABI that the library was built with; to be compared with `NERF_ABI_VERSION`.
 #[unsafe(no_mangle)]
 pub extern "C" fn nerf_abi_version() -> u32 {
     NERF_ABI_VERSION
 }
 
-/// Version of the library as text, "0.1.0"; static.
+/// Version of the library as text, such as "0.1.0"; static.
 #[unsafe(no_mangle)]
 pub extern "C" fn nerf_version_text() -> *const c_char {
     TEXT.as_ptr()

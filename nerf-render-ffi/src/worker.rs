@@ -23,21 +23,21 @@ use nerf_core::render::{self, TILE_SIDE};
 #[cfg(feature = "instances")]
 use nerf_core::space::Placement;
 
-/// A request to open a worker. Its pointers are read by that call alone, except for the scenes, which are borrowed.
+/// A request to open a worker. Pointers are read during the call only, except for scenes, which the worker borrows.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Request {
     /// `sizeof(nerf_request)`.
     pub struct_size: usize,
-    /// The scene, or a picture (a 2D field), in its own coordinates; NULL if there are `instances`.
+    /// Scene, or picture (a 2D field), in its own coordinates; NULL if there are `instances`.
     pub scene: *const Scene,
-    /// NULL, or scenes that the host has placed in its own world: cameras, rays, points and distances are in that
+    /// Scenes that the host has placed in its own world, or NULL: cameras, rays, points and distances are in that
     /// world. Where instances overlap, densities add and colours are mixed by density. An unbounded scene must be the
-    /// last; its background is shown. Only in a library built with `instances`.
+    /// last instance; its background is shown. Only in a library built with `instances`.
     pub instances: *const crate::instance::Instance,
     /// Number of instances; 0 with `scene`.
     pub instance_count: usize,
-    /// NULL for the defaults.
+    /// Options of the frames; NULL for the defaults.
     pub options: *const RenderOptions,
     /// `NERF_OUTPUT_*` of the planes that targets will have, or-ed; for queries `NERF_OUTPUT_RGB` or 0.
     pub outputs: u32,
@@ -54,19 +54,19 @@ pub(crate) struct Member {
     pub plan: Option<Plan<'static>>,
 }
 
-/// A worker: lies at the beginning of the memory it was opened in and borrows the scenes.
+/// A worker, which lies at the beginning of the memory that it was opened in, and borrows the scenes.
 ///
-/// A worker owns nothing, and there is nothing to close. One call at a time may use it: a concurrent one is
-/// `NERF_STATUS_BUSY`, as is every call after `NERF_STATUS_PANIC`. It is valid until the caller reuses its memory or
-/// a scene's.
+/// A worker owns nothing, and there is nothing to close. Only one call at a time may use a worker: a concurrent call is
+/// `NERF_STATUS_BUSY`, as is every call after `NERF_STATUS_PANIC`. A worker is valid until the caller reuses its memory
+/// or a scene's memory.
 #[repr(align(64))]
 pub struct Worker {
-    /// Set while a call uses the state. It lies outside of the state, since concurrent calls read it.
+    /// Set while a call uses `state`. The flag lies outside of the state, since concurrent calls read the flag.
     busy: AtomicBool,
     state: UnsafeCell<State>,
 }
 
-/// The prepared renderer of a worker: fields, or the memory of a picture.
+/// The prepared renderer of a worker: of radiance fields, or of a picture.
 #[allow(clippy::large_enum_variant, reason = "one lies in each worker, and nothing here allocates")]
 pub(crate) enum Work {
     Fields(render::Worker<'static>),
@@ -79,9 +79,9 @@ pub(crate) struct State {
     pub(crate) work: Work,
     pub(crate) members: &'static [Member],
     pub(crate) settings: Settings,
-    /// `NERF_OUTPUT_*`, or-ed.
+    /// Outputs that the worker was opened for: `NERF_OUTPUT_*`, or-ed.
     pub(crate) outputs: u32,
-    /// The tile in progress, copied to the target once it is finished, so that not even a panic leaves half of one.
+    /// Pixels of the tile in progress. Only a finished tile is copied to the target, even if a call panics.
     pub(crate) pixels: TilePixels<'static>,
     pub(crate) memory: Span,
     /// Bytes of memory that the worker takes.
@@ -89,7 +89,7 @@ pub(crate) struct State {
 }
 
 impl Worker {
-    /// Sets the flag; returns whether it was set already.
+    /// Sets `busy` and returns whether the flag was set already.
     fn take(&self) -> bool {
         #[cfg(target_has_atomic = "8")]
         let taken = self.busy.swap(true, Ordering::Acquire);
@@ -105,10 +105,10 @@ impl Worker {
 
 /// Runs the body of a call with exclusive access to a worker's state.
 ///
-/// After a panic of the body, which leaves its work half done, the worker stays busy.
+/// A panic of the body leaves the work half done: the worker stays busy then.
 ///
 /// # Safety
-/// `worker` is NULL or a handle whose memory and scenes are intact, and their memory is used through it alone.
+/// `worker` is NULL or a handle whose memory and scenes are intact; the memory is used through this handle alone.
 pub(crate) unsafe fn with_worker(
     worker: *mut Worker,
     body: impl FnOnce(&mut State) -> Result<(), Failure>,
@@ -125,8 +125,8 @@ pub(crate) unsafe fn with_worker(
     if worker.take() {
         return Err(Failure::Busy);
     }
-    // SAFETY: the flag was clear, so that no other call has a reference to the state, and while it is set none makes one:
-    // a call that finds it set has touched the flag alone, which is no part of the state.
+    // SAFETY: the flag was clear, so no other call has a reference to the state. While the flag is set, no call makes
+    // one: a call that finds the flag set has touched the flag alone, which is no part of the state.
     let result = body(unsafe { &mut *worker.state.get() });
     worker.busy.store(false, Ordering::Release);
     result
@@ -163,7 +163,7 @@ impl State {
         self.members.iter().try_for_each(|member| member.scene.check_apart(name, span))
     }
 
-    /// The fields that frames are rendered from; an error for a picture.
+    /// Returns the renderer of radiance fields; an error for a picture (a 2D field).
     pub(crate) fn fields(&mut self) -> Result<&mut render::Worker<'static>, Failure> {
         match &mut self.work {
             Work::Fields(fields) => Ok(fields),
@@ -172,7 +172,7 @@ impl State {
     }
 }
 
-/// Width and height of the tiles that a frame is rendered in: at most as many pixels as a batch has rays.
+/// Width and height of a frame's tiles, pixels: a tile has at most as many pixels as a batch has rays.
 pub(crate) fn tile_size(batch: Batch) -> (u32, u32) {
     let side = TILE_SIDE as usize;
     let width = side.min(batch.rays).max(1);
@@ -199,7 +199,7 @@ struct Shares {
 
 impl Checked {
     /// # Safety
-    /// `at` is NULL or points to a request whose pointers are NULL or point to what it says.
+    /// `at` is NULL or points to a request whose pointers are NULL or point to what [`Request`] describes.
     unsafe fn read(at: *const Request) -> Result<Self, Failure> {
         // SAFETY: `at` is as this function's `# Safety` has it.
         let request = unsafe { read_versioned(at)? };
@@ -217,7 +217,7 @@ impl Checked {
         // SAFETY: `options` is as this function's `# Safety` has it.
         let mut settings = unsafe { Settings::read(request.options)? };
         if placed {
-            // Merged fields take uniform samples, none from proposal networks.
+            // Instances are sampled uniformly, without proposal networks.
             settings.frame.quality.proposal = false;
         }
         let outputs = read_outputs("request.outputs", request.outputs)?;
@@ -228,14 +228,14 @@ impl Checked {
         self.request.instance_count.max(1)
     }
 
-    /// The scene with index `_index`.
+    /// Returns the scene with index `_index`.
     ///
     /// # Safety
     /// As in [`Checked::read`]; the scenes stay as they are during `'a`.
     unsafe fn scene<'a>(&self, _index: usize) -> Result<&'a Scene, Failure> {
         #[cfg(feature = "instances")]
         if self.placed {
-            // SAFETY: `_index` is less than their number, and the rest is as this function's `# Safety` has it.
+            // SAFETY: `_index` is below the number of instances; the rest is as this function's `# Safety` has it.
             let scene = unsafe {
                 Instance::read(self.request.instances, _index).and_then(|instance| Scene::of(instance.scene))
             };
@@ -245,7 +245,7 @@ impl Checked {
         unsafe { Scene::of(self.request.scene) }
     }
 
-    /// The placement of instance `index`; the identity without instances.
+    /// Returns the placement of instance `index`; the identity without instances.
     ///
     /// # Safety
     /// As in [`Checked::read`].
@@ -254,11 +254,11 @@ impl Checked {
         if !self.placed {
             return Ok(Placement::IDENTITY);
         }
-        // SAFETY: `index` is less than their number, and the rest is as this function's `# Safety` has it.
+        // SAFETY: `index` is below the number of instances; the rest is as this function's `# Safety` has it.
         unsafe { Instance::read(self.request.instances, index)?.placement(index) }
     }
 
-    /// The failure of the scene `_index`, named by its index if the request has instances.
+    /// Adds the scene's `_index` to `failure` if the request has instances.
     fn of_scene(&self, _index: usize, failure: Failure) -> Failure {
         #[cfg(feature = "instances")]
         if self.placed {
@@ -267,7 +267,7 @@ impl Checked {
         failure
     }
 
-    /// The plan of scene `index`, in the scene's units; `None` for a picture.
+    /// Makes the plan of scene `index`, in the scene's units of `scale` world units; `None` for a picture.
     fn plan(&self, index: usize, scene: &Scene, scale: f32) -> Result<Option<Plan<'static>>, Failure> {
         let blob = scene.renderer().blob();
         if blob.picture().is_some() && !self.placed {
@@ -280,7 +280,7 @@ impl Checked {
     /// Computes the size of the memory that a worker takes.
     ///
     /// # Safety
-    /// That of [`Checked::scene`].
+    /// As for [`Checked::scene`].
     unsafe fn shares(&self) -> Result<Shares, Failure> {
         // SAFETY: the caller's promise.
         let (index, last) = (self.count() - 1, unsafe { self.scene(self.count() - 1)? });
@@ -288,7 +288,7 @@ impl Checked {
         let rest = match self.plan(index, last, 1.0)? {
             #[cfg(feature = "instances")]
             Some(plan) if self.placed => {
-                // Whatever opening a worker refuses is refused here, too.
+                // Refuses whatever opening a worker refuses.
                 for index in 0..self.count() {
                     // SAFETY: the caller's promise.
                     let scene = unsafe { self.scene(index)? };
@@ -296,7 +296,7 @@ impl Checked {
                     let scale = unsafe { self.placement(index)? }.scale();
                     self.plan(index, scene, scale)?;
                 }
-                // SAFETY: as above; each was just looked at.
+                // SAFETY: as above; each scene was read just now.
                 let scenes = (0..self.count()).filter_map(|index| unsafe { self.scene(index) }.ok());
                 render::Worker::instances_lines(scenes.map(Scene::renderer), &plan)
             }
@@ -317,7 +317,7 @@ impl Checked {
 
 /// Computes the size and alignment of the memory that a worker for a request takes.
 ///
-/// The size depends on the scene's network, the outputs, the batch and the number of instances, not on the picture's.
+/// The size depends on the scene's network, the outputs, the batch and the number of instances, not on the image size.
 ///
 /// `size` and `align` are written on success only. `message`: as in `nerf_scene_memory`.
 ///
@@ -336,12 +336,12 @@ pub unsafe extern "C" fn nerf_worker_size(
     unsafe { call_for_size((size, align), message, || Ok(Checked::read(request)?.shares()?.bytes)) }
 }
 
-/// Opens a worker in the caller's memory: whatever does not change from call to call is checked and prepared here.
+/// Opens a worker in the caller's memory, and checks and prepares whatever does not change from call to call.
 ///
-/// The worker borrows `memory` and the scenes: the caller leaves them in place and unchanged while the worker is
-/// used. Each thread needs its own. `memory`: at least the size and alignment that `nerf_worker_size` says, not
-/// overlapping scenes, blobs and anything else that is passed here. `worker` receives the handle on success only;
-/// there is nothing to close. `message`: as in `nerf_worker_size`.
+/// The worker borrows `memory` and the scenes: the caller leaves them in place and unchanged while the worker is used.
+/// Each thread needs a worker of its own. `memory`: has at least the size and alignment from `nerf_worker_size`, and
+/// does not overlap scenes, blobs or any other argument. `worker` receives the handle on success only; there is nothing
+/// to close. `message`: as in `nerf_worker_size`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; scenes are intact.
@@ -370,7 +370,7 @@ pub unsafe extern "C" fn nerf_worker_open(
             ("request.options", options.cast(), 1),
             ("request.instances", instances.cast(), instance_count),
         ] {
-            // SAFETY: `checked` and its shares have read each of them.
+            // SAFETY: `checked` and `shares` were made by reading each of these structures.
             let read = unsafe { span_of(name, first, count)? };
             read.check_apart(name, span, "the worker's memory")?;
         }
@@ -394,7 +394,7 @@ pub unsafe extern "C" fn nerf_worker_open(
     })
 }
 
-/// The unused rest of the memory that a worker lies in.
+/// The unused rest of the memory that the caller lends to a worker.
 struct Lent {
     at: *mut Line,
 }
@@ -417,7 +417,7 @@ impl Lent {
     /// Makes `count` values in the next unused lines and returns them.
     ///
     /// # Safety
-    /// That of [`Lent::lines`], of as many lines as the values take.
+    /// As for [`Lent::lines`], for as many lines as the values take.
     #[inline(always)]
     unsafe fn values<T>(
         &mut self,
@@ -432,7 +432,7 @@ impl Lent {
             // SAFETY: one of `count` places in the lines, aligned for T (asserted above).
             unsafe { first.add(index).write(value) };
         }
-        // SAFETY: all of them have just been written, and nobody writes to them again.
+        // SAFETY: all `count` values have just been written, and nobody writes to them again.
         Ok(unsafe { core::slice::from_raw_parts(first, count) })
     }
 }
@@ -440,8 +440,8 @@ impl Lent {
 /// Opens a worker at the beginning of `memory`.
 ///
 /// # Safety
-/// `memory` points to as many writable bytes as the sizes' `bytes`, aligned as a [`Line`], and does not overlap the scenes.
-/// Nothing else uses the memory, and the scenes stay valid, while the worker is used.
+/// `memory` points to `shares.bytes` writable bytes, aligned as a [`Line`], and does not overlap the scenes. Nothing
+/// else uses the memory, and the scenes stay valid, while the worker is used.
 unsafe fn open_in(
     checked: &Checked,
     shares: &Shares,
@@ -460,10 +460,10 @@ unsafe fn open_in(
         let scale = 1.0;
         Ok(Member { scene, plan: checked.plan(index, scene, scale)? })
     };
-    // SAFETY: these are the shares, in order.
+    // SAFETY: the lines are taken in the order and number of `shares`.
     let members = unsafe { lent.values(checked.count(), member)? };
     #[cfg(feature = "instances")]
-    // SAFETY: as above; there are as many members.
+    // SAFETY: as above; there is one member per instance.
     let instances = unsafe {
         lent.values(if checked.placed { members.len() } else { 0 }, |index| {
             let Member { scene, plan } = &members[index];

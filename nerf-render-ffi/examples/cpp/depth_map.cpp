@@ -2,10 +2,10 @@
 //
 //     depth_map scene.nerf out_prefix [width height]
 //
-// Writes out_prefix.png (8-bit colour), out_prefix.pfm (float z_depth, world units; the far distance where
-// nothing is) and out_prefix_z_depth.png (16-bit grey: z_depth in steps whose size stands in the file, as the
-// text "Scale", and on stdout; 0 where nothing is: opacity below one half). World units are those of the camera
-// poses that the scene was made from: metres if those were in metres. 400x400 unless told otherwise.
+// Writes out_prefix.png (8-bit colour), out_prefix.pfm (float z_depth, world units; the far distance where nothing is)
+// and out_prefix_z_depth.png (16-bit grey: z_depth in steps; 0 where opacity is below one half). The size of a step is
+// in the file, as the text "Scale", and on stdout. World units are those of the camera poses that the scene was made
+// from: metres if the poses were in metres. 400x400 unless told otherwise.
 #include "image_files.hpp"
 #include "nerf_render.hpp"
 
@@ -24,7 +24,7 @@ int fail(const std::string &what) {
     return EXIT_FAILURE;
 }
 
-// Enough digits to tell every float.
+// Writes a float with enough digits to distinguish all floats.
 std::string digits(float number) {
     std::ostringstream text;
     text.precision(9);
@@ -52,7 +52,7 @@ int main(int argc, char **argv) {
     const auto columns = static_cast<std::uint32_t>(width), rows = static_cast<std::uint32_t>(height);
     const auto camera = scene->start_camera(columns, rows, 0.7f);
 
-    // Three planes of one frame; what is not named here is not computed.
+    // Three planes of one frame; other outputs are not computed.
     const std::size_t pixels = std::size_t{columns} * rows;
     std::vector<std::uint8_t> rgb(3 * pixels);
     std::vector<float> opacity(pixels), z_depth(pixels);
@@ -61,7 +61,7 @@ int main(int argc, char **argv) {
     target.opacity = nerf::plane::f32(opacity);
     target.z_depth = nerf::plane::f32(z_depth);
 
-    // Loses nothing that any picture shows.
+    // Preset without a visible loss.
     nerf::options options;
     if (const auto set = scene->preset(NERF_PRESET_HIGH, options); !set) {
         return fail(set.error().text());
@@ -79,7 +79,7 @@ int main(int argc, char **argv) {
         return fail(counters.error().text());
     }
 
-    // The scene's far distance, or what is seen from farther off: no step is beyond 65535.
+    // Scale of the 16-bit steps: 65535 is the scene's far distance, or the farthest z_depth if that is larger.
     float farthest = scene->info().far_distance;
     for (std::size_t i = 0; i < pixels; ++i) {
         farthest = std::fmax(farthest, opacity[i] < 0.5f ? 0.0f : z_depth[i]);

@@ -1,4 +1,4 @@
-// Embree traces a mesh, and a field stands in it: a ray's hit is where the field's part of it ends.
+// Embree traces a mesh with a field inside: the field is rendered along each ray up to the mesh.
 //
 //     embree scene.nerf out_prefix [width height]         (Debian: libembree-dev; link with -lembree3)
 #include "world.hpp"
@@ -9,7 +9,7 @@ namespace {
 
 using namespace world;
 
-// Three walls and a step: a corner for the field to stand in.
+// Three walls and a step: a corner around the field.
 const vec3 corners[] = {{-1.6f, -1.6f, floor_height}, {2.0f, -1.6f, floor_height}, {2.0f, 2.0f, floor_height}, {-1.6f, 2.0f, floor_height},
                         {-1.6f, -1.6f, 1.3f}, {-1.6f, 2.0f, 1.3f}, {2.0f, 2.0f, 1.3f},
                         {-0.45f, -1.0f, -0.1f}, {-0.45f, 1.0f, -0.1f}, {-0.45f, 1.0f, 0.2f}, {-0.45f, -1.0f, 0.2f}};

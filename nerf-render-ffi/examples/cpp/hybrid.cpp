@@ -1,9 +1,9 @@
-// A small ray tracer of Whitted's kind with two fields in it: a floor, a mirror, a ball of glass, and two instances of the
-// scene that overlap. Everything hides everything else, in mirrors too, and fields throw shadows on the floor.
+// A small ray tracer of Whitted's kind with two fields: a floor, a mirror, a ball of glass, and two instances of the
+// scene that overlap. Surfaces and fields hide each other, also in mirrors, and fields cast shadows on the floor.
 //
 //     hybrid scene.nerf out_prefix [width height [threads]]
 //
-// Rays are traced in waves: what all rays of a row see of the fields is one call.
+// Rays are traced in waves: one call renders the fields along all rays of a row.
 #include "world.hpp"
 
 namespace {
@@ -30,7 +30,7 @@ float distance(const Ball &ball, vec3 origin, vec3 dir) {
     return -b - root > 1e-3f ? -b - root : -b + root > 1e-3f ? -b + root : infinity;
 }
 
-// A ray on its way, and what it sees of the fields before it meets a surface.
+// A ray in flight, and the colour and opacity of the fields in front of the surface that the ray meets.
 struct Path {
     vec3 origin, dir, light;
     float t_max;
@@ -44,14 +44,14 @@ struct Shadow {
     float opacity;
 };
 
-// A thread's own.
+// State of one thread.
 struct Tracer {
     nerf::worker colours, shadows;
     double in_fields = 0.0;
     std::vector<Path> wave, next;
     std::vector<Shadow> waiting;
 
-    // What the fields do to a wave of rays, and to the light of the sun.
+    // Renders the fields along a wave of rays; `look_at_the_sun` renders the opacity along shadow rays.
     void look() {
         const Stopwatch watch;
         const nerf::rays rays{nerf::member(wave, &Path::origin), nerf::member(wave, &Path::dir), {},
@@ -88,7 +88,7 @@ struct Tracer {
         }
     }
 
-    // Light of the floor goes into the row at once but for the sun's, which waits for its shadow.
+    // Adds the sky's light on the floor to the row at once. The sun's light waits for the result of a shadow ray.
     void leave(const Path &path, vec3 light, vec3 *row) {
         if (path.surface == -2) {
             row[path.x] = row[path.x] + times(light, sky(path.dir));
@@ -115,7 +115,7 @@ struct Tracer {
             send(path, p, mirrored(path.dir, normal), 0.9f * light);
             return;
         }
-        // Snell, and Schlick's estimate of how much is reflected.
+        // Snell's law, and Schlick's estimate of the reflected fraction.
         const float ratio = leaving ? 1.5f : 1.0f / 1.5f, cosine = -dot(path.dir, normal);
         const float beyond = 1.0f - ratio * ratio * (1.0f - cosine * cosine);
         const float inside = leaving ? std::sqrt(std::max(beyond, 0.0f)) : cosine;
@@ -152,7 +152,7 @@ struct Tracer {
 int main(int argc, char **argv) {
     const Arguments arguments(argc, argv, "threads", 2);
     const nerf::scene scene = expect(nerf::scene::open_file(arguments.scene));
-    // As it was, and half as large, turned by a quarter and moved into it.
+    // Transform of the second instance: about half as large, turned by a quarter and moved into the first one.
     const float second[16] = {0.0f, 0.55f, 0.0f, 0.0f, -0.55f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.55f, 0.0f, 0.85f, 0.75f, -0.2f, 1.0f};
     const nerf::instance fields[] = {nerf::instance(scene), nerf::instance(scene, second)};
     nerf::options linear;

@@ -1,6 +1,6 @@
 // Pictures as files, with nothing but the standard library: PPM, PGM, PFM, and PNG of 8 or 16 bits a channel.
 //
-// The PNGs are not compressed (deflate's "stored" blocks): any reader takes them, and no library is needed.
+// PNGs are not compressed (deflate's "stored" blocks): any reader accepts these files, and no library is needed.
 #ifndef IMAGE_FILES_HPP
 #define IMAGE_FILES_HPP
 
@@ -14,7 +14,7 @@
 
 namespace image_files {
 
-/// Whether all of it reached the file.
+/// Writes a file. Returns whether all bytes were written.
 inline bool write(const std::string &path, const std::string &bytes) {
     std::ofstream file(path, std::ios::binary);
     file.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
@@ -26,14 +26,14 @@ inline std::string text_of(const void *bytes, std::size_t size) {
     return {static_cast<const char *>(bytes), size};
 }
 
-/// Binary PPM (three bytes a pixel) or PGM (one).
+/// Makes a binary PPM (three bytes a pixel) or PGM (one byte a pixel).
 inline std::string pnm(std::uint32_t width, std::uint32_t height, const std::vector<std::uint8_t> &pixels) {
     const bool grey = pixels.size() == std::size_t{width} * height;
     return (grey ? "P5\n" : "P6\n") + std::to_string(width) + " " + std::to_string(height) + "\n255\n" +
            text_of(pixels.data(), pixels.size());
 }
 
-/// PFM of one or three floats a pixel, in the machine's byte order; the format begins with the bottom row.
+/// Makes a PFM of one or three floats a pixel, in the machine's byte order; the format begins with the bottom row.
 inline std::string pfm(std::uint32_t width, std::uint32_t height, const std::vector<float> &pixels) {
     const std::uint16_t one = 1;
     const bool little = *reinterpret_cast<const unsigned char *>(&one) == 1;
@@ -95,12 +95,12 @@ inline std::string png_chunk(const std::string &name, const std::string &content
     return big_endian(static_cast<std::uint32_t>(content.size())) + named + big_endian(crc32(named));
 }
 
-/// A text inside a PNG: a keyword and what it says.
+/// A text inside a PNG: a keyword and its value.
 struct Note {
     std::string keyword, text;
 };
 
-/// PNG of rows of `bytes_a_row` bytes; 16-bit samples are big-endian. `colour_type`: 0 is grey, 2 is RGB.
+/// Makes a PNG of rows of `bytes_a_row` bytes; 16-bit samples are big-endian. `colour_type`: 0 is grey, 2 is RGB.
 inline std::string png(std::uint32_t width, std::uint32_t height, int bits, int colour_type, const std::string &pixels,
                        const std::vector<Note> &notes = {}) {
     const std::size_t bytes_a_row = height == 0 ? 0 : pixels.size() / height;

@@ -1,4 +1,4 @@
-// A ray tracer that goes pixel by pixel under OpenMP: each thread has workers of its own, and each ray is one call.
+// A ray tracer under OpenMP, pixel by pixel: each thread has workers of its own, and each ray is one call.
 //
 //     openmp scene.nerf out_prefix [width height]         (-fopenmp; OMP_NUM_THREADS says how many threads)
 #include "world.hpp"
@@ -7,7 +7,7 @@ namespace {
 
 using namespace world;
 
-// A thread's own.
+// State of one thread.
 struct Tracer {
     nerf::worker colours, shadows;
 

@@ -1,5 +1,5 @@
-// A small path tracer with a field in it: photons collide with the field or fly through, so that it shines onto the floor
-// and throws soft shadows, with nothing but one random number a ray.
+// A small path tracer with a field: photons collide with the field or fly through, so that the field lights the floor
+// and casts soft shadows, with only one random number per ray.
 //
 //     path scene.nerf out_prefix [width height [samples]]
 #include "world.hpp"
@@ -12,7 +12,7 @@ using namespace world;
 
 constexpr int bounces = 3;
 
-// A photon on its way back from the eye.
+// A photon, traced backwards from the eye.
 struct Path {
     vec3 origin, dir, light;
     float t_max, random;
@@ -29,7 +29,7 @@ struct Tracer {
 
     float number() { return static_cast<float>(generator() >> 8) / 16777216.0f; }
 
-    // Where the photons of a wave collide with the field, if they do.
+    // Samples where the photons of a wave collide with the field, if anywhere.
     void collide(std::vector<Path> &paths) {
         const Stopwatch watch;
         for (Path &path : paths) {
@@ -44,7 +44,7 @@ struct Tracer {
         in_field += watch.seconds();
     }
 
-    // A direction up from the floor, by the cosine.
+    // Samples a direction up from the floor, weighted by the cosine.
     vec3 scattered() {
         const float turn = 6.2831853f * number(), u = number(), r = std::sqrt(u);
         return {r * std::cos(turn), r * std::sin(turn), std::sqrt(1.0f - u)};

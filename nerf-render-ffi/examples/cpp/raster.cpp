@@ -1,5 +1,5 @@
-// A z-buffer rasteriser with a field in it: triangles are drawn as ever, and the field is drawn in front of them, each of
-// its rays up to the depth that the buffer has there. Two rings go through the scene, and a square lies under it.
+// A z-buffer rasteriser with a field. Triangles are drawn first, then the field in front: each ray ends at the depth in
+// the buffer. Two rings go through the scene, and a square lies below.
 //
 //     raster scene.nerf out_prefix [width height]
 #include "world.hpp"
@@ -14,7 +14,7 @@ struct Mesh {
     vec3 colour;
 };
 
-// A ring around an axis.
+// Makes a ring around an axis.
 Mesh ring(vec3 centre, vec3 axis, float radius, float thickness, vec3 colour) {
     constexpr std::uint32_t around = 96, across = 32;
     const vec3 side = normalised(cross(axis, {0.31f, 0.2f, 0.93f})), up = cross(axis, side);
@@ -34,7 +34,7 @@ Mesh ring(vec3 centre, vec3 axis, float radius, float thickness, vec3 colour) {
     return mesh;
 }
 
-// A square under it all.
+// Makes a square below the scene.
 Mesh ground() {
     const vec3 up{0.0f, 0.0f, 1.0f};
     const auto corner = [](float x, float y) { return vec3{x, y, floor_height}; };
@@ -42,7 +42,7 @@ Mesh ground() {
             {0, 1, 2, 0, 2, 3}, {0.4f, 0.4f, 0.42f}};
 }
 
-// Colours, and depths along the view axis.
+// Colours, and depths along the view axis, world units.
 struct Buffers {
     Film film;
     std::vector<float> depth;

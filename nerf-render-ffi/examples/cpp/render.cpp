@@ -1,4 +1,4 @@
-// Renders one view of a scene, or a picture, on all cores: threads take tiles.
+// Renders one view of a scene, or a picture, on all cores: each thread renders tile after tile.
 //
 //     render scene.nerf out_prefix [width height [threads]]
 //
@@ -41,7 +41,7 @@ struct Image {
     std::vector<float> z_depth; // empty for a picture
 };
 
-// One thread, with a worker of its own: takes tiles until none is left.
+// Renders tiles until none is left: the work of one thread, with a worker of its own.
 nerf::result<void> work(const nerf::scene &scene, const nerf::camera &camera, const nerf::target &target,
                         std::atomic<std::size_t> &next) {
     nerf::result<nerf::worker> worker = scene.worker(target.outputs());
@@ -134,7 +134,7 @@ int main(int argc, char **argv) {
     }
     const std::uint32_t columns = own_size ? info.picture_width : static_cast<std::uint32_t>(width);
     const std::uint32_t rows = own_size ? info.picture_height : static_cast<std::uint32_t>(height);
-    // A picture has a size and needs no pose.
+    // A picture needs no camera pose, only a size.
     nerf::camera camera(columns, rows, 1.2f * static_cast<float>(std::max(columns, rows)));
     camera.orbit(scene->centre(), scene->orbit_radius(), scene->start_azimuth(), scene->start_elevation(), scene->up());
     Image image(columns, rows, !scene->is_picture());

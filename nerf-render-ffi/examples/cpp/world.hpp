@@ -1,5 +1,5 @@
-// What the five renderers beside this file share: vectors, a film, threads, a floor under a sky. Nothing in here knows of
-// fields; z is up.
+// Code that the five renderers beside this file share: vectors, a film, threads, a floor under a sky. Nothing here
+// depends on fields; z is up.
 #ifndef WORLD_HPP
 #define WORLD_HPP
 
@@ -29,12 +29,12 @@ inline vec3 normalised(vec3 a) { return 1.0f / std::sqrt(dot(a, a)) * a; }
 inline vec3 mirrored(vec3 dir, vec3 normal) { return dir - 2.0f * dot(dir, normal) * normal; }
 inline vec3 between(vec3 a, vec3 b, float u) { return (1.0f - u) * a + u * b; }
 
-/// The sun, and the sky around it: linear radiance.
+/// Direction to the sun, and linear radiance of sun and sky.
 const vec3 to_sun = normalised({0.25f, 0.75f, 0.62f});
 const vec3 sun{1.25f, 1.15f, 1.0f};
 inline vec3 sky(vec3 dir) { return between({0.55f, 0.6f, 0.66f}, {0.14f, 0.25f, 0.5f}, std::max(0.0f, dir.z)); }
 
-/// A chequered floor at this height.
+/// Height of a chequered floor.
 constexpr float floor_height = -0.62f;
 inline float floor_distance(vec3 origin, vec3 dir) {
     const float t = (floor_height - origin.z) / dir.z;
@@ -52,7 +52,7 @@ struct Film {
     std::uint32_t width, height;
     std::vector<vec3> pixels;
 
-    /// prefix.pfm (linear, as it is) and prefix.png (sRGB).
+    /// Writes prefix.pfm (linear) and prefix.png (sRGB).
     bool save(const std::string &prefix) const {
         std::vector<std::uint8_t> bytes;
         std::vector<float> linear;
@@ -69,7 +69,7 @@ struct Film {
     }
 };
 
-/// Where the examples look from.
+/// Camera of the examples.
 inline nerf::camera view(std::uint32_t width, std::uint32_t height) {
     auto camera = nerf::camera::from_vertical_fov(width, height, 0.6f);
     return camera.look_at({3.6f, -3.3f, 1.9f}, {0.25f, 0.2f, -0.15f});
@@ -79,7 +79,7 @@ inline vec3 direction(const nerf::camera &camera, float x, float y) {
                       camera.backward());
 }
 
-/// Calls work(row) for each row, on as many threads as there are items of `states`: each with its own, work(row, state).
+/// Calls work(row, state) for each row, on one thread for each item of `states`, with the thread's own item.
 template <class State, class F>
 void in_rows(std::uint32_t rows, std::vector<State> &states, F &&work) {
     std::atomic<std::uint32_t> next{0};
@@ -105,7 +105,7 @@ private:
     clock::time_point begun_ = clock::now();
 };
 
-/// Of a program `scene.nerf prefix [width height [last]]`.
+/// Arguments of a program: `scene.nerf prefix [width height [last]]`.
 struct Arguments {
     const char *scene, *prefix;
     std::uint32_t width = 640, height = 480;
@@ -129,7 +129,7 @@ struct Arguments {
     }
 };
 
-/// What a result has, or the end of the program.
+/// Returns the value of a result, or ends the program on an error.
 template <class T>
 T expect(nerf::result<T> &&result) {
     if (!result) {

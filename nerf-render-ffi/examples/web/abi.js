@@ -250,7 +250,7 @@ class Scene {
       : new Float32Array(library.memory, at[i], pixels * PLANES[name][2]).slice();
     const field = (name, i) => name === 'rgba' ? ['rgb', { data: at[i], format: FORMAT_RGB_U8, pixel_stride: 4 }]
       : [name, { data: at[i], format: PLANES[name][1] }];
-    // Alpha is 255 throughout: the library writes the three bytes in front of it.
+    // Alpha is 255 in every pixel: the library writes only the three bytes in front of alpha.
     const rgba = names.indexOf('rgba');
     if (rgba >= 0) new Uint8Array(library.memory, at[rgba], 4 * pixels).fill(255);
     return {
@@ -330,7 +330,7 @@ class Scene {
       for (let axis = 0; axis < 3; axis++) {
         const [origin, dir] = [rays.origins[3 * i + axis], rays.dirs[3 * i + axis]];
         const [a, b] = [(crop.min[axis] - origin) / dir, (crop.max[axis] - origin) / dir];
-        // A ray along a side of the box has no number there.
+        // The sum is NaN for a ray that lies in a side of the box.
         if (!Number.isNaN(a + b)) [from, to] = [Math.max(from, Math.min(a, b)), Math.min(to, Math.max(a, b))];
       }
       if (from < to) [t_min[i], t_max[i]] = [from, to];

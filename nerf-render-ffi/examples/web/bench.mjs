@@ -1,4 +1,4 @@
-// The kernels of a module against each other, outside a browser: the fastest of some frames, in turn, by the
+// Compares the kernels of a module outside a browser: the fastest of several frames, kernels in turn, by the
 // processor's time, since other programs run too.
 //   node bench.mjs target/web/wasm32-unknown-unknown/web/nerf_render.wasm scene.nerf [pixels a side] [frames]
 import { readFileSync } from 'node:fs';
@@ -19,7 +19,7 @@ for (let i = 0; i <= Number(frames); i++) {
   for (const one of kernels) {
     const began = process.cpuUsage();
     const { planes, counters } = one.scene.render(request);
-    // The first frame is the engine's: it compiles.
+    // The first frame is not measured: the engine compiles the module then.
     const { user, system } = process.cpuUsage(began);
     if (i > 0) one.fastest = Math.min(one.fastest, (user + system) / 1000);
     one.flop = 2 * Number(counters.macs);

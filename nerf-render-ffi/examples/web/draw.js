@@ -97,7 +97,7 @@ class Picture {
 
   resize(width, height) {
     if (this.size[0] === width && this.size[1] === height) return;
-    // What was measured at another size says nothing here.
+    // Times measured at another size are not valid at this size.
     Object.assign(this, { size: [width, height], pace: null });
     this.change();
   }
@@ -145,7 +145,7 @@ class Picture {
     const camera = this.camera(width, height), look = { ...this.look, range: this.look.range ?? this.ownRange ?? [0, 1] };
     const left = tiles(width, height, this.threads.length), counters = {};
     let busy = 0, whole = true;
-    // Each thread has its next tile before it has ended one.
+    // Each thread gets its next tile before its current tile is finished.
     await Promise.all([...this.threads, ...this.threads].map(async thread => {
       while (left.length) {
         const rect = left.shift();
@@ -182,11 +182,11 @@ class Picture {
     const began = performance.now(), tiles = [];
     const { busy } = await this.frame(width, height, options, tile => tiles.push(tile), () => true);
     this.pixelMs = busy / (width * height);
-    // Of another kind by now, perhaps.
+    // The mode may have changed meanwhile.
     if (mode !== this.look.mode) return false;
     if (MODES[mode].unit) {
       this.ownRange = rangeOf(mode, tiles.flatMap(({ samples }) => samples));
-      // The first of its kind is drawn again, in the colours that it has now.
+      // The first picture of a mode is drawn again, with the range that is known now.
       if (!ownRange) return false;
     }
     const small = new OffscreenCanvas(width, height), ink = small.getContext('2d', { alpha: false });
@@ -213,7 +213,7 @@ class Picture {
     const [width, height] = this.size, limit = 4 * MOVING_MS * this.threads.length;
     const found = await this.threads[0].ask('pace',
       { camera: this.camera(width, height), planes: MODES.colour.planes, limit });
-    // Of another size or kernel by now, perhaps.
+    // Size or kernel may have changed meanwhile.
     if (this.generation === now) Object.assign(this, { pace: found, pixelMs: null });
   }
 

@@ -131,7 +131,7 @@ function connect() {
   });
   on('reset', 'click', actions.reset);
   on('photograph', 'change', event => compare(event.target.value === '' ? -1 : Number(event.target.value)));
-  // A photograph does not turn: a drag moves the split.
+  // The view of a photograph does not turn: a drag moves the split between photograph and render.
   on('scene', 'pointermove', event => {
     const place = canvas.getBoundingClientRect();
     if (photograph && event.buttons) split((event.clientX - place.left) / place.width);

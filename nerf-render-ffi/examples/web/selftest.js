@@ -31,7 +31,7 @@ async function dump(kernel) {
   const thread = new Thread();
   await thread.ask('open', { module: await library(), blob, kernel });
   const found = await thread.ask('render', { camera, rect, planes: ALL });
-  // The same by rays of the page's own; and where a plane ends the rays, as by their own ends.
+  // Rays of the page's own give the same planes, and limits in a plane the same as the rays' own t_max.
   const rays = await thread.ask('cameraRays', camera);
   const traced = await thread.ask('rays', { ...rays, planes: ALL });
   const t_max = found.planes.ray_distance.map((t, i) => i % 2 ? t : 0.9 * t);
@@ -82,7 +82,7 @@ function set(id, value) {
 async function crops(check, first) {
   await show(() => set('crop', true));
   const whole = pixels();
-  // The whole box cuts nothing away, but some bins at its sides.
+  // A crop to the whole box removes nothing but some bins at the sides of the box.
   const off = whole.filter((x, i) => Math.abs(x - first[i]) > 24).length / whole.length;
   check(`the whole box shows the whole scene (${off})`, off < 0.02);
   await show(() => set('crop-max-2', 50));
@@ -181,7 +181,7 @@ async function times() {
     for (const [name, value] of Object.entries({ threads, pixels: 400 })) view.setAttribute(name, value);
     return view;
   });
-  // The page's own draws nothing meanwhile.
+  // The page's own element is removed, so that only the measured elements draw.
   scene.remove();
   for (let turn = 0; turn < 20; turn++) {
     for (const [i, view] of views.entries()) {
@@ -204,7 +204,7 @@ async function times() {
  * `drag` it stops after the drag, with `look` before it: for pictures of the page.
  */
 async function selfTest(words) {
-  // The document is not loaded before this one is, so that a headless browser waits.
+  // The document is loaded only after this frame, so that a headless browser waits.
   const wait = document.createElement('iframe');
   wait.hidden = true;
   body.append(wait);

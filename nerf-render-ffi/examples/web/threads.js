@@ -21,7 +21,7 @@ async function compile() {
     throw new Error('this browser has no WebAssembly SIMD, which drawing needs; browsers of 2023 and later have it');
   }
   try {
-    // Not compileStreaming, which wants a server that knows the type.
+    // compileStreaming would need a server that sends the MIME type of WebAssembly.
     return await WebAssembly.compile(await (await fetched(LIBRARY)).arrayBuffer());
   } catch (error) {
     compiled = null;

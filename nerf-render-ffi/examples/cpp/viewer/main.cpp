@@ -1,10 +1,10 @@
-// Looks around in a scene: coarse while the camera moves, and as good as it gets while it rests.
+// Interactive viewer: coarse frames while the camera moves, and frames of best quality while the camera rests.
 //
 //     viewer scene.nerf [options]
 //
-// Mouse: drag to turn, right button or shift to pan, wheel to come nearer. Keys: d z_depth, n normals,
-// c colour, s screenshot, k chooses a view, p writes those chosen as a camera path, q quit. A scene with a front (nerf-train study) is drawn with the settings that lose
-// least in the time there is; any other in as many pixels as there is time for.
+// Mouse: drag to turn, right button or shift to pan, wheel to come nearer. Keys: d z_depth, n normals, c colour, s
+// screenshot, k chooses a view, p writes the chosen views as a camera path, q quit. A scene with a Pareto front
+// (nerf-train study) is drawn with the settings of least loss in the time available, any other in fewer pixels.
 #include "frontends.hpp"
 
 #include <algorithm>

@@ -26,7 +26,7 @@ void Painter::start(const Frame &frame) {
     for (std::size_t i = 0; i < all.size(); ++i) {
         tiles.push_back(all[i]);
     }
-    // From the middle outwards: there the eye is.
+    // Tiles in the middle are drawn first: the viewer looks there.
     const auto from_middle = [&](const nerf::rect &tile) {
         const double x = tile.x + 0.5 * tile.width - 0.5 * frame.camera.width;
         const double y = tile.y + 0.5 * tile.height - 0.5 * frame.camera.height;
@@ -94,7 +94,7 @@ void Painter::live() {
     }
 }
 
-// Frame and tiles do not change while any thread draws: no lock to read them.
+// Frame and tiles do not change while any thread draws, and are read without a lock.
 void Painter::draw(nerf::memory &home) {
     const auto fail = [this](const nerf::error &error) {
         const std::lock_guard<std::mutex> lock(mutex_);
@@ -112,7 +112,7 @@ void Painter::draw(nerf::memory &home) {
         }
         home = std::move(*larger);
     }
-    // In memory that is kept from frame to frame, whatever their settings.
+    // The memory is reused from frame to frame, whatever the settings.
     const nerf::span bytes(static_cast<unsigned char *>(home.data()), home.size());
     auto worker = scene_.worker(frame_.target.outputs(), frame_.options, nerf::memory::lend(bytes));
     if (!worker) {

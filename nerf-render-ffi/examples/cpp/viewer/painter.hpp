@@ -14,16 +14,16 @@
 #include <thread>
 #include <vector>
 
-/// What is to be drawn. The target's memory is borrowed until the painter is idle.
+/// A frame to draw. The target's memory is borrowed until the painter is idle.
 struct Frame {
     nerf::camera camera;
     nerf::options options;
     nerf::target target;
-    /// Cancels itself once so many tiles are done: for scripts, where a hand would be too slow.
+    /// Number of tiles after which the frame cancels itself: for scripts.
     std::size_t stop_after = std::numeric_limits<std::size_t>::max();
 };
 
-/// What became of a frame.
+/// Result of a frame.
 struct Outcome {
     nerf::counters work;  // of its finished tiles
     nerf::error error;    // status 0 unless a tile failed
@@ -43,16 +43,16 @@ public:
     /// Begins a frame. Only while idle.
     void start(const Frame &frame);
 
-    /// Ends the frame before its time: each thread stops within 16x16 pixels. Does not wait.
+    /// Cancels the frame: each thread stops within 16x16 pixels. Does not wait.
     void cancel() { cancelled_ = true; }
 
     bool idle();
     void wait();
 
-    /// Tiles finished since the last time this was asked; whole ones, also of a cancelled frame.
+    /// Returns the tiles finished since the last call: whole tiles, also of a cancelled frame.
     std::vector<nerf::rect> finished();
 
-    /// Of the last frame; only while idle.
+    /// Outcome of the last frame; only while idle.
     const Outcome &outcome() const { return outcome_; }
 
     double milliseconds_so_far() const;

@@ -17,10 +17,9 @@
 
 namespace path_file {
 
-/// Frames a second.
 constexpr int fps = 24;
 
-/// What a blob's coordinates count from in those of its data, whose name states it where that is not 0.
+/// Returns the origin of a blob's coordinates in those of its data. The data's name states an origin other than 0.
 inline std::array<double, 3> origin_in(std::string_view name) {
     constexpr std::string_view stated = ", origin at (";
     const std::size_t at = name.rfind(stated);
@@ -40,7 +39,7 @@ inline std::array<double, 3> origin_in(std::string_view name) {
     return origin;
 }
 
-/// A list of views; `matrix` is what it calls their poses.
+/// Writes a list of views; `matrix` is the JSON key of a view's pose.
 inline void list(std::ostream &json, const char *matrix, const std::vector<nerf::camera> &views,
                  const std::array<double, 3> &origin) {
     for (const nerf::camera &view : views) {
@@ -57,7 +56,7 @@ inline void list(std::ostream &json, const char *matrix, const std::vector<nerf:
     json << "\n]";
 }
 
-/// The file of at least one view, in the coordinates of the data; all have the first one's size.
+/// Returns the file's text for at least one view, in the coordinates of the data. All views have the first one's size.
 inline std::string text(const std::vector<nerf::camera> &views, const std::array<double, 3> &origin) {
     std::ostringstream json;
     json.imbue(std::locale::classic());
@@ -73,7 +72,7 @@ inline std::string text(const std::vector<nerf::camera> &views, const std::array
     return json.str();
 }
 
-/// Writes it whole or not at all.
+/// Writes the file whole or not at all.
 inline bool write(const std::string &path, const std::vector<nerf::camera> &views,
                   const std::array<double, 3> &origin) {
     const std::string beside = path + ".part";

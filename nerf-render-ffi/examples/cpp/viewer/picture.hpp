@@ -1,4 +1,4 @@
-// What a frame leaves in memory, and how it becomes something to look at.
+// Planes of a frame in memory, and their conversion to colours for the display.
 #ifndef VIEWER_PICTURE_HPP
 #define VIEWER_PICTURE_HPP
 
@@ -10,10 +10,10 @@
 #include <cstdint>
 #include <vector>
 
-/// What is looked at.
+/// Output that is displayed.
 enum class View { colour, z_depth, normals };
 
-/// Planes of one frame; only those its view needs have memory.
+/// Planes of one frame; only planes that the view needs have memory.
 class Picture {
 public:
     /// `nearest`, `farthest`: z_depth at the ends of the colour scale, world units.
@@ -45,8 +45,8 @@ public:
         return to;
     }
 
-    /// A pixel as 8-bit colour: the rendered one; z_depth by a scale from near (yellow) to far (violet); or
-    /// normals with x, y, z as red, green, blue. The last two fade to black with opacity.
+    /// Returns a pixel as 8-bit colour: the rendered colour; z_depth on a scale from near (yellow) to far (violet); or
+    /// normals with x, y, z as red, green, blue. z_depth and normals fade to black with opacity.
     std::array<std::uint8_t, 3> pixel(std::uint32_t x, std::uint32_t y) const {
         const std::size_t i = std::size_t{y} * width_ + x;
         std::array<float, 3> colour{};
@@ -66,7 +66,7 @@ public:
     }
 
 private:
-    /// Eight points of matplotlib's viridis (CC0), joined by straight lines; 0 is violet, 1 is yellow.
+    /// Colour scale: eight points of matplotlib's viridis (CC0), interpolated linearly; 0 is violet, 1 is yellow.
     static std::array<float, 3> scale(float at) {
         static constexpr float points[8][3] = {{0.267f, 0.005f, 0.329f}, {0.275f, 0.195f, 0.496f},
                                                {0.213f, 0.359f, 0.552f}, {0.153f, 0.497f, 0.558f},

@@ -1,7 +1,7 @@
-// A session without a window, driven by commands: what a hand does, in words.
+// A session without a window, driven by commands instead of mouse and keys.
 //
 //     turn DX DY      drag: over the image's height; draws the frame of the moving camera
-//     pan DX DY       the same with the other button
+//     pan DX DY       drag with the right button, over the same height
 //     dolly STEPS     the wheel
 //     size W H        a window of another size
 //     view NAME       colour, z_depth or normals
@@ -20,7 +20,7 @@
 
 namespace {
 
-// What a window does in its loop, until there is nothing more to do.
+// Runs the loop of a window until there is nothing more to do.
 void settle(Session &session) {
     do {
         session.wait();
@@ -28,7 +28,7 @@ void settle(Session &session) {
     } while (!session.done());
 }
 
-// What is left of a command, without spaces around it: names of files have some, too.
+// Returns the rest of a command without spaces around: a file's name, which may contain spaces.
 std::string rest_of(std::istream &command) {
     std::string text;
     std::getline(command >> std::ws, text);

@@ -10,7 +10,7 @@ constexpr std::uint32_t largest_divisor = 16;
 
 double pixels_of(const nerf::camera &camera) { return double(camera.width) * double(camera.height); }
 
-// Whether two plans draw the same picture: of the options, what a front may set.
+// Whether two plans draw the same picture. Compares the options that a Pareto front may set.
 bool same(const Plan &a, const Plan &b) {
     const nerf::options &x = a.options, &y = b.options;
     return a.divisor == b.divisor && x.samples == y.samples && x.transmittance_cut == y.transmittance_cut &&
@@ -42,7 +42,7 @@ Session::Session(const nerf::scene &scene, const Settings &settings, std::uint32
 void Session::moved() {
     dirty_ = true;
     resting_ = false;
-    // A frame of a moving camera is short: it ends, so that there is always something new to see.
+    // A frame of a moving camera is short and goes on, so that the display always shows something new.
     if (running_ && stage_ != moving) {
         painter_.cancel();
     }
@@ -63,7 +63,7 @@ void Session::show(View view) {
     moved();
 }
 
-// Settings for a frame within `budget` milliseconds: first quality falls, by the scene's front, then size.
+// Plans a frame within `budget` milliseconds: first quality falls, by the scene's front, then size.
 Plan Session::within(float budget, bool full_size) const {
     Plan plan;
     const double pixels = double(width_) * double(height_);
@@ -143,7 +143,7 @@ bool Session::update() {
     const bool idle = painter_.idle();
     bool changed = false;
     const std::vector<nerf::rect> tiles = painter_.finished();
-    // Coarse frames are shown when they are complete, full ones while they grow.
+    // Coarse frames are shown once complete, frames of full size tile by tile.
     if (running_ && stage_ != moving && plan_.divisor == 1) {
         std::for_each(tiles.begin(), tiles.end(), [this](const nerf::rect &tile) { develop(tile); });
         changed = !tiles.empty();
@@ -193,7 +193,7 @@ void Session::end() {
     }
 }
 
-// What frames really take: other programs run, and what is looked at changes.
+// Learns the time that frames really take: other programs run, and the view changes.
 void Session::learn(const Report &report) {
     const double took = report.outcome.milliseconds * (report.outcome.complete ? 1.0 : 2.0);
     if (!report.outcome.complete && !report.moving) {
@@ -209,7 +209,7 @@ void Session::learn(const Report &report) {
     }
 }
 
-// Part of the picture onto the display: as it is, or magnified, with straight lines between the pixels.
+// Copies a part of the picture to the display, unchanged, or magnified with linear interpolation.
 void Session::develop(const nerf::rect &part) {
     const float scale = 1.0f / static_cast<float>(plan_.divisor);
     const auto last_x = static_cast<float>(camera_.width - 1), last_y = static_cast<float>(camera_.height - 1);

@@ -1,4 +1,4 @@
-// What is drawn when: cheap frames while the camera moves, better ones while it rests.
+// Order of drawing: cheap frames while the camera moves, better frames while the camera rests.
 #ifndef VIEWER_SESSION_HPP
 #define VIEWER_SESSION_HPP
 
@@ -22,7 +22,7 @@ struct Settings {
     std::optional<nerf::vec3> up; // where not the scene's own
 };
 
-/// Settings of a frame, and what is foreseen of it.
+/// Settings of a frame, with the expected time and loss.
 struct Plan {
     nerf::options options;
     std::uint32_t divisor = 1;     // of the window's sides
@@ -30,7 +30,7 @@ struct Plan {
     std::optional<float> loss_db;  // by the scene's front
 };
 
-/// A frame that ended.
+/// Facts about a frame that ended.
 struct Report {
     Plan plan;
     nerf::camera camera;
@@ -40,31 +40,31 @@ struct Report {
 
 class Session {
 public:
-    /// Measures the pace of the scene's front, if it has one. error() says what is wrong.
+    /// Measures the pace of the scene's front, if the scene has one. error() describes a failure.
     Session(const nerf::scene &scene, const Settings &settings, std::uint32_t width, std::uint32_t height);
 
     Orbit orbit; // after a change: moved()
 
-    /// Views that were chosen, of the window's size: the keyframes of a camera path.
+    /// Chosen views, of the window's size: the keyframes of a camera path.
     std::vector<nerf::camera> views;
-    /// Chooses the present one.
+    /// Adds the present view to `views`.
     void choose() { views.push_back(orbit.camera(width_, height_)); }
 
-    /// The camera moved: a frame for a resting one is cancelled, within a tile.
+    /// Tells that the camera moved: a frame for a resting camera is cancelled, within a tile.
     void moved();
-    /// The camera rests: quality may rise.
+    /// Tells that the camera rests: quality may rise.
     void rest() { resting_ = true; }
     void resize(std::uint32_t width, std::uint32_t height);
     void show(View view);
     View view() const { return view_; }
 
-    /// Takes what was finished into the display and begins what is next; whether the display changed.
+    /// Copies finished tiles into the display and begins the next frame. Returns whether the display changed.
     bool update();
-    /// Whether there is nothing to draw until something happens.
+    /// Whether there is nothing to draw until the next input.
     bool done();
-    /// Until the frame that is being drawn ends.
+    /// Waits until the frame that is being drawn ends.
     void wait() { painter_.wait(); }
-    /// For scripts: the next frame of full size cancels itself after so many tiles.
+    /// For scripts: cancels the next frame of full size after `tiles` tiles.
     void interrupt_after(std::size_t tiles) { stop_after_ = tiles; }
 
     std::uint32_t width() const { return width_; }
@@ -79,8 +79,8 @@ public:
     std::function<void(const Report &)> on_frame;
 
 private:
-    // Frames of one view, each better than the one before: while the camera moves; in few pixels still; in all
-    // of them; and with nothing lost that any picture shows.
+    // Stages of one view, each better than the stage before: while the camera moves; in few pixels still; in all
+    // pixels; and without a visible loss.
     static constexpr int moving = 0, better = 1, full = 2, finest = 3;
 
     Plan within(float budget, bool full_size) const;
@@ -100,7 +100,7 @@ private:
 
     std::optional<nerf::pace> pace_; // of all threads together
     double pace_pixels_ = 1.0;       // of the frame it was measured for
-    // What frames taught, for each view.
+    // Measurements of earlier frames, for each view.
     struct Known {
         double slowness = 1.0;     // of this machine now, against the pace
         double us_per_pixel = 0.0; // without a front; 0 before the first frame

@@ -9,7 +9,7 @@
 
 namespace {
 
-// After so long without a movement the camera rests, even where a button is still down.
+// Time without movement after which the camera counts as resting, even if a button is down.
 constexpr std::uint32_t rest_after_ms = 150;
 
 struct Deleter {
@@ -40,7 +40,7 @@ public:
         std::uint32_t moved_at = SDL_GetTicks();
         while (open && session_.error().empty()) {
             SDL_Event event;
-            // While something is drawn look every 10 ms, else sleep until something happens.
+            // Polls every 10 ms while a frame is drawn, else sleeps until the next event.
             const int patience = session_.done() && resting_ ? -1 : 10;
             bool some = SDL_WaitEventTimeout(&event, patience) == 1;
             for (; some; some = SDL_PollEvent(&event) == 1) {
@@ -61,7 +61,7 @@ public:
     }
 
 private:
-    // Pixels of the window, which on a HiDPI screen are more than its points.
+    // Fits texture and session to the window's pixels, which are more than its points on a HiDPI screen.
     bool fit() {
         int width = 0, height = 0;
         if (SDL_GetRendererOutputSize(renderer_.get(), &width, &height) != 0 || width < 1 || height < 1) {
@@ -77,7 +77,7 @@ private:
         return static_cast<bool>(texture_);
     }
 
-    // Whether the camera moved.
+    // Handles an event. Returns whether the camera moved.
     bool handle(const SDL_Event &event) {
         switch (event.type) {
         case SDL_MOUSEMOTION: return drag(event.motion);
@@ -149,7 +149,7 @@ private:
         SDL_RenderPresent(renderer_.get());
     }
 
-    // The title says what a frame was and what it took.
+    // Shows the settings and the time of a frame in the window's title.
     void tell(const Report &report) {
         char text[256];
         const nerf::options &options = report.plan.options;
