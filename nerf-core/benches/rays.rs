@@ -9,7 +9,7 @@ mod support;
 use nerf_core::memory::Line;
 use nerf_core::render::{Instance, RaySegment, Worker};
 use nerf_core::space::Placement;
-use nerf_core::{Batch, Blob, Camera, Intrinsics, Kernel, Lens, Outputs, Plan, Pose, Quality, Renderer};
+use nerf_core::{Batch, Blob, Camera, Intrinsics, Kernel, Lens, Outputs, Plan, Pose, Quality, Ray, Renderer};
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -36,6 +36,16 @@ fn main() {
         let noise = support::noise(1, i as u32)[0].abs();
         shuffled.swap(i, ((noise * i as f32) as usize).min(i));
     }
+    let (to_world, at) =
+        ([[0.0, 0.0, 1.0, 0.5], [0.0, 1.0, 0.0, -0.2], [-1.0, 0.0, 0.0, 0.1]], [0.5, -0.2, 0.1]);
+    let placement = Placement::from_rows(to_world).expect("a quarter turn");
+    let turned = [&sorted, &shuffled].map(|rays| {
+        let turn = |segment: &RaySegment| {
+            let [origin, dir] = [segment.ray.origin, segment.ray.dir].map(|v| placement.dir_in_world(v));
+            RaySegment { ray: Ray { origin: origin + glam::Vec3::from(at), dir }, ..*segment }
+        };
+        rays.iter().map(turn).collect::<Vec<_>>()
+    });
     for (what, outputs) in [("rgb and distance", Outputs::ALL), ("opacity", OPACITY)] {
         let plan = Plan::new(&blob, &Quality::default(), outputs, Batch::FULL).expect("a plan");
         let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
@@ -47,10 +57,10 @@ fn main() {
             ("shuffled, 16 a call", &shuffled, 16),
             ("shuffled, 1 a call", &shuffled, 1),
             ("collisions, shuffled, 1 a call", &shuffled, 1),
-            ("as an instance, in tiles", &sorted, sorted.len()),
-            ("as an instance, shuffled, 1 a call", &shuffled, 1),
+            ("as an instance, in tiles", &turned[0], sorted.len()),
+            ("as an instance, shuffled, 1 a call", &turned[1], 1),
         ];
-        let placed = [Instance { renderer: &renderer, plan: &plan, placement: Placement::IDENTITY }];
+        let placed = [Instance { renderer: &renderer, plan: &plan, placement }];
         let lines = Worker::instances_lines([&renderer].into_iter(), &plan);
         let mut memory = vec![Line::UNINIT; lines];
         let mut instance = Worker::of_instances(&placed, &mut memory).expect("a worker");
