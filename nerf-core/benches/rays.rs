@@ -6,10 +6,11 @@
 
 mod support;
 
+use nerf_core::camera::Ray;
 use nerf_core::memory::Line;
 use nerf_core::render::{Instance, RaySegment, Worker};
 use nerf_core::space::Placement;
-use nerf_core::{Batch, Blob, Camera, Intrinsics, Kernel, Lens, Outputs, Plan, Pose, Quality, Ray, Renderer};
+use nerf_core::{Batch, Blob, Camera, Intrinsics, Kernel, Lens, Outputs, Plan, Pose, Quality, Renderer};
 use std::hint::black_box;
 use std::time::Instant;
 
