@@ -91,7 +91,7 @@ private:
     std::size_t size_ = 0;
 };
 
-/// A view of the bytes of a contiguous container: a blob in a std::vector<char>, an array in flash, a mapped file.
+/// Bytes of a contiguous container: a scene file in a std::vector<char>, an array in flash, a mapped file.
 class bytes {
 public:
     constexpr bytes(const void *data, std::size_t size) noexcept : data_(data), size_(size) {}
@@ -179,7 +179,7 @@ auto member(C &&container, F S::*field) noexcept {
 inline bool abi_matches() noexcept { return nerf_abi_version() == NERF_ABI_VERSION; }
 inline std::string_view version() noexcept { return nerf_version_text(); }
 
-/// A view of a text inside a blob; valid as long as the blob.
+/// A view of a text inside a scene file; valid as long as the file's bytes.
 inline std::string_view view(const nerf_text &text) noexcept { return {text.data, text.length}; }
 
 // --------------------------------------------------------------------------------------- errors
@@ -344,7 +344,7 @@ public:
         return needed ? allocate(*needed) : result<memory>(needed.error());
     }
 
-    /// Makes a memory of the caller's container, which must stay in place while in use, and is never freed.
+    /// Makes a memory of the caller's container, which must not move while in use, and is never freed.
     template <class C>
     static memory lend(C &&container) noexcept {
         using element = detail::element<C>;
@@ -663,7 +663,7 @@ struct open_options : detail::sized<nerf_open_options> {
     }
 };
 
-/// Options of a frame. Default-constructed options are the defaults: cuts without a visible loss.
+/// Options of a frame. Default-constructed options are the defaults: cuts without a visible difference.
 struct options : detail::sized<nerf_render_options> {
     /// Options without a cut or a blur.
     static options uncut() noexcept {
@@ -689,7 +689,7 @@ struct counters : detail::sized<nerf_counters> {
 using choice = detail::sized<nerf_choice>;
 
 struct pace : detail::sized<nerf_pace> {
-    /// The pace of `threads` threads that share a frame's tiles.
+    /// Times of a frame whose tiles are shared by `threads` threads: the measured times divided by `threads`.
     pace shared_among(unsigned threads) const noexcept {
         pace all = *this;
         for (float &frame : all.milliseconds) {
@@ -703,7 +703,7 @@ struct pace : detail::sized<nerf_pace> {
 
 class worker;
 
-/// An opened scene, or an opened picture (a 2D field), with its memory. Movable.
+/// An opened scene or 2D field, with its memory. Movable.
 class scene {
 public:
     scene() noexcept = default;
@@ -712,8 +712,8 @@ public:
         return detail::layout_of(nerf_scene_memory, blob.data(), blob.size(), &how);
     }
 
-    /// Opens a blob in memory that the caller lends or hands over. `blob` is borrowed: the caller leaves its bytes
-    /// unchanged while the scene is used.
+    /// Opens a scene in memory that the caller lends or hands over. `blob`: bytes of the scene file, borrowed: the
+    /// caller leaves these unchanged while the scene is used.
     static result<scene> open(bytes blob, memory home, const open_options &how = {}) noexcept {
         scene opened;
         opened.home_ = std::move(home);
@@ -725,7 +725,7 @@ public:
         });
     }
 
-    /// Opens a blob in memory from the heap. `blob` is borrowed: its bytes must stay unchanged while the scene is used.
+    /// Opens a scene in memory from the heap. `blob`: the scene file's bytes, unchanged while the scene is used.
     static result<scene> open(bytes blob, const open_options &how = {}) noexcept {
         result<memory> home = memory::allocate(memory_layout(blob, how));
         return home ? open(blob, std::move(*home), how) : result<scene>(home.error());
@@ -792,7 +792,7 @@ public:
         return detail::layout_of(nerf_worker_size, &asked);
     }
 
-    // Quality settings by loss, cost, time, point of the Pareto front or preset; nerf_quality_* writes them to `how`.
+    // Quality settings by loss (dB of PSNR below exact), cost, time, Pareto point or preset, written to `how`.
 
     result<choice> within_loss(float loss_db, options &how) const noexcept {
         return detail::made<choice>(nerf_quality_within_loss, get(), loss_db, &how);
@@ -819,8 +819,8 @@ public:
     result<memory> pace_workspace(std::uint32_t outputs, const options &how = {}) const noexcept {
         return memory::allocate(pace_layout(outputs, how));
     }
-    /// Measures the time of a frame on this thread at each point of the Pareto front, up to `limit` milliseconds.
-    /// `clock`: returns microseconds since any fixed moment; default: the library's own clock.
+    /// Measures the time of a frame on this thread with each of the settings on the Pareto front, up to `limit`
+    /// milliseconds. `clock`: returns microseconds since any fixed moment; default: the library's own clock.
     template <class F = detail::none>
     result<pace> measure_pace(const nerf_camera &camera, std::uint32_t outputs, float limit, memory &workspace,
                               const options &how = {}, F &&clock = {}) const noexcept {
@@ -894,8 +894,8 @@ struct pixel {
 };
 static_assert(offsetof(pixel, opacity) == 3 * sizeof(float));
 
-/// Scene, options, outputs and memory, prepared for any number of calls. Each thread needs a worker of its own.
-/// Movable; the scene must stay in place while the worker is used.
+/// Scene, options, outputs and memory, set up once for any number of calls. Each thread needs a worker of its own.
+/// Movable; the scene must not move while the worker is used.
 class worker {
 public:
     worker() noexcept = default;
@@ -927,7 +927,7 @@ public:
         return draw(nerf_render, frame, camera.width, camera.height, to, part, progress);
     }
 
-    /// Renders a picture (a 2D field) at width x height pixels, or its rectangle `part`; the rest is as in render.
+    /// Renders an image of a 2D field, width x height pixels, or its rectangle `part`; the rest is as in render.
     template <class F = detail::none>
     result<counters> render_picture(std::uint32_t width, std::uint32_t height, const target &to, const rect &part = whole,
                                     F &&progress = {}) noexcept {
@@ -940,7 +940,7 @@ public:
     /// Renders the host's own rays: pixel i of the planes belongs to ray i.
     result<counters> render_rays(const rays &of, const target &to) noexcept { return trace(nerf_render_rays, of, to); }
 
-    /// Samples the point at which a photon on each ray collides; `of.random` has one random number for each ray.
+    /// Samples where a photon on each ray collides with the medium; `of.random`: one random number for each ray.
     result<counters> sample_rays(const rays &of, const target &to) noexcept { return trace(nerf_sample_rays, of, to); }
 
     /// Renders one ray from `t_min` to `t_max`, with every output of the worker but z_depth. A call of render_rays is
@@ -952,7 +952,7 @@ public:
                          detail::to_float(t_max));
     }
 
-    /// Samples the point at which a photon on one ray collides; `random` in [0, 1), the rest as in render_ray.
+    /// Samples where a photon on one ray collides with the medium; `random` in [0, 1), the rest as in render_ray.
     template <class V, class W, class R, class N = float, class F = float>
     result<pixel> sample_ray(const V &origin, const W &dir, R random, N t_min = 0.0f,
                              F t_max = std::numeric_limits<float>::infinity()) noexcept {

@@ -4,11 +4,11 @@
 //! Radiance fields in fixed memory: open one small file, render any view of it, allocate nothing.
 //!
 //! Programs with an operating system open a `Scene` (feature `std`, module `host`), which owns its bytes and renders on
-//! all cores. Everything else needs neither `std` nor `alloc`, reads fp16 weights in place, and does all arithmetic of
-//! the hot path in f32. The caller queries the size of a workspace and supplies it: a [`Renderer`] is a prepared scene,
-//! a [`Plan`] the settings of a frame, a [`Worker`] a renderer and a plan with memory for any number of calls. On
-//! microcontrollers nothing panics from blob to pixel in a build without debug assertions; `examples/firmware` lets the
-//! linker prove it.
+//! all cores. Everything else needs neither `std` nor `alloc`, reads fp16 weights directly from the file's bytes, and
+//! does all arithmetic of the hot path in f32. The caller queries the size of a workspace and supplies it: a
+//! [`Renderer`] is a scene with unpacked weights and decoded tables, a [`Plan`] the settings of a frame, a [`Worker`] a
+//! renderer and a plan with memory for any number of calls. On microcontrollers nothing panics from blob to pixel in a
+//! build without debug assertions; `examples/firmware` lets the linker prove it.
 //!
 //! # The pipeline
 //!
@@ -61,7 +61,7 @@
 //! | `normals` | yes | the output `normals`: the gradient of the density, backward through the network |
 //! | `proposal` | yes | samples drawn from a coarse proposal network, if the scene has one |
 //! | `grid` | yes | learned multiresolution grids ([`encoding::GridEncoding`]), and spherical harmonics |
-//! | `coded` | yes | entropy-coded tables of grids, decoded into memory when a scene is opened; firmware reads int8 tables in place |
+//! | `coded` | yes | entropy-coded tables of grids, decoded into memory when a scene is opened; firmware reads int8 tables directly from the blob's bytes |
 //! | `contraction` | yes | unbounded scenes ([`space::Contraction`]) |
 //! | `instances` | yes | several fields in one world ([`Worker::of_instances`]); brings `median` and `normals` |
 //! | `std` | yes | [`host`]: scenes that own their bytes, files, threads |
@@ -127,7 +127,7 @@
 //! let mut file = [0; 256];
 //! let bytes = blob::write(&body, &mut file)?;
 //!
-//! // Open and plan. Weights are read in place: no memory to prepare.
+//! // Open and plan. Weights are read directly from the blob's bytes: no memory is needed.
 //! let blob = Blob::open(bytes)?;
 //! let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut [])?;
 //! let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::SMALLEST)?;

@@ -104,7 +104,7 @@ pub const SCENE: SceneFacts = SceneFacts {
     viewpoint: None,
 };
 
-/// Size of the picture of the tests.
+/// Size of the image of the tests' 2D field.
 pub const PICTURE: PictureFacts = PictureFacts { width: 30, height: 20 };
 
 /// The provenance of test blobs.
@@ -129,7 +129,7 @@ pub fn body<'a>(
     }
 }
 
-/// A blob body with the tests' picture.
+/// A blob body with the tests' 2D field.
 pub fn picture_body(architecture: Architecture, weights: &[u8]) -> Body<'_> {
     Body { content: Content::Picture(PICTURE), ..body(architecture, None, weights) }
 }

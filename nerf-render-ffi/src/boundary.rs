@@ -118,7 +118,7 @@ pub(crate) trait Reason: fmt::Display {
     }
 }
 
-/// Runs the body of a call and turns its failure or panic into a status and a message.
+/// Runs the body of a call and converts its failure or panic to a status and a message.
 pub(crate) fn call(message: Message, body: impl FnOnce() -> Result<(), Failure>) -> Status {
     call_with_reason(message, body)
 }
@@ -259,8 +259,8 @@ impl<T: Versioned> Out<T> {
         if at.is_null() { Ok(None) } else { unsafe { Self::new(at).map(Some) } }
     }
 
-    /// Copies `value` into the caller's structure, up to its `struct_size`, which stays unchanged. Sets fields that
-    /// this build does not know to zero.
+    /// Writes `value` to the first `struct_size` bytes of the caller's structure, but leaves `struct_size` itself
+    /// unchanged. Sets fields that this build does not know to zero.
     pub fn write(self, value: T) {
         let known = self.size.min(size_of::<T>());
         let (from, to) = ((&raw const value).cast::<u8>(), self.at.cast::<u8>());

@@ -3,8 +3,8 @@
 use crate::boundary::{by_width, versioned};
 use nerf_core::render;
 
-/// Exact counts of the work that a call did, not times. A picture (a 2D field) has no rays and no samples: only its
-/// colour evaluations, multiply-adds and invalid samples are counted.
+/// Exact counts of the work that a call did, not times. A 2D field has no rays and no samples: only its colour
+/// evaluations, multiply-adds and invalid samples are counted.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Counters {
@@ -19,7 +19,7 @@ pub struct Counters {
     /// Number of evaluations of the trunk and density head.
     pub density_evaluations: u64,
     /// Number of evaluations of the colour branch: one per sample, or one per ray in a field shaded once per ray. For a
-    /// picture, evaluations of the whole network.
+    /// 2D field, evaluations of the whole network.
     pub colour_evaluations: u64,
     /// Number of multiply-adds of the network and of the proposal network.
     pub macs: u64,

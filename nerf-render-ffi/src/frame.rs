@@ -54,15 +54,15 @@ impl Rect {
 pub struct Frame {
     /// `sizeof(nerf_frame)`.
     pub struct_size: usize,
-    /// Camera from which a scene is seen; NULL for a picture (a 2D field).
+    /// Camera from which a scene is seen; NULL for a 2D field.
     pub camera: *const Camera,
     /// Rectangle to render; NULL for the whole image. An empty rectangle writes nothing.
     pub rect: *const Rect,
     /// Planes that receive the pixels. Planes of outputs that the worker was not opened for must be NULL.
     pub target: *const Target,
-    /// Width in pixels at which a picture (a 2D field) is rendered; 0 for a scene, whose `camera` has the width.
+    /// Width in pixels at which a 2D field is rendered; 0 for a scene, whose `camera` has the width.
     pub width: u32,
-    /// Height in pixels at which a picture (a 2D field) is rendered; 0 for a scene, whose `camera` has the height.
+    /// Height in pixels at which a 2D field is rendered; 0 for a scene, whose `camera` has the height.
     pub height: u32,
     /// Callback, called with `user` before the first tile and after each tile of at most 16x16 pixels; may be NULL.
     pub progress: Progress,
@@ -123,14 +123,14 @@ pub unsafe extern "C" fn nerf_render(
     })
 }
 
-/// Renders a rectangle of a picture (a 2D field: `NERF_KIND_PICTURE`) at `frame->width` x `frame->height` pixels.
+/// Renders a rectangle of an image of a 2D field (`NERF_KIND_PICTURE`), `frame->width` x `frame->height` pixels large.
 ///
 /// Pixel (x, y) is the field's colour at the pixel's centre, ((x + 0.5) / width, (y + 0.5) / height). Every size from
-/// 1x1 to 8388608x8388608 shows the whole picture, undistorted at `picture_width` x `picture_height` of
+/// 1x1 to 8388608x8388608 shows the whole field, undistorted at `picture_width` x `picture_height` of
 /// `nerf_scene_info`. A rectangle of a larger size shows a detail.
 ///
-/// `worker`: opened for the picture; only `maths` and batch of its options matter. The target may have only the plane
-/// `rgb`. A picture is opaque, so the alpha of RGBA formats is 1. Everything else is as in `nerf_render`.
+/// `worker`: opened for the 2D field; only `maths` and batch of its options matter. The target may have only the plane
+/// `rgb`. A 2D field is opaque, so the alpha of RGBA formats is 1. Everything else is as in `nerf_render`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `worker` and its scene are intact.
@@ -176,7 +176,8 @@ pub unsafe extern "C" fn nerf_render_picture(
     })
 }
 
-/// Renders `rect`, the canvas' rectangle, tile by tile: `draw` renders a tile into the worker's `pixels`, row by row.
+/// Renders the part `rect` of an image tile by tile into `canvas`, whose planes have the size of `rect`. `draw` renders
+/// a tile into the worker's `pixels`, row by row.
 fn render_tiles(
     worker: &mut State,
     frame: &Frame,

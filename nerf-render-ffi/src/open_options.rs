@@ -6,7 +6,7 @@ use nerf_core::Isa;
 
 /// The instruction set of the inner loops.
 ///
-/// With the same kernel and storage pictures are equal bit for bit, for all rectangles and threads.
+/// With the same kernel and storage images are equal bit for bit, for all rectangles and threads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Kernel {
@@ -26,7 +26,7 @@ pub enum Kernel {
     Neon = 5,
 }
 
-/// Instruction set of the core for each number of [`Kernel`]; `None` for a number without an instruction set.
+/// The core's instruction set for each value of [`Kernel`], by index; `None` where the library chooses.
 const ISAS: [Option<Isa>; 6] =
     [None, Some(Isa::Portable), Some(Isa::Avx2), Some(Isa::Avx512), Some(Isa::Simd128), Some(Isa::Neon)];
 
@@ -34,18 +34,19 @@ const ISAS: [Option<Isa>; 6] =
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Storage {
-    /// f32; in a build without vector instructions, such as for microcontrollers, f16 that is read in place.
+    /// f32; in a build without vector instructions, such as for microcontrollers, f16 that is read directly from the
+    /// scene file's bytes.
     Auto = 0,
-    /// f16, read in place: the weights take no memory in the scene.
+    /// f16, read directly from the scene file's bytes: the weights take no memory in the scene.
     F16 = 1,
     /// f32, unpacked when the scene is opened: the same products as with f16, faster. Tables of a learned grid are
-    /// still read in place, except that the WebAssembly kernel unpacks f16 tables.
+    /// still read directly from the scene file's bytes, except that the WebAssembly kernel unpacks f16 tables.
     F32 = 2,
     /// Pairs of bf16, rounded to 8 significant bits, for weights and activations. Only with AVX-512 BF16.
     Bf16 = 3,
 }
 
-/// Storage of the core for each number of [`Storage`]; `None` for a number without a storage.
+/// The core's storage for each value of [`Storage`], by index; `None` where the library chooses.
 const STORAGES: [Option<nerf_core::Storage>; 4] =
     [None, Some(nerf_core::Storage::F16), Some(nerf_core::Storage::F32), Some(nerf_core::Storage::Bf16)];
 

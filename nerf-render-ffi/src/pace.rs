@@ -14,7 +14,7 @@ use nerf_core::blob::MAX_FRONT;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Plan, Quality};
 
-/// The time that a frame takes at each point of a scene's Pareto front, on one thread of this host.
+/// Measured times of a frame with each of the settings on a scene's Pareto front, on one thread of this host.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Pace {
@@ -82,14 +82,15 @@ pub unsafe extern "C" fn nerf_pace_workspace_size(
     unsafe { call_for_size((size, align), message, body) }
 }
 
-/// Measures how long a frame takes on this thread at each point of the scene's Pareto front.
+/// Measures the time of a frame on this thread with each of the settings on the scene's Pareto front.
 ///
-/// Renders about 2,048 pixels, spread over the view, at each point, cheapest first. Stops after the first point whose
-/// frame would take more than the limit; times of more expensive points are infinity. Measure on an idle host.
+/// Renders about 2,048 pixels, spread over the view, with each, cheapest first. Stops after the first settings whose
+/// frame takes longer than `request->limit_milliseconds`; the times of more expensive settings are infinity. Measure on
+/// an idle host.
 ///
-/// `workspace`: has the size and alignment from `nerf_pace_workspace_size`, and does not overlap scene or blob. `pace`:
-/// the caller sets `struct_size`; written on success. A scene without a front is `NERF_STATUS_NO_FRONT`. `message`: as
-/// in `nerf_scene_memory`.
+/// `workspace`: has the size and alignment from `nerf_pace_workspace_size`, and does not overlap the scene or its
+/// file's bytes. `pace`: receives the times on success; the caller sets `struct_size`. A scene without a Pareto front
+/// is `NERF_STATUS_NO_FRONT`. `message`: as in `nerf_scene_memory`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; the scene is intact.

@@ -11,7 +11,7 @@ use nerf_core::volume;
 ///
 /// RGB is composited over the background. RGBA is the scene alone, premultiplied by its opacity, the alpha `a`. The RGB
 /// format's colour is `rgb + (1 - a) * background`, in linear light if `options.effects.linear` is 1, else
-/// display-encoded. A picture (a 2D field) is opaque: its alpha is 1, and no background shows.
+/// display-encoded. A 2D field is opaque: its alpha is 1, and no background shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum PixelFormat {

@@ -1,4 +1,4 @@
-//! Chooses settings by loss, cost or time.
+//! Chooses settings by loss (PSNR below that of the exact rendering, dB), cost (multiply-adds) or time.
 
 use crate::boundary::{Message, Out, by_width, call, read_versioned, versioned};
 use crate::failure::Failure;
@@ -11,19 +11,20 @@ use nerf_core::blob::Blob;
 use nerf_core::plan::{self, Quality};
 use nerf_core::render;
 
-/// Largest loss of PSNR against the exact rendering. The scene's Pareto front says which settings stay within it.
+/// Limit of the loss: the difference by which the PSNR against ground truth is below that of the exact rendering, dB.
+/// The scene's Pareto front has the measured loss of settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Preset {
-    /// No loss: 0 dB.
+    /// PSNR not below that of the exact rendering.
     Exact = 0,
-    /// No visible loss: 0.01 dB.
+    /// PSNR at most 0.01 dB below that of the exact rendering: no visible difference.
     High = 1,
-    /// Loss of at most 0.1 dB.
+    /// PSNR at most 0.1 dB below that of the exact rendering.
     Balanced = 2,
-    /// Loss of at most 0.3 dB.
+    /// PSNR at most 0.3 dB below that of the exact rendering.
     Fast = 3,
-    /// Loss of at most 1 dB: for looking around.
+    /// PSNR at most 1 dB below that of the exact rendering: for navigation.
     Preview = 4,
 }
 
@@ -33,13 +34,13 @@ pub enum Preset {
 pub struct Choice {
     /// `sizeof(nerf_choice)`, set by the caller.
     pub struct_size: usize,
-    /// Loss of the settings against the exact rendering, dB, as a study measured it; negative for a gain.
+    /// PSNR of the exact rendering minus that of the settings, dB, as a study measured it; negative for a gain.
     pub loss_db: f32,
     /// Multiply-adds of the settings relative to the exact rendering's.
     pub cost: f32,
     /// Expected milliseconds per frame; NaN unless the choice was by time.
     pub milliseconds: f32,
-    /// 1 if the settings meet the limit; 0 if no point of the front does, and the nearest point was chosen.
+    /// 1 if the settings meet the limit; 0 if no point of the Pareto front does, and the nearest point was chosen.
     pub within: u32,
 }
 
@@ -80,13 +81,14 @@ fn without_time(choice: plan::Choice) -> (plan::Choice, f32) {
     (choice, f32::NAN)
 }
 
-/// Sets the cheapest settings that lose at most `loss_db` of PSNR against the exact rendering.
+/// Writes to `options` the cheapest settings whose PSNR is at most `loss_db` below that of the exact rendering.
 ///
 /// `options`: the caller sets `struct_size`; the quality settings (samples, cuts, occupancy grid, maths, proposal) are
-/// replaced, other fields stay. `choice`: NULL, or receives the chosen point. If every point of the scene's Pareto
-/// front loses more, the point that loses least is set, and `choice->within` is 0. `NERF_STATUS_NO_FRONT`, and nothing
-/// is written, if the scene has no front, or none of its points can be rendered by this build. A point's transmittance
-/// cut may exceed one half, which a frame with a median distance refuses. `message`: as in `nerf_scene_memory`.
+/// replaced, other fields stay. `choice`: NULL, or receives the chosen point. If the PSNR of every point of the scene's
+/// Pareto front is lower, the point of highest PSNR is written, and `choice->within` is 0. `NERF_STATUS_NO_FRONT`, and
+/// nothing is written, if the scene has no Pareto front, or this build can render none of its points. A point's
+/// transmittance cut may exceed one half, which a frame with a median distance refuses. `message`: as in
+/// `nerf_scene_memory`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `scene` is intact.
@@ -106,9 +108,9 @@ pub unsafe extern "C" fn nerf_quality_within_loss(
     })
 }
 
-/// Sets the settings of least loss with at most `ratio` times the multiply-adds of the exact rendering.
+/// Writes to `options` the settings of highest PSNR with at most `ratio` times the exact rendering's multiply-adds.
 ///
-/// If every point of the scene's Pareto front costs more, the cheapest is set. Everything else is as in
+/// If every point of the scene's Pareto front costs more, the cheapest is written. Everything else is as in
 /// `nerf_quality_within_loss`.
 ///
 /// # Safety
@@ -129,14 +131,14 @@ pub unsafe extern "C" fn nerf_quality_within_cost(
     })
 }
 
-/// Sets the settings of least loss whose frame takes at most `milliseconds`, by the times that `nerf_pace_measure`
-/// wrote to `pace`.
+/// Writes to `options` the settings of highest PSNR whose frame takes at most `milliseconds`, by the times that
+/// `nerf_pace_measure` wrote to `pace`.
 ///
-/// If every point of the scene's Pareto front takes longer, the fastest is set. `choice->milliseconds` is the expected
-/// time of a frame. Everything else is as in `nerf_quality_within_loss`.
+/// If every point of the scene's Pareto front takes longer, the fastest is written. `choice->milliseconds` is the
+/// expected time of a frame. Everything else is as in `nerf_quality_within_loss`.
 ///
 /// # Safety
-/// Pointers are NULL or point to what is described there, `pace` to a pace; `scene` is intact.
+/// Pointers are NULL or point to what is described there, `pace` to a `nerf_pace`; `scene` is intact.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_quality_within_time(
     scene: *const Scene,
@@ -156,11 +158,12 @@ pub unsafe extern "C" fn nerf_quality_within_time(
     })
 }
 
-/// Sets the settings of one of the `front_points` (`nerf_scene_info`) points of the scene's Pareto front.
+/// Writes to `options` the settings of a point of the scene's Pareto front.
 ///
-/// `point`: index from 0, most expensive first. For hosts that show the whole trade-off or choose by rules of their
-/// own. `NERF_STATUS_OPTIONS` for a point that does not exist, `NERF_STATUS_NO_FRONT` for one that this build cannot
-/// render. `choice->within` is 1. Everything else is as in `nerf_quality_within_loss`.
+/// `point`: index below `front_points` of `nerf_scene_info`, most expensive first. For hosts that show the whole
+/// trade-off or choose by rules of their own. `NERF_STATUS_OPTIONS` for a point that does not exist,
+/// `NERF_STATUS_NO_FRONT` for one that this build cannot render. `choice->within` is 1. Everything else is as in
+/// `nerf_quality_within_loss`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described there; `scene` is intact.
@@ -187,12 +190,13 @@ pub unsafe extern "C" fn nerf_quality_point(
     })
 }
 
-/// Sets the settings of a `nerf_preset`, which lose at most what the preset allows.
+/// Writes to `options` settings whose PSNR is below that of the exact rendering by at most what a `nerf_preset` allows.
 ///
-/// The loss is not known in a scene without a front. `NERF_PRESET_EXACT` then uses every sample inside the scene box,
-/// and `NERF_PRESET_HIGH` is the defaults. BALANCED, FAST and PREVIEW have transmittance cuts of 0.03, 0.1 and 0.1,
-/// colour cuts of 0.03, 0.03 and 0.1, and PREVIEW has four fifths of the samples: 0.05, 0.2 and 0.9 dB are lost in the
-/// scene of the project's own study. `options` and `message` as in `nerf_quality_within_loss`.
+/// In a scene without a Pareto front the PSNR of settings is not known. `NERF_PRESET_EXACT` then uses every sample
+/// inside the scene box, and `NERF_PRESET_HIGH` is the defaults. BALANCED, FAST and PREVIEW have transmittance cuts of
+/// 0.03, 0.1 and 0.1, colour cuts of 0.03, 0.03 and 0.1, and PREVIEW has four fifths of the samples: their PSNR was
+/// 0.05, 0.2 and 0.9 dB below exact in the project's own study. `options` and `message` as in
+/// `nerf_quality_within_loss`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `scene` is intact.

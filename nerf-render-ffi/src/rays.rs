@@ -79,8 +79,8 @@ pub struct Rays {
     pub count: usize,
     /// Origin of each ray: x, y, z, world space.
     pub origins: Floats,
-    /// Direction of each ray: x, y, z, unit length (squared length 1 within 1e-3). Directions are not normalised, so
-    /// distances have the same relative error.
+    /// Direction of each ray: x, y, z, of unit length (squared length within 1e-3 of 1). Not normalised again: a
+    /// relative error of the length is one of the ray's distances, too.
     pub dirs: Floats,
     /// Distance along each ray at which visibility begins, world units, at least 0; NULL for 0. In a scene that is
     /// marched (`step` of `nerf_scene_info` is not 0) the first sample interval begins here, or where the ray enters
@@ -106,7 +106,7 @@ versioned!(unsafe Rays, "rays", by_width(56, 112));
 /// Renders the caller's own rays: ray i is pixel i of the target.
 ///
 /// A ray may begin outside, inside or behind the scene. The distances of a ray without a surface are no less than any
-/// in the scene, or, if nearer, `t_max`. The rays of a camera's pixels give the camera's picture, bit for bit, without
+/// in the scene, or, if nearer, `t_max`. The rays of a camera's pixels give the camera's image, bit for bit, without
 /// jitter. A shadow ray needs only the plane of opacity: opacity has the same bits as together with other planes, for
 /// less work.
 ///
@@ -131,7 +131,7 @@ pub unsafe extern "C" fn nerf_render_rays(
     })
 }
 
-/// Samples the point at which a photon along each ray collides with the field, for path tracers.
+/// Samples the point on each ray at which a photon collides with the medium, for path tracers.
 ///
 /// A ray's photon collides where the opacity accumulated along the ray reaches the ray's number in `random`. Then
 /// `opacity` is 1, distances are those of the collision, and colour and normal are the field's at that point. Without a
@@ -205,7 +205,7 @@ impl Arrays {
     }
 }
 
-/// Renders rays; if `collide` is set, samples the points at which photons on the rays collide instead.
+/// Renders rays. With `collide`, samples instead the point on each ray at which a photon collides with the medium.
 ///
 /// # Safety
 /// As for [`nerf_render_rays`].

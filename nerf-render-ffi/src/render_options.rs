@@ -13,9 +13,9 @@ const MAX_RAYS: u32 = 256;
 /// Valid values of a flag, for messages.
 const FLAG: &str = "0 or 1";
 
-/// Default of `transmittance_cut`: the picture has no visible difference from one without a cut.
+/// Default of `transmittance_cut`: the image has no visible difference from one without a cut.
 pub const NERF_TRANSMITTANCE_CUT_DEFAULT: f32 = 2e-2;
-/// Default of `colour_cut`: the picture has no visible difference from one without a cut.
+/// Default of `colour_cut`: the image has no visible difference from one without a cut.
 pub const NERF_COLOUR_CUT_DEFAULT: f32 = 5e-3;
 /// Default of `normal_blur`: one sample interval.
 pub const NERF_NORMAL_BLUR_DEFAULT: f32 = 1.0;
@@ -52,8 +52,8 @@ const MATHS: [Option<MathBackend>; 4] = [
 
 /// Options of a frame: quality settings, batches, distances and effects.
 ///
-/// NULL for the structure, or all zeros except `struct_size`, are the defaults: cuts without a visible loss. With
-/// `transmittance_cut` and `colour_cut` at `NERF_NONE` the picture is exact: every sample that the occupancy grid does
+/// NULL for the structure, or all zeros except `struct_size`, are the defaults: cuts without a visible difference. With
+/// `transmittance_cut` and `colour_cut` at `NERF_NONE` the image is exact: every sample that the occupancy grid does
 /// not mark as empty is used.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
@@ -77,7 +77,7 @@ pub struct RenderOptions {
     /// Background colour, display-encoded, in `[0, 1]`; read only if `background_set` is 1.
     pub background: [f32; 3],
     /// Rays in one batch, and largest number of pixels of a tile, at most 256; 0 for a number that keeps vector units
-    /// busy. Affects memory and time, never the picture.
+    /// busy. Affects memory and time, never the image.
     pub batch_rays: u32,
     /// Samples that the network evaluates together, at most 64; 0 for a number that keeps vector units busy. Only the
     /// portable kernel with f16 weights uses fewer than 64.

@@ -11,11 +11,11 @@ use nerf_core::blob::Blob;
 use nerf_core::memory::{Line, lines_for};
 use nerf_core::render::Renderer;
 
-/// An opened scene, which lies at the beginning of the memory that it was opened in, and borrows the blob.
+/// An opened scene, at the beginning of the memory that it was opened in; borrows the scene file's bytes.
 ///
 /// A scene owns nothing and never changes: threads may share a scene, and there is nothing to close. A scene is valid
-/// until the caller reuses its memory or the blob's memory. (A scene from `nerf_scene_open_file` lies in the library's
-/// own memory and is valid until `nerf_scene_close`.)
+/// until the caller reuses its memory or that of the scene file's bytes. (A scene from `nerf_scene_open_file` lies in
+/// the library's own memory and is valid until `nerf_scene_close`.)
 #[repr(align(64))]
 pub struct Scene {
     renderer: Renderer<'static>,
@@ -35,7 +35,7 @@ impl Scene {
     /// Returns the scene that a handle points to.
     ///
     /// # Safety
-    /// `scene` is NULL or a handle whose memory and blob are intact during `'a`.
+    /// `scene` is NULL or a handle whose memory and file bytes are intact during `'a`.
     pub(crate) unsafe fn of<'a>(scene: *const Self) -> Result<&'a Self, Failure> {
         if scene.is_null() {
             return Err(Failure::Null("scene"));
@@ -49,7 +49,7 @@ impl Scene {
         &self.renderer
     }
 
-    /// Returns an error if `span`, memory that will be written to, overlaps the blob or the scene's memory.
+    /// Returns an error if `span`, memory that will be written to, overlaps the scene or its file's bytes.
     pub(crate) fn check_apart(&self, name: &'static str, span: Span) -> Result<(), Failure> {
         span.check_apart(name, self.blob, "the blob")?;
         span.check_apart(name, self.memory, "the scene's memory")
@@ -61,7 +61,7 @@ pub(crate) fn memory_lines(blob: &Blob<'_>, kernel: Kernel) -> usize {
     lines_for::<Scene>(1) + Renderer::prepared_lines(blob, kernel)
 }
 
-/// Parses and checks a blob. Opening the scene decodes the entropy-coded tables, and only then checks them.
+/// Parses and checks a scene file. Opening the scene decodes the entropy-coded tables, and only then checks them.
 ///
 /// # Safety
 /// `blob` is NULL or points to `blob_size` bytes that stay as they are during `'a`.
@@ -72,11 +72,11 @@ unsafe fn open_blob<'a>(blob: *const c_void, blob_size: usize) -> Result<Blob<'a
     Ok(Blob::open_undecoded(bytes)?)
 }
 
-/// Computes the size and alignment of the memory that `nerf_scene_open` needs for a blob.
+/// Computes the size and alignment of the memory that `nerf_scene_open` needs for a scene file.
 ///
-/// `blob`: `blob_size` bytes at any alignment. `options`: NULL for all zeros. `size` and `align`, bytes, are written on
-/// success only. `message`: NULL, or a buffer of `message_capacity` bytes that receives a sentence about what was
-/// expected and found; empty on success.
+/// `blob`: the scene file's `blob_size` bytes, at any alignment. `options`: NULL for all zeros. `size` and `align`,
+/// bytes, are written on success only. `message`: NULL, or a buffer of `message_capacity` bytes that receives a
+/// sentence about what was expected and found; empty on success.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.
@@ -104,10 +104,10 @@ pub unsafe extern "C" fn nerf_scene_memory(
 
 /// Opens a scene in the caller's memory; allocates nothing and owns nothing.
 ///
-/// The scene borrows `blob` and `memory`: the caller leaves both in place and unchanged while the scene is used.
-/// `memory`: has at least the size and alignment from `nerf_scene_memory`, and does not overlap the blob. `scene`
-/// receives the handle on success only; there is nothing to close. `message`: as in `nerf_scene_memory`. Neither
-/// `message` nor `scene` may overlap blob or memory.
+/// The scene borrows `blob` (the scene file's bytes) and `memory`: the caller neither moves nor changes these while the
+/// scene is used. `memory`: has at least the size and alignment from `nerf_scene_memory`, and does not overlap `blob`.
+/// `scene` receives the handle on success only; there is nothing to close. `message`: as in `nerf_scene_memory`.
+/// Neither `message` nor `scene` may overlap `blob` or `memory`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.
@@ -167,7 +167,7 @@ pub(crate) unsafe fn open_in(
         return Err(Failure::Memory { name: "memory", expected, found: memory_size });
     }
     let (own, memory) = (lines_for::<Scene>(1), memory.cast::<Line>());
-    // SAFETY: aligned, `lines` long, apart from the blob and lent; a line holds any bytes.
+    // SAFETY: aligned, `lines` long, apart from `blob` and lent; a line holds any bytes.
     let prepared = unsafe { core::slice::from_raw_parts_mut(memory.add(own), lines - own) };
     let renderer = Renderer::new(blob, kernel, prepared)?;
     let handle = memory.cast::<Scene>();

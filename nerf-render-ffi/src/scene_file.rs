@@ -14,9 +14,9 @@ use nerf_core::memory::Line;
 use std::fs::File;
 use std::io::{self, Read};
 
-/// Blob and memory of a scene that was opened from a file; `nerf_scene_close` frees them.
+/// Bytes of the file and memory of a scene that was opened from a file; `nerf_scene_close` frees them.
 ///
-/// The fields are no boxes, since the scene borrows blob and memory, and itself lies in `memory`.
+/// The fields are no boxes, since the scene borrows `blob` and `memory`, and itself lies in `memory`.
 pub(crate) struct Owned {
     blob: NonNull<[u8]>,
     memory: NonNull<[Line]>,
@@ -34,7 +34,7 @@ impl Owned {
     }
 
     /// # Safety
-    /// The blob and the memory are not used any more.
+    /// `blob` and `memory` are not used any more.
     unsafe fn free(self) {
         // SAFETY: both come from boxes (`new`), and are freed once: `self` is not `Copy`.
         drop(unsafe { (Box::from_raw(self.blob.as_ptr()), Box::from_raw(self.memory.as_ptr())) });
@@ -162,7 +162,7 @@ pub unsafe extern "C" fn nerf_scene_close(scene: *const Scene) {
             // SAFETY: an intact scene by this function's contract, and not used elsewhere any more.
             let owned = unsafe { (*scene.cast_mut()).owned.take() };
             if let Some(owned) = owned {
-                // SAFETY: the scene, which borrows blob and memory, is not used any more.
+                // SAFETY: the scene, which borrows the file's bytes and the memory, is not used any more.
                 unsafe { owned.free() };
             }
         }
@@ -170,7 +170,7 @@ pub unsafe extern "C" fn nerf_scene_close(scene: *const Scene) {
     });
 }
 
-/// Reads a file. An error if the header is not that of a blob, or gives another length than the file's.
+/// Reads a scene file. Errors: a header that is no scene file's, or a length in the header that is not the file's.
 fn read(path: &CStr) -> Result<Vec<u8>, Cause> {
     let path = as_path(path)?;
     // Checked before opening, since opening a pipe blocks until something writes to it.

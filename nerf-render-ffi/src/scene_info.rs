@@ -8,13 +8,13 @@ use core::ffi::c_char;
 use nerf_core::blob::{SceneSampling, StoredTables, Viewpoint};
 use nerf_core::network::{MAX_COLOUR, MAX_TRUNK};
 
-/// The content of a blob.
+/// The content of a scene file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Kind {
     /// A scene: density and colour in space.
     Scene = 1,
-    /// A picture: colour over a plane (a 2D field); `nerf_render_picture` renders it.
+    /// A 2D field: colour over a plane, rendered by `nerf_render_picture`.
     Picture = 2,
 }
 
@@ -29,11 +29,12 @@ pub enum TableStorage {
     /// One byte per value, and one scale per level of the grid.
     Int8 = 2,
     /// `NERF_TABLE_STORAGE_INT8`, entropy-coded: `nerf_scene_open` decodes the tables into the scene's memory. Without
-    /// the feature `coded` (microcontrollers) a library refuses these: fit with `--export int8`, read in place.
+    /// the feature `coded` (microcontrollers) a library refuses coded tables: fit with `--export int8`, whose tables
+    /// are read directly from the file's bytes.
     Coded = 3,
 }
 
-/// Text inside the blob: UTF-8, `length` bytes, **not** NUL-terminated.
+/// Text inside the scene file: UTF-8, `length` bytes, **not** NUL-terminated.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Text {
@@ -49,13 +50,13 @@ impl Text {
     }
 }
 
-/// The facts of a scene. For a picture (a 2D field), fields that do not apply are 0.
+/// The facts of a scene. For a 2D field, fields that do not apply are 0.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct SceneInfo {
     /// `sizeof(nerf_scene_info)`, set by the caller.
     pub struct_size: usize,
-    /// Content of the blob: a `nerf_kind`.
+    /// Content of the scene file: a `nerf_kind`.
     pub kind: u32,
     /// The `nerf_kernel` that the scene runs on; never `NERF_KERNEL_AUTO`.
     pub kernel: u32,
@@ -97,7 +98,7 @@ pub struct SceneInfo {
     pub steps: u32,
     /// Number of parameters of the network.
     pub parameters: u64,
-    /// Multiply-adds of one density evaluation; for a picture, of one evaluation of the trunk.
+    /// Multiply-adds of one density evaluation; for a 2D field, of its layers in front of the colour branch.
     pub density_macs: u64,
     /// Additional multiply-adds of one colour evaluation.
     pub colour_macs: u64,
@@ -109,13 +110,13 @@ pub struct SceneInfo {
     pub made_by: Text,
     /// How the PSNR was measured: views, background, samples.
     pub psnr_convention: Text,
-    /// Width of the picture the 2D field was made from, pixels; 0 for a scene.
+    /// Width of the image that the 2D field was fitted to, pixels; 0 for a scene.
     pub picture_width: u32,
-    /// Height of the picture the 2D field was made from, pixels; 0 for a scene.
+    /// Height of the image that the 2D field was fitted to, pixels; 0 for a scene.
     pub picture_height: u32,
     /// Samples per ray of the coarse proposal network; 0 without a proposal network.
     pub proposal_samples: u32,
-    /// Number of points of the Pareto front of loss against cost, measured by a study; 0 without a front.
+    /// Number of points of the Pareto front (PSNR against multiply-adds), measured by a study; 0 without one.
     pub front_points: u32,
     /// Multiply-adds of one evaluation of the proposal network; 0 without a proposal network.
     pub proposal_macs: u64,
@@ -152,11 +153,10 @@ versioned!(unsafe SceneInfo, "info", by_width(if align_of::<u64>() == 4 { 284 } 
 /// Describes a scene: placement of a camera, cost, origin.
 ///
 /// `info`: the caller sets `struct_size`; the other fields are written on success. Fields of a newer header that this
-/// library does not know become zero. The texts point into the blob.
+/// library does not know become zero. The texts point into the scene file's bytes.
 ///
 /// # Safety
-/// `scene` is NULL or a scene whose memory and blob are intact; `info` is NULL or points to
-/// `struct_size` bytes.
+/// `scene` is NULL or a scene whose memory and file bytes are intact; `info` is NULL or points to `struct_size` bytes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_scene_describe(scene: *const Scene, info: *mut SceneInfo) -> Status {
     call(Message::NONE, || {

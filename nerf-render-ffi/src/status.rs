@@ -32,7 +32,7 @@ pub enum Status {
     Rect = 11,
     /// The target has no plane, a plane that does not belong there, or a plane with a wrong format or stride.
     Target = 12,
-    /// The blob is a picture (a 2D field), not a scene: `nerf_render_picture` renders it.
+    /// The scene file contains a 2D field, not a scene: `nerf_render_picture` renders 2D fields.
     NotAScene = 13,
     /// The scene's occupancy grid is part of its model and cannot be ignored.
     OccupancyRequired = 14,
@@ -42,7 +42,7 @@ pub enum Status {
     Cancelled = 16,
     /// A defect of this library; the scene is unharmed.
     Panic = 17,
-    /// The blob is a scene, not a picture (a 2D field): `nerf_render` renders it.
+    /// The scene file contains a scene, not a 2D field: `nerf_render` renders scenes.
     NotAPicture = 18,
     /// The scene has no Pareto front of accuracy against work: `nerf-train study` measures one.
     NoFront = 19,
@@ -57,21 +57,21 @@ pub enum Status {
     Transform = 23,
     /// Another call uses the worker, or a call with the worker has panicked.
     Busy = 24,
-    /// The bytes do not begin as a blob does.
+    /// The bytes do not begin as a scene file does.
     BlobMagic = 32,
-    /// The blob ends early.
+    /// The scene file ends early.
     BlobTruncated = 33,
-    /// Bytes follow the blob.
+    /// Bytes follow the end of the scene file.
     BlobTrailing = 34,
-    /// The blob is of another version of the format.
+    /// The scene file is of another version of the format.
     BlobVersion = 35,
-    /// The blob was written with the opposite byte order.
+    /// The scene file was written with the opposite byte order.
     BlobEndian = 36,
-    /// The blob has flags this library does not know.
+    /// The scene file has flags this library does not know.
     BlobFlags = 37,
-    /// The blob is damaged: its checksum does not match.
+    /// The scene file is damaged: its checksum does not match.
     BlobChecksum = 38,
-    /// The blob's checksum matches, but its content breaks a rule of the format.
+    /// The scene file's checksum matches, but the content breaks a rule of the format.
     BlobContent = 39,
 }
 

@@ -100,7 +100,7 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// Returns an error if a plane other than colour is given: a picture (a 2D field) has only colour.
+    /// Returns an error if a plane other than colour is given: a 2D field has only colour.
     pub fn check_picture(&self) -> Result<(), Failure> {
         let planes = self.surfaces.iter().chain([&self.limit]).flatten();
         let other = planes.map(|surface| surface.channel).find(|channel| *channel != Channel::Colour);

@@ -29,7 +29,7 @@ use nerf_core::space::Placement;
 pub struct Request {
     /// `sizeof(nerf_request)`.
     pub struct_size: usize,
-    /// Scene, or picture (a 2D field), in its own coordinates; NULL if there are `instances`.
+    /// Scene or 2D field, in its own coordinates; NULL if there are `instances`.
     pub scene: *const Scene,
     /// Scenes that the host has placed in its own world, or NULL: cameras, rays, points and distances are in that
     /// world. Where instances overlap, densities add and colours are mixed by density. An unbounded scene must be the
@@ -39,7 +39,8 @@ pub struct Request {
     pub instance_count: usize,
     /// Options of the frames; NULL for the defaults.
     pub options: *const RenderOptions,
-    /// `NERF_OUTPUT_*` of the planes that targets will have, or-ed; for queries `NERF_OUTPUT_RGB` or 0.
+    /// `NERF_OUTPUT_*` flags, or-ed, of the planes that the worker renders. For a worker of `nerf_query` alone:
+    /// `NERF_OUTPUT_RGB` if colours are requested, else 0.
     pub outputs: u32,
     /// Reserved; must be 0.
     pub reserved: u32,
@@ -66,11 +67,11 @@ pub struct Worker {
     state: UnsafeCell<State>,
 }
 
-/// The prepared renderer of a worker: of radiance fields, or of a picture.
+/// The renderer of a worker: of radiance fields, or of a 2D field.
 #[allow(clippy::large_enum_variant, reason = "one lies in each worker, and nothing here allocates")]
 pub(crate) enum Work {
     Fields(render::Worker<'static>),
-    /// Workspace for rendering a picture.
+    /// Workspace for rendering a 2D field.
     Picture(&'static mut [Line]),
 }
 
@@ -103,9 +104,9 @@ impl Worker {
     }
 }
 
-/// Runs the body of a call with exclusive access to a worker's state.
+/// Calls `body` with exclusive access to the worker's state.
 ///
-/// A panic of the body leaves the work half done: the worker stays busy then.
+/// If `body` panics, the worker stays busy for good, since its state may be incomplete.
 ///
 /// # Safety
 /// `worker` is NULL or a handle whose memory and scenes are intact; the memory is used through this handle alone.
@@ -132,8 +133,8 @@ pub(crate) unsafe fn with_worker(
     result
 }
 
-/// Runs the body of a call with a worker's state and the caller's structure `asked`. Writes the counters that the
-/// body returns unless `counters` is NULL.
+/// Calls `body` with the worker's state and the caller's structure at `asked`. Writes the counters that `body` returns
+/// to `counters`, unless that is NULL.
 ///
 /// # Safety
 /// `worker` as in [`with_worker`]; `asked` and `counters` are NULL or point to structures of their `struct_size`.
@@ -157,13 +158,13 @@ pub(crate) unsafe fn with_worker_and<T: Versioned>(
 }
 
 impl State {
-    /// Returns an error if `span` overlaps a blob, a scene or the worker's memory.
+    /// Returns an error if `span` overlaps a scene file, a scene or the worker's memory.
     pub(crate) fn check_apart(&self, name: &'static str, span: Span) -> Result<(), Failure> {
         span.check_apart(name, self.memory, "the worker's memory")?;
         self.members.iter().try_for_each(|member| member.scene.check_apart(name, span))
     }
 
-    /// Returns the renderer of radiance fields; an error for a picture (a 2D field).
+    /// Returns the renderer of radiance fields; an error for a 2D field.
     pub(crate) fn fields(&mut self) -> Result<&mut render::Worker<'static>, Failure> {
         match &mut self.work {
             Work::Fields(fields) => Ok(fields),
@@ -188,12 +189,13 @@ struct Checked {
     placed: bool,
 }
 
-/// Sizes of a worker's memory. `own`, `pixels` and `rest` are in lines; members and instances count in `bytes` alone.
+/// Sizes of a worker's memory. `own`, `pixels` and `rest` are in lines of 64 bytes. Only `bytes`, the total, includes
+/// members and instances.
 struct Shares {
     own: usize,
     pixels: usize,
     rest: usize,
-    /// Bytes of the whole memory.
+    /// Size of the whole memory, bytes.
     bytes: usize,
 }
 
@@ -267,7 +269,7 @@ impl Checked {
         failure
     }
 
-    /// Makes the plan of scene `index`, in the scene's units of `scale` world units; `None` for a picture.
+    /// Makes the plan of scene `index`, in the scene's units of `scale` world units; `None` for a 2D field.
     fn plan(&self, index: usize, scene: &Scene, scale: f32) -> Result<Option<Plan<'static>>, Failure> {
         let blob = scene.renderer().blob();
         if blob.picture().is_some() && !self.placed {
@@ -336,12 +338,12 @@ pub unsafe extern "C" fn nerf_worker_size(
     unsafe { call_for_size((size, align), message, || Ok(Checked::read(request)?.shares()?.bytes)) }
 }
 
-/// Opens a worker in the caller's memory, and checks and prepares whatever does not change from call to call.
+/// Opens a worker in the caller's memory. Checks the request and divides the memory once for all later calls.
 ///
-/// The worker borrows `memory` and the scenes: the caller leaves them in place and unchanged while the worker is used.
+/// The worker borrows `memory` and the scenes: the caller neither moves nor changes these while the worker is used.
 /// Each thread needs a worker of its own. `memory`: has at least the size and alignment from `nerf_worker_size`, and
-/// does not overlap scenes, blobs or any other argument. `worker` receives the handle on success only; there is nothing
-/// to close. `message`: as in `nerf_worker_size`.
+/// does not overlap scenes, scene files or any other argument. `worker` receives the handle on success only; there is
+/// nothing to close. `message`: as in `nerf_worker_size`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; scenes are intact.

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize, Serializer};
 
 /// Maximum number of samples per ray.
 pub const MAX_SAMPLES: u16 = 4096;
-/// Maximum side of a picture, pixels.
+/// Maximum side of the image that a 2D field was fitted to, pixels.
 pub const MAX_PICTURE_SIDE: u32 = 65_535;
 /// Maximum number of cells of the occupancy grid along one axis.
 pub const MAX_OCCUPANCY_RESOLUTION: u16 = 512;
@@ -22,7 +22,7 @@ pub const MAX_FRONT: usize = 16;
 pub struct Body<'a> {
     /// The network's shape.
     pub architecture: Architecture,
-    /// Whether the blob is a scene or a picture, with its bounds or size.
+    /// Whether the blob is a scene or a 2D field, with its bounds or size.
     pub content: Content,
     /// The occupancy grid, if the scene has one.
     #[serde(borrow)]
@@ -103,9 +103,9 @@ impl<'a> StoredTables<'a> {
     }
 }
 
-/// The content of a blob: a picture or a scene.
+/// The content of a blob: a 2D field or a scene.
 ///
-/// A picture's network has 2 inputs and no density head, a scene's 3 inputs and a density head.
+/// A 2D field's network has 2 inputs and no density head, a scene's 3 inputs and a density head.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Content {
     /// Colour over a plane: a 2D field.
@@ -114,9 +114,9 @@ pub enum Content {
     Scene(SceneFacts),
 }
 
-/// Size of the picture that a 2D field was fitted to. The field can be rendered at any other size.
+/// Size of the image that a 2D field was fitted to. The field can be rendered at any size.
 ///
-/// The network's inputs are x to the right and y down, each 0 to 1 over the picture at any aspect ratio.
+/// The network's inputs are x to the right and y down, each 0 to 1 over the image at any aspect ratio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PictureFacts {
     /// Pixels per row, 1 to [`MAX_PICTURE_SIDE`].
@@ -255,8 +255,8 @@ impl StoredOccupancy<'_> {
 /// The Pareto front of a scene, most expensive point first.
 pub type ParetoFront = heapless::Vec<FrontPoint, MAX_FRONT>;
 
-/// The settings of a [`Quality`](crate::plan::Quality) with their loss and cost. No point of a Pareto front is both
-/// cheaper and better than another.
+/// The settings of a [`Quality`](crate::plan::Quality) with their loss and cost. No point of a Pareto front has both a
+/// lower cost and a higher PSNR than another.
 ///
 /// Cost is in multiply-adds, not in time, which depends on the host.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -269,7 +269,7 @@ pub struct FrontPoint {
     pub colour_cut: f32,
     /// Whether empty cells are skipped; true only in a scene with an occupancy grid.
     pub occupancy: bool,
-    /// [`MathBackend::tag`](crate::math::MathBackend::tag) of the elementary functions.
+    /// Elementary functions (exp, sin, …) of these settings, as [`MathBackend::tag`](crate::math::MathBackend::tag).
     pub math: u8,
     /// Whether samples are drawn from the proposal network; true only in a scene that has one.
     pub proposal: bool,

@@ -113,7 +113,7 @@ errors! {
     ProposalArchitecture(error: ArchitectureError) => "proposal: {error}";
     Front { index: u8, fault: FrontFault } => "front point {index}: {fault}";
     Bounds(error: BoundsError) => "scene: {error}";
-    /// A picture whose network has a density head, or a scene whose network has none.
+    /// A 2D field whose network has a density head, or a scene whose network has none.
     Kind { density_head: bool, scene: bool } =>
         "content: expected a {expected} of a network {with} density head, found a {found}",
         expected = kind(*density_head), with = if *density_head { "with a" } else { "without a" }, found = kind(*scene);
@@ -150,7 +150,7 @@ errors! {
             "coded" => Section::Tables,
             _ => Section::Position,
         },
-        // int8 tables are read in place and need no decoder.
+        // int8 tables are read directly from the blob's bytes and need no decoder.
         advice = if *feature == "coded" { " (or a file fitted with --export int8)" } else { "" };
     Space { expected: u64, found: u64 } => "output buffer: expected {expected} bytes, found {found}";
 }

@@ -1,4 +1,4 @@
-//! The `*.nerf` file: a checked header, then one postcard body that is borrowed in place.
+//! The `*.nerf` file: a checked header, then one postcard body, whose large parts are slices of the file's bytes.
 //!
 //! The format is specified in `docs/blob-format.md`. A [`Blob`] is checked once, in
 //! [`Blob::open`]; everything after that is infallible.

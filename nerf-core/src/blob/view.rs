@@ -113,7 +113,7 @@ impl<'a> Blob<'a> {
         }
     }
 
-    /// Size of the picture that a 2D field was fitted to; `None` in a scene.
+    /// Size of the image that a 2D field was fitted to; `None` in a scene.
     pub fn picture(&self) -> Option<PictureFacts> {
         match self.body.content {
             Content::Picture(picture) => Some(picture),
@@ -157,7 +157,7 @@ impl<'a> Blob<'a> {
         self.body.tables
     }
 
-    /// Number of bytes that coded tables decode to; 0 for other tables, which are read in place.
+    /// Number of bytes that coded tables decode to; 0 for other tables, which are read directly from the blob's bytes.
     pub fn decoded_len(&self) -> usize {
         self.body.coded().map_or(0, |(grid, _)| grid.values())
     }

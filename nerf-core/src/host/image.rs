@@ -76,7 +76,7 @@ impl Image {
         set(&mut self.normals, i, pixel.normal);
     }
 
-    /// The colours as bytes, red, green, blue, row by row: the layout of picture files.
+    /// The colours as bytes, red, green, blue, row by row: the layout of image files.
     pub fn rgb8(&self) -> Vec<u8> {
         self.rgb.iter().flatten().map(|c| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8).collect()
     }

@@ -63,7 +63,7 @@ impl<'s> Request<'s> {
     /// As [`Request::render`], and [`HostError::Render`] with the index of the first ray that is invalid.
     pub fn render_rays(&self, rays: &[RaySegment], axis: Option<Vec3>) -> Result<Vec<Pixel>, HostError> {
         let renderer = self.scene.renderer();
-        // Memory is prepared for no more rays than there are.
+        // A batch has no more rays than the caller, to save memory.
         let batch = Batch { rays: rays.len().clamp(1, Batch::FULL.rays), ..Batch::FULL };
         let plan = self.settings.plan(renderer.blob(), self.outputs, batch)?;
         Ok(threads::render_rays(&renderer, &plan, rays, axis, self.threads)?.0)

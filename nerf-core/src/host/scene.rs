@@ -37,7 +37,7 @@ const _: () = {
 };
 
 impl Scene {
-    /// Reads a file and prepares the scene for this machine's fastest instructions that compute in f32.
+    /// Reads a file and opens the scene for this machine's fastest instructions that compute in f32.
     ///
     /// # Errors
     /// [`HostError::Read`] and [`HostError::Open`], which name the file.

@@ -95,7 +95,7 @@ pub fn render_rays(
 /// `finished` is called with the number of rows finished since its last call.
 ///
 /// # Errors
-/// [`RenderError`] if the blob is a scene, on a size above the limit, and without enough memory for the picture.
+/// [`RenderError`] if the blob is a scene, on a size above the limit, and without enough memory for the image.
 pub fn render_picture(
     renderer: &Renderer<'_>,
     math: MathBackend,

@@ -194,7 +194,7 @@ mod avx512 {
         #[target_feature(enable = "avx512f,avx512bf16")]
         fn tile<const PAIRS: usize, const COLS: usize>(&mut self, row: usize, column: usize) {
             let stride = self.stride;
-            // An odd last row is paired with itself; the second sums are not used.
+            // An odd last row is paired with itself; the sums of its second copy are not used.
             let even: [usize; PAIRS] = core::array::from_fn(|i| row + 2 * i);
             let odd = even.map(|even| (even + 1).min(self.outputs - 1));
             let start = |row: usize| match self.init {

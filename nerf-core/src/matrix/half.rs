@@ -1,5 +1,5 @@
-//! Dense layers whose f16 weights are read in place: for microcontrollers, and scenes without memory for unpacked
-//! weights.
+//! Dense layers whose f16 weights are read directly from the blob's bytes: for microcontrollers, and scenes without
+//! memory for unpacked weights.
 
 use super::{Gemm, Init};
 use crate::memory::{at, tail, tail_mut};

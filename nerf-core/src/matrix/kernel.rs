@@ -9,7 +9,7 @@ names! {
     #[derive(PartialOrd, Ord)]
     #[non_exhaustive]
     pub enum Storage {
-        /// f16 read in place in the file's bytes: needs no memory of its own.
+        /// f16 read directly from the blob's bytes: needs no memory of its own.
         F16 = "f16",
         /// Unpacked to f32 once: the same products as with f16, faster.
         F32 = "f32",
@@ -20,7 +20,7 @@ names! {
 }
 
 impl Storage {
-    /// Whether weights are read in place in the blob: with f16, and always if the target has no [`VECTORS`].
+    /// Whether weights are read directly from the blob's bytes: with f16, and always if the target has no [`VECTORS`].
     pub(crate) const fn in_place(self) -> bool {
         matches!(self, Self::F16) || !VECTORS
     }
@@ -37,7 +37,7 @@ pub struct Kernel {
 }
 
 impl Kernel {
-    /// The kernel of every machine, and the reference for all others: portable instructions, weights read in place.
+    /// The kernel of every machine, and the reference for all others: portable, weights read from the blob's bytes.
     pub const IN_PLACE: Self = Self::new(Isa::Portable, Storage::F16);
 
     /// Makes a kernel, without a check that it is [available](Kernel::available).

@@ -1,4 +1,4 @@
-//! Dense products: weights as f32, as f16 read in place, or as pairs of bf16, times a block of samples.
+//! Dense products: weights (f32, f16 read directly from the blob's bytes, or pairs of bf16) times a block of samples.
 
 #[allow(unsafe_code, reason = "a leaf of AVX-512 BF16, and reads by address")]
 mod bf16;

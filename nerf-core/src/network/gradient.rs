@@ -186,8 +186,9 @@ fn sign_words(layer: &Layer, samples: usize) -> usize {
 
 /// Sets the bit of each output that is above 0.
 ///
-/// `outputs`: `[rows][stride]` after the ReLU, or pairs of rows if `paired`; `stride` is then a multiple of
-/// [`SIGNS`]. `signs`: one bit per output, row after row.
+/// `outputs`, after the ReLU: `[rows][stride]` f32, or if `paired` `[rows / 2, rounded up][stride]` words, each with
+/// the bf16 values of two successive rows. With `paired`, `stride` is a multiple of [`SIGNS`]. `signs`: one bit per
+/// output, row after row.
 fn record(signs: &mut [u16], outputs: &[f32], rows: usize, stride: usize, paired: bool) {
     if !paired {
         for (sign, outputs) in signs.iter_mut().zip(head(outputs, rows * stride).chunks(SIGNS)) {

@@ -1,4 +1,4 @@
-//! The network: its architecture as data, and its evaluation with weights that are borrowed in place.
+//! The network: its architecture as data, and its evaluation with borrowed weights.
 //!
 //! ```text
 //! PE(x) ─► trunk: dense+ReLU … (a layer may take [h, PE(x)]) ─► h ─┬─► dense ─► raw_sigma

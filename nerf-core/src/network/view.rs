@@ -43,7 +43,7 @@ impl<'a> Network<'a> {
     /// Makes a network without a grid from its architecture and parameters.
     ///
     /// `None` if the architecture exceeds a limit or has a grid ([`Network::with_grid`] takes a grid), if there are too
-    /// few parameters, or if parameters are not read in place although the target has no [`VECTORS`].
+    /// few parameters, or if the target has no [`VECTORS`] and parameters are not [`Weights::InPlace`].
     #[cfg(feature = "train")]
     pub fn new(architecture: &Architecture, weights: Weights<'a>, isa: Isa) -> Option<Self> {
         Self::with_grid(architecture, weights, GridTables::NONE, isa)
@@ -106,7 +106,8 @@ impl<'a> Network<'a> {
         self.isa
     }
 
-    /// The parameters; in a build without [`VECTORS`] the compiler knows that they are read in place.
+    /// The network's parameters. In a build without [`VECTORS`] always [`Weights::InPlace`], so that the compiler drops
+    /// the code for other formats.
     #[inline(always)]
     pub(super) fn weights(&self) -> Weights<'a> {
         match self.weights {
@@ -116,8 +117,8 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Whether [`Scratch::stride`] must be a multiple of [`Network::columns`]: only portable instructions over
-    /// weights read in place accept any stride.
+    /// Whether [`Scratch::stride`] must be a multiple of [`Network::columns`]: only portable instructions over weights
+    /// read directly from the blob's bytes accept any stride.
     pub fn whole_blocks(&self) -> bool {
         VECTORS && (self.isa != Isa::Portable || !matches!(self.weights, Weights::InPlace(_)))
     }
@@ -175,7 +176,7 @@ impl<'a> Network<'a> {
     /// `positions`: `[inputs][stride]`, inside the scene box.
     ///
     /// # Panics
-    /// If a slice is shorter than its rows times [`Scratch::stride`] (with weights read in place, only with debug
+    /// If a slice is shorter than its rows times [`Scratch::stride`] (with [`Weights::InPlace`], only with debug
     /// assertions), or if the stride is not a multiple of [`Network::columns`] although it must be
     /// ([`Network::whole_blocks`]). The same holds for `direction`, `density` and `colour`.
     pub fn trunk(&self, math: MathBackend, scratch: &mut Scratch<'_>, positions: &[f32]) {

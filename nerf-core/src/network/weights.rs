@@ -6,7 +6,7 @@ use crate::matrix::{Storage, f16_at, pair};
 /// The parameters of a network, borrowed in one of four formats.
 #[derive(Clone, Copy, Debug)]
 pub enum Weights<'a> {
-    /// Little-endian f16, read in place: needs no memory except for activations.
+    /// Little-endian f16, read directly from the blob's bytes: needs no memory except for activations.
     InPlace(&'a [u8]),
     /// f32, for instruction sets with vectors.
     Prepared(&'a [f32]),
@@ -18,10 +18,10 @@ pub enum Weights<'a> {
 }
 
 impl<'a> Weights<'a> {
-    /// Unpacks little-endian f16 `bytes` into `memory` for `storage`, unless `storage` reads weights in place.
+    /// Unpacks little-endian f16 `bytes` into `memory` for `storage`, unless `storage` reads `bytes` directly.
     ///
     /// `memory`: one value for each parameter of the `architecture`, or only for trunk and density head
-    /// ([`Architecture::density_parameters`]) if colours are not evaluated; unused if weights are read in place.
+    /// ([`Architecture::density_parameters`]) if colours are not evaluated; unused if `bytes` are read directly.
     ///
     /// # Panics
     /// If `bytes` or `memory` is too short.
@@ -38,7 +38,7 @@ impl<'a> Weights<'a> {
         Self::view(architecture, storage, bytes, memory)
     }
 
-    /// The parameters for `storage`: `bytes` if read in place, else `unpacked` by [`Weights::unpack`].
+    /// The parameters for `storage`: `bytes` if read directly, else `unpacked`, written by [`Weights::unpack`].
     pub(crate) fn view(
         architecture: &Architecture,
         storage: Storage,
@@ -53,7 +53,7 @@ impl<'a> Weights<'a> {
         }
     }
 
-    /// Unpacks little-endian f16 `bytes` in the format of a `storage` that does not read them in place.
+    /// Unpacks little-endian f16 `bytes` to `memory` in the format of `storage`, which is not f16.
     pub(crate) fn unpack(architecture: &Architecture, storage: Storage, bytes: &[u8], memory: &mut [f32]) {
         unpack(bytes, memory);
         if storage != Storage::Bf16 {

@@ -73,17 +73,17 @@ impl Outputs {
 /// Numbers of rays and samples processed at once, which affect memory and time, but never the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Batch {
-    /// Number of rays in flight, marched at the same time.
+    /// Number of rays that are marched at the same time.
     pub rays: usize,
     /// Number of samples that the network evaluates together: 64 with vector instructions.
     pub samples: usize,
 }
 
 impl Batch {
-    /// Maximum number of rays in flight: more than any picture needs, few enough for 32-bit columns.
+    /// Maximum of [`Batch::rays`]: more than any image needs, few enough for 32-bit columns.
     pub const MAX_RAYS: usize = 1 << 24;
 
-    /// One ray and one sample, for microcontrollers. Only for weights read in place.
+    /// One ray and one sample, for microcontrollers. Only for weights read directly from the blob's bytes.
     pub const SMALLEST: Self = Self { rays: 1, samples: 1 };
 
     /// One ray for each pixel of a tile, and whole blocks: enough to keep any instruction set busy.
@@ -102,7 +102,7 @@ pub struct Plan<'a> {
     pub(crate) scene: usize,
     pub(crate) bounds: SceneBox,
     /// Contraction of an unbounded scene. The bins of a ray are then steps of the contraction, which [`Plan::point`]
-    /// and [`Plan::interval`] turn into points and distances.
+    /// and [`Plan::interval`] convert to points and distances.
     pub(crate) contraction: Option<Contraction>,
     /// How rays use `bins`.
     pub(crate) lattice: Lattice,
@@ -361,7 +361,8 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Whether rays may be marched side by side: in frames without a proposal network, median distances and normals.
+    /// Whether several rays may be marched at once, one per SIMD lane: in frames that use no proposal network and
+    /// output neither median distances nor normals.
     pub(crate) fn marches_side_by_side(&self) -> bool {
         self.proposal.is_none() && !self.outputs.surface()
     }

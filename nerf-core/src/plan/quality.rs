@@ -1,4 +1,5 @@
-//! Quality settings of a frame, and those on a scene's Pareto front, with their loss and cost.
+//! Quality settings of a frame, and those on a scene's Pareto front, with their loss (PSNR below that of the exact
+//! rendering, dB) and cost (multiply-adds).
 
 use crate::blob::{Blob, FrontPoint};
 use crate::math::MathBackend;
@@ -33,8 +34,8 @@ pub struct Quality {
 }
 
 impl Quality {
-    /// The default transmittance cut: with the default colour cut the loss is 0.01 dB against no cut, at less than half
-    /// the evaluations (`docs/journal/2026-11-22-frames.md`).
+    /// The default transmittance cut: with the default colour cut the PSNR is 0.01 dB below that without a cut, at less
+    /// than half the evaluations (`docs/journal/2026-11-22-frames.md`).
     pub const TRANSMITTANCE_CUT: f32 = 2e-2;
     /// The default colour cut.
     pub const COLOUR_CUT: f32 = 5e-3;
@@ -55,21 +56,21 @@ impl Quality {
         Self { occupancy: occupancy_required, ..Self::EXACT }
     }
 
-    /// The cheapest settings of the blob's Pareto front that lose at most `db` against the exact rendering.
+    /// Cheapest settings on the blob's Pareto front whose PSNR is at most `db` dB below that of exact rendering.
     ///
-    /// If every point loses more, the point that loses least. `None` without a front, or with a front that needs maths
-    /// backends or a proposal that this build lacks. The transmittance cut may exceed one half, which a plan with a
-    /// median distance refuses.
+    /// If the PSNR of every point is lower, returns the point of highest PSNR. `None` without a Pareto front, or if
+    /// every point needs a maths backend or a proposal network that this build lacks. The transmittance cut may exceed
+    /// one half, which a plan with a median distance refuses.
     pub fn within_loss(blob: &Blob<'_>, db: f32) -> Option<Choice> {
-        // Ordered from the most expensive point to the cheapest, and so from the least loss to the most.
+        // Ordered from the most expensive point to the cheapest, and thus from the highest PSNR to the lowest.
         let last = Self::choices(blob).take_while(|choice| choice.loss_db <= db).last();
         last.map(|choice| Choice { within: true, ..choice }).or_else(|| Self::choices(blob).next())
     }
 
-    /// The settings of the blob's Pareto front with the least loss at no more than `ratio` of the exact rendering's
-    /// multiply-adds; of equal losses, the cheaper.
+    /// The settings of highest PSNR on the blob's Pareto front with at most `ratio` times the multiply-adds of the
+    /// exact rendering; of settings with equal PSNR, the cheapest.
     ///
-    /// If every point costs more, the cheapest point. `None` as with [`Quality::within_loss`].
+    /// If every point costs more, returns the cheapest. `None` as with [`Quality::within_loss`].
     pub fn within_cost(blob: &Blob<'_>, ratio: f32) -> Option<Choice> {
         let mut affordable = Self::choices(blob).filter(|choice| choice.cost <= ratio);
         let Some(first) = affordable.next() else { return Self::choices(blob).last() };
@@ -77,15 +78,15 @@ impl Quality {
         Some(Choice { within: true, ..best })
     }
 
-    /// The settings of a preset in this scene, which lose at most [`Preset::loss_db`].
+    /// The settings of a preset in this scene: PSNR at most [`Preset::loss_db`] below that of the exact rendering.
     ///
-    /// The result is a point of the scene's Pareto front. If even the best point loses too much, the result is
-    /// [`Quality::exact`], which loses nothing by definition.
+    /// The result is a point of the scene's Pareto front. If the PSNR of every point is too low, the result is
+    /// [`Quality::exact`].
     ///
-    /// Without a front the loss in this scene is not known. `Preset::Exact` is then [`Quality::exact`], and
+    /// Without a Pareto front the PSNR of settings is not known. `Preset::Exact` is then [`Quality::exact`], and
     /// `Preset::High` [`Quality::default`]; the other presets have the cuts from a study of another scene:
     ///
-    /// | preset | transmittance cut | colour cut | samples | lost there |
+    /// | preset | transmittance cut | colour cut | samples | PSNR below exact |
     /// | --- | ---: | ---: | ---: | ---: |
     /// | `Balanced` | 0.03 | 0.03 | all | 0.05 dB |
     /// | `Fast` | 0.1 | 0.03 | all | 0.2 dB |
@@ -108,7 +109,7 @@ impl Quality {
         Self { transmittance_cut, colour_cut, samples, ..Self::default() }
     }
 
-    /// These settings as a point of the blob's front, with their measured loss and cost.
+    /// These settings as a point of the blob's Pareto front, with their measured loss and cost.
     ///
     /// `loss_db`: PSNR of [`Quality::exact`] minus that of these settings, against ground truth. `cost`: multiply-adds
     /// of these settings relative to those of the exact rendering. Stages that the scene lacks are off, and the scene's
@@ -127,8 +128,8 @@ impl Quality {
         }
     }
 
-    /// Every point of the blob's front that this build can render, with its index: most expensive first, with
-    /// [`Choice::within`] false.
+    /// Settings on the blob's Pareto front (loss against cost) that this build can render, most expensive first, each
+    /// with its index in the blob's front. [`Choice::within`] is false: nothing is compared with a limit.
     pub fn front<'b>(blob: &'b Blob<'_>) -> impl Iterator<Item = (usize, Choice)> + 'b {
         let built = |point: &FrontPoint| !point.proposal || cfg!(feature = "proposal");
         blob.front().iter().enumerate().filter(move |(_, point)| built(point)).filter_map(|(index, point)| {
@@ -158,37 +159,37 @@ impl Default for Quality {
     }
 }
 
-/// A point of the blob's front.
+/// A point of the blob's Pareto front.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
     /// The settings of the point.
     pub quality: Quality,
-    /// Measured loss against the exact rendering, dB; below 0 a gain.
+    /// PSNR of the exact rendering minus that of these settings, both against ground truth, dB; negative for a gain.
     pub loss_db: f32,
     /// Multiply-adds relative to those of the exact rendering.
     pub cost: f32,
-    /// Whether the settings meet the requested limit; if not, no point of the front does, and this point is nearest.
+    /// Whether the settings meet the requested limit; if not, no point of the Pareto front does; this is the nearest.
     pub within: bool,
 }
 
 names! {
-    /// Limits of the loss against the exact rendering, dB, best first, for choices from the scene's front.
+    /// Limits of the loss (PSNR below exact rendering, dB), smallest first, for choices from the Pareto front.
     pub enum Preset {
-        /// No loss: 0 dB.
+        /// 0 dB: PSNR not below that of the exact rendering.
         Exact = "exact",
-        /// No visible loss: 0.01 dB.
+        /// 0.01 dB: no visible difference.
         High = "high",
         /// 0.1 dB.
         Balanced = "balanced",
         /// 0.3 dB.
         Fast = "fast",
-        /// 1 dB: for moving around in a scene.
+        /// 1 dB: for navigation.
         Preview = "preview",
     }
 }
 
 impl Preset {
-    /// Maximum loss, dB.
+    /// Maximum difference by which the PSNR may be below that of the exact rendering, dB.
     pub const fn loss_db(self) -> f32 {
         match self {
             Self::Exact => 0.0,

@@ -5,7 +5,7 @@ use crate::blob::Blob;
 
 /// The settings of a frame: all that a [`Plan`] is made of, except the scene, the outputs and the batch.
 ///
-/// The default: shortcuts without visible loss, the scene at all distances over its own background, and no effect.
+/// The default: shortcuts without a visible difference, all distances, the scene's own background, no effect.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     /// Shortcuts.

@@ -14,7 +14,7 @@ errors! {
     NotAPicture => "blob: expected a 2D field, found a scene";
     /// The plan was made for another blob.
     OtherScene => "plan: expected one of this scene, found one of another";
-    /// A picture with a side of 0 or above [`MAX_RENDER_SIDE`](super::MAX_RENDER_SIDE).
+    /// An image of a 2D field with a side of 0 or above [`MAX_RENDER_SIDE`](super::MAX_RENDER_SIDE).
     Size { width: u32, height: u32 } =>
         "size: expected sides of 1 to {MAX_IMAGE_SIDE} pixels, found {width}x{height}";
     /// A batch without rays or samples, with more than [`Batch::MAX_RAYS`] rays or with more than 64 samples.

@@ -11,35 +11,35 @@ use crate::volume::Pixel;
 #[cfg(test)]
 mod tests;
 
-/// Approximate maximum number of pixels by which a frame is timed: a few per cent of those of a small picture, and
-/// enough to fill blocks.
+/// Approximate maximum number of pixels by which a frame is timed: a few per cent of those of a small image, and enough
+/// to fill blocks.
 const SAMPLED_RAYS: u64 = 2048;
 
-/// Time of a frame, milliseconds, at each point of a scene's Pareto front, in the front's order.
+/// Measured time of a frame, milliseconds, with each of the settings on a scene's Pareto front, in its order.
 ///
 /// Valid for one host, camera and number of threads; made by [`Pace::measure`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pace {
-    /// Time of a frame at each point of the front, by the point's index; infinity if the point was not measured.
+    /// Time of a frame by the index of the point on the Pareto front; infinity if the point was not measured.
     pub milliseconds: [f32; MAX_FRONT],
 }
 
 impl Pace {
-    /// A pace without measurements.
+    /// Times before any measurement: infinity at every point.
     pub const UNKNOWN: Self = Self { milliseconds: [f32::INFINITY; MAX_FRONT] };
 
-    /// Returns the point of the blob's Pareto front with the least loss among those whose measured time is at most
-    /// `milliseconds`, and that time. Among points of equal loss the cheapest is returned.
+    /// Returns the point of highest PSNR on the blob's Pareto front among those whose measured time is at most
+    /// `milliseconds`, and that time. Among points of equal PSNR the cheapest is returned.
     ///
-    /// If every point takes longer, returns the fastest, with [`Choice::within`] false. `None` without a front, or if
-    /// no point was measured.
+    /// If every point takes longer, returns the fastest, with [`Choice::within`] false. `None` without a Pareto front,
+    /// or if no point was measured.
     pub fn within(&self, blob: &Blob<'_>, milliseconds: f32) -> Option<(Choice, f32)> {
         let timed = || {
             let known = |(_, time): &(Choice, f32)| time.is_finite();
             let of = |(index, choice)| Some((choice, *self.milliseconds.get::<usize>(index)?));
             Quality::front(blob).filter_map(of).filter(known)
         };
-        // Points come in order of falling cost: of points with equal loss the last is the cheapest.
+        // Points come in order of falling cost: of points with equal PSNR the last is the cheapest.
         let least = |a: (Choice, f32), b: (Choice, f32)| if b.0.loss_db <= a.0.loss_db { b } else { a };
         match timed().filter(|(_, time)| *time <= milliseconds).reduce(least) {
             Some((choice, time)) => Some((Choice { within: true, ..choice }, time)),
@@ -56,14 +56,14 @@ impl Pace {
         lines.max().unwrap_or(0)
     }
 
-    /// Measures the time of a frame on one thread at each point of the scene's front.
+    /// Measures the time of a frame on one thread with each of the settings on the scene's Pareto front.
     ///
     /// `plan`: plan of a frame, whose [`Quality`] is replaced by that of each point. `clock`: microseconds since any
     /// moment, never decreasing. About 2,048 pixels are timed, every n-th of every n-th row over the whole view, since
     /// single tiles may be empty. Points are measured in order of rising cost; each is rendered twice, and the shorter
     /// time counts. Once a frame would take more than `limit_milliseconds`, points of higher cost are not measured: for
-    /// a picture far larger than the timed pixels, the whole measurement takes little longer than one frame at the
-    /// limit. A scene without a front yields [`Pace::UNKNOWN`].
+    /// an image far larger than the timed pixels, the whole measurement takes little longer than one frame at the
+    /// limit. A scene without a Pareto front yields [`Pace::UNKNOWN`].
     ///
     /// # Errors
     /// [`RenderError::Memory`] on less workspace than [`Pace::lines`] says.

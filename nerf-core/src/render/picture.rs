@@ -1,4 +1,4 @@
-//! A picture of a 2D field: every pixel is one evaluation of the network, without compositing.
+//! An image of a 2D field: every pixel is one evaluation of the network, without compositing.
 
 use super::{Counters, Rect};
 use crate::camera::MAX_IMAGE_SIDE;
@@ -11,12 +11,12 @@ use crate::simd::BLOCK;
 #[cfg(test)]
 mod tests;
 
-/// Longest side of a rendered picture, pixels: the limit of camera images, too.
+/// Longest side of an image of a 2D field, pixels: the limit of camera images, too.
 ///
 /// Up to this size no two columns or rows of pixels have the same coordinate, and no pixel has the coordinate 1.
 pub const MAX_RENDER_SIDE: u32 = MAX_IMAGE_SIDE;
 
-/// Workspace of a picture, for one block of pixels.
+/// Workspace for an image of a 2D field: one block of pixels.
 pub(super) struct Buffers<'w> {
     /// `[2][stride]`.
     positions: &'w mut [f32],
@@ -43,7 +43,7 @@ impl<'w> Buffers<'w> {
     }
 }
 
-/// Renders the rectangle `rect` of a picture of `size` pixels; `workspace` has room for [`Buffers`].
+/// Renders the rectangle `rect` of an image of `size` pixels; `workspace` has room for [`Buffers`].
 pub(super) fn render(
     network: &Network<'_>,
     math: MathBackend,

@@ -1,4 +1,4 @@
-//! A scene prepared for one [`Kernel`]: an instruction set and a storage of weights.
+//! A scene, ready to be rendered with one [`Kernel`]: an instruction set and a storage of weights.
 
 use super::error::check_memory;
 use super::field::Field;
@@ -19,7 +19,7 @@ use crate::memory::{Arena, Layout, Line, Measure};
 use crate::network::{Network, Weights, unpack};
 use crate::plan::{Batch, Plan};
 
-/// A scene prepared for one [`Kernel`]: an instruction set and a storage of weights.
+/// A scene with weights and tables in the formats of one [`Kernel`]: an instruction set and a storage of weights.
 #[derive(Clone, Debug)]
 pub struct Renderer<'a> {
     blob: Blob<'a>,
@@ -29,13 +29,13 @@ pub struct Renderer<'a> {
 }
 
 impl<'a> Renderer<'a> {
-    /// Number of 64-byte lines of memory that [`Renderer::new`] needs. Kernels of portable instructions read the blob
-    /// in place, and need memory for coded tables alone.
+    /// Number of 64-byte lines of memory that [`Renderer::new`] needs. Kernels with f16 weights need memory for coded
+    /// tables alone: weights are read directly from the blob's bytes.
     pub fn prepared_lines(blob: &Blob<'_>, kernel: Kernel) -> usize {
         Measure::lines_of(|it| Prepared::lay_out(it, blob, kernel))
     }
 
-    /// Prepares a scene for `kernel`: unpacks its weights and decodes its tables, once, into `memory`.
+    /// Makes the renderer of a scene for `kernel`: unpacks the weights and decodes the tables, once, into `memory`.
     ///
     /// # Errors
     /// [`RenderError::Memory`] if `memory` is smaller than [`Renderer::prepared_lines`] says, [`RenderError::Tables`]
@@ -51,7 +51,7 @@ impl<'a> Renderer<'a> {
         Self::of_prepared(blob, kernel, &prepared, occupied).ok_or(RenderError::Network)
     }
 
-    /// Returns a renderer over values that were prepared for `kernel`; `occupied`: the [`CoarseOccupancy`] of the blob.
+    /// Returns a renderer over values that were copied for `kernel`; `occupied`: the [`CoarseOccupancy`] of the blob.
     /// `None` if there are too few values.
     pub(crate) fn of_prepared(
         blob: Blob<'a>,
@@ -63,7 +63,7 @@ impl<'a> Renderer<'a> {
         Some(Self { blob, network, proposer, occupied })
     }
 
-    /// Returns the renderer of `blob` with other network parameters, f32 in the same order, to measure the loss by
+    /// Returns the renderer of `blob` with other network parameters, f32 in the same order, to measure the PSNR lost by
     /// rounding. The proposal network keeps the blob's parameters; without `tables`, the grid keeps the blob's tables.
     ///
     /// `None` if there are too few parameters, if the blob's tables are coded and `tables` is `None`, and in builds
@@ -89,7 +89,7 @@ impl<'a> Renderer<'a> {
         &self.blob
     }
 
-    /// The kernel that the scene was prepared for.
+    /// The kernel that the scene is rendered with.
     pub fn kernel(&self) -> Kernel {
         self.network.kernel()
     }
@@ -178,17 +178,17 @@ impl<'a> Renderer<'a> {
 
     /// Number of 64-byte lines of workspace that one [`Renderer::render_picture`] call needs.
     ///
-    /// The number depends on `batch.samples` alone, and only for portable instructions over weights read in place: all
-    /// other kernels evaluate whole blocks.
+    /// The number depends on `batch.samples` alone, and only for portable instructions over weights read directly from
+    /// the blob's bytes: all other kernels evaluate whole blocks.
     pub fn picture_workspace_lines(&self, batch: Batch) -> usize {
         Measure::lines_of(|it| picture::Buffers::lay_out(it, &self.network, batch))
     }
 
-    /// Renders the pixels of `rect` in a picture of the 2D field, `size[0]` × `size[1]` pixels large.
+    /// Renders the pixels of `rect` in an image of the 2D field, `size[0]` × `size[1]` pixels large.
     ///
     /// Pixel (x, y) has the field's colour at the pixel's centre, ((x + ½) / width, (y + ½) / height), with x to the
-    /// right and y down. Coordinates run from 0 to 1 over the picture, whatever its aspect ratio: every size shows the
-    /// whole picture. [`PictureFacts`](crate::blob::PictureFacts) has the size without distortion. A larger size with a
+    /// right and y down. Coordinates run from 0 to 1 over the image, whatever its aspect ratio: every size shows the
+    /// whole field. [`PictureFacts`](crate::blob::PictureFacts) has the size without distortion. A larger size with a
     /// `rect` inside shows a detail.
     ///
     /// `target` receives x, y and the display-encoded colour, in `[0, 1]`, of each pixel once, row by row. Within one
@@ -197,8 +197,8 @@ impl<'a> Renderer<'a> {
     ///
     /// # Errors
     /// [`RenderError`] on a blob that is a scene, a side of 0 or above [`MAX_RENDER_SIDE`](super::MAX_RENDER_SIDE), a
-    /// rectangle outside the picture, a batch that a [`Plan`](crate::plan::Plan) would refuse, and too little
-    /// workspace, before anything is written.
+    /// rectangle outside the image, a batch that a [`Plan`](crate::plan::Plan) would refuse, and too little workspace,
+    /// before anything is written.
     pub fn render_picture(
         &self,
         math: MathBackend,
@@ -235,10 +235,10 @@ impl<'a> Renderer<'a> {
     }
 }
 
-/// Values of a scene that a kernel does not read in place from the blob.
+/// Copies of those values of a scene that a kernel cannot read directly from the blob's bytes.
 ///
-/// `F` and `B`: numbers of values, slices of the caller's memory, or boxes. Values that are read in place are absent:
-/// numbers are 0, slices and boxes empty.
+/// `F`: for f32 values; `B`: for bytes. Each is a count (to size memory), a slice of the caller's memory, or a box.
+/// Without values to copy, counts are 0, and slices and boxes are empty.
 #[derive(Clone, Debug)]
 pub(crate) struct Prepared<F, B> {
     /// Values unpacked to f32: parameters of the network, parameters of the proposal network, and f16 tables.
@@ -248,7 +248,7 @@ pub(crate) struct Prepared<F, B> {
 }
 
 impl Prepared<usize, usize> {
-    /// Numbers of a scene's values that must be prepared for `kernel`.
+    /// Counts the values of a scene that must be copied for `kernel`.
     #[inline]
     pub fn measure(blob: &Blob<'_>, kernel: Kernel) -> Self {
         let unpacked = match kernel.storage.in_place() {
@@ -264,7 +264,7 @@ impl Prepared<usize, usize> {
 }
 
 impl<'a> Prepared<&'a mut [f32], &'a mut [u8]> {
-    /// Memory for the values of a scene that must be prepared for `kernel`.
+    /// Memory for the values of a scene that must be copied for `kernel`.
     #[inline]
     pub fn lay_out(layout: &mut impl Layout<'a>, blob: &Blob<'_>, kernel: Kernel) -> Self {
         let Prepared { unpacked, decoded } = Prepared::measure(blob, kernel);
@@ -308,7 +308,7 @@ impl<'a> Prepared<&'a [f32], &'a [u8]> {
     }
 }
 
-/// Grid tables of a scene: those in the blob, or prepared from them as f32 (`widened`) or signed bytes (`decoded`).
+/// Grid tables of a scene: the blob's own, or copies as f32 (`widened`) or signed bytes (`decoded`).
 fn tables_of<'a>(blob: &Blob<'a>, kernel: Kernel, widened: &'a [f32], decoded: &'a [u8]) -> GridTables<'a> {
     let values = match blob.tables() {
         None => TableValues::F32(&[]),

@@ -1,4 +1,4 @@
-//! Workers: renderer, plan and memory, prepared once for any number of frames and queries.
+//! Workers: renderer, plan and memory, set up once for any number of frames and queries.
 
 use super::frame::Frame;
 use super::pixel::{CameraRays, OwnRays, Pixels, rays_a_pixel};
@@ -23,7 +23,7 @@ pub const TILE_SIDE: u32 = 16;
 
 /// Renderer of frames of one plan, with a workspace of its own; made by [`Renderer::worker`](super::Renderer::worker).
 ///
-/// The overhead of a call, beside its rays and points, is a few comparisons, since the memory is prepared once.
+/// The overhead of a call, beside its rays and points, is a few comparisons: the memory is divided beforehand.
 pub struct Worker<'f> {
     pub(super) fields: Fields<'f>,
     pub(super) pixels: Pixels<'f, 'f>,
@@ -90,7 +90,7 @@ impl<'f> Worker<'f> {
             && placement.is_rigid()
         {
             let mut worker = renderer.worker(plan, memory)?;
-            // Even the identity would turn −0 into 0.
+            // Even the identity would change −0 to 0.
             worker.pixels.placed = Placed(Some(*placement).filter(|it| *it != Placement::IDENTITY));
             return Ok(worker);
         }
@@ -212,7 +212,7 @@ impl<'f> Worker<'f> {
     /// and the pixel of each ray.
     ///
     /// `random`: a number in `[0, 1]` for each ray. The number 1 counts as the largest f32 below 1, since rounding to
-    /// f32 may turn a smaller number into 1. A ray collides where its opacity reaches its number; its pixel then has
+    /// f32 may change a smaller number to 1. A ray collides where its opacity reaches its number; its pixel then has
     /// opacity 1, the distances of the collision point, and colour and normal of the sample there. The pixel of a ray
     /// without a collision has opacity 0, infinite distances and the background's colour. The probability of a sample
     /// is its weight in [`Worker::render_rays`]: over uniform numbers, the mean colour is the colour composited there
@@ -221,8 +221,8 @@ impl<'f> Worker<'f> {
     /// In a field shaded once a ray ([`Shading::PerRay`](crate::network::Shading::PerRay)) the colour branch is
     /// evaluated for the collision's sample alone, as by [`Worker::query`]. Since a network is not linear, the mean of
     /// these colours is *not* the colour that [`Worker::render_rays`] composites; for opacity, distance and normal the
-    /// means are equal. A path tracer that must reproduce the field's own picture draws the point with this function,
-    /// and takes the colour of the same ray from [`Worker::render_rays`].
+    /// means are equal. A path tracer that must reproduce the field's own image draws the point with this function, and
+    /// takes the colour of the same ray from [`Worker::render_rays`].
     ///
     /// # Errors
     /// As [`Worker::render_rays`]; [`RenderError::Random`] with the index of the first number that is not in `[0, 1]`,

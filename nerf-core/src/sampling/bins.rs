@@ -4,7 +4,7 @@ use crate::simd::{LANES, Lanes};
 use crate::space::BoundsError;
 use core::ops::Range;
 
-/// `near..far` split into `count` equal bins, the same for every ray of a picture.
+/// `near..far` split into `count` equal bins, the same for every ray of an image.
 ///
 /// `t_edges[i] = near + i delta`, `t_mid[i] = near + (i + ½) delta`, world units along the ray. For a ray that uses
 /// only a part of this range, the first and last bin are cut to that part ([`Bins::cut`]).

@@ -26,7 +26,7 @@ names! {
 /// Whether this target is assumed to have vector instructions.
 ///
 /// Microcontrollers and WebAssembly without `simd128` have none. Their builds contain the portable instruction set
-/// alone, and read weights in place.
+/// alone, and read weights directly from the blob's bytes.
 pub const VECTORS: bool = if cfg!(target_arch = "wasm32") {
     cfg!(target_feature = "simd128")
 } else {
@@ -64,7 +64,7 @@ impl Isa {
         }
     }
 
-    /// Whether f16 tables are read in place. If not, they are converted to f32 once, when a scene is prepared.
+    /// Whether f16 tables are read directly from the blob's bytes; if not, a new renderer converts these to f32 once.
     ///
     /// WebAssembly converts, since it has no instruction for f16. Portable code has none either, but conversion would
     /// double the tables' memory for 2 % of a frame's time (`docs/kernels.md`).

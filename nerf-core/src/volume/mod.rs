@@ -21,7 +21,7 @@ pub(crate) use normal::NormalSum;
 /// At or below this opacity a pixel has no surface: its distances are `far`.
 pub const OPACITY_EPSILON: f32 = 1e-4;
 
-/// Maximum optical thickness, at which a sample is opaque: `e^-100` is 0 in any picture.
+/// Maximum optical thickness, at which a sample is opaque: `e^-100` is 0 in any image.
 const MAX_TAU: f32 = 100.0;
 
 /// Optical thickness of a sample: `sigma` 1/world unit, `delta` world units.
@@ -99,7 +99,7 @@ impl Pixel {
     };
 }
 
-/// The sums of a ray's samples composited so far, front to back.
+/// Sums of optical thickness, colour, opacity and distance over a ray's composited samples, front to back.
 ///
 /// `alpha = −expm1(−sigma delta)`, `transmittance = exp(−Σ sigma delta)` summed in log space with
 /// compensation, `weight = transmittance · alpha`.
@@ -119,7 +119,7 @@ pub(crate) struct Accumulator {
 }
 
 impl Accumulator {
-    /// The sums of a ray without samples.
+    /// State of a ray without samples.
     pub const NONE: Self = {
         let zero = Sum::ZERO;
         Self { tau: zero, rgb: [zero; 3], opacity: zero, distance: zero, uncoloured: 0.0, left: 1.0 }
@@ -175,8 +175,8 @@ impl Accumulator {
         weight
     }
 
-    /// The sums of a ray that collides at optical thickness `total`: `Σ sigma delta` starts at `-total`, and the ray
-    /// collides where this sum reaches 0.
+    /// State of a ray that collides at optical thickness `total`: `Σ sigma delta` starts at `-total`, and the ray
+    /// collides where the optical thickness reaches 0.
     pub(crate) fn until(total: f32) -> Self {
         let mut ray = Self::NONE;
         ray.tau.add(-total);

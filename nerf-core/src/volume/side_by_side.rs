@@ -46,8 +46,8 @@ pub(crate) fn add_samples<M: Math, V: Lanes>(
     V::select(takes, waiting, zero)
 }
 
-/// `Sum::add` of `x`, in the lanes of `counts`, to the sums with values in row `first` and rounding errors in the
-/// next row.
+/// Adds `x`, in the lanes of `counts`, to one compensated sum per ray, as `Sum::add`: values are in row `first`,
+/// rounding errors in the next row. Returns the values.
 #[inline(always)]
 fn add<V: Lanes>((rows, from): (&mut Rows, usize), first: usize, x: V, counts: V::Mask) -> V {
     let [value, lost] = [first, first + 1].map(|row| V::load(&rows[row][from..]));

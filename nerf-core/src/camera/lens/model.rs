@@ -217,8 +217,8 @@ impl Lens {
         let (second, fourth) = (3.0 * self.k1 * r2, 5.0 * self.k2 * r2 * r2);
         let tilt = 6.0 * (self.p2 * x + self.p1 * y);
         let slope = |s: f32| 1.0 + s * (tilt + s * (second + s * s * fourth));
-        // Without the tilt the slope is least at s² = turn, which the steps below could miss, or at an end. A negative
-        // tilt lowers the slope, a positive tilt may raise it.
+        // Without the tilt the slope is least at s² = `turn`, which the steps below could miss, or at an end. A
+        // negative tilt lowers the slope, a positive tilt may raise it.
         let turn = -second / (2.0 * fourth);
         if tilt <= 0.0 && fourth > 0.0 && turn > 0.0 && turn < 1.0 && 1.0 + 0.5 * second * turn <= TURN {
             return true;
@@ -238,8 +238,9 @@ impl Lens {
         })
     }
 
-    /// [`Lens::folds_before`] by sampling alone: whether the slope along the path, the determinant or the denominator
-    /// of the radial part is at most [`FOLD`] at a sample.
+    /// Whether the distortion folds between the image centre and `(x, y)`, tested at 128 points of that segment:
+    /// whether the slope along the segment, the determinant of the distortion's Jacobian or the denominator of the
+    /// radial factor is at most [`FOLD`] at one of the points.
     fn folds_on_the_way(&self, x: f32, y: f32) -> bool {
         let r2 = x * x + y * y;
         (1..=128u8).any(|step| {

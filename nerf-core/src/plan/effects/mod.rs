@@ -3,7 +3,7 @@
 //! | effect | feature | costs |
 //! | --- | --- | --- |
 //! | [`Jitter`] | `jitter` | a hash for each bin that is looked up |
-//! | anti-aliasing | `anti-aliasing` | its rays, and the sums of each pixel in flight |
+//! | anti-aliasing | `anti-aliasing` | its rays, and sums of colour, opacity and distances for each pixel of a tile |
 //! | [`ThinLens`] | `depth-of-field` | a few dozen operations a ray |
 //! | [`Tone`] | `tone-map` | three powers a ray, three more a pixel; linear output three a coloured sample |
 //!
@@ -31,7 +31,7 @@ pub struct Effects {
     pub tone: Tone,
 }
 
-/// Samples at random positions in their bins: turns banding into noise, without a bias.
+/// Samples at random positions in their bins: noise replaces banding, without a bias.
 ///
 /// The density of a bin is that at its sample, and its width is unchanged: the expectation of the optical
 /// thickness is the integral of the density.

@@ -10,13 +10,13 @@ use core::ops::Range;
 struct Place {
     /// Index of the field's first value of `h`.
     h: usize,
-    /// Index of the field's first sum.
+    /// Index of the field's first value in `Deferred::sums`.
     sums: usize,
     /// Number of values of `h` for a ray.
     rows: usize,
 }
 
-/// Sums of `h` of the rays in flight, for each field that is shaded once a ray.
+/// Weighted sums of hidden features `h` of the current tile's rays, for each field that is shaded once a ray.
 pub(super) struct Deferred<'w> {
     /// Positions of each field's values, `[instances]`.
     places: &'w mut [Place],
@@ -54,7 +54,7 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Index range of the sums of field `member` for `count` rays from `ray` on.
+    /// Index range of the weighted sums of `h` of field `member` for `count` rays from `ray` on.
     fn sums(&self, member: usize, ray: usize, count: usize) -> Range<usize> {
         let Place { sums, rows, .. } = at(self.places, member);
         let row = if rows > 0 { rows + 1 } else { 0 };
@@ -67,7 +67,7 @@ impl<'w> Deferred<'w> {
         h + ray * rows..h + (ray + 1) * rows
     }
 
-    /// Clears the sums of the first `count` rays.
+    /// Zeroes the weighted sums of `h` of the first `count` rays.
     pub fn begin(&mut self, count: usize) {
         for member in 0..self.places.len() {
             let sums = self.sums(member, 0, count);
@@ -81,7 +81,7 @@ impl<'w> Deferred<'w> {
         self.parts.get_mut(range).unwrap_or_default()
     }
 
-    /// Adds `weight` times the `h` of field `member` in the current bin of `ray` to the ray's sums.
+    /// Adds `weight` times the `h` of field `member` in the current bin of `ray` to the ray's sums of `h`.
     pub fn add(&mut self, member: usize, ray: usize, weight: f32) {
         let h = self.parts.get(self.h(member, ray)).unwrap_or_default();
         let sums = self.sums(member, ray, 1);
@@ -91,7 +91,7 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// The [`RayNetworks`], and the sums of field `member` for the first `count` rays.
+    /// The [`RayNetworks`], and the weighted sums of `h` of field `member` for the first `count` rays.
     pub fn sums_of(&mut self, member: usize, count: usize) -> (&mut RayNetworks<'w>, &[f32]) {
         let sums = self.sums.get(self.sums(member, 0, count)).unwrap_or_default();
         (&mut self.networks, sums)

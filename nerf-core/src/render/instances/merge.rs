@@ -71,7 +71,7 @@ impl WorldRay {
 /// State and memory of a worker that renders several fields.
 pub(in crate::render) struct Merge<'f, 'w> {
     instances: &'f [Instance<'f>],
-    /// Index of the rays in flight among the rays of their pixels.
+    /// Index of the current ray among the rays of each pixel, the same for all pixels of the tile.
     turn: u32,
     /// The rays in the space of each field, `[instances][batch]`.
     rays: &'w mut [RayState],

@@ -159,7 +159,7 @@ impl<'w> ActiveRays<'w> {
 /// Whether this build evaluates proposal networks.
 pub(in crate::render) const PROPOSAL_BUILT: bool = cfg!(feature = "proposal");
 
-/// Samples of the rays in flight, drawn from the proposal's weights; empty in a build without proposals.
+/// Samples of the current tile's rays, drawn from the proposal's weights; empty in a build without proposals.
 pub(in crate::render) struct ProposalSamples<'w>([Rows<'w>; PROPOSAL_BUILT as usize]);
 
 /// A row of samples for each ray; empty if the frame uses the plan's bins and draws no samples.

@@ -1,9 +1,9 @@
 //! Ray marching: each block holds the next occupied sample of as many active rays as fit.
 //!
-//! A ray has one sample in flight, so that its transmittance is known before its next sample is evaluated. If fewer
-//! rays are active than a vector has columns, further samples of the same rays fill the remaining columns, which would
-//! otherwise hold copies. Samples that prove to lie behind the transmittance threshold are dropped and not counted: the
-//! counted work of a frame depends on the scene and the request alone, as its pixels do.
+//! A block holds one sample of a ray, so that the ray's transmittance is known before its next sample is evaluated. If
+//! fewer rays are active than a vector has columns, further samples of the same rays fill the remaining columns, which
+//! would otherwise hold copies. Samples that prove to lie behind the transmittance threshold are dropped and not
+//! counted: the counted work of a frame depends on the scene and the request alone, as its pixels do.
 
 use super::coarse::{CandidateBins, Intervals, Packets};
 use super::ray::{ActiveRays, MarchAll, ProposalSamples, RayState, windows};
@@ -36,7 +36,7 @@ pub(in crate::render) struct Rays<'f, 'w> {
     pub hits: usize,
     pub active: ActiveRays<'w>,
     pub samples: ProposalSamples<'w>,
-    /// Index of the rays in flight among the rays of their pixels.
+    /// Index of the current ray among the rays of each pixel, the same for all pixels of the tile.
     pub turn: u32,
 }
 
@@ -167,7 +167,7 @@ impl<'f, 'w> Rays<'f, 'w> {
         let Some(intervals) = intervals else { return pixels.miss::<M>(pixel, range[1], source, target) };
         let Some(state) = self.states.get_mut(self.hits) else { return };
         let around = if plan.occupancy.is_some() { self.occupied } else { Some(plan.bounds) };
-        // No cell outside of `around` is occupied, so that most rays of most pictures have no span.
+        // No cell outside of `around` is occupied, so that most rays of most images have no span.
         let span = around.and_then(|around| Span::new(plan, &around, &ray, range));
         begin::<COLLIDE>(plan, pixel, (ray, range, span), &intervals, source, state);
         let (drawn, meets_box) = (self.samples.is_on(), state.next < state.end);

@@ -17,8 +17,8 @@ pub(crate) fn rays(effects: &Effects) -> u32 {
 
 /// Position of the `ray`-th ray in its pixel, right and down, in `(0, 1)`; the centre of a pixel with one ray.
 ///
-/// Positions are the same in every pixel: the frame of `n` rays a pixel is the mean of `n` shifted pictures. Each of
-/// `n` columns and `n` rows of a pixel has one ray: the mean position is the pixel's centre.
+/// Positions are the same in every pixel: the frame of `n` rays a pixel is the mean of `n` shifted images. Each of `n`
+/// columns and `n` rows of a pixel has one ray: the mean position is the pixel's centre.
 #[inline]
 pub(crate) fn offset(effects: &Effects, ray: u32) -> (f32, f32) {
     match rays(effects) {
@@ -35,7 +35,7 @@ fn place_in_pixel(ray: u32, rays: u32) -> (f32, f32) {
     (middle(ray), middle(rank(GOLDEN, ray, rays)))
 }
 
-/// Sums over the rays of one pixel so far.
+/// Sums of colour, opacity and distances over the finished rays of one pixel.
 #[derive(Clone, Copy, Default)]
 struct PixelSum {
     rgb: [Sum; 3],
@@ -112,7 +112,7 @@ impl SurfaceSum {
     }
 }
 
-/// Sums of each pixel of a tile; empty if a pixel is one ray.
+/// Sums over the finished rays of each pixel of a tile; empty if a pixel has one ray.
 pub(crate) struct Sums<'w> {
     pixels: &'w mut [PixelSum],
     /// As long as `pixels` if a median distance or a normal is requested, else empty.
@@ -120,7 +120,8 @@ pub(crate) struct Sums<'w> {
 }
 
 impl<'w> Sums<'w> {
-    /// Memory for the sums of `pixels` pixels; `surface`: whether a median distance or a normal is requested.
+    /// Memory for sums over the rays of each of `pixels` pixels; `surface`: whether a median distance or a normal is
+    /// requested.
     pub fn lay_out(layout: &mut impl Layout<'w>, effects: &Effects, surface: bool, pixels: usize) -> Self {
         let pixels = if rays(effects) > 1 { pixels } else { 0 };
         let surfaces = if surface { pixels } else { 0 };

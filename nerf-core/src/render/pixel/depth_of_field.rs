@@ -23,7 +23,8 @@ pub(crate) fn area(effects: &Effects, ray: u32) -> u32 {
     }
 }
 
-/// The ray of pixel `(x, y)` through ring [`area`] of the aperture; `pinhole`: the pixel's ray through a pinhole.
+/// The ray of pixel `(x, y)` through a random point of the aperture's ring with index `area`, one of rings of equal
+/// area ([`area`]). `pinhole`: the pixel's ray without depth of field.
 #[inline]
 pub(crate) fn through_lens(
     effects: &Effects,

@@ -1,4 +1,4 @@
-//! Median distances of the rays in flight.
+//! Median distances of the current tile's rays.
 
 use crate::memory::Layout;
 use crate::plan::Plan;
@@ -32,8 +32,8 @@ impl<'w> Medians<'w> {
 
     /// Whether the sample last added to `gathered` is the first to lower the ray's transmittance below one half.
     ///
-    /// The comparison equals that of the transmittance cut: a cut of one half never ends a ray before its median is
-    /// known.
+    /// Uses the same comparison (`<`) as the transmittance cut: even with a cut of one half no ray ends before its
+    /// median.
     #[inline]
     pub fn passes(&self, ray: u32, gathered: &Accumulator) -> bool {
         let distance = self.distance.get(ray as usize);

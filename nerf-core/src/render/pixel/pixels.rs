@@ -14,7 +14,7 @@ use glam::Vec3;
 pub(in crate::render) struct Pixels<'f, 'w> {
     pub plan: &'f Plan<'f>,
     sums: Sums<'w>,
-    /// Index of the rays in flight among the rays of their pixels.
+    /// Index of the current ray among the rays of each pixel, the same for all pixels of the tile.
     pub turn: u32,
     pub tile: Rect,
     /// Whether colour is composited over the background.

@@ -39,7 +39,7 @@ pub(in crate::render) trait RaySource {
     }
 }
 
-/// Source of the `turn`-th ray of each pixel of a camera.
+/// Source of one ray for each pixel of a camera: the ray with the same index among each pixel's rays.
 pub(in crate::render) struct CameraRays<'a, L> {
     camera: &'a Camera,
     effects: &'a Effects,

@@ -12,7 +12,7 @@ use crate::volume::Pixel;
 #[cfg(test)]
 mod tests;
 
-/// Median distances and normals of the rays in flight.
+/// Median distances and normals of the current tile's rays.
 pub(in crate::render) struct Surface<'w> {
     pub medians: Medians<'w>,
     /// Sum of normals of each ray, `[rays]`; empty if normals are not requested.

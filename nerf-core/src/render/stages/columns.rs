@@ -19,7 +19,9 @@ use crate::simd::{BLOCK, Lanes, MAX_LANES, Op, VECTORS};
 use crate::volume::side_by_side::{self, LEFT, add_samples};
 use core::marker::PhantomData;
 
-/// Number of rows of [`Columns`], without the sums of `h`.
+/// Number of rows of [`Columns`] (a value in each row, a ray in each column): origin, direction, distance, interval,
+/// least distance, cuts, composited values. The sums of hidden features `h` are not counted: their number depends on
+/// the network.
 const ROWS: usize = 3 + 3 + 1 + 2 + 1 + Ends::PARTS + side_by_side::ROWS;
 
 /// Whether all samples lie in the middle of their bins, and the bins are in world units.
@@ -87,7 +89,7 @@ impl<'w> ColumnMarch<'w> {
     }
 }
 
-/// The rays that are marched side by side, one a column.
+/// The rays that are marched at once, one per SIMD lane: a ray in each column.
 struct Columns<'a> {
     plan: &'a Plan<'a>,
     /// Index of each column's ray in the tile.
@@ -277,7 +279,7 @@ impl<M: Math> Op for Absorb<'_, '_, M> {
             let (zero, mut h) = (V::splat(0.0), self.h.chunks_exact(self.stride));
             let takes = zero.less(weight);
             for sums in &mut **sums {
-                // The last row of sums has no row of `h`: it is the sum of the weights.
+                // The last of the `sums` is the sum of the weights, without a row of `h`.
                 let more = h.next().map_or(weight, |row| V::load(tail(row, from)).mul(weight));
                 V::load(&sums[from..]).add(V::select(takes, more, zero)).store(&mut sums[from..]);
             }

@@ -1,4 +1,4 @@
-//! Compositing: turns the densities of a block into weights, and marches the rays that have not ended to their next
+//! Compositing: converts the densities of a block to weights, and marches the rays that have not ended to their next
 //! sample.
 
 use super::InFlight;
@@ -20,7 +20,7 @@ const ROWS: usize = 4;
 /// Compositing of a block of samples, and the samples picked for colour or normal.
 pub(in crate::render) struct Compositing<'w> {
     /// With vectors `[ROWS][samples]`: for each sample the optical thickness in front, the distance, the opacity and
-    /// the transmittance behind. [`Absorb`] computes the last two in place, from optical thicknesses in their rows.
+    /// the transmittance behind. [`Absorb`] computes the last two rows from optical thicknesses stored there.
     rows: &'w mut [f32],
     /// Indices of the block's columns whose colour or normal is evaluated, ascending: `[samples]`, or empty if neither
     /// is requested.
@@ -159,7 +159,8 @@ impl<'w> Compositing<'w> {
     }
 }
 
-/// Turns optical thicknesses into opacities ([`alpha`]), and their sums into transmittances ([`light`]), in place.
+/// Overwrites optical thicknesses with opacities ([`alpha`]), and their sums along rays with transmittances
+/// ([`light`]).
 struct Absorb<'a, M> {
     alpha: &'a mut [f32],
     light: &'a mut [f32],

@@ -1,4 +1,4 @@
-//! The stages of a frame. Each stage owns its buffers, and receives the rays in flight as an argument.
+//! The stages of a frame. Each stage owns its buffers, and receives the current tile's rays as an argument.
 
 mod colour;
 mod columns;
@@ -25,7 +25,7 @@ pub(super) use proposal::{Proposer, propose};
 #[cfg(feature = "instances")]
 pub(super) use {colour::DirectionShares, normals::Gradients, per_ray::RayNetworks};
 
-/// The rays of a tile in flight, and the block of samples that is being evaluated.
+/// The rays of the current tile, and the block of samples that is being evaluated.
 pub(super) struct InFlight<'f, 'w> {
     pub field: Field<'f>,
     pub rays: Rays<'f, 'w>,

@@ -14,7 +14,8 @@ use crate::render::field::Field;
 use crate::render::march::RayState;
 use crate::render::pixel::samples_to_light;
 
-/// Sums of `h` of the rays in flight; all buffers are empty if colours are computed at samples, or not at all.
+/// Weighted sums of hidden features `h` of the current tile's rays. All buffers are empty if colours are computed at
+/// samples, or not at all.
 pub(in crate::render) struct Deferred<'w> {
     /// Σ weight · h, followed in each row by Σ weight: `[rays][row]`.
     sums: &'w mut [f32],
@@ -33,7 +34,7 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Number of sums of a ray: the rows of `h` and the weights; 0 if colours are not computed once a ray.
+    /// Number of sums of a ray: one a row of `h`, one of weights; 0 if colours are not computed once a ray.
     pub fn row(field: Field<'_>) -> usize {
         if field.shades_rays() { field.network.trunk_rows() + 1 } else { 0 }
     }
@@ -47,14 +48,14 @@ impl<'w> Deferred<'w> {
         PER_RAY_BUILT && self.row > 0
     }
 
-    /// Clears the sums of the first `count` rays.
+    /// Zeroes the weighted sums of hidden features `h` of the first `count` rays.
     pub fn begin(&mut self, count: usize) {
         if self.is_on() {
             head_mut(self.sums, count * self.row).fill(0.0);
         }
     }
 
-    /// Adds the weighted `h` of a block's picked samples, stored in `scratch.front`, to the sums of their rays.
+    /// Adds the weighted `h` of a block's picked samples, from `scratch.front`, to the sums of `h` of their rays.
     pub fn add(&mut self, InFlight { field, density, .. }: &InFlight<'_, '_>, picks: &Compositing<'_>) {
         for (column, weight) in picks.iter() {
             let first = at(density.owner, column) as usize * self.row;

@@ -21,7 +21,8 @@ mod tests;
 
 /// Transmittance below which a ray's march through the proposal ends: bins behind would draw less than a thousandth of
 /// the samples. A constant, not a setting: the positions of samples do not depend on
-/// [`Quality::transmittance_cut`](crate::plan::Quality::transmittance_cut), whose loss stays as measured.
+/// [`Quality::transmittance_cut`](crate::plan::Quality::transmittance_cut), and the PSNR measured for a cut stays
+/// valid.
 const LEAST_TRANSMITTANCE: f32 = 1e-3;
 
 /// Proposal network of a scene; empty if the scene or the build has none.
@@ -74,7 +75,7 @@ impl<'a> Proposer<'a> {
     }
 }
 
-/// Evaluates the proposal network for the rays in flight, and draws their samples.
+/// Evaluates the proposal network for the current tile's rays, and draws their samples.
 ///
 /// Rays without an occupied sample are finished; the remaining rays are compacted.
 pub(in crate::render) fn propose<M: Math>(
