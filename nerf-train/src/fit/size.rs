@@ -191,9 +191,9 @@ fn resolutions(config: &Config, chosen: Chosen, extent: Vec3, max_bytes: u64) ->
     }
 }
 
-/// Candidate tables, f16 before coded and many levels before few. No candidate has more levels than `own`; only coded
-/// ones have more entries, by up to `more` doublings. `cells`: candidates for coarsest and finest level, by how often
-/// the entries are halved.
+/// Candidate tables, f16 before coded and many levels before few. No candidate has more levels than `own`, the table
+/// of the settings; only coded ones have more entries, by up to `more` doublings. `cells`: candidates for coarsest and
+/// finest level, by how often the entries are halved.
 fn tables(
     own: &TableConfig,
     chosen: Chosen,

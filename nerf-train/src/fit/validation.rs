@@ -157,7 +157,7 @@ pub(super) fn measure_priced(
     let scores =
         measure(bytes, None, kernel, &Quality::default(), background, views(), |view, frame, _, _| {
             each(frame::picture(frame));
-            // The first view's time includes opening the file: the view counts only if there is no other.
+            // The first view's time includes opening the blob: the view is left out if there are further views.
             if counted == 0 && thinned.len() > 1 {
                 (begun, counted) = (Instant::now(), view.pixel_count());
             }

@@ -84,7 +84,7 @@ pub struct Point {
 pub struct Totals {
     pub views: usize,
     pub psnr_db: f64,
-    /// Mean PSNR of the exact rendering over the same views minus `psnr_db`, dB.
+    /// PSNR lost against the exact rendering: the latter's mean PSNR over the same views minus `psnr_db`, dB.
     pub loss_db: f64,
     pub ssim: f64,
     /// PSNR against the exact rendering, from the mean squared error over all views, dB.

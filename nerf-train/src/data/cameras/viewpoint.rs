@@ -106,7 +106,7 @@ fn covered(mut azimuths: Vec<f32>) -> Option<(f32, f32)> {
 }
 
 /// Up direction of the scene: perpendicular to the cameras' horizontal axes, as people hold cameras level. If the axes
-/// do not determine it, the median of the cameras' own up directions.
+/// do not determine it, the median of the cameras' up directions.
 fn up_of(cameras: &[Camera]) -> Vec3 {
     let axes = |axis: fn(&Pose) -> Vec3| -> Vec<DVec3> {
         cameras.iter().map(|camera| axis(camera.pose()).as_dvec3().normalize_or_zero()).collect()

@@ -70,7 +70,7 @@ impl<'b> Variants<'b> {
         Ok(Self { blob, scene, cells, variants, source: None })
     }
 
-    /// Whether rays are marched with the scene's own step; otherwise samples lie in bins between near and far.
+    /// Whether rays are marched with the scene's step; otherwise samples lie in bins between near and far.
     pub fn is_marched(&self) -> bool {
         !matches!(self.scene.sampling, SceneSampling::Bins(_))
     }
@@ -226,7 +226,7 @@ impl<'b> Variants<'b> {
             let renderer = match (key.precision, &self.source) {
                 (Precision::Unrounded, Some(source)) => {
                     let bounds = blob.scene_box();
-                    // Entropy-coded tables cannot be read in place: the renderer reads decoded values.
+                    // Entropy-coded tables cannot be read from the blob's bytes: the renderer reads decoded values.
                     let tables = GridTables::new(TableValues::F32(&own), bounds.as_ref());
                     let tables = (blob.decoded_len() > 0).then_some(tables);
                     Renderer::with_parameters(blob, key.kernel, source, tables)
@@ -240,7 +240,7 @@ impl<'b> Variants<'b> {
     }
 }
 
-/// Settings that need a renderer of their own; all others belong to the plan or the camera.
+/// Settings whose change needs another renderer; all others belong to the plan or the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Key {
     variant: usize,

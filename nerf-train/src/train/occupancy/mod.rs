@@ -287,8 +287,8 @@ impl Occupancy {
     /// Evaluates the network at some cells and, if `drop`, empties cells of too little density.
     ///
     /// `threshold`: sigma, 1/world unit, above which a cell is kept. Each call evaluates at most `cells` candidates,
-    /// in turn, each at one random point. A cell stores the larger of the result and `decay` times its stored
-    /// density.
+    /// each at one random point; successive calls evaluate different candidates until all were evaluated. A cell stores
+    /// the larger of the result and `decay` times its stored density.
     pub fn refresh(&mut self, ask: &DensityQuery<'_>, cells: usize, threshold: f32, decay: f32, drop: bool) {
         let parts = self.candidates.len().div_ceil(cells.max(1)).max(1);
         let part = (self.refreshes % parts as u64) as usize;

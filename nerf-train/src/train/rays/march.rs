@@ -124,7 +124,7 @@ fn first_bits(count: u32) -> u32 {
 /// March that appends to `positions` the points `t = first + i step` of `ray`, `i` in `0..count`, that lie in occupied
 /// cells.
 ///
-/// All points are assumed inside of the box. A point on a face between two cells may count as in either.
+/// All points are assumed inside of the box. A point on a face between two cells may be taken as in either.
 pub(super) struct March<'a> {
     pub cells: &'a MarchCells,
     pub ray: &'a Ray,

@@ -201,7 +201,7 @@ impl GridReferenceEngine {
         Ok(Rendered { mse, total: with_tape(total, h.split_tape().1), gains, errors })
     }
 
-    /// Loss of a checked batch, and its gradients in the model's own order.
+    /// Loss of a checked batch, and its gradients in the order of the model's parameters.
     fn differentiate(&mut self, batch: &Batch) -> Result<(StepLoss, Vec<f32>), EngineError> {
         let network = forward::network(self)?;
         let (mut chunks, mut loss) = (Vec::new(), StepLoss::default());

@@ -23,7 +23,7 @@ pub(super) struct Kept {
     pub positions: [Vec<f32>; 3],
     /// Weights along their rays, `[samples]`.
     pub weights: Vec<f32>,
-    /// Gradients by the encoded values, `[samples][width]`.
+    /// Gradients of the loss with respect to the encoded values, `[samples][width]`.
     pub gradients: Vec<f32>,
     pub width: usize,
     /// Largest absolute value of the gradients; NaN if any gradient is NaN.
@@ -184,7 +184,7 @@ impl LevelSum {
     }
 }
 
-/// Adds a block's gradients `rows`, `[samples][width]`, to the entries.
+/// Adds the gradients `rows` of a block of samples, `[samples][width]`, to those of the table entries they read.
 struct Add<'a> {
     entry: &'a [u32],
     weight: &'a [f32],
