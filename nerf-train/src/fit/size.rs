@@ -318,7 +318,7 @@ fn provenance(data: &str, seed: u64) -> Provenance<'_> {
 }
 
 /// Size of the file of `body`, bytes, with all weights and, if its network has a grid, with tables of the settings
-/// `table`. Coded tables count with their limit.
+/// `table`. Coded tables have the size of their limit.
 fn length(body: Body<'_>, table: Option<&TableConfig>) -> Result<u64, BlobError> {
     let weights = vec![0; 2 * body.architecture.parameters()];
     let grid = body.architecture.position.grid().cloned();

@@ -11,7 +11,7 @@ use crate::train::candidate::{About, Candidate};
 use nerf_core::plan::Quality;
 use std::time::Instant;
 
-/// Largest number of validation views, spread over the split, for measuring the rounding loss or for a table.
+/// Largest number of validation views, spread over the split, for measuring the PSNR lost by rounding, or for a table.
 pub const FINAL_VIEWS: usize = 10;
 const WATCHED_VIEWS: usize = 2;
 /// Number of training views on which variants of the export are compared.

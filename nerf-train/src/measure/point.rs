@@ -241,7 +241,7 @@ impl Settings {
     }
 
     /// Whether a frame is so slow that only the timing views are rendered: without an occupancy grid, or with the
-    /// portable kernel that reads weights in place.
+    /// portable kernel that reads weights directly from the blob's bytes.
     pub fn is_slow(&self, has_occupancy: bool) -> bool {
         self.kernel == Kernel::IN_PLACE || !(has_occupancy && self.quality.occupancy)
     }

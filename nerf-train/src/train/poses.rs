@@ -77,7 +77,7 @@ impl std::fmt::Display for PosesFound {
 }
 
 impl Poses {
-    /// Returns the poses to refine, if settings and data call for it, and the verdict, if it is known.
+    /// Returns the poses to refine, if settings and data call for refinement, and the finding about them, if known.
     pub fn of(
         dataset: &Dataset,
         sights: bool,
@@ -98,7 +98,7 @@ impl Poses {
         }
     }
 
-    /// Uncorrected poses of `views` photographs; `on_trial`: whether a trial decides if they are refined.
+    /// Uncorrected poses of `views` photographs; `on_trial`: whether the first steps decide if they are refined.
     pub fn given(views: usize, on_trial: bool) -> Self {
         let zeros = vec![[0.0; 6]; views];
         Self {

@@ -22,7 +22,7 @@ const ENOUGH_POINTS: usize = 8;
 ///
 /// If the cameras look at a common point, the viewpoint looks at that point from one of them: the nearest to the median
 /// height over the point, the median distance from the axis through it, and the middle of the arc. Otherwise the
-/// viewpoint is the camera nearest to the geometric median of all positions, with its own direction.
+/// viewpoint is the camera nearest to the geometric median of all positions, with that camera's direction.
 pub(crate) fn viewpoint(dataset: &Dataset, range: (f32, f32)) -> Option<Viewpoint> {
     let cameras: Vec<Camera> = dataset.train.iter().map(|view| view.camera).collect();
     let eyes: Vec<Vec3> = cameras.iter().map(|camera| camera.pose().position).collect();

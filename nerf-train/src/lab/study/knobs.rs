@@ -136,7 +136,7 @@ pub const KNOBS: &[Knob] = &[
         copy: |from, to| to.kernel = from.kernel,
         read: |_, s| s.kernel.to_string(),
         values: |_, base| {
-            // Kernels that read weights in place render the same as f32 kernels: only the portable oracle is measured.
+            // Kernels that read the blob's bytes render as f32 kernels do: only the portable oracle is measured.
             let differs = |it: &Kernel| {
                 *it == Kernel::IN_PLACE || it.isa != Isa::Portable && it.storage != Storage::F16
             };

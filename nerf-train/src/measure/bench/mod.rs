@@ -55,7 +55,7 @@ pub struct Clocked {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Memory {
     pub workspace: usize,
-    /// Prepared weights, bytes; shared by all threads.
+    /// Size of the copies of values that a kernel cannot read from the blob's bytes; in bytes, once for all threads.
     pub prepared: usize,
     pub file: usize,
 }
@@ -199,7 +199,7 @@ impl<'b> Variants<'b> {
         Ok(written(&Body { front, ..self.body() })?)
     }
 
-    /// Prepares renderers for all of `settings`, and calls `work` with them.
+    /// Creates renderers for all of `settings`, and calls `work` with the renderers.
     pub fn prepared<T>(
         &self,
         settings: &[Settings],

@@ -169,8 +169,8 @@ impl Op for March<'_> {
 /// March as [`March`], for a ray through an unbounded scene. The points are at `first + i step` in steps of the
 /// contraction ([`Contraction::distance`]). Appends to `samples` the contracted points, the length of each step, world
 /// units, and the factor on the sample's gradient. Within one ball radius of the camera, which is `start` before the
-/// ray, this factor is the squared distance in radii: many rays of that camera alone cross the cells, and fog would
-/// settle.
+/// ray, this factor is the squared distance in radii: many rays of that camera alone cross the cells there, and
+/// would fill them with fog.
 ///
 /// # Source
 /// Philip and Deschaintre 2023, "Floaters No More".

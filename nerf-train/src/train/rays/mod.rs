@@ -33,7 +33,7 @@ pub struct RayBank<'d> {
     cameras: Vec<Camera>,
     /// Index of each view's first pixel in the numbering over all views, and the end.
     starts: Vec<u64>,
-    /// Pixels that may be drawn: near the foreground, if the pictures tell it, and not masked. `None`: all.
+    /// Indices of the unmasked pixels, near the foreground if pictures show what is foreground. `None`: all pixels.
     drawn: Option<Vec<u32>>,
     /// Indices of each view's unmasked pixels; `None` without a mask. Empty unless views are drawn before their pixels.
     unmasked: Vec<Option<Vec<u32>>>,
@@ -444,7 +444,7 @@ fn ray_of(camera: &Camera, pixel: usize) -> Ray {
 /// Margin around the foreground in which rays are drawn, pixels.
 const FOREGROUND_MARGIN: usize = 4;
 
-/// Pixels within [`FOREGROUND_MARGIN`] of the foreground, numbered over all views; `None` if pictures do not tell it.
+/// Pixels within [`FOREGROUND_MARGIN`] of the foreground, numbered over all views; `None` if the foreground is unknown.
 pub(super) fn near_foreground(views: &[View], starts: &[u64], background: Background) -> Option<Vec<u32>> {
     let of_view = |(view, &start): (&View, &u64)| -> Option<Vec<u32>> {
         let (width, height) = view.size();

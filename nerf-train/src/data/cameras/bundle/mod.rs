@@ -76,7 +76,7 @@ pub(crate) struct Bundle {
     pub(crate) observations: Vec<Observation>,
 }
 
-/// Residual of a projection, pixels, and its derivatives by pose, device and point, rows x and y.
+/// Residual of a projection, pixels, and its derivatives with respect to pose, device and point; rows x and y.
 struct Jacobian {
     residual: DVec2,
     pose: [[f64; POSE]; 2],

@@ -211,7 +211,7 @@ impl Scratch {
         by_weight.iter_mut().for_each(|g| *g *= weight);
     }
 
-    /// Backward pass from the loss's gradients to the layers' sums and the tables' samples.
+    /// Backward pass: from the gradients that `loss` sets to the layers' gradients and the samples for the tables.
     fn backward(&mut self, job: &Job<'_>, batch: &Batch, first_ray: usize, pass: &mut Pass) {
         let Self { evaluated, samples, shade, by_weight, upper, lower, .. } = self;
         let chunk = Shaded { batch, first_ray, states: &evaluated.rays, samples };

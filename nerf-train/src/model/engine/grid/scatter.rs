@@ -127,7 +127,7 @@ impl LevelScratch {
         Self { sum: LevelSum::new(most), corners, phases: Phases::default() }
     }
 
-    /// Does one step of a level: sums the gradients of all samples in order, then applies Adam if the level is due.
+    /// Does one step of a level: sums the gradients of all samples in order; applies Adam if it updates the level.
     pub fn step<'k>(
         &mut self,
         isa: Isa,
