@@ -26,7 +26,7 @@ pub struct Audit {
     file: PathBuf,
     /// Data set.
     data: PathBuf,
-    /// Minimum PSNR gain to keep an effect, dB; an effect that saves 10 % of the work may instead lose up to this.
+    /// Minimum PSNR gain to keep an effect, dB; one that saves 10 % of the work may instead cost less PSNR than this.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
     effect_threshold: f64,
     /// Split to evaluate.

@@ -24,9 +24,9 @@ const DECODED_PER_SECOND: u64 = 15_000_000;
 
 /// Check a capture before training: coverage, blur, exposure, overlap, poses.
 ///
-/// `fit` runs the same check before training. A model is folded if repeated structures place two sides of an orbit on
-/// top of each other: photographs that share points then show different objects. Detecting a folded model needs poses
-/// with point tracks, as in a COLMAP model.
+/// `fit` runs the same check before training. A reconstruction is folded if repeated structures place two sides of an
+/// orbit on top of each other: photographs that share points then show different objects. Detecting this needs poses
+/// with point tracks, as in a COLMAP reconstruction.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train check holiday_poses

@@ -31,7 +31,7 @@ use std::process::ExitCode;
 /// Train a radiance field on posed photographs.
 ///
 /// DATA is a CS180-layout or tiny_nerf .npz, or a folder with Blender transforms_{train,val,test}.json, a
-/// nerfstudio / instant-ngp transforms.json, a COLMAP model or LLFF poses_bounds.npy.
+/// nerfstudio / instant-ngp transforms.json, a COLMAP reconstruction or LLFF poses_bounds.npy.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: nerf-train fit lego_200x200.npz -o lego.nerf --report out/lego --max-seconds 60"

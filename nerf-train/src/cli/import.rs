@@ -126,7 +126,7 @@ impl Import {
             far: Some(self.settings.far),
             cameras: Cameras::Own,
             outside_files: self.outside_files,
-            // The network was trained in the data's own coordinates.
+            // The network was trained in the coordinates of the data set's files.
             origin: Some([0.0; 3]),
             ..ReadOptions::default()
         };

@@ -23,7 +23,7 @@ const OCCUPANCIES: [(u16, f32); 5] = [(32, 0.01), (64, 0.01), (96, 0.01), (96, 0
 /// Measure render time against accuracy: each approximation and their combinations; Pareto front.
 ///
 /// Errors are against the pictures of DATA and against the exact rendering: every sample inside the scene box, no
-/// cuts, f32. The Pareto front can be written into the scene file, so that a renderer can choose settings by loss.
+/// cuts, f32. The Pareto front can be written into the scene file, so that a renderer can choose settings by PSNR.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: nerf-train study lego.nerf lego_200x200.npz --report out/study -o lego_front.nerf"

@@ -10,11 +10,11 @@
 //! | `*.npz` with `images`, `poses`, `focal` | [`Format::TinyNerf`] | OpenGL |
 //! | a folder (or file of it) with `transforms_train.json` | [`Format::Blender`] | OpenGL |
 //! | a folder with `transforms.json`, or any other `.json` | [`Format::Nerfstudio`] | OpenGL |
-//! | a folder with a COLMAP model in `sparse/0`, `sparse/1`…, `sparse` or itself | [`Format::Colmap`] | OpenCV, world to camera |
+//! | a folder with a COLMAP reconstruction in `sparse/0`, `sparse/1`…, `sparse` or itself | [`Format::Colmap`] | OpenCV, world to camera |
 //! | a folder with `poses_bounds.npy` | [`Format::Llff`] | columns down, right, backward |
 //!
 //! If several layouts fit a folder, the first of transforms, COLMAP and LLFF is read, or the one that
-//! [`ReadOptions::layout`] names. Coordinates stay the file's own; only for cameras far from the origin, the origin is
+//! [`ReadOptions::layout`] names. Coordinates stay the file's; only for cameras far from the origin, the origin is
 //! moved near them ([`Dataset::origin`]).
 
 pub mod cameras;
@@ -71,7 +71,7 @@ pub struct Dataset {
     pub background: Background,
     /// Sparse points of a reconstruction, which lie on surfaces; may be empty.
     pub points: Vec<SparsePoint>,
-    /// Position, in the file's own world, of the origin of all coordinates; the file's own may be too far for f32.
+    /// Position, in the file's world, of the origin of all coordinates; the file's origin may be too far for f32.
     pub origin: [f64; 3],
     pub notes: Vec<String>,
     /// Oddities that did not prevent reading, one sentence each.
@@ -221,12 +221,13 @@ impl std::str::FromStr for Axes {
     }
 }
 
-/// Choice of the cameras of a COLMAP model's photographs (`--cameras`).
+/// Choice of the cameras of a COLMAP reconstruction's photographs (`--cameras`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Cameras {
-    /// One camera for each device: a model with one camera for each photograph is adjusted again.
+    /// One camera for each device: a reconstruction with one camera for each photograph is adjusted again.
     #[default]
     Shared,
+    /// The cameras that the reconstruction has.
     Own,
 }
 
@@ -273,9 +274,9 @@ pub struct ReadOptions {
     /// Index, in every eight photographs by name, of the held-out one, unless the data set lists its splits.
     pub hold_offset: usize,
     pub cameras: Cameras,
-    /// File of shared cameras: read if written for this model, else written. `None`: the cameras are not stored.
+    /// File of shared cameras: read if of this reconstruction, else written. `None`: the cameras are not stored.
     pub shared_cameras: Option<PathBuf>,
-    /// Origin of all coordinates, in the file's own world ([`Dataset::origin`]), such as that of the blob to
+    /// Origin of all coordinates, in the file's world ([`Dataset::origin`]), such as that of the blob to
     /// evaluate. `None`: a point near cameras that are far from the file's origin, else the file's origin.
     pub origin: Option<[f64; 3]>,
     /// Whether the data are read to evaluate an existing field, for which views of any split suffice. Otherwise

@@ -38,7 +38,7 @@ pub struct Report {
     pub points: usize,
     /// Number of distinct cameras, by intrinsics and lens.
     pub cameras: usize,
-    /// Position of the origin of all coordinates of the report in the file's own world.
+    /// Position of the origin of all coordinates of the report in the file's world.
     pub origin: [f64; 3],
     pub notes: Vec<String>,
     /// The reader's warnings, then those of this report.

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 /// Number of steps between two points of the training curve that have no validation.
 pub(super) const POINT_EVERY: u32 = 20;
-/// Seconds of a step above which files are prepared beforehand, to be written if a signal interrupts the next step.
+/// Seconds of a step above which the bytes of files are made before each step, to be written if a signal interrupts it.
 const LONG_STEP: f64 = 0.3;
 
 pub(super) type File = (PathBuf, Vec<u8>);

@@ -50,7 +50,7 @@ pub struct Outcome {
     /// Background over which validation views are rendered and measured, display-encoded.
     pub background: [f32; 3],
     /// Mean PSNR of an image of one colour, chosen for each view, dB: on the validation views or, without any, on
-    /// training views. Views that show one colour themselves do not count.
+    /// training views. Views that show one colour themselves are left out.
     pub flat_psnr_db: f64,
     /// Whether every view scores no better than an image of one colour: too high a learning rate, or too few steps.
     pub flat: bool,

@@ -45,8 +45,8 @@ pub fn lattice_of(pixels: u64, count: f64) -> u32 {
 }
 
 impl Pace {
-    /// Pace of a run with a limit of `seconds`. `report`: whether a report is written. `dense`: whether the scene is
-    /// measured without its occupancy grid at the end.
+    /// State before any measurement, for a run of at most `seconds`. `report`: whether a report is written. `dense`:
+    /// whether the scene is measured without its occupancy grid at the end.
     pub fn new(seconds: Option<f64>, report: bool, dense: bool) -> Self {
         Self { seconds, report, dense, ..Self::default() }
     }

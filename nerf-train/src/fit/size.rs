@@ -191,9 +191,9 @@ fn resolutions(config: &Config, chosen: Chosen, extent: Vec3, max_bytes: u64) ->
     }
 }
 
-/// Candidate tables, f16 before coded and many levels before few. No candidate has more levels than `own`; only coded
-/// ones have more entries, by up to `more` doublings. `cells`: candidates for coarsest and finest level, by how often
-/// the entries are halved.
+/// Candidate tables, f16 before coded and many levels before few. No candidate has more levels than `own`, the table
+/// of the settings; only coded ones have more entries, by up to `more` doublings. `cells`: candidates for coarsest and
+/// finest level, by how often the entries are halved.
 fn tables(
     own: &TableConfig,
     chosen: Chosen,
@@ -318,7 +318,7 @@ fn provenance(data: &str, seed: u64) -> Provenance<'_> {
 }
 
 /// Size of the file of `body`, bytes, with all weights and, if its network has a grid, with tables of the settings
-/// `table`. Coded tables count with their limit.
+/// `table`. Coded tables have the size of their limit.
 fn length(body: Body<'_>, table: Option<&TableConfig>) -> Result<u64, BlobError> {
     let weights = vec![0; 2 * body.architecture.parameters()];
     let grid = body.architecture.position.grid().cloned();

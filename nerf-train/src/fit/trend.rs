@@ -3,9 +3,9 @@
 use crate::train::CurvePoint;
 use std::fmt;
 
-/// Least gain, dB, by which a later validation counts as a rise: two views are a small sample.
+/// Least gain, dB, by which a later validation is taken as a rise: two views are a small sample.
 const VAL_RISE_DB: f64 = 0.05;
-/// Least rise of the training PSNR, dB, that counts as progress: three times the noise of the smoothed curve.
+/// Least rise of the training PSNR, dB, that is taken as progress: three times the noise of the smoothed curve.
 const TRAIN_RISE_DB: f64 = 0.3;
 /// Number of later validations without a rise that are needed: one is no trend.
 const VALIDATIONS_AFTER: usize = 2;
@@ -27,8 +27,8 @@ impl Stop {
     /// Finds the validation after which validation PSNR stopped rising while training PSNR still rose: overfitting.
     /// `curve`: oldest point first.
     ///
-    /// Validation stopped rising at the first validation that no later one exceeds by over 0.05 dB, if two or more
-    /// followed. Training still rose if its smoothed PSNR gained over 0.3 dB from there to the last validation.
+    /// Validation PSNR stopped rising at the first validation that no later one exceeds by more than 0.05 dB, if two or
+    /// more followed. Training PSNR still rose if it gained, smoothed, more than 0.3 dB from there to the last one.
     ///
     /// # Examples
     /// Validations of 20, 22, 21, 20 dB, and training PSNR of 20, 23, 26, 29 dB: stopped at the second validation.

@@ -11,7 +11,7 @@ use crate::train::candidate::{About, Candidate};
 use nerf_core::plan::Quality;
 use std::time::Instant;
 
-/// Largest number of validation views, spread over the split, for measuring the rounding loss or for a table.
+/// Largest number of validation views, spread over the split, for measuring the PSNR lost by rounding, or for a table.
 pub const FINAL_VIEWS: usize = 10;
 const WATCHED_VIEWS: usize = 2;
 /// Number of training views on which variants of the export are compared.
@@ -157,7 +157,7 @@ pub(super) fn measure_priced(
     let scores =
         measure(bytes, None, kernel, &Quality::default(), background, views(), |view, frame, _, _| {
             each(frame::picture(frame));
-            // The first view's time includes opening the file: the view counts only if there is no other.
+            // The first view's time includes opening the blob: the view is left out if there are further views.
             if counted == 0 && thinned.len() > 1 {
                 (begun, counted) = (Instant::now(), view.pixel_count());
             }

@@ -63,8 +63,8 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> Option<f64> {
     (n > 0).then(|| values.sum::<f64>() / n as f64)
 }
 
-/// Renders every view over `background` and compares it with its photograph over the same colour. Masked pixels do not
-/// count.
+/// Renders every view over `background` and compares it with its photograph over the same colour. Masked pixels are
+/// left out.
 ///
 /// Rays begin at the camera, as in host programs, unless the plan has a range.
 ///
@@ -96,7 +96,7 @@ pub fn evaluate<'v>(
 
 #[derive(Clone, Copy, Debug, Default)]
 pub struct EvalOptions {
-    /// Background colour; `None`: the blob's own.
+    /// Background colour; `None`: the background stored in the blob.
     pub background: Option<[f32; 3]>,
     /// Also measures PSNR on every N-th pixel of every N-th row, as many published figures are.
     pub lattice: Option<u32>,

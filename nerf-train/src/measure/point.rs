@@ -84,7 +84,7 @@ pub struct Point {
 pub struct Totals {
     pub views: usize,
     pub psnr_db: f64,
-    /// Mean PSNR of the exact rendering over the same views minus `psnr_db`, dB.
+    /// PSNR lost against the exact rendering: the latter's mean PSNR over the same views minus `psnr_db`, dB.
     pub loss_db: f64,
     pub ssim: f64,
     /// PSNR against the exact rendering, from the mean squared error over all views, dB.
@@ -241,7 +241,7 @@ impl Settings {
     }
 
     /// Whether a frame is so slow that only the timing views are rendered: without an occupancy grid, or with the
-    /// portable kernel that reads weights in place.
+    /// portable kernel that reads weights directly from the blob's bytes.
     pub fn is_slow(&self, has_occupancy: bool) -> bool {
         self.kernel == Kernel::IN_PLACE || !(has_occupancy && self.quality.occupancy)
     }

@@ -37,7 +37,7 @@ impl Surfaces {
     /// Outputs that a plan must have for [`Self::with`].
     pub const OUTPUTS: Outputs = Outputs { median_distance: true, ..Outputs::ALL };
 
-    /// Measures a renderer's field with a plan of its own, whose outputs include [`Self::OUTPUTS`].
+    /// Measures a renderer's field with a new plan, whose outputs include [`Self::OUTPUTS`].
     ///
     /// Key points and sparse points that [`Sights`] leaves out are not used.
     pub fn with(

@@ -60,8 +60,8 @@ pub(super) fn rounded(grid: &GridEncoding, values: &[f32], scales: &[f32]) -> Ve
     levels(grid, values).zip(scales).flat_map(of_level).collect()
 }
 
-/// Codes `values` with the `given` scales or, if that takes over `most_bytes`, with coarser ones; returns bytes and
-/// scales.
+/// Codes `values` with the `given` scales or, if the result takes more than `most_bytes`, with coarser ones. Returns
+/// bytes and scales.
 pub(super) fn coded(
     grid: &GridEncoding,
     values: &[f32],

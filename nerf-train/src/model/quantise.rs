@@ -140,7 +140,7 @@ pub(super) fn steps(value: f32, scale: f32) -> f32 {
 /// fractions [`KEPT`] unclipped.
 ///
 /// A few entries are often many times as large as the rest, which then have few steps left: on fitted scenes clipping
-/// the large ones loses less.
+/// the large ones costs less error.
 pub(super) fn scale_of(values: &[f32]) -> f32 {
     let mut magnitudes: Vec<f32> = values.iter().map(|value| value.abs()).collect();
     magnitudes.sort_unstable_by(f32::total_cmp);

@@ -67,7 +67,7 @@ pub fn is_exr(path: &Path) -> bool {
 
 /// Writes an output of a frame as PNG, or as EXR if `path` says so.
 ///
-/// `range`: colour range of a distance, world units; `None`: the frame's own. `transparent`: colour has alpha.
+/// `range`: colour range of a distance, world units; `None`: chosen for the frame. `transparent`: colour has alpha.
 pub fn write_still(
     path: &Path,
     frame: &Frame,

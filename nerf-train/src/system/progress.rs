@@ -34,7 +34,7 @@ pub enum ProgressStyle {
     Auto,
     /// Plain lines every five seconds, also on a terminal.
     Plain,
-    /// One JSON object a line, at the pace of plain lines, for another program to read.
+    /// One JSON object a line, as often as plain lines, for another program to read.
     ///
     /// `{"event":"progress","what":"render","position":3,"total":60,"elapsed_s":5.2,"left_s":98.8}`, then what is
     /// known of `rays_per_s`, `train_psnr_db`, `val_psnr_db` and `note`; `total` and `left_s` are null if they are
@@ -96,7 +96,7 @@ pub struct Progress {
     what: String,
     total: Total,
     started: Instant,
-    /// Position at the start of this run: steps of earlier runs do not count in the estimate.
+    /// Position at the start of this run: the estimate leaves out steps of earlier runs.
     first: u64,
     display: Display,
 }
@@ -130,7 +130,7 @@ impl Progress {
         Self::new(what, Total::Steps(total as u64), style)
     }
 
-    /// Sets the position at which work resumes: the estimate counts only the steps of this run.
+    /// Sets the position at which work resumes: the estimate uses only the steps of this run.
     pub fn resume_at(mut self, position: u64) -> Self {
         self.first = position;
         self
@@ -219,7 +219,7 @@ impl Progress {
         Some(share.clamp(0.0, 1.0))
     }
 
-    /// Remaining time: the smaller of what the steps need at this run's pace and the rest of the budget.
+    /// Remaining time: the smaller of what the steps need at this run's speed and the rest of the budget.
     fn remaining(&self, position: u64, elapsed: Duration) -> Option<Duration> {
         let done = position.saturating_sub(self.first);
         let steps = |total: u64| {

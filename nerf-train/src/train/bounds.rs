@@ -18,7 +18,7 @@ pub struct Bounds {
     pub far: f32,
     pub scene_box: SceneBox,
     pub contraction: Option<Contraction>,
-    /// Distance from each camera of an unbounded scene within which there is nothing, world units; a view's own
+    /// Distance from each camera of an unbounded scene within which there is nothing, world units; a view's
     /// [`View::near`] may be larger.
     pub empty_before: f32,
 }
@@ -76,7 +76,7 @@ pub(crate) fn find_box(dataset: &Dataset, config: &Config) -> Result<Bounds, Tra
     }
     let given = match s.scene_box {
         Some([x0, y0, z0, x1, y1, z1]) => {
-            // The settings use the file's own coordinates.
+            // The settings use the coordinates of the data set's files.
             let here =
                 |corner: [f32; 3]| (Vec3::from(corner).as_dvec3() - DVec3::from(dataset.origin)).as_vec3();
             Some(SceneBox::new(here([x0, y0, z0]), here([x1, y1, z1]))?)

@@ -7,9 +7,9 @@ use crate::model::config::Exposure;
 use crate::train::photographs::SmallAdam;
 use serde::{Deserialize, Serialize};
 
-/// Number of steps of the trial: gains are learned from 0, and kept if they differ enough between photographs.
+/// Number of first steps that learn gains from 0. Gains are kept afterwards if they differ enough between photographs.
 const TRIAL: u32 = 1_000;
-/// Learning rates of the log gains: in the trial, and after it.
+/// Learning rates of the log gains: in the first [`TRIAL`] steps, and afterwards.
 const RATES: [f32; 2] = [5e-3, 1e-3];
 
 /// Gains of the training photographs; the field has their mean exposure.
@@ -20,7 +20,7 @@ pub struct Gains {
     moment2: Vec<[f32; 3]>,
     steps: u32,
     on_trial: bool,
-    /// Whether the gains are kept, whatever the trial finds.
+    /// Whether gains that hardly differ are kept, too: the user asked for gains, or photographs contradict each other.
     own: bool,
 }
 
@@ -31,7 +31,7 @@ pub struct ExposureFound {
     /// Whether the gains were measured at a reconstruction's key points; else they were learned in the fit's first
     /// steps.
     pub by_tracks: bool,
-    /// Whether each photograph has a gain of its own.
+    /// Whether the fit has one gain for each photograph.
     pub fitted: bool,
     /// Index and log gain of the view whose gain is farthest from the mean, if by a factor of two or more.
     pub outlier: Option<(u32, f32)>,
@@ -102,8 +102,8 @@ impl Gains {
 
     /// Does one Adam step of the log gains, and shifts their mean to 0.
     ///
-    /// Returns the verdict after the trial's last step. Unless the verdict is `fitted`, the gains must not be used
-    /// further.
+    /// Returns the measured exposure after the last of the first `TRIAL` steps, else `None`. Unless `fitted` is set in
+    /// it, the gains must not be used further.
     pub fn step(&mut self, gradients: &[[f32; 3]]) -> Option<ExposureFound> {
         self.steps += 1;
         let rate = RATES[usize::from(!self.on_trial)];

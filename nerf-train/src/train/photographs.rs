@@ -12,7 +12,7 @@ use nerf_core::camera::Camera;
 use nerf_core::space::Contraction;
 use serde::{Deserialize, Serialize};
 
-/// Learned gains, poses and masks, and the verdicts of finished trials.
+/// Learned gains, poses and masks, and what a run's first steps found about exposures, poses and withheld photographs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Photographs {
     gains: Option<Gains>,
@@ -134,7 +134,7 @@ impl Photographs {
         given
     }
 
-    /// The poses, if they are refined and no longer on trial.
+    /// The poses, if they are refined and the decision to refine them is final.
     pub(super) fn refined(&self) -> Option<&Poses> {
         self.poses.as_ref().filter(|poses| poses.are_refined())
     }
@@ -163,7 +163,7 @@ impl SmallAdam {
         Self { unbiased: BETAS.map(|beta| 1.0 - beta.powi(steps.min(10_000) as i32)) }
     }
 
-    /// Updates a parameter's moments by its gradient `g`; returns what is subtracted from the parameter.
+    /// Updates a parameter's moments from its gradient `g`; returns what is subtracted from the parameter.
     pub fn step(&self, rate: f32, g: f32, m1: &mut f32, m2: &mut f32) -> f32 {
         *m1 = BETAS[0] * *m1 + (1.0 - BETAS[0]) * g;
         *m2 = BETAS[1] * *m2 + (1.0 - BETAS[1]) * g * g;

@@ -1,8 +1,8 @@
 //! Poses of the photographs, refined with the field.
 //!
-//! A camera turns and moves by small steps that follow the loss's gradient by its rays. The steps are taken in
-//! coordinates in which length 1 moves the image by one pixel, root mean square, for any mixture of turning and
-//! moving.
+//! A camera turns and moves by small steps that follow the gradient of the loss with respect to its rays. The steps
+//! are taken in coordinates in which length 1 moves the image by one pixel, root mean square, for any mixture of
+//! turning and moving.
 //!
 //! # Source
 //! Lin et al. 2021 (BARF), poses by the photometric loss, coarse to fine; Park et al. 2023 (CamP), the preconditioner.
@@ -18,7 +18,7 @@ use nerf_core::camera::{Camera, Pose, Ray};
 use nerf_core::space::Contraction;
 use serde::{Deserialize, Serialize};
 
-/// Number of steps of the trial: poses are refined from the given ones, and refined further if they moved enough.
+/// Number of first steps that refine the given poses. Poses are refined further if the cameras moved enough.
 const TRIAL: u32 = 1_000;
 /// Steps between two moves of the cameras.
 const EVERY: u32 = 8;
@@ -28,8 +28,9 @@ const RATES: [f32; 2] = [0.3, 0.01];
 /// `SHARP_FROM` of the run.
 const BLURS: [f32; 2] = [0.02, 0.001];
 const SHARP_FROM: f64 = 0.5;
-/// Median motion in the trial, focal lengths, from which poses are refined. Correct poses move by 0.002 to 0.006, and
-/// refining them would lose 0.1 to 0.4 dB. Poses that are half a degree to a degree off move by 0.013.
+/// Least median motion in the first [`TRIAL`] steps, focal lengths, at which poses are refined further. Correct poses
+/// move by 0.002 to 0.006, and their refinement would cost 0.1 to 0.4 dB of PSNR. Poses that are half a degree to a
+/// degree off move by 0.013.
 const CALLED_FOR: f64 = 8e-3;
 /// Largest median reprojection error of a reconstruction's points, pixels, with which its poses are trusted.
 const BELIEVED: f64 = 2.0;
@@ -76,7 +77,7 @@ impl std::fmt::Display for PosesFound {
 }
 
 impl Poses {
-    /// Returns the poses to refine, if settings and data call for it, and the verdict, if it is known.
+    /// Returns the poses to refine, if settings and data call for refinement, and the finding about them, if known.
     pub fn of(
         dataset: &Dataset,
         sights: bool,
@@ -97,7 +98,7 @@ impl Poses {
         }
     }
 
-    /// Uncorrected poses of `views` photographs; `on_trial`: whether a trial decides if they are refined.
+    /// Uncorrected poses of `views` photographs; `on_trial`: whether the first steps decide if they are refined.
     pub fn given(views: usize, on_trial: bool) -> Self {
         let zeros = vec![[0.0; 6]; views];
         Self {
@@ -146,7 +147,7 @@ impl Poses {
         RayQuestion { contraction: *contraction, blur }
     }
 
-    /// Adds the gradients of a batch's rays to the sums of their photographs.
+    /// Adds the gradients of a batch's rays to the gradient sums of their photographs' cameras.
     pub fn add<'g>(&mut self, batch: &Batch, gradients: impl Iterator<Item = &'g RayGradient>) {
         for gradient in gradients {
             let ray = gradient.ray as usize;
@@ -158,8 +159,8 @@ impl Poses {
         }
     }
 
-    /// Moves the cameras after step `step` of a run, if a move is due. Returns the verdict if this was the trial's
-    /// last step.
+    /// Moves the cameras after every `EVERY`th step of a run. Returns the cameras' motion, and whether poses are
+    /// refined further, after the last of the first `TRIAL` steps, else `None`.
     pub fn step(
         &mut self,
         given: &[View],
@@ -173,7 +174,7 @@ impl Poses {
         self.verdict(step, given, contraction)
     }
 
-    /// Verdict after step `step`, if it is the trial's last.
+    /// Motion of the cameras, and whether poses are refined further, after the last of the first [`TRIAL`] steps.
     fn verdict(&mut self, step: u32, given: &[View], contraction: &Contraction) -> Option<PosesFound> {
         if step + 1 != TRIAL {
             return None;

@@ -6,21 +6,21 @@ use crate::model::config::{Config, OptimiserConfig, Withholding};
 use crate::model::engine::Batch;
 use serde::{Deserialize, Serialize};
 
-/// Steps of the trial, in which photographs are withheld, and step from which errors are summed.
+/// Number of a run's first steps in which photographs are withheld, and step from which on all errors are summed.
 const TRIAL: u32 = 1_500;
 const SUMMED_FROM: u32 = 1_000;
 /// Step from which the field shows the withheld photographs as well as the others.
 pub const LEARNED_FROM: u32 = 2_000;
-/// Fewest steps of a run that has a trial, and fraction of the run at which an unfinished trial ends without a
+/// Fewest steps of a run that withholds photographs, and fraction of the run after which withholding ends without a
 /// verdict.
 const FEWEST_STEPS: u32 = 2 * TRIAL;
 const GIVEN_UP_AT: f64 = 0.5;
-/// Number of withheld photographs, and fewest photographs of a capture that has a trial.
+/// Number of withheld photographs, and fewest photographs of a capture of which some are withheld.
 const COUNT: usize = 6;
 const FEWEST: usize = 24;
 /// PSNR gaps, dB: up to the first, the weight decay stays as set; from the second on, it is [`MOST`] times as much.
-/// Captures that lose by more decay have gaps of 0.8 to 2.9. A capture whose light turned with its object has gaps of
-/// 4.9 to 5.1, and gains 2.4 dB by more decay.
+/// Captures whose PSNR falls with more decay have gaps of 0.8 to 2.9. A capture whose light turned with its object has
+/// gaps of 4.9 to 5.1, and gains 2.4 dB by more decay.
 const GAPS: [f64; 2] = [3.4, 4.4];
 const MOST: f64 = 30.0;
 /// Fewest rays of a photograph for which a PSNR is computed.
@@ -65,7 +65,7 @@ impl std::fmt::Display for WithheldFound {
 }
 
 impl Withheld {
-    /// State before the first step; `None` if the settings rule the trial out, or if there are too few photographs.
+    /// State before the first step; `None` if settings or too few photographs rule out that photographs are withheld.
     pub fn of(views: &[View], config: &Config) -> Option<Self> {
         let fits = config.capture.withhold == Withholding::Auto
             && config.network.grid.is_some()
@@ -75,7 +75,7 @@ impl Withheld {
         fits.then(|| Self { sums: vec![[0.0; 5]; views.len()] })
     }
 
-    /// Whether a run of which the fraction `share` is done is too short for the trial.
+    /// Whether withholding ends without a verdict, after the fraction `share` of a run.
     pub fn is_given_up(share: f64) -> bool {
         share > GIVEN_UP_AT
     }
@@ -114,7 +114,7 @@ impl Withheld {
         }
     }
 
-    /// Verdict after step `step`, if it is the trial's last.
+    /// Verdict after the last of the `TRIAL` steps in which photographs are withheld; `None` after any other `step`.
     pub fn verdict(&self, step: u32, optimiser: &OptimiserConfig) -> Option<WithheldFound> {
         if step + 1 != TRIAL {
             return None;

@@ -58,7 +58,7 @@ fn count(pairs: &[Pair], which: impl Fn([usize; 2]) -> bool) -> (usize, usize) {
 }
 
 /// Labels of small clusters with more contradicting than agreeing pairs. The worst cluster is rejected first; its pairs
-/// no longer count for the remaining clusters.
+/// are left out for the remaining clusters.
 fn rejected(label: &[usize], pairs: &[Pair]) -> BTreeSet<usize> {
     let mut size: BTreeMap<usize, usize> = BTreeMap::new();
     label.iter().for_each(|label| *size.entry(*label).or_default() += 1);

@@ -1,9 +1,9 @@
 //! Checks of a capture before the fit: spread, sharpness, exposure and links of its photographs, and whether all poses
 //! can be right.
 //!
-//! Repeated structure makes a reconstruction superimpose two sides of an orbit. A model folded in this way agrees with
-//! its own key points. Its photographs contradict each other in the pixels around points that two of them see from
-//! nearly the same place (`pairs.rs`), and fall into groups, each consistent alone (`groups.rs`).
+//! Repeated structure makes a reconstruction superimpose two sides of an orbit. A reconstruction folded in this way
+//! agrees with its own key points. Its photographs contradict each other in the pixels around points that two of them
+//! see from nearly the same place (`pairs.rs`), and fall into groups, each consistent alone (`groups.rs`).
 
 pub mod after;
 mod found;

@@ -10,7 +10,7 @@ const GAP: f32 = 30.0;
 /// Elevation, positive or negative, beyond which a camera has no azimuth, degrees.
 const STEEP: f32 = 75.0;
 
-/// Ratio to the median turn from which on a turn of at least [`GAP`] between consecutive photographs is a jump.
+/// Multiple of the median angle between consecutive photographs from which on an angle of at least [`GAP`] is a jump.
 const JUMP: f32 = 5.0;
 /// Minimum number of photographs of a run, except the last run.
 const SHORTEST_RUN: usize = 3;
@@ -71,7 +71,7 @@ pub(super) fn runs(views: &[&View]) -> Vec<Vec<usize>> {
     let ahead = |view: &View| view.camera.pose().forward();
     let turns: Vec<f32> =
         views.windows(2).map(|two| ahead(two[0]).angle_between(ahead(two[1])).to_degrees()).collect();
-    // The median of no turns is NaN, which `max` ignores.
+    // The median of no angles is NaN, which `max` ignores.
     let jump = GAP.max(JUMP * median(turns.iter().copied()) as f32);
     let mut runs: Vec<Vec<usize>> = Vec::new();
     for view in 0..views.len() {

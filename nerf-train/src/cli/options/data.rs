@@ -34,7 +34,7 @@ pub struct DataOptions {
     /// Downscale factor; auto: long side to about 800 pixels [default: auto; 1 for Blender].
     #[arg(long, value_name = "N", default_value = "auto", hide_default_value = true)]
     pub downscale: Downscale,
-    /// Intrinsics: shared by device, or own as in COLMAP [default: shared; for a scene file: as trained].
+    /// Camera intrinsics: shared (one set a device) or own (COLMAP's sets) [default: shared; scene file: as trained].
     #[arg(long, value_name = "WHICH")]
     pub cameras: Option<Cameras>,
     /// Read images whose `file_path` leads out of the data set.

@@ -149,7 +149,7 @@ pub struct SceneBounds {
 
 /// Near and far distance, world units, and scene box of a data set; `None` if neither data nor cameras give them.
 ///
-/// `near` and `far` are the data set's own if it states them. Otherwise they are 2 and 6 for the layouts of
+/// `near` and `far` are those that the data set states, if any. Otherwise they are 2 and 6 for the layouts of
 /// NeRF-synthetic, CS180 and tiny_nerf, if the cameras are about 4 from their look-at point, as in their recipe. Else
 /// `near` is half the smallest camera distance, and `far` is as far behind the look-at point as `near` is in front of
 /// it. The box is a cube around the look-at point with half-size mean camera distance − near. Without a look-at point,

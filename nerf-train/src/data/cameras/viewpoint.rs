@@ -22,7 +22,7 @@ const ENOUGH_POINTS: usize = 8;
 ///
 /// If the cameras look at a common point, the viewpoint looks at that point from one of them: the nearest to the median
 /// height over the point, the median distance from the axis through it, and the middle of the arc. Otherwise the
-/// viewpoint is the camera nearest to the geometric median of all positions, with its own direction.
+/// viewpoint is the camera nearest to the geometric median of all positions, with that camera's direction.
 pub(crate) fn viewpoint(dataset: &Dataset, range: (f32, f32)) -> Option<Viewpoint> {
     let cameras: Vec<Camera> = dataset.train.iter().map(|view| view.camera).collect();
     let eyes: Vec<Vec3> = cameras.iter().map(|camera| camera.pose().position).collect();
@@ -106,7 +106,7 @@ fn covered(mut azimuths: Vec<f32>) -> Option<(f32, f32)> {
 }
 
 /// Up direction of the scene: perpendicular to the cameras' horizontal axes, as people hold cameras level. If the axes
-/// do not determine it, the median of the cameras' own up directions.
+/// do not determine it, the median of the cameras' up directions.
 fn up_of(cameras: &[Camera]) -> Vec3 {
     let axes = |axis: fn(&Pose) -> Vec3| -> Vec<DVec3> {
         cameras.iter().map(|camera| axis(camera.pose()).as_dvec3().normalize_or_zero()).collect()

@@ -18,7 +18,7 @@ const POINT_EVERY: usize = 9;
 /// Spacing, in photographs, of those from which points are taken.
 const VIEW_EVERY: usize = 3;
 
-/// A photograph: camera in the model, camera that took it, and azimuth between the two, radians.
+/// A photograph: camera in the data set, camera that took it, and azimuth between the two cameras, radians.
 struct Shot {
     pose: Camera,
     taken: Camera,
@@ -26,7 +26,7 @@ struct Shot {
 }
 
 impl Shot {
-    /// Position of a point in this photograph, pixels; `None` if the point is hidden, or belongs to another `turn`.
+    /// Position of a point in this photograph, pixels; `None` if the point is hidden, or was seen at another `turn`.
     fn shows(&self, position: Vec3, turn: f32) -> Option<(f32, f32)> {
         let (x, y) = self.pose.project(position)?;
         let inside = |v: f32| v > 1.0 && v < SIZE as f32 - 1.0;
@@ -35,7 +35,7 @@ impl Shot {
         (nearest && turn == self.turn).then_some((x, y))
     }
 
-    /// Points that this photograph shows at every [`POINT_EVERY`]-th pixel and row, in the model's coordinates.
+    /// Points that this photograph shows at every [`POINT_EVERY`]-th pixel and row, in the data set's coordinates.
     fn points(&self) -> Vec<Vec3> {
         let lattice = || (POINT_EVERY..SIZE as usize).step_by(POINT_EVERY).map(|v| v as f32);
         let at = |(x, y)| trace(&self.taken, x, y).map(|hit| self.pose.ray(x, y).at(hit.ray_distance));

@@ -159,7 +159,7 @@ const LAST: usize = 6;
 
 /// Reads `tiny_nerf_data.npz` of the original notebook: `images` in floats, OpenGL `poses`, and `focal`.
 ///
-/// Of the notebook's own 106 views, 0..100 are training and 101..106 validation views (100 is unused, as in the
+/// Of the notebook's 106 views, 0..100 are training and 101..106 validation views (100 is unused, as in the
 /// notebook). In other files the last six are validation views, or none if no training views would remain.
 pub(crate) fn read_tiny_nerf(archive: &mut Archive, options: &ReadOptions) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);

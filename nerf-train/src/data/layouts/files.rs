@@ -35,7 +35,7 @@ pub fn reads_data<'p, P: AsRef<Path> + ?Sized + 'p>(
     files(path).iter().fold(claims, |claims, file| claims.reads("a file of the data set,", file))
 }
 
-/// The data set's own file, its lists of views, and the files named in these lists, if they exist.
+/// The file of the data set, its lists of views, and the files named in the lists, if they exist.
 ///
 /// A damaged list counts as empty; reading the data set reports the damage.
 pub fn files(path: &Path) -> Vec<PathBuf> {
@@ -53,7 +53,7 @@ pub fn files(path: &Path) -> Vec<PathBuf> {
     lists.into_iter().chain(named).chain(whole).collect()
 }
 
-/// Files of a folder's COLMAP model or LLFF poses, and all files in its folders of pictures; empty without poses.
+/// Files of a folder's COLMAP reconstruction or LLFF poses, and all its picture files; empty without poses.
 fn photographs(folder: &Path) -> Vec<PathBuf> {
     let poses = folder.join(llff::FILE);
     let mut files = colmap::files(folder);

@@ -13,7 +13,7 @@ const MASKS: &str = "masks";
 /// Location of a photograph, and its further reduction.
 pub(crate) struct Located {
     pub(crate) path: PathBuf,
-    /// Factor by which the photograph is reduced from the size of its pose; `None`: the file's own size.
+    /// Factor by which the photograph is reduced from the size of its pose; `None`: kept at the file's size.
     pub(crate) downscale: Option<Downscale>,
     pub(crate) reduced: bool,
 }

@@ -15,7 +15,7 @@ use std::path::Path;
 pub(crate) const FILE: &str = "poses_bounds.npy";
 /// Number of values per photograph: three rows of a 3×5 matrix, near and far.
 const NUMBERS: usize = 17;
-/// Factor on the nearest bound that gives the start of rays, as in LLFF's own loader.
+/// Factor on the nearest bound that gives the start of rays, as in LLFF's loader.
 const NEAR_MARGIN: f64 = 0.9;
 
 /// Values of one photograph in the file.
@@ -103,7 +103,7 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     .counted_from(origin))
 }
 
-/// Sparse points of a COLMAP model in the same folder, which share the world of the poses; empty without a model.
+/// Sparse points of a COLMAP reconstruction in the same folder, in the world of the poses; empty without one.
 fn points(folder: &Path, origin: DVec3, found: &mut Found) -> Result<Vec<SparsePoint>, DatasetError> {
     for place in [folder.join("sparse/0"), folder.join("sparse"), folder.to_owned()] {
         let points = colmap::points_of(&place, origin, found)?;

@@ -44,7 +44,7 @@ pub(crate) struct Photo<'a> {
     /// Mask: a picture that is black at pixels that are neither trained on nor evaluated.
     pub(crate) mask: Option<PathBuf>,
     pub(crate) stated: StatedSize,
-    /// Factor by which the picture is reduced from `stated`; `None`: the file's own size.
+    /// Factor by which the picture is reduced from `stated`; `None`: kept at the file's size.
     pub(crate) downscale: Option<Downscale>,
     /// Whether the picture is from a folder of copies that are known to be smaller than `stated`.
     pub(crate) reduced: bool,
@@ -69,7 +69,7 @@ pub(crate) struct Source<'a> {
 
 impl Source<'_> {
     /// Decodes a photograph and makes its camera. `optics` returns the intrinsics for a size: the stated one, or else
-    /// the picture's own.
+    /// that of the picture.
     pub(crate) fn load(
         &self,
         photo: Photo<'_>,
@@ -86,7 +86,7 @@ impl Source<'_> {
         }
         let optics = optics((w, h), &mut notes)?;
         let (width, height) = photo.downscale.map_or(found, |downscale| {
-            // A given factor applies to the size stated with the poses, `Auto` to the picture's own.
+            // A given factor applies to the size stated with the poses, `Auto` to the size of the picture's file.
             let (w, h) = if downscale == Downscale::Auto { own } else { (w, h) };
             let factor = f64::from(downscale.factor((w, h)));
             let side = |side: f64| (side / factor).round().clamp(1.0, 65_535.0) as u32;

@@ -1,33 +1,33 @@
-//! Faults of a model that COLMAP has made.
+//! Faults of a reconstruction that COLMAP has made.
 
 use crate::data::layouts::colmap::Facts;
 use crate::data::names::listed;
 use serde::{Serialize, Serializer};
 use std::fmt;
 
-/// Fraction of the photographs below which a model is torn ([`Fault::Torn`]).
+/// Smallest fraction of photographs with poses at which a reconstruction is not torn ([`Fault::Torn`]).
 const REGISTERED: f64 = 0.9;
-/// Number of photographs that a further model must add for the largest model to count as torn.
+/// Number of photographs that a smaller reconstruction must add for the largest one to be torn.
 const OTHERS: usize = 3;
 
-/// Fault of a model: missing photographs, or photographs with wrong poses.
+/// Fault of a reconstruction: missing photographs, or photographs with wrong poses.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Fault {
-    /// Photographs are missing from the model, or form further models.
+    /// Photographs have no pose, or have one in a smaller reconstruction only.
     Torn {
-        /// Photographs of each further model that the largest model lacks, by name.
+        /// Names of the photographs of each smaller reconstruction that are not in the largest one.
         others: Vec<Vec<String>>,
     },
     /// Photographs of two sides of the scene have poses on only one side.
     Folded {
-        /// Names of the photographs in each group, which agree with each other.
+        /// Names of the photographs in each group; photographs of one group agree with each other.
         groups: Vec<Vec<String>>,
     },
 }
 
 impl Fault {
-    /// Fault of `model`, the largest of `photographs` photographs. `folded`: groups of a folded model, else `None`.
+    /// Fault of `model`, the largest reconstruction from `photographs` photographs. `folded`: its groups if folded.
     pub(super) fn of(model: &Facts, photographs: usize, folded: Option<Vec<Vec<String>>>) -> Option<Self> {
         if let Some(groups) = folded {
             return Some(Self::Folded { groups });

@@ -1,8 +1,8 @@
 //! Poses of bare photographs, found by an installed COLMAP.
 //!
-//! COLMAP works in a hidden folder next to the result, on copies of the photographs, so that later edits of one never
-//! change the other. The folder gets its final name, complete, once a model is found. If a model is torn or folded,
-//! COLMAP's further ways are tried.
+//! COLMAP works in a hidden folder next to the result, on copies of the photographs, so that later edits of the
+//! photographs never change the result. The folder gets its final name, complete, once there is a reconstruction. If a
+//! reconstruction is torn or folded, COLMAP's further ways are tried.
 
 mod fault;
 mod run;
@@ -35,7 +35,7 @@ pub struct Request<'a> {
     pub threads: Option<usize>,
     /// Time without output after which COLMAP is killed.
     pub patience: Duration,
-    /// Returns the groups of photographs if the model is folded, else `None`.
+    /// Returns the groups of photographs if the reconstruction is folded, else `None`.
     pub folded: &'a dyn Fn(&Dataset) -> Option<Vec<Vec<String>>>,
     pub style: ProgressStyle,
 }
@@ -48,7 +48,7 @@ pub struct Found {
     pub unregistered: Vec<String>,
     /// Names of files that are no whole pictures and were left out.
     pub damaged: Vec<String>,
-    /// Number of models that were made; the largest is kept.
+    /// Number of reconstructions that COLMAP made; the largest is kept.
     pub models: usize,
     pub points: usize,
     pub mean_reprojection_error_px: f64,
@@ -58,7 +58,7 @@ pub struct Found {
     pub fault: Option<Fault>,
 }
 
-/// A model, the way in which COLMAP made it, and its fault, if any.
+/// A reconstruction, the way in which COLMAP made it, and its fault, if any.
 struct Attempt {
     model: Facts,
     way: Way,
@@ -112,7 +112,7 @@ fn extract(bare: &Bare, place: &Place, runner: &Runner<'_>) -> anyhow::Result<()
     Ok(())
 }
 
-/// The best model of COLMAP's ways: the first without a fault, else the largest.
+/// The best reconstruction of COLMAP's ways: the first without a fault, else the largest.
 fn best(place: &Place, runner: &Runner<'_>) -> anyhow::Result<Attempt> {
     let Runner { request, photographs: count } = *runner;
     let mut best: Option<Attempt> = None;
@@ -145,7 +145,7 @@ fn best(place: &Place, runner: &Runner<'_>) -> anyhow::Result<Attempt> {
     best.ok_or_else(|| none_registered(count, "no model was made"))
 }
 
-/// Reads a way's largest model with its photographs, which are moved there meanwhile; `None` if unreadable.
+/// Reads a way's largest reconstruction, with the photographs moved next to it meanwhile; `None` if unreadable.
 fn with_photographs(place: &Place, way: Way) -> io::Result<Option<Dataset>> {
     let models = place.models(way);
     let beside = models.join("images");
@@ -155,7 +155,7 @@ fn with_photographs(place: &Place, way: Way) -> io::Result<Option<Dataset>> {
     Ok(data)
 }
 
-/// Runs COLMAP in one way and returns its largest model.
+/// Runs COLMAP in one way and returns the largest reconstruction.
 fn attempt(way: Way, place: &Place, runner: &Runner<'_>) -> anyhow::Result<Facts> {
     if let Some(matching) = commands::matching(place, way) {
         let database = place.database(way);
@@ -195,7 +195,7 @@ fn copy(bare: &Bare, images: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Moves the model to its place and removes the working files.
+/// Moves the reconstruction to its place and removes the working files.
 fn keep(model: &Facts, place: &Path, work: &Path) -> io::Result<()> {
     fs::rename(&model.folder, place)?;
     // `project.ini` names the hidden folder.

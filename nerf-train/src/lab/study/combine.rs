@@ -4,11 +4,11 @@ use super::front::{Price, pareto, thin};
 use super::knobs::{KNOBS, Knob};
 use crate::measure::point::Settings;
 
-/// Values of one knob other than the base's, with the measured loss and cost of each.
+/// Values of one knob other than the base's, with the measured loss of PSNR and cost of each.
 #[derive(Clone, Debug, Default)]
 pub struct Choices {
     pub knob: usize,
-    /// Settings with one value of the knob; loss against the base, dB, and multiply-adds relative to the base's.
+    /// Settings with one value of the knob; PSNR lost against the base, dB, and multiply-adds relative to the base's.
     pub rows: Vec<(Settings, Price)>,
 }
 
@@ -77,7 +77,7 @@ mod tests {
         let found = combinations(Settings::base(), &[samples.clone(), cut.clone()], 1.0, 10);
         let values: Vec<(u16, f32)> =
             found.iter().map(|s| (s.quality.samples, s.quality.transmittance_cut)).collect();
-        // Too few samples lose too much; single knobs are rows already.
+        // Too few samples lose too much PSNR; single knobs are rows already.
         assert_eq!(values, [(48, 0.1), (32, 0.1)]);
         assert!(combinations(Settings::base(), &[samples], 1.0, 10).is_empty());
         assert!(combinations(Settings::base(), &[], 1.0, 10).is_empty());

@@ -1,9 +1,9 @@
-//! Pareto fronts: points that no other point beats in cost and loss together.
+//! Pareto fronts: points that no other point beats in cost and loss of PSNR together.
 
-/// Loss and cost of a point.
+/// Loss of PSNR and cost of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Price {
-    /// dB lost against the exact rendering; below 0 if the point is better.
+    /// PSNR lost against the exact rendering (in `combine` against the base), dB; below 0 for a gain.
     pub loss_db: f64,
     /// Seconds or multiply-adds, above 0.
     pub cost: f64,
@@ -15,10 +15,10 @@ impl Price {
     }
 }
 
-/// Indices of the points on the Pareto front, dearest first: along it cost falls and loss rises, both strictly.
+/// Indices of the points on the Pareto front, dearest first: from each to the next, cost strictly falls and loss rises.
 ///
-/// A point is beaten by one that costs no more and loses no more, and is better in cost or loss. Of equal points the
-/// first is kept. Points whose loss or cost is not finite, and costs of 0, are left out.
+/// A point is beaten by another whose cost and loss are no larger, if at least one of the two is smaller. Of equal
+/// points the first is kept. Points whose loss or cost is not finite, and costs of 0, are left out.
 pub fn pareto(points: &[Price]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..points.len()).filter(|&i| points[i].is_usable()).collect();
     let key = |i: usize| (points[i].cost, points[i].loss_db);
@@ -60,7 +60,7 @@ pub fn thin(points: &[Price], front: &[usize], most: usize) -> Vec<usize> {
     front
 }
 
-/// Index of the cheapest point that loses at most `loss_db`.
+/// Index of the cheapest point whose loss is at most `loss_db`.
 pub fn cheapest_within(points: &[Price], loss_db: f64) -> Option<usize> {
     let within = |&i: &usize| points[i].is_usable() && points[i].loss_db <= loss_db;
     (0..points.len()).filter(within).min_by(|&a, &b| points[a].cost.total_cmp(&points[b].cost))

@@ -8,7 +8,7 @@ use nerf_core::{Isa, Kernel, Storage};
 /// A setting that trades accuracy for time.
 pub struct Knob {
     pub name: &'static str,
-    /// Whether a blob's Pareto front can hold the setting; otherwise the front has the base's value.
+    /// Whether a blob's Pareto front can hold the setting; otherwise its points have the base's value.
     pub in_blob: bool,
     /// Whether the knob's values are combined with those of other knobs.
     pub combines: bool,
@@ -19,7 +19,7 @@ pub struct Knob {
     pub values: fn(&Variants<'_>, Settings) -> Vec<Settings>,
 }
 
-/// Samples per ray, as fractions of the scene's own number; only for scenes whose samples lie in bins.
+/// Samples per ray, as fractions of the number in training; only for scenes whose samples lie in bins.
 const SAMPLES: [(u32, u32); 7] = [(1, 4), (3, 8), (1, 2), (5, 8), (3, 4), (3, 2), (2, 1)];
 /// Steps, in hundredths of the step that the field was trained with; only for scenes that are marched.
 const STEPS: [u32; 5] = [50, 75, 125, 150, 200];
@@ -136,7 +136,7 @@ pub const KNOBS: &[Knob] = &[
         copy: |from, to| to.kernel = from.kernel,
         read: |_, s| s.kernel.to_string(),
         values: |_, base| {
-            // Kernels that read weights in place render the same as f32 kernels: only the portable oracle is measured.
+            // Kernels that read the blob's bytes render as f32 kernels do: only the portable oracle is measured.
             let differs = |it: &Kernel| {
                 *it == Kernel::IN_PLACE || it.isa != Isa::Portable && it.storage != Storage::F16
             };

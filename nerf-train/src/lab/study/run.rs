@@ -25,12 +25,12 @@ use nerf_core::camera::{Camera, Intrinsics};
 use nerf_core::plan::Preset;
 use std::time::{Duration, Instant};
 
-/// Largest predicted loss of a combination against the base, dB.
+/// Largest predicted loss of PSNR of a combination against the base, dB.
 const COMBINATION_LOSS_DB: f64 = 2.5;
-/// Largest loss against the exact rendering of a point on a blob's Pareto front, dB.
+/// Largest loss of PSNR, against the exact rendering, of a point on a blob's Pareto front, dB.
 pub const BLOB_LOSS_DB: f64 = 3.0;
-/// Loss up to which points of a blob's Pareto front have no longer steps than in training, dB: the loss by longer
-/// steps differs from view to view.
+/// Loss of PSNR against the exact rendering, dB, up to which points of a blob's Pareto front have no longer steps than
+/// in training: the loss by longer steps differs from view to view.
 pub const TRAINED_STEP_LOSS_DB: f32 = Preset::Balanced.loss_db();
 /// Largest number of combinations of all knobs, and of the knobs that a blob's Pareto front can hold, each.
 const COMBINATIONS: usize = 12;
@@ -163,7 +163,7 @@ impl<'a, 'b> Study<'a, 'b> {
         }
     }
 
-    /// Loss and cost of each knob's values against the base.
+    /// Loss of PSNR and cost, against the base, of each knob's values.
     fn choices(&self, in_blob: bool) -> Vec<Choices> {
         let base = self.points[1].totals(&self.points[0]);
         let of_knob = |index: usize| {
@@ -278,7 +278,7 @@ impl<'a, 'b> Study<'a, 'b> {
         self.points.iter().map(|point| point.totals(&self.points[0])).collect()
     }
 
-    /// Loss of each point, and its time as a fraction of the exact rendering's.
+    /// Loss of PSNR of each point against the exact rendering, dB, and its time as a fraction of the exact rendering's.
     pub fn times(&self) -> Vec<Price> {
         let price = |point: &Point| {
             let cost = point.relative_time(&self.points[0], self.effort.clock).unwrap_or(f64::NAN);
@@ -293,14 +293,14 @@ impl<'a, 'b> Study<'a, 'b> {
     }
 
     /// Indices of the Pareto front over multiply-adds of the points that a blob can hold, dearest first, and the price
-    /// of every point. The front has at most [`MAX_FRONT`] points that lose no more than `BLOB_LOSS_DB`. Within
-    /// `TRAINED_STEP_LOSS_DB` no point has a longer step than in training.
+    /// of every point. The Pareto front has at most [`MAX_FRONT`] points, each of a loss of at most `BLOB_LOSS_DB`.
+    /// Points of a loss of at most `TRAINED_STEP_LOSS_DB` have no longer step than in training.
     pub fn blob_front(&self) -> (Vec<usize>, Vec<Price>) {
         let base = Settings::base();
         let price = |point: &Point| {
             let totals = point.totals(&self.points[0]);
             let longer = self.lab.is_marched() && self.lab.step_share(&point.settings) > 1.0;
-            // Losses of points that lack a view are not comparable.
+            // Losses of PSNR of points that lack a view are not comparable.
             let fits = fits_blob(self.lab, &base, &point.settings)
                 && totals.views == self.views.len()
                 && totals.loss_db <= BLOB_LOSS_DB
@@ -323,7 +323,7 @@ impl<'a, 'b> Study<'a, 'b> {
         front.into_iter().map(point).collect()
     }
 
-    /// Index of the fastest point that loses at most `loss_db`, among those that `keep` accepts.
+    /// Index of the fastest point that loses at most `loss_db` of PSNR, among those that `keep` accepts.
     pub fn cheapest(&self, loss_db: f64, keep: impl Fn(&Point) -> bool) -> Option<usize> {
         let mut times = self.times();
         for (price, point) in times.iter_mut().zip(&self.points) {

@@ -124,7 +124,7 @@ impl<'de> Deserialize<'de> for Point {
 pub enum Mode {
     /// All combinations of the lists' values.
     Full,
-    /// Each list on its own; the other settings stay at the base.
+    /// The values of one list at a time; the other settings stay at the base.
     OneAtATime,
 }
 

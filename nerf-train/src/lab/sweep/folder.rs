@@ -31,7 +31,7 @@ impl Folder {
         let file = path.join(FILE);
         if !file.exists() {
             ensure_folder(path.join("runs"))?;
-            // Another process may begin the sweep at the same time: the file of the first one counts.
+            // Another process may begin the sweep at the same time: the file of the first one is used.
             write_new(file, to_json(&header)?.as_bytes())?;
         }
         let folder = Self::existing(path)?;

@@ -15,7 +15,7 @@ use serde::Serialize;
 
 /// Default of the smallest PSNR gain that keeps an effect, dB.
 pub const THRESHOLD_DB: f64 = 0.05;
-/// Largest ratio of work with an effect to work without it at which the saved work can outweigh a small loss.
+/// Largest ratio of work with an effect to work without it at which the saved work can outweigh a small loss of PSNR.
 const SPARED: f64 = 0.9;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -78,13 +78,13 @@ pub const EFFECTS: &[Effect] = &[
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// The effect gains at least the threshold, or saves work and loses less than the threshold.
+    /// The effect raises PSNR by at least the threshold, or saves work and lowers PSNR by less than the threshold.
     Keeps,
     Drops,
 }
 
 impl Verdict {
-    /// Verdict on an effect that gains `gain_db` and has `relative_macs` times the multiply-adds without it.
+    /// Verdict on an effect that raises PSNR by `gain_db` and multiplies the multiply-adds by `relative_macs`.
     pub fn of(gain_db: f64, relative_macs: f64, threshold_db: f64) -> Self {
         let spares = relative_macs < SPARED && gain_db > -threshold_db;
         // A gain of NaN, which was not measured, keeps the effect.
@@ -182,7 +182,7 @@ fn measure(
     lab.prepared(&settings, |bench| {
         for round in 0..repeats {
             for (v, view) in views.iter().enumerate() {
-                // Ground truth has the scene's own background, even if the rendering has another.
+                // Ground truth has the background of the scene, even if the rendering has another.
                 let truth = view.composite_over(ways[0].background);
                 let mut first = None;
                 for (point, way) in points.iter_mut().zip(ways) {

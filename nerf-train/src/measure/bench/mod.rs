@@ -55,7 +55,7 @@ pub struct Clocked {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Memory {
     pub workspace: usize,
-    /// Prepared weights, bytes; shared by all threads.
+    /// Size of the copies of values that a kernel cannot read from the blob's bytes; in bytes, once for all threads.
     pub prepared: usize,
     pub file: usize,
 }
@@ -70,7 +70,7 @@ impl<'b> Variants<'b> {
         Ok(Self { blob, scene, cells, variants, source: None })
     }
 
-    /// Whether rays are marched with the scene's own step; otherwise samples lie in bins between near and far.
+    /// Whether rays are marched with the scene's step; otherwise samples lie in bins between near and far.
     pub fn is_marched(&self) -> bool {
         !matches!(self.scene.sampling, SceneSampling::Bins(_))
     }
@@ -199,7 +199,7 @@ impl<'b> Variants<'b> {
         Ok(written(&Body { front, ..self.body() })?)
     }
 
-    /// Prepares renderers for all of `settings`, and calls `work` with them.
+    /// Creates renderers for all of `settings`, and calls `work` with the renderers.
     pub fn prepared<T>(
         &self,
         settings: &[Settings],
@@ -226,7 +226,7 @@ impl<'b> Variants<'b> {
             let renderer = match (key.precision, &self.source) {
                 (Precision::Unrounded, Some(source)) => {
                     let bounds = blob.scene_box();
-                    // Entropy-coded tables cannot be read in place: the renderer reads decoded values.
+                    // Entropy-coded tables cannot be read from the blob's bytes: the renderer reads decoded values.
                     let tables = GridTables::new(TableValues::F32(&own), bounds.as_ref());
                     let tables = (blob.decoded_len() > 0).then_some(tables);
                     Renderer::with_parameters(blob, key.kernel, source, tables)
@@ -240,7 +240,7 @@ impl<'b> Variants<'b> {
     }
 }
 
-/// Settings that need a renderer of their own; all others belong to the plan or the camera.
+/// Settings whose change needs another renderer; all others belong to the plan or the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Key {
     variant: usize,

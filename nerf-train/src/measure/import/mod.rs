@@ -99,7 +99,7 @@ pub struct Check {
     /// Scores with the blob's rounded weights.
     pub scores: Scores,
     pub quantisation_loss_db: f64,
-    /// PSNR gain by the occupancy grid, dB (below 0: loss); `None` without one.
+    /// PSNR gained by the occupancy grid, dB; below 0 if lost. `None` without an occupancy grid.
     pub occupancy_gain_db: Option<f64>,
 }
 
@@ -135,7 +135,7 @@ pub struct Import<'a> {
     coarse: Option<(Imported, Vec<f32>)>,
     pub cells: Option<LiveCells>,
     occupancy_required: bool,
-    /// Gain by view dependence, dB, and the verdict on it; `None` if it was not measured.
+    /// PSNR gained by view dependence, dB, and whether view dependence is kept; `None` if not measured.
     direction: Option<(f64, Verdict)>,
     pub check: Option<Check>,
 }
@@ -159,7 +159,7 @@ impl<'a> Import<'a> {
             direction: None,
             check: None,
         };
-        // A trial export fails on what the format refuses, before any long work.
+        // This export, whose result is dropped, fails on what the format refuses before any long work.
         import.export(None)?;
         Ok(import)
     }

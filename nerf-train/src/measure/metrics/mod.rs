@@ -41,7 +41,7 @@ pub fn psnr_db(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
 }
 
 /// PSNR in dB after each channel of `shown` is multiplied by the gain that brings it nearest to `truth` (least
-/// squares), and clamped to 1. This removes the error by the photograph's own exposure gain.
+/// squares), and clamped to 1. This removes the error by the photograph's exposure gain.
 pub fn aligned_psnr_db(shown: &[[f32; 3]], truth: &[[f32; 3]]) -> f64 {
     let gain: [f32; 3] = std::array::from_fn(|c| {
         let products = |other: &[[f32; 3]]| -> f64 {

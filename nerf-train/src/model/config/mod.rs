@@ -122,7 +122,7 @@ pub struct SamplingConfig {
 pub struct CaptureConfig {
     /// Weight of the depth loss: distances of sparse points along an eighth of the rays; 0 for none.
     pub depth: f32,
-    /// Whether space that lines of sight to sparse points cross counts as free.
+    /// Whether space that lines of sight to sparse points cross is taken as free.
     pub free_space: bool,
     /// Whether each photograph has an exposure gain.
     pub exposure: Exposure,
@@ -147,7 +147,7 @@ impl Default for CaptureConfig {
     }
 }
 
-/// Whether photographs have gains: exposure and white balance of their own.
+/// Whether each photograph has a gain, which models its exposure and white balance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Exposure {

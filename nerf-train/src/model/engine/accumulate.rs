@@ -28,7 +28,7 @@ impl LayerSum {
         self.touched = false;
     }
 
-    /// Adds a chunk's gradient by weights and biases, `dy [main, extra, 1]ᵀ`; `transposed`: scratch memory.
+    /// Adds a chunk's gradient with respect to weights and biases, `dy [main, extra, 1]ᵀ`; `transposed`: scratch.
     pub(super) fn add(
         &mut self,
         isa: Isa,

@@ -37,23 +37,23 @@ impl Surface {
     pub const CLIP: f32 = 0.25;
 }
 
-/// Request for the loss's gradient by the rays' origins and directions.
+/// Request for the gradients of the loss with respect to the rays' origins and directions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayQuestion {
     /// Contraction of the world into the space that positions are in.
     pub contraction: Contraction,
     /// Standard deviation of the Gaussian around each sample over which the gradient is averaged, units of that
-    /// space: finer levels of the grid count for less.
+    /// space. The blur reduces the gradients of finer levels of the grid more than those of coarser ones.
     pub blur: f32,
 }
 
-/// Gradient of the loss by a ray's origin and direction, with constant distances of the samples along the ray.
+/// Gradient of the loss with respect to a ray's origin and direction, at constant distances of the samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayGradient {
     pub ray: u32,
-    /// Gradient by the origin, per world unit.
+    /// Gradient of the loss with respect to the origin, per world unit.
     pub by_origin: Vec3,
-    /// Gradient by the direction; only its component perpendicular to the ray is meaningful.
+    /// Gradient of the loss with respect to the direction; only the component perpendicular to the ray is meaningful.
     pub by_dir: Vec3,
 }
 
@@ -86,7 +86,7 @@ pub struct Batch {
     pub pixels: Vec<u32>,
     /// Origin of each ray, world.
     pub origins: Vec<[f32; 3]>,
-    /// Request for the gradients by the rays, if any, except through the distances in the distortion loss.
+    /// Request for gradients with respect to the rays, except through the distances in the distortion loss.
     pub question: Option<RayQuestion>,
     /// Gain of each ray's photograph on the field's colour, red, green, blue; empty: 1. The background has no gain.
     pub gains: Vec<[f32; 3]>,

@@ -106,7 +106,7 @@ impl Node {
         }
     }
 
-    /// Gradient by the layer's main input, `dx (+)= W_mainᵀ dy`, `[blocks][main][BLOCK]`.
+    /// Gradient of the loss with respect to the layer's main input: `dx (+)= W_mainᵀ dy`, `[blocks][main][BLOCK]`.
     pub(super) fn backward(
         &self,
         isa: Isa,

@@ -183,18 +183,18 @@ pub trait Engine: Send {
         &[]
     }
 
-    /// Gradient of the last step's loss by the log gain of each of `views` photographs; 0 if the engine has no gains.
+    /// Gradient of the last step's loss with respect to the log gain of each of `views` photographs; 0 without gains.
     fn gain_gradients(&self, views: usize) -> Vec<[f32; 3]> {
         vec![[0.0; 3]; views]
     }
 
-    /// Loss of a batch and, if the batch requests them, the gradients by its rays; the parameters do not change. An
-    /// engine without ray gradients returns a loss of 0.
+    /// Computes the loss of a batch and, if requested, its gradients with respect to the rays; the parameters do not
+    /// change. An engine without ray gradients returns a loss of 0.
     fn ask(&mut self, _batch: &Batch) -> Result<StepLoss, EngineError> {
         Ok(StepLoss::default())
     }
 
-    /// Gradients of the last batch's loss by its rays, if it requested them; none if the engine has no ray gradients.
+    /// Gradients of the last batch's loss with respect to its rays; none if not requested, or if the engine has none.
     fn ray_gradients(&self) -> Box<dyn Iterator<Item = &RayGradient> + '_> {
         Box::new(std::iter::empty())
     }

@@ -32,8 +32,9 @@ pub(super) struct Pass {
     pub(super) loss: ChunkLoss,
     pub(super) sums: Vec<LayerSum>,
     slots: Vec<Vec<f32>>,
-    /// Gradient by the current layer's output, `[blocks][outputs][BLOCK]`, and by its input.
+    /// Gradient of the loss with respect to the current layer's output, `[blocks][outputs][BLOCK]`.
     upper: Vec<f32>,
+    /// Gradient of the loss with respect to the current layer's main input, `[blocks][main][BLOCK]`.
     lower: Vec<f32>,
     /// `[samples]`, padded to whole blocks.
     sigma: Vec<f32>,
@@ -161,7 +162,7 @@ impl Pass {
         }
     }
 
-    /// Sets the gradients of sigma and colour to 0 in the lanes after the last sample.
+    /// Sets dL/d sigma and dL/d rgb to 0 in the lanes after the last sample.
     fn zero_padding(&mut self, samples: usize) {
         grow(&mut self.upper, 3, samples);
         grow(&mut self.d_sigma, 1, samples);
@@ -172,7 +173,7 @@ impl Pass {
         }
     }
 
-    /// Backward pass of the colour branch: turns `upper` from the gradient by rgb into that by the trunk's output.
+    /// Backward pass of the colour branch: replaces dL/d rgb in `upper` by dL/d (output of the trunk).
     fn backward_colour(&mut self, job: Job<'_>, samples: usize) {
         let Graph { nodes, colour, .. } = job.graph;
         for l in colour.clone().rev() {
@@ -187,8 +188,7 @@ impl Pass {
         }
     }
 
-    /// Backward pass of density and trunk, from the gradient of sigma and, if `colour`, of the trunk's output in
-    /// `upper`.
+    /// Backward pass of density and trunk, from dL/d sigma and, if `colour`, dL/d (output of the trunk) in `upper`.
     fn backward_trunk(&mut self, job: Job<'_>, samples: usize, colour: bool) {
         let Graph { nodes, trunk, density, .. } = job.graph;
         if let Some(l) = *density {

@@ -193,7 +193,7 @@ impl ReferenceEngine {
         Ok(Some(with_tape(sum.try_mul(1.0 / batch.empty.len() as f32)?, h.split_tape().1)))
     }
 
-    /// Loss of a checked batch, and its gradients in the model's own order.
+    /// Loss of a checked batch, and its gradients in the order of the model's parameters.
     fn differentiate(&self, batch: &Batch) -> Result<(StepLoss, Vec<f32>), EngineError> {
         let weights = self.weights()?;
         let (mut chunks, mut gradients) = (Vec::new(), vec![0.0; self.optimiser.values().len()]);
@@ -229,7 +229,7 @@ impl ReferenceEngine {
         Ok((loss, gradients))
     }
 
-    /// Loss and gradients, in the model's own order, without a step.
+    /// Loss and gradients, in the order of the model's parameters, without a step.
     #[cfg(test)]
     pub(super) fn gradients(&mut self, batch: &Batch) -> Result<(StepLoss, Vec<f32>), EngineError> {
         batch.check()?;

@@ -171,7 +171,7 @@ pub(super) fn squared_error(
     Ok(squares.try_sum::<Rank0, Axes2<0, 1>>()?.try_mul(scale)?)
 }
 
-/// `value` with the operations of `tape` added to its own tape.
+/// Returns `value` with the operations of `tape` added to the tape of `value`.
 pub(super) fn with_tape<S: Shape>(
     value: Tensor<S, f32, Cpu, Taped>,
     tape: Taped,

@@ -61,7 +61,7 @@ impl ColourMap {
 
 /// Range for colouring `values`: their 1st to 99th percentile over pixels of `opacity` > 0.5.
 ///
-/// `values` (any unit), `opacity`: `[n]`. Only finite values count; `None` if there are none. A few outliers cannot
+/// `values` (any unit), `opacity`: `[n]`. Only finite values are used; `None` if there are none. A few outliers cannot
 /// stretch the range. Equal ends (a flat wall) are widened by half a per cent each way.
 pub fn robust_range(values: &[f32], opacity: &[f32]) -> Option<(f32, f32)> {
     let solid = |&(value, opacity): &(&f32, &f32)| value.is_finite() && *opacity > SOLID;

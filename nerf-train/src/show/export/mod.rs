@@ -1,4 +1,4 @@
-//! A scene for other programs: a triangle mesh, a point cloud, a volume, in the data's own coordinates and units.
+//! A scene for other programs: a triangle mesh, a point cloud, a volume, in the data's coordinates and units.
 //!
 //! ```text
 //! field ─► densities at a lattice ─► optical depths from outside ─► surface net ─► rays along its normals ─► PLY, OBJ, GLB

@@ -1,6 +1,6 @@
 //! Optical depth from outside of the box to each corner of a lattice.
 //!
-//! Optical depths are summed from neighbour to neighbour along 26 directions. The third smallest sum counts, so that a
+//! Optical depths are summed from neighbour to neighbour along 26 directions. The third smallest sum is used, so that a
 //! single gap makes nothing visible.
 
 use super::Lattice;

@@ -120,7 +120,7 @@ fn net<'l>(
     Ok(net)
 }
 
-/// Averages normals over the edges of the triangles; an edge counts once for each of its triangles.
+/// Averages normals over the edges of the triangles; an edge is used once for each of its triangles.
 fn smooth(normals: &mut [Vec3], triangles: &[[u32; 3]]) {
     for _ in 0..NORMAL_PASSES {
         let mut sums = normals.to_vec();

@@ -178,9 +178,9 @@ impl Mp4Writer {
         }
     }
 
-    /// Waits for ffmpeg while its file changes: moving the index of a long video to the front takes time.
+    /// Waits for ffmpeg while its output file changes: moving a long video's index to the file's beginning takes time.
     fn wait(&self) -> Option<ExitStatus> {
-        /// Time between two checks of the file.
+        /// Time between two checks whether ffmpeg has changed its output file, and so still works.
         const LOOK_EVERY: Duration = Duration::from_millis(100);
         let state = || {
             let metadata = self.file.as_ref().and_then(|file| fs::metadata(file.place()).ok());

@@ -170,7 +170,7 @@ impl Claims {
         let mut tried = BTreeSet::new();
         for Output { flag, path, kind } in &self.outputs {
             let folder = match kind {
-                // A link is followed: the folder of its target counts.
+                // A link is followed: the file is written into the folder of its target.
                 Kind::File(_) if path.is_file() => folder_of(&resolved(path)).to_owned(),
                 Kind::File(_) => folder_of(path).to_owned(),
                 Kind::Results | Kind::Frames => path.clone(),

@@ -9,7 +9,7 @@ use std::path::Path;
 
 pub const MARK: &str = "made by nerf-train";
 
-/// Number of bytes that are searched: an MP4's index is at the front, with the comment at its end.
+/// Number of bytes that are searched: an MP4's index is at the beginning, with the comment at the index's end.
 const SEARCHED_BYTES: u64 = 16 << 20;
 
 pub fn was_made_here(path: &Path) -> bool {

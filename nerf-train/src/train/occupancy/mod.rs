@@ -27,7 +27,7 @@ const SEEN_SHARE: u32 = 4;
 const SETTLE_MACS: usize = 300_000_000_000;
 /// Least weight of a training sample that marks its cell as visible.
 const MARKED_WEIGHT: f32 = 3e-3;
-/// Number of training rays after which cells without a mark count as invisible.
+/// Number of training rays after which cells without a mark are taken as invisible.
 const MARKED_RAYS: u64 = 250_000;
 /// Stored density of a cell that was not evaluated yet; the cell stays occupied.
 const UNKNOWN: f32 = -1.0;
@@ -287,8 +287,8 @@ impl Occupancy {
     /// Evaluates the network at some cells and, if `drop`, empties cells of too little density.
     ///
     /// `threshold`: sigma, 1/world unit, above which a cell is kept. Each call evaluates at most `cells` candidates,
-    /// in turn, each at one random point. A cell stores the larger of the result and `decay` times its stored
-    /// density.
+    /// each at one random point; successive calls evaluate different candidates until all were evaluated. A cell stores
+    /// the larger of the result and `decay` times its stored density.
     pub fn refresh(&mut self, ask: &DensityQuery<'_>, cells: usize, threshold: f32, decay: f32, drop: bool) {
         let parts = self.candidates.len().div_ceil(cells.max(1)).max(1);
         let part = (self.refreshes % parts as u64) as usize;
@@ -334,7 +334,7 @@ impl Occupancy {
         let macs = ask.architecture.density_macs() * cells;
         let points: &[f32] = if 8 * macs <= SETTLE_MACS { &[0.25, 0.75] } else { &[0.5] };
         let mut open: Vec<usize> = (0..cells).filter(|&i| self.density[i] <= threshold).collect();
-        // Unknown cells count as evaluated from here on.
+        // Unknown cells are treated as evaluated from here on.
         open.iter().for_each(|&i| self.density[i] = self.density[i].max(0.0));
         for corner in 0..points.len().pow(3) {
             let u = |axis: u64| points[(corner >> axis & 1) % points.len()];

@@ -23,7 +23,7 @@ impl Silhouette {
             let mut row = 0;
             for x in 0..width {
                 let index = y * width + x;
-                // A pixel that does not count may show anything.
+                // A masked pixel may show anything.
                 row += u32::from(is_foreground(view.pixels[index], background)? || !view.counts(index));
                 sums[(y + 1) * (width + 1) + x + 1] = sums[y * (width + 1) + x + 1] + row;
             }

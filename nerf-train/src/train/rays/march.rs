@@ -124,7 +124,7 @@ fn first_bits(count: u32) -> u32 {
 /// March that appends to `positions` the points `t = first + i step` of `ray`, `i` in `0..count`, that lie in occupied
 /// cells.
 ///
-/// All points are assumed inside of the box. A point on a face between two cells may count as in either.
+/// All points are assumed inside of the box. A point on a face between two cells may be taken as in either.
 pub(super) struct March<'a> {
     pub cells: &'a MarchCells,
     pub ray: &'a Ray,
@@ -169,8 +169,8 @@ impl Op for March<'_> {
 /// March as [`March`], for a ray through an unbounded scene. The points are at `first + i step` in steps of the
 /// contraction ([`Contraction::distance`]). Appends to `samples` the contracted points, the length of each step, world
 /// units, and the factor on the sample's gradient. Within one ball radius of the camera, which is `start` before the
-/// ray, this factor is the squared distance in radii: many rays of that camera alone cross the cells, and fog would
-/// settle.
+/// ray, this factor is the squared distance in radii: many rays of that camera alone cross the cells there, and
+/// would fill them with fog.
 ///
 /// # Source
 /// Philip and Deschaintre 2023, "Floaters No More".

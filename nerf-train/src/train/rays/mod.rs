@@ -33,9 +33,9 @@ pub struct RayBank<'d> {
     cameras: Vec<Camera>,
     /// Index of each view's first pixel in the numbering over all views, and the end.
     starts: Vec<u64>,
-    /// Pixels that may be drawn: near the foreground, if the pictures tell it, and not masked. `None`: all.
+    /// Indices of the unmasked pixels, near the foreground if pictures show what is foreground. `None`: all pixels.
     drawn: Option<Vec<u32>>,
-    /// For each view with a mask, the pixels that count; empty unless views are drawn before their pixels.
+    /// Indices of each view's unmasked pixels; `None` without a mask. Empty unless views are drawn before their pixels.
     unmasked: Vec<Option<Vec<u32>>>,
     background: Background,
     bins: Bins,
@@ -76,7 +76,7 @@ impl<'d> RayBank<'d> {
             starts.push(starts[starts.len() - 1] + view.pixels.len() as u64);
         }
         let total = starts[views.len()];
-        // Without an occupancy grid every ray counts: the network itself must learn what is empty.
+        // Without an occupancy grid every ray is needed: the network itself must learn what is empty.
         let near_foreground =
             if config.occupancy.skip && config.occupancy.hull && total <= u64::from(u32::MAX) {
                 near_foreground(views, &starts, background).filter(|pixels| !pixels.is_empty())
@@ -321,8 +321,8 @@ impl<'d> RayBank<'d> {
         }
     }
 
-    /// Rays `range` of a step that draws `rays`, without samples: index of each, its view and pixel, the ray, and its
-    /// target.
+    /// Rays `range` of a step that draws `rays`: index of each, its view and pixel, the ray, and its entry in the
+    /// batch, without samples yet.
     fn targets(
         &self,
         step: u64,
@@ -339,7 +339,7 @@ impl<'d> RayBank<'d> {
         })
     }
 
-    /// Ray of a pixel of colour `rgba`, and its target; without samples.
+    /// Ray of a pixel of colour `rgba`, and the ray's entry in the batch: its target colour, without samples yet.
     fn target(&self, step: u64, index: u64, (view, pixel): (usize, usize), rgba: [u8; 4]) -> (Ray, BatchRay) {
         let ray = ray_of(&self.cameras[view], pixel);
         let background = match self.background {
@@ -444,7 +444,7 @@ fn ray_of(camera: &Camera, pixel: usize) -> Ray {
 /// Margin around the foreground in which rays are drawn, pixels.
 const FOREGROUND_MARGIN: usize = 4;
 
-/// Pixels within [`FOREGROUND_MARGIN`] of the foreground, numbered over all views; `None` if pictures do not tell it.
+/// Pixels within [`FOREGROUND_MARGIN`] of the foreground, numbered over all views; `None` if the foreground is unknown.
 pub(super) fn near_foreground(views: &[View], starts: &[u64], background: Background) -> Option<Vec<u32>> {
     let of_view = |(view, &start): (&View, &u64)| -> Option<Vec<u32>> {
         let (width, height) = view.size();
@@ -470,8 +470,8 @@ pub(super) fn near_foreground(views: &[View], starts: &[u64], background: Backgr
     Some(parts?.concat())
 }
 
-/// Pixels that count, in the numbering over all views; `None` if all do. At least one of each view counts, and there
-/// are at most 2^32 if some do not (`dataset`).
+/// Indices of the unmasked pixels in the numbering over all views; `None` if no view has a mask. Each view has at least
+/// one unmasked pixel, and with masks there are at most 2^32 pixels in all (`dataset`).
 pub(super) fn counting(views: &[View], starts: &[u64]) -> Option<Vec<u32>> {
     views.iter().any(|view| view.mask.is_some()).then_some(())?;
     let of_view = |(view, &start): (&View, &u64)| {

@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 
 /// Number of consecutive steps without any density after which a run restarts with another seed.
 const DEAD_STEPS: u32 = 100;
-/// Number of updates of the occupancy grid in which every candidate cell of a grid field is evaluated once.
+/// Most updates of the occupancy grid until every candidate cell is evaluated once; for fields with a learned grid.
 const REFRESHES: usize = 24;
 /// Factor on the length of a grid's steps at the beginning, when most of the scene is still fog, and fraction of the
 /// run after which the steps have their final length: in an unbounded scene and in a bounded one.
@@ -43,8 +43,8 @@ pub(crate) const RESEEDS: u32 = 3;
 pub struct Trainer<'d> {
     pub(crate) config: Config,
     dataset: &'d Dataset,
-    /// Background colour, display-encoded: the data's own; in an unbounded scene, the photographs' mean colour, which
-    /// shows only in parts that no photograph saw; else black.
+    /// Background colour, display-encoded: the data's if stated; in an unbounded scene of unknown background, the
+    /// photographs' mean colour, which shows only in parts that no photograph saw; else black.
     pub(crate) background: [f32; 3],
     pub(crate) model: Model,
     kernel: Kernel,
@@ -310,7 +310,7 @@ impl<'d> Trainer<'d> {
         let occupancy =
             self.state.occupancy.as_ref().filter(|_| self.config.occupancy.skip).map(Occupancy::lookup);
         let live_per_ray = self.state.progressed.live_per_ray;
-        // A grid's samples count if they are kept, which is known only after the step.
+        // A grid field's number of live samples is that of kept samples, which is known only after the step.
         let counted_after = self.config.network.grid.is_some();
         if let (Some(width), Some(occupancy)) = (self.step_width(share), &self.state.occupancy) {
             let march = March { step, rays: rays_of(s, 1.0, live_per_ray), width };

@@ -17,7 +17,7 @@ use linear::Reduced;
 
 /// Number of parameters of a pose: rotation, translation. A device uses three: logarithm of the focal length, k1, k2.
 const POSE: usize = 6;
-/// Reprojection error from which on an observation counts less, pixels.
+/// Reprojection error from which on an observation has less weight, pixels.
 const SOFT_PIXELS: f64 = 1.0;
 /// Smallest depth of a point in front of a camera, as a fraction of the camera's distance from the origin.
 const MIN_DEPTH: f64 = 1e-6;
@@ -25,7 +25,7 @@ const MAX_ITERATIONS: usize = 100;
 /// Relative decrease of the cost below which the adjustment ends.
 const SMALLEST_GAIN: f64 = 1e-8;
 const MAX_DAMPING: f64 = 1e8;
-/// Number of iterations that find the rotation onto the anchor; each turns by the remaining angle.
+/// Number of iterations that find the rotation onto the anchor; each rotates by the remaining angle.
 const TURNS: usize = 20;
 
 /// Intrinsics that all photographs of one device share.
@@ -76,7 +76,7 @@ pub(crate) struct Bundle {
     pub(crate) observations: Vec<Observation>,
 }
 
-/// Residual of a projection, pixels, and its derivatives by pose, device and point, rows x and y.
+/// Residual of a projection, pixels, and its derivatives with respect to pose, device and point; rows x and y.
 struct Jacobian {
     residual: DVec2,
     pose: [[f64; POSE]; 2],
@@ -137,7 +137,7 @@ impl Bundle {
         self.errors().iter().map(|e| 2.0 * SOFT_PIXELS * (SOFT_PIXELS.hypot(*e) - SOFT_PIXELS)).sum()
     }
 
-    /// Moves each camera along its axis to compensate for its change of focal length from `own` to the device's.
+    /// Moves each camera along its axis to compensate for the change of its focal length from `own` to its device's.
     pub(crate) fn dolly(&mut self, own: &[f64]) {
         let depths = self.depths();
         for ((photograph, own), depth) in self.photographs.iter_mut().zip(own).zip(depths) {

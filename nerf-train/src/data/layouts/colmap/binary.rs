@@ -1,6 +1,6 @@
 //! COLMAP's binary files: little-endian numbers without padding.
 //!
-//! Files are read from front to back. No count is trusted: memory is allocated only for bytes that were read.
+//! Files are read from beginning to end. No stated number of items is trusted: memory is allocated only for bytes read.
 
 use super::model::{Camera, Kind};
 use super::{Encoding, Model, NO_POINT, Points, Registered};
@@ -115,7 +115,7 @@ fn cameras(file: &Path) -> Result<HashMap<u32, Camera>, DatasetError> {
         let field = |what: &str| format!("camera number {index}, {what}");
         let number = bytes.u32(&field("id"))?;
         let id = i32::from_le_bytes(bytes.array(&field("model"))?);
-        // An unknown model cannot be skipped: the length of its parameters is not known.
+        // An unknown camera model cannot be skipped: the length of its parameters is not known.
         let kind = Kind::by_id(id)
             .ok_or_else(|| bytes.value(&field("model"), "the number of a model, 0 to 17", id.to_string()))?;
         let (width, height) = (bytes.u64(&field("width"))?, bytes.u64(&field("height"))?);

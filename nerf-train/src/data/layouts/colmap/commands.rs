@@ -29,13 +29,13 @@ pub(crate) struct Place {
     pub(crate) work: PathBuf,
 }
 
-/// Way in which COLMAP makes a model from features.
+/// Way in which COLMAP makes a reconstruction from features.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Way {
     Exhaustive,
     /// Matches each photograph with its neighbours in the order of names.
     Sequential,
-    /// Reuses the matches of `Exhaustive` or `Sequential`, but starts the model from another pair of photographs.
+    /// Reuses the matches of `Exhaustive` or `Sequential`, but starts from another pair of photographs.
     OtherPair {
         sequential: bool,
     },
@@ -87,7 +87,7 @@ impl Place {
         })
     }
 
-    /// Folder of a way; its models are in the subfolder `sparse`, where readers expect them.
+    /// Folder of a way; its reconstructions are in the subfolder `sparse`, where readers expect them.
     pub(crate) fn models(&self, way: Way) -> PathBuf {
         self.work.join(match way {
             Way::Exhaustive => "exhaustive",
@@ -161,7 +161,7 @@ fn mapper(images: &Path, database: &Path, models: &Path) -> Stage {
     Stage { name: "mapper", options, optional: Vec::new() }
 }
 
-/// Stages to run by hand: features, matches and models, from the photographs in `images` to folders in `models`.
+/// Stages to run by hand: features, matches, reconstructions; from the photographs in `images` to folders in `models`.
 /// `one_camera`: whether one camera has taken all photographs.
 pub(crate) fn by_hand(images: &Path, database: &Path, models: &Path, one_camera: bool) -> [Stage; 3] {
     [extraction(images, database, one_camera), matcher(database, false), mapper(images, database, models)]

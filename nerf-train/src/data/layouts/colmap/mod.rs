@@ -1,4 +1,4 @@
-//! A COLMAP model: `cameras`, `images` and perhaps `points3D`, binary or text, with its photographs.
+//! A COLMAP reconstruction: `cameras`, `images` and perhaps `points3D`, binary or text, with its photographs.
 
 mod binary;
 pub(crate) mod commands;
@@ -68,7 +68,7 @@ impl Encoding {
     }
 }
 
-/// The folders of models in `root`: `sparse/0`, `sparse/1`…, `sparse`, and `root` itself.
+/// Folders in `root` that hold a reconstruction, of `sparse/0`, `sparse/1`…, `sparse`, and `root` itself.
 fn models(root: &Path) -> Vec<(PathBuf, Encoding)> {
     let sparse = root.join("sparse");
     let mut numbered: Vec<PathBuf> = crate::data::layouts::folders::entries(&sparse).unwrap_or_default();
@@ -81,7 +81,7 @@ pub(crate) fn is_here(root: &Path) -> bool {
     !models(root).is_empty()
 }
 
-/// Files of all models, and files of a model directly in `root`.
+/// Files of all reconstructions, and files of a reconstruction directly in `root`.
 pub(crate) fn files(root: &Path) -> Vec<PathBuf> {
     let folders = models(root).into_iter().map(|(folder, _)| folder).chain([root.to_owned()]);
     let stems = ["cameras", "images", "points3D", "rigs", "frames"];
@@ -91,12 +91,12 @@ pub(crate) fn files(root: &Path) -> Vec<PathBuf> {
     all.filter(|path| path.is_file()).collect()
 }
 
-/// Reads the model of `folder` that has the most photographs.
+/// Reads the reconstruction in `folder` that has the most photographs.
 pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let mut found = Found::default();
     let (model_folder, encoding) = largest(folder, &mut found)?;
     let mut model = encoding.model(&model_folder)?;
-    // If `folder` is the model's own folder, such as `sparse/0`, the photographs are in a folder above it.
+    // If `folder` holds the reconstruction itself, such as `sparse/0`, the photographs are in a folder above it.
     let above = model_folder.ancestors().take(3).filter(|above| !above.as_os_str().is_empty());
     let root = match above.clone().find(|above| above.join(crate::data::layouts::folders::IMAGES).is_dir()) {
         Some(above) if model_folder == folder => above,
@@ -150,7 +150,7 @@ fn kinds(cameras: &HashMap<u32, Camera>) -> String {
     names.join(", ")
 }
 
-/// Folder and encoding of the model with the most photographs, the first of several equal ones.
+/// Folder and encoding of the reconstruction with the most photographs, the first of several equal ones.
 fn largest(folder: &Path, found: &mut Found) -> Result<(PathBuf, Encoding), DatasetError> {
     let mut counted = Vec::new();
     for (model, encoding) in models(folder) {
@@ -174,7 +174,7 @@ fn largest(folder: &Path, found: &mut Found) -> Result<(PathBuf, Encoding), Data
     Ok((model, encoding))
 }
 
-/// Sparse points of the model in `folder` that a photograph sees, relative to `origin`; empty without points.
+/// Sparse points of the reconstruction in `folder` that a photograph sees, relative to `origin`; may be empty.
 pub(crate) fn points_of(
     folder: &Path,
     origin: DVec3,
@@ -198,11 +198,11 @@ fn read_points(folder: &Path, origin: DVec3) -> Result<Points, DatasetError> {
     Ok(points)
 }
 
-/// Figures of a model that was just made.
+/// Figures of a reconstruction that was just made.
 #[derive(Debug)]
 pub(crate) struct Facts {
     pub(crate) folder: PathBuf,
-    /// Photographs of each further model that the largest model lacks.
+    /// Names of the photographs of each smaller reconstruction that are not in the largest one.
     pub(crate) others: Vec<Vec<String>>,
     pub(crate) names: Vec<String>,
     pub(crate) points: usize,
@@ -210,7 +210,7 @@ pub(crate) struct Facts {
     pub(crate) mean_error: f64,
 }
 
-/// Figures of the largest model in `folder`; `None` if there is none.
+/// Figures of the largest reconstruction in `folder`; `None` if there is none.
 pub(crate) fn facts(folder: &Path) -> Result<Option<Facts>, DatasetError> {
     if !is_here(folder) {
         return Ok(None);
@@ -302,7 +302,7 @@ impl Points {
     }
 }
 
-/// Context for reading all photographs of a model.
+/// Context for reading all photographs of a reconstruction.
 struct Reader<'a> {
     model: &'a Model,
     file: &'a Path,
@@ -310,7 +310,7 @@ struct Reader<'a> {
     root: &'a Path,
     origin: DVec3,
     options: &'a ReadOptions,
-    /// Index in [`Dataset::points`] of each sparse point, by its number in the model.
+    /// Index in [`Dataset::points`] of each sparse point, by its number in the reconstruction.
     points: &'a HashMap<u64, u32>,
 }
 

@@ -15,7 +15,7 @@ pub(crate) struct Camera {
 
 #[derive(Debug)]
 pub(crate) struct Kind {
-    /// Name of the model in text files.
+    /// Name of the camera model in text files.
     name: &'static str,
     pub(crate) parameters: usize,
     /// Whether x and y have separate focal lengths.
@@ -24,7 +24,7 @@ pub(crate) struct Kind {
     lens: Option<fn(&[f64]) -> Lens>,
 }
 
-/// All models of COLMAP 4.2, each at the index that binary files have for it.
+/// All camera models of COLMAP 4.2, each at the index that binary files have for it.
 ///
 /// # Source
 /// `src/colmap/sensor/models.h`
@@ -86,7 +86,7 @@ impl Kind {
 }
 
 impl Camera {
-    /// Camera of model `kind`; `None` if the number of `parameters` is not that of the model.
+    /// Camera of the camera model `kind`; `None` if the number of `parameters` is not that of the camera model.
     pub(crate) fn new(kind: &'static Kind, width: u64, height: u64, parameters: Vec<f64>) -> Option<Self> {
         (parameters.len() == kind.parameters).then_some(Self { kind, width, height, parameters })
     }

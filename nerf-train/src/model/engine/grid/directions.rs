@@ -42,8 +42,8 @@ impl Directions {
     }
 }
 
-/// Gradient by the direction: `Jᵀ of_encoded`, with `J` the derivative of the spherical harmonics' polynomials.
-/// `of_encoded`: gradient by each polynomial's value.
+/// Gradient of the loss with respect to the direction: `Jᵀ of_encoded`, with `J` the derivative of the spherical
+/// harmonics' polynomials. `of_encoded`: gradient of the loss with respect to each polynomial's value.
 ///
 /// The polynomials are those of [`encode_harmonics_block`], which are defined on the sphere alone: only the component
 /// perpendicular to the direction is meaningful.

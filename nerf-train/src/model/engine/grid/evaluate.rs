@@ -188,7 +188,7 @@ impl Evaluated {
         let h = &self.hidden.last().unwrap_or(&self.encoded)[rows.start * across..];
         grow(&mut self.raw, stride * VECTOR);
         density.main.forward(job.isa, count, h, across, &mut self.raw, Init::Zero, false);
-        // Moves the first column of each row to the front, in place: reads are ahead of writes.
+        // Copies the first column of each row to the beginning of the same buffer: reads are ahead of writes.
         for i in 0..count {
             self.raw[i] = self.raw[i * VECTOR];
         }

@@ -4,15 +4,17 @@ use super::pass::{GATE, ROULETTE_WEIGHT, T_MIN};
 use crate::model::engine::BatchRay;
 use nerf_core::sampling::{Purpose, uniform};
 
-/// Samples of some rays that are coloured and trained, ray after ray, and the transmittance of the remaining samples.
+/// Samples of some rays that get a colour and gradients, ray after ray; and the transmittance of the others.
 pub(super) struct KeptSamples {
+    /// Index in the batch of each kept sample.
     pub samples: Vec<usize>,
+    /// Number of kept samples of each ray.
     pub counts: Vec<usize>,
     /// Inverse of the probability with which each sample was kept.
     pub inverse: Vec<f32>,
-    /// Transmittance of the samples in front of each kept sample that were not kept.
+    /// For each kept sample: transmittance of the samples in front of it on its ray that were not kept.
     pub front: Vec<f32>,
-    /// Transmittance of all samples of each ray that were not kept.
+    /// For each ray: transmittance of all its samples that were not kept.
     pub unkept: Vec<f32>,
 }
 

@@ -141,10 +141,10 @@ impl Layers {
     }
 }
 
-/// Sums of gradients of the layers' weights: `[inputs][padded outputs]` each.
+/// Sums of the gradients with respect to the layers' weights, `[inputs][padded outputs]` for each layer.
 #[derive(Clone, Debug, Default)]
 pub(super) struct LayerSums {
-    /// Sums of the main inputs' weights, in the order trunk, density, colour.
+    /// Gradient sums of the weights of main inputs, in the order trunk, density, colour.
     pub main: Vec<Vec<f32>>,
     pub extra: Vec<Vec<f32>>,
 }
@@ -162,7 +162,7 @@ impl LayerSums {
         self.main.iter_mut().chain(&mut self.extra).for_each(|sum| sum.fill(0.0));
     }
 
-    /// Writes the total of `sums`, added in order, to `gradient`, in the order of the parameters; 0 for biases.
+    /// Writes the sum of all `sums`, added in order, to `gradient`, in the order of the parameters; 0 for biases.
     pub fn reduce<'s>(layers: &Layers, sums: impl Iterator<Item = &'s Self> + Clone, gradient: &mut [f32]) {
         gradient.fill(0.0);
         for (l, Layer { dense, main, extra }) in layers.all().enumerate() {

@@ -21,10 +21,10 @@ pub(super) const T_MIN: f32 = 1e-3;
 /// Largest weight of samples that are neither coloured nor trained.
 pub(super) const GATE: f32 = 1e-3;
 /// Weight below which Russian roulette ([`Batch::roulette`]) decides on a sample. The sample is kept with probability
-/// weight / `ROULETTE_WEIGHT`, and then counts with the inverse of that probability.
+/// weight / `ROULETTE_WEIGHT`, and its weight is then divided by that probability.
 pub(super) const ROULETTE_WEIGHT: f32 = 3e-3;
 
-/// Value from which a photograph's channel counts as clipped at white.
+/// Smallest display-encoded value at which a photograph's channel is taken as clipped at white.
 const CLIPPED: f32 = 250.0 / 255.0;
 
 #[derive(Clone, Copy)]
@@ -50,11 +50,11 @@ pub(super) struct Pass {
     pub totals: Totals,
     pub sums: LayerSums,
     pub kept: Kept,
-    /// Gradient of each ray by the log gain of its photograph, with the photograph's index.
+    /// For each ray: index of its photograph, and gradient of the loss with respect to that photograph's log gain.
     pub gains: Vec<(u32, [f32; 3])>,
     /// Index in the batch and colour error of each ray whose photograph is known.
     pub errors: Vec<(u32, [f32; 3])>,
-    /// Gradients by rays, if they are requested.
+    /// Gradients of the loss with respect to the rays; empty if not requested.
     pub rays: Vec<RayGradient>,
 }
 
@@ -64,15 +64,15 @@ pub(super) struct Scratch {
     evaluated: Evaluated,
     samples: Samples,
     shade: Shade,
-    /// Gradient by the colour of each ray's kept samples, before gain and background.
+    /// Gradient of the loss with respect to the colour of each ray's kept samples, before gain and background.
     by_shown: Vec<[f32; 3]>,
-    /// Gradient by the transmittance after each ray's last sample.
+    /// Gradient of the loss with respect to the transmittance after each ray's last sample.
     by_transmittance: Vec<f32>,
-    /// Gradient by each kept sample's weight.
+    /// Gradient of the loss with respect to each kept sample's compositing weight.
     by_weight: Vec<f32>,
     /// Distance of each kept sample from the kept sample before.
     gaps: Vec<f32>,
-    /// Gradient by raw density, in the first column of each row.
+    /// Gradient of the loss with respect to raw density, in the first column of each row.
     d_raw: Vec<f32>,
     upper: Vec<f32>,
     lower: Vec<f32>,
@@ -150,8 +150,8 @@ impl Scratch {
         }
     }
 
-    /// Returns the sum of the pixels' squared errors. Sets the gradients by the kept samples' colour, by their weights
-    /// (the terms without colour), and by the remaining transmittance.
+    /// Returns the sum of the pixels' squared errors. Sets the gradients of the loss with respect to the colour of the
+    /// kept samples, their weights (without the terms through the colour), and the remaining transmittance.
     fn loss(&mut self, batch: &Batch, rays: Range<usize>, pass: &mut Pass) -> f64 {
         self.distort(batch);
         self.by_shown.clear();
@@ -185,7 +185,7 @@ impl Scratch {
         squared
     }
 
-    /// Writes the gradient of the distortion loss by each kept sample's weight to `by_weight`.
+    /// Writes the gradient of the distortion loss with respect to each kept sample's weight to `by_weight`.
     fn distort(&mut self, batch: &Batch) {
         let Self { samples, evaluated, by_weight, gaps, .. } = self;
         let kept = samples.len();
@@ -211,7 +211,7 @@ impl Scratch {
         by_weight.iter_mut().for_each(|g| *g *= weight);
     }
 
-    /// Backward pass from the loss's gradients to the layers' sums and the tables' samples.
+    /// Backward pass: from the gradients that `loss` sets to the layers' gradients and the samples for the tables.
     fn backward(&mut self, job: &Job<'_>, batch: &Batch, first_ray: usize, pass: &mut Pass) {
         let Self { evaluated, samples, shade, by_weight, upper, lower, .. } = self;
         let chunk = Shaded { batch, first_ray, states: &evaluated.rays, samples };
@@ -244,8 +244,9 @@ impl Scratch {
     }
 }
 
-/// Adds the gradient of a ray's depth loss by its samples' weights to `by_weight`; returns the gradient by the
-/// transmittance after the last sample. `index`, `ray`: index of the ray in the batch and in the chunk.
+/// Adds the gradient of a ray's depth loss with respect to its samples' weights to `by_weight`. Returns the gradient
+/// with respect to the transmittance after the last sample. `index`, `ray`: index of the ray in the batch and in the
+/// chunk.
 fn draw_to_surface(
     batch: &Batch,
     index: usize,
@@ -264,7 +265,8 @@ fn draw_to_surface(
     weight * Surface::CLIP
 }
 
-/// Gradients by raw density: of the colour that a sample adds, minus the light from behind that it absorbs.
+/// Writes to `d_raw` the gradient of the loss with respect to each kept sample's raw density: through the colour that
+/// the sample adds, minus the light from behind that the sample absorbs.
 fn raw_densities(
     evaluated: &Evaluated,
     samples: &Samples,

@@ -1,4 +1,4 @@
-//! Gradients of the loss by the rays: from the encoded values to the positions of the samples.
+//! Gradients of the loss with respect to the rays, from those with respect to the samples' encoded positions.
 
 use super::evaluate::Evaluated;
 use super::pass::Job;
@@ -19,9 +19,9 @@ pub(super) struct RayScratch {
 impl RayScratch {
     /// Appends the gradient of each ray with kept samples to `found`.
     ///
-    /// A sample is at `origin + t dir`. The gradient by the origin is the sum of the gradients by the samples'
-    /// positions. The gradient by the direction is the sum of `t` times the same gradients, plus the gradient through
-    /// the colour branch. `by_encoded`: gradients by the kept samples' encoded values, `[samples][padded outputs]`.
+    /// A sample is at `p = origin + t dir`. dL/d origin is the sum of dL/dp over the samples, and dL/d dir is the sum
+    /// of t dL/dp plus the gradient through the colour branch. `by_encoded`: dL/d (encoded values) of the kept samples,
+    /// `[samples][padded outputs]`.
     pub fn gradients(
         &mut self,
         job: &Job<'_>,

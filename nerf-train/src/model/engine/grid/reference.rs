@@ -43,7 +43,7 @@ pub struct GridReferenceEngine {
 /// Gradients and errors of the last step's rays.
 #[derive(Default)]
 struct OfRays {
-    /// Index of each ray's photograph, and gradient of the loss by its log gain.
+    /// For each ray: index of its photograph, and gradient of the loss with respect to that photograph's log gain.
     gains: Vec<(u32, [f32; 3])>,
     /// Index of each ray in the batch, and its colour error.
     errors: Vec<(u32, [f32; 3])>,
@@ -201,7 +201,7 @@ impl GridReferenceEngine {
         Ok(Rendered { mse, total: with_tape(total, h.split_tape().1), gains, errors })
     }
 
-    /// Loss of a checked batch, and its gradients in the model's own order.
+    /// Loss of a checked batch, and its gradients in the order of the model's parameters.
     fn differentiate(&mut self, batch: &Batch) -> Result<(StepLoss, Vec<f32>), EngineError> {
         let network = forward::network(self)?;
         let (mut chunks, mut loss) = (Vec::new(), StepLoss::default());
@@ -225,7 +225,7 @@ impl GridReferenceEngine {
         Ok((loss, gradients))
     }
 
-    /// Updates layers and dense levels, and those hashed levels that are due, by their accumulated gradients.
+    /// Updates layers, dense levels, and the hashed levels that this step updates, by their accumulated gradients.
     fn update(&mut self, mut gradients: Vec<f32>, rate: f64) -> Result<(), EngineError> {
         let step = self.state.steps + 1;
         let (features, mut first) = (usize::from(self.grid.features), 0);

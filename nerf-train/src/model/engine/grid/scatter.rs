@@ -23,7 +23,7 @@ pub(super) struct Kept {
     pub positions: [Vec<f32>; 3],
     /// Weights along their rays, `[samples]`.
     pub weights: Vec<f32>,
-    /// Gradients by the encoded values, `[samples][width]`.
+    /// Gradients of the loss with respect to the encoded values, `[samples][width]`.
     pub gradients: Vec<f32>,
     pub width: usize,
     /// Largest absolute value of the gradients; NaN if any gradient is NaN.
@@ -127,7 +127,7 @@ impl LevelScratch {
         Self { sum: LevelSum::new(most), corners, phases: Phases::default() }
     }
 
-    /// Does one step of a level: sums the gradients of all samples in order, then applies Adam if the level is due.
+    /// Does one step of a level: sums the gradients of all samples in order; applies Adam if it updates the level.
     pub fn step<'k>(
         &mut self,
         isa: Isa,
@@ -184,7 +184,7 @@ impl LevelSum {
     }
 }
 
-/// Adds a block's gradients `rows`, `[samples][width]`, to the entries.
+/// Adds the gradients `rows` of a block of samples, `[samples][width]`, to those of the table entries they read.
 struct Add<'a> {
     entry: &'a [u32],
     weight: &'a [f32],

@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! A = Σ w_i;  P = Σ w_i h_i / A;  shown = A · o,  o = sigmoid(branch [P, PE(d)])
-//! dL/do = A · dL/dshown;  dL/dP by the branch;  D = dL/dP / A
+//! dL/do = A · dL/dshown;  dL/dP through the branch;  D = dL/dP / A
 //! dL/dw_i = dL/dshown · o + D · (h_i − P);  dL/dh_i = w_i D
 //! ```
 
@@ -136,8 +136,8 @@ impl Shade {
         [0, 1, 2].map(|k| self.rows[row].opacity * rgb[row * VECTOR + k])
     }
 
-    /// Gradient of each ray with kept samples by its direction, through the branch. Valid after the backward pass of
-    /// a batch that requests it.
+    /// For each ray with kept samples: gradient of the loss with respect to the ray's direction, through the colour
+    /// branch. Valid after the backward pass of a batch that requests ray gradients.
     pub fn by_directions(&self, job: &Job<'_>, chunk: Shaded<'_>) -> impl Iterator<Item = Vec3> {
         let outputs = match job.model.architecture.direction {
             Some(direction @ DirectionEncoding::SphericalHarmonics { .. }) => direction.outputs(),
@@ -149,9 +149,9 @@ impl Shade {
         })
     }
 
-    /// Backward pass from the gradient by each ray's shown colour. Adds the gradient by the branch's weights to `sums`
-    /// and by each sample's weight to `by_weight`; writes the gradient by each sample's features to `by_features`,
-    /// `[samples][padded features]`.
+    /// Backward pass from `by_shown`, the gradient of the loss with respect to each ray's shown colour. Adds the
+    /// gradient with respect to the branch's parameters to `sums`, and that with respect to each sample's weight to
+    /// `by_weight`. Writes dL/d (features) of each sample to `by_features`, `[samples][padded features]`.
     pub fn backward(
         &mut self,
         job: &Job<'_>,
@@ -209,7 +209,7 @@ impl Op for Mean<'_> {
     }
 }
 
-/// Gradients by the samples' weights and features, from the gradients by P.
+/// Computes dL/dw_i and dL/dh_i of the samples from dL/dP (symbols as at the head of the file).
 struct OfSamples<'a> {
     rows: &'a [Row],
     samples: &'a Samples,

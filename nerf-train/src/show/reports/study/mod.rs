@@ -14,7 +14,7 @@ pub use beside::front_of;
 use serde::Serialize;
 use std::path::Path;
 
-/// Largest loss of the point whose speed-up is the span of the Pareto front, dB.
+/// Largest loss of PSNR, against the exact rendering, of the point whose speed-up is the span of the Pareto front, dB.
 pub const SPAN_LOSS_DB: f64 = 1.0;
 
 /// Data and machine of a study.
@@ -85,12 +85,12 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
                 Marker::Points,
             )
         };
-        // The front is drawn below the points, whose colours say more.
+        // The Pareto front is drawn below the points, whose colours say more.
         plot.series = vec![series("front", self.front.clone(), Marker::Line)];
         plot.series.extend(setting.beside.iter().cloned());
         plot.series.extend(sizes.iter().map(of_size));
         plot.log_x = true;
-        // Names would cover the points: points on the front have the numbers of the tables, which a note explains.
+        // Names would cover the points: points on the Pareto front have the tables' numbers, which a note explains.
         let label = |text: String, i: usize| Label { text, at: place(i) };
         plot.labels = [0, 1].map(|i| label(self.study.points[i].label.clone(), i)).to_vec();
         let numbered = || self.front.iter().copied().filter(|&i| i > 1);

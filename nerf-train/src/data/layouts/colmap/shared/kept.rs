@@ -17,7 +17,7 @@ const MAX_BYTES: u64 = 1 << 30;
 /// Result of the adjustment, as stored in the file.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Shared {
-    /// Checksum of the model before it was adjusted.
+    /// Checksum of the reconstruction before it was adjusted.
     pub(super) model: u64,
     pub(super) devices: Vec<Adjusted>,
     /// Mean reprojection error before and after the adjustment, pixels.
@@ -47,7 +47,7 @@ pub(super) fn turned_origin([w, x, y, z]: [f64; 4], origin: DVec3) -> DVec3 {
 }
 
 impl Shared {
-    /// Reads `file`; `None` if the file does not exist, or its model has another checksum than `model`.
+    /// Reads `file`; `None` if the file does not exist, or is of a reconstruction with another checksum than `model`.
     pub(super) fn read(file: &Path, model: u64) -> Result<Option<Self>, DatasetError> {
         let bytes = match read_limited(file, MAX_BYTES) {
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),

@@ -1,4 +1,4 @@
-//! Shared cameras: readjusts a model with one camera for each photograph to one camera for each device.
+//! Shared cameras: readjusts a reconstruction with one camera for each photograph to one camera for each device.
 
 mod kept;
 
@@ -17,9 +17,9 @@ use std::time::Instant;
 
 /// Maximum number of photographs whose cameras are adjusted; time grows with the cube, to half a minute.
 const MAX_PHOTOGRAPHS: usize = 300;
-/// Ratio of the mean reprojection error after and before the adjustment above which devices count as mixed.
+/// Ratio of the mean reprojection error after and before the adjustment above which devices are taken as mixed.
 const MAX_GROWTH: f64 = 1.25;
-/// Difference of fy / fx from 1 below which pixels count as square.
+/// Difference of fy / fx from 1 below which pixels are taken as square.
 const SQUARE: f64 = 0.02;
 /// Version of the adjustment, part of the checksum.
 const VERSION: u64 = 1;
@@ -123,7 +123,7 @@ struct Task<'a> {
 }
 
 impl<'a> Task<'a> {
-    /// Task for `model`; `None` without shared points, or with a lens that cannot be adjusted.
+    /// Task for the reconstruction `model`; `None` without shared points, or with a lens that cannot be adjusted.
     fn of(
         model: &'a Model,
         points: &Points,
