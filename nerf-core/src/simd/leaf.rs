@@ -162,7 +162,7 @@ fn last_row<T: Value>(table: Table<'_, T>, features: usize) -> Option<u32> {
     u32::try_from(entries.checked_sub(2)?).ok()
 }
 
-/// Offset of the last four bytes of `bytes`; `None` if `bytes` is shorter, or if the offset exceeds `i32::MAX`.
+/// Offset of the last four bytes of `bytes`; `None` if `bytes` is shorter, or if the offset exceeds 2^31 − 1.
 #[cfg(target_arch = "x86_64")]
 #[inline(always)]
 pub fn last_word(bytes: &[u8]) -> Option<u32> {

@@ -181,7 +181,7 @@ impl CandidateBins {
         Self { found, first, per_bin, bins: step / bins.delta() }
     }
 
-    /// Index of the first candidate bin from `bin` on; `u32::MAX` if there is none.
+    /// Index of the first candidate bin from `bin` on; the largest `u32` if there is none.
     #[inline]
     pub fn next(&self, bin: u32) -> u32 {
         // The cast saturates. Rounding may put a bin just behind the last interval.

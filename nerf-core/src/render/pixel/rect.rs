@@ -41,7 +41,7 @@ impl Rect {
 
     /// Tiles of at most `width` × `height` pixels that cover the rectangle, row by row.
     ///
-    /// A rectangle that reaches beyond `u32::MAX` is cut off there.
+    /// A rectangle that reaches beyond the largest `u32` is cut off there.
     pub fn tiles(self, width: u32, height: u32) -> impl Iterator<Item = Self> {
         let (right, bottom) = (self.x.saturating_add(self.width), self.y.saturating_add(self.height));
         let starts = |from: u32, end: u32, step: u32| (from..end).step_by(step.max(1) as usize);

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TableConfig {
+    /// Number of levels.
     pub levels: usize,
     /// Features of an entry: 1, 2 or 4.
     pub features: u8,
