@@ -22,19 +22,19 @@
 #include <stdint.h>
 
 /**
- * Version of the ABI this header describes; the library's own is `nerf_abi_version()`.
+ * Version of the ABI that this header describes; `nerf_abi_version()` is the library's.
  *
- * It changes only when a program built against the old header would break.
+ * The version changes only when a program built against the old header would break.
  */
 #define NERF_ABI_VERSION 2
 
 /**
- * Default of `transmittance_cut`: no visible difference from no cut.
+ * Default of `transmittance_cut`: the image has no visible difference from one without a cut.
  */
 #define NERF_TRANSMITTANCE_CUT_DEFAULT 2e-2f
 
 /**
- * Default of `colour_cut`: no visible difference from no cut.
+ * Default of `colour_cut`: the image has no visible difference from one without a cut.
  */
 #define NERF_COLOUR_CUT_DEFAULT 5e-3f
 
@@ -69,7 +69,7 @@
 #define NERF_OUTPUT_Z_DEPTH 8
 
 /**
- * Requests the distance along the ray at which less than half of the light is left.
+ * Requests the median distance, at which transmittance along the ray falls below one half.
  */
 #define NERF_OUTPUT_MEDIAN_DISTANCE 16
 
@@ -95,7 +95,7 @@ enum nerf_status
      */
     NERF_STATUS_NULL_POINTER = 1,
     /**
-     * `struct_size` is smaller than in version 2 of the structure, or absurdly large.
+     * `struct_size` is smaller than in version 2 of the ABI, or above 4096.
      */
     NERF_STATUS_STRUCT_SIZE = 2,
     /**
@@ -103,7 +103,7 @@ enum nerf_status
      */
     NERF_STATUS_RESERVED = 3,
     /**
-     * A pointer or stride is not a multiple of the alignment it needs.
+     * A pointer or stride is not a multiple of its alignment.
      */
     NERF_STATUS_ALIGNMENT = 4,
     /**
@@ -123,11 +123,11 @@ enum nerf_status
      */
     NERF_STATUS_OPTIONS = 8,
     /**
-     * This machine lacks the instructions, or has none for that storage.
+     * This machine lacks the kernel's instructions, or has none for the requested storage.
      */
     NERF_STATUS_KERNEL = 9,
     /**
-     * The camera makes no rays.
+     * The camera is invalid: its parameters define no rays.
      */
     NERF_STATUS_CAMERA = 10,
     /**
@@ -135,11 +135,11 @@ enum nerf_status
      */
     NERF_STATUS_RECT = 11,
     /**
-     * There is no plane, one that does not belong there, or one with a wrong format or stride.
+     * The target has no plane, a plane that does not belong there, or a plane with a wrong format or stride.
      */
     NERF_STATUS_TARGET = 12,
     /**
-     * The blob is a picture (a 2D field), not a scene: `nerf_render_picture` renders it.
+     * The scene file contains a 2D field, not a scene: `nerf_render_picture` renders 2D fields.
      */
     NERF_STATUS_NOT_A_SCENE = 13,
     /**
@@ -151,7 +151,7 @@ enum nerf_status
      */
     NERF_STATUS_DIRECTION = 15,
     /**
-     * The progress callback asked to stop; finished tiles are in the picture.
+     * The progress callback cancelled the render; finished tiles are in the planes.
      */
     NERF_STATUS_CANCELLED = 16,
     /**
@@ -159,7 +159,7 @@ enum nerf_status
      */
     NERF_STATUS_PANIC = 17,
     /**
-     * The blob is a scene, not a picture (a 2D field): `nerf_render` renders it.
+     * The scene file contains a scene, not a 2D field: `nerf_render` renders scenes.
      */
     NERF_STATUS_NOT_A_PICTURE = 18,
     /**
@@ -175,8 +175,8 @@ enum nerf_status
      */
     NERF_STATUS_OUT_OF_MEMORY = 21,
     /**
-     * A ray has no direction of unit length, no finite origin, no valid range or no valid random number, or rays to
-     * be rendered have random numbers.
+     * A ray has no direction of unit length, no finite origin, no valid range or no valid random number, or rays for
+     * `nerf_render_rays` have random numbers.
      */
     NERF_STATUS_RAY = 22,
     /**
@@ -184,39 +184,39 @@ enum nerf_status
      */
     NERF_STATUS_TRANSFORM = 23,
     /**
-     * Another call works with the worker, or one of its calls has panicked.
+     * Another call uses the worker, or a call with the worker has panicked.
      */
     NERF_STATUS_BUSY = 24,
     /**
-     * The bytes do not begin as a blob does.
+     * The bytes do not begin as a scene file does.
      */
     NERF_STATUS_BLOB_MAGIC = 32,
     /**
-     * The blob ends early.
+     * The scene file ends early.
      */
     NERF_STATUS_BLOB_TRUNCATED = 33,
     /**
-     * Bytes follow the blob.
+     * Bytes follow the end of the scene file.
      */
     NERF_STATUS_BLOB_TRAILING = 34,
     /**
-     * The blob is of another version of the format.
+     * The scene file is of another version of the format.
      */
     NERF_STATUS_BLOB_VERSION = 35,
     /**
-     * The blob was written with the other byte order.
+     * The scene file was written with the opposite byte order.
      */
     NERF_STATUS_BLOB_ENDIAN = 36,
     /**
-     * The blob has flags this library does not know.
+     * The scene file has flags this library does not know.
      */
     NERF_STATUS_BLOB_FLAGS = 37,
     /**
-     * The blob is damaged: its checksum does not match.
+     * The scene file is damaged: its checksum does not match.
      */
     NERF_STATUS_BLOB_CHECKSUM = 38,
     /**
-     * The blob's checksum matches, but its content breaks a rule of the format.
+     * The scene file's checksum matches, but the content breaks a rule of the format.
      */
     NERF_STATUS_BLOB_CONTENT = 39,
 };
@@ -229,9 +229,9 @@ typedef int32_t nerf_status;
 #endif // __cplusplus
 
 /**
- * The instruction set that the inner loops use.
+ * The instruction set of the inner loops.
  *
- * With the same kernel and storage pictures are equal bit for bit, whatever the rectangles and threads.
+ * With the same kernel and storage images are equal bit for bit, for all rectangles and threads.
  */
 enum nerf_kernel
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -239,9 +239,9 @@ enum nerf_kernel
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * The fastest of this machine. In a library built with std, the environment variable `NERF_KERNEL` can name
-     * another ("portable", "avx2", "avx512", "simd128", "neon", each followed by "-f16" or "-bf16" if weights are
-     * not f32).
+     * The fastest kernel of this machine. In a library built with std, the environment variable `NERF_KERNEL` can name
+     * another ("portable", "avx2", "avx512", "simd128", "neon", each followed by "-f16" or "-bf16" if weights are not
+     * f32).
      */
     NERF_KERNEL_AUTO = 0,
     /**
@@ -257,7 +257,7 @@ enum nerf_kernel
      */
     NERF_KERNEL_AVX512 = 3,
     /**
-     * WebAssembly SIMD: the same bits as portable code, faster. Only in a library built with `simd128`.
+     * WebAssembly SIMD: the same bits as with portable code, faster. Only in a library built with `simd128`.
      */
     NERF_KERNEL_SIMD128 = 4,
     /**
@@ -274,7 +274,7 @@ typedef uint32_t nerf_kernel;
 #endif // __cplusplus
 
 /**
- * The content of a blob.
+ * The content of a scene file.
  */
 enum nerf_kind
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -286,7 +286,7 @@ enum nerf_kind
      */
     NERF_KIND_SCENE = 1,
     /**
-     * A picture: colour over a plane (a 2D field); `nerf_render_picture` renders it.
+     * A 2D field: colour over a plane, rendered by `nerf_render_picture`.
      */
     NERF_KIND_PICTURE = 2,
 };
@@ -299,7 +299,7 @@ typedef uint32_t nerf_kind;
 #endif // __cplusplus
 
 /**
- * The model of a `nerf_camera`'s lens, which its coefficients belong to.
+ * Lens model of a `nerf_camera`, which gives the distortion coefficients their meaning.
  */
 enum nerf_lens_model
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -307,13 +307,13 @@ enum nerf_lens_model
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * A perspective camera: `k1 k2 p1 p2` are those of OpenCV and of COLMAP's OPENCV, all eight those of FULL_OPENCV,
-     * with `k4 k5 k6` in the denominator.
+     * Perspective camera. `k1 k2 p1 p2` are those of OpenCV and of COLMAP's OPENCV model; all eight coefficients are
+     * those of FULL_OPENCV, with `k4 k5 k6` in the denominator.
      */
     NERF_LENS_MODEL_RADIAL_TANGENTIAL = 0,
     /**
-     * A fisheye, COLMAP's OPENCV_FISHEYE: an angle `t` off the axis is seen at `t (1 + k1 t^2 + k2 t^4 + k3 t^6 +
-     * k4 t^8)` focal lengths; `k5 k6 p1 p2` are 0.
+     * Fisheye, COLMAP's OPENCV_FISHEYE: a direction at angle `t` (radians) off the axis is seen at `t (1 + k1 t^2 + k2
+     * t^4 + k3 t^6 + k4 t^8)` focal lengths from the principal point; `k5 k6 p1 p2` must be 0.
      */
     NERF_LENS_MODEL_FISHEYE = 1,
 };
@@ -326,7 +326,7 @@ typedef uint32_t nerf_lens_model;
 #endif // __cplusplus
 
 /**
- * The backend of the elementary functions.
+ * Implementation of the elementary functions.
  */
 enum nerf_maths
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -346,7 +346,7 @@ enum nerf_maths
      */
     NERF_MATHS_MICROMATH = 2,
     /**
-     * Angle doubling from level to level of the encoding; errors grow with the level.
+     * Angle doubling: each level of the encoding follows from the level below; errors grow with the level.
      */
     NERF_MATHS_RECURRENCE = 3,
 };
@@ -361,9 +361,9 @@ typedef uint32_t nerf_maths;
 /**
  * The format of a plane's pixel in memory; 8-bit channels are clamped and rounded half up.
  *
- * RGB is composited over the background. RGBA is the scene alone, premultiplied by its opacity, which is the alpha: `rgb +
- * (1 - a) * background` is what RGB gives, in display-encoded values or in linear light, as `options.effects.linear` says.
- * A picture (a 2D field) is opaque: its alpha is 1, and it shows no background.
+ * RGB is composited over the background. RGBA is the scene alone, premultiplied by its opacity, the alpha `a`. The RGB
+ * format's colour is `rgb + (1 - a) * background`, in linear light if `options.effects.linear` is 1, else
+ * display-encoded. A 2D field is opaque: its alpha is 1, and no background shows.
  */
 enum nerf_format
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -371,27 +371,27 @@ enum nerf_format
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * Three bytes over the background.
+     * Three bytes: colour over the background.
      */
     NERF_FORMAT_RGB_U8 = 1,
     /**
-     * Three floats over the background.
+     * Three floats: colour over the background.
      */
     NERF_FORMAT_RGB_F32 = 2,
     /**
-     * Four bytes, premultiplied, no background.
+     * Four bytes: premultiplied colour and alpha, without background.
      */
     NERF_FORMAT_RGBA_U8 = 3,
     /**
-     * Four floats, premultiplied, no background.
+     * Four floats: premultiplied colour and alpha, without background.
      */
     NERF_FORMAT_RGBA_F32 = 4,
     /**
-     * One float: opacity and distances.
+     * One float: opacity, a distance or a density.
      */
     NERF_FORMAT_F32 = 5,
     /**
-     * Three floats, x, y, z: normals.
+     * Three floats: x, y, z of a normal.
      */
     NERF_FORMAT_VEC3_F32 = 6,
 };
@@ -404,7 +404,8 @@ typedef uint32_t nerf_format;
 #endif // __cplusplus
 
 /**
- * A limit on the loss against the exact rendering; the scene's Pareto front says which settings keep it.
+ * Limit of the loss: the difference by which the PSNR against ground truth is below that of the exact rendering, dB.
+ * The scene's Pareto front has the measured loss of settings.
  */
 enum nerf_preset
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -412,23 +413,23 @@ enum nerf_preset
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * No loss: 0 dB.
+     * PSNR not below that of the exact rendering.
      */
     NERF_PRESET_EXACT = 0,
     /**
-     * No visible loss: 0.01 dB.
+     * PSNR at most 0.01 dB below that of the exact rendering: no visible difference.
      */
     NERF_PRESET_HIGH = 1,
     /**
-     * 0.1 dB.
+     * PSNR at most 0.1 dB below that of the exact rendering.
      */
     NERF_PRESET_BALANCED = 2,
     /**
-     * 0.3 dB.
+     * PSNR at most 0.3 dB below that of the exact rendering.
      */
     NERF_PRESET_FAST = 3,
     /**
-     * 1 dB: for looking around.
+     * PSNR at most 1 dB below that of the exact rendering: for navigation.
      */
     NERF_PRESET_PREVIEW = 4,
 };
@@ -449,20 +450,21 @@ enum nerf_storage
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * f32; in a build without vector instructions, as for microcontrollers, f16 read in place.
+     * f32; in a build without vector instructions, such as for microcontrollers, f16 that is read directly from the
+     * scene file's bytes.
      */
     NERF_STORAGE_AUTO = 0,
     /**
-     * f16, read in place: the weights take no memory in the scene.
+     * f16, read directly from the scene file's bytes: the weights take no memory in the scene.
      */
     NERF_STORAGE_F16 = 1,
     /**
-     * f32, unpacked when the scene is opened: the same products, faster. A grid's tables are still read in place,
-     * except that the WebAssembly kernel unpacks f16 tables.
+     * f32, unpacked when the scene is opened: the same products as with f16, faster. Tables of a learned grid are
+     * still read directly from the scene file's bytes, except that the WebAssembly kernel unpacks f16 tables.
      */
     NERF_STORAGE_F32 = 2,
     /**
-     * Pairs of bf16, as are the activations: rounded to 8 significant bits. Only with AVX-512 BF16.
+     * Pairs of bf16, rounded to 8 significant bits, for weights and activations. Only with AVX-512 BF16.
      */
     NERF_STORAGE_BF16 = 3,
 };
@@ -491,12 +493,13 @@ enum nerf_table_storage
      */
     NERF_TABLE_STORAGE_F16 = 1,
     /**
-     * One byte per value, and one scale per level.
+     * One byte per value, and one scale per level of the grid.
      */
     NERF_TABLE_STORAGE_INT8 = 2,
     /**
-     * As `NERF_TABLE_STORAGE_INT8`, entropy-coded: `nerf_scene_open` decodes it into the scene's memory. A library
-     * without the feature `coded` (microcontrollers) refuses it: fit with `--export int8`, which is read in place.
+     * `NERF_TABLE_STORAGE_INT8`, entropy-coded: `nerf_scene_open` decodes the tables into the scene's memory. Without
+     * the feature `coded` (microcontrollers) a library refuses coded tables: fit with `--export int8`, whose tables
+     * are read directly from the file's bytes.
      */
     NERF_TABLE_STORAGE_CODED = 3,
 };
@@ -538,20 +541,20 @@ typedef uint32_t nerf_tone_map;
 #endif // __cplusplus
 
 /**
- * An opened scene: lies at the beginning of the memory it was opened in and borrows the blob.
+ * An opened scene, at the beginning of the memory that it was opened in; borrows the scene file's bytes.
  *
- * A scene owns nothing and never changes: threads may use it at the same time, and there is nothing to close. It is
- * valid until the caller reuses its memory or the blob's. (A scene from `nerf_scene_open_file` lies in memory of the
- * library's own and is valid until `nerf_scene_close`.)
+ * A scene owns nothing and never changes: threads may share a scene, and there is nothing to close. A scene is valid
+ * until the caller reuses its memory or that of the scene file's bytes. (A scene from `nerf_scene_open_file` lies in
+ * the library's own memory and is valid until `nerf_scene_close`.)
  */
 typedef struct nerf_scene nerf_scene;
 
 /**
- * A worker: lies at the beginning of the memory it was opened in and borrows the scenes.
+ * A worker, which lies at the beginning of the memory that it was opened in, and borrows the scenes.
  *
- * A worker owns nothing, and there is nothing to close. One call at a time may use it: a concurrent one is
- * `NERF_STATUS_BUSY`, as is every call after `NERF_STATUS_PANIC`. It is valid until the caller reuses its memory or
- * a scene's.
+ * A worker owns nothing, and there is nothing to close. Only one call at a time may use a worker: a concurrent call is
+ * `NERF_STATUS_BUSY`, as is every call after `NERF_STATUS_PANIC`. A worker is valid until the caller reuses its memory
+ * or a scene's memory.
  */
 typedef struct nerf_worker nerf_worker;
 
@@ -578,7 +581,7 @@ typedef struct nerf_open_options {
 } nerf_open_options;
 
 /**
- * Text inside the blob: UTF-8, `length` bytes, **not** NUL-terminated.
+ * Text inside the scene file: UTF-8, `length` bytes, **not** NUL-terminated.
  */
 typedef struct nerf_text {
     /**
@@ -592,7 +595,7 @@ typedef struct nerf_text {
 } nerf_text;
 
 /**
- * The facts of a scene; those that do not apply to a picture (a 2D field) are 0 for one.
+ * The facts of a scene. For a 2D field, fields that do not apply are 0.
  */
 typedef struct nerf_scene_info {
     /**
@@ -600,11 +603,11 @@ typedef struct nerf_scene_info {
      */
     size_t struct_size;
     /**
-     * A `nerf_kind`.
+     * Content of the scene file: a `nerf_kind`.
      */
     uint32_t kind;
     /**
-     * The `nerf_kernel` the scene runs on; never `NERF_KERNEL_AUTO`.
+     * The `nerf_kernel` that the scene runs on; never `NERF_KERNEL_AUTO`.
      */
     uint32_t kernel;
     /**
@@ -617,20 +620,20 @@ typedef struct nerf_scene_info {
      */
     float box_max[3];
     /**
-     * Distance at which the scene begins on the rays of the cameras it was made from, world units. Half way between
-     * it and far is a good place for a camera; any other works as well. (`near` alone is a macro on Windows.)
+     * Distance at which the scene begins on the rays of its training cameras, world units. Half way between near and
+     * far is a good camera distance; any other works as well. (`near` alone is a macro on Windows.)
      */
     float near_distance;
     /**
-     * Distance along the same rays at which the scene ends, world units.
+     * Distance at which the scene ends on the rays of its training cameras, world units.
      */
     float far_distance;
     /**
-     * Samples per ray the scene was made for: between near and far, or if marched (`step`) the most in its box.
+     * Samples per ray that the scene was made for: between near and far, or, if `step` is not 0, the most in its box.
      */
     uint32_t samples;
     /**
-     * The background, which shows where opacity is below 1, display-encoded.
+     * Background colour, which shows where opacity is below 1, display-encoded.
      */
     float background[3];
     /**
@@ -646,7 +649,7 @@ typedef struct nerf_scene_info {
      */
     uint32_t occupancy_resolution[3];
     /**
-     * Fraction of the cells that may be occupied; 1 without an occupancy grid.
+     * Fraction of the occupancy grid's cells that are occupied; 1 without an occupancy grid.
      */
     float occupied_share;
     /**
@@ -654,7 +657,7 @@ typedef struct nerf_scene_info {
      */
     uint32_t trunk_layers;
     /**
-     * Widths of the trunk's layers.
+     * Number of units in each layer of the trunk.
      */
     uint32_t trunk_widths[16];
     /**
@@ -662,7 +665,7 @@ typedef struct nerf_scene_info {
      */
     uint32_t colour_layers;
     /**
-     * Widths of the colour branch's hidden layers.
+     * Number of units in each hidden layer of the colour branch.
      */
     uint32_t colour_widths[4];
     /**
@@ -670,7 +673,7 @@ typedef struct nerf_scene_info {
      */
     float psnr_db;
     /**
-     * PSNR lost on the same views by rounding weights and tables to their storage, dB; NaN if not measured.
+     * PSNR lost on the validation views by rounding weights and tables to their storage, dB; NaN if not measured.
      */
     float quantisation_loss_db;
     /**
@@ -682,7 +685,7 @@ typedef struct nerf_scene_info {
      */
     uint64_t parameters;
     /**
-     * Multiply-adds of one density evaluation; for a picture, of the trunk.
+     * Multiply-adds of one density evaluation; for a 2D field, of its layers in front of the colour branch.
      */
     uint64_t density_macs;
     /**
@@ -706,50 +709,51 @@ typedef struct nerf_scene_info {
      */
     struct nerf_text psnr_convention;
     /**
-     * Width of the picture the 2D field was made from, pixels; 0 for a scene.
+     * Width of the image that the 2D field was fitted to, pixels; 0 for a scene.
      */
     uint32_t picture_width;
     /**
-     * Height of the picture the 2D field was made from, pixels; 0 for a scene.
+     * Height of the image that the 2D field was fitted to, pixels; 0 for a scene.
      */
     uint32_t picture_height;
     /**
-     * Samples per ray of the coarse proposal network; 0 without one.
+     * Samples per ray of the coarse proposal network; 0 without a proposal network.
      */
     uint32_t proposal_samples;
     /**
-     * Number of points of the Pareto front that a study measured, settings with their loss and cost; 0 without one.
+     * Number of points of the Pareto front (PSNR against multiply-adds), measured by a study; 0 without one.
      */
     uint32_t front_points;
     /**
-     * Multiply-adds of one evaluation of the proposal network; 0 without one.
+     * Multiply-adds of one evaluation of the proposal network; 0 without a proposal network.
      */
     uint64_t proposal_macs;
     /**
-     * Distance between samples, world units, in a scene that is marched through its box; 0 if rays have bins between
-     * near and far. In an unbounded scene it holds inside the ball of `contraction_radius`; outside, steps grow.
+     * Distance between samples in a scene that is marched through its box, world units; 0 if rays have bins between
+     * near and far. In an unbounded scene, steps grow outside the ball of `contraction_radius`.
      */
     float step;
     /**
-     * A `nerf_table_storage`: what the learned grid's tables are stored in.
+     * Storage of the learned grid's tables: a `nerf_table_storage`.
      */
     uint32_t table_storage;
     /**
-     * Radius of the ball around the middle of the scene box outside which unbounded space is contracted into the
-     * box, a cube of 4 radii, world units; 0 if the scene ends at its box.
+     * Radius of the ball around the middle of an unbounded scene's box, world units; 0 if the scene ends at its box.
+     * Space outside the ball is contracted into the box, a cube with sides of 4 radii.
      */
     float contraction_radius;
     /**
-     * Power that steps outside that ball grow with: 1, 2 or 4; 0 if the scene ends at its box.
+     * Power by which steps grow outside the ball of `contraction_radius`: 1 (uniform in disparity), 2 or 4 (nearly
+     * uniform in the logarithm of the distance); 0 if the scene ends at its box.
      */
     uint32_t contraction_power;
     /**
-     * The `nerf_storage` of the weights; never `NERF_STORAGE_AUTO`.
+     * Storage of the weights: a `nerf_storage`, never `NERF_STORAGE_AUTO`.
      */
     uint32_t storage;
     /**
-     * Position of the default viewpoint, world units: a view from here towards `target` shows what was photographed.
-     * `eye`, `target`, `up` and `arc` are 0 if the file has no viewpoint; otherwise `up` is not 0.
+     * Position of the default viewpoint, world units: a view from `eye` towards `target` shows the photographed
+     * subject. `eye`, `target`, `up` and `arc` are 0 if the file has no viewpoint; otherwise `up` is not 0.
      */
     float eye[3];
     /**
@@ -761,14 +765,14 @@ typedef struct nerf_scene_info {
      */
     float up[3];
     /**
-     * Arc around `target` that the photographs were taken from, radians around `up` with `eye` in the middle; 2 pi
-     * for a full circle. No photograph was taken outside the arc.
+     * Angle, around `up`, of the arc from which `target` was photographed, radians; 2 pi for a full circle. `eye` is
+     * in the middle of the arc. No photograph was taken outside the arc.
      */
     float arc;
 } nerf_scene_info;
 
 /**
- * A pinhole camera with an optional lens; looks down −Z, +Y is up, +X right, as in OpenGL.
+ * A pinhole camera with an optional lens. The camera looks down −Z, +Y is up, +X is right, as in OpenGL.
  *
  * Pixel (0, 0) is top left and its centre is at (0.5, 0.5).
  */
@@ -818,8 +822,8 @@ typedef struct nerf_camera {
      */
     float p2;
     /**
-     * Camera-to-world, the upper three rows of the 4x4 matrix, row-major: a rotation (columns
-     * right, up, backward) and in `c2w[3]`, `c2w[7]`, `c2w[11]` the camera's centre.
+     * Camera-to-world transform: the upper three rows of the 4x4 matrix, row-major. The rotation's columns are right,
+     * up, backward; `c2w[3]`, `c2w[7]`, `c2w[11]` are the camera's centre, world units.
      */
     float c2w[12];
     /**
@@ -827,7 +831,7 @@ typedef struct nerf_camera {
      */
     float k3;
     /**
-     * Radial distortion: second order of the denominator, or eighth of a fisheye; 0 for none.
+     * Radial distortion: second order of the denominator, or eighth order of a fisheye; 0 for none.
      */
     float k4;
     /**
@@ -839,7 +843,7 @@ typedef struct nerf_camera {
      */
     float k6;
     /**
-     * A `nerf_lens_model`; 0 is a perspective camera.
+     * Lens model: a `nerf_lens_model`; 0 is a perspective camera.
      */
     uint32_t lens_model;
     /**
@@ -853,17 +857,17 @@ typedef struct nerf_camera {
  */
 typedef struct nerf_instance {
     /**
-     * `sizeof(nerf_instance)`; the first one's is the stride of an array.
+     * `sizeof(nerf_instance)`. In an array, the first instance's value is the stride, bytes.
      */
     size_t struct_size;
     /**
-     * The scene.
+     * Scene that is placed.
      */
     const struct nerf_scene *scene;
     /**
-     * Transform from the scene's coordinates to the world's: the upper three rows of the 4x4 matrix, row-major, a
-     * rotation times one scale and a translation. `to_world[4 * row + column]` is `m[4 * column + row]` of a
-     * column-major matrix `m`, as OpenGL and glTF have it. All zeros for the identity.
+     * Transform from the scene's coordinates to the world's: the upper three rows of the 4x4 matrix, row-major. The
+     * transform is a rotation times one scale and a translation; all zeros for the identity. With a column-major
+     * matrix `m`, as in OpenGL and glTF, `to_world[4 * row + column]` is `m[4 * column + row]`.
      */
     float to_world[12];
 } nerf_instance;
@@ -871,19 +875,19 @@ typedef struct nerf_instance {
 /**
  * Effects: what a frame does beyond one ray through each pixel's centre. All zeros for none, which costs nothing.
  *
- * An effect that this build of the library lacks is `NERF_STATUS_OPTIONS`.
+ * `NERF_STATUS_OPTIONS` for an effect that this build of the library lacks.
  */
 typedef struct nerf_effects {
     /**
-     * 1: each sample lies at a random position in its sample interval, by `seed`. Else 0.
+     * 1: each sample lies at a random position in its sample interval, drawn from `seed`. Otherwise 0.
      */
     uint32_t jitter;
     /**
-     * Rays per pixel, at most 256; 0 and 1 are one ray through its centre. More rays take more memory.
+     * Rays per pixel, at most 256; 0 and 1 are one ray through the pixel's centre. More rays take more memory.
      */
     uint32_t anti_aliasing;
     /**
-     * Seed, read only if `jitter` is 1. Positions on the aperture then depend on it, too.
+     * Seed of the jitter and, with jitter, of positions on the aperture; read only if `jitter` is 1.
      */
     uint64_t seed;
     /**
@@ -905,7 +909,7 @@ typedef struct nerf_effects {
     uint32_t tone_map;
     /**
      * 1: colour is linear light, unbounded above: samples and background are decoded before compositing. This also
-     * applies to RGBA planes (premultiplied) and to queries. 0: display-encoded.
+     * applies to RGBA planes (premultiplied) and to queries. 0: colour is display-encoded.
      */
     uint32_t linear;
     /**
@@ -917,9 +921,9 @@ typedef struct nerf_effects {
 /**
  * Options of a frame: quality settings, batches, distances and effects.
  *
- * All zeros (except `struct_size`), or NULL for the structure, are the defaults: cuts that cost nothing visible.
- * With `transmittance_cut` and `colour_cut` at `NERF_NONE` the picture is exact: it uses every sample that the
- * occupancy grid does not call empty.
+ * NULL for the structure, or all zeros except `struct_size`, are the defaults: cuts without a visible difference. With
+ * `transmittance_cut` and `colour_cut` at `NERF_NONE` the image is exact: every sample that the occupancy grid does
+ * not mark as empty is used.
  */
 typedef struct nerf_render_options {
     /**
@@ -928,25 +932,26 @@ typedef struct nerf_render_options {
     size_t struct_size;
     /**
      * Samples per ray, at most 4096; 0 for the scene's own number. In a scene that is marched (`step` of
-     * `nerf_scene_info` is not 0), the number of steps along the diagonal of its box; in others, the number between
-     * its near and far. With a proposal network these samples are drawn from it, in addition to its own.
+     * `nerf_scene_info` is not 0), the number of steps along the diagonal of the scene box; in other scenes, the
+     * number between near and far. With a proposal network, drawn from its distribution, in addition to the proposal's
+     * own samples.
      */
     uint32_t samples;
     /**
-     * Transmittance threshold, less than 1: a ray ends once its transmittance falls below it. 0 for
-     * `NERF_TRANSMITTANCE_CUT_DEFAULT`; `NERF_NONE` (or anything below 0) never ends one.
+     * Transmittance threshold, less than 1: a ray ends, and counts as opaque, once its transmittance is below. 0 for
+     * `NERF_TRANSMITTANCE_CUT_DEFAULT`; `NERF_NONE` (or any value below 0) ends no ray.
      */
     float transmittance_cut;
     /**
-     * 1: cells that the occupancy grid calls empty are evaluated, too. Else 0.
+     * 1: samples in empty cells of the occupancy grid are evaluated, too. Otherwise 0.
      */
     uint32_t ignore_occupancy;
     /**
-     * A `nerf_maths`.
+     * Implementation of the elementary functions: a `nerf_maths`.
      */
     uint32_t maths;
     /**
-     * 1: `background` replaces the scene's. Else 0.
+     * 1: `background` replaces the scene's background. Otherwise 0.
      */
     uint32_t background_set;
     /**
@@ -954,8 +959,8 @@ typedef struct nerf_render_options {
      */
     float background[3];
     /**
-     * Rays in one batch, at most 256; 0 for a number that keeps vector units busy. Never changes a picture, only
-     * memory and time; a tile has at most this many pixels.
+     * Rays in one batch, and largest number of pixels of a tile, at most 256; 0 for a number that keeps vector units
+     * busy. Affects memory and time, never the image.
      */
     uint32_t batch_rays;
     /**
@@ -964,19 +969,19 @@ typedef struct nerf_render_options {
      */
     uint32_t batch_samples;
     /**
-     * Weight threshold, less than 1: weight along a ray accumulates until it exceeds this, then the next colour is
-     * evaluated for all of it. 0 for `NERF_COLOUR_CUT_DEFAULT`, `NERF_NONE` evaluates every colour. Never affects
-     * opacity or distances.
+     * Weight threshold, less than 1. Once the weight accumulated since a ray's last colour exceeds the threshold, the
+     * next colour is evaluated and gets all of this weight. 0 for `NERF_COLOUR_CUT_DEFAULT`; `NERF_NONE` evaluates
+     * every colour. Never affects opacity or distances.
      */
     float colour_cut;
     /**
-     * Width of the Gaussian blur of the density before its gradient is taken for normals, in sample intervals
-     * (standard deviation: width / sqrt(12)). 0 for `NERF_NORMAL_BLUR_DEFAULT`; `NERF_NONE` is the gradient itself,
-     * which is mostly noise finer than a sample interval.
+     * Width of the Gaussian blur of the density whose gradient gives the normals, in sample intervals (standard
+     * deviation: width / sqrt(12)). 0 for `NERF_NORMAL_BLUR_DEFAULT`; `NERF_NONE` for no blur: the gradient is then
+     * mostly noise finer than a sample interval.
      */
     float normal_blur;
     /**
-     * 1: samples are uniform even if the scene has a proposal network. Else 0.
+     * 1: samples are uniform even if the scene has a proposal network. Otherwise 0.
      */
     uint32_t ignore_proposal;
     /**
@@ -988,8 +993,8 @@ typedef struct nerf_render_options {
      */
     float far_distance;
     /**
-     * 1: a scene that is not marched is sampled only between its own near and far, where it was trained: to
-     * reproduce figures that were measured so. 0: the rest of its box is sampled, too.
+     * 1: a scene that is not marched is sampled only between its near and far, the range of its training, to reproduce
+     * figures measured in this way. 0: the rest of the scene box is sampled, too.
      */
     uint32_t own_bins;
     /**
@@ -1003,7 +1008,7 @@ typedef struct nerf_render_options {
 } nerf_render_options;
 
 /**
- * A request to open a worker. Its pointers are read by that call alone, except for the scenes, which are borrowed.
+ * A request to open a worker. Pointers are read during the call only, except for scenes, which the worker borrows.
  */
 typedef struct nerf_request {
     /**
@@ -1011,13 +1016,13 @@ typedef struct nerf_request {
      */
     size_t struct_size;
     /**
-     * The scene, or a picture (a 2D field), in its own coordinates; NULL if there are `instances`.
+     * Scene or 2D field, in its own coordinates; NULL if there are `instances`.
      */
     const struct nerf_scene *scene;
     /**
-     * NULL, or scenes that the host has placed in its own world: cameras, rays, points and distances are in that
+     * Scenes that the host has placed in its own world, or NULL: cameras, rays, points and distances are in that
      * world. Where instances overlap, densities add and colours are mixed by density. An unbounded scene must be the
-     * last; its background is shown. Only in a library built with `instances`.
+     * last instance; its background is shown. Only in a library built with `instances`.
      */
     const struct nerf_instance *instances;
     /**
@@ -1025,11 +1030,12 @@ typedef struct nerf_request {
      */
     size_t instance_count;
     /**
-     * NULL for the defaults.
+     * Options of the frames; NULL for the defaults.
      */
     const struct nerf_render_options *options;
     /**
-     * `NERF_OUTPUT_*` of the planes that targets will have, or-ed; for queries `NERF_OUTPUT_RGB` or 0.
+     * `NERF_OUTPUT_*` flags, or-ed, of the planes that the worker renders. For a worker of `nerf_query` alone:
+     * `NERF_OUTPUT_RGB` if colours are requested, else 0.
      */
     uint32_t outputs;
     /**
@@ -1039,7 +1045,7 @@ typedef struct nerf_request {
 } nerf_request;
 
 /**
- * A rectangle of an image's pixels, `x..x + width`, `y..y + height`.
+ * A rectangle of an image's pixels: columns `x..x + width`, rows `y..y + height`.
  */
 typedef struct nerf_rect {
     /**
@@ -1061,12 +1067,12 @@ typedef struct nerf_rect {
 } nerf_rect;
 
 /**
- * One plane of a target, in the caller's memory. It begins with the top left pixel of the **rectangle**, not of the
- * image. For rays and points it is one row.
+ * One plane of a target: the values of one output, or of limits, in the caller's memory. The first pixel is the top
+ * left one of the **rectangle**, not of the image. For rays and points the plane is one row.
  */
 typedef struct nerf_plane {
     /**
-     * Address of the rectangle's top left pixel; NULL to leave the plane out, which then costs nothing.
+     * Address of the rectangle's top left pixel; NULL leaves the plane out, at no cost.
      */
     void *data;
     /**
@@ -1074,11 +1080,11 @@ typedef struct nerf_plane {
      */
     size_t pixel_stride;
     /**
-     * Bytes from a pixel to the one below; negative if rows are stored bottom up; 0 for rows without a gap.
+     * Bytes from a pixel to the pixel below; negative if rows are stored bottom up; 0 for rows without a gap.
      */
     ptrdiff_t row_stride;
     /**
-     * A `nerf_format`: RGB or RGBA for `rgb`, VEC3_F32 for `normals`, F32 for the others.
+     * Format of a pixel, a `nerf_format`: RGB or RGBA for `rgb`, VEC3_F32 for `normals`, F32 for every other plane.
      */
     uint32_t format;
     /**
@@ -1088,10 +1094,12 @@ typedef struct nerf_plane {
 } nerf_plane;
 
 /**
- * The target of a render: a plane that is NULL is not computed, and takes no memory.
+ * The target of a render. `limit_ray_distance` and `limit_z_depth` are inputs; every other plane is an output.
  *
- * Planes may share memory as channels of one structure; bytes between pixels are never touched. Those written to
- * must not share a byte (`NERF_STATUS_OVERLAP`). `far`: no less than any distance in the scene, up to a limit.
+ * An output plane that is NULL is not computed, and takes no memory. Planes may share memory as channels of one
+ * structure: bytes between pixels are never touched. Output planes must not share a byte (`NERF_STATUS_OVERLAP`). A
+ * pixel without a surface has the distance `far`: no less than any distance in the scene, or, if nearer, the pixel's
+ * own limit along its ray or `far_distance` of the options.
  */
 typedef struct nerf_target {
     /**
@@ -1099,7 +1107,7 @@ typedef struct nerf_target {
      */
     size_t struct_size;
     /**
-     * Colour, composited display-encoded unless `options.effects.linear` is 1.
+     * Colour. Compositing and result are display-encoded, or linear light if `options.effects.linear` is 1.
      */
     struct nerf_plane rgb;
     /**
@@ -1107,50 +1115,49 @@ typedef struct nerf_target {
      */
     struct nerf_plane opacity;
     /**
-     * Mean distance along the ray, world units; `far` where opacity is 1e-4 or less.
+     * Mean distance along the ray under the sample weights, world units; `far` where opacity is 1e-4 or less.
      */
     struct nerf_plane ray_distance;
     /**
-     * Mean distance along the view axis, world units; `far` where opacity is 1e-4 or less.
+     * Mean distance along the view axis under the sample weights, world units; `far` where opacity is 1e-4 or less.
      */
     struct nerf_plane z_depth;
     /**
-     * Smallest distance along the ray at which less than half of the light is left, world units; `far` if there is
-     * none. Needs a `transmittance_cut` of at most 0.5.
+     * Smallest distance along the ray at which transmittance is below one half, world units; `far` if there is none.
+     * Needs a `transmittance_cut` of at most 0.5.
      */
     struct nerf_plane median_distance;
     /**
-     * The surface's normal, the mean of -grad(density)/|grad(density)| along the ray: world space, unit
-     * length, or 0 where opacity is 1e-4 or less or directions cancel. Costs about as much as two more
-     * samples a ray.
+     * Normal of the surface: mean of -grad(density)/|grad(density)| under the sample weights, world space, unit
+     * length; 0 where opacity is 1e-4 or less or directions cancel. Costs about as much as two more samples per ray.
      */
     struct nerf_plane normals;
     /**
-     * Input: distance along each pixel's ray at which it ends, world units, such as a hit that the host has traced.
-     * Infinity or NaN for no end; NULL for no limits. It cuts the sample interval that it lies in, so edges are
-     * smooth, and samples after it cost nothing.
+     * Input: distance along each pixel's ray at which the ray ends, world units, for example at a surface that the
+     * host has traced. Infinity or NaN for no end; NULL for no limits. A limit cuts the sample interval that contains
+     * the limit, so edges are smooth. Samples behind a limit cost nothing.
      */
     struct nerf_plane limit_ray_distance;
     /**
-     * Input: the same limits as distances along the view axis, such as a depth buffer. At most one of the two. A depth
-     * `d` in normalised device coordinates is `p[14] / (d + p[10])`, of a column-major perspective `p` along -Z.
+     * Input: limits as in `limit_ray_distance`, but along the view axis, such as a depth buffer; only one of these two
+     * planes may be set. A depth `d` in normalised device coordinates is `p[14] / (d + p[10])`, of a column-major
+     * perspective `p` along -Z.
      */
     struct nerf_plane limit_z_depth;
 } nerf_target;
 
 /**
- * Called before the first tile and after each tile, on the rendering thread, with the number of pixels done so far,
- * which never decreases, and of all pixels; a return value other than 0 cancels.
+ * Callback on the rendering thread, before the first tile and after each tile. `pixels_done` never decreases;
+ * `pixels_all` is the number of all pixels. A return value other than 0 cancels the render.
  *
- * It may call this library, but not with the worker of the render it is called from. It must not
- * let a C++ exception escape.
+ * The callback may call this library, but not with the worker that is rendering. No C++ exception may escape.
  */
 typedef int32_t (*nerf_progress)(void *user,
                                  uint64_t pixels_done,
                                  uint64_t pixels_all);
 
 /**
- * A frame: the part of an image to render, and the planes to render it into.
+ * A frame: the part of an image to render, and the planes that receive its pixels.
  */
 typedef struct nerf_frame {
     /**
@@ -1158,27 +1165,27 @@ typedef struct nerf_frame {
      */
     size_t struct_size;
     /**
-     * The camera that a scene is seen from; NULL for a picture.
+     * Camera from which a scene is seen; NULL for a 2D field.
      */
     const struct nerf_camera *camera;
     /**
-     * Rectangle to render; NULL for the whole image. For an empty one nothing is written.
+     * Rectangle to render; NULL for the whole image. An empty rectangle writes nothing.
      */
     const struct nerf_rect *rect;
     /**
-     * Planes that receive the pixels; those that the worker was not opened for must be NULL.
+     * Planes that receive the pixels. Planes of outputs that the worker was not opened for must be NULL.
      */
     const struct nerf_target *target;
     /**
-     * Width of a picture's image, pixels; 0 for a scene.
+     * Width in pixels at which a 2D field is rendered; 0 for a scene, whose `camera` has the width.
      */
     uint32_t width;
     /**
-     * Height of a picture's image, pixels; 0 for a scene.
+     * Height in pixels at which a 2D field is rendered; 0 for a scene, whose `camera` has the height.
      */
     uint32_t height;
     /**
-     * NULL, or called with `user` before the first tile and after each tile of at most 16x16 pixels.
+     * Callback, called with `user` before the first tile and after each tile of at most 16x16 pixels; may be NULL.
      */
     nerf_progress progress;
     /**
@@ -1188,7 +1195,7 @@ typedef struct nerf_frame {
 } nerf_frame;
 
 /**
- * Exact counts of the work a call did; no times. A picture (a 2D field) has no rays and no samples: only its colour
+ * Exact counts of the work that a call did, not times. A 2D field has no rays and no samples: only its colour
  * evaluations, multiply-adds and invalid samples are counted.
  */
 typedef struct nerf_counters {
@@ -1201,43 +1208,43 @@ typedef struct nerf_counters {
      */
     uint64_t rays;
     /**
-     * Samples at which the network was evaluated.
+     * Number of samples at which the network was evaluated.
      */
     uint64_t samples_kept;
     /**
-     * Samples that were skipped: outside the scene box, in an empty cell, or after the transmittance cut.
+     * Number of samples that were skipped: outside the scene box, in an empty cell, or after the transmittance cut.
      */
     uint64_t samples_skipped;
     /**
-     * Evaluations of the trunk and density head.
+     * Number of evaluations of the trunk and density head.
      */
     uint64_t density_evaluations;
     /**
-     * Evaluations of the colour branch: one per sample, or one per ray in a field shaded once a ray. For a picture,
-     * evaluations of the whole network.
+     * Number of evaluations of the colour branch: one per sample, or one per ray in a field shaded once per ray. For a
+     * 2D field, evaluations of the whole network.
      */
     uint64_t colour_evaluations;
     /**
-     * Multiply-adds of the network and of the proposal network.
+     * Number of multiply-adds of the network and of the proposal network.
      */
     uint64_t macs;
     /**
-     * Samples whose density was NaN (treated as empty), whose colour was NaN (black), or whose density gradient was
-     * not finite (no normal).
+     * Number of samples whose density was NaN (treated as empty), whose colour was NaN (black), or whose density
+     * gradient was not finite (no normal).
      */
     uint64_t invalid_samples;
     /**
-     * Evaluations of the density's gradient, for normals.
+     * Number of evaluations of the density's gradient, for normals.
      */
     uint64_t normal_evaluations;
     /**
-     * Evaluations of the coarse proposal network; they are not counted as samples.
+     * Number of evaluations of the coarse proposal network; not counted as samples.
      */
     uint64_t proposal_evaluations;
 } nerf_counters;
 
 /**
- * The caller's floats, one or three per ray or point.
+ * An array in the caller's memory: one or three floats per ray or point.
  */
 typedef struct nerf_floats {
     /**
@@ -1267,40 +1274,41 @@ typedef struct nerf_rays {
      */
     struct nerf_floats origins;
     /**
-     * Direction of each ray: x, y, z, of unit length (the square is 1 within 1e-3). It is not normalised, so
-     * distances have the same relative error.
+     * Direction of each ray: x, y, z, of unit length (squared length within 1e-3 of 1). Not normalised again: a
+     * relative error of the length is one of the ray's distances, too.
      */
     struct nerf_floats dirs;
     /**
      * Distance along each ray at which visibility begins, world units, at least 0; NULL for 0. In a scene that is
-     * marched (`step` of `nerf_scene_info` is not 0) samples are counted from here, so another `t_min` moves all of
-     * them. In other scenes samples stay where they are, and `t_min` cuts the sample interval that it lies in.
+     * marched (`step` of `nerf_scene_info` is not 0) the first sample interval begins here, or where the ray enters
+     * the scene box if that is farther: another `t_min` can move all samples. In other scenes `t_min` moves no sample,
+     * but cuts the sample interval that contains `t_min`.
      */
     struct nerf_floats t_min;
     /**
-     * Distance along each ray at which visibility ends, at least `t_min`, may be infinite; NULL for no end. It cuts
-     * the sample interval that it lies in: opacity is a continuous function of it.
+     * Distance along each ray at which visibility ends, world units, at least `t_min`, may be infinite; NULL for no
+     * end. Cuts the sample interval that contains `t_max`: opacity is a continuous function of `t_max`.
      */
     struct nerf_floats t_max;
     /**
-     * One random number in [0, 1) per ray for `nerf_sample_rays`; NULL for `nerf_render_rays`. 1 counts as the
-     * largest float below 1, since rounding to float produces it.
+     * One random number in [0, 1) per ray for `nerf_sample_rays`; NULL for `nerf_render_rays`. 1 counts as the largest
+     * float below 1, since rounding to float can produce 1.
      */
     struct nerf_floats random;
     /**
-     * Axis that `z_depth` is measured along: three floats, of unit length as `dirs` are. For a camera it is the
-     * direction of the ray through (cx, cy). May be NULL without a plane for `z_depth`.
+     * Axis along which `z_depth` is measured: three floats, unit length like `dirs`. A camera's axis is the direction
+     * of the ray through (cx, cy). May be NULL without a plane for `z_depth`.
      */
     const float *axis;
     /**
-     * Planes for the results: one row of `count` pixels, of which only `pixel_stride` matters. They may be fields of
-     * the structures that hold the rays. Limits must be NULL: each ray has its `t_max`.
+     * Planes for the results: one row of `count` pixels; `row_stride` is ignored. Planes may be fields of the
+     * structures that hold the rays. Planes of limits must be NULL: each ray has its `t_max`.
      */
     const struct nerf_target *target;
 } nerf_rays;
 
 /**
- * Points, and the directions that they are seen along.
+ * Points, and the direction along which each point is seen.
  */
 typedef struct nerf_points {
     /**
@@ -1312,28 +1320,27 @@ typedef struct nerf_points {
      */
     size_t count;
     /**
-     * Position of each point: x, y, z, world space. Points outside the scene box, or in a cell that the occupancy
-     * grid calls empty, have density 0 and black colour.
+     * Position of each point: x, y, z, world space. Density is 0 and colour is black outside the scene box, and in
+     * cells that the occupancy grid marks as empty.
      */
     struct nerf_floats positions;
     /**
-     * Direction from the camera to each point, of unit length (the square is 1 within 1e-3); not read if `rgb` is
-     * NULL.
+     * Direction from the camera to each point, unit length (squared length 1 within 1e-3); not read if `rgb` is NULL.
      */
     struct nerf_floats dirs;
     /**
-     * Receives the density of each point, per world unit: a row of `count` pixels, `NERF_FORMAT_F32`, of which only
-     * `pixel_stride` matters.
+     * Receives the density of each point, per world unit, as `NERF_FORMAT_F32`: one row of `count` pixels;
+     * `row_stride` is ignored.
      */
     struct nerf_plane sigma;
     /**
-     * Receives each point's colour, display-encoded unless the options say linear: `NERF_FORMAT_RGB_F32`; or NULL.
+     * Receives each point's colour as `NERF_FORMAT_RGB_F32`, linear if `options.effects.linear` is 1; or NULL.
      */
     struct nerf_plane rgb;
 } nerf_points;
 
 /**
- * Returns microseconds since any fixed moment, never decreasing.
+ * Clock of the caller: returns microseconds since any fixed moment, never decreasing.
  */
 typedef uint64_t (*nerf_clock)(void *user);
 
@@ -1346,15 +1353,15 @@ typedef struct nerf_pace_request {
      */
     size_t struct_size;
     /**
-     * The scene.
+     * Scene that is measured.
      */
     const struct nerf_scene *scene;
     /**
-     * The view; not read by `nerf_pace_workspace_size`.
+     * Camera of the measured frame; not read by `nerf_pace_workspace_size`.
      */
     const struct nerf_camera *camera;
     /**
-     * NULL for the defaults; samples, cuts, occupancy grid, maths and proposal are ignored.
+     * Options of the frame, NULL for the defaults; samples, cuts, occupancy grid, maths and proposal are ignored.
      */
     const struct nerf_render_options *options;
     /**
@@ -1362,11 +1369,11 @@ typedef struct nerf_pace_request {
      */
     uint32_t outputs;
     /**
-     * Milliseconds per frame: measuring stops after the first point whose frame would take longer.
+     * Limit in milliseconds per frame: measuring stops after the first point whose frame would take longer.
      */
     float limit_milliseconds;
     /**
-     * Called with `user`; must not touch the workspace. NULL for the library's own, which a build without std lacks.
+     * Clock, called with `user`; must not touch the workspace. NULL for the library's own, which needs std.
      */
     nerf_clock clock;
     /**
@@ -1376,7 +1383,7 @@ typedef struct nerf_pace_request {
 } nerf_pace_request;
 
 /**
- * The time that a frame takes at each point of a scene's Pareto front, on one thread of this host.
+ * Measured times of a frame with each of the settings on a scene's Pareto front, on one thread of this host.
  */
 typedef struct nerf_pace {
     /**
@@ -1385,7 +1392,7 @@ typedef struct nerf_pace {
     size_t struct_size;
     /**
      * Milliseconds per frame, in the order of the scene's Pareto front; infinity for points that were not measured.
-     * Divide by n if n threads render tiles.
+     * With n threads that render tiles, a frame takes one n-th of this time.
      */
     float milliseconds[16];
 } nerf_pace;
@@ -1399,7 +1406,7 @@ typedef struct nerf_choice {
      */
     size_t struct_size;
     /**
-     * Loss of the settings against the exact rendering, dB, as a study measured it; negative for a gain.
+     * PSNR of the exact rendering minus that of the settings, dB, as a study measured it; negative for a gain.
      */
     float loss_db;
     /**
@@ -1411,7 +1418,7 @@ typedef struct nerf_choice {
      */
     float milliseconds;
     /**
-     * 1 if the settings meet the limit; 0 if no point of the front does, and these come nearest.
+     * 1 if the settings meet the limit; 0 if no point of the Pareto front does, and the nearest point was chosen.
      */
     uint32_t within;
 } nerf_choice;
@@ -1425,12 +1432,12 @@ extern "C" {
 #endif // __cplusplus
 
 /**
- * Version of the ABI the library was built with; compare with `NERF_ABI_VERSION`.
+ * Version of the ABI that the library was built with; to be compared with `NERF_ABI_VERSION`.
  */
 uint32_t nerf_abi_version(void);
 
 /**
- * Version of the library as text, "0.1.0"; static.
+ * Version of the library as text, such as "0.1.0"; static.
  */
 const char *nerf_version_text(void);
 
@@ -1440,11 +1447,11 @@ const char *nerf_version_text(void);
 const char *nerf_status_text(int32_t status);
 
 /**
- * Computes the size and alignment of the memory that `nerf_scene_open` needs for a blob.
+ * Computes the size and alignment of the memory that `nerf_scene_open` needs for a scene file.
  *
- * `blob`: `blob_size` bytes at any alignment. `options`: NULL for all zeros. `size` and `align`
- * are written on success only. `message`: NULL, or `message_capacity` bytes for a sentence about
- * what was expected and found; empty on success.
+ * `blob`: the scene file's `blob_size` bytes, at any alignment. `options`: NULL for all zeros. `size` and `align`,
+ * bytes, are written on success only. `message`: NULL, or a buffer of `message_capacity` bytes that receives a
+ * sentence about what was expected and found; empty on success.
  *
  * # Safety
  * Pointers are NULL or point to what is described here.
@@ -1460,10 +1467,10 @@ nerf_status nerf_scene_memory(const void *blob,
 /**
  * Opens a scene in the caller's memory; allocates nothing and owns nothing.
  *
- * The scene borrows `blob` and `memory`: the caller leaves both in place and unchanged while the scene is used.
- * `memory`: at least the size and alignment that `nerf_scene_memory` says, not overlapping the blob. `scene`
- * receives the handle on success only; there is nothing to close. `message`: as in `nerf_scene_memory`. Neither
- * `message` nor `scene` may overlap blob or memory.
+ * The scene borrows `blob` (the scene file's bytes) and `memory`: the caller neither moves nor changes these while the
+ * scene is used. `memory`: has at least the size and alignment from `nerf_scene_memory`, and does not overlap `blob`.
+ * `scene` receives the handle on success only; there is nothing to close. `message`: as in `nerf_scene_memory`.
+ * Neither `message` nor `scene` may overlap `blob` or `memory`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here.
@@ -1494,7 +1501,7 @@ nerf_status nerf_scene_open_file(const char *path,
                                  size_t message_capacity);
 
 /**
- * Frees a scene that `nerf_scene_open_file` opened; NULL, and a scene in the caller's memory, are left alone.
+ * Frees a scene that `nerf_scene_open_file` opened. Does nothing for NULL and for a scene in the caller's memory.
  *
  * Only in a library built with `std`.
  *
@@ -1504,14 +1511,13 @@ nerf_status nerf_scene_open_file(const char *path,
 void nerf_scene_close(const struct nerf_scene *scene);
 
 /**
- * Describes a scene: where to put a camera, what it costs, where it comes from.
+ * Describes a scene: placement of a camera, cost, origin.
  *
- * `info`: `struct_size` set by the caller, the rest is written on success; fields that a newer
- * header has and this library does not know become zero. Its texts point into the blob.
+ * `info`: the caller sets `struct_size`; the other fields are written on success. Fields of a newer header that this
+ * library does not know become zero. The texts point into the scene file's bytes.
  *
  * # Safety
- * `scene` is NULL or a scene whose memory and blob are intact; `info` is NULL or points to
- * `struct_size` bytes.
+ * `scene` is NULL or a scene whose memory and file bytes are intact; `info` is NULL or points to `struct_size` bytes.
  */
 nerf_status nerf_scene_describe(const struct nerf_scene *scene,
                                 struct nerf_scene_info *info);
@@ -1519,9 +1525,9 @@ nerf_status nerf_scene_describe(const struct nerf_scene *scene,
 /**
  * Sets a camera's pose: at `eye`, looking at `target`, with `up` upwards in its image.
  *
- * `camera`: `struct_size` set by the caller; only its `c2w` is written, on success. `eye`, `target`, `up`: three
- * floats each, world units; `up` of any length. If `eye` equals `target`, or `up` points along the view, there is no
- * such camera: `NERF_STATUS_CAMERA`. `message`: as in `nerf_scene_memory`.
+ * `camera`: the caller sets `struct_size`; only `c2w` is written, on success. `eye`, `target`, `up`: three floats
+ * each, world units; `up` of any length. `NERF_STATUS_CAMERA` if `eye` equals `target`, or `up` points along the view.
+ * `message`: as in `nerf_scene_memory`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here.
@@ -1534,13 +1540,13 @@ nerf_status nerf_camera_look_at(struct nerf_camera *camera,
                                 size_t message_capacity);
 
 /**
- * Computes the ray through an image point, for example to evaluate points along it with `nerf_query`.
+ * Computes the ray through an image point, for example to evaluate points on the ray with `nerf_query`.
  *
- * `x`, `y`: pixels from the left and the top, fractions too; a pixel's centre is at + 0.5. They may lie outside the
- * image. `NERF_STATUS_CAMERA` if the point has no direction in f32, or none in front of every fold of the lens.
- * `origin`, `dir`: three floats each, world space, `dir` of unit length, the lens taken into account.
- * `z_per_distance`: NULL, or one float: `z_depth` per unit of `ray_distance` along this ray. Written on success
- * only. `message`: as in `nerf_camera_look_at`.
+ * `x`, `y`: image point, pixels from the left and the top edge; a pixel's centre is at + 0.5. The point may lie
+ * outside the image. `NERF_STATUS_CAMERA` if the direction overflows f32, or the lens has no inverse there or folds in
+ * front of the point. `origin`, `dir`: three floats each, world space; `dir` has unit length and includes the lens
+ * distortion. `z_per_distance`: NULL, or one float: `z_depth` per unit of `ray_distance` along this ray. Results are
+ * written on success only. `message`: as in `nerf_camera_look_at`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here.
@@ -1557,7 +1563,7 @@ nerf_status nerf_camera_ray(const struct nerf_camera *camera,
 /**
  * Computes the size and alignment of the memory that a worker for a request takes.
  *
- * The size depends on the scene's network, the outputs, the batch and the number of instances, not on the picture's.
+ * The size depends on the scene's network, the outputs, the batch and the number of instances, not on the image size.
  *
  * `size` and `align` are written on success only. `message`: as in `nerf_scene_memory`.
  *
@@ -1571,12 +1577,12 @@ nerf_status nerf_worker_size(const struct nerf_request *request,
                              size_t message_capacity);
 
 /**
- * Opens a worker in the caller's memory: whatever does not change from call to call is checked and prepared here.
+ * Opens a worker in the caller's memory. Checks the request and divides the memory once for all later calls.
  *
- * The worker borrows `memory` and the scenes: the caller leaves them in place and unchanged while the worker is
- * used. Each thread needs its own. `memory`: at least the size and alignment that `nerf_worker_size` says, not
- * overlapping scenes, blobs and anything else that is passed here. `worker` receives the handle on success only;
- * there is nothing to close. `message`: as in `nerf_worker_size`.
+ * The worker borrows `memory` and the scenes: the caller neither moves nor changes these while the worker is used.
+ * Each thread needs a worker of its own. `memory`: has at least the size and alignment from `nerf_worker_size`, and
+ * does not overlap scenes, scene files or any other argument. `worker` receives the handle on success only; there is
+ * nothing to close. `message`: as in `nerf_worker_size`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; scenes are intact.
@@ -1591,12 +1597,12 @@ nerf_status nerf_worker_open(const struct nerf_request *request,
 /**
  * Renders a rectangle of a camera's image into the planes of a target.
  *
- * Within one kernel pixels are equal bit for bit, whatever the rectangle, the batch, the worker's earlier calls and
- * other threads. `frame->target` may contain limits, such as a depth buffer.
+ * With one kernel, pixels do not depend on the rectangle, the batch, the worker's earlier calls or other threads, bit
+ * for bit. `frame->target` may contain limits, such as a depth buffer.
  *
  * `counters`: NULL, or written on success, with `struct_size` set by the caller. `message`: as in `nerf_scene_memory`.
  *
- * Everything is checked before the first pixel is written. Pixels are written in whole tiles: after
+ * All arguments are checked before the first pixel is written. Pixels are written in whole tiles: after
  * `NERF_STATUS_CANCELLED` or `NERF_STATUS_PANIC` each tile is finished or untouched.
  *
  * # Safety
@@ -1609,14 +1615,14 @@ nerf_status nerf_render(struct nerf_worker *worker,
                         size_t message_capacity);
 
 /**
- * Renders a rectangle of a picture (a 2D field: `NERF_KIND_PICTURE`) at `frame->width` x `frame->height` pixels.
+ * Renders a rectangle of an image of a 2D field (`NERF_KIND_PICTURE`), `frame->width` x `frame->height` pixels large.
  *
- * Pixel (x, y) is the field's colour at its centre, ((x + 0.5) / width, (y + 0.5) / height). Every size from 1x1 to
- * 8388608x8388608 shows the whole picture; `picture_width` x `picture_height` of `nerf_scene_info` is undistorted. A
- * rectangle of a larger size shows a detail.
+ * Pixel (x, y) is the field's colour at the pixel's centre, ((x + 0.5) / width, (y + 0.5) / height). Every size from
+ * 1x1 to 8388608x8388608 shows the whole field, undistorted at `picture_width` x `picture_height` of
+ * `nerf_scene_info`. A rectangle of a larger size shows a detail.
  *
- * `worker`: opened for the picture; of its options only maths and batch matter. The target may have only the plane
- * `rgb`. A picture is opaque, so the alpha of RGBA formats is 1. The rest as in `nerf_render`.
+ * `worker`: opened for the 2D field; only `maths` and batch of its options matter. The target may have only the plane
+ * `rgb`. A 2D field is opaque, so the alpha of RGBA formats is 1. Everything else is as in `nerf_render`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `worker` and its scene are intact.
@@ -1630,14 +1636,15 @@ nerf_status nerf_render_picture(struct nerf_worker *worker,
 /**
  * Renders the caller's own rays: ray i is pixel i of the target.
  *
- * A ray may begin anywhere: outside the scene, inside it or behind it. Without a surface, distances are no less than
- * any in the scene, or `t_max`. A camera's rays give its pixels, bit for bit, without jitter. For a shadow ray a
- * plane of opacity alone is enough: it gets the same bits as together with other planes, for less work.
+ * A ray may begin outside, inside or behind the scene. The distances of a ray without a surface are no less than any
+ * in the scene, or, if nearer, `t_max`. The rays of a camera's pixels give the camera's image, bit for bit, without
+ * jitter. A shadow ray needs only the plane of opacity: opacity has the same bits as together with other planes, for
+ * less work.
  *
- * Rays are checked before the first result is written. `NERF_STATUS_RAY` names the first with an origin that is not
- * finite, a direction that is not of unit length or an empty range. It is also the status if `random` is not NULL.
- * Options with anti-aliasing or an aperture, which belong to cameras, are `NERF_STATUS_OPTIONS`. `counters` and
- * `message`: as in `nerf_render`.
+ * All rays are checked before the first result is written. `NERF_STATUS_RAY` names the first ray with an origin that
+ * is not finite, a direction that is not of unit length or an empty range; also if `random` is not NULL. Options with
+ * anti-aliasing or an aperture, which belong to cameras, are `NERF_STATUS_OPTIONS`. `counters` and `message`: as in
+ * `nerf_render`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
@@ -1649,15 +1656,15 @@ nerf_status nerf_render_rays(struct nerf_worker *worker,
                              size_t message_capacity);
 
 /**
- * Samples the point at which a photon along each ray collides with the field, for path tracers.
+ * Samples the point on each ray at which a photon collides with the medium, for path tracers.
  *
- * A ray collides where its opacity reaches its number of `random`. Then `opacity` is 1, the distances are that
- * point's, and colour and normal are the field's there. Otherwise opacity is 0, distances are infinite, and colour
- * is the background (0 in RGBA planes). The options' cuts are not used. Over uniform numbers the mean of the colours
- * is what `nerf_render_rays` composites without cuts, except in a field shaded once a ray: there each colour is the
- * network's for one sample alone, and only `nerf_render_rays` gives the field's own. The means of opacity, distance
- * and normal agree in every field. `NERF_STATUS_RAY` also if a number is not in [0, 1]. The rest as in
- * `nerf_render_rays`.
+ * A ray's photon collides where the opacity accumulated along the ray reaches the ray's number in `random`. Then
+ * `opacity` is 1, distances are those of the collision, and colour and normal are the field's at that point. Without a
+ * collision, opacity is 0, distances are infinite, and colour is the background (0 in RGBA planes). Cuts in the
+ * options are ignored. Over uniform numbers the mean colour is that of `nerf_render_rays` without cuts, except in a
+ * field shaded once per ray: each colour is then the network's for one sample alone, and only `nerf_render_rays` gives
+ * the field's own. The means of opacity, distance and normal agree in every field. `NERF_STATUS_RAY` also for a number
+ * outside [0, 1]. Everything else is as in `nerf_render_rays`.
  *
  * # Safety
  * Pointers are NULL or point to what is described there; `worker` and its scenes are intact.
@@ -1671,9 +1678,9 @@ nerf_status nerf_sample_rays(struct nerf_worker *worker,
 /**
  * Evaluates density and colour at points seen along directions.
  *
- * `worker`: opened with `NERF_OUTPUT_RGB` if colour is wanted; of its options only occupancy grid, maths and tone
- * affect the results. `sigma` and `rgb` must not overlap anything else. If a direction is not of unit length,
- * nothing is written: `NERF_STATUS_DIRECTION`. `counters` and `message`: as in `nerf_render`.
+ * `worker`: opened with `NERF_OUTPUT_RGB` if colour is wanted; only the options for occupancy grid, maths and tone
+ * affect the results. `sigma` and `rgb` must not overlap other memory of the call. `NERF_STATUS_DIRECTION` if a
+ * direction is not of unit length; nothing is written then. `counters` and `message`: as in `nerf_render`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
@@ -1699,14 +1706,15 @@ nerf_status nerf_pace_workspace_size(const struct nerf_pace_request *request,
                                      size_t message_capacity);
 
 /**
- * Measures how long a frame takes on this thread at each point of the scene's Pareto front.
+ * Measures the time of a frame on this thread with each of the settings on the scene's Pareto front.
  *
- * Renders about 2,048 pixels, spread over the view, at each point, cheapest first. Stops after the first point whose
- * frame would take more than the limit; more expensive points stay at infinity. Measure on an idle host.
+ * Renders about 2,048 pixels, spread over the view, with each, cheapest first. Stops after the first settings whose
+ * frame takes longer than `request->limit_milliseconds`; the times of more expensive settings are infinity. Measure on
+ * an idle host.
  *
- * `workspace`: of the size and alignment that `nerf_pace_workspace_size` says, not overlapping scene or blob.
- * `pace`: `struct_size` set by the caller; written on success. A scene without a front is `NERF_STATUS_NO_FRONT`.
- * `message`: as in `nerf_scene_memory`.
+ * `workspace`: has the size and alignment from `nerf_pace_workspace_size`, and does not overlap the scene or its
+ * file's bytes. `pace`: receives the times on success; the caller sets `struct_size`. A scene without a Pareto front
+ * is `NERF_STATUS_NO_FRONT`. `message`: as in `nerf_scene_memory`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; the scene is intact.
@@ -1719,13 +1727,14 @@ nerf_status nerf_pace_measure(const struct nerf_pace_request *request,
                               size_t message_capacity);
 
 /**
- * Sets the cheapest settings that lose at most `loss_db` against the exact rendering.
+ * Writes to `options` the cheapest settings whose PSNR is at most `loss_db` below that of the exact rendering.
  *
- * `options`: `struct_size` set by the caller; its quality settings (samples, cuts, occupancy grid, maths, proposal)
- * are replaced, the rest is kept. `choice`: NULL, or written. If every point of the scene's Pareto front loses more,
- * the one that loses least is set, and `choice->within` is 0. A scene without a front, or with no point that this
- * build can render, is `NERF_STATUS_NO_FRONT`, and nothing is written. A point's transmittance cut may be above one
- * half, which a frame with a median distance refuses. `message`: as in `nerf_scene_memory`.
+ * `options`: the caller sets `struct_size`; the quality settings (samples, cuts, occupancy grid, maths, proposal) are
+ * replaced, other fields stay. `choice`: NULL, or receives the chosen point. If the PSNR of every point of the scene's
+ * Pareto front is lower, the point of highest PSNR is written, and `choice->within` is 0. `NERF_STATUS_NO_FRONT`, and
+ * nothing is written, if the scene has no Pareto front, or this build can render none of its points. A point's
+ * transmittance cut may exceed one half, which a frame with a median distance refuses. `message`: as in
+ * `nerf_scene_memory`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `scene` is intact.
@@ -1738,9 +1747,9 @@ nerf_status nerf_quality_within_loss(const struct nerf_scene *scene,
                                      size_t message_capacity);
 
 /**
- * Sets the settings that lose least at no more than `ratio` of the exact rendering's multiply-adds.
+ * Writes to `options` the settings of highest PSNR with at most `ratio` times the exact rendering's multiply-adds.
  *
- * If every point of the scene's Pareto front costs more, the cheapest is set. The rest as in
+ * If every point of the scene's Pareto front costs more, the cheapest is written. Everything else is as in
  * `nerf_quality_within_loss`.
  *
  * # Safety
@@ -1754,14 +1763,14 @@ nerf_status nerf_quality_within_cost(const struct nerf_scene *scene,
                                      size_t message_capacity);
 
 /**
- * Sets the settings that lose least in a frame of at most `milliseconds`, at a pace that `nerf_pace_measure`
- * measured.
+ * Writes to `options` the settings of highest PSNR whose frame takes at most `milliseconds`, by the times that
+ * `nerf_pace_measure` wrote to `pace`.
  *
- * If every point of the scene's Pareto front takes longer, the fastest is set. `choice->milliseconds` is the
- * expected time of a frame. The rest as in `nerf_quality_within_loss`.
+ * If every point of the scene's Pareto front takes longer, the fastest is written. `choice->milliseconds` is the
+ * expected time of a frame. Everything else is as in `nerf_quality_within_loss`.
  *
  * # Safety
- * Pointers are NULL or point to what is described there, `pace` to a pace; `scene` is intact.
+ * Pointers are NULL or point to what is described there, `pace` to a `nerf_pace`; `scene` is intact.
  */
 nerf_status nerf_quality_within_time(const struct nerf_scene *scene,
                                      float milliseconds,
@@ -1772,11 +1781,12 @@ nerf_status nerf_quality_within_time(const struct nerf_scene *scene,
                                      size_t message_capacity);
 
 /**
- * Sets the settings of one point of the scene's Pareto front; `front_points` of `nerf_scene_info` is their number.
+ * Writes to `options` the settings of a point of the scene's Pareto front.
  *
- * `point`: from 0, most expensive first. For hosts that show the whole trade-off or choose by rules of their own. A
- * point that does not exist is `NERF_STATUS_OPTIONS`, one that this build cannot render `NERF_STATUS_NO_FRONT`. The
- * rest as in `nerf_quality_within_loss`; `choice->within` is 1.
+ * `point`: index below `front_points` of `nerf_scene_info`, most expensive first. For hosts that show the whole
+ * trade-off or choose by rules of their own. `NERF_STATUS_OPTIONS` for a point that does not exist,
+ * `NERF_STATUS_NO_FRONT` for one that this build cannot render. `choice->within` is 1. Everything else is as in
+ * `nerf_quality_within_loss`.
  *
  * # Safety
  * Pointers are NULL or point to what is described there; `scene` is intact.
@@ -1789,12 +1799,13 @@ nerf_status nerf_quality_point(const struct nerf_scene *scene,
                                size_t message_capacity);
 
 /**
- * Sets the settings of a `nerf_preset`, which lose at most what the preset allows.
+ * Writes to `options` settings whose PSNR is below that of the exact rendering by at most what a `nerf_preset` allows.
  *
- * For a scene without a front the loss is not known. `NERF_PRESET_EXACT` is then every sample inside the scene box
- * and `NERF_PRESET_HIGH` the defaults. The others lose 0.05, 0.2 and 0.9 dB in the scene of the project's own study:
- * transmittance cuts of 0.03, 0.1 and 0.1, colour cuts of 0.03, 0.03 and 0.1, and for `NERF_PRESET_PREVIEW` four
- * fifths of the samples. `options` and `message` as in `nerf_quality_within_loss`.
+ * In a scene without a Pareto front the PSNR of settings is not known. `NERF_PRESET_EXACT` then uses every sample
+ * inside the scene box, and `NERF_PRESET_HIGH` is the defaults. BALANCED, FAST and PREVIEW have transmittance cuts of
+ * 0.03, 0.1 and 0.1, colour cuts of 0.03, 0.03 and 0.1, and PREVIEW has four fifths of the samples: their PSNR was
+ * 0.05, 0.2 and 0.9 dB below exact in the project's own study. `options` and `message` as in
+ * `nerf_quality_within_loss`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `scene` is intact.
@@ -1806,14 +1817,14 @@ nerf_status nerf_quality_preset(const struct nerf_scene *scene,
                                 size_t message_capacity);
 
 /**
- * Explains in English which stages a worker's frames have, which not, and why; with counters, where the work went.
+ * Explains in English which stages a worker's frames have or lack, and why; with counters, also where the work went.
  *
- * For people to read: the wording may change between versions. Each of several instances has its own part.
+ * The text is for people: its wording may change between versions. Each of several instances has a part of its own.
  *
- * `counters`: NULL, or what a call of this worker wrote; ignored if there are several instances. `text`: NULL, or
- * `capacity` bytes for the text, cut if it does not fit, always NUL-terminated. `needed`: NULL, or receives the
- * bytes of the whole text with its NUL. `text` and `needed` are written on success only; a cut text is a success.
- * `message`: as in `nerf_scene_memory`.
+ * `counters`: NULL, or what a call of this worker wrote; ignored with several instances. `text`: NULL, or a buffer of
+ * `capacity` bytes; the text is cut to fit, and NUL-terminated. `needed`: NULL, or receives the bytes of the uncut
+ * text with its NUL. `text` and `needed` are written on success only; a cut text is a success. `message`: as in
+ * `nerf_scene_memory`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
