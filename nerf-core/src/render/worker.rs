@@ -304,10 +304,6 @@ impl<'f> Worker<'f> {
     ) -> Counters {
         let (plan, placed) = (self.plan(), self.pixels.placed);
         let capacity = plan.batch.rays.max(1);
-        let ray = &|i: usize| {
-            let RaySegment { ray, t_min, t_max } = ray(i);
-            RaySegment { ray: placed.ray(ray), t_min, t_max }
-        };
         for first in (0..count).step_by(capacity) {
             let mut put = |x: u32, _: u32, pixel: &Pixel| match axis {
                 Some(_) => target(first + x as usize, pixel),
@@ -317,7 +313,7 @@ impl<'f> Worker<'f> {
             self.pixels.tile = Rect { x: 0, y: 0, width: capacity.min(count - first) as u32, height: 1 };
             (self.pixels.forward, self.pixels.turn) = (axis.map_or(Vec3::ZERO, |axis| placed.dir(axis)), 0);
             of_fields!(&mut self.fields, it => {
-                let source = OwnRays { first, ray, random, far: it.far() };
+                let source = OwnRays { first, ray, placed, random, far: it.far() };
                 with_math!(plan.math, M => it.turn::<M, COLLIDE>(&mut self.pixels, &source, &mut put));
             });
         }

@@ -1,6 +1,7 @@
 //! Rays of a tile's pixels: their source is a camera or the caller; their visible part is a range, or ends at the limit
 //! from a depth buffer.
 
+use super::placed::Placed;
 use super::{Rect, anti_aliasing, depth_of_field};
 use crate::camera::{Camera, Lens, PinholeRays, Ray};
 use crate::math::log1p;
@@ -86,6 +87,7 @@ impl<L: Fn(u32, u32) -> Limit> RaySource for CameraRays<'_, L> {
 pub(in crate::render) struct OwnRays<'a, R, U, F> {
     pub first: usize,
     pub ray: &'a R,
+    pub placed: Placed,
     /// Random number of a ray, by the ray's index.
     pub random: &'a U,
     /// Distance of a ray that meets no surface, by the ray's origin.
@@ -95,7 +97,7 @@ pub(in crate::render) struct OwnRays<'a, R, U, F> {
 impl<R: Fn(usize) -> RaySegment, U: Fn(usize) -> f32, F: Fn(Vec3) -> f32> RaySource for OwnRays<'_, R, U, F> {
     #[inline]
     fn ray(&self, x: u32, _: u32) -> Ray {
-        (self.ray)(self.first + x as usize).ray
+        self.placed.ray((self.ray)(self.first + x as usize).ray)
     }
 
     #[inline]
