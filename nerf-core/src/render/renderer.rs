@@ -48,18 +48,22 @@ impl<'a> Renderer<'a> {
         let Prepared { unpacked, decoded } = prepared;
         let prepared = Prepared { unpacked: unpacked.map(|values| &*values), decoded: &*decoded };
         let occupied = CoarseOccupancy::new(blob.occupancy().as_ref());
-        Self::of_prepared(blob, kernel, &prepared, occupied).ok_or(RenderError::Network)
+        // Not by `of_prepared`: another copy of the networks on the stack of a microcontroller.
+        let network = prepared.view(&blob, kernel).ok_or(RenderError::Network)?;
+        let proposer = prepared.view_proposal(&blob, kernel);
+        Ok(Self { blob, network, proposer, occupied })
     }
 
     /// Returns a renderer over values that were copied for `kernel`; `occupied`: the [`CoarseOccupancy`] of the blob.
     /// `None` if there are too few values.
+    #[cfg(all(feature = "std", not(target_os = "none")))]
     pub(crate) fn of_prepared(
         blob: Blob<'a>,
         kernel: Kernel,
         prepared: &Prepared<&'a [f32], &'a [u8]>,
         occupied: CoarseOccupancy,
     ) -> Option<Self> {
-        let (network, proposer) = prepared.view(&blob, kernel)?;
+        let (network, proposer) = (prepared.view(&blob, kernel)?, prepared.view_proposal(&blob, kernel));
         Some(Self { blob, network, proposer, occupied })
     }
 
@@ -296,15 +300,19 @@ impl<F: AsMut<[f32]>, B: AsMut<[u8]>> Prepared<F, B> {
 }
 
 impl<'a> Prepared<&'a [f32], &'a [u8]> {
-    /// The scene's network and its proposal network, over their values in the blob or in `self`; `None` if there are
-    /// too few values.
+    /// The scene's network over its values in the blob or in `self`; `None` if there are too few.
     #[inline]
-    fn view(&self, blob: &Blob<'a>, kernel: Kernel) -> Option<(Network<'a>, Proposer<'a>)> {
-        let [parameters, proposal, tables] = self.unpacked;
+    fn view(&self, blob: &Blob<'a>, kernel: Kernel) -> Option<Network<'a>> {
+        let [parameters, _, tables] = self.unpacked;
         let weights = Weights::view(blob.architecture(), kernel.storage, blob.weights(), parameters);
         let tables = tables_of(blob, kernel, tables, self.decoded);
-        let network = Network::of_layers(blob.architecture(), blob.layers(), weights, tables, kernel.isa)?;
-        Some((network, Proposer::view(blob, kernel, proposal)))
+        Network::of_layers(blob.architecture(), blob.layers(), weights, tables, kernel.isa)
+    }
+
+    /// The scene's proposal network over its values.
+    #[inline]
+    fn view_proposal(&self, blob: &Blob<'a>, kernel: Kernel) -> Proposer<'a> {
+        Proposer::view(blob, kernel, self.unpacked[1])
     }
 }
 

@@ -196,11 +196,12 @@ impl<'a> OccupancyGrid<'a> {
     /// Calls `found` with x, y, z of each occupied cell.
     #[inline]
     fn each_occupied(&self, mut found: impl FnMut([usize; 3])) {
-        // A grid with bits has no side of 0.
-        let [_, ny, nz] = self.resolution.map(|side| usize::from(side).max(1));
+        let [_, ny, nz] = self.resolution.map(usize::from);
         for (i, &byte) in self.bits.iter().enumerate().filter(|(_, byte)| **byte != 0) {
             for bit in (0..8).filter(|bit| byte >> bit & 1 == 1) {
                 let index = 8 * i + bit;
+                // A grid with bits has no side of 0. Not before the loop: there the compiler forgets it.
+                let (ny, nz) = (ny.max(1), nz.max(1));
                 found([index / nz / ny, index / nz % ny, index % nz]);
             }
         }
