@@ -159,7 +159,8 @@ impl GridEncoding {
     /// Backward pass through the encoding of a block of samples.
     ///
     /// `x`: `[inputs][stride]`, world units. `of_encoded`: `[outputs][stride]`, ∂f/∂encoded. `of_x`:
-    /// `[inputs][stride]`, set to ∂f/∂x. `stride` as in [`encode_grid_block`].
+    /// `[inputs][stride]`, set to ∂f/∂x. `stride` is a multiple of [`Isa::columns`], or any number
+    /// with portable instructions.
     ///
     /// The derivative is that of the interpolation in the sample's cell. A face between two cells belongs to the cell
     /// with the larger index.
