@@ -1,4 +1,6 @@
 //! Evaluation of a network over blocks of samples.
+//!
+//! Longer than 400 lines, since trunk, density head and colour branch share one block's memory.
 
 use super::architecture::{
     Architecture, DensityActivation, EXPONENTIAL_LIMIT, Layer, Layers, PER_RAY_BUILT, Role,

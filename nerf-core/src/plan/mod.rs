@@ -1,4 +1,6 @@
 //! The plan of a frame: its stages, decided from what the scene holds and what the caller requests.
+//!
+//! Longer than 400 lines, since every decision is a field of one [`Plan`].
 
 use crate::blob::{Blob, MAX_SAMPLES, SceneFacts, SceneSampling, steps};
 use crate::camera::Ray;

@@ -3,6 +3,8 @@
 //! A ray is composited segment by segment: densities add, and colours are averaged with densities as weights. Where the
 //! next bin of a field begins, the ray waits for an evaluation of that field's network. Rays that wait for the same
 //! network form a block. A field behind another is therefore evaluated only where transmittance is left.
+//!
+//! Longer than 400 lines, since each step of a ray reads and writes the same [`Part`]s.
 
 use super::Instance;
 use super::deferred::Deferred;
