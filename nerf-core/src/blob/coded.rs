@@ -80,7 +80,7 @@ impl Model {
     }
 }
 
-/// The models of a level, with the context that selects the next one.
+/// The adaptive probability models of a grid level's symbols, and the context that selects the next symbol's model.
 struct Models {
     models: [Model; 2 * CONTEXTS + SYMBOLS],
     /// The last decoded values, newest first: the context of the next value.

@@ -113,7 +113,7 @@ pub(crate) struct Spans<T = Row> {
     start: T,
     /// The first bin and the end of the bins; if nothing is sampled, the end is at most the first bin.
     bins: [T; 2],
-    /// [`Ends::parts`].
+    /// The cuts of the first and the last bin, as [`Ends::parts`] returns them.
     ends: [T; Ends::PARTS],
 }
 

@@ -19,7 +19,7 @@ use crate::memory::{Arena, Layout, Line, Measure};
 use crate::network::{Network, Weights, unpack};
 use crate::plan::{Batch, Plan};
 
-/// A scene with weights and tables in the formats of one [`Kernel`]: an instruction set and a storage of weights.
+/// Renders a scene, whose weights and tables are in the formats that one [`Kernel`] reads.
 #[derive(Clone, Debug)]
 pub struct Renderer<'a> {
     blob: Blob<'a>,

@@ -17,7 +17,7 @@ const POWER: f32 = 0.25;
 /// Most vertices per entry of a level that is searched for unread entries; with more, hardly any entry is unread.
 const SHARED: usize = 8;
 
-/// Step size of each level: the finest with which coded tables take at most `most_bytes`, but none finer than int8's.
+/// Quantisation step of each level: that of int8, or as much coarser as coded tables need to fit into `most_bytes`.
 pub(super) fn scales(grid: &GridEncoding, values: &[f32], most_bytes: Option<usize>) -> Vec<f32> {
     let finest: Vec<f32> = levels(grid, values).map(scale_of).collect();
     let squares: f64 = values.iter().map(|&value| f64::from(value).powi(2)).sum();

@@ -11,9 +11,9 @@ const TRIAL: u32 = 1_500;
 const SUMMED_FROM: u32 = 1_000;
 /// Step from which the field shows the withheld photographs as well as the others.
 pub const LEARNED_FROM: u32 = 2_000;
-/// Fewest steps of a run that withholds photographs, and fraction of the run after which withholding ends without a
-/// verdict.
+/// Number of steps below which a run withholds no photographs.
 const FEWEST_STEPS: u32 = 2 * TRIAL;
+/// Fraction of the run after which withheld photographs are trained on, whatever is known of them.
 const GIVEN_UP_AT: f64 = 0.5;
 /// Number of withheld photographs, and fewest photographs of a capture of which some are withheld.
 const COUNT: usize = 6;

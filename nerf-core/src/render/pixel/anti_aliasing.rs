@@ -83,7 +83,7 @@ impl PixelSum {
 /// Sums of median distances and normals over the rays of one pixel, requested more rarely than [`PixelSum`].
 #[derive(Clone, Copy, Default)]
 struct SurfaceSum {
-    /// Number of rays that have a median distance.
+    /// Number of rays that reach an opacity of one half, and therefore have a median distance.
     halved: u16,
     /// Sum of the median distances of the `halved` rays.
     median_distance: Sum,

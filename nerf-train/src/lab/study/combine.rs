@@ -8,7 +8,7 @@ use crate::measure::point::Settings;
 #[derive(Clone, Debug, Default)]
 pub struct Choices {
     pub knob: usize,
-    /// Settings with one value of the knob; PSNR lost against the base, dB, and multiply-adds relative to the base's.
+    /// For each value of the varied setting: all settings, PSNR lost against the base, dB, and ratio of multiply-adds.
     pub rows: Vec<(Settings, Price)>,
 }
 

@@ -131,7 +131,7 @@ pub enum Mode {
 /// Lists of values to vary around a base: an empty list keeps the base's value, a list of one value replaces it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Combinations {
-    /// Values for the knobs whose list is empty.
+    /// Values of the settings that are not varied.
     pub base: Point,
     pub lists: Vec<(Knob, Vec<f64>)>,
     pub mode: Mode,

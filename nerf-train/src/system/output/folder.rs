@@ -34,7 +34,7 @@ impl AtomicFolder {
         Ok(Self { temporary, _listed: Listed(place), target: path.to_owned() })
     }
 
-    /// Path of the hidden folder until the commit.
+    /// Path of the hidden folder to write into, which `commit` renames to the folder of results.
     pub fn place(&self) -> &Path {
         self.temporary.path()
     }
