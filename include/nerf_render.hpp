@@ -493,9 +493,12 @@ struct camera : detail::sized<nerf_camera> {
 };
 
 /// Converts a depth in normalised device coordinates to a distance along the view axis, for target::limit_z_depth;
-/// infinite at an infinite far plane. The projection is as in camera::from_matrices, with depths in [-1, 1] or [0, 1],
-/// reversed or not. OpenGL's buffer holds 0.5 * ndc + 0.5.
+/// infinite at an infinite far plane, NaN with another number of floats than 16. The projection is as in
+/// camera::from_matrices, with depths in [-1, 1] or [0, 1], reversed or not. OpenGL's buffer holds 0.5 * ndc + 0.5.
 inline float z_depth(float ndc, span<const float> projection_column_major) noexcept {
+    if (projection_column_major.size() != 16) {
+        return std::numeric_limits<float>::quiet_NaN();
+    }
     const float z = projection_column_major[14] / (ndc + projection_column_major[10]);
     return z > 0.0f ? z : std::numeric_limits<float>::infinity();
 }

@@ -223,6 +223,7 @@ void cameras_look_where_they_are_told(const nerf::scene &scene) {
         constexpr float infinity = std::numeric_limits<float>::infinity();
         CHECK(far_to(0.0f, 0.5f, 0.25f, 2.0f) && far_to(0.0f, 0.5f, 0.0f, infinity)); // reversed, without a far plane
         CHECK(far_to(-1.0f, -1.0f, 0.75f, 4.0f) && far_to(-1.0f, -1.0f, 1.0f, infinity));
+        CHECK(std::isnan(nerf::z_depth(0.5f, nerf::span<const float>(projection, 12))));
         // An inverse that was computed may have a last number that is 1 by rounding only.
         float inverse[16];
         std::copy_n(view, 16, inverse);

@@ -5,7 +5,7 @@ use super::field::Field;
 use super::march::{Packets, Rays};
 use super::pixel::{Pixels, RaySource, Surface, Target};
 use super::stages::{
-    Colour, ColumnMarch, Compositing, Deferred, Density, InFlight, Normals, Proposer, evaluate_points,
+    Colour, ColumnMarch, Compositing, Deferred, Density, Normals, Proposer, TileState, evaluate_points,
     propose,
 };
 use crate::math::Math;
@@ -16,7 +16,7 @@ use glam::Vec3;
 /// Stages of a field's frames, with their memory.
 pub(super) struct Frame<'f, 'w> {
     proposer: &'f Proposer<'f>,
-    flight: InFlight<'f, 'w>,
+    tile: TileState<'f, 'w>,
     columns: ColumnMarch<'w>,
     compositing: Compositing<'w>,
     colour: Colour<'w>,
@@ -36,7 +36,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         let (encoded, activations) = proposer.rows(field.plan);
         let encoded = network.encoded_rows().max(encoded);
         let activations = network.activation_rows().max(activations);
-        let flight = InFlight {
+        let tile = TileState {
             field,
             rays: Rays::lay_out(layout, field, around, proposer.row(field.plan)),
             density: Density::lay_out(layout, samples, encoded, activations),
@@ -44,7 +44,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         };
         Self {
             proposer,
-            flight,
+            tile,
             columns: ColumnMarch::lay_out(layout, field),
             compositing: Compositing::lay_out(layout, field),
             colour: Colour::lay_out(layout, field),
@@ -55,7 +55,7 @@ impl<'f, 'w> Frame<'f, 'w> {
 
     /// Returns a function from the eye's position to the distance of pixels without a surface, world units.
     pub fn far(&self) -> impl Fn(Vec3) -> f32 + use<'f> {
-        let plan = self.flight.field.plan;
+        let plan = self.tile.field.plan;
         move |eye| plan.far_from(eye)
     }
 
@@ -68,35 +68,35 @@ impl<'f, 'w> Frame<'f, 'w> {
         source: &impl RaySource,
         target: &mut impl Target,
     ) {
-        let flight = &mut self.flight;
-        flight.rays.start::<M, COLLIDE>(pixels, source, target);
-        if flight.rays.samples.is_on() {
-            propose::<M>(self.proposer, flight, pixels, source, target);
+        let tile = &mut self.tile;
+        tile.rays.start::<M, COLLIDE>(pixels, source, target);
+        if tile.rays.samples.is_on() {
+            propose::<M>(self.proposer, tile, pixels, source, target);
         }
-        let (field, counters, hits) = (flight.field, &mut pixels.counters, flight.rays.hits);
-        flight.surface.begin(hits);
+        let (field, counters, hits) = (tile.field, &mut pixels.counters, tile.rays.hits);
+        tile.surface.begin(hits);
         self.deferred.begin(hits);
         let (mut shares, dirs) = self.colour.shares(field);
-        shares.fill(field, &mut flight.density.scratch, dirs, head(flight.rays.states, hits), counters);
+        shares.fill(field, &mut tile.density.scratch, dirs, head(tile.rays.states, hits), counters);
         if !COLLIDE {
-            self.columns.run::<M>(flight, &mut self.deferred, counters);
+            self.columns.run::<M>(tile, &mut self.deferred, counters);
         }
         while self.step::<M, COLLIDE>(counters) {}
-        let flight = &mut self.flight;
-        self.colour.flush(flight, counters);
-        self.normals.flush(flight, counters);
-        self.deferred.shade(flight, counters);
-        for (i, state) in head(flight.rays.states, hits).iter().enumerate() {
+        let tile = &mut self.tile;
+        self.colour.flush(tile, counters);
+        self.normals.flush(tile, counters);
+        self.deferred.shade(tile, counters);
+        for (i, state) in head(tile.rays.states, hits).iter().enumerate() {
             let skipped = field.plan.samples_per_ray().saturating_sub(state.kept);
             pixels.counters.samples_skipped += u64::from(skipped);
-            pixels.finish::<M>(&state.pixel, Some((&flight.surface, i)), source, target);
+            pixels.finish::<M>(&state.pixel, Some((&tile.surface, i)), source, target);
         }
     }
 
     /// Evaluates and composites one block of samples; returns `false` if no ray is active.
     fn step<M: Math, const COLLIDE: bool>(&mut self, counters: &mut Counters) -> bool {
-        let Self { flight, compositing, .. } = self;
-        let InFlight { field, rays, density, .. } = flight;
+        let Self { tile, compositing, .. } = self;
+        let TileState { field, rays, density, .. } = tile;
         let (field, room) = (*field, density.owner.len());
         let n = rays.take::<COLLIDE>(room, |column, ray, t| density.put(column, ray, t));
         if n == 0 {
@@ -104,13 +104,13 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
         density.place(field, n, rays.states);
         density.evaluate(field, n);
-        compositing.run::<M, COLLIDE>(flight, counters);
+        compositing.run::<M, COLLIDE>(tile, counters);
         if self.deferred.is_on() {
-            self.deferred.add(flight, compositing);
+            self.deferred.add(tile, compositing);
         } else if field.plan.outputs.rgb {
-            self.colour.run(flight, compositing, counters);
+            self.colour.run(tile, compositing, counters);
         }
-        self.normals.queue(flight, compositing, counters);
+        self.normals.queue(tile, compositing, counters);
         true
     }
 
@@ -122,7 +122,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         rgb: &mut [[f32; 3]],
         counters: &mut Counters,
     ) {
-        let InFlight { field, rays, density, .. } = &mut self.flight;
+        let TileState { field, rays, density, .. } = &mut self.tile;
         let (shares, block) = self.colour.shares(*field);
         let colours = (!rgb.is_empty()).then_some((shares, block, &mut self.deferred.networks));
         evaluate_points(*field, points, rays.states, density, colours, counters, |i, density, colour| {

@@ -200,7 +200,7 @@ impl<'a> OccupancyGrid<'a> {
         for (i, &byte) in self.bits.iter().enumerate().filter(|(_, byte)| **byte != 0) {
             for bit in (0..8).filter(|bit| byte >> bit & 1 == 1) {
                 let index = 8 * i + bit;
-                // A grid with bits has no side of 0. Not before the loop: there the compiler forgets it.
+                // A grid with bits has no side of 0. Before the loops, `max` would leave a division that may panic.
                 let (ny, nz) = (ny.max(1), nz.max(1));
                 found([index / nz / ny, index / nz % ny, index % nz]);
             }

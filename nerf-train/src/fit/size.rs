@@ -32,8 +32,8 @@ const FEWER_LEVELS: usize = 2;
 /// Largest number of doublings of the configured entries, for coded tables and if the file has room. Lego, 4,000 steps,
 /// 1 MiB: 32.66 dB with 2^17 entries, 32.40 with 2^16.
 const MORE_LOG2_ENTRIES: u8 = 1;
-/// Fewest bits that are planned for a coded value: the first or, if no table fits, the second. Quantisation steps then
-/// become finer until the file is full. Lego, every tenth training photograph held out, 3.9 bits against 2.0: in 128
+/// Least number of bits per coded value for which a table is chosen; the second if no table fits with the first. The
+/// quantisation steps are then made as fine as the limit of bytes allows. Lego, every tenth training photograph held out, 3.9 bits against 2.0: in 128
 /// KiB after 4,000 steps 30.4 and 30.7 dB, after 8,000 31.42 and 31.23, after 16,000 31.83 and 31.33; in 256 KiB after
 /// 30,000 33.07 and 32.69.
 const LEAST_BITS: [f64; 2] = [3.9, 0.5];

@@ -12,7 +12,7 @@ struct Place {
     h: usize,
     /// Index of the field's first value in `Deferred::sums`.
     sums: usize,
-    /// Number of values of `h` for a ray.
+    /// Number of hidden features `h` of a sample.
     rows: usize,
 }
 

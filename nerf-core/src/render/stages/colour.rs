@@ -1,7 +1,7 @@
 //! Colours of samples: the colour branch is evaluated for picked samples, of one block or of several. The direction's
 //! share, the part of the branch that depends on the direction alone, is computed once a ray.
 
-use super::InFlight;
+use super::TileState;
 use super::compositing::Compositing;
 use super::density::narrow;
 use crate::memory::{Layout, at, column, head, head_mut, put, put_column, tail};
@@ -50,12 +50,12 @@ impl<'w> Colour<'w> {
     }
 
     /// Adds the colours of a block's picked samples to their rays, or queues the samples if few are picked.
-    pub fn run(&mut self, flight: &mut InFlight<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
-        if picks.count * QUEUED_BELOW.1 < flight.density.owner.len() * QUEUED_BELOW.0 {
-            return self.queue(flight, picks, counters);
+    pub fn run(&mut self, tile: &mut TileState<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
+        if picks.count * QUEUED_BELOW.1 < tile.density.owner.len() * QUEUED_BELOW.0 {
+            return self.queue(tile, picks, counters);
         }
-        self.flush(flight, counters);
-        let InFlight { field, rays, density, .. } = flight;
+        self.flush(tile, counters);
+        let TileState { field, rays, density, .. } = tile;
         let (shares, rgb) = self.shares(*field);
         shares.evaluate(*field, &mut density.scratch, head(density.owner, density.count), rgb);
         counters.add_colour(field.network, picks.count);
@@ -66,10 +66,10 @@ impl<'w> Colour<'w> {
     }
 
     /// Queues the block's picked samples; evaluates the queue whenever it is full.
-    fn queue(&mut self, flight: &mut InFlight<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
-        let (room, stride) = (self.owner.len(), flight.density.scratch.stride);
+    fn queue(&mut self, tile: &mut TileState<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
+        let (room, stride) = (self.owner.len(), tile.density.scratch.stride);
         for (column, weight) in picks.iter() {
-            let InFlight { field, density, .. } = &*flight;
+            let TileState { field, density, .. } = &*tile;
             let from = density.scratch.front.chunks_exact(stride.max(1));
             let rows = from.zip(self.h.chunks_exact_mut(room.max(1)));
             for (h, to) in rows.take(field.network.trunk_rows()) {
@@ -79,18 +79,18 @@ impl<'w> Colour<'w> {
             put(self.weight, self.queued, weight);
             self.queued += 1;
             if self.queued == room {
-                self.flush(flight, counters);
+                self.flush(tile, counters);
             }
         }
     }
 
     /// Evaluates the colour branch for the queue and empties it; the `h` of the current block is not changed.
-    pub fn flush(&mut self, flight: &mut InFlight<'_, '_>, counters: &mut Counters) {
+    pub fn flush(&mut self, tile: &mut TileState<'_, '_>, counters: &mut Counters) {
         let n = core::mem::take(&mut self.queued);
         if n == 0 {
             return;
         }
-        let InFlight { field, rays, density, .. } = flight;
+        let TileState { field, rays, density, .. } = tile;
         let (field, room, stride) = (*field, self.owner.len(), field.columns(n));
         narrow(self.h, field.network.trunk_rows(), [room, stride], n);
         let Scratch { encoded, back, .. } = &mut density.scratch;

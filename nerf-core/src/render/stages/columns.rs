@@ -5,7 +5,7 @@
 //! last; the next active ray then replaces it. The last rays, fewer than a vector has columns, are marched block by
 //! block.
 
-use super::InFlight;
+use super::TileState;
 use super::per_ray::Deferred;
 use crate::math::Math;
 use crate::matrix::Storage;
@@ -50,11 +50,11 @@ impl<'w> ColumnMarch<'w> {
     /// Marches active rays in SIMD lanes while there are enough to fill a vector; the remaining rays stay active.
     pub fn run<M: Math>(
         &mut self,
-        flight: &mut InFlight<'_, '_>,
+        tile: &mut TileState<'_, '_>,
         deferred: &mut Deferred<'_>,
         counters: &mut Counters,
     ) {
-        let InFlight { field, rays, density, .. } = flight;
+        let TileState { field, rays, density, .. } = tile;
         let field = *field;
         if !VECTORS || rays.active.len() < MAX_LANES {
             return;

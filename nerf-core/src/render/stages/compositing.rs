@@ -1,7 +1,7 @@
 //! Compositing: converts the densities of a block to weights, and marches the rays that have not ended to their next
 //! sample.
 
-use super::InFlight;
+use super::TileState;
 use super::density::of_rays;
 use crate::math::Math;
 use crate::memory::{Layout, at, column, head, put, put_column, tail, tail_mut};
@@ -54,14 +54,14 @@ impl<'w> Compositing<'w> {
     /// not ended to their next occupied sample. Samples behind the end of a ray are not counted.
     pub fn run<M: Math, const COLLIDE: bool>(
         &mut self,
-        flight: &mut InFlight<'_, '_>,
+        tile: &mut TileState<'_, '_>,
         counters: &mut Counters,
     ) {
         // Without vectors, a separate pass would be the same work in more code.
         if VECTORS && !COLLIDE {
-            self.absorb::<M>(flight);
+            self.absorb::<M>(tile);
         }
-        let InFlight { field, rays, density, surface } = flight;
+        let TileState { field, rays, density, surface } = tile;
         let (field, plan, medians, n) = (*field, field.plan, &mut surface.medians, density.count);
         let (room, picks) = (density.owner.len(), plan.outputs.picks());
         let Rays { states, active, samples, turn, .. } = rays;
@@ -124,7 +124,7 @@ impl<'w> Compositing<'w> {
     /// transmittance behind each sample.
     ///
     /// The exponentials, computed up to sixteen at a time, are the same bits with every instruction set.
-    fn absorb<M: Math>(&mut self, InFlight { field, rays, density, .. }: &mut InFlight<'_, '_>) {
+    fn absorb<M: Math>(&mut self, TileState { field, rays, density, .. }: &mut TileState<'_, '_>) {
         let (field, n, room) = (*field, density.count, density.owner.len());
         let (plan, isa) = (field.plan, field.isa());
         if plan.contraction.is_some() {

@@ -26,7 +26,7 @@ pub(super) use proposal::{Proposer, propose};
 pub(super) use {colour::DirectionShares, normals::Gradients, per_ray::RayNetworks};
 
 /// The rays of the current tile, and the block of samples that is being evaluated.
-pub(super) struct InFlight<'f, 'w> {
+pub(super) struct TileState<'f, 'w> {
     pub field: Field<'f>,
     pub rays: Rays<'f, 'w>,
     pub density: Density<'w>,

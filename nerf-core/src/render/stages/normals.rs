@@ -1,6 +1,6 @@
 //! Normals: density gradients at the picked samples, evaluated in separate blocks.
 
-use super::InFlight;
+use super::TileState;
 use super::compositing::Compositing;
 use super::density::{Density, narrow};
 use crate::memory::{Layout, at, column, head, put, put_column};
@@ -37,28 +37,28 @@ impl<'w> Normals<'w> {
     }
 
     /// Queues a block's picked samples for their normals; evaluates the queue whenever it is full.
-    pub fn queue(&mut self, flight: &mut InFlight<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
-        if !flight.field.plan.outputs.normals {
+    pub fn queue(&mut self, tile: &mut TileState<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
+        if !tile.field.plan.outputs.normals {
             return;
         }
         for (column, weight) in picks.iter() {
-            put(self.owner, self.queued, at(flight.density.owner, column));
-            put(self.t, self.queued, at(flight.density.t, column));
+            put(self.owner, self.queued, at(tile.density.owner, column));
+            put(self.t, self.queued, at(tile.density.t, column));
             put(self.weight, self.queued, weight);
             self.queued += 1;
             if self.queued == self.owner.len() {
-                self.flush(flight, counters);
+                self.flush(tile, counters);
             }
         }
     }
 
     /// Evaluates the queue and adds the gradients to their rays; overwrites positions and scratch of the current block.
-    pub fn flush(&mut self, flight: &mut InFlight<'_, '_>, counters: &mut Counters) {
+    pub fn flush(&mut self, tile: &mut TileState<'_, '_>, counters: &mut Counters) {
         let n = core::mem::take(&mut self.queued);
         if n == 0 {
             return;
         }
-        let InFlight { field, rays, density, surface } = flight;
+        let TileState { field, rays, density, surface } = tile;
         let (field, stride) = (*field, field.columns(n));
         for (column, (&owner, &t)) in head(self.owner, n).iter().zip(&*self.t).enumerate() {
             let p = field.plan.point(&at(rays.states, owner as usize).pixel.ray, t);

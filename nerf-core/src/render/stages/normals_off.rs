@@ -1,6 +1,6 @@
 //! In place of `normals.rs` in a build without the feature `normals`: no normals are computed.
 
-use super::InFlight;
+use super::TileState;
 use super::compositing::Compositing;
 use crate::memory::Layout;
 use crate::render::Counters;
@@ -15,7 +15,7 @@ impl<'w> Normals<'w> {
         Self(PhantomData)
     }
 
-    pub fn queue(&mut self, _: &mut InFlight<'_, '_>, _: &Compositing<'_>, _: &mut Counters) {}
+    pub fn queue(&mut self, _: &mut TileState<'_, '_>, _: &Compositing<'_>, _: &mut Counters) {}
 
-    pub fn flush(&mut self, _: &mut InFlight<'_, '_>, _: &mut Counters) {}
+    pub fn flush(&mut self, _: &mut TileState<'_, '_>, _: &mut Counters) {}
 }

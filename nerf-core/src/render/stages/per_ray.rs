@@ -5,7 +5,7 @@
 //! march: picked samples ─► Σ w h, Σ w of their ray       after the march: P = Σ w h / Σ w ─► colour branch ─► ray
 //! ```
 
-use super::InFlight;
+use super::TileState;
 use super::compositing::Compositing;
 use crate::memory::{Layout, at, column, head, head_mut, put, put_column, tail, tail_mut};
 use crate::network::{PER_RAY_BUILT, Scratch};
@@ -56,7 +56,7 @@ impl<'w> Deferred<'w> {
     }
 
     /// Adds the weighted `h` of a block's picked samples, from `scratch.front`, to the sums of `h` of their rays.
-    pub fn add(&mut self, InFlight { field, density, .. }: &InFlight<'_, '_>, picks: &Compositing<'_>) {
+    pub fn add(&mut self, TileState { field, density, .. }: &TileState<'_, '_>, picks: &Compositing<'_>) {
         for (column, weight) in picks.iter() {
             let first = at(density.owner, column) as usize * self.row;
             if let Some([sums @ .., total]) = self.sums.get_mut(first..first + self.row) {
@@ -67,9 +67,9 @@ impl<'w> Deferred<'w> {
     }
 
     /// Evaluates the colour branch for each ray whose sum of weights is above 0, and sets the ray's colour.
-    pub fn shade(&mut self, flight: &mut InFlight<'_, '_>, counters: &mut Counters) {
+    pub fn shade(&mut self, tile: &mut TileState<'_, '_>, counters: &mut Counters) {
         if self.is_on() {
-            let InFlight { field, rays, density, .. } = flight;
+            let TileState { field, rays, density, .. } = tile;
             let sums = head(self.sums, rays.hits * self.row);
             let (scratch, rays) = (&mut density.scratch, head_mut(rays.states, rays.hits));
             self.networks.shade(*field, scratch, sums, rays, counters, |state, _, _, rgb| {

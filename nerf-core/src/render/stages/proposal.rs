@@ -3,7 +3,7 @@
 //! The rays of a tile are marched through the proposal's bins with the proposal network, which has densities alone.
 //! Each ray draws its samples from the resulting weights; the rest of the frame is the same as without a proposal.
 
-use super::InFlight;
+use super::TileState;
 use crate::blob::Blob;
 use crate::encoding::GridTables;
 use crate::math::Math;
@@ -80,7 +80,7 @@ impl<'a> Proposer<'a> {
 /// Rays without an occupied sample are finished; the remaining rays are compacted.
 pub(in crate::render) fn propose<M: Math>(
     proposer: &Proposer<'_>,
-    InFlight { field, rays, density, .. }: &mut InFlight<'_, '_>,
+    TileState { field, rays, density, .. }: &mut TileState<'_, '_>,
     pixels: &mut Pixels<'_, '_>,
     source: &impl RaySource,
     target: &mut impl Target,

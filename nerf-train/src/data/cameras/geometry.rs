@@ -211,7 +211,7 @@ pub fn frusta_box(
 
 /// Smallest number of points from which distances are estimated.
 const ENOUGH_POINTS: usize = 50;
-/// Quantile of the distances to a view's points, and factor on it that gives the view's near distance: many points are
+/// A view's near distance: this quantile of the distances to the view's points, times this factor. Many points are
 /// outliers, and surfaces lie between points.
 const ONE_VIEW: (f32, f32) = (0.01, 0.7);
 

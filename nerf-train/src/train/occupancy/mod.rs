@@ -277,7 +277,7 @@ impl Occupancy {
         }
     }
 
-    /// Empties the cells without a mark, if at least `MARKED_RAYS` rays were marked.
+    /// Marks as empty the cells in which no sample had enough weight, once at least `MARKED_RAYS` rays have been seen.
     pub fn drop_unweighted(&mut self) {
         if self.marked_rays >= MARKED_RAYS {
             self.live.bits.iter_mut().zip(&self.weighted).for_each(|(live, weighted)| *live &= weighted);

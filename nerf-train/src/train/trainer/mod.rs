@@ -310,7 +310,7 @@ impl<'d> Trainer<'d> {
         let occupancy =
             self.state.occupancy.as_ref().filter(|_| self.config.occupancy.skip).map(Occupancy::lookup);
         let live_per_ray = self.state.progressed.live_per_ray;
-        // A grid field's number of live samples is that of kept samples, which is known only after the step.
+        // With a grid, the number of rays follows from the samples that are kept, which are known only after the step.
         let counted_after = self.config.network.grid.is_some();
         if let (Some(width), Some(occupancy)) = (self.step_width(share), &self.state.occupancy) {
             let march = March { step, rays: rays_of(s, 1.0, live_per_ray), width };
