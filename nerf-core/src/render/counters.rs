@@ -1,51 +1,50 @@
-//! Counters of a render's work, by which tests check without a clock that a frame pays only for the stages it uses.
+//! Counters of a render's work, with which tests check without timing that a frame runs only the stages it needs.
 
 use crate::network::Network;
 
-/// Work of a render. A render of a 2D field counts only colour evaluations, multiply-adds and invalid samples.
+/// Work of a render, as counts. For a 2D field only `colour_evaluations`, `macs` and `invalid_samples` are counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Number of rays, including rays without a sample.
+    /// Number of rays, including rays on which no sample was evaluated.
     pub rays: u64,
-    /// Number of samples at which the network was evaluated.
+    /// Number of samples at which the scene's network was evaluated.
     pub samples_kept: u64,
-    /// Number of samples without an evaluation: outside the box, in empty cells, or behind the transmittance cut. The
-    /// sum with `samples_kept` is the scene's number of samples for every ray, or more if a ray's path through the box
-    /// is longer than `near..far`: samples continue there with the same spacing.
+    /// Number of samples that were not evaluated: outside the box, in empty cells, or behind the transmittance
+    /// threshold. Kept and skipped samples of a ray add up to the plan's number of samples per ray, or to more on a ray
+    /// whose path through the box is longer than `near..far`: samples continue there with the same spacing.
     pub samples_skipped: u64,
-    /// Number of evaluations of the proposal network, which do not count as samples.
+    /// Number of evaluations of the proposal network, not included in `samples_kept`.
     pub proposal_evaluations: u64,
     /// Number of evaluations of trunk and density head.
     pub density_evaluations: u64,
-    /// Number of evaluations of the colour branch: for samples, or in a field shaded once a ray, for rays. In a 2D
-    /// field, number of evaluations of the whole network.
+    /// Number of evaluations of the colour branch: one per coloured sample, or with deferred shading one per ray. In a
+    /// 2D field, number of evaluations of the whole network.
     pub colour_evaluations: u64,
-    /// Number of gradients of the density, each a forward and a backward pass of the trunk.
+    /// Number of density gradients computed for normals, each by a forward and a backward pass of the trunk.
     pub normal_evaluations: u64,
-    /// Number of multiply-adds in layers of network and proposal network. Table reads do not count; their number is
-    /// `density_evaluations` times [`Architecture::table_reads`](crate::network::Architecture::table_reads).
+    /// Number of multiply-adds in the layers of network and proposal network. Reads of the encoding's grid tables are
+    /// not included: [`Architecture::table_reads`](crate::network::Architecture::table_reads) per density evaluation.
     pub macs: u64,
-    /// Number of invalid results of the network. A NaN density, also of the proposal network, is rendered as 0. A NaN
-    /// colour of a sample, or of a ray in a field shaded once a ray, is rendered as black. A sample whose gradient is
-    /// not finite has no normal.
+    /// Number of invalid network outputs: NaN densities, also of the proposal network, which are rendered as 0; NaN
+    /// colours, rendered as black; and density gradients that are not finite, which are left out of normals.
     pub invalid_samples: u64,
 }
 
 impl Counters {
-    /// Counts `n` samples evaluated by trunk and density head.
+    /// Counts `n` evaluations of trunk and density head, one per sample.
     pub(super) fn add_density(&mut self, network: &Network<'_>, n: usize) {
         self.samples_kept += n as u64;
         self.density_evaluations += n as u64;
         self.macs += (n * network.architecture().density_macs()) as u64;
     }
 
-    /// Counts `n` evaluations of the colour branch, without the direction's share, which is counted once a ray.
+    /// Counts `n` evaluations of the colour branch, without the work on the direction, which is counted once per ray.
     pub(super) fn add_colour(&mut self, network: &Network<'_>, n: usize) {
         self.colour_evaluations += n as u64;
         self.macs += (n * (network.architecture().colour_macs() - network.direction_macs())) as u64;
     }
 
-    /// Returns `colour`, or black for a NaN colour, which is counted as invalid.
+    /// Returns `colour`. A colour with a NaN channel is counted as invalid, and black is returned.
     pub(super) fn or_black(&mut self, colour: [f32; 3]) -> [f32; 3] {
         if colour.iter().any(|c| c.is_nan()) {
             self.invalid_samples += 1;
@@ -54,7 +53,7 @@ impl Counters {
         colour
     }
 
-    /// Counts `n` gradients: forward and backward passes of the trunk.
+    /// Counts `n` density gradients, each a forward and a backward pass of the trunk.
     #[cfg(feature = "normals")]
     pub(super) fn add_normals(&mut self, network: &Network<'_>, n: usize) {
         self.normal_evaluations += n as u64;

@@ -10,9 +10,9 @@ use crate::plan::{Batch, PlanError};
 errors! {
     /// Reason why nothing was rendered.
     RenderError:
-    /// The blob is a scene, not a 2D field.
+    /// An image of a 2D field was requested, but the blob holds a scene.
     NotAPicture => "blob: expected a 2D field, found a scene";
-    /// The plan was made for another blob.
+    /// The plan was made for another blob than the renderer.
     OtherScene => "plan: expected one of this scene, found one of another";
     /// An image of a 2D field with a side of 0 or above [`MAX_RENDER_SIDE`](super::MAX_RENDER_SIDE).
     Size { width: u32, height: u32 } =>
@@ -25,40 +25,40 @@ errors! {
         w = rect.width, h = rect.height, x = rect.x, y = rect.y;
     /// The workspace is too small; `expected` and `found` are numbers of lines of 64 bytes.
     Memory { expected: usize, found: usize } => "workspace: expected {expected} lines of 64 bytes, found {found}";
-    /// Parameters or tables that do not fit the scene's architecture.
+    /// The blob's parameters or grid tables do not fit its architecture.
     Network => "network: expected the parameters and tables of its architecture, found others";
-    /// Coded tables that cannot be decoded; [`Blob::open`](crate::blob::Blob::open) refuses such a blob.
+    /// Entropy-coded grid tables that cannot be decoded. [`Blob::open`](crate::blob::Blob::open) already refuses them.
     Tables(error: BlobError) => "{error}";
     /// The image has more pixels than fit into free memory.
     #[cfg(all(feature = "std", not(target_os = "none")))]
     ImageMemory { width: usize, height: usize } =>
         "image: expected free memory for {width}x{height} pixels, found less";
-    /// The slices of a query differ in length.
+    /// The slices passed to [`Worker::query`](super::Worker::query) differ in length.
     Lengths { positions: usize, dirs: usize, sigma: usize, rgb: usize } =>
         "query: expected slices of one length, found positions {positions}, dirs {dirs}, sigma {sigma}, rgb {rgb}";
-    /// A ray of the caller that is not finite or whose direction is not of unit length.
+    /// A caller's ray whose origin is not finite or whose direction is not of unit length.
     Ray { index: usize } => "rays[{index}]: expected a finite origin and a direction of unit length";
-    /// A ray of the caller whose range does not satisfy `0 <= t_min <= t_max`.
+    /// A caller's ray whose visible distances do not satisfy `0 <= t_min <= t_max`.
     RayRange { index: usize, t_min: f32, t_max: f32 } =>
         "rays[{index}]: expected 0 <= t_min <= t_max, found t_min {t_min}, t_max {t_max}";
-    /// A random number outside `[0, 1]`, a ray without a number, or a number without a ray.
+    /// A random number outside `[0, 1]`, a ray without a number, or a number without a ray, at `index`.
     Random { index: usize } => "random[{index}]: expected a number in [0, 1] for every ray and no more";
-    /// An axis for z_depth that is not of unit length.
+    /// The axis along which z_depth is measured is not of unit length.
     Axis { found: [f32; 3] } => "axis: expected a vector of unit length, found {found:?}";
-    /// Rays of the caller under a plan with several rays a pixel or an aperture, effects that need a camera.
+    /// The caller passes rays, but the plan has several rays per pixel or an aperture, effects that only a camera has.
     CameraEffects => "effects: expected no anti-aliasing and no aperture, which are a camera's, for rays";
-    /// No instance to render.
+    /// The list of instances is empty.
     #[cfg(feature = "instances")]
     NoInstances => "instances: expected at least one, found none";
-    /// An instance that cannot be rendered with the other instances.
+    /// The instance at `index` cannot be rendered together with the other instances.
     #[cfg(feature = "instances")]
     Instance { index: usize, problem: InstanceProblem } => "instances[{index}]: {problem}";
-    /// A query for colour along a direction that is not of unit length.
+    /// A queried point's direction is not of unit length, although colour is requested.
     Direction { index: usize, found: [f32; 3] } =>
         "dirs[{index}]: expected a vector of unit length, found {found:?}";
 }
 
-/// Checks that `memory` has at least `expected` lines.
+/// Returns [`RenderError::Memory`] if `memory` has fewer than `expected` lines of 64 bytes.
 pub(super) fn check_memory(expected: usize, memory: &[Line]) -> Result<(), RenderError> {
     let found = memory.len();
     if found < expected { Err(RenderError::Memory { expected, found }) } else { Ok(()) }
@@ -66,15 +66,15 @@ pub(super) fn check_memory(expected: usize, memory: &[Line]) -> Result<(), Rende
 
 #[cfg(feature = "instances")]
 errors! {
-    /// Reason why an instance cannot be rendered with the others.
+    /// Reason why an instance cannot be rendered together with the other instances.
     #[derive(Eq)]
     InstanceProblem:
-    /// The instance's plan was made for another blob.
+    /// The instance's plan was made for another blob than the instance's renderer.
     OtherScene => "expected a plan of this scene, found one of another";
     /// The instance's outputs, effects or batch differ from those of the last instance.
     OtherRequest => "expected outputs, effects and batch of the last instance, found others";
-    /// The instance draws samples from a proposal network: [`Quality::proposal`](crate::plan::Quality) must be off.
+    /// The instance's plan uses a proposal network: [`Quality::proposal`](crate::plan::Quality) must be off.
     Proposal => "expected a plan without a proposal network, found one with it";
-    /// The instance is an unbounded scene, and not the last instance.
+    /// An unbounded scene that is not the last instance.
     Unbounded => "expected an unbounded scene as the last instance alone, found one in front of it";
 }

@@ -1,4 +1,4 @@
-//! Report of a frame: which stages run, why the others do not, and with counters the work of each stage.
+//! Report of a frame: which stages run, why other stages are off, and, given counters, the work of each stage.
 
 use super::Counters;
 use super::field::Field;
@@ -33,18 +33,18 @@ impl Switch {
         if asked { Self::On } else { Self::NotAskedFor }
     }
 
-    /// Switch of a stage that needs a cargo feature; `built`: whether this build has the feature.
+    /// State of a stage that is in this build if `built`, and that the request needs if `asked`.
     fn built(built: bool, asked: bool) -> Self {
         if built { Self::asked(asked) } else { Self::NotBuilt }
     }
 
-    /// Returns `other` if `self` is on, else `self`, which holds the reason.
+    /// Returns `other` if `self` is on, else `self`, the reason why the stage is off.
     fn and(self, other: Self) -> Self {
         if self == Self::On { other } else { self }
     }
 }
 
-/// A stage of a frame that may be absent.
+/// A stage of a frame: its name, and whether it runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stage {
     /// Name of the stage in the report.
@@ -53,7 +53,7 @@ pub struct Stage {
     pub switch: Switch,
 }
 
-/// Report of a frame; [`Display`](fmt::Display) writes a table of one line a stage, and allocates nothing.
+/// Report of a frame's stages; [`Display`](fmt::Display) writes a table of one line per stage, without allocating.
 #[derive(Clone, Copy, Debug)]
 pub struct Explanation<'e> {
     pub(super) plan: &'e Plan<'e>,
@@ -61,23 +61,22 @@ pub struct Explanation<'e> {
     pub(super) network: &'e Network<'e>,
     /// Number of multiply-adds of one evaluation of the proposal network.
     pub(super) proposal_macs: u64,
-    /// Size of the workspace, bytes.
     pub(super) workspace: usize,
     pub(super) counters: Option<Counters>,
 }
 
 impl Explanation<'_> {
-    /// Adds the work of each stage, from the counters of a frame that was rendered with this plan.
+    /// Adds to the report the work of each stage, from the `counters` of a frame rendered with the reported plan.
     pub fn with_counters(self, counters: Counters) -> Self {
         Self { counters: Some(counters), ..self }
     }
 
-    /// Replaces the reported size of the workspace by `bytes`, for a host that needs more memory than the renderer.
+    /// Replaces the reported size of the workspace by `bytes`, for a program that needs more memory than the renderer.
     pub fn with_workspace(self, bytes: usize) -> Self {
         Self { workspace: bytes, ..self }
     }
 
-    /// The stages that may be absent from a frame, in the order in which a frame runs them.
+    /// The stages of the report, in the order in which a frame runs them.
     pub fn stages(&self) -> [Stage; 17] {
         let plan = self.plan;
         let cut = |value: f32| if value > 0.0 { Switch::On } else { Switch::SwitchedOff };
@@ -246,18 +245,18 @@ impl fmt::Display for Explanation<'_> {
     }
 }
 
-/// Numbers of multiply-adds of a frame by stage; the sum is [`Counters::macs`].
+/// Multiply-adds of a frame, stage by stage; the sum over all stages is [`Counters::macs`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shares {
     /// Multiply-adds of the proposal network.
     pub proposal: u64,
-    /// Multiply-adds of the part of the colour branch that depends on the direction alone, evaluated once a ray.
+    /// Multiply-adds of the part of the colour branch that depends on the direction alone, evaluated once per ray.
     pub direction: u64,
     /// Multiply-adds of trunk and density head.
     pub density: u64,
-    /// Multiply-adds of the colour branch without the direction's part.
+    /// Multiply-adds of the colour branch without the part that depends on the direction alone.
     pub colour: u64,
-    /// Multiply-adds of the density's gradients.
+    /// Multiply-adds of the density gradients, which normals are computed from.
     pub normals: u64,
 }
 

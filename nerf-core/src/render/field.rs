@@ -1,4 +1,4 @@
-//! A field's network and the plan of its frames: an argument of every stage of a frame.
+//! A field's network with the plan of a frame, passed to every stage of the frame.
 
 use crate::network::{Network, PER_RAY_BUILT, Shading};
 use crate::plan::Plan;
@@ -15,25 +15,23 @@ impl Field<'_> {
         self.network.isa()
     }
 
-    /// Number of samples in a block.
+    /// Number of samples that the network evaluates together, as a block.
     pub fn block_samples(&self) -> usize {
         if self.network.whole_blocks() { BLOCK } else { self.plan.batch.samples }
     }
 
-    /// Number of columns for `n` samples: `n`, or the next multiple of [`Network::columns`] for kernels of whole
-    /// blocks.
-    ///
-    /// The result in a column does not depend on the number of columns.
+    /// Number of columns, for samples and padding, of a block with `n` samples: `n`, for most kernels rounded up to a
+    /// multiple of [`Network::columns`]. Padding does not change the results of the samples.
     pub fn columns(&self, n: usize) -> usize {
         if self.network.whole_blocks() { n.next_multiple_of(self.network.columns()) } else { n }
     }
 
-    /// Whether colour is requested and computed once a ray.
+    /// Whether colour is requested and the colour branch is evaluated once per ray (deferred shading).
     pub fn shades_rays(&self) -> bool {
         PER_RAY_BUILT && self.plan.outputs.rgb && self.network.architecture().shading == Shading::PerRay
     }
 
-    /// Whether colour is requested and computed at samples.
+    /// Whether colour is requested and the colour branch is evaluated at samples.
     pub fn shades_samples(&self) -> bool {
         self.plan.outputs.rgb && !self.shades_rays()
     }

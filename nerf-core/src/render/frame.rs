@@ -1,4 +1,4 @@
-//! The frame loop of one field, from a tile's pixels over their rays to finished pixels.
+//! Rendering of a tile with one field: starts the rays of the tile's pixels, evaluates samples, finishes the pixels.
 
 use super::Counters;
 use super::field::Field;
@@ -13,7 +13,7 @@ use crate::memory::{Layout, head, put};
 use crate::space::SceneBox;
 use glam::Vec3;
 
-/// Stages of a field's frames, with their memory.
+/// The stages of one field's frames, with their buffers.
 pub(super) struct Frame<'f, 'w> {
     proposer: &'f Proposer<'f>,
     tile: TileState<'f, 'w>,
@@ -25,7 +25,7 @@ pub(super) struct Frame<'f, 'w> {
 }
 
 impl<'f, 'w> Frame<'f, 'w> {
-    /// Lays out the memory of a frame, except that of its pixels. The same code measures and allocates the memory.
+    /// Reserves the buffers of all stages, but not of [`Pixels`], in `layout`, which measures or allocates memory.
     pub fn lay_out(
         layout: &mut impl Layout<'w>,
         field: Field<'f>,
@@ -53,14 +53,14 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
     }
 
-    /// Returns a function from the eye's position to the distance of pixels without a surface, world units.
+    /// Returns a function from the camera's position to the distance of pixels that show no surface, world units.
     pub fn far(&self) -> impl Fn(Vec3) -> f32 + use<'f> {
         let plan = self.tile.field.plan;
         move |eye| plan.far_from(eye)
     }
 
-    /// Renders one ray of each pixel of the tile; with `COLLIDE` each ray ends at the collision that its random
-    /// number draws.
+    /// Renders one ray of each pixel of the tile. With `COLLIDE`, each ray ends where a photon collides with the field,
+    /// at a point drawn by the ray's random number.
     #[inline(never)]
     pub fn turn<M: Math, const COLLIDE: bool>(
         &mut self,
@@ -93,7 +93,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
     }
 
-    /// Evaluates and composites one block of samples; returns `false` if no ray is active.
+    /// Evaluates and composites the next block of samples; returns `false` if no ray is active.
     fn step<M: Math, const COLLIDE: bool>(&mut self, counters: &mut Counters) -> bool {
         let Self { tile, compositing, .. } = self;
         let TileState { field, rays, density, .. } = tile;
@@ -114,7 +114,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         true
     }
 
-    /// Computes density and colour at up to one block of points, each given by position and direction.
+    /// Computes density and colour at `points` (position, direction), at most as many as a block has samples.
     pub fn points(
         &mut self,
         points: impl Iterator<Item = (Vec3, Vec3)>,

@@ -3,9 +3,9 @@
 //! A tile's rays are marched front to back (`march`). A block holds the next occupied sample of as many active rays as
 //! fit, and trunk and density head are evaluated for the whole block. Rays above the transmittance threshold have their
 //! next sample in a later block. Samples that need a colour are collected until they fill a block for the colour
-//! branch. In a field shaded once a ray, the trunk's output `h` is composited along the ray, and the colour branch is
-//! evaluated once a ray after the march. Neither pixels nor work depend on the size of tile or batch. A 2D field has no
-//! rays: its pixels are evaluated block by block (`picture`).
+//! branch. With deferred shading, the trunk's output `h` is composited along the ray instead, and the colour branch is
+//! evaluated once per ray after the march. Neither pixels nor work depend on the size of tile or batch. A 2D field has
+//! no rays: its pixels are evaluated block by block (`picture`).
 
 mod counters;
 mod error;

@@ -1,4 +1,4 @@
-//! Time of a frame on this host, measured to choose the settings that meet a limit in milliseconds.
+//! Measured times of a frame on this host, from which the settings that meet a limit in milliseconds are chosen.
 
 use super::error::check_memory;
 use super::{Rect, RenderError, Renderer};
@@ -11,16 +11,15 @@ use crate::volume::Pixel;
 #[cfg(test)]
 mod tests;
 
-/// Approximate maximum number of pixels by which a frame is timed: a few per cent of those of a small image, and enough
-/// to fill blocks.
+/// Approximate number of pixels rendered to time a frame: a few per cent of a small image, yet enough to fill blocks.
 const SAMPLED_RAYS: u64 = 2048;
 
-/// Measured time of a frame, milliseconds, with each of the settings on a scene's Pareto front, in its order.
+/// Measured time of a frame, milliseconds, with the settings of each point on a scene's Pareto front.
 ///
 /// Valid for one host, camera and number of threads; made by [`Pace::measure`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pace {
-    /// Time of a frame by the index of the point on the Pareto front; infinity if the point was not measured.
+    /// Time of a frame, by the index of the point on the Pareto front; infinity if the point was not measured.
     pub milliseconds: [f32; MAX_FRONT],
 }
 
@@ -28,8 +27,8 @@ impl Pace {
     /// Times before any measurement: infinity at every point.
     pub const UNKNOWN: Self = Self { milliseconds: [f32::INFINITY; MAX_FRONT] };
 
-    /// Returns the point of highest PSNR on the blob's Pareto front among those whose measured time is at most
-    /// `milliseconds`, and that time. Among points of equal PSNR the cheapest is returned.
+    /// Returns a point of the blob's Pareto front and its measured time: the point of highest PSNR among those that
+    /// take at most `milliseconds`. Among points of equal PSNR the cheapest is returned.
     ///
     /// If every point takes longer, returns the fastest, with [`Choice::within`] false. `None` without a Pareto front,
     /// or if no point was measured.
@@ -47,7 +46,7 @@ impl Pace {
         }
     }
 
-    /// Number of 64-byte lines of workspace that [`Pace::measure`] needs for frames like `plan`.
+    /// Number of 64-byte lines of workspace that [`Pace::measure`] needs for frames of `plan`.
     pub fn lines(renderer: &Renderer<'_>, plan: &Plan<'_>) -> usize {
         let points = Quality::front(renderer.blob());
         let lines = points.filter_map(|(_, choice)| {
@@ -58,12 +57,12 @@ impl Pace {
 
     /// Measures the time of a frame on one thread with each of the settings on the scene's Pareto front.
     ///
-    /// `plan`: plan of a frame, whose [`Quality`] is replaced by that of each point. `clock`: microseconds since any
-    /// moment, never decreasing. About 2,048 pixels are timed, every n-th of every n-th row over the whole view, since
-    /// single tiles may be empty. Points are measured in order of rising cost; each is rendered twice, and the shorter
-    /// time counts. Once a frame would take more than `limit_milliseconds`, points of higher cost are not measured: for
-    /// an image far larger than the timed pixels, the whole measurement takes little longer than one frame at the
-    /// limit. A scene without a Pareto front yields [`Pace::UNKNOWN`].
+    /// `plan`: plan of a frame, whose [`Quality`] is replaced by that of each point. `clock`: returns microseconds
+    /// since a fixed moment, never decreasing. About 2,048 pixels are timed, every n-th pixel of every n-th row of the
+    /// whole view, since single tiles may be empty. Points are measured in order of rising cost; each is rendered
+    /// twice, and the shorter time counts. Once a frame would take more than `limit_milliseconds`, points of higher
+    /// cost are not measured: for an image far larger than the timed pixels, the whole measurement takes little longer
+    /// than one frame at the limit. A scene without a Pareto front yields [`Pace::UNKNOWN`].
     ///
     /// # Errors
     /// [`RenderError::Memory`] on less workspace than [`Pace::lines`] says.
@@ -104,7 +103,7 @@ impl Pace {
     }
 }
 
-/// Distances between timed pixels, right and down, pixels: equal, unless a side is shorter than the distance.
+/// Horizontal and vertical distance between timed pixels, pixels: equal, unless an image side is shorter than that.
 fn steps(camera: &Camera) -> (u32, u32) {
     let i = camera.intrinsics();
     let (width, height) = (u64::from(i.width), u64::from(i.height));

@@ -1,4 +1,4 @@
-//! An image of a 2D field: every pixel is one evaluation of the network, without compositing.
+//! Image of a 2D field: each pixel is one evaluation of the network, without compositing.
 
 use super::{Counters, Rect};
 use crate::camera::MAX_IMAGE_SIDE;
@@ -11,16 +11,16 @@ use crate::simd::BLOCK;
 #[cfg(test)]
 mod tests;
 
-/// Longest side of an image of a 2D field, pixels: the limit of camera images, too.
+/// Longest side of an image of a 2D field, pixels; the same limit as for a camera's image.
 ///
-/// Up to this size no two columns or rows of pixels have the same coordinate, and no pixel has the coordinate 1.
+/// Up to this size, all columns and rows of pixels have different f32 coordinates, and no coordinate is rounded to 1.
 pub const MAX_RENDER_SIDE: u32 = MAX_IMAGE_SIDE;
 
 /// Workspace for an image of a 2D field: one block of pixels.
 pub(super) struct Buffers<'w> {
-    /// `[2][stride]`.
+    /// Coordinates of the pixels' centres, x and y, in `[0, 1]`: `[2][stride]`.
     positions: &'w mut [f32],
-    /// `[3][stride]`.
+    /// Colours of the pixels: `[3][stride]`.
     rgb: &'w mut [f32],
     scratch: Scratch<'w>,
 }
@@ -43,7 +43,7 @@ impl<'w> Buffers<'w> {
     }
 }
 
-/// Renders the rectangle `rect` of an image of `size` pixels; `workspace` has room for [`Buffers`].
+/// Renders the rectangle `rect` of an image of `size` pixels (width, height); `workspace` has room for [`Buffers`].
 pub(super) fn render(
     network: &Network<'_>,
     math: MathBackend,

@@ -19,7 +19,7 @@ use crate::memory::{Arena, Layout, Line, Measure};
 use crate::network::{Network, Weights, unpack};
 use crate::plan::{Batch, Plan};
 
-/// Renders a scene, whose weights and tables are in the formats that one [`Kernel`] reads.
+/// A scene ready to be rendered: its weights and tables are in the formats that one [`Kernel`] reads.
 #[derive(Clone, Debug)]
 pub struct Renderer<'a> {
     blob: Blob<'a>,
@@ -29,13 +29,13 @@ pub struct Renderer<'a> {
 }
 
 impl<'a> Renderer<'a> {
-    /// Number of 64-byte lines of memory that [`Renderer::new`] needs. Kernels with f16 weights need memory for coded
-    /// tables alone: weights are read directly from the blob's bytes.
+    /// Number of 64-byte lines of memory that [`Renderer::new`] needs. Kernels that read f16 weights directly from the
+    /// blob's bytes need memory only for entropy-coded tables.
     pub fn prepared_lines(blob: &Blob<'_>, kernel: Kernel) -> usize {
         Measure::lines_of(|it| Prepared::lay_out(it, blob, kernel))
     }
 
-    /// Makes the renderer of a scene for `kernel`: unpacks the weights and decodes the tables, once, into `memory`.
+    /// Makes the renderer of a scene for `kernel`: unpacks weights and decodes tables into `memory`, once.
     ///
     /// # Errors
     /// [`RenderError::Memory`] if `memory` is smaller than [`Renderer::prepared_lines`] says, [`RenderError::Tables`]
@@ -54,8 +54,7 @@ impl<'a> Renderer<'a> {
         Ok(Self { blob, network, proposer, occupied })
     }
 
-    /// Returns a renderer over values that were copied for `kernel`; `occupied`: the [`CoarseOccupancy`] of the blob.
-    /// `None` if there are too few values.
+    /// Returns a renderer of `blob` over `prepared`, values copied for `kernel`; `None` if there are too few values.
     #[cfg(all(feature = "std", not(target_os = "none")))]
     pub(crate) fn of_prepared(
         blob: Blob<'a>,
@@ -67,8 +66,8 @@ impl<'a> Renderer<'a> {
         Some(Self { blob, network, proposer, occupied })
     }
 
-    /// Returns the renderer of `blob` with other network parameters, f32 in the same order, to measure the PSNR lost by
-    /// rounding. The proposal network keeps the blob's parameters; without `tables`, the grid keeps the blob's tables.
+    /// Returns a renderer of `blob` with other network parameters, f32 in the blob's order, to measure the PSNR lost by
+    /// rounding. The proposal network keeps its parameters; without `tables`, the grid keeps the blob's tables.
     ///
     /// `None` if there are too few parameters, if the blob's tables are coded and `tables` is `None`, and in builds
     /// without [`VECTORS`](crate::simd::VECTORS).
@@ -93,12 +92,12 @@ impl<'a> Renderer<'a> {
         &self.blob
     }
 
-    /// The kernel that the scene is rendered with.
+    /// The kernel that renders the scene: its instruction set and its storage of weights.
     pub fn kernel(&self) -> Kernel {
         self.network.kernel()
     }
 
-    /// The scene's network.
+    /// The network of the scene that this renderer renders.
     #[cfg(any(feature = "train", feature = "instances"))]
     #[cfg_attr(
         not(feature = "train"),
@@ -137,7 +136,7 @@ impl<'a> Renderer<'a> {
         Ok(Worker { fields, pixels: Pixels::lay_out(&mut arena, plan) })
     }
 
-    /// Calls [`Worker::render`] of a worker made for this call alone.
+    /// Renders the pixels of `rect` by [`Worker::render`], with a worker made for this call alone.
     ///
     /// # Errors
     /// As [`Renderer::worker`] and [`Worker::render`].
@@ -152,7 +151,7 @@ impl<'a> Renderer<'a> {
         self.worker(plan, workspace)?.render(camera, rect, target)
     }
 
-    /// Calls [`Worker::query`] of a worker made for this call alone.
+    /// Evaluates points by [`Worker::query`], with a worker made for this call alone.
     ///
     /// # Errors
     /// As [`Renderer::worker`] and [`Worker::query`].
@@ -182,8 +181,8 @@ impl<'a> Renderer<'a> {
 
     /// Number of 64-byte lines of workspace that one [`Renderer::render_picture`] call needs.
     ///
-    /// The number depends on `batch.samples` alone, and only for portable instructions over weights read directly from
-    /// the blob's bytes: all other kernels evaluate whole blocks.
+    /// The number depends on `batch.samples` only for portable instructions over weights read directly from the blob's
+    /// bytes: all other kernels evaluate whole blocks of pixels.
     pub fn picture_workspace_lines(&self, batch: Batch) -> usize {
         Measure::lines_of(|it| picture::Buffers::lay_out(it, &self.network, batch))
     }
@@ -192,8 +191,8 @@ impl<'a> Renderer<'a> {
     ///
     /// Pixel (x, y) has the field's colour at the pixel's centre, ((x + ½) / width, (y + ½) / height), with x to the
     /// right and y down. Coordinates run from 0 to 1 over the image, whatever its aspect ratio: every size shows the
-    /// whole field. [`PictureFacts`](crate::blob::PictureFacts) has the size without distortion. A larger size with a
-    /// `rect` inside shows a detail.
+    /// whole field. [`PictureFacts`](crate::blob::PictureFacts) has the size at which the field is not distorted. A
+    /// larger size with a `rect` inside shows a detail.
     ///
     /// `target` receives x, y and the display-encoded colour, in `[0, 1]`, of each pixel once, row by row. Within one
     /// kernel and maths backend a pixel does not depend on `rect`, on `batch` or on other threads, bit for bit. A
@@ -241,13 +240,13 @@ impl<'a> Renderer<'a> {
 
 /// Copies of those values of a scene that a kernel cannot read directly from the blob's bytes.
 ///
-/// `F`: for f32 values; `B`: for bytes. Each is a count (to size memory), a slice of the caller's memory, or a box.
-/// Without values to copy, counts are 0, and slices and boxes are empty.
+/// `F` for f32 values and `B` for bytes are counts (to size memory), slices of the caller's memory, or boxes. Without
+/// values to copy, counts are 0, and slices and boxes are empty.
 #[derive(Clone, Debug)]
 pub(crate) struct Prepared<F, B> {
     /// Values unpacked to f32: parameters of the network, parameters of the proposal network, and f16 tables.
     pub unpacked: [F; 3],
-    /// Coded tables, decoded to signed bytes.
+    /// Entropy-coded grid tables, decoded to signed bytes.
     pub decoded: B,
 }
 
@@ -268,7 +267,7 @@ impl Prepared<usize, usize> {
 }
 
 impl<'a> Prepared<&'a mut [f32], &'a mut [u8]> {
-    /// Memory for the values of a scene that must be copied for `kernel`.
+    /// Reserves memory in `layout` for the values of a scene that must be copied for `kernel`.
     #[inline]
     pub fn lay_out(layout: &mut impl Layout<'a>, blob: &Blob<'_>, kernel: Kernel) -> Self {
         let Prepared { unpacked, decoded } = Prepared::measure(blob, kernel);
@@ -281,7 +280,7 @@ impl<'a> Prepared<&'a mut [f32], &'a mut [u8]> {
 }
 
 impl<F: AsMut<[f32]>, B: AsMut<[u8]>> Prepared<F, B> {
-    /// Unpacks parameters and f16 tables, and decodes coded tables, into `self`.
+    /// Unpacks parameters and f16 tables, and decodes entropy-coded tables, into `self`.
     ///
     /// # Errors
     /// [`BlobError`] on invalid coded tables of a blob that was opened undecoded.
@@ -300,7 +299,7 @@ impl<F: AsMut<[f32]>, B: AsMut<[u8]>> Prepared<F, B> {
 }
 
 impl<'a> Prepared<&'a [f32], &'a [u8]> {
-    /// The scene's network over its values in the blob or in `self`; `None` if there are too few.
+    /// The scene's network over its values in `blob` or, where copied, in `self`; `None` if there are too few values.
     #[inline]
     fn view(&self, blob: &Blob<'a>, kernel: Kernel) -> Option<Network<'a>> {
         let [parameters, _, tables] = self.unpacked;
@@ -309,14 +308,14 @@ impl<'a> Prepared<&'a [f32], &'a [u8]> {
         Network::of_layers(blob.architecture(), blob.layers(), weights, tables, kernel.isa)
     }
 
-    /// The scene's proposal network over its values.
+    /// The scene's proposal network over its parameters in `blob` or, where copied, in `self`.
     #[inline]
     fn view_proposal(&self, blob: &Blob<'a>, kernel: Kernel) -> Proposer<'a> {
         Proposer::view(blob, kernel, self.unpacked[1])
     }
 }
 
-/// Grid tables of a scene: the blob's own, or copies as f32 (`widened`) or signed bytes (`decoded`).
+/// Grid tables of a scene: those in the blob, or copies of them as f32 (`widened`) or signed bytes (`decoded`).
 fn tables_of<'a>(blob: &Blob<'a>, kernel: Kernel, widened: &'a [f32], decoded: &'a [u8]) -> GridTables<'a> {
     let values = match blob.tables() {
         None => TableValues::F32(&[]),
@@ -328,7 +327,7 @@ fn tables_of<'a>(blob: &Blob<'a>, kernel: Kernel, widened: &'a [f32], decoded: &
     GridTables::new(values, blob.scene_box().as_ref())
 }
 
-/// Bytes of the blob's f16 tables, if the kernel needs these tables as f32.
+/// Bytes of the blob's f16 grid tables if the kernel needs them converted to f32, else `None`.
 fn widened_tables<'a>(blob: &Blob<'a>, kernel: Kernel) -> Option<&'a [u8]> {
     match blob.tables() {
         Some(StoredTables::F16(bytes)) if !(kernel.storage.in_place() || kernel.isa.reads_f16_tables()) => {

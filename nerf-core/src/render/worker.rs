@@ -1,4 +1,4 @@
-//! Workers: renderer, plan and memory, set up once for any number of frames and queries.
+//! Workers: a renderer and a plan with memory, set up once for any number of frames and queries.
 
 use super::frame::Frame;
 use super::pixel::{CameraRays, OwnRays, Pixels, rays_a_pixel};
@@ -18,18 +18,19 @@ use {
     crate::space::Placement,
 };
 
-/// Side of the square tiles into which a rectangle is divided, pixels. The rays of a small tile tend to end together.
+/// Side of the square tiles into which a rectangle is divided, pixels. Rays of a small tile tend to end after similar
+/// numbers of samples.
 pub const TILE_SIDE: u32 = 16;
 
-/// Renderer of frames of one plan, with a workspace of its own; made by [`Renderer::worker`](super::Renderer::worker).
+/// Renderer of frames of one plan, with a workspace; made by [`Renderer::worker`](super::Renderer::worker).
 ///
-/// The overhead of a call, beside its rays and points, is a few comparisons: the memory is divided beforehand.
+/// The workspace is divided once, when the worker is made: a call's overhead is a few comparisons.
 pub struct Worker<'f> {
     pub(super) fields: Fields<'f>,
     pub(super) pixels: Pixels<'f, 'f>,
 }
 
-/// The field or fields that a worker renders.
+/// Fields of a [`Worker`]: one field, or several fields in one world.
 #[cfg_attr(
     feature = "instances",
     allow(clippy::large_enum_variant, reason = "a worker is one or the other, and there is no heap")
@@ -72,12 +73,13 @@ impl<'f> Worker<'f> {
     /// Returns a worker that renders several placed fields in one frame, or one placed field.
     ///
     /// Cameras, rays, points and distances are in the world in which the instances are placed. Where fields overlap,
-    /// densities add, and colours are averaged with the densities as weights. A field shaded once a ray evaluates its
-    /// colour branch once, for the mean of its own `h` under its fraction of the weights; the ray's colour is the mean
-    /// of the fields' colours under these fractions. Two instances of a field in one place thus equal the field with
-    /// twice the density. A field is not evaluated where another field hides it. One field without a scale is rendered
-    /// in its own coordinates, at the cost of [`Renderer::worker`]; at [`Placement::IDENTITY`] the pixels, too, are the
-    /// same bits.
+    /// densities add, and colours are averaged with the densities as weights. With deferred shading
+    /// ([`Shading::PerRay`](crate::network::Shading::PerRay)) each weight of a ray is divided among the fields in
+    /// proportion to their densities. A field's colour branch is evaluated once per ray, at the mean of the field's `h`
+    /// under its parts of the weights; the ray's colour is the mean of the fields' colours under the same parts. Two
+    /// instances of a field in one place thus equal the field with twice the density. A field is not evaluated where
+    /// another field hides it. One field without a scale is rendered in its own coordinates, at the cost of
+    /// [`Renderer::worker`]; at [`Placement::IDENTITY`] the pixels, too, are the same bits.
     ///
     /// # Errors
     /// [`RenderError::NoInstances`], [`RenderError::Instance`] with the first instance that cannot be rendered with the
@@ -127,9 +129,9 @@ impl<'f> Worker<'f> {
         self.render_limited(camera, rect, |_, _| Limit::NONE, target)
     }
 
-    /// [`Worker::render`] against a depth buffer: the ray of pixel (x, y) ends at `limit(x, y)`.
+    /// Renders the pixels of `rect` against a depth buffer: the ray of pixel (x, y) ends at `limit(x, y)`.
     ///
-    /// The bin that contains the limit is cut there, not dropped: opacity is continuous in the limit. If a ray meets no
+    /// The bin that contains the limit is shortened, not dropped: opacity is continuous in the limit. If a ray meets no
     /// surface in front of the limit, its distances are the limit or, if nearer, [`Plan::far_from`] the camera.
     ///
     /// # Errors
@@ -166,7 +168,7 @@ impl<'f> Worker<'f> {
         Ok(self.counters())
     }
 
-    /// Sets whether colour is composited over the plan's background, which is the default, or over black.
+    /// Sets whether colour is composited over the plan's background, the default, or over black.
     pub fn show_background(&mut self, shown: bool) {
         self.pixels.background = shown;
     }
@@ -176,7 +178,7 @@ impl<'f> Worker<'f> {
     /// A ray may begin inside or outside of the scene. The distances of a ray without a surface are
     /// [`Plan::far_from`](crate::plan::Plan::far_from) of its origin. `z_depth` is measured along `axis`, of unit
     /// length; without an axis, `z_depth` is 0. The rays of a camera yield the camera's pixels, bit for bit, except
-    /// with jitter, whose noise is that of a row of pixels.
+    /// with jitter: random positions of samples are those of an image of one row.
     ///
     /// # Errors
     /// [`RenderError::Ray`] with the index of the first ray that is not finite or whose direction is not of unit
@@ -192,8 +194,8 @@ impl<'f> Worker<'f> {
         self.render_rays_with(rays.len(), &|i| ray_at(rays, i), axis, target)
     }
 
-    /// [`Worker::render_rays`] with rays from a function: `ray(i)` returns the `i`-th of `count` rays, the same at
-    /// every call.
+    /// Renders rays as [`Worker::render_rays`] does, but takes them from a function: `ray(i)` returns the `i`-th of
+    /// `count` rays, the same at every call.
     ///
     /// # Errors
     /// As [`Worker::render_rays`].
@@ -212,17 +214,17 @@ impl<'f> Worker<'f> {
     /// and the pixel of each ray.
     ///
     /// `random`: a number in `[0, 1]` for each ray. The number 1 counts as the largest f32 below 1, since rounding to
-    /// f32 may change a smaller number to 1. A ray collides where its opacity reaches its number; its pixel then has
-    /// opacity 1, the distances of the collision point, and colour and normal of the sample there. The pixel of a ray
-    /// without a collision has opacity 0, infinite distances and the background's colour. The probability of a sample
-    /// is its weight in [`Worker::render_rays`]: over uniform numbers, the mean colour is the colour composited there
-    /// without cuts. The plan's cuts are not used.
+    /// f32 may change a smaller number to 1. A ray collides where its opacity reaches its random number; its pixel then
+    /// has opacity 1, the distances of the collision point, and colour and normal of the sample there. The pixel of a
+    /// ray without a collision has opacity 0, infinite distances and the background's colour. The probability of a
+    /// sample is its weight in [`Worker::render_rays`]: over uniform random numbers, the mean colour is the colour
+    /// composited there without transmittance and colour cuts, which this function does not use.
     ///
-    /// In a field shaded once a ray ([`Shading::PerRay`](crate::network::Shading::PerRay)) the colour branch is
-    /// evaluated for the collision's sample alone, as by [`Worker::query`]. Since a network is not linear, the mean of
-    /// these colours is *not* the colour that [`Worker::render_rays`] composites; for opacity, distance and normal the
-    /// means are equal. A path tracer that must reproduce the field's own image draws the point with this function, and
-    /// takes the colour of the same ray from [`Worker::render_rays`].
+    /// With deferred shading ([`Shading::PerRay`](crate::network::Shading::PerRay)) the colour branch is evaluated for
+    /// the collision's sample alone, as by [`Worker::query`]. Since a network is not linear, the mean of these colours
+    /// is *not* the colour that [`Worker::render_rays`] composites; for opacity, distance and normal the means are
+    /// equal. A path tracer that must reproduce the field's own image draws the point with this function, and takes the
+    /// colour of the same ray from [`Worker::render_rays`].
     ///
     /// # Errors
     /// As [`Worker::render_rays`]; [`RenderError::Random`] with the index of the first number that is not in `[0, 1]`,
@@ -241,7 +243,7 @@ impl<'f> Worker<'f> {
         self.sample_rays_with(rays.len(), &|i| ray_at(rays, i), &number, axis, target)
     }
 
-    /// [`Worker::sample_rays`] with rays and numbers from functions, as in [`Worker::render_rays_with`].
+    /// Draws collisions as [`Worker::sample_rays`] does, with rays and random numbers from functions of an index.
     ///
     /// # Errors
     /// As [`Worker::sample_rays`].
@@ -325,8 +327,8 @@ impl<'f> Worker<'f> {
     /// `positions`, `dirs` (unit): `[n]`, world space; `sigma`: `[n]`, 1/world unit; `rgb`: `[n]`, display-encoded, or
     /// empty if no colour is requested. Points outside the scene box or in an empty cell of the plan's occupancy grid,
     /// and points whose density is NaN, have density 0 and black colour. A colour that is NaN becomes black
-    /// ([`Counters::invalid_samples`]). In a field shaded once a ray, the colour is that of a ray whose only sample is
-    /// this point.
+    /// ([`Counters::invalid_samples`]). With deferred shading, the colour of a point is that of a ray whose only sample
+    /// is the point.
     ///
     /// # Errors
     /// [`RenderError`] on lengths that differ, and on a direction that is not of unit length if colour is requested.
@@ -374,7 +376,7 @@ impl<'f> Worker<'f> {
     }
 }
 
-/// Returns the `i`-th of `rays`; callers keep `i` in range.
+/// Ray `i` of `rays`; callers keep `i` in range.
 fn ray_at(rays: &[RaySegment], i: usize) -> RaySegment {
     rays.get(i).copied().unwrap_or(Ray { origin: Vec3::ZERO, dir: Vec3::NEG_Z }.into())
 }

@@ -1,34 +1,33 @@
-//! Deferred shading of several fields: each field's `h` is composited along a ray, and shaded by the field's network.
+//! Deferred shading of several fields: each field's features `h` are composited along a ray, then shaded once per ray.
 
 use crate::memory::{Layout, at};
 use crate::render::field::Field;
 use crate::render::stages::RayNetworks;
 use core::ops::Range;
 
-/// Position of a field's values in the memory of all fields; no values if the field is not shaded once a ray.
+/// Positions of a field's values in the buffers of [`Deferred`], which all fields share; unused without deferred
+/// shading.
 #[derive(Clone, Copy, Default)]
 struct Place {
-    /// Index of the field's first value of `h`.
+    /// Index of the field's first value in `Deferred::parts`.
     h: usize,
     /// Index of the field's first value in `Deferred::sums`.
     sums: usize,
-    /// Number of hidden features `h` of a sample.
     rows: usize,
 }
 
-/// Weighted sums of hidden features `h` of the current tile's rays, for each field that is shaded once a ray.
+/// Weighted sums of hidden features `h` along the current tile's rays, for each field with deferred shading.
 pub(super) struct Deferred<'w> {
-    /// Positions of each field's values, `[instances]`.
     places: &'w mut [Place],
-    /// `h` of the current bin of each ray: for each field `[rays][rows]`.
+    /// Hidden features `h` of the sample in each ray's current bin: for each field `[rays][rows]`.
     parts: &'w mut [f32],
-    /// Σ weight · h, followed in each row by Σ weight: for each field `[rays][rows + 1]`.
+    /// Sums of each ray, for each field `[rays][rows + 1]`: Σ weight · h, one sum per feature, and last Σ weight.
     sums: &'w mut [f32],
     pub networks: RayNetworks<'w>,
 }
 
 impl<'w> Deferred<'w> {
-    /// Memory for the rays of all `fields`, and for blocks of `samples` samples of any field.
+    /// Reserves memory in `layout` for the rays of all `fields`, and for blocks of `samples` samples.
     pub fn lay_out<'n>(
         layout: &mut impl Layout<'w>,
         fields: impl Iterator<Item = Field<'n>> + Clone,
@@ -54,20 +53,20 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Index range of the weighted sums of `h` of field `member` for `count` rays from `ray` on.
+    /// Index range in `Deferred::sums` of field `member`, for `count` rays from index `ray` on.
     fn sums(&self, member: usize, ray: usize, count: usize) -> Range<usize> {
         let Place { sums, rows, .. } = at(self.places, member);
         let row = if rows > 0 { rows + 1 } else { 0 };
         sums + ray * row..sums + (ray + count) * row
     }
 
-    /// Index range of the `h` of field `member` in the current bin of `ray`.
+    /// Index range in `Deferred::parts` of field `member`, for the ray of index `ray`.
     fn h(&self, member: usize, ray: usize) -> Range<usize> {
         let Place { h, rows, .. } = at(self.places, member);
         h + ray * rows..h + (ray + 1) * rows
     }
 
-    /// Zeroes the weighted sums of `h` of the first `count` rays.
+    /// Zeroes the weighted sums of `h` of the first `count` rays, for all fields.
     pub fn begin(&mut self, count: usize) {
         for member in 0..self.places.len() {
             let sums = self.sums(member, 0, count);
@@ -75,13 +74,13 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Memory for the `h` of field `member` in the current bin of `ray`.
+    /// Memory for the `h` of field `member` at the sample in the current bin of the ray of index `ray`.
     pub fn h_mut(&mut self, member: usize, ray: usize) -> &mut [f32] {
         let range = self.h(member, ray);
         self.parts.get_mut(range).unwrap_or_default()
     }
 
-    /// Adds `weight` times the `h` of field `member` in the current bin of `ray` to the ray's sums of `h`.
+    /// Adds `weight` times the `h` in [`Deferred::h_mut`], and `weight`, to the sums of field `member` on ray `ray`.
     pub fn add(&mut self, member: usize, ray: usize, weight: f32) {
         let h = self.parts.get(self.h(member, ray)).unwrap_or_default();
         let sums = self.sums(member, ray, 1);
@@ -91,7 +90,7 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// The [`RayNetworks`], and the weighted sums of `h` of field `member` for the first `count` rays.
+    /// Returns `networks`, and the weighted sums of `h` of field `member` for the first `count` rays.
     pub fn sums_of(&mut self, member: usize, count: usize) -> (&mut RayNetworks<'w>, &[f32]) {
         let sums = self.sums.get(self.sums(member, 0, count)).unwrap_or_default();
         (&mut self.networks, sums)

@@ -1,10 +1,10 @@
 //! Rays through several fields: bin edges of all fields cut a ray into segments in which every density is constant.
 //!
 //! A ray is composited segment by segment: densities add, and colours are averaged with densities as weights. Where the
-//! next bin of a field begins, the ray waits for an evaluation of that field's network. Rays that wait for the same
-//! network form a block. A field behind another is therefore evaluated only where transmittance is left.
+//! next bin of a field begins, the ray waits for an evaluation of that field's network. Samples of rays that wait for
+//! the same network form a block. A field behind another is therefore evaluated only where transmittance is left.
 //!
-//! Longer than 400 lines, since each step of a ray reads and writes the same [`Part`]s.
+//! This file is longer than 400 lines, since each step of a ray reads and writes the same [`Part`]s.
 
 use super::Instance;
 use super::deferred::Deferred;
@@ -20,34 +20,34 @@ use crate::render::stages::{Density, DirectionShares, Gradients, evaluate_points
 use crate::volume::{Accumulator, thickness};
 use glam::Vec3;
 
-/// Largest density of a sample, 1/world unit: opaque over a bin of any width, and sums of densities stay finite.
+/// Limit to which densities are clamped, 1/world unit: still opaque over any bin, and sums of densities stay finite.
 const WALL: f32 = 1e30;
 
-/// The bin of a field that contains the ray's current distance, or else the next bin along the ray.
+/// The occupied bin of a field that contains a ray's current distance, or else the next occupied bin along the ray.
 #[derive(Clone, Copy, Default)]
 struct Part {
     known: Known,
-    /// Distance of the bin's sample, in units of the field's bins.
+    /// Distance of the bin's sample along the field's ray: field units, or steps of an unbounded scene's contraction.
     t: f32,
     /// Start of the bin, world units from the ray's start.
     from: f32,
     /// End of the bin, world units from the ray's start.
     to: f32,
-    /// Distance at which the sample is composited, world units from the ray's start.
+    /// Distance at which the sample counts in the mean `ray_distance`, world units from the ray's start.
     counts_at: f32,
     /// Density of the sample, 1/world unit.
     sigma: f32,
     rgb: Option<[f32; 3]>,
-    /// Whether the sample's `h` is stored in [`Deferred`].
+    /// Whether the sample's hidden features `h` are stored in [`Deferred`].
     deferred: bool,
-    /// Gradient of the density, in world space.
+    /// Gradient of the raw density with respect to position, world space.
     gradient: Vec3,
 }
 
 /// State of a [`Part`]: which of its values are known.
 #[derive(Clone, Copy, Default, PartialEq)]
 enum Known {
-    /// The ray has left the field.
+    /// No bin is left: the ray has left the field.
     #[default]
     Nothing,
     /// The interval of the bin is known, but its sample has not been evaluated.
@@ -56,13 +56,13 @@ enum Known {
     Sample,
 }
 
-/// A ray in the world's space, which starts where the ray enters the first field.
+/// A ray in world space. Distances are counted from the ray's start, where it enters the first field.
 #[derive(Clone, Copy)]
 struct WorldRay {
     pixel: PixelRay,
-    /// Distance up to which the ray is composited, world units from the ray's start.
+    /// Distance up to which the ray has been composited, world units from the ray's start.
     at: f32,
-    /// Index of the field whose sample must be evaluated before the ray is composited further.
+    /// Index of the field whose sample must be evaluated before compositing continues; `None` if the ray has ended.
     waits_for: Option<u32>,
 }
 
@@ -70,33 +70,32 @@ impl WorldRay {
     const NONE: Self = Self { pixel: PixelRay::NONE, at: f32::NEG_INFINITY, waits_for: None };
 }
 
-/// State and memory of a worker that renders several fields.
+/// State and memory for rendering several fields in one frame.
 pub(in crate::render) struct Merge<'f, 'w> {
     instances: &'f [Instance<'f>],
-    /// Index of the current ray among the rays of each pixel, the same for all pixels of the tile.
+    /// Index, among the rays of each pixel, of the ray that is being rendered; the same for all pixels of the tile.
     turn: u32,
-    /// The rays in the space of each field, `[instances][batch]`.
+    /// State of each ray in the coordinates of each field: `[instances][rays]`.
     rays: &'w mut [RayState],
-    /// The current or next bin of each field on each ray, `[instances][batch]`.
+    /// Current or next bin of each field on each ray: `[instances][rays]`.
     parts: &'w mut [Part],
-    /// The rays in the world's space, `[batch]`.
     world: &'w mut [WorldRay],
     surface: Surface<'w>,
-    /// Values of the [`DirectionShares`] of all instances, one after another, of different lengths.
+    /// Values of each instance's [`DirectionShares`], concatenated; their number differs between instances.
     shares: &'w mut [f32],
     deferred: Deferred<'w>,
-    /// Memory of a block of samples, large enough for each of the networks.
+    /// Buffers of a block of samples, large enough for the network of any instance.
     density: Density<'w>,
-    /// Index of the ray of each picked sample, whose colour or gradient is evaluated: `[samples]`.
+    /// Index of the ray of each sample whose colour or gradient is evaluated: `[samples]`.
     picked: &'w mut [u32],
-    /// `[3][samples]`: directions of a block of rays, then colours of a block of samples.
+    /// Directions of a block of rays, later overwritten by the colours of a block of samples: `[3][samples]`.
     rgb: &'w mut [f32],
     gradients: Gradients<'w>,
 }
 
 impl<'f, 'w> Merge<'f, 'w> {
-    /// Lays out the memory of a worker of `instances`, except that of its pixels. The same code measures and allocates
-    /// the memory. `networks`: the instances' networks; `plan`: the plan of the last instance.
+    /// Reserves the buffers of a worker of `instances` in `layout`, which measures or allocates memory; those of
+    /// [`Pixels`] are separate. `networks`: the instances' networks; `plan`: the plan of the last instance.
     pub fn lay_out<'n>(
         layout: &mut impl Layout<'w>,
         instances: &'f [Instance<'f>],
@@ -128,8 +127,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Returns a function from the eye's position to the distance of pixels without a surface, world units: at least
-    /// the distance of anything in any field.
+    /// Returns a function from the camera's position to the distance of pixels that show no surface, world units: at
+    /// least the distance of any point of any field.
     pub fn far(&self) -> impl Fn(Vec3) -> f32 + use<'f> {
         let instances = self.instances;
         move |eye| {
@@ -139,8 +138,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Renders one ray of each pixel of the tile; with `COLLIDE` each ray ends at the collision that its random number
-    /// draws.
+    /// Renders one ray of each pixel of the tile. With `COLLIDE`, each ray ends where a photon collides with a field,
+    /// at a point drawn by the ray's random number.
     pub fn turn<M: Math, const COLLIDE: bool>(
         &mut self,
         pixels: &mut Pixels<'_, '_>,
@@ -178,7 +177,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Starts ray `i` of the tile, that of pixel `(x, y)`, and marches it to the first occupied bin of each field.
+    /// Starts ray `i` of the tile, through pixel `(x, y)`, and marches it to the first occupied bin of each field.
     fn start<const COLLIDE: bool>(&mut self, (x, y): (u32, u32), i: usize, source: &impl RaySource) {
         let (capacity, ray) = (self.world.len(), source.ray(x, y));
         let range = source.range(x, y, &ray);
@@ -223,7 +222,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         state.next += 1;
     }
 
-    /// Computes the direction's share of the colour branch of field `member`, for the first `count` rays.
+    /// Evaluates field `member`'s colour branch as far as it depends on direction alone, for the first `count` rays.
     fn directions(&mut self, member: usize, count: usize, counters: &mut Counters) {
         let Some(it) = self.instances.get(member) else { return };
         let first = member * self.world.len();
@@ -235,7 +234,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Adds the colour of field `member`, if it is shaded once a ray, to each of the first `count` rays.
+    /// Adds the colours of field `member`, if its shading is deferred, to the first `count` rays.
     fn shade(&mut self, member: usize, count: usize, counters: &mut Counters) {
         let field = self.instances.get(member).map(|it| it.field());
         let Some(field) = field.filter(|field| field.shades_rays()) else { return };
@@ -249,7 +248,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         });
     }
 
-    /// Evaluates each field at the samples that rays wait for; returns `false` if no ray waits.
+    /// Evaluates and composites the samples that the first `count` rays wait for; returns `false` if no ray waits.
     fn round<M: Math, const COLLIDE: bool>(&mut self, count: usize, counters: &mut Counters) -> bool {
         let mut any = false;
         for member in 0..self.instances.len() {
@@ -277,7 +276,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         any
     }
 
-    /// Evaluates field `member` at the block's `n` samples, each on a ray of its own.
+    /// Evaluates field `member` at the `n` samples in `self.density`, which lie on `n` different rays.
     fn ask<const COLLIDE: bool>(&mut self, member: usize, n: usize, counters: &mut Counters) {
         let Some(it) = self.instances.get(member) else { return };
         let (field, first, density) = (it.field(), member * self.world.len(), &mut self.density);
@@ -385,8 +384,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Composites the segment `from..to` of ray `i`, of total density `sigma`, at the distance `counts_at`, or if that
-    /// is `None` at the segment's middle.
+    /// Composites the segment `from..to` of ray `i`; `sigma`: sum of the fields' densities. In the mean `ray_distance`
+    /// the segment counts at distance `counts_at`, or if that is `None` at the segment's middle.
     fn composite<M: Math, const COLLIDE: bool>(
         &mut self,
         i: usize,
@@ -446,7 +445,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Computes density and colour at up to one block of points, each given by position and direction.
+    /// Computes density and colour at `points` (position, direction), at most as many as a block has samples.
     pub fn points(
         &mut self,
         points: impl Iterator<Item = (Vec3, Vec3)> + Clone,
@@ -474,7 +473,7 @@ impl<'f, 'w> Merge<'f, 'w> {
     }
 }
 
-/// The [`DirectionShares`] of instance `member`, a part of the `values` of all instances.
+/// The [`DirectionShares`] of instance `member`, out of `values`, which holds those of all instances.
 fn shares_at<'a>(
     instances: &[Instance<'_>],
     samples: usize,

@@ -12,13 +12,14 @@ use super::{InstanceProblem, RenderError, Renderer};
 use crate::plan::Plan;
 use crate::space::Placement;
 
-/// A field placed in a host's world.
+/// A field placed in the caller's world.
 #[derive(Clone, Copy, Debug)]
 pub struct Instance<'a> {
     /// The field's renderer.
     pub renderer: &'a Renderer<'a>,
-    /// The field's plan; its range is in the field's own units. Outputs, effects and batch must be the same in all
-    /// instances. Transmittance cut and background are those of the last instance; each field has its own colour cut.
+    /// The field's plan; its distances are in the field's units. Outputs, effects and batch must be the same in all
+    /// instances. The background and the transmittance below which a ray ends are those of the last instance. Each
+    /// field has its own threshold of the weight above which a sample's colour is evaluated.
     pub plan: &'a Plan<'a>,
     /// The field's placement in the world.
     pub placement: Placement,
@@ -30,7 +31,7 @@ impl<'a> Instance<'a> {
     }
 }
 
-/// Returns the last instance, or an error that names the first instance that cannot be rendered with the others.
+/// Returns the last instance, or an error with the index of the first instance that cannot be rendered with the others.
 pub(super) fn check<'i, 'f>(instances: &'i [Instance<'f>]) -> Result<&'i Instance<'f>, RenderError> {
     let last = instances.last().ok_or(RenderError::NoInstances)?;
     for (index, Instance { renderer, plan, .. }) in instances.iter().enumerate() {

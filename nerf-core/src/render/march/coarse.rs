@@ -1,4 +1,4 @@
-//! A coarse occupancy grid, which rejects packets of rays through empty cells alone and bounds the march of all others.
+//! Coarse occupancy grid, which rejects packets of rays through empty cells and limits the march of all other rays.
 
 use crate::camera::Ray;
 use crate::plan::{Lattice, Plan};
@@ -10,25 +10,25 @@ use glam::Vec3;
 #[cfg(test)]
 mod tests;
 
-/// Size of a coarse grid's bits, bytes; 0 in builds without vectors.
+/// Size of [`CoarseOccupancy::bits`], bytes; 0 in builds without SIMD vectors.
 const BYTES: usize = if VECTORS { 4096 } else { 0 };
-/// Least number of the occupancy grid's cells along each side of a block; more if there would be too many blocks.
+/// Least number of cells along each side of a block; blocks are larger if their bits would need over [`BYTES`] bytes.
 const SIDE: u16 = 4;
-/// Largest displacement of a point by rounding, in cells.
+/// Upper bound of a point's rounding error, in cells of the occupancy grid.
 const SLACK: f32 = 0.5;
 
-/// Bounds of an occupancy grid's occupied cells: a box around all of them, and blocks of cells.
+/// Coarse copy of an occupancy grid: a box around all occupied cells, and one bit for each block of cells.
 #[derive(Clone, Debug)]
 pub(crate) struct CoarseOccupancy {
     pub(in crate::render) around: Option<SceneBox>,
-    /// One bit a block: whether the block or a neighbour has an occupied cell.
+    /// One bit a block: whether the block or a neighbouring block has an occupied cell.
     bits: [u8; BYTES],
     /// Number of cells along each side of a block; 0 if there are no blocks.
     side: u16,
 }
 
 impl CoarseOccupancy {
-    /// Computes the bounds of the occupied cells of `occupancy`.
+    /// Computes the box and the blocks of the occupied cells of `occupancy`.
     pub fn new(occupancy: Option<&OccupancyGrid<'_>>) -> Self {
         let around = occupancy.and_then(|occupancy| occupancy.occupied_box());
         let mut coarse = Self { around, bits: [0; BYTES], side: 0 };
@@ -41,13 +41,13 @@ impl CoarseOccupancy {
         coarse
     }
 
-    /// The lookup of ray packets for frames of `plan`; `None` with a contraction, a proposal, or no occupancy grid.
+    /// Test of ray packets for frames of `plan`; `None` with a contraction, a proposal network, or no occupancy grid.
     pub(in crate::render) fn packets<'c>(&'c self, plan: &Plan<'c>) -> Option<Packets<'c>> {
         let straight = plan.lattice != Lattice::Contracted && plan.proposal.is_none();
         if straight { self.packets_of(plan.occupancy.as_ref()?) } else { None }
     }
 
-    /// The lookup of ray packets; `occupancy`: the grid from which this coarse grid was made.
+    /// Test of ray packets; `occupancy`: the grid that this one was made from. `None` without occupied cells or blocks.
     fn packets_of<'c>(&'c self, occupancy: &OccupancyGrid<'c>) -> Option<Packets<'c>> {
         let around = self.around.filter(|_| VECTORS && self.side > 0)?;
         let reach = (f32::from(self.side) - SLACK) / occupancy.cells_per_unit.max_element();
@@ -90,20 +90,20 @@ pub(crate) fn set(bits: &mut [u8], at: usize) {
     }
 }
 
-/// Lookup of ray packets in a [`CoarseOccupancy`].
+/// Test of packets of rays: which intervals along the rays may have occupied cells, by a [`CoarseOccupancy`].
 #[derive(Clone, Copy, Debug)]
 pub(in crate::render) struct Packets<'c> {
     blocks: OccupancyGrid<'c>,
     /// A box around all occupied cells, enlarged by `reach` on every side.
     around: SceneBox,
-    /// Distance along each axis, from any point of an unset block, within which no cell is occupied; world units.
+    /// Distance along each axis around a point of a block with bit 0, within which no cell is occupied; world units.
     reach: f32,
 }
 
 impl Packets<'_> {
-    /// The intervals along `rays` that may have occupied cells; `None` if no interval may have any.
+    /// Intervals along `rays` that may have occupied cells; `None` if all cells along the rays are empty.
     ///
-    /// The mean ray is looked up at [`INTERVALS`] points, each of which represents the nearby points of all rays.
+    /// Only the mean of the rays is looked up, at [`INTERVALS`] points; each represents nearby points of all rays.
     pub fn intervals_of(&self, isa: Isa, rays: &[Ray]) -> Option<Intervals> {
         let share = 1.0 / rays.len() as f32;
         let (mut origin, mut dir) = (Vec3::ZERO, Vec3::ZERO);
@@ -141,27 +141,27 @@ impl Packets<'_> {
 /// Intervals along the rays of a packet that may have occupied cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::render) struct Intervals {
-    /// Bit `i`: whether the interval from `near + i step` on, or one next to it, may have occupied cells.
+    /// Bit `i`: whether interval `i`, from distance `near + i step` on, or a neighbouring one may have occupied cells.
     found: u64,
     near: f32,
-    /// Width of an interval, world units along the rays; +∞ if nothing is known.
+    /// Width of an interval, world units along the rays; +∞ in [`Intervals::ALL`].
     step: f32,
 }
 
 impl Intervals {
-    /// Occupied cells may be anywhere.
+    /// Nothing is known: every interval may have occupied cells.
     pub const ALL: Self = Self { found: u64::MAX, near: 0.0, step: f32::INFINITY };
 }
 
-/// Bins of a ray that may have a sample in an occupied cell: the [`Intervals`] of the ray's packet, in bins.
+/// Bins of a ray that may have a sample in an occupied cell: the [`Intervals`] of the ray's packet, converted to bins.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::render) struct CandidateBins {
     found: u64,
-    /// Position of the middle of bin 0, in intervals from the start of the first interval.
+    /// Position of the middle of bin 0, in widths of an interval from the start of the first interval.
     first: f32,
-    /// Width of a bin, in intervals.
+    /// Width of a bin, in widths of an interval.
     per_bin: f32,
-    /// Width of an interval, in bins.
+    /// Width of an interval, in widths of a bin.
     bins: f32,
 }
 
@@ -169,7 +169,8 @@ impl CandidateBins {
     /// Every bin is a candidate.
     pub const ALL: Self = Self { found: u64::MAX, first: 0.0, per_bin: 0.0, bins: 0.0 };
 
-    /// Converts `intervals` to a ray's bins; `start`: distance along the ray from which `bins` count, world units.
+    /// Converts `intervals` to a ray's `bins`; `start`: distance along the ray at which the bins' distances begin,
+    /// world units.
     pub fn new(intervals: &Intervals, bins: &Bins, start: f32) -> Self {
         let Intervals { found, near, step } = *intervals;
         let per_bin = bins.delta() / step;
@@ -181,7 +182,7 @@ impl CandidateBins {
         Self { found, first, per_bin, bins: step / bins.delta() }
     }
 
-    /// Index of the first candidate bin from `bin` on; the largest `u32` if there is none.
+    /// Index of the first candidate at or after `bin`; the largest `u32` if there is none.
     #[inline]
     pub fn next(&self, bin: u32) -> u32 {
         // The cast saturates. Rounding may put a bin just behind the last interval.
@@ -193,7 +194,7 @@ impl CandidateBins {
         }
     }
 
-    /// Index of a bin behind all candidates.
+    /// Index that is greater than those of all candidates.
     pub fn end(&self) -> u32 {
         let intervals = 64 - self.found.leading_zeros();
         if self.per_bin == 0.0 || intervals == INTERVALS {
@@ -203,14 +204,14 @@ impl CandidateBins {
     }
 }
 
-/// Upper bound of the inverse length of a direction, whose length is 1 within 1e-3.
+/// Upper bound of 1 / length of a ray's direction: lengths within 1e-3 of 1 are accepted.
 const LENGTH: f32 = 1.002;
-/// Number of intervals that a packet's path through the box is divided into; each is looked up in its middle.
+/// Number of equal intervals of a packet's path through the box; each is looked up at its middle.
 const INTERVALS: u32 = 64;
-/// Largest error of a point's distance by rounding, in intervals.
+/// Largest accepted rounding error of a distance along the ray, in widths of an interval.
 const MOST_ROUNDING: f32 = 0.25;
 
-/// Lookup of [`INTERVALS`] intervals of width `step` from `near` on: sets bit `i` if interval `i` may be occupied.
+/// Lookup of [`INTERVALS`] intervals of width `step` along `ray`. Bit `i`: whether interval `i` may be occupied.
 struct LookUp<'a> {
     packets: &'a Packets<'a>,
     ray: &'a Ray,
@@ -234,7 +235,7 @@ impl Op for LookUp<'_> {
     }
 }
 
-/// The points of a ray at a vector of distances.
+/// Points of `ray` at the distances `t`, one per SIMD lane.
 #[inline(always)]
 pub(super) fn points_at<V: Lanes>(ray: &Ray, t: V) -> [V; 3] {
     let (mut origin, mut dir) = ([t; 3], [t; 3]);

@@ -1,4 +1,4 @@
-//! State of a ray, and its march to the next occupied sample: that of a bin, or one drawn from a proposal's weights.
+//! State of a ray, and its march to the next occupied sample: one in a bin, or one drawn from a proposal's weights.
 
 use super::coarse::CandidateBins;
 use super::window::{LookUp, Window};
@@ -16,13 +16,13 @@ use glam::Vec3;
 #[derive(Clone, Copy)]
 pub(in crate::render) struct RayState {
     pub pixel: PixelRay,
-    /// Cuts of the ray's outermost bins.
+    /// Distances at which the ray's first and last bin are cut.
     pub ends: Ends,
-    /// Index of the next bin or drawn sample.
+    /// Index of the next bin, or of the next sample drawn from the proposal network's weights.
     pub next: u32,
-    /// Index behind the last bin or drawn sample.
+    /// Index after the last bin or drawn sample.
     pub end: u32,
-    /// The bins last looked up in the occupancy grid.
+    /// Occupancy of the bins that were last looked up in the occupancy grid.
     pub window: Window,
     /// The bins that may have a sample in an occupied cell; empty without vectors, where all bins are candidates.
     pub candidates: [CandidateBins; VECTORS as usize],
@@ -47,12 +47,12 @@ impl RayState {
         kept: 0,
     };
 
-    /// State of queried point number `index`, at `origin` in the network's space.
+    /// Stores the queried point of number `index` as the origin of a ray, in the network's space.
     pub fn of_point(origin: Vec3, dir: Vec3, index: usize) -> Self {
         Self { pixel: PixelRay { ray: Ray { origin, dir }, x: index as u32, ..PixelRay::NONE }, ..Self::NONE }
     }
 
-    /// Starts the ray of pixel `(x, y)`, before its first sample; `span`: the part of the ray that is sampled.
+    /// Sets the state to the start of the ray of pixel `(x, y)`; `span`: part of the ray that is sampled, if any.
     #[inline]
     pub fn begin(&mut self, (x, y): (u32, u32), ray: Ray, range: [f32; 2], span: Option<Span>) {
         *self = Self { pixel: PixelRay { ray, range, x, y, done: false, ..PixelRay::NONE }, ..Self::NONE };
@@ -62,7 +62,7 @@ impl RayState {
         }
     }
 
-    /// Advances `next` to the first occupied bin from `next` on; returns `false` if there is none.
+    /// Advances `next` to the first occupied bin at or after `next`; returns `false` if there is none.
     #[cfg_attr(target_os = "none", inline(never))]
     pub fn march(&mut self, isa: Isa, plan: &Plan<'_>, bins: &Bins, jitter: SampleJitter) -> bool {
         if VECTORS && self.march_looked_up() {
@@ -81,7 +81,7 @@ impl RayState {
         self.next < self.end
     }
 
-    /// Advances `next` to the first occupied bin among those already looked up; returns `false` if there is none.
+    /// Advances `next` to the first occupied bin in `window` at or after `next`; returns `false` if there is none.
     #[inline]
     pub fn march_looked_up(&mut self) -> bool {
         let found = self.window.left(self.next).filter(|&bin| bin < self.end);
@@ -90,19 +90,19 @@ impl RayState {
     }
 }
 
-/// The occupancy grid, if bins are looked up a [`Window`] at a time.
+/// The occupancy grid if a [`Window`] of bins is looked up at a time; `None` if bins are looked up one by one.
 #[inline]
 pub(super) fn windows<'p>(isa: Isa, plan: &'p Plan<'_>) -> Option<&'p OccupancyGrid<'p>> {
     plan.occupancy.as_ref().filter(|_| VECTORS && isa != Isa::Portable && plan.effects.jitter.is_none())
 }
 
-/// [`RayState::march`] of several rays, with samples in the middle of bins.
+/// [`RayState::march`] for several rays whose samples lie in the middle of their bins.
 pub(super) struct MarchAll<'a> {
     pub occupancy: &'a OccupancyGrid<'a>,
     pub contraction: Option<&'a Contraction>,
     pub bins: &'a Bins,
     pub rays: &'a mut [RayState],
-    /// Indices of the rays to march.
+    /// Indices in `rays` of the rays to march.
     pub list: &'a [u32],
     /// Whether no occupied cell lies at a face of the scene box.
     pub inner: bool,
@@ -125,7 +125,7 @@ impl Op for MarchAll<'_> {
     }
 }
 
-/// Queue of the rays whose next sample is occupied, each at most once, in a ring buffer.
+/// Queue, in a ring buffer, of the rays whose next sample is in an occupied cell, each at most once.
 pub(in crate::render) struct ActiveRays<'w> {
     ring: &'w mut [u32],
     first: usize,
@@ -159,15 +159,16 @@ impl<'w> ActiveRays<'w> {
 /// Whether this build evaluates proposal networks.
 pub(in crate::render) const PROPOSAL_BUILT: bool = cfg!(feature = "proposal");
 
-/// Samples of the current tile's rays, drawn from the proposal's weights; empty in a build without proposals.
+/// Distances of the current tile's samples drawn from a proposal network's weights; empty in builds without proposals.
 pub(in crate::render) struct ProposalSamples<'w>([Rows<'w>; PROPOSAL_BUILT as usize]);
 
-/// A row of samples for each ray; empty if the frame uses the plan's bins and draws no samples.
+/// A row of sample distances for each ray; empty if the frame draws no samples and uses the plan's bins.
 struct Rows<'w> {
-    /// Distances of samples, ascending: `[rays][row]`. Until samples are drawn, a row ends with the proposal's weights.
+    /// Distances of each ray's samples, ascending: `[rays][row]`. Until samples are drawn, the weights of the
+    /// proposal's bins are stored at the end of each row.
     t: &'w mut [f32],
     row: usize,
-    /// Index of each sample of a block in its ray's row, or index of its bin in the proposal: `[samples]`.
+    /// Index of each sample of a block in its row, or, before samples are drawn, of its proposal bin: `[samples]`.
     index: &'w mut [u32],
 }
 
@@ -178,7 +179,7 @@ impl Rows<'_> {
 }
 
 impl<'w> ProposalSamples<'w> {
-    /// Memory for `row` samples of each of `rays` rays; no memory if `row` is 0.
+    /// Reserves memory for `row` samples on each of `rays` rays and for blocks of `samples`; no memory if `row` is 0.
     pub fn lay_out(layout: &mut impl Layout<'w>, [rays, samples, row]: [usize; 3]) -> Self {
         Self([(); PROPOSAL_BUILT as usize].map(|()| {
             let index = layout.slice(if row == 0 { 0 } else { samples }, 0);
@@ -186,19 +187,18 @@ impl<'w> ProposalSamples<'w> {
         }))
     }
 
-    /// The rows, if samples are drawn.
     #[inline]
     fn rows(&self) -> Option<&Rows<'w>> {
         self.0.first().filter(|rows| rows.row > 0)
     }
 
-    /// Whether samples are drawn.
+    /// Whether samples are drawn from a proposal network's weights.
     #[inline]
     pub fn is_on(&self) -> bool {
         self.rows().is_some()
     }
 
-    /// Advances `state.next` to ray `ray`'s first occupied sample from there on; returns `false` if there is none.
+    /// Advances `state.next` to the first occupied sample of `ray` at or after it; returns `false` if there is none.
     #[inline]
     pub fn march(&self, field: Field<'_>, ray: u32, state: &mut RayState, jitter: SampleJitter) -> bool {
         let plan = field.plan;
@@ -210,7 +210,8 @@ impl<'w> ProposalSamples<'w> {
         state.next < state.end
     }
 
-    /// Returns the distance of ray `ray`'s next sample, and stores the sample's index for column `column` of the block.
+    /// Returns the distance of the next sample of `ray`, and stores the sample's index for column `column` of the
+    /// block.
     #[inline]
     pub fn take(
         &mut self,
@@ -227,7 +228,7 @@ impl<'w> ProposalSamples<'w> {
         at(rows.of(ray), state.next as usize)
     }
 
-    /// The interval of the sample at `t` in column `column` of the block.
+    /// Interval of the sample of `ray` at distance `t`, in column `column` of the block.
     #[inline]
     pub fn interval(
         &self,
@@ -249,27 +250,27 @@ impl<'w> ProposalSamples<'w> {
         SampleInterval { t: t.max(t_min).min(t_max), mid, delta }
     }
 
-    /// Clears the rows of the first `rays` rays, for their march through the proposal.
+    /// Zeroes the rows of the first `rays` rays, before their march through the proposal's bins.
     pub fn begin(&mut self, rays: usize) {
         self.0.iter_mut().for_each(|rows| head_mut(rows.t, rays * rows.row).fill(0.0));
     }
 
-    /// Stores `bin`, the ray's bin in column `column` of the block.
+    /// Stores `bin` as the index of the proposal bin that column `column` of the block evaluates.
     #[inline]
     pub fn take_bin(&mut self, bin: u32, column: usize) {
         self.0.iter_mut().for_each(|rows| put(rows.index, column, bin));
     }
 
-    /// Stores the weight of the bin in column `column` of the block; `drawn`: number of values in front of a row's
-    /// weights.
+    /// Stores the weight of the proposal bin that column `column` of the block evaluates, in the row of `ray`. `drawn`:
+    /// index of the first weight in a row.
     pub fn put_weight(&mut self, ray: u32, column: usize, drawn: usize, weight: f32) {
         for Rows { t, row, index } in &mut self.0 {
             put(t, ray as usize * *row + drawn + at(index, column) as usize, weight);
         }
     }
 
-    /// Draws samples by the weights of ray `from` in the `coarse` bins, and stores them in the row of ray `to`, which
-    /// is at most `from`. Returns the number of samples.
+    /// Draws samples of ray `from` by the weights of its `coarse` proposal bins, and stores their distances in row
+    /// `to`, which is at most `from`. Returns the number of samples.
     pub fn draw(&mut self, coarse: &Bins, from: usize, to: usize, jitter: SampleJitter) -> u32 {
         debug_assert!(to <= from, "expected a row at or before {from}, found {to}");
         let Some(&mut Rows { ref mut t, row, .. }) = self.0.first_mut() else { return 0 };

@@ -1,9 +1,9 @@
 //! Ray marching: each block holds the next occupied sample of as many active rays as fit.
 //!
-//! A block holds one sample of a ray, so that the ray's transmittance is known before its next sample is evaluated. If
-//! fewer rays are active than a vector has columns, further samples of the same rays fill the remaining columns, which
-//! would otherwise hold copies. Samples that prove to lie behind the transmittance threshold are dropped and not
-//! counted: the counted work of a frame depends on the scene and the request alone, as its pixels do.
+//! Usually a block holds one sample of a ray: the ray's transmittance is then known before its next sample is
+//! evaluated. If the active rays do not fill a vector, further samples of the same rays fill the remaining columns,
+//! which would otherwise be padding. Samples that prove to lie behind the transmittance threshold are dropped and not
+//! counted: the counted work of a frame, like its pixels, depends on the scene and the request alone.
 
 use super::coarse::{CandidateBins, Intervals, Packets};
 use super::ray::{ActiveRays, MarchAll, ProposalSamples, RayState, windows};
@@ -18,17 +18,17 @@ use crate::simd::{MAX_LANES, VECTORS};
 use crate::space::SceneBox;
 use crate::volume::Accumulator;
 
-/// Width and height, in rays, of a packet that is looked up in the coarse occupancy grid as a whole. In a tile of one
-/// row a packet has the same number of rays, in a row. At most [`MAX_LANES`] rays.
+/// Width and height of a packet of rays, which is tested against the coarse occupancy grid as a whole. In a tile one
+/// pixel high, a packet is a row of as many rays. At most [`MAX_LANES`] rays.
 const PACKET: (u32, u32) = (4, 4);
 
-/// The rays of a tile that meet an occupied cell.
+/// The rays of the current tile that meet an occupied cell.
 pub(in crate::render) struct Rays<'f, 'w> {
     field: Field<'f>,
-    /// A box around the occupied cells of the occupancy grid.
+    /// A box around all occupied cells of the occupancy grid; `None` if there is no occupied cell or no grid.
     occupied: Option<SceneBox>,
-    /// Whether no cell at a face of the scene box is occupied; always `false` in builds without vectors, which
-    /// shortens their code.
+    /// Whether no occupied cell lies at a face of the scene box. Always `false` in builds without vectors, to keep the
+    /// builds small.
     inner: bool,
     packets: [Option<Packets<'f>>; VECTORS as usize],
     pub states: &'w mut [RayState],
@@ -36,12 +36,12 @@ pub(in crate::render) struct Rays<'f, 'w> {
     pub hits: usize,
     pub active: ActiveRays<'w>,
     pub samples: ProposalSamples<'w>,
-    /// Index of the current ray among the rays of each pixel, the same for all pixels of the tile.
+    /// Index, among the rays of each pixel, of the ray that is being rendered; the same for all pixels of the tile.
     pub turn: u32,
 }
 
 impl<'f, 'w> Rays<'f, 'w> {
-    /// Memory for a batch of rays; `drawn`: number of a ray's values in [`ProposalSamples`], 0 without a proposal.
+    /// Reserves memory for a batch of rays; `drawn`: a ray's row length in [`ProposalSamples`], 0 without a proposal.
     pub fn lay_out(
         layout: &mut impl Layout<'w>,
         field: Field<'f>,
@@ -65,7 +65,7 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
     }
 
-    /// Starts the rays of a tile's pixels; rays without an occupied sample are finished at once.
+    /// Starts the rays of a tile's pixels. Rays without a sample in an occupied cell are added to their pixels at once.
     pub fn start<M: Math, const COLLIDE: bool>(
         &mut self,
         pixels: &mut Pixels<'_, '_>,
@@ -90,7 +90,7 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
     }
 
-    /// Starts the rays of `part`, a packet of the tile.
+    /// Starts the rays of the pixels in `part`, which form a packet.
     fn start_packet<M: Math, const COLLIDE: bool>(
         &mut self,
         packets: &Packets<'_>,
@@ -145,8 +145,8 @@ impl<'f, 'w> Rays<'f, 'w> {
         self.hits = hits;
     }
 
-    /// Starts the ray of a pixel: marches it to its first occupied sample and stores it as the tile's next ray. A ray
-    /// without an occupied sample is finished at once.
+    /// Starts the ray of a pixel: marches it to its first sample in an occupied cell and appends it to `states`. A ray
+    /// without such a sample is added to its pixel at once.
     #[inline(never)]
     fn start_ray<M: Math, const COLLIDE: bool>(
         &mut self,
@@ -186,7 +186,7 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
     }
 
-    /// [`RayState::march`] of the rays `list`.
+    /// Calls [`RayState::march`] on the rays of the indices `list`.
     pub fn march_all(&mut self, list: &[u32]) {
         let (plan, isa) = (self.field.plan, self.field.isa());
         if let Some(occupancy) = windows(isa, plan) {
@@ -201,9 +201,9 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
     }
 
-    /// Passes the next sample of each active ray to `put`, up to `room` samples. If fewer rays are active than a vector
-    /// has columns, passes several samples of each ray; without a transmittance threshold, all samples of as many rays
-    /// as fit. `put` receives column, ray and distance. Returns the number of samples.
+    /// Passes the next sample of each active ray to `put`, with its column in the block, the ray's index and the
+    /// distance. If the active rays do not fill a vector, each ray passes several samples; without a transmittance
+    /// threshold, all its samples. Stops after `room` samples, and returns the number of samples.
     pub fn take<const COLLIDE: bool>(&mut self, room: usize, mut put: impl FnMut(usize, u32, f32)) -> usize {
         let (field, plan) = (self.field, self.field.plan);
         let burst = match field.columns(1) {
@@ -229,8 +229,7 @@ impl<'f, 'w> Rays<'f, 'w> {
     }
 }
 
-/// Starts a pixel's ray in `state`, before its first sample. `intervals`: intervals of the ray that may have occupied
-/// cells.
+/// Sets `state` to the start of a pixel's ray. `intervals`: intervals along the ray that may have occupied cells.
 fn begin<const COLLIDE: bool>(
     plan: &Plan<'_>,
     pixel: (u32, u32),

@@ -9,23 +9,21 @@ use crate::space::Contraction;
 #[cfg(test)]
 mod tests;
 
-/// Number of bins of a window.
 const WIDTH: u32 = 16;
 
-/// Occupancy of sixteen bins of a ray, as looked up in the occupancy grid.
+/// Occupancy of sixteen consecutive bins of a ray.
 #[derive(Clone, Copy)]
 pub(in crate::render) struct Window {
-    /// Index of the first bin behind the window.
+    /// Index of the first bin after the window.
     end: u32,
-    /// Occupied bins of the window; bit `i` is bin `end − 16 + i`.
+    /// Bit `i`: whether the sample of bin `end − 16 + i` is in an occupied cell.
     live: u32,
 }
 
 impl Window {
-    /// No bin has been looked up.
     pub const NONE: Self = Self { end: 0, live: 0 };
 
-    /// Index of the first occupied bin from `from` on, among the bins of the window.
+    /// Index of the first occupied bin at or after `from` in the window; `None` if there is none.
     #[inline]
     pub fn left(&self, from: u32) -> Option<u32> {
         let left = if from < self.end { self.live >> (from + WIDTH - self.end) } else { 0 };
@@ -33,21 +31,21 @@ impl Window {
     }
 }
 
-/// Lookup of a ray's bins in the occupancy grid.
+/// Lookup of the bins of one ray: whether the middle of each bin is in an occupied cell.
 pub(super) struct LookUp<'a> {
     pub occupancy: &'a OccupancyGrid<'a>,
     pub contraction: Option<&'a Contraction>,
     pub ray: &'a Ray,
     pub bins: &'a Bins,
-    /// The bins to look up; all other bins are skipped.
+    /// The bins to look up; all other bins are taken as empty.
     pub candidates: &'a CandidateBins,
     /// Whether no occupied cell lies at a face of the scene box.
     pub inner: bool,
 }
 
 impl LookUp<'_> {
-    /// Index of the first occupied bin of `from..end`, or `end`: equal to
-    /// [`Plan::first_occupied`](crate::plan::Plan::first_occupied) at the middles of the bins, bit for bit.
+    /// Index of the first occupied bin of `from..end`, or `end` if there is none; bit for bit the result of
+    /// [`Plan::first_occupied`](crate::plan::Plan::first_occupied) for samples in the middle of bins.
     ///
     /// Between calls with the same `window`, `from` must not decrease and the bins must not change.
     #[inline(always)]
@@ -75,7 +73,7 @@ impl LookUp<'_> {
         end.min(found.end - WIDTH + found.live.trailing_zeros())
     }
 
-    /// Occupied bins of the window that begins with bin `first`; bit `i` is bin `first + i`.
+    /// Occupancy of the bins from `first` on, one window; bit `i`: whether bin `first + i` is occupied.
     #[inline(always)]
     fn live<V: Lanes>(&self, lanes: &OccupancyLanes<'_, V>, first: u32) -> u32 {
         let Self { occupancy, ray, bins, .. } = *self;

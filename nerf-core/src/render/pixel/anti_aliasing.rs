@@ -9,16 +9,16 @@ use crate::volume::{OPACITY_EPSILON, Pixel, mean_direction};
 #[cfg(test)]
 mod tests;
 
-/// Number of rays a pixel.
+/// Number of rays per pixel.
 #[inline]
 pub(crate) fn rays(effects: &Effects) -> u32 {
     effects.anti_aliasing.into()
 }
 
-/// Position of the `ray`-th ray in its pixel, right and down, in `(0, 1)`; the centre of a pixel with one ray.
+/// Position of ray `ray` in its pixel, to the right and down, in `(0, 1)`; the pixel's centre if it has one ray.
 ///
-/// Positions are the same in every pixel: the frame of `n` rays a pixel is the mean of `n` shifted images. Each of `n`
-/// columns and `n` rows of a pixel has one ray: the mean position is the pixel's centre.
+/// Positions are the same in every pixel. Of `n` rays, one is in each of `n` columns and one in each of `n` rows of the
+/// pixel: the mean position is the pixel's centre.
 #[inline]
 pub(crate) fn offset(effects: &Effects, ray: u32) -> (f32, f32) {
     match rays(effects) {
@@ -27,8 +27,8 @@ pub(crate) fn offset(effects: &Effects, ray: u32) -> (f32, f32) {
     }
 }
 
-/// Point `ray` of a Fibonacci lattice of `rays` points: columns in order, rows in the order of the multiples of the
-/// golden ratio.
+/// Point `ray` of a Fibonacci lattice of `rays` points in the unit square: columns in order, rows in the order of the
+/// multiples of the golden ratio.
 #[inline(never)]
 fn place_in_pixel(ray: u32, rays: u32) -> (f32, f32) {
     let middle = |cell: u32| (cell as f32 + 0.5) / rays as f32;
@@ -63,7 +63,7 @@ impl PixelSum {
         }
     }
 
-    /// The mean of `rays` rays. Distances are weighted by opacity; without a surface, they are `far`.
+    /// Mean of the `rays` rays. Mean distances are weighted by opacity; they are `far` if the mean shows no surface.
     fn mean(&self, rays: u32, far: f32) -> Pixel {
         let rays = rays as f32;
         let opacity = self.opacity.value / rays;
@@ -80,10 +80,10 @@ impl PixelSum {
     }
 }
 
-/// Sums of median distances and normals over the rays of one pixel, requested more rarely than [`PixelSum`].
+/// Sums of median distances and normals over a pixel's rays; not in [`PixelSum`], since few frames need them.
 #[derive(Clone, Copy, Default)]
 struct SurfaceSum {
-    /// Number of rays that reach an opacity of one half, and therefore have a median distance.
+    /// Number of rays that have a median distance: those that reach an opacity of one half.
     halved: u16,
     /// Sum of the median distances of the `halved` rays.
     median_distance: Sum,
@@ -102,8 +102,8 @@ impl SurfaceSum {
     }
 
     /// Sets the normal of `mean` to the rays' mean normal, weighted by opacity. Sets the median distance to the mean
-    /// over the rays that have one, or to `far` if less than half of the rays do. The mean of an output that was not
-    /// requested is 0.
+    /// over the rays that have a median distance, or to `far` if fewer than half of the rays do. The mean of an output
+    /// that was not requested is 0.
     fn finish(&self, rays: u32, far: f32, mean: &mut Pixel) {
         let sum = self.normal.map(|sum| sum.value);
         mean.normal = mean_direction(sum, mean.opacity * rays as f32, mean.opacity);
@@ -115,13 +115,13 @@ impl SurfaceSum {
 /// Sums over the finished rays of each pixel of a tile; empty if a pixel has one ray.
 pub(crate) struct Sums<'w> {
     pixels: &'w mut [PixelSum],
-    /// As long as `pixels` if a median distance or a normal is requested, else empty.
+    /// Sum for each pixel if a median distance or a normal is requested; else empty.
     surfaces: &'w mut [SurfaceSum],
 }
 
 impl<'w> Sums<'w> {
-    /// Memory for sums over the rays of each of `pixels` pixels; `surface`: whether a median distance or a normal is
-    /// requested.
+    /// Reserves sums for `pixels` pixels, unless a pixel has one ray. `surface`: whether a median distance or a normal
+    /// is requested.
     pub fn lay_out(layout: &mut impl Layout<'w>, effects: &Effects, surface: bool, pixels: usize) -> Self {
         let pixels = if rays(effects) > 1 { pixels } else { 0 };
         let surfaces = if surface { pixels } else { 0 };
@@ -129,7 +129,8 @@ impl<'w> Sums<'w> {
         Self { pixels, surfaces: layout.slice(surfaces, SurfaceSum::default()) }
     }
 
-    /// Adds the `ray`-th ray of the tile's `index`-th pixel. Returns the mean after the pixel's last ray, else `None`.
+    /// Adds `pixel`, the result of ray `ray`, to pixel `index` of the tile. Returns the pixel's mean after its last
+    /// ray, else `None`.
     #[inline]
     pub fn add(
         &mut self,

@@ -1,4 +1,4 @@
-//! Rays through a thin lens.
+//! Depth of field: rays through a thin lens.
 
 use crate::camera::{Pose, Ray};
 use crate::math::{Math, polynomial::Polynomial};
@@ -10,9 +10,9 @@ use glam::Vec3;
 #[cfg(test)]
 mod tests;
 
-/// Index of the ring of the aperture, of rings of equal area, that the `ray`-th ray of every pixel passes through.
+/// Index of the ring of the aperture that ray `ray` of every pixel passes through. All rings have the same area.
 ///
-/// The order of the rings differs from that of the rays in the pixel: no side of a pixel sees the aperture's rim alone.
+/// Consecutive rays are given rings far apart: no side of a pixel sees the aperture's rim alone.
 #[inline]
 pub(crate) fn area(effects: &Effects, ray: u32) -> u32 {
     /// Fractional part of the silver ratio, in units of 2^-32.
@@ -23,8 +23,8 @@ pub(crate) fn area(effects: &Effects, ray: u32) -> u32 {
     }
 }
 
-/// The ray of pixel `(x, y)` through a random point of the aperture's ring with index `area`, one of rings of equal
-/// area ([`area`]). `pinhole`: the pixel's ray without depth of field.
+/// Ray of pixel `(x, y)` through a random point in ring `area` of the aperture ([`area`]). `pinhole`: the pixel's ray
+/// through the aperture's centre, returned unchanged without depth of field.
 #[inline]
 pub(crate) fn through_lens(
     effects: &Effects,
@@ -39,7 +39,7 @@ pub(crate) fn through_lens(
     }
 }
 
-/// The ray from point `at` of the aperture's unit disc to where `pinhole` meets the plane of focus.
+/// Ray from point `at` of the aperture, in units of its radius, to the point where `pinhole` meets the plane of focus.
 ///
 /// The plane of focus and the aperture are perpendicular to the view axis: a point at distance `t` along the returned
 /// ray has a z_depth of `t` times the cosine between the returned ray and the view axis.
@@ -56,7 +56,7 @@ fn lens_ray(lens: &ThinLens, pose: &Pose, pinhole: &Ray, at: (f32, f32)) -> Ray 
     Ray { origin: pinhole.origin + offset, dir: (focus - offset).normalize() }
 }
 
-/// A random point of the unit disc, in the ring with index [`area`].
+/// A random point of the unit disc, in ring `area` ([`area`]).
 ///
 /// Sunflower pattern: rings of equal area from the middle outwards, with successive points the golden angle apart. The
 /// position within the ring and the first angle are random for each pixel, so that every ray is uniform over the disc

@@ -8,7 +8,7 @@ use core::f32::consts::LN_2;
 #[cfg(test)]
 mod tests;
 
-/// Median distance of a ray whose transmittance has not fallen below one half.
+/// Stored distance of a ray whose transmittance has not yet fallen below one half.
 const NOT_YET: f32 = f32::INFINITY;
 
 /// Median distance of each ray, world units from the ray's start: `[rays]`, or empty if not requested.
@@ -17,7 +17,7 @@ pub(in crate::render) struct Medians<'w> {
 }
 
 impl<'w> Medians<'w> {
-    /// Whether this build has medians.
+    /// Whether this build computes median distances.
     pub const BUILT: bool = true;
 
     pub fn lay_out(layout: &mut impl Layout<'w>, plan: &Plan<'_>) -> Self {
@@ -32,23 +32,23 @@ impl<'w> Medians<'w> {
 
     /// Whether the sample last added to `gathered` is the first to lower the ray's transmittance below one half.
     ///
-    /// Uses the same comparison (`<`) as the transmittance cut: even with a cut of one half no ray ends before its
-    /// median.
+    /// Uses the same comparison (`<`) as the transmittance threshold: even with a threshold of one half no ray ends
+    /// before its median.
     #[inline]
     pub fn passes(&self, ray: u32, gathered: &Accumulator) -> bool {
         let distance = self.distance.get(ray as usize);
         distance.is_some_and(|&distance| distance == NOT_YET && gathered.transmittance() < 0.5)
     }
 
-    /// Stores the median distance, inside the interval of the sample for which [`Medians::passes`] holds: density
-    /// `sigma`, middle `mid`, width `delta`, optical thickness `before` in front of the interval.
+    /// Stores the median distance of `ray`, which lies in the interval of middle `mid`, width `delta` and density
+    /// `sigma`. `before`: optical thickness in front of the interval.
     pub fn put(&mut self, ray: u32, before: f32, sigma: f32, [mid, delta]: [f32; 2]) {
         if let Some(distance) = self.distance.get_mut(ray as usize) {
             *distance = median_in_bin(before, sigma, mid, delta);
         }
     }
 
-    /// Median distance of `ray`, at most `far`, with `start` added; `far` if the ray has no median, 0 if not requested.
+    /// Median distance of `ray` plus `start`, at most `far`; `far` if the ray has none, 0 if none was requested.
     pub fn finish(&self, ray: usize, start: f32, far: f32) -> f32 {
         self.distance.get(ray).map_or(0.0, |&distance| (start + distance).min(far))
     }

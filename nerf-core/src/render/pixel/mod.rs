@@ -1,7 +1,7 @@
 //! Pixels: the rays of each pixel, and the pixel's outputs from the results of its rays.
 //!
-//! Each effect has a file that implements it. A file with the same interface does nothing, for builds without the
-//! effect's feature.
+//! Each effect has two files with the same interface: one implements the effect, and the other does nothing, for builds
+//! without the effect's feature.
 
 #[cfg_attr(not(feature = "anti-aliasing"), path = "anti_aliasing_off.rs")]
 mod anti_aliasing;

@@ -1,4 +1,4 @@
-//! The pixels of the current tile: each pixel sums up its rays, and is passed to the target after its last ray.
+//! The pixels of the current tile: each sums up its rays' results, and is passed to the target after its last ray.
 
 use super::anti_aliasing::Sums;
 use super::placed::Placed;
@@ -14,12 +14,12 @@ use glam::Vec3;
 pub(in crate::render) struct Pixels<'f, 'w> {
     pub plan: &'f Plan<'f>,
     sums: Sums<'w>,
-    /// Index of the current ray among the rays of each pixel, the same for all pixels of the tile.
+    /// Index, among the rays of each pixel, of the ray that is being rendered; the same for all pixels of the tile.
     pub turn: u32,
     pub tile: Rect,
-    /// Whether colour is composited over the background.
+    /// Whether colour is composited over the plan's background, else over black.
     pub background: bool,
-    /// Axis that z_depth is measured along, in the field's coordinates.
+    /// Axis along which z_depth is measured, in the field's coordinates.
     pub forward: Vec3,
     pub placed: Placed,
     pub counters: Counters,
@@ -39,7 +39,7 @@ impl<'f, 'w> Pixels<'f, 'w> {
         }
     }
 
-    /// Adds a ray to its pixel; `hit`: the [`Surface`] and the ray's index in it, or `None` for a ray without samples.
+    /// Adds a ray to its pixel. `hit`: [`Surface`] of the tile and index of the ray in it; `None` without samples.
     #[inline(never)]
     pub fn finish<M: Math>(
         &mut self,
@@ -80,13 +80,13 @@ impl<'f, 'w> Pixels<'f, 'w> {
         if Medians::BUILT && self.plan.outputs.median_distance { far } else { 0.0 }
     }
 
-    /// The colour behind a ray: the background, or black if the background is not shown.
+    /// Colour behind a ray: the plan's background, or black if the background is not shown.
     fn background<M: Math>(&self) -> [f32; 3] {
         let shown = self.plan.outputs.rgb && self.background;
         tone::background::<M>(&self.plan.effects.tone, if shown { self.plan.background } else { [0.0; 3] })
     }
 
-    /// Adds a ray's result to its pixel, and passes the pixel to `target` after its last ray.
+    /// Adds `seen`, the result of a ray, to pixel `(x, y)`. After the pixel's last ray, passes the pixel to `target`.
     fn put<M: Math>(&mut self, (x, y): (u32, u32), mut seen: Pixel, far: f32, target: &mut impl Target) {
         let (effects, tile) = (&self.plan.effects, self.tile);
         seen.rgb = tone::to_light::<M>(&effects.tone, seen.rgb);

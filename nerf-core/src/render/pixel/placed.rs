@@ -1,10 +1,11 @@
-//! Placement of one rigid field, which is rendered in its own coordinates: without a scale, distances do not change.
+//! Placement of a single field that is not scaled: rays are transformed to the field's coordinates. Distances stay the
+//! same.
 
 use crate::camera::{Camera, Ray};
 use crate::space::Placement;
 use glam::Vec3;
 
-/// The placement of the field; `None` for a field in its own coordinates, and for several fields.
+/// Placement of the field in the world; `None` if the field is not placed, or if there are several fields.
 #[derive(Clone, Copy)]
 pub(in crate::render) struct Placed(pub Option<Placement>);
 

@@ -1,4 +1,4 @@
-//! In place of `placed.rs` in a build without the feature `instances`: every field is in its own coordinates.
+//! In place of `placed.rs` in a build without the feature `instances`: fields are not placed.
 
 use crate::camera::{Camera, Ray};
 use glam::Vec3;

@@ -1,5 +1,4 @@
-//! Rays of a tile's pixels: their source is a camera or the caller; their visible part is a range, or ends at the limit
-//! from a depth buffer.
+//! Sources of the rays of a tile's pixels: a camera, whose rays may end at a depth buffer, or the caller.
 
 use super::placed::Placed;
 use super::{Rect, anti_aliasing, depth_of_field};
@@ -15,11 +14,11 @@ use glam::Vec3;
 pub(in crate::render) trait RaySource {
     /// The ray of pixel `(x, y)`.
     fn ray(&self, x: u32, y: u32) -> Ray;
-    /// The camera, and the position of the rays in their pixels, if the rays are those of a pinhole camera.
+    /// The camera and each ray's position in its pixel; `None` unless the source is an undistorted pinhole camera.
     fn pinhole(&self) -> Option<(&Camera, (f32, f32))> {
         None
     }
-    /// Writes the rays of the pixels of `part`, at most [`MAX_LANES`] pixels, row by row to `to`.
+    /// Writes the rays of the pixels of `part` to `to`, row by row. `part` has at most [`MAX_LANES`] pixels.
     fn rays(&self, isa: Isa, part: Rect, to: &mut [Ray]) {
         let Some((camera, offset)) = self.pinhole() else {
             return to.iter_mut().zip(part.pixels()).for_each(|(to, (x, y))| *to = self.ray(x, y));
@@ -30,23 +29,23 @@ pub(in crate::render) trait RaySource {
         }
         isa.run(PinholeRays { camera, points: &points, to });
     }
-    /// Nearest and farthest visible distance along a pixel's ray, world units.
+    /// Nearest and farthest visible distance along the ray of pixel `(x, y)`, world units.
     fn range(&self, x: u32, y: u32, ray: &Ray) -> [f32; 2];
-    /// Distance of a pixel in column `x` whose ray meets no surface, world units, not yet limited to the ray's range.
+    /// Distance of a pixel in column `x` without a surface, world units, before it is limited to the ray's range.
     fn far(&self, x: u32) -> f32;
-    /// The optical thickness at which the ray of column `x` collides.
+    /// Optical thickness at which the ray of column `x` collides; infinite if rays do not collide.
     fn until(&self, _x: u32) -> f32 {
         f32::INFINITY
     }
 }
 
-/// Source of one ray for each pixel of a camera: the ray with the same index among each pixel's rays.
+/// Camera as a source of one ray per pixel: the ray with the same index among the rays of each pixel.
 pub(in crate::render) struct CameraRays<'a, L> {
     camera: &'a Camera,
     effects: &'a Effects,
-    /// Position of each ray in its pixel.
+    /// Position of each ray in its pixel, to the right and down, in `(0, 1)`.
     offset: (f32, f32),
-    /// Index of the aperture's ring that the rays pass through.
+    /// Index of the ring of the aperture that the rays pass through.
     area: u32,
     limit: &'a L,
     far: f32,
@@ -54,7 +53,8 @@ pub(in crate::render) struct CameraRays<'a, L> {
 }
 
 impl<'a, L> CameraRays<'a, L> {
-    /// `limit`: end of a pixel's ray, by x and y; `far`: distance of pixels without a surface, world units.
+    /// `turn`: index of the rays among those of each pixel. `limit`: end of a pixel's ray, a function of x and y.
+    /// `far`: distance of pixels without a surface, world units.
     pub fn new(camera: &'a Camera, effects: &'a Effects, turn: u32, limit: &'a L, far: f32) -> Self {
         let (offset, area) = (anti_aliasing::offset(effects, turn), depth_of_field::area(effects, turn));
         Self { camera, effects, offset, area, limit, far, forward: camera.pose().forward() }
@@ -83,14 +83,14 @@ impl<L: Fn(u32, u32) -> Limit> RaySource for CameraRays<'_, L> {
     }
 }
 
-/// Source of rays given by the caller, with any origins: the tile is one row, and column `x` has ray `first + x`.
+/// Rays of the caller, of any origins, as a source: the tile is one row of pixels, and column `x` is ray `first + x`.
 pub(in crate::render) struct OwnRays<'a, R, U, F> {
     pub first: usize,
     pub ray: &'a R,
     pub placed: Placed,
-    /// Random number of a ray, by the ray's index.
+    /// Random number in `[0, 1]` of each ray, a function of the ray's index.
     pub random: &'a U,
-    /// Distance of a ray that meets no surface, by the ray's origin.
+    /// Distance of a ray that meets no surface, a function of the ray's origin; world units.
     pub far: F,
 }
 
@@ -115,15 +115,15 @@ impl<R: Fn(usize) -> RaySegment, U: Fn(usize) -> f32, F: Fn(Vec3) -> f32> RaySou
     }
 }
 
-/// A ray given by the caller, and its visible distances.
+/// A ray given by the caller, with its nearest and farthest visible distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RaySegment {
-    /// Origin, and direction of unit length.
+    /// Ray with a finite origin and a direction of unit length.
     pub ray: Ray,
     /// Nearest visible distance, world units along the ray, at least 0.
     pub t_min: f32,
     /// Farthest visible distance, world units along the ray, at least `t_min`; may be infinite. The bin that contains
-    /// `t_max` is cut there: opacity is continuous in `t_max`.
+    /// `t_max` is shortened to end there: opacity is continuous in `t_max`.
     pub t_max: f32,
 }
 
@@ -138,16 +138,16 @@ impl From<Ray> for RaySegment {
 pub enum Limit {
     /// Distance along the ray, world units.
     RayDistance(f32),
-    /// Depth along the view axis, world units.
+    /// Distance along the view axis, world units.
     ZDepth(f32),
 }
 
 impl Limit {
-    /// No end.
+    /// No end: the whole ray is visible.
     pub const NONE: Self = Self::RayDistance(f32::INFINITY);
 
-    /// The limit as a distance along `ray`, for a camera that looks along `forward`; infinite if the ray never reaches
-    /// the limit's depth.
+    /// The limit as a distance along `ray`, world units, for a camera that looks along `forward`; infinite if the ray
+    /// never reaches the limit's z_depth.
     #[inline]
     pub(crate) fn along(self, ray: &Ray, forward: Vec3) -> f32 {
         match self {
@@ -160,14 +160,14 @@ impl Limit {
     }
 }
 
-/// The ray of a pixel, and the values composited along the ray.
+/// The ray of a pixel, and the sums composited along the ray so far.
 #[derive(Clone, Copy)]
 pub(in crate::render) struct PixelRay {
-    /// The ray, whose origin is the point from which samples are counted.
+    /// The ray, its origin moved to the point from which distances of samples are counted.
     pub ray: Ray,
-    /// Distance along the source's ray to the origin of `ray`, world units.
+    /// Distance by which the ray's origin was moved along the ray, world units.
     pub start: f32,
-    /// Nearest and farthest visible distance along the source's ray, world units.
+    /// Nearest and farthest visible distance from the origin before it was moved, world units.
     pub range: [f32; 2],
     pub x: u32,
     pub y: u32,
@@ -187,7 +187,7 @@ impl PixelRay {
         gathered: Accumulator::NONE,
     };
 
-    /// The jitter of the ray's samples in frames of `plan`; `turn`: index of the ray among the rays of its pixel.
+    /// Jitter of the ray's samples in frames of `plan`; `turn`: index of the ray among the rays of its pixel.
     #[inline]
     pub fn jitter(&self, plan: &Plan<'_>, turn: u32) -> SampleJitter {
         SampleJitter::of(plan.effects.jitter.map(|jitter| jitter.seed), self.x, self.y, turn)

@@ -6,7 +6,7 @@ use crate::volume::Pixel;
 #[cfg(test)]
 mod tests;
 
-/// Pixels of an image, `x..x + width`, `y..y + height`.
+/// Rectangle of pixels in an image: columns `x..x + width`, rows `y..y + height`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rect {
     /// Left edge, pixels.
@@ -33,7 +33,7 @@ impl Rect {
         inside(self.x, self.width, width) && inside(self.y, self.height, height)
     }
 
-    /// x and y of the rectangle's pixels, row by row.
+    /// Iterates over x and y of the rectangle's pixels, row by row.
     pub(in crate::render) fn pixels(self) -> impl Iterator<Item = (u32, u32)> + Clone {
         let columns = self.x..self.x + self.width;
         (self.y..self.y + self.height).flat_map(move |y| columns.clone().map(move |x| (x, y)))

@@ -1,4 +1,4 @@
-//! Median distance and normal of a ray, the outputs that describe its surface.
+//! Median distance and normal of a ray, the outputs that describe the surface that the ray meets.
 //!
 //! An output that is not requested has no memory.
 
@@ -15,7 +15,7 @@ mod tests;
 /// Median distances and normals of the current tile's rays.
 pub(in crate::render) struct Surface<'w> {
     pub medians: Medians<'w>,
-    /// Sum of normals of each ray, `[rays]`; empty if normals are not requested.
+    /// Weighted sum of normals of each ray, `[rays]`; empty if normals are not requested.
     #[cfg(feature = "normals")]
     pub normals: &'w mut [NormalSum],
 }
@@ -36,8 +36,8 @@ impl<'w> Surface<'w> {
         self.normals.iter_mut().take(count).for_each(|sum| *sum = NormalSum::NONE);
     }
 
-    /// Sets median distance and normal of the pixel of ray `ray`. `start`: distance from which the ray's samples are
-    /// counted; `far`: median distance without a surface.
+    /// Writes the median distance and the normal of ray `ray` to `pixel`. `start`: distance along the ray from which
+    /// its samples are counted; `far`: median distance without a surface.
     pub fn finish(&self, ray: usize, start: f32, far: f32, pixel: &mut Pixel) {
         pixel.median_distance = self.medians.finish(ray, start, far);
         #[cfg(feature = "normals")]

@@ -1,14 +1,14 @@
 //! Conversion of display-encoded colour to linear light and back, with exposure and tone curve in between.
 //!
-//! For linear output, colour is composited as light: the colours of samples and background are decoded. Otherwise a
-//! ray's colour is composited display-encoded, like the photographs, and decoded once.
+//! For linear output, the colours of samples and background are decoded to linear light before they are composited.
+//! Otherwise display-encoded colours are composited, as in training, and the ray's colour is decoded once.
 
 use crate::math::{Math, MathBackend, with_math};
 use crate::plan::{Tone, ToneMap};
 use crate::simd::{Isa, Lanes, Op};
 use core::marker::PhantomData;
 
-/// Decodes the colours of a block's samples to light if the output is linear; `values`: any number of channels.
+/// Decodes the colours of a block's samples, in place, to linear light if the output is linear. `values`: all channels.
 #[inline]
 pub(crate) fn samples_to_light(tone: &Tone, math: MathBackend, isa: Isa, values: &mut [f32]) {
     if tone.linear {
@@ -17,13 +17,13 @@ pub(crate) fn samples_to_light(tone: &Tone, math: MathBackend, isa: Isa, values:
     }
 }
 
-/// The background of rays, in the encoding of their samples.
+/// Returns the background `rgb` in the encoding of sample colours: linear light if the output is linear.
 #[inline]
 pub(crate) fn background<M: Math>(tone: &Tone, rgb: [f32; 3]) -> [f32; 3] {
     if tone.linear { decode_srgb::<M>(rgb) } else { rgb }
 }
 
-/// A ray's colour as light; unchanged without a tone setting, or if samples were composited as light.
+/// Decodes a ray's colour to linear light; returns `rgb` unchanged without tone settings or if `rgb` is already linear.
 #[inline]
 pub(crate) fn to_light<M: Math>(tone: &Tone, rgb: [f32; 3]) -> [f32; 3] {
     if *tone == Tone::NONE || tone.linear { rgb } else { decode_srgb::<M>(rgb) }
@@ -51,13 +51,13 @@ impl<M: Math> Op for Decode<'_, M> {
     }
 }
 
-/// A pixel's output colour, from the colour that [`to_light`] returned.
+/// Converts a pixel's colour to the output colour. `rgb`: mean of what [`to_light`] returned for the pixel's rays.
 #[inline]
 pub(crate) fn to_display<M: Math>(tone: &Tone, rgb: [f32; 3]) -> [f32; 3] {
     if *tone == Tone::NONE { rgb } else { develop::<M>(tone, rgb) }
 }
 
-/// The sRGB curve of each channel, from display-encoded to linear; values below 0 become 0.
+/// Decodes each channel from sRGB to linear light; values below 0 become 0.
 ///
 /// # Accuracy
 /// Max abs error 4e-7 on `[0, 1]`, on every backend.
@@ -71,7 +71,7 @@ fn decode_srgb<M: Math>(rgb: [f32; 3]) -> [f32; 3] {
     })
 }
 
-/// The inverse of [`decode_srgb`]; `x` is clamped to `[0, 1]`.
+/// Encodes linear light as sRGB, the inverse of [`decode_srgb`]; `x` is clamped to `[0, 1]`.
 ///
 /// # Accuracy
 /// Max abs error 4e-7, on every backend.
@@ -98,7 +98,7 @@ fn exp2<M: Math>(stops: f32) -> f32 {
         * if stops == whole { 1.0 } else { M::exp((stops - whole) * core::f32::consts::LN_2) }
 }
 
-/// The tone curve at `x >= 0`.
+/// Value of the tone curve `map` at `x >= 0`, linear light.
 fn curve(map: ToneMap, x: f32) -> f32 {
     match map {
         ToneMap::None => x,

@@ -1,5 +1,5 @@
-//! Colours of samples: the colour branch is evaluated for picked samples, of one block or of several. The direction's
-//! share, the part of the branch that depends on the direction alone, is computed once a ray.
+//! Colours of samples: the colour branch is evaluated for the samples picked from one block or from several. The part
+//! of the branch that depends on the direction alone is evaluated once per ray.
 
 use super::TileState;
 use super::compositing::Compositing;
@@ -11,21 +11,20 @@ use crate::render::field::Field;
 use crate::render::march::RayState;
 use crate::render::pixel::samples_to_light;
 
-/// Fraction of a block, numerator and denominator, below which picked samples are queued, not evaluated at once.
+/// Numerator and denominator of the fraction of a block below which picked samples are queued, not evaluated at once.
 const QUEUED_BELOW: (usize, usize) = (3, 4);
 
-/// Colour branch at samples; all buffers are empty if colours are computed once a ray, or not at all.
+/// Stage that evaluates the colour branch at samples; its buffers are empty with deferred shading or without colour.
 pub(in crate::render) struct Colour<'w> {
     shares: &'w mut [f32],
-    /// Trunk outputs `h` of the queued samples, `[activation_rows][samples]`, which the colour branch overwrites. Empty
-    /// if a block is one sample, as are `owner` and `weight`.
+    /// Trunk outputs `h` of the queued samples, `[activation_rows][samples]`; the colour branch overwrites them. `h`,
+    /// `owner` and `weight` are empty if a block is one sample.
     h: &'w mut [f32],
     /// Index of each queued sample's ray, `[samples]`.
     owner: &'w mut [u32],
-    /// Weight of each queued sample, `[samples]`.
     weight: &'w mut [f32],
     queued: usize,
-    /// `[3][stride]`: directions of a block of rays, then colours of a block of samples.
+    /// Directions of a block of rays, later overwritten by the colours of a block of samples: `[3][stride]`.
     rgb: &'w mut [f32],
 }
 
@@ -44,12 +43,12 @@ impl<'w> Colour<'w> {
         }
     }
 
-    /// The direction's share of each ray, and memory for the directions or colours of a block.
+    /// The [`DirectionShares`] of the rays, and the buffer for directions or colours of a block.
     pub fn shares(&mut self, field: Field<'_>) -> (DirectionShares<'_>, &mut [f32]) {
         (DirectionShares { values: self.shares, block: field.block_samples() }, self.rgb)
     }
 
-    /// Adds the colours of a block's picked samples to their rays, or queues the samples if few are picked.
+    /// Adds the colours of the samples picked from a block to their rays; if few are picked, queues these samples.
     pub fn run(&mut self, tile: &mut TileState<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
         if picks.count * QUEUED_BELOW.1 < tile.density.owner.len() * QUEUED_BELOW.0 {
             return self.queue(tile, picks, counters);
@@ -65,7 +64,7 @@ impl<'w> Colour<'w> {
         }
     }
 
-    /// Queues the block's picked samples; evaluates the queue whenever it is full.
+    /// Queues the samples picked from the block; evaluates the colour branch whenever the queue is full.
     fn queue(&mut self, tile: &mut TileState<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
         let (room, stride) = (self.owner.len(), tile.density.scratch.stride);
         for (column, weight) in picks.iter() {
@@ -84,7 +83,8 @@ impl<'w> Colour<'w> {
         }
     }
 
-    /// Evaluates the colour branch for the queue and empties it; the `h` of the current block is not changed.
+    /// Evaluates the colour branch for the queued samples and empties the queue; leaves the current block's `h`
+    /// unchanged.
     pub fn flush(&mut self, tile: &mut TileState<'_, '_>, counters: &mut Counters) {
         let n = core::mem::take(&mut self.queued);
         if n == 0 {
@@ -104,7 +104,7 @@ impl<'w> Colour<'w> {
     }
 }
 
-/// Adds a sample's colour, black if NaN, to ray `owner`.
+/// Adds `weight` times a sample's colour, black if NaN, to the ray of index `owner`.
 #[inline]
 fn add_colour(rays: &mut [RayState], owner: u32, weight: f32, colour: [f32; 3], counters: &mut Counters) {
     let colour = counters.or_black(colour);
@@ -113,7 +113,8 @@ fn add_colour(rays: &mut [RayState], owner: u32, weight: f32, colour: [f32; 3], 
     }
 }
 
-/// Direction-only part of the colour branch, once a ray: `[rays][direction_rows]`, with room for whole blocks of rays.
+/// Contribution of each ray's direction to the layer of the colour branch that reads directions:
+/// `[rays][direction_rows]`.
 pub(in crate::render) struct DirectionShares<'w> {
     pub values: &'w mut [f32],
     /// Number of rays whose directions are encoded together.
@@ -121,13 +122,13 @@ pub(in crate::render) struct DirectionShares<'w> {
 }
 
 impl DirectionShares<'_> {
-    /// Number of values for the rays of a batch, whose directions are encoded `block` rays at a time.
+    /// Length of `values` for a batch; `block`: number of rays encoded together. 0 if no samples are coloured.
     pub fn values(field: Field<'_>, block: usize) -> usize {
         let rows = if field.shades_samples() { field.network.direction_rows() } else { 0 };
         rows.saturating_mul(field.plan.batch.rays.div_ceil(block.max(1)) * block)
     }
 
-    /// Computes the direction's shares of `rays`; overwrites `scratch` and `dirs` (`[3][block]`).
+    /// Computes the values of `rays` from their directions; overwrites `scratch` and `dirs` (`[3][block]`).
     pub fn fill(
         &mut self,
         field: Field<'_>,
@@ -160,8 +161,8 @@ impl DirectionShares<'_> {
         counters.macs += rays.len() as u64 * network.direction_macs() as u64;
     }
 
-    /// Computes the colours `rgb`, `[3][scratch.stride]`, of the samples whose `h` is in `scratch.front`, on the rays
-    /// `owner`.
+    /// Computes the colours of samples into `rgb`, `[3][scratch.stride]`. The `h` of the samples is in `scratch.front`;
+    /// `owner`: index of each sample's ray.
     pub fn evaluate(&self, field: Field<'_>, scratch: &mut Scratch<'_>, owner: &[u32], rgb: &mut [f32]) {
         let (network, plan) = (field.network, field.plan);
         let (stride, rows) = (scratch.stride, network.direction_rows());

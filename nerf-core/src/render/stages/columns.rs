@@ -1,9 +1,8 @@
-//! Ray marching of fields shaded once a ray, with a ray in each column of a block: vector instructions composite
-//! several rays at a time.
+//! Ray marching with deferred shading, a ray in each column of a block: vector instructions march and composite one ray
+//! per SIMD lane.
 //!
-//! The results equal those of marching block by block, bit for bit. A column holds a ray from its first sample to its
-//! last; the next active ray then replaces it. The last rays, fewer than a vector has columns, are marched block by
-//! block.
+//! The results equal those of `compositing`, bit for bit. A column holds a ray from its first sample to its last; the
+//! next active ray then replaces it. The last rays, fewer than a vector has lanes, are left to `compositing`.
 
 use super::TileState;
 use super::per_ray::Deferred;
@@ -19,9 +18,8 @@ use crate::simd::{BLOCK, Lanes, MAX_LANES, Op, VECTORS};
 use crate::volume::side_by_side::{self, LEFT, add_samples};
 use core::marker::PhantomData;
 
-/// Number of rows of [`Columns`] (a value in each row, a ray in each column): origin, direction, distance, interval,
-/// least distance, cuts, composited values. The sums of hidden features `h` are not counted: their number depends on
-/// the network.
+/// Number of rows of [`Columns`], one value per ray: origin, direction, distance, interval, least distance, cuts,
+/// composited values. Not counted: the sums of hidden features `h`, whose number the network sets.
 const ROWS: usize = 3 + 3 + 1 + 2 + 1 + Ends::PARTS + side_by_side::ROWS;
 
 /// Whether all samples lie in the middle of their bins, and the bins are in world units.
@@ -29,12 +27,11 @@ fn in_middles(plan: &Plan<'_>) -> bool {
     plan.contraction.is_none() && plan.effects.jitter.is_none()
 }
 
-/// One value for each column.
+/// One value for the ray of each column.
 type Row = [f32; BLOCK];
 
-/// Memory for rays marched one a column; empty if all rays are marched block by block.
+/// Rows of [`Columns`], `[rows][BLOCK]`; empty if this plan or kernel does not march one ray per column.
 pub(in crate::render) struct ColumnMarch<'w> {
-    /// `[rows][BLOCK]`.
     memory: &'w mut [f32],
 }
 
@@ -89,24 +86,24 @@ impl<'w> ColumnMarch<'w> {
     }
 }
 
-/// The rays that are marched at once, one per SIMD lane: a ray in each column.
+/// Rays that are marched at once, one in each column (SIMD lane).
 struct Columns<'a> {
     plan: &'a Plan<'a>,
     /// Index of each column's ray in the tile.
     owner: [u32; BLOCK],
     origins: &'a mut [Row; 3],
     dirs: &'a mut [Row; 3],
-    /// Distance of each sample along its ray in units of the bins, or if [`in_middles`] the index of its bin.
+    /// Distance of each column's sample along its ray, or if [`in_middles`] the index of the sample's bin.
     t: &'a mut Row,
-    /// Distance at which each sample is composited, and width of its interval, world units.
+    /// Distance at which each sample counts in the mean `ray_distance`, and width of its interval, world units.
     intervals: &'a mut [Row; 2],
-    /// [`Plan::least_distance`] of each ray.
+    /// [`Plan::least_distance`] of each ray, world units.
     near: &'a mut Row,
-    /// Cuts of each ray's outermost bins.
+    /// Distances at which each ray's first and last bin are cut.
     ends: &'a mut [Row; Ends::PARTS],
-    /// Sums of opacity, distance and optical thickness composited so far.
+    /// Each ray's sums of opacity, distance and optical thickness over the samples composited so far.
     gathered: &'a mut side_by_side::Rows,
-    /// Σ weight · `h` so far, and in the last row Σ weight.
+    /// Each ray's Σ weight · `h` so far, one row per feature, and in the last row Σ weight.
     sums: &'a mut [Row],
 }
 
@@ -158,7 +155,7 @@ impl<'a> Columns<'a> {
         true
     }
 
-    /// Writes the composited values of column `at` back to its ray.
+    /// Writes the composited values of column `at` back to its ray: the sums of `h` to `deferred`, all others to `ray`.
     #[inline]
     fn end(&self, ray: &mut RayState, deferred: &mut Deferred<'_>, at: usize) {
         ray.pixel.gathered.take_column(self.gathered, at);
@@ -181,8 +178,8 @@ impl<'a> Columns<'a> {
         copy(self.sums);
     }
 
-    /// Marches the ray of each of the first `n` columns to its next occupied sample, and replaces the rays that end.
-    /// Returns the number of columns that have a sample.
+    /// Marches the ray of each of the first `n` columns to its next occupied sample; the next active rays replace those
+    /// that end. Returns the number of columns that have a sample.
     fn advance(&mut self, rays: &mut Rays<'_, '_>, deferred: &mut Deferred<'_>, mut n: usize) -> usize {
         let (mut waiting, mut waits) = ([0; BLOCK], 0);
         let (mut marching, mut marches) = ([0; BLOCK], 0);
@@ -220,7 +217,7 @@ impl<'a> Columns<'a> {
     }
 }
 
-/// Computes the samples of a block's columns: their positions, `[3][stride]`, and their intervals.
+/// Computes the position, `[3][stride]`, and the interval of the sample in each column.
 struct Samples<'a, 'c> {
     stride: usize,
     columns: &'a mut Columns<'c>,
@@ -256,11 +253,11 @@ impl Op for Samples<'_, '_> {
     }
 }
 
-/// Composites a block of samples: adds the density and `h` of each column to the column's ray.
+/// Composites a block of samples, one in each column: adds density and `h` of each sample to its column's ray.
 struct Absorb<'a, 'c, M> {
     stride: usize,
     sigma: &'a [f32],
-    /// `[rows][stride]`.
+    /// Hidden features of the samples, `[rows][stride]`.
     h: &'a [f32],
     columns: &'a mut Columns<'c>,
     math: PhantomData<M>,

@@ -1,5 +1,5 @@
-//! Compositing: converts the densities of a block to weights, and marches the rays that have not ended to their next
-//! sample.
+//! Compositing: converts the densities of a block of samples to weights, and marches each ray that has not ended to its
+//! next sample.
 
 use super::TileState;
 use super::density::of_rays;
@@ -14,20 +14,17 @@ use crate::simd::{Lanes, MAX_LANES, Op, VECTORS};
 use crate::volume::{alpha, light, thickness};
 use core::marker::PhantomData;
 
-/// Number of rows of [`Compositing::rows`].
 const ROWS: usize = 4;
 
-/// Compositing of a block of samples, and the samples picked for colour or normal.
+/// Stage that composites a block of samples and picks those whose colour or normal is evaluated.
 pub(in crate::render) struct Compositing<'w> {
-    /// With vectors `[ROWS][samples]`: for each sample the optical thickness in front, the distance, the opacity and
-    /// the transmittance behind. [`Absorb`] computes the last two rows from optical thicknesses stored there.
+    /// In builds with vectors `[rows][samples]`, four rows: each sample's optical thickness in front, distance, opacity
+    /// and transmittance behind. The last two rows hold optical thicknesses until [`Absorb`] converts them.
     rows: &'w mut [f32],
     /// Indices of the block's columns whose colour or normal is evaluated, ascending: `[samples]`, or empty if neither
     /// is requested.
     picked: &'w mut [u32],
-    /// Weight of each picked column: as long as `picked`.
     weight: &'w mut [f32],
-    /// Number of columns picked.
     pub count: usize,
 }
 
@@ -43,7 +40,7 @@ impl<'w> Compositing<'w> {
         }
     }
 
-    /// Index and weight of each picked column of the block.
+    /// Iterates over column index and weight of the picked samples of the block.
     #[inline]
     pub fn iter(&self) -> impl Iterator<Item = (usize, f32)> {
         let picked = head(self.picked, self.count).iter().zip(&*self.weight);
@@ -51,7 +48,7 @@ impl<'w> Compositing<'w> {
     }
 
     /// Composites the block's samples, picks those whose colour or normal is evaluated, and marches the rays that have
-    /// not ended to their next occupied sample. Samples behind the end of a ray are not counted.
+    /// not ended to their next occupied sample. Samples behind the end of their ray are not counted as evaluated.
     pub fn run<M: Math, const COLLIDE: bool>(
         &mut self,
         tile: &mut TileState<'_, '_>,
@@ -123,7 +120,7 @@ impl<'w> Compositing<'w> {
     /// Adds the optical thickness of the block's samples to their rays. Computes the opacity of each sample and the
     /// transmittance behind each sample.
     ///
-    /// The exponentials, computed up to sixteen at a time, are the same bits with every instruction set.
+    /// The exponentials are computed up to sixteen at a time, with the same bits on every instruction set.
     fn absorb<M: Math>(&mut self, TileState { field, rays, density, .. }: &mut TileState<'_, '_>) {
         let (field, n, room) = (*field, density.count, density.owner.len());
         let (plan, isa) = (field.plan, field.isa());
@@ -159,8 +156,8 @@ impl<'w> Compositing<'w> {
     }
 }
 
-/// Overwrites optical thicknesses with opacities ([`alpha`]), and their sums along rays with transmittances
-/// ([`light`]).
+/// Converts optical thicknesses in `alpha` to opacities ([`alpha`]), and sums of optical thickness in `light` to
+/// transmittances ([`light`]), in place.
 struct Absorb<'a, M> {
     alpha: &'a mut [f32],
     light: &'a mut [f32],
@@ -179,7 +176,7 @@ impl<M: Math> Op for Absorb<'_, M> {
     }
 }
 
-/// Computes the distances of an unbounded scene's samples and the widths of their intervals, world units: `[2][room]`.
+/// Computes the distance of each sample of an unbounded scene and the width of its interval, world units: `[2][room]`.
 struct Intervals<'a> {
     plan: &'a Plan<'a>,
     columns: usize,

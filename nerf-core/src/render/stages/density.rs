@@ -1,4 +1,4 @@
-//! Trunk and density head of a block of samples.
+//! Evaluation of trunk and density head for a block of samples.
 
 use crate::camera::Ray;
 use crate::memory::{Layout, at, put, put_column, tail_mut};
@@ -8,23 +8,24 @@ use crate::render::march::RayState;
 use crate::sampling::Spacing;
 use crate::simd::{Lanes, MAX_LANES, Op, VECTORS};
 
-/// A block of samples for trunk and density head; each buffer is `[samples]` unless noted.
+/// A block of samples at which trunk and density head are evaluated; each buffer is `[samples]` unless noted.
 pub(in crate::render) struct Density<'w> {
     /// Index of each sample's ray; samples of one ray are adjacent, in marching order.
     pub owner: &'w mut [u32],
-    /// Distance of each sample along its ray, in units of the bins.
+    /// Distance of each sample along its ray: world units, or steps of an unbounded scene's contraction.
     pub t: &'w mut [f32],
     pub sigma: &'w mut [f32],
-    /// Positions in the network's space, `[3][stride]`.
+    /// Positions of the samples in the network's space, `[3][stride]`.
     pub positions: &'w mut [f32],
-    /// Scratch of the network; `stride` is the number of columns of the current block.
+    /// Buffers of the network's layers; `stride` is the number of columns of the current block.
     pub scratch: Scratch<'w>,
     /// Number of samples of the block that was last evaluated.
     pub count: usize,
 }
 
 impl<'w> Density<'w> {
-    /// Memory for blocks of `samples` samples; `encoded`, `activations`: rows of encoded inputs and of activations.
+    /// Reserves memory for blocks of `samples` samples with `encoded` encoded inputs and `activations` activations
+    /// each.
     pub fn lay_out(layout: &mut impl Layout<'w>, samples: usize, encoded: usize, activations: usize) -> Self {
         Self {
             owner: layout.slice(samples, 0),
@@ -41,7 +42,7 @@ impl<'w> Density<'w> {
         }
     }
 
-    /// Puts the sample of ray `owner` at distance `t`, in units of the bins, into column `column`.
+    /// Puts the sample of ray `owner` at distance `t`, in the units of [`Density::t`], into column `column`.
     #[inline]
     pub fn put(&mut self, column: usize, owner: u32, t: f32) {
         put(self.owner, column, owner);
@@ -68,7 +69,7 @@ impl<'w> Density<'w> {
         }
     }
 
-    /// Evaluates trunk and density head for the block's `n` samples; `positions` has the stride of [`Field::columns`].
+    /// Evaluates trunk and density head for `n` samples at `positions`, which has the stride [`Field::columns`].
     pub fn evaluate(&mut self, field: Field<'_>, n: usize) {
         (self.count, self.scratch.stride) = (n, field.columns(n));
         field.network.trunk(field.plan.math, &mut self.scratch, self.positions);
@@ -76,7 +77,7 @@ impl<'w> Density<'w> {
     }
 }
 
-/// Computes the positions of a block's samples, `[3][stride]`.
+/// Computes the positions of an unbounded scene's samples in the network's space, `[3][stride]`.
 struct Place<'a> {
     spacing: Spacing<'a>,
     stride: usize,
@@ -106,7 +107,7 @@ impl Op for Place<'_> {
     }
 }
 
-/// Gathers `N` values of each sample's ray into vectors, one sample a lane.
+/// Gathers `N` values of each sample's ray into vectors, one sample per SIMD lane; `owner`: index of the sample's ray.
 #[inline(always)]
 pub(super) fn of_rays<V: Lanes, const N: usize>(
     rays: &[RayState],
@@ -128,7 +129,7 @@ pub(super) fn of_rays<V: Lanes, const N: usize>(
     values
 }
 
-/// Repacks the first `n` columns of a block in place, from `[rows][from]` to a stride that is no larger, `[rows][to]`.
+/// Repacks the first `n` columns of a block in place: from rows of length `from` to rows of length `to`, if shorter.
 pub(in crate::render) fn narrow(block: &mut [f32], rows: usize, [from, to]: [usize; 2], n: usize) {
     if to < from {
         for row in 1..rows {

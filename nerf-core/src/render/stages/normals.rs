@@ -1,4 +1,4 @@
-//! Normals: density gradients at the picked samples, evaluated in separate blocks.
+//! Normals: density gradients at the picked samples, which are evaluated in blocks of their own.
 
 use super::TileState;
 use super::compositing::Compositing;
@@ -16,9 +16,8 @@ mod tests;
 pub(in crate::render) struct Normals<'w> {
     /// Index of each queued sample's ray, `[samples]`.
     owner: &'w mut [u32],
-    /// Distance of each queued sample along its ray, in units of the bins, `[samples]`.
+    /// Distance of each queued sample along its ray, in the units of [`Density::t`]: `[samples]`.
     t: &'w mut [f32],
-    /// Weight of each queued sample, `[samples]`.
     weight: &'w mut [f32],
     queued: usize,
     gradients: Gradients<'w>,
@@ -36,7 +35,7 @@ impl<'w> Normals<'w> {
         }
     }
 
-    /// Queues a block's picked samples for their normals; evaluates the queue whenever it is full.
+    /// Queues the samples picked from a block; evaluates their gradients whenever the queue is full.
     pub fn queue(&mut self, tile: &mut TileState<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
         if !tile.field.plan.outputs.normals {
             return;
@@ -52,7 +51,7 @@ impl<'w> Normals<'w> {
         }
     }
 
-    /// Evaluates the queue and adds the gradients to their rays; overwrites positions and scratch of the current block.
+    /// Evaluates the queued samples' gradients and adds them to the rays; overwrites the block's positions and scratch.
     pub fn flush(&mut self, tile: &mut TileState<'_, '_>, counters: &mut Counters) {
         let n = core::mem::take(&mut self.queued);
         if n == 0 {
@@ -73,7 +72,7 @@ impl<'w> Normals<'w> {
     }
 }
 
-/// Gradients of the raw density, before its activation, at a block of positions.
+/// Gradients of the raw density, before its activation, with respect to position, at a block of positions.
 pub(in crate::render) struct Gradients<'w> {
     memory: GradientScratch<'w>,
     /// ∂raw_sigma/∂x, `[3][samples]`.
@@ -81,7 +80,7 @@ pub(in crate::render) struct Gradients<'w> {
 }
 
 impl<'w> Gradients<'w> {
-    /// Memory for blocks of `samples` samples, for any of `networks`.
+    /// Reserves memory for blocks of `samples` samples, enough for any of `networks`.
     pub fn lay_out<'n>(
         layout: &mut impl Layout<'w>,
         networks: impl Iterator<Item = &'n Network<'n>> + Clone,
@@ -97,8 +96,8 @@ impl<'w> Gradients<'w> {
         }
     }
 
-    /// Computes the gradients, in world space, at the block's first `n` positions, and passes index and gradient of
-    /// each to `put_gradient`.
+    /// Computes the gradients, in world space, at the block's first `n` positions. Passes index and gradient of each
+    /// position to `put_gradient`.
     pub fn run(
         &mut self,
         field: Field<'_>,

@@ -7,7 +7,7 @@ use crate::render::Counters;
 use crate::render::field::Field;
 use core::marker::PhantomData;
 
-/// An empty queue of normals.
+/// Queue of samples for normals, always empty in this build.
 pub(in crate::render) struct Normals<'w>(PhantomData<&'w mut [f32]>);
 
 impl<'w> Normals<'w> {

@@ -1,8 +1,8 @@
-//! Deferred shading: the trunk's output `h` is composited along each ray, and the colour branch is evaluated once a
-//! ray, at the weighted mean of `h`.
+//! Deferred shading: the trunk's output `h` is composited along each ray, and the colour branch is evaluated once per
+//! ray, at the mean of `h` under the samples' weights `w`.
 //!
 //! ```text
-//! march: picked samples ─► Σ w h, Σ w of their ray       after the march: P = Σ w h / Σ w ─► colour branch ─► ray
+//! march: picked samples ─► Σ w h, Σ w of their ray     after it: mean h = Σ w h / Σ w ─► colour branch ─► ray
 //! ```
 
 use super::TileState;
@@ -14,10 +14,9 @@ use crate::render::field::Field;
 use crate::render::march::RayState;
 use crate::render::pixel::samples_to_light;
 
-/// Weighted sums of hidden features `h` of the current tile's rays. All buffers are empty if colours are computed at
-/// samples, or not at all.
+/// Weighted sums of hidden features `h` along the current tile's rays. All buffers are empty without deferred shading.
 pub(in crate::render) struct Deferred<'w> {
-    /// Σ weight · h, followed in each row by Σ weight: `[rays][row]`.
+    /// For each ray Σ weight · h, one sum per feature, followed by Σ weight: `[rays][row]`.
     sums: &'w mut [f32],
     row: usize,
     pub networks: RayNetworks<'w>,
@@ -34,7 +33,7 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Number of sums of a ray: one a row of `h`, one of weights; 0 if colours are not computed once a ray.
+    /// Number of sums of a ray: one per feature of `h`, and one of weights; 0 without deferred shading.
     pub fn row(field: Field<'_>) -> usize {
         if field.shades_rays() { field.network.trunk_rows() + 1 } else { 0 }
     }
@@ -55,7 +54,7 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Adds the weighted `h` of a block's picked samples, from `scratch.front`, to the sums of `h` of their rays.
+    /// Adds the weighted `h` of the samples picked from a block, in `scratch.front`, to the sums of `h` of their rays.
     pub fn add(&mut self, TileState { field, density, .. }: &TileState<'_, '_>, picks: &Compositing<'_>) {
         for (column, weight) in picks.iter() {
             let first = at(density.owner, column) as usize * self.row;
@@ -79,7 +78,7 @@ impl<'w> Deferred<'w> {
     }
 }
 
-/// Colour branch that is evaluated once a ray, for a block of rays at a time.
+/// Buffers for evaluating the colour branch once per ray, a block of rays at a time.
 pub(in crate::render) struct RayNetworks<'w> {
     /// Index of each column's ray, `[samples]`.
     owner: &'w mut [u32],
@@ -87,7 +86,8 @@ pub(in crate::render) struct RayNetworks<'w> {
     dirs: &'w mut [f32],
     /// Colour of each column, `[3][samples]`.
     rgb: &'w mut [f32],
-    /// The direction's share of the colour branch, `[direction_rows][samples]`.
+    /// Contribution of each column's direction to the layer of the colour branch that reads directions:
+    /// `[direction_rows][samples]`.
     share: &'w mut [f32],
 }
 
@@ -101,8 +101,8 @@ impl<'w> RayNetworks<'w> {
         }
     }
 
-    /// Evaluates the colour branch for each of `rays` whose sum of weights is above 0, and passes ray, index, sum of
-    /// weights and colour to `put_colour`.
+    /// Evaluates the colour branch for each of `rays` whose sum of weights is above 0. Passes the ray, its index, its
+    /// sum of weights and its colour to `put_colour`.
     ///
     /// `sums`: for each ray a row of Σ weight · h, followed by Σ weight. A NaN colour is counted and becomes black.
     pub fn shade(
@@ -146,7 +146,7 @@ impl<'w> RayNetworks<'w> {
         }
     }
 
-    /// Colours of the samples whose `h` is in `scratch.front`, one a ray of `rays`, each as its ray's only sample.
+    /// Colours of the samples whose `h` is in `scratch.front`: sample `i` is the only one on ray `i` of `rays`.
     pub fn of_samples(
         &mut self,
         field: Field<'_>,
@@ -159,7 +159,7 @@ impl<'w> RayNetworks<'w> {
         self.rgb
     }
 
-    /// Computes the colours of the first `n` columns, whose `h` is in `scratch.front`, into `self.rgb`.
+    /// Computes the colours of the first `n` columns into `self.rgb`. Their `h` is in `scratch.front`.
     fn run(
         &mut self,
         field: Field<'_>,

@@ -13,8 +13,8 @@ use glam::Vec3;
 /// an occupied cell to `put`. A point whose density is NaN is counted as invalid and not passed on; a colour that is
 /// NaN becomes black.
 ///
-/// `rays`: memory for the points. `colours`: the stages that compute colours at samples and once a ray, with memory for
-/// the colours of a block; `None` if density alone is requested.
+/// `rays`: memory for the points. `colours`: memory for colours at samples, for the colours of a block, and for
+/// deferred shading; `None` if density alone is requested.
 pub(in crate::render) fn evaluate_points(
     field: Field<'_>,
     points: impl Iterator<Item = (Vec3, Vec3)>,

@@ -1,6 +1,6 @@
 //! Coarse pass of a scene with a proposal network: selects the samples at which the scene's network is evaluated.
 //!
-//! The rays of a tile are marched through the proposal's bins with the proposal network, which has densities alone.
+//! The rays of a tile are marched through the proposal's bins with the proposal network, which outputs only densities.
 //! Each ray draws its samples from the resulting weights; the rest of the frame is the same as without a proposal.
 
 use super::TileState;
@@ -19,10 +19,9 @@ use crate::volume::Accumulator;
 #[cfg(all(test, feature = "proposal"))]
 mod tests;
 
-/// Transmittance below which a ray's march through the proposal ends: bins behind would draw less than a thousandth of
-/// the samples. A constant, not a setting: the positions of samples do not depend on
-/// [`Quality::transmittance_cut`](crate::plan::Quality::transmittance_cut), and the PSNR measured for a cut stays
-/// valid.
+/// Transmittance below which a ray's march through the proposal's bins ends: bins behind would draw less than a
+/// thousandth of the samples. Independent of [`Quality::transmittance_cut`](crate::plan::Quality::transmittance_cut): a
+/// change of that threshold moves no samples.
 const LEAST_TRANSMITTANCE: f32 = 1e-3;
 
 /// Proposal network of a scene; empty if the scene or the build has none.
@@ -35,14 +34,14 @@ impl<'a> Proposer<'a> {
         blob.proposal().filter(|_| PROPOSAL_BUILT).map_or(0, |it| it.architecture().density_parameters())
     }
 
-    /// Decodes the proposal network's weights from the stored format `storage` into `to`: one value a parameter.
+    /// Unpacks the proposal network's weights into `to` in the format of `storage`: one value a parameter.
     pub fn unpack(blob: &Blob<'_>, storage: Storage, to: &mut [f32]) {
         if let Some(proposal) = blob.proposal().filter(|_| PROPOSAL_BUILT) {
             Weights::unpack(&proposal.architecture(), storage, proposal.weights, to);
         }
     }
 
-    /// The proposal network over its weights: those in the blob, or `unpacked` ones from [`Proposer::unpack`].
+    /// The proposal network over its weights: those in the blob, or `unpacked`, written by [`Proposer::unpack`].
     pub fn view(blob: &Blob<'a>, kernel: Kernel, unpacked: &'a [f32]) -> Self {
         Self([(); PROPOSAL_BUILT as usize].map(|()| {
             let it = blob.proposal()?;
@@ -58,26 +57,26 @@ impl<'a> Proposer<'a> {
         self.0.first()?.as_ref()
     }
 
-    /// Number of multiply-adds of one evaluation; 0 without a proposal network.
+    /// Number of multiply-adds of one evaluation of the proposal network; 0 without a proposal network.
     pub fn macs(&self) -> u64 {
         self.network().map_or(0, |network| network.architecture().density_macs() as u64)
     }
 
-    /// Number of samples of a ray: drawn samples and middles of the proposal's bins. 0 if the frame uses no proposal.
+    /// Number of samples of a ray: those drawn, and the middles of proposal bins. 0 if `plan` uses no proposal.
     pub fn row(&self, plan: &Plan<'_>) -> usize {
         if self.network().is_some() && plan.proposal.is_some() { plan.samples_per_ray() as usize } else { 0 }
     }
 
-    /// Numbers of rows of encoded inputs and of activations that one evaluation needs in frames of `plan`.
+    /// Numbers of encoded inputs and of activations of the proposal network; 0 if frames of `plan` do not use it.
     pub fn rows(&self, plan: &Plan<'_>) -> (usize, usize) {
         let network = self.network().filter(|_| plan.proposal.is_some());
         network.map_or((0, 0), |network| (network.encoded_rows(), network.activation_rows()))
     }
 }
 
-/// Evaluates the proposal network for the current tile's rays, and draws their samples.
+/// Evaluates the proposal network along the current tile's rays, and draws the samples of each ray from the weights.
 ///
-/// Rays without an occupied sample are finished; the remaining rays are compacted.
+/// Rays without a sample in an occupied cell are added to their pixels at once; the remaining rays are compacted.
 pub(in crate::render) fn propose<M: Math>(
     proposer: &Proposer<'_>,
     TileState { field, rays, density, .. }: &mut TileState<'_, '_>,
