@@ -1,6 +1,6 @@
-//! Error enums whose variants are declared with their messages, and conditions with their errors.
+//! Macros: one declares an error enum with its messages, the other returns an error unless a condition holds.
 
-/// Declares an error enum: each variant with its message, which also documents the variant and its fields.
+/// Declares an error enum, each variant with its message: the text of `Display` and of the variant's documentation.
 macro_rules! errors {
     ($(#[$about:meta])* $error:ident: $(
         $(#[$doc:meta])* $name:ident $(($at:ident: $of:ty))? $({$($field:ident: $type:ty),+})?
@@ -32,7 +32,7 @@ macro_rules! errors {
 }
 pub(crate) use errors;
 
-/// Returns the error unless the condition holds.
+/// Returns the error from the calling function unless the condition holds.
 macro_rules! ensure {
     ($holds:expr, $error:expr) => {{
         let holds: bool = $holds;

@@ -37,9 +37,9 @@
 //! | `alpha` | `−expm1(−sigma delta)`: fraction of the light that one bin absorbs |
 //! | `transmittance` | `exp(−Σ sigma delta)` over the bins in front, summed in log space, compensated |
 //! | `weights`, `opacity` | `transmittance · alpha`; their sum, `<= 1` |
-//! | samples | on the part of a ray inside the scene box, for any camera position: at the scene's step, or in its bins from near to far and in further bins as far as the box reaches; in an unbounded scene from near on, at steps that grow outside the inner ball ([`space::Contraction`]) |
-//! | `far` | one number for all pixels of a camera: the scene's far, or the distance of the farthest corner of its box if that is larger ([`Plan::far_from`]); in an unbounded scene its far beyond the middle of the inner ball |
-//! | last bin | finite: in a march it ends where the ray leaves the box |
+//! | samples | on the part of a ray inside the scene box, for any camera position: at the scene's step, or in the scene's bins of near..far, which continue with the same width in front of near and behind far to the ends of the box; in an unbounded scene from near on, at steps that grow outside the inner ball ([`space::Contraction`]) |
+//! | `far` | distance of pixels without a surface, the same for all pixels of a camera: the scene's far, or the distance of the farthest corner of its box if that is larger ([`Plan::far_from`]); in an unbounded scene, its far plus the camera's distance from the middle of the inner ball |
+//! | last bin | of finite length: in a march, the last bin ends where the ray leaves the box |
 //! | colour | display-encoded (sRGB, as the training images were), `[0, 1]`, composited in that space |
 //! | 2D field | x right, y down, 0 to 1 over the image whatever its aspect; pixel (x, y) is ((x + ½) / width, (y + ½) / height) |
 //! | sinusoidal encoding | `[identity,]` then per level `k` `sin(2^k s x)` of all inputs, `cos(2^k s x)` of all inputs; `s` is π or 1 |

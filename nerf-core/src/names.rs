@@ -1,6 +1,6 @@
 //! Enums of choices whose variants are declared with their names in options and reports.
 
-/// Declares an enum of choices; `ALL` has the order of declaration.
+/// Declares an enum of choices, each variant with its name in options and reports.
 macro_rules! names {
     ($(#[$about:meta])* pub enum $choice:ident { $($(#[$doc:meta])* $variant:ident = $name:literal,)+ }) => {
         $(#[$about])*
@@ -10,10 +10,10 @@ macro_rules! names {
         }
 
         impl $choice {
-            /// Every choice, in the order of declaration.
+            /// All variants, in the order of declaration.
             pub const ALL: [Self; [$($name),+].len()] = [$(Self::$variant),+];
 
-            /// Name of the choice in options and reports.
+            /// Name of the variant in options and reports.
             pub const fn name(self) -> &'static str {
                 match self {
                     $(Self::$variant => $name,)+

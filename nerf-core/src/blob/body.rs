@@ -1,4 +1,4 @@
-//! The content of a blob, as plain data.
+//! The body of a blob as plain data: all that follows the header of a `*.nerf` file.
 
 use crate::encoding::{GridEncoding, SinusoidalEncoding};
 use crate::network::{Architecture, DensityActivation, MAX_TRUNK, Shading, TrunkLayer};
@@ -12,29 +12,29 @@ pub const MAX_SAMPLES: u16 = 4096;
 pub const MAX_PICTURE_SIDE: u32 = 65_535;
 /// Maximum number of cells of the occupancy grid along one axis.
 pub const MAX_OCCUPANCY_RESOLUTION: u16 = 512;
-/// Maximum length of each text of the provenance, bytes.
+/// Maximum length of each text of [`Provenance`], bytes.
 pub const MAX_TEXT: usize = 1024;
 /// Maximum number of points of a Pareto front.
 pub const MAX_FRONT: usize = 16;
 
-/// The body of a blob, in file order.
+/// The body of a blob, which follows the header; fields are in the order of the file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Body<'a> {
-    /// The network's shape.
+    /// The network's shape: encodings, layers, activations.
     pub architecture: Architecture,
     /// Whether the blob is a scene or a 2D field, with its bounds or size.
     pub content: Content,
     /// The occupancy grid, if the scene has one.
     #[serde(borrow)]
     pub occupancy: Option<StoredOccupancy<'a>>,
-    /// The Pareto front of accuracy against work, most expensive point first; empty if none was measured.
+    /// The Pareto front of PSNR against multiply-adds, most expensive settings first; empty if none was measured.
     pub front: ParetoFront,
-    /// A second, cheaper network: the samples of the scene's network are drawn from its weights along a ray.
+    /// A second, cheaper network whose compositing weights along a ray place the samples of the scene's network.
     #[serde(borrow)]
     pub proposal: Option<Proposal<'a>>,
-    /// Data, program, settings and PSNR that the blob results from.
+    /// Origin of the blob: data, program, settings and measured PSNR.
     pub provenance: Provenance<'a>,
-    /// The parameters as little-endian f16, in the order of [`Architecture::layers`].
+    /// Weights and biases of the scene's network as little-endian f16, in the order of [`Architecture::layers`].
     #[serde(serialize_with = "as_bytes")]
     pub weights: &'a [u8],
     /// The table entries of the grid encoding; present if and only if a grid encodes the position.
@@ -43,7 +43,7 @@ pub struct Body<'a> {
 }
 
 impl<'a> Body<'a> {
-    /// The grid and the coded bytes; `None` unless tables are coded.
+    /// Returns the grid encoding and the bytes of its entropy-coded tables; `None` without tables in that format.
     pub(super) fn coded(&self) -> Option<(&GridEncoding, &'a [u8])> {
         match (self.architecture.position.grid(), self.tables) {
             (Some(grid), Some(StoredTables::Coded { bytes, .. })) => Some((grid, bytes)),
@@ -52,14 +52,14 @@ impl<'a> Body<'a> {
     }
 }
 
-/// The entries of a grid as stored in the file: level by level, entry by entry, feature by feature.
+/// The table entries of a grid encoding, as stored in the file: level by level, entry by entry, feature by feature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum StoredTables<'a> {
-    /// Little-endian f16, finite.
+    /// Each value as little-endian f16, finite.
     F16(#[serde(serialize_with = "as_bytes")] &'a [u8]),
     /// Signed bytes; a value is its byte times the scale of its level.
     Int8 {
-        /// One little-endian f32 per level, above 0; 128 times the scale is finite.
+        /// Scale of each level, little-endian f32: above 0, and 128 times the scale is finite.
         #[serde(serialize_with = "as_bytes")]
         scales: &'a [u8],
         /// One signed byte per value.
@@ -71,21 +71,21 @@ pub enum StoredTables<'a> {
         /// Scales as in [`StoredTables::Int8`].
         #[serde(serialize_with = "as_bytes")]
         scales: &'a [u8],
-        /// The coded bytes.
+        /// The entropy-coded bytes of all levels.
         #[serde(serialize_with = "as_bytes")]
         bytes: &'a [u8],
     },
 }
 
 impl<'a> StoredTables<'a> {
-    /// The bytes of the entries, as stored in the file.
+    /// The bytes of the entries, as stored in the file, without the scales.
     pub const fn bytes(&self) -> &'a [u8] {
         match self {
             Self::F16(bytes) | Self::Int8 { bytes, .. } | Self::Coded { bytes, .. } => bytes,
         }
     }
 
-    /// The scales of the levels; `None` for f16.
+    /// The scales of the levels, little-endian f32; `None` for f16 entries, which have no scales.
     pub const fn scales(&self) -> Option<&'a [u8]> {
         match self {
             Self::F16(_) => None,
@@ -110,13 +110,13 @@ impl<'a> StoredTables<'a> {
 pub enum Content {
     /// Colour over a plane: a 2D field.
     Picture(PictureFacts),
-    /// Density and colour in space.
+    /// Density and colour in space: a scene.
     Scene(SceneFacts),
 }
 
 /// Size of the image that a 2D field was fitted to. The field can be rendered at any size.
 ///
-/// The network's inputs are x to the right and y down, each 0 to 1 over the image at any aspect ratio.
+/// The network's inputs are x to the right and y down, each from 0 to 1 across the image whatever its aspect ratio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PictureFacts {
     /// Pixels per row, 1 to [`MAX_PICTURE_SIDE`].
@@ -143,45 +143,47 @@ pub struct SceneFacts {
     /// Whether the occupancy grid is part of the model: the network was never trained in empty cells, and rendering
     /// without the grid is refused.
     pub occupancy_required: bool,
-    /// Default viewpoint; `None` if the photographs' cameras are not known.
+    /// Default viewpoint of renders; `None` if the cameras of the training photographs are not known.
     pub viewpoint: Option<Viewpoint>,
 }
 
-/// A viewpoint among the scene's photographs: a view from there shows parts that were photographed.
+/// A viewpoint among the cameras of the training photographs, from which a render shows photographed parts.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Viewpoint {
     /// The camera's position, world units.
     pub eye: [f32; 3],
-    /// Point the camera looks at, the photographs' subject, world units; not along `up` from the eye.
+    /// Point that the camera looks at, world units; `target - eye` is not parallel to `up`.
     pub target: [f32; 3],
     /// Upward direction of the photographs; unit length within 1e-3.
     pub up: [f32; 3],
-    /// Arc around the target that the photographs cover, radians around `up`, centred on the eye: 0 to 2π.
+    /// Angle around the axis `up` through `target` over which the training cameras spread, half of it to each side of
+    /// `eye`: 0 to 2π, radians.
     pub arc: f32,
 }
 
-/// Placement of a ray's samples, at which a scene's field is evaluated.
+/// Placement of the samples along a ray, at which a scene's network is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum SceneSampling {
-    /// The middles of this number of equal bins of `near..far`, at which the network was trained. With a proposal
-    /// network, the number of samples drawn from the proposal. 1 to [`MAX_SAMPLES`].
+    /// Number of equal bins of `near..far`, each with a sample at its middle, as in training. With a proposal network,
+    /// number of samples that the proposal places. 1 to [`MAX_SAMPLES`].
     Bins(u16),
-    /// Steps of this length, world units, from the point where the ray enters the scene box to the point where it
-    /// leaves. Finite, above 0, and at most [`MAX_SAMPLES`] steps along the box's diagonal.
+    /// Length of a step, world units, from sample to sample, from the point where the ray enters the scene box to the
+    /// point where the ray leaves the box. Finite, above 0, at most [`MAX_SAMPLES`] steps along the box's diagonal.
     March(f32),
-    /// Steps through unbounded space, which is contracted into the scene box, a cube ([`Contraction`]). Steps are equal
-    /// in the inner ball and grow outside of the ball, from `near` to `far` beyond the ball's middle.
+    /// Steps through unbounded space, which is contracted into the scene box ([`Contraction`]): equal in the inner ball
+    /// and growing outside. Steps begin at `near` and end `far` behind the ray's point nearest to the ball's middle.
     Contracted {
         /// Length of a step in the inner ball, in radii of the ball: above 0, at most 1, and at most [`MAX_SAMPLES`]
-        /// steps on a ray that comes from far away.
+        /// steps on an infinite line through the ball's middle.
         step: f32,
-        /// Power with which steps outside of the ball grow: 1, 2 or 4.
+        /// Power `p` of [`Contraction::distance`], with which steps outside of the ball grow: 1, 2 or 4.
         power: u8,
     },
 }
 
 impl SceneFacts {
-    /// Number of samples per ray: bins of `near..far`, or steps on the longest ray through the box.
+    /// Number of samples per ray: bins of `near..far`, or steps along the box's diagonal. In an unbounded scene, steps
+    /// on a ray through the middle of the inner ball, from the ball's rim to `far` behind the middle.
     pub fn samples(&self) -> u16 {
         match self.sampling {
             SceneSampling::Bins(samples) => samples,
@@ -192,7 +194,7 @@ impl SceneFacts {
         }
     }
 
-    /// Distance between samples, world units; in a contracted scene, inside the inner ball.
+    /// Distance between successive samples, world units; in an unbounded scene, that inside the inner ball.
     pub fn step(&self) -> f32 {
         match self.sampling {
             SceneSampling::Contracted { step, .. } => {
@@ -203,19 +205,18 @@ impl SceneFacts {
         }
     }
 
-    /// The contraction; `None` in a bounded scene.
+    /// The contraction of space into the scene box; `None` in a bounded scene.
     pub fn contraction(&self) -> Option<Contraction> {
         let SceneSampling::Contracted { power, .. } = self.sampling else { return None };
         Contraction::new(&self.bounds(), power)
     }
 
-    /// The scene box.
     pub(crate) fn bounds(&self) -> SceneBox {
         SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) }
     }
 
-    /// Length of a ray of a contracted scene from the rim of the inner ball to `far`, in the unit of `s` in
-    /// [`Contraction::distance`].
+    /// Length, in the unit of `s` in [`Contraction::distance`], of a ray through the middle of the inner ball, from the
+    /// ball's rim to `far` behind the middle; 0 in a bounded scene.
     pub(crate) fn reach(&self) -> f32 {
         self.contraction().map_or(0.0, |contraction| 1.0 + contraction.step_at(self.far))
     }
@@ -226,7 +227,7 @@ impl SceneFacts {
     }
 }
 
-/// Number of steps that cover `length`, rounded up; at least 1.
+/// Number of steps of length `step` that cover `length`, rounded up; at least 1.
 pub(crate) fn steps(length: f32, step: f32) -> u32 {
     let steps = length / step;
     // `as` saturates, and converts NaN to 0.
@@ -234,7 +235,7 @@ pub(crate) fn steps(length: f32, step: f32) -> u32 {
     if (whole as f32) < steps { whole.saturating_add(1) } else { whole.max(1) }
 }
 
-/// The occupancy grid: one bit per cell of the scene box.
+/// The occupancy grid: one bit per cell of the scene box, 1 if the cell is occupied.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StoredOccupancy<'a> {
     /// Number of cells along x, y, z.
@@ -245,7 +246,7 @@ pub struct StoredOccupancy<'a> {
 }
 
 impl StoredOccupancy<'_> {
-    /// Size of an occupancy grid of this resolution, bytes; `usize::MAX` on overflow.
+    /// Size of an occupancy grid of `resolution` cells along x, y, z, bytes; `usize::MAX` on overflow.
     pub fn bytes(resolution: [u16; 3]) -> usize {
         let cells: u64 = resolution.iter().map(|&side| u64::from(side)).product();
         usize::try_from(cells.div_ceil(8)).unwrap_or(usize::MAX)
@@ -255,10 +256,10 @@ impl StoredOccupancy<'_> {
 /// The Pareto front of a scene, most expensive point first.
 pub type ParetoFront = heapless::Vec<FrontPoint, MAX_FRONT>;
 
-/// The settings of a [`Quality`](crate::plan::Quality) with their loss and cost. No point of a Pareto front has both a
-/// lower cost and a higher PSNR than another.
+/// The settings of a [`Quality`](crate::plan::Quality), with the PSNR that they lose and their cost. No point of a
+/// Pareto front has both a lower cost and a higher PSNR than another point.
 ///
-/// Cost is in multiply-adds, not in time, which depends on the host.
+/// Cost counts multiply-adds, not time, which depends on the host.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrontPoint {
     /// Samples per ray, 1 to [`MAX_SAMPLES`].
@@ -269,40 +270,40 @@ pub struct FrontPoint {
     pub colour_cut: f32,
     /// Whether empty cells are skipped; true only in a scene with an occupancy grid.
     pub occupancy: bool,
-    /// Elementary functions (exp, sin, …) of these settings, as [`MathBackend::tag`](crate::math::MathBackend::tag).
+    /// Backend of the elementary functions (exp, sin, …), as [`MathBackend::tag`](crate::math::MathBackend::tag).
     pub math: u8,
-    /// Whether samples are drawn from the proposal network; true only in a scene that has one.
+    /// Whether the proposal network places the samples; true only in a scene with a proposal network.
     pub proposal: bool,
-    /// PSNR of the scene's exact rendering minus that of this point, against ground truth, dB. Negative if the
-    /// approximation happens to be better.
+    /// PSNR of exact rendering minus PSNR of rendering with these settings, both against ground truth, dB. Negative if
+    /// these settings happen to be better.
     pub loss_db: f32,
-    /// Multiply-adds of this point relative to the exact rendering's, above 0.
+    /// Multiply-adds of rendering with these settings, relative to those of exact rendering, above 0.
     pub cost: f32,
 }
 
-/// A network with densities only: encoding, trunk and density head, over the scene box.
+/// A proposal network, which has densities only: encoding, trunk and density head, over the scene box.
 ///
 /// # Source
-/// Mildenhall et al. 2020, section 5.2: the coarse network, of which rendering uses only the weights
-/// along the ray. Its colours are not in the file.
+/// Mildenhall et al. 2020, section 5.2: the coarse network, of which rendering uses only the compositing weights
+/// along the ray. The colours of that network are not in the file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Proposal<'a> {
     /// Encoding of the position, which may differ from that of the scene's network.
     pub position: SinusoidalEncoding,
-    /// The trunk, in order; the input of the first layer is `PE(x)`, without a skip.
+    /// Hidden layers of the trunk, in order; the input of the first is the encoded position, and none has a skip input.
     pub trunk: heapless::Vec<TrunkLayer, MAX_TRUNK>,
     /// Activation of the density head.
     pub density: DensityActivation,
     /// Samples per ray at which the proposal is evaluated, one in each of equal bins of `near..far`.
     pub samples: u16,
-    /// The parameters as little-endian f16, in the order of [`Architecture::layers`]: trunk, density head.
+    /// Weights and biases as little-endian f16, in the order of [`Architecture::layers`]: trunk, density head.
     #[serde(serialize_with = "as_bytes")]
     pub weights: &'a [u8],
 }
 
 impl Proposal<'_> {
-    /// The shape as a scene's architecture. Its rgb head has no parameters in [`Proposal::weights`], which end after
-    /// [`Architecture::density_parameters`].
+    /// The proposal network's shape as an [`Architecture`], whose colour head has no parameters in this network:
+    /// [`Proposal::weights`] end after [`Architecture::density_parameters`].
     pub fn architecture(&self) -> Architecture {
         Architecture {
             position: self.position.into(),
@@ -333,12 +334,12 @@ pub struct Provenance<'a> {
     /// PSNR lost on the validation views by rounding weights and tables to their stored format, dB (negative: a
     /// gain); `None` if not measured.
     pub quantisation_loss_db: Option<f32>,
-    /// Number of trained parameters, before layers are folded for the export.
+    /// Number of trained parameters, counted before the export merges successive linear layers.
     pub trained_parameters: u32,
 }
 
 impl Provenance<'_> {
-    /// Empty provenance.
+    /// Provenance of which nothing is known: empty texts, zeros, no PSNR.
     pub const NONE: Self = Self {
         data: "",
         made_by: "",

@@ -100,7 +100,7 @@ fn check_scene(scene: &SceneFacts, architecture: &Architecture) -> Result<(), Bl
     }
 }
 
-/// Whether the viewpoint determines a camera pose.
+/// Whether a camera pose can be computed from the viewpoint.
 fn looks_somewhere(viewpoint: &Viewpoint) -> bool {
     let (eye, up) = (Vec3::from(viewpoint.eye), Vec3::from(viewpoint.up));
     let back = eye - Vec3::from(viewpoint.target);
@@ -111,8 +111,7 @@ fn looks_somewhere(viewpoint: &Viewpoint) -> bool {
         && (0.0..=TAU).contains(&viewpoint.arc)
 }
 
-/// Whether rays of the scene can have `samples` samples. Checked when a blob is opened, so that planning cannot fail on
-/// this number later.
+/// Whether rays of the scene can have `samples` samples; checked on opening, so that planning never fails on `samples`.
 fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
     (1..=MAX_SAMPLES).contains(&samples)
         && match scene.sampling {
@@ -122,7 +121,7 @@ fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
         }
 }
 
-/// Whether every point of the box can be encoded.
+/// Checks that the encoding's largest angle over the box is in the domain of sine and cosine.
 fn check_domain(bounds: &SceneBox, position: &SinusoidalEncoding) -> Result<(), BlobError> {
     // The highest level multiplies by 2^(levels − 1).
     let reach = bounds.min.abs().max(bounds.max.abs()).max_element();
@@ -206,7 +205,7 @@ fn check_length(section: Section, expected: usize, bytes: &[u8]) -> Result<(), B
     if expected == found { Ok(()) } else { Err(BlobError::Length { section, expected, found }) }
 }
 
-/// Index of the first f16 that is infinite or NaN.
+/// Index of the first f16 that is infinite or NaN; `None` if all are finite.
 fn first_not_finite(bytes: &[u8]) -> Option<usize> {
     // An f16 is finite unless its five exponent bits are all set.
     bytes.as_chunks().0.iter().position(|&[_, high]| high & 0x7c == 0x7c)
@@ -227,7 +226,8 @@ fn check_values(
     })
 }
 
-/// Checks that every point can be planned and that the points form a Pareto front.
+/// Checks that each point of the Pareto front has valid settings for the scene, a lower cost than the point before, and
+/// no higher PSNR.
 fn check_front(body: &Body<'_>, scene: &SceneFacts) -> Result<(), BlobError> {
     let mut before: Option<&FrontPoint> = None;
     for (index, point) in body.front.iter().enumerate() {

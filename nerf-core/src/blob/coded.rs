@@ -1,8 +1,8 @@
-//! Tables of bytes, entropy-coded: rANS with adaptive models, as `docs/blob-format.md` specifies it.
+//! Entropy coding of int8 tables: rANS with adaptive models, as `docs/blob-format.md` specifies.
 //!
-//! A byte is two symbols of 16 values. The symbols decoded before select the model of the next, and a model adapts to
-//! each symbol that it decodes, so that files hold no probabilities. Decoding is a bijection between states. Bytes are
-//! therefore an encoder's if and only if decoding ends in the encoder's initial state with no bytes left.
+//! A value is coded as two symbols of 4 bits. Values decoded before select the model of the next symbol, and a model
+//! adapts to each symbol that it decodes, so that files hold no probabilities. Each step of decoding is invertible.
+//! Bytes are therefore an encoder's if and only if decoding ends in the encoder's initial state with no bytes left.
 //!
 //! # Source
 //! Duda 2013, "Asymmetric numeral systems", arXiv:1311.2540. The update of the models is that of Giesen's "Mixing discrete
@@ -11,24 +11,24 @@
 use super::error::BlobError;
 use crate::encoding::GridEncoding;
 
-/// Number of symbols of a model.
+/// Number of different symbols: values of 4 bits.
 const SYMBOLS: usize = 16;
-/// Binary logarithm of the sum of a model's frequencies.
+/// Binary logarithm of the total length of a model's intervals.
 const BITS: u32 = 15;
-/// Least state between two symbols; also the encoder's initial state.
+/// Smallest state of the rANS coder between two symbols; also the encoder's initial state.
 const LEAST: u32 = 1 << 16;
-/// Number added to a byte, modulo 256, so that all small magnitudes have the same upper half.
+/// Number added to a value, modulo 256, so that all values of small magnitude have the same upper 4 bits.
 const OFFSET: u8 = 0x88;
-/// Upper half of the values from -8 to 7.
+/// Upper 4 bits of the values from -8 to 7 after [`OFFSET`] is added.
 const SMALL: usize = 8;
-/// Number of classes of magnitudes, each with its own models.
+/// Number of classes into which the magnitude of preceding values falls; each class has its own models.
 const CLASSES: usize = 8;
 /// Maximum number of features of an entry.
 const MAX_FEATURES: usize = 4;
-/// Number of models of upper halves, and of lower halves of small values.
+/// Number of models of upper 4 bits, one for each class and feature. Lower 4 bits of small values have as many models.
 const CONTEXTS: usize = CLASSES * MAX_FEATURES;
 
-/// An adaptive distribution of symbols.
+/// An adaptive probability distribution: a symbol's probability is its interval's length, divided by 2^[`BITS`].
 #[derive(Clone, Copy, Debug)]
 struct Model {
     /// Beginning of each symbol's interval, which ends at the beginning of the next; the last ends at 2^[`BITS`].
@@ -38,7 +38,7 @@ struct Model {
 }
 
 impl Model {
-    /// The initial model: sixteen symbols of the same frequency.
+    /// The initial model: sixteen symbols of the same probability.
     const EVEN: Self = {
         let mut begins = [0; SYMBOLS];
         let mut symbol = 0;
@@ -67,8 +67,8 @@ impl Model {
         (begin, end - begin)
     }
 
-    /// Moves the intervals towards a distribution in which every other symbol has length 1 and `symbol` the rest: by a
-    /// 16th of the difference at first, by a 128th in the end. Rounding down keeps every interval at least 1 long.
+    /// Adapts the model to `symbol`: moves all intervals towards a model in which every other interval has length 1, by
+    /// a 16th of the difference at first, by a 128th in the end. Rounding down keeps every interval at least 1 long.
     #[inline(always)]
     fn learn(&mut self, symbol: usize) {
         let rate = 4 + [16, 32, 128].iter().filter(|&&seen| self.seen >= seen).count();
@@ -96,8 +96,8 @@ impl Models {
         Self { models, last: [0; MAX_FEATURES], features, feature: 0 }
     }
 
-    /// Codes one value. `code` gets the model of each of the value's two symbols and returns the symbol, to which the
-    /// model then adapts.
+    /// Encodes or decodes one value as two symbols. `code` is called with the model of each symbol and returns the
+    /// symbol, to which the model then adapts. Returns the value; `None` if `code` returns `None`.
     #[inline(always)]
     fn value(&mut self, mut code: impl FnMut(&Model, Half) -> Option<usize>) -> Option<u8> {
         let magnitude = |value: u8| u32::from(value.cast_signed().unsigned_abs());
@@ -135,7 +135,7 @@ enum Half {
 /// the last value or the last byte, and one byte yields at most 6,100 values.
 ///
 /// # Errors
-/// [`BlobError::CodedEnd`] and [`BlobError::CodedRest`].
+/// [`BlobError::CodedEnd`] if `bytes` end before the last value; [`BlobError::CodedRest`] if no encoder writes `bytes`.
 pub fn decode_tables(grid: &GridEncoding, bytes: &[u8], mut put: impl FnMut(u8)) -> Result<(), BlobError> {
     let (first, rest) = bytes.split_first_chunk().ok_or(BlobError::CodedEnd { level: 0, index: 0 })?;
     let (mut state, words) = (u32::from_le_bytes(*first), rest.as_chunks::<2>());
@@ -164,7 +164,7 @@ pub fn decode_tables(grid: &GridEncoding, bytes: &[u8], mut put: impl FnMut(u8))
     if left == 0 && state == LEAST { Ok(()) } else { Err(BlobError::CodedRest { state, bytes: left as u64 }) }
 }
 
-/// Encodes the values of all levels of `grid`, signed bytes, into the end of `out` and returns the encoded bytes.
+/// Encodes `values`, the signed bytes of all levels of `grid`, into the end of `out` and returns the encoded bytes.
 ///
 /// `symbols`: memory for two intervals per value. `None` if `symbols`, `out` or `values` is too short.
 #[cfg(any(feature = "train", test))]

@@ -1,9 +1,9 @@
-//! Replaces `coded` in builds without that feature: coded tables are refused.
+//! Replaces `coded.rs` in builds without the feature `coded`: entropy-coded tables are refused.
 
 use super::error::BlobError;
 use crate::encoding::GridEncoding;
 
-/// Refuses coded tables: this build has no decoder.
+/// Refuses entropy-coded tables: this build has no decoder.
 ///
 /// # Errors
 /// [`BlobError::NotBuilt`].

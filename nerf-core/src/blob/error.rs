@@ -1,4 +1,4 @@
-//! Errors of blobs.
+//! Errors of opening and writing a blob.
 
 use super::body::{MAX_PICTURE_SIDE, MAX_SAMPLES};
 use crate::errors::errors;
@@ -9,7 +9,7 @@ use crate::space::BoundsError;
 use core::fmt;
 
 names! {
-    /// A section of the body, for messages.
+    /// A section of a blob's body, by its name in error messages.
     #[non_exhaustive]
     pub enum Section {
         Position = "architecture.position",
@@ -35,7 +35,7 @@ names! {
 }
 
 impl Section {
-    /// The range of the section's values, for messages.
+    /// Description of the section's valid values, for error messages.
     const fn range(self) -> &'static str {
         match self {
             Self::Samples => "1 to 4096 samples, in bins that f32 tells apart",
@@ -62,12 +62,12 @@ impl fmt::Display for Section {
 }
 
 errors! {
-    /// A fault of a point of the Pareto front.
+    /// A fault of one point of a blob's Pareto front.
     FrontFault:
     Samples { found: u16 } => "samples: expected 1 to {MAX_SAMPLES} bins of some width, found {found}";
     TransmittanceCut { found: f32 } => "transmittance_cut: expected 0 <= cut < 1, found {found}";
     ColourCut { found: f32 } => "colour_cut: expected 0 <= cut < 1, found {found}";
-    /// The point uses an occupancy grid that the scene does not have, or does not use one that is part of the model.
+    /// The point uses an occupancy grid and the scene has none, or does not use a grid that the scene requires.
     Occupancy { found: bool } =>
         "occupancy: expected {expected}",
         expected = match found {
@@ -155,7 +155,7 @@ errors! {
     Space { expected: u64, found: u64 } => "output buffer: expected {expected} bytes, found {found}";
 }
 
-/// Name of the content of a blob with or without a density head.
+/// Name of the content of a blob whose network has, or lacks, a density head.
 const fn kind(density: bool) -> &'static str {
     if density { "scene" } else { "picture" }
 }

@@ -16,15 +16,15 @@ const VERSION: Range<usize> = 8..10;
 const ENDIAN: Range<usize> = 10..12;
 const FLAGS: Range<usize> = 12..16;
 const BODY_LENGTH: Range<usize> = 16..24;
-/// CRC-32 (ISO-HDLC) over the header with this field and the next at 0, then the body.
+/// Bytes that hold the CRC-32 (ISO-HDLC) of header and body, computed with 0 in `CHECKSUM` and `RESERVED`.
 const CHECKSUM: Range<usize> = 24..28;
 const RESERVED: Range<usize> = 28..HEADER_LEN;
 
 const ENDIAN_TAG: u16 = 0xfeff;
-/// A single 1 KiB table, small enough for a microcontroller.
+/// CRC-32 by a single table of 1 KiB, small enough for a microcontroller.
 const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
 
-/// Makes the header of `body`.
+/// Returns the header of a blob with this body.
 pub(super) fn write(body: &[u8]) -> [u8; HEADER_LEN] {
     let mut header = [0; HEADER_LEN];
     header[..MAGIC.len()].copy_from_slice(&MAGIC);
@@ -62,7 +62,7 @@ pub(super) fn open(bytes: &[u8]) -> Result<&[u8], BlobError> {
     Ok(body)
 }
 
-/// Copies the bytes `at` out of the header.
+/// Returns a copy of the header's bytes in the range `at`.
 fn field<const N: usize>(header: &[u8; HEADER_LEN], at: Range<usize>) -> [u8; N] {
     let mut bytes = [0; N];
     for (to, from) in bytes.iter_mut().zip(header.get(at).unwrap_or_default()) {

@@ -1,7 +1,7 @@
 //! The `*.nerf` file: a checked header, then one postcard body, whose large parts are slices of the file's bytes.
 //!
 //! The format is specified in `docs/blob-format.md`. A [`Blob`] is checked once, in
-//! [`Blob::open`]; everything after that is infallible.
+//! [`Blob::open`]; reading its content is then infallible.
 
 mod body;
 mod check;

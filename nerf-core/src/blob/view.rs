@@ -76,26 +76,25 @@ impl<'a> Blob<'a> {
         Ok(Self { body })
     }
 
-    /// Reads bytes that [`Blob::open`] has already checked.
+    /// Reads, without checks, bytes that [`Blob::open`] has already checked.
     #[cfg(all(feature = "std", not(target_os = "none")))]
     pub(crate) fn decode(bytes: &'a [u8]) -> Result<Self, BlobError> {
         let mut input = Deserializer::from_bytes(bytes.get(header::HEADER_LEN..).unwrap_or_default());
         Ok(Self { body: read_body!(&mut input) })
     }
 
-    /// Replaces the weights by unchecked ones.
     #[cfg(test)]
     pub(crate) fn with_weights(mut self, weights: &'a [u8]) -> Self {
         self.body.weights = weights;
         self
     }
 
-    /// Address of the weights, which identifies a blob among those borrowed at the same time.
+    /// Address of the weights: equal for two blobs that exist at the same time only if they borrow the same bytes.
     pub(crate) fn identity(&self) -> usize {
         self.body.weights.as_ptr().addr()
     }
 
-    /// The network's shape.
+    /// The network's shape: encodings, layers, activations.
     pub fn architecture(&self) -> &Architecture {
         &self.body.architecture
     }
@@ -126,33 +125,33 @@ impl<'a> Blob<'a> {
         Some(self.scene()?.bounds())
     }
 
-    /// The occupancy grid, if there is one.
+    /// The occupancy grid; `None` in a 2D field and in a scene without one.
     pub fn occupancy(&self) -> Option<OccupancyGrid<'a>> {
         let occupancy = self.body.occupancy.as_ref()?;
         Some(OccupancyGrid::new(self.scene_box()?, occupancy.resolution, occupancy.bits))
     }
 
-    /// The Pareto front of accuracy against work, most expensive point first; empty if none was measured.
+    /// The Pareto front of PSNR against multiply-adds, most expensive settings first; empty if none was measured.
     pub fn front(&self) -> &[FrontPoint] {
         &self.body.front
     }
 
-    /// The coarse proposal network, if there is one.
+    /// The coarse proposal network; `None` if the scene has none.
     pub fn proposal(&self) -> Option<&Proposal<'a>> {
         self.body.proposal.as_ref()
     }
 
-    /// Data, program, settings and PSNR that the blob results from.
+    /// Origin of the blob: data, program, settings and measured PSNR.
     pub fn provenance(&self) -> &Provenance<'a> {
         &self.body.provenance
     }
 
-    /// The parameters, little-endian f16.
+    /// Weights and biases of the scene's network as little-endian f16, in the order of [`Architecture::layers`].
     pub fn weights(&self) -> &'a [u8] {
         self.body.weights
     }
 
-    /// The table entries of the grid encoding, if the position is encoded by a grid.
+    /// The table entries of the grid encoding; `None` if the position is not encoded by a grid.
     pub fn tables(&self) -> Option<StoredTables<'a>> {
         self.body.tables
     }
@@ -162,7 +161,7 @@ impl<'a> Blob<'a> {
         self.body.coded().map_or(0, |(grid, _)| grid.values())
     }
 
-    /// Decodes coded tables into `to`, [`Blob::decoded_len`] bytes, as int8 tables; does nothing for other tables.
+    /// Decodes coded tables to int8 tables in `to`, [`Blob::decoded_len`] bytes; does nothing for other tables.
     ///
     /// # Errors
     /// None after [`Blob::open`]. After [`Blob::open_undecoded`], the error of [`Blob::open`] for the coded bytes.
@@ -173,7 +172,7 @@ impl<'a> Blob<'a> {
     }
 }
 
-/// Reads the next section.
+/// Reads the next value of the body from `input`; an error names `section`.
 fn read<'a, T: Deserialize<'a>>(
     input: &mut Deserializer<'a, Slice<'a>>,
     section: Section,
@@ -181,7 +180,7 @@ fn read<'a, T: Deserialize<'a>>(
     T::deserialize(input).map_err(|_| BlobError::Body(section))
 }
 
-/// Checks that `bytes` are exactly what writing `body` gives: the format has one form for each content.
+/// Checks that `bytes` are exactly those that writing `body` gives: the format has one valid encoding of each body.
 fn check_form(body: &Body<'_>, bytes: &[u8]) -> Result<(), BlobError> {
     let mut rest = bytes;
     match postcard::serialize_with_flavor(body, Compare { rest: &mut rest }) {
@@ -192,7 +191,7 @@ fn check_form(body: &Body<'_>, bytes: &[u8]) -> Result<(), BlobError> {
 
 /// A serialiser that compares its output with existing bytes.
 struct Compare<'c, 'a> {
-    /// Bytes not compared yet.
+    /// The existing bytes that are not compared yet.
     rest: &'c mut &'a [u8],
 }
 

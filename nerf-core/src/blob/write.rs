@@ -5,7 +5,7 @@ use super::check::check;
 use super::error::BlobError;
 use super::header::{self, HEADER_LEN};
 
-/// Size of the blob of `body`, bytes.
+/// Size of the blob that [`write()`] makes of `body`, bytes.
 ///
 /// # Errors
 /// The errors of [`write()`].

@@ -105,7 +105,7 @@ impl Pose {
         Some(Self { rotation: Mat3::from_cols(right, backward.cross(right), backward), position: eye })
     }
 
-    /// Checks that the position is finite and within 1e9, and the rotation a rotation within 1e-3.
+    /// Checks that the coordinates of `position` are within ±1e9 and that `rotation` is a rotation within 1e-3.
     fn check(&self) -> Result<(), CameraError> {
         let position_fits = self.position.is_finite() && self.position.abs().max_element() <= 1e9;
         if !position_fits || !self.rotation.is_finite() {
@@ -194,7 +194,7 @@ impl Camera {
         Ok(camera)
     }
 
-    /// Checks that the image's corners, and so all of its points, have a direction in f32.
+    /// Checks that the image's corners, and so all of its points, are within [`MAX_NORMALISED`] of the principal point.
     fn check_view(&self) -> Result<(), CameraError> {
         let (w, h) = (self.intrinsics.width as f32, self.intrinsics.height as f32);
         for (x, y) in [(0.0, 0.0), (w, h)] {
@@ -206,8 +206,8 @@ impl Camera {
         Ok(())
     }
 
-    /// Inverts the lens at 17×17 points over the image, unless its distortion is too weak to fail. Folds between axis
-    /// and point are searched only for points on the border, which lie beyond all other points.
+    /// Checks that the lens can be inverted at 17×17 points over the image, unless the distortion is too weak to fail.
+    /// Folds between the axis and a point are looked for only at the image's border, outside of all other points.
     fn check_lens(&self) -> Result<(), CameraError> {
         if self.lens == Lens::NONE {
             return Ok(());
@@ -234,7 +234,7 @@ impl Camera {
         Ok(())
     }
 
-    /// This camera at another pose.
+    /// Returns this camera at another pose.
     ///
     /// # Errors
     /// [`CameraError`] if the pose is not finite, too far away or no rotation.
@@ -243,7 +243,7 @@ impl Camera {
         Ok(Self { pose, ..*self })
     }
 
-    /// This camera at `pose`, unchecked: its own pose, rotated and translated.
+    /// Returns this camera at `pose`, which is not checked since it is the checked pose of this camera, only moved.
     #[cfg(feature = "instances")]
     pub(crate) fn moved(&self, pose: Pose) -> Self {
         Self { pose, ..*self }
@@ -295,9 +295,9 @@ impl Camera {
         Ray { origin: self.pose.position, dir: dir.normalize() }
     }
 
-    /// [`Camera::ray`] through a point that may lie outside of the image, for which [`Camera::new`] did not check the
-    /// lens. `None` if the lens has no inverse there or folds between axis and point, or if the direction overflows
-    /// f32.
+    /// [`Camera::ray`] through a point that may lie outside of the image, where [`Camera::new`] did not check the lens.
+    /// `None` if the lens has no inverse at the point or folds between the axis and the point, or if the direction
+    /// overflows f32.
     pub fn try_ray(&self, x: f32, y: f32) -> Option<Ray> {
         let (u, v) = self.normalised(x, y);
         let ray = self.towards(self.lens.invert(u, v, true)?);
@@ -316,8 +316,8 @@ impl Camera {
         Some((i.cx + i.fx * u, i.cy + i.fy * v))
     }
 
-    /// A smaller camera with one pixel for each block of `right` × `down` pixels, whose ray is that of the block's
-    /// middle. Incomplete blocks at the edges are dropped, and each side has at least one pixel.
+    /// Returns a camera with one pixel for each block of `right` × `down` pixels; a pixel's ray goes through the middle
+    /// of its block. Incomplete blocks at the edges are dropped, and each side has at least one pixel.
     pub fn thinned(&self, right: u32, down: u32) -> Self {
         let Intrinsics { width, height, fx, fy, cx, cy } = self.intrinsics;
         // No side is 0, as checked by `new`.

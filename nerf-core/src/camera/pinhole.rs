@@ -3,7 +3,7 @@
 use super::{Camera, Ray};
 use crate::simd::{Lanes, MAX_LANES, Op};
 
-/// Rays through up to [`MAX_LANES`] points of a camera without lens distortion, bit for bit as [`Camera::ray`].
+/// Computes rays through up to [`MAX_LANES`] image points, bit for bit as [`Camera::ray`] of an undistorted camera.
 pub(crate) struct PinholeRays<'a> {
     pub camera: &'a Camera,
     /// Image coordinates x and y of the points, pixels.

@@ -1,4 +1,4 @@
-//! Replaces `grid` in builds without that feature: there is no grid and no code that encodes by one.
+//! Replaces `grid` in builds without the feature `grid`: there is no grid encoding and no code for one.
 
 use super::TableValues;
 use crate::absent::absent;

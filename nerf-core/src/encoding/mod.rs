@@ -84,7 +84,7 @@ pub enum DirectionEncoding {
     Sinusoidal(SinusoidalEncoding),
     /// Real spherical harmonics. Without the feature `grid` networks with this encoding are refused.
     SphericalHarmonics {
-        /// Number of bands, 1 to [`MAX_HARMONICS_DEGREE`], which have `degree²` functions together.
+        /// Number of bands, 1 to [`MAX_HARMONICS_DEGREE`]; together the bands have `degree²` functions.
         degree: u8,
     },
 }

@@ -14,9 +14,9 @@ pub enum HostError {
     Read { path: PathBuf, source: std::io::Error },
     /// The file is not a valid blob.
     Open { path: PathBuf, source: BlobError },
-    /// The request does not fit the scene.
+    /// The requested settings or outputs do not fit the scene.
     Plan(PlanError),
-    /// The camera, the size or a direction is out of range.
+    /// Rendering failed: for example, a ray or the image size is invalid, or there is not enough memory.
     Render(RenderError),
 }
 

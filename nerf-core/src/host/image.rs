@@ -5,7 +5,7 @@ use crate::render::{Counters, RenderError};
 use crate::volume::Pixel;
 use std::vec::Vec;
 
-/// A plane of an image: `value` for each pixel.
+/// Makes a plane of an image, with `value` in each pixel.
 ///
 /// # Errors
 /// [`RenderError::ImageMemory`] if there is not enough memory.
@@ -37,7 +37,7 @@ pub struct Image {
     pub median_distance: Vec<f32>,
     /// Normals in world space, of unit length, or 0 if there is no surface.
     pub normals: Vec<[f32; 3]>,
-    /// Counts of the work of the render.
+    /// Numbers of rays, samples and evaluations of the network in the render.
     pub counters: Counters,
 }
 
@@ -61,7 +61,7 @@ impl Image {
         })
     }
 
-    /// Stores pixel `i` in the planes.
+    /// Stores `pixel` in the planes that the image has; `i`: index of the pixel, row by row.
     pub(super) fn put(&mut self, i: usize, pixel: &Pixel) {
         fn set<T>(plane: &mut [T], i: usize, value: T) {
             if let Some(place) = plane.get_mut(i) {

@@ -29,19 +29,19 @@ impl<'s> Request<'s> {
         }
     }
 
-    /// The outputs of a pixel; by default [`Outputs::ALL`].
+    /// Sets the outputs of a pixel; by default [`Outputs::ALL`].
     pub fn outputs(mut self, outputs: Outputs) -> Self {
         self.outputs = outputs;
         self
     }
 
-    /// The settings of a frame, in place of [`Settings::default`]: shortcuts, effects, background, range.
+    /// Sets quality, effects, background and range of distances; by default [`Settings::default`].
     pub fn settings(mut self, settings: Settings) -> Self {
         self.settings = settings;
         self
     }
 
-    /// Number of threads that share a call, by default the number of cores. Pixels do not depend on this number.
+    /// Sets the number of threads that share a call; by default that of cores. Pixels do not depend on the number.
     pub fn threads(mut self, threads: NonZeroUsize) -> Self {
         self.threads = threads;
         self
@@ -57,7 +57,8 @@ impl<'s> Request<'s> {
         Ok(threads::render(&renderer, &plan, camera, self.threads)?)
     }
 
-    /// Renders one pixel for each of `rays`. `axis`: direction of `z_depth`, unit length; `None` makes `z_depth` 0.
+    /// Renders one pixel for each of `rays`. `axis`: direction along which `z_depth` is measured, unit length; with
+    /// `None`, `z_depth` is 0.
     ///
     /// # Errors
     /// As [`Request::render`], and [`HostError::Render`] with the index of the first ray that is invalid.

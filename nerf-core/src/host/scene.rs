@@ -9,7 +9,7 @@ use std::boxed::Box;
 use std::path::Path;
 use std::vec;
 
-/// A scene that owns its bytes: storable, shared by threads, without a lifetime.
+/// A scene that owns the bytes of its file: a value without a lifetime, which can be stored and shared by threads.
 ///
 /// ```no_run
 /// use glam::Vec3;
@@ -55,7 +55,7 @@ impl Scene {
         Self::for_kernel(bytes, Kernel::detect())
     }
 
-    /// Opens a file's bytes for `kernel`; on a machine without its instructions, for [`Kernel::IN_PLACE`].
+    /// Opens a file's bytes for `kernel`; on a machine without the kernel's instructions, for [`Kernel::IN_PLACE`].
     ///
     /// # Errors
     /// As [`Scene::from_bytes`].
@@ -71,13 +71,13 @@ impl Scene {
         Ok(Self { occupied, kernel, prepared, bytes })
     }
 
-    /// The file's content.
+    /// The content of the scene's file.
     pub fn blob(&self) -> Blob<'_> {
         // `for_kernel` has checked the same bytes.
         Blob::decode(&self.bytes).unwrap_or_else(|_| unreachable!("checked bytes decode"))
     }
 
-    /// The borrowed renderer of this scene, for callers with memory and threads of their own.
+    /// A renderer that borrows this scene, for callers that manage memory and threads themselves.
     pub fn renderer(&self) -> Renderer<'_> {
         let Prepared { unpacked, decoded } = &self.prepared;
         let prepared =

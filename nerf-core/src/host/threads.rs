@@ -19,7 +19,7 @@ const BAND: u32 = 8;
 /// Number of rays that a thread renders at a time.
 const CHUNK: u32 = 256;
 
-/// Renders all of `camera`'s image on `threads` threads; its planes are those of the plan's outputs.
+/// Renders all of `camera`'s image on `threads` threads. The image has the planes of the plan's outputs.
 ///
 /// # Errors
 /// [`RenderError::OtherScene`] if the plan was made for another scene, and [`RenderError::ImageMemory`] if there is
@@ -90,9 +90,8 @@ pub fn render_rays(
     Ok((found, counters))
 }
 
-/// Renders a 2D field in `size` (width, height) pixels on `threads` threads; row by row from the top left.
-///
-/// `finished` is called with the number of rows finished since its last call.
+/// Renders a 2D field in `size` (width, height) pixels on `threads` threads, and returns the pixels row by row from the
+/// top left. `finished` is called with the number of rows finished since its last call.
 ///
 /// # Errors
 /// [`RenderError`] if the blob is a scene, on a size above the limit, and without enough memory for the image.
@@ -131,8 +130,8 @@ pub fn render_picture(
     Ok((rgb, counters))
 }
 
-/// Runs task after task until none is left, and passes on the results of each task. `tasks`: the remaining tasks, and
-/// the function that receives results.
+/// Calls `run` with task after task until none is left. `tasks`: the remaining tasks, shared by all threads, and the
+/// function that receives each result. Returns the sum of the counters that `run` returned.
 fn each<T, I: Iterator, F: FnMut(T)>(
     tasks: &Mutex<(I, F)>,
     mut run: impl FnMut(I::Item, &mut Vec<T>) -> Result<Counters, RenderError>,
@@ -148,7 +147,7 @@ fn each<T, I: Iterator, F: FnMut(T)>(
     }
 }
 
-/// Runs `work` on `threads` threads, including this one, until the tasks are done; `take` gets results in any order.
+/// Runs `work` on `threads` threads, one of them this thread, which share `tasks`; `take` gets results in any order.
 fn in_parallel<I: Iterator + Send, F: Send>(
     threads: NonZeroUsize,
     tasks: I,

@@ -4,7 +4,7 @@ use super::{Math, MathBackend, with_math};
 use crate::simd::{Isa, Lanes, Op};
 use core::marker::PhantomData;
 
-/// A function of [`Math`].
+/// One of the elementary functions of [`Math`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Elementary {
@@ -29,8 +29,8 @@ pub enum Elementary {
 }
 
 impl Elementary {
-    /// Writes `f(x[i])` to `out[i]`, computed by backend `math` with instruction set `isa`. Values after the last whole
-    /// group of 16 are computed one by one. Values beyond the length of the shorter slice are left unchanged.
+    /// Writes the function of `x[i]` to `out[i]`, computed by backend `math` with instruction set `isa`. Values after
+    /// the last whole group of 16 are computed one by one. Values of `out` beyond the length of `x` are left unchanged.
     pub fn apply(self, isa: Isa, math: MathBackend, x: &[f32], out: &mut [f32]) {
         let whole = x.len().min(out.len()) / 16 * 16;
         let ((x, rest), (out, rest_out)) = (x.split_at(whole), out.split_at_mut(whole));

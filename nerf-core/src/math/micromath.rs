@@ -4,8 +4,8 @@ use super::{Math, polynomial::clamp_exp, sin_cos_of_reduced};
 use crate::simd::Lanes;
 use micromath::F32Ext;
 
-/// See [`super::MathBackend::Micromath`]. `expm1` and `pow` are the project's own: the crate has no expm1, and the
-/// error of its power is 0.14 on the sRGB curve.
+/// The functions of [`super::MathBackend::Micromath`]. `expm1` and `pow` are the project's own polynomials: the crate
+/// has no expm1, and the error of the crate's power is 0.14 on the sRGB curve.
 pub struct Micromath;
 
 impl Math for Micromath {

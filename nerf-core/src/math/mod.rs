@@ -40,12 +40,12 @@ pub enum MathBackend {
     /// The `micromath` crate: small and rough.
     #[cfg(feature = "micromath")]
     Micromath,
-    /// Angle doubling from level to level of the encoding; errors grow with the level.
+    /// Polynomials, with angle doubling from level to level of the sinusoidal encoding; errors grow with the level.
     Recurrence,
 }
 
 impl MathBackend {
-    /// Number of tags over all builds; [`MathBackend::from_tag`] is `None` for a backend that this build lacks.
+    /// Number of tags, also of backends that this build lacks, for which [`MathBackend::from_tag`] is `None`.
     pub const TAGS: u8 = 4;
 
     /// Tag of the backend in files, the same in every build.
@@ -76,9 +76,9 @@ impl MathBackend {
 
 /// The elementary functions of one backend; the default implementations are the project's own polynomials.
 pub trait Math {
-    /// Whether the encoding computes each level from the previous one by angle doubling.
+    /// Whether the sinusoidal encoding computes each level from the previous level by angle doubling.
     const DOUBLING: bool = false;
-    /// `(sin πu, cos πu)` for finite `u`; the reduction to `u mod 2` is exact, so that no backend gets a large angle.
+    /// `(sin πu, cos πu)` for finite `u`, after exact reduction of `u` modulo 2, so that no backend gets a large angle.
     #[inline(always)]
     fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
         polynomial::sin_cos_pi(u)
@@ -122,7 +122,7 @@ pub trait Math {
     }
 }
 
-/// `(sin πu, cos πu)` by a backend's sine and cosine, after the exact reduction `u mod 2`.
+/// `(sin πu, cos πu)` by the sine and cosine of backend `M`, after `u` is reduced modulo 2, exactly.
 #[cfg(any(feature = "libm", feature = "micromath"))]
 #[inline(always)]
 fn sin_cos_of_reduced<M: Math, V: Lanes>(u: V) -> (V, V) {
@@ -131,8 +131,8 @@ fn sin_cos_of_reduced<M: Math, V: Lanes>(u: V) -> (V, V) {
     M::sin_cos(u.mul(V::splat(core::f32::consts::PI)))
 }
 
-/// Evaluates `$body` with `$M` bound to the [`Math`] of `$backend`, outside of encodings: there the backend
-/// `Recurrence` equals the polynomials, and needs no code of its own.
+/// Evaluates `$body` with `$M` bound to the [`Math`] of `$backend`. Not for encodings: for all other functions the
+/// backend `Recurrence` equals `Polynomial`, so that no code is compiled for `Recurrence`.
 macro_rules! with_math {
     ($backend:expr, $M:ident => $body:expr) => {
         match $backend {
@@ -155,7 +155,7 @@ macro_rules! with_math {
 }
 pub(crate) use with_math;
 
-/// `with_math` for encodings, where the backend `Recurrence` has its own code.
+/// As `with_math`, for sinusoidal encodings, for which the backend `Recurrence` has its own code.
 macro_rules! with_encoding_math {
     ($backend:expr, $M:ident => $body:expr) => {
         match $backend {

@@ -6,7 +6,7 @@ use super::Math;
 use crate::simd::Lanes;
 use core::f32::consts::{FRAC_2_PI, LN_2, LOG2_E, PI};
 
-/// Backend that consists of this module's functions.
+/// Backend whose functions are the polynomials of this module.
 #[derive(Clone, Copy, Debug)]
 pub struct Polynomial;
 

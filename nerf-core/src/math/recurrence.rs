@@ -11,7 +11,7 @@ impl Math for Recurrence {
 
 /// `(sin 2a, cos 2a)` from `(sin a, cos a)`, normalised to the unit circle to first order.
 ///
-/// `cos 2a = (c − s)(c + s)` lets the error grow no faster than necessary.
+/// `cos 2a = (cos a − sin a)(cos a + sin a)` lets the error grow no faster than necessary.
 #[inline(always)]
 pub(crate) fn double<V: Lanes>(sin: V, cos: V) -> (V, V) {
     let s = sin.add(sin).mul(cos);

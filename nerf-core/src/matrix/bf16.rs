@@ -42,7 +42,7 @@ pub fn pair(low: f32, high: f32) -> f32 {
     f32::from_bits(high << 16 | low)
 }
 
-/// Unpacks the two values of a word.
+/// Unpacks the two values of a word: low half, high half.
 #[inline]
 pub fn unpair(word: f32) -> [f32; 2] {
     [f32::from_bits(word.to_bits() << 16), f32::from_bits(word.to_bits() & 0xffff_0000)]
@@ -60,10 +60,10 @@ pub fn pair_rows(values: &mut [f32], rows: usize, stride: usize) {
     }
 }
 
-/// `to = act(init + Σ weights inputs)` over both `parts`, in order; `act` is ReLU if `relu`, else the identity.
+/// `to = act(init + Σ weights inputs)`, summed over the `parts` in order; `act` is ReLU if `relu`, else the identity.
 ///
 /// `stride`: number of samples, a multiple of 16. With [`Init::Accumulate`] sums start from `to`, `[outputs][stride]`
-/// f32, which [`PairedOutput::Pairs`] overwrites. Each element is summed alone in ascending pairs, for any sizes.
+/// f32, which [`PairedOutput::Pairs`] overwrites. An output is summed pair after pair, in the same order for any sizes.
 ///
 /// # Panics
 /// If `stride` is no multiple of 16 or a slice is too short.
@@ -103,7 +103,7 @@ pub fn dense_bf16(
     }
 }
 
-/// A layer whose slices are long enough, as checked by [`dense_bf16`].
+/// The arguments of [`dense_bf16`], whose slices are checked to be long enough.
 struct Layer<'a> {
     parts: [PairedInput<'a>; 2],
     outputs: usize,
@@ -115,7 +115,7 @@ struct Layer<'a> {
 }
 
 impl Layer<'_> {
-    /// Reference implementation: computes one element after the other.
+    /// Reference implementation of [`dense_bf16`]: computes one output of one sample after the other.
     fn plain(self) {
         for row in (0..self.outputs).step_by(2) {
             for column in 0..self.stride {
@@ -173,7 +173,7 @@ mod avx512 {
             }
         }
 
-        /// Computes `PAIRS` pairs of rows of outputs from `row` on, tile by tile.
+        /// Computes `2 * PAIRS` rows of outputs from `row` on, tile by tile.
         #[inline]
         #[target_feature(enable = "avx512f,avx512bf16")]
         fn panel<const PAIRS: usize>(&mut self, row: usize) {
@@ -189,7 +189,7 @@ mod avx512 {
             }
         }
 
-        /// Computes `PAIRS` pairs of rows × `COLS` vectors of outputs, held in registers over all inputs.
+        /// Computes `2 * PAIRS` rows × `COLS` vectors of outputs, whose sums stay in registers over all inputs.
         #[inline]
         #[target_feature(enable = "avx512f,avx512bf16")]
         fn tile<const PAIRS: usize, const COLS: usize>(&mut self, row: usize, column: usize) {
@@ -249,7 +249,7 @@ mod avx512 {
             }
         }
 
-        /// Applies the ReLU, if any. A NaN stays a NaN.
+        /// Applies the ReLU if the layer has one. A NaN stays a NaN.
         #[inline]
         #[target_feature(enable = "avx512f")]
         fn act(&self, sum: __m512) -> __m512 {
@@ -257,7 +257,6 @@ mod avx512 {
         }
     }
 
-    /// Reinterprets sixteen words as pairs of bf16.
     #[inline]
     #[target_feature(enable = "avx512f")]
     fn words(x: __m512) -> __m512bh {
@@ -265,7 +264,7 @@ mod avx512 {
         unsafe { core::mem::transmute(x) }
     }
 
-    /// Packs sixteen pairs, rounded to bf16.
+    /// Packs sixteen pairs of f32 into words, each value rounded to bf16.
     #[inline]
     #[target_feature(enable = "avx512f,avx512bf16")]
     fn pair(low: __m512, high: __m512) -> __m512 {

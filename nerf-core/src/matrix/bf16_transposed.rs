@@ -7,7 +7,7 @@ use crate::simd::{Isa, Lanes, Op};
 ///
 /// `weights`: `[outputs][row]`; the first `pairs(inputs)` words of each row are used. `from`: `[outputs][stride]` f32,
 /// `to`: `[inputs][stride]` f32. `start` is the content of `to` if `accumulate`, else 0. `stride`: number of samples, a
-/// multiple of 16. Each element is summed alone, in ascending outputs.
+/// multiple of 16. Each element of `to` is summed over the layer's outputs in ascending order.
 ///
 /// # Panics
 /// If `stride` is no multiple of 16 or a slice is too short.
@@ -58,7 +58,7 @@ impl Op for Transposed<'_> {
 }
 
 impl Transposed<'_> {
-    /// Computes two rows × `COLS` vectors of `to`, held in registers while all outputs are summed.
+    /// Computes two rows × `COLS` vectors of `to`, whose sums stay in registers over all outputs of the layer.
     #[inline(always)]
     fn tile<V: Lanes, const COLS: usize>(&mut self, pair: usize, column: usize) {
         let stride = self.stride;

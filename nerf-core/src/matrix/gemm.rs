@@ -2,7 +2,7 @@
 
 use crate::simd::{Isa, Lanes, Op};
 
-/// Sizes and strides of one product, in elements.
+/// Sizes and strides of one product `C = init + A B`, in elements.
 #[derive(Clone, Copy, Debug)]
 pub struct Gemm {
     /// Rows of A and C.
@@ -21,7 +21,7 @@ pub struct Gemm {
     pub c_row: usize,
 }
 
-/// The value that a product's sums start from.
+/// The values that the sums of a product `C = init + A B` start from.
 #[derive(Clone, Copy, Debug)]
 pub enum Init<'a, T = f32> {
     /// 0.
@@ -48,8 +48,8 @@ impl<'a, T> Init<'a, T> {
 
 /// `C[i][j] = act(init + Σ_p A[i][p] B[p][j])`, summed in ascending `p`; `act` is ReLU if `relu`, else the identity.
 ///
-/// Every element is summed alone in the same order for any sizes, so that a result does not depend on how work is split
-/// into products. Instruction sets differ in whether multiply-adds are fused. A NaN stays a NaN through the ReLU.
+/// Every element is summed in the same order for any sizes, so that results do not depend on how a block of samples is
+/// split into products. Instruction sets differ in whether multiply-adds are fused. A NaN stays a NaN through the ReLU.
 ///
 /// # Panics
 /// If `n` is no multiple of [`Isa::columns`] or a slice is too short for sizes and strides.
@@ -75,7 +75,7 @@ pub fn gemm(isa: Isa, g: Gemm, a: &[f32], b: &[f32], c: &mut [f32], init: Init<'
     isa.run(Product { g, a, b, c, init, relu });
 }
 
-/// A product whose slices are long enough, as checked by [`gemm`].
+/// The arguments of [`gemm`], whose slices are checked to be long enough.
 struct Product<'a> {
     g: Gemm,
     a: &'a [f32],
@@ -127,7 +127,7 @@ impl Product<'_> {
         }
     }
 
-    /// Computes `ROWS` × `COLS` vectors of C, held in registers over all of `k`.
+    /// Computes `ROWS` rows × `COLS` vectors of C, whose sums stay in registers over all `k` terms.
     #[inline(always)]
     fn tile<V: Lanes, const ROWS: usize, const COLS: usize>(&mut self, row: usize, col: usize) {
         let g = &self.g;

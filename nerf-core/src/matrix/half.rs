@@ -1,5 +1,4 @@
-//! Dense layers whose f16 weights are read directly from the blob's bytes: for microcontrollers, and scenes without
-//! memory for unpacked weights.
+//! Dense layers whose f16 weights are read directly from the blob's bytes: for hosts without memory for f32 weights.
 
 use super::{Gemm, Init};
 use crate::memory::{at, tail, tail_mut};
@@ -28,7 +27,7 @@ pub fn f16_at(bytes: &[u8], i: usize) -> f32 {
 /// and every multiplication converts a weight.
 #[inline(always)]
 fn widen(bytes: [u8; 2]) -> f32 {
-    /// Difference of the exponent biases, shifted to the exponent's position.
+    /// Difference of the exponent biases of f32 and f16, shifted to the position of an f32's exponent.
     const BIAS: u32 = (127 - 15) << 23;
     let bits = u32::from(u16::from_le_bytes(bytes));
     let (sign, magnitude) = ((bits & 0x8000) << 16, bits & 0x7fff);

@@ -9,9 +9,9 @@ names! {
     #[derive(PartialOrd, Ord)]
     #[non_exhaustive]
     pub enum Storage {
-        /// f16 read directly from the blob's bytes: needs no memory of its own.
+        /// f16 read directly from the blob's bytes: needs no memory for weights.
         F16 = "f16",
-        /// Unpacked to f32 once: the same products as with f16, faster.
+        /// Unpacked from f16 to f32 once: the same products as with `F16`, faster.
         F32 = "f32",
         /// Pairs of bf16, for weights and activations: rounded to 8 significant bits, summed in f32. [`Kernel::detect`]
         /// never chooses this storage.
@@ -40,7 +40,7 @@ impl Kernel {
     /// The kernel of every machine, and the reference for all others: portable, weights read from the blob's bytes.
     pub const IN_PLACE: Self = Self::new(Isa::Portable, Storage::F16);
 
-    /// Makes a kernel, without a check that it is [available](Kernel::available).
+    /// Makes a kernel, without a check that the kernel is [available](Kernel::available).
     pub const fn new(isa: Isa, storage: Storage) -> Self {
         Self { isa, storage }
     }
@@ -66,7 +66,7 @@ impl Kernel {
             }
     }
 
-    /// Whether products round weights and activations to fewer bits than the file and f32 have.
+    /// Whether products round weights and activations to bf16, which has fewer significant bits than the file's f16.
     pub const fn rounds(self) -> bool {
         matches!(self.storage, Storage::Bf16)
     }

@@ -1,4 +1,5 @@
-//! Typed slices in the caller's memory: a stage lists its buffers once, and the list is measured and allocated.
+//! Typed slices in the caller's memory. A stage of the renderer requests its buffers in one function, which is run with
+//! [`Measure`] to count the lines and with [`Arena`] to allocate them.
 
 use core::mem::{MaybeUninit, align_of, size_of};
 
@@ -18,13 +19,13 @@ pub const fn lines_for<T>(count: usize) -> usize {
     count.saturating_mul(size_of::<T>()).div_ceil(size_of::<Line>())
 }
 
-/// Source of a stage's buffers: [`Measure`] counts the lines that they need, [`Arena`] allocates them.
+/// Source of the buffers of a stage: [`Measure`] counts the lines that the buffers need, [`Arena`] allocates them.
 pub trait Layout<'w> {
-    /// Returns `count` values, all `value`, on lines of their own; an empty slice if memory is measured or too small.
+    /// Returns `count` copies of `value`, from the start of a line on; none from [`Measure`] or if memory is too small.
     fn slice<T: Copy>(&mut self, count: usize, value: T) -> &'w mut [T];
 }
 
-/// Counter of the lines that a list of buffers needs; its slices are empty.
+/// Counter of the lines that requested buffers need; returns empty slices.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Measure {
     /// Number of lines counted so far.

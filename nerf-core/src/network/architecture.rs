@@ -1,4 +1,4 @@
-//! The shape of a network, and the position of each layer's parameters.
+//! The shape of a network, and the index of each layer's parameters in the network's parameter vector.
 
 use crate::encoding::{
     DirectionEncoding, GridEncoding, HARMONICS_BUILT, MAX_HARMONICS_DEGREE, MAX_LEVELS, PositionEncoding,
@@ -34,7 +34,7 @@ pub enum DensityActivation {
     Relu,
     /// `ln(1 + exp(raw − 1))`.
     ShiftedSoftplus,
-    /// `exp(min(raw, 20))`, 20 being [`EXPONENTIAL_LIMIT`]; the derivative is 0 above.
+    /// `exp(min(raw, 20))`, 20 being [`EXPONENTIAL_LIMIT`]; the derivative is 0 for larger `raw`.
     Exponential,
 }
 
@@ -69,8 +69,8 @@ pub struct Architecture {
     pub position: PositionEncoding,
     /// Encoding of the viewing direction, if colour depends on it.
     pub direction: Option<DirectionEncoding>,
-    /// The trunk, in order; the input of the first layer is `PE(x)`, without a skip. May be empty only with a grid that
-    /// is shaded [once a ray](Shading::PerRay).
+    /// The trunk's layers, in order; the first takes the encoded position and has no skip input. May be empty only with
+    /// a grid and colour evaluated [once a ray](Shading::PerRay).
     pub trunk: heapless::Vec<TrunkLayer, MAX_TRUNK>,
     /// Activation of the density head; `None` in a 2D field.
     pub density: Option<DensityActivation>,
@@ -83,11 +83,11 @@ pub struct Architecture {
 /// The role of a layer in its network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
-    /// Layer of this index in the trunk.
+    /// Hidden layer of this index in the trunk, from 0.
     Trunk(u8),
-    /// Density head: the trunk's output `h` → raw_sigma.
+    /// Density head: maps the trunk's output `h` to raw_sigma.
     Density,
-    /// Hidden layer of this index in the colour branch.
+    /// Hidden layer of this index in the colour branch, from 0.
     Colour(u8),
     /// Colour head: three channels, sigmoid.
     Rgb,
@@ -126,7 +126,7 @@ impl Layer {
 pub type Layers = heapless::Vec<Layer, MAX_LAYERS>;
 
 impl Architecture {
-    /// Checks every limit, and the rules that involve several fields.
+    /// Checks the limit of every field, and the rules that involve several fields.
     ///
     /// # Errors
     /// [`ArchitectureError`] names the field.
@@ -175,9 +175,9 @@ impl Architecture {
         Ok(())
     }
 
-    /// All layers, with the positions of their parameters; each layer is `W` row-major, then `b`.
+    /// All layers, with the indices of their parameters: for each layer `W` row-major, then `b`.
     ///
-    /// Meaningful for an architecture that passes [`Architecture::check`].
+    /// Correct only for an architecture that passes [`Architecture::check`].
     pub fn layers(&self) -> Layers {
         let mut layers = Layers::new();
         let mut offset = 0;
@@ -208,7 +208,7 @@ impl Architecture {
         layers
     }
 
-    /// Number of parameters, weights and biases.
+    /// Number of parameters: weights and biases of all layers.
     pub fn parameters(&self) -> usize {
         self.layers().last().map_or(0, |rgb| rgb.bias + rgb.outputs)
     }
@@ -231,7 +231,7 @@ impl Architecture {
 
     /// Multiply-adds of one gradient of the raw density: forward and backward pass through the trunk.
     ///
-    /// The density head needs none: its row of weights is where the backward pass begins.
+    /// The density head needs no multiply-adds: the backward pass begins with a copy of the head's weights.
     pub fn gradient_macs(&self) -> usize {
         2 * self.macs(|role| matches!(role, Role::Trunk(_)))
     }

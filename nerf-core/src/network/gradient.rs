@@ -1,4 +1,4 @@
-//! The gradient of the raw density in space, by reverse mode: a forward and a backward pass through the trunk.
+//! The gradient of the raw density with respect to the position: a forward and a backward pass through the trunk.
 //!
 //! ```text
 //! ∂raw/∂h = w of the density head ─► ReLU: 0 where the unit was off ─► Wᵀ … ─► ∂raw/∂PE(x) ─► ∂raw/∂x
@@ -20,7 +20,7 @@ use core::ops::Range;
 #[cfg(test)]
 mod tests;
 
-/// Number of outputs whose signs are stored in one word.
+/// Number of signs in one word of [`GradientScratch::signs`], one bit each.
 const SIGNS: usize = 16;
 
 /// Memory that the backward pass of one block of samples needs in addition to [`Scratch`].
@@ -49,11 +49,11 @@ impl Network<'_> {
     /// `scratch`.
     ///
     /// `blur`: standard deviation, world units, of the Gaussian over which the gradient is averaged: finer levels of
-    /// the encoding are damped, with the network taken as linear around each sample. 0 gives the gradient itself. For a
+    /// the encoding are damped, with the network taken as linear around each sample. With 0 nothing is averaged. For a
     /// grid, the gradient is that of the sample's cell, and on a face that of the cell with the larger index.
     ///
-    /// A unit whose sum is exactly 0 counts as off. The backward pass computes in f32, and the units that are on are
-    /// those of the kernel's own forward pass. Weights stored as bf16 are used as stored.
+    /// The derivative of the ReLU at 0 is 0. The signs at the ReLUs are those of a forward pass in the kernel's own
+    /// arithmetic. The backward pass computes in f32, from weights in the precision in which they are stored.
     ///
     /// # Panics
     /// If a slice is shorter than its rows times [`Scratch::stride`], as [`Network::trunk`] does.
@@ -111,7 +111,7 @@ impl Network<'_> {
         self.gradient_of_position(scratch, memory, positions, blur, gradient);
     }
 
-    /// Computes ∂raw/∂x from ∂raw/∂PE(x). With a sinusoidal encoding, `scratch` must hold the encoded values.
+    /// Computes ∂raw/∂x from ∂raw/∂PE(x). With a sinusoidal encoding, `scratch.encoded` must hold the encoded values.
     fn gradient_of_position(
         &self,
         scratch: &Scratch<'_>,
@@ -145,7 +145,7 @@ impl Network<'_> {
         }
     }
 
-    /// `to = start + Wᵀ from` over the columns `inputs` of W: either all main or all appended inputs.
+    /// Backward pass through a layer: `to = start + Wᵀ from` over the columns `inputs` of W (main or appended inputs).
     ///
     /// `from`: `[outputs][stride]`, `to`: `[inputs][stride]`; `start` is the content of `to` if `accumulate`, else 0.
     fn back(
@@ -184,7 +184,7 @@ fn sign_words(layer: &Layer, samples: usize) -> usize {
     (layer.outputs * samples).div_ceil(SIGNS)
 }
 
-/// Sets the bit of each output that is above 0.
+/// Writes to `signs` one bit for each output of a layer: 1 if the output is above 0, else 0.
 ///
 /// `outputs`, after the ReLU: `[rows][stride]` f32, or if `paired` `[rows / 2, rounded up][stride]` words, each with
 /// the bf16 values of two successive rows. With `paired`, `stride` is a multiple of [`SIGNS`]. `signs`: one bit per
@@ -210,7 +210,7 @@ fn word(outputs: &[f32], value: impl Fn(f32) -> f32) -> u16 {
     outputs.iter().enumerate().fold(0, |word, (i, &x)| word | u16::from(value(x) > 0.0) << i)
 }
 
-/// Sets the value of each unit whose sign bit is 0 to 0: the derivative of the ReLU.
+/// Sets to 0 each of `values` whose bit in `signs` is 0: the backward pass through a ReLU.
 fn mask(values: &mut [f32], signs: &[u16]) {
     for (values, &signs) in values.chunks_mut(SIGNS).zip(signs) {
         for (i, value) in values.iter_mut().enumerate() {

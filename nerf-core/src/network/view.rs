@@ -33,11 +33,11 @@ pub struct Network<'a> {
 pub struct Scratch<'w> {
     /// Number of samples of a block.
     pub stride: usize,
-    /// Encoded inputs, `[encoded][stride]`.
+    /// Encoded positions or directions, `[encoded][stride]`.
     pub encoded: &'w mut [f32],
-    /// Ping-pong buffer of activations, `[width][stride]`.
+    /// Outputs of the layer evaluated last, `[width][stride]`; swapped with `back` after each layer.
     pub front: &'w mut [f32],
-    /// Ping-pong buffer of activations, `[width][stride]`.
+    /// Memory for the outputs of the next layer, `[width][stride]`.
     pub back: &'w mut [f32],
 }
 
@@ -66,8 +66,8 @@ impl<'a> Network<'a> {
     }
 
     /// Makes a network of a checked architecture, such as a blob's; `None` if there are too few parameters or table
-    /// values. `layers` are its [`layers`](Architecture::layers), or only trunk and density head
-    /// ([`Architecture::density_parameters`]); in the latter case [`Network::colour`] must not be called.
+    /// values. `layers`: the result of [`Architecture::layers`], or of these only trunk and density head; without the
+    /// colour branch [`Network::colour`] must not be called.
     pub(crate) fn of_layers(
         architecture: &Architecture,
         layers: Layers,
@@ -89,12 +89,12 @@ impl<'a> Network<'a> {
         (have >= needed).then(|| Self { architecture: architecture.clone(), layers, weights, tables, isa })
     }
 
-    /// The network's shape.
+    /// The network's shape: encodings, layers, activations.
     pub fn architecture(&self) -> &Architecture {
         &self.architecture
     }
 
-    /// The kernel that the network runs with.
+    /// The instruction set and the storage of weights that the network is evaluated with.
     pub fn kernel(&self) -> Kernel {
         let storage = match self.weights() {
             Weights::InPlace(_) => Storage::F16,
@@ -185,7 +185,7 @@ impl<'a> Network<'a> {
         self.trunk_with(math, scratch, positions, |_, _| {});
     }
 
-    /// [`Network::trunk`] that also calls `each` with every trunk layer and the layer's outputs.
+    /// As [`Network::trunk`]; also calls `each` with every trunk layer and the layer's outputs, after the ReLU.
     #[inline]
     pub(super) fn trunk_with(
         &self,
@@ -250,8 +250,8 @@ impl<'a> Network<'a> {
 
     /// Computes the colours of the block whose trunk output `h` is in [`Scratch::front`], and overwrites `h`.
     ///
-    /// `direction`: fills `[direction_rows][stride]` with the result of [`Network::direction`] for each sample's ray.
-    /// Not called without view dependence. `rgb`: `[3][stride]`.
+    /// `direction`: writes, for each sample, the result of [`Network::direction`] for the sample's ray to its argument,
+    /// `[direction_rows][stride]`; not called without view dependence. `rgb`: `[3][stride]`.
     pub fn colour(
         &self,
         math: MathBackend,
@@ -285,9 +285,9 @@ impl<'a> Network<'a> {
         with_math!(math, M => self.isa.run_columns(stride, Sigmoid::<M> { values, math: PhantomData }));
     }
 
-    /// [`Network::direction`] and [`Network::colour`] of a block's first sample alone, with the same bits: vectors
-    /// run over a layer's outputs. Returns `false` and does nothing unless weights are [`Weights::Transposed`] and
-    /// layers fit vectors.
+    /// [`Network::direction`] and [`Network::colour`] of a block's first sample alone, with the same bits: a vector
+    /// holds outputs of a layer, not samples. Returns `false` and does nothing unless weights are
+    /// [`Weights::Transposed`] and the widths of the hidden layers are multiples of a vector's length.
     ///
     /// `dirs`: `[3][stride]`; `rgb`: `[3][stride]`, whose other columns are unspecified.
     pub(crate) fn colour_of_one(
@@ -367,15 +367,15 @@ impl<'a> Network<'a> {
         self.take_rows(encoding.outputs(), scratch.stride, scratch.encoded);
     }
 
-    /// Converts rows of f32 to the input format of the matrix products.
+    /// Converts `rows` rows of f32, in place, to the input format of the matrix products: pairs for bf16 weights.
     fn take_rows(&self, rows: usize, stride: usize, values: &mut [f32]) {
         if let Weights::Paired(_) = self.weights() {
             pair_rows(values, rows, stride);
         }
     }
 
-    /// `to = act(init + W [main, extra])` over the `inputs` that are not `None`. `init` is the content of `to` if
-    /// `accumulate`, else the bias.
+    /// Evaluates a layer: `to = act(init + W [main, extra])`, where `inputs` are main and extra and `None` counts as 0.
+    /// `init` is the content of `to` if `accumulate`, else the bias.
     ///
     /// A hidden layer applies the ReLU and writes its outputs in the input format of the next layer.
     fn dense(

@@ -6,7 +6,7 @@ use crate::matrix::{Storage, f16_at, pair};
 /// The parameters of a network, borrowed in one of four formats.
 #[derive(Clone, Copy, Debug)]
 pub enum Weights<'a> {
-    /// Little-endian f16, read directly from the blob's bytes: needs no memory except for activations.
+    /// Little-endian f16, read directly from the blob's bytes, without memory for unpacked weights.
     InPlace(&'a [u8]),
     /// f32, for instruction sets with vectors.
     Prepared(&'a [f32]),
@@ -80,7 +80,7 @@ impl<'a> Weights<'a> {
     }
 }
 
-/// Overwrites the weights of the colour branch's hidden layers in `memory` by their transpose.
+/// Overwrites the weight matrix of each hidden layer of the colour branch in `memory` by its transpose.
 fn transpose_colour(architecture: &Architecture, bytes: &[u8], memory: &mut [f32]) {
     let parameters = memory.len();
     let hidden =
@@ -93,7 +93,7 @@ fn transpose_colour(architecture: &Architecture, bytes: &[u8], memory: &mut [f32
     }
 }
 
-/// Unpacks little-endian f16 to fill `parameters`; `bytes` holds at least two bytes for each.
+/// Unpacks little-endian f16 from `bytes` to fill `parameters`; `bytes` holds at least two bytes per parameter.
 pub fn unpack(bytes: &[u8], parameters: &mut [f32]) {
     for (i, parameter) in parameters.iter_mut().enumerate() {
         *parameter = f16_at(bytes, i);

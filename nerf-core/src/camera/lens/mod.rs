@@ -13,7 +13,7 @@ mod model;
 #[cfg(all(test, feature = "lens"))]
 mod tests;
 
-/// Coefficients of a lens on normalised image coordinates, +y down.
+/// Distortion coefficients of a lens, which apply to normalised image coordinates, +y down.
 ///
 /// [`Projection::Perspective`]: with `r² = x² + y²` and `radial = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ +
 /// k6 r⁶)` an ideal image point `(x, y)` is seen at `x radial + 2 p1 x y + p2 (r² + 2x²)`, and likewise
@@ -36,7 +36,7 @@ pub struct Lens {
     pub k4: f32,
     pub k5: f32,
     pub k6: f32,
-    /// The model that the coefficients belong to.
+    /// The distortion model that the coefficients belong to.
     pub projection: Projection,
 }
 

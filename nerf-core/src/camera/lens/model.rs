@@ -3,10 +3,10 @@
 use super::{Lens, Projection};
 use glam::{Vec2, Vec3};
 
-/// Slope, or determinant of the Jacobian, at or below which the model counts as folded.
+/// Slope of the distortion, or determinant of its Jacobian, at or below which the lens counts as folded.
 pub(super) const FOLD: f32 = 1e-3;
-/// Slope at or below which a minimum of the slope counts as a fold, since Newton's method may jump over the minimum
-/// (measured: at slopes up to 0.01).
+/// Slope of the distortion at or below which a minimum of the slope counts as a fold, since Newton's method may jump
+/// over the minimum (measured: at slopes up to 0.01).
 const TURN: f32 = 2e-2;
 
 impl Lens {
@@ -22,7 +22,7 @@ impl Lens {
         }
     }
 
-    /// Distorts the ideal point `(x, y)`; point and result are in normalised image coordinates.
+    /// Distorts the ideal (undistorted) point `(x, y)`; point and result are in normalised image coordinates.
     pub fn distort(&self, x: f32, y: f32) -> (f32, f32) {
         if self.projection == Projection::Fisheye {
             return self.fisheye_seen(Vec3::new(x, y, 1.0));
@@ -35,19 +35,19 @@ impl Lens {
         )
     }
 
-    /// The ideal point that is seen at `(xd, yd)`: the inverse of [`Lens::distort`], by Newton's method from
-    /// `(xd, yd)`.
+    /// The ideal (undistorted) point that is seen at `(xd, yd)`: the inverse of [`Lens::distort`], by Newton's method
+    /// from `(xd, yd)`.
     ///
     /// `None` if the lens folds over (the Jacobian's determinant is at most 1e-3 at some step), or if 20 steps do not
-    /// bring the residual below 1e-6 of the coordinates (1e-6 itself within the unit circle). In both cases the model
-    /// has no inverse near the start, and an image would show the same direction twice.
+    /// bring the residual to 1e-6 of the largest coordinate (1e-6 itself within the unit circle). In both cases the
+    /// model has no inverse near `(xd, yd)`, and an image would show the same direction twice.
     ///
     /// # Domain
-    /// The finite points around the axis up to the fold. With only `k1 < 0` that is the circle of radius
+    /// The finite points around the axis up to the fold. With only `k1 < 0` these points fill the circle of radius
     /// `2/3 / √(−3 k1)`, to within a hundredth. With `k1, k2 >= 0` and no tangential part there is no fold, and 20
-    /// steps reach every point that is seen at up to 10 times its own radius. For other lenses success cannot be
-    /// predicted; [`Camera::new`](crate::camera::Camera::new) tries a grid of image points, unless the distortion is
-    /// too weak to fail.
+    /// steps reach every ideal point that the lens shows at up to 10 times its distance from the axis. For other lenses
+    /// success cannot be predicted; [`Camera::new`](crate::camera::Camera::new) tries a grid of image points, unless
+    /// the distortion is too weak to fail.
     ///
     /// With `k3 k4 k5 k6` a step that does not reduce the residual, or passes the fold, is halved. For a fisheye the
     /// point lies on the direction of [`Lens::direction`], which must point forward.
@@ -92,12 +92,12 @@ impl Lens {
         }
     }
 
-    /// Whether the radial part is more than a polynomial of fourth order.
+    /// Whether one of `k3 k4 k5 k6` is not 0: the radial factor is more than `1 + k1 r² + k2 r⁴`.
     fn is_rational(&self) -> bool {
         [self.k3, self.k4, self.k5, self.k6] != [0.0; 4]
     }
 
-    /// Newton's method with halved steps, for lenses for which full steps diverge.
+    /// [`Lens::undistort`] by Newton's method with halved steps, for lenses for which full steps diverge.
     fn undistort_damped(&self, xd: f32, yd: f32) -> Option<(f32, f32)> {
         let seen = Vec2::new(xd, yd);
         let residual = |p: Vec2| Vec2::from(self.distort(p.x, p.y)) - seen;
@@ -132,7 +132,7 @@ impl Lens {
         None
     }
 
-    /// The radial factor at `r2`, the squared distance from the axis, and its derivative by `r2`.
+    /// The radial factor at `r2`, the squared distance from the axis, and the factor's derivative with respect to `r2`.
     fn radial(&self, r2: f32) -> (f32, f32) {
         let above = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3));
         let slope = self.k1 + r2 * (2.0 * self.k2 + r2 * (3.0 * self.k3));
@@ -150,7 +150,7 @@ impl Lens {
         )
     }
 
-    /// Bound on how far [`Self::jacobian`] is from the identity (operator norm) anywhere within `r` of the axis.
+    /// Upper bound on the operator norm of [`Self::jacobian`] minus the identity, anywhere within `r` of the axis.
     ///
     /// The radial part's slopes are `3 k1 r² + 5 k2 r⁴` along `r` and less across; the tangential part's Jacobian is
     /// `2 (p·q) I + 2 (p qᵀ + q pᵀ)` with `p = (p2, p1)` and `q` the point.
@@ -159,13 +159,13 @@ impl Lens {
         r2 * (3.0 * self.k1.abs() + 5.0 * self.k2.abs() * r2) + 6.0 * (self.p1.abs() + self.p2.abs()) * r
     }
 
-    /// Whether the distortion is so weak that for every point seen within `radius` of the axis [`Self::undistort`]
-    /// finds the ideal point, with no fold before it: a camera then needs no further check.
+    /// Whether the distortion is so weak that [`Self::undistort`] finds the ideal point of every point seen within
+    /// `radius` of the axis, with no fold between axis and ideal point. A camera's lens then needs no further check.
     ///
-    /// With a bend `b` of at most 1/8 within 9/7 of `radius`, `x ↦ seen − (distort(x) − x)` contracts the disc of 8/7
-    /// `radius` into itself, which thus holds one ideal point. Newton's method starts within 1/7 `radius` of that
-    /// point. Each step reduces the distance to at most `2b / (1 − b)`, 2/7, of itself, without leaving the larger
-    /// disc.
+    /// Proof: let `b`, [`Self::bend`] at 9/7 of `radius`, be at most 1/8. Then `x ↦ seen − (distort(x) − x)` contracts
+    /// the disc of 8/7 `radius` into itself, which thus holds one ideal point. Newton's method starts within 1/7
+    /// `radius` of that point. Each step reduces the distance to that point to at most `2b / (1 − b)`, 2/7, of what it
+    /// was, without leaving the disc of 9/7 `radius`.
     ///
     /// `false` for fisheyes and for lenses with `k3 k4 k5 k6`, to which the proof does not apply.
     pub(crate) fn is_gentle(&self, radius: f32) -> bool {
@@ -174,8 +174,8 @@ impl Lens {
             && self.bend(9.0 / 7.0 * radius) <= 0.125
     }
 
-    /// The direction (right, down, forward) that is seen at `(xd, yd)`, if it can be found and, with `from_axis`, no
-    /// fold lies between axis and direction.
+    /// The direction (right, down, forward) that is seen at `(xd, yd)`. `None` if [`Lens::direction`] finds none or,
+    /// with `from_axis`, if the lens folds between the axis and the direction.
     pub(crate) fn invert(&self, xd: f32, yd: f32, from_axis: bool) -> Option<Vec3> {
         let dir = self.direction(xd, yd)?;
         let folds = || match self.projection {
@@ -189,8 +189,8 @@ impl Lens {
         (!from_axis || !folds()).then_some(dir)
     }
 
-    /// Whether Newton's method may start at `(xd, yd)`, further from the axis than the solution: no fold lies before
-    /// the start, and the first step cannot jump across the axis.
+    /// Whether Newton's method may start at `(xd, yd)`, which is further from the axis than the solution: no fold lies
+    /// between the axis and the start, and the first step cannot jump across the axis.
     fn starts_well(&self, xd: f32, yd: f32) -> bool {
         let (fx, fy) = self.distort(xd, yd);
         let (ex, ey) = (fx - xd, fy - yd);
@@ -200,7 +200,7 @@ impl Lens {
         step.0 * step.0 + step.1 * step.1 <= xd * xd + yd * yd && !self.folds_before(xd, yd)
     }
 
-    /// Whether the model folds between the axis and the ideal point `(x, y)`.
+    /// Whether the distortion folds between the axis and the ideal point `(x, y)`.
     ///
     /// Newton's method that starts behind a fold finds a solution behind that fold, which is not the direction that a
     /// real lens shows there.
@@ -252,8 +252,8 @@ impl Lens {
         })
     }
 
-    /// [`Lens::direction`] for a camera, which checked its lens at a grid of image points. If a strong tangential part
-    /// folds between grid points, returns the distorted direction, which is wrong but finite.
+    /// [`Lens::direction`] for a camera, whose lens was checked at a grid of image points. If the lens folds between
+    /// these points (strong `p1 p2`), returns the direction without undistortion, which is wrong but finite.
     #[inline]
     pub(crate) fn straighten(&self, xd: f32, yd: f32) -> Vec3 {
         if *self == Self::NONE {
@@ -262,7 +262,7 @@ impl Lens {
         self.direction(xd, yd).unwrap_or(Vec3::new(xd, yd, 1.0))
     }
 
-    /// Derivatives of [`Self::distort`]: rows are outputs, columns inputs.
+    /// Jacobian of [`Self::distort`] at `(x, y)`: rows are outputs, columns inputs.
     pub(super) fn jacobian(&self, x: f32, y: f32) -> ([f32; 2], [f32; 2]) {
         let r2 = x * x + y * y;
         let (radial, slope) = self.radial(r2);

@@ -13,7 +13,7 @@ impl Lens {
         Vec3::new(xd, yd, 1.0)
     }
 
-    /// Whether the distortion is weak: always, since there is none.
+    /// Whether the distortion is weak: always true, since no lens distorts.
     #[inline(always)]
     pub(crate) fn is_gentle(&self, _radius: f32) -> bool {
         true

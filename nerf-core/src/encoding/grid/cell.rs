@@ -25,9 +25,9 @@ pub(super) fn unit_positions<V: Lanes>(
     unit
 }
 
-/// The cells of a vector of samples at one level.
+/// The cells of one level that contain a vector of samples, one sample per SIMD lane.
 pub(super) struct Cells<V: Lanes> {
-    /// Index of the cell's smallest corner, in vertices along x, y and z.
+    /// Indices of the cell's smallest corner among the level's vertices along x, y and z.
     x: V::Indices,
     y: V::Indices,
     z: V::Indices,
@@ -36,8 +36,8 @@ pub(super) struct Cells<V: Lanes> {
 }
 
 impl<V: Lanes> Cells<V> {
-    /// Finds the cells that contain the positions `unit`. A face between two cells belongs to the one with the larger
-    /// index, the largest face of the box to the last cell.
+    /// Finds the cells that contain the positions `unit`, 0 to 1 on each axis. A face between two cells belongs to the
+    /// cell with the larger index, the largest face of the box to the last cell.
     #[inline(always)]
     pub fn of(level: &GridLevel, unit: [V; 3]) -> Self {
         let [nx, ny, nz] = level.cells;
@@ -47,9 +47,9 @@ impl<V: Lanes> Cells<V> {
         Self { x, y, z, weights: [wx, wy, wz] }
     }
 
-    /// Index of each row's entry at the smaller x, counted from the level's first entry; the entry at the larger x
-    /// follows. Rows are (y, z), (y + 1, z), and in three dimensions (y, z + 1), (y + 1, z + 1). See
-    /// [`GridLevel::row`].
+    /// For each row of the cell's corners along x: index of the table entry at the smaller x, counted from the level's
+    /// first entry ([`GridLevel::row`]). The next entry is that at the larger x. Rows are at (y, z), (y + 1, z), and in
+    /// three dimensions (y, z + 1), (y + 1, z + 1).
     #[inline(always)]
     pub fn rows<const ROWS: usize>(&self, level: &GridLevel) -> [V::Indices; ROWS] {
         let number = V::Indices::splat;
@@ -78,8 +78,7 @@ impl<V: Lanes> Cells<V> {
         rows
     }
 
-    /// Weight of each row: the factor of y, in three dimensions times the factor of z. The factor of x is not
-    /// included.
+    /// Weight of each row of corners along x: the factor of y, in 3D times the factor of z, without the factor of x.
     #[inline(always)]
     pub fn row_weights<const ROWS: usize>(&self) -> [V; ROWS] {
         let [_, wy, wz] = self.weights;
@@ -93,7 +92,7 @@ impl<V: Lanes> Cells<V> {
         weights
     }
 
-    /// Derivatives of [`Cells::row_weights`] by y, in units of a cell.
+    /// Derivatives of [`Cells::row_weights`] with respect to y, counted in cells.
     #[cfg(feature = "normals")]
     #[inline(always)]
     pub fn row_weights_by_y<const ROWS: usize>(&self) -> [V; ROWS] {
@@ -108,7 +107,7 @@ impl<V: Lanes> Cells<V> {
         weights
     }
 
-    /// Derivatives of [`Cells::row_weights`] by z, in units of a cell; three dimensions only.
+    /// Derivatives of [`Cells::row_weights`] with respect to z, counted in cells; three dimensions only.
     #[cfg(feature = "normals")]
     #[inline(always)]
     pub fn row_weights_by_z<const ROWS: usize>(&self) -> [V; ROWS] {
@@ -123,7 +122,7 @@ impl<V: Lanes> Cells<V> {
     }
 }
 
-/// Index of the cell along one axis, and the weight of the cell's face at the larger coordinate.
+/// Index along one axis of the cell that contains `unit`, and the weight of the cell's face at the larger coordinate.
 #[inline(always)]
 fn locate<V: Lanes>(unit: V, cells: u32) -> (V::Indices, V) {
     let g = unit.mul(V::splat(cells as f32));

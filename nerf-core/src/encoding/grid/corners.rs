@@ -5,23 +5,24 @@ use super::{GridEncoding, GridLevel, GridTables};
 use crate::memory::{head, head_mut, tail_mut};
 use crate::simd::{Indices, Isa, Lanes, MAX_LANES, Op};
 
-/// The corners of a block's cells at one level, in rows along x: 2 rows in two dimensions, 4 in three.
+/// The corners of the cells that contain a block of samples at one level. A cell has 2 rows of corners along x in two
+/// dimensions, 4 in three.
 ///
-/// Let `g` be the gradient of one of the level's encoded values at sample `i`. Then the gradient of that feature of
-/// entry `entry[r][i]` grows by `weight[r][i] · (1 − x[i]) · g`, and that of the next entry by
-/// `weight[r][i] · x[i] · g`. Corners of one cell may share an entry; their gradients add up.
+/// Let `g` be the gradient of the loss with respect to one encoded feature of sample `i`. The gradient with respect to
+/// the same feature of table entry `entry[r][i]` then grows by `weight[r][i] · (1 − x[i]) · g`, and of the entry after
+/// `entry[r][i]` by `weight[r][i] · x[i] · g`. Corners of one cell may share an entry, whose gradients add up.
 #[derive(Debug)]
 pub struct GridCorners<'w> {
-    /// `[rows][stride]`: index, among the entries of all levels, of the row's entry at the smaller x.
+    /// `[rows][stride]`: index of the row's table entry at the smaller x, among the entries of all levels.
     pub entry: &'w mut [u32],
-    /// `[rows][stride]`: weight of the row, 0 to 1.
+    /// `[rows][stride]`: interpolation weight of the row, 0 to 1.
     pub weight: &'w mut [f32],
-    /// `[stride]`: weight of the corners at the larger x, 0 to 1.
+    /// `[stride]`: interpolation weight of the corners at the larger x, 0 to 1.
     pub x: &'w mut [f32],
 }
 
-/// Computes the entries that [`encode_grid_block`](super::encode_grid_block) reads at `level`, and their weights, by
-/// the same arithmetic.
+/// Computes the indices of the entries that [`encode_grid_block`](super::encode_grid_block) reads at `level`, and their
+/// interpolation weights, by the same arithmetic.
 ///
 /// `x` and `stride`: as for `encode_grid_block`. Of the `tables` only the box is used.
 ///

@@ -8,16 +8,16 @@ use crate::simd::{Isa, Lanes, Op, Table, VECTORS, Value};
 /// Encodes a block of samples by a grid.
 ///
 /// `x`: `[inputs][stride]`, in the box of the `tables`; `out`: `[levels · features][stride]`. `stride` is a multiple of
-/// [`Isa::columns`], or any number with portable instructions. A position outside of the box is moved onto its surface.
-/// A NaN coordinate counts as the box's smallest.
+/// [`Isa::columns`], or any number with portable instructions. A position outside of the box is moved onto the box's
+/// surface. A NaN coordinate counts as the box's smallest on that axis.
 ///
 /// A sample's values do not depend on the other samples of its block. f16 and f32 tables of the same values give the
 /// same bits, and so do int8 tables whose scales are powers of two. The cell of a sample is the same with every
 /// instruction set.
 ///
 /// # Accuracy
-/// Against the same sum in f64: `2^-24 (n (6 cells + 6) + 12)` of the largest entry around a sample, with n axes: the
-/// bound for rounding the position and the sum.
+/// Against the same sum in f64: `2^-24 (n (6 cells + 6) + 12)` times the largest entry of the sample's cell, with n
+/// axes and `cells` cells along an axis: the bound for rounding the position and the sum.
 ///
 /// # Panics
 /// With debug assertions, if a slice is too short. Entries beyond the end of a table have an unspecified value.
@@ -39,8 +39,8 @@ pub fn encode_grid_block(
     });
 }
 
-/// The encoding, one sample and level at a time: without vectors, code size counts more than speed. The number of
-/// features is a run-time value, and two dimensions have two more rows of weight 0, which change no bit.
+/// [`encode_grid_block`] for builds without vectors, one sample and level at a time: there code size counts more than
+/// speed. The number of features is a run-time value, and 2D samples read two rows of weight 0, which change no bit.
 pub(super) fn encode_one_by_one(
     grid: &GridEncoding,
     tables: &GridTables<'_>,
@@ -61,7 +61,7 @@ pub(super) fn encode_one_by_one(
     }
 }
 
-/// Number of vectors encoded together at a level; the level's constants stay in registers.
+/// Number of vectors of samples encoded together at a level, so that the level's constants stay in registers.
 const AT_ONCE: usize = 8;
 
 struct Encode<'a, T> {
@@ -109,7 +109,7 @@ impl<T: Value> Encode<'_, T> {
     }
 }
 
-/// Encodes the positions `units` at one level and writes the values to `out` from column `first` on.
+/// Encodes the positions `units` at one level and writes the encoded values to `out` from column `first` on.
 ///
 /// In WebAssembly not inlined: in a larger function V8 recomputes the level's constants for each vector.
 #[cfg_attr(target_arch = "wasm32", inline(never))]
@@ -139,7 +139,7 @@ fn encode_level<V: Lanes, T: Value, const ROWS: usize, const FEATURES: usize>(
     }
 }
 
-/// The rows that a vector of samples reads at one level, and their weights.
+/// The rows of table entries that a vector of samples reads at one level, and their interpolation weights.
 #[derive(Clone, Copy)]
 struct Read<V: Lanes, const ROWS: usize> {
     rows: [V::Indices; ROWS],
@@ -155,7 +155,7 @@ impl<V: Lanes, const ROWS: usize> Read<V, ROWS> {
         Self { rows: cells.rows(level), weights: cells.row_weights(), far: cells.weights[0] }
     }
 
-    /// The encoded values of the level: the first `features` are valid.
+    /// The encoded values of the level, one vector for each feature; those beyond `features` are 0.
     #[inline(always)]
     fn interpolate<T: Value>(&self, table: Table<'_, T>, level: &GridLevel, features: usize) -> [V; 4] {
         let part = table.part(level.first * features, level.entries * features);

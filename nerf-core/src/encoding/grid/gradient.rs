@@ -1,4 +1,4 @@
-//! The derivative of the grid encoding by the position.
+//! The derivative of the grid encoding with respect to the position.
 
 use super::cell::{Cells, unit_positions};
 use super::{GridEncoding, GridLevel, GridTables};
@@ -6,7 +6,7 @@ use crate::math::polynomial::exp;
 use crate::memory::{tail, tail_mut};
 use crate::simd::{Lanes, Op, Table, VECTORS, Value};
 
-/// The backward pass of [`GridEncoding::gradient`], whose slices have their exact lengths here.
+/// The arguments of [`GridEncoding::gradient`], with slices of their exact lengths.
 pub(super) struct Gradient<'a, T> {
     pub grid: &'a GridEncoding,
     pub tables: &'a GridTables<'a>,
@@ -80,7 +80,7 @@ impl<T: Value> Gradient<'_, T> {
     }
 }
 
-/// `erf(c / (√8 blur))` for the level's smallest cell width `c`; exactly 1 without blur.
+/// Weight of a level in a blurred gradient: `erf(c / (√8 blur))`, `c` the level's smallest cell width; 1 without blur.
 #[inline]
 fn damping(level: &GridLevel, tables: &GridTables<'_>, inputs: usize, blur: f32) -> f32 {
     if blur <= 0.0 {

@@ -17,7 +17,7 @@ pub struct GridLevel {
     pub first: usize,
     /// Number of entries of the level.
     pub entries: usize,
-    /// Mask of the hash of (y, z), `2^n − 1`; `None` in a dense level, in which each vertex has its own entry.
+    /// Mask of the hash of (y, z), `2^log2_entries − 1`; `None` in a dense level, where each vertex has its own entry.
     pub mask: Option<u32>,
 }
 
@@ -42,7 +42,7 @@ impl GridLevel {
     }
 }
 
-/// Number of entries of a level, and whether it is hashed.
+/// Number of entries of a level, and whether the level is hashed.
 pub(super) fn entries(resolution: [u16; 3], log2_entries: u8) -> (u64, bool) {
     let vertices: u64 = resolution.iter().map(|&cells| u64::from(cells) + 1).product();
     let most = 1 << log2_entries.min(MAX_LOG2_ENTRIES);

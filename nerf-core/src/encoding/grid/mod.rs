@@ -42,7 +42,7 @@ pub const MAX_LOG2_ENTRIES: u8 = 24;
 /// Maximum number of values of all levels together: half a gibibyte of f32, which a 32-bit host can address.
 pub const MAX_GRID_VALUES: u64 = 1 << 27;
 
-/// Evaluates `$body` with `$table` bound to the table of `$values`.
+/// Evaluates `$body` with `$table` bound to `$values` as a [`Table`](crate::simd::Table) of their format.
 macro_rules! with_table {
     ($values:expr, $table:ident => $body:expr) => {
         match $values {
@@ -63,8 +63,8 @@ macro_rules! with_table {
 }
 use with_table;
 
-/// A multiresolution grid of features, dense at the levels that fit into `2^log2_entries` entries and hashed at
-/// the finer ones.
+/// A multiresolution grid of features: dense at the levels whose vertices fit into `2^log2_entries` entries, hashed at
+/// the finer levels.
 ///
 /// Encoded values: level by level, `features` each. Values of the tables (`TableValues`): level by level, entry by
 /// entry, `features` each; [`GridEncoding::levels`] gives the range of entries of each level.
@@ -79,15 +79,15 @@ pub struct GridEncoding {
     pub inputs: u8,
     /// Number of features of an entry: 1, 2 or 4.
     pub features: u8,
-    /// Binary logarithm, at most [`MAX_LOG2_ENTRIES`], of the hash table's size: levels with more vertices are
-    /// hashed.
+    /// Binary logarithm of the size of a hash table, at most [`MAX_LOG2_ENTRIES`]. Levels with more vertices than a hash
+    /// table has entries are hashed.
     pub log2_entries: u8,
     /// Number of cells along x, y, z at each level, 1 to [`MAX_GRID_RESOLUTION`]; 0 along z with 2 inputs.
     pub resolutions: heapless::Vec<[u16; 3], MAX_GRID_LEVELS>,
 }
 
 impl GridEncoding {
-    /// Number of coordinates.
+    /// Number of input coordinates: 3 for a position, 2 for a point of an image.
     pub fn inputs(&self) -> u8 {
         self.inputs
     }
@@ -99,7 +99,7 @@ impl GridEncoding {
     /// let resolutions = [[16, 16, 8], [64, 64, 32]].into_iter().collect();
     /// let grid = GridEncoding { inputs: 3, features: 2, log2_entries: 14, resolutions };
     /// assert_eq!(grid.outputs(), 4);
-    /// // 17·17·9 vertices fit; 65·65·33 do not: 2^14 entries, and a row of 64 behind the last.
+    /// // 17·17·9 vertices fit; 65·65·33 do not: 2^14 entries, and 64 for a row of cells that begins at the last.
     /// assert_eq!(grid.entries(), 2601 + 16_384 + 64);
     /// ```
     pub fn outputs(&self) -> usize {
@@ -113,7 +113,7 @@ impl GridEncoding {
 
     /// Number of entries of all levels.
     ///
-    /// Meaningful for a grid that passes [`Architecture::check`](crate::network::Architecture::check).
+    /// Correct only for a grid that passes [`Architecture::check`](crate::network::Architecture::check).
     pub fn entries(&self) -> usize {
         self.levels().last().map_or(0, |level| level.first + level.entries)
     }
@@ -128,12 +128,12 @@ impl GridEncoding {
         self.resolutions.len() << self.inputs.min(3)
     }
 
-    /// Number of entries of all levels, without overflow for grids that were not checked.
+    /// Number of entries of all levels, computed without overflow even for a grid that was not checked.
     pub(crate) fn entries_of_any(&self) -> u64 {
         self.resolutions.iter().map(|resolution| level::entries(*resolution, self.log2_entries).0).sum()
     }
 
-    /// Whether `tables` have enough values, and a scale for each level if the values are integers.
+    /// Whether `tables` have enough values for this grid, and a scale for each level if the values are int8.
     pub(crate) fn fits(&self, tables: &GridTables<'_>) -> bool {
         let found = match tables.values {
             TableValues::F16(bytes) => bytes.len() / 2,
@@ -156,17 +156,16 @@ impl GridEncoding {
         encode_grid_block(isa, self, tables, stride, x, out);
     }
 
-    /// Backward pass through the encoding of a block of samples.
+    /// Backward pass through the encoding of a block of samples, for any function `f` of the encoded values.
     ///
-    /// `x`: `[inputs][stride]`, world units. `of_encoded`: `[outputs][stride]`, ∂f/∂encoded. `of_x`:
-    /// `[inputs][stride]`, set to ∂f/∂x. `stride` is a multiple of [`Isa::columns`], or any number
-    /// with portable instructions.
+    /// `x`: `[inputs][stride]`, world units. `of_encoded`: `[outputs][stride]`, ∂f/∂encoded. `of_x`: `[inputs][stride]`
+    /// set to ∂f/∂x. `stride` is a multiple of [`Isa::columns`], or any number with portable instructions.
     ///
     /// The derivative is that of the interpolation in the sample's cell. A face between two cells belongs to the cell
     /// with the larger index.
     ///
     /// `blur`: standard deviation, world units, of a Gaussian around each sample over which the gradient is averaged: a
-    /// level with cells of width `c` is weighted by `erf(c / (√8 blur))`. 0 gives the gradient itself.
+    /// level with cells of width `c` is weighted by `erf(c / (√8 blur))`. With 0 nothing is averaged.
     ///
     /// # Source
     /// Barron et al. 2023 (Zip-NeRF), section 2: down-weighting of levels finer than the sample.

@@ -6,7 +6,7 @@ use crate::memory::{head, head_mut, tail, tail_mut};
 use crate::simd::{Isa, Lanes, Op};
 use core::f32::consts::PI;
 
-/// Backward pass through the encoding of a block of samples.
+/// Backward pass through the encoding of a block of samples, for any function `f` of the encoded values.
 ///
 /// `encoded`: `[outputs][stride]`, from [`encode_block`](super::encode_block). `of_encoded`: `[outputs][stride]`,
 /// ∂f/∂encoded. `of_x`: `[inputs][stride]`, set to ∂f/∂x. `stride` as for `encode_block`.
@@ -15,8 +15,7 @@ use core::f32::consts::PI;
 /// among the encoded values, so that no angle is computed again.
 ///
 /// `blur`: standard deviation, world units, of a Gaussian around each sample over which the gradient is averaged,
-/// with f taken as linear in the encoded values: level `k` is damped by `exp(−½ (2^k s blur)²)`. 0 gives the
-/// gradient, bit for bit.
+/// with f taken as linear in the encoded values: level `k` is multiplied by `exp(−½ (2^k s blur)²)`. 0: no averaging.
 ///
 /// # Source
 /// Barron et al. 2021 (mip-NeRF), eq. 13: the encoding's mean over a Gaussian.
@@ -49,7 +48,7 @@ struct Gradient<'a> {
     encoding: &'a SinusoidalEncoding,
     stride: usize,
     s: f32,
-    /// Factor of each level `k`: `2^k` times its damping.
+    /// Factor of each level `k`: `2^k` times `exp(−½ (2^k s blur)²)`.
     factors: [f32; MAX_LEVELS as usize],
     encoded: &'a [f32],
     of_encoded: &'a [f32],
