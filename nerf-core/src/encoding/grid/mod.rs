@@ -79,8 +79,8 @@ pub struct GridEncoding {
     pub inputs: u8,
     /// Number of features of an entry: 1, 2 or 4.
     pub features: u8,
-    /// Binary logarithm of the size of a hash table, at most [`MAX_LOG2_ENTRIES`]. Levels with more vertices than a hash
-    /// table has entries are hashed.
+    /// Binary logarithm of the size of a hash table, at most [`MAX_LOG2_ENTRIES`]. Levels with more vertices than the
+    /// table's size are hashed.
     pub log2_entries: u8,
     /// Number of cells along x, y, z at each level, 1 to [`MAX_GRID_RESOLUTION`]; 0 along z with 2 inputs.
     pub resolutions: heapless::Vec<[u16; 3], MAX_GRID_LEVELS>,
