@@ -39,7 +39,7 @@ pub fn every_kind() -> Architecture {
     architecture(pi(3, 4), Some(pi(3, 2)), &[(24, false), (20, false), (17, true)], &[12, 9])
 }
 
-/// Error bound for `kernel`: `exact`, but at least 1% if weights and activations are rounded to bf16's 8 bits.
+/// The larger of `exact` and, for a `kernel` that rounds weights and activations to bf16's 8 bits, 1%: an error bound.
 pub fn tolerance(kernel: Kernel, exact: f64) -> f64 {
     if kernel.rounds() { exact.max(1e-2) } else { exact }
 }
@@ -75,7 +75,7 @@ pub fn noise(n: usize, seed: u32) -> Vec<f32> {
     (0..n).map(|_| next()).collect()
 }
 
-/// Parameters of the size of a fitted network's: weights with He's standard deviation, biases around 0.1.
+/// Random parameters of the magnitude of trained ones: weights with He's standard deviation, biases around 0.1.
 pub fn parameters(architecture: &Architecture, seed: u32) -> Vec<f32> {
     let mut all = noise(architecture.parameters(), seed);
     for layer in &architecture.layers() {
@@ -107,7 +107,6 @@ pub const SCENE: SceneFacts = SceneFacts {
 /// Size of the image of the tests' 2D field.
 pub const PICTURE: PictureFacts = PictureFacts { width: 30, height: 20 };
 
-/// The provenance of test blobs.
 pub const PROVENANCE: Provenance<'static> =
     Provenance { data: "none", made_by: "unit tests", ..Provenance::NONE };
 

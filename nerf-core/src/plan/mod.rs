@@ -32,9 +32,9 @@ pub struct Outputs {
     pub rgb: bool,
     /// Opacity, `[0, 1]`.
     pub opacity: bool,
-    /// Mean distance along the ray, world units.
+    /// Mean distance of the samples along the ray, each with its compositing weight, world units.
     pub ray_distance: bool,
-    /// Mean distance along the view axis, world units.
+    /// Mean distance of the samples along the view axis, each with its compositing weight, world units.
     pub z_depth: bool,
     /// Distance along the ray at which the transmittance falls below one half, world units (feature `median`).
     pub median_distance: bool,
@@ -61,12 +61,12 @@ impl Outputs {
     /// requested by name.
     pub const ALL: Self = Self { ray_distance: true, z_depth: true, ..Self::RGB };
 
-    /// Whether samples are picked for the evaluation of their colour or normal.
+    /// Whether an output needs the colour or the normal of samples, which are then evaluated at selected samples only.
     pub(crate) const fn picks(&self) -> bool {
         self.rgb || (cfg!(feature = "normals") && self.normals)
     }
 
-    /// Whether an output of the surface is requested: median distance or normals.
+    /// Whether median distances or normals are requested.
     pub(crate) const fn surface(&self) -> bool {
         self.median_distance || self.normals
     }
@@ -88,7 +88,7 @@ impl Batch {
     /// One ray and one sample, for microcontrollers. Only for weights read directly from the blob's bytes.
     pub const SMALLEST: Self = Self { rays: 1, samples: 1 };
 
-    /// One ray for each pixel of a tile, and whole blocks: enough to keep any instruction set busy.
+    /// 256 rays, as many as a tile has pixels, and blocks of 64 samples: enough to keep any instruction set busy.
     pub const FULL: Self = Self { rays: 256, samples: BLOCK };
 
     /// Whether the batch has 1 to [`Batch::MAX_RAYS`] rays and 1 to 64 samples.
@@ -97,7 +97,7 @@ impl Batch {
     }
 }
 
-/// The stages of a frame, decided once.
+/// The stages and settings of a frame, decided once.
 #[derive(Clone, Copy, Debug)]
 pub struct Plan<'a> {
     /// [`Blob::identity`] of the blob that the plan was made for.
@@ -106,9 +106,8 @@ pub struct Plan<'a> {
     /// Contraction of an unbounded scene. The bins of a ray are then steps of the contraction, which [`Plan::point`]
     /// and [`Plan::interval`] convert to points and distances.
     pub(crate) contraction: Option<Contraction>,
-    /// How rays use `bins`.
     pub(crate) lattice: Lattice,
-    /// The bins of a ray; with a proposal only their number is used.
+    /// The bins of a ray. If a proposal network places the samples, only the number of bins is used.
     pub(crate) bins: Bins,
     /// Requested number of samples a ray.
     samples: u16,
@@ -133,7 +132,7 @@ impl<'a> Plan<'a> {
     /// The default blur of normals, bins: one bin is the finest scale that the samples of a ray resolve.
     pub const NORMAL_BLUR: f32 = 1.0;
 
-    /// Makes the plan of a frame from what `blob` holds and what is requested.
+    /// Makes the plan of a frame from what `blob` holds and from the requested settings.
     ///
     /// # Errors
     /// [`PlanError`] names the setting that does not fit the scene.
@@ -200,7 +199,7 @@ impl<'a> Plan<'a> {
         })
     }
 
-    /// The same frame of `blob` with the shortcuts `quality`.
+    /// Returns the plan of the same frame with the quality settings `quality` in place of its own.
     ///
     /// # Errors
     /// As [`Plan::new`].
@@ -211,8 +210,8 @@ impl<'a> Plan<'a> {
         Ok(Self { background, normal_blur, effects, range, ..plan })
     }
 
-    /// The same frame with only the distances from `t_min` to `t_max` of a ray visible, world units; by default 0
-    /// to infinity.
+    /// Returns the plan with only the distances `t_min` to `t_max` of rays visible, world units; default: 0 to
+    /// infinity.
     ///
     /// Each limit cuts the bin that it lies in, so that opacity is continuous in the limits. Nothing behind `t_max` is
     /// visible, and a pixel without a surface has a distance of at most `t_max`.
@@ -227,8 +226,8 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
-    /// The same frame with only the bins that the scene's network was trained on, from its near to its far plane.
-    /// Reproduces figures that were measured with these bins. A scene whose samples lie at steps is not changed.
+    /// Returns the plan with samples only in the bins on which the scene's network was trained, from its near to its
+    /// far plane. Reproduces figures that were measured with these bins. A scene without bins does not change.
     #[must_use]
     pub fn with_own_bins(mut self) -> Self {
         if self.lattice == Lattice::Extended {
@@ -237,7 +236,7 @@ impl<'a> Plan<'a> {
         self
     }
 
-    /// The same frame with another blur of normals, in bins; 0 for the density's gradient itself.
+    /// Returns the plan with another blur of normals, in bins; 0 for the density's gradient itself.
     ///
     /// A field fitted through samples one bin apart also varies on far finer scales. Sums along a ray do not show these
     /// variations, but they are most of the gradient: the tenth level of an encoding has a factor of 2^9 π. A blur of
@@ -265,12 +264,11 @@ impl<'a> Plan<'a> {
         self.normal_blur * width * EVEN
     }
 
-    /// The requested outputs of a pixel.
     pub fn outputs(&self) -> Outputs {
         self.outputs
     }
 
-    /// The same frame over another background.
+    /// Returns the plan with another background.
     ///
     /// # Errors
     /// [`PlanError::Background`] unless every channel is in `[0, 1]`.
@@ -282,10 +280,9 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
-    /// The same frame with other effects.
+    /// Returns the plan with other effects.
     ///
-    /// Effects that would change nothing are left out: a lens without aperture, and the tone stage of a frame
-    /// without colour.
+    /// Leaves out effects that would change nothing: a lens without aperture, and the tone of a frame without colour.
     ///
     /// # Errors
     /// [`PlanError::Effects`] on a setting that is out of range or not in this build.
@@ -297,13 +294,15 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
-    /// Number of samples of a ray: the scene's bins or the steps through its box; with a proposal, the drawn samples
-    /// and the proposal's own. A ray that needs more bins than the scene has gets more samples.
+    /// Requested number of samples a ray: the number of bins from near to far, or of steps across the scene box. With a
+    /// proposal network, the number of drawn samples plus that of proposal samples. A ray may get more samples where
+    /// the bins continue in front of near or behind far.
     pub(crate) fn samples_per_ray(&self) -> u32 {
         u32::from(self.samples) + self.proposal.map_or(0, |coarse| coarse.count())
     }
 
-    /// The first bin of `from..end` whose sample, jittered by `place`, lies in an occupied cell; `end` if none does.
+    /// Index of the first bin of `from..end` whose sample lies in an occupied cell; `end` if none does. `place`: the
+    /// jitter of the ray's samples.
     // Inlined at each call, this function would be a large part of a microcontroller's code.
     #[inline(never)]
     pub(crate) fn first_occupied(
@@ -326,7 +325,7 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Nearest and farthest visible distance, world units, of a ray whose own range is `t_min` to `t_max`.
+    /// Nearest and farthest visible distance, world units, of a ray that is itself limited to `t_min` to `t_max`.
     #[inline]
     pub(crate) fn range_of(&self, t_min: f32, t_max: f32) -> [f32; 2] {
         [self.range.0.max(t_min), self.range.1.min(t_max)]
@@ -369,7 +368,6 @@ impl<'a> Plan<'a> {
         self.proposal.is_none() && !self.outputs.surface()
     }
 
-    /// The spacing of a ray's samples, unless samples are drawn from a proposal.
     #[inline(always)]
     pub(crate) fn spacing(&self) -> Spacing<'_> {
         Spacing { bins: &self.bins, contraction: self.contraction.as_ref() }
@@ -384,19 +382,20 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// The bins that rays are marched through first: a proposal's, or the scene's.
+    /// The bins that rays are marched through first: those of the proposal network, or the scene's.
     pub(crate) fn marched_bins(&self) -> &Bins {
         self.proposal.as_ref().unwrap_or(&self.bins)
     }
 
-    /// Least distance of an unbounded scene's samples from `start`, world units, on a ray visible from `t_min` on.
+    /// Least distance of an unbounded scene's samples, world units, counted from distance `start` along the ray.
+    /// `t_min`: nearest visible distance of the ray.
     #[inline]
     pub(crate) fn least_distance(&self, start: f32, t_min: f32) -> f32 {
         self.near.max(t_min) - start
     }
 
-    /// The interval of the sample at `t`, in units of the ray's bins. The ray is visible from `t_min` on, and its
-    /// samples are counted from `start`.
+    /// The interval of the sample at `t`, in units of the ray's bins, counted from distance `start` along the ray.
+    /// `t_min`: nearest visible distance of the ray, world units.
     #[inline]
     pub(crate) fn interval(&self, ends: &Ends, start: f32, t_min: f32, t: f32) -> SampleInterval {
         if self.contraction.is_some() {
@@ -412,7 +411,7 @@ impl<'a> Plan<'a> {
     }
 }
 
-/// The bins of a frame, and how rays use these bins.
+/// The bins of a frame, and how rays use them. `proposal`: whether a proposal network places the samples.
 fn lattice(scene: &SceneFacts, samples: u16, proposal: bool) -> Result<(Lattice, Bins), BoundsError> {
     let diagonal = scene.diagonal();
     let step = |own: f32, way: f32| if samples == scene.samples() { own } else { way / f32::from(samples) };

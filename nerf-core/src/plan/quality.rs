@@ -8,21 +8,20 @@ use crate::names::names;
 #[cfg(test)]
 mod tests;
 
-/// The shortcuts of a frame: approximations that cost accuracy and save time.
+/// The quality settings of a frame: approximations that cost accuracy and save time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
-    /// Samples per ray; 0 for the scene's own number. In a scene with bins, the number between its near and far
-    /// planes; elsewhere in its box a ray has bins of the same width. In a scene that is marched, the number of steps
-    /// on the diagonal of its box. With a proposal, the number drawn from it, in addition to the proposal's own
-    /// samples.
+    /// Samples per ray; 0 for the scene's own number. In a scene with bins: the number of bins from near to far; bins
+    /// in front of near and behind far have the same width. In a scene with a step: the number of steps on the diagonal
+    /// of its box. With a proposal network: the number of drawn samples, in addition to those of the network itself.
     pub samples: u16,
     /// Transmittance below which a ray ends and counts as opaque; 0 ends no ray.
     pub transmittance_cut: f32,
-    /// Weight above which a sample's colour is evaluated: its own weight, plus the weights of all samples since the
-    /// last evaluated colour. 0 evaluates the colour of every sample of weight above 0.
+    /// Weight above which a colour is evaluated: the sample's own weight plus the weights of all samples since the last
+    /// evaluated colour. 0 evaluates the colour of every sample of weight above 0.
     ///
-    /// The same rule picks the samples whose normal is evaluated and, in a field shaded once a ray, whose `h` is
-    /// composited. Opacity and distances never depend on this cut.
+    /// The same rule selects the samples whose normal is evaluated and, in a field shaded once a ray, the samples whose
+    /// hidden features are composited. Opacity and distances never depend on this cut.
     pub colour_cut: f32,
     /// Whether cells that the occupancy grid marks as empty are skipped.
     pub occupancy: bool,
@@ -40,7 +39,7 @@ impl Quality {
     /// The default colour cut.
     pub const COLOUR_CUT: f32 = 5e-3;
 
-    /// No shortcut: every sample inside the scene box, placed as in the scene's training.
+    /// The exact rendering: every sample inside the scene box is evaluated, at the positions used in training.
     pub const EXACT: Self = Self {
         samples: 0,
         transmittance_cut: 0.0,
@@ -50,7 +49,7 @@ impl Quality {
         proposal: true,
     };
 
-    /// [`Quality::EXACT`] in this scene: with its occupancy grid if that is part of the model.
+    /// [`Quality::EXACT`], but with the occupancy grid of a scene whose blob requires it (`occupancy_required`).
     pub fn exact(blob: &Blob<'_>) -> Self {
         let occupancy_required = blob.scene().is_some_and(|scene| scene.occupancy_required);
         Self { occupancy: occupancy_required, ..Self::EXACT }
@@ -109,11 +108,11 @@ impl Quality {
         Self { transmittance_cut, colour_cut, samples, ..Self::default() }
     }
 
-    /// These settings as a point of the blob's Pareto front, with their measured loss and cost.
+    /// Returns these settings, with their measured loss and cost, as a point of a Pareto front for the blob.
     ///
     /// `loss_db`: PSNR of [`Quality::exact`] minus that of these settings, against ground truth. `cost`: multiply-adds
-    /// of these settings relative to those of the exact rendering. Stages that the scene lacks are off, and the scene's
-    /// own number of samples is written out, as in a file; [`crate::blob::write()`] checks the rest.
+    /// relative to those of the exact rendering. In the point, an occupancy grid or proposal network that the scene
+    /// lacks is off, and 0 samples becomes the scene's own number. [`crate::blob::write()`] checks the rest.
     pub fn front_point(&self, blob: &Blob<'_>, loss_db: f32, cost: f32) -> FrontPoint {
         let own = blob.scene().map_or(0, |scene| scene.samples());
         FrontPoint {
@@ -140,15 +139,14 @@ impl Quality {
         })
     }
 
-    /// The points of [`Quality::front`].
+    /// [`Quality::front`] without the indices.
     fn choices<'b>(blob: &'b Blob<'_>) -> impl Iterator<Item = Choice> + 'b {
         Self::front(blob).map(|(_, choice)| choice)
     }
 }
 
 impl Default for Quality {
-    /// The shortcuts that cost nothing visible: the occupancy grid, the cuts at the values of
-    /// [`Quality::TRANSMITTANCE_CUT`] and [`Quality::COLOUR_CUT`].
+    /// Settings without a visible loss: the occupancy grid, [`Quality::TRANSMITTANCE_CUT`], [`Quality::COLOUR_CUT`].
     fn default() -> Self {
         Self {
             transmittance_cut: Self::TRANSMITTANCE_CUT,
@@ -159,31 +157,32 @@ impl Default for Quality {
     }
 }
 
-/// A point of the blob's Pareto front.
+/// Settings from the blob's Pareto front.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
-    /// The settings of the point.
+    /// The quality settings.
     pub quality: Quality,
     /// PSNR of the exact rendering minus that of these settings, both against ground truth, dB; negative for a gain.
     pub loss_db: f32,
     /// Multiply-adds relative to those of the exact rendering.
     pub cost: f32,
-    /// Whether the settings meet the requested limit; if not, no point of the Pareto front does; this is the nearest.
+    /// Whether the settings meet the requested limit. If `false`, no settings of the Pareto front do; these are the
+    /// nearest to the limit.
     pub within: bool,
 }
 
 names! {
-    /// Limits of the loss (PSNR below exact rendering, dB), smallest first, for choices from the Pareto front.
+    /// Limits of the loss (PSNR below that of the exact rendering, dB), smallest first, each with a name.
     pub enum Preset {
         /// 0 dB: PSNR not below that of the exact rendering.
         Exact = "exact",
-        /// 0.01 dB: no visible difference.
+        /// PSNR at most 0.01 dB below that of the exact rendering: no visible difference.
         High = "high",
-        /// 0.1 dB.
+        /// PSNR at most 0.1 dB below that of the exact rendering.
         Balanced = "balanced",
-        /// 0.3 dB.
+        /// PSNR at most 0.3 dB below that of the exact rendering.
         Fast = "fast",
-        /// 1 dB: for navigation.
+        /// PSNR at most 1 dB below that of the exact rendering: for navigation.
         Preview = "preview",
     }
 }

@@ -5,12 +5,12 @@ use crate::blob::Blob;
 
 /// The settings of a frame: all that a [`Plan`] is made of, except the scene, the outputs and the batch.
 ///
-/// The default: shortcuts without a visible difference, all distances, the scene's own background, no effect.
+/// The default: no visible approximation, no limit of the distance, the scene's own background, no effects.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// Shortcuts.
+    /// Approximations that save time.
     pub quality: Quality,
-    /// Effects.
+    /// Jitter, anti-aliasing, depth of field, tone mapping.
     pub effects: Effects,
     /// Background, display-encoded; `None` for the scene's own.
     pub background: Option<[f32; 3]>,
@@ -18,7 +18,7 @@ pub struct Settings {
     pub range: (f32, f32),
     /// Blur of normals, bins ([`Plan::with_normal_blur`]).
     pub normal_blur: f32,
-    /// Whether samples lie in the scene's own bins alone ([`Plan::with_own_bins`]).
+    /// Whether samples lie only in the bins of the scene's training, from near to far ([`Plan::with_own_bins`]).
     pub own_bins: bool,
 }
 
@@ -36,7 +36,7 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// The plan of these settings for a scene.
+    /// Returns the plan of a frame of the scene in `blob` with these settings.
     ///
     /// # Errors
     /// [`PlanError`] names the setting that does not fit the scene.

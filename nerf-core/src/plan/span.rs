@@ -11,14 +11,14 @@ use glam::Vec3;
 #[cfg(test)]
 mod tests;
 
-/// Placement of a ray's samples from a plan's bins.
+/// How the bins of a plan are placed on a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Lattice {
-    /// The bins are the scene's own, from near to far, and no others.
+    /// The bins are those of the scene's training, from near to far, and no others.
     Own,
     /// The scene's bins continue in front of near and behind far: a ray uses the bins that it needs.
     Extended,
-    /// The first bin begins where the ray enters the scene box.
+    /// The scene has a step instead of bins: the first bin begins where the ray enters the scene box.
     March,
     /// The scene is unbounded: bins count the steps of its contraction, from the point of the ray nearest to the
     /// contraction's centre.
@@ -29,11 +29,11 @@ pub(crate) enum Lattice {
 pub(crate) struct Span {
     /// The ray, moved to the point from which its samples are counted.
     pub ray: Ray,
-    /// Distance of the moved ray's origin along the original ray, world units.
+    /// Distance from the original ray's origin to the moved origin, along the ray, world units.
     pub start: f32,
     /// The bins that may need a sample.
     pub bins: Range<u32>,
-    /// Cuts of the ray's outermost bins.
+    /// Cuts of the first and last bin of `bins`.
     pub ends: Ends,
 }
 
@@ -41,11 +41,11 @@ pub(crate) struct Span {
 const ROUNDING: f32 = 4.0 * f32::EPSILON;
 
 impl Span {
-    /// The part of `ray` that is sampled within a `range` of distances ([`Plan::range_of`]); nothing outside of
-    /// `around` needs samples.
+    /// Returns the part of `ray` that is sampled: inside the box `around` and at the distances `range`
+    /// ([`Plan::range_of`]); `None` if there is none.
     ///
-    /// Samples are counted from a point at the box, so that distances in the scene are small however far away the
-    /// camera is. Only the frame's outputs add the distance to that point.
+    /// The ray's origin is moved to the box, so that the distances of samples are small however far away the camera is.
+    /// The frame's output distances add the length of this move.
     pub fn new(plan: &Plan<'_>, around: &SceneBox, ray: &Ray, range: [f32; 2]) -> Option<Self> {
         if range[0] >= range[1] {
             return None;
@@ -84,7 +84,8 @@ impl Span {
     }
 }
 
-/// The part of a ray through an unbounded scene that is sampled: from near on, or from `t_min` if that is farther.
+/// The sampled part of a ray through an unbounded scene: from near or `t_min` on, whichever is farther; `None` if
+/// empty.
 #[inline(never)]
 fn contracted_span(
     plan: &Plan<'_>,
@@ -104,21 +105,21 @@ fn contracted_span(
     (enter < far.min(stop)).then_some(Span { ray: centred, start, bins, ends })
 }
 
-/// One value for each ray of a vector.
+/// One value for each of up to [`MAX_LANES`] rays.
 type Row = [f32; MAX_LANES];
 
-/// The parts of up to [`MAX_LANES`] rays that are sampled; as `Spans<V>`, those of a vector of rays.
+/// The sampled parts of up to [`MAX_LANES`] rays ([`Span`]); `Spans<V>`: of the rays in the lanes of one vector.
 pub(crate) struct Spans<T = Row> {
     origin: [T; 3],
     start: T,
-    /// The first bin and the end of the bins; if nothing is sampled, the end is at most the first bin.
+    /// First bin, and end of the range of bins; if nothing is sampled, the end is at most the first bin.
     bins: [T; 2],
     /// The cuts of the first and the last bin, as [`Ends::parts`] returns them.
     ends: [T; Ends::PARTS],
 }
 
 impl<V: Lanes> Spans<V> {
-    /// [`Span::new`] of rays through a bounded scene.
+    /// [`Span::new`] for a vector of rays through a bounded scene.
     #[inline(always)]
     fn new(plan: &Plan<'_>, around: &SceneBox, origin: [V; 3], dir: [V; 3], [t_min, t_max]: [V; 2]) -> Self {
         let (zero, bins, most) = (V::splat(0.0), plan.marched_bins(), V::splat(f32::MAX));
@@ -158,7 +159,7 @@ impl Spans {
         ends: [[0.0; MAX_LANES]; Ends::PARTS],
     };
 
-    /// The span of `ray`, which is the ray of index `i`; `None` if nothing is sampled.
+    /// The span of `ray`, whose index in these spans is `i`; `None` if nothing is sampled.
     #[inline]
     pub fn of(&self, i: usize, ray: &Ray) -> Option<Span> {
         let at = |row: &Row| row[i % MAX_LANES];
@@ -171,7 +172,7 @@ impl Spans {
     }
 }
 
-/// [`Span::new`] of several rays through a bounded scene without a proposal, bit for bit.
+/// Computes [`Span::new`] of several rays, through a bounded scene without a proposal network, with the same bits.
 pub(crate) struct SpanAll<'a> {
     pub plan: &'a Plan<'a>,
     pub around: &'a SceneBox,

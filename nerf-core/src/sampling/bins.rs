@@ -39,10 +39,10 @@ impl Ends {
         stop: f32::INFINITY,
     };
 
-    /// Number of [`Ends::parts`].
+    /// Number of values that [`Ends::parts`] returns.
     pub const PARTS: usize = 5;
 
-    /// The five distances as an array.
+    /// `start`, `low`, `high`, `far` and `stop`, in this order.
     #[inline]
     pub fn parts(&self) -> [f32; Self::PARTS] {
         [self.start, self.low, self.high, self.far, self.stop]
@@ -67,7 +67,7 @@ impl Bins {
         Self { near, delta, count, ends: Ends { far, ..Ends::NONE } }
     }
 
-    /// These bins with the cuts `ends` of another ray, from [`Bins::cut`].
+    /// These bins with the cuts `ends`, which [`Bins::cut`] computed for another ray.
     #[inline]
     pub(crate) fn with(&self, ends: Ends) -> Self {
         Self { ends, ..*self }
@@ -109,7 +109,7 @@ impl Bins {
         (if whole > index { whole - 1.0 } else { whole }) * self.delta
     }
 
-    /// [`Bins::cut`] for a vector of rays: [`Ends::parts`], and first bin and end of the range of bins, integers.
+    /// [`Bins::cut`] for a vector of rays: [`Ends::parts`], and the range's first bin and end, both integers.
     #[inline(always)]
     pub(crate) fn cut_lanes<V: Lanes>(&self, start: V, far: V, stop: V) -> ([V; Ends::PARTS], [V; 2]) {
         let [all_start, all_low, all_high, all_far, all_stop] = self.ends.parts().map(V::splat);
@@ -175,7 +175,7 @@ impl Bins {
         self.delta
     }
 
-    /// `t` clamped to its bin, and the beginning and end of that bin, with the cuts `ends` ([`Ends::parts`]).
+    /// `t` clamped to the bin that contains it, and the beginning and end of that bin. `ends`: cuts as [`Ends::parts`].
     #[inline(always)]
     pub(crate) fn edges_around<V: Lanes>(&self, ends: [V; Ends::PARTS], t: V) -> [V; 3] {
         let [start, low, high, _, stop] = ends;
@@ -200,7 +200,7 @@ impl Bins {
         self.points(i as f32, u, self.ends.parts())
     }
 
-    /// [`Bins::at`] for a vector of bins, each on a ray with the cuts `ends` ([`Ends::parts`]).
+    /// [`Bins::at`] for a vector of bins, each on a ray of its own. `ends`: cuts of these rays, as [`Ends::parts`].
     #[inline(always)]
     pub(crate) fn points<V: Lanes>(&self, bins: V, u: V, ends: [V; Ends::PARTS]) -> V {
         let [_, _, high, far, _] = ends;
@@ -209,15 +209,15 @@ impl Bins {
         V::select(t.less(far), t, far)
     }
 
-    /// Whether no bin up to `last` is cut at its end, so that all their middles are those of whole bins.
+    /// Whether the bins up to index `last` are not cut at their end, so that their middles are those of uncut bins.
     #[inline(always)]
     pub(crate) fn whole_up_to(&self, last: u32) -> bool {
         let (last, Ends { high, far, .. }) = (last as f32, self.ends);
         self.distance(last) < high && self.distance(last + 0.5) < far
     }
 
-    /// The middles of a vector of bins from index `first`, below 2^23, on: [`Bins::at`] with `u` = ½. `whole`: the
-    /// result of [`Bins::whole_up_to`] for the vector's last bin.
+    /// Middles of the bins `first`, `first` + 1, … of a vector: [`Bins::at`] with `u` = ½; indices below 2^23. `whole`:
+    /// the result of [`Bins::whole_up_to`] for the vector's last bin.
     #[inline(always)]
     pub(crate) fn middles<V: Lanes>(&self, first: u32, whole: bool) -> V {
         let (i, half) = (V::splat(first as f32).add(V::load(&LANES)), V::splat(0.5));
@@ -228,8 +228,7 @@ impl Bins {
         self.points(i, half, [V::splat(start), V::splat(low), V::splat(high), V::splat(far), V::splat(stop)])
     }
 
-    /// The point of bin `i` at fraction `u` in `[0, 1)`, never on the edge at which the next bin begins, to which
-    /// [`Bins::at`] may round.
+    /// The point of bin `i` at fraction `u` in `[0, 1)`; unlike [`Bins::at`], never rounded up to the next bin's start.
     #[inline]
     pub fn within(&self, i: u32, u: f32) -> f32 {
         let (start, end) = (self.at(i, 0.0), self.at(i, 1.0));

@@ -91,7 +91,7 @@ pub fn sample_interval(near: f32, far: f32, row: &[f32], k: usize) -> (f32, f32)
     (between(start, end), end - start)
 }
 
-/// The sampling weight of a bin: its weight clamped to `[0, 1]`, plus the floor.
+/// The sampling weight of a bin: `weight` clamped to `[0, 1]`, plus [`WEIGHT_FLOOR`].
 #[inline]
 fn mass(weight: f32) -> f32 {
     // A NaN is not above 0 and counts as 0.

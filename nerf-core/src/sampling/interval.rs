@@ -9,17 +9,15 @@ use crate::space::Contraction;
 pub(crate) struct SampleInterval<V = f32> {
     /// Distance of the sample.
     pub t: V,
-    /// Middle of the interval.
     pub mid: V,
-    /// Width of the interval.
     pub delta: V,
 }
 
-/// Spacing of the samples along a ray: in the bins of a scene, or at the steps of a contraction.
+/// Spacing of the samples along a ray: the bins of a scene, in world units or in steps of a contraction.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Spacing<'a> {
     pub bins: &'a Bins,
-    /// Contraction of an unbounded scene, whose bins are measured in steps of the contraction.
+    /// Contraction of an unbounded scene: positions in the bins are then counted in steps of the contraction.
     pub contraction: Option<&'a Contraction>,
 }
 
@@ -56,7 +54,7 @@ impl Spacing<'_> {
         }
     }
 
-    /// [`Spacing::interval`] for a cut bin of a bounded scene.
+    /// [`Spacing::interval`] for a bounded scene and a sample in the first or last bin, which is cut.
     #[inline(always)]
     pub fn interval_of_cut<V: Lanes>(&self, ends: [V; Ends::PARTS], t: V) -> SampleInterval<V> {
         let [start, low, high, _, stop] = ends;
@@ -65,8 +63,8 @@ impl Spacing<'_> {
         SampleInterval { t: t.max_of(from).min_of(to), mid: from.add(V::splat(0.5).mul(delta)), delta }
     }
 
-    /// Distances of the sample at `t`, and of the beginning and end of its interval, world units. Neighbouring
-    /// intervals share their edges bit for bit.
+    /// Distance of the sample at `t`, in units of the bins, and of the beginning and end of its interval; all three in
+    /// world units along the ray. Neighbouring intervals share their edges bit for bit.
     #[inline(always)]
     pub fn edges<V: Lanes>(&self, ends: [V; Ends::PARTS], near: V, t: V) -> [V; 3] {
         let [t, from, to] = self.bins.edges_around(ends, t);

@@ -11,7 +11,7 @@ mod tests;
 pub(crate) struct SampleJitter {
     seed: Option<u64>,
     stream: u64,
-    /// Index of the ray in its pixel, in the upper 32 bits.
+    /// The ray's index among the rays of its pixel, in the upper 32 bits.
     first: u64,
 }
 
@@ -19,13 +19,13 @@ impl SampleJitter {
     /// No jitter: samples in the middle of their bins.
     pub const MIDDLE: Self = Self { seed: None, stream: 0, first: 0 };
 
-    /// The jitter of the `ray`-th ray of pixel `(x, y)`; the middle of each bin without a seed.
+    /// The jitter of ray `ray` of pixel `(x, y)`; without a seed, samples lie in the middle of their bins.
     #[inline]
     pub fn of(seed: Option<u64>, x: u32, y: u32, ray: u32) -> Self {
         Self { seed, stream: pixel_stream(x, y), first: u64::from(ray) << 32 }
     }
 
-    /// Position, in `[0, 1)`, of the ray's `k`-th drawn sample in the `k`-th of equal strata.
+    /// Position, in `[0, 1)`, of the ray's sample `k` in its stratum, for the samples drawn from a proposal network.
     #[inline]
     pub fn within(&self, k: u32) -> f32 {
         match self.seed {

@@ -1,4 +1,4 @@
-//! Replaces `jitter.rs` in a build without that feature: samples lie in the middle of their bins.
+//! Replaces `jitter.rs` in a build without the feature `jitter`: samples lie in the middle of their bins.
 
 use super::Bins;
 

@@ -13,7 +13,6 @@ const EXACT_CELLS: u64 = 1 << 23;
 #[derive(Clone, Copy, Debug)]
 pub struct OccupancyGrid<'a> {
     pub(crate) bounds: SceneBox,
-    /// Number of cells per world unit along x, y, z.
     pub(crate) cells_per_unit: Vec3,
     resolution: [u16; 3],
     bits: &'a [u8],
@@ -26,7 +25,6 @@ pub(crate) struct OccupancyLanes<'a, V> {
     last: [V; 3],
     /// Number of cells along y and z.
     sides: [V; 2],
-    /// Whether cell indices are exact in f32.
     exact: bool,
     bits: &'a [u8],
 }
@@ -77,7 +75,6 @@ impl<'a> OccupancyGrid<'a> {
         self.cell_of(p).is_some_and(|cell| self.bit(self.index_of(cell)))
     }
 
-    /// The grid with its constants in vectors.
     #[inline(always)]
     pub(crate) fn lanes<V: Lanes>(&self) -> OccupancyLanes<'a, V> {
         let resolution = self.resolution.map(f32::from);
@@ -105,7 +102,7 @@ impl<'a> OccupancyGrid<'a> {
         Some([index(at.x, nx), index(at.y, ny), index(at.z, nz)])
     }
 
-    /// Index of the bit of cell x, y, z.
+    /// Index in `bits` of the cell with indices x, y, z.
     #[inline]
     fn index_of(&self, [x, y, z]: [usize; 3]) -> usize {
         let [_, ny, nz] = self.resolution.map(usize::from);
@@ -148,7 +145,8 @@ impl<'a> OccupancyGrid<'a> {
         end
     }
 
-    /// Number of further bins whose middle lies in the cell of `p`, up to rounding.
+    /// Number of further bins along the ray whose middle lies in the cell of `p`, up to rounding. `cells_per_bin`:
+    /// cells that a ray passes in one bin, along x, y, z.
     #[inline]
     fn bins_to_exit(&self, p: Vec3, cell: [usize; 3], dir: Vec3, cells_per_bin: Vec3) -> u32 {
         let low = Vec3::from(cell.map(|side| side as f32));
@@ -207,7 +205,7 @@ impl<'a> OccupancyGrid<'a> {
         }
     }
 
-    /// The coarser grid of blocks of `side`³ cells, whose bits are `blocks`.
+    /// The coarser grid whose cells are blocks of `side`³ cells of this grid. `blocks`: occupancy bits of the blocks.
     pub(crate) fn of_blocks<'b>(&self, side: u16, blocks: &'b [u8]) -> OccupancyGrid<'b> {
         OccupancyGrid {
             bounds: self.bounds,

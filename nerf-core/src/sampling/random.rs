@@ -16,9 +16,9 @@ pub enum Purpose {
     Background = 5,
     /// Points in empty cells of the occupancy grid.
     Empty = 6,
-    /// Points inside a cell at which the occupancy grid evaluates density.
+    /// Points inside a cell at which density is evaluated to update the occupancy grid.
     Cell = 7,
-    /// Point of the aperture that a ray passes.
+    /// Point of the lens aperture through which a ray passes.
     Aperture = 8,
     /// Russian roulette: choice of the samples of low weight that are trained on.
     Faint = 9,
@@ -56,8 +56,8 @@ pub(crate) fn pixel_stream(x: u32, y: u32) -> u64 {
 /// Fractional part of the golden ratio, in units of 2^-32.
 pub(crate) const GOLDEN: u32 = 0x9e37_79b9;
 
-/// Rank of multiple `index` of `ratio` among multiples 0 to `count` − 1, modulo 1 and in units of 2^-32: a
-/// low-discrepancy permutation of `0..count`, exact in integers.
+/// Rank, from 0 to `count` − 1, of `index · ratio` among `i · ratio` for `i` in `0..count`, all modulo 2^32: a
+/// low-discrepancy permutation of `0..count`, exact in integers. `ratio`: in units of 2^-32.
 pub(crate) fn rank(ratio: u32, index: u32, count: u32) -> u32 {
     let own = index.wrapping_mul(ratio);
     (0..count).filter(|other| other.wrapping_mul(ratio) < own).count() as u32

@@ -1,4 +1,4 @@
-//! AVX2 + FMA leaf: eight lanes.
+//! AVX2 and FMA implementation of the vectors: eight lanes.
 
 use super::lanes::{Indices, SQRT_HALF_BITS, bits_by_lane};
 use super::leaf::{Quads, address, instructions, lanes_in_memory, last_word};
@@ -22,7 +22,7 @@ pub unsafe fn run<O: Op>(op: O) -> O::Output {
 }
 
 /// Runs `op` with portable lanes in `ymm` registers. Products and sums are not fused, so that results equal those of
-/// the portable leaf bit for bit.
+/// `Portable` bit for bit.
 ///
 /// # Safety
 /// As for [`run`].

@@ -1,4 +1,4 @@
-//! Instruction sets: detection, and dispatch of an [`Op`] to the leaf of one.
+//! Instruction sets: detection, and running an [`Op`] with the vectors of one of them.
 
 use super::portable::Portable;
 use super::{MAX_LANES, Op};
@@ -55,7 +55,7 @@ impl Isa {
         }
     }
 
-    /// Whether this machine can multiply bf16 with this instruction set: AVX-512 with AVX-512 BF16.
+    /// Whether this machine has bf16 dot products for this instruction set: AVX-512 with AVX-512 BF16.
     pub fn multiplies_bf16(self) -> bool {
         match self {
             #[cfg(target_arch = "x86_64")]
@@ -72,7 +72,7 @@ impl Isa {
         !matches!(self, Self::Simd128)
     }
 
-    /// Number that must divide the number of columns of a block: the lanes of one or two vectors of [`Isa::run`].
+    /// Number of samples whose multiples [`Isa::run_columns`] runs in vectors: the lanes of one or two vectors.
     #[inline]
     pub fn columns(self) -> usize {
         match self {
@@ -83,7 +83,7 @@ impl Isa {
         }
     }
 
-    /// Runs `op` over `columns` samples: with [`Isa::run`] if [`Isa::columns`] divides `columns`, else one by one.
+    /// Runs `op` over `columns` samples: in vectors ([`Isa::run`]) for a multiple of [`Isa::columns`], else one by one.
     #[inline]
     pub fn run_columns<O: Op>(self, columns: usize, op: O) -> O::Output {
         if VECTORS && columns.is_multiple_of(self.columns()) { self.run(op) } else { op.run::<f32>() }

@@ -1,4 +1,4 @@
-//! Vectors of `f32`: the traits that elementary functions and kernels are generic over.
+//! Vectors of `f32` and `u32`: the traits that elementary functions and kernels are generic over.
 
 use super::table::{Table, Value};
 use super::{MAX_LANES, sealed};
@@ -43,13 +43,13 @@ impl Indices for u32 {
 pub trait Lanes: Copy + sealed::Sealed {
     /// Number of lanes, a divisor of [`MAX_LANES`].
     const COUNT: usize;
-    /// Rows of C in a register tile of the matrix product.
+    /// Rows of the product `C` in a register tile of the matrix multiplication.
     const TILE_ROWS: usize;
-    /// Vectors per row of C in a register tile of the matrix product.
+    /// Vectors per row of the product `C` in a register tile of the matrix multiplication.
     const TILE_COLS: usize;
     /// Result of a comparison: true or false for each lane.
     type Mask: Copy;
-    /// A vector of `u32` with as many lanes.
+    /// A vector of `COUNT` u32.
     type Indices: Indices;
 
     /// `x` in every lane.
@@ -92,7 +92,7 @@ pub trait Lanes: Copy + sealed::Sealed {
     }
     /// `2^self` for an integer in `-126..=127`.
     fn exp2_integer(self) -> Self;
-    /// Splits a positive normal number into `(m, e)` with `self = m 2^e`, `m` in `[√½, √2)`.
+    /// Splits each positive normal number into mantissa and exponent `(m, e)`: `self = m 2^e`, `m` in `[√½, √2)`.
     fn split_exponent(self) -> (Self, Self);
     /// Mask of the lanes with `self == b`.
     fn equals(self, b: Self) -> Self::Mask;
@@ -101,7 +101,7 @@ pub trait Lanes: Copy + sealed::Sealed {
     /// `a` in the lanes of the mask, `b` in the others.
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
 
-    /// Converts integers in `0..=2^23` to `u32`.
+    /// Converts integers in `0..=2^23` to `u32`, the indices of table entries.
     fn to_indices(self) -> Self::Indices;
 
     /// Rounds each lane to the nearest f16, ties to even; values above the largest become infinity.
@@ -118,10 +118,10 @@ pub trait Lanes: Copy + sealed::Sealed {
         bits_by_lane::<Self>(bytes, at)
     }
 
-    /// `Σ_r weights[r] · row r` for each lane, where a row is two neighbouring entries of 1, 2 or 4 `features`, summed
-    /// from 0 in ascending `r`. Of the eight results the first `2 · features` are valid.
+    /// Interpolates in a table: returns `Σ_r weights[r] · row r` for each lane, summed from 0 in ascending `r`. A row
+    /// is two neighbouring entries, each of `features` values, 1, 2 or 4. The first `2 · features` results are valid.
     ///
-    /// `rows`: index of each row's first entry. An index beyond the table reads any entry, or 0.
+    /// `rows`: index of each row's first entry. If it is beyond the table, any entry or 0 is read.
     #[inline(always)]
     fn weighted_rows<T: Value, const ROWS: usize>(
         table: Table<'_, T>,

@@ -1,12 +1,12 @@
-//! Code shared by the leaves with vector registers: macros for their methods, and interpolation over a table with loads
-//! of four neighbouring values at once, generic over [`Quads`].
+//! Code shared by the vector types of all instruction sets: macros for methods, and table interpolation that loads four
+//! neighbouring values at once, generic over [`Quads`].
 
 use super::lanes::weighted_rows_by_lane;
 use super::table::{Table, Value};
 use super::{Indices, Lanes};
 
-/// Declares methods of a leaf's vector, each by one expression of intrinsics. An expression that needs more than the
-/// leaf's instructions has its own SAFETY line.
+/// Declares methods of a vector type, each by one expression of intrinsics. An expression that needs instructions
+/// beyond the type's instruction set has its own SAFETY line.
 macro_rules! instructions {
     ($(fn $name:ident $(<const $lane:ident: usize>)? ($($arguments:tt)*) $(-> $type:ty)? = $value:expr;)+) => {$(
         #[inline(always)]
@@ -52,19 +52,18 @@ macro_rules! lanes_in_memory {
 }
 pub(super) use {instructions, lanes_in_memory};
 
-/// The primitives of [`weighted_rows`]. A vector consists of groups of four lanes. While rows are summed, a group holds
-/// four neighbouring table values for one of its lanes, `LANE`.
+/// The primitives of [`weighted_rows`]. A vector consists of groups of four lanes. While rows are summed, the four
+/// lanes of a group hold four neighbouring table values, all for the group's lane of index `LANE`.
 pub trait Quads: Lanes {
-    /// Whether offsets are moved to scalar registers through memory.
+    /// Whether offsets are moved from vectors to scalar registers through memory.
     const OFFSETS_IN_MEMORY: bool = false;
-    /// Whether sums go through memory, so that the compiler does not hoist the loads of the next lane above a sum.
+    /// Whether sums are stored to memory, so that the compiler does not hoist the loads of the next lane above a sum.
     const SUMS_IN_MEMORY: bool = false;
-    /// An offset into a table for each lane.
+    /// For each lane, the offset of a value in a table.
     type Offsets: Copy;
 
-    /// Converts indices to offsets that can be read one by one.
     fn offsets(indices: Self::Indices) -> Self::Offsets;
-    /// Loads four values for lane `LANE` of each group, beginning `plus` values after the lane's offset.
+    /// Loads four neighbouring values for lane `LANE` of each group, beginning `plus` values after that lane's offset.
     ///
     /// # Safety
     /// All four values are inside the table, for each group.
@@ -81,8 +80,7 @@ pub trait Quads: Lanes {
     fn zip_pairs(self, b: Self) -> [Self; 2];
 }
 
-/// [`Lanes::weighted_rows`], four values of a lane at a time; value by value if the length of a row is no multiple of
-/// four values.
+/// [`Lanes::weighted_rows`] with loads of four values; with single loads if a row's length is no multiple of four.
 #[inline(always)]
 pub fn weighted_rows<V: Quads, T: Value, const ROWS: usize>(
     table: Table<'_, T>,
@@ -109,7 +107,7 @@ pub fn weighted_rows<V: Quads, T: Value, const ROWS: usize>(
     [a, b, c, d, e, f, g, h]
 }
 
-/// Four weighted sums for each lane: sum `i` is over the values at `plus + i` after each of the `offsets`.
+/// Four weighted sums for each lane: sum `i` is that of the values at `offset + plus + i` over all `offsets`.
 #[inline(always)]
 fn four<V: Quads, T: Value, const ROWS: usize>(
     table: Table<'_, T>,
@@ -127,7 +125,7 @@ fn four<V: Quads, T: Value, const ROWS: usize>(
     [v0, v1, v2, v3]
 }
 
-/// Four weighted sums for lane `LANE` of each group.
+/// The four weighted sums of [`four`] for lane `LANE` of each group.
 #[inline(always)]
 fn sum_of_lane<V: Quads, T: Value, const ROWS: usize, const LANE: usize>(
     table: Table<'_, T>,
@@ -150,8 +148,8 @@ pub fn address<T: Value>(table: Table<'_, T>, offset: u32, plus: usize) -> *cons
     table.values.as_ptr().wrapping_add(offset as usize + plus).cast()
 }
 
-/// Index of the last entry at which a row of two entries can begin inside the table. `None` if a row is not a
-/// multiple of four values, or does not fit into the table.
+/// Index of the last entry at which a row, two entries, can begin inside the table. `None` if the length of a row is no
+/// multiple of four values, or if the table is shorter than a row.
 #[inline(always)]
 fn last_row<T: Value>(table: Table<'_, T>, features: usize) -> Option<u32> {
     let entries = match features {

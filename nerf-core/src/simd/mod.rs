@@ -1,6 +1,6 @@
-//! SIMD kernels: an [`Op`] is written once, generic over [`Lanes`]. A module per instruction set, called a leaf,
-//! compiles it for that set, and [`Isa::run`] picks the leaf. Activations are laid out `[channel][BLOCK]`: a vector
-//! holds one channel of neighbouring samples.
+//! SIMD kernels: an [`Op`] is written once, generic over [`Lanes`]. Each instruction set has a module, called its leaf,
+//! with the vector types for which the [`Op`] is compiled; [`Isa::run`] picks the leaf. Activations are laid out
+//! `[channel][BLOCK]`: a vector holds one channel of neighbouring samples.
 #![allow(unsafe_code, reason = "instructions that the compiler does not choose by itself")]
 
 /// Declares inlined methods, each by one expression.
@@ -52,7 +52,7 @@ pub const BLOCK: usize = 64;
 pub trait Op {
     /// The loop's result.
     type Output;
-    /// Runs the loop. Must be `#[inline(always)]`, or the loop is not compiled for the leaf's instruction set.
+    /// Runs the loop in vectors `V`. Must be `#[inline(always)]` to be compiled for the instruction set of `V`.
     fn run<V: Lanes>(self) -> Self::Output;
 }
 

@@ -1,4 +1,4 @@
-//! NEON leaf: four lanes, fused. Every 64-bit ARM processor has NEON, so that nothing is detected at run time.
+//! NEON implementation of the vectors: four lanes, fused. Not detected, since every 64-bit ARM processor has NEON.
 
 use super::lanes::{Indices, SQRT_HALF_BITS};
 use super::leaf::{Quads, address, instructions, lanes_in_memory};
@@ -11,7 +11,6 @@ use core::arch::asm;
 #[derive(Clone, Copy)]
 pub struct F32x4(float32x4_t);
 
-/// Runs `op` with four lanes.
 pub fn run<O: Op>(op: O) -> O::Output {
     op.run::<F32x4>()
 }

@@ -1,6 +1,6 @@
-//! Portable leaf: sixteen lanes of plain, unfused f32.
+//! Portable implementation of the vectors: sixteen lanes of plain, unfused f32.
 //!
-//! Results equal those of one lane at a time bit for bit; the compiler vectorises with the target's instructions.
+//! Results equal those of one lane at a time bit for bit; the compiler vectorises the loops over lanes.
 
 use super::{Indices, Lanes};
 use core::array::from_fn;

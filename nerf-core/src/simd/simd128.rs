@@ -1,7 +1,7 @@
-//! WebAssembly SIMD leaf: four lanes, unfused, so that results equal those of the portable leaf bit for bit.
+//! WebAssembly SIMD implementation of the vectors: four lanes, unfused, with the results of `Portable` bit for bit.
 //!
 //! There is no run-time detection: a module with these instructions loads only if the engine supports them, so that
-//! the leaf is available if the build has the target feature. Relaxed SIMD could fuse, but its results depend on the
+//! they are available if the build has the target feature. Relaxed SIMD could fuse, but its results depend on the
 //! engine.
 
 use super::lanes::{Indices, SQRT_HALF_BITS};
@@ -14,7 +14,6 @@ use core::arch::wasm32::*;
 #[derive(Clone, Copy)]
 pub struct F32x4(v128);
 
-/// Runs `op` with four lanes.
 pub fn run<O: Op>(op: O) -> O::Output {
     op.run::<F32x4>()
 }

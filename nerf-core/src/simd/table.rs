@@ -70,7 +70,7 @@ impl<'a, T: Value> Table<'a, T> {
         Self { values, scales: scales.as_chunks().0 }
     }
 
-    /// The table of the `count` values from index `first` on, or of all from there if there are fewer.
+    /// The part of the table with the `count` values from index `first` on; fewer if the table ends before.
     #[inline(always)]
     pub fn part(self, first: usize, count: usize) -> Self {
         let rest = self.values.get(first..).unwrap_or_default();

@@ -1,4 +1,4 @@
-//! Replaces `contraction` in builds without that feature: every scene is bounded.
+//! Replaces `contraction` in builds without the feature `contraction`: every scene is bounded.
 
 use super::scene_box::SceneBox;
 use crate::absent::absent;

@@ -4,7 +4,7 @@ use crate::camera::{Camera, Pose, Ray};
 use crate::errors::errors;
 use glam::{Mat3, Vec3};
 
-/// Maximum error of the lengths and dot products of a rotation's columns, relative to their length.
+/// Maximum deviation from a rotation: of the columns' lengths and dot products, relative to the columns' length.
 const TOLERANCE: f32 = 1e-3;
 /// Maximum scale, and reciprocal of the minimum scale: distances in world and field units stay in the range of f32.
 const MAX_SCALE: f32 = 1e9;

@@ -21,7 +21,7 @@ pub(crate) use normal::NormalSum;
 /// At or below this opacity a pixel has no surface: its distances are `far`.
 pub const OPACITY_EPSILON: f32 = 1e-4;
 
-/// Maximum optical thickness, at which a sample is opaque: `e^-100` is 0 in any image.
+/// Maximum optical thickness of a sample, which is then opaque: `e^-100` is 0 in any image.
 const MAX_TAU: f32 = 100.0;
 
 /// Optical thickness of a sample: `sigma` 1/world unit, `delta` world units.
@@ -36,9 +36,9 @@ pub(crate) fn alpha<M: Math, V: Lanes>(tau: V) -> V {
     M::expm1(tau.neg()).neg()
 }
 
-/// Distance along the ray at which the optical thickness since the bin's front edge is `left`, for constant density in
-/// the bin. `sigma`: not 0; `t`: the bin's middle, `delta`: its width, world units along the ray. The result is clamped
-/// to the bin, and is the front edge if `sigma` is +inf.
+/// Distance along the ray at which the optical thickness since the bin's front edge reaches `left`; density is constant
+/// in the bin. `sigma`: not 0; `t`: the bin's middle, `delta`: its width, world units along the ray. The result is
+/// clamped to the bin, and is the front edge if `sigma` is +inf.
 #[inline]
 pub(crate) fn thickness_in_bin(left: f32, sigma: f32, t: f32, delta: f32) -> f32 {
     // Neither operand of the clamp is NaN: sigma is not 0, and the difference is finite.
@@ -52,8 +52,8 @@ pub(crate) fn light<M: Math, V: Lanes>(total: V) -> V {
     V::select(total.less(V::splat(MAX_TAU)), M::decay(total), V::splat(0.0))
 }
 
-/// Direction of `sum`, a sum of normals with a total weight of `weight`; 0 if `opacity` is at most
-/// [`OPACITY_EPSILON`], or if the directions cancel.
+/// Direction of `sum`, the weighted sum of normals whose weights add up to `weight`; 0 if `opacity` is at most
+/// [`OPACITY_EPSILON`], or if the normals cancel.
 #[cfg(any(feature = "normals", feature = "anti-aliasing"))]
 pub(crate) fn mean_direction(sum: [f32; 3], weight: f32, opacity: f32) -> [f32; 3] {
     // Length at or below which a mean of unit vectors is rounding noise.
@@ -112,9 +112,8 @@ pub(crate) struct Accumulator {
     rgb: [Sum; 3],
     opacity: Sum,
     distance: Sum,
-    /// Sum of the weights of the last samples, whose colours were not added yet.
+    /// Sum of the weights of the samples since the last added colour.
     uncoloured: f32,
-    /// Transmittance, `exp(−tau)`.
     left: f32,
 }
 
@@ -160,8 +159,8 @@ impl Accumulator {
         self.tau.value
     }
 
-    /// The second half of [`Accumulator::add_density`]: adds the sample at `t` with opacity `alpha` and returns its
-    /// weight. `light`: the transmittance after the sample.
+    /// The second half of [`Accumulator::add_density`]: adds the sample at distance `t` with opacity `alpha` and
+    /// returns its weight. `light`: the transmittance after the sample.
     #[inline]
     pub(crate) fn add_alpha(&mut self, alpha: f32, light: f32, t: f32) -> f32 {
         let weight = self.left * alpha;
@@ -175,16 +174,17 @@ impl Accumulator {
         weight
     }
 
-    /// State of a ray that collides at optical thickness `total`: `Σ sigma delta` starts at `-total`, and the ray
-    /// collides where the optical thickness reaches 0.
+    /// State of a ray whose photon collides with the medium at optical thickness `total`. The sum `Σ sigma delta`
+    /// starts at `-total`; the photon collides where this sum reaches 0.
     pub(crate) fn until(total: f32) -> Self {
         let mut ray = Self::NONE;
         ray.tau.add(-total);
         ray
     }
 
-    /// Whether a ray made by [`Accumulator::until`], with sum `before`, collides in the bin of density `sigma` (not
-    /// 0), middle `t` and width `delta`. If so, adds opacity 1 at the collision's distance.
+    /// Whether the photon of a ray made by [`Accumulator::until`] collides in a bin; if so, adds opacity 1 at its
+    /// distance. `before`: the ray's sum in front of the bin; `sigma` (not 0), `t`, `delta`: the bin's density, middle
+    /// and width.
     #[inline]
     pub(crate) fn collide(&mut self, before: f32, sigma: f32, t: f32, delta: f32) -> bool {
         let collides = -before < thickness(sigma, delta);
@@ -213,18 +213,18 @@ impl Accumulator {
         }
     }
 
-    /// Adds one colour with the sum of all weights that [`Accumulator::take_uncoloured`] returned.
+    /// Adds one colour for the whole ray, with the sum of all weights that [`Accumulator::take_uncoloured`] returned.
     #[inline]
     pub(crate) fn colour_all(&mut self, rgb: [f32; 3]) {
         self.add_colour(self.opacity.value - self.uncoloured, rgb);
     }
 
-    /// Makes the pixel over `background`. The `t` of samples are counted from distance `start` along the ray.
-    /// `z_per_distance` is the cosine between ray and view axis. Distances are clamped to `far`. A ray that was
-    /// terminated early (`cut`) becomes opaque: its remaining transmittance gets its mean colour.
+    /// Returns the pixel over `background`. `start`: distance along the ray from which the `t` of samples are counted.
+    /// `z_per_distance`: cosine between ray and view axis. Distances are clamped to `far`. `cut`: whether the ray was
+    /// terminated early; the ray is then opaque, and its remaining transmittance gets its mean colour.
     ///
-    /// Weight without a colour gets the mean of the ray's colours if it is less than the coloured weight. Median
-    /// distance and normal stay 0.
+    /// The samples whose colour was not evaluated get the ray's mean colour if their weight is less than that of the
+    /// coloured samples. Median distance and normal stay 0.
     ///
     /// # Source
     /// Müller et al. 2022, the authors' renderer.
@@ -263,7 +263,7 @@ impl Accumulator {
         weight
     }
 
-    /// Writes the state of the ray, without its colour, to column `column` of a block.
+    /// Writes the state of the ray, except its colour, to column `column` of the rows of a block of rays.
     #[inline]
     pub(crate) fn put_column(&self, rows: &mut Rows, column: usize) {
         let Self { tau, opacity, distance, uncoloured, left, .. } = *self;
@@ -282,7 +282,7 @@ impl Accumulator {
         }
     }
 
-    /// Reads the state that [`Accumulator::put_column`] wrote.
+    /// Reads the state that [`Accumulator::put_column`] wrote to column `column`.
     #[inline]
     pub(crate) fn take_column(&mut self, rows: &Rows, column: usize) {
         let [tau, lost_tau, opacity, lost_opacity, distance, lost, uncoloured, left] =

@@ -6,7 +6,7 @@ use glam::Vec3;
 
 /// The sum of a ray's normals, front to back: `Σ weight · −∇sigma/|∇sigma|`.
 ///
-/// The length of a sample's gradient does not matter, only its direction and the sample's weight.
+/// The length of a sample's gradient does not matter.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct NormalSum([Sum; 3]);
 
@@ -16,7 +16,7 @@ impl NormalSum {
 
     /// Adds a sample of this `weight` and density gradient.
     ///
-    /// Only the gradient's direction counts. A gradient that is 0 or not finite adds nothing.
+    /// A gradient that is 0 or not finite adds nothing.
     #[inline]
     pub fn add(&mut self, weight: f32, gradient: Vec3) {
         let largest = gradient.abs().max_element();
@@ -30,8 +30,8 @@ impl NormalSum {
         }
     }
 
-    /// Direction of the mean, unit length; 0 if `opacity`, Σ weights, is at most [`super::OPACITY_EPSILON`], or if
-    /// the directions cancel.
+    /// Direction of the mean normal, unit length; 0 if `opacity`, the sum of the ray's weights, is at most
+    /// [`super::OPACITY_EPSILON`], or if the normals cancel.
     pub fn finish(&self, opacity: f32) -> [f32; 3] {
         mean_direction(self.0.map(|sum| sum.value), opacity, opacity)
     }

@@ -5,22 +5,21 @@ use super::{MAX_TAU, alpha, light};
 use crate::math::Math;
 use crate::simd::{BLOCK, Lanes};
 
-/// Number of rows of [`Rows`].
 pub(crate) const ROWS: usize = 8;
-/// The state of a block of rays, `[row][ray]`.
+/// The compositing state of a block of rays, `[row][ray]`.
 pub(crate) type Rows = [[f32; BLOCK]; ROWS];
-/// First row of each sum (`TAU`, `OPACITY`, `DISTANCE`): its value; the next row is its rounding error.
+/// Row of the sum of optical thickness. The row after each sum holds its rounding error.
 const TAU: usize = 0;
 const OPACITY: usize = 2;
 const DISTANCE: usize = 4;
-/// Rows of the weight without a colour (`UNCOLOURED`) and of the transmittance (`LEFT`).
+/// Row of the weight of samples without a colour; `LEFT`: row of the transmittance.
 const UNCOLOURED: usize = 6;
 pub(crate) const LEFT: usize = 7;
 
-/// `Accumulator::add_density` for each ray of a vector that begins at column `from`. Returns for each ray the weight
-/// that `Accumulator::take_uncoloured` gives, or 0.
+/// Adds one sample to each ray of a vector, as `Accumulator::add_density`; the rays are the columns of `rows` from
+/// `from` on. Returns for each ray the weight that `Accumulator::take_uncoloured` would return, or 0 for `None`.
 ///
-/// `sigma` 1/world unit, NaN as 0; `t`, `delta`: world units along the ray.
+/// `sigma`: 1/world unit, NaN counts as 0; `t`, `delta`: world units along the ray. `cut`: that of `take_uncoloured`.
 #[inline(always)]
 pub(crate) fn add_samples<M: Math, V: Lanes>(
     rows: &mut Rows,
@@ -46,8 +45,8 @@ pub(crate) fn add_samples<M: Math, V: Lanes>(
     V::select(takes, waiting, zero)
 }
 
-/// Adds `x`, in the lanes of `counts`, to one compensated sum per ray, as `Sum::add`: values are in row `first`,
-/// rounding errors in the next row. Returns the values.
+/// Adds `x` to one compensated sum per ray (`Sum::add`) in the lanes of the mask `counts`. Row `first` holds the sums,
+/// the next row their rounding errors. Returns the sums.
 #[inline(always)]
 fn add<V: Lanes>((rows, from): (&mut Rows, usize), first: usize, x: V, counts: V::Mask) -> V {
     let [value, lost] = [first, first + 1].map(|row| V::load(&rows[row][from..]));

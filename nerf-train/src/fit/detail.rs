@@ -1,9 +1,9 @@
-//! Resolution of a learned grid, from the number of pixels across the scene in the photographs.
+//! Resolution of a learned grid, chosen from the number of pixels that the scene spans in the photographs.
 //!
 //! Measured on lego at 100², 200², 400² and 800² pixels, on every tenth training photograph, held out; Sapphire Rapids,
-//! two cores. The table compares the preset's settings, chosen at 200², with those of [`for_pixels`].
+//! two cores. The table compares the preset's settings, chosen at 200² pixels, with those of [`for_pixels`].
 //!
-//! | pixels | seconds | settings of 200² | by the rule |
+//! | pixels | seconds | preset | [`for_pixels`] |
 //! | --- | ---: | ---: | ---: |
 //! | 400² | 30 | 30.85 dB | 31.63 dB |
 //! | 800² | 60 | 29.89 dB | 31.20 dB |
@@ -18,18 +18,19 @@ use crate::data::{Dataset, View};
 use crate::model::config::Config;
 use nerf_core::space::SceneBox;
 
-/// Number of pixels across the longest side of lego's box in photographs of 200², for which the preset was chosen.
+/// Number of pixels that the longest side of lego's box spans in photographs of 200², for which the preset was chosen.
 const PRESET_PIXELS: f32 = 175.0;
 /// Largest binary logarithm of a level's number of entries: a table of 2^19 entries no longer fits a core's cache.
 const MOST_LOG2_ENTRIES: u8 = 19;
-/// Upper limit of the ratio of a scene's pixels to [`PRESET_PIXELS`]: a camera near the middle of the box exceeds it.
+/// Largest ratio of a scene's pixels to [`PRESET_PIXELS`] that counts: a camera near the middle of the box exceeds it.
 const MOST_PIXELS: f32 = 8.0;
-/// Multiples to which the finest level's cells and a ray's steps are rounded: one pixel more changes neither.
+/// Multiple to which the number of cells of the finest level is rounded, so that one pixel more does not change it;
+/// `ROUNDED_STEPS`: the same for the steps of a ray.
 const ROUNDED_CELLS: f32 = 32.0;
 const ROUNDED_STEPS: f32 = 10.0;
 
-/// Number of pixels that the longest side of the box spans in a photograph, at the camera's distance from the box's
-/// middle: the median over training views. `None` if that is not finite, as for a camera at the middle.
+/// Number of pixels that the longest side of the scene box spans in a photograph, at the distance from the camera to
+/// the box's middle: the median over the training views. `None` if it is not finite, as for a camera at the middle.
 pub fn pixels_across(dataset: &Dataset, scene_box: &SceneBox) -> Option<f32> {
     let middle = 0.5 * (scene_box.min + scene_box.max);
     let side = (scene_box.max - scene_box.min).max_element();
@@ -40,9 +41,9 @@ pub fn pixels_across(dataset: &Dataset, scene_box: &SceneBox) -> Option<f32> {
     Some(median(dataset.train.iter().map(of_view)) as f32).filter(|pixels| pixels.is_finite())
 }
 
-/// Adapts the preset's settings to a scene of `pixels` pixels across. Each doubling doubles the entries of a level, and
-/// multiplies the cells of the finest level and the steps of a ray by √2. Settings that differ from the preset's or
-/// that `chosen` names do not change, nor do any for fewer pixels than the preset's.
+/// Adapts the preset's settings to a scene that spans `pixels` pixels. Each doubling of `pixels` doubles the entries of
+/// a level, and multiplies the cells of the finest level and the steps of a ray by √2. Settings that differ from the
+/// preset's or that are set in `chosen` do not change. With fewer pixels than the preset's nothing changes.
 pub fn for_pixels(mut config: Config, chosen: Chosen, pixels: f32) -> Config {
     let preset = config.preset.config();
     let (Some(grid), Some(own)) = (&mut config.network.grid, &preset.network.grid) else { return config };

@@ -1,4 +1,4 @@
-//! Loop of every fit, of a scene or a picture: budget, validation, checkpoints, Ctrl-C, progress.
+//! The loop of steps that fits of scenes and of 2D fields share: budget, validation, checkpoints, Ctrl-C, progress.
 
 use crate::system::output::write_atomic;
 use crate::system::progress::{Message, Progress};
@@ -8,7 +8,7 @@ use std::time::Instant;
 
 /// Number of steps between two points of the training curve that have no validation.
 pub(super) const POINT_EVERY: u32 = 20;
-/// Seconds of a step above which the bytes of files are made before each step, to be written if a signal interrupts it.
+/// Seconds of a step above which files are prepared before each step, to be written if a signal interrupts the step.
 const LONG_STEP: f64 = 0.3;
 
 pub(super) type File = (PathBuf, Vec<u8>);
@@ -18,28 +18,27 @@ pub(super) trait Task {
     type Due;
 
     fn steps(&self) -> u32;
-    /// Used fraction of the budget, with `last_step`, the seconds of the last step, added to the elapsed time.
+    /// Used fraction of the budget. `last_step`: seconds of the last step, which are added to the elapsed time.
     fn share(&mut self, last_step: f64) -> anyhow::Result<f64>;
     /// Returns an error if the limit in seconds ended the run after too few steps.
     fn check_steps(&self) -> anyhow::Result<()>;
-    /// Returns the validation that is due at the used fraction `share` of the budget, if any.
+    /// Returns the validation due after the fraction `share` of the budget, if any. `ended`: whether no step follows.
     fn due(&self, share: f64, ended: bool) -> Option<Self::Due>;
     fn validate(&mut self, due: Self::Due) -> anyhow::Result<()>;
-    /// Adds a point to the training curve, if one is due and the step's validation has added none.
+    /// Adds a point without validation to the training curve, if one is due and the curve has none at this step.
     fn note(&mut self, ended: bool);
     fn step(&mut self, share: f64, progress: &Progress) -> anyhow::Result<()>;
     fn message(&self) -> Message;
 
-    /// Whether the run has results that a signal must not discard.
+    /// Whether the run has done steps whose result a signal must not discard.
     fn is_worth_keeping(&self) -> bool;
-    /// Checkpoint of the present state, if the run has a path for one.
+    /// Path and bytes of a checkpoint of the present state; `None` if the run writes no checkpoints.
     fn checkpoint(&self) -> Option<File>;
-    /// File to write in addition to the checkpoint when the run is interrupted: a picture's blob.
+    /// Path and bytes of a 2D field's blob, written besides the checkpoint on an interruption; `None` without one.
     fn as_it_stands(&self) -> anyhow::Result<Option<File>>;
-    /// Message of an interrupted run.
     fn interrupted(&self) -> String;
 
-    /// Records the totals after the last step; returns a message about the steps.
+    /// Records the totals of the run after its last step, and returns a closing message for the user.
     fn ended(&mut self) -> String;
     fn finish(&mut self) -> anyhow::Result<Self::Outcome>;
 }
@@ -48,17 +47,17 @@ pub(super) trait Task {
 #[allow(clippy::large_enum_variant, reason = "made once a run")]
 pub enum Ended<O> {
     Finished(O),
-    /// Ended by Ctrl-C, with a checkpoint if the run has a path for one.
+    /// Ended by Ctrl-C. `checkpoint`: path of the checkpoint that was written, if the run writes checkpoints.
     Interrupted {
         step: u32,
         checkpoint: Option<PathBuf>,
     },
 }
 
-/// Runs until the budget is used or `stop` returns true. `stop` is called between steps with the number of steps done.
+/// Does steps until the budget is used or `stop` returns true. Before each step `stop` gets the number of steps done.
 ///
-/// A checkpoint is written every `checkpoint_every` seconds. A signal during a long step, a validation or the final
-/// export saves the state from before that work.
+/// A checkpoint is written every `checkpoint_every` seconds. If a signal arrives during a long step, a validation or
+/// the final export, the state before this work is saved.
 pub(super) fn drive<T: Task>(
     task: &mut T,
     checkpoint_every: f64,
@@ -108,12 +107,12 @@ pub(super) fn drive<T: Task>(
     keeper.covered(task, T::finish).map(Ended::Finished)
 }
 
-/// Saves a run's state: at intervals, and when a signal interrupts long work.
+/// Saves a run's state at intervals, and when a signal interrupts work that takes long.
 struct Keeper {
-    /// Claim that makes a signal wait until the run saves its state; absent while there are no results to save.
+    /// Claim that makes a signal wait until the state is saved; `None` while there are no results to save.
     claim: Option<Claim>,
     last: Instant,
-    /// Whether the warning that checkpoints cannot be written has been shown.
+    /// Whether the user was warned that checkpoints cannot be written.
     warned: bool,
 }
 
@@ -124,7 +123,7 @@ impl Keeper {
         }
     }
 
-    /// Does `work`, which may take long; a signal meanwhile writes the files of the state before the work.
+    /// Does `work`, which may take long. A signal meanwhile writes the files of the state before `work`.
     fn covered<T: Task, R>(
         &self,
         task: &mut T,
@@ -135,7 +134,7 @@ impl Keeper {
         claim.cover(Cover { files, message: task.interrupted() }, || work(task))
     }
 
-    /// Writes the checkpoint. On failure the previous checkpoint stays; only the first failure is reported.
+    /// Writes the checkpoint. On failure the previous checkpoint stays, and the first failure is reported.
     fn save(&mut self, task: &impl Task, progress: &Progress) {
         self.last = Instant::now();
         let Some((path, bytes)) = task.checkpoint() else { return };
@@ -147,7 +146,6 @@ impl Keeper {
     }
 }
 
-/// Message of an interrupted run, with or without a checkpoint.
 pub fn interrupted(step: u32, checkpoint: Option<&Path>) -> String {
     format!("interrupted after step {step}{}", how_to_go_on(checkpoint))
 }
@@ -158,7 +156,7 @@ pub(super) fn how_to_go_on(checkpoint: Option<&Path>) -> String {
     })
 }
 
-/// Message of a resumed run that has no steps left to do.
+/// Message for a resumed run whose checkpoint already has all steps.
 pub(super) fn nothing_done(steps: u32) -> String {
     format!("nothing was done: the checkpoint has all {steps} steps; --steps asks for more")
 }

@@ -20,9 +20,8 @@ use crate::train::{CurvePoint, Snapshot};
 use nerf_core::plan::Quality;
 use std::time::Instant;
 
-/// Number of validation views that a report shows.
 const SHOWN_VIEWS: usize = 4;
-/// Number of pixels that the score of a training photograph uses, and largest number over all photographs.
+/// Number of pixels that score each training photograph; `MAX_TRAINING_PIXELS`: largest number in all photographs.
 const TRAINING_PIXELS: usize = 1000;
 const MAX_TRAINING_PIXELS: usize = 120_000;
 
@@ -32,11 +31,11 @@ pub struct Outcome {
     pub bytes: Vec<u8>,
     /// Scores of the blob on all validation views, over `background`; empty without validation views.
     pub scores: Scores,
-    /// Scores of the training photographs, in their order, at few, evenly spaced pixels.
+    /// Scores of the training photographs, in their order, each from a few evenly spaced pixels.
     pub trained: Vec<ViewScore>,
-    /// Spacing of the scored pixels in rows and columns of a view: 1 is every pixel.
+    /// Spacing of the pixels from which `scores` are computed, in rows and columns; 1 is every pixel.
     pub lattice: u32,
-    /// Comparison of the blob's surfaces with the sparse points of the validation views.
+    /// Distances of the blob's surfaces compared with those of the sparse points in the validation views.
     pub surfaces: Surfaces,
     /// Scores of the validation views from refined poses, at the pixels of `scores`; `None` if poses are not refined.
     pub refined_scores: Option<Scores>,
@@ -45,20 +44,20 @@ pub struct Outcome {
     pub exposure: Option<ExposureFound>,
     pub withheld: Option<WithheldFound>,
     pub moved: Vec<Moved>,
-    /// Renderings of some validation views, if a report is requested.
+    /// Renderings of some validation views; empty unless a report is requested.
     pub shown: Vec<Shown>,
     /// Background over which validation views are rendered and measured, display-encoded.
     pub background: [f32; 3],
-    /// Mean PSNR of an image of one colour, chosen for each view, dB: on the validation views or, without any, on
-    /// training views. Views that show one colour themselves are left out.
+    /// Mean over the views of the PSNR of an image of one colour, the best for each view, dB: validation views or,
+    /// without any, training views. Views that show one colour themselves are left out.
     pub flat_psnr_db: f64,
-    /// Whether every view scores no better than an image of one colour: too high a learning rate, or too few steps.
+    /// Whether no view scores better than an image of one colour: the learning rate was too high, or the steps too few.
     pub flat: bool,
-    /// PSNR lost by rounding, weights to f16 and a grid's tables to their storage, dB, on at most ten validation views
-    /// at the pixels of `scores`.
+    /// PSNR lost by quantisation, of weights to f16 and of tables to their stored format, dB: on at most ten validation
+    /// views at the pixels of `scores`. `None` without validation views.
     pub quantisation_loss_db: Option<f64>,
-    /// PSNR lost on training views by rendering without the occupancy grid, dB. Not measured for a learned grid, whose
-    /// tables hold arbitrary values in space that was not trained.
+    /// PSNR lost by rendering without the occupancy grid, dB, on training views. `None` for a learned grid, whose
+    /// tables hold arbitrary values in space that no sample trained.
     pub occupancy_loss_db: Option<f64>,
     /// Whether the field must be rendered with its occupancy grid.
     pub occupancy_required: bool,
@@ -69,26 +68,25 @@ pub struct Outcome {
     /// Names of the views that were validated during training.
     pub watched: Vec<String>,
     pub snapshots: Vec<Snapshot>,
-    /// Steps of requested snapshots that the run did not reach.
+    /// Requested steps of snapshots at which none was taken, as the run ended before.
     pub missed_snapshots: Vec<u32>,
     pub steps: u32,
-    /// Number of restarts with another seed, each because every density had become 0.
+    /// Number of restarts with another seed after every density had become 0.
     pub reseeds: u32,
     pub parameters: usize,
-    /// Occupied fraction of the exported occupancy grid.
     pub occupied_share: f32,
     /// Seconds from the start until the last step, reading and validation included.
     pub train_seconds: f64,
-    /// Samples evaluated and samples trained on, per second of training.
+    /// Samples whose density was evaluated, and samples trained on, per second of training.
     pub samples_per_second: [f64; 2],
 }
 
 #[derive(Clone, Debug)]
 pub struct Shown {
     pub view: usize,
-    /// Rendering of the exported field from the view.
+    /// Rendering of the exported field with the view's camera.
     pub frame: Frame,
-    /// Photograph over the rendering's background, at the pixels of `frame`.
+    /// Colours of the photograph over the rendering's background, at the pixels of `frame`.
     pub truth: Vec<[f32; 3]>,
     pub psnr_db: f64,
 }
@@ -171,7 +169,7 @@ pub(super) fn finish(session: &mut Session<'_, '_>) -> anyhow::Result<Outcome> {
     })
 }
 
-/// Scores of a blob on `views` over the run's background; if given, `parameters` replace the blob's rounded weights.
+/// Scores of a blob on `views` over the run's background. `parameters`: unrounded weights in place of the blob's.
 fn scores_of<'v>(
     session: &Session<'_, '_>,
     blob: &[u8],
@@ -183,7 +181,7 @@ fn scores_of<'v>(
     measure(blob, parameters, kernel, quality, background, views, |_, _, _, _| {})
 }
 
-/// Scores of several renderings of the same views at the same pixels, as many as the available time allows.
+/// Scores of each of the `renderings`, a blob and its quality, on the same pixels of `views`: as many as time allows.
 pub(super) fn compare(
     session: &Session<'_, '_>,
     views: &[&View],
@@ -211,7 +209,8 @@ pub(super) fn compare(
     if lattice < probe { on(lattice) } else { Ok(scores) }
 }
 
-/// Returns the PSNR lost on training views without the occupancy grid, dB, and the views' scores with the grid.
+/// Returns the PSNR lost on training views by rendering without the occupancy grid, dB, and the scores of these views
+/// with the grid. `None` in place of the PSNR for a learned grid.
 fn ask_occupancy(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Option<f64>, Scores)> {
     let views = asked_views(session);
     let views: Vec<&View> = views.iter().collect();
@@ -226,7 +225,7 @@ fn ask_occupancy(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Opt
     Ok((Some(loss_db), scores.swap_remove(0)))
 }
 
-/// Returns the blob's scores on all validation views, the spacing of the scored pixels, and the views to show.
+/// Returns the scores of the blob `draft` on all validation views, their pixels' spacing, and the report's views.
 fn evaluate(session: &mut Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Scores, u32, Vec<Shown>)> {
     let views: Vec<&View> = session.dataset.val.iter().collect();
     let (pixels, largest) = pixels_of(views.iter().copied());
@@ -251,7 +250,7 @@ fn evaluate(session: &mut Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Scor
     Ok((scores, lattice, shown))
 }
 
-/// Scores of all training photographs, moving objects masked, within [`QUESTION_SHARE`] of the time.
+/// Scores of all training photographs without their masked pixels, within the fraction [`QUESTION_SHARE`] of the time.
 fn score_training(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<Vec<ViewScore>> {
     let train = &session.dataset.train;
     let (pixels, largest) = pixels_of(train);
@@ -267,13 +266,13 @@ fn score_training(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<Vec
     Ok(scores_of(session, draft, None, &Quality::default(), &thinned)?.views)
 }
 
-/// Training views on which variants of the export are compared, seen from their refined cameras.
+/// The training views on which alternatives for the export are compared, with their refined cameras.
 pub(super) fn asked_views(session: &Session<'_, '_>) -> Vec<View> {
     let (train, cameras) = (&session.dataset.train, session.trainer.training_cameras());
     spread_indices(train.len(), ASKED_VIEWS).map(|i| train[i].seen_from(cameras[i])).collect()
 }
 
-/// Returns the refined poses, and the scores of the validation views rendered from their refined poses.
+/// Returns the refined poses, and the scores of the validation views from theirs; `None` if poses are not refined.
 fn refine(
     session: &mut Session<'_, '_>,
     draft: &[u8],
@@ -290,7 +289,7 @@ fn refine(
     Ok((Some(poses), (!views.is_empty()).then_some(scores)))
 }
 
-/// PSNR lost by rounding weights and tables, dB, on some of the views of `scores`; `None` without views.
+/// PSNR lost by quantisation of weights and tables, dB, on some of the views of `scores`; `None` without views.
 fn ask_rounding(
     session: &Session<'_, '_>,
     candidate: &Candidate,
@@ -312,20 +311,21 @@ fn ask_rounding(
     Ok(unrounded.psnr_db().zip(rounded.psnr_db()).map(|(unrounded, rounded)| gain_db(unrounded, rounded)))
 }
 
-/// Number of training views whose directions are averaged.
+/// Number of training views over whose rays the mean direction is computed.
 const RAY_VIEWS: usize = 50;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewDependence {
-    /// PSNR gained by view-dependent colour over colour at one mean direction, dB, on training views.
+    /// PSNR of view-dependent colour minus that of colour for one mean direction, dB, on training views.
     pub gain_db: f64,
     pub left_out: bool,
 }
 
-/// Fixes the candidate's direction input to the mean over the training rays, if the PSNR lost is small enough.
+/// Replaces the candidate's direction input by the mean direction of the training rays, if this loses less PSNR than
+/// the threshold.
 ///
-/// The loss is measured on training views: views whose PSNR is reported must not decide what is exported. Returns
-/// `None` if no threshold is set, or if colour does not depend on the direction.
+/// The PSNR lost is measured on training views: validation views must not decide what is exported. Returns `None` if no
+/// threshold is set, or if colour does not depend on the direction.
 pub(super) fn ask_direction(
     session: &Session<'_, '_>,
     candidate: &mut Candidate,

@@ -1,10 +1,10 @@
-//! Folder with a run's newest blob, and the data that a web page in it displays.
+//! Folder in which a run keeps its newest blob, for a web page that displays it.
 //!
 //! | file | |
 //! | --- | --- |
 //! | `live.nerf` | blob of the present state, replaced about every second |
 //! | `live.json` | steps, seconds, PSNR, and whether the run has ended: written after the blob |
-//! | `views.json` | some photographs and their cameras, to compare with: written once |
+//! | `views.json` | some photographs and their cameras, to compare renderings with: written once |
 
 use crate::data::cameras::optics_by_name;
 use crate::data::pictures::thumbnail::Thumbnail;
@@ -19,13 +19,13 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Number of photographs to compare with, spread over the validation split or, without one, over the training split.
+/// Number of photographs in `views.json`, spread over the validation split or, without one, the training split.
 const VIEWS: usize = 8;
 /// Longest side of the written photographs, pixels.
 const SIDE: usize = 400;
 /// Least number of seconds between two blobs.
 const EVERY: f64 = 1.0;
-/// Fraction of the time that making and writing blobs may take.
+/// Fraction of the run's time that exporting and writing blobs may take.
 const SHARE: f64 = 0.05;
 
 #[derive(Debug)]
@@ -53,7 +53,7 @@ struct Photograph<'d> {
     picture: String,
 }
 
-/// Camera, with the field names of `nerf_camera` in the C interface.
+/// Camera of a photograph, with the field names of `nerf_camera` in the C interface.
 #[derive(Serialize)]
 struct Camera {
     width: u32,
@@ -83,7 +83,7 @@ impl Camera {
 }
 
 impl Live {
-    /// Writes `views.json`, with photographs composited over `background`.
+    /// Writes `views.json`, with photographs composited over `background`, into the folder, and returns its writer.
     pub fn begin(folder: PathBuf, dataset: &Dataset, background: [f32; 3]) -> anyhow::Result<Self> {
         let views = if dataset.val.is_empty() { &dataset.train } else { &dataset.val };
         let photograph = |i: usize| {
@@ -101,7 +101,7 @@ impl Live {
         self.last.elapsed().as_secs_f64() >= EVERY.max(self.took / SHARE)
     }
 
-    /// Writes a blob whose export began at `begun`. On failure the previous blob stays; the first failure is returned.
+    /// Writes `blob`, whose export began at `begun`. On failure the previous blob stays; the first failure is returned.
     pub fn write(&mut self, blob: &[u8], state: &State, begun: Instant) -> Option<String> {
         let written = write(&self.folder, blob, state);
         (self.last, self.took) = (Instant::now(), begun.elapsed().as_secs_f64());

@@ -1,4 +1,4 @@
-//! One fit from first step to blob.
+//! Fits of scenes and of 2D fields, from the first step to the blob.
 
 pub mod detail;
 pub mod drive;

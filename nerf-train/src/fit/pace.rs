@@ -1,42 +1,40 @@
 //! Division of a run's time limit between training, validation, and the work after the last step.
 //!
-//! Views are measured at every N-th row and column, as densely as the time allows. The cost of a pixel is known from
-//! earlier measurements, or measured on very few pixels first. The caller measures all times, so that tests need no
-//! clock.
+//! Views are measured at every N-th row and column, with N as small as the time allows. The seconds per pixel are known
+//! from earlier measurements, or measured on very few pixels first. All times come from the caller.
 
-/// Fraction of the time that validation during training may take.
+/// Fraction of the run's time that validation during training may take.
 pub const VALIDATION_SHARE: f64 = 0.05;
-/// Fraction of the time that the final evaluation over all validation views may take.
+/// Fraction of the time limit that the final evaluation of all validation views may take.
 pub const FINAL_SHARE: f64 = 0.10;
-/// Fraction of the time for each measurement that decides on the export or describes it: with and without view
+/// Fraction of the time limit for each measurement that decides on the export or describes it: with and without view
 /// dependence, with and without the occupancy grid, without rounding, and all training photographs at few pixels.
 pub const QUESTION_SHARE: f64 = 0.015;
 const QUESTIONS: usize = 6;
-/// Seconds reserved for writing files, without and with a report.
+/// Seconds reserved for writing files: without a report, and with one.
 const WRITING: [f64; 2] = [0.1, 0.5];
-/// Largest number of measured pixels of a view in validation during training, however much time is left.
+/// Largest number of pixels per view measured in validation during training, however much time is left.
 const PIXELS_A_VIEW: u64 = 40_000;
-/// Number of pixels of a view on which the cost of a pixel is first measured.
+/// Number of pixels of a view on which the seconds per pixel are first measured.
 const PROBED_PIXELS: u64 = 100;
 /// Safety factor on estimated times, which are extrapolated from earlier work.
 const MARGIN: f64 = 1.15;
 
-/// Measured cost of rendering, and the limit of the run's time.
+/// Measured times of rendering and exporting, and the time limit of the run.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Pace {
-    /// Limit in seconds; `None` if the number of steps alone limits the run.
+    /// Limit of the run in seconds; `None` if only the number of steps limits the run.
     seconds: Option<f64>,
-    /// Seconds spent on validation so far.
     validated: f64,
-    /// Seconds that exporting the present state takes, before any pixel is rendered.
+    /// Seconds of exporting the present state, before any pixel is rendered; `None` until measured.
     overhead: Option<f64>,
     per_pixel: Option<f64>,
     report: bool,
-    /// Whether the scene is measured without its occupancy grid at the end.
+    /// Whether the scene will also be measured without its occupancy grid at the end.
     dense: bool,
 }
 
-/// Smallest odd spacing in rows and columns that leaves at most `count` of `pixels`; at least 1.
+/// Smallest odd spacing, in rows and columns, at which at most about `count` of `pixels` pixels are measured.
 ///
 /// The spacing is odd, so that rays go through the middles of pixels.
 pub fn lattice_of(pixels: u64, count: f64) -> u32 {
@@ -45,8 +43,8 @@ pub fn lattice_of(pixels: u64, count: f64) -> u32 {
 }
 
 impl Pace {
-    /// State before any measurement, for a run of at most `seconds`. `report`: whether a report is written. `dense`:
-    /// whether the scene is measured without its occupancy grid at the end.
+    /// State before any measurement, for a run with a limit of `seconds`. `report`: whether a report is written.
+    /// `dense`: whether the scene will also be measured without its occupancy grid.
     pub fn new(seconds: Option<f64>, report: bool, dense: bool) -> Self {
         Self { seconds, report, dense, ..Self::default() }
     }
@@ -55,17 +53,17 @@ impl Pace {
         self.seconds.is_some()
     }
 
-    /// The fraction `share` of the limit, seconds; infinite without a limit.
+    /// The fraction `share` of the time limit, seconds; infinity without a limit.
     pub fn share(&self, share: f64) -> f64 {
         self.seconds.map_or(f64::INFINITY, |seconds| share * seconds)
     }
 
-    /// Seconds that a validation at `now` may take, for all validation to stay within [`VALIDATION_SHARE`] of `now`.
+    /// Seconds that a validation at `now` seconds may take to keep all validation within [`VALIDATION_SHARE`] of `now`.
     pub fn allowance(&self, now: f64) -> f64 {
         self.seconds.map_or(f64::INFINITY, |_| VALIDATION_SHARE * now - self.validated)
     }
 
-    /// Whether validation of `views` views at `now` is affordable at `PROBED_PIXELS` pixels each, the fewest.
+    /// Whether there is time after `now` seconds to validate `views` views at the fewest pixels, `PROBED_PIXELS` each.
     pub fn affords(&self, now: f64, views: usize) -> bool {
         let coarsest = (views as u64 * PROBED_PIXELS) as f64 * self.per_pixel.unwrap_or(0.0);
         MARGIN * (self.overhead.unwrap_or(0.0) + coarsest) <= self.allowance(now)
@@ -79,13 +77,14 @@ impl Pace {
         self.per_pixel.is_some()
     }
 
-    /// Spacing of the measured pixels in validation during training. `pixels`: of all views together; `largest`: of the
-    /// largest view; `seconds`: time for rendering.
+    /// Spacing of the measured pixels for validation during training. `pixels`: number in all views together;
+    /// `largest`: in the largest view; `seconds`: time for rendering.
     pub fn lattice_on_the_way(&self, pixels: u64, largest: u64, seconds: f64) -> u32 {
         lattice_of(largest, PIXELS_A_VIEW as f64).max(self.lattice(pixels, largest, seconds))
     }
 
-    /// Smallest spacing at which rendering views with `pixels` pixels in all is expected to take at most `seconds`.
+    /// Smallest spacing at which views of `pixels` pixels in all are expected to render in at most `seconds`.
+    /// `largest`: number of pixels of the largest view, of which at least about `PROBED_PIXELS` are measured.
     pub fn lattice(&self, pixels: u64, largest: u64, seconds: f64) -> u32 {
         let coarsest = self.probe(largest);
         match self.per_pixel {
@@ -96,7 +95,7 @@ impl Pace {
         }
     }
 
-    /// Seconds that rendering `pixels` is expected to take; 0 if the cost is not known.
+    /// Seconds that rendering `pixels` pixels is expected to take; 0 before the first measurement.
     pub fn seconds_of(&self, pixels: u64) -> f64 {
         MARGIN * self.per_pixel.unwrap_or(0.0) * pixels as f64
     }
@@ -109,13 +108,13 @@ impl Pace {
         self.per_pixel = Some(seconds / pixels.max(1) as f64);
     }
 
-    /// Adds the time of a validation during training, everything included.
+    /// Adds the seconds of a validation during training, including export.
     pub fn validated(&mut self, seconds: f64) {
         self.validated += seconds;
     }
 
-    /// Seconds to reserve for the work after the last step: the last validation, the export, the comparisons of its
-    /// variants (`asked` pixels each), rounding loss and final evaluation (`validation` pixels each), and files.
+    /// Seconds to reserve for the work after the last step: last validation, export, comparisons of alternatives for
+    /// the export (`asked` pixels each), quantisation loss and final evaluation (`validation` pixels each), files.
     pub fn reserve(&self, validation: u64, asked: u64) -> f64 {
         let Some(seconds) = self.seconds else { return 0.0 };
         let price = |pixels: u64, share: f64| match self.per_pixel {
@@ -138,22 +137,23 @@ impl Pace {
 mod tests {
     use super::*;
 
-    /// A machine that takes so long for everything, and a clock that only its work moves.
+    /// Simulated machine: seconds of each kind of work, and a clock that only this work advances.
     struct Machine {
         now: f64,
         reading: f64,
         step: f64,
         file: f64,
         pixel: f64,
-        /// How much more a pixel takes without the occupancy grid.
+        /// Factor on the seconds of a pixel without the occupancy grid.
         dense: f64,
     }
 
-    /// A view of 200×200 pixels, one of a phone.
+    /// Number of pixels of a view of 200 × 200; `LARGE`: of a phone's photograph.
     const SMALL: u64 = 40_000;
     const LARGE: u64 = 1080 * 1920;
 
-    /// Runs through a fit of `views` validation views; the time of everything and of validation on the way.
+    /// Simulates a fit with `views` validation views of `view` pixels. Returns the seconds of the fit, those of
+    /// validation during training, and the number of validations.
     fn run(mut machine: Machine, seconds: f64, view: u64, views: u64) -> (f64, f64, usize) {
         let mut pace = Pace::new(Some(seconds), true, true);
         machine.now += machine.reading;

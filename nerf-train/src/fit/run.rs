@@ -23,29 +23,29 @@ use std::time::Instant;
 
 #[derive(Clone, Debug)]
 pub struct RunOptions {
-    /// Limits in steps and seconds; seconds are of this command alone, even if it resumes a checkpoint.
+    /// Limits in steps and seconds. The seconds are those of this command alone, even if it resumes a run.
     pub budget: Budget,
-    /// Fewest steps that a run ended by its limit in seconds must have.
+    /// Least number of steps of a run that its limit in seconds ends; fewer are an error.
     pub min_steps: u32,
-    /// Path of the checkpoint; `None` writes none.
+    /// Path of the checkpoint file; `None` writes no checkpoints.
     pub checkpoint: Option<PathBuf>,
     pub checkpoint_every: f64,
     pub resume: bool,
     pub snapshots: Option<SnapshotOptions>,
-    /// Whether a report is written after the run: renderings are kept for the report, and time is reserved.
+    /// Whether a report will be written: renderings are kept for it, and time is reserved.
     pub report: bool,
-    /// Steps between validations during training; an eighth of the budget if absent.
+    /// Steps between validations during training; `None` validates after each eighth of the budget.
     pub validate_every: Option<u32>,
-    /// PSNR that view dependence must gain to be exported, dB; not measured if absent.
+    /// PSNR that view-dependent colour must gain to be exported, dB; `None` always exports it.
     pub effect_threshold_db: Option<f64>,
-    /// Folder that always has the newest blob, for a page to show.
+    /// Folder in which the newest blob is kept for a web page; `None` for none.
     pub live: Option<PathBuf>,
     pub kernel: Kernel,
     pub style: ProgressStyle,
 }
 
 impl RunOptions {
-    /// Options of a run that writes nothing during training, and does not test whether view dependence can be left out.
+    /// Options of a run that writes nothing during training, and always exports view-dependent colour.
     pub fn unattended(budget: Budget, kernel: Kernel, style: ProgressStyle) -> Self {
         Self {
             budget,
@@ -63,8 +63,8 @@ impl RunOptions {
         }
     }
 
-    /// Calls `restore` with the checkpoint if the run resumes, and returns the clock with the checkpoint's seconds
-    /// added. `config`, `data`: as in [`Checkpoint::check_belongs`].
+    /// If the run resumes, reads its checkpoint and calls `restore` with it. Returns the clock, with the seconds of the
+    /// checkpoint added. `config`, `data`: as in [`Checkpoint::check_belongs`].
     pub(super) fn resumed(
         &self,
         clock: Clock,
@@ -85,16 +85,16 @@ pub(super) struct Session<'a, 'd> {
     pub(super) trainer: Trainer<'d>,
     pub(super) dataset: &'d Dataset,
     pub(super) options: &'a RunOptions,
-    /// Limits, with the seconds of earlier commands added.
+    /// Limits of the run; the limit in seconds includes those of earlier commands.
     pub(super) budget: Budget,
     /// Indices of the validation views that are measured during training.
     pub(super) watched: Vec<usize>,
     pub(super) pictured: Vec<usize>,
     pub(super) clock: Clock,
     pub(super) pace: Pace,
-    /// Number of pixels of all validation views, and of the training views that variants of the export are compared on.
+    /// Number of pixels of all validation views, and of the training views that compare alternatives for the export.
     pub(super) pixels: [u64; 2],
-    /// Counters at the start, or when the run was resumed.
+    /// Counters when this command's first step began; above 0 if the run was resumed.
     pub(super) started: Progressed,
     pub(super) taken_up: Instant,
     pub(super) train_seconds: f64,
@@ -103,7 +103,7 @@ pub(super) struct Session<'a, 'd> {
 }
 
 impl Session<'_, '_> {
-    /// Used fraction of the budget; the reserve for the end is subtracted from its seconds.
+    /// Used fraction of the budget after `step` steps and `seconds`, with time reserved for the end.
     pub(super) fn share_at(&self, step: u32, seconds: f64) -> f64 {
         self.budget.share(step, seconds, self.reserve())
     }
@@ -115,19 +115,19 @@ impl Session<'_, '_> {
         self.pace.reserve(self.times() * self.pixels[0], self.pixels[1]) + refining
     }
 
-    /// Number of times that validation views are measured at the end: twice if there are refined poses.
+    /// Number of times that each validation view is measured at the end: 2 if poses are refined, else 1.
     pub(super) fn times(&self) -> u64 {
         if self.trainer.held_out_rays() > 0 { 2 } else { 1 }
     }
 
-    /// Seconds since the start, or since the run was resumed; above 0.
+    /// Seconds since this command's first step began; above 0.
     pub(super) fn seconds_here(&self) -> f64 {
         self.taken_up.elapsed().as_secs_f64().max(1e-9)
     }
 }
 
-/// Runs until the budget is used or `stop` returns true. `stop` is called between steps with the number of steps done.
-/// On failure, a checkpoint written earlier stays unchanged.
+/// Fits a scene until the budget is used or `stop` returns true. `stop` is called between steps with the number of
+/// steps done. On failure, a checkpoint written earlier stays unchanged.
 pub fn run(
     dataset: &Dataset,
     config: Config,
@@ -137,7 +137,7 @@ pub fn run(
     run_since(Clock::start(), dataset, config, options, stop)
 }
 
-/// Does [`run`], with time counted from the start of `clock`.
+/// [`run`] with its time counted from the start of `clock`.
 pub fn run_since(
     clock: Clock,
     dataset: &Dataset,
@@ -328,7 +328,7 @@ fn progress(session: &Session<'_, '_>) -> Progress {
     progress
 }
 
-/// Writes the run's present state to the live page, if the next update is due.
+/// Writes the present field into the live folder, if the next update of the web page is due.
 fn show_live(session: &mut Session<'_, '_>, progress: &Progress) -> anyhow::Result<()> {
     if !session.live.as_ref().is_some_and(Live::is_due) {
         return Ok(());

@@ -1,4 +1,4 @@
-//! Size of an exported scene or picture file, and settings that keep the file within a limit.
+//! Size of the exported file of a scene or 2D field, and settings that keep this file within a limit of bytes.
 
 use crate::data::Dataset;
 use crate::fit::finish::convention;
@@ -16,34 +16,34 @@ use nerf_core::blob::{
 };
 use nerf_core::encoding::{GridEncoding, MAX_LOG2_ENTRIES};
 
-/// Candidate resolutions of the occupancy grid, cells along the longest side of the scene box.
+/// Candidate resolutions of the occupancy grid: cells along the longest side of the scene box.
 const RESOLUTIONS: [u16; 11] = [128, 112, 96, 80, 64, 56, 48, 40, 32, 24, 16];
-/// Largest fraction of a file for the occupancy grid. Lego in 128 KiB: 29.2 dB with 32 cells, 29.7 with 48 and fewer
-/// levels of the learned grid.
+/// Largest fraction of a file that the occupancy grid may take. Lego in 128 KiB: 29.2 dB with 32 cells along a side,
+/// 29.7 with 48 cells and fewer levels of the learned grid.
 const OCCUPANCY_SHARE: f64 = 1.0 / 6.0;
-/// Number of adjacent resolutions of the occupancy grid that are compared: the one with room for the most table values
-/// is taken. In 128 KiB, after 15,000 steps and with two seeds, eight levels and 48 cells have 31.09 and 30.98 dB,
-/// seven levels and 64 cells 30.87 and 30.95.
+/// Number of adjacent resolutions of the occupancy grid that are compared; the one that leaves room for the most table
+/// values is taken. In 128 KiB, after 15,000 steps and with two seeds, eight levels and 48 cells have 31.09 and 30.98
+/// dB, seven levels and 64 cells 30.87 and 30.95.
 const NEIGHBOURS: usize = 3;
-/// Smallest binary logarithm of a level's number of entries.
+/// Least binary logarithm of the number of entries of a level's table.
 const LEAST_LOG2_ENTRIES: u8 = 4;
-/// Largest number of levels by which a grid may be reduced.
+/// Largest number of levels that may be removed from a learned grid.
 const FEWER_LEVELS: usize = 2;
-/// Largest number of doublings of the configured entries, for coded tables and if the file has room. Lego, 4,000 steps,
-/// 1 MiB: 32.66 dB with 2^17 entries, 32.40 with 2^16.
+/// Largest number of times that the configured number of entries may be doubled, for entropy-coded tables and if the
+/// file has room. Lego, 4,000 steps, 1 MiB: 32.66 dB with 2^17 entries, 32.40 with 2^16.
 const MORE_LOG2_ENTRIES: u8 = 1;
-/// Least number of bits per coded value for which a table is chosen; the second if no table fits with the first. The
-/// quantisation steps are then made as fine as the limit of bytes allows. Lego, every tenth training photograph held out, 3.9 bits against 2.0: in 128
-/// KiB after 4,000 steps 30.4 and 30.7 dB, after 8,000 31.42 and 31.23, after 16,000 31.83 and 31.33; in 256 KiB after
-/// 30,000 33.07 and 32.69.
+/// Least number of bits per entropy-coded value with which a table is chosen; the second number, if no table fits with
+/// the first. The quantisation steps are then made as fine as the limit of bytes allows. Lego, every tenth training
+/// photograph held out, 3.9 bits against 2.0: in 128 KiB after 4,000 steps 30.4 and 30.7 dB, after 8,000 31.42 and
+/// 31.23, after 16,000 31.83 and 31.33; in 256 KiB after 30,000 33.07 and 32.69.
 const LEAST_BITS: [f64; 2] = [3.9, 0.5];
 
-/// Candidates for the coarsest level of a picture's grid, as multiples of the configured one: coarser levels can hold
-/// detail for which fine ones have too few entries. fox.jpg in 128 KiB, 2,500 steps: 30.0 dB (104 KiB) with the
-/// configured level alone, 30.6 dB (126 KiB) with all candidates.
+/// Candidate resolutions of the coarsest level of a 2D field's grid, as multiples of the configured resolution. A finer
+/// coarsest level can hold detail for which the fine levels have too few entries. fox.jpg in 128 KiB, 2,500 steps: 30.0
+/// dB (104 KiB) with the configured resolution alone, 30.6 dB (126 KiB) with all candidates.
 const FINER_COARSEST: [f64; 7] = [1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0];
 
-/// Settings that the user has chosen, and that are not adapted.
+/// Which settings the user has set, and which are therefore not adapted.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Chosen {
     pub entries: bool,
@@ -55,11 +55,11 @@ pub struct Chosen {
     pub steps: bool,
 }
 
-/// Adapts the grid's settings of a scene whose box has this extent. The file, with room for a Pareto front, is then no
-/// larger than `max_bytes` whatever the run learns. `None` without a grid.
+/// Adapts the learned grid's settings so that the file, with room for a Pareto front, is no larger than `max_bytes`
+/// whatever the run learns. `extent`: sides of the scene box, world units. `None` without a learned grid.
 ///
-/// If the settings of `config` do not fit, values are coded: as many as fit, at most twice as many as configured, in
-/// the finest quantisation steps that fit. No other setting grows. Fails if even the smallest file is larger.
+/// If the settings of `config` do not fit, table values are entropy-coded: as many as fit, at most twice as many as
+/// configured, in the finest quantisation steps that fit. No other setting grows. Fails if the smallest file is larger.
 pub fn within(
     config: &Config,
     chosen: Chosen,
@@ -95,11 +95,11 @@ pub fn within(
     Ok(Some(with(&table, resolution)))
 }
 
-/// Adapts the grid's settings for a picture of this size and name. The file is then no larger than `max_bytes` whatever
-/// the run learns. `None` without a grid.
+/// Adapts the learned grid's settings for a 2D field so that the file is no larger than `max_bytes` whatever the run
+/// learns. `size`, `name`: of the picture that is fitted. `None` without a learned grid.
 ///
 /// The number of values is chosen as by [`within`]. The finest level does not change, as it holds the picture's detail.
-/// Fails if even the smallest file is larger.
+/// Returns an error if even the smallest file is larger.
 pub fn picture_within(
     config: &FieldConfig,
     chosen: Chosen,
@@ -122,9 +122,9 @@ pub fn picture_within(
     Ok(Some(with(&table)))
 }
 
-/// Returns the table with the most values that fits into `max_bytes`, and the occupancy grid's resolution: one of the
-/// [`NEIGHBOURS`] finest that leave room for a table; of several with equally many values, the finest. Coded tables may
-/// then use the remaining bytes.
+/// Returns the table settings with the most values whose file fits into `max_bytes`, and the occupancy grid's
+/// resolution: the finest that leaves room for this table, among the [`NEIGHBOURS`] finest that leave room for any.
+/// Entropy-coded tables may use the remaining bytes.
 fn most_values(
     mut tables: Vec<TableConfig>,
     resolutions: &[u16],
@@ -162,7 +162,7 @@ fn most_values(
     )
 }
 
-/// Number of bytes of a grid's values in this storage; a coded value takes `bits` bits.
+/// Least number of bytes of a grid's table values in the format `storage`; an entropy-coded value takes `bits` bits.
 fn least_bytes(grid: &GridEncoding, storage: TableStorage, bits: f64) -> u64 {
     let values = grid.values();
     match storage {
@@ -173,7 +173,8 @@ fn least_bytes(grid: &GridEncoding, storage: TableStorage, bits: f64) -> u64 {
     }
 }
 
-/// Candidate resolutions of the occupancy grid, finest first, none finer than in `config`.
+/// Candidate resolutions of the occupancy grid, finest first, at most that of `config`; only this one if the user set
+/// it.
 fn resolutions(config: &Config, chosen: Chosen, extent: Vec3, max_bytes: u64) -> Vec<u16> {
     let own = config.occupancy_resolution(extent);
     let share = (max_bytes as f64 * OCCUPANCY_SHARE) as usize;
@@ -191,9 +192,9 @@ fn resolutions(config: &Config, chosen: Chosen, extent: Vec3, max_bytes: u64) ->
     }
 }
 
-/// Candidate tables, f16 before coded and many levels before few. No candidate has more levels than `own`, the table
-/// of the settings; only coded ones have more entries, by up to `more` doublings. `cells`: candidates for coarsest and
-/// finest level, by how often the entries are halved.
+/// Candidate table settings, f16 before entropy-coded and many levels before few. None has more levels than `own`, the
+/// configured table. Only entropy-coded ones have more entries, by up to `more` doublings. `cells`: candidate
+/// resolutions of the coarsest and finest level, as a function of how often the number of entries is halved.
 fn tables(
     own: &TableConfig,
     chosen: Chosen,
@@ -230,15 +231,14 @@ fn tables(
     all
 }
 
-/// Largest number of cells of the occupancy grid along each side, also if it is carved at half the resolution.
+/// Largest number of occupancy cells along x, y, z: also that of a grid carved at half the resolution and then refined.
 fn most_sides(extent: Vec3, resolution: u16) -> [u16; 3] {
     let [whole, half] =
         [resolution, resolution.div_ceil(2)].map(|resolution| Occupancy::sides(extent, resolution));
     std::array::from_fn(|axis| whole[axis].max(2 * half[axis]))
 }
 
-/// Size of the largest file that a run over a box of this extent can export, bytes: a full Pareto front, and the
-/// longest numbers.
+/// Largest size of a file that a run can export, bytes: full Pareto front, longest numbers. `extent`: scene box.
 pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u64, BlobError> {
     let resolution = most_sides(extent, config.occupancy_resolution(extent));
     let bits = vec![0; StoredOccupancy::bytes(resolution)];
@@ -288,7 +288,7 @@ pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u6
     length(body, config.network.grid.as_ref())
 }
 
-/// Size of the largest file that a run over a picture of this size and name can export, bytes.
+/// Size of the largest file that a fit of a 2D field can export, bytes. `size`, `name`: of the picture that is fitted.
 pub fn most_picture_bytes(config: &FieldConfig, size: [u32; 2], name: &str) -> Result<u64, BlobError> {
     let [width, height] = size;
     let body = Body {
@@ -304,7 +304,7 @@ pub fn most_picture_bytes(config: &FieldConfig, size: [u32; 2], name: &str) -> R
     length(body, config.grid.as_ref())
 }
 
-/// Provenance of a file, with every number present and at its longest.
+/// Provenance of a file in which every number is present and takes the most bytes.
 fn provenance(data: &str, seed: u64) -> Provenance<'_> {
     Provenance {
         data,
@@ -317,8 +317,8 @@ fn provenance(data: &str, seed: u64) -> Provenance<'_> {
     }
 }
 
-/// Size of the file of `body`, bytes, with all weights and, if its network has a grid, with tables of the settings
-/// `table`. Coded tables have the size of their limit.
+/// Size of the file of `body`, bytes, with all weights and, if its network has a learned grid, with tables of the
+/// settings `table`. Entropy-coded tables count with their limit of bytes.
 fn length(body: Body<'_>, table: Option<&TableConfig>) -> Result<u64, BlobError> {
     let weights = vec![0; 2 * body.architecture.parameters()];
     let grid = body.architecture.position.grid().cloned();

@@ -1,4 +1,4 @@
-//! Snapshots: pictures of validation views, taken during training.
+//! Snapshots: images of validation views, rendered during training.
 
 use crate::data::Dataset;
 use crate::train::Snapshot;
@@ -6,19 +6,19 @@ use anyhow::bail;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-/// Pictures to take during training.
+/// Which snapshots to take during training.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SnapshotOptions {
-    /// Folder of the report; pictures are written to its folder `snapshots`.
+    /// Folder of the report; images are written to its folder `snapshots`.
     pub folder: PathBuf,
-    /// Steps at which pictures are taken; if empty, with every validation.
+    /// Steps at which snapshots are taken; if empty, at every validation.
     pub steps: Vec<u32>,
-    /// Indices into the validation split; if empty, the views that are validated during training.
+    /// Indices, in the validation split, of the views to render; if empty, those that are validated during training.
     pub views: Vec<usize>,
 }
 
 impl SnapshotOptions {
-    /// Indices of the views to show, each once; `watched` if none were named.
+    /// Indices of the views to render, each once; `watched`, those validated during training, if none were named.
     pub fn views_of(&self, dataset: &Dataset, watched: &[usize]) -> anyhow::Result<Vec<usize>> {
         let (data, views) = (&dataset.name, dataset.val.len());
         let asked = !self.steps.is_empty() || !self.views.is_empty();
@@ -39,7 +39,7 @@ impl SnapshotOptions {
         Ok(chosen)
     }
 
-    /// Requested steps without a snapshot in `taken`, ascending.
+    /// The requested steps at which no snapshot in `taken` was taken, ascending.
     pub fn missed(&self, taken: &[Snapshot]) -> Vec<u32> {
         let steps: BTreeSet<u32> = self.steps.iter().copied().collect();
         steps.into_iter().filter(|&step| taken.iter().all(|snapshot| snapshot.step != step)).collect()

@@ -1,4 +1,4 @@
-//! Summary of a fit.
+//! Summary of a fit, as the file `summary.json`.
 
 use crate::capture::check::Diagnosis;
 use crate::capture::check::after::Fitted;
@@ -16,7 +16,7 @@ use nerf_core::blob::Blob;
 use serde::Serialize;
 use std::path::Path;
 
-/// `summary.json` of a fit; a missing value is null or left out.
+/// Contents of the file `summary.json` of a fit; a missing value is null or left out.
 #[derive(Debug, Serialize)]
 pub struct Summary {
     // Split of the validated views: "test" if the data set has no others.
@@ -79,7 +79,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Summary of a fit to the data of this name, written to `blob`.
+    /// Summary of a fit whose blob was written to the file `blob`; `data`: name of the data set.
     pub fn of(
         outcome: &Outcome,
         config: &Config,
@@ -144,14 +144,14 @@ impl Summary {
     }
 }
 
-/// A training photograph with moving objects, which were left out of the loss.
+/// A training photograph with a moving object, whose pixels were left out of the loss.
 #[derive(Debug, Serialize)]
 pub struct MovedView {
     pub view: String,
     pub masked_share: Short,
 }
 
-/// Findings about the capture, before and after the fit.
+/// Findings about the photographs, before and after the fit.
 #[derive(Debug, Serialize)]
 pub struct Capture {
     pub folded: Option<bool>,
@@ -161,7 +161,7 @@ pub struct Capture {
 }
 
 impl Capture {
-    /// Combines the findings before the fit with those about the fitted photographs.
+    /// Combines the findings of `diagnosis`, before the fit, with those about the training photographs after it.
     pub fn of(diagnosis: &Diagnosis, outcome: &Outcome) -> Self {
         let photographs: Vec<_> = outcome.trained.iter().map(|score| (&*score.view, score.psnr_db)).collect();
         let fitted = Fitted::of(diagnosis, &photographs, outcome.steps);
@@ -169,7 +169,7 @@ impl Capture {
     }
 }
 
-/// Validations during training, and the point at which PSNR stopped rising.
+/// Validations during training, and the step at which their PSNR stopped rising.
 #[derive(Debug, Serialize)]
 pub struct TrendSummary {
     pub watched_views: usize,

@@ -1,22 +1,22 @@
-//! Whether validation stopped rising while training went on.
+//! Detection of overfitting: whether the validation PSNR stopped rising while the training PSNR rose on.
 
 use crate::train::CurvePoint;
 use std::fmt;
 
-/// Least gain, dB, by which a later validation is taken as a rise: two views are a small sample.
+/// Gain of a later validation, dB, above which the validation PSNR still rises: two views are a small sample.
 const VAL_RISE_DB: f64 = 0.05;
-/// Least rise of the training PSNR, dB, that is taken as progress: three times the noise of the smoothed curve.
+/// Gain of the smoothed training PSNR, dB, above which it still rises: three times the curve's noise.
 const TRAIN_RISE_DB: f64 = 0.3;
-/// Number of later validations without a rise that are needed: one is no trend.
+/// Least number of later validations without a rise: one is no trend.
 const VALIDATIONS_AFTER: usize = 2;
 
-/// Validation after which the validation PSNR rose no more. `val`: mean over the watched views; `train`: smoothed over
-/// the training rays; `last`: at the last validation.
+/// The validation after which the validation PSNR rose no more. Fields with `val`: mean PSNR of the validated views;
+/// with `train`: smoothed PSNR of the training rays; with `last`: at the last validation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stop {
     pub step: u32,
     pub seconds: f64,
-    /// Best PSNR of all validations, or within 0.05 dB of the best.
+    /// PSNR at this validation, dB: the best of all validations, or within 0.05 dB of the best.
     pub val_psnr_db: f64,
     pub last_val_psnr_db: f64,
     pub train_psnr_db: f64,
@@ -25,10 +25,11 @@ pub struct Stop {
 
 impl Stop {
     /// Finds the validation after which validation PSNR stopped rising while training PSNR still rose: overfitting.
-    /// `curve`: oldest point first.
+    /// `None` if there is none. `curve`: oldest point first.
     ///
     /// Validation PSNR stopped rising at the first validation that no later one exceeds by more than 0.05 dB, if two or
-    /// more followed. Training PSNR still rose if it gained, smoothed, more than 0.3 dB from there to the last one.
+    /// more followed. Training PSNR still rose if, smoothed, it gained more than 0.3 dB from that validation to the
+    /// last.
     ///
     /// # Examples
     /// Validations of 20, 22, 21, 20 dB, and training PSNR of 20, 23, 26, 29 dB: stopped at the second validation.
@@ -86,7 +87,7 @@ impl fmt::Display for Stop {
 mod tests {
     use super::*;
 
-    /// Validations 100 steps apart, with points between them that are none.
+    /// Curve of validations, 100 steps apart, with these training and validation PSNRs, and of points between them.
     fn curve(validations: &[(f64, f64)]) -> Vec<CurvePoint> {
         let points = validations.iter().zip(1u32..).flat_map(|(&(train_psnr_db, val), i)| {
             let validated = CurvePoint {

@@ -11,12 +11,12 @@ use crate::train::candidate::{About, Candidate};
 use nerf_core::plan::Quality;
 use std::time::Instant;
 
-/// Largest number of validation views, spread over the split, for measuring the PSNR lost by rounding, or for a table.
+/// Largest number of validation views, spread over the split, that measure quantisation loss or a table of settings.
 pub const FINAL_VIEWS: usize = 10;
 const WATCHED_VIEWS: usize = 2;
-/// Number of training views on which variants of the export are compared.
+/// Number of training views on which alternatives for the export are compared.
 pub(super) const ASKED_VIEWS: usize = 3;
-/// Number of parts of the budget that end with a validation, if no interval is given.
+/// Number of equal parts of the budget after each of which a validation is done, if no interval is given.
 const PARTS: f64 = 8.0;
 
 /// Indices of at most `count` of `len` elements, spread over all of them.
@@ -24,7 +24,6 @@ pub(super) fn spread_indices(len: usize, count: usize) -> impl ExactSizeIterator
     (0..len).step_by(len.div_ceil(count).max(1))
 }
 
-/// At most `count` views, spread over all of them.
 pub fn spread(views: &[View], count: usize) -> Vec<&View> {
     spread_indices(views.len(), count).map(|i| &views[i]).collect()
 }
@@ -47,10 +46,10 @@ pub(super) struct Due {
     pictures: bool,
 }
 
-/// Returns whether a validation or snapshots are due between two steps.
+/// Returns which of validation and snapshots are due, `None` if neither. `ended`: whether the last step is done.
 ///
-/// The decision depends on step, budget and the trainer's state, so that a resumed run of a given number of steps
-/// validates at the same steps as an uninterrupted one; with a limit in seconds, also on the time of a validation.
+/// The decision depends on step, budget and the trainer's state, so that a resumed run validates at the same steps as
+/// an uninterrupted one. With a limit in seconds, the decision also depends on the time that a validation takes.
 ///
 /// `share`: used fraction of the budget.
 pub(super) fn due_at(session: &Session<'_, '_>, share: f64, ended: bool) -> Option<Due> {
@@ -59,7 +58,7 @@ pub(super) fn due_at(session: &Session<'_, '_>, share: f64, ended: bool) -> Opti
     (validation || pictures).then_some(Due { validation, pictures })
 }
 
-/// Whether the run has entered another eighth of the budget since `last`, a step and its seconds.
+/// Whether the used fraction `share` lies in another eighth of the budget than that of `last`, a step and its seconds.
 ///
 /// The reserve for the end of a run is estimated anew at every step, which shifts the eighths of a limit in seconds. An
 /// eighth that has just begun must not begin again.
@@ -98,7 +97,7 @@ fn pictures_are_due(session: &Session<'_, '_>, share: f64, ended: bool) -> bool 
     }
 }
 
-/// Measures the present state on the watched views and takes snapshots, all at one spacing of pixels.
+/// Measures the present field on the validated views and takes snapshots, all at pixels of one spacing.
 pub(super) fn validate(session: &mut Session<'_, '_>, due: Due) -> anyhow::Result<()> {
     let (begun, seconds) = (Instant::now(), session.clock.seconds());
     let mut point = session.trainer.state.point(seconds, None);
@@ -142,7 +141,8 @@ pub(super) fn validate(session: &mut Session<'_, '_>, due: Due) -> anyhow::Resul
     Ok(())
 }
 
-/// Measures a blob at every `lattice`-th row and column of `views`, and stores the measured time per pixel.
+/// Measures a blob at every `lattice`-th row and column of `views`, stores the time per pixel, and calls `each` with
+/// each rendering.
 pub(super) fn measure_priced(
     session: &mut Session<'_, '_>,
     bytes: &[u8],

@@ -9,7 +9,7 @@ const REACH: f64 = 1.0 / 9.0;
 /// Number of parameters that one task averages.
 const PART: usize = 1 << 14;
 
-/// A running average over a run's last steps.
+/// Exponential moving average of the network's parameters over a run's last steps.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Average {
     decay: f64,
@@ -20,14 +20,14 @@ pub struct Average {
 }
 
 impl Average {
-    /// Creates an average of `parameters` values that is updated every `every` steps. `decay`: per step; 0 keeps no
+    /// Creates an average of `parameters` parameters, updated every `every` steps. `decay`: per step; 0 keeps no
     /// average.
     pub fn new(decay: f64, every: u32, parameters: usize) -> Self {
         let values = vec![0.0; if decay > 0.0 { parameters } else { 0 }];
         Self { decay: decay.powi(every as i32), every, updates: 0, values }
     }
 
-    /// Whether this average can be the state of `other` after `steps` steps of its run.
+    /// Whether this average, from a checkpoint, can be the state of the run's average `other` after `steps` steps.
     pub(super) fn is_like(&self, other: &Self, steps: u32) -> bool {
         let finite = self.values.iter().all(|value| value.is_finite());
         let shape = |average: &Self| (average.decay, average.every, average.values.len());
@@ -40,7 +40,7 @@ impl Average {
         self.updates = 0;
     }
 
-    /// Adds the parameters after `steps` steps, if an update is due; `parameters` is called only then.
+    /// Adds the parameters after `steps` steps if an update is due in that step; `parameters` is called only then.
     pub fn update<'p>(&mut self, steps: u32, parameters: impl FnOnce() -> Cow<'p, [f32]>) {
         if self.values.is_empty() || !steps.is_multiple_of(self.every) {
             return;

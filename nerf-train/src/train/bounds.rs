@@ -1,4 +1,4 @@
-//! Bounds of a scene, and the cells that may hold something: the first occupancy grid.
+//! Bounds of a scene, and its first occupancy grid.
 
 use super::TrainError;
 use crate::capture::sights::Sights;
@@ -18,7 +18,7 @@ pub struct Bounds {
     pub far: f32,
     pub scene_box: SceneBox,
     pub contraction: Option<Contraction>,
-    /// Distance from each camera of an unbounded scene within which there is nothing, world units; a view's
+    /// Distance from each camera of an unbounded scene within which space is taken as empty, world units;
     /// [`View::near`] may be larger.
     pub empty_before: f32,
 }
@@ -34,7 +34,7 @@ impl Bounds {
         across / f32::from(steps_across)
     }
 
-    /// Sampling of rays that are marched in steps of [`Self::step`].
+    /// Sampling, as stored in the blob, of rays that are marched in steps of [`Self::step`].
     pub fn sampling(&self, steps_across: u16) -> SceneSampling {
         match self.contraction {
             Some(contraction) => SceneSampling::Contracted {
@@ -48,17 +48,18 @@ impl Bounds {
 
 /// Cells along the longest side of the first, coarse hull, which only finds the scene box.
 const COARSE_HULL: u16 = 64;
-/// Distances from the cameras of an unbounded scene without sparse points, in radii of the ball that is not contracted:
-/// space within the first is empty, and rays end at the second.
+/// Distances from the cameras of an unbounded scene without sparse points, in radii of the uncontracted ball: space
+/// nearer than the first is empty, and rays end at the second.
 const NEAR_RADII: f32 = 0.1;
 const FAR_RADII: f32 = 100.0;
-/// Smallest baseline of two views that see an occupied cell, as a fraction of the radius of the uncontracted ball.
+/// Least distance of two cameras that both see an occupied cell, as a fraction of the radius of the uncontracted ball.
 const APART_RADII: f32 = 0.05;
-/// Quantile of the distances from cameras to the points they see, and factor on the quantile: nearer space is empty.
+/// Quantile of the distances from cameras to the points they see, and factor: space nearer than their product is empty.
 const ALL_VIEWS: (f32, f32) = (0.001, 0.6);
-/// Quantile and factor for the radius of the uncontracted ball, if all cameras look much the same way.
+/// Quantile of the distances from cameras to the points they see, and factor: their product is the radius of the
+/// uncontracted ball, if all cameras look nearly the same way.
 const IN_FRONT: (f32, f32) = (0.01, 1.0);
-/// Quantile and factor for the distance at which rays end: nearly all points are nearer.
+/// Quantile of the distances from cameras to the points they see, and factor: rays end at their product.
 const BEHIND: (f32, f32) = (0.999, 2.0);
 
 /// Finds near plane, far plane and scene box from settings and data.
@@ -95,8 +96,8 @@ pub(crate) fn find_box(dataset: &Dataset, config: &Config) -> Result<Bounds, Tra
     Ok(Bounds { near, far, scene_box, contraction: None, empty_before: near })
 }
 
-/// Bounds of an unbounded scene: contracted around what the cameras look at or, if they look much the same way,
-/// around the cameras themselves.
+/// Bounds of an unbounded scene. The uncontracted ball is centred on the point that the cameras look at or, if they all
+/// look in nearly the same direction, on the cameras.
 fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, TrainError> {
     let s = &config.sampling;
     let cameras: Vec<_> = dataset.train.iter().map(|view| view.camera).collect();
@@ -128,13 +129,13 @@ fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, Tr
     Ok(Bounds { near, far, scene_box, contraction: Some(contraction), empty_before })
 }
 
-/// Visual hull, if the settings want one and the pictures tell what is empty.
+/// Visual hull at `resolution`; `None` if it is off, or if the photographs do not show what is background.
 fn hull(dataset: &Dataset, config: &Config, bounds: SceneBox, resolution: u16) -> Option<Occupancy> {
     let g = &config.occupancy;
     (g.skip && g.hull).then(|| Occupancy::carve(bounds, resolution, &dataset.train, dataset.background))?
 }
 
-/// Does [`find_box`], and finds the first occupancy grid.
+/// [`find_box`] with the first occupancy grid; no grid if occupancy is off in the settings.
 pub(crate) fn find_bounds(
     dataset: &Dataset,
     config: &Config,
@@ -156,7 +157,7 @@ pub(crate) fn find_bounds(
     Ok((bounds, occupancy))
 }
 
-/// First occupancy grid of an unbounded scene: the cells that may hold something.
+/// First occupancy grid of an unbounded scene: cells that two cameras see and no line of sight proves empty.
 fn seen(
     dataset: &Dataset,
     config: &Config,

@@ -1,7 +1,7 @@
-//! Checkpoint: the state from which a run resumes as if it had never stopped.
+//! Checkpoint: the state from which a run resumes exactly where it stopped.
 //!
-//! Two runs with one output also share their checkpoint's name. The last write replaces the whole checkpoint, and
-//! [`Checkpoint::check_belongs`] keeps the other run from resuming from it.
+//! Runs with the same output share a checkpoint file; [`Checkpoint::check_belongs`] keeps a run from resuming
+//! another's.
 
 use super::average::Average;
 use super::photographs::Photographs;
@@ -18,10 +18,10 @@ use serde_json::Value;
 use std::fmt::Display;
 use std::path::Path;
 
-/// First bytes of a checkpoint; the last is the version.
+/// First bytes of a checkpoint file; the last byte is the format's version.
 const MAGIC: [u8; 8] = *b"NERFCKP\x0e";
 
-/// State of a run, of a scene or a picture, between two steps.
+/// State of a run between two steps; of a fit of a scene or of a 2D field.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Checkpoint {
     /// Settings of the run, as `settings` writes them.
@@ -33,7 +33,7 @@ pub struct Checkpoint {
     pub seconds: f64,
 }
 
-/// State of a run that changes from step to step, except the optimiser's.
+/// Parts of a run's state that change from step to step, except the optimiser's.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct State {
     pub average: Average,
@@ -41,23 +41,22 @@ pub struct State {
     pub photographs: Photographs,
     pub progressed: Progressed,
     pub curve: Vec<CurvePoint>,
-    /// Snapshots taken so far; the pictures are in the report's folder.
+    /// Snapshots taken; their images are in the report's folder.
     pub snapshots: Vec<Snapshot>,
 }
 
 impl State {
-    /// Smoothed PSNR of the training rays, dB.
     pub fn train_psnr_db(&self) -> f64 {
         psnr_db_of_mse(self.progressed.mse)
     }
 
-    /// The point of the curve at this step.
+    /// Point of the training curve at the present step.
     pub fn point(&self, seconds: f64, val_psnr_db: Option<f64>) -> CurvePoint {
         let (step, train_psnr_db) = (self.progressed.step, self.train_psnr_db());
         CurvePoint { step, seconds, train_psnr_db, val_psnr_db, ..CurvePoint::default() }
     }
 
-    /// Adds a point without validation to the curve, unless the curve has a point of the step.
+    /// Adds a point without validation to the curve, unless the curve has a point at the present step.
     pub fn note(&mut self, seconds: f64) {
         let step = self.progressed.step;
         if step > 0 && self.curve.last().is_none_or(|last| last.step != step) {
@@ -65,7 +64,7 @@ impl State {
         }
     }
 
-    /// The last point of the curve with a validation, and its PSNR, dB.
+    /// The last point of the curve that has a validation PSNR, and this PSNR, dB.
     pub fn last_validation(&self) -> Option<(&CurvePoint, f64)> {
         self.curve.iter().rev().find_map(|point| Some((point, point.val_psnr_db?)))
     }
@@ -102,10 +101,10 @@ impl Checkpoint {
         }
     }
 
-    /// Refuses a checkpoint of other data or settings; the error names the first difference.
+    /// Returns an error, which names the first difference, if the checkpoint is of a run with other data or settings.
     ///
-    /// `config`: as `settings` writes it; `data`: name and fingerprint. Limits on steps and time may differ, so that
-    /// a run can be continued.
+    /// `config`: settings as `settings` writes them; `data`: name and fingerprint of the data set. Limits on steps and
+    /// time may differ, so that a run can be continued.
     pub fn check_belongs(&self, path: &Path, config: &str, data: (&str, u64)) -> anyhow::Result<()> {
         let other = |field: &str, expected: &str, found: &str| {
             let path = path.display();
@@ -128,8 +127,8 @@ impl Checkpoint {
         }
     }
 
-    /// Returns the first part that cannot belong to a run with `average`: counters, averaged parameters or curve. A
-    /// valid checksum does not prove that this program wrote the file.
+    /// Returns the name of the first part that cannot belong to a run with `average`: counters, averaged parameters or
+    /// curve. `None` if all fit. A valid checksum does not prove that this program wrote the file.
     pub(super) fn wrong_part(&self, average: &Average) -> Option<&'static str> {
         let State { average: averaged, progressed, curve, .. } = &self.state;
         let step = progressed.step;
@@ -151,8 +150,8 @@ pub(crate) fn damaged(path: &Path, found: impl Display) -> anyhow::Error {
     )
 }
 
-/// Settings that a resumed run must share, as JSON (TOML has no u64 for the seed): all except the number of steps
-/// and, with a grid, the samples, which follow from the steps across the box.
+/// Settings that a resumed run must share, as JSON, since TOML has no u64 for the seed. Left out are the number of
+/// steps and, with a learned grid, the number of samples, which follows from the steps across the box.
 pub(crate) fn settings(config: &impl Serialize) -> String {
     let mut tree = serde_json::to_value(config).expect("plain data");
     tree["optimiser"]["steps"] = 1.into();
@@ -162,7 +161,7 @@ pub(crate) fn settings(config: &impl Serialize) -> String {
     tree.to_string()
 }
 
-/// Path of the first field that differs, as `network.width`, with its values in `now` and in `then`.
+/// First field that differs: its path, as `network.width`, and its values in `now` and `then`; `None` if equal.
 pub(crate) fn difference(now: &Value, then: &Value) -> Option<(String, String, String)> {
     match (now, then) {
         (Value::Object(a), Value::Object(b)) if a.keys().eq(b.keys()) => {
@@ -175,8 +174,8 @@ pub(crate) fn difference(now: &Value, then: &Value) -> Option<(String, String, S
     }
 }
 
-/// Checksum of the data that determine a run: training pictures, near, far, background, sparse points, and the cameras
-/// of all splits, which the scene box is found from.
+/// Checksum of the data that determine a run: training photographs, near, far, background, sparse points, and the
+/// cameras of all splits, from which the scene box is found.
 pub fn fingerprint(data: &Dataset) -> u64 {
     const CRC: crc::Crc<u64> = crc::Crc::<u64>::new(&crc::CRC_64_XZ);
     let mut digest = CRC.digest();

@@ -1,4 +1,4 @@
-//! Gains of the photographs, learned with the field.
+//! Exposure gains of the photographs, learned with the field.
 
 use crate::capture::exposure::{CALLED_FOR, LogGains};
 use crate::capture::sights::Sights;
@@ -7,12 +7,13 @@ use crate::model::config::Exposure;
 use crate::train::photographs::SmallAdam;
 use serde::{Deserialize, Serialize};
 
-/// Number of first steps that learn gains from 0. Gains are kept afterwards if they differ enough between photographs.
+/// Number of first steps in which gains are on trial. Afterwards they are kept if they differ enough between
+/// photographs.
 const TRIAL: u32 = 1_000;
 /// Learning rates of the log gains: in the first [`TRIAL`] steps, and afterwards.
 const RATES: [f32; 2] = [5e-3, 1e-3];
 
-/// Gains of the training photographs; the field has their mean exposure.
+/// Exposure gains of the training photographs, relative to the field, which has their mean exposure.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Gains {
     log: LogGains,
@@ -26,14 +27,13 @@ pub struct Gains {
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ExposureFound {
-    /// Standard deviation of the log gains over the photographs.
+    /// Standard deviation of the log gains over the photographs, natural logarithm.
     pub spread: f64,
-    /// Whether the gains were measured at a reconstruction's key points; else they were learned in the fit's first
-    /// steps.
+    /// Whether the gains were measured at key points of a reconstruction, not learned in the run's first steps.
     pub by_tracks: bool,
-    /// Whether the fit has one gain for each photograph.
+    /// Whether gains of each photograph are learned in the rest of the run.
     pub fitted: bool,
-    /// Index and log gain of the view whose gain is farthest from the mean, if by a factor of two or more.
+    /// Index and log gain of the view whose gain is farthest from the mean, if by a factor of 2 or more.
     pub outlier: Option<(u32, f32)>,
 }
 
@@ -44,7 +44,7 @@ impl ExposureFound {
         Self { spread, by_tracks, fitted, outlier }
     }
 
-    /// Describes the spread and, if there is one, the outlier; `views`: the training photographs.
+    /// Describes the spread and, if there is one, the outlier, for the user. `views`: the training photographs.
     pub fn in_words(&self, views: &[View]) -> String {
         let by = if self.by_tracks { "key points" } else { "the first steps" };
         let percent = 100.0 * (self.spread.exp() - 1.0);
@@ -64,7 +64,7 @@ impl ExposureFound {
 }
 
 impl Gains {
-    /// Returns the gains to learn, if settings and data call for them, and the measured exposure, if it is known.
+    /// Returns the gains to learn, `None` without any, and the exposures measured at key points, `None` without these.
     pub fn of(
         views: &[View],
         sights: Option<&Sights>,
@@ -83,7 +83,6 @@ impl Gains {
         }
     }
 
-    /// Gains to learn for photographs that contradict each other.
     pub fn of_contradicting(views: &[View]) -> Self {
         Self::begin(LogGains::none(views.len()), true)
     }
@@ -93,17 +92,17 @@ impl Gains {
         Self { log, moment1: zeros.clone(), moment2: zeros, steps: 0, on_trial: true, own }
     }
 
-    /// Sets `factors` to the gains of a batch's rays, by their photographs.
+    /// Fills `factors` with the gain in red, green and blue of each ray of a batch. `views`: the rays' photographs.
     pub fn factors(&self, views: &[u32], factors: &mut Vec<[f32; 3]>) {
         let of_view: Vec<[f32; 3]> = self.log.0.iter().map(|log| log.map(f32::exp)).collect();
         factors.clear();
         factors.extend(views.iter().map(|&view| of_view[view as usize]));
     }
 
-    /// Does one Adam step of the log gains, and shifts their mean to 0.
+    /// Does one Adam step of the log gains, and shifts their mean to 0. `gradients`: of the loss, one per photograph.
     ///
-    /// Returns the measured exposure after the last of the first `TRIAL` steps, else `None`. Unless `fitted` is set in
-    /// it, the gains must not be used further.
+    /// Returns the finding about exposure after step `TRIAL`, else `None`. If it is not `fitted`, the gains must be
+    /// discarded.
     pub fn step(&mut self, gradients: &[[f32; 3]]) -> Option<ExposureFound> {
         self.steps += 1;
         let rate = RATES[usize::from(!self.on_trial)];

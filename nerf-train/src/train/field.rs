@@ -18,7 +18,7 @@ use nerf_core::space::SceneBox;
 use rayon::prelude::*;
 use std::borrow::Cow;
 
-/// Convention of the PSNR in a picture's blob.
+/// How the PSNR stored in a 2D field's blob was measured.
 pub(crate) const MEASURED_ON: &str = "over the whole picture";
 
 const DRAWN: usize = 64;
@@ -47,7 +47,7 @@ impl<'p> FieldTrainer<'p> {
         Ok(Self { photo, config, model, engine, batch: Batch::default(), state })
     }
 
-    /// Does one step at the learning rate for the used fraction `share` of the budget.
+    /// Does one training step. `share`: used fraction of the budget, which sets the learning rate.
     ///
     /// # Errors
     /// [`TrainError::Engine`] if the step diverged; the run is then as before it.
@@ -65,8 +65,8 @@ impl<'p> FieldTrainer<'p> {
         Ok(())
     }
 
-    /// Draws random pixels of the whole picture, each at its centre; with a grid in the picture's order, so that
-    /// neighbours read table entries close to each other.
+    /// Fills the batch with random pixels of the picture, each at its centre. With a learned grid the pixels are in the
+    /// picture's order, so that neighbours in the batch read neighbouring table entries.
     fn draw(&mut self) {
         let Self { photo, config, batch, state, .. } = self;
         let Picture { width, height, rgb } = &photo.picture;
@@ -104,7 +104,7 @@ impl<'p> FieldTrainer<'p> {
         self.state.progressed.step
     }
 
-    /// Exports the present state as a blob, with `psnr_db` if it is known.
+    /// Exports the present field as a blob, with its PSNR `psnr_db` if known.
     pub fn export(&self, psnr_db: Option<f64>) -> Result<Exported, TrainError> {
         let parameters = self.state.average.values().map_or_else(|| self.engine.parameters(), Cow::Borrowed);
         let [width, height] = self.photo.size();
@@ -139,7 +139,7 @@ impl<'p> FieldTrainer<'p> {
         }
     }
 
-    /// Resumes from a checkpoint of the same run; if that fails, the run is as before.
+    /// Resumes from a checkpoint of the same run; on an error the run is unchanged.
     pub fn restore(&mut self, checkpoint: Checkpoint) -> Result<(), TrainError> {
         if let Some(part) = checkpoint.wrong_part(&self.state.average) {
             return Err(TrainError::Parts { part });

@@ -1,4 +1,4 @@
-//! Fits a radiance field to posed pictures.
+//! Fits a radiance field to posed photographs.
 
 pub mod average;
 mod bounds;
@@ -31,19 +31,19 @@ pub use trainer::{Trainer, candidate};
 pub struct Progressed {
     pub step: u32,
     pub rays: u64,
-    /// Samples whose density was evaluated; without a grid, the same number as those trained on.
+    /// Number of samples whose density was evaluated; without an occupancy grid, of the samples trained on.
     pub evaluated: u64,
     pub samples: u64,
-    /// Smoothed number of samples in occupied cells per ray; decides how many rays are drawn.
+    /// Smoothed number of samples in occupied cells per ray, which decides how many rays a batch has.
     live_per_ray: f64,
-    /// Smoothed squared error of the training rays; NaN before the first step.
+    /// Smoothed mean squared error of the training rays; NaN before the first step.
     pub mse: f64,
-    /// Number of consecutive steps without density.
+    /// Number of consecutive steps in which every density of the batch was 0.
     dead_steps: u32,
     pub reseeds: u32,
 }
 
-/// PSNR in dB of a mean squared error; +inf at 0, NaN at NaN.
+/// PSNR, dB, of a mean squared error; +inf for 0, NaN for NaN.
 pub fn psnr_db_of_mse(mse: f64) -> f64 {
     // log10(0) is −inf without a special case, and + 0.0 keeps "-0" out of the reports.
     -10.0 * mse.log10() + 0.0
@@ -52,14 +52,14 @@ pub fn psnr_db_of_mse(mse: f64) -> f64 {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CurvePoint {
     pub step: u32,
-    /// Seconds since the start, everything included.
+    /// Seconds since the run's start, including reading and validation.
     pub seconds: f64,
     /// Smoothed PSNR of the training rays, dB.
     pub train_psnr_db: f64,
-    /// Mean PSNR of some validation views, dB; none if this step was not validated.
+    /// Mean PSNR of the validation views measured in this step, dB; `None` without a validation.
     pub val_psnr_db: Option<f64>,
     pub val_views: u32,
-    /// Spacing of the measured pixels in rows and columns of a view: 1 is every pixel.
+    /// Spacing of the pixels measured in validation views, in rows and columns; 1 measures every pixel.
     pub val_lattice: u32,
 }
 
@@ -67,13 +67,13 @@ pub struct CurvePoint {
 pub struct Snapshot {
     pub step: u32,
     pub seconds: f64,
-    /// Index into the validation split.
+    /// Index of the view in the validation split.
     pub view: usize,
     pub psnr_db: f64,
 }
 
 impl Snapshot {
-    /// Path of the picture in the report's `folder`; `dataset`: the view's data set.
+    /// Path of the snapshot's image in the report's `folder`; `dataset`: the view's data set.
     pub fn path(&self, folder: &Path, dataset: &Dataset) -> PathBuf {
         let names = FileNames::of(&dataset.val);
         folder.join("snapshots").join(format!("step_{:06}_{}.png", self.step, names.at(self.view)))

@@ -1,10 +1,10 @@
-//! Objects that moved while photographs were taken: found by the field's errors, and left out of its loss.
+//! Objects that moved while the photographs were taken: found by the field's colour errors, and left out of the loss.
 //!
 //! Photographs are cut into square patches. A patch's error is the mean of its rays' signed errors: fine texture that
 //! is hard to fit is too bright in one place and too dark in another, which cancels out, while an object that only one
-//! photograph shows has another colour as a whole. Rays of a large connected region of patches with large errors have
-//! weight 0. The rays are still drawn, so that a wrong mask is undone. If a photograph of the two nearest cameras has
-//! errors at the same patches, the field is wrong, and the region is not masked.
+//! photograph shows has another colour as a whole. Large connected regions of patches with large errors are masked:
+//! their rays have weight 0 in the loss, but are still cast, so that a wrong mask is undone. If the photograph of one
+//! of the two nearest cameras has large errors at the same patches, the field is wrong, and the region is not masked.
 //!
 //! # Source
 //! Sabour et al. 2023 (RobustNeRF), patch-wise robust weights. Deviation: the signed mean of a patch's error in place
@@ -19,29 +19,28 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
-/// Steps between decisions.
+/// Number of steps between two updates of the masks.
 const EVERY: u32 = 500;
-/// Fewest photographs of a capture in which one can contradict the others.
+/// Least number of photographs with which moving objects are searched.
 const FEWEST_VIEWS: usize = 8;
-/// Most patches along the longer side of a photograph, and over all photographs: each patch needs enough rays for a
-/// decision.
+/// Largest number of patches along the longer side of a photograph, and in all photographs: each needs enough rays.
 const PATCHES: [u32; 2] = [60, 90_000];
 /// Least side of a patch, pixels.
 const SMALLEST_SIDE: u32 = 4;
-/// Fewest rays in three by three patches for which an error is computed.
+/// Least number of rays in 3 × 3 patches from which the error of the middle patch is computed.
 const KNOWN: f32 = 8.0;
-/// Least error of a patch of a region, the larger of two: a multiple of the median over all patches, and a value in
-/// colours of 0 to 1. Errors are root mean squares over the channels.
+/// Error above which a patch belongs to a region: the larger of the first times the median over all patches, and the
+/// second, for colours of 0 to 1. Errors are root mean squares over the channels.
 const OFF: (f32, f32) = (3.0, 0.03);
-/// Least mean error of a masked region, and least product of this error and the region's fraction of the photograph.
-/// Clean captures have regions of up to 0.116, and 0.14 times 0.06; figures of one colour in front of the same captures
-/// have 0.13 to 0.3, and from 0.015 on.
+/// Least mean error of a masked region, and least product of this mean and the region's fraction of the photograph.
+/// Static scenes have means up to 0.116, and products up to 0.14 · 0.06; figures of one colour pasted into the same
+/// photographs have means of 0.13 to 0.3, and products from 0.015 on.
 const FAR_OFF: (f32, f32) = (0.125, 0.01);
-/// Number of nearest cameras that a region is compared with. If the fraction `SHARED` of the region's patches has
-/// errors in one of their photographs, too, the field is wrong there and not the region's photograph.
+/// Number of nearest cameras with whose photographs a region is compared. If the fraction `SHARED` of the region's
+/// patches has large errors in one of these photographs, too, the field is wrong there, and the region is not masked.
 const NEIGHBOURS: usize = 2;
 const SHARED: f32 = 0.5;
-/// Fraction of all patches above which the capture is wrong as a whole and nothing is masked.
+/// Fraction of all patches above which nothing is masked: the capture as a whole is then wrong, not one object.
 const MOST: f32 = 0.3;
 
 /// Division of a photograph into patches.
@@ -63,7 +62,7 @@ impl Tiles {
         self.columns * self.rows
     }
 
-    /// Patch at the position of the patch `patch` of `other`; patches are counted from the first of each photograph.
+    /// Index of this photograph's patch at the position of patch `patch` of the photograph `other`.
     fn across(&self, patch: usize, other: &Self) -> usize {
         let (column, row) = (patch % other.columns, patch / other.columns);
         row * self.rows / other.rows * self.columns + column * self.columns / other.columns
@@ -74,7 +73,7 @@ impl Tiles {
         self.first + y as usize * self.columns + x as usize
     }
 
-    /// The three by three patches around `patch`, all counted from the photograph's first.
+    /// Indices of the 3 × 3 patches around `patch`, all counted from the first patch of the photograph.
     fn around(&self, patch: usize) -> impl Iterator<Item = usize> + use<> {
         let near = |at: usize, end: usize| at.saturating_sub(1)..(at + 2).min(end);
         let columns = self.columns;
@@ -83,21 +82,20 @@ impl Tiles {
     }
 }
 
-/// Patches of a run's photographs, their errors since the last decision, and which of them are masked.
+/// Patches of the training photographs, their errors since the last update of the masks, and which are masked.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Moving {
     tiles: Vec<Tiles>,
-    /// Indices of the photographs from the nearest cameras, for each photograph.
+    /// For each photograph, the indices of the photographs from the nearest cameras.
     neighbours: Vec<Vec<usize>>,
-    /// Sums of the rays' errors in red, green and blue, and number of rays, for each patch.
+    /// For each patch, the sums of its rays' errors in red, green and blue, and the number of rays.
     sums: Vec<[f32; 4]>,
     masked: Vec<bool>,
 }
 
-/// Photograph with an object that the other photographs contradict.
+/// A photograph with an object that the other photographs do not show.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Moved {
-    /// Index and name of the training photograph.
     pub view: usize,
     pub name: String,
     pub share: f64,
@@ -106,7 +104,7 @@ pub struct Moved {
 }
 
 impl Moved {
-    /// Excludes the masked pixels from the scores of `view`, unless none would be left.
+    /// Masks the pixels of `mask` in `view`, so that its scores leave them out, unless no pixel would be left.
     pub fn leave_out_of(&self, view: &mut View) {
         let counts: Vec<bool> =
             self.mask.iter().enumerate().map(|(pixel, &masked)| !masked && view.counts(pixel)).collect();
@@ -116,7 +114,7 @@ impl Moved {
     }
 }
 
-/// Messages that name the photographs; none if nothing moved.
+/// Messages for the user that name the photographs; empty if nothing moved.
 pub fn in_words(moved: &[Moved]) -> Vec<String> {
     let of = |moved: &[&Moved]| match moved {
         [one] => format!("1 photograph ({})", one.name),
@@ -146,7 +144,7 @@ pub fn in_words(moved: &[Moved]) -> Vec<String> {
 }
 
 impl Moving {
-    /// State without a mask; `None` if `setting` or too few photographs rule masks out.
+    /// State without a mask; `None` if masks are off in the settings, or with fewer than eight photographs.
     pub fn of(views: &[View], setting: MovingObjects) -> Option<Self> {
         if setting == MovingObjects::Off || views.len() < FEWEST_VIEWS {
             return None;
@@ -157,7 +155,7 @@ impl Moving {
         Some(Self { tiles, neighbours, sums: vec![[0.0; 4]; patches], masked: vec![false; patches] })
     }
 
-    /// Whether the state belongs to `views` and is finite: a checkpoint may hold anything.
+    /// Whether this state, from a checkpoint that may hold anything, fits the photographs `views` and is finite.
     pub fn is_of(&self, views: &[View]) -> bool {
         let patches = self.tiles.last().map_or(0, |tiles| tiles.range().end);
         (&self.tiles, &self.neighbours) == (&tiles(views), &neighbours(views))
@@ -165,7 +163,7 @@ impl Moving {
             && self.sums.as_flattened().iter().all(|x| x.is_finite())
     }
 
-    /// Sets the weights of a batch's rays: 0 in masked patches, else 1; empty if nothing is masked.
+    /// Sets the loss weights of a batch's rays: 0 in masked patches, else 1; empty if nothing is masked.
     pub fn weigh(&self, batch: &mut Batch) {
         batch.weights.clear();
         if self.masked.contains(&true) {
@@ -175,7 +173,7 @@ impl Moving {
         }
     }
 
-    /// Adds the colour errors of a batch's rays, each with the ray's index, to their patches.
+    /// Adds the colour errors of a batch's rays, each with the ray's index in the batch, to the sums of their patches.
     pub fn add<'e>(&mut self, batch: &Batch, errors: impl Iterator<Item = &'e (u32, [f32; 3])>) {
         for &(ray, [r, g, b]) in errors {
             let at = batch.views.get(ray as usize).zip(batch.pixels.get(ray as usize));
@@ -217,8 +215,8 @@ impl Moving {
         self.sums.fill([0.0; 4]);
     }
 
-    /// Error of each patch of a photograph: distance of the mean over three by three patches from the photograph's
-    /// median, root mean square over the channels; `None` if too few rays were drawn.
+    /// Error of each patch of a photograph: mean colour error of 3 × 3 patches minus the photograph's median, root mean
+    /// square over the channels. `None` if these patches have too few rays.
     fn errors(&self, tiles: &Tiles) -> Vec<Option<f32>> {
         let sums = &self.sums[tiles.range()];
         let mean = |patch: usize| {
@@ -289,7 +287,7 @@ fn neighbours(views: &[View]) -> Vec<Vec<usize>> {
     (0..poses.len()).map(of).collect()
 }
 
-/// Groups of connected patches of a photograph that are `off`.
+/// Regions of connected patches whose error is large (`off`), as lists of patch indices.
 fn regions(tiles: &Tiles, off: &[bool]) -> Vec<Vec<usize>> {
     let (mut visited, mut regions) = (vec![false; off.len()], Vec::new());
     for start in 0..off.len() {
@@ -319,7 +317,7 @@ mod tests {
 
     const SIDE: u32 = 80;
 
-    /// Photographs, and what moved in them after a decision on these errors by photograph, column and row.
+    /// Masks after one update with these colour errors, functions of photograph, column and row.
     fn decided(moving: &mut Moving, views: &[View], error: impl Fn(usize, u32, u32) -> f32) -> Vec<Moved> {
         for view in 0..views.len() {
             let pixels: Vec<u32> = (0..SIDE * SIDE).collect();
@@ -338,7 +336,7 @@ mod tests {
         demo::small(9, 1, SIDE).train
     }
 
-    /// Grain of a mean of zero, as of texture that is not fitted yet.
+    /// Error whose mean is zero, as of texture that is not fitted yet.
     fn grain(x: u32, y: u32, size: f32) -> f32 {
         if (x + y).is_multiple_of(2) { size } else { -size }
     }

@@ -1,4 +1,4 @@
-//! What a run learns about its photographs: gains, poses, masks of moving objects, and the gap of withheld ones.
+//! What a run learns about its photographs: gains, poses, masks of moving objects, and the PSNR of withheld ones.
 
 use super::exposure::{ExposureFound, Gains};
 use super::moving::{Moved, Moving};
@@ -12,7 +12,8 @@ use nerf_core::camera::Camera;
 use nerf_core::space::Contraction;
 use serde::{Deserialize, Serialize};
 
-/// Learned gains, poses and masks, and what a run's first steps found about exposures, poses and withheld photographs.
+/// Learned gains, poses and masks of the photographs, and the findings of a run's first steps about exposures, poses
+/// and withheld photographs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Photographs {
     gains: Option<Gains>,
@@ -25,7 +26,6 @@ pub struct Photographs {
 }
 
 impl Photographs {
-    /// State before the first step.
     pub fn of(dataset: &Dataset, config: &Config, sights: Option<&Sights>) -> Self {
         let (views, capture) = (&dataset.train, &config.capture);
         let unbounded = config.sampling.contraction.is_some();
@@ -46,7 +46,8 @@ impl Photographs {
         found
     }
 
-    /// Returns the first part of a checkpoint's `theirs`, which may hold anything, that cannot belong to this run.
+    /// Returns the name of the first part of `theirs`, from a checkpoint, that cannot belong to this run; `None` if all
+    /// fit.
     pub(super) fn wrong_part(&self, theirs: &Self, views: &[View], config: &Config) -> Option<&'static str> {
         let gains = theirs.gains.as_ref().is_none_or(|gains| gains.views() == views.len());
         let unbounded = config.sampling.contraction.is_some();
@@ -64,8 +65,8 @@ impl Photographs {
         parts.into_iter().find(|&(_, fits)| !fits).map(|(part, _)| part)
     }
 
-    /// Sets a batch's gains, weights and request for ray gradients, at the fraction `share` of the run. Returns the
-    /// cameras that rays are cast from, if they have moved.
+    /// Sets the gains, loss weights and request for ray gradients of a batch. `share`: used fraction of the budget.
+    /// Returns the refined cameras of the next rays, or `None` if they are unchanged.
     pub fn prepare(
         &mut self,
         batch: &mut Batch,
@@ -87,8 +88,8 @@ impl Photographs {
         poses.renew().then(|| poses.cast(views))
     }
 
-    /// Updates gains, poses and masks after step `step` of a run, which `engine` did on `batch`. Returns whether the
-    /// cameras are back at their given poses.
+    /// Updates gains, poses and masks after `engine` did step `step` on `batch`. Returns whether refinement of the
+    /// poses ended and the cameras are back at their given poses.
     pub fn learn(
         &mut self,
         engine: &dyn Engine,
@@ -134,7 +135,7 @@ impl Photographs {
         given
     }
 
-    /// The poses, if they are refined and the decision to refine them is final.
+    /// The refined poses; `None` if poses are not refined, or if the trial of refining them has not ended.
     pub(super) fn refined(&self) -> Option<&Poses> {
         self.poses.as_ref().filter(|poses| poses.are_refined())
     }
@@ -149,7 +150,6 @@ impl Photographs {
     }
 }
 
-/// Decay rates of Adam's moments, and its epsilon.
 const BETAS: [f32; 2] = [0.9, 0.99];
 const EPSILON: f32 = 1e-12;
 
@@ -163,7 +163,8 @@ impl SmallAdam {
         Self { unbiased: BETAS.map(|beta| 1.0 - beta.powi(steps.min(10_000) as i32)) }
     }
 
-    /// Updates a parameter's moments from its gradient `g`; returns what is subtracted from the parameter.
+    /// Updates the moments `m1`, `m2` of a parameter with gradient `g`. Returns the value to subtract from the
+    /// parameter.
     pub fn step(&self, rate: f32, g: f32, m1: &mut f32, m2: &mut f32) -> f32 {
         *m1 = BETAS[0] * *m1 + (1.0 - BETAS[0]) * g;
         *m2 = BETAS[1] * *m2 + (1.0 - BETAS[1]) * g * g;

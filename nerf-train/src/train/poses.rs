@@ -1,8 +1,8 @@
 //! Poses of the photographs, refined with the field.
 //!
-//! A camera turns and moves by small steps that follow the gradient of the loss with respect to its rays. The steps
-//! are taken in coordinates in which length 1 moves the image by one pixel, root mean square, for any mixture of
-//! turning and moving.
+//! A camera is rotated and translated by small steps along the gradient of the loss with respect to its rays. The steps
+//! are taken in coordinates in which a step of length 1 moves the image by one pixel, root mean square, for any mixture
+//! of rotation and translation.
 //!
 //! # Source
 //! Lin et al. 2021 (BARF), poses by the photometric loss, coarse to fine; Park et al. 2023 (CamP), the preconditioner.
@@ -18,34 +18,33 @@ use nerf_core::camera::{Camera, Pose, Ray};
 use nerf_core::space::Contraction;
 use serde::{Deserialize, Serialize};
 
-/// Number of first steps that refine the given poses. Poses are refined further if the cameras moved enough.
+/// Number of first steps in which poses are refined on trial. Then refinement goes on only if the cameras moved enough.
 const TRIAL: u32 = 1_000;
 /// Steps between two moves of the cameras.
 const EVERY: u32 = 8;
 /// Longest step of a camera, pixels: at the beginning and at the end of the run.
 const RATES: [f32; 2] = [0.3, 0.01];
-/// Blur of the gradient, radii of the ball that is not contracted: at the beginning, and after the fraction
-/// `SHARP_FROM` of the run.
+/// Blur of the field's gradient with respect to position, radii of the uncontracted ball: at the beginning, and after
+/// the fraction `SHARP_FROM` of the run.
 const BLURS: [f32; 2] = [0.02, 0.001];
 const SHARP_FROM: f64 = 0.5;
-/// Least median motion in the first [`TRIAL`] steps, focal lengths, at which poses are refined further. Correct poses
-/// move by 0.002 to 0.006, and their refinement would cost 0.1 to 0.4 dB of PSNR. Poses that are half a degree to a
+/// Median motion of the image in the first [`TRIAL`] steps, in focal lengths, from which on poses are refined further.
+/// Correct poses move by 0.002 to 0.006, and refining them costs 0.1 to 0.4 dB of PSNR. Poses half a degree to one
 /// degree off move by 0.013.
 const CALLED_FOR: f64 = 8e-3;
-/// Largest median reprojection error of a reconstruction's points, pixels, with which its poses are trusted.
+/// Largest median reprojection error of the sparse points, pixels, at which the given poses are not refined.
 const BELIEVED: f64 = 2.0;
 
-/// Rotation about each axis of the world, radians, and motion along each, world units.
+/// Rotation of a camera about x, y, z of the world, radians, and translation along x, y, z, world units.
 type Twist = [f32; 6];
 
 /// Corrections of the given poses of a run's photographs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Poses {
     moved: Vec<Twist>,
-    /// Corrections before the last step, from which rays are cast: a step's rays are cast while the previous step is
-    /// computed.
+    /// Corrections with which the next rays are cast: those before the last move, as rays are cast one step ahead.
     cast: Vec<Twist>,
-    /// Sums of the gradients since the last move.
+    /// Sum, for each camera, of the gradients of the loss since the last move.
     sums: Vec<Twist>,
     moment1: Vec<Twist>,
     moment2: Vec<Twist>,
@@ -55,10 +54,9 @@ pub struct Poses {
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PosesFound {
-    /// Median, pixels: reprojection error of a reconstruction's points or, without points, motion of the photographs in
-    /// the first steps.
+    /// Median, pixels: reprojection error of the sparse points or, without points, image motion in the first steps.
     pub pixels: f64,
-    /// Whether `pixels` was measured at a reconstruction's sparse points.
+    /// Whether `pixels` is the reprojection error of sparse points.
     pub by_tracks: bool,
     pub refined: bool,
 }
@@ -77,7 +75,7 @@ impl std::fmt::Display for PosesFound {
 }
 
 impl Poses {
-    /// Returns the poses to refine, if settings and data call for refinement, and the finding about them, if known.
+    /// Returns the poses to refine, `None` if they stay as given, and the finding about them, `None` if not known yet.
     pub fn of(
         dataset: &Dataset,
         sights: bool,
@@ -98,7 +96,7 @@ impl Poses {
         }
     }
 
-    /// Uncorrected poses of `views` photographs; `on_trial`: whether the first steps decide if they are refined.
+    /// Uncorrected poses of `views` photographs; `on_trial`: whether the first steps decide about their refinement.
     pub fn given(views: usize, on_trial: bool) -> Self {
         let zeros = vec![[0.0; 6]; views];
         Self {
@@ -116,7 +114,7 @@ impl Poses {
         !self.on_trial
     }
 
-    /// Whether the poses belong to `views` and are finite: a checkpoint may hold anything.
+    /// Whether these poses, from a checkpoint that may hold anything, fit the photographs `views` and are finite.
     pub fn is_of(&self, views: &[View]) -> bool {
         let all = [&self.moved, &self.cast, &self.sums, &self.moment1, &self.moment2];
         let finite = |twists: &Vec<Twist>| twists.as_flattened().iter().all(|x| x.is_finite());
@@ -124,7 +122,7 @@ impl Poses {
             && self.moment2.as_flattened().iter().all(|&x| x >= 0.0)
     }
 
-    /// Cameras that the rays of the next step are cast from; `given`: the photographs with their given poses.
+    /// Cameras from which the rays of the next step are cast; `given`: the photographs with their given poses.
     pub fn cast(&self, given: &[View]) -> Vec<Camera> {
         cameras(given, &self.cast)
     }
@@ -133,21 +131,22 @@ impl Poses {
         cameras(given, &self.moved)
     }
 
-    /// Casts rays from the present cameras from the next step on; returns whether these cameras have moved.
+    /// Casts rays from the present cameras from the next step on. Returns whether the cameras moved since the last
+    /// call.
     pub fn renew(&mut self) -> bool {
         let moved = self.cast != self.moved;
         self.cast.clone_from(&self.moved);
         moved
     }
 
-    /// Request for ray gradients at the fraction `share` of the run.
+    /// Request for the gradient of the loss with respect to the rays; `share`: used fraction of the budget.
     pub fn question(share: f64, contraction: &Contraction) -> RayQuestion {
         let sharp = (share / SHARP_FROM).min(1.0) as f32;
         let blur = contraction.radius() * BLURS[0].powf(1.0 - sharp) * BLURS[1].powf(sharp);
         RayQuestion { contraction: *contraction, blur }
     }
 
-    /// Adds the gradients of a batch's rays to the gradient sums of their photographs' cameras.
+    /// Adds the gradients of the loss with respect to a batch's rays to the sums of their cameras.
     pub fn add<'g>(&mut self, batch: &Batch, gradients: impl Iterator<Item = &'g RayGradient>) {
         for gradient in gradients {
             let ray = gradient.ray as usize;
@@ -159,8 +158,8 @@ impl Poses {
         }
     }
 
-    /// Moves the cameras after every `EVERY`th step of a run. Returns the cameras' motion, and whether poses are
-    /// refined further, after the last of the first `TRIAL` steps, else `None`.
+    /// Moves the cameras after every `EVERY`th step. Returns the finding about the poses after the last of the first
+    /// `TRIAL` steps, else `None`. `given`: the photographs with their given poses.
     pub fn step(
         &mut self,
         given: &[View],
@@ -174,7 +173,7 @@ impl Poses {
         self.verdict(step, given, contraction)
     }
 
-    /// Motion of the cameras, and whether poses are refined further, after the last of the first [`TRIAL`] steps.
+    /// The finding about the poses after the last of the first [`TRIAL`] steps, else `None`.
     fn verdict(&mut self, step: u32, given: &[View], contraction: &Contraction) -> Option<PosesFound> {
         if step + 1 != TRIAL {
             return None;
@@ -185,7 +184,7 @@ impl Poses {
         Some(PosesFound { pixels, by_tracks: false, refined })
     }
 
-    /// Moves the cameras by one Adam step, in coordinates of pixels.
+    /// Moves each camera by one Adam step in the preconditioned coordinates, whose unit is one pixel of image motion.
     pub fn move_cameras(&mut self, given: &[View], share: f64, contraction: &Contraction) {
         self.moves += 1;
         let rate = RATES[0] * (RATES[1] / RATES[0]).powf(share as f32);
@@ -206,7 +205,8 @@ impl Poses {
         }
     }
 
-    /// Motion of the image, root mean square, median over the photographs: in pixels, and in focal lengths.
+    /// Image motion, root mean square, from the given to the refined pose, median over views: in pixels and in focal
+    /// lengths.
     fn median_motion(&self, given: &[View], contraction: &Contraction) -> (f64, f64) {
         let of = |(view, moved): (&View, &Twist)| {
             let m = motion(&view.camera, contraction);
@@ -236,7 +236,8 @@ fn cameras(given: &[View], moved: &[Twist]) -> Vec<Camera> {
     given.iter().zip(moved).map(of).collect()
 }
 
-/// Matrix `M` of the image's squared motion by a twist `v`, `vᵀ M v`, pixels squared: mean over points at three depths.
+/// Matrix `M` with which `vᵀ M v` is the mean squared motion of the image, pixels², by a small motion `v` of the
+/// camera. The mean is over points at three depths.
 fn motion(camera: &Camera, contraction: &Contraction) -> [[f32; 6]; 6] {
     const SIDE: u8 = 5;
     let i = camera.intrinsics();
@@ -263,7 +264,7 @@ fn motion(camera: &Camera, contraction: &Contraction) -> [[f32; 6]; 6] {
     sum.map(|row| row.map(|x| x / count))
 }
 
-/// Lower triangle `L` with `L Lᵀ = m`, after a little of the diagonal is added.
+/// Lower triangular matrix `L` with `L Lᵀ = m`, after a small multiple of the diagonal is added to `m`.
 fn cholesky(m: &[[f32; 6]; 6]) -> [[f64; 6]; 6] {
     let mut l = [[0.0f64; 6]; 6];
     for i in 0..6 {
@@ -299,7 +300,7 @@ fn backward(l: &[[f64; 6]; 6], x: Twist) -> Twist {
     y.map(|y| y as f32)
 }
 
-/// Removes the motion that all cameras share, which the photographs cannot determine: mean rotation, mean translation,
+/// Removes the motion common to all cameras, which the photographs cannot determine: mean rotation, mean translation,
 /// and scaling about their centre.
 fn hold(moved: &mut [Twist], given: &[View]) {
     let count = moved.len().max(1) as f32;
@@ -331,7 +332,6 @@ mod tests {
         (demo::small(9, 1, 40).train, Contraction::new(&cube, 1).expect("a cube"))
     }
 
-    /// A number of -0.5 to 0.5.
     fn noise(i: usize) -> f32 {
         (i as f32 * 12.9898).sin() * 43_758.547 % 1.0 * 0.5
     }

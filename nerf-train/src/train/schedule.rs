@@ -1,4 +1,4 @@
-//! Budget of a run, and its learning rate.
+//! Budget of a run in steps and seconds, and its learning rate.
 
 use crate::model::config::OptimiserConfig;
 use crate::system::progress::Total;
@@ -6,21 +6,21 @@ use anyhow::bail;
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
-/// Fewest steps of a run that a limit in seconds ends: with fewer the field is hardly trained.
+/// Least number of steps of a run with a limit in seconds: with fewer the field is hardly trained.
 pub const MIN_STEPS: u32 = 20;
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Budget {
-    /// Number of steps; `None` if time alone decides.
+    /// Number of steps; `None` if only `seconds` limits the run.
     pub steps: Option<u32>,
-    /// Wall-clock seconds, everything included.
+    /// Limit in wall-clock seconds, including reading, validation and export.
     pub seconds: Option<f64>,
 }
 
 /// Progress of a command when its limit in seconds is reached.
 #[derive(Clone, Copy, Debug)]
 pub struct Done {
-    /// Steps of earlier runs, which this command resumes.
+    /// Number of steps in the checkpoint from which this command resumed.
     pub before: u32,
     pub steps: u32,
     /// Seconds of this command before its first step.
@@ -36,7 +36,7 @@ pub fn duration(seconds: f64) -> Duration {
     Duration::try_from_secs_f64(if seconds > LONGEST { LONGEST } else { seconds }).unwrap_or_default()
 }
 
-/// Wall-clock time of a command, and of the runs that it resumes.
+/// Wall-clock time of a command and of the earlier commands whose run it resumes.
 #[derive(Clone, Copy, Debug)]
 pub struct Clock {
     start: Instant,
@@ -48,13 +48,13 @@ impl Clock {
         Self { start: Instant::now(), before: Duration::ZERO }
     }
 
-    /// The same clock including `before`, the time of earlier commands.
+    /// This clock with the time `before` of earlier commands added.
     #[must_use]
     pub fn after(self, before: Duration) -> Self {
         Self { before, ..self }
     }
 
-    /// The same clock without `spent`, a time of this command.
+    /// This clock with the time `spent` subtracted.
     #[must_use]
     pub fn without(self, spent: Duration) -> Self {
         Self { start: self.start + spent, ..self }
@@ -80,15 +80,15 @@ impl Budget {
         }
     }
 
-    /// Budget of a run that resumes after `seconds` of earlier commands. A limit in seconds applies to this command
-    /// alone and is extended by `seconds`: the used fraction continues as in one run of both times.
+    /// This budget for a run that resumes after `seconds` of earlier commands. A limit in seconds applies to this
+    /// command alone; `seconds` is added to it, so that the used fraction counts the time of all commands.
     #[must_use]
     pub fn after(self, seconds: f64) -> Self {
         Self { seconds: self.seconds.map(|limit| limit + seconds), ..self }
     }
 
-    /// Returns an error if the limit in seconds ended the run before `min_steps` steps, or without a single step of
-    /// this command.
+    /// Returns an error if the limit in seconds ended the run before `min_steps` steps, or without a step of this
+    /// command.
     pub fn check_steps(&self, done: Done, min_steps: u32) -> anyhow::Result<()> {
         let Some(limit) = self.seconds.filter(|_| self.steps.is_none_or(|steps| done.steps < steps)) else {
             return Ok(());
@@ -112,7 +112,8 @@ impl Budget {
         )
     }
 
-    /// Used fraction of the budget, `0..=1`; the last `reserve` seconds are not for steps.
+    /// Used fraction of the budget after `step` steps and `seconds`, 0 to 1: the larger of the two fractions. The last
+    /// `reserve` seconds of the limit are kept for the work after the last step.
     pub fn share(&self, step: u32, seconds: f64, reserve: f64) -> f64 {
         let of_steps = self.steps.map_or(0.0, |steps| f64::from(step) / f64::from(steps));
         let of_time = self.seconds.map_or(0.0, |limit| seconds / (limit - reserve).max(1e-3));

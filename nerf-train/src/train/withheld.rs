@@ -1,53 +1,53 @@
-//! Photographs withheld at the beginning of a run. Their PSNR gap to the photographs trained on decides the weight
-//! decay.
+//! Photographs withheld from training in a run's first steps. The weight decay is set from the PSNR gap between these
+//! and the other photographs.
 
 use crate::data::View;
 use crate::model::config::{Config, OptimiserConfig, Withholding};
 use crate::model::engine::Batch;
 use serde::{Deserialize, Serialize};
 
-/// Number of a run's first steps in which photographs are withheld, and step from which on all errors are summed.
+/// Number of a run's first steps in which photographs are withheld; `SUMMED_FROM`: first step whose errors are summed.
 const TRIAL: u32 = 1_500;
 const SUMMED_FROM: u32 = 1_000;
-/// Step from which the field shows the withheld photographs as well as the others.
+/// Step from which the field has learned the withheld photographs as well as the others.
 pub const LEARNED_FROM: u32 = 2_000;
-/// Number of steps below which a run withholds no photographs.
+/// Least number of steps of a run that withholds photographs.
 const FEWEST_STEPS: u32 = 2 * TRIAL;
-/// Fraction of the run after which withheld photographs are trained on, whatever is known of them.
+/// Fraction of the run after which withholding ends even without a finding.
 const GIVEN_UP_AT: f64 = 0.5;
-/// Number of withheld photographs, and fewest photographs of a capture of which some are withheld.
+/// Number of withheld photographs; `FEWEST`: least number of training photographs with which some are withheld.
 const COUNT: usize = 6;
 const FEWEST: usize = 24;
-/// PSNR gaps, dB: up to the first, the weight decay stays as set; from the second on, it is [`MOST`] times as much.
-/// Captures whose PSNR falls with more decay have gaps of 0.8 to 2.9. A capture whose light turned with its object has
-/// gaps of 4.9 to 5.1, and gains 2.4 dB by more decay.
+/// PSNR gaps, dB: up to the first, the weight decay stays as configured; from the second on, it is [`MOST`] times the
+/// configured one. Captures whose PSNR falls with more decay have gaps of 0.8 to 2.9. A capture whose light turned with
+/// the object has gaps of 4.9 to 5.1, and gains 2.4 dB with more decay.
 const GAPS: [f64; 2] = [3.4, 4.4];
 const MOST: f64 = 30.0;
-/// Fewest rays of a photograph for which a PSNR is computed.
+/// Least number of rays of a photograph from which its PSNR is computed.
 const KNOWN: f64 = 64.0;
 
-/// Errors of a run's photographs while some of them are withheld.
+/// Colour errors of the training photographs while some of them are withheld.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Withheld {
-    /// Sums of the errors in red, green and blue, and of their squares, and number of rays, for each photograph.
+    /// Sums of each photograph's errors in red, green and blue, sum of their squares, and number of rays.
     sums: Vec<[f64; 5]>,
 }
 
-/// Verdict of the withheld photographs.
+/// Finding about the withheld photographs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WithheldFound {
-    /// Mean PSNR of the photographs trained on, less that of those withheld, dB.
+    /// Mean PSNR of the photographs trained on minus that of the withheld ones, dB.
     pub gap_db: f64,
     pub weight_decay: f64,
 }
 
 impl WithheldFound {
-    /// Whether photographs contradict each other: the field shows withheld ones much worse than the others.
+    /// Whether the photographs contradict each other: the PSNR of the withheld ones is far below that of the others.
     pub fn contradict(&self) -> bool {
         self.gap_db > GAPS[0]
     }
 
-    /// Whether the verdict of a checkpoint, which may hold anything, is within the bounds of [`Withheld::verdict`].
+    /// Whether this finding, from a checkpoint that may hold anything, is one that [`Withheld::verdict`] can return.
     pub fn is_sound(&self, optimiser: &OptimiserConfig) -> bool {
         (0.0..=1.0 / optimiser.rate).contains(&self.weight_decay)
     }
@@ -65,7 +65,7 @@ impl std::fmt::Display for WithheldFound {
 }
 
 impl Withheld {
-    /// State before the first step; `None` if settings or too few photographs rule out that photographs are withheld.
+    /// State before the first step; `None` if the settings, or too few photographs, rule withholding out.
     pub fn of(views: &[View], config: &Config) -> Option<Self> {
         let fits = config.capture.withhold == Withholding::Auto
             && config.network.grid.is_some()
@@ -75,7 +75,7 @@ impl Withheld {
         fits.then(|| Self { sums: vec![[0.0; 5]; views.len()] })
     }
 
-    /// Whether withholding ends without a verdict, after the fraction `share` of a run.
+    /// Whether withholding ends without a finding after the used fraction `share` of the budget.
     pub fn is_given_up(share: f64) -> bool {
         share > GIVEN_UP_AT
     }
@@ -84,13 +84,13 @@ impl Withheld {
         self.sums.len() == views.len() && self.sums.as_flattened().iter().all(|x| x.is_finite())
     }
 
-    /// Whether the photograph is withheld: one of [`COUNT`] that are spread evenly over all.
+    /// Whether photograph `view` is withheld: one of [`COUNT`] spread evenly over all.
     fn has(&self, view: usize) -> bool {
         let apart = self.sums.len() / COUNT;
         view % apart == apart / 2 && view / apart < COUNT
     }
 
-    /// Sets the weights of a batch's rays from withheld photographs to 0.
+    /// Sets the loss weights of the rays of withheld photographs in `batch` to 0.
     pub fn weigh(&self, batch: &mut Batch) {
         batch.weights.resize(batch.rays.len(), 1.0);
         for (weight, &view) in batch.weights.iter_mut().zip(&batch.views) {
@@ -100,7 +100,8 @@ impl Withheld {
         }
     }
 
-    /// Adds the colour errors of a batch's rays, each with the ray's index, after step `step` of a run.
+    /// Adds the colour errors of a batch's rays, each with the ray's index, to their photographs' sums, after step
+    /// `step`.
     pub fn add<'e>(&mut self, batch: &Batch, step: u32, errors: impl Iterator<Item = &'e (u32, [f32; 3])>) {
         if step < SUMMED_FROM {
             return;
@@ -114,7 +115,7 @@ impl Withheld {
         }
     }
 
-    /// Verdict after the last of the `TRIAL` steps in which photographs are withheld; `None` after any other `step`.
+    /// The finding after the last of the `TRIAL` steps with withheld photographs; `None` after any other `step`.
     pub fn verdict(&self, step: u32, optimiser: &OptimiserConfig) -> Option<WithheldFound> {
         if step + 1 != TRIAL {
             return None;
@@ -132,7 +133,7 @@ impl Withheld {
     }
 }
 
-/// PSNR of a photograph without its mean error, which depends on exposure; `None` if it has too few rays.
+/// PSNR, dB, of a photograph after its mean error, which depends on exposure, is subtracted; `None` with too few rays.
 fn psnr_db(&[r, g, b, squares, count]: &[f64; 5]) -> Option<f64> {
     let offset = (r * r + g * g + b * b) / count;
     (count >= KNOWN).then(|| crate::train::psnr_db_of_mse((squares - offset) / (3.0 * count)))
@@ -145,7 +146,7 @@ mod tests {
     use crate::model::config::Preset;
     use crate::model::engine::BatchRay;
 
-    /// The verdict on photographs with these errors, root mean square: of those trained on, and of those withheld.
+    /// The finding for these root-mean-square errors of the photographs trained on and of the withheld ones.
     fn verdict(trained: f32, withheld: f32) -> WithheldFound {
         let (views, config) = (demo::small(30, 1, 8).train, Preset::Grid.config());
         let mut state = Withheld::of(&views, &config).expect("enough photographs");

@@ -2,14 +2,14 @@
 //!
 //! | effect | feature | costs |
 //! | --- | --- | --- |
-//! | [`Jitter`] | `jitter` | a hash for each bin that is looked up |
-//! | anti-aliasing | `anti-aliasing` | its rays, and sums of colour, opacity and distances for each pixel of a tile |
+//! | [`Jitter`] | `jitter` | a hash for each bin that is tested for occupancy |
+//! | anti-aliasing | `anti-aliasing` | several rays a pixel, and sums of all outputs for each pixel of a tile |
 //! | [`ThinLens`] | `depth-of-field` | a few dozen operations a ray |
-//! | [`Tone`] | `tone-map` | three powers a ray, three more a pixel; linear output three a coloured sample |
+//! | [`Tone`] | `tone-map` | three powers for each ray and for each pixel; linear output: for each coloured sample |
 //!
 //! [`Plan::with_effects`](crate::plan::Plan::with_effects) checks the effects. Each effect is a stage of the frame
-//! ([`crate::render`]; for [`Jitter`], [`crate::sampling`]) with a sibling `*_off.rs` of the same interface, which
-//! replaces the stage in a build without the feature and does nothing. Lens distortion is a setting of the camera
+//! ([`crate::render`]; for [`Jitter`], [`crate::sampling`]). In a build without its feature, a sibling `*_off.rs` with
+//! the same interface, which does nothing, replaces the stage. Lens distortion is a setting of the camera
 //! ([`Lens`](crate::camera::Lens), feature `lens`).
 
 #[cfg(test)]
@@ -55,7 +55,7 @@ pub struct ThinLens {
 }
 
 impl ThinLens {
-    /// The nearest plane of focus, world units.
+    /// Least distance of the plane of focus, world units.
     pub const NEAREST: f32 = 1e-6;
     /// The largest radius of the aperture and the furthest plane of focus, world units.
     pub const LARGEST: f32 = 1e9;
@@ -68,8 +68,8 @@ pub struct Tone {
     pub exposure: f32,
     /// Tone curve, which maps light above 1 into the displayable range.
     pub map: ToneMap,
-    /// Whether colour is linear light, unbounded above, in place of sRGB in `[0, 1]`. Compositing is then of light: the
-    /// colour of each sample (in a field shaded once a ray, of each ray) and the background are decoded first.
+    /// Whether the output is linear light, unbounded above, in place of sRGB in `[0, 1]`. If so, colours are decoded
+    /// before compositing: those of the samples (in a field shaded once a ray, of the rays) and of the background.
     pub linear: bool,
 }
 

@@ -83,7 +83,7 @@ impl Contraction {
         self.shrunk(q, V::splat(2.0).sub(inverse).mul(inverse).mul(V::splat(self.radius)))
     }
 
-    /// Whether the part `from..=to` (in steps) of a ray from [`Contraction::centred`] lies in the inner ball.
+    /// Whether a ray from [`Contraction::centred`] lies in the inner ball in the part `from..=to`, in steps.
     #[inline]
     pub(crate) fn keeps(&self, ray: &Ray, from: f32, to: f32) -> bool {
         // A ball is convex, so that a test of the two ends suffices. The margin is for rounding.
@@ -94,7 +94,7 @@ impl Contraction {
         from.abs() <= 1.0 && to.abs() <= 1.0 && within(from) && within(to)
     }
 
-    /// [`Contraction::contract_lanes`] for points in the inner ball, bit for bit.
+    /// [`Contraction::contract_lanes`] for points that are known to lie in the inner ball, with the same bits.
     #[inline(always)]
     pub(crate) fn kept_lanes<V: Lanes>(&self, p: [V; 3]) -> [V; 3] {
         self.shrunk(self.in_radii(p), V::splat(self.radius))
@@ -115,7 +115,8 @@ impl Contraction {
         q
     }
 
-    /// Points at `shrink` times `q` from the centre, clamped to the scene box.
+    /// Converts `q`, points relative to the centre, to world units: the centre plus `q · shrink`, clamped to the scene
+    /// box.
     #[inline(always)]
     fn shrunk<V: Lanes>(&self, mut q: [V; 3], shrink: V) -> [V; 3] {
         let centre = self.centre.to_array();
@@ -178,7 +179,8 @@ impl Contraction {
         V::select(s.less(V::splat(0.0)), size.neg(), size)
     }
 
-    /// Length of a step at contracted point `p`, on a ray through the centre, relative to a step in the inner ball.
+    /// Length in the world of a step at contracted point `p`, on a ray through the centre, relative to that in the
+    /// inner ball.
     #[cfg(feature = "train")]
     pub fn step_growth(&self, p: Vec3) -> f32 {
         let contracted = (p - self.centre).length() / self.radius;

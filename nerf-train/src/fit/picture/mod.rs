@@ -1,4 +1,4 @@
-//! One fit of a picture, from first step to blob.
+//! One fit of a 2D field to a picture, from first step to blob.
 
 use super::drive::{Ended, File, POINT_EVERY, Task, drive, how_to_go_on, nothing_done};
 use super::pace::VALIDATION_SHARE;
@@ -25,26 +25,24 @@ use serde::Serialize;
 use std::path::Path;
 use std::time::Instant;
 
-/// Number of evaluations of the whole picture during training, if no interval is given.
+/// Number of evaluations on the whole picture during training, if no interval is given.
 const EVALUATIONS: f64 = 10.0;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Evaluation<'a> {
     pub step: u32,
     pub picture: &'a Picture,
-    /// PSNR over the whole picture, dB.
     pub psnr_db: f64,
 }
 
 #[derive(Clone, Debug)]
 pub struct Outcome {
     pub bytes: Vec<u8>,
-    /// Rendering of the exported blob, at the photograph's size.
+    /// Rendering of the exported field, at the size of the picture that it was fitted to.
     pub picture: Picture,
-    /// PSNR over the whole picture, dB.
     pub psnr_db: f64,
     pub subnormal_weights: usize,
-    /// Training curve, whose `val_psnr_db` is over the whole picture.
+    /// Training curve; its `val_psnr_db` is measured over the whole picture.
     pub curve: Vec<CurvePoint>,
     pub steps: u32,
     pub parameters: usize,
@@ -53,7 +51,7 @@ pub struct Outcome {
     pub pixels_per_second: f64,
 }
 
-/// Time spent on evaluations of the whole picture, in a run with a limit in seconds.
+/// Time of the evaluations on the whole picture, in a run with a limit in seconds.
 #[derive(Clone, Copy, Debug, Default)]
 struct EvaluationTime {
     /// Seconds of one evaluation; `None` until measured.
@@ -67,18 +65,18 @@ impl EvaluationTime {
         self.all += seconds;
     }
 
-    /// Whether all evaluations, with one more at `now`, stay within [`VALIDATION_SHARE`] of the time.
+    /// Whether one more evaluation after `now` seconds keeps all evaluations within [`VALIDATION_SHARE`] of the time.
     fn affords(&self, now: f64) -> bool {
         self.one.is_some_and(|one| self.all + one <= VALIDATION_SHARE * now)
     }
 
-    /// Seconds to reserve for the last evaluation, and for files.
+    /// Seconds to reserve for the evaluation after the last step, and for writing files.
     fn reserve(&self, budget: &Budget) -> f64 {
         budget.seconds.map_or(0.0, |seconds| (1.2 * self.one.unwrap_or(0.0) + 0.5).min(0.5 * seconds))
     }
 }
 
-/// Message after a signal ended a run after this many steps.
+/// Message for a run that a signal ended after `steps` steps. `output`: file of the blob.
 pub fn kept(steps: u32, output: &Path, checkpoint: Option<&Path>) -> String {
     format!(
         "interrupted: {} holds the field after step {steps}; its PSNR over the whole picture was not measured{}",
@@ -94,10 +92,10 @@ pub(super) fn render_blob(bytes: &[u8], kernel: Kernel, size: [u32; 2]) -> anyho
     Ok(frame::render_picture(&renderer, MathBackend::Polynomial, size, |_| {})?.0)
 }
 
-/// Fits a field until the budget is used or `stop` returns true. `stop` is called between steps with the number of
-/// steps done, and `each` with every evaluation, including step 0 if requested.
+/// Fits a 2D field until the budget is used or `stop` returns true. `stop` is called between steps with the number of
+/// steps done. `each` is called with every evaluation, also that of step 0 if requested.
 ///
-/// An interrupted run writes its present blob and a checkpoint, if it has paths for them.
+/// An interrupted run writes the blob of its present field to `output`, and a checkpoint, if their paths are given.
 pub fn run(
     photo: &Photo,
     config: FieldConfig,
@@ -137,11 +135,11 @@ struct Session<'a, 'p> {
     trainer: FieldTrainer<'p>,
     photo: &'p Photo,
     options: &'a RunOptions,
-    /// File of the blob, written at the end or when a signal stops the run; `None` writes no blob.
+    /// Path of the blob, written at the end or when a signal stops the run; `None` writes no blob.
     output: Option<&'a Path>,
     clock: Clock,
     time: EvaluationTime,
-    /// Steps and seconds at the start, or when the run was resumed.
+    /// Steps and seconds when this command's first step began; above 0 if the run was resumed.
     started: (u32, f64),
     prepared: f64,
     budget: Budget,
@@ -150,12 +148,12 @@ struct Session<'a, 'p> {
 }
 
 impl Session<'_, '_> {
-    /// Used fraction of the budget; the reserve for the end is subtracted from its seconds.
+    /// Used fraction of the budget after `step` steps and `seconds`, with time reserved for the end.
     fn share_at(&self, step: u32, seconds: f64) -> f64 {
         self.budget.share(step, seconds, self.time.reserve(&self.options.budget))
     }
 
-    /// Renders the whole picture in its present state; returns it and its PSNR, dB.
+    /// Renders the whole picture from the present field; returns the rendering and its PSNR, dB.
     fn evaluate(&mut self) -> anyhow::Result<(Picture, f64)> {
         let (step, bytes) = (self.trainer.steps(), self.trainer.export(None)?.bytes);
         let picture = render_blob(&bytes, self.options.kernel, self.photo.size())?;
@@ -164,7 +162,7 @@ impl Session<'_, '_> {
         Ok((picture, psnr_db))
     }
 
-    /// Seconds that rendering the whole picture is expected to take, measured on a smaller one.
+    /// Seconds that rendering the whole picture is expected to take, extrapolated from a rendering of 1/8 of its sides.
     fn evaluation_seconds(&self) -> anyhow::Result<f64> {
         const SMALLER: u32 = 8;
         let size = self.photo.size();
@@ -176,7 +174,7 @@ impl Session<'_, '_> {
         Ok(begun.elapsed().as_secs_f64() * pixels(size) / pixels(small))
     }
 
-    /// Pixels trained on per second since the start, or since the run was resumed.
+    /// Pixels trained on per second of this command.
     fn pixels_per_second(&self) -> f64 {
         let (steps, seconds) = self.started;
         let pixels = f64::from(self.steps() - steps) * self.trainer.config.pixels as f64;
@@ -332,7 +330,7 @@ pub struct Summary<'p> {
 }
 
 impl<'p> Summary<'p> {
-    /// Summary of a fit to `photo`, written to `output`.
+    /// Summary of a fit to `photo`, whose blob was written to `output`.
     pub fn of(
         outcome: &Outcome,
         photo: &'p Photo,

@@ -1,29 +1,29 @@
-//! Free space: cells that lines of sight cross.
+//! Free space: cells that lines of sight prove to be empty.
 
 use crate::capture::sights::{Sight, Sights};
 use crate::data::View;
 use nerf_core::space::{Contraction, SceneBox};
 use rayon::prelude::*;
 
-/// Fraction of the way from a camera to a point that counts as free; less than 1, since points are inexact and
+/// Fraction of a line of sight, from the camera on, that counts as free: less than 1, since points are inexact and
 /// surfaces slanted.
 const FREE_SHARE: f32 = 0.85;
-/// Fewest lines of sight that cross a free cell, or block of cells.
+/// Least number of lines of sight that cross a free cell or a free block of cells.
 const MIN_CROSSINGS: u32 = 3;
-/// Ratio of lines that cross a cell to lines that end there, above which the cell is free.
+/// Ratio of the lines of sight that cross a cell to those that end there, above which the cell is free.
 const ENDS: u32 = 4;
 /// Side of a block of cells, in cells.
 const BLOCK: usize = 4;
 /// Confidence below which a line of sight is ignored.
 const MIN_CONFIDENCE: f32 = 0.15;
-/// Steps per cell in the ball that is not contracted.
+/// Steps per cell along a line of sight, in the uncontracted ball.
 const STEPS_A_CELL: f32 = 2.0;
 
-/// Returns for each cell of an unbounded scene, in the blob's order, whether the cell is free. At least three lines of
-/// sight cross a free cell within 0.85 of their length, and fewer than a quarter as many end there. All cells of a
-/// block of 4 × 4 × 4 are also free if the block has at least three crossings and no end of a line.
+/// Returns for each cell of an unbounded scene, in the blob's order, whether the cell is free. A cell is free if at
+/// least three lines of sight cross it with the first 0.85 of their length, and fewer than a quarter as many end in it.
+/// All cells of a block of 4 × 4 × 4 are also free if at least three lines cross the block and none ends there.
 ///
-/// `resolution`: cells along each side of the cube `bounds`. `sights`: of `views`, in their order.
+/// `resolution`: cells along each side of the cube `bounds`. `sights`: lines of sight of each of the `views`.
 pub(crate) fn free_cells(
     bounds: SceneBox,
     resolution: [u16; 3],

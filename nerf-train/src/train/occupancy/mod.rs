@@ -1,4 +1,4 @@
-//! Occupancy grid in training: carved from the pictures, then updated from the network.
+//! Occupancy grid in training: carved from the photographs, then updated from the network's density.
 
 mod free_space;
 mod silhouette;
@@ -17,19 +17,19 @@ use serde::{Deserialize, Serialize};
 use silhouette::Silhouette;
 pub use silhouette::is_foreground;
 
-/// Least fraction of the candidates that an update must leave occupied to be applied: a network without density must
-/// not empty the occupancy grid.
+/// Least fraction of the candidate cells that stays occupied in an update. Otherwise the update is not applied, since a
+/// network without density must not empty the grid.
 const SMALLEST_SHARE: f64 = 0.02;
-/// A cell of the hull must be seen by 1/`SEEN_SHARE` as many views as the best-seen cell. The rule excludes space
-/// behind the scene that only a few cameras see, and that is therefore not carved.
+/// A cell of the hull must be seen by at least 1/`SEEN_SHARE` as many views as the cell that most views see. This
+/// excludes space behind the scene, which only a few cameras see, and which is therefore not carved.
 const SEEN_SHARE: u32 = 4;
-/// Most multiply-adds, some seconds, for which every cell is evaluated at eight points.
+/// Largest number of multiply-adds, some seconds, at which the final update evaluates every cell at eight points.
 const SETTLE_MACS: usize = 300_000_000_000;
-/// Least weight of a training sample that marks its cell as visible.
+/// Least compositing weight of a training sample that marks its cell as visible.
 const MARKED_WEIGHT: f32 = 3e-3;
-/// Number of training rays after which cells without a mark are taken as invisible.
+/// Number of training rays after which cells without a mark are emptied as invisible.
 const MARKED_RAYS: u64 = 250_000;
-/// Stored density of a cell that was not evaluated yet; the cell stays occupied.
+/// Density stored for a cell that was not evaluated yet; the cell stays occupied.
 const UNKNOWN: f32 = -1.0;
 
 /// Occupancy grid with one bit per cell, as in the blob.
@@ -46,7 +46,6 @@ impl LiveCells {
         SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) }
     }
 
-    /// Whether `self` and `other` have the same bounds and resolution.
     pub(crate) fn is_like(&self, other: &Self) -> bool {
         let shape = |cells: &Self| (cells.min, cells.max, cells.resolution, cells.bits.len());
         shape(self) == shape(other)
@@ -58,12 +57,11 @@ impl LiveCells {
         (0..count).filter(|&cell| lookup.bit(cell as usize)).collect()
     }
 
-    /// Cells along x, y, z.
     pub fn resolution(&self) -> [u16; 3] {
         self.resolution
     }
 
-    /// One bit per cell, in the blob's order.
+    /// Occupancy bit of each cell, in the blob's order.
     pub fn bits(&self) -> &[u8] {
         &self.bits
     }
@@ -81,7 +79,7 @@ impl LiveCells {
         (Vec3::from(self.max) - Vec3::from(self.min)) / sides
     }
 
-    /// Point of a cell at fractions `u` of its sides.
+    /// World position at fractions `u`, 0 to 1 along x, y, z, of a cell. `cell`: index in the blob's order.
     fn point(&self, cell: u32, u: [f32; 3]) -> Vec3 {
         let [_, ny, nz] = self.resolution.map(u32::from);
         let index = [cell / (ny * nz), cell / nz % ny, cell % nz];
@@ -89,8 +87,7 @@ impl LiveCells {
         Vec3::from(self.min) + at * self.cell_size()
     }
 
-    /// Creates an occupancy grid of `resolution` over `bounds`, in which the cells `live` (indices in the blob's
-    /// order) are occupied.
+    /// Creates an occupancy grid of `resolution` over `bounds`. `live`: occupied cells, indices in the blob's order.
     ///
     /// # Panics
     /// If a cell is outside of the occupancy grid.
@@ -109,19 +106,19 @@ impl LiveCells {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Occupancy {
     live: LiveCells,
-    /// Cells that the pictures do not rule out.
+    /// Indices of the cells that the photographs do not prove empty.
     candidates: Vec<u32>,
-    /// Stored density of each candidate, 1/world unit.
+    /// Density stored for each candidate cell, 1/world unit.
     density: Vec<f32>,
     refreshes: u64,
-    /// One bit per cell: whether a training ray gave the cell weight since marking began; empty before.
+    /// One bit per cell: whether a sample of enough weight has marked the cell as visible. Empty before the first mark.
     weighted: Vec<u8>,
-    /// Number of rays of the steps in which cells were marked.
+    /// Number of training rays in the steps that marked cells.
     marked_rays: u64,
 }
 
 impl Occupancy {
-    /// Cells along each side of a box of this extent, with `resolution` along the longest.
+    /// Number of cells along x, y, z of a box with these side lengths, `resolution` along the longest.
     pub fn sides(extent: Vec3, resolution: u16) -> [u16; 3] {
         let cell = extent.max_element() / f32::from(resolution);
         extent.to_array().map(|side| ((side / cell).round() as u16).clamp(1, resolution))
@@ -134,11 +131,11 @@ impl Occupancy {
         Self::of_candidates(bounds, sides, (0..cells).collect())
     }
 
-    /// Occupancy grid of an unbounded scene. A cell is occupied if two views at least `apart` from each other see it,
-    /// if each camera is farther away than its distance in `nears`, and if the cell is not known to be free.
+    /// Occupancy grid of an unbounded scene. A cell is occupied if two cameras at least `apart` from each other see it,
+    /// if no camera is nearer to it than its distance in `nears`, and if it is not `free`.
     ///
-    /// `nears`: for each view, the distance within which there is nothing, world units. `apart`: least distance of
-    /// the two cameras, world units. `free`: one value per cell, empty if none is known.
+    /// `nears`: for each view, the distance within which space is empty, world units. `apart`: world units. `free`:
+    /// whether each cell is known to be empty; an empty slice if nothing is known.
     pub fn seen(
         bounds: SceneBox,
         resolution: u16,
@@ -179,7 +176,7 @@ impl Occupancy {
         Self::of_candidates(bounds, full.live.resolution, cells)
     }
 
-    /// Returns a grid of twice the resolution: each cell becomes eight, occupied or not as before.
+    /// Returns a grid of twice the resolution, whose candidates are the eight cells inside each candidate.
     pub fn halved(&self) -> Self {
         let [_, ny, nz] = self.live.resolution.map(u32::from);
         let resolution = self.live.resolution.map(|side| 2 * side);
@@ -200,8 +197,8 @@ impl Occupancy {
 
     /// Carves the visual hull: the cells that enough views see, and that no view shows as background.
     ///
-    /// `None` if the pictures do not tell what is empty. A view sees a cell if the window around the projection of
-    /// the cell's bounding sphere is completely in the picture.
+    /// `None` if the photographs do not show what is background. A view sees a cell if the projection of the cell's
+    /// bounding sphere is completely inside the photograph.
     pub fn carve(bounds: SceneBox, resolution: u16, views: &[View], background: Background) -> Option<Self> {
         let silhouettes: Option<Vec<Silhouette>> =
             views.par_iter().map(|view| Silhouette::of(view, background)).collect();
@@ -228,7 +225,7 @@ impl Occupancy {
         Some(Self::of_candidates(bounds, full.live.resolution, kept))
     }
 
-    /// Box around the candidates, with a margin of one cell; `None` if there are none.
+    /// Bounding box of the candidate cells, with a margin of one cell; `None` without candidates.
     pub fn tight_box(&self) -> Option<SceneBox> {
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         for &cell in &self.candidates {
@@ -239,7 +236,7 @@ impl Occupancy {
         SceneBox::new(min, max).ok()
     }
 
-    /// Whether `self` and `other` have the same cells and candidates, as one grid at two steps of a run has.
+    /// Whether `self`, from a checkpoint, and the run's grid `other` have the same cells and candidates.
     pub(crate) fn is_like(&self, other: &Self) -> bool {
         let candidates = self.candidates == other.candidates && self.density.len() == other.density.len();
         let marks = self.weighted.is_empty() || self.weighted.len() == self.live.bits.len();
@@ -262,7 +259,8 @@ impl Occupancy {
         self.live
     }
 
-    /// Marks the cells of samples with enough weight, of `rays` training rays; a sample: position in the box, weight.
+    /// Marks the cells of samples of enough weight as visible. `samples`: position in the scene box, and compositing
+    /// weight; `rays`: number of training rays that they belong to.
     pub fn mark(&mut self, rays: usize, samples: impl Iterator<Item = ([f32; 3], f32)>) {
         self.weighted.resize(self.live.bits.len(), 0);
         self.marked_rays += rays as u64;
@@ -277,18 +275,18 @@ impl Occupancy {
         }
     }
 
-    /// Marks as empty the cells in which no sample had enough weight, once at least `MARKED_RAYS` rays have been seen.
+    /// Empties the cells without a mark, once at least `MARKED_RAYS` training rays have been counted.
     pub fn drop_unweighted(&mut self) {
         if self.marked_rays >= MARKED_RAYS {
             self.live.bits.iter_mut().zip(&self.weighted).for_each(|(live, weighted)| *live &= weighted);
         }
     }
 
-    /// Evaluates the network at some cells and, if `drop`, empties cells of too little density.
+    /// Evaluates the network's density in some candidate cells and, if `drop`, empties cells of too little density.
     ///
-    /// `threshold`: sigma, 1/world unit, above which a cell is kept. Each call evaluates at most `cells` candidates,
-    /// each at one random point; successive calls evaluate different candidates until all were evaluated. A cell stores
-    /// the larger of the result and `decay` times its stored density.
+    /// `threshold`: density, 1/world unit, above which a cell stays occupied. Each call evaluates at most `cells`
+    /// candidates, each at one random point; successive calls go on to other candidates until all were evaluated. A
+    /// cell stores the larger of the new density and `decay` times the stored one.
     pub fn refresh(&mut self, ask: &DensityQuery<'_>, cells: usize, threshold: f32, decay: f32, drop: bool) {
         let parts = self.candidates.len().div_ceil(cells.max(1)).max(1);
         let part = (self.refreshes % parts as u64) as usize;
@@ -307,22 +305,22 @@ impl Occupancy {
 
     /// Final update before export: evaluates every candidate not known to be occupied at `2 × 2 × 2` points.
     ///
-    /// A cell is done at the first density above `threshold`. If evaluating all points would take too long (a large
-    /// occupancy grid and a large network), each cell is evaluated at its centre only, and the neighbours of occupied
-    /// cells stay occupied, too.
+    /// A cell is occupied at its first density above `threshold`, 1/world unit, and not evaluated further. If
+    /// evaluating all points would take too long (a large occupancy grid and a large network), each cell is evaluated
+    /// at its centre only, and the neighbours of occupied cells stay occupied, too.
     pub fn settle(&mut self, ask: &DensityQuery<'_>, threshold: f32) {
         self.settle_to(ask, threshold, SMALLEST_SHARE);
     }
 
     /// Occupancy grid of a finished network, `resolution` cells along the longest side: as [`Self::settle`], but
-    /// however few cells are left.
+    /// applied even if hardly any cell stays occupied.
     pub fn asked(bounds: SceneBox, resolution: u16, ask: &DensityQuery<'_>, threshold: f32) -> Self {
         let mut occupancy = Self::full(bounds, resolution);
         occupancy.settle_to(ask, threshold, 0.0);
         occupancy
     }
 
-    /// As [`Self::asked`], for the occupied cells of a grid only.
+    /// As [`Self::asked`], evaluated only in the occupied cells of the grid `cells`.
     pub fn asked_within(cells: &LiveCells, ask: &DensityQuery<'_>, threshold: f32) -> Self {
         let mut occupancy = Self::of_candidates(cells.bounds(), cells.resolution(), cells.cells());
         occupancy.settle_to(ask, threshold, 0.0);
@@ -350,7 +348,7 @@ impl Occupancy {
         }
     }
 
-    /// Makes the candidates next to occupied cells occupied.
+    /// Marks candidate cells next to occupied cells as occupied.
     fn dilate(&mut self) {
         let sides = self.live.resolution.map(i64::from);
         let live = self.lookup();
@@ -381,7 +379,8 @@ impl Occupancy {
         sigma
     }
 
-    /// Sets the bits from the densities, unless less than `smallest_share` of the candidates would be left.
+    /// Sets the occupancy bits from the stored densities, unless fewer than `smallest_share` of the candidates stay
+    /// occupied.
     fn apply(&mut self, threshold: f32, smallest_share: f64) {
         let live = |&density: &f32| density == UNKNOWN || density > threshold;
         let count = self.density.iter().filter(|density| live(density)).count();

@@ -1,20 +1,19 @@
-//! Silhouettes: whether a view shows any foreground where a ball projects.
+//! Silhouettes: whether a view shows any foreground where a ball is projected.
 
 use crate::data::{Background, View};
 use glam::Vec3;
 use nerf_core::camera::Camera;
 
-/// Foreground mask of a view, as a table of sums over rectangles.
+/// Foreground mask of a view, as a summed-area table.
 pub(super) struct Silhouette {
     camera: Camera,
     width: usize,
     height: usize,
-    /// Summed-area table, `[(height + 1)][(width + 1)]`.
     sums: Vec<u32>,
 }
 
 impl Silhouette {
-    /// Silhouette of a view; `None` if the pictures do not tell what is foreground.
+    /// Silhouette of a view; `None` if the photographs do not show what is foreground.
     pub(super) fn of(view: &View, background: Background) -> Option<Self> {
         let (width, height) = view.size();
         let (width, height) = (width as usize, height as usize);
@@ -31,7 +30,7 @@ impl Silhouette {
         Some(Self { camera: view.camera, width, height, sums })
     }
 
-    /// Whether the view shows foreground where a ball projects; `None` if it does not see all of the ball.
+    /// Whether the view shows foreground within the projection of a ball; `None` if the ball is not completely in view.
     pub(super) fn shows(&self, centre: Vec3, radius: f32) -> Option<bool> {
         let pose = self.camera.pose();
         let local = pose.rotation.transpose() * (centre - pose.position);
@@ -54,7 +53,7 @@ impl Silhouette {
     }
 }
 
-/// Whether a pixel is foreground; `None` if the pictures do not tell.
+/// Whether a pixel shows foreground; `None` if the photographs do not show what is foreground.
 pub fn is_foreground(pixel: [u8; 4], background: Background) -> Option<bool> {
     match background {
         Background::Alpha => Some(pixel[3] > 0),

@@ -1,4 +1,4 @@
-//! The samples of one ray in occupied cells, sixteen at a time.
+//! March of one ray in training: its samples in occupied cells, sixteen tested at a time.
 
 use crate::train::occupancy::LiveCells;
 use glam::Vec3;
@@ -6,9 +6,9 @@ use nerf_core::camera::Ray;
 use nerf_core::simd::{Lanes, Op};
 use nerf_core::space::{Contraction, SceneBox};
 
-/// Number of samples that are looked up together.
+/// Number of samples whose cells are tested together.
 const GROUP: usize = 16;
-/// Constant that, added to a number from 0 to 2^22, leaves the nearest whole number in the last bits.
+/// Constant that, added to a number from 0 to 2^22, leaves the nearest integer in the lowest bits of the sum.
 const MAGIC: f32 = 8_388_608.0;
 
 /// Cells along each side of a block.
@@ -19,11 +19,11 @@ const BLOCK_SIDE: usize = 8;
 pub struct MarchCells {
     bounds: SceneBox,
     resolution: [u16; 3],
-    /// Bit `(x ny + y) nz + z`, least significant bit of a byte first.
+    /// Occupancy bit of each cell at index `(x ny + y) nz + z`, least significant bit of a byte first.
     bits: Vec<u8>,
     /// Number of blocks of [`BLOCK_SIDE`]³ cells along x, y, z.
     blocks: [u16; 3],
-    /// One bit per block, in the order of `bits`: whether the block or an adjacent one has an occupied cell.
+    /// One bit per block, in the order of `bits`: whether the block or one next to it has an occupied cell.
     near: Vec<u8>,
 }
 
@@ -63,7 +63,7 @@ impl MarchCells {
         Lookup::new(&self.bits, self.resolution, self.resolution.map(f32::from), &self.bounds, ray)
     }
 
-    /// Lookup of blocks in place of cells; the last blocks may reach out of the box.
+    /// Lookup of blocks instead of cells; the last blocks may extend beyond the box.
     fn block_lookup(&self, ray: &Ray) -> Lookup<'_> {
         let sides = self.resolution.map(|side| f32::from(side) / BLOCK_SIDE as f32);
         Lookup::new(&self.near, self.blocks, sides, &self.bounds, ray)
@@ -74,13 +74,13 @@ struct Lookup<'a> {
     bits: &'a [u8],
     resolution: [u32; 3],
     last: [f32; 3],
-    /// Origin of the ray in cells, minus half a cell: rounding then gives the cell.
+    /// Origin of the ray in units of cells, minus half a cell, so that rounding gives the cell's index.
     from: [f32; 3],
     along: [f32; 3],
 }
 
 impl<'a> Lookup<'a> {
-    /// `sides`: lengths of the box in cells.
+    /// `sides`: side lengths of the box in cells.
     fn new(bits: &'a [u8], resolution: [u16; 3], sides: [f32; 3], bounds: &SceneBox, ray: &Ray) -> Self {
         let scale = Vec3::from(sides) / (bounds.max - bounds.min);
         Self {
@@ -92,7 +92,8 @@ impl<'a> Lookup<'a> {
         }
     }
 
-    /// Mask: bit `i` is set if the cell at `t = first + (base + i) step` (or the nearest cell in the box) is occupied.
+    /// Bit `i` of the result: whether the cell of `t = first + (base + i) step`, or the nearest in the box, is
+    /// occupied.
     #[inline(always)]
     fn live(&self, first: f32, step: f32, base: u32) -> u32 {
         let [_, ny, nz] = self.resolution;
@@ -115,16 +116,16 @@ impl<'a> Lookup<'a> {
     }
 }
 
-/// Mask of the first `count` bits of a group; all of them if `count` is larger.
+/// Mask of the lowest `count` bits of the sixteen of a group.
 #[inline(always)]
 fn first_bits(count: u32) -> u32 {
     u32::MAX >> (32 - count.min(GROUP as u32))
 }
 
-/// March that appends to `positions` the points `t = first + i step` of `ray`, `i` in `0..count`, that lie in occupied
-/// cells.
+/// Ray march: appends to `positions` the points of `ray` at `t = first + i step`, `i` in `0..count`, that lie in
+/// occupied cells.
 ///
-/// All points are assumed inside of the box. A point on a face between two cells may be taken as in either.
+/// All points must be inside the box. A point on a face between two cells may count as in either.
 pub(super) struct March<'a> {
     pub cells: &'a MarchCells,
     pub ray: &'a Ray,
@@ -166,11 +167,11 @@ impl Op for March<'_> {
     }
 }
 
-/// March as [`March`], for a ray through an unbounded scene. The points are at `first + i step` in steps of the
-/// contraction ([`Contraction::distance`]). Appends to `samples` the contracted points, the length of each step, world
-/// units, and the factor on the sample's gradient. Within one ball radius of the camera, which is `start` before the
-/// ray, this factor is the squared distance in radii: many rays of that camera alone cross the cells there, and
-/// would fill them with fog.
+/// Ray march as [`March`] in an unbounded scene. The points are at `first + i step` in steps of the contraction
+/// ([`Contraction::distance`]). Appends to `samples` the contracted point, the length of the step in world units and
+/// the factor on the gradient of each sample in an occupied cell. The factor is the squared distance from the camera,
+/// in radii of the uncontracted ball, and at most 1: many rays of one camera cross the cells near the camera, and would
+/// fill them with fog. `start`: distance from the camera to the ray's origin, world units.
 ///
 /// # Source
 /// Philip and Deschaintre 2023, "Floaters No More".
@@ -191,7 +192,7 @@ pub(super) struct Samples {
     pub positions: Vec<[f32; 3]>,
     pub deltas: Vec<f32>,
     pub gradient_scales: Vec<f32>,
-    /// Position of each sample along its ray, in steps of the contraction.
+    /// Position of each sample along its ray, counted in steps of the contraction.
     pub steps: Vec<f32>,
 }
 
@@ -268,7 +269,7 @@ mod tests {
     use nerf_core::Isa;
     use nerf_core::sampling::{Purpose, uniform};
 
-    /// An occupancy grid of which about so large a share is live, in clumps of `side` cells each way.
+    /// An occupancy grid with about the fraction `share` of its cells occupied, in clumps of `side`³ cells.
     fn cells(bounds: SceneBox, resolution: [u16; 3], side: u32, share: f32) -> LiveCells {
         let [nx, ny, nz] = resolution.map(u32::from);
         let clump = |cell: u32| {

@@ -1,4 +1,4 @@
-//! Batches: the pixels of a step, and the samples along their rays.
+//! Batches: the pixels of a step, their rays, and the samples along the rays.
 
 mod march;
 
@@ -24,40 +24,42 @@ const CHUNK: usize = 128;
 /// Number of rays that one task marches together in an unbounded scene, whose rays are fewer and longer.
 const CONTRACTED_CHUNK: usize = 16;
 
-/// Number of rays of an unbounded scene per ray along a line of sight.
+/// Rays of an unbounded scene per ray that is cast along a line of sight: one in eight.
 const SIGHT_SHARE: usize = 8;
 
-/// All pixels that a run may draw, and the sampling of their rays.
+/// All pixels from which a run draws its batches, and the sampling of their rays.
 pub struct RayBank<'d> {
     views: &'d [View],
     cameras: Vec<Camera>,
-    /// Index of each view's first pixel in the numbering over all views, and the end.
+    /// Number of each view's first pixel when all views' pixels are numbered in order; last, the number of pixels.
     starts: Vec<u64>,
-    /// Indices of the unmasked pixels, near the foreground if pictures show what is foreground. `None`: all pixels.
+    /// Numbers of the pixels that batches are drawn from: unmasked and, if photographs show what is foreground, near
+    /// the foreground. `None`: all pixels.
     drawn: Option<Vec<u32>>,
-    /// Indices of each view's unmasked pixels; `None` without a mask. Empty unless views are drawn before their pixels.
+    /// For each view, the indices of its unmasked pixels, `None` without a mask. Empty unless a batch draws views first
+    /// and then their pixels.
     unmasked: Vec<Option<Vec<u32>>>,
     background: Background,
     bins: Bins,
     bounds: Bounds,
     sampling: SamplingConfig,
-    /// Lines of sight, each with its view's index, along which a fraction of an unbounded scene's rays are cast.
+    /// Lines of sight along which one in eight rays of an unbounded scene is cast, each with the index of its view.
     sights: Vec<(usize, Sight)>,
     /// Weight of the depth loss of the rays along lines of sight.
     depth: f32,
     seed: u64,
 }
 
-/// Rays that one task marched.
+/// Rays and samples that one task marched.
 #[derive(Default)]
 struct Marched {
     rays: Vec<BatchRay>,
     samples: Samples,
-    /// Surfaces of the rays along lines of sight, which come first.
+    /// Surfaces on the rays along lines of sight, one per ray; these rays come first in the batch.
     surfaces: Vec<Surface>,
-    /// Position along its ray, 0 to 1, of each sample of the rays along lines of sight.
+    /// Position between the ray's ends, 0 to 1, of each sample of the rays along lines of sight.
     along: Vec<f32>,
-    /// Index of each ray's view; `pixels`: index of its pixel in the view; `origins`: its origin, world.
+    /// View of each ray; `pixels`: index of the ray's pixel in the view; `origins`: origin of the ray, world units.
     views: Vec<u32>,
     pixels: Vec<u32>,
     origins: Vec<[f32; 3]>,
@@ -104,7 +106,7 @@ impl<'d> RayBank<'d> {
         })
     }
 
-    /// Casts an eighth of the rays along lines of sight of the bank's views.
+    /// Returns the bank with one in eight rays cast along lines of sight of its views.
     #[must_use]
     pub fn with_sights(mut self, sights: &Sights) -> Self {
         let of_view = |(view, sights): (usize, &Vec<Sight>)| {
@@ -120,12 +122,12 @@ impl<'d> RayBank<'d> {
         self
     }
 
-    /// Casts rays from these cameras, in the order of the views, from now on.
+    /// Replaces the cameras from which rays are cast; one per view, in the order of the views.
     pub fn set_cameras(&mut self, cameras: Vec<Camera>) {
         self.cameras = cameras;
     }
 
-    /// Line of sight, with its view, of ray `index` of a step of `rays` rays; `None` after the first eighth of the
+    /// The line of sight of ray `index` of a batch of `rays` rays, and its view; `None` after the first eighth of the
     /// rays.
     fn sight(&self, step: u64, index: u64, rays: usize) -> Option<&(usize, Sight)> {
         if self.sights.is_empty() || index >= (rays / SIGHT_SHARE) as u64 {
@@ -139,9 +141,10 @@ impl<'d> RayBank<'d> {
         self.drawn.as_ref().map_or(self.starts[self.views.len()], |pixels| pixels.len() as u64)
     }
 
-    /// Fills `batch` with `rays` rays of `step` or, if `live` is not 0, with fewer that have at most `live` samples.
+    /// Fills `batch` with the `rays` rays of step `step`. `live`: number of samples at which the batch ends earlier; 0
+    /// for no limit.
     ///
-    /// Samples are kept in occupied cells of `occupancy` or, without it, anywhere in the scene box.
+    /// Samples lie in occupied cells of `occupancy` or, without an occupancy grid, in the whole scene box.
     pub fn fill(
         &self,
         batch: &mut Batch,
@@ -171,10 +174,10 @@ impl<'d> RayBank<'d> {
         batch.deltas.resize(batch.positions.len(), self.bins.delta());
     }
 
-    /// Fills `batch` with `rays` rays of `step`, whose samples are in occupied cells of `cells`, `width` world units
-    /// apart, at a random offset within the first step. Returns the time that this took, summed over threads.
+    /// Fills `batch` with the `rays` rays of step `step`. Samples lie in occupied cells of `cells`, `width` world units
+    /// apart after a random offset. Returns the time of the march, summed over threads.
     ///
-    /// Near and far planes do not matter: a ray is marched through all of the scene box.
+    /// A ray is marched through the whole scene box, whatever the near and far planes.
     pub fn fill_marched(
         &self,
         isa: Isa,
@@ -208,7 +211,7 @@ impl<'d> RayBank<'d> {
         time
     }
 
-    /// Does [`Self::fill_marched`] for an unbounded scene. `width`: length of a step, radii of the uncontracted ball.
+    /// [`Self::fill_marched`] for an unbounded scene. `width`: length of a step, radii of the uncontracted ball.
     fn fill_contracted(
         &self,
         isa: Isa,
@@ -256,7 +259,7 @@ impl<'d> RayBank<'d> {
         })
     }
 
-    /// Adds `count` points in empty cells of `occupancy`: half along rays of the data, half anywhere.
+    /// Adds `count` points in empty cells of `occupancy`: half along rays of the photographs, half anywhere in the box.
     pub fn fill_empty(&self, batch: &mut Batch, step: u64, count: usize, occupancy: &OccupancyGrid<'_>) {
         let extent = self.bounds.scene_box.max - self.bounds.scene_box.min;
         for try_index in 0..4 * count as u64 {
@@ -279,7 +282,7 @@ impl<'d> RayBank<'d> {
         }
     }
 
-    /// Random view and pixel of all views, near foreground or not.
+    /// Indices of a random view and of a pixel in it, drawn from all pixels of all views.
     fn any_pixel(&self, step: u64, index: u64) -> (usize, usize) {
         let total = self.starts[self.views.len()];
         let bits = uniform_u32(self.seed, Purpose::Pixel, step, index);
@@ -300,7 +303,7 @@ impl<'d> RayBank<'d> {
         (view, (pixel - self.starts[view]) as usize)
     }
 
-    /// View and pixel, counted row by row, of ray `index` of a step that draws `rays`.
+    /// Indices of the view and of the pixel in it, row by row, of ray `index` in a step of `rays` rays.
     pub fn source(&self, step: u64, index: u64, rays: usize) -> (usize, usize) {
         if let Some(&(view, Sight { at: [x, y], .. })) = self.sight(step, index, rays) {
             return (view, y as usize * self.views[view].size().0 as usize + x as usize);
@@ -321,8 +324,7 @@ impl<'d> RayBank<'d> {
         }
     }
 
-    /// Rays `range` of a step that draws `rays`: index of each, its view and pixel, the ray, and its entry in the
-    /// batch, without samples yet.
+    /// Rays `range` of a step of `rays` rays: index, view and pixel, ray, and the batch's entry, without samples yet.
     fn targets(
         &self,
         step: u64,
@@ -339,7 +341,7 @@ impl<'d> RayBank<'d> {
         })
     }
 
-    /// Ray of a pixel of colour `rgba`, and the ray's entry in the batch: its target colour, without samples yet.
+    /// Ray of a pixel of colour `rgba`, and its entry in the batch: target colour and background, without samples yet.
     fn target(&self, step: u64, index: u64, (view, pixel): (usize, usize), rgba: [u8; 4]) -> (Ray, BatchRay) {
         let ray = ray_of(&self.cameras[view], pixel);
         let background = match self.background {
@@ -384,7 +386,7 @@ impl<'d> RayBank<'d> {
         (BatchRay { samples: positions.len() as u32, ..batch_ray }, positions)
     }
 
-    /// Distance of the sample of `bin` along ray `index` of `step`, world units; never decreases from bin to bin.
+    /// Distance of the sample in bin `bin` of ray `index` in step `step`, world units; never decreases from bin to bin.
     fn t(&self, step: u64, index: u64, bin: u32) -> f32 {
         let draw = || uniform(self.seed, Purpose::Jitter, step, (index << 12) + u64::from(bin));
         match self.sampling.jitter {
@@ -400,8 +402,8 @@ impl<'d> RayBank<'d> {
     }
 }
 
-/// Fills `batch` with `rays` rays, in tasks of `chunk` rays: `march` marches the range of one task. Returns the time
-/// that this took, summed over threads.
+/// Fills `batch` with `rays` rays, in parallel tasks of `chunk` rays; `march` marches the rays of one task. Returns the
+/// time that this took, summed over threads.
 fn marched(
     batch: &mut Batch,
     rays: usize,
@@ -431,7 +433,7 @@ fn marched(
     time
 }
 
-/// A 32-bit random number as an index below `count`.
+/// Maps 32 random bits to an index below `count`.
 fn scale(bits: u32, count: u64) -> u64 {
     (u64::from(bits) * count) >> 32
 }
@@ -441,10 +443,10 @@ fn ray_of(camera: &Camera, pixel: usize) -> Ray {
     camera.ray((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5)
 }
 
-/// Margin around the foreground in which rays are drawn, pixels.
+/// Distance from the foreground within which rays are drawn, pixels.
 const FOREGROUND_MARGIN: usize = 4;
 
-/// Pixels within [`FOREGROUND_MARGIN`] of the foreground, numbered over all views; `None` if the foreground is unknown.
+/// Numbers, over all views, of the pixels within [`FOREGROUND_MARGIN`] of the foreground; `None` if that is unknown.
 pub(super) fn near_foreground(views: &[View], starts: &[u64], background: Background) -> Option<Vec<u32>> {
     let of_view = |(view, &start): (&View, &u64)| -> Option<Vec<u32>> {
         let (width, height) = view.size();
@@ -470,8 +472,8 @@ pub(super) fn near_foreground(views: &[View], starts: &[u64], background: Backgr
     Some(parts?.concat())
 }
 
-/// Indices of the unmasked pixels in the numbering over all views; `None` if no view has a mask. Each view has at least
-/// one unmasked pixel, and with masks there are at most 2^32 pixels in all (`dataset`).
+/// Numbers, over all views, of the unmasked pixels; `None` if no view has a mask. Each view has at least one unmasked
+/// pixel, and with masks there are at most 2^32 pixels in all (`dataset`).
 pub(super) fn counting(views: &[View], starts: &[u64]) -> Option<Vec<u32>> {
     views.iter().any(|view| view.mask.is_some()).then_some(())?;
     let of_view = |(view, &start): (&View, &u64)| {

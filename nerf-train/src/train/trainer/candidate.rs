@@ -1,4 +1,4 @@
-//! The state of a run as it would be exported.
+//! Candidate for export: the field and occupancy grid of a run at one step.
 
 use crate::data::cameras::viewpoint::viewpoint;
 use crate::model::export::{Contents, Exported, Tables, export};
@@ -10,25 +10,25 @@ use std::borrow::Cow;
 
 pub(crate) const MADE_BY: &str = concat!("nerf-train ", env!("CARGO_PKG_VERSION"));
 
-/// Optical depth of a marched step above which a cell is kept in the file; training keeps more.
+/// Optical thickness of a step above which a cell stays occupied in the exported grid; training keeps more cells.
 const EXPORTED: f32 = 0.03;
 
-/// State of a run as it would be exported: its measurements are those of the exported blob.
+/// The field and occupancy grid of a run as they would be exported; its measurements are those of the exported blob.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
     pub step: u32,
-    /// Parameters in export order, not yet rounded; averaged over steps if the run averages.
+    /// Network parameters in the order of export, not yet rounded; the average over steps if the run keeps one.
     pub parameters: Vec<f32>,
     /// Occupancy grid, usually after a last evaluation of all cells.
     pub live: LiveCells,
-    /// Architecture, if it differs from the trained one: without the direction.
+    /// Architecture without the direction input; `None` if it is the trained one.
     pub architecture: Option<Architecture>,
 }
 
-/// Facts about an exported blob that the trainer does not know.
+/// Facts stored in an exported blob that the trainer does not know: measurements, and whether the grid is required.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct About<'a> {
-    /// Whether the occupancy grid is part of the model.
+    /// Whether the field must be rendered with its occupancy grid.
     pub occupancy_required: bool,
     pub psnr_db: Option<f64>,
     pub convention: &'a str,
@@ -36,10 +36,10 @@ pub struct About<'a> {
 }
 
 impl Candidate {
-    /// Copies the present state of the run, without changing the training.
+    /// Copies the present state of the run, which does not change.
     ///
-    /// `settle`: whether all cells of the occupancy grid are evaluated once more. A grid field needs this only at the
-    /// end of its run, because training evaluates its cells all the time.
+    /// `settle`: whether the occupancy grid gets a last update, which evaluates all its cells. A learned grid needs
+    /// this update only at the end of its run, because training evaluates its cells all the time.
     pub fn of(trainer: &Trainer<'_>, settle: bool) -> Self {
         let averaged = trainer.state.average.values().map(Cow::Borrowed);
         let parameters = averaged.unwrap_or_else(|| trainer.engine.parameters());

@@ -1,4 +1,4 @@
-//! A run: data, settings and everything that changes from step to step.
+//! Trainer of a scene: data, settings and everything that changes from step to step.
 
 pub mod candidate;
 
@@ -19,17 +19,17 @@ use nerf_core::blob::MAX_SAMPLES;
 use nerf_core::camera::Camera;
 use std::time::{Duration, Instant};
 
-/// Number of consecutive steps without any density after which a run restarts with another seed.
+/// Number of consecutive steps in which every density is 0 after which a run restarts with another seed.
 const DEAD_STEPS: u32 = 100;
-/// Most updates of the occupancy grid until every candidate cell is evaluated once; for fields with a learned grid.
+/// Largest number of updates of the occupancy grid until every candidate cell was evaluated; with a learned grid.
 const REFRESHES: usize = 24;
-/// Factor on the length of a grid's steps at the beginning, when most of the scene is still fog, and fraction of the
-/// run after which the steps have their final length: in an unbounded scene and in a bounded one.
+/// Factor on the march's final step at the beginning, when most of the scene is still fog, and fraction of the run
+/// after which the step is final: in an unbounded scene, and (`BOUNDED_GROWTH`) in a bounded one.
 const UNBOUNDED_GROWTH: (f64, f64) = (4.0, 0.15);
 const BOUNDED_GROWTH: (f64, f64) = (2.0, 0.4);
-/// Number of stages in which steps become shorter.
+/// Number of stages in which the march's steps shorten to their final length.
 const STAGES: f64 = 8.0;
-/// Fraction of a run after which the cells of an unbounded scene that training rays give weight to are marked.
+/// Fraction of a run after which samples of enough weight mark their cells as visible, in an unbounded scene.
 const MARKED_FROM: f64 = 0.5;
 /// Number of steps in which the poses of validation views are refined.
 const HELD_OUT_STEPS: u32 = 100;
@@ -39,27 +39,26 @@ const HELD_OUT_VIEWS: usize = 64;
 /// Number of restarts before a run is given up.
 pub(crate) const RESEEDS: u32 = 3;
 
-/// A run: data, settings and everything that changes from step to step.
+/// A fit of a radiance field: data, settings and everything that changes from step to step.
 pub struct Trainer<'d> {
     pub(crate) config: Config,
     dataset: &'d Dataset,
-    /// Background colour, display-encoded: the data's if stated; in an unbounded scene of unknown background, the
-    /// photographs' mean colour, which shows only in parts that no photograph saw; else black.
+    /// Background colour, display-encoded: that of the data, if stated. In an unbounded scene without one, the mean
+    /// colour of the photographs, which shows only where no photograph saw anything; else black.
     pub(crate) background: [f32; 3],
     pub(crate) model: Model,
     kernel: Kernel,
     pub(crate) bounds: Bounds,
     bank: RayBank<'d>,
-    /// Width of marched steps, world units; `None` if rays are divided into bins between near and far.
+    /// Final step of the ray march, world units; `None` if rays are divided into bins between near and far.
     step_width: Option<f32>,
     engine: Box<dyn Engine>,
     pub(crate) state: State,
     batch: Batch,
-    /// Key points of the training views of an unbounded scene.
+    /// Lines of sight from the training cameras to key points, in an unbounded scene.
     pub(crate) sights: Option<Sights>,
-    /// Occupied cells in the layout for marching; `None` until they are needed.
     cells: Option<MarchCells>,
-    /// The next step's batch and the parameters of its march, if it was marched during this step's update.
+    /// Batch of the next step, if marched while this step was computed, and the parameters of this march.
     prefetched: (Option<March>, Batch),
     phases: Phases,
     pub(crate) fingerprint: u64,
@@ -120,8 +119,8 @@ impl<'d> Trainer<'d> {
     /// Resumes from a checkpoint of the same run.
     ///
     /// # Errors
-    /// [`TrainError::Engine`] if the checkpoint's parameters do not fit, [`TrainError::Parts`] if anything else does
-    /// not; the run is then as before.
+    /// [`TrainError::Engine`] if the checkpoint's parameters do not fit the network, [`TrainError::Parts`] if another
+    /// part does not fit; the run is then unchanged.
     pub fn restore(&mut self, checkpoint: Checkpoint) -> Result<(), TrainError> {
         self.check_parts(&checkpoint)?;
         self.engine.restore(&checkpoint.optimiser)?;
@@ -133,7 +132,7 @@ impl<'d> Trainer<'d> {
         Ok(())
     }
 
-    /// Checks that a checkpoint's parts fit the run: a valid checksum does not prove that this program wrote it.
+    /// Checks that the parts of a checkpoint fit this run, since a valid checksum does not prove who wrote the file.
     fn check_parts(&self, checkpoint: &Checkpoint) -> Result<(), TrainError> {
         let State { progressed: p, occupancy, photographs, .. } = &checkpoint.state;
         let counted = p.rays.max(p.samples).max(p.evaluated) <= u64::MAX / 2;
@@ -181,14 +180,14 @@ impl<'d> Trainer<'d> {
         self.state.photographs.refined().map_or_else(|| given(train), |poses| poses.cameras(train))
     }
 
-    /// Number of rays that refining the validation views' poses will take; 0 if poses are not refined.
+    /// Number of rays that will be traced to refine the poses of the validation views; 0 if poses are not refined.
     pub fn held_out_rays(&self) -> u64 {
         let rays = HELD_OUT_RAYS * self.dataset.val.len().min(HELD_OUT_VIEWS);
         if self.state.photographs.refined().is_some() { u64::from(HELD_OUT_STEPS) * rays as u64 } else { 0 }
     }
 
-    /// Refined cameras of the training views, and of the validation views, which are refined against the present
-    /// field; `None` if poses are not refined.
+    /// Refined cameras of the training views, and of the validation views, which are refined here with the field fixed;
+    /// `None` if poses are not refined.
     ///
     /// # Errors
     /// [`TrainError::Engine`] if the field has no finite loss on the validation views.
@@ -224,11 +223,11 @@ impl<'d> Trainer<'d> {
         self.bank.pixels()
     }
 
-    /// Does one step at the learning rate for the used fraction `share` of the budget.
+    /// Does one training step. `share`: used fraction of the budget, which sets the learning rate.
     ///
     /// # Errors
-    /// [`TrainError::Engine`] if the step diverged; the run is then as before it.
-    /// [`TrainError::Dead`] if every restart ended without density.
+    /// [`TrainError::Engine`] if the step diverged; the run is then unchanged. [`TrainError::Dead`] if all densities
+    /// became 0 again after the last restart.
     pub fn step(&mut self, share: f64) -> Result<(), TrainError> {
         let step = self.state.progressed.step;
         self.draw(step.into(), share);
@@ -289,7 +288,7 @@ impl<'d> Trainer<'d> {
         Ok(())
     }
 
-    /// In an unbounded scene, from [`MARKED_FROM`] on, marks the cells of the last step's samples of enough weight.
+    /// Marks the cells of the last step's samples of enough weight, from [`MARKED_FROM`] on in an unbounded scene.
     fn mark_weighted(&mut self, share: f64) {
         if self.bounds.contraction.is_none() || share < MARKED_FROM {
             return;
@@ -299,7 +298,7 @@ impl<'d> Trainer<'d> {
         }
     }
 
-    /// Width of the marched steps at the used fraction `share` of the budget.
+    /// Step of the ray march after the fraction `share` of the budget, world units; `None` if rays have bins.
     fn step_width(&self, share: f64) -> Option<f32> {
         let longer = lengthened(share, self.bounds.contraction.is_some());
         self.step_width.filter(|_| self.state.occupancy.is_some()).map(|width| longer * width)
@@ -337,7 +336,7 @@ impl<'d> Trainer<'d> {
         }
     }
 
-    /// Discards the cells in the layout for marching, and the batch that was marched with them.
+    /// Discards `cells` and the prefetched batch, after the occupancy grid has changed.
     fn forget_marched(&mut self) {
         (self.cells, self.prefetched.0) = (None, None);
     }
@@ -363,14 +362,14 @@ impl<'d> Trainer<'d> {
         self.forget_marched();
     }
 
-    /// Density above which a cell is kept, 1/world unit.
+    /// Density above which an update keeps a cell occupied, 1/world unit.
     fn threshold(&self) -> f32 {
         let bins = f32::from(self.config.sampling.samples);
         let width = self.step_width.unwrap_or((self.bounds.far - self.bounds.near) / bins);
         self.config.occupancy.threshold / width
     }
 
-    /// Restarts with another seed: the known cure when ReLU densities all become 0.
+    /// Restarts with another seed, the remedy when ReLU makes all densities 0.
     fn reseed(&mut self) -> Result<(), TrainError> {
         let restarts = self.state.progressed.reseeds + 1;
         if restarts > RESEEDS {
@@ -401,14 +400,13 @@ impl<'d> Trainer<'d> {
     }
 }
 
-/// Cameras after poses were refined, in the order of their views.
 #[derive(Clone, Debug)]
 pub struct RefinedCameras {
     pub train: Vec<Camera>,
     pub val: Vec<Camera>,
 }
 
-/// Parameters that a step's samples are marched with.
+/// Parameters of the ray march of a step's batch.
 #[derive(Clone, Copy, PartialEq)]
 struct March {
     step: u64,
@@ -422,7 +420,8 @@ impl March {
     }
 }
 
-/// Number of rays that a step draws if each has `live_per_ray` samples (0: not known yet).
+/// Number of rays of a batch, from the intended number of samples. `live_per_ray`: mean number of samples in occupied
+/// cells per ray; 0 if not known yet. `margin`: factor on the number of rays.
 fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
     if sampling.live_samples > 0 && live_per_ray > 0.0 {
         ((margin * sampling.live_samples as f64 / live_per_ray) as usize).clamp(64, 65_536)
@@ -431,20 +430,20 @@ fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
     }
 }
 
-/// Smoothed number of samples in occupied cells per ray, after a step of `rays` rays with `live` samples.
+/// Smoothed number of samples in occupied cells per ray, after a batch of `rays` rays with `live` samples.
 fn smoothed(before: f64, live: usize, rays: usize) -> f64 {
     let now = live as f64 / rays.max(1) as f64;
     if before == 0.0 { now } else { 0.9 * before + 0.1 * now }
 }
 
-/// Length of a grid's steps at the used fraction `share` of the budget, as a multiple of the final length.
+/// Length of the ray march's steps at the used fraction `share` of the budget, as a multiple of their final length.
 pub(crate) fn lengthened(share: f64, unbounded: bool) -> f32 {
     let (longest, growth) = if unbounded { UNBOUNDED_GROWTH } else { BOUNDED_GROWTH };
     let stage = (STAGES * share / growth).floor().min(STAGES);
     longest.powf(1.0 - stage / STAGES) as f32
 }
 
-/// Number of bins between near and far if the longest side of the box has `steps` of them.
+/// Number of bins between near and far whose width is 1/`steps` of the longest side of the scene box.
 fn bins_across(bounds: &Bounds, steps: u16) -> u16 {
     let longest = (bounds.scene_box.max - bounds.scene_box.min).max_element();
     let bins = f64::from(steps) * f64::from(bounds.far - bounds.near) / f64::from(longest);
