@@ -82,7 +82,7 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// Maximum of [`Batch::rays`]: more than any image needs, few enough for 32-bit columns.
+    /// Maximum of [`Batch::rays`]: more than any image needs, few enough for 32-bit indices.
     pub const MAX_RAYS: usize = 1 << 24;
 
     /// One ray and one sample, for microcontrollers. Only for weights read directly from the blob's bytes.
@@ -113,7 +113,7 @@ pub struct Plan<'a> {
     samples: u16,
     /// Nearest and farthest visible distance along a ray, world units.
     pub(crate) range: (f32, f32),
-    /// The bins at which the proposal network is evaluated, if samples are drawn from one.
+    /// The bins in which the proposal network is evaluated; `None` if samples are not drawn from one.
     pub(crate) proposal: Option<Bins>,
     pub(crate) near: f32,
     pub(crate) far: f32,
@@ -373,7 +373,7 @@ impl<'a> Plan<'a> {
         Spacing { bins: &self.bins, contraction: self.contraction.as_ref() }
     }
 
-    /// The point of a ray at `t`, in units of its bins, in the network's space.
+    /// The point, in the network's space, of a ray at `t`: world units, or steps of the contraction if there is one.
     #[inline]
     pub(crate) fn point(&self, ray: &Ray, t: f32) -> Vec3 {
         match &self.contraction {
@@ -394,8 +394,8 @@ impl<'a> Plan<'a> {
         self.near.max(t_min) - start
     }
 
-    /// The interval of the sample at `t`, in units of the ray's bins, counted from distance `start` along the ray.
-    /// `t_min`: nearest visible distance of the ray, world units.
+    /// The interval of the sample at `t`, counted from distance `start` along the ray: world units, or steps of the
+    /// contraction if there is one. `t_min`: nearest visible distance of the ray, world units.
     #[inline]
     pub(crate) fn interval(&self, ends: &Ends, start: f32, t_min: f32, t: f32) -> SampleInterval {
         if self.contraction.is_some() {

@@ -22,7 +22,7 @@ pub(crate) struct Spacing<'a> {
 }
 
 impl Spacing<'_> {
-    /// The point of a ray at distance `t`, in units of the bins, in the network's space: x, y, z.
+    /// The point x, y, z, in the network's space, of a ray at `t`: world units, or steps of the contraction.
     #[inline(always)]
     pub fn point<V: Lanes>(&self, origin: [V; 3], dir: [V; 3], t: V) -> [V; 3] {
         match self.contraction {
@@ -33,8 +33,8 @@ impl Spacing<'_> {
         }
     }
 
-    /// The interval of the sample at distance `t`, in units of the bins. `ends`: cuts of the ray's first and last bin.
-    /// `near`: least distance of an unbounded scene's samples, world units from the point at which `t` is 0.
+    /// The interval of the sample at `t`: world units, or steps of the contraction. `ends`: cuts of the ray's first and
+    /// last bin. `near`: least distance of an unbounded scene's samples, world units from the point at which `t` is 0.
     #[inline(always)]
     pub fn interval<V: Lanes>(&self, ends: [V; Ends::PARTS], near: V, t: V) -> SampleInterval<V> {
         if self.contraction.is_some() {
@@ -63,8 +63,8 @@ impl Spacing<'_> {
         SampleInterval { t: t.max_of(from).min_of(to), mid: from.add(V::splat(0.5).mul(delta)), delta }
     }
 
-    /// Distance of the sample at `t`, in units of the bins, and of the beginning and end of its interval; all three in
-    /// world units along the ray. Neighbouring intervals share their edges bit for bit.
+    /// Distances of the sample at `t` (world units, or steps of the contraction), and of the beginning and end of its
+    /// interval, all in world units along the ray. Neighbouring intervals share their edges bit for bit.
     #[inline(always)]
     pub fn edges<V: Lanes>(&self, ends: [V; Ends::PARTS], near: V, t: V) -> [V; 3] {
         let [t, from, to] = self.bins.edges_around(ends, t);

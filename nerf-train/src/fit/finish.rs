@@ -272,7 +272,8 @@ pub(super) fn asked_views(session: &Session<'_, '_>) -> Vec<View> {
     spread_indices(train.len(), ASKED_VIEWS).map(|i| train[i].seen_from(cameras[i])).collect()
 }
 
-/// Returns the refined poses, and the scores of the validation views from theirs; `None` if poses are not refined.
+/// Returns the refined poses, and the scores of the validation views rendered from their refined poses; `None` if poses
+/// are not refined.
 fn refine(
     session: &mut Session<'_, '_>,
     draft: &[u8],

@@ -1,7 +1,7 @@
 //! Division of a run's time limit between training, validation, and the work after the last step.
 //!
 //! Views are measured at every N-th row and column, with N as small as the time allows. The seconds per pixel are known
-//! from earlier measurements, or measured on very few pixels first. All times come from the caller.
+//! from earlier measurements, or measured on very few pixels first. The caller passes all measured times.
 
 /// Fraction of the run's time that validation during training may take.
 pub const VALIDATION_SHARE: f64 = 0.05;

@@ -92,7 +92,8 @@ pub(super) struct Session<'a, 'd> {
     pub(super) pictured: Vec<usize>,
     pub(super) clock: Clock,
     pub(super) pace: Pace,
-    /// Number of pixels of all validation views, and of the training views that compare alternatives for the export.
+    /// Number of pixels of all validation views, and of the training views on which alternatives for the export are
+    /// compared.
     pub(super) pixels: [u64; 2],
     /// Counters when this command's first step began; above 0 if the run was resumed.
     pub(super) started: Progressed,

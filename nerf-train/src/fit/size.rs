@@ -238,7 +238,8 @@ fn most_sides(extent: Vec3, resolution: u16) -> [u16; 3] {
     std::array::from_fn(|axis| whole[axis].max(2 * half[axis]))
 }
 
-/// Largest size of a file that a run can export, bytes: full Pareto front, longest numbers. `extent`: scene box.
+/// Size of the largest file that a run can export, bytes: full Pareto front, longest numbers. `extent`: sides of the
+/// box.
 pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u64, BlobError> {
     let resolution = most_sides(extent, config.occupancy_resolution(extent));
     let bits = vec![0; StoredOccupancy::bytes(resolution)];

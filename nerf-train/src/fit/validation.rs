@@ -11,7 +11,8 @@ use crate::train::candidate::{About, Candidate};
 use nerf_core::plan::Quality;
 use std::time::Instant;
 
-/// Largest number of validation views, spread over the split, that measure quantisation loss or a table of settings.
+/// Largest number of validation views, spread over the split, on which quantisation loss or a table of settings is
+/// measured.
 pub const FINAL_VIEWS: usize = 10;
 const WATCHED_VIEWS: usize = 2;
 /// Number of training views on which alternatives for the export are compared.

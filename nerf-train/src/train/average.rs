@@ -20,7 +20,7 @@ pub struct Average {
 }
 
 impl Average {
-    /// Creates an average of `parameters` parameters, updated every `every` steps. `decay`: per step; 0 keeps no
+    /// Creates an average of `parameters` parameters, updated every `every` steps. `decay`: factor per step; 0 keeps no
     /// average.
     pub fn new(decay: f64, every: u32, parameters: usize) -> Self {
         let values = vec![0.0; if decay > 0.0 { parameters } else { 0 }];

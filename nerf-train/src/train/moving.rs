@@ -21,7 +21,7 @@ use std::ops::Range;
 
 /// Number of steps between two updates of the masks.
 const EVERY: u32 = 500;
-/// Least number of photographs with which moving objects are searched.
+/// Least number of training photographs of a run that masks moving objects.
 const FEWEST_VIEWS: usize = 8;
 /// Largest number of patches along the longer side of a photograph, and in all photographs: each needs enough rays.
 const PATCHES: [u32; 2] = [60, 90_000];
@@ -33,8 +33,8 @@ const KNOWN: f32 = 8.0;
 /// second, for colours of 0 to 1. Errors are root mean squares over the channels.
 const OFF: (f32, f32) = (3.0, 0.03);
 /// Least mean error of a masked region, and least product of this mean and the region's fraction of the photograph.
-/// Static scenes have means up to 0.116, and products up to 0.14 · 0.06; figures of one colour pasted into the same
-/// photographs have means of 0.13 to 0.3, and products from 0.015 on.
+/// Static scenes have means up to 0.116, and products up to 0.14 · 0.06; figures of one colour in front of the same
+/// scenes have means of 0.13 to 0.3, and products from 0.015 on.
 const FAR_OFF: (f32, f32) = (0.125, 0.01);
 /// Number of nearest cameras with whose photographs a region is compared. If the fraction `SHARED` of the region's
 /// patches has large errors in one of these photographs, too, the field is wrong there, and the region is not masked.

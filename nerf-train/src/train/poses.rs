@@ -1,8 +1,8 @@
 //! Poses of the photographs, refined with the field.
 //!
-//! A camera is rotated and translated by small steps along the gradient of the loss with respect to its rays. The steps
-//! are taken in coordinates in which a step of length 1 moves the image by one pixel, root mean square, for any mixture
-//! of rotation and translation.
+//! A camera is rotated and translated by small steps against the gradient of the loss with respect to its rays. The
+//! steps are taken in coordinates in which a step of length 1 moves the image by one pixel, root mean square, for any
+//! mixture of rotation and translation.
 //!
 //! # Source
 //! Lin et al. 2021 (BARF), poses by the photometric loss, coarse to fine; Park et al. 2023 (CamP), the preconditioner.

@@ -28,8 +28,8 @@ impl Contraction {
     /// Valid powers for the growth of steps along a ray ([`Contraction::distance`]).
     pub const POWERS: [u8; 3] = [1, 2, 4];
 
-    /// Makes the contraction into `cube`. `None` unless all sides of `cube` are equal, the inner radius is 1e-30 to
-    /// 1e30, and `power` is one of [`Contraction::POWERS`].
+    /// Makes the contraction whose scene box is `cube`. `None` unless all sides of `cube` are equal, the inner radius
+    /// is 1e-30 to 1e30, and `power` is one of [`Contraction::POWERS`].
     pub fn new(cube: &SceneBox, power: u8) -> Option<Self> {
         let (extent, centre) = (cube.max - cube.min, 0.5 * cube.min + 0.5 * cube.max);
         let (longest, shortest) = (extent.max_element(), extent.min_element());

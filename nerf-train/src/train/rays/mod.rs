@@ -141,8 +141,8 @@ impl<'d> RayBank<'d> {
         self.drawn.as_ref().map_or(self.starts[self.views.len()], |pixels| pixels.len() as u64)
     }
 
-    /// Fills `batch` with the `rays` rays of step `step`. `live`: number of samples at which the batch ends earlier; 0
-    /// for no limit.
+    /// Fills `batch` with the `rays` rays of step `step`. `live`: largest number of samples, at which the batch ends
+    /// earlier; 0 for no limit.
     ///
     /// Samples lie in occupied cells of `occupancy` or, without an occupancy grid, in the whole scene box.
     pub fn fill(

@@ -21,7 +21,7 @@ pub struct Candidate {
     pub parameters: Vec<f32>,
     /// Occupancy grid, usually after a last evaluation of all cells.
     pub live: LiveCells,
-    /// Architecture without the direction input; `None` if it is the trained one.
+    /// Architecture without the direction input; `None` if the trained architecture is exported.
     pub architecture: Option<Architecture>,
 }
 

@@ -164,7 +164,8 @@ impl<'d> Trainer<'d> {
         }
     }
 
-    /// Time of this process's steps by phase: wall-clock time for the occupancy, the sum over threads for the rest.
+    /// Time of this process's steps by phase: wall-clock time for updates of the occupancy grid, and the sum over
+    /// threads for each other phase.
     pub fn phases(&self) -> Phases {
         let mut phases = self.phases;
         phases += self.engine.phases();
@@ -288,7 +289,8 @@ impl<'d> Trainer<'d> {
         Ok(())
     }
 
-    /// Marks the cells of the last step's samples of enough weight, from [`MARKED_FROM`] on in an unbounded scene.
+    /// In an unbounded scene, after the fraction [`MARKED_FROM`] of the run, marks the cells in which the last step had
+    /// samples of enough weight.
     fn mark_weighted(&mut self, share: f64) {
         if self.bounds.contraction.is_none() || share < MARKED_FROM {
             return;
