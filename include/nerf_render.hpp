@@ -14,12 +14,12 @@
 //     if (!worker) return complain(worker.error().text());
 //     auto counters = worker->render(camera, target);
 //
-// - Names, units and rules are those of nerf_render.h. There is a wrapper for whatever needs a struct_size in C.
-// - A matrix passed to a function is 16 floats, column-major as in OpenGL and glTF, and the parameter is named so. The
-//   fields c2w and to_world are three rows of four, row-major, as in C.
+// - Names, units and rules are those of nerf_render.h. Wrappers of C structures set struct_size.
+// - A matrix passed to a function is 16 floats, column-major as in OpenGL and glTF, as the name of the parameter says.
+//   The fields c2w and to_world are three rows of four, row-major, as in C.
 // - nerf::memory is owned, or lent by the caller: a program without a heap lends all memory.
 // - A scene never changes: threads may share it, each with a worker of its own.
-// - A moved-from object is empty: calls on it are NERF_STATUS_NULL_POINTER, not undefined.
+// - A moved-from object is empty: calls on it return NERF_STATUS_NULL_POINTER; they are not undefined.
 #ifndef NERF_RENDER_HPP
 #define NERF_RENDER_HPP
 
@@ -50,15 +50,15 @@ namespace detail {
 template <class C>
 using element = std::remove_pointer_t<decltype(std::data(std::declval<C &>()))>;
 
-/// Whether C (as deduced for a C &&) can lend its elements: C is an lvalue, or a view, whose own constness does not
-/// make its elements const. A temporary that owns its elements would free them.
+/// Whether a view may refer to the elements of C (as deduced for a C &&): C is an lvalue, or itself a view, whose
+/// elements do not become const with it. The elements of a temporary container would be freed.
 template <class C>
 inline constexpr bool lends = std::is_lvalue_reference_v<C> || std::is_same_v<element<C>, element<const C>>;
 
 /// Base class that distinguishes strided views from containers.
 struct strided_view {};
 
-/// Casts a pointer to floats, whatever structure holds the floats: the C library reads and writes floats by copying.
+/// Casts the address of a structure of floats to a pointer to floats: the C library reads and writes floats by copying.
 template <class T>
 T *floats_at(std::conditional_t<std::is_const_v<T>, const void, void> *first) noexcept {
     return static_cast<T *>(first);
@@ -91,7 +91,7 @@ private:
     std::size_t size_ = 0;
 };
 
-/// Bytes of a contiguous container: a scene file in a std::vector<char>, an array in flash, a mapped file.
+/// View of the bytes of a contiguous container: a scene file in a std::vector<char>, an array in flash, a mapped file.
 class bytes {
 public:
     constexpr bytes(const void *data, std::size_t size) noexcept : data_(data), size_(size) {}
@@ -140,7 +140,7 @@ public:
     /// Number of rays or points.
     std::size_t size() const noexcept { return count_; }
     bool empty() const noexcept { return data_ == nullptr; }
-    /// Bytes from one ray's or point's floats to those of the next; 0 for contiguous floats.
+    /// Bytes from the floats of one ray or point to those of the next; 0 for contiguous floats.
     std::size_t stride() const noexcept { return stride_; }
     nerf_floats c() const noexcept { return {data_, stride_}; }
     /// Whether the view holds exactly `count` rays or points.
@@ -189,7 +189,7 @@ struct error {
     nerf_status status = NERF_STATUS_OK;
     char message[256] = {};
 
-    /// The message, or without a message the meaning of the status; never null.
+    /// The message, or, if the message is empty, the meaning of the status; never null.
     const char *text() const noexcept { return message[0] == '\0' ? nerf_status_text(status) : message; }
 };
 
@@ -233,7 +233,7 @@ private:
     std::optional<T> value_;
 };
 
-/// Size of the memory that a call needs, and alignment of this memory, bytes.
+/// Size and alignment of the memory that a call needs, bytes.
 struct layout {
     std::size_t size = 0;
     std::size_t align = 1;
@@ -241,7 +241,7 @@ struct layout {
 
 namespace detail {
 
-/// Runs a call of the C library, `call(value, message, capacity)`, which writes the call's result to `value`.
+/// Runs a C call, `call(value, message, capacity)`, which writes to `value`; returns the value or the error.
 template <class T, class Call>
 result<T> checked(T value, Call &&call) noexcept {
     error why;
@@ -249,7 +249,7 @@ result<T> checked(T value, Call &&call) noexcept {
     return why.status == NERF_STATUS_OK ? result<T>(std::move(value)) : result<T>(why);
 }
 
-/// Runs a C call whose last argument before the message receives a value; returns this value.
+/// Runs a C call whose last argument before the message receives a value; returns this value or the error.
 template <class T, class Call, class... Arguments>
 result<T> made(Call &&call, Arguments... arguments) noexcept {
     return checked(T(), [&](T &to, char *message, std::size_t capacity) {
@@ -257,7 +257,7 @@ result<T> made(Call &&call, Arguments... arguments) noexcept {
     });
 }
 
-/// Runs a C call whose last arguments before the message receive a size and an alignment; returns these as a layout.
+/// Runs a C call whose last arguments before the message receive a size and an alignment; returns these or the error.
 template <class Call, class... Arguments>
 result<layout> layout_of(Call &&call, Arguments... arguments) noexcept {
     return checked(layout(), [&](layout &to, char *message, std::size_t capacity) {
@@ -284,7 +284,7 @@ struct moved {
     }
 };
 
-/// Deleter that frees only owned memory. `end` is a function pointer, so that a program that only lends links no heap.
+/// Deleter that frees only owned memory. `end` is a function pointer: a program that only lends memory links no heap.
 template <class T>
 struct ending {
     void (*end)(T *, std::size_t align) noexcept = [](T *, std::size_t) noexcept {};
@@ -293,10 +293,10 @@ struct ending {
     void operator()(T *owned) const noexcept { end(owned, align); }
 };
 
-/// Type that means no progress callback, and as a clock the library's own clock.
+/// Default for the type of a callback: no progress callback, or the library's own clock.
 struct none {};
 
-/// Calls a callable or function; noexcept, since no exception may reach C. `user` points to a pointer to the callable.
+/// A nerf_progress that calls a C++ callable; noexcept: C has no exceptions. `user`: pointer to the callable's address.
 template <class F>
 int32_t progress(void *user, std::uint64_t done, std::uint64_t all) noexcept {
     F &f = **static_cast<F **>(user);
@@ -344,7 +344,7 @@ public:
         return needed ? allocate(*needed) : result<memory>(needed.error());
     }
 
-    /// Makes a memory of the caller's container, which must not move while in use, and is never freed.
+    /// Makes a memory that lies in the caller's container, which must not move while in use, and is never freed.
     template <class C>
     static memory lend(C &&container) noexcept {
         using element = detail::element<C>;
@@ -382,7 +382,7 @@ inline vec3 cross(vec3 a, vec3 b) noexcept {
 
 namespace detail {
 
-/// Returns two directions perpendicular to `up` and to each other, as in nerf-train's orbits.
+/// Returns two unit vectors perpendicular to the unit vector `up` and to each other, as in nerf-train's orbits.
 /// Source: Duff et al. 2017, "Building an orthonormal basis, revisited".
 inline std::pair<vec3, vec3> across(vec3 up) noexcept {
     const float sign = std::copysign(1.0f, up.z), a = -1.0f / (sign + up.z), b = up.x * up.y * a;
@@ -393,7 +393,7 @@ inline float to_float(float number) noexcept { return number; }
 template <class N>
 float to_float(N number) noexcept { return static_cast<float>(number); }
 
-/// Converts a host's vector with fields x, y and z (the preferred overload, for an int) or with three elements.
+/// Converts a host's vector with fields x, y, z (preferred, as 0 is an int) or three elements (the overload for long).
 template <class V>
 auto to_vec3(const V &of, int) noexcept -> decltype(of.x + of.z, vec3()) {
     return {to_float(of.x), to_float(of.y), to_float(of.z)};
@@ -426,7 +426,7 @@ struct camera : detail::sized<nerf_camera> {
         return {columns, rows, 0.5f * static_cast<float>(rows) / std::tan(0.5f * fov)};
     }
 
-    /// Makes the camera of a renderer's own matrices. The view matrix transforms the world to the eye's coordinates by
+    /// Makes a camera from a renderer's own matrices. The view matrix transforms the world to the eye's coordinates by
     /// a rotation and a translation. The projection is perspective, along -Z; its near and far planes are ignored.
     /// Other matrices are NERF_STATUS_CAMERA.
     static result<camera> from_matrices(std::uint32_t columns, std::uint32_t rows, span<const float> view_column_major,
@@ -470,8 +470,8 @@ struct camera : detail::sized<nerf_camera> {
         return *this;
     }
 
-    /// Places the camera on a sphere around `target`. `azimuth` is the angle around `up`, `elevation` the angle above
-    /// the plane normal to `up`, radians. `up`: any direction of unit length.
+    /// Places the camera on a sphere around `target`, looking at `target`. `azimuth` is the angle around `up`,
+    /// `elevation` the angle above the plane normal to `up`, radians. `up`: any direction of unit length.
     camera &orbit(vec3 target, float radius, float azimuth, float elevation,
                   vec3 up = {0.0f, 0.0f, 1.0f}) noexcept {
         const auto [side, ahead] = detail::across(up);
@@ -492,8 +492,8 @@ struct camera : detail::sized<nerf_camera> {
     vec3 centre() const noexcept { return {c2w[3], c2w[7], c2w[11]}; }
 };
 
-/// Converts a depth in normalised device coordinates to a distance along the view axis, for target::limit_z_depth;
-/// infinite at an infinite far plane, NaN with another number of floats than 16. The projection is as in
+/// Converts depth `ndc` in normalised device coordinates to a distance along the view axis, as in
+/// target::limit_z_depth: infinity at an infinite far plane, NaN unless there are 16 floats. The projection is as in
 /// camera::from_matrices, with depths in [-1, 1] or [0, 1], reversed or not. OpenGL's buffer holds 0.5 * ndc + 0.5.
 inline float z_depth(float ndc, span<const float> projection_column_major) noexcept {
     if (projection_column_major.size() != 16) {
@@ -532,8 +532,8 @@ struct strides {
     std::size_t pixel = 0;
 };
 
-/// A plane that receives one output or contains limits. The plane is a view, with a known end, of the pixels of the
-/// target's whole window. An output without a plane is not computed.
+/// A plane that receives one output or contains limits: a view, of known length, of the pixels of the target's whole
+/// window. An output without a plane is not computed.
 class plane {
 public:
     plane() noexcept = default;
@@ -565,7 +565,7 @@ public:
         return of;
     }
 
-    /// Whether the plane has a view. A view without elements counts, but is too short to render into.
+    /// Whether the plane was given a view. A view without elements counts, but is too short to render into.
     explicit operator bool() const noexcept { return there_; }
 
 private:
@@ -591,7 +591,7 @@ private:
     bool there_ = false;
 };
 
-/// Planes of an image or its window, into which any rectangle inside can be rendered; for rays, of one row.
+/// Planes for the pixels of an image, or of its part `window`; any rectangle inside can be rendered. For rays, one row.
 struct target {
     plane rgb = {}, opacity = {}, ray_distance = {}, z_depth = {}, median_distance = {}, normals = {};
     /// Inputs: limits at which each pixel's ray ends, one plane at most; nerf::z_depth converts a depth buffer.
@@ -607,7 +607,7 @@ struct target {
                bit(median_distance, NERF_OUTPUT_MEDIAN_DISTANCE) | bit(normals, NERF_OUTPUT_NORMALS);
     }
 
-    /// Makes the C target for the rectangle `part` of a width x height image. Checks that no view ends too early.
+    /// Makes the C target for the rectangle `part` of a width x height image. Checks that every view is long enough.
     result<nerf_target> at(const rect &part, std::uint32_t width, std::uint32_t height) const noexcept {
         const rect all = window.width == 0 || window.height == 0 ? rect{0, 0, width, height} : window;
         const auto inside = [](std::uint32_t begin, std::uint32_t length, std::uint32_t from, std::uint32_t all_of) {
@@ -757,7 +757,7 @@ public:
     const nerf_scene_info &info() const noexcept { return info_.value; }
     bool is_picture() const noexcept { return info().kind == NERF_KIND_PICTURE; }
 
-    /// Whether the scene has a default viewpoint, the place of its photographs.
+    /// Whether the scene has a default viewpoint, among the places from which it was photographed.
     bool has_viewpoint() const noexcept { return info().up[0] != 0.0f || info().up[1] != 0.0f || info().up[2] != 0.0f; }
 
     // Default orbit, as in camera::orbit, through the viewpoint. Without a viewpoint the orbit is around the middle of
@@ -795,7 +795,7 @@ public:
         return detail::layout_of(nerf_worker_size, &asked);
     }
 
-    // Quality settings by loss (dB of PSNR below exact), cost, time, Pareto point or preset, written to `how`.
+    // Quality settings written to `how`, chosen by loss (dB of PSNR below exact), cost, time, Pareto point or preset.
 
     result<choice> within_loss(float loss_db, options &how) const noexcept {
         return detail::made<choice>(nerf_quality_within_loss, get(), loss_db, &how);
@@ -822,8 +822,8 @@ public:
     result<memory> pace_workspace(std::uint32_t outputs, const options &how = {}) const noexcept {
         return memory::allocate(pace_layout(outputs, how));
     }
-    /// Measures the time of a frame on this thread with each of the settings on the Pareto front, up to `limit`
-    /// milliseconds. `clock`: returns microseconds since any fixed moment; default: the library's own clock.
+    /// Measures the time of a frame on this thread with each of the settings on the Pareto front, until one exceeds
+    /// `limit`, milliseconds. `clock`: returns microseconds since any fixed moment; default: the library's own.
     template <class F = detail::none>
     result<pace> measure_pace(const nerf_camera &camera, std::uint32_t outputs, float limit, memory &workspace,
                               const options &how = {}, F &&clock = {}) const noexcept {
@@ -853,7 +853,7 @@ private:
         return opened == NERF_STATUS_OK ? nerf_scene_describe(handle, &info_.value) : opened;
     }
     static vec3 vector(const float (&of)[3]) noexcept { return {of[0], of[1], of[2]}; }
-    /// Vector from the centre of the orbit to the viewpoint, world units.
+    /// Vector from `target` of nerf_scene_info to the viewpoint, world units.
     vec3 eye() const noexcept { return vector(info().eye) - vector(info().target); }
 
     memory home_;
@@ -867,9 +867,9 @@ private:
 struct instance : detail::sized<nerf_instance> {
     /// Places the scene in its own coordinates, without a transform.
     explicit instance(const nerf::scene &of) noexcept { scene = of.get(); }
-    /// Places the scene by a transform from its coordinates to the world's. The instance is invalid (`struct_size` 0),
-    /// and opening a worker refuses it, unless there are 16 floats whose last matrix row is 0, 0, 0, 1. A matrix in
-    /// row-major order with a translation has another last row.
+    /// Places the scene by a transform from the scene's coordinates to the world's: 16 floats, the matrix's last row 0,
+    /// 0, 0, 1. Otherwise the instance is invalid (`struct_size` 0), and opening a worker refuses it: also for a
+    /// row-major matrix with a translation.
     instance(const nerf::scene &of, span<const float> column_major) noexcept : instance(of) {
         const float *const m = column_major.data();
         const bool affine = column_major.size() == 16 && m[3] == 0.0f && m[7] == 0.0f && m[11] == 0.0f &&
@@ -920,8 +920,8 @@ public:
 
     /// Renders a camera's image, or the rectangle `part` of the image.
     ///
-    /// `progress`: callable as (pixels done, all pixels) or (), at the times of a nerf_progress; returns whether to
-    /// continue, or nothing. Must not throw.
+    /// `progress`: callable as (pixels done, all pixels) or (), before the first tile and after each tile; returns
+    /// whether to continue, or nothing. Must not throw.
     template <class F = detail::none>
     result<counters> render(const nerf_camera &camera, const target &to, const rect &part = whole,
                             F &&progress = {}) noexcept {
@@ -930,7 +930,7 @@ public:
         return draw(nerf_render, frame, camera.width, camera.height, to, part, progress);
     }
 
-    /// Renders an image of a 2D field, width x height pixels, or its rectangle `part`; the rest is as in render.
+    /// Renders an image of a 2D field, width x height pixels, or its rectangle `part`; everything else is as in render.
     template <class F = detail::none>
     result<counters> render_picture(std::uint32_t width, std::uint32_t height, const target &to, const rect &part = whole,
                                     F &&progress = {}) noexcept {
@@ -943,7 +943,7 @@ public:
     /// Renders the host's own rays: pixel i of the planes belongs to ray i.
     result<counters> render_rays(const rays &of, const target &to) noexcept { return trace(nerf_render_rays, of, to); }
 
-    /// Samples where a photon on each ray collides with the medium; `of.random`: one random number for each ray.
+    /// Samples the point where a photon on each ray collides; `of.random`: one random number for each ray.
     result<counters> sample_rays(const rays &of, const target &to) noexcept { return trace(nerf_sample_rays, of, to); }
 
     /// Renders one ray from `t_min` to `t_max`, with every output of the worker but z_depth. A call of render_rays is
@@ -955,7 +955,7 @@ public:
                          detail::to_float(t_max));
     }
 
-    /// Samples where a photon on one ray collides with the medium; `random` in [0, 1), the rest as in render_ray.
+    /// Samples the point where a photon on one ray collides; `random` in [0, 1), everything else is as in render_ray.
     template <class V, class W, class R, class N = float, class F = float>
     result<pixel> sample_ray(const V &origin, const W &dir, R random, N t_min = 0.0f,
                              F t_max = std::numeric_limits<float>::infinity()) noexcept {
@@ -981,7 +981,7 @@ public:
         return detail::made<counters>(nerf_query, get(), &asked);
     }
 
-    /// Explains a frame in English. `text` receives as much as fits. Returns the bytes of the uncut text with its NUL.
+    /// Writes a report of a frame to `text`, cut to fit; `work`: counters or null. Returns the uncut length with NUL.
     result<std::size_t> explain(span<char> text, const nerf_counters *work = nullptr) noexcept {
         return detail::made<std::size_t>(nerf_explain, get(), work, text.data(), text.size());
     }
@@ -998,7 +998,7 @@ private:
         asked.outputs = outputs;
         return asked;
     }
-    /// Returns the error of the first instance whose matrix was refused; NERF_STATUS_OK if there is none.
+    /// Returns the error of the first instance whose matrix is invalid; NERF_STATUS_OK if there is none.
     static error wrong_instance(const nerf_request &asked) noexcept {
         for (std::size_t i = 0; i < asked.instance_count; ++i) {
             if (asked.instances[i].struct_size == 0) {
