@@ -1,4 +1,4 @@
-//! The boundary of every call: messages, panics, versioned structures.
+//! Shared parts of every C call: messages, caught panics, structures that begin with `struct_size`.
 
 use crate::failure::Failure;
 use crate::span::{Span, check_aligned};
@@ -16,16 +16,16 @@ const MAX_STRUCT_SIZE: usize = 4096;
 /// # Safety
 /// `repr(C)`, the first field is `struct_size: usize`, and any bytes are a valid value.
 pub(crate) unsafe trait Versioned: Copy {
-    /// The argument's name, for messages.
+    /// Name of the argument in messages.
     const NAME: &'static str;
-    /// Size in version 2 of the ABI, bytes; does not change when fields are added.
+    /// Smallest `struct_size` that is accepted, bytes: the size in version 2 of the ABI, whatever is added later.
     const SIZE_V2: usize;
 }
 
 /// `versioned!(unsafe Camera, "camera", by_width(116, 120))`: implements [`Versioned`] with a name and a size in bytes.
 ///
-/// `unsafe`: the structure is `repr(C)`, and its fields are numbers, pointers and optional functions, so that any bytes
-/// are a valid value.
+/// `unsafe`: the caller promises that the structure is `repr(C)`, and that its fields are numbers, pointers and
+/// optional functions, of which any bytes are a valid value.
 macro_rules! versioned {
     (unsafe $type:ty, $name:literal, $size:expr) => {
         // SAFETY: the caller promises all but the first field, which is asserted below.
@@ -40,12 +40,12 @@ macro_rules! versioned {
 }
 pub(crate) use versioned;
 
-/// Returns the size of a structure, bytes, for the target's pointers, 32 or 64 bits.
+/// Returns the size of a structure, bytes: `bytes_32` on a target with 32-bit pointers, else `bytes_64`.
 pub(crate) const fn by_width(bytes_32: usize, bytes_64: usize) -> usize {
     if size_of::<usize>() == 4 { bytes_32 } else { bytes_64 }
 }
 
-/// The caller's buffer for a text, such as a sentence that says what was expected and found; NULL for none.
+/// Caller's buffer of `capacity` bytes for a NUL-terminated text, such as an error message; `text` is NULL for none.
 #[derive(Clone, Copy)]
 pub(crate) struct Message {
     pub text: *mut c_char,
@@ -55,7 +55,7 @@ pub(crate) struct Message {
 impl Message {
     pub const NONE: Self = Self { text: core::ptr::null_mut(), capacity: 0 };
 
-    /// Address range of the buffer's first byte, which even a successful call writes; empty without a buffer.
+    /// Address range of the buffer's first byte, to which even a successful call writes a NUL; empty without a buffer.
     pub fn first(&self) -> Result<Span, Failure> {
         Span::new("message", self.text.cast(), usize::from(!self.text.is_null() && self.capacity > 0))
     }
@@ -78,7 +78,7 @@ impl Message {
 /// Writer that counts the bytes of a text and stores as many as fit, never part of a character.
 pub(crate) struct Cut {
     text: *mut c_char,
-    /// Bytes that may be written, without the NUL.
+    /// Number of bytes of text that fit into the buffer, with space left for the NUL.
     room: usize,
     kept: usize,
     all: usize,
@@ -102,13 +102,13 @@ impl Write for Cut {
     }
 }
 
-/// Why a call failed: a sentence and a status.
+/// Reason why a call failed: displays a sentence, and has a status.
 pub(crate) trait Reason: fmt::Display {
-    /// Reason for a call that panicked: a defect of this library.
+    /// Returns the reason of a call that panicked: a defect of this library.
     #[cfg(feature = "std")]
     fn panic() -> Self;
     fn status(&self) -> Status;
-    /// Writes the sentence; in a build without the feature `messages`, writes the text of the status.
+    /// Writes the sentence to `to`; in a build without the feature `messages`, writes the text of the status.
     fn say(&self, to: &mut impl Write) -> fmt::Result {
         if cfg!(feature = "messages") {
             write!(to, "{self}")
@@ -123,7 +123,7 @@ pub(crate) fn call(message: Message, body: impl FnOnce() -> Result<(), Failure>)
     call_with_reason(message, body)
 }
 
-/// [`call`] for a body with errors of its own, such as those that name a file.
+/// [`call`] for a body whose error is not a [`Failure`], such as an error that names a file.
 pub(crate) fn call_with_reason<R: Reason>(message: Message, body: impl FnOnce() -> Result<(), R>) -> Status {
     #[cfg(feature = "std")]
     let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(body)).unwrap_or_else(|payload| {
@@ -142,7 +142,7 @@ pub(crate) fn call_with_reason<R: Reason>(message: Message, body: impl FnOnce() 
     result.err().map_or(Status::Ok, |reason| reason.status())
 }
 
-/// Checks pointer and size of a versioned structure and returns its size.
+/// Checks the pointer to a versioned structure and its `struct_size`; returns `struct_size`, bytes.
 ///
 /// # Safety
 /// `at` is NULL or points to `struct_size` readable bytes.
@@ -175,8 +175,8 @@ pub(crate) unsafe fn span_of(name: &'static str, first: *const usize, count: usi
     Span::new(name, first.cast(), size.checked_mul(count).ok_or(Failure::Overflow(name))?)
 }
 
-/// Copies the caller's structure. Fields that this build does not know must be zero. Fields that the caller's header
-/// lacks become zero.
+/// Returns a copy of the caller's structure; an error if a field that this build does not know is not zero. Fields that
+/// the caller's older header lacks become zero.
 ///
 /// # Safety
 /// `at` is NULL or points to `struct_size` readable bytes.
@@ -217,7 +217,7 @@ pub(crate) fn check_zeros(name: &'static str, fields: &[u32]) -> Result<(), Fail
     if fields.iter().all(|&field| field == 0) { Ok(()) } else { Err(Failure::Reserved(name)) }
 }
 
-/// Returns `names[found]`, the value of a C enum's number `found`; an error if this build lacks the value.
+/// Returns `names[found]`, the core's value for number `found` of a C enum; an error if this build lacks the value.
 pub(crate) fn named<T: Copy>(
     names: &[Option<T>],
     name: &'static str,
@@ -228,7 +228,7 @@ pub(crate) fn named<T: Copy>(
     known.ok_or(Failure::Setting { name, expected, found })
 }
 
-/// Returns the C enum's number of `value`: its index in `names`.
+/// Returns the number of `value` in a C enum: its index in `names`.
 pub(crate) fn number_of<T: PartialEq>(names: &[Option<T>], value: T) -> u32 {
     names.iter().position(|named| named.as_ref() == Some(&value)).unwrap_or_default() as u32
 }
@@ -240,7 +240,7 @@ pub(crate) struct Out<T> {
 }
 
 impl<T: Versioned> Out<T> {
-    /// Checks the pointer before any work is done.
+    /// Checks the pointer and `struct_size`, before the call does any work.
     ///
     /// # Safety
     /// `at` is NULL or points to `struct_size` bytes that may be read and written until the call ends.
@@ -259,8 +259,9 @@ impl<T: Versioned> Out<T> {
         if at.is_null() { Ok(None) } else { unsafe { Self::new(at).map(Some) } }
     }
 
-    /// Writes `value` to the first `struct_size` bytes of the caller's structure, but leaves `struct_size` itself
-    /// unchanged. Sets fields that this build does not know to zero.
+    /// Copies `value` into the caller's structure of `struct_size` bytes, but leaves `struct_size` itself unchanged.
+    /// Fields of the structure that this build does not know become zero; fields of `value` behind the
+    /// structure's end are left out.
     pub fn write(self, value: T) {
         let known = self.size.min(size_of::<T>());
         let (from, to) = ((&raw const value).cast::<u8>(), self.at.cast::<u8>());
@@ -273,7 +274,7 @@ impl<T: Versioned> Out<T> {
     }
 }
 
-/// Runs the body of a size query. Writes the size that the body returns and the alignment of a [`Line`], bytes.
+/// Runs the body of a size query: writes the size that `body` returns, and the alignment of a [`Line`], bytes.
 ///
 /// # Safety
 /// `size` and `align` are NULL, or may be written until the call ends.

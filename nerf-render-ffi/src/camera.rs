@@ -1,4 +1,4 @@
-//! A camera, and its rays.
+//! Cameras: image size, lens, pose, and the ray through an image point.
 
 use crate::boundary::{
     Message, Out, by_width, call, check_out, check_zeros, named, read_versioned, versioned,
@@ -15,14 +15,13 @@ use nerf_core::camera::{self, Intrinsics, Lens, Pose, Projection};
 #[repr(u32)]
 pub enum LensModel {
     /// Perspective camera. `k1 k2 p1 p2` are those of OpenCV and of COLMAP's OPENCV model; all eight coefficients are
-    /// those of FULL_OPENCV, with `k4 k5 k6` in the denominator.
+    /// those of COLMAP's FULL_OPENCV, with `k4 k5 k6` in the denominator of the radial factor.
     RadialTangential = 0,
-    /// Fisheye, COLMAP's OPENCV_FISHEYE: a direction at angle `t` (radians) off the axis is seen at `t (1 + k1 t^2 + k2
-    /// t^4 + k3 t^6 + k4 t^8)` focal lengths from the principal point; `k5 k6 p1 p2` must be 0.
+    /// Fisheye, COLMAP's OPENCV_FISHEYE: a ray at angle `t` (radians) to the view axis meets the image at a distance of
+    /// `t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8)` focal lengths from the principal point; `k5 k6 p1 p2` must be 0.
     Fisheye = 1,
 }
 
-/// Projection of the core for each number of [`LensModel`]; `None` for a number without a projection.
 const PROJECTIONS: [Option<Projection>; 2] = [Some(Projection::Perspective), Some(Projection::Fisheye)];
 
 /// A pinhole camera with an optional lens. The camera looks down −Z, +Y is up, +X is right, as in OpenGL.
@@ -45,9 +44,9 @@ pub struct Camera {
     pub cx: f32,
     /// Principal point, pixels from the top edge; usually height / 2.
     pub cy: f32,
-    /// Radial distortion, second order, as in OpenCV; 0 for none.
+    /// Coefficient of second order of the radial distortion, as in OpenCV; 0 for none.
     pub k1: f32,
-    /// Radial distortion, fourth order.
+    /// Coefficient of fourth order of the radial distortion; 0 for none.
     pub k2: f32,
     /// First coefficient of tangential distortion.
     pub p1: f32,
@@ -56,13 +55,13 @@ pub struct Camera {
     /// Camera-to-world transform: the upper three rows of the 4x4 matrix, row-major. The rotation's columns are right,
     /// up, backward; `c2w[3]`, `c2w[7]`, `c2w[11]` are the camera's centre, world units.
     pub c2w: [f32; 12],
-    /// Radial distortion, sixth order; 0 for none.
+    /// Coefficient of sixth order of the radial distortion; 0 for none.
     pub k3: f32,
-    /// Radial distortion: second order of the denominator, or eighth order of a fisheye; 0 for none.
+    /// Coefficient of second order in the denominator of the radial factor; of a fisheye, of eighth order; 0 for none.
     pub k4: f32,
-    /// Radial distortion, fourth order of the denominator; 0 for none.
+    /// Coefficient of fourth order in the denominator of the radial factor; 0 for none.
     pub k5: f32,
-    /// Radial distortion, sixth order of the denominator; 0 for none.
+    /// Coefficient of sixth order in the denominator of the radial factor; 0 for none.
     pub k6: f32,
     /// Lens model: a `nerf_lens_model`; 0 is a perspective camera.
     pub lens_model: u32,
@@ -91,7 +90,7 @@ impl Camera {
     }
 }
 
-/// Reads the three floats at `at`.
+/// Returns the three floats at `at`; an error that names `name` if `at` is NULL or misaligned.
 ///
 /// # Safety
 /// `at` is NULL or points to three floats.
@@ -134,10 +133,10 @@ pub unsafe extern "C" fn nerf_camera_look_at(
 /// Computes the ray through an image point, for example to evaluate points on the ray with `nerf_query`.
 ///
 /// `x`, `y`: image point, pixels from the left and the top edge; a pixel's centre is at + 0.5. The point may lie
-/// outside the image. `NERF_STATUS_CAMERA` if the direction overflows f32, or the lens has no inverse there or folds in
-/// front of the point. `origin`, `dir`: three floats each, world space; `dir` has unit length and includes the lens
-/// distortion. `z_per_distance`: NULL, or one float: `z_depth` per unit of `ray_distance` along this ray. Results are
-/// written on success only. `message`: as in `nerf_camera_look_at`.
+/// outside the image. `NERF_STATUS_CAMERA` if the direction overflows f32, or the distortion has no inverse at the
+/// point or folds between principal point and point. `origin`, `dir`: three floats each, world space; `dir` has unit
+/// length and includes the distortion. `z_per_distance`: NULL, or receives `z_depth` per unit of `ray_distance` on this
+/// ray. Results are written on success only. `message`: as in `nerf_scene_memory`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.

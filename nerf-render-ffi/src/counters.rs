@@ -14,19 +14,19 @@ pub struct Counters {
     pub rays: u64,
     /// Number of samples at which the network was evaluated.
     pub samples_kept: u64,
-    /// Number of samples that were skipped: outside the scene box, in an empty cell, or after the transmittance cut.
+    /// Number of samples skipped outside the scene box, in empty cells, or once transmittance fell below the cut.
     pub samples_skipped: u64,
     /// Number of evaluations of the trunk and density head.
     pub density_evaluations: u64,
-    /// Number of evaluations of the colour branch: one per sample, or one per ray in a field shaded once per ray. For a
-    /// 2D field, evaluations of the whole network.
+    /// Number of evaluations of the colour branch: one per sample, or one per ray in a field with deferred shading. For
+    /// a 2D field, evaluations of the whole network.
     pub colour_evaluations: u64,
     /// Number of multiply-adds of the network and of the proposal network.
     pub macs: u64,
     /// Number of samples whose density was NaN (treated as empty), whose colour was NaN (black), or whose density
     /// gradient was not finite (no normal).
     pub invalid_samples: u64,
-    /// Number of evaluations of the density's gradient, for normals.
+    /// Number of evaluations of the gradient of the density with respect to position, for normals.
     pub normal_evaluations: u64,
     /// Number of evaluations of the coarse proposal network; not counted as samples.
     pub proposal_evaluations: u64,
@@ -34,7 +34,6 @@ pub struct Counters {
 
 versioned!(unsafe Counters, "counters", by_width(if align_of::<u64>() == 4 { 76 } else { 80 }, 80));
 
-/// Implements the conversions from and to the core's counters, field by field.
 macro_rules! convert {
     ($($field:ident),+) => {
         impl From<Counters> for render::Counters {

@@ -1,27 +1,26 @@
-//! Effects: what a frame does beyond one ray through each pixel's centre.
+//! Effects of a frame: jitter of samples, anti-aliasing, depth of field, exposure, tone curve, linear output.
 
 use crate::boundary::{check_zeros, named};
 use crate::failure::Failure;
 use crate::render_options::{at_most, flag};
 use nerf_core::plan;
 
-/// The tone curve, applied to each linear channel, that compresses light above 1 into the displayable range.
+/// Tone curve, which maps light above 1 into the displayable range; applied to each linear colour channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum ToneMap {
-    /// None: light above 1 is clipped when the colour is encoded.
+    /// No curve: light above 1 is clipped when the colour is encoded.
     None = 0,
     /// `x / (1 + x)` (Reinhard et al. 2002).
     Reinhard = 1,
-    /// A film's shoulder and toe (Narkowicz 2016's fit to the ACES curve).
+    /// Curve with a film's shoulder and toe (Narkowicz 2016's fit to the ACES curve).
     Filmic = 2,
 }
 
-/// Tone curve of the core for each number of [`ToneMap`]; `None` for a number without a curve.
 const TONE_MAPS: [Option<plan::ToneMap>; 3] =
     [Some(plan::ToneMap::None), Some(plan::ToneMap::Reinhard), Some(plan::ToneMap::Filmic)];
 
-/// Effects: what a frame does beyond one ray through each pixel's centre. All zeros for none, which costs nothing.
+/// Effects of a frame: jitter, anti-aliasing, depth of field, exposure, tone. All zeros for none, which costs nothing.
 ///
 /// `NERF_STATUS_OPTIONS` for an effect that this build of the library lacks.
 #[derive(Clone, Copy, Debug)]
@@ -33,17 +32,17 @@ pub struct Effects {
     pub anti_aliasing: u32,
     /// Seed of the jitter and, with jitter, of positions on the aperture; read only if `jitter` is 1.
     pub seed: u64,
-    /// Radius of a thin lens' aperture, world units, at most 1e9; 0 is a pinhole.
+    /// Radius of the aperture of a thin lens, world units, at most 1e9; 0 is a pinhole.
     pub aperture_radius: f32,
-    /// Distance from the camera to its plane of focus along the view axis, world units, 1e-6 to 1e9; read only if
-    /// there is an aperture.
+    /// Distance from the camera to the plane of focus along the view axis, world units, 1e-6 to 1e9; read only if
+    /// `aperture_radius` is not 0.
     pub focus_distance: f32,
     /// Exposure in stops, each a doubling of the light, -32 to 32; 0 for no change.
     pub exposure: f32,
     /// Tone curve: a `nerf_tone_map`.
     pub tone_map: u32,
-    /// 1: colour is linear light, unbounded above: samples and background are decoded before compositing. This also
-    /// applies to RGBA planes (premultiplied) and to queries. 0: colour is display-encoded.
+    /// 1: colour is linear light, unbounded above: colours of samples and background are decoded before compositing.
+    /// RGBA planes (premultiplied) and colours of `nerf_query` are linear, too. 0: colour is display-encoded.
     pub linear: u32,
     /// Reserved; must be zeros.
     pub reserved: [u32; 5],

@@ -1,4 +1,4 @@
-//! Explains a frame in words.
+//! Report of a worker's frames in English: which stages run, and why the others do not.
 
 use crate::boundary::{Message, call, check_out, read_versioned};
 use crate::counters::Counters;
@@ -8,14 +8,15 @@ use core::ffi::c_char;
 use core::fmt::Write;
 use nerf_core::render;
 
-/// Explains in English which stages a worker's frames have or lack, and why; with counters, also where the work went.
+/// Writes an English report of a worker's frames: which stages are on, why the other stages are off, and, with
+/// counters, the work of each stage.
 ///
-/// The text is for people: its wording may change between versions. Each of several instances has a part of its own.
+/// The text is for people: its wording may change between versions. With several instances, each has its own part.
 ///
-/// `counters`: NULL, or what a call of this worker wrote; ignored with several instances. `text`: NULL, or a buffer of
-/// `capacity` bytes; the text is cut to fit, and NUL-terminated. `needed`: NULL, or receives the bytes of the uncut
-/// text with its NUL. `text` and `needed` are written on success only; a cut text is a success. `message`: as in
-/// `nerf_scene_memory`.
+/// `counters`: NULL, or the counters that a call of this worker wrote; ignored with several instances. `text`: NULL, or
+/// a buffer of `capacity` bytes; the text is cut to fit, and NUL-terminated. `needed`: NULL, or receives the length of
+/// the uncut text with its NUL, bytes. `text` and `needed` are written on success only; a cut text is a success.
+/// `message`: as in `nerf_scene_memory`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.

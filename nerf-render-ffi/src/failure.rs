@@ -1,4 +1,4 @@
-//! Why a call failed: a status for programs, a sentence for people.
+//! Reasons why calls fail, each with a status for programs and a sentence for people.
 
 use crate::boundary::Reason;
 #[cfg(feature = "instances")]
@@ -46,7 +46,7 @@ macro_rules! reasons {
 pub(crate) use reasons;
 
 reasons! {
-    /// Why a call failed.
+    /// Reason why a call failed: displays a sentence, and has a status.
     Failure:
     Null(name: &'static str) => NullPointer, "{name}: expected an address, found NULL";
     StructSize { name: &'static str, expected: usize, found: usize } => StructSize,
@@ -142,7 +142,7 @@ fn status_of_render(error: &RenderError) -> Status {
 }
 
 impl Failure {
-    /// Adds the index of an instance to a failure of this instance.
+    /// Returns the failure with the index of the instance that caused the failure.
     #[cfg(feature = "instances")]
     pub fn of_instance(self, index: usize) -> Self {
         let problem = match self {
@@ -156,7 +156,7 @@ impl Failure {
         Self::Instance { index, problem }
     }
 
-    /// Converts the renderer's error about a workspace; sizes in lines become bytes.
+    /// Converts an error of the renderer about a workspace: sizes in lines of 64 bytes become bytes.
     pub fn of_workspace(error: RenderError) -> Self {
         match error {
             RenderError::Memory { expected, found } => Self::Memory {
@@ -169,7 +169,6 @@ impl Failure {
     }
 }
 
-/// Implements `From` for the core's errors, each of which is a variant of `Failure`.
 macro_rules! from_errors {
     ($($name:ident($error:ty)),+) => {
         $(impl From<$error> for Failure {

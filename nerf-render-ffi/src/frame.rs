@@ -66,7 +66,7 @@ pub struct Frame {
     pub height: u32,
     /// Callback, called with `user` before the first tile and after each tile of at most 16x16 pixels; may be NULL.
     pub progress: Progress,
-    /// Argument passed to `progress`.
+    /// Argument passed to each call of `progress`.
     pub user: *mut c_void,
 }
 
@@ -74,8 +74,8 @@ versioned!(unsafe Frame, "frame", by_width(32, 56));
 
 /// Renders a rectangle of a camera's image into the planes of a target.
 ///
-/// With one kernel, pixels do not depend on the rectangle, the batch, the worker's earlier calls or other threads, bit
-/// for bit. `frame->target` may contain limits, such as a depth buffer.
+/// With the same kernel, a pixel has the same bits whatever the rectangle, the batch, the thread and the worker's
+/// earlier calls. `frame->target` may contain limits at which rays end, such as a depth buffer.
 ///
 /// `counters`: NULL, or written on success, with `struct_size` set by the caller. `message`: as in `nerf_scene_memory`.
 ///
@@ -126,11 +126,11 @@ pub unsafe extern "C" fn nerf_render(
 /// Renders a rectangle of an image of a 2D field (`NERF_KIND_PICTURE`), `frame->width` x `frame->height` pixels large.
 ///
 /// Pixel (x, y) is the field's colour at the pixel's centre, ((x + 0.5) / width, (y + 0.5) / height). Every size from
-/// 1x1 to 8388608x8388608 shows the whole field, undistorted at `picture_width` x `picture_height` of
-/// `nerf_scene_info`. A rectangle of a larger size shows a detail.
+/// 1x1 to 8388608x8388608 shows the whole field; the field's own aspect ratio is that of `picture_width` and
+/// `picture_height` of `nerf_scene_info`. For a detail, render a rectangle of a large size.
 ///
-/// `worker`: opened for the 2D field; only `maths` and batch of its options matter. The target may have only the plane
-/// `rgb`. A 2D field is opaque, so the alpha of RGBA formats is 1. Everything else is as in `nerf_render`.
+/// `worker`: opened for the 2D field; of its options only `maths`, `batch_rays` and `batch_samples` matter. The target
+/// may have only the plane `rgb`. A 2D field is opaque: alpha is 1. Everything else is as in `nerf_render`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `worker` and its scene are intact.

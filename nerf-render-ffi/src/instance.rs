@@ -1,4 +1,4 @@
-//! Scenes that a host has placed in its own world.
+//! Instances: scenes that the host has placed in its world.
 
 #[cfg(feature = "instances")]
 use crate::boundary::read_versioned;
@@ -17,12 +17,12 @@ use nerf_core::space::Placement;
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Instance {
-    /// `sizeof(nerf_instance)`. In an array, the first instance's value is the stride, bytes.
+    /// `sizeof(nerf_instance)`: the same in every instance of an array, whose stride in bytes is this value.
     pub struct_size: usize,
     /// Scene that is placed.
     pub scene: *const Scene,
     /// Transform from the scene's coordinates to the world's: the upper three rows of the 4x4 matrix, row-major. The
-    /// transform is a rotation times one scale and a translation; all zeros for the identity. With a column-major
+    /// transform is a rotation, a uniform scale and a translation; all zeros for the identity. With a column-major
     /// matrix `m`, as in OpenGL and glTF, `to_world[4 * row + column]` is `m[4 * column + row]`.
     pub to_world: [f32; 12],
 }
@@ -31,7 +31,7 @@ versioned!(unsafe Instance, "instances", by_width(56, 64));
 
 #[cfg(feature = "instances")]
 reasons! {
-    /// A problem of one instance other than its transform; displayed after `instances[i]` in a message.
+    /// Reason why an instance is refused, other than its transform; displayed after `instances[i]` in a message.
     Problem:
     StructSize { expected: usize, found: usize } => StructSize,
         ".struct_size: expected {expected} (to 4096 with a tail of zeros), found {found}";

@@ -4,23 +4,23 @@ use crate::boundary::{by_width, check_zeros, named, number_of, read_or_zeros, ve
 use crate::failure::Failure;
 use nerf_core::Isa;
 
-/// The instruction set of the inner loops.
+/// Instruction set of the inner loops.
 ///
-/// With the same kernel and storage images are equal bit for bit, for all rectangles and threads.
+/// With the same kernel and storage, a pixel has the same bits in every rectangle and on every thread.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Kernel {
-    /// The fastest kernel of this machine. In a library built with std, the environment variable `NERF_KERNEL` can name
-    /// another ("portable", "avx2", "avx512", "simd128", "neon", each followed by "-f16" or "-bf16" if weights are not
-    /// f32).
+    /// The fastest instruction set of this machine. In a library built with std, the environment variable `NERF_KERNEL`
+    /// can name another ("portable", "avx2", "avx512", "simd128", "neon", each followed by "-f16" or "-bf16" if weights
+    /// are not f32).
     Auto = 0,
-    /// Portable code, unfused f32; available on every machine.
+    /// Portable f32 code without fused multiply-adds; available on every machine.
     Portable = 1,
-    /// AVX2, FMA and F16C.
+    /// x86-64 with AVX2, FMA and F16C.
     Avx2 = 2,
-    /// AVX-512 F.
+    /// x86-64 with AVX-512 F.
     Avx512 = 3,
-    /// WebAssembly SIMD: the same bits as with portable code, faster. Only in a library built with `simd128`.
+    /// WebAssembly SIMD: faster than portable code, with the same bits. Only in a library built with `simd128`.
     Simd128 = 4,
     /// NEON: available on every 64-bit ARM processor.
     Neon = 5,
@@ -30,7 +30,7 @@ pub enum Kernel {
 const ISAS: [Option<Isa>; 6] =
     [None, Some(Isa::Portable), Some(Isa::Avx2), Some(Isa::Avx512), Some(Isa::Simd128), Some(Isa::Neon)];
 
-/// The storage of a scene's weights in memory.
+/// Number format of a scene's weights in memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Storage {
@@ -39,8 +39,8 @@ pub enum Storage {
     Auto = 0,
     /// f16, read directly from the scene file's bytes: the weights take no memory in the scene.
     F16 = 1,
-    /// f32, unpacked when the scene is opened: the same products as with f16, faster. Tables of a learned grid are
-    /// still read directly from the scene file's bytes, except that the WebAssembly kernel unpacks f16 tables.
+    /// f32, converted from f16 when the scene is opened: the same products as with f16, faster. Tables of a learned
+    /// grid are read directly from the scene file's bytes, but the WebAssembly kernel converts f16 tables.
     F32 = 2,
     /// Pairs of bf16, rounded to 8 significant bits, for weights and activations. Only with AVX-512 BF16.
     Bf16 = 3,
@@ -50,7 +50,7 @@ pub enum Storage {
 const STORAGES: [Option<nerf_core::Storage>; 4] =
     [None, Some(nerf_core::Storage::F16), Some(nerf_core::Storage::F32), Some(nerf_core::Storage::Bf16)];
 
-/// Returns the `nerf_kernel` and `nerf_storage` numbers of a kernel.
+/// Returns the numbers of a kernel's instruction set (`nerf_kernel`) and storage (`nerf_storage`).
 pub(crate) fn numbers_of(kernel: nerf_core::Kernel) -> (u32, u32) {
     (number_of(&ISAS, kernel.isa), number_of(&STORAGES, kernel.storage))
 }
@@ -61,7 +61,7 @@ pub(crate) fn numbers_of(kernel: nerf_core::Kernel) -> (u32, u32) {
 pub struct OpenOptions {
     /// `sizeof(nerf_open_options)`.
     pub struct_size: usize,
-    /// Instruction set: a `nerf_kernel`.
+    /// Instruction set of the inner loops: a `nerf_kernel`.
     pub kernel: u32,
     /// Storage of the weights: a `nerf_storage`.
     pub storage: u32,
@@ -71,7 +71,7 @@ pub struct OpenOptions {
 
 versioned!(unsafe OpenOptions, "options", by_width(36, 40));
 
-/// Reads the kernel that the caller asks for.
+/// Returns the instruction set and storage that the options ask for; an error if this machine lacks one of the two.
 ///
 /// # Safety
 /// `options` is NULL or points to `struct_size` readable bytes.

@@ -20,8 +20,8 @@ use nerf_core::plan::{Plan, Quality};
 pub struct Pace {
     /// `sizeof(nerf_pace)`, set by the caller.
     pub struct_size: usize,
-    /// Milliseconds per frame, in the order of the scene's Pareto front; infinity for points that were not measured.
-    /// With n threads that render tiles, a frame takes one n-th of this time.
+    /// Milliseconds per frame, in the order of the scene's Pareto front; infinity for points that were not measured. If
+    /// n threads share the tiles of a frame, the frame takes about one n-th of this time.
     pub milliseconds: [f32; 16],
 }
 
@@ -45,9 +45,9 @@ pub struct PaceRequest {
     pub camera: *const Camera,
     /// Options of the frame, NULL for the defaults; samples, cuts, occupancy grid, maths and proposal are ignored.
     pub options: *const RenderOptions,
-    /// `NERF_OUTPUT_*` of the planes that will not be NULL, or-ed.
+    /// Outputs of the measured frame: `NERF_OUTPUT_*` flags, or-ed.
     pub outputs: u32,
-    /// Limit in milliseconds per frame: measuring stops after the first point whose frame would take longer.
+    /// Limit, milliseconds per frame: measuring stops after the first settings whose frame would take longer.
     pub limit_milliseconds: f32,
     /// Clock, called with `user`; must not touch the workspace. NULL for the library's own, which needs std.
     pub clock: Clock,
@@ -84,9 +84,9 @@ pub unsafe extern "C" fn nerf_pace_workspace_size(
 
 /// Measures the time of a frame on this thread with each of the settings on the scene's Pareto front.
 ///
-/// Renders about 2,048 pixels, spread over the view, with each, cheapest first. Stops after the first settings whose
-/// frame takes longer than `request->limit_milliseconds`; the times of more expensive settings are infinity. Measure on
-/// an idle host.
+/// Renders about 2,048 pixels, spread over the view, with each of the settings, cheapest first, and scales the time up
+/// to a frame. Stops after the first settings whose frame takes longer than `request->limit_milliseconds`; the times of
+/// more expensive settings are infinity. Measure on an idle host.
 ///
 /// `workspace`: has the size and alignment from `nerf_pace_workspace_size`, and does not overlap the scene or its
 /// file's bytes. `pace`: receives the times on success; the caller sets `struct_size`. A scene without a Pareto front
@@ -150,7 +150,7 @@ unsafe fn planned<'s>(at: *const PaceRequest) -> Result<(PaceRequest, &'s Scene,
     Ok((request, scene, plan))
 }
 
-/// Returns a function that reads the caller's clock, or the library's own.
+/// Returns a function that reads the caller's clock, or without one the library's own, microseconds.
 fn time(clock: Clock, user: *mut c_void) -> Result<impl FnMut() -> u64, Failure> {
     #[cfg(feature = "std")]
     let start = std::time::Instant::now();

@@ -4,8 +4,8 @@ use core::panic::PanicInfo;
 
 #[cfg_attr(target_arch = "wasm32", link(wasm_import_module = "env"))]
 unsafe extern "C" {
-    /// Function that the host defines; must not return. Only a library that can panic refers to `nerf_panicked`: as an
-    /// undefined symbol at link time, or as an import of a WebAssembly module.
+    /// Function of the host that a panic calls, and that must not return. Only a library that can panic refers to
+    /// `nerf_panicked`: as an undefined symbol at link time, or as an import of a WebAssembly module.
     fn nerf_panicked() -> !;
 }
 

@@ -62,7 +62,7 @@ impl fmt::Display for FormatNumber {
     }
 }
 
-/// The part of a pixel that a plane holds.
+/// Quantity that a plane holds for each pixel, ray or point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Channel {
     Colour,
@@ -71,16 +71,16 @@ pub(crate) enum Channel {
     ZDepth,
     MedianDistance,
     Normal,
-    /// The density of a point.
+    /// Density at a point of `nerf_query`.
     Density,
     PointColour,
-    /// Limit along the ray: an input, like `LimitZDepth`.
+    /// Distance along a ray at which the ray ends: an input, as is `LimitZDepth`.
     LimitRayDistance,
     LimitZDepth,
 }
 
 impl Channel {
-    /// Returns the plane's name in messages, and the `NERF_OUTPUT_*` bit that the plane needs, 0 for none.
+    /// Returns the plane's name in messages, and the `NERF_OUTPUT_*` flag that the plane needs, 0 for none.
     fn about(self) -> (&'static str, u32) {
         match self {
             Self::Colour => ("target.rgb", NERF_OUTPUT_RGB),
@@ -96,17 +96,17 @@ impl Channel {
         }
     }
 
-    /// The plane's name in messages.
+    /// Returns the plane's name in messages.
     pub fn name(self) -> &'static str {
         self.about().0
     }
 
-    /// Whether `outputs` has this channel's bit; always true for a channel that needs no bit.
+    /// Whether `outputs` has this channel's flag; always true for a channel that needs no flag.
     pub fn is_in(self, outputs: u32) -> bool {
         self.about().1 & !outputs == 0
     }
 
-    /// Names of the formats that suit this channel, for messages.
+    /// Returns the names of the formats that suit this channel, for messages.
     pub fn formats(self) -> &'static str {
         match self {
             Self::Colour => "NERF_FORMAT_RGB_U8, RGB_F32, RGBA_U8 or RGBA_F32",
@@ -116,7 +116,7 @@ impl Channel {
         }
     }
 
-    /// The format with this number, if it suits this channel.
+    /// Returns the format whose number is `number`; `None` if the format does not suit this channel.
     pub fn format(self, number: u32) -> Option<PixelFormat> {
         use PixelFormat::*;
         let suits: &[PixelFormat] = match self {
@@ -129,7 +129,7 @@ impl Channel {
     }
 }
 
-/// Writes one channel of a pixel to `to`.
+/// Writes one channel of a pixel to `to`, in the given format.
 ///
 /// # Safety
 /// `to` is aligned for `format` and writable for its size.

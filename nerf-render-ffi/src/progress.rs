@@ -6,14 +6,15 @@ use core::ffi::c_void;
 #[cfg(not(feature = "std"))]
 type Bare = unsafe extern "C" fn(user: *mut c_void, pixels_done: u64, pixels_all: u64) -> i32;
 
-/// Callback on the rendering thread, before the first tile and after each tile. `pixels_done` never decreases;
-/// `pixels_all` is the number of all pixels. A return value other than 0 cancels the render.
+/// Callback that a render calls on its own thread, before the first tile and after each tile. `pixels_done`: number of
+/// finished pixels, never decreasing; `pixels_all`: number of pixels to render. A return value other than 0 cancels the
+/// render.
 ///
 /// The callback may call this library, but not with the worker that is rendering. No C++ exception may escape.
 pub type Progress =
     Option<unsafe extern "C-unwind" fn(user: *mut c_void, pixels_done: u64, pixels_all: u64) -> i32>;
 
-/// Calls the callback, if there is one. Returns whether to continue.
+/// Calls the callback, if there is one. Returns whether to continue the render: false if the callback cancels it.
 ///
 /// # Safety
 /// `progress` may be called with `user`.

@@ -1,4 +1,4 @@
-//! Chooses settings by loss (PSNR below that of the exact rendering, dB), cost (multiply-adds) or time.
+//! Choice of quality settings by loss (dB of PSNR below the exact rendering), cost (multiply-adds) or time.
 
 use crate::boundary::{Message, Out, by_width, call, read_versioned, versioned};
 use crate::failure::Failure;
@@ -11,8 +11,8 @@ use nerf_core::blob::Blob;
 use nerf_core::plan::{self, Quality};
 use nerf_core::render;
 
-/// Limit of the loss: the difference by which the PSNR against ground truth is below that of the exact rendering, dB.
-/// The scene's Pareto front has the measured loss of settings.
+/// Limit of the loss of settings. Loss: PSNR of the exact rendering minus that of the settings, both against ground
+/// truth, dB, as measured for the points of the scene's Pareto front.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Preset {
@@ -28,7 +28,7 @@ pub enum Preset {
     Preview = 4,
 }
 
-/// The chosen point of a scene's Pareto front: loss and cost of its settings.
+/// The chosen point of a scene's Pareto front: loss and cost of the chosen settings.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Choice {
@@ -36,9 +36,9 @@ pub struct Choice {
     pub struct_size: usize,
     /// PSNR of the exact rendering minus that of the settings, dB, as a study measured it; negative for a gain.
     pub loss_db: f32,
-    /// Multiply-adds of the settings relative to the exact rendering's.
+    /// Multiply-adds of the settings divided by those of the exact rendering.
     pub cost: f32,
-    /// Expected milliseconds per frame; NaN unless the choice was by time.
+    /// Expected milliseconds per frame; NaN unless the settings were chosen by time.
     pub milliseconds: f32,
     /// 1 if the settings meet the limit; 0 if no point of the Pareto front does, and the nearest point was chosen.
     pub within: u32,
@@ -46,7 +46,7 @@ pub struct Choice {
 
 versioned!(unsafe Choice, "choice", by_width(20, 24));
 
-/// Writes the chosen settings into the caller's options, and the choice into `choice` unless that is NULL.
+/// Writes the settings chosen by `choose` to `options`, and the choice to `choice` unless `choice` is NULL.
 ///
 /// # Safety
 /// Pointers are NULL or point to what the calling functions describe.
@@ -76,7 +76,6 @@ unsafe fn answer(
     Ok(())
 }
 
-/// Pairs a choice with NaN for its time.
 fn without_time(choice: plan::Choice) -> (plan::Choice, f32) {
     (choice, f32::NAN)
 }
@@ -84,11 +83,10 @@ fn without_time(choice: plan::Choice) -> (plan::Choice, f32) {
 /// Writes to `options` the cheapest settings whose PSNR is at most `loss_db` below that of the exact rendering.
 ///
 /// `options`: the caller sets `struct_size`; the quality settings (samples, cuts, occupancy grid, maths, proposal) are
-/// replaced, other fields stay. `choice`: NULL, or receives the chosen point. If the PSNR of every point of the scene's
-/// Pareto front is lower, the point of highest PSNR is written, and `choice->within` is 0. `NERF_STATUS_NO_FRONT`, and
-/// nothing is written, if the scene has no Pareto front, or this build can render none of its points. A point's
-/// transmittance cut may exceed one half, which a frame with a median distance refuses. `message`: as in
-/// `nerf_scene_memory`.
+/// replaced, other fields stay. `choice`: NULL, or receives the chosen point. If no point of the scene's Pareto front
+/// has such a PSNR, the point of highest PSNR is chosen, and `choice->within` is 0. `NERF_STATUS_NO_FRONT`, and nothing
+/// is written, if the scene has no Pareto front, or this build can render none of its points. The transmittance cut of
+/// a point may exceed one half: rendering then refuses median distances. `message`: as in `nerf_scene_memory`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `scene` is intact.
@@ -108,9 +106,9 @@ pub unsafe extern "C" fn nerf_quality_within_loss(
     })
 }
 
-/// Writes to `options` the settings of highest PSNR with at most `ratio` times the exact rendering's multiply-adds.
+/// Writes to `options` the settings of highest PSNR for at most `ratio` times the exact rendering's multiply-adds.
 ///
-/// If every point of the scene's Pareto front costs more, the cheapest is written. Everything else is as in
+/// If every point of the scene's Pareto front costs more, the cheapest point is chosen. Everything else is as in
 /// `nerf_quality_within_loss`.
 ///
 /// # Safety
@@ -134,7 +132,7 @@ pub unsafe extern "C" fn nerf_quality_within_cost(
 /// Writes to `options` the settings of highest PSNR whose frame takes at most `milliseconds`, by the times that
 /// `nerf_pace_measure` wrote to `pace`.
 ///
-/// If every point of the scene's Pareto front takes longer, the fastest is written. `choice->milliseconds` is the
+/// If every point of the scene's Pareto front takes longer, the fastest point is chosen. `choice->milliseconds` is the
 /// expected time of a frame. Everything else is as in `nerf_quality_within_loss`.
 ///
 /// # Safety
@@ -160,9 +158,9 @@ pub unsafe extern "C" fn nerf_quality_within_time(
 
 /// Writes to `options` the settings of a point of the scene's Pareto front.
 ///
-/// `point`: index below `front_points` of `nerf_scene_info`, most expensive first. For hosts that show the whole
-/// trade-off or choose by rules of their own. `NERF_STATUS_OPTIONS` for a point that does not exist,
-/// `NERF_STATUS_NO_FRONT` for one that this build cannot render. `choice->within` is 1. Everything else is as in
+/// `point`: index of the point, below `front_points` of `nerf_scene_info`; 0 is the most expensive point. For hosts
+/// that show the whole trade-off or choose by their own rules. `NERF_STATUS_OPTIONS` for a point that does not exist,
+/// `NERF_STATUS_NO_FRONT` for a point that this build cannot render. `choice->within` is 1. Everything else is as in
 /// `nerf_quality_within_loss`.
 ///
 /// # Safety
@@ -190,12 +188,13 @@ pub unsafe extern "C" fn nerf_quality_point(
     })
 }
 
-/// Writes to `options` settings whose PSNR is below that of the exact rendering by at most what a `nerf_preset` allows.
+/// Writes to `options` settings whose PSNR is at most the limit of a `nerf_preset` below that of the exact rendering.
 ///
-/// In a scene without a Pareto front the PSNR of settings is not known. `NERF_PRESET_EXACT` then uses every sample
-/// inside the scene box, and `NERF_PRESET_HIGH` is the defaults. BALANCED, FAST and PREVIEW have transmittance cuts of
-/// 0.03, 0.1 and 0.1, colour cuts of 0.03, 0.03 and 0.1, and PREVIEW has four fifths of the samples: their PSNR was
-/// 0.05, 0.2 and 0.9 dB below exact in the project's own study. `options` and `message` as in
+/// If no point of the scene's Pareto front is within the limit, the settings are those of the exact rendering. In a
+/// scene without a Pareto front the PSNR of settings is not known: `NERF_PRESET_EXACT` then uses every sample inside
+/// the scene box, and `NERF_PRESET_HIGH` the default options. BALANCED, FAST and PREVIEW have transmittance cuts of
+/// 0.03, 0.1 and 0.1, colour cuts of 0.03, 0.03 and 0.1, and PREVIEW has four fifths of the samples: in the project's
+/// study of another scene their PSNR was 0.05, 0.2 and 0.9 dB below exact. `options` and `message`: as in
 /// `nerf_quality_within_loss`.
 ///
 /// # Safety

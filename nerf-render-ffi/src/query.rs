@@ -13,10 +13,10 @@ use nerf_core::camera::is_unit;
 use nerf_core::render::{self, RenderError};
 use nerf_core::volume::Pixel;
 
-/// Number of points that are copied in and out together.
+/// Number of points that are evaluated together; positions, directions and results are copied through the stack.
 const CHUNK: usize = 64;
 
-/// Points, and the direction along which each point is seen.
+/// Points to evaluate, each with the direction along which the point is seen.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Points {
@@ -32,7 +32,7 @@ pub struct Points {
     /// Receives the density of each point, per world unit, as `NERF_FORMAT_F32`: one row of `count` pixels;
     /// `row_stride` is ignored.
     pub sigma: Plane,
-    /// Receives each point's colour as `NERF_FORMAT_RGB_F32`, linear if `options.effects.linear` is 1; or NULL.
+    /// Receives each point's colour as `NERF_FORMAT_RGB_F32`, linear if `options.effects.linear` is 1; may be left out.
     pub rgb: Plane,
 }
 
@@ -40,9 +40,9 @@ versioned!(unsafe Points, "points", by_width(64, 112));
 
 /// Evaluates density and colour at points seen along directions.
 ///
-/// `worker`: opened with `NERF_OUTPUT_RGB` if colour is wanted; only the options for occupancy grid, maths and tone
-/// affect the results. `sigma` and `rgb` must not overlap other memory of the call. `NERF_STATUS_DIRECTION` if a
-/// direction is not of unit length; nothing is written then. `counters` and `message`: as in `nerf_render`.
+/// `worker`: opened with `NERF_OUTPUT_RGB` if colour is wanted; only its options for occupancy grid, maths and tone
+/// affect the results. `sigma` and `rgb` must not overlap other memory of the call. `NERF_STATUS_DIRECTION`, and
+/// nothing is written, if a direction is not of unit length. `counters` and `message`: as in `nerf_render`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.

@@ -14,18 +14,18 @@ use nerf_core::camera::Ray;
 use nerf_core::render::RaySegment;
 use nerf_core::volume::Pixel;
 
-/// An array in the caller's memory: one or three floats per ray or point.
+/// Array in the caller's memory, whose elements are one or three floats each: one element per ray or point.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Floats {
     /// Address of the first element.
     pub data: *const f32,
-    /// Bytes from one element, of one or three floats, to the next; 0 if they are contiguous.
+    /// Bytes from the start of one element to that of the next; 0 if elements are contiguous.
     pub stride: usize,
 }
 
 impl Floats {
-    /// Checks address, stride and extent of `count` elements of `each` floats.
+    /// Checks address, stride and extent of `count` elements of `each` floats; returns elements and their bytes.
     pub(crate) fn check(
         &self,
         name: &'static str,
@@ -79,16 +79,16 @@ pub struct Rays {
     pub count: usize,
     /// Origin of each ray: x, y, z, world space.
     pub origins: Floats,
-    /// Direction of each ray: x, y, z, of unit length (squared length within 1e-3 of 1). Not normalised again: a
-    /// relative error of the length is one of the ray's distances, too.
+    /// Direction of each ray: x, y, z, of unit length (squared length within 1e-3 of 1). Not normalised again: the
+    /// ray's distances are in units of this length.
     pub dirs: Floats,
     /// Distance along each ray at which visibility begins, world units, at least 0; NULL for 0. In a scene that is
-    /// marched (`step` of `nerf_scene_info` is not 0) the first sample interval begins here, or where the ray enters
-    /// the scene box if that is farther: another `t_min` can move all samples. In other scenes `t_min` moves no sample,
-    /// but cuts the sample interval that contains `t_min`.
+    /// marched (`step` of `nerf_scene_info` is not 0) the first sample interval begins at `t_min`, or where the ray
+    /// enters the scene box if that is farther: another `t_min` can move all samples. In other scenes `t_min` moves no
+    /// sample, but cuts the sample interval that contains `t_min`.
     pub t_min: Floats,
     /// Distance along each ray at which visibility ends, world units, at least `t_min`, may be infinite; NULL for no
-    /// end. Cuts the sample interval that contains `t_max`: opacity is a continuous function of `t_max`.
+    /// end. `t_max` cuts the sample interval that contains it: opacity is a continuous function of `t_max`.
     pub t_max: Floats,
     /// One random number in [0, 1) per ray for `nerf_sample_rays`; NULL for `nerf_render_rays`. 1 counts as the largest
     /// float below 1, since rounding to float can produce 1.
@@ -105,15 +105,15 @@ versioned!(unsafe Rays, "rays", by_width(56, 112));
 
 /// Renders the caller's own rays: ray i is pixel i of the target.
 ///
-/// A ray may begin outside, inside or behind the scene. The distances of a ray without a surface are no less than any
-/// in the scene, or, if nearer, `t_max`. The rays of a camera's pixels give the camera's image, bit for bit, without
-/// jitter. A shadow ray needs only the plane of opacity: opacity has the same bits as together with other planes, for
-/// less work.
+/// A ray may begin outside, inside or behind the scene. A ray without a surface has the distance `far`: no less than
+/// any distance in the scene, or, if nearer, `t_max`. The rays of a camera's pixels give the camera's image, bit for
+/// bit, without jitter. For a shadow ray a plane of opacity suffices: opacity has the same bits as together with other
+/// planes, for less work.
 ///
-/// All rays are checked before the first result is written. `NERF_STATUS_RAY` names the first ray with an origin that
-/// is not finite, a direction that is not of unit length or an empty range; also if `random` is not NULL. Options with
-/// anti-aliasing or an aperture, which belong to cameras, are `NERF_STATUS_OPTIONS`. `counters` and `message`: as in
-/// `nerf_render`.
+/// All rays are checked before the first result is written. `NERF_STATUS_RAY` if an origin is not finite, a direction
+/// is not of unit length, `t_max` is less than `t_min`, or `random` is not NULL; the message names the first such ray.
+/// `NERF_STATUS_OPTIONS` for options with anti-aliasing or an aperture, which belong to cameras. `counters` and
+/// `message`: as in `nerf_render`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
@@ -136,10 +136,10 @@ pub unsafe extern "C" fn nerf_render_rays(
 /// A ray's photon collides where the opacity accumulated along the ray reaches the ray's number in `random`. Then
 /// `opacity` is 1, distances are those of the collision, and colour and normal are the field's at that point. Without a
 /// collision, opacity is 0, distances are infinite, and colour is the background (0 in RGBA planes). Cuts in the
-/// options are ignored. Over uniform numbers the mean colour is that of `nerf_render_rays` without cuts, except in a
-/// field shaded once per ray: each colour is then the network's for one sample alone, and only `nerf_render_rays` gives
-/// the field's own. The means of opacity, distance and normal agree in every field. `NERF_STATUS_RAY` also for a number
-/// outside [0, 1]. Everything else is as in `nerf_render_rays`.
+/// options are ignored. Over uniform random numbers, the means of opacity and colour, and over the collisions those of
+/// distance and normal, are the results of `nerf_render_rays` without cuts. Exception: with deferred shading, the
+/// colour branch is evaluated for the collision's sample alone, so that the mean colour differs. `NERF_STATUS_RAY` also
+/// for a number outside [0, 1]. Everything else is as in `nerf_render_rays`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described there; `worker` and its scenes are intact.
@@ -157,7 +157,7 @@ pub unsafe extern "C" fn nerf_sample_rays(
     })
 }
 
-/// The checked input arrays of a call; `read` is the memory that the arrays occupy.
+/// Checked input arrays of rays; `read` is the memory that the arrays occupy, each with its name for messages.
 struct Arrays {
     origins: Numbers,
     dirs: Numbers,
@@ -188,7 +188,7 @@ impl Arrays {
         Ok(Self { origins, dirs, t_min, t_max, random, read })
     }
 
-    /// The `i`-th ray.
+    /// Returns ray `i` with its visible distances.
     ///
     /// # Safety
     /// As for [`Numbers::at`].

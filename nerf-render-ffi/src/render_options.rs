@@ -10,7 +10,6 @@ use nerf_core::plan::{self, Batch, Outputs, Plan, Quality, Tone, ToneMap};
 /// Largest `batch_rays`: the pixels of one tile.
 const MAX_RAYS: u32 = 256;
 
-/// Valid values of a flag, for messages.
 const FLAG: &str = "0 or 1";
 
 /// Default of `transmittance_cut`: the image has no visible difference from one without a cut.
@@ -19,10 +18,10 @@ pub const NERF_TRANSMITTANCE_CUT_DEFAULT: f32 = 2e-2;
 pub const NERF_COLOUR_CUT_DEFAULT: f32 = 5e-3;
 /// Default of `normal_blur`: one sample interval.
 pub const NERF_NORMAL_BLUR_DEFAULT: f32 = 1.0;
-/// Value that turns off a cut or a blur.
+/// Value of `transmittance_cut`, `colour_cut` or `normal_blur` that turns off the cut or blur.
 pub const NERF_NONE: f32 = -1.0;
 
-/// Implementation of the elementary functions.
+/// Implementation of the elementary functions (exp, sin, cos, powers).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Maths {
@@ -32,11 +31,12 @@ pub enum Maths {
     Libm = 1,
     /// The `micromath` crate: small code, low accuracy.
     Micromath = 2,
-    /// Angle doubling: each level of the encoding follows from the level below; errors grow with the level.
+    /// As `NERF_MATHS_POLYNOMIAL`, but sin and cos of each level of the positional encoding come from the level below
+    /// by angle doubling: errors grow with the level.
     Recurrence = 3,
 }
 
-/// Backend of the core for each number of [`Maths`]; `None` for a number without a backend in this build.
+/// The core's maths backend for each value of [`Maths`], by index; `None` for a backend that this build lacks.
 const MATHS: [Option<MathBackend>; 4] = [
     Some(MathBackend::Polynomial),
     #[cfg(feature = "libm")]
@@ -52,21 +52,21 @@ const MATHS: [Option<MathBackend>; 4] = [
 
 /// Options of a frame: quality settings, batches, distances and effects.
 ///
-/// NULL for the structure, or all zeros except `struct_size`, are the defaults: cuts without a visible difference. With
-/// `transmittance_cut` and `colour_cut` at `NERF_NONE` the image is exact: every sample that the occupancy grid does
-/// not mark as empty is used.
+/// NULL for the structure, or all zeros except `struct_size`, are the defaults: cuts without a visible difference. The
+/// exact rendering evaluates every sample in the scene box: `transmittance_cut` and `colour_cut` are `NERF_NONE`, and
+/// `ignore_occupancy` is 1 unless the scene requires its occupancy grid.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct RenderOptions {
     /// `sizeof(nerf_render_options)`.
     pub struct_size: usize,
-    /// Samples per ray, at most 4096; 0 for the scene's own number. In a scene that is marched (`step` of
+    /// Number of samples per ray, at most 4096; 0 for the scene's own number. In a scene that is marched (`step` of
     /// `nerf_scene_info` is not 0), the number of steps along the diagonal of the scene box; in other scenes, the
-    /// number between near and far. With a proposal network, drawn from its distribution, in addition to the proposal's
-    /// own samples.
+    /// number between near and far. With a proposal network, the number of samples drawn from the proposal's
+    /// distribution, in addition to the proposal's own samples.
     pub samples: u32,
-    /// Transmittance threshold, less than 1: a ray ends, and counts as opaque, once its transmittance is below. 0 for
-    /// `NERF_TRANSMITTANCE_CUT_DEFAULT`; `NERF_NONE` (or any value below 0) ends no ray.
+    /// Transmittance threshold, less than 1: a ray ends, and counts as opaque, once its transmittance is below the
+    /// threshold. 0 for `NERF_TRANSMITTANCE_CUT_DEFAULT`; `NERF_NONE` (or any value below 0) ends no ray.
     pub transmittance_cut: f32,
     /// 1: samples in empty cells of the occupancy grid are evaluated, too. Otherwise 0.
     pub ignore_occupancy: u32,
@@ -76,17 +76,17 @@ pub struct RenderOptions {
     pub background_set: u32,
     /// Background colour, display-encoded, in `[0, 1]`; read only if `background_set` is 1.
     pub background: [f32; 3],
-    /// Rays in one batch, and largest number of pixels of a tile, at most 256; 0 for a number that keeps vector units
-    /// busy. Affects memory and time, never the image.
+    /// Number of rays in a batch, and largest number of pixels of a tile, at most 256; 0 for a number that keeps vector
+    /// units busy. Affects memory and time, never the image.
     pub batch_rays: u32,
-    /// Samples that the network evaluates together, at most 64; 0 for a number that keeps vector units busy. Only the
-    /// portable kernel with f16 weights uses fewer than 64.
+    /// Number of samples that the network evaluates together, at most 64; 0 for a number that keeps vector units busy.
+    /// Only the portable kernel with f16 weights uses fewer than 64.
     pub batch_samples: u32,
-    /// Weight threshold, less than 1. Once the weight accumulated since a ray's last colour exceeds the threshold, the
-    /// next colour is evaluated and gets all of this weight. 0 for `NERF_COLOUR_CUT_DEFAULT`; `NERF_NONE` evaluates
-    /// every colour. Never affects opacity or distances.
+    /// Weight threshold, less than 1. A sample's colour is evaluated only if the weight accumulated since the ray's
+    /// last evaluated colour, with the sample's own, exceeds the threshold; this colour gets all of the accumulated
+    /// weight. 0 for `NERF_COLOUR_CUT_DEFAULT`; `NERF_NONE` evaluates every colour. Never affects opacity or distances.
     pub colour_cut: f32,
-    /// Width of the Gaussian blur of the density whose gradient gives the normals, in sample intervals (standard
+    /// Width, in sample intervals, of a Gaussian blur of the density, whose gradient then gives the normals (standard
     /// deviation: width / sqrt(12)). 0 for `NERF_NORMAL_BLUR_DEFAULT`; `NERF_NONE` for no blur: the gradient is then
     /// mostly noise finer than a sample interval.
     pub normal_blur: f32,
@@ -96,8 +96,8 @@ pub struct RenderOptions {
     pub near_distance: f32,
     /// Distance along a ray at which visibility ends, world units; 0 for no end.
     pub far_distance: f32,
-    /// 1: a scene that is not marched is sampled only between its near and far, the range of its training, to reproduce
-    /// figures measured in this way. 0: the rest of the scene box is sampled, too.
+    /// 1: a scene that is not marched (`step` is 0) is sampled only between its near and far distances, as in training,
+    /// to reproduce figures measured in this way. 0: the rest of the scene box is sampled, too.
     pub own_bins: u32,
     /// Reserved; must be 0.
     pub reserved: u32,
@@ -122,7 +122,7 @@ impl RenderOptions {
     }
 }
 
-/// Checked options.
+/// Checked options of a frame, and its batch.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Settings {
     pub frame: plan::Settings,
@@ -170,15 +170,16 @@ impl Settings {
         Ok(Self { frame, batch: Batch { rays, samples: or(o.batch_samples, Batch::FULL.samples) } })
     }
 
-    /// Makes the plan of a scene's frames; the scene's unit of length is `scale` world units.
+    /// Makes the plan of a scene's frames; a unit of length of the scene is `scale` world units.
     pub fn plan<'a>(&self, blob: &Blob<'a>, outputs: Outputs, scale: f32) -> Result<Plan<'a>, Failure> {
         let (near, far) = self.frame.range;
         let of_scene = plan::Settings { range: (near / scale, far / scale), ..self.frame };
         Ok(of_scene.plan(blob, outputs, self.batch)?)
     }
 
-    /// Returns an error if the tone stage does not suit a target with alpha. Premultiplied display-encoded values are
-    /// not light, so exposure needs linear output. A tone curve of premultiplied values is not the curve of the colour.
+    /// Returns an error if exposure or tone curve does not suit a target with alpha. Premultiplied display-encoded
+    /// values are not light: exposure needs linear output. A tone curve of premultiplied values is not that of the
+    /// colour.
     pub fn check_tone_of_alpha(&self) -> Result<(), Failure> {
         let tone = self.frame.effects.tone;
         let fits = tone == Tone::NONE || (tone.linear && tone.map == ToneMap::None);
@@ -186,7 +187,7 @@ impl Settings {
     }
 }
 
-/// Resolves a cut or a blur: 0 becomes the default, a value below 0 becomes 0, which means none.
+/// Converts a cut or a blur from the options: 0 becomes the default; a value below 0 becomes 0, which means none.
 fn or_default(asked: f32, default: f32) -> f32 {
     if asked == 0.0 {
         default

@@ -56,12 +56,12 @@ impl Scene {
     }
 }
 
-/// Number of [`Line`]s of memory that a scene takes.
+/// Number of [`Line`]s of memory that a scene needs.
 pub(crate) fn memory_lines(blob: &Blob<'_>, kernel: Kernel) -> usize {
     lines_for::<Scene>(1) + Renderer::prepared_lines(blob, kernel)
 }
 
-/// Parses and checks a scene file. Opening the scene decodes the entropy-coded tables, and only then checks them.
+/// Parses and checks a scene file, except for entropy-coded tables, which are checked after opening decodes them.
 ///
 /// # Safety
 /// `blob` is NULL or points to `blob_size` bytes that stay as they are during `'a`.
@@ -143,7 +143,7 @@ pub unsafe extern "C" fn nerf_scene_open(
     })
 }
 
-/// Opens a scene at the beginning of `memory`.
+/// Opens a scene in `memory`; the returned handle points to the beginning of `memory`.
 ///
 /// # Safety
 /// `memory` is aligned for a [`Line`], `memory_size` bytes long, and does not overlap `blob`. The caller lends `blob`

@@ -16,7 +16,7 @@ use std::io::{self, Read};
 
 /// Bytes of the file and memory of a scene that was opened from a file; `nerf_scene_close` frees them.
 ///
-/// The fields are no boxes, since the scene borrows `blob` and `memory`, and itself lies in `memory`.
+/// The fields are pointers instead of boxes, since the scene borrows `blob` and `memory`, and itself lies in `memory`.
 pub(crate) struct Owned {
     blob: NonNull<[u8]>,
     memory: NonNull<[Line]>,
@@ -41,7 +41,7 @@ impl Owned {
     }
 }
 
-/// Why a file did not become a scene.
+/// Reason why a file could not be opened as a scene, with the path of the file.
 struct FileFailure<'a> {
     path: &'a CStr,
     cause: Cause,
@@ -170,7 +170,7 @@ pub unsafe extern "C" fn nerf_scene_close(scene: *const Scene) {
     });
 }
 
-/// Reads a scene file. Errors: a header that is no scene file's, or a length in the header that is not the file's.
+/// Returns the bytes of a scene file; an error if the header is no scene file's or has another length than the file.
 fn read(path: &CStr) -> Result<Vec<u8>, Cause> {
     let path = as_path(path)?;
     // Checked before opening, since opening a pipe blocks until something writes to it.
@@ -214,7 +214,7 @@ fn as_path(path: &CStr) -> Result<&str, Cause> {
     path.to_str().map_err(|error| io::Error::new(io::ErrorKind::InvalidInput, error).into())
 }
 
-/// Makes `count` copies of `value`; an error with their size in bytes if there is not enough memory.
+/// Returns `count` copies of `value`; an error with their size in bytes if there is not enough memory.
 fn filled<T: Clone>(count: usize, value: T) -> Result<Vec<T>, Cause> {
     let mut values = Vec::new();
     let bytes = count.saturating_mul(size_of::<T>());

@@ -1,4 +1,4 @@
-//! The facts of a scene.
+//! Description of a scene: bounds, sampling, network, accuracy and training.
 
 use crate::boundary::{Message, Out, by_width, call, versioned};
 use crate::open_options::numbers_of;
@@ -18,19 +18,19 @@ pub enum Kind {
     Picture = 2,
 }
 
-/// The storage of a scene's learned grid.
+/// Format of the tables of a scene's learned grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum TableStorage {
     /// There is no learned grid.
     None = 0,
-    /// Two bytes per value.
+    /// f16: two bytes per value.
     F16 = 1,
-    /// One byte per value, and one scale per level of the grid.
+    /// Integers: one byte per value, and one scale per level of the grid.
     Int8 = 2,
-    /// `NERF_TABLE_STORAGE_INT8`, entropy-coded: `nerf_scene_open` decodes the tables into the scene's memory. Without
-    /// the feature `coded` (microcontrollers) a library refuses coded tables: fit with `--export int8`, whose tables
-    /// are read directly from the file's bytes.
+    /// `NERF_TABLE_STORAGE_INT8`, entropy-coded: `nerf_scene_open` decodes the tables into the scene's memory. A
+    /// library without the feature `coded` (microcontrollers) refuses coded tables: train with `--export int8`, whose
+    /// tables are read directly from the file's bytes.
     Coded = 3,
 }
 
@@ -50,7 +50,7 @@ impl Text {
     }
 }
 
-/// The facts of a scene. For a 2D field, fields that do not apply are 0.
+/// Description of a scene. For a 2D field, fields that do not apply are 0.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct SceneInfo {
@@ -60,17 +60,17 @@ pub struct SceneInfo {
     pub kind: u32,
     /// The `nerf_kernel` that the scene runs on; never `NERF_KERNEL_AUTO`.
     pub kernel: u32,
-    /// Smallest corner of the scene box, world units. Outside the box density is 0, unless the scene is unbounded
-    /// (`contraction_radius` is not 0).
+    /// Corner of the scene box with the smallest x, y and z, world units. Outside the box density is 0, unless the
+    /// scene is unbounded (`contraction_radius` is not 0).
     pub box_min: [f32; 3],
-    /// Largest corner of the scene box, world units.
+    /// Corner of the scene box with the largest x, y and z, world units.
     pub box_max: [f32; 3],
     /// Distance at which the scene begins on the rays of its training cameras, world units. Half way between near and
-    /// far is a good camera distance; any other works as well. (`near` alone is a macro on Windows.)
+    /// far distance is a good camera distance; any other works as well. (`near` alone is a macro on Windows.)
     pub near_distance: f32,
     /// Distance at which the scene ends on the rays of its training cameras, world units.
     pub far_distance: f32,
-    /// Samples per ray that the scene was made for: between near and far, or, if `step` is not 0, the most in its box.
+    /// The scene's own number of samples per ray: between near and far, or, if `step` is not 0, on the longest ray.
     pub samples: u32,
     /// Background colour, which shows where opacity is below 1, display-encoded.
     pub background: [f32; 3],
@@ -82,7 +82,7 @@ pub struct SceneInfo {
     pub occupancy_resolution: [u32; 3],
     /// Fraction of the occupancy grid's cells that are occupied; 1 without an occupancy grid.
     pub occupied_share: f32,
-    /// Number of trunk layers: entries of `trunk_widths` in use.
+    /// Number of layers of the trunk, which gives the density: entries of `trunk_widths` in use.
     pub trunk_layers: u32,
     /// Number of units in each layer of the trunk.
     pub trunk_widths: [u32; 16],
@@ -92,7 +92,7 @@ pub struct SceneInfo {
     pub colour_widths: [u32; 4],
     /// Mean PSNR over the validation views, dB; NaN if there were none.
     pub psnr_db: f32,
-    /// PSNR lost on the validation views by rounding weights and tables to their storage, dB; NaN if not measured.
+    /// PSNR lost on the validation views by rounding weights and tables for the file, dB; NaN if not measured.
     pub quantisation_loss_db: f32,
     /// Number of optimiser steps of the training run.
     pub steps: u32,
@@ -100,11 +100,11 @@ pub struct SceneInfo {
     pub parameters: u64,
     /// Multiply-adds of one density evaluation; for a 2D field, of its layers in front of the colour branch.
     pub density_macs: u64,
-    /// Additional multiply-adds of one colour evaluation.
+    /// Multiply-adds of one colour evaluation, in addition to the density evaluation at the same sample.
     pub colour_macs: u64,
     /// Seed of the training run.
     pub seed: u64,
-    /// Name of the data the scene was fitted to.
+    /// Name of the data that the scene was fitted to.
     pub data: Text,
     /// The program and settings that made the scene.
     pub made_by: Text,
@@ -114,14 +114,14 @@ pub struct SceneInfo {
     pub picture_width: u32,
     /// Height of the image that the 2D field was fitted to, pixels; 0 for a scene.
     pub picture_height: u32,
-    /// Samples per ray of the coarse proposal network; 0 without a proposal network.
+    /// Number of samples per ray at which the proposal network is evaluated; 0 without a proposal network.
     pub proposal_samples: u32,
-    /// Number of points of the Pareto front (PSNR against multiply-adds), measured by a study; 0 without one.
+    /// Number of points of the Pareto front (PSNR against multiply-adds) from a study; 0 without a Pareto front.
     pub front_points: u32,
     /// Multiply-adds of one evaluation of the proposal network; 0 without a proposal network.
     pub proposal_macs: u64,
-    /// Distance between samples in a scene that is marched through its box, world units; 0 if rays have bins between
-    /// near and far. In an unbounded scene, steps grow outside the ball of `contraction_radius`.
+    /// Distance between samples in a scene that is marched through its box, world units; 0 if samples lie in equal bins
+    /// between near and far. In an unbounded scene, steps grow outside the ball of `contraction_radius`.
     pub step: f32,
     /// Storage of the learned grid's tables: a `nerf_table_storage`.
     pub table_storage: u32,
@@ -150,7 +150,7 @@ const _: () = assert!(MAX_TRUNK == 16 && MAX_COLOUR == 4);
 
 versioned!(unsafe SceneInfo, "info", by_width(if align_of::<u64>() == 4 { 284 } else { 288 }, 320));
 
-/// Describes a scene: placement of a camera, cost, origin.
+/// Writes the description of a scene to `info`: bounds and viewpoint, cost of an evaluation, training.
 ///
 /// `info`: the caller sets `struct_size`; the other fields are written on success. Fields of a newer header that this
 /// library does not know become zero. The texts point into the scene file's bytes.

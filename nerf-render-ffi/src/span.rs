@@ -3,7 +3,7 @@
 use crate::failure::Failure;
 use core::ffi::c_void;
 
-/// An address range of `length` bytes from `start`; its end does not overflow.
+/// An address range of `length` bytes from `start`, whose end does not overflow.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Span {
     start: usize,
@@ -13,14 +13,14 @@ pub(crate) struct Span {
 impl Span {
     pub const EMPTY: Self = Self { start: 0, length: 0 };
 
-    /// The range of `length` bytes from `start`; an error if no Rust slice could be that long.
+    /// Returns the range of `length` bytes from `start`; an error if no Rust slice could be that long.
     pub fn new(name: &'static str, start: *const c_void, length: usize) -> Result<Self, Failure> {
         let start = start as usize;
         let fits = isize::try_from(length).is_ok() && start.checked_add(length).is_some();
         if fits { Ok(Self { start, length }) } else { Err(Failure::Overflow(name)) }
     }
 
-    /// The range of `count` values of `T`; an error if `start` is NULL or misaligned.
+    /// Returns the range of `count` values of `T`; an error if `start` is NULL or misaligned.
     pub fn of<T>(name: &'static str, start: *const T, count: usize) -> Result<Self, Failure> {
         if start.is_null() {
             return Err(Failure::Null(name));
@@ -36,13 +36,13 @@ impl Span {
         !shared.is_empty()
     }
 
-    /// Returns an error if `self`, called `name`, and `other`, called `of`, share a byte.
+    /// Returns an error if `self` and `other`, called `name` and `of` in the message, share a byte.
     pub fn check_apart(self, name: &'static str, other: Self, of: &'static str) -> Result<(), Failure> {
         if self.meets(other) { Err(Failure::Overlap { name, other: of }) } else { Ok(()) }
     }
 }
 
-/// Elements of `size` bytes, each `stride` bytes after the previous one, all within `span`.
+/// Array of elements of `size` bytes, each `stride` bytes after the previous one, all within `span`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pieces {
     pub span: Span,
@@ -53,7 +53,7 @@ pub(crate) struct Pieces {
 impl Pieces {
     pub const NONE: Self = Self { span: Span::EMPTY, stride: 1, size: 0 };
 
-    /// Returns an error if `self` and `other` share a byte or may share one. Fields of the same structures share none.
+    /// Returns an error if elements of `self` and `other` may share a byte; fields of the same structures share none.
     pub fn check_apart(self, name: &'static str, other: Self, of: &'static str) -> Result<(), Failure> {
         let behind = other.span.start.wrapping_sub(self.span.start);
         if self.stride == other.stride && self.stride > 0 {
@@ -71,7 +71,7 @@ impl Pieces {
     }
 }
 
-/// The bytes of a plane: pixels in columns and rows, with gaps. A row is no longer than its stride.
+/// Bytes of a plane: pixels of `size` bytes in columns and rows, with gaps. A row is no longer than its stride.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlaneBytes {
     /// Lowest address of the plane.
@@ -84,7 +84,7 @@ pub(crate) struct PlaneBytes {
 }
 
 impl PlaneBytes {
-    /// `data`: address of the top left pixel; a negative row stride stores rows bottom up. Overflow is checked before.
+    /// `data`: address of the top left pixel. A negative row stride stores rows bottom up. Callers check for overflow.
     pub fn new(
         data: usize,
         (columns, rows): (usize, usize),
@@ -95,7 +95,7 @@ impl PlaneBytes {
         Self { first: data - up, columns, rows, pixel_stride, row_stride: row_stride.unsigned_abs(), size }
     }
 
-    /// Returns an error if the planes `self`, called `name`, and `other`, called `of`, share a byte.
+    /// Returns an error if the planes `self` and `other`, called `name` and `of` in the message, share a byte.
     pub fn check_apart(&self, name: &'static str, other: &Self, of: &'static str) -> Result<(), Failure> {
         if self.meets(other) { Err(Failure::Overlap { name, other: of }) } else { Ok(()) }
     }
@@ -120,7 +120,7 @@ impl PlaneBytes {
         (self.columns - 1) * self.pixel_stride + self.size
     }
 
-    /// Whether the planes are interleaved channels of one structure: the usual case, found without visiting each pixel.
+    /// Whether the planes are interleaved channels of one structure: the usual case, found without a loop over pixels.
     fn are_channels_with(&self, other: &Self) -> bool {
         let (low, high) = if self.first <= other.first { (self, other) } else { (other, self) };
         let offset = high.first - low.first;
@@ -130,7 +130,7 @@ impl PlaneBytes {
             && offset.saturating_add(high.size) <= low.pixel_stride
     }
 
-    /// Whether any pixel contains one of the `length` bytes from address `at`; the plane must not be empty.
+    /// Whether any pixel of the plane has one of the `length` bytes from address `at`; the plane must not be empty.
     fn has_any(&self, at: usize, length: usize) -> bool {
         let (start, end) = (at.saturating_sub(self.first), (at + length).saturating_sub(self.first));
         // Index of the first element that ends after `place`; elements of `size` bytes begin every `stride` bytes.

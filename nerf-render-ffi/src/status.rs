@@ -6,7 +6,7 @@ use core::ffi::{CStr, c_char};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(i32)]
 pub enum Status {
-    /// Done.
+    /// Success.
     Ok = 0,
     /// A required pointer is NULL.
     NullPointer = 1,
@@ -16,15 +16,15 @@ pub enum Status {
     Reserved = 3,
     /// A pointer or stride is not a multiple of its alignment.
     Alignment = 4,
-    /// Memory is smaller than the size query says.
+    /// The caller's memory is smaller than the result of the size query.
     Memory = 5,
-    /// Two ranges of memory overlap that must not.
+    /// Two ranges of memory that must be apart overlap.
     Overlap = 6,
     /// A size or a range of addresses overflows.
     Overflow = 7,
     /// A setting is outside its range.
     Options = 8,
-    /// This machine lacks the kernel's instructions, or has none for the requested storage.
+    /// This machine lacks the instructions of the requested kernel or storage.
     Kernel = 9,
     /// The camera is invalid: its parameters define no rays.
     Camera = 10,
@@ -40,20 +40,20 @@ pub enum Status {
     Direction = 15,
     /// The progress callback cancelled the render; finished tiles are in the planes.
     Cancelled = 16,
-    /// A defect of this library; the scene is unharmed.
+    /// The library panicked, which is a defect; the scene is unharmed, the worker cannot be used any more.
     Panic = 17,
     /// The scene file contains a scene, not a 2D field: `nerf_render` renders scenes.
     NotAPicture = 18,
-    /// The scene has no Pareto front of accuracy against work: `nerf-train study` measures one.
+    /// The scene has no Pareto front, PSNR against multiply-adds: `nerf-train study` measures one.
     NoFront = 19,
     /// The file cannot be read.
     File = 20,
     /// An allocation failed for lack of memory.
     OutOfMemory = 21,
-    /// A ray has no direction of unit length, no finite origin, no valid range or no valid random number, or rays for
-    /// `nerf_render_rays` have random numbers.
+    /// A ray has a direction that is not of unit length, an origin that is not finite, or an invalid range or random
+    /// number; or rays for `nerf_render_rays` have random numbers.
     Ray = 22,
-    /// An instance's transform is not a rotation, one scale and a translation.
+    /// The transform of an instance is not a rotation, a uniform scale and a translation.
     Transform = 23,
     /// Another call uses the worker, or a call with the worker has panicked.
     Busy = 24,
@@ -75,7 +75,6 @@ pub enum Status {
     BlobContent = 39,
 }
 
-/// Declares the text of each status.
 macro_rules! texts {
     ($($status:ident: $text:literal;)+) => {
         impl Status {

@@ -30,9 +30,9 @@ pub struct Plane {
 /// The target of a render. `limit_ray_distance` and `limit_z_depth` are inputs; every other plane is an output.
 ///
 /// An output plane that is NULL is not computed, and takes no memory. Planes may share memory as channels of one
-/// structure: bytes between pixels are never touched. Output planes must not share a byte (`NERF_STATUS_OVERLAP`). A
-/// pixel without a surface has the distance `far`: no less than any distance in the scene, or, if nearer, the pixel's
-/// own limit along its ray or `far_distance` of the options.
+/// structure: bytes between pixels are never touched. Output planes must not share a byte (`NERF_STATUS_OVERLAP`).
+/// `far` is the distance of a pixel without a surface: no less than any distance in the scene, or, if nearer, the
+/// pixel's own limit along its ray or `far_distance` of the options.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Target {
@@ -42,23 +42,25 @@ pub struct Target {
     pub rgb: Plane,
     /// Opacity, in `[0, 1]`.
     pub opacity: Plane,
-    /// Mean distance along the ray under the sample weights, world units; `far` where opacity is 1e-4 or less.
+    /// Mean distance along the ray under the sample weights, world units; where opacity is 1e-4 or less, `far`: the
+    /// distance of a pixel without a surface.
     pub ray_distance: Plane,
-    /// Mean distance along the view axis under the sample weights, world units; `far` where opacity is 1e-4 or less.
+    /// Mean distance along the view axis under the sample weights, world units; where opacity is 1e-4 or less, `far`:
+    /// the distance of a pixel without a surface.
     pub z_depth: Plane,
-    /// Smallest distance along the ray at which transmittance is below one half, world units; `far` if there is none.
-    /// Needs a `transmittance_cut` of at most 0.5.
+    /// Median distance: where transmittance along the ray falls below one half, world units; if it never does, `far`:
+    /// the distance of a pixel without a surface. Needs a `transmittance_cut` of at most 0.5.
     pub median_distance: Plane,
     /// Normal of the surface: mean of -grad(density)/|grad(density)| under the sample weights, world space, unit
     /// length; 0 where opacity is 1e-4 or less or directions cancel. Costs about as much as two more samples per ray.
     pub normals: Plane,
-    /// Input: distance along each pixel's ray at which the ray ends, world units, for example at a surface that the
-    /// host has traced. Infinity or NaN for no end; NULL for no limits. A limit cuts the sample interval that contains
-    /// the limit, so edges are smooth. Samples behind a limit cost nothing.
+    /// Input: limit of each pixel, the distance along its ray at which the ray ends, world units, for example at a
+    /// surface that the host has traced. Infinity or NaN for no limit; NULL for no plane. A limit cuts the sample
+    /// interval that contains the limit, so edges are smooth. Samples behind a limit cost nothing.
     pub limit_ray_distance: Plane,
-    /// Input: limits as in `limit_ray_distance`, but along the view axis, such as a depth buffer; only one of these two
-    /// planes may be set. A depth `d` in normalised device coordinates is `p[14] / (d + p[10])`, of a column-major
-    /// perspective `p` along -Z.
+    /// Input: limits as in `limit_ray_distance`, but along the view axis, such as a depth buffer; only one of the two
+    /// planes may be set. The limit of a depth `d` in normalised device coordinates is `p[14] / (d + p[10])`, with `p`
+    /// the column-major perspective matrix of a camera that looks along -Z.
     pub limit_z_depth: Plane,
 }
 
@@ -77,12 +79,11 @@ pub(crate) struct Surface {
 /// Columns and rows of a plane: those of a rectangle, or `(count, 1)` for rays and points.
 type Extent = (usize, usize);
 
-/// A checked target.
+/// A checked target: its output planes, at most one plane of limits, and the position of its rectangle.
 pub(crate) struct Canvas {
     surfaces: [Option<Surface>; 6],
-    /// The plane of limits, if there is one.
     pub limit: Option<Surface>,
-    /// The rectangle's top left pixel in the image.
+    /// Column and row of the rectangle's top left pixel in the image.
     origin: [u32; 2],
 }
 
@@ -107,7 +108,7 @@ impl Canvas {
         other.map_or(Ok(()), |channel| Err(Failure::ScenePlane(channel.name())))
     }
 
-    /// Checks the planes of `count` points, which must not overlap the memory in `read`. `rgb.data` may be NULL.
+    /// Checks the result planes of `count` points, which must not overlap the inputs in `read`. `rgb.data` may be NULL.
     ///
     /// # Safety
     /// As for [`Canvas::of_image`].
@@ -134,8 +135,8 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// Checks every plane against its extent, the scenes, the worker and the other planes. `read`: memory of the rays'
-    /// input arrays, which no plane may overlap; `None` for an image.
+    /// Checks that every plane fits `extent`, and overlaps neither scenes, worker nor another plane. `read`: memory of
+    /// the input arrays of rays, which no plane may overlap; `None` for an image.
     ///
     /// # Safety
     /// As for [`Canvas::of_image`].
@@ -179,7 +180,7 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// Checks that the tone suits planes with alpha. Without alpha, lets the worker composite over the background.
+    /// Checks exposure and tone curve for an RGBA plane; without one, makes the worker composite over the background.
     pub fn set_up(&self, worker: &mut State) -> Result<(), Failure> {
         let alpha = self.surfaces.iter().flatten().any(|surface| surface.format.has_alpha());
         if alpha {
@@ -212,7 +213,7 @@ impl Canvas {
         }
     }
 
-    /// Writes pixel `i` of a row to every plane.
+    /// Writes pixel `i` of a row to every output plane.
     #[inline]
     pub fn put(&mut self, i: usize, pixel: &Pixel) {
         for surface in self.surfaces.iter().flatten() {
@@ -223,7 +224,7 @@ impl Canvas {
 }
 
 impl Surface {
-    /// Reads the limit of pixel (`x`, `y`) of the rectangle from a plane of limits.
+    /// Returns the limit of pixel (`x`, `y`) of the rectangle, read from this plane of limits.
     #[inline]
     pub fn limit(&self, x: u32, y: u32) -> Limit {
         // SAFETY: the pixel lies in the rectangle that `check` was given; the memory is readable by the promise of
@@ -232,12 +233,12 @@ impl Surface {
         if self.channel == Channel::LimitZDepth { Limit::ZDepth(t) } else { Limit::RayDistance(t) }
     }
 
-    /// The bytes that the plane's pixels occupy.
+    /// Returns the bytes that the plane's pixels occupy.
     fn bytes(&self, extent: Extent) -> PlaneBytes {
         PlaneBytes::new(self.data as usize, extent, (self.pixel_stride, self.row_stride), self.format.size())
     }
 
-    /// The address of a pixel.
+    /// Returns the address of pixel (`x`, `y`) of the plane.
     ///
     /// # Safety
     /// The pixel lies in the extent that was checked.

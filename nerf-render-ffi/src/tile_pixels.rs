@@ -4,7 +4,7 @@ use nerf_core::memory::{Layout, Measure};
 use nerf_core::plan::Outputs;
 use nerf_core::volume::Pixel;
 
-/// The values of a pixel that every tile holds.
+/// The values of a pixel that are stored whichever outputs are requested.
 #[derive(Clone, Copy)]
 struct Plain {
     rgb: [f32; 3],
@@ -31,7 +31,7 @@ fn if_asked(asked: bool, pixels: usize) -> usize {
 }
 
 impl<'w> TilePixels<'w> {
-    /// Number of [`Line`](nerf_core::memory::Line)s that `pixels` pixels take.
+    /// Number of [`Line`](nerf_core::memory::Line)s that `pixels` pixels with these outputs take.
     pub fn lines(pixels: usize, outputs: Outputs) -> usize {
         let mut measure = Measure::default();
         Self::lay_out(&mut measure, pixels, outputs);
@@ -47,7 +47,6 @@ impl<'w> TilePixels<'w> {
         }
     }
 
-    /// Stores `pixel` as pixel `i` of the tile.
     pub fn put(&mut self, i: usize, pixel: &Pixel) {
         let Pixel { rgb, opacity, ray_distance, z_depth, .. } = *pixel;
         if let Some(plain) = self.plain.get_mut(i) {

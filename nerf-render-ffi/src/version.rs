@@ -2,7 +2,7 @@
 
 use core::ffi::{CStr, c_char};
 
-/// Version of the ABI that this header describes; `nerf_abi_version()` is the library's.
+/// Version of the ABI that this header describes; `nerf_abi_version()` returns that of the library.
 ///
 /// The version changes only when a program built against the old header would break.
 pub const NERF_ABI_VERSION: u32 = 2;

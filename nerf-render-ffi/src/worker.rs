@@ -48,10 +48,10 @@ pub struct Request {
 
 versioned!(unsafe Request, "request", by_width(28, 48));
 
-/// A scene of a worker, with its plan.
+/// A scene that a worker renders, and the plan of its frames.
 pub(crate) struct Member {
     pub scene: &'static Scene,
-    /// Plan of the scene's frames; `None` for a 2D field.
+    /// `None` for a 2D field.
     pub plan: Option<Plan<'static>>,
 }
 
@@ -85,7 +85,7 @@ pub(crate) struct State {
     /// Pixels of the tile in progress. Only a finished tile is copied to the target, even if a call panics.
     pub(crate) pixels: TilePixels<'static>,
     pub(crate) memory: Span,
-    /// Bytes of memory that the worker takes.
+    /// Size of the memory that the worker takes, bytes.
     pub(crate) size: usize,
 }
 
@@ -133,8 +133,8 @@ pub(crate) unsafe fn with_worker(
     result
 }
 
-/// Calls `body` with the worker's state and the caller's structure at `asked`. Writes the counters that `body` returns
-/// to `counters`, unless that is NULL.
+/// Calls `body` with the worker's state and a copy of the caller's structure at `asked`. Writes the counters that
+/// `body` returns to `counters`, unless `counters` is NULL.
 ///
 /// # Safety
 /// `worker` as in [`with_worker`]; `asked` and `counters` are NULL or point to structures of their `struct_size`.
@@ -189,17 +189,18 @@ struct Checked {
     placed: bool,
 }
 
-/// Sizes of a worker's memory. `own`, `pixels` and `rest` are in lines of 64 bytes. Only `bytes`, the total, includes
-/// members and instances.
+/// Sizes of the parts of a worker's memory, in lines of 64 bytes: the [`Worker`] itself, a tile's pixels, and the
+/// renderer's workspace (`rest`). `bytes`: the total, which also includes members and instances.
 struct Shares {
     own: usize,
     pixels: usize,
     rest: usize,
-    /// Size of the whole memory, bytes.
     bytes: usize,
 }
 
 impl Checked {
+    /// Reads and checks a request, except for its scenes.
+    ///
     /// # Safety
     /// `at` is NULL or points to a request whose pointers are NULL or point to what [`Request`] describes.
     unsafe fn read(at: *const Request) -> Result<Self, Failure> {
@@ -230,7 +231,7 @@ impl Checked {
         self.request.instance_count.max(1)
     }
 
-    /// Returns the scene with index `_index`.
+    /// Returns the scene of instance `_index`, or without instances the only scene.
     ///
     /// # Safety
     /// As in [`Checked::read`]; the scenes stay as they are during `'a`.
@@ -260,7 +261,7 @@ impl Checked {
         unsafe { Instance::read(self.request.instances, index)?.placement(index) }
     }
 
-    /// Adds the scene's `_index` to `failure` if the request has instances.
+    /// Returns `failure`, with the index of the instance if the request has instances.
     fn of_scene(&self, _index: usize, failure: Failure) -> Failure {
         #[cfg(feature = "instances")]
         if self.placed {
@@ -269,7 +270,7 @@ impl Checked {
         failure
     }
 
-    /// Makes the plan of scene `index`, in the scene's units of `scale` world units; `None` for a 2D field.
+    /// Makes the plan of scene `index`, whose unit of length is `scale` world units; `None` for a 2D field.
     fn plan(&self, index: usize, scene: &Scene, scale: f32) -> Result<Option<Plan<'static>>, Failure> {
         let blob = scene.renderer().blob();
         if blob.picture().is_some() && !self.placed {
@@ -279,7 +280,7 @@ impl Checked {
         plan.map(Some).map_err(|failure| self.of_scene(index, failure))
     }
 
-    /// Computes the size of the memory that a worker takes.
+    /// Computes the sizes of the parts of the worker's memory.
     ///
     /// # Safety
     /// As for [`Checked::scene`].
@@ -402,7 +403,7 @@ struct Lent {
 }
 
 impl Lent {
-    /// Splits off and returns the next `count` lines.
+    /// Splits off and returns the next `count` lines of 64 bytes.
     ///
     /// # Safety
     /// `count` lines are left, and lent to the worker alone.
@@ -416,7 +417,7 @@ impl Lent {
         }
     }
 
-    /// Makes `count` values in the next unused lines and returns them.
+    /// Makes `count` values, `make(0)`, `make(1)`, …, in the next unused lines and returns them.
     ///
     /// # Safety
     /// As for [`Lent::lines`], for as many lines as the values take.
@@ -439,7 +440,7 @@ impl Lent {
     }
 }
 
-/// Opens a worker at the beginning of `memory`.
+/// Opens a worker in `memory`; the returned handle points to the beginning of `memory`.
 ///
 /// # Safety
 /// `memory` points to `shares.bytes` writable bytes, aligned as a [`Line`], and does not overlap the scenes. Nothing
