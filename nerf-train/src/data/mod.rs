@@ -56,7 +56,7 @@ pub struct Dataset {
     pub format: Format,
     /// Convention of the file's poses; the poses here are all converted to OpenGL.
     pub axes: Axes,
-    /// Training views; at least one, unless the data were read to measure a field ([`ReadOptions::to_measure`]).
+    /// Training views; at least one, unless the data were read to evaluate a field ([`ReadOptions::to_measure`]).
     pub train: Vec<View>,
     /// Validation views, on which the fit is evaluated as it runs; may be empty.
     pub val: Vec<View>,
@@ -82,7 +82,7 @@ pub struct Dataset {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SparsePoint {
     pub position: [f32; 3],
-    /// Mean reprojection error, pixels of the full size.
+    /// Mean reprojection error, pixels of the unreduced photographs.
     pub error: f32,
     /// Number of photographs that show the point, at least 1.
     pub track: u32,
@@ -108,8 +108,8 @@ impl Dataset {
         }
     }
 
-    /// Uses the test views for validation if there are no validation views; returns whether it did so. No choice of a
-    /// fit depends on validation views: results on the moved views still count as test results.
+    /// Moves the test views to the validation views if there are none; returns whether views were moved. Results on
+    /// moved views still count as test results, because no choice of a fit depends on validation views.
     pub fn validate_on_test(&mut self) -> bool {
         let instead = self.val.is_empty() && !self.test.is_empty();
         if instead {
@@ -221,7 +221,7 @@ impl std::str::FromStr for Axes {
     }
 }
 
-/// Choice of the cameras of a COLMAP reconstruction's photographs (`--cameras`).
+/// Choice between one camera for each device and the cameras of a COLMAP reconstruction (`--cameras`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Cameras {
     /// One camera for each device: a reconstruction with one camera for each photograph is adjusted again.
@@ -246,7 +246,7 @@ impl std::str::FromStr for Cameras {
 /// Suffix of a data set's name which states that its cameras are shared.
 const SHARED: &str = ", shared cameras";
 
-/// Choice of cameras that the name of a data set, as stored in a blob, states.
+/// Reads the choice of cameras from the name of a data set, where blobs store it.
 pub fn cameras_in_name(name: &str) -> Cameras {
     let shared = name.ends_with(SHARED) || name.contains(&format!("{SHARED}{STATED}"));
     if shared { Cameras::Shared } else { Cameras::Own }
@@ -271,10 +271,10 @@ pub struct ReadOptions {
     /// Factor by which photographs are reduced from the size of their poses (`--downscale`). For Blender folders, only
     /// an explicit factor applies.
     pub downscale: Downscale,
-    /// Index, in every eight photographs by name, of the held-out one, unless the data set lists its splits.
+    /// Index of the held-out photograph in every eight, sorted by name; ignored if the data set lists its splits.
     pub hold_offset: usize,
     pub cameras: Cameras,
-    /// File of shared cameras: read if of this reconstruction, else written. `None`: the cameras are not stored.
+    /// File of shared cameras: read if it is of this reconstruction, else written. `None`: the cameras are not stored.
     pub shared_cameras: Option<PathBuf>,
     /// Origin of all coordinates, in the file's world ([`Dataset::origin`]), such as that of the blob to
     /// evaluate. `None`: a point near cameras that are far from the file's origin, else the file's origin.
@@ -285,7 +285,7 @@ pub struct ReadOptions {
 }
 
 impl ReadOptions {
-    /// Origin of the coordinates of a data set with cameras at these positions.
+    /// Returns `origin` if given, else the origin chosen from the positions `cameras`.
     pub(crate) fn origin_for(&self, cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
         self.origin.map_or_else(|| origin(cameras), DVec3::from)
     }
@@ -300,7 +300,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError>
     read_watched(path, options, &Watch::default())
 }
 
-/// [`read`] with progress in `watch`, which another thread can read.
+/// [`read`], which also counts the pictures read in `watch`, for another thread to show progress.
 pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     check_range(options.near, options.far)?;
     let kind = std::fs::metadata(path).map_err(|source| DatasetError::io(path, source))?;

@@ -1,10 +1,10 @@
-//! File names derived from names of views, and names in sentences.
+//! File names derived from names of views; counts and lists of names in messages.
 
 use crate::data::View;
 use std::collections::HashSet;
 use std::path::Path;
 
-/// Stems of files that a report writes itself: `views.png` is its contact sheet.
+/// File name stems that a report needs for itself, such as `views.png`, its contact sheet.
 const RESERVED: [&str; 4] = ["views", "curve", "curve_steps", "snapshots"];
 
 /// Maximum length of a stem, bytes: `step_0000000000_` before and `_z_depth.png` after it fit a file name of 255.
@@ -80,7 +80,6 @@ fn plain(name: &str) -> String {
     }
 }
 
-/// Last part of a path, as text.
 pub(crate) fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }

@@ -24,7 +24,7 @@ pub struct Report {
     pub test: usize,
     pub test_path: usize,
     pub sizes: Vec<SizeCount>,
-    /// Smallest and largest `fx` and `fy`, pixels.
+    /// Smallest and largest of all focal lengths `fx` and `fy`, pixels.
     pub focal: [f32; 2],
     /// Point that the cameras look at; `None` with one camera or parallel axes.
     pub look_at: Option<LookAt>,
@@ -103,7 +103,7 @@ impl Report {
     }
 }
 
-/// Warning that names the views with exactly the same pose as another view.
+/// Warning that names the views with exactly the same pose as another view; `None` if there are none.
 fn one_place(dataset: &Dataset) -> Option<String> {
     let mut seen = HashMap::new();
     let mut twins = Vec::new();
@@ -150,7 +150,7 @@ fn axes_warning(look_at: &LookAt, cameras: &[Camera], axes: Axes) -> Option<Stri
     Some(warning)
 }
 
-/// Whether the axes would meet if every matrix were read as world-to-camera.
+/// Whether the optical axes would meet near a point if every matrix were read as world-to-camera.
 fn inverse_meets(cameras: &[Camera]) -> bool {
     let line = |camera: &Camera| {
         let inverse = camera.pose().rotation.transpose();

@@ -11,16 +11,15 @@ pub struct View {
     pub name: String,
     /// Camera that took the picture; its intrinsics hold the picture's size.
     pub camera: Camera,
-    /// `[height * width]` from the top left, row by row: straight (not premultiplied) sRGB and
-    /// alpha; alpha is 255 if the file has none.
+    /// Pixels `[height * width]` from the top left, row by row: straight (not premultiplied) sRGB and alpha; alpha is
+    /// 255 if the file has none.
     pub pixels: Vec<[u8; 4]>,
     /// Whether each pixel is trained on and evaluated, in the order of `pixels`; `None`: all pixels are.
     pub mask: Option<Vec<bool>>,
-    /// Distance from the camera within which an unbounded scene is empty, world units: a little less than that of the
-    /// nearest sparse points in view; 0 if there are none.
+    /// Distance from the camera within which an unbounded scene is taken as empty, world units: a little less than the
+    /// distance of the nearest sparse points in view; 0 if there are too few.
     pub near: f32,
-    /// Positions in the picture of points of [`Dataset::points`](crate::data::Dataset::points); empty if the data have
-    /// no tracks.
+    /// Sparse points that this view shows; empty if the data set states none.
     pub key_points: Vec<KeyPoint>,
 }
 
@@ -92,7 +91,7 @@ impl View {
         self.mask.as_ref().is_none_or(|mask| mask.get(index).copied().unwrap_or(false))
     }
 
-    /// Pixels of `rgb`, a picture of this view `[height * width]`, that are not masked out.
+    /// Colours of `rgb`, an image of this view, `[height * width]`, at the pixels that are not masked out.
     pub fn counted<'p>(&self, rgb: &'p [[f32; 3]]) -> Cow<'p, [[f32; 3]]> {
         match &self.mask {
             Some(mask) => rgb.iter().zip(mask).filter(|(_, kept)| **kept).map(|(rgb, _)| *rgb).collect(),
@@ -150,9 +149,9 @@ pub fn is_blank(views: &[View]) -> bool {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Background {
-    /// Some picture has alpha below 255: the background is free to choose.
+    /// Some picture has alpha below 255: the background may be chosen freely.
     Alpha,
-    /// No alpha, but more than half of all border pixels are exactly this sRGB colour.
+    /// No alpha, but more than half of all border pixels of the pictures are exactly this sRGB colour.
     Constant([u8; 3]),
     /// Neither transparent nor constant.
     Unknown,

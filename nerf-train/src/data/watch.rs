@@ -1,4 +1,4 @@
-//! Progress of reading many pictures, which another thread can read.
+//! Progress of reading pictures, which another thread can read.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -21,7 +21,7 @@ impl Watch {
         self.total.load(Ordering::Relaxed)
     }
 
-    /// Time spent on work that is done once for a data set, whatever command reads it.
+    /// Time spent on adjusting or reading shared cameras, which the time of a fit excludes.
     pub fn set_aside(&self) -> Duration {
         Duration::from_micros(self.set_aside.load(Ordering::Relaxed))
     }

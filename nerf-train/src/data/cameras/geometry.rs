@@ -7,17 +7,17 @@ use nerf_core::space::SceneBox;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// [`LookAt::spread`] below which the optical axes count as parallel: half a degree.
+/// [`LookAt::spread`] below which the optical axes count as parallel: angles of about half a degree.
 const PARALLEL: f64 = 1e-4;
-/// [`LookAt::spread`] below which a scene counts as forward-facing: eight degrees.
+/// [`LookAt::spread`] below which a scene counts as forward-facing: angles of about eight degrees.
 const FORWARD_FACING: f64 = 0.02;
-/// Number of reweighted least-squares iterations, which minimise the sum of distances.
+/// Number of reweighted least-squares iterations that minimise the sum of distances from the look-at point to the axes.
 const ROUNDS: usize = 20;
 
 /// Point nearest to all optical axes, and how well the axes agree on it.
 ///
 /// The point minimises the sum of distances to the axes, not of their squares, so that a few cameras that look
-/// elsewhere do not move it. The sense in which a camera looks along its axis has no influence on the point.
+/// elsewhere do not move it. Reversing the viewing direction of a camera does not change the point.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct LookAt {
     pub point: [f32; 3],
@@ -29,7 +29,7 @@ pub struct LookAt {
     pub max_distance: f32,
     /// Fraction of the cameras that have the point behind them, 0..=1.
     pub behind: f32,
-    /// Spread of the axes: mean squared sine of their angles to the direction they share most, 0..=2/3.
+    /// Mean squared sine of the angles between the axes and the direction nearest to all of them, 0..=2/3.
     pub spread: f32,
 }
 
@@ -42,7 +42,7 @@ impl LookAt {
         Self::of_lines(&cameras.iter().map(line).collect::<Vec<_>>())
     }
 
-    /// [`Self::of`] for lines, each a point and a unit direction.
+    /// Point nearest to `lines`, each a point and a unit direction; `None` if nearly parallel or fewer than two.
     pub(crate) fn of_lines(lines: &[(DVec3, DVec3)]) -> Option<Self> {
         if lines.len() < 2 {
             return None;
@@ -101,7 +101,7 @@ impl LookAt {
         self.mean_residual <= 0.3 * self.mean_distance
     }
 
-    /// Whether all but a few cameras look at the point.
+    /// Whether the axes meet at the point and at most a tenth of the cameras have the point behind them.
     pub fn agrees(&self) -> bool {
         self.axes_meet() && self.behind <= 0.1
     }
@@ -111,7 +111,7 @@ impl LookAt {
         f64::from(self.spread) < FORWARD_FACING
     }
 
-    /// Whether the point is certain enough to place the scene, also along the cameras' common direction.
+    /// Whether the point is certain enough to centre the scene box on, also along the cameras' common direction.
     pub fn places_the_scene(&self) -> bool {
         self.agrees() && self.mean_residual <= 0.5 * self.mean_distance * self.spread.sqrt()
     }
@@ -149,11 +149,11 @@ pub struct SceneBounds {
 
 /// Near and far distance, world units, and scene box of a data set; `None` if neither data nor cameras give them.
 ///
-/// `near` and `far` are those that the data set states, if any. Otherwise they are 2 and 6 for the layouts of
-/// NeRF-synthetic, CS180 and tiny_nerf, if the cameras are about 4 from their look-at point, as in their recipe. Else
-/// `near` is half the smallest camera distance, and `far` is as far behind the look-at point as `near` is in front of
-/// it. The box is a cube around the look-at point with half-size mean camera distance − near. Without a look-at point,
-/// the box encloses all view frusta from `near` to `far`.
+/// `near` and `far` are the data set's own, if stated. Otherwise, if the cameras of a NeRF-synthetic, CS180 or
+/// tiny_nerf data set are about 4 world units from their look-at point, 2 and 6 are used, as is usual there. Otherwise,
+/// `near` is half the smallest distance of a camera from the look-at point, and `far` is as far behind that point as
+/// `near` is in front of it. The box is a cube around the look-at point; its half side is the mean camera distance
+/// minus `near`. Without a look-at point, the box encloses all view frusta from `near` to `far`.
 pub fn scene_bounds(dataset: &Dataset) -> Option<SceneBounds> {
     let cameras: Vec<Camera> = dataset.cameras().copied().collect();
     bounds(&cameras, LookAt::of(&cameras).as_ref(), dataset)
@@ -189,7 +189,7 @@ fn proposed_range(look_at: &LookAt, format: Format) -> (f32, f32) {
     (near, look_at.max_distance + (look_at.mean_distance - near))
 }
 
-/// The box around all view frusta from `near` to `far`.
+/// Smallest axis-aligned box around the view frusta of `cameras` between the distances `near` and `far`, world units.
 pub fn frusta_box(
     cameras: &[Camera],
     near: f32,
@@ -209,10 +209,10 @@ pub fn frusta_box(
     SceneBox::new(min, max)
 }
 
-/// Smallest number of points from which distances are estimated.
+/// Smallest number of sparse points from which a near distance is estimated.
 const ENOUGH_POINTS: usize = 50;
-/// A view's near distance: this quantile of the distances to the view's points, times this factor. Many points are
-/// outliers, and surfaces lie between points.
+/// Quantile and factor: a view's near distance is this quantile of the distances to its sparse points, times this
+/// factor. Many sparse points are outliers, and surfaces lie between sparse points.
 const ONE_VIEW: (f32, f32) = (0.01, 0.7);
 
 pub(crate) fn set_near(dataset: &mut Dataset) {
@@ -233,7 +233,8 @@ pub(crate) fn distances(view: &View, points: &[SparsePoint]) -> Vec<f32> {
     points.iter().filter_map(distance).collect()
 }
 
-/// The quantile `in_front` (0 to 1) of `distances`, times the factor `share`; `None` if there are too few.
+/// Distance at which rays begin: the quantile `in_front` (0 to 1) of the points' `distances`, times `share`; `None` for
+/// fewer than [`ENOUGH_POINTS`] distances.
 pub(crate) fn begin(mut distances: Vec<f32>, (in_front, share): (f32, f32)) -> Option<f32> {
     if distances.len() < ENOUGH_POINTS {
         return None;

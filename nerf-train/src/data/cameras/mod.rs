@@ -1,5 +1,4 @@
-//! Quantities derived from cameras alone: position of the scene, its nearest distance, the origin of its world, and a
-//! viewpoint.
+//! Cameras: look-at point, scene bounds, origin and viewpoint derived from them; bundle adjustment; files of poses.
 
 pub(crate) mod bundle;
 pub(crate) mod geometry;
@@ -12,7 +11,7 @@ pub(crate) mod viewpoint;
 use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens};
 use std::collections::BTreeMap;
 
-/// Camera of the same view at another picture size, pixels.
+/// Returns `camera` with its intrinsics scaled to a picture of `width` by `height` pixels.
 pub(crate) fn scaled(camera: &Camera, (width, height): (u32, u32)) -> Result<Camera, CameraError> {
     let old = *camera.intrinsics();
     let (sx, sy) = (width as f32 / old.width as f32, height as f32 / old.height as f32);
@@ -21,7 +20,7 @@ pub(crate) fn scaled(camera: &Camera, (width, height): (u32, u32)) -> Result<Cam
     Camera::new(new, *camera.lens(), *camera.pose())
 }
 
-/// Principal point, pixels, and lens coefficients of a camera, by their usual names in files.
+/// Principal point (pixels) and lens coefficients of a camera. Key: usual name in files, such as `k1`.
 pub(crate) fn optics_by_name(camera: &Camera) -> BTreeMap<&'static str, f32> {
     let (&Intrinsics { cx, cy, .. }, &Lens { k1, k2, k3, k4, k5, k6, p1, p2, .. }) =
         (camera.intrinsics(), camera.lens());

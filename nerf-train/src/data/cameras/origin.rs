@@ -1,4 +1,4 @@
-//! Origin shift for worlds far from their origin, such as GPS coordinates, to where f32 is precise enough.
+//! Shifts the origin of data sets whose cameras are too far from the origin for f32, as in GPS coordinates.
 
 use glam::DVec3;
 
@@ -9,8 +9,8 @@ const FAR_AWAY: f64 = 64.0;
 /// Text in front of the origin's coordinates in the name of a data set.
 pub(crate) const STATED: &str = ", origin at (";
 
-/// Point of the file's world that becomes the origin: (0, 0, 0), or a point near the middle of cameras far from there.
-/// Its coordinates are multiples of a power of ten, hence exact and independent of any single camera.
+/// New origin, in the file's world: a point near the middle of the cameras if they are far from the file's origin, else
+/// (0, 0, 0). Its coordinates are multiples of a power of ten, hence exact and independent of any single camera.
 pub(crate) fn origin(cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
     let cameras: Vec<DVec3> =
         cameras.into_iter().map(DVec3::from).filter(|camera| camera.is_finite()).collect();
@@ -29,7 +29,7 @@ pub(crate) fn origin(cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
     if rounded.is_finite() { rounded } else { DVec3::ZERO }
 }
 
-/// Origin that the name of a data set, as stored in a blob, states; (0, 0, 0) if the name states none.
+/// Reads the origin from the name of a data set, where blobs store it; (0, 0, 0) if the name states none.
 pub fn origin_in_name(name: &str) -> [f64; 3] {
     let stated = || {
         let numbers = name.rsplit_once(STATED)?.1.strip_suffix(')')?;

@@ -23,7 +23,7 @@ pub struct CameraPath {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathCamera {
-    /// Camera to world, looking down −Z with +Y up, as in nerfstudio and Blender.
+    /// Camera-to-world pose, looking down −Z with +Y up, as in nerfstudio and Blender.
     pub pose: Pose,
     /// Vertical field of view, degrees, if the file states it.
     pub fov_degrees: Option<f32>,
@@ -35,7 +35,7 @@ struct Nerfstudio {
     render_width: Option<f64>,
     render_height: Option<f64>,
     fps: Option<f64>,
-    /// `None` in another kind of file, such as a data set.
+    /// Cameras of the path; `None` if the JSON file is no camera path.
     camera_path: Option<Vec<Frame>>,
 }
 
@@ -55,7 +55,7 @@ enum Matrix {
 }
 
 impl Matrix {
-    /// Three or four rows of four numbers; an error states what was found instead.
+    /// Returns the matrix's three or four rows of four numbers; the error text says what was found instead.
     fn rows(&self) -> Result<Vec<[f64; 4]>, String> {
         let rows: Vec<&[f64]> = match self {
             Self::Flat(flat) if matches!(flat.len(), 12 | 16) => flat.chunks(4).collect(),
@@ -77,7 +77,7 @@ impl Place<'_> {
         DatasetError::value(self.0, field, expected, found)
     }
 
-    /// Pose of a matrix, with its position relative to `origin`.
+    /// Pose of `matrix`, with its position relative to `origin`. `field`: name of the matrix in errors.
     fn pose(&self, field: &str, matrix: &Matrix, origin: [f64; 3]) -> Result<Pose, DatasetError> {
         let fault = |expected: &str, found: String| self.fault(field, expected, found);
         let rows = matrix

@@ -1,4 +1,4 @@
-//! Poses and angles in files, and their faults.
+//! Poses and angles of view as files state them, and descriptions of invalid ones.
 
 use glam::DVec3;
 use nerf_core::camera::Pose;
@@ -10,7 +10,7 @@ pub(crate) fn pose_of(mut rows: [[f64; 4]; 3], origin: DVec3) -> Pose {
     Pose::from_rows(rows.map(|row| row.map(|v| v as f32)))
 }
 
-/// Expected bottom row of a 4×4 matrix, for messages.
+/// Expected bottom row of a 4×4 matrix, for error messages.
 pub(crate) const BOTTOM_ROW: &str = "a bottom row of 0 0 0 1";
 
 /// Tolerance of the bottom row: files write numbers with few digits.
@@ -35,7 +35,7 @@ pub(crate) fn bottom_row_fault(matrix: &[impl AsRef<[f64]>]) -> Option<String> {
     Some(if transposed { format!("{row}: the matrix looks transposed") } else { row })
 }
 
-/// Text that describes an angle of view which is not valid in radians; `None` for a valid one.
+/// Description of `angle` if it is not an angle of view between 0 and π radians, else `None`.
 pub(crate) fn angle_fault(angle: f64) -> Option<String> {
     if angle > 0.0 && angle < PI {
         None

@@ -28,7 +28,7 @@ struct Frame {
     transform_matrix: [[f64; 4]; 4],
 }
 
-/// Path of the refined poses of a blob.
+/// Path of the file of a blob's refined poses: the blob's path with `.poses.json` appended.
 pub fn beside(blob: &Path) -> PathBuf {
     let mut name = blob.as_os_str().to_owned();
     name.push(".poses.json");
@@ -36,7 +36,7 @@ pub fn beside(blob: &Path) -> PathBuf {
 }
 
 impl RefinedPoses {
-    /// Refined poses of views, with their refined cameras relative to `origin` in the world of the data set's file.
+    /// Collects pairs of a view and its refined camera. Camera positions are relative to `origin`, in the file's world.
     pub fn of<'v>(views: impl IntoIterator<Item = (&'v View, Camera)>, origin: [f64; 3]) -> Self {
         Self { frames: views.into_iter().map(|(view, camera)| Frame::of(view, &camera, origin)).collect() }
     }
@@ -46,7 +46,7 @@ impl RefinedPoses {
         serde_json::to_string_pretty(self).expect("plain data") + "\n"
     }
 
-    /// Reads the refined poses next to a blob; `None` if there are none.
+    /// Reads the refined poses next to a blob; `None` if the file does not exist.
     pub fn beside(blob: &Path) -> Result<Option<Self>, DatasetError> {
         let file = beside(blob);
         match read_limited(&file, MAX_JSON_BYTES) {
@@ -58,7 +58,7 @@ impl RefinedPoses {
         }
     }
 
-    /// Refined camera of each of `views`; `None` for a view that the file lacks. `blob`: names the file in errors.
+    /// Refined camera of each view, relative to `origin`; `None` if the file lacks the view. Errors name `blob`.
     pub fn cameras<'v>(
         &self,
         blob: &Path,

@@ -8,21 +8,22 @@ use nerf_core::blob::Viewpoint;
 use nerf_core::camera::{Camera, Pose};
 use std::f32::consts::TAU;
 
-/// Fraction of the cameras that the arc covers: a few may lie outside.
+/// Fraction of the cameras whose azimuths the viewpoint's arc covers; the other cameras may lie outside.
 const MOST: f32 = 0.95;
-/// Arc of the cameras, radians, from which on a viewer may orbit the full circle: two thirds of it.
+/// Range of the cameras' azimuths, radians, from which on a viewer may orbit the full circle: two thirds of a circle.
 const ROUND: f32 = 2.0 / 3.0 * TAU;
-/// Limits within which the cameras' horizontal axes give the up direction: largest deviation from a common plane, as a
-/// fraction of the spread in the plane, and smallest spread (a mean squared sine).
+/// Conditions for the cameras' x axes to determine the up direction, on the eigenvalues of the axes' scatter matrix:
+/// largest ratio of the smallest to the middle eigenvalue, and smallest middle eigenvalue.
 const LEVEL: (f64, f64) = (0.15, 0.02);
-/// Smallest number of points in view from which the scene's distance is taken.
+/// Smallest number of sparse points in a view from which the scene's depth is taken.
 const ENOUGH_POINTS: usize = 8;
 
-/// Viewpoint derived from the training cameras; `None` if there is none. `range`: near and far, world units.
+/// Initial viewpoint, from the training cameras; `None` if they give none. `range`: near and far, world units.
 ///
-/// If the cameras look at a common point, the viewpoint looks at that point from one of them: the nearest to the median
-/// height over the point, the median distance from the axis through it, and the middle of the arc. Otherwise the
-/// viewpoint is the camera nearest to the geometric median of all positions, with that camera's direction.
+/// If the cameras look at a common point, the viewpoint looks at that point from the camera nearest to a typical
+/// position: median height over the point, median distance from the vertical axis through it, middle of the cameras'
+/// arc. Otherwise the viewpoint is the camera nearest to the geometric median of all positions, with that camera's
+/// direction.
 pub(crate) fn viewpoint(dataset: &Dataset, range: (f32, f32)) -> Option<Viewpoint> {
     let cameras: Vec<Camera> = dataset.train.iter().map(|view| view.camera).collect();
     let eyes: Vec<Vec3> = cameras.iter().map(|camera| camera.pose().position).collect();
@@ -59,7 +60,7 @@ pub(crate) fn viewpoint(dataset: &Dataset, range: (f32, f32)) -> Option<Viewpoin
     places.then_some(found)
 }
 
-/// Depth of the scene in view `middle`, world units: median over its points, or from near and far if there are few.
+/// Depth of the scene in training view `middle`, world units: median over its sparse points, or between near and far.
 fn depth_of(dataset: &Dataset, middle: usize, (near, far): (f32, f32)) -> f32 {
     let seen = distances(&dataset.train[middle], &dataset.points);
     if seen.len() >= ENOUGH_POINTS {
@@ -86,13 +87,13 @@ impl Place {
         Self { height: from_target.dot(up), distance: x.hypot(y), azimuth: y.atan2(x) }
     }
 
-    /// Angle from `azimuth` to this position, radians within ±π.
+    /// Signed angle from `azimuth` to this position, radians within ±π.
     fn turn_from(&self, azimuth: f32) -> f32 {
         (self.azimuth - azimuth + 0.5 * TAU).rem_euclid(TAU) - 0.5 * TAU
     }
 }
 
-/// Start and length, radians, of the shortest arc that covers all but a few azimuths.
+/// Start and length, radians, of the shortest arc that covers the fraction [`MOST`] of `azimuths`; `None` without any.
 fn covered(mut azimuths: Vec<f32>) -> Option<(f32, f32)> {
     azimuths.sort_unstable_by(f32::total_cmp);
     let count = azimuths.len();
@@ -120,7 +121,7 @@ fn up_of(cameras: &[Camera]) -> Vec3 {
     level.filter(|level| level.dot(up) > 0.5).unwrap_or(up).as_vec3().normalize() + Vec3::ZERO
 }
 
-/// Normal of the plane in which the unit vectors `horizons` lie; `None` if they lie in no plane or along a line.
+/// Normal of the plane in which the unit vectors `horizons` nearly lie; `None` if there is no plane or only a line.
 fn level(horizons: &[DVec3]) -> Option<DVec3> {
     let m = horizons.iter().map(|&dir| outer(dir, dir)).sum::<DMat3>() * (1.0 / horizons.len() as f64);
     let least = smallest_eigenvalue(m);

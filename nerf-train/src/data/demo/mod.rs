@@ -25,7 +25,7 @@ pub const SCENE_BOX: SceneBox = SceneBox { min: Vec3::NEG_ONE, max: Vec3::ONE };
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DemoSpec {
     pub train: u32,
-    /// Number of validation views, between the training views.
+    /// Number of validation views, whose cameras are spread among those of the training views.
     pub val: u32,
     /// Side of the square pictures, pixels.
     pub size: u32,
@@ -42,7 +42,7 @@ impl Default for DemoSpec {
 }
 
 impl DemoSpec {
-    /// A camera at `azimuth` (radians from +X to +Y) and at the height `z` on the unit sphere.
+    /// Camera that looks at the origin from `azimuth` (radians from +X to +Y) and the height `z` times the radius.
     pub fn camera(&self, azimuth: f32, z: f32) -> Result<Camera, CameraError> {
         let z = z.clamp(-0.999, 0.999);
         let (sin, cos) = azimuth.sin_cos();
@@ -53,7 +53,7 @@ impl DemoSpec {
         Camera::new(intrinsics, Lens::NONE, pose)
     }
 
-    /// `count` cameras on a golden spiral from a little below the plinth to nearly overhead.
+    /// `count` cameras on a golden spiral, from below the plinth to nearly overhead. `phase`: first azimuth, radians.
     fn spiral(&self, count: u32, phase: f32) -> Result<Vec<Camera>, CameraError> {
         const GOLDEN_ANGLE: f32 = 2.399_963;
         let at = |i: u32| {
@@ -93,7 +93,7 @@ pub struct Hit {
     pub rgb: [f32; 3],
 }
 
-/// First hit of the ray through the image point `(x, y)`, pixels; a pixel's centre is at `+ 0.5`.
+/// First hit of the ray through the image point `(x, y)`, pixels; a pixel's centre is at `+ 0.5`. `None`: no hit.
 ///
 /// Distances are within 1e-5 of the true surface: closed form, or f64 sphere tracing.
 pub fn trace(camera: &Camera, x: f32, y: f32) -> Option<Hit> {
@@ -114,9 +114,9 @@ pub fn trace(camera: &Camera, x: f32, y: f32) -> Option<Hit> {
 pub struct Truth {
     /// Straight-alpha sRGB, averaged over 3×3 subsamples in display space.
     pub rgba: Vec<[u8; 4]>,
-    /// Distance along the centre ray, world units; `None` if the ray hits nothing.
+    /// Distance along the ray through the pixel's centre, world units; `None` if the ray hits nothing.
     pub ray_distance: Vec<Option<f32>>,
-    /// Depth of the centre ray's hit along the view axis, world units.
+    /// Depth of the same hit along the camera's view axis, world units; `None` if the ray hits nothing.
     pub z_depth: Vec<Option<f32>>,
     /// Whether every subsample of the pixel hits the scene, so that no background shows in it.
     pub opaque: Vec<bool>,
@@ -143,7 +143,7 @@ fn per_pixel<T: Send>(camera: &Camera, f: impl Fn(f32, f32) -> T + Sync) -> Vec<
     (0..height).into_par_iter().flat_map_iter(row).collect()
 }
 
-/// Colour of the pixel whose top left corner is `(x, y)`.
+/// Straight-alpha sRGB of the pixel whose top left corner is the image point `(x, y)`, pixels.
 fn pixel(camera: &Camera, x: f32, y: f32) -> [u8; 4] {
     let (mut sum, mut hits) = (Vec3::ZERO, 0u32);
     for index in 0..SIDE * SIDE {

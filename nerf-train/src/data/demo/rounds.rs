@@ -1,4 +1,4 @@
-//! Photographs of the demo scene with tracks of points, as from a reconstruction; folded on request.
+//! Photographs of the demo scene with sparse points, as from a reconstruction, on request a folded one.
 
 use super::{DemoSpec, Hit, render, trace};
 use crate::data::{Axes, Background, Dataset, Format, KeyPoint, SparsePoint, View};
@@ -7,18 +7,18 @@ use nerf_core::camera::{Camera, CameraError};
 use rayon::prelude::*;
 use std::f32::consts::FRAC_PI_2;
 
-/// Number of photographs of a round.
+/// Number of photographs of each of the two rounds.
 const ROUND: usize = 14;
 /// Angle between consecutive photographs of a round, degrees.
 const STEP: f32 = 6.0;
 /// Side of the photographs, pixels.
 const SIZE: u32 = 160;
-/// Spacing of a photograph's points, pixels.
+/// Spacing of the pixels at which a photograph gives sparse points, in columns and in rows.
 const POINT_EVERY: usize = 9;
-/// Spacing, in photographs, of those from which points are taken.
+/// One in this many photographs gives sparse points.
 const VIEW_EVERY: usize = 3;
 
-/// A photograph: camera in the data set, camera that took it, and azimuth between the two cameras, radians.
+/// Photograph: its camera in the data set, the camera that took it, and the azimuth between the two cameras, radians.
 struct Shot {
     pose: Camera,
     taken: Camera,
@@ -26,7 +26,8 @@ struct Shot {
 }
 
 impl Shot {
-    /// Position of a point in this photograph, pixels; `None` if the point is hidden, or was seen at another `turn`.
+    /// Position in this photograph, pixels, of a sparse point; `None` if the point is hidden or outside, or if `turn`,
+    /// that of the photograph in which the point was found, differs from this photograph's.
     fn shows(&self, position: Vec3, turn: f32) -> Option<(f32, f32)> {
         let (x, y) = self.pose.project(position)?;
         let inside = |v: f32| v > 1.0 && v < SIZE as f32 - 1.0;
@@ -35,7 +36,7 @@ impl Shot {
         (nearest && turn == self.turn).then_some((x, y))
     }
 
-    /// Points that this photograph shows at every [`POINT_EVERY`]-th pixel and row, in the data set's coordinates.
+    /// Scene points at every [`POINT_EVERY`]-th column and row of this photograph, in the data set's coordinates.
     fn points(&self) -> Vec<Vec3> {
         let lattice = || (POINT_EVERY..SIZE as usize).step_by(POINT_EVERY).map(|v| v as f32);
         let at = |(x, y)| trace(&self.taken, x, y).map(|hit| self.pose.ray(x, y).at(hit.ray_distance));
@@ -43,11 +44,10 @@ impl Shot {
     }
 }
 
-/// Two rounds of photographs along one path of 81°, the second interleaved with the first, and the points that they
-/// show.
+/// Data set of two rounds of photographs along one arc of 81°, the second interleaved with the first.
 ///
-/// `folded`: the second round is taken a quarter turn further, but posed like the first, as in a reconstruction of
-/// repeated structure. (After half a turn the plinth would look the same.)
+/// `folded`: the photographs of the second round are taken a quarter turn further around the scene, but have poses on
+/// the arc of the first, as in a reconstruction misled by repeated structure. (The plinth repeats after half a turn.)
 pub fn two_rounds(folded: bool) -> Result<Dataset, CameraError> {
     let spec = DemoSpec { size: SIZE, ..DemoSpec::default() };
     let shot = |i: usize| {

@@ -38,7 +38,7 @@ pub(super) fn colour(shape: &Shape, point: DVec3, normal: DVec3, dir: DVec3) -> 
     linear.to_array().map(|v| encode(v.clamp(0.0, 1.0)))
 }
 
-/// Surroundings that a polished surface mirrors: a pale sky over a dark ground, and a window of light.
+/// Linear colour of the surroundings that a polished surface mirrors in direction `dir`: pale sky, dark ground, window.
 fn sky_seen(dir: Vec3) -> Vec3 {
     let up = smooth(-0.15, 0.5, dir.z);
     let ground = Vec3::new(0.16, 0.14, 0.13);
@@ -46,7 +46,7 @@ fn sky_seen(dir: Vec3) -> Vec3 {
     ground.lerp(Vec3::new(0.75, 0.85, 1.0), up) + Vec3::splat(1.6 * window)
 }
 
-/// Reflectance at a point. `p`: relative to the shape's centre. `world`: in world coordinates.
+/// Reflectance of `look` at a point: `p` relative to the shape's centre, `world` in world coordinates. `n`: normal.
 fn surface(look: Look, p: Vec3, world: Vec3, n: Vec3) -> Surface {
     let plain = |albedo| Surface { albedo, highlight: 0.08, mirror: 0.2, exponent: 24.0 };
     let glossy = |albedo| Surface { albedo, highlight: 0.9, mirror: 1.0, exponent: 120.0 };
@@ -116,7 +116,7 @@ fn fbm(p: Vec3) -> f32 {
     (4.0 * noise(p) + 2.0 * noise(p * 2.03 + 17.0) + noise(p * 4.01 + 31.0)) / 7.0
 }
 
-/// Smooth noise with values in 0..=1 at the integer points.
+/// Value noise: fixed values in 0..=1 at the integer points, interpolated smoothly.
 fn noise(p: Vec3) -> f32 {
     let cell = p.floor();
     let f = p - cell;
@@ -128,7 +128,7 @@ fn noise(p: Vec3) -> f32 {
     mix(mix(edge(0, 0), edge(1, 0), f.y), mix(edge(0, 1), edge(1, 1), f.y), f.z)
 }
 
-/// A fixed value in 0..=1 for each integer point.
+/// Pseudo-random value in 0..=1 of an integer point.
 fn hash(x: i32, y: i32, z: i32) -> f32 {
     let mut h = (x as u32).wrapping_mul(0x9E37_79B1)
         ^ (y as u32).wrapping_mul(0x85EB_CA77)

@@ -4,23 +4,23 @@ use glam::{DVec2, DVec3};
 
 pub(super) const FLOOR: f64 = -0.38;
 
-/// Geometry around `centre`; z is up.
+/// Geometry of a shape relative to its centre; z is up.
 #[derive(Clone, Copy)]
 pub(super) enum Form {
     Sphere(f64),
-    /// A rounded box. `half`: half sides, with rounding. `round`: edge radius. `turn`: its cosine and sine about z.
+    /// Rounded box. `half`: half sides, rounding included. `round`: edge radius. `turn`: (cos, sin) of the yaw.
     Block {
         half: DVec3,
         round: f64,
         turn: DVec2,
     },
-    /// A rounded cylinder. `half`: half height, with rounding. `round`: edge radius.
+    /// Rounded cylinder. `half`: half height, rounding included. `round`: edge radius.
     Drum {
         radius: f64,
         half: f64,
         round: f64,
     },
-    /// A torus around z. `radius`: of the circle that the tube follows. `tube`: radius of the tube.
+    /// Torus around z. `radius`: radius of the circle that the tube follows. `tube`: radius of the tube.
     Ring {
         radius: f64,
         tube: f64,
@@ -97,7 +97,7 @@ pub(super) static SCENE: [Shape; 7] = [
     },
 ];
 
-/// First hit of a ray with the scene.
+/// First hit of a ray with the scene, at distance `t` along the ray.
 pub(super) struct Found {
     pub(super) t: f64,
     pub(super) shape: &'static Shape,
@@ -105,7 +105,7 @@ pub(super) struct Found {
 }
 
 impl Shape {
-    /// Exact signed distance, negative inside.
+    /// Exact signed distance from the shape's surface, negative inside.
     pub(super) fn distance(&self, point: DVec3) -> f64 {
         let p = point - self.centre;
         match self.form {
@@ -123,7 +123,7 @@ impl Shape {
         }
     }
 
-    /// Distances at which the ray enters and leaves the bounding sphere, enlarged by `margin`; `None` for a miss.
+    /// Distances at which the ray enters and leaves the bounding sphere, `margin` added to its radius; `None`: miss.
     pub(super) fn bounds(&self, origin: DVec3, dir: DVec3, margin: f64) -> Option<(f64, f64)> {
         let to = self.centre - origin;
         let middle = to.dot(dir);
@@ -179,7 +179,7 @@ impl Shape {
     }
 }
 
-/// First hit of the ray with any shape; `dir` has unit length and `origin` is outside of all shapes.
+/// First hit, if any, of the ray with any shape; `dir` has unit length and `origin` is outside of all shapes.
 pub(super) fn first(origin: DVec3, dir: DVec3) -> Option<Found> {
     let mut nearest: Option<(f64, &Shape)> = None;
     for shape in &SCENE {
@@ -223,7 +223,7 @@ pub(super) fn lit(point: DVec3, dir: DVec3) -> f64 {
     light * light * (3.0 - 2.0 * light)
 }
 
-/// Openness of the hemisphere around `normal` (ambient occlusion), 0..=1, from distances at a few points along it.
+/// Openness of the hemisphere around `normal`, up to 1 (ambient occlusion), from scene distances along `normal`.
 pub(super) fn openness(point: DVec3, normal: DVec3) -> f64 {
     const PROBES: u32 = 4;
     let (mut closed, mut total) = (0.0, 0.0);

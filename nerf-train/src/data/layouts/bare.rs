@@ -14,11 +14,11 @@ use std::path::{Path, PathBuf};
 #[derive(Debug)]
 pub(crate) struct Bare {
     pub(crate) folder: PathBuf,
-    /// Files of the photographs, sorted by the bytes of their names.
+    /// Paths of the photographs, sorted by the bytes of their names.
     pub(crate) photographs: Vec<PathBuf>,
-    /// Names of picture files that cannot be read as whole pictures.
+    /// Names of files with a picture's extension whose header cannot be read.
     pub(crate) damaged: Vec<String>,
-    /// Names of the photographs of each camera: one picture size of one device, as far as EXIF tells.
+    /// Names of the photographs of each camera. Photographs of one device (by EXIF) and of one size share a camera.
     pub(crate) cameras: Vec<Vec<String>>,
 }
 

@@ -5,18 +5,18 @@ use crate::data::pictures::found::Found;
 use crate::data::{Axes, Dataset, DatasetError, Downscale, Format, ReadOptions, Watch, scene_name};
 use std::path::{Path, PathBuf};
 
-/// List of the training views, without which a folder cannot be fitted.
+/// File of the training views, required unless an existing field is evaluated.
 pub(crate) const TRAIN: &str = "transforms_train.json";
 const VAL: &str = "transforms_val.json";
 const TEST: &str = "transforms_test.json";
-/// Lists of the splits. Given one of these files, a reader reads its whole folder.
+/// Files of the splits. Given the path of one of these files, the data set of its whole folder is read.
 pub(crate) const SPLITS: [&str; 3] = [TRAIN, VAL, TEST];
 
 pub(crate) fn is_here(folder: &Path) -> bool {
     SPLITS.iter().any(|name| folder.join(name).is_file())
 }
 
-/// Reads a folder with `transforms_train.json` and perhaps `_val` and `_test`; any one suffices if nothing is fitted.
+/// Reads a folder of `transforms_{train,val,test}.json`; the training file is required unless a field is evaluated.
 pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
     let mut found = Found::default();

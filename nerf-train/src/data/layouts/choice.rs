@@ -18,7 +18,7 @@ pub enum Layout {
 impl Layout {
     const ALL: [Self; 3] = [Self::Transforms, Self::Colmap, Self::Llff];
 
-    /// Files by which a folder of this layout is recognised, for messages.
+    /// Files by which a folder of this layout is recognised, for error messages.
     fn expected(self) -> String {
         match self {
             Self::Transforms => format!("{} or {}", blender::TRAIN, nerfstudio::FILE),
@@ -58,7 +58,7 @@ impl std::str::FromStr for Layout {
     }
 }
 
-/// Reads a folder in the requested layout, or else the first that fits; adds a note if further layouts fit.
+/// Reads a folder in the requested layout, else in the first one whose files it has; adds a note if it has several.
 pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let fitting: Vec<Layout> = Layout::ALL.into_iter().filter(|layout| layout.fits(folder)).collect();
     let wanted = options.layout.or(fitting.first().copied());

@@ -1,4 +1,4 @@
-//! The CS180 course's `.npz`: splits by name, OpenCV poses, one focal length.
+//! The CS180 course's `.npz`: arrays named by split, OpenCV poses, one focal length.
 
 use crate::data::cameras::pose::pose_of;
 use crate::data::layouts::npz::{self, Archive, Array};
@@ -7,8 +7,8 @@ use glam::DVec3;
 use nerf_core::camera::{Camera, Intrinsics, Lens};
 use rayon::prelude::*;
 
-/// Reads `images_{train,val,test}`, `c2ws_{train,val,test}` and `focal`. The training arrays may be missing if no field
-/// is fitted.
+/// Reads `images_{train,val,test}`, `c2ws_{train,val,test}` and `focal`. The training arrays may be missing if an
+/// existing field is evaluated.
 ///
 /// `c2ws_test` without `images_test` is read as a camera path to render.
 pub(crate) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Dataset, DatasetError> {
@@ -135,7 +135,7 @@ fn cameras(
     c2ws.iter().enumerate().map(make).collect()
 }
 
-/// A warning for each array without alpha if another one has alpha.
+/// Warnings, one for each array without alpha if another array has alpha.
 fn mixed_alpha(splits: [(&str, &Vec<View>); 3]) -> Vec<String> {
     let alpha = |views: &[View]| views.iter().any(View::has_alpha);
     let read = || splits.iter().filter(|(_, views)| !views.is_empty());
@@ -150,17 +150,17 @@ fn mixed_alpha(splits: [(&str, &Vec<View>); 3]) -> Vec<String> {
         .collect()
 }
 
-/// Number of views in the original notebook's file; the notebook fits the first 100.
+/// Number of views in the file of the original NeRF notebook, which fits the first 100.
 const NOTEBOOK_VIEWS: usize = 106;
 /// Index of the first validation view of the notebook's file: the view that all its figures show.
 const NOTEBOOK_VALIDATION: usize = 101;
 /// Number of validation views of any other file of this layout, taken from its end.
 const LAST: usize = 6;
 
-/// Reads `tiny_nerf_data.npz` of the original notebook: `images` in floats, OpenGL `poses`, and `focal`.
+/// Reads `tiny_nerf_data.npz` of the original NeRF notebook: `images` in floats, OpenGL `poses`, and `focal`.
 ///
-/// Of the notebook's 106 views, 0..100 are training and 101..106 validation views (100 is unused, as in the
-/// notebook). In other files the last six are validation views, or none if no training views would remain.
+/// Of the notebook's 106 views, 0..100 are training and 101..106 validation views (100 is unused, as in the notebook).
+/// In other files the last six are validation views, or none if no training views would remain.
 pub(crate) fn read_tiny_nerf(archive: &mut Archive, options: &ReadOptions) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
     let focal = archive.scalar("focal")?;

@@ -25,7 +25,7 @@ struct Frame {
     depth_file_path: Option<String>,
 }
 
-/// [`Claims::reads`] of a data set, if given: its file or folder, and all files that its lists of views name.
+/// Adds the files of the data set at `path`, if given, to `claims` as files that are read.
 pub fn reads_data<'p, P: AsRef<Path> + ?Sized + 'p>(
     claims: Claims,
     path: impl Into<Option<&'p P>>,
@@ -35,7 +35,7 @@ pub fn reads_data<'p, P: AsRef<Path> + ?Sized + 'p>(
     files(path).iter().fold(claims, |claims, file| claims.reads("a file of the data set,", file))
 }
 
-/// The file of the data set, its lists of views, and the files named in the lists, if they exist.
+/// Existing files of the data set at `path`: lists of views, files named in these lists, and a folder's photographs.
 ///
 /// A damaged list counts as empty; reading the data set reports the damage.
 pub fn files(path: &Path) -> Vec<PathBuf> {
@@ -53,7 +53,7 @@ pub fn files(path: &Path) -> Vec<PathBuf> {
     lists.into_iter().chain(named).chain(whole).collect()
 }
 
-/// Files of a folder's COLMAP reconstruction or LLFF poses, and all its picture files; empty without poses.
+/// Files of a folder's COLMAP reconstruction or LLFF poses, and all its picture files; empty if there are no poses.
 fn photographs(folder: &Path) -> Vec<PathBuf> {
     let poses = folder.join(llff::FILE);
     let mut files = colmap::files(folder);

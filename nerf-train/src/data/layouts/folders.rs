@@ -10,15 +10,15 @@ pub(crate) const IMAGES: &str = "images";
 /// Usual folder of masks; COLMAP's convention is `masks/NAME.png` for `images/NAME`.
 const MASKS: &str = "masks";
 
-/// Location of a photograph, and its further reduction.
+/// Path of a photograph's file, and the reduction still to be applied to the photograph.
 pub(crate) struct Located {
     pub(crate) path: PathBuf,
-    /// Factor by which the photograph is reduced from the size of its pose; `None`: kept at the file's size.
+    /// Factor by which the photograph is reduced, from the picture size of its pose; `None`: kept at the file's size.
     pub(crate) downscale: Option<Downscale>,
     pub(crate) reduced: bool,
 }
 
-/// Folders of a data set's photographs, by the factor by which each folder's copies are smaller.
+/// Folders of a data set's photographs. Key: factor by which the copies in the folder are smaller.
 pub(crate) struct Folders {
     root: PathBuf,
     by_factor: BTreeMap<u32, PathBuf>,
@@ -45,10 +45,10 @@ impl Folders {
         Ok(Self { root: root.to_owned(), by_factor })
     }
 
-    /// Folders to search for photographs whose poses are for pictures of `size`, pixels, best first: copies reduced by
-    /// the requested factor, else larger copies, the smallest first, which are reduced further.
-    ///
-    /// With [`Downscale::Auto`], copies that no further whole factor brings nearer to 800 pixels are read unchanged.
+    /// Folders to search for photographs, best first, each with the reduction still to be applied (`None`: none) and
+    /// whether it holds reduced copies. Copies reduced by the requested factor come first, then larger copies, the
+    /// smallest first; for [`Downscale::Auto`], smaller copies come last. `size`: picture size that the poses are for,
+    /// pixels.
     fn candidates(&self, downscale: Downscale, size: (f64, f64)) -> Vec<(&Path, Option<Downscale>, bool)> {
         let factor = downscale.factor(size);
         let larger = self.by_factor.range(..=factor).rev();
@@ -65,7 +65,7 @@ impl Folders {
         candidates
     }
 
-    /// Finds the photograph `name`, which may contain folders. `size`: picture size that its pose is for, pixels.
+    /// Finds the photograph at the relative path `name`. `size`: picture size that its pose is for, pixels.
     pub(crate) fn locate(&self, name: &str, downscale: Downscale, size: (f64, f64)) -> Option<Located> {
         self.candidates(downscale, size).into_iter().find_map(|(folder, downscale, reduced)| {
             let path = folder.join(name.replace('\\', "/"));
@@ -75,7 +75,7 @@ impl Folders {
         })
     }
 
-    /// Pictures of the best folder, sorted by the bytes of their names. `size`: that of the poses, pixels.
+    /// Pictures of the best folder, sorted by the bytes of their names. `size`: picture size of the poses, pixels.
     pub(crate) fn list(
         &self,
         downscale: Downscale,
@@ -102,7 +102,7 @@ impl Folders {
         self.by_factor.values().map(name).collect::<Vec<_>>().join(", ")
     }
 
-    /// Mask of the photograph `name`, if there is one: `masks/NAME.png`, or its stem with `.png`, or NAME.
+    /// Mask of the photograph `name`: in the folder `masks`, the first that exists of NAME.png, STEM.png and NAME.
     pub(crate) fn mask(&self, name: &str) -> Option<PathBuf> {
         let folder = self.root.join(MASKS);
         let appended = folder.join(format!("{name}.png"));
@@ -111,8 +111,8 @@ impl Folders {
     }
 }
 
-/// Path of the copy, `factor` times smaller, of a picture that a json names by its path from `root`: for `images/a.jpg`
-/// and 4, the same name in `images_4`.
+/// Path of the copy, `factor` times smaller, of the picture at `file_path` in `root`: for `images/a.jpg` and 4, the
+/// file of that name in `images_4`; `None` if there is no copy.
 pub(crate) fn smaller_copy(root: &Path, file_path: &str, factor: u32) -> Option<PathBuf> {
     let path = file_path.replace('\\', "/");
     let (folder, rest) = path.trim_start_matches("./").split_once('/')?;
@@ -120,7 +120,7 @@ pub(crate) fn smaller_copy(root: &Path, file_path: &str, factor: u32) -> Option<
     if copy.is_file() { Some(copy) } else { with_other_ending(&copy) }
 }
 
-/// Existing picture with this name but another extension: reduced copies are often PNG where photographs are JPEG.
+/// Existing picture at `path` with another extension: reduced copies are often PNG where photographs are JPEG.
 fn with_other_ending(path: &Path) -> Option<PathBuf> {
     let endings = ["png", "jpg", "jpeg", "JPG", "PNG"];
     endings.into_iter().map(|ending| path.with_extension(ending)).find(|path| path.is_file())

@@ -11,17 +11,16 @@ use glam::DVec3;
 use nerf_core::camera::{Lens, Pose};
 use std::path::Path;
 
-/// File by which a folder of this layout is recognised.
 pub(crate) const FILE: &str = "poses_bounds.npy";
 /// Number of values per photograph: three rows of a 3×5 matrix, near and far.
 const NUMBERS: usize = 17;
-/// Factor on the nearest bound that gives the start of rays, as in LLFF's loader.
+/// Fraction of the nearest bound at which rays begin, as in LLFF's loader.
 const NEAR_MARGIN: f64 = 0.9;
 
-/// Values of one photograph in the file.
+/// Values of one photograph in `poses_bounds.npy`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Row {
-    /// Camera-to-world pose in the project's axes.
+    /// Camera-to-world pose, looking down −Z with +Y up.
     pose: Pose,
     size: (f64, f64),
     /// Focal length in pixels of `size`.
@@ -31,16 +30,16 @@ struct Row {
 }
 
 impl Row {
-    /// Row of 17 numbers: `[down right backward | centre | height width focal]`, row by row, and the bounds. The
-    /// position becomes relative to `origin`.
+    /// Parses the 17 numbers of a photograph: a 3×5 matrix, row by row, with the columns down, right, backward, centre,
+    /// and (height, width, focal); then the bounds. The position becomes relative to `origin`.
     fn new(n: &[f64], origin: DVec3) -> Self {
         let rows = [0, 1, 2].map(|i| [n[5 * i + 1], -n[5 * i], n[5 * i + 2], n[5 * i + 3]]);
         Self { pose: pose_of(rows, origin), size: (n[9], n[4]), focal: n[14], bounds: [n[15], n[16]] }
     }
 }
 
-/// Reads `poses_bounds.npy` of a folder. The photographs are those of `images` or `images_N` in the order of the bytes
-/// of their names, as many as there are poses.
+/// Reads `poses_bounds.npy` of a folder. The photographs in `images` or `images_N`, sorted by the bytes of their names,
+/// correspond one to one to the poses.
 pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let file = folder.join(FILE);
     let (rows, origin) = rows(&file, options)?;
@@ -103,7 +102,7 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     .counted_from(origin))
 }
 
-/// Sparse points of a COLMAP reconstruction in the same folder, in the world of the poses; empty without one.
+/// Sparse points of a COLMAP reconstruction in the same folder, relative to `origin`; empty without a reconstruction.
 fn points(folder: &Path, origin: DVec3, found: &mut Found) -> Result<Vec<SparsePoint>, DatasetError> {
     for place in [folder.join("sparse/0"), folder.join("sparse"), folder.to_owned()] {
         let points = colmap::points_of(&place, origin, found)?;
@@ -114,7 +113,7 @@ fn points(folder: &Path, origin: DVec3, found: &mut Found) -> Result<Vec<SparseP
     Ok(Vec::new())
 }
 
-/// Name of the folder that contains the pictures.
+/// Name of the folder that contains `pictures`.
 fn folder_of(pictures: &[(String, Located)]) -> Option<String> {
     let folder = pictures.first()?.1.path.parent()?;
     Some(folder.file_name()?.to_string_lossy().into_owned())

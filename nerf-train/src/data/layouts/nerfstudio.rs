@@ -10,7 +10,7 @@ use std::path::Path;
 
 pub(crate) const FILE: &str = "transforms.json";
 
-/// Reads one json. Views are split by its lists of file names; without lists, every eighth by path is for validation.
+/// Reads one json. Its lists of file names split the views; without lists, every eighth view by path is for validation.
 pub(crate) fn read(file: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
     let mut found = Found::default();
@@ -64,7 +64,7 @@ fn say_fields(header: &Header, notes: &mut Vec<String>) {
     }
 }
 
-/// Splits views by the json's lists. Views that no list names are left out, with a warning.
+/// Splits views by the json's lists of file names. Views that no list names are left out, with a warning.
 fn split_by_lists(
     views: Vec<View>,
     lists: [&Option<Vec<String>>; 3],

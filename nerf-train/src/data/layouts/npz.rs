@@ -76,7 +76,7 @@ impl Archive {
         read_array(&mut entry, &file, key, limit)
     }
 
-    /// The single number `key`, of shape `()` or of one element.
+    /// Value of the array `key`, which has the shape `()` or one element.
     pub(crate) fn scalar(&mut self, key: &str) -> Result<f64, DatasetError> {
         let array = self.array(key)?;
         match array.data.len() / array.dtype.size {
@@ -214,7 +214,7 @@ impl Dtype {
         format!("{}{}", self.kind as char, self.size)
     }
 
-    /// Value of one element; integers beyond 2^53 are rounded.
+    /// Value of the element with the bytes `chunk`; integers beyond 2^53 are rounded.
     fn value(self, chunk: &[u8]) -> Option<f64> {
         let mut bytes = [0u8; 8];
         bytes[..self.size].copy_from_slice(chunk);
@@ -257,7 +257,7 @@ fn read_header(stream: &mut impl Read) -> Result<(Dtype, bool, Vec<usize>), Stri
     parse_header(&text).ok_or_else(|| format!("{:?}", text.trim_end()))
 }
 
-/// Parses the three entries of numpy's header dictionary; numpy writes no other form of it.
+/// Parses numpy's header dictionary, only in the form that numpy writes: dtype, whether in Fortran order, and shape.
 fn parse_header(text: &str) -> Option<(Dtype, bool, Vec<usize>)> {
     let after = |key: &str| text.split_once(&format!("'{key}':")).map(|(_, rest)| rest.trim_start());
     let dtype = Dtype::parse(after("descr")?.strip_prefix('\'')?.split_once('\'')?.0)?;

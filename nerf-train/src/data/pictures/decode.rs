@@ -1,4 +1,4 @@
-//! Decoding of a picture file: whole, or refused.
+//! Decodes picture files completely; a damaged file is an error.
 
 use crate::system::input::{MAX_PICTURE_BYTES, read_limited};
 use image::metadata::Orientation;
@@ -14,12 +14,11 @@ const MAX_PIXELS: u64 = 1 << 28;
 /// Longest side of a picture, pixels: the largest size that a blob can state.
 pub const MAX_SIDE: u32 = 65_535;
 
-/// Number of bytes at the start of a file that tell whether it is HEIF.
+/// Number of bytes at the start of a file from which HEIF is recognised.
 const HEAD_BYTES: u64 = 12;
 
 pub(crate) const FORMATS: &str = "PNG, JPEG, WebP, TIFF, BMP or GIF";
 
-/// Advice for HEIF pictures of telephones, which are not decoded.
 const HEIF_ADVICE: &str = "turn them into JPEG first, with `heif-convert a.heic a.jpg` (libheif) or `magick mogrify -format jpg *.heic`";
 
 #[derive(Debug, thiserror::Error)]
@@ -41,7 +40,6 @@ pub enum DecodeError {
 pub(super) trait Source: BufRead + Seek {}
 impl<S: BufRead + Seek> Source for S {}
 
-/// A reader of the picture that `source` holds.
 pub(super) fn reader<'s>(source: impl Source + 's) -> ImageReader<Box<dyn Source + 's>> {
     ImageReader::new(Box::new(source))
 }

@@ -6,7 +6,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-/// TIFF tags; `EXIF_FOLDER` points to the directory that holds the focal length.
+/// Numbers of TIFF tags; the tag `EXIF_FOLDER` points to the directory that holds the focal length.
 const MAKE: u16 = 0x010f;
 const MODEL: u16 = 0x0110;
 const EXIF_FOLDER: u16 = 0x8769;
@@ -53,12 +53,12 @@ impl Tiff<'_> {
         self.array(at).map(u16::from_le_bytes)
     }
 
-    /// Number at offset `at`; `None` from 2^30 on, so that sums of offsets do not overflow.
+    /// Number at byte offset `at`; `None` if the number is 2^30 or more, so that sums of offsets do not overflow.
     fn u32(&self, at: u32) -> Option<u32> {
         self.array(at).map(u32::from_le_bytes).filter(|&value| value < 1 << 30)
     }
 
-    /// Offset of the entry of a tag in the directory at offset `folder`.
+    /// Byte offset of the entry of `tag` in the directory at byte offset `folder`; `None` if there is no entry.
     fn tag(&self, folder: u32, tag: u16) -> Option<u32> {
         let entries = 0..u32::from(self.u16(folder)?);
         entries.map(|i| folder + 2 + 12 * i).find(|&entry| self.u16(entry) == Some(tag))
@@ -79,7 +79,7 @@ impl Tiff<'_> {
 mod tests {
     use super::device_in;
 
-    /// Tags with a maker of five letters, a model of three, and a focal length of 63/10 mm.
+    /// EXIF tags with a maker of five letters, a model of three, and a focal length of 63/10 mm.
     fn tags(little: bool) -> Vec<u8> {
         let short = |v: u16| if little { v.to_le_bytes() } else { v.to_be_bytes() };
         let long = |v: u32| if little { v.to_le_bytes() } else { v.to_be_bytes() };

@@ -1,4 +1,4 @@
-//! Reads one picture file as straight 8-bit sRGB and alpha.
+//! Decodes one picture file with its EXIF orientation; finds picture files.
 
 use crate::data::DatasetError;
 use crate::data::pictures::decode::{DecodeError, FORMATS, decode_of};
@@ -8,7 +8,7 @@ use std::collections::{HashMap, HashSet};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// File extensions of pictures, in the order in which they are tried for a name without one.
+/// File extensions of pictures, in the order in which they are tried for a file name without extension.
 const ENDINGS: [&str; 8] = ["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "gif"];
 /// File extensions of pictures that are not decoded, but refused with an error that names the file.
 const REFUSED_ENDINGS: [&str; 3] = ["heic", "heif", "avif"];
@@ -26,11 +26,11 @@ pub(crate) struct Decoded {
     orientation: Orientation,
 }
 
-/// Width and height, pixels, as far as the poses' file states them.
+/// Width and height of a picture, pixels, as stated with its pose; `None` for a side that is not stated.
 pub(crate) type StatedSize = (Option<f64>, Option<f64>);
 
-/// Decodes a picture of any depth and channel count, as it is stored. If its size fits `stated` neither as it is nor
-/// turned by 90°, only the header is read.
+/// Decodes a picture of any depth and channel count, as it is stored. A size that fits `stated` neither upright nor
+/// turned by 90° is an error, for which only the header is read.
 pub(crate) fn decode(file: &Path, stated: StatedSize) -> Result<Decoded, DatasetError> {
     let bad =
         |found: String| DatasetError::fault(file, format!("expected a {FORMATS} picture, found {found}"));
@@ -48,7 +48,7 @@ pub(crate) fn decode(file: &Path, stated: StatedSize) -> Result<Decoded, Dataset
     Ok(Decoded { image, orientation })
 }
 
-/// The error that a picture does not have the stated size.
+/// Makes the error that a picture of `found` pixels does not have the `stated` size.
 pub(crate) fn other_size(file: &Path, stated: StatedSize, found: (u32, u32)) -> DatasetError {
     let expected = (stated.0.unwrap_or(found.0.into()), stated.1.unwrap_or(found.1.into()));
     let fault = format!(
@@ -107,7 +107,7 @@ impl Decoded {
     }
 }
 
-/// The file that `file_path` names, with or without its extension; `None` if there is none.
+/// Path of the picture `file_path`, which may lack its extension, in `folder`; `None` if there is none.
 pub(crate) fn locate(folder: &Path, file_path: &str) -> Option<PathBuf> {
     let written = folder.join(file_path.replace('\\', "/"));
     if written.is_file() {

@@ -5,7 +5,7 @@ use crate::data::pictures::photo::Loaded;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Notes and warnings over all files of a data set.
+/// Notes and warnings from reading all pictures of a data set.
 #[derive(Default)]
 pub(crate) struct Found {
     pub(crate) warnings: Vec<String>,
@@ -14,18 +14,18 @@ pub(crate) struct Found {
     pictures: usize,
     /// Names of pictures without an alpha channel.
     opaque: Vec<String>,
-    /// Number of pictures that were made smaller, by width and height before and after.
+    /// Number of reduced pictures. Key: width and height before and after, pixels.
     scaled: BTreeMap<[u32; 4], usize>,
     /// Number of pictures of which a part is masked out.
     masked: usize,
     /// Names of pictures that are masked out entirely.
     hidden: Vec<String>,
-    /// Number of views that a sentence applies to, by file name and sentence.
+    /// Number of views with a note. Key: name of the poses' file, and the note.
     said: BTreeMap<(String, String), usize>,
 }
 
 impl Found {
-    /// Records a loaded picture and its notes as a view of `file`; returns false if its mask leaves no pixel.
+    /// Counts a loaded picture and its notes. `file`: the poses' file. Returns false if the mask leaves no pixel.
     pub(crate) fn count(&mut self, file: &Path, loaded: &Loaded) -> bool {
         let Loaded { view, alpha, larger, notes } = loaded;
         self.pictures += 1;
@@ -51,7 +51,7 @@ impl Found {
         some
     }
 
-    /// All notes and warnings, with a warning if only some pictures have alpha.
+    /// Returns all notes and all warnings, with a warning if only some pictures have alpha.
     ///
     /// A picture with an alpha channel of 255 everywhere counts as one with alpha: an object may fill it.
     pub(crate) fn into_sentences(mut self) -> (Vec<String>, Vec<String>) {

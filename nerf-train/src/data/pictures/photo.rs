@@ -22,7 +22,7 @@ pub(crate) struct Optics {
 }
 
 impl Optics {
-    /// The intrinsics of the same picture at another size.
+    /// Intrinsics of the same camera for a picture of `width` by `height` pixels.
     fn at(&self, width: u32, height: u32) -> Intrinsics {
         let (sx, sy) = (f64::from(width) / self.width, f64::from(height) / self.height);
         Intrinsics {
@@ -36,7 +36,7 @@ impl Optics {
     }
 }
 
-/// A photograph that exists, with its properties that are known before it is decoded.
+/// An existing photograph, with its properties that are known before it is decoded.
 pub(crate) struct Photo<'a> {
     /// Path of the picture's file as the data set writes it.
     pub(crate) name: &'a str,
@@ -44,7 +44,7 @@ pub(crate) struct Photo<'a> {
     /// Mask: a picture that is black at pixels that are neither trained on nor evaluated.
     pub(crate) mask: Option<PathBuf>,
     pub(crate) stated: StatedSize,
-    /// Factor by which the picture is reduced from `stated`; `None`: kept at the file's size.
+    /// Factor by which the picture is reduced from the size `stated`; `None`: kept at the file's size.
     pub(crate) downscale: Option<Downscale>,
     /// Whether the picture is from a folder of copies that are known to be smaller than `stated`.
     pub(crate) reduced: bool,
@@ -63,13 +63,13 @@ pub(crate) struct Loaded {
 #[derive(Clone, Copy)]
 pub(crate) struct Source<'a> {
     pub(crate) file: &'a Path,
-    /// Name of the file in notes, such as "the json".
+    /// Name of the poses' file in notes, such as "the json".
     pub(crate) says: &'static str,
 }
 
 impl Source<'_> {
-    /// Decodes a photograph and makes its camera. `optics` returns the intrinsics for a size: the stated one, or else
-    /// that of the picture.
+    /// Decodes a photograph and makes its camera. `optics`: returns the intrinsics for a picture size, the stated one
+    /// or else the file's.
     pub(crate) fn load(
         &self,
         photo: Photo<'_>,
@@ -109,7 +109,7 @@ impl Source<'_> {
         Ok(Loaded { view, alpha, larger: larger.then_some(found), notes })
     }
 
-    /// Loads `count` photographs in parallel. `load`: loads the photograph at an index.
+    /// Loads `count` photographs in parallel. `load`: loads the photograph at an index; `None` leaves it out.
     pub(crate) fn load_all(
         &self,
         count: usize,
@@ -139,7 +139,7 @@ impl Source<'_> {
     }
 }
 
-/// Mask of a picture of `size`, scaled to `to`: true for the pixels at which the mask is not black.
+/// Reads the mask of a picture of `size` pixels and scales it to `to`: true for pixels that are kept (not black).
 fn read_mask(file: &Path, size: (u32, u32), to: (u32, u32)) -> Result<Vec<bool>, DatasetError> {
     let stated = (Some(size.0.into()), Some(size.1.into()));
     let decoded = file::decode(file, stated)?;
@@ -167,7 +167,7 @@ impl Fence {
         Ok(Self { bounds: if options.outside_files { None } else { Some(resolve()?) } })
     }
 
-    /// Refuses a `path` that leads outside the folder. `file`, `view`: file and view that the error names.
+    /// Returns an error if `path` leads outside the folder; the error names `file` and `view`.
     pub(crate) fn check(&self, file: &Path, view: &str, path: &Path) -> Result<(), DatasetError> {
         let Some(bounds) = &self.bounds else { return Ok(()) };
         let found = std::fs::canonicalize(path).map_err(|source| DatasetError::io(path, source))?;

@@ -8,7 +8,7 @@ use std::ops::Range;
 const AUTO_SIDE: f64 = 800.0;
 const MAX_FACTOR: u32 = 64;
 
-/// Factor by which photographs are reduced from the size of their poses.
+/// Factor by which photographs are reduced from the picture size that their poses are for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Downscale {
     /// The whole number that brings the long side nearest to 800 pixels; never enlarges.
@@ -19,7 +19,7 @@ pub enum Downscale {
 }
 
 impl Downscale {
-    /// The factor for pictures of this size, pixels.
+    /// Factor by which pictures of `width` by `height` pixels are reduced.
     pub(crate) fn factor(self, (width, height): (f64, f64)) -> u32 {
         if let Self::By(factor) = self {
             return factor.max(1);
@@ -43,8 +43,8 @@ impl std::str::FromStr for Downscale {
     }
 }
 
-/// First source pixel that target pixel `index` of `count` covers, and the covered fractions of that and the following
-/// source pixels. `length`: number of source pixels.
+/// Index of the first source pixel that target pixel `index` of `count` overlaps, and the overlapped fraction of each
+/// source pixel from there on. `length`: number of source pixels.
 fn covered(index: u32, count: u32, length: u32) -> (usize, Vec<f32>) {
     let (from, to) = span(index, count, length);
     let first = from.floor() as usize;
@@ -53,7 +53,7 @@ fn covered(index: u32, count: u32, length: u32) -> (usize, Vec<f32>) {
     (first, (first..last).map(part).collect())
 }
 
-/// Start and end of target pixel `index` of `count` in a line of `length` source pixels.
+/// Start and end, in source pixels, of target pixel `index` of `count` along a side of `length` source pixels.
 fn span(index: u32, count: u32, length: u32) -> (f64, f64) {
     let at = |i: u32| f64::from(i) * f64::from(length) / f64::from(count);
     (at(index), at(index + 1))
@@ -66,7 +66,7 @@ fn touched(index: u32, count: u32, length: u32) -> Range<usize> {
 }
 
 /// Converts to straight 8-bit sRGB and alpha, and reduces to `width` by `height` if the picture is larger. Each pixel
-/// is the mean over its area, weighted by alpha, in display space as in the field's data sets.
+/// is the mean over its area, weighted by alpha, in display space, as in the usual data sets.
 pub(crate) fn shrunk(image: DynamicImage, width: u32, height: u32) -> Picture {
     let (from_width, from_height) = (image.width(), image.height());
     let (width, height) = (width.min(from_width), height.min(from_height));
@@ -96,7 +96,7 @@ pub(crate) fn shrunk(image: DynamicImage, width: u32, height: u32) -> Picture {
     Picture { width, height, pixels, alpha }
 }
 
-/// Adds a source row to `sums`: colours times alpha, and alpha. `part`: fraction of the row in the target row.
+/// Adds a source row to `sums` (colour times alpha, and alpha). `part`: fraction of the row that the target row covers.
 fn add_row(sums: &mut [[f32; 4]], row: &[u8], channels: usize, columns: &[(usize, Vec<f32>)], part: f32) {
     for (sum, (first, shares)) in sums.iter_mut().zip(columns) {
         for (pixel, share) in row[first * channels..].chunks_exact(channels).zip(shares) {

@@ -7,26 +7,25 @@ use base64::Engine as _;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 
-/// Maximum number of pixels of all pictures together; as JPEG in base64, 0.3 to 2.2 bytes a pixel.
+/// Maximum number of pixels of all thumbnails of a page; as JPEG in base64, 0.3 to 2.2 bytes a pixel.
 const PIXEL_BUDGET: usize = 1_200_000;
-/// Upper limit of a picture's longest side, pixels.
+/// Upper limit of a thumbnail's longest side, pixels.
 const LARGEST: usize = 400;
-/// Lower limit of a picture's longest side, pixels: nothing can be seen on smaller ones.
+/// Lower limit of a thumbnail's longest side, pixels: nothing can be seen on smaller ones.
 const SMALLEST: usize = 16;
-/// JPEG quality, 1 to 100.
 const QUALITY: u8 = 85;
 
-/// A small picture, display-encoded, over a colour where the original is transparent.
+/// A view's picture, reduced, display-encoded, and composited over a background colour.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Thumbnail(pub Picture);
 
-/// Longest side, pixels, at which `count` pictures together stay within the pixel budget.
+/// Longest side, pixels, at which `count` thumbnails together stay within the pixel budget.
 pub fn side_for(count: usize) -> usize {
     ((PIXEL_BUDGET / count.max(1)) as f64).sqrt().floor().clamp(SMALLEST as f64, LARGEST as f64) as usize
 }
 
 impl Thumbnail {
-    /// The picture of `view` over `background`, box-filtered to at most `side` pixels; never enlarged.
+    /// The picture of `view` composited over `background`, box-filtered to at most `side` pixels; never enlarged.
     pub fn of(view: &View, side: usize, background: [f32; 3]) -> Self {
         let (width, height) = view.size();
         let (width, height) = (width as usize, height as usize);

@@ -5,9 +5,9 @@ use crate::data::names::listed;
 use serde::{Serialize, Serializer};
 use std::fmt;
 
-/// Smallest fraction of photographs with poses at which a reconstruction is not torn ([`Fault::Torn`]).
+/// Fraction of the photographs that must have a pose; otherwise a reconstruction is torn ([`Fault::Torn`]).
 const REGISTERED: f64 = 0.9;
-/// Number of photographs that a smaller reconstruction must add for the largest one to be torn.
+/// Number of photographs, posed only in a smaller reconstruction, from which on the largest one is torn.
 const OTHERS: usize = 3;
 
 /// Fault of a reconstruction: missing photographs, or photographs with wrong poses.
@@ -19,15 +19,15 @@ pub enum Fault {
         /// Names of the photographs of each smaller reconstruction that are not in the largest one.
         others: Vec<Vec<String>>,
     },
-    /// Photographs of two sides of the scene have poses on only one side.
+    /// Photographs of two sides of the scene that look alike have poses on the same side.
     Folded {
-        /// Names of the photographs in each group; photographs of one group agree with each other.
+        /// Names of the photographs in each group; poses agree within a group, but not between groups.
         groups: Vec<Vec<String>>,
     },
 }
 
 impl Fault {
-    /// Fault of `model`, the largest reconstruction from `photographs` photographs. `folded`: its groups if folded.
+    /// Fault, if any, of `model`, made from `photographs` photographs. `folded`: groups of a folded reconstruction.
     pub(super) fn of(model: &Facts, photographs: usize, folded: Option<Vec<Vec<String>>>) -> Option<Self> {
         if let Some(groups) = folded {
             return Some(Self::Folded { groups });

@@ -1,8 +1,8 @@
-//! Poses of bare photographs, found by an installed COLMAP.
+//! Poses of photographs that have none, found by an installed COLMAP.
 //!
 //! COLMAP works in a hidden folder next to the result, on copies of the photographs, so that later edits of the
 //! photographs never change the result. The folder gets its final name, complete, once there is a reconstruction. If a
-//! reconstruction is torn or folded, COLMAP's further ways are tried.
+//! reconstruction is torn or folded, other ways of running COLMAP are tried.
 
 mod fault;
 mod run;
@@ -22,7 +22,7 @@ use std::path::Path;
 use std::time::Duration;
 use std::{fs, io};
 
-/// Minimum number of photographs: a fit trains on some and is evaluated on another.
+/// Minimum number of photographs: a fit needs training views and a held-out view.
 const MIN_PHOTOGRAPHS: usize = 3;
 
 #[derive(Clone, Copy)]
@@ -35,7 +35,7 @@ pub struct Request<'a> {
     pub threads: Option<usize>,
     /// Time without output after which COLMAP is killed.
     pub patience: Duration,
-    /// Returns the groups of photographs if the reconstruction is folded, else `None`.
+    /// Function that returns the groups of photographs if the reconstruction is folded, else `None`.
     pub folded: &'a dyn Fn(&Dataset) -> Option<Vec<Vec<String>>>,
     pub style: ProgressStyle,
 }
@@ -46,7 +46,7 @@ pub struct Found {
     pub photographs: usize,
     pub registered: usize,
     pub unregistered: Vec<String>,
-    /// Names of files that are no whole pictures and were left out.
+    /// Names of picture files that cannot be read and were left out.
     pub damaged: Vec<String>,
     /// Number of reconstructions that COLMAP made; the largest is kept.
     pub models: usize,
@@ -58,7 +58,6 @@ pub struct Found {
     pub fault: Option<Fault>,
 }
 
-/// A reconstruction, the way in which COLMAP made it, and its fault, if any.
 struct Attempt {
     model: Facts,
     way: Way,
@@ -99,7 +98,7 @@ pub fn find(request: &Request<'_>) -> anyhow::Result<Found> {
     Ok(found(bare, best))
 }
 
-/// Extracts the features of all photographs into one database, camera by camera: one call assumes one camera.
+/// Extracts the features of all photographs into one database, with one run of COLMAP for each camera.
 fn extract(bare: &Bare, place: &Place, runner: &Runner<'_>) -> anyhow::Result<()> {
     for (index, names) in bare.cameras.iter().enumerate() {
         let list = place.work.join(format!("camera{index}.txt"));
@@ -112,7 +111,7 @@ fn extract(bare: &Bare, place: &Place, runner: &Runner<'_>) -> anyhow::Result<()
     Ok(())
 }
 
-/// The best reconstruction of COLMAP's ways: the first without a fault, else the largest.
+/// Tries COLMAP's strategies ([`Way`]) in order; returns the first reconstruction without a fault, else the largest.
 fn best(place: &Place, runner: &Runner<'_>) -> anyhow::Result<Attempt> {
     let Runner { request, photographs: count } = *runner;
     let mut best: Option<Attempt> = None;
@@ -145,7 +144,7 @@ fn best(place: &Place, runner: &Runner<'_>) -> anyhow::Result<Attempt> {
     best.ok_or_else(|| none_registered(count, "no model was made"))
 }
 
-/// Reads a way's largest reconstruction, with the photographs moved next to it meanwhile; `None` if unreadable.
+/// Reads the largest reconstruction of `way`, with the photographs moved next to it meanwhile; `None` if unreadable.
 fn with_photographs(place: &Place, way: Way) -> io::Result<Option<Dataset>> {
     let models = place.models(way);
     let beside = models.join("images");
@@ -155,7 +154,7 @@ fn with_photographs(place: &Place, way: Way) -> io::Result<Option<Dataset>> {
     Ok(data)
 }
 
-/// Runs COLMAP in one way and returns the largest reconstruction.
+/// Runs COLMAP's stages by `way` and returns a summary of the largest reconstruction.
 fn attempt(way: Way, place: &Place, runner: &Runner<'_>) -> anyhow::Result<Facts> {
     if let Some(matching) = commands::matching(place, way) {
         let database = place.database(way);
@@ -195,7 +194,7 @@ fn copy(bare: &Bare, images: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Moves the reconstruction to its place and removes the working files.
+/// Moves the reconstruction to `place` and removes the folder `work`.
 fn keep(model: &Facts, place: &Path, work: &Path) -> io::Result<()> {
     fs::rename(&model.folder, place)?;
     // `project.ini` names the hidden folder.

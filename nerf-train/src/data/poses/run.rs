@@ -15,7 +15,7 @@ const KEPT_BYTES: usize = 32 << 10;
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 /// Minimum time between two shown lines of COLMAP's output.
 const LINE_EVERY: Duration = Duration::from_secs(5);
-/// Time limit for COLMAP's help on the options of a command.
+/// Time limit for COLMAP to print the help on a command's options.
 const HELP_PATIENCE: Duration = Duration::from_secs(30);
 
 #[derive(Clone, Copy)]
@@ -45,7 +45,7 @@ fn start(command: &mut Command) -> anyhow::Result<(Helper, Heard, Heard)> {
 }
 
 impl Runner<'_> {
-    /// Runs a stage to its end and shows its output.
+    /// Runs a COLMAP command to its end and shows its output.
     pub(super) fn run(&self, stage: Stage) -> anyhow::Result<()> {
         let Request { threads, patience, style, .. } = *self.request;
         let stage = match threads {
@@ -81,7 +81,7 @@ impl Runner<'_> {
         Err(failure(&stage, status, self.photographs, &help, [out.text(), err.text()]))
     }
 
-    /// Help text of the installed COLMAP on the options of a stage's command.
+    /// Help text of the installed COLMAP on the options of the command `stage`.
     pub(super) fn help(&self, stage: &Stage) -> anyhow::Result<String> {
         let (helper, out, err) = start(colmap().arg(stage.name).arg("--help"))?;
         let patience = HELP_PATIENCE.min(self.request.patience);
@@ -100,7 +100,7 @@ pub(super) fn none_registered(photographs: usize, said: &str) -> anyhow::Error {
     )
 }
 
-/// Last complete line that is not blank; empty if there is none.
+/// Last complete line of the output `said` that is not blank; empty if there is none.
 fn last_line(said: &[u8]) -> String {
     let text = String::from_utf8_lossy(said);
     let whole = text.rsplit_once('\n').map_or("", |(whole, _)| whole);
@@ -115,7 +115,7 @@ fn silent(stage: &Stage, patience: Duration) -> anyhow::Error {
     )
 }
 
-/// The error of a failed command; COLMAP also fails if no pair of photographs fits.
+/// Makes the error of a failed command; the mapper also fails if no pair of photographs fits.
 fn failure(
     stage: &Stage,
     status: ExitStatus,

@@ -4,14 +4,14 @@ use super::{Bundle, Device, Jacobian, Observation, POSE, SOFT_PIXELS};
 use crate::data::cameras::geometry::outer;
 use glam::{DMat3, DQuat, DVec3};
 
-/// Block of the normal equations that couples a camera or a device with a point: one row per parameter. A device has
-/// fewer parameters than a camera: the last rows of its block are 0.
+/// Block of the normal equations between a camera or device and a point: a row per parameter of the camera or device, a
+/// column per coordinate of the point. The last rows of a device, which has fewer parameters, are 0.
 type Block = [DVec3; POSE];
 
-/// Index of a camera's or device's first parameter, and derivatives of the residual's x and y by its parameters.
+/// Index of a pose's or device's first parameter; derivatives of the residual (x, y) with respect to its parameters.
 type Rows = (usize, [[f64; POSE]; 2]);
 
-/// Reduced normal equations of all poses and devices. `matrix` is symmetric; only its lower triangle is used.
+/// Normal equations of all poses and devices, points eliminated; only the lower triangle of `matrix` is used.
 pub(super) struct Reduced<'a> {
     bundle: &'a Bundle,
     matrix: Vec<f64>,
@@ -21,14 +21,14 @@ pub(super) struct Reduced<'a> {
 }
 
 struct Point {
-    /// Blocks of the cameras and devices that see the point, each with the index of its first parameter.
+    /// Blocks of the poses and devices that see the point, each with the index of the block's first parameter.
     blocks: Vec<(usize, Block)>,
     inverse: DMat3,
     right: DVec3,
 }
 
 impl<'a> Reduced<'a> {
-    /// Reduced equations of a step with this damping; `None` if the equations of a point are singular.
+    /// Normal equations of a step with Levenberg-Marquardt `damping`; `None` if the equations of a point are singular.
     pub(super) fn of(bundle: &'a Bundle, damping: f64) -> Option<Self> {
         // POSE rows for each camera and device; the last rows of a device are empty.
         let size = POSE * (bundle.photographs.len() + bundle.devices.len());
@@ -47,7 +47,8 @@ impl<'a> Reduced<'a> {
         Some(reduced)
     }
 
-    /// Rows of an observation for pose and device, its Jacobian, and its weight; `None` for a point behind the camera.
+    /// Derivatives of an observation's residual with respect to its pose and its device, the whole Jacobian, and the
+    /// weight in the robust loss; `None` if the point is behind the camera.
     fn rows(&self, seen: &Observation) -> Option<([Rows; 2], Jacobian, f64)> {
         let jacobian = self.bundle.linearised(seen)?;
         let weight = SOFT_PIXELS / SOFT_PIXELS.hypot(jacobian.residual.length());
@@ -107,7 +108,7 @@ impl<'a> Reduced<'a> {
         }
     }
 
-    /// The bundle after the step; `None` if the equations have no solution.
+    /// Returns the bundle after the step, points included; `None` if the equations have no solution.
     pub(super) fn step(mut self) -> Option<Bundle> {
         solve(&mut self.matrix, &mut self.right, self.size)?;
         let mut bundle = self.bundle.clone();
@@ -134,7 +135,7 @@ impl<'a> Reduced<'a> {
     }
 }
 
-/// Solves a positive definite system in place by Cholesky's method; only the lower triangle of `matrix` is read.
+/// Solves `matrix` x = `right` by Cholesky's method, x in `right`; `None` if `matrix` is not positive definite.
 fn solve(matrix: &mut [f64], right: &mut [f64], size: usize) -> Option<()> {
     for i in 0..size {
         let (above, row) = matrix.split_at_mut(i * size);

@@ -17,7 +17,7 @@ use linear::Reduced;
 
 /// Number of parameters of a pose: rotation, translation. A device uses three: logarithm of the focal length, k1, k2.
 const POSE: usize = 6;
-/// Reprojection error from which on an observation has less weight, pixels.
+/// Scale s of the robust loss, pixels: reprojection errors above it weigh less.
 const SOFT_PIXELS: f64 = 1.0;
 /// Smallest depth of a point in front of a camera, as a fraction of the camera's distance from the origin.
 const MIN_DEPTH: f64 = 1e-6;
@@ -25,7 +25,7 @@ const MAX_ITERATIONS: usize = 100;
 /// Relative decrease of the cost below which the adjustment ends.
 const SMALLEST_GAIN: f64 = 1e-8;
 const MAX_DAMPING: f64 = 1e8;
-/// Number of iterations that find the rotation onto the anchor; each rotates by the remaining angle.
+/// Number of iterations of [`align`] that refine its rotation.
 const TURNS: usize = 20;
 
 /// Intrinsics that all photographs of one device share.
@@ -36,7 +36,7 @@ pub(crate) struct Device {
     pub(crate) second_order: bool,
 }
 
-/// Intrinsics of a camera that are not adjusted.
+/// Intrinsics of one photograph that the adjustment does not change.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frame {
     pub(crate) principal: DVec2,
@@ -67,7 +67,7 @@ pub(crate) struct Observation {
     pub(crate) at: DVec2,
 }
 
-/// Cameras, points, and observations of points, sorted by point.
+/// Input and result of bundle adjustment; `observations` are sorted by point.
 #[derive(Clone, Debug)]
 pub(crate) struct Bundle {
     pub(crate) devices: Vec<Device>,
@@ -76,7 +76,7 @@ pub(crate) struct Bundle {
     pub(crate) observations: Vec<Observation>,
 }
 
-/// Residual of a projection, pixels, and its derivatives with respect to pose, device and point; rows x and y.
+/// Residual (x, y) of an observation, pixels, and its derivatives with respect to pose, device and point.
 struct Jacobian {
     residual: DVec2,
     pose: [[f64; POSE]; 2],
@@ -89,7 +89,7 @@ impl Bundle {
         self.linearised(seen).map(|jacobian| jacobian.residual)
     }
 
-    /// Residual and derivatives; `None` if the point is not in front of the camera.
+    /// Residual and derivatives of an observation; `None` if the point is not in front of the camera.
     fn linearised(&self, seen: &Observation) -> Option<Jacobian> {
         let photograph = &self.photographs[seen.photograph];
         let device = &self.devices[photograph.device];
@@ -137,7 +137,8 @@ impl Bundle {
         self.errors().iter().map(|e| 2.0 * SOFT_PIXELS * (SOFT_PIXELS.hypot(*e) - SOFT_PIXELS)).sum()
     }
 
-    /// Moves each camera along its axis to compensate for the change of its focal length from `own` to its device's.
+    /// Moves each camera along its optical axis so that points at its median depth keep their size in the picture when
+    /// the focal length changes from `own`, pixels, to that of the photograph's device.
     pub(crate) fn dolly(&mut self, own: &[f64]) {
         let depths = self.depths();
         for ((photograph, own), depth) in self.photographs.iter_mut().zip(own).zip(depths) {
@@ -145,7 +146,7 @@ impl Bundle {
         }
     }
 
-    /// Median depth of the points that each photograph sees.
+    /// Returns, for each photograph, the median depth of the points that it sees; NaN if it sees none.
     pub(crate) fn depths(&self) -> Vec<f64> {
         let mut depths = vec![Vec::new(); self.photographs.len()];
         for seen in &self.observations {
@@ -156,8 +157,8 @@ impl Bundle {
         depths.into_iter().map(median).collect()
     }
 
-    /// Adjusts all cameras, devices and points; returns the number of steps. Position, rotation and scale of the world
-    /// are preserved: at the end, the cameras are aligned with their positions `anchor`.
+    /// Adjusts all cameras, devices and points; returns the number of steps. At the end, position, rotation and scale
+    /// of the world are chosen so that the camera centres best fit `anchor`, one position for each photograph.
     pub(crate) fn adjust(&mut self, anchor: &[DVec3]) -> usize {
         self.observations.sort_by_key(|seen| (seen.point, seen.photograph));
         let seen = |bundle: &Self, seen: &Observation| bundle.residual(seen).is_some();
@@ -184,7 +185,7 @@ impl Bundle {
     }
 }
 
-/// Rotates, scales and shifts cameras and points so that the cameras lie as near as possible to `anchor`.
+/// Rotates, scales and shifts cameras and points so that the camera centres best fit `anchor`, one position for each.
 ///
 /// With fewer than two distinct positions nothing is moved.
 fn align(bundle: &mut Bundle, anchor: &[DVec3]) {

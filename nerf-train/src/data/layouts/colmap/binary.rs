@@ -61,7 +61,6 @@ impl Bytes {
         Ok(numbers)
     }
 
-    /// Skips `count` items of `size` bytes.
     fn skip(&mut self, field: &str, count: u64, size: u64) -> Result<(), DatasetError> {
         if let Some(bytes) = count.checked_mul(size) {
             let read = std::io::copy(&mut self.stream.by_ref().take(bytes), &mut sink())

@@ -11,7 +11,7 @@ const NEWER: [(&str, &str); 4] = [
     ("--SiftMatching.num_threads", "--FeatureMatching.num_threads"),
 ];
 
-/// Text on the renamed options, for messages.
+/// Text about the renamed options, for error messages.
 pub(in crate::data) const RENAMED: &str =
     "since COLMAP 3.13 it is --FeatureExtraction.use_gpu and --FeatureMatching.use_gpu";
 
@@ -19,7 +19,7 @@ pub(in crate::data) const RENAMED: &str =
 pub(crate) struct Stage {
     pub(crate) name: &'static str,
     options: Vec<(&'static str, OsString)>,
-    /// Options that are left out if the installed version does not know them.
+    /// Options that are left out if the installed version of COLMAP does not know them.
     optional: Vec<(&'static str, OsString)>,
 }
 
@@ -29,7 +29,7 @@ pub(crate) struct Place {
     pub(crate) work: PathBuf,
 }
 
-/// Way in which COLMAP makes a reconstruction from features.
+/// Strategy by which COLMAP matches features and reconstructs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Way {
     Exhaustive,
@@ -39,14 +39,14 @@ pub(crate) enum Way {
     OtherPair {
         sequential: bool,
     },
-    /// Keeps only distinctive matches.
+    /// Keeps only distinctive matches, and only pairs of photographs with many matches.
     Strict {
         sequential: bool,
     },
 }
 
 impl Way {
-    /// Ways to try, in order: the requested one, then the alternatives.
+    /// Strategies to try, in order: first the requested one (`sequential` or exhaustive), then the alternatives.
     pub(crate) fn all(sequential: bool) -> Vec<Self> {
         let others = [Self::OtherPair { sequential }, Self::Strict { sequential }];
         let asked: &[Self] =
@@ -63,7 +63,7 @@ impl Way {
         }
     }
 
-    /// Way that computed the matches which this way uses.
+    /// Strategy whose matches this strategy uses: itself, except for `OtherPair`.
     fn matches(self) -> Self {
         match self {
             Self::OtherPair { sequential: false } => Self::Exhaustive,
@@ -78,7 +78,7 @@ impl Place {
         self.work.join("database.db")
     }
 
-    /// Database with the matches of a way.
+    /// Path of COLMAP's database with the matches that `way` uses.
     pub(crate) fn database(&self, way: Way) -> PathBuf {
         self.work.join(match way.matches() {
             Way::Exhaustive => "exhaustive.db",
@@ -87,7 +87,7 @@ impl Place {
         })
     }
 
-    /// Folder of a way; its reconstructions are in the subfolder `sparse`, where readers expect them.
+    /// Folder for the reconstructions of `way`, which COLMAP writes to its subfolder `sparse`.
     pub(crate) fn models(&self, way: Way) -> PathBuf {
         self.work.join(match way {
             Way::Exhaustive => "exhaustive",
@@ -98,7 +98,7 @@ impl Place {
     }
 }
 
-/// Stage that extracts features of all photographs, or of one camera's photographs in `list`. Needs no GPU.
+/// COLMAP command that extracts features on the CPU: of all photographs, or of those of one camera in the file `list`.
 pub(crate) fn features(place: &Place, list: Option<&Path>) -> Stage {
     let mut stage = extraction(&place.images, &place.features(), true);
     stage.options.extend(list.map(|list| ("--image_list_path", list.into())));
@@ -116,7 +116,7 @@ fn extraction(images: &Path, database: &Path, one_camera: bool) -> Stage {
     Stage { name: "feature_extractor", options, optional: Vec::new() }
 }
 
-/// Stage that matches the features in this way; `None` if the way reuses the matches of another.
+/// COLMAP command that matches the features by `way`; `None` for `OtherPair`, which reuses matches.
 pub(crate) fn matching(place: &Place, way: Way) -> Option<Stage> {
     let (sequential, strict) = match way {
         Way::Exhaustive => (false, false),
@@ -138,7 +138,7 @@ fn matcher(database: &Path, sequential: bool) -> Stage {
     }
 }
 
-/// COLMAP's mapper with the options of `way`, for a database of `photographs` photographs.
+/// COLMAP command that reconstructs by `way` from a database of `photographs` photographs.
 pub(crate) fn mapping(place: &Place, way: Way, photographs: usize) -> Stage {
     let mut stage = mapper(&place.images, &place.database(way), &place.models(way).join("sparse"));
     match way {
@@ -161,8 +161,8 @@ fn mapper(images: &Path, database: &Path, models: &Path) -> Stage {
     Stage { name: "mapper", options, optional: Vec::new() }
 }
 
-/// Stages to run by hand: features, matches, reconstructions; from the photographs in `images` to folders in `models`.
-/// `one_camera`: whether one camera has taken all photographs.
+/// COLMAP commands for a user to run by hand: extraction, matching and mapping of the photographs in `images` to
+/// reconstructions in `models`. `one_camera`: whether one camera has taken all photographs.
 pub(crate) fn by_hand(images: &Path, database: &Path, models: &Path, one_camera: bool) -> [Stage; 3] {
     [extraction(images, database, one_camera), matcher(database, false), mapper(images, database, models)]
 }
@@ -178,7 +178,7 @@ impl Stage {
         self
     }
 
-    /// Arguments of `colmap` for this stage. `help`: help text of the installed version, which lists its options.
+    /// Arguments of `colmap` for this command. `help`: help text of the installed version, which lists its options.
     pub(crate) fn arguments(&self, help: &str) -> Vec<OsString> {
         let named = |option: &'static str| {
             let newer = NEWER

@@ -20,7 +20,7 @@ use nerf_core::camera::Pose;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// Maximum number of points kept; whenever there are more, every second one is dropped.
+/// Maximum number of sparse points kept; whenever there are more, every second one is dropped.
 const MAX_POINTS: usize = 1 << 20;
 
 struct Registered {
@@ -29,13 +29,12 @@ struct Registered {
     camera: u32,
     /// Rotation from world to camera: quaternion (w, x, y, z) of any length but 0.
     rotation: [f64; 4],
-    /// Translation from world to camera.
     translation: [f64; 3],
-    /// Key points with a 3D point: pixels from the left and the top, and the `POINT3D_ID`.
+    /// Key points that were triangulated: pixels from the left and the top, and the `POINT3D_ID`.
     key_points: Vec<([f64; 2], u64)>,
 }
 
-/// Point number of a key point that was not triangulated.
+/// `POINT3D_ID` of a key point that was not triangulated.
 const NO_POINT: u64 = u64::MAX;
 
 struct Model {
@@ -68,7 +67,7 @@ impl Encoding {
     }
 }
 
-/// Folders in `root` that hold a reconstruction, of `sparse/0`, `sparse/1`…, `sparse`, and `root` itself.
+/// Reconstructions in `sparse/0`, `sparse/1`…, `sparse` and `root` itself: folder and encoding of each.
 fn models(root: &Path) -> Vec<(PathBuf, Encoding)> {
     let sparse = root.join("sparse");
     let mut numbered: Vec<PathBuf> = crate::data::layouts::folders::entries(&sparse).unwrap_or_default();
@@ -81,7 +80,7 @@ pub(crate) fn is_here(root: &Path) -> bool {
     !models(root).is_empty()
 }
 
-/// Files of all reconstructions, and files of a reconstruction directly in `root`.
+/// Paths of the files of all reconstructions in `root`.
 pub(crate) fn files(root: &Path) -> Vec<PathBuf> {
     let folders = models(root).into_iter().map(|(folder, _)| folder).chain([root.to_owned()]);
     let stems = ["cameras", "images", "points3D", "rigs", "frames"];
@@ -150,7 +149,7 @@ fn kinds(cameras: &HashMap<u32, Camera>) -> String {
     names.join(", ")
 }
 
-/// Folder and encoding of the reconstruction with the most photographs, the first of several equal ones.
+/// Finds the reconstruction with the most photographs, the first of several equal ones: its folder and encoding.
 fn largest(folder: &Path, found: &mut Found) -> Result<(PathBuf, Encoding), DatasetError> {
     let mut counted = Vec::new();
     for (model, encoding) in models(folder) {
@@ -174,7 +173,7 @@ fn largest(folder: &Path, found: &mut Found) -> Result<(PathBuf, Encoding), Data
     Ok((model, encoding))
 }
 
-/// Sparse points of the reconstruction in `folder` that a photograph sees, relative to `origin`; may be empty.
+/// Sparse points of the reconstruction in `folder` that some photograph sees, relative to `origin`; may be empty.
 pub(crate) fn points_of(
     folder: &Path,
     origin: DVec3,
@@ -198,7 +197,7 @@ fn read_points(folder: &Path, origin: DVec3) -> Result<Points, DatasetError> {
     Ok(points)
 }
 
-/// Figures of a reconstruction that was just made.
+/// Summary of the largest of the reconstructions that COLMAP has just made.
 #[derive(Debug)]
 pub(crate) struct Facts {
     pub(crate) folder: PathBuf,
@@ -210,7 +209,7 @@ pub(crate) struct Facts {
     pub(crate) mean_error: f64,
 }
 
-/// Figures of the largest reconstruction in `folder`; `None` if there is none.
+/// Summary of the largest reconstruction in `folder`; `None` if there is none.
 pub(crate) fn facts(folder: &Path) -> Result<Option<Facts>, DatasetError> {
     if !is_here(folder) {
         return Ok(None);
@@ -240,18 +239,18 @@ pub(crate) fn facts(folder: &Path) -> Result<Option<Facts>, DatasetError> {
 struct Points {
     file: PathBuf,
     origin: DVec3,
-    /// Points that were kept, with their numbers in the file.
+    /// Sparse points that were kept, each with its `POINT3D_ID`.
     kept: Vec<(u64, SparsePoint)>,
-    /// One in this many points is kept.
+    /// One in this many of the file's points is kept.
     stride: usize,
     seen: usize,
     unseen: usize,
-    /// Sum of the reprojection errors of the points that photographs see, pixels.
+    /// Sum of the mean reprojection errors of the points that photographs see, pixels.
     errors: f64,
 }
 
 impl Points {
-    /// Index in `kept` of each point, by its number in the file.
+    /// Index in `kept` of each point, by its `POINT3D_ID`.
     fn numbers(&self) -> HashMap<u64, u32> {
         self.kept.iter().enumerate().map(|(place, &(number, _))| (number, place as u32)).collect()
     }
@@ -266,7 +265,7 @@ impl Points {
         }
     }
 
-    /// Adds a point: number in the file, position, mean reprojection error in pixels, number of photographs.
+    /// Adds a point that `photographs` photographs see. `number`: `POINT3D_ID`. `error`: reprojection error, pixels.
     fn push(
         &mut self,
         number: u64,
@@ -302,7 +301,6 @@ impl Points {
     }
 }
 
-/// Context for reading all photographs of a reconstruction.
 struct Reader<'a> {
     model: &'a Model,
     file: &'a Path,
@@ -310,7 +308,7 @@ struct Reader<'a> {
     root: &'a Path,
     origin: DVec3,
     options: &'a ReadOptions,
-    /// Index in [`Dataset::points`] of each sparse point, by its number in the reconstruction.
+    /// Index in [`Dataset::points`] of each sparse point, by its `POINT3D_ID`.
     points: &'a HashMap<u64, u32>,
 }
 
@@ -391,7 +389,7 @@ impl Reader<'_> {
     }
 }
 
-/// Rotation and position from camera to world in COLMAP's axes; `None` if the numbers give no pose.
+/// Rotation from camera to world, and camera position, in COLMAP's axes; `None` if the numbers give no pose.
 fn c2w(image: &Registered) -> Option<(DMat3, DVec3)> {
     let [w, x, y, z] = image.rotation;
     let rotation = DQuat::from_xyzw(x, y, z, w);

@@ -16,7 +16,7 @@ struct Lines {
     stream: BufReader<std::fs::File>,
     /// Number of the line read most recently, from 1; 0 before the first.
     at: usize,
-    /// Number of items that a comment states.
+    /// Number of cameras, photographs or points that a comment of the file states, if any.
     announced: Option<u64>,
 }
 
@@ -32,7 +32,7 @@ impl Lines {
 
     /// The next line without its end, or `None` at the end of the file.
     ///
-    /// A last line without a line end is refused: a cut file may have lost digits of a number.
+    /// A last line without a line end is an error: a truncated file may have lost digits of a number.
     fn any(&mut self) -> Result<Option<String>, DatasetError> {
         let mut line = Vec::new();
         let read = self.stream.by_ref().take(MAX_LINE).read_until(b'\n', &mut line);
@@ -68,7 +68,7 @@ impl Lines {
         Ok(None)
     }
 
-    /// The next word of a line, as a number.
+    /// Parses the next word of a line as a number.
     fn number<'w, T: std::str::FromStr>(
         &self,
         words: &mut impl Iterator<Item = &'w str>,
@@ -90,7 +90,7 @@ impl Lines {
         Ok(numbers)
     }
 
-    /// Checks the number of items against the number that a comment states, if any.
+    /// Returns an error if a comment states another number of items than `found`.
     fn check(&self, found: u64) -> Result<(), DatasetError> {
         match self.announced {
             Some(announced) if announced != found => {
@@ -169,7 +169,7 @@ fn images(file: &Path) -> Result<Vec<Registered>, DatasetError> {
     Ok(images)
 }
 
-/// Key points with a 3D point, from a photograph's second line: x, y and the point's number (-1: none) of each.
+/// Parses a photograph's second line: x, y and `POINT3D_ID` of each key point; returns those that were triangulated.
 fn key_points(lines: &Lines, line: &str) -> Result<Vec<([f64; 2], u64)>, DatasetError> {
     let (mut words, mut found) = (line.split_whitespace().peekable(), Vec::new());
     while words.peek().is_some() {

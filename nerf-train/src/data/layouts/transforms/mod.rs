@@ -47,7 +47,7 @@ struct FrameCameras {
     frames: Vec<CameraFields>,
 }
 
-/// Camera fields, for the whole file or for one frame.
+/// Fields of a json that describe a camera: those of the whole file, or of one frame.
 #[derive(Deserialize)]
 struct CameraFields {
     camera_model: Option<String>,
@@ -70,10 +70,10 @@ struct CameraFields {
     p2: Option<f64>,
 }
 
-/// Camera models with polynomial coefficients or none; with the field `is_fisheye`, the coefficients of a fisheye.
+/// Camera models with a radial polynomial or no distortion; if `is_fisheye` is set, with fisheye coefficients.
 const MODELS: &[&str] = &["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
 
-/// Largest shift of any point by the highest radial term, pixels, at which the term may be dropped.
+/// Shift of the farthest corner by the coefficient k4, pixels, up to which k4 may be dropped.
 const NEGLIGIBLE_SHIFT: f64 = 0.5;
 
 impl Transforms {
@@ -94,7 +94,7 @@ impl Transforms {
         self.frames.len()
     }
 
-    /// Positions of the cameras whose matrices hold a position.
+    /// Positions of the cameras; frames whose matrix lacks rows or columns are left out.
     pub(crate) fn positions(&self) -> impl Iterator<Item = [f64; 3]> {
         self.frames.iter().filter_map(|(frame, _)| match frame.transform_matrix.as_slice() {
             [x, y, z, ..] => Some([*x.get(3)?, *y.get(3)?, *z.get(3)?]),
@@ -199,8 +199,8 @@ impl Transforms {
 /// Size limit of a file that is searched for the frame with NaN or Infinity, bytes.
 const MAX_EXPLAINED_BYTES: usize = 16 << 20;
 
-/// Error that names the first frame and field with NaN or Infinity in a file that does not parse because of it: many
-/// programs write these numbers, which JSON lacks.
+/// Error that names the first frame and field with NaN or Infinity, which many programs write, but JSON lacks. `None`
+/// if parsing failed for another reason.
 fn number_fault(file: &Path, bytes: &[u8], error: &serde_json::Error) -> Option<DatasetError> {
     // A larger file is no list of photographs, and its parsed form would take many times its size in memory.
     let text = std::str::from_utf8(bytes).ok().filter(|text| text.len() <= MAX_EXPLAINED_BYTES)?;

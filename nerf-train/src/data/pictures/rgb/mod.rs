@@ -14,12 +14,12 @@ use std::path::Path;
 pub struct Picture {
     pub width: usize,
     pub height: usize,
-    /// `[height * width]`, display-encoded red, green, blue in [0, 1].
+    /// Display-encoded red, green and blue of each pixel, in [0, 1]: `[height * width]`.
     pub rgb: Vec<[f32; 3]>,
 }
 
 impl Picture {
-    /// A picture of `rgb`: `[height * width]`.
+    /// Makes a picture of the colours `rgb`, `[height * width]`; another length is an error.
     pub fn new(width: usize, height: usize, rgb: Vec<[f32; 3]>) -> anyhow::Result<Self> {
         check_length("a picture", width, height, rgb.len())?;
         Ok(Self { width, height, rgb })
@@ -33,7 +33,7 @@ impl Picture {
         }
     }
 
-    /// The colour at column `x`, row `y`; `None` outside.
+    /// The colour at column `x`, row `y`; `None` outside of the picture.
     pub fn pixel(&self, x: usize, y: usize) -> Option<[f32; 3]> {
         (x < self.width).then(|| self.rgb.get(y.checked_mul(self.width)?.checked_add(x)?).copied())?
     }
@@ -51,7 +51,7 @@ impl Picture {
         }
     }
 
-    /// Copies `other` into this picture, its top left corner at (`x`, `y`), cut off at the edges.
+    /// Copies `other` into this picture with its top left corner at (`x`, `y`); parts beyond the edges are cut off.
     pub fn paste(&mut self, other: &Self, x: usize, y: usize) {
         if other.width == 0 || x >= self.width {
             return;
@@ -80,12 +80,12 @@ impl Picture {
         Self { width: self.width * factor, height: self.height * factor, rgb }
     }
 
-    /// Enlarges by the smallest whole factor that makes the longer side at least `pixels`.
+    /// Enlarges the picture by the smallest whole factor that makes the longer side at least `pixels`.
     pub fn enlarged_to(&self, pixels: usize) -> Self {
         self.enlarged(pixels.div_ceil(self.width.max(self.height).max(1)))
     }
 
-    /// [Reduces](Self::box_filtered) by the smallest whole factor that makes the longer side at most `pixels`.
+    /// [Reduces](Self::box_filtered) the picture by the smallest whole factor with a longer side of at most `pixels`.
     pub fn reduced_to(&self, pixels: usize) -> Self {
         let factor = self.width.max(self.height).div_ceil(pixels.max(1));
         if factor <= 1 {
@@ -94,7 +94,7 @@ impl Picture {
         self.box_filtered(self.width.div_ceil(factor), self.height.div_ceil(factor))
     }
 
-    /// Reduces to `width` × `height` pixels, each the mean, in display space, of the pixels that it overlaps.
+    /// Reduces the picture to `width` × `height` pixels, each the mean, in display space, of the pixels it overlaps.
     pub fn box_filtered(&self, width: usize, height: usize) -> Self {
         let block =
             |i: usize, to: usize, from: usize| (i * from / to, ((i + 1) * from).div_ceil(to).min(from));
@@ -123,7 +123,7 @@ impl Picture {
         Some(Self { width: picture.width() as usize, height: picture.height() as usize, rgb })
     }
 
-    /// `[height * width * 3]` bytes: clamped, scaled by 255, rounded half up; NaN gives 0.
+    /// Returns the picture as `[height * width * 3]` bytes: clamped, scaled by 255, rounded half up; NaN gives 0.
     pub fn to_rgb8(&self) -> Vec<u8> {
         self.rgb.iter().flatten().map(|&value| to_u8(value)).collect()
     }
@@ -222,14 +222,14 @@ fn encode_png(
     Ok(png)
 }
 
-/// Checks that `found` is `width * height`.
+/// Returns an error that names `what`, unless `found` is `width * height`.
 pub(crate) fn check_length(what: &str, width: usize, height: usize, found: usize) -> anyhow::Result<()> {
     let expected = width.saturating_mul(height);
     ensure!(expected == found, "{what}: {width}×{height} pixels need {expected} values, found {found}");
     Ok(())
 }
 
-/// The error that a format cannot hold a picture of this size.
+/// Makes the error that `format` cannot hold a picture of this size. `limit`: largest side, pixels.
 pub(crate) fn wrong_size(format: &str, (width, height): (usize, usize), limit: usize) -> anyhow::Error {
     anyhow!("{format} cannot hold a picture of {width}×{height} pixels; allowed is 1 to {limit} a side")
 }

@@ -1,4 +1,4 @@
-//! File of shared cameras next to a blob.
+//! File of shared cameras, next to a blob: the reconstruction after its adjustment to one camera per device.
 
 use crate::data::DatasetError;
 use crate::data::layouts::colmap::model::{Camera, Kind};
@@ -14,7 +14,7 @@ use std::path::Path;
 /// Maximum size of a file that is read back, bytes.
 const MAX_BYTES: u64 = 1 << 30;
 
-/// Result of the adjustment, as stored in the file.
+/// Reconstruction after its adjustment to one camera per device, as stored in the file of shared cameras.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Shared {
     /// Checksum of the reconstruction before it was adjusted.
@@ -24,11 +24,11 @@ pub(super) struct Shared {
     pub(super) reprojection_error_px: [f64; 2],
     /// Median and largest shift of the cameras, as fractions of the median depth of the points in view.
     pub(super) moved: [f64; 2],
-    /// Width, height and OPENCV's parameters of each camera.
+    /// Width and height, pixels, and parameters of COLMAP's camera model `OPENCV`, of each camera.
     pub(super) cameras: Vec<(u64, u64, [f64; 8])>,
-    /// By name: index of the camera, and rotation (w, x, y, z) and translation from world to camera.
+    /// Key: photograph's name. Value: index in `cameras`; rotation (w, x, y, z) and translation, world to camera.
     pub(super) photographs: BTreeMap<String, (u32, [f64; 4], [f64; 3])>,
-    /// Number, position and mean reprojection error, pixels, of each point.
+    /// `POINT3D_ID`, position, and mean reprojection error in pixels, of each point.
     pub(super) points: Vec<(u64, [f64; 3], f64)>,
 }
 
@@ -41,13 +41,13 @@ pub(super) struct Adjusted {
     pub(super) focal: f64,
 }
 
-/// Offset of the world-to-camera translation for coordinates relative to `origin`: `origin`, rotated to the camera.
+/// Vector to add to a world-to-camera translation when coordinates become relative to `origin`.
 pub(super) fn turned_origin([w, x, y, z]: [f64; 4], origin: DVec3) -> DVec3 {
     DQuat::from_xyzw(x, y, z, w).normalize() * origin
 }
 
 impl Shared {
-    /// Reads `file`; `None` if the file does not exist, or is of a reconstruction with another checksum than `model`.
+    /// Reads `file`; `None` if the file does not exist or holds another checksum than `model`.
     pub(super) fn read(file: &Path, model: u64) -> Result<Option<Self>, DatasetError> {
         let bytes = match read_limited(file, MAX_BYTES) {
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),

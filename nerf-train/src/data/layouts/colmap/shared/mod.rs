@@ -15,16 +15,16 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::time::Instant;
 
-/// Maximum number of photographs whose cameras are adjusted; time grows with the cube, to half a minute.
+/// Maximum number of photographs that are adjusted; the time grows with the number cubed, here to half a minute.
 const MAX_PHOTOGRAPHS: usize = 300;
-/// Ratio of the mean reprojection error after and before the adjustment above which devices are taken as mixed.
+/// Ratio of the mean reprojection error after to before the adjustment above which the shared cameras are rejected.
 const MAX_GROWTH: f64 = 1.25;
-/// Difference of fy / fx from 1 below which pixels are taken as square.
+/// Deviation of fy / fx from 1 below which pixels are taken as square.
 const SQUARE: f64 = 0.02;
-/// Version of the adjustment, part of the checksum.
+/// Version of the adjustment's algorithm, part of the checksum: a new version makes stored files invalid.
 const VERSION: u64 = 1;
 
-/// Replaces the cameras of each device by one, with a note or warning in `found`; returns whether they changed.
+/// Readjusts the reconstruction with one camera per device, with a note or warning; returns false if nothing changes.
 pub(super) fn settle(
     model: &mut Model,
     points: &mut Points,
@@ -79,7 +79,7 @@ pub(super) fn settle(
     Ok(true)
 }
 
-/// Index of the device of each photograph, by size and EXIF; `None` if no device has cameras to merge.
+/// Index of the device of each photograph, by size and EXIF; `None` if no device has several cameras to merge.
 fn devices(model: &Model, folders: &Folders, options: &ReadOptions) -> Option<Vec<usize>> {
     if model.cameras.len() < 2 {
         return None;
@@ -117,13 +117,13 @@ struct Task<'a> {
     own: Bundle,
     focals: Vec<f64>,
     numbers: Vec<u64>,
-    /// The bundle with one camera for each device.
+    /// The bundle with one camera for each device, before the adjustment.
     shared: Bundle,
     checksum: u64,
 }
 
 impl<'a> Task<'a> {
-    /// Task for the reconstruction `model`; `None` without shared points, or with a lens that cannot be adjusted.
+    /// Adjustment of the reconstruction `model`; `None` if photographs share no points, or a lens cannot be adjusted.
     fn of(
         model: &'a Model,
         points: &Points,
@@ -236,7 +236,7 @@ impl<'a> Task<'a> {
     }
 }
 
-/// Adds the points that several photographs show, and their observations, to `bundle`; returns the points' numbers.
+/// Adds to `bundle` the points that several photographs show, and their observations; returns their `POINT3D_ID`s.
 fn observe(bundle: &mut Bundle, model: &Model, points: &Points) -> Vec<u64> {
     let places = points.numbers();
     let mut photographs = vec![(usize::MAX, false); points.kept.len()];
@@ -267,7 +267,7 @@ fn observe(bundle: &mut Bundle, model: &Model, points: &Points) -> Vec<u64> {
     numbers
 }
 
-/// Bundle with one camera per device, initialised with the median over the device's photographs.
+/// Returns `own` with one camera per device: each parameter is the median over the photographs of the device.
 fn with_devices(own: &Bundle, model: &Model, devices: &[usize]) -> Bundle {
     let mut shared = Bundle { devices: Vec::new(), ..own.clone() };
     let of = |device: usize, what: &dyn Fn(usize) -> f64| {
