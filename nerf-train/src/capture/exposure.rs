@@ -21,7 +21,7 @@ const ENOUGH_SIGHTS: usize = 20;
 /// Smallest standard deviation of log gains at which exposure is fitted. On two captures of steady exposure (0.043 and
 /// 0.079), fitted gains cost 0.2 to 0.7 dB.
 pub const CALLED_FOR: f64 = 0.12;
-/// Absolute log gain of a single photograph from which on exposure is fitted: a factor of two.
+/// Smallest absolute log gain of a single photograph at which exposure is fitted: a factor of two.
 const FAR_OFF: f32 = std::f32::consts::LN_2;
 
 /// Log gain of each photograph, red, green, blue.
@@ -33,7 +33,7 @@ impl LogGains {
         Self(vec![[0.0; 3]; views])
     }
 
-    /// Standard deviation over the photographs of their log gain, each the mean over its colour channels.
+    /// Standard deviation, over the photographs, of the log gain averaged over the colour channels.
     pub fn spread(&self) -> f64 {
         let count = self.0.len().max(1) as f64;
         let mean = self.0.iter().map(brightness).sum::<f64>() / count;
@@ -106,7 +106,7 @@ fn log_colour(view: &View, at: [f32; 2]) -> Option<[f64; 3]> {
     mean.iter().all(|c| (USABLE.0..USABLE.1).contains(c)).then(|| mean.map(f64::ln))
 }
 
-/// Log gains of the views from observations (view, point, log colour), by iteratively reweighted least squares.
+/// Returns the log gains of the views, by iteratively reweighted least squares. `observed`: (view, point, log colour).
 fn least_absolute(observed: &[(usize, usize, f64)], views: usize) -> Vec<f64> {
     let points = observed.iter().map(|&(_, point, _)| point + 1).max().unwrap_or(0);
     let mut gains = vec![0.0; views];

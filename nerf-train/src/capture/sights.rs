@@ -6,11 +6,11 @@ use rayon::prelude::*;
 use std::borrow::Borrow;
 use std::fmt;
 
-/// Smallest track length of a point that is used: the rays of a wrong match of two photographs meet somewhere, too.
+/// Smallest track length, in photographs, of a point that is used: a track of two may be a wrong match.
 const MIN_TRACK: u32 = 3;
-/// Mean reprojection error from which on a point is not used, pixels of the full size.
+/// Mean reprojection error from which on a point is not used, pixels of the full-size photograph.
 const MAX_ERROR: f32 = 2.0;
-/// Distance from the projection of its 3D point from which on a key point is not used, pixels of the view.
+/// Distance between a key point and its projected 3D point from which on the key point is not used, pixels of the view.
 const MAX_RESIDUAL: f32 = 3.0;
 /// Track length, in photographs, from which on a point has full confidence.
 const FULL_TRACK: f32 = 6.0;
@@ -33,7 +33,7 @@ pub struct Sights {
     pub of_views: Vec<Vec<Sight>>,
     /// Number of key points of each view whose 3D point is behind the camera or projects elsewhere.
     pub contradictory: Vec<usize>,
-    /// Number of key points whose 3D point has a short track or a large reprojection error.
+    /// Number of key points of all views whose 3D point has a short track or a large reprojection error.
     doubtful: usize,
 }
 

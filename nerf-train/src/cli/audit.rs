@@ -17,8 +17,8 @@ use std::process::ExitCode;
 
 /// Ablation: quality and cost of each effect of a scene.
 ///
-/// The effects: view dependence, occupancy grid, background. Time and work (multiply-adds) are ratios: with the
-/// effect over without it.
+/// The effects are view dependence, occupancy grid and background. Time and multiply-adds are ratios: with the effect
+/// divided by without the effect.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: nerf-train audit lego.nerf lego_200x200.npz --effect-threshold 0.1")]
 pub struct Audit {
@@ -26,7 +26,7 @@ pub struct Audit {
     file: PathBuf,
     /// Data set.
     data: PathBuf,
-    /// Minimum PSNR gain to keep an effect, dB; one that saves 10 % of the work may instead cost less PSNR than this.
+    /// Minimum PSNR gain to keep an effect, dB; one that saves 10 % of multiply-adds is kept if it loses less PSNR.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
     effect_threshold: f64,
     /// Split to evaluate.
@@ -35,7 +35,7 @@ pub struct Audit {
     /// Number of views, spread over the split.
     #[arg(long, value_name = "N", default_value_t = 4)]
     views: usize,
-    /// Timing rounds.
+    /// Number of timing rounds, of which the median counts.
     #[arg(long, value_name = "N", default_value_t = 3)]
     repeats: usize,
     /// Clock: wall, or cpu (steadier on a shared machine).
@@ -48,7 +48,7 @@ pub struct Audit {
     data_options: DataOptions,
 }
 
-/// Largest number of timing rounds: each takes memory.
+/// Largest number of timing rounds: the times of all rounds are kept in memory.
 const MAX_REPEATS: usize = 10_000;
 
 impl Audit {

@@ -13,13 +13,13 @@ use clap::Args;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Number of photographs from which on expected time and memory are reported first.
+/// Smallest number of photographs for which the expected time and memory are reported before the check.
 const MANY: usize = 300;
-/// Memory per photograph of about 800 pixels, bytes.
+/// Memory per photograph with a long side of about 800 pixels, bytes.
 const BYTES_EACH: u64 = 2_400_000;
-/// Number of photographs compared per second and core.
+/// Estimated number of photographs that one core compares with the others per second.
 const COMPARED_PER_SECOND: u64 = 30;
-/// Bytes of picture files decoded per second and core.
+/// Estimated number of bytes of image files that one core decodes per second.
 const DECODED_PER_SECOND: u64 = 15_000_000;
 
 /// Check a capture before training: coverage, blur, exposure, overlap, poses.
@@ -64,7 +64,7 @@ impl Check {
         global.finish_with(&diagnosis, || print_lines(lines))
     }
 
-    /// Reports the expected time and memory for many photographs. Fails if memory cannot hold them.
+    /// Reports the expected time and memory for [`MANY`] or more photographs. Fails if memory cannot hold them.
     fn say_size(&self, global: &Global) -> anyhow::Result<()> {
         let files = data::files(&self.data);
         let pictures: Vec<_> = files.iter().filter(|file| is_picture_name(file)).collect();

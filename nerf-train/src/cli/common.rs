@@ -18,7 +18,7 @@ use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
 
-/// Message when a signal ends a sequence of runs, each of which has its own file.
+/// Message when a signal ends a sequence of runs; each finished run has stored its result in a file.
 pub const GO_ON: &str = "interrupted: the run that was under way is lost, the finished ones are kept; go on with the same command";
 
 /// Largest number of threads per core: more would only take memory.
@@ -148,12 +148,12 @@ pub fn survive_file_size_limits() {
     }
 }
 
-/// Reads a blob from a file or a pipe; an error names the path.
+/// Returns the bytes of a .nerf file, which may be a pipe; an error names the path.
 pub fn read_file(path: &Path) -> anyhow::Result<Vec<u8>> {
     read_limited(path, MAX_BLOB_BYTES).with_context(|| format!("cannot read {}", path.display()))
 }
 
-/// Opens a blob; an error names its file.
+/// Opens `bytes`, the contents of the .nerf file `path`; an error names the path.
 pub fn open_blob<'a>(path: &Path, bytes: &'a [u8]) -> anyhow::Result<Blob<'a>> {
     Blob::open(bytes).with_context(|| path.display().to_string())
 }
@@ -185,7 +185,7 @@ pub fn tell_flat(outcome: &Outcome) {
     }
 }
 
-/// Reports the steps of `--snapshots` that have no picture, because the run ended at step `last`.
+/// Reports the steps of `--snapshots` without an image: after `last`, the last step, or before the run was resumed.
 pub fn tell_missed(last: u32, missed: &[u32]) {
     let (beyond, passed): (Vec<u32>, Vec<u32>) = missed.iter().partition(|&&step| step > last);
     let say = |steps: &[u32], why: String| {

@@ -12,7 +12,7 @@ use std::process::ExitCode;
   nerf-train completions fish > ~/.config/fish/completions/nerf-train.fish
   nerf-train completions powershell >> $PROFILE")]
 pub struct Completions {
-    /// Shell.
+    /// Shell to complete for.
     #[arg(value_enum)]
     shell: Shell,
 }

@@ -21,7 +21,7 @@ const SOURCES: &str = concat!(
     include_str!("../model/config/optimiser.rs")
 );
 
-/// Tables of the TOML file, outermost first, and the types that declare them.
+/// Path of each table of the TOML file, outermost first, and name of the struct that declares its settings.
 const TABLES: [(&str, &str); 7] = [
     ("", "Config"),
     ("network", "NetworkConfig"),
@@ -40,7 +40,7 @@ impl PrintConfig {
     }
 }
 
-/// The settings as TOML, each after its comment; unset settings are commented out.
+/// Returns the settings as TOML, each after its comment; unset settings are commented out.
 fn commented(settings: &toml::Table) -> anyhow::Result<String> {
     let mut text = String::new();
     for (path, name) in TABLES {
@@ -65,7 +65,7 @@ fn commented(settings: &toml::Table) -> anyhow::Result<String> {
     Ok(text)
 }
 
-/// Fields of the type `name` in the sources, each with the lines of its comment.
+/// Returns the fields of the struct `name` in [`SOURCES`], each after its lines of comment; `None` without the struct.
 fn fields(name: &str) -> Option<Vec<(Vec<&'static str>, &'static str)>> {
     let (_, body) = SOURCES.split_once(&format!("pub struct {name} {{\n"))?;
     let (body, _) = body.split_once("\n}")?;

@@ -30,7 +30,7 @@ use nerf_core::render::Renderer;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Training steps of the demo, which takes less than a minute on two cores.
+/// Default number of training steps: the demo takes less than a minute on two cores.
 const STEPS: u32 = 5000;
 const ORBIT_FRAMES: usize = 36;
 
@@ -115,8 +115,8 @@ impl Demo {
         }
     }
 
-    /// Evaluates every held-out view against its picture and its true distances, and writes a contact sheet. Returns
-    /// the scores and the median relative error of z-depth over opaque pixels.
+    /// Evaluates every held-out view against its ray-traced image and z-depth, and writes a contact sheet. Returns the
+    /// scores and the median relative error of z-depth over opaque pixels.
     fn views(
         &self,
         renderer: &Renderer<'_>,
@@ -182,7 +182,7 @@ impl Demo {
     }
 }
 
-/// |z_depth − truth| / truth of the pixels that are opaque in the truth.
+/// Returns the relative error |z_depth − truth| / truth of each pixel that is opaque in the ray-traced image.
 fn z_depth_errors(frame: &Frame, truth: &Truth) -> Vec<f64> {
     let pixels = frame.z_depth.iter().zip(&truth.z_depth).zip(&truth.opaque);
     let opaque = pixels.filter(|&(_, &opaque)| opaque);

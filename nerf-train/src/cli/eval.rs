@@ -37,14 +37,14 @@ impl Split {
         }
     }
 
-    /// At most `count` evenly spaced views of the split; `data`: path of the data set, for the error.
+    /// Returns at most `count` evenly spaced views of the split. `data`: path of the data set, for an error.
     pub fn some<'d>(self, dataset: &'d Dataset, data: &Path, count: usize) -> anyhow::Result<Vec<&'d View>> {
         let views = spread(self.of(dataset), count);
         ensure!(!views.is_empty(), "{}: the split `{}` has no views", data.display(), self.name());
         Ok(views)
     }
 
-    /// Cameras of the split. A test split without pictures has cameras from its poses.
+    /// Returns the cameras of the split's views; of a test split without images, the cameras at its poses.
     pub fn cameras(self, dataset: &Dataset) -> Vec<Camera> {
         let views = self.of(dataset);
         if self == Self::Test && views.is_empty() {
@@ -53,7 +53,7 @@ impl Split {
         views.iter().map(|view| view.camera).collect()
     }
 
-    /// Camera at `index` in the split; `flag`: the flag that gave the index, for the error.
+    /// Returns the camera of view `index` of the split. `flag`: the flag that gave the index, for an error.
     pub fn camera(self, flag: &str, dataset: &Dataset, index: usize) -> anyhow::Result<Camera> {
         let cameras = self.cameras(dataset);
         let (count, name) = (cameras.len(), self.name());
@@ -80,7 +80,7 @@ pub struct Eval {
     file: PathBuf,
     /// Data set.
     data: PathBuf,
-    /// Split [default: val, or test if there is no val].
+    /// Split to evaluate [default: val, or test if there is no val].
     #[arg(long, value_enum)]
     split: Option<Split>,
     /// Evaluate every N-th view only.
@@ -147,7 +147,7 @@ impl Eval {
         global.finish(&found)
     }
 
-    /// Split of `--split`; by default val, or test if val has no views but test has.
+    /// Returns the split to evaluate: by `--split`, else val, or test if val has no views but test has.
     fn split_of(&self, dataset: &Dataset) -> Split {
         let there = if dataset.val.is_empty() && !dataset.test.is_empty() { Split::Test } else { Split::Val };
         self.split.unwrap_or(there)
@@ -168,14 +168,14 @@ impl Eval {
         Ok(views)
     }
 
-    /// The views with the refined poses stored next to the scene file; `None` unless every view has one.
+    /// Returns the views at the refined poses stored next to the scene file; `None` unless every view has such a pose.
     fn refined(&self, dataset: &Dataset, views: &[&View]) -> anyhow::Result<Option<Vec<View>>> {
         let Some(refined) = RefinedPoses::beside(&self.file)? else { return Ok(None) };
         let cameras = refined.cameras(&self.file, views.iter().copied(), dataset.origin)?;
         Ok(views.iter().zip(cameras).map(|(view, camera)| Some(view.seen_from(camera?))).collect())
     }
 
-    /// Reports if `--background` has no effect, as the pictures have no alpha.
+    /// Reports if `--background` has no effect, as no view has alpha. `own`: background of the scene file.
     fn say_opaque(&self, views: &[&View], own: [f32; 3], global: &Global) {
         let other = self.background.is_some_and(|background| background != own);
         if other && views.iter().all(|view| !view.has_alpha()) {

@@ -17,12 +17,12 @@ use serde_json::Value;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Width and height, pixels, and field of view, degrees, of the picture that is rendered without a data set.
+/// Width and height, pixels, and field of view, degrees, of the image that is rendered without `--data`.
 const ORBIT: (u32, u32, f32) = (200, 200, 40.0);
 
 /// Show a frame's render stages, why each runs, and its cost.
 ///
-/// Renders one view for its counters: the data set's, or one from an orbit around the scene.
+/// Renders one view to count its work: a view of --data, or by default a view from an orbit around the scene.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train explain lego.nerf
@@ -33,7 +33,7 @@ pub struct Explain {
     /// Data set whose cameras --view selects.
     #[arg(long, value_name = "DATA")]
     data: Option<PathBuf>,
-    /// Split.
+    /// Split that --view indexes.
     #[arg(long, value_enum, default_value = "val", requires = "data")]
     split: Split,
     /// View index in the split, from 0.

@@ -42,7 +42,7 @@ pub struct Export {
     /// Grid resolution along the longest side of the box [default: 256].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=8192))]
     resolution: Option<u32>,
-    /// Region, in the data's coordinates [default: the scene box].
+    /// Region to export, in the data's coordinates [default: the scene box].
     #[arg(
         long = "box",
         value_name = "X0,Y0,Z0,X1,Y1,Z1",
@@ -56,10 +56,10 @@ pub struct Export {
     /// Approximate number of points [default: 200000].
     #[arg(long, value_name = "N")]
     points: Option<usize>,
-    /// Back-project the depth of these photographs [default: sample the surface uniformly].
+    /// Back-project median distances rendered at this data set's views [default: sample the surface uniformly].
     #[arg(long, value_name = "DATA")]
     data: Option<PathBuf>,
-    /// Split of the data set.
+    /// Split of --data to back-project.
     #[arg(long, value_enum, default_value = "train", requires = "data")]
     split: Split,
     #[command(flatten)]
@@ -72,13 +72,13 @@ enum Kind {
     Mesh,
     /// Points with normals and colours.
     Points,
-    /// Density and colour of every cell.
+    /// Density and colour of every cell of a regular grid.
     Volume,
 }
 
-/// Memory per cell while a mesh is made, bytes: its density, three optical depths and an allowance for vertices.
+/// Memory per cell while a mesh is made, bytes: density, the three smallest optical depths of 16 bits, and vertices.
 const BYTES_PER_CELL_OF_MESH: u64 = 12;
-/// Memory per cell of a volume, bytes: density and colour as values, as bytes to pack, and in the packed archive.
+/// Memory per cell of a volume, bytes: density and colour (7) as values, as bytes to pack, and in the packed archive.
 const BYTES_PER_CELL: u64 = 3 * 7;
 const BYTES_PER_POINT: u64 = 36;
 
@@ -259,7 +259,7 @@ impl Export {
 }
 
 impl Kind {
-    /// Name of the kind, and the extensions of its files.
+    /// Returns the name of the kind and the extensions of its files, for messages.
     fn words(self) -> (&'static str, &'static str) {
         match self {
             Self::Mesh => ("mesh", ".ply, .obj or .glb"),

@@ -52,22 +52,22 @@ pub struct Fit {
     config: Option<PathBuf>,
     #[command(flatten)]
     set: SetOption,
-    /// Steps between validations [default: for eight validations, fewer if they exceed 5 % of the run].
+    /// Steps between validations [default: for eight validations, or fewer to stay below 5 % of the run's time].
     #[arg(long, value_name = "N")]
     validate_every: Option<u32>,
-    /// Drop view dependence if it gains less than this on training views, dB.
+    /// Drop view dependence if it raises the PSNR of training views by less than this, dB.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
     effect_threshold: f64,
-    /// Write the newest scene here about every second, for a live viewer.
+    /// Folder for the newest scene, written about every second, for a live viewer.
     #[arg(long, value_name = "DIR")]
     live: Option<PathBuf>,
-    /// Steps at which validation views are rendered for the report [default: eight].
+    /// Steps at which validation views are rendered for the report [default: eight steps].
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', requires = "report")]
     snapshots: Vec<u32>,
-    /// Indices of these validation views, from 0 [default: the two validated during training].
+    /// Indices of the views that --snapshots renders, from 0 [default: the two validated during training].
     #[arg(long, value_name = "I,J,…", value_delimiter = ',', requires = "report")]
     snapshot_views: Vec<usize>,
-    /// Train on group N (from 1) of the inconsistent groups that `check` reports.
+    /// Train only on group N (from 1) of the mutually inconsistent groups of photographs that `check` reports.
     #[arg(long, value_name = "N")]
     group: Option<usize>,
     #[command(flatten)]
@@ -76,7 +76,7 @@ pub struct Fit {
     settings: Settings,
     #[command(flatten)]
     table: TableSettings,
-    /// Ray-march steps across the scene box (unbounded: across the inner ball).
+    /// Ray-march steps across the scene box (unbounded: across the ball that is not contracted).
     #[arg(long, value_name = "N", help_heading = super::options::grid::HEADING)]
     steps_across: Option<u16>,
     /// Maximum file size (256k, 1m); sets table size, levels, storage, occupancy.
@@ -91,13 +91,13 @@ struct Settings {
     /// Random seed.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Gradient engine.
+    /// Gradient engine: fused (explicit backward passes) or dfdx (slow reference).
     #[arg(long, value_enum)]
     engine: Option<EngineKind>,
-    /// Density layers; 0 (grid only): density comes directly from the grid.
+    /// Hidden layers of the density network; 0 (grid only): density comes directly from the grid.
     #[arg(long, value_name = "N")]
     depth: Option<usize>,
-    /// Width of the density layers.
+    /// Width of the hidden layers of the density network.
     #[arg(long, value_name = "N")]
     width: Option<usize>,
     /// Width of the colour network's hidden layer; 0: none.
@@ -144,7 +144,7 @@ impl Settings {
 const BYTES_PER_SAMPLE: u64 = 32;
 
 impl Fit {
-    /// Settings from preset, TOML file and flags, in this order, for pictures with this background.
+    /// Returns the preset's settings for this background, overridden by the TOML file and then by the flags.
     fn config(&self, background: Background) -> anyhow::Result<Config> {
         let boxed = self.settings.scene_box.is_some();
         let around = match self.settings.space.around(background, boxed) {
@@ -176,8 +176,8 @@ impl Fit {
         Ok(config)
     }
 
-    /// Adapts grid and march steps to the photographs' resolution across the scene, then the file size to
-    /// `--max-bytes`. Reports what was chosen.
+    /// Returns settings with grid and ray-march steps adapted to the number of photographs' pixels across the scene,
+    /// then with the file size limited to `--max-bytes`. Reports the chosen settings.
     fn sized(&self, config: Config, dataset: &Dataset, global: &Global) -> anyhow::Result<Config> {
         let hull =
             config.sampling.contraction.is_none() && config.occupancy.hull && config.network.grid.is_some();
@@ -251,7 +251,7 @@ impl Fit {
         }
     }
 
-    /// Writes the refined poses next to the scene file, or removes those of an earlier fit.
+    /// Writes the file of refined poses next to the scene file, or removes the file of an earlier fit.
     fn write_poses(&self, outcome: &Outcome) -> anyhow::Result<()> {
         let file = refined::beside(&self.conduct.output);
         match &outcome.refined_poses {

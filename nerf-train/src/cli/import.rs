@@ -15,9 +15,9 @@ use clap::Args;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Number of views to evaluate if none are named.
+/// Number of views to evaluate without `--view`.
 const VIEWS: usize = 10;
-/// Number of views whose ray directions are averaged.
+/// Number of views over whose rays the encoded direction is averaged, for a network without view dependence.
 const RAY_VIEWS: usize = 50;
 
 /// Convert a nerf-pytorch checkpoint to a scene file.
@@ -45,22 +45,22 @@ pub struct Import {
     /// Prefix of the coarse network's tensors [default: detected].
     #[arg(long, value_name = "PREFIX", requires = "coarse")]
     coarse_prefix: Option<String>,
-    /// Evaluate on a data set: PSNR, quantisation loss (f16), whether the occupancy grid is required.
+    /// Evaluate on a data set: PSNR, PSNR lost by f16 weights, whether rendering requires the occupancy grid.
     #[arg(long, value_name = "DATA")]
     check: Option<PathBuf>,
     /// Validation views to evaluate, counted from 0 [default: up to ten].
     #[arg(long = "view", value_name = "I,J,…", value_delimiter = ',', requires = "check")]
     views: Vec<usize>,
-    /// Read images of --check whose `file_path` leads out of its folder.
+    /// Allow `file_path` entries that lead out of the folder of --check.
     #[arg(long, requires = "check")]
     outside_files: bool,
-    /// Drop view dependence if it gains less than this on the views of --check, dB.
+    /// Drop view dependence if it raises the PSNR of the views of --check by less than this, dB.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true, requires = "check")]
     effect_threshold: f64,
     /// Occupancy grid the network was trained with (.npy, bool [x, y, z] over the box).
     #[arg(long, value_name = "FILE", conflicts_with = "no_occupancy")]
     occupancy: Option<PathBuf>,
-    /// Use --occupancy only to skip empty space.
+    /// Use --occupancy only to skip empty space: rendering may also do without the grid.
     #[arg(long, requires = "occupancy")]
     occupancy_optional: bool,
     /// Build no occupancy grid.
@@ -152,7 +152,7 @@ impl Import {
         Ok(Some(Views { name: dataset.name, views, rays }))
     }
 
-    /// Prints warnings on stderr, also with `--quiet`.
+    /// Warns of an empty scene, a low PSNR or a harmful occupancy grid, on stderr, also with `--quiet`.
     fn warn(&self, import: &import::Import<'_>) {
         let is_built = self.occupancy.is_none() && !self.no_occupancy;
         if is_built && import.cells.is_none() {

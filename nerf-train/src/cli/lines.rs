@@ -1,4 +1,4 @@
-//! Human-readable form of a result: its fields as aligned lines, under their names in the JSON.
+//! Human-readable form of a result: its fields as aligned lines, with the names that the JSON has.
 
 use crate::show::table::Table;
 use crate::system::printable;
@@ -8,7 +8,7 @@ use serde::Serialize;
 
 const DIGITS: i32 = 5;
 
-/// The fields of a result, one per line, then its lists of objects as tables. Null and empty fields are left out.
+/// Returns the fields of a result, one per line, then its lists of objects as tables; without null or empty fields.
 pub fn lines(result: &impl Serialize) -> anyhow::Result<String> {
     let value = Value::serialized(result).context("cannot make the summary")?;
     let (mut fields, mut tables) = (Vec::new(), String::new());
@@ -40,7 +40,7 @@ fn collect(name: &str, value: &Value, fields: &mut Vec<(String, String)>, tables
     }
 }
 
-/// Table of objects, one per row; the columns are all fields that occur in any of them.
+/// Returns a table with a row for each object of `rows`, and a column for each field that occurs in any object.
 fn table(rows: &[Value]) -> Table {
     let entries = |row: &Value| row.as_map().cloned().unwrap_or_default();
     let mut columns: Vec<Value> = Vec::new();
@@ -70,7 +70,7 @@ fn text(value: &Value) -> String {
     }
 }
 
-/// A number with [`DIGITS`] significant digits, without zeros at its end.
+/// Returns the number as text with [`DIGITS`] significant digits, without trailing zeros.
 fn number_text(number: f64) -> String {
     let short = |text: &str| text.trim_end_matches('0').trim_end_matches('.').to_owned();
     let magnitude = number.abs().log10().floor();

@@ -76,7 +76,7 @@ enum Command {
     Completions(completions::Completions),
 }
 
-/// One line with an error and its causes; a cause that the error's text already contains is not repeated.
+/// Returns one line with the error and its causes, except causes that the error's text already contains.
 fn message(error: &anyhow::Error) -> String {
     let mut message = error.to_string();
     for cause in error.chain().skip(1).map(ToString::to_string) {
@@ -165,7 +165,7 @@ pub fn main() -> ExitCode {
 mod tests {
     use super::*;
 
-    /// The arguments after `program` in a line of shell, up to a comment or a redirection.
+    /// Returns the arguments of `program` in a line of shell, up to a comment or redirection; `None` without `program`.
     fn arguments<'l>(line: &'l str, program: &str) -> Option<Vec<&'l str>> {
         let (_, arguments) = line.split(['#', '>']).next()?.split_once(program)?;
         Some(arguments.split_whitespace().collect())

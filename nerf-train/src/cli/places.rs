@@ -9,7 +9,7 @@
 //! | `render` of a video | `.gif`, `.mp4`, or a folder of frames |
 //! | `check`, `show`, `sweep`, `demo`, `--report` | a folder |
 //!
-//! A name without an extension, and a device such as `/dev/null`, is taken for whatever the command writes.
+//! A name without an extension, and a device such as `/dev/null`, is accepted for every format.
 
 use crate::system::output::claims::is_device;
 use anyhow::bail;
@@ -22,7 +22,7 @@ pub const VIEW: &[&str] = &["png", "exr"];
 /// File extensions that the name of a new folder must not have.
 const FILES: &str = "nerf png gif mp4 jpg jpeg exr webp tif tiff bmp npz npy json csv svg html md toml safetensors ply obj glb";
 
-/// Refuses a name with the extension of another format than `accepted`.
+/// Refuses a file name whose extension is not in `accepted`; a name without extension and a device pass.
 pub fn check_extension(flag: &str, path: &Path, accepted: &[&str]) -> anyhow::Result<()> {
     match extension(path) {
         Some(found) if !accepted.contains(&found.as_str()) && !is_device(path) => {

@@ -14,9 +14,9 @@ use std::time::{Duration, Instant};
 /// Find camera poses with an installed COLMAP.
 ///
 /// The output folder gets a COLMAP reconstruction in `sparse/0`, and copies of the photographs in `images`. Photographs
-/// of one device and size have one camera. If the reconstruction is torn (photographs are missing), COLMAP tries again
-/// with neighbours alone, another initial pair, or stricter matches. COLMAP works on the CPU; 77 photographs of 800x600
-/// take about six minutes on two cores.
+/// of one device and size share intrinsics. If photographs are missing from the reconstruction, COLMAP tries again:
+/// with matches between neighbours only, another initial pair, or stricter matches. COLMAP works on the CPU; 77
+/// photographs of 800x600 take about six minutes on two cores.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train poses holiday

@@ -19,7 +19,7 @@ use std::process::ExitCode;
 /// Draw a data set's cameras, and the rays and samples of one training step, in 3D.
 ///
 /// Writes show.html (rotate with the mouse; works offline) and summary.json into a folder. Rays and samples come
-/// from the code that draws training batches, with the occupancy grid that training starts with.
+/// from the code that samples training batches, with the occupancy grid that training starts with.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train show lego_200x200.npz -o out/show
@@ -31,7 +31,7 @@ pub struct Show {
     /// Output folder.
     #[arg(long, short, value_name = "DIR", default_value = "out/show")]
     output: PathBuf,
-    /// Split.
+    /// Split whose cameras and rays are drawn.
     #[arg(long, value_enum, default_value = "train")]
     split: Split,
     /// Show only this camera of the split, from 0.
@@ -46,7 +46,7 @@ pub struct Show {
     /// Training step whose rays are shown.
     #[arg(long, value_name = "N", default_value_t = 0)]
     step: u32,
-    /// Preset whose rays are shown.
+    /// Preset whose sampling of rays is shown.
     #[arg(long, value_enum, default_value = "grid")]
     preset: Preset,
     /// Random seed.
@@ -119,7 +119,7 @@ impl Show {
         global.finish_with(&summary, || print_lines([&html, &json].map(|path| path.display().to_string())))
     }
 
-    /// Settings that training would start with.
+    /// Returns the settings that training would start with.
     fn config(&self, background: Background) -> Config {
         let around = self.space.around(background, self.scene_box.is_some());
         let mut config = self.preset.config().around(around);

@@ -22,8 +22,8 @@ const OCCUPANCIES: [(u16, f32); 5] = [(32, 0.01), (64, 0.01), (96, 0.01), (96, 0
 
 /// Measure render time against accuracy: each approximation and their combinations; Pareto front.
 ///
-/// Errors are against the pictures of DATA and against the exact rendering: every sample inside the scene box, no
-/// cuts, f32. The Pareto front can be written into the scene file, so that a renderer can choose settings by PSNR.
+/// Errors are against the images of DATA and against the exact rendering: every sample inside the scene box, no early
+/// ray termination, f32. A Pareto front in the scene file lets a renderer choose settings by PSNR.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: nerf-train study lego.nerf lego_200x200.npz --report out/study -o lego_front.nerf"
@@ -54,7 +54,7 @@ pub struct Study {
     /// Number of views that are timed.
     #[arg(long, value_name = "N", default_value_t = 2)]
     timing_views: usize,
-    /// Timing rounds.
+    /// Number of timing rounds.
     #[arg(long, value_name = "N", default_value_t = 4)]
     repeats: usize,
     /// Time budget, minutes; skips timing rounds that would exceed it.
@@ -147,7 +147,7 @@ impl Study {
         Ok(claims.settle()?)
     }
 
-    /// Adds variants with other occupancy grids and with int8 tables, to compare with the blob itself.
+    /// Adds variants of the scene to measure: with other occupancy grids, and with int8 tables.
     fn add_variants(&self, lab: &mut Variants<'_>, global: &Global) -> anyhow::Result<()> {
         if !self.no_other_occupancy && lab.has_occupancy(0) {
             global.say("asking the network which cells hold something, for other occupancy grids");

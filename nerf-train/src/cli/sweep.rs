@@ -16,7 +16,7 @@ use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Train over lists of settings, and compare.
+/// Train with every combination of lists of settings, and compare the results.
 #[derive(Debug, Subcommand)]
 #[command(after_help = "Examples:
   nerf-train sweep image fox.jpg -o out/sweep --levels 6,8,10,12,14 --layers 2,4,6,8,10 --scale 0.25 --steps 1000 --pixels 2500
@@ -107,7 +107,7 @@ impl Lists {
         Combinations { base: job.base_point(), lists: own.into_iter().chain(more).collect(), mode }
     }
 
-    /// Runs the points that are not finished, then reports on all finished ones.
+    /// Trains the combinations without a result, then reports all results. `more`: further lists of settings to vary.
     fn sweep(&self, job: &Job<'_>, more: [(Knob, Vec<f64>); 3], global: &Global) -> anyhow::Result<ExitCode> {
         let combinations = self.combinations(job, more);
         let points = combinations.points()?;
@@ -154,7 +154,7 @@ fn finish(folder: &Folder, global: &Global) -> anyhow::Result<ExitCode> {
     after_help = "Example: nerf-train sweep image fox.jpg -o out/sweep --levels 6,8,10 --layers 2,4 --scale 0.25"
 )]
 pub struct ImageSweep {
-    /// Image.
+    /// Image to fit.
     photo: PathBuf,
     #[command(flatten)]
     lists: Lists,
@@ -206,7 +206,7 @@ pub struct SceneSweep {
     /// Samples per ray (sinusoidal networks).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     samples: Vec<u16>,
-    /// Steps between optimiser updates of a hashed grid level; gradients accumulate (grids).
+    /// Steps between optimiser updates of a hashed grid level; gradients accumulate in between (grids).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     turns: Vec<u32>,
     /// Random seed.

@@ -10,11 +10,11 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-/// Interval at which a child that is waited for is polled.
+/// Interval between two checks whether a child has ended.
 const ASK_EVERY: Duration = Duration::from_millis(5);
-/// Time limit for a killed child to end: it ends at once, unless the system itself holds it.
+/// Time limit for a killed child to end, which is reached only if the system itself holds the process.
 const KILLED: Duration = Duration::from_secs(1);
-/// Number of bytes written at a time; each part that the child reads restarts its time limit.
+/// Number of bytes written to a child at a time; the time limit of [`Helper::feed`] restarts after each part.
 const PIECE_BYTES: usize = 1 << 16;
 
 static RUNNING: Mutex<Vec<Arc<Mutex<Process>>>> = Mutex::new(Vec::new());
@@ -22,7 +22,7 @@ static RUNNING: Mutex<Vec<Arc<Mutex<Process>>>> = Mutex::new(Vec::new());
 #[derive(Debug)]
 struct Process {
     child: Child,
-    /// Exit status, once it is known; until then no other process can have the child's process number.
+    /// Exit status; `None` until it is collected: until then the system gives the process number to no other process.
     status: Option<ExitStatus>,
 }
 
@@ -61,7 +61,7 @@ impl Helper {
         Ok(Self(process))
     }
 
-    /// Takes the pipes that the child has; a second call finds none.
+    /// Takes the child's pipes to stdin, stdout and stderr; a second call returns `None` for each.
     pub fn pipes(&self) -> (Option<ChildStdin>, Option<ChildStdout>, Option<ChildStderr>) {
         let child = &mut lock(&self.0).child;
         (child.stdin.take(), child.stdout.take(), child.stderr.take())
@@ -79,7 +79,7 @@ impl Helper {
         }
     }
 
-    /// Ends the child and whatever it has started; returns its exit status.
+    /// Kills the child and the processes that it started; returns the child's exit status, `None` if it does not end.
     pub fn kill(&self) -> Option<ExitStatus> {
         lock(&self.0).kill();
         self.wait(KILLED)
@@ -165,8 +165,8 @@ impl Heard {
         lock(&self.kept).clone()
     }
 
-    /// The last bytes of the output. To be called when the child has ended. Processes that the child has left behind
-    /// may hold the pipe open, and are not waited for.
+    /// Returns the last bytes of the output. To be called when the child has ended. Waits at most half a second for the
+    /// pipe's end: processes that the child has left behind may hold the pipe open.
     pub fn text(&self) -> Vec<u8> {
         let _ = self.ended.recv_timeout(Duration::from_millis(500));
         lock(&self.kept).clone()
@@ -189,7 +189,7 @@ fn tail(mut stream: impl Read, keep: usize, kept: &Mutex<Vec<u8>>) {
     }
 }
 
-/// The last lines with letters or digits, joined into one line.
+/// Returns the last four lines with letters or digits, joined into one line.
 pub fn last_lines(bytes: &[u8]) -> String {
     const SHOWN_LINES: usize = 4;
     let text = String::from_utf8_lossy(bytes);

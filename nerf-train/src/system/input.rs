@@ -12,12 +12,12 @@ use std::str::FromStr;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
-/// Size limit of a blob, bytes: six times the format's caps (22 layers of 512, an occupancy grid of 512³ bits).
+/// Size limit of a scene file, bytes: six times the format's largest (22 layers of 512, occupancy grid of 512³ bits).
 pub const MAX_BLOB_BYTES: u64 = 256 << 20;
 /// Size limit of a JSON file, bytes: some 400,000 frames of a `transforms.json`.
 pub const MAX_JSON_BYTES: u64 = 256 << 20;
 pub const MAX_TOML_BYTES: u64 = 1 << 20;
-/// Size limit of a picture file, bytes: 16,384² pixels of three bytes, not compressed, fit.
+/// Size limit of an image file, bytes: 16,384² pixels of three bytes, not compressed, fit.
 pub const MAX_PICTURE_BYTES: u64 = 1 << 30;
 pub const MAX_CHECKPOINT_BYTES: u64 = 1 << 30;
 
@@ -25,7 +25,7 @@ pub const MAX_CHECKPOINT_BYTES: u64 = 1 << 30;
 const MAX_SILENCE: Duration = Duration::from_secs(60);
 const PIECE_BYTES: usize = 1 << 16;
 
-/// The bytes of a file, pipe or device, if there are at most `limit`.
+/// Returns the bytes of a file, pipe or device; more than `limit` bytes are an error.
 ///
 /// A pipe or device is read once, to a little beyond `limit` at most: a second read may find no bytes.
 ///
@@ -43,19 +43,19 @@ pub fn read_limited(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     read_to_limit(File::open(path)?, limit)
 }
 
-/// Name of a choice as a value of a command-line argument.
+/// Returns the name of `choice` as it is written on the command line.
 pub fn value_name(choice: &impl clap::ValueEnum) -> String {
     choice.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
 }
 
-/// Parses an argument of `N` numbers with commas between them.
+/// Parses an argument of `N` numbers separated by commas.
 pub fn parse_numbers<const N: usize, T: FromStr>(text: &str) -> Result<[T; N], String> {
     let numbers: Option<Vec<T>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
     let numbers = numbers.and_then(|numbers| numbers.try_into().ok());
     numbers.ok_or_else(|| format!("expected {N} numbers with commas between them"))
 }
 
-/// The text of a UTF-8 file, without the byte order mark that some editors put in front.
+/// Returns the text of a UTF-8 file, without the byte order mark that some editors put in front.
 pub fn read_text(path: &Path, limit: u64) -> io::Result<String> {
     let mut bytes = read_limited(path, limit)?;
     let mark = bytes.len() - without_mark(&bytes).len();
@@ -66,7 +66,7 @@ pub fn read_text(path: &Path, limit: u64) -> io::Result<String> {
     })
 }
 
-/// `bytes` without a leading UTF-8 byte order mark.
+/// Returns `bytes` without a leading UTF-8 byte order mark.
 pub fn without_mark(bytes: &[u8]) -> &[u8] {
     bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)
 }
@@ -84,7 +84,7 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
     Err(io::Error::new(io::ErrorKind::InvalidInput, text))
 }
 
-/// A TOML error on one line: the parser's own message takes several lines.
+/// Returns one line with a TOML error and its place in `text`: the parser's own message takes several lines.
 pub fn toml_message(text: &str, error: &toml::de::Error) -> String {
     let said = error.message().lines().map(str::trim).collect::<Vec<_>>().join("; ");
     let Some(before) = error.span().and_then(|span| text.get(..span.start)) else {
@@ -97,7 +97,7 @@ pub fn toml_message(text: &str, error: &toml::de::Error) -> String {
     format!("line {row}, column {column}: {said} (in `{}`)", shown.trim())
 }
 
-/// Reads on another thread, as opening and reading may block for ever; a blocked thread ends with the process.
+/// Reads a pipe or device on another thread, as opening and reading may block; that thread ends with the process.
 fn read_stream(path: &Path, limit: u64, silence: Duration) -> io::Result<Vec<u8>> {
     let (sender, pieces) = mpsc::sync_channel::<io::Result<Vec<u8>>>(16);
     let path = path.to_owned();
@@ -141,7 +141,7 @@ fn read_stream(path: &Path, limit: u64, silence: Duration) -> io::Result<Vec<u8>
     }
 }
 
-/// Reads at most `limit` bytes: a file may have grown since its size was checked.
+/// Reads a file; fails beyond `limit` bytes, as the file may have grown since its size was checked.
 fn read_to_limit(file: File, limit: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     let length = file.metadata()?.len().min(limit) as usize;

@@ -12,10 +12,10 @@
 //! | tables: CSV, Markdown, terminal | `show::table::Table` | [`lines`] |
 //! | prose of Markdown reports | `show::reports` | [`markdown`] |
 //! | pages and SVG plots | `show::cameras::page`, `show::plot` | [`line()`], [`lines`] |
-//! | text drawn into pictures | `show::text` | [`line()`] |
+//! | text drawn into images | `show::text` | [`line()`] |
 //! | JSON | `system::summary`, `system::progress`, `lab::sweep::folder`, `show` | [`json`], the same values when read back |
 //!
-//! Blobs, data sets and errors themselves keep the text as it is.
+//! Scene files, data sets and errors themselves keep the text as it is.
 
 use std::borrow::Cow;
 use std::fmt::Write;
@@ -43,7 +43,7 @@ fn acts(character: char) -> bool {
         )
 }
 
-/// `text` with each character for which `found` holds replaced by what `escape` writes.
+/// Returns `text` with each character for which `found` holds replaced by what `escape` writes.
 fn replaced(
     text: &str,
     found: impl Fn(char) -> bool,
@@ -64,7 +64,7 @@ fn replaced(
     Cow::Owned(safe)
 }
 
-/// `text` on one line: control and invisible characters are shown as Rust writes them, `\n`, `\t` or `\u{1b}`.
+/// Returns `text` on one line, with control and invisible characters escaped as in Rust: `\n`, `\t` or `\u{1b}`.
 ///
 /// # Examples
 /// ```
@@ -88,7 +88,7 @@ pub fn lines(text: &str) -> Cow<'_, str> {
     replaced(text, |c| acts(c) && !matches!(c, '\n' | '\t'), |safe, c| write!(safe, "{}", c.escape_unicode()))
 }
 
-/// A name in the prose of a Markdown report: [`line()`], with markup and HTML escaped.
+/// Returns [`line()`] of a name for the prose of a Markdown report, with markup and HTML escaped.
 ///
 /// # Examples
 /// ```
@@ -105,7 +105,7 @@ pub fn markdown(text: &str) -> String {
     escaped.into_owned()
 }
 
-/// JSON with control and invisible characters as `\u001b`: the same values for a parser, and safe on a terminal.
+/// Returns JSON with control and invisible characters as `\u001b`: the same values for a parser, safe on a terminal.
 ///
 /// Outside of strings JSON has none of these characters but line ends and tabs, which stay. Within strings, writers of
 /// JSON escape C0 themselves.

@@ -44,7 +44,7 @@ pub enum ProgressStyle {
     Quiet,
 }
 
-/// Figures that are shown with the position, except those that are `None`.
+/// Figures shown with the position; a figure that is `None` is left out.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Message {
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -65,7 +65,7 @@ enum Event<'a> {
     Progress {
         what: &'a str,
         position: u64,
-        /// Null if only time ends the work, or its end is not known.
+        /// Total number of steps; null if only time ends the work, or its end is not known.
         total: Option<u64>,
         elapsed_s: f64,
         left_s: Option<f64>,
@@ -186,7 +186,7 @@ impl Progress {
         }
     }
 
-    /// Removes the bar and leaves `line` with the time that the work took; nothing when quiet.
+    /// Removes the bar and prints `line` with the time that the work took; nothing when quiet.
     pub fn finish(self, line: impl AsRef<str>) {
         let (line, elapsed) = (line.as_ref(), self.started.elapsed());
         let text = format!("{}: {line} ({})", self.what, in_words(elapsed));
@@ -204,7 +204,7 @@ impl Progress {
         }
     }
 
-    /// Fraction of the work that is done, in [0, 1]: the larger of those of steps and of time; `None` if unknown.
+    /// Fraction of the work that is done, in [0, 1]: of steps or of time, whichever is larger; `None` if unknown.
     fn share(&self, position: u64, elapsed: Duration) -> Option<f64> {
         let steps = |total: u64| if total == 0 { 1.0 } else { position as f64 / total as f64 };
         let time = |budget: Duration| {
@@ -219,7 +219,7 @@ impl Progress {
         Some(share.clamp(0.0, 1.0))
     }
 
-    /// Remaining time: the smaller of what the steps need at this run's speed and the rest of the budget.
+    /// Remaining time: for the steps at this run's speed or to the time limit, whichever is less; `None` if unknown.
     fn remaining(&self, position: u64, elapsed: Duration) -> Option<Duration> {
         let done = position.saturating_sub(self.first);
         let steps = |total: u64| {
@@ -257,7 +257,7 @@ impl Progress {
         }
     }
 
-    /// A plain line: "25 % · train 1,250/5,000 · 0:41, 2:03 left · 31.4 k rays/s · train 24.10 dB".
+    /// Plain line of progress: "25 % · train 1,250/5,000 · 0:41, 2:03 left · 31.4 k rays/s · train 24.10 dB".
     fn describe(&self, position: u64, elapsed: Duration, message: &Message) -> String {
         let mut text = self.standing(position, elapsed);
         if let Some(share) = self.share(position, elapsed) {
@@ -293,7 +293,7 @@ fn details(message: &Message) -> String {
     parts.into_iter().flatten().collect::<Vec<_>>().join(" · ")
 }
 
-/// The bar that was started last, which a signal abandons, as nothing else removes it then.
+/// The progress bar that was started last, which [`abandon`] leaves on the screen when a signal ends the process.
 static BAR: Mutex<Option<ProgressBar>> = Mutex::new(None);
 
 /// Leaves a running bar unchanged, with the cursor on a new line, for a last message before the process ends.

@@ -1,20 +1,20 @@
-//! Handling of signals that ask the process to end (SIGINT, SIGTERM, SIGHUP), at once whatever the process does.
+//! Handling of signals that ask the process to end (SIGINT, SIGTERM, SIGHUP), at once, whatever other threads do.
 //!
 //! A thread of its own waits for signals, so that handling does not depend on what other threads are doing: a tile of a
 //! frame, a decoder, a read from a fifo. The work that a command would lose decides what the signal thread does:
 //!
-//! - no work: the thread does what a [`Note`] asks for, ends child processes, removes temporary files, and ends the
-//!   process with status `128 + signal`;
+//! - no work: the thread does the work of a [`Note`], ends child processes, removes temporary files, prints the note's
+//!   message, and ends the process with status `128 + signal`;
 //! - work that a loop saves between two steps ([`Claim`]): the thread waits for the loop, which polls [`requested`].
-//!   Once it has dropped its claim, the loop has [`LAST_WORD`] to report that and to end with [`status`];
-//! - work of a loop that is busy for longer ([`Claim::cover`]): the thread writes the files that the loop has handed to
-//!   it.
+//!   After dropping its claim, the loop has the time [`LAST_WORD`] to report the save and to end with [`status`];
+//! - work of a loop that is busy for longer ([`Claim::cover`]): the thread writes the files that the loop has handed
+//!   over, and ends the process.
 //!
-//! A further signal changes nothing: a save that the first has begun is completed. A signal that the process was
+//! A further signal changes nothing: a save that the first signal has begun is completed. A signal that the process was
 //! started to ignore, such as SIGHUP under `nohup`, stays ignored.
 //!
-//! Child processes inherit that these signals are blocked, and do not see a terminal's Ctrl-C (`crate::system::child`).
-//! Each child lives until this process, or its signal thread, ends it.
+//! Child processes inherit the blocking of these signals, and do not see a terminal's Ctrl-C (`crate::system::child`).
+//! Each child lives until this process, or the signal thread, ends the child.
 
 use crate::system::lock;
 use crate::system::output::{remove_temporaries, write_atomic};
@@ -28,7 +28,7 @@ use std::time::Duration;
 pub const LAST_WORD: Duration = Duration::from_millis(800);
 /// Time limit for the work of a [`Note`].
 const NOTE_WORK: Duration = Duration::from_millis(1000);
-/// Time limit for ending child processes, and for writing the message if nobody reads it.
+/// Time limit for ending child processes; the same again for printing the message, which a full pipe may block.
 const TIDYING: Duration = Duration::from_millis(200);
 /// Time limit for removing temporaries, of which one may be a folder of many files.
 const REMOVING: Duration = Duration::from_millis(600);
@@ -42,15 +42,15 @@ static NOTE: Mutex<Option<Words>> = Mutex::new(None);
 /// Work that would be lost if the process ended now.
 enum State {
     Nothing,
-    /// Work that its owner saves, who polls [`requested`].
+    /// Work that its owner saves: a loop that polls [`requested`].
     Claimed,
-    /// Work that is saved by writing the files of the cover.
+    /// Work that the signal thread saves by writing the files of the cover.
     Covered(Cover),
     /// Work that its owner has saved since the signal; the owner ends the process.
     Answered,
 }
 
-/// Files and message that a signal leaves while the loop that owns the work is busy.
+/// Files that the signal thread writes, and message that it prints, while the loop that owns the work is busy.
 #[derive(Clone, Debug, Default)]
 pub struct Cover {
     /// Paths and bytes of files that are not on the disk yet.
@@ -74,7 +74,7 @@ fn set(new: State) {
     CHANGED.notify_all();
 }
 
-/// Statement that there is unsaved work, whose owner polls [`requested`] often and saves it; ends when dropped.
+/// Guard that declares unsaved work: its owner polls [`requested`] often, saves the work, and drops the guard.
 ///
 /// Only one claim exists at a time: fits do not run in parallel.
 #[derive(Debug)]
@@ -88,7 +88,7 @@ impl Claim {
         Self(())
     }
 
-    /// Runs `work`, which may take long; a signal meanwhile writes `cover` and ends the process.
+    /// Runs `work`, which may take long; on a signal meanwhile, the files of `cover` are written and the process ends.
     pub fn cover<T>(&self, cover: Cover, work: impl FnOnce() -> T) -> T {
         set(State::Covered(cover));
         let done = work();
@@ -107,17 +107,17 @@ impl Drop for Claim {
     }
 }
 
-/// Message that a signal prints if no work is claimed, and work that is done before the message.
+/// Contents of a [`Note`]: message that a signal prints if no work is claimed, and work to do before the message.
 struct Words {
     message: String,
-    /// Name of the work, and the work itself.
+    /// Name of the work in the message, and the work to do.
     last: Option<(&'static str, LastWork)>,
 }
 
 type LastWork = Box<dyn FnOnce() -> Result<(), String> + Send>;
 
-/// Message that a signal prints, instead of "interrupted", if no work is claimed. Only one at a time; ends when
-/// dropped.
+/// Guard: while it exists, a signal prints its message instead of "interrupted", if no work is claimed. Only one guard
+/// exists at a time.
 #[derive(Debug)]
 pub struct Note(());
 
@@ -149,8 +149,8 @@ impl Drop for Note {
     }
 }
 
-/// Runs `work` on a thread of its own, and waits for it no longer than `limit`: a disk, a pipe or a lock that never
-/// answers must not keep the process.
+/// Returns the result of `work`, run on another thread; `None` after `limit`: a disk, pipe or lock that never answers
+/// must not keep the process from ending.
 fn within<T: Send + 'static>(limit: Duration, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
     let (done, result) = mpsc::channel();
     std::thread::Builder::new().spawn(move || done.send(work())).ok()?;
@@ -168,7 +168,7 @@ fn noted() -> String {
     format!("{message}; {what} {end}")
 }
 
-/// Writes the files of a cover; returns the message about them.
+/// Writes the files of a cover; returns the message to print.
 fn saved(cover: &Cover) -> String {
     // All files are tried, even if one cannot be written.
     let written: Vec<_> = cover.files.iter().map(|(path, bytes)| write_atomic(path, bytes)).collect();
@@ -178,7 +178,7 @@ fn saved(cover: &Cover) -> String {
     }
 }
 
-/// Saves the work of a cover, prints the message, and ends the process with `128 + signal`.
+/// Waits for claimed work, or saves the work of a cover; prints the message and ends with `128 + signal`.
 ///
 /// Holds the lock on the state meanwhile, so that the owner does not write the same files.
 fn end(signal: i32, say: fn(&str)) -> ! {
@@ -200,8 +200,8 @@ fn end(signal: i32, say: fn(&str)) -> ! {
     std::process::exit(128 + signal)
 }
 
-/// Waits for the end of the process if a signal is being handled: an error of the command then only comes from an ended
-/// child process or a removed temporary.
+/// Blocks until the process ends, if a signal is being handled: an error of the command may then only come from a child
+/// process that was ended or a temporary that was removed.
 pub fn leave_to_signal() {
     while requested() && !matches!(*lock(&STATE), State::Answered) {
         std::thread::park();

@@ -6,20 +6,20 @@ use crate::data::cameras::bundle::median;
 use crate::system::summary::Short;
 use serde::Serialize;
 
-/// Limits on how far a PSNR may lie below the median: dB, and median absolute deviations; the larger applies.
+/// How far a photograph's PSNR may lie below the median: dB, and median absolute deviations; the larger applies.
 const FAR_WORSE: (f64, f64) = (5.0, 6.0);
-/// Smallest PSNR difference, dB, between the best and the worst group at which the worst group is doubtful.
+/// Smallest PSNR difference, dB, between the best and the worst group at which the worst group's poses are doubtful.
 const DIFFERENT_DB: f64 = 3.0;
-/// Median training PSNR, dB, below which photographs without tracks contradict each other, see [`A_WHILE`].
+/// Median training PSNR, dB, below which photographs without point tracks are reported as contradicting each other.
 const LOW_DB: f64 = 22.0;
 /// Smallest number of training steps after which [`LOW_DB`] applies.
 const A_WHILE: u32 = 2000;
 
-/// Figures of how well a field reproduces its training photographs.
+/// PSNR of a field on its training photographs, and findings from it.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Fitted {
     pub train_psnr_db: Option<Short>,
-    /// Groups of the diagnosis; without groups and tracks, runs of photographs between jumps of the viewing direction.
+    /// PSNR of each group of the diagnosis; without groups and tracks, of each run between jumps of viewing direction.
     pub train_groups: Vec<Group>,
     /// Names of the photographs whose PSNR is far below the median.
     pub train_far_worse: Vec<String>,
@@ -89,7 +89,7 @@ impl Fitted {
         }
     }
 
-    /// Returns a finding if the PSNR of groups, or of all photographs, suggests contradictory photographs.
+    /// Returns a finding if a group's PSNR is far below the best group's, or if `middle`, the median PSNR, is low.
     fn doubt(&self, tracks: bool, middle: f64, steps: u32) -> Option<String> {
         let by_db = |a: &&Group, b: &&Group| a.psnr_db.0.total_cmp(&b.psnr_db.0);
         let (low, high) = (self.train_groups.iter().min_by(by_db)?, self.train_groups.iter().max_by(by_db)?);

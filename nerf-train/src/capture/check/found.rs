@@ -14,16 +14,16 @@ use std::collections::BTreeSet;
 
 /// Number of photographs below which all are fitted, even if some contradict the rest.
 const ENOUGH: usize = 10;
-/// Limits from which on a pose is wrong: number of contradicting key points, and their ratio to the agreeing ones.
+/// Limits for a wrong pose: smallest number of key points that contradict the pose, and ratio to agreeing key points.
 const MISPLACED: (usize, usize) = (10, 2);
-/// Smallest unseen sector that is warned of, degrees.
+/// Smallest sector without photographs that is reported, degrees of azimuth.
 const WIDE_GAP: f32 = 60.0;
-/// Maximum number of names or ranges of names in a list; the rest is only counted.
+/// Maximum number of names or ranges of names in a list; further photographs are only counted.
 const LISTED: usize = 6;
-/// Smallest number of photographs behind a bridge of the link graph at which the bridge is reported.
+/// A bridge of the link graph is reported if it alone connects at least this number of photographs to the others.
 const HANGING: usize = 3;
 
-/// Reason for which the photographs fall into groups.
+/// Reason for groups: a folded reconstruction, wrong poses, or pieces without shared points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Reason {
     Folded,
@@ -85,7 +85,7 @@ impl<'v> Found<'v> {
         found
     }
 
-    /// Sets `groups`, for the first [`Reason`] that applies, and `outliers`, which contradict the rest.
+    /// Sets `groups`, by the first [`Reason`] that applies, and `outliers`: few photographs that contradict the others.
     fn settle_groups(&mut self) {
         let count = self.views.len();
         let Groups { groups, outliers } = Groups::of(count, &self.pairs);
@@ -122,7 +122,7 @@ impl<'v> Found<'v> {
         }
     }
 
-    /// The two photographs that contradict each other most; a pair from different groups takes precedence.
+    /// Returns the two photographs that contradict each other most; two from different groups take precedence.
     pub fn worst_pair(&self) -> Option<[usize; 2]> {
         let group = |view: usize| self.groups.iter().position(|group| group.contains(&view));
         let bad = self.pairs.iter().filter(|pair| pair.contradicts());
@@ -137,12 +137,12 @@ impl<'v> Found<'v> {
         &self.views[view].name
     }
 
-    /// Photographs that are blurred compared with their neighbours.
+    /// Returns the photographs that are blurred compared with the nearest photographs.
     pub fn blurred(&self) -> Vec<usize> {
         (0..self.views.len()).filter(|&view| is_blurred(self.sharpness[view])).collect()
     }
 
-    /// Lists names in order; consecutive photographs are written as `first to last`.
+    /// Returns the names of `views`, with consecutive photographs written as `first to last`.
     fn listed(&self, views: &[usize]) -> String {
         let mut runs: Vec<[usize; 2]> = Vec::new();
         for &view in views {
@@ -189,7 +189,7 @@ impl<'v> Found<'v> {
         format!("check: {}: {}", count(self.views.len(), "photograph"), parts.join("; "))
     }
 
-    /// Faults, and checks that are not possible, one sentence each, the most important first.
+    /// Returns a sentence for each fault and for each check that is not possible, the most important first.
     pub fn findings(&self) -> Vec<String> {
         let mut findings = vec![self.fold()];
         findings.extend(self.contradicting());
@@ -199,7 +199,7 @@ impl<'v> Found<'v> {
         findings.into_iter().filter(|finding| !finding.is_empty()).collect()
     }
 
-    /// The groups as `group 1 (39): …; group 2 (32): …`.
+    /// Returns the groups as text, with numbers of photographs: `group 1 (39): …; group 2 (32): …`.
     fn groups(&self) -> String {
         let group = |(index, group): (usize, &Vec<usize>)| {
             format!("group {} ({}): {}", index + 1, group.len(), self.listed(group))

@@ -11,15 +11,15 @@ const WORKING_SIDE: u32 = 640;
 pub(super) const HALF_PATCH: i32 = 6;
 /// Number of nearest photographs with which a photograph's sharpness is compared.
 const NEIGHBOURS: usize = 6;
-/// Ratio of a photograph's sharpness to its neighbours' median below which it is blurred.
+/// Ratio of a photograph's sharpness to the median of the nearest photographs below which the photograph is blurred.
 const BLURRED: f32 = 0.3;
-/// Side of the small pictures that are compared to find duplicates, pixels.
+/// Side of the thumbnails that are compared to find duplicates, pixels.
 const STAMP: usize = 32;
-/// Largest ratio of mean absolute difference to standard deviation at which two small pictures are duplicates.
+/// Largest ratio of mean absolute difference to standard deviation at which two thumbnails are duplicates.
 const SAME: f32 = 0.01;
 
 pub(super) struct Grey {
-    /// Number of the view's pixels along each side of a working-size pixel.
+    /// Downscale factor: side of a pixel of the working size, in pixels of the view.
     pub factor: u32,
     width: usize,
     height: usize,
@@ -28,7 +28,7 @@ pub(super) struct Grey {
 }
 
 impl Grey {
-    /// A view in grey, its long side at most [`WORKING_SIDE`] pixels.
+    /// Returns a view in grey, downscaled so that its long side is at most [`WORKING_SIDE`] pixels.
     pub fn of(view: &View) -> Self {
         let (width, height) = view.size();
         let factor = width.max(height).div_ceil(WORKING_SIDE).clamp(1, width.min(height).max(1));
@@ -50,7 +50,7 @@ impl Grey {
         Self { factor, width: columns, height: rows, levels }
     }
 
-    /// Grey level at (`x`, `y`), bilinear, pixel centres at +0.5; `None` outside the picture.
+    /// Returns the grey level at (`x`, `y`), bilinear, pixel centres at +0.5; `None` outside the image.
     fn at(&self, x: f32, y: f32) -> Option<f32> {
         let (x, y) = (x - 0.5, y - 0.5);
         if !(x >= 0.0 && y >= 0.0 && x + 1.0 < self.width as f32 && y + 1.0 < self.height as f32) {
@@ -66,8 +66,8 @@ impl Grey {
         Some(a + v * (b - a))
     }
 
-    /// Grey levels on a square grid around `middle` with steps `right` and `down`, all in working pixels, row by row.
-    /// `None` if the grid leaves the picture.
+    /// Returns the grey levels of a square patch around `middle`, row by row; `right`, `down`: steps between samples,
+    /// all in pixels of the working size. `None` if the patch leaves the image.
     pub fn patch(&self, middle: [f32; 2], right: [f32; 2], down: [f32; 2]) -> Option<Vec<f32>> {
         let range = -HALF_PATCH..=HALF_PATCH;
         let steps = range.clone().flat_map(|v| range.clone().map(move |u| (u as f32, v as f32)));
@@ -94,7 +94,7 @@ impl Grey {
         (squares / count - (sum / count).powi(2)) as f32
     }
 
-    /// The picture box-filtered to [`STAMP`] by [`STAMP`] pixels, and the standard deviation of its grey levels.
+    /// Returns a thumbnail of [`STAMP`] by [`STAMP`] grey levels, and the standard deviation of these grey levels.
     fn stamp(&self) -> (Vec<f32>, f32) {
         let rgb = self.levels.iter().map(|&level| [f32::from(level); 3]).collect();
         let small = Picture { width: self.width, height: self.height, rgb }.box_filtered(STAMP, STAMP);
@@ -104,7 +104,7 @@ impl Grey {
     }
 }
 
-/// Subtracts the mean from the values; returns them and their Euclidean norm.
+/// Returns the values less their mean, and the Euclidean norm of these differences.
 pub(super) fn centred(mut values: Vec<f32>) -> (Vec<f32>, f32) {
     let mean = values.iter().sum::<f32>() / values.len().max(1) as f32;
     values.iter_mut().for_each(|value| *value -= mean);
@@ -112,7 +112,7 @@ pub(super) fn centred(mut values: Vec<f32>) -> (Vec<f32>, f32) {
     (values, norm)
 }
 
-/// Ratio of each photograph's sharpness to the median of its [`NEIGHBOURS`] nearest photographs; 1 without any.
+/// Returns each photograph's sharpness relative to the median of its [`NEIGHBOURS`] nearest; 1 if there are no others.
 pub(super) fn sharpness(views: &[&View], greys: &[Grey]) -> Vec<f32> {
     let own: Vec<f32> = greys.par_iter().map(Grey::sharpness).collect();
     let place = |view: &View| (view.camera.pose().position, view.camera.pose().forward());

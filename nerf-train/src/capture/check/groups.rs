@@ -9,15 +9,15 @@ const UNDECIDED: f32 = 0.35;
 const FEW: usize = 10;
 /// Number of contradicting pairs needed to leave out a photograph, or to separate two groups.
 const CERTAIN: usize = 3;
-/// Smallest fraction of contradicting pairs at which many contradicting photographs form a group of their own.
+/// Smallest fraction of contradicting pairs among all pairs at which the contradicting photographs may form a group.
 const TORN: f32 = 0.1;
 
 /// Groups of photographs whose poses agree within each group, and the outliers, which agree with no group.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Groups {
-    /// Indices of the photographs of each group; one group if nothing contradicts.
+    /// Indices of the photographs of each group; one group if no photographs contradict each other.
     pub groups: Vec<Vec<usize>>,
-    /// Indices of the few photographs that contradict the rest.
+    /// Indices of the few photographs that contradict the others.
     pub outliers: Vec<usize>,
 }
 
@@ -25,9 +25,8 @@ pub(super) fn few(count: usize) -> usize {
     (count / FEW).max(2)
 }
 
-/// Clusters photographs by repeatedly merging the two clusters whose pairs agree best, as long as the mean agrees.
-///
-/// Returns, for each photograph, the smallest index of a photograph in its cluster.
+/// Clusters photographs: merges the two clusters whose pairs have the least mean `different`, as long as that mean is
+/// below [`UNDECIDED`]. Returns, for each photograph, the smallest index of a photograph in its cluster.
 fn clusters(count: usize, pairs: &[Pair]) -> Vec<usize> {
     let mut label: Vec<usize> = (0..count).collect();
     let weighted = pairs.iter().map(|pair| (pair.views, (UNDECIDED - pair.different, 1.0f32)));
@@ -49,7 +48,7 @@ fn clusters(count: usize, pairs: &[Pair]) -> Vec<usize> {
     label
 }
 
-/// Numbers of agreeing and of contradicting pairs among the pairs that `which` accepts.
+/// Returns the numbers of agreeing and of contradicting pairs among the pairs that `which` accepts.
 fn count(pairs: &[Pair], which: impl Fn([usize; 2]) -> bool) -> (usize, usize) {
     let chosen = pairs.iter().filter(|pair| which(pair.views));
     chosen.fold((0, 0), |(good, bad), pair| {
@@ -57,8 +56,8 @@ fn count(pairs: &[Pair], which: impl Fn([usize; 2]) -> bool) -> (usize, usize) {
     })
 }
 
-/// Labels of small clusters with more contradicting than agreeing pairs. The worst cluster is rejected first; its pairs
-/// are left out for the remaining clusters.
+/// Returns the labels of small clusters with more contradicting than agreeing pairs. The worst cluster is rejected
+/// first; the pairs of its photographs no longer count for the other clusters.
 fn rejected(label: &[usize], pairs: &[Pair]) -> BTreeSet<usize> {
     let mut size: BTreeMap<usize, usize> = BTreeMap::new();
     label.iter().for_each(|label| *size.entry(*label).or_default() += 1);
@@ -93,7 +92,7 @@ fn rejected(label: &[usize], pairs: &[Pair]) -> BTreeSet<usize> {
 }
 
 impl Groups {
-    /// Groups the photographs, numbered from 0 to `photographs` − 1 in the order of their names.
+    /// Groups photographs by the agreement of `pairs`. `photographs`: their number; indices follow the order of names.
     pub fn of(photographs: usize, pairs: &[Pair]) -> Self {
         let label = clusters(photographs, pairs);
         let rejected = rejected(&label, pairs);
@@ -125,7 +124,8 @@ impl Groups {
         Self::named(group, groups, contradict, pairs)
     }
 
-    /// Forms the large groups and the outliers. A photograph without pairs joins the group of the previous one.
+    /// Returns the large groups and the outliers. `contradict`: photographs of rejected clusters. A photograph without
+    /// pairs joins the group of the previous photograph.
     fn named(
         mut group: Vec<Option<usize>>,
         groups: usize,

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 /// Smallest number of shared points at which two photographs are linked.
 const LINKED: u32 = 15;
-/// Maximum number of photographs that are counted per point.
+/// Maximum number of photographs of one point whose pairs are counted.
 const MAX_TRACK: usize = 200;
 
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -27,7 +27,7 @@ struct Search<'l> {
 }
 
 impl Search<'_> {
-    /// Visits the search tree below `view`; returns the lowest order among its links, without the one to `parent`.
+    /// Searches from `view`; returns its low-link: the least `reached` of any photograph linked to its subtree.
     ///
     /// # Source
     /// Tarjan 1974, "A note on finding the bridges of a graph".
@@ -52,7 +52,7 @@ impl Search<'_> {
 }
 
 impl Links {
-    /// Links photographs that share at least [`LINKED`] points, and pairs that agree, whatever number they share.
+    /// Links photographs that share at least [`LINKED`] points, and pairs that agree, however few points they share.
     pub fn of(sights: &Sights, pairs: &[Pair]) -> Self {
         let mut showing: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
         for (view, sights) in sights.of_views.iter().enumerate() {

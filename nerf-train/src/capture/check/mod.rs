@@ -32,13 +32,13 @@ pub struct Diagnosis {
     pub folded: Option<bool>,
     /// Groups of photographs whose poses can all be right, the largest first; empty if all photographs are one group.
     pub groups: Vec<Vec<String>>,
-    /// The few photographs that contradict the rest; a fit leaves them out.
+    /// The few photographs that contradict the others and are not trained on.
     pub contradicting: Vec<String>,
     pub compared_pairs: usize,
     pub contradicting_pairs: usize,
     /// Two photographs whose poses cannot both be right.
     pub worst_pair: Option<[String; 2]>,
-    /// Largest gap in azimuth between photographs.
+    /// Largest sector without photographs, degrees of azimuth.
     pub unseen_sector_degrees: Option<Short>,
     pub gaps: Vec<NamedGap>,
     pub blurred: Vec<String>,
@@ -52,14 +52,14 @@ pub struct Diagnosis {
     /// Runs of photographs between jumps of the viewing direction, in the order of names.
     #[serde(skip)]
     runs: Vec<Vec<String>>,
-    /// Whether there are tracks of points, which are better evidence than the runs.
+    /// Whether the data have tracks of points; the runs are used only without tracks.
     #[serde(skip)]
     tracks: bool,
     pub facts: String,
     pub findings: Vec<String>,
 }
 
-/// A sector from which no photograph looks.
+/// A range of azimuths without photographs.
 #[derive(Clone, Debug, Serialize)]
 pub struct NamedGap {
     pub degrees: Short,
@@ -72,7 +72,7 @@ pub struct Photograph {
     /// Number of the photograph's group, from 1; `None` if there are no groups, or the photograph is in none.
     pub group: Option<usize>,
     pub azimuth_degrees: Option<Short>,
-    /// Variance of the Laplacian, divided by the median of the nearest photographs.
+    /// Variance of the Laplacian, divided by its median over the nearest photographs.
     pub sharpness: Short,
     /// Natural log gain, averaged over the colour channels.
     pub exposure: Option<Short>,

@@ -1,4 +1,4 @@
-//! Agreement of two photographs, by patches around sparse points that both see from similar positions.
+//! Agreement of two photographs, by patches around sparse points that two cameras see from similar positions.
 
 use super::grey::{Grey, HALF_PATCH, centred};
 use crate::capture::sights::{Sight, Sights};
@@ -10,7 +10,7 @@ use rayon::prelude::*;
 const ALIKE: (f32, f32) = (0.978_147_6, 1.25);
 /// Number of points that two photographs must see alike to be compared.
 const ENOUGH_POINTS: usize = 30;
-/// Number of compared patches from which on a pair is judged.
+/// Smallest number of compared patches at which a pair of photographs is used.
 const ENOUGH_PATCHES: usize = 15;
 /// Maximum number of tests whether two cameras see a point alike, so that thousands of photographs take seconds.
 const MAX_QUESTIONS: usize = 400_000_000;
@@ -51,7 +51,7 @@ struct Compared<'v> {
 }
 
 impl Compared<'_> {
-    /// Points of this photograph that `other` sees alike, and within its picture.
+    /// Returns the points of this photograph that the camera of `other` sees alike and within its image.
     fn seen_alike(&self, other: &Self) -> Vec<Vec3> {
         let [from, to] = [self, other].map(|of| of.view.camera.pose().position);
         let (width, height) = other.view.size();
@@ -67,14 +67,14 @@ impl Compared<'_> {
         self.points.iter().filter(alike).filter(inside).copied().collect()
     }
 
-    /// Projects `point` into this photograph, working pixels.
+    /// Projects `point` into this photograph, pixels of the working size; `None` if the camera does not see the point.
     fn shows(&self, point: Vec3) -> Option<[f32; 2]> {
         let (x, y) = self.view.camera.project(point)?;
         Some([x, y].map(|v| v / self.grey.factor as f32))
     }
 
-    /// Normalised cross-correlation of the patches around `point` in this photograph and in `other`. The patch lies in
-    /// the plane through the point parallel to this image plane. `None` without texture, or outside a picture.
+    /// Normalised cross-correlation of the patches around `point` in this photograph and in `other`. Each patch shows
+    /// one square, parallel to this image plane, around the point. `None` without texture or outside an image.
     fn correlation(&self, other: &Self, point: Vec3) -> Option<f32> {
         let pose = self.view.camera.pose();
         let mine = self.grey.patch(self.shows(point)?, [1.0, 0.0], [0.0, 1.0])?;
@@ -93,7 +93,7 @@ impl Compared<'_> {
             .then(|| product / (texture * other_texture.max(f32::MIN_POSITIVE)))
     }
 
-    /// Correlations of the patches around at most [`COMPARED_POINTS`] of `points`.
+    /// Returns the correlations with `other` of the patches around at most [`COMPARED_POINTS`] of `points`.
     fn correlations(&self, other: &Self, points: &[Vec3]) -> Vec<f32> {
         let step = points.len().div_ceil(COMPARED_POINTS).max(1);
         points.iter().step_by(step).filter_map(|&point| self.correlation(other, point)).collect()

@@ -5,21 +5,21 @@ use crate::data::{LookAt, View};
 use glam::Vec3;
 use nerf_core::camera::Camera;
 
-/// Smallest gap that is reported, degrees.
+/// Smallest gap between azimuths that is reported, degrees.
 const GAP: f32 = 30.0;
-/// Elevation, positive or negative, beyond which a camera has no azimuth, degrees.
+/// Elevation above or below the horizon beyond which a camera has no azimuth, degrees.
 const STEEP: f32 = 75.0;
 
-/// Multiple of the median angle between consecutive photographs from which on an angle of at least [`GAP`] is a jump.
+/// Smallest ratio of a jump to the median angle between consecutive photographs; a jump is also at least [`GAP`].
 const JUMP: f32 = 5.0;
 /// Minimum number of photographs of a run, except the last run.
 const SHORTEST_RUN: usize = 3;
 
-/// A sector from which no photograph looks.
+/// A range of azimuths without photographs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Gap {
     pub degrees: f32,
-    /// Indices of the photographs at the two ends of the sector.
+    /// Indices of the photographs at the two ends of the range.
     pub between: [usize; 2],
 }
 
@@ -66,7 +66,7 @@ impl Spread {
     }
 }
 
-/// Splits photographs, in the order given, into runs at jumps of the viewing direction.
+/// Returns the indices of the photographs of each run: `views`, in this order, split at jumps of the viewing direction.
 pub(super) fn runs(views: &[&View]) -> Vec<Vec<usize>> {
     let ahead = |view: &View| view.camera.pose().forward();
     let turns: Vec<f32> =

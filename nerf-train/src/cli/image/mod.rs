@@ -80,7 +80,7 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Overrides `config` with the flags, and then with `--set`.
+    /// Returns `config` overridden by `--steps` and `--pixels`, then by `--set`, then by `--seed`.
     pub fn over(&self, mut config: FieldConfig) -> anyhow::Result<FieldConfig> {
         let o = &mut config.optimiser;
         o.steps = self.steps.unwrap_or(o.steps);
@@ -100,7 +100,7 @@ impl Settings {
   nerf-train image fit fox.jpg -o fox.nerf --report out/fox --snapshots 0,200,400,800,1600
   nerf-train image fit fox.jpg -o fox.nerf --preset sharp")]
 pub struct Fit {
-    /// Image.
+    /// Image to fit.
     photo: PathBuf,
     #[command(flatten)]
     conduct: Conduct,
@@ -134,7 +134,7 @@ pub struct Fit {
 }
 
 impl Fit {
-    /// Settings from preset and flags, for a picture of this size.
+    /// Returns the preset's settings, overridden by the flags, for an image of `size`: width and height, pixels.
     fn config(&self, size: [u32; 2]) -> anyhow::Result<FieldConfig> {
         let mut config = self.settings.over(self.preset.config().for_picture(size))?;
         let more = given([("--max-bytes", self.max_bytes.is_some())]);
@@ -149,7 +149,7 @@ impl Fit {
         Ok(config)
     }
 
-    /// Settings with which the file fits into `--max-bytes`. Reports the chosen settings.
+    /// Returns `config` with a grid whose file fits into `--max-bytes`, if given. Reports the chosen settings.
     fn within_bytes(
         &self,
         config: FieldConfig,

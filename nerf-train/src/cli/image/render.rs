@@ -16,7 +16,7 @@ use std::process::ExitCode;
 
 /// Render a 2D field at any size.
 ///
-/// Width and height are the photograph's by default; one alone sets the other in proportion.
+/// The default size is that of the trained image; --width or --height alone sets the other in proportion.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train image render fox.nerf -o fox.png
@@ -27,10 +27,10 @@ pub struct Render {
     /// Output image (.png).
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
-    /// Width, pixels [default: the image's, or in proportion].
+    /// Width, pixels [default: the trained image's, or in proportion to --height].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_535))]
     width: Option<u32>,
-    /// Height, pixels [default: the image's, or in proportion].
+    /// Height, pixels [default: the trained image's, or in proportion to --width].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_535))]
     height: Option<u32>,
     /// Implementation of elementary functions: polynomial, libm, micromath, recurrence.
@@ -38,7 +38,7 @@ pub struct Render {
     math: MathBackend,
 }
 
-/// Memory per pixel until the picture is written, bytes: its colour as f32 and as bytes, and the encoded file.
+/// Memory per pixel until the image is written, bytes: colour as f32, colour as bytes, and the encoded file.
 const BYTES_PER_PIXEL: u64 = 12 + 3 + 2 * 4;
 
 impl Render {
@@ -74,7 +74,7 @@ impl Render {
         global.finish(&summary)
     }
 
-    /// Width and height to render at, pixels; a side that is not given follows from the photograph's proportions.
+    /// Returns the width and height to render at, pixels; a side without flag follows from the trained image.
     fn size(&self, facts: PictureFacts) -> [u32; 2] {
         let along = |side: u32, of: u32, to: u32| {
             // Rounded, at least 1; of u16 range as the sides are.

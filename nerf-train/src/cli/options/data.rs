@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::Duration;
 
-/// How to read a data set.
+/// Options for reading a data set.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Data set")]
 pub struct DataOptions {
@@ -25,7 +25,7 @@ pub struct DataOptions {
     /// Near plane, world units along the ray.
     #[arg(long, value_name = "T")]
     pub near: Option<f32>,
-    /// Far plane, world units (unbounded scene: from its centre).
+    /// Far plane, world units along the ray (unbounded scene: from the scene's centre).
     #[arg(long, value_name = "T")]
     pub far: Option<f32>,
     /// Layout of a folder: transforms, colmap or llff [default: the first that fits].
@@ -34,10 +34,10 @@ pub struct DataOptions {
     /// Downscale factor; auto: long side to about 800 pixels [default: auto; 1 for Blender].
     #[arg(long, value_name = "N", default_value = "auto", hide_default_value = true)]
     pub downscale: Downscale,
-    /// Camera intrinsics: shared (one set a device) or own (COLMAP's sets) [default: shared; scene file: as trained].
+    /// Intrinsics: shared (one set per device) or own (COLMAP's sets) [default: shared; with a scene file: as trained].
     #[arg(long, value_name = "WHICH")]
     pub cameras: Option<Cameras>,
-    /// Read images whose `file_path` leads out of the data set.
+    /// Allow `file_path` entries that lead out of the data set's folder.
     #[arg(long)]
     pub outside_files: bool,
 }
@@ -45,18 +45,18 @@ pub struct DataOptions {
 /// Extent of a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Space {
-    /// Unbounded if the background of the pictures is unknown, the preset has a learned grid, no box is given and
+    /// Unbounded if the background of the photographs is unknown, the preset has a learned grid, no box is given and
     /// empty space is skipped; else a box.
     #[default]
     Auto,
     /// The scene ends at a box.
     Box,
-    /// Unbounded: contracted outside a ball around what the cameras look at.
+    /// Unbounded: space is contracted outside a ball around the point that the cameras look at.
     Contracted,
 }
 
 impl Space {
-    /// Surroundings of a scene with this background; `boxed`: whether a scene box is given.
+    /// Returns what is known of the background and extent of a scene. `boxed`: whether a scene box is given.
     pub fn around(self, background: Background, boxed: bool) -> Surroundings {
         match (self, background) {
             (Self::Contracted, _) => Surroundings::Unbounded,
@@ -66,7 +66,7 @@ impl Space {
         }
     }
 
-    /// Applies `--space box` or `--space contracted` to the settings, over those of preset and file.
+    /// Sets or removes the contraction as `--space` says, whatever preset and file say; `auto` changes nothing.
     pub fn settle(self, config: &mut Config) {
         match self {
             Self::Auto => {}
@@ -98,7 +98,7 @@ impl Space {
 }
 
 impl DataOptions {
-    /// Limits the plan's rays to `--near` and `--far`.
+    /// Returns the plan with rays limited to the distances from `--near` to `--far`.
     pub fn range_of<'a>(&self, plan: Plan<'a>) -> Result<Plan<'a>, PlanError> {
         plan.with_range(self.near.unwrap_or(0.0), self.far.unwrap_or(f32::MAX))
     }
@@ -107,8 +107,8 @@ impl DataOptions {
         read_with(path, &self.options(), &Watch::default(), global)
     }
 
-    /// As [`Self::read`], for a fit that writes its blob to `output`: shared cameras are stored next to that file.
-    /// Also returns the time to find shared cameras, which does not count as training time.
+    /// As [`Self::read`], for a fit that writes the scene file `output`: shared intrinsics are stored next to `output`.
+    /// Also returns the time taken to find shared intrinsics, which does not count as training time.
     pub fn read_to_fit(
         &self,
         path: &Path,
@@ -121,7 +121,7 @@ impl DataOptions {
         Ok((dataset, watch.set_aside()))
     }
 
-    /// As [`Self::read_given_for`], with the refined poses of the views if `file`, that of `blob`, has a file of them.
+    /// As [`Self::read_given_for`], but each view has its refined pose, if a file next to `file` holds it.
     pub fn read_for(
         &self,
         path: &Path,
@@ -142,8 +142,8 @@ impl DataOptions {
         Ok(dataset)
     }
 
-    /// As [`Self::read`], with the cameras that the `blob` in `file` was trained with, in coordinates relative to the
-    /// blob's origin. The data set may lack training views.
+    /// As [`Self::read`], with the intrinsics that the scene `blob`, read from `file`, was trained with. Coordinates
+    /// are relative to the scene's origin. The data set may lack training views.
     pub fn read_given_for(
         &self,
         path: &Path,
@@ -192,12 +192,12 @@ pub fn read_with(
     })
 }
 
-/// Path of the file of shared cameras that belongs to the blob in `file`.
+/// Returns the path of the file of shared intrinsics that belongs to the scene file `file`.
 fn cameras_beside(file: &Path) -> PathBuf {
     file.with_extension("cameras.json")
 }
 
-/// Shows how many pictures are read, until the sender of `ended` is dropped. Shows nothing within the first second.
+/// Shows the number of images read, until the sender of `ended` is dropped; nothing within the first second.
 fn show_reading(watch: &Watch, style: ProgressStyle, ended: Receiver<()>) {
     const SOON: Duration = Duration::from_secs(1);
     const EVERY: Duration = Duration::from_millis(200);

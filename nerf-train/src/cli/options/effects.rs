@@ -17,10 +17,10 @@ pub struct EffectOptions {
         value_parser = value_parser!(u16).range(1..=256)
     )]
     antialias: u16,
-    /// Jitter samples: noise instead of banding.
+    /// Seed of random offsets of the samples: noise instead of banding [default: no offsets].
     #[arg(long, value_name = "SEED")]
     jitter: Option<u64>,
-    /// Depth of field: aperture radius, world units; with --antialias 16 or more.
+    /// Depth of field: aperture radius, world units; use --antialias 16 or more.
     #[arg(long, value_name = "R", requires = "focus")]
     aperture: Option<f32>,
     /// Focus distance, world units.
@@ -58,7 +58,7 @@ impl EffectOptions {
         self.in_light(plan, false)
     }
 
-    /// As [`Self::of`]; `linear`: linear light even without `--linear`.
+    /// Returns `plan` with these effects. `linear`: output linear light even without `--linear`.
     pub fn in_light<'a>(&self, plan: Plan<'a>, linear: bool) -> anyhow::Result<Plan<'a>> {
         let lens = |aperture_radius| ThinLens { aperture_radius, focus_distance: self.focus.unwrap_or(0.0) };
         let effects = Effects {

@@ -45,20 +45,20 @@ pub fn parse_bytes(text: &str) -> Result<u64, String> {
     bytes.ok_or_else(|| "expected a number of bytes above 0, such as 131072, 128k or 1m".into())
 }
 
-/// Replaces a setting by the value of its flag, if given.
+/// Sets the setting `to` to the value of its flag, `from`, if the flag is given.
 pub fn set<T: Clone>(to: &mut T, from: &Option<T>) {
     if let Some(value) = from {
         *to = value.clone();
     }
 }
 
-/// Name of the first of these flags that was given.
+/// Returns the name of the first of `flags` that was given on the command line (`true`); `None` if no flag was.
 pub fn given<const N: usize>(flags: [(&'static str, bool); N]) -> Option<&'static str> {
     flags.into_iter().find(|flag| flag.1).map(|flag| flag.0)
 }
 
 impl TableSettings {
-    /// Replaces the settings of `preset`'s grid. Without a grid, these flags and `more` are refused.
+    /// Overrides the settings of `grid` by these flags. Fails without a grid if one of the flags, or `more`, is given.
     pub fn apply(
         &self,
         grid: Option<&mut TableConfig>,
@@ -102,8 +102,8 @@ impl TableSettings {
     }
 }
 
-/// Memory for each value of a grid's tables, bytes: value, two moments and gradient, and a checkpoint's copy of all
-/// but the gradient, as numbers and as a file.
+/// Memory for each feature in a grid's tables, bytes: feature, two moments of Adam and gradient; for a checkpoint, the
+/// feature and the moments twice more, as numbers and as a file's bytes.
 const BYTES_PER_VALUE: u64 = 40;
 
 /// Refuses tables that do not fit into memory.

@@ -20,19 +20,13 @@ use std::path::PathBuf;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum UpAxis {
-    /// +X.
     X,
-    /// +Y.
     Y,
-    /// +Z.
     Z,
-    /// −X.
     #[value(name = "-x")]
     NegX,
-    /// −Y.
     #[value(name = "-y")]
     NegY,
-    /// −Z.
     #[value(name = "-z")]
     NegZ,
 }
@@ -50,7 +44,7 @@ impl UpAxis {
     }
 }
 
-/// Option for the part of the work that this process does.
+/// Option that selects the part of the work that this process does.
 #[derive(Debug, Args)]
 pub struct ShardOption {
     /// Part I of N of the work [default: from the Slurm or Kubernetes array index].
@@ -59,7 +53,7 @@ pub struct ShardOption {
 }
 
 impl ShardOption {
-    /// Part named by the flag, else the part of an array job, which is reported.
+    /// Returns the part that `--shard` names, else the array job's, which is reported; all of the work without either.
     pub fn choose(&self, global: &Global) -> anyhow::Result<Shard> {
         if let Some(part) = self.shard {
             return Ok(part);
@@ -95,13 +89,13 @@ pub struct Conduct {
 }
 
 impl Conduct {
-    /// Adds the outputs to the claims of the inputs.
+    /// Returns `inputs` with the output file and the report folder added as outputs.
     pub fn claims(&self, inputs: Claims) -> Claims {
         inputs.writes("-o", &self.output).writes_folder("--report", self.report.as_deref())
     }
 
-    /// Checks the options and settles `claims`, with the checkpoint next to the output. Returns the path of the
-    /// checkpoint; `None` if the output is a device.
+    /// Checks the options, adds the checkpoint to `claims`, and settles them. Returns the path of the checkpoint;
+    /// `None` if the output is a device.
     pub fn check(&self, claims: Claims) -> anyhow::Result<Option<PathBuf>> {
         check_max_seconds(self.max_seconds)?;
         // With an infinite interval no checkpoint is written during training.
@@ -127,13 +121,13 @@ impl Conduct {
         Ok(checkpoint)
     }
 
-    /// Snapshots of these steps and validation views for the report; `None` without a report.
+    /// Returns options to render the validation views `views` at `steps` for the report; `None` without a report.
     pub fn snapshots(&self, steps: &[u32], views: &[usize]) -> Option<SnapshotOptions> {
         let folder = self.report.clone()?;
         Some(SnapshotOptions { folder, steps: steps.into(), views: views.into() })
     }
 
-    /// Options of a run of `steps`; a limit in seconds replaces them unless the steps were given by a flag (`asked`).
+    /// Returns the options of a run. With `--max-seconds`, `steps` only end the run if a flag gave them (`asked`).
     pub fn options(
         &self,
         (steps, asked): (u32, bool),

@@ -16,16 +16,16 @@ pub struct QualityOptions {
     /// Samples per ray [default: the scene file's].
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     pub samples: u16,
-    /// Early ray termination: transmittance threshold.
+    /// Early ray termination: transmittance below which a ray ends; 0: never.
     #[arg(long, value_name = "T", default_value_t = Quality::default().transmittance_cut)]
     pub transmittance_cut: f32,
-    /// Evaluate colour once the accumulated weight exceeds this; 0: at every sample.
+    /// Evaluate colour once the weight accumulated since the last evaluation exceeds this; 0: at every sample.
     #[arg(long, value_name = "W", default_value_t = Quality::default().colour_cut)]
     pub colour_cut: f32,
     /// Do not skip empty space.
     #[arg(long)]
     pub no_occupancy: bool,
-    /// Uniform samples instead of the proposal network's.
+    /// Place samples uniformly, without the proposal network.
     #[arg(long)]
     pub no_proposal: bool,
     /// Exact rendering: --no-occupancy --transmittance-cut 0 --colour-cut 0.
@@ -39,7 +39,7 @@ pub struct QualityOptions {
     pub bins: Option<WhichBins>,
 }
 
-/// Range of the samples of a ray, in a scene with bins.
+/// Part of a ray that samples cover, in a scene sampled in bins (not in ray-march steps).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum WhichBins {
     /// Bins between the scene's near and far planes.
@@ -57,7 +57,7 @@ pub fn parse_math(name: &str) -> Result<MathBackend, String> {
 }
 
 impl QualityOptions {
-    /// Plan for the blob in `file`; `default`: sample range without `--bins`.
+    /// Returns the plan of a frame of `blob`, read from `file`. `default`: sample range without `--bins`.
     pub fn plan<'b>(
         &self,
         (blob, file): (&Blob<'b>, &Path),

@@ -8,7 +8,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::path::Path;
 
-/// Settings by their path in the TOML file, which override the file's.
+/// Settings of `--set`; each overrides the setting of the same path in the TOML file.
 #[derive(Debug, Default, Args)]
 pub struct SetOption {
     /// Set anything that `config` prints, such as network.depth=2; may be repeated.
@@ -24,7 +24,7 @@ fn parse_set(text: &str) -> Result<toml::Table, String> {
 }
 
 impl SetOption {
-    /// Overrides `settings` with these values; an error names the first value that does not fit.
+    /// Returns `settings` overridden by the values of `--set`; an error names the first value that does not fit.
     pub fn over<T: Serialize + DeserializeOwned>(&self, settings: T) -> anyhow::Result<T> {
         merged(settings, self.tables.clone()).map_err(|error| match error.downcast_ref::<toml::de::Error>() {
             Some(toml) => anyhow!("--set: {}", input::toml_message("", toml)),
@@ -37,9 +37,9 @@ impl SetOption {
     }
 }
 
-/// The preset adapted to `surroundings`, overridden by the TOML file's values and then by those of `set`.
+/// Returns the preset adapted to `surroundings`, overridden by the TOML file's values and then by the values of `set`.
 ///
-/// If file or `set` turns the hull off, or gives a contraction or a box, all other settings default accordingly.
+/// If file or `set` turns the visual hull off, or gives a contraction or a box, the other settings' defaults follow.
 pub fn read_config(
     preset: Preset,
     file: Option<&Path>,

@@ -28,13 +28,13 @@ use std::time::Instant;
 
 /// Render a view or a video of a scene.
 ///
-/// A view is written as PNG, or as EXR if the name says so: floats as they are, colour as linear light (with
-/// --transparent premultiplied, with A), z-depth as Z. The name of a video sets its format: `orbit.gif` a GIF,
-/// `orbit.mp4` an MP4 by an installed ffmpeg, a folder (`frames/`) numbered PNGs. Further outputs get their name
-/// appended: with -o view.png, z-depth goes to view_z_depth.png.
+/// A view is written as PNG, or as EXR if the name ends in .exr: unscaled floats, colour as linear light (with
+/// --transparent premultiplied, alpha in channel A), z-depth in channel Z. The name of a video sets its format:
+/// `orbit.gif` a GIF, `orbit.mp4` an MP4 by an installed ffmpeg, a folder (`frames/`) numbered PNGs. The file name of a
+/// further output ends in the output's name: with -o view.png, z-depth goes to view_z_depth.png.
 ///
-/// The file that -o names is replaced. Files it does not name (further outputs, frames in a folder) are replaced only
-/// if nerf-train made them; otherwise the command is refused.
+/// The file that -o names is replaced. Other files (further outputs, frames in a folder) are replaced only if
+/// nerf-train made them; otherwise the command is refused.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train render lego.nerf -o view.png --data lego_200x200.npz --split val --view 3 --outputs rgb,z-depth
@@ -61,10 +61,10 @@ pub struct Render {
     /// Data set whose cameras --view or --keyframes selects.
     #[arg(long, value_name = "DATA", groups = ["what", "dataset"])]
     data: Option<PathBuf>,
-    /// Video along a camera path (nerfstudio .json), or the poses of a data set.
+    /// Video along a camera path (nerfstudio .json), or through the cameras of a data set's split.
     #[arg(long, value_name = "DATA", groups = ["what", "dataset"])]
     path: Option<PathBuf>,
-    /// Split [default: val with --data, test with --path].
+    /// Split of --data or --path [default: val with --data, test with --path].
     #[arg(long, value_enum, requires = "dataset")]
     split: Option<Split>,
     /// View index in the split, from 0.
@@ -73,7 +73,7 @@ pub struct Render {
     /// Video interpolated through these views of --data.
     #[arg(long, value_name = "I,J,…", value_delimiter = ',', requires = "data", conflicts_with = "view")]
     keyframes: Vec<usize>,
-    /// Frames of an interpolated video [default: 120]; also with --path FILE.json.
+    /// Frames of a video along --keyframes [default: 120] or --path FILE.json [default: the file's].
     #[arg(long, value_name = "N")]
     frames: Option<usize>,
     /// Orbit video with this many frames; swings back and forth if the photographs show only one side.
@@ -100,7 +100,7 @@ pub struct Render {
     /// Focal length, pixels [default: the view's, or 40° across the width; 40° vertically for a path without `fov`].
     #[arg(long, value_name = "F")]
     focal: Option<f32>,
-    /// Outputs.
+    /// Outputs to render.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "rgb")]
     outputs: Vec<Output>,
     /// Background: white, #RRGGBB or R,G,B [default: the scene file's].
@@ -125,10 +125,10 @@ pub struct Render {
     data_options: DataOptions,
 }
 
-/// Memory per pixel of a frame, bytes: the frame's values, and those of its tile.
+/// Memory per pixel of a frame, bytes: values of the frame, and values of the tile while it is rendered.
 const BYTES_PER_PIXEL: u64 = 40 + 60;
-/// Memory per pixel for each output, bytes: colour as f32 and as bytes, twice, and the encoded file; a video buffers
-/// two frames per thread.
+/// Memory per pixel for each output, bytes: the encoded file, and the colour as f32 and as bytes, counted twice because
+/// a video buffers two frames per thread.
 const BYTES_PER_OUTPUT: u64 = 2 * (12 + 4) + 8;
 
 impl Render {
@@ -189,7 +189,7 @@ impl Render {
         self.effects.in_light(plan, target::is_exr(self))
     }
 
-    /// Colour range of each distance output, common to all frames of a video.
+    /// Returns the range of each distance output over all frames of a video, world units; empty for a single view.
     fn ranges(
         &self,
         renderer: &Renderer<'_>,
@@ -221,8 +221,8 @@ impl Render {
         }
     }
 
-    /// Fails if memory cannot hold a frame and its files, and the distances from which a video's colour ranges are
-    /// found.
+    /// Fails if memory cannot hold a frame with its encoded outputs, or the coarse frames from which the ranges of a
+    /// video's distances are computed.
     fn check_memory(&self, cameras: &[Camera]) -> anyhow::Result<()> {
         let pixels = |camera: &Camera| {
             let size = camera.intrinsics();

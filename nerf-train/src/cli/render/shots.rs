@@ -17,7 +17,7 @@ use std::path::Path;
 
 const NO_FRAMES: &str =
     "--frames: expected with --keyframes, or with --path and a camera path, found neither";
-/// Field of view if nothing else sets it, degrees.
+/// Default field of view, degrees.
 const DEFAULT_FOV_DEGREES: f32 = 40.0;
 /// Largest number of frames of a video: half a day at 20 per second.
 const MAX_FRAMES: usize = 1_000_000;
@@ -76,7 +76,7 @@ pub(super) fn shots(render: &Render, blob: &Blob<'_>, global: &Global) -> anyhow
     Ok(vec![camera].into())
 }
 
-/// Horizontal field of view of a picture `width` pixels wide, as set by the flags, degrees.
+/// Returns the horizontal field of view of an image `width` pixels wide, degrees: by `--focal`, or the default.
 fn fov_across(render: &Render, width: u32) -> anyhow::Result<f32> {
     match render.focal {
         Some(focal) if focal > 0.0 => Ok(2.0 * (0.5 * width as f32 / focal).atan().to_degrees()),
@@ -85,7 +85,7 @@ fn fov_across(render: &Render, width: u32) -> anyhow::Result<f32> {
     }
 }
 
-/// Orbit around a scene, as set by the flags.
+/// Returns the orbit around a scene, with `--up`, `--elevation` and `--radius` in place of its defaults.
 fn around(render: &Render, scene: &SceneFacts) -> Orbit {
     let orbit = Orbit::of(scene, render.up.map(UpAxis::direction));
     Orbit {
@@ -95,7 +95,7 @@ fn around(render: &Render, scene: &SceneFacts) -> Orbit {
     }
 }
 
-/// Cameras of a camera path; the flags, or else the path, set the size of the pictures.
+/// Returns the cameras of a camera path. The flags, or else the path, set the size of the images.
 fn along(render: &Render, path: &CameraPath) -> anyhow::Result<Vec<Camera>> {
     let size = size_of(render, path.size.unwrap_or((400, 400)));
     let key = |of: &PathCamera| Keyframe {
@@ -111,7 +111,7 @@ fn along(render: &Render, path: &CameraPath) -> anyhow::Result<Vec<Camera>> {
     of_keys(render, keys, size).context("--path")
 }
 
-/// Cameras of a flight through views of a data set; the flags, or else the first view, set the size.
+/// Returns cameras along a path through the views `--keyframes`. The flags, or else the first view, set the image size.
 fn through(render: &Render, data: &Path, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Vec<Camera>> {
     let frames = render.frames.unwrap_or(120);
     check_frames("--frames", frames)?;
@@ -128,7 +128,7 @@ fn through(render: &Render, data: &Path, blob: &Blob<'_>, global: &Global) -> an
     of_keys(render, flight(&keys, frames), size_for(render, &cameras[0])).context("--keyframes")
 }
 
-/// Cameras without distortion, with the focal length of `--focal` or with their own fields of view.
+/// Returns the keyframes' cameras, undistorted, with the focal length `--focal` or each keyframe's field of view.
 fn of_keys(render: &Render, keys: Vec<Keyframe>, (width, height): (u32, u32)) -> anyhow::Result<Vec<Camera>> {
     let camera = |key: Keyframe| {
         let focal = render.focal.unwrap_or(focal_of(height, key.fov_degrees));
@@ -137,7 +137,7 @@ fn of_keys(render: &Render, keys: Vec<Keyframe>, (width, height): (u32, u32)) ->
     Ok(keys.into_iter().map(camera).collect::<Result<_, _>>()?)
 }
 
-/// All cameras of a split, in order; frames of a video have one size: that of the first camera.
+/// Returns all cameras of a split, in order. The flags, or else the first camera, set the image size of all.
 fn path_of(render: &Render, data: &Path, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Vec<Camera>> {
     let dataset = render.data_options.read_for(data, (blob, &render.file), global)?;
     let split = render.split.unwrap_or(Split::Test);
@@ -156,14 +156,14 @@ fn path_of(render: &Render, data: &Path, blob: &Blob<'_>, global: &Global) -> an
     Ok(cameras.iter().map(|camera| resized(render, camera, size)).collect::<Result<_, _>>()?)
 }
 
-/// Camera of a view, scaled to the size that the flags set.
+/// Returns the camera of `--view`, scaled to the image size that the flags set.
 fn view_of(render: &Render, data: &Path, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Camera> {
     let dataset = render.data_options.read_for(data, (blob, &render.file), global)?;
     let camera = render.split.unwrap_or(Split::Val).camera("--view", &dataset, render.view)?;
     Ok(resized(render, &camera, size_for(render, &camera))?)
 }
 
-/// Width and height that the flags set, pixels; a missing one follows from the camera's proportions.
+/// Returns the width and height that the flags set, pixels; a side without flag follows from the camera's image.
 fn size_for(render: &Render, camera: &Camera) -> (u32, u32) {
     let size = camera.intrinsics();
     size_of(render, (size.width, size.height))
@@ -195,7 +195,7 @@ fn check_frames(flag: &str, frames: usize) -> anyhow::Result<()> {
     }
 }
 
-/// Camera from the upper three rows of a camera-to-world matrix; `fov_degrees`: horizontal field of view.
+/// Returns a camera. `rows`: upper three rows of its camera-to-world matrix; `fov_degrees`: horizontal field of view.
 fn posed(
     rows: &[f64; 12],
     origin: [f64; 3],
@@ -208,7 +208,7 @@ fn posed(
     Camera::new(intrinsics, Lens::NONE, Pose::from_rows([row(0), row(1), row(2)]))
 }
 
-/// Focal length for a field of view across `side` pixels, pixels.
+/// Returns the focal length, pixels, for a field of view across `side` pixels.
 fn focal_of(side: u32, fov_degrees: f32) -> f32 {
     0.5 * side as f32 / (0.5 * fov_degrees.to_radians()).tan()
 }

@@ -1,4 +1,4 @@
-//! Outputs of a rendering: a picture, a video, or a folder of numbered pictures.
+//! Outputs of a rendering: an image, a video, or a folder of numbered images.
 
 use super::Render;
 use crate::cli::common::Global;
@@ -14,14 +14,14 @@ use std::path::{Path, PathBuf};
 
 pub(super) enum Target {
     Still,
-    /// A GIF, or an MP4 with an ffmpeg.
+    /// A video: a GIF if `None`, else an MP4 that this ffmpeg encodes.
     Film(Option<Ffmpeg>),
     /// A folder of `frame_0000.png`, `frame_0001.png`, ….
     Frames,
 }
 
 impl Target {
-    /// Message about the files that remain after a signal; `output`: path of `-o`.
+    /// Returns the text that says which images are left after a signal. `output`: path of `-o`.
     pub(super) fn left(&self, output: &Path) -> String {
         match self {
             Self::Still => "no picture is written".to_owned(),
@@ -35,12 +35,12 @@ pub(super) fn is_sequence(render: &Render) -> bool {
     render.orbit.is_some() || render.path.is_some() || !render.keyframes.is_empty()
 }
 
-/// Whether an EXR is written: its colour is linear light.
+/// Whether the output is an EXR file, whose colour is linear light.
 pub(super) fn is_exr(render: &Render) -> bool {
     !is_sequence(render) && view::is_exr(&render.output)
 }
 
-/// Kind of output that `-o` names. Fails if it cannot be written, before any work is done.
+/// Returns the kind of output that `-o` names. Fails if the flags do not allow that kind or ffmpeg is missing.
 pub(super) fn target(render: &Render) -> anyhow::Result<Target> {
     let name = render.output.display();
     let extension = places::extension(&render.output);
@@ -84,7 +84,7 @@ fn find_ffmpeg(render: &Render) -> anyhow::Result<Ffmpeg> {
     })
 }
 
-/// Path of an output: `-o` for the first output, that name with a suffix for any other.
+/// Returns the path of an output: `-o` for the first output, `-o` with the output's suffix for any other.
 fn place_of(render: &Render, output: Output) -> PathBuf {
     if render.outputs().first() == Some(&output) {
         return render.output.clone();
@@ -115,7 +115,7 @@ pub(super) fn claims(render: &Render, target: &Target) -> Claims {
     })
 }
 
-/// Frames that this process renders: its shard of a folder of frames, all of any other output.
+/// Returns this process's shard of the frames, for a folder of frames; the whole for any other output.
 pub(super) fn part(render: &Render, target: &Target, global: &Global) -> anyhow::Result<Shard> {
     match target {
         Target::Frames => render.shard.choose(global),
@@ -126,7 +126,7 @@ pub(super) fn part(render: &Render, target: &Target, global: &Global) -> anyhow:
     }
 }
 
-/// Writer for an output; `range`: colour range of a distance, world units.
+/// Returns a writer for `output`. `range`: distances at the two ends of the colour map, world units.
 pub(super) fn writer(
     render: &Render,
     target: &Target,

@@ -1,10 +1,10 @@
-//! Protection of inputs: all paths that a command reads and writes are compared before it does either.
+//! Protection of inputs: all paths that a command will read or write are compared before it reads or writes.
 //!
 //! Files are compared by their identity in the file system (device and inode on Unix, the canonical path elsewhere),
 //! which sees through links, relative paths and names that differ in case only. A data set named by a folder is read as
-//! a whole: nothing is written into the folder. For a data set named by a file, that file, the lists next to it and the
-//! pictures that the lists name are protected. A folder of results holds no input that looks like a result. Devices and
-//! pipes such as `/dev/null` may be input and output.
+//! a whole: nothing is written into the folder. For a data set named by a file, that file, the lists of views next to
+//! it and the images that the lists name are protected. A folder of results must not hold an input with the extension
+//! of a result. Devices and pipes such as `/dev/null` may be input and output.
 
 use super::mark::was_made_here;
 use super::{Attempt, OutputError, ensure_folder, folder_of};
@@ -28,12 +28,12 @@ pub struct ClaimError {
     found: String,
 }
 
-/// Treatment of a file that exists already.
+/// Treatment of an output file that exists already.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Existing {
     /// A file that the caller named: replaced.
     Replace,
-    /// A file whose name was derived: replaced if this program made it, else refused.
+    /// A file whose name was derived from another: replaced if this program made the file, else refused.
     ReplaceOwn,
     /// Refused, for this reason and with this advice.
     Refuse(&'static str),
@@ -75,7 +75,7 @@ enum Identity {
 }
 
 impl Identity {
-    /// Identity of an existing file or folder; `None` also for devices and pipes, where writing destroys nothing.
+    /// Returns the identity of a file or folder; `None` if none exists, or for a device or pipe: no write destroys it.
     fn of(path: &Path) -> Option<Self> {
         let metadata = fs::metadata(path).ok().filter(|found| found.is_file() || found.is_dir())?;
         #[cfg(unix)]
@@ -97,7 +97,7 @@ pub fn is_device(path: &Path) -> bool {
 }
 
 impl Claims {
-    /// Adds an input, if there is one: a file, or a folder with all its contents; `what` names it in errors. A
+    /// Adds the input `path`, if given: a file, or a folder with all its contents. `what`: its name in errors. A
     /// missing file is ignored: reading it reports the error.
     pub fn reads<'p, P: AsRef<Path> + ?Sized + 'p>(
         mut self,
@@ -121,7 +121,7 @@ impl Claims {
         self.output(what, path, Kind::File(existing))
     }
 
-    /// Adds the report in the folder that `flag` names as an output, if the flag was given.
+    /// Adds `folder`, given by the flag `flag`, as a folder of results to write; `None` adds nothing.
     pub fn writes_folder<'p, P: AsRef<Path> + ?Sized + 'p>(
         self,
         flag: &str,
@@ -133,7 +133,7 @@ impl Claims {
         }
     }
 
-    /// Adds `frame_0000.png`, `frame_0001.png` and so on, in the folder that `flag` names, as outputs.
+    /// Adds `frame_0000.png`, `frame_0001.png`, …, in `folder`, given by the flag `flag`, as outputs.
     pub fn writes_frames(self, flag: &str, folder: &Path) -> Self {
         self.output(flag, folder, Kind::Frames)
     }
@@ -143,7 +143,7 @@ impl Claims {
         self
     }
 
-    /// Compares all outputs with all inputs and with each other; creates nothing.
+    /// Refuses an output that is an input, lies in one, or is named twice; creates nothing.
     pub fn check(&self) -> Result<(), ClaimError> {
         let mut taken: HashMap<Identity, &str> = HashMap::new();
         for output in &self.outputs {
@@ -164,7 +164,7 @@ impl Claims {
     /// [`check`](Self::check), then creates the folders of all outputs and tests that files can be written there.
     ///
     /// # Errors
-    /// [`ClaimError`]; nothing is created if an output is refused by comparison or by name.
+    /// [`ClaimError`]; nothing is created if `check` refuses an output.
     pub fn settle(&self) -> Result<(), ClaimError> {
         self.check()?;
         let mut tried = BTreeSet::new();
@@ -219,7 +219,7 @@ impl Claims {
         self.inputs.get(&Identity::of(path)?)
     }
 
-    /// Refuses a path that is an input or inside one: checks the folders above it and, for a link, above its target.
+    /// Refuses a path that is an input or lies in an input folder; for a link, checks the link and its target.
     fn check_place(&self, path: &Path) -> Result<(), String> {
         let (place, shown_path) = (resolved(path), path.display());
         let above = resolved(folder_of(path));
@@ -238,7 +238,7 @@ impl Claims {
     }
 }
 
-/// Refuses folders, and names that are too long.
+/// Refuses the path of a folder, and names that are too long.
 fn check_name(path: &Path) -> Result<(), String> {
     let shown = path.display();
     let ends_in_slash =
@@ -274,7 +274,7 @@ fn check_existing(path: &Path, existing: Existing) -> Result<(), String> {
     Err(format!("{} is there already{why}", path.display()))
 }
 
-/// `path` with links, `.` and `..` resolved, as far as it exists; the rest is kept literally.
+/// Returns `path` with links, `.` and `..` resolved; components that do not exist are kept literally.
 fn resolved(path: &Path) -> PathBuf {
     let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     let mut real = PathBuf::new();

@@ -1,4 +1,4 @@
-//! Mark by which a picture or film of this program is recognised.
+//! Mark by which an image or a video that this program made is recognised.
 //!
 //! A PNG holds the mark as a comment (tEXt), a GIF in a comment extension, an MP4 in its metadata, an EXR in its
 //! attribute `comments`.
@@ -9,7 +9,7 @@ use std::path::Path;
 
 pub const MARK: &str = "made by nerf-train";
 
-/// Number of bytes that are searched: an MP4's index is at the beginning, with the comment at the index's end.
+/// Number of bytes searched for the mark, from a file's start: an MP4 has its index there, with comments at the end.
 const SEARCHED_BYTES: u64 = 16 << 20;
 
 pub fn was_made_here(path: &Path) -> bool {

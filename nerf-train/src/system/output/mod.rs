@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use tempfile::NamedTempFile;
 
-/// Size of write buffers, bytes: large, as pictures and blobs are written in small parts.
+/// Size of write buffers, bytes: large, as images and scene files are written in small parts.
 const BUFFER_BYTES: usize = 1 << 16;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -230,12 +230,12 @@ pub fn write_new(path: impl AsRef<Path>, bytes: &[u8]) -> Result<bool, OutputErr
     }
 }
 
-/// Whether this error may mean a file system without links: link(2) gives EPERM, other systems EINVAL or ENOSYS.
+/// Whether the error may mean a file system without hard links: link(2) gives EPERM, other systems EINVAL or ENOSYS.
 fn cannot_link(kind: io::ErrorKind) -> bool {
     matches!(kind, io::ErrorKind::Unsupported | io::ErrorKind::InvalidInput | io::ErrorKind::PermissionDenied)
 }
 
-/// Creates the folder with its parents, and makes sure now that files can be written there.
+/// Creates the folder with its parents, and tests that files can be written there.
 ///
 /// Called before long work, so that an hour of training does not end in "permission denied".
 ///
@@ -253,7 +253,7 @@ pub fn ensure_folder(path: impl AsRef<Path>) -> Result<(), OutputError> {
     probe().map_err(|e| OutputError::new(Attempt::ProbeFolder, path, e))
 }
 
-/// The folder a file lies in; "." for a bare name.
+/// Returns the folder that a file lies in; "." for a bare name.
 fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -263,7 +263,7 @@ fn folder_of(path: &Path) -> &Path {
 
 static TEMPORARIES: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
-/// Entry of a temporary in the list; removed when dropped, after the file was renamed or removed.
+/// Entry of a temporary in [`TEMPORARIES`]; removes the entry when dropped, after the file was renamed or removed.
 #[derive(Debug)]
 struct Listed(PathBuf);
 
