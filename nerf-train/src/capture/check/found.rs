@@ -12,7 +12,7 @@ use crate::data::{Dataset, View};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
-/// Number of photographs below which all are fitted, even if some contradict the rest.
+/// Smallest number of photographs in a capture from which contradictory photographs are left out of training.
 const ENOUGH: usize = 10;
 /// Limits for a wrong pose: smallest number of key points that contradict the pose, and ratio to agreeing key points.
 const MISPLACED: (usize, usize) = (10, 2);
@@ -43,7 +43,7 @@ pub(super) struct Found<'v> {
     pub pairs: Vec<Pair>,
     /// Number of photographs that are part of a compared pair.
     judged: usize,
-    /// Photographs whose key points contradict their pose.
+    /// Indices of the photographs whose key points contradict their pose.
     misplaced: Vec<usize>,
     pub groups: Vec<Vec<usize>>,
     reason: Option<Reason>,

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Fraction of differing patches at which a pair of photographs is neutral, neither for nor against its two poses.
 const UNDECIDED: f32 = 0.35;
-/// Inverse of the fraction of photographs that may be left out if they contradict the rest.
+/// Inverse of the fraction of photographs that may be left out for contradicting the other photographs.
 const FEW: usize = 10;
 /// Number of contradicting pairs needed to leave out a photograph, or to separate two groups.
 const CERTAIN: usize = 3;
@@ -17,7 +17,7 @@ const TORN: f32 = 0.1;
 pub(super) struct Groups {
     /// Indices of the photographs of each group; one group if no photographs contradict each other.
     pub groups: Vec<Vec<usize>>,
-    /// Indices of the few photographs that contradict the others.
+    /// Indices of the few photographs that contradict the other photographs.
     pub outliers: Vec<usize>,
 }
 

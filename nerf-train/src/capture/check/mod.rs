@@ -32,7 +32,7 @@ pub struct Diagnosis {
     pub folded: Option<bool>,
     /// Groups of photographs whose poses can all be right, the largest first; empty if all photographs are one group.
     pub groups: Vec<Vec<String>>,
-    /// The few photographs that contradict the others and are not trained on.
+    /// The few photographs that contradict the other photographs and are left out of training.
     pub contradicting: Vec<String>,
     pub compared_pairs: usize,
     pub contradicting_pairs: usize,
@@ -116,7 +116,7 @@ impl Diagnosis {
         }
     }
 
-    /// Removes the training photographs that contradict the rest. With a `group`, counted from 1, also removes all
+    /// Removes the training photographs in `contradicting`. With a `group`, counted from 1, also removes all
     /// photographs outside that group, including held-out ones.
     /// On an error, the data set is unchanged.
     pub fn select(&self, dataset: &mut Dataset, group: Option<usize>) -> anyhow::Result<()> {

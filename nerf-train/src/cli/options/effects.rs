@@ -26,7 +26,7 @@ pub struct EffectOptions {
     /// Focus distance, world units.
     #[arg(long, value_name = "T", requires = "aperture")]
     focus: Option<f32>,
-    /// Exposure, stops.
+    /// Exposure, stops: multiplies linear light by 2^STOPS.
     #[arg(
         long,
         value_name = "STOPS",
@@ -35,7 +35,7 @@ pub struct EffectOptions {
         allow_hyphen_values = true
     )]
     exposure: f32,
-    /// Tone curve.
+    /// Tone curve applied to linear light.
     #[arg(long, value_enum, value_name = "NAME", default_value = "none")]
     tone_map: ToneMap,
     /// Write linear light instead of sRGB; PNG and video are clipped at 1.
