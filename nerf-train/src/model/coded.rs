@@ -1,23 +1,25 @@
-//! Coded tables: quantisation steps, coded bytes, and entries that no sample reads.
+//! Entropy-coded tables of a grid: quantisation steps, coding, and zeros for the entries that no sample reads.
 
 use crate::model::quantise::{levels, scale_of, steps};
 use nerf_core::blob::encode_tables;
 use nerf_core::encoding::GridEncoding;
 
-/// Number of candidate step sizes per octave.
+/// Number of candidate quantisation steps between a step and its double.
 const TO_AN_OCTAVE: i32 = 16;
-/// Default step size of the largest level, in 1/16 octaves from the values' root mean square: 4.6 bits a value.
+/// Largest level's step if there is no limit of bytes: 2^(`OWN` / 16) = 2^−2.75 times the root mean square of all
+/// values, with which a value takes 4.6 bits.
 const OWN: i32 = -11 * TO_AN_OCTAVE / 4;
-/// Finest and coarsest candidate step size, in 1/16 octaves; with [`COARSEST`] every value becomes 0.
+/// Finest and coarsest candidate step as binary logarithms, in sixteenths; with [`COARSEST`] every value becomes 0.
 const FINEST: i32 = -8 * TO_AN_OCTAVE;
 const COARSEST: i32 = 24 * TO_AN_OCTAVE;
-/// Exponent by which a level's step grows with its number of values. Bytes and squared error alone suggest 1/2; lego
-/// in 95 KB has 30.20 dB with 0, 30.22 with 1/4, 30.19 with 1/2.
+/// Exponent `p`: a level's step is proportional to (number of its values)^p. The least squared error at a given size
+/// suggests 1/2; the scene lego in 95 KB has a PSNR of 30.20 dB with 0, 30.22 dB with 1/4, 30.19 dB with 1/2.
 const POWER: f32 = 0.25;
-/// Most vertices per entry of a level that is searched for unread entries; with more, hardly any entry is unread.
+/// Largest number of vertices per entry of a level in which unread entries are searched for; beyond, few are unread.
 const SHARED: usize = 8;
 
-/// Quantisation step of each level: that of int8, or as much coarser as coded tables need to fit into `most_bytes`.
+/// Returns the quantisation step of each level, at least that of int8: the finest with which the coded tables take at
+/// most `most_bytes`, or a default if `most_bytes` is `None`.
 pub(super) fn scales(grid: &GridEncoding, values: &[f32], most_bytes: Option<usize>) -> Vec<f32> {
     let finest: Vec<f32> = levels(grid, values).map(scale_of).collect();
     let squares: f64 = values.iter().map(|&value| f64::from(value).powi(2)).sum();
@@ -38,7 +40,7 @@ pub(super) fn scales(grid: &GridEncoding, values: &[f32], most_bytes: Option<usi
     }
 }
 
-/// Least number from `least` to [`COARSEST`] that `fits`, by bisection; [`COARSEST`] if none does.
+/// Returns the least number from `least` to [`COARSEST`] that `fits`, by bisection; [`COARSEST`] if none does.
 fn finest_within(least: i32, fits: impl Fn(i32) -> bool) -> i32 {
     let (mut low, mut high) = (least, COARSEST);
     while low < high {
@@ -52,7 +54,7 @@ fn finest_within(least: i32, fits: impl Fn(i32) -> bool) -> i32 {
     high
 }
 
-/// Rounds values to signed bytes, in steps of their level's scale.
+/// Returns each value as a signed byte: the value divided by its level's quantisation step in `scales`, rounded.
 pub(super) fn rounded(grid: &GridEncoding, values: &[f32], scales: &[f32]) -> Vec<u8> {
     let of_level = |(values, &scale): (_, &f32)| {
         <[f32]>::iter(values).map(move |&value| steps(value, scale) as i8 as u8)
@@ -60,8 +62,8 @@ pub(super) fn rounded(grid: &GridEncoding, values: &[f32], scales: &[f32]) -> Ve
     levels(grid, values).zip(scales).flat_map(of_level).collect()
 }
 
-/// Codes `values` with the `given` scales or, if the result takes more than `most_bytes`, with coarser ones. Returns
-/// bytes and scales.
+/// Entropy-codes `values` with the `given` quantisation steps or, if the bytes exceed `most_bytes`, with larger ones.
+/// Returns bytes and steps.
 pub(super) fn coded(
     grid: &GridEncoding,
     values: &[f32],
@@ -77,7 +79,7 @@ pub(super) fn coded(
     (bytes(&scales), scales)
 }
 
-/// Entropy-codes the signed bytes of a grid.
+/// Entropy-codes the tables of a grid, one signed byte per value.
 fn encoded(grid: &GridEncoding, values: &[u8]) -> Vec<u8> {
     let mut symbols = vec![[0; 2]; 2 * values.len()];
     // Two symbols a value, of at most 15 bits each.
@@ -85,7 +87,7 @@ fn encoded(grid: &GridEncoding, values: &[u8]) -> Vec<u8> {
     encode_tables(grid, values, &mut symbols, &mut out).expect("room for all values of the grid").to_vec()
 }
 
-/// Returns `values` with 0 in the entries that no sample in an occupied cell reads.
+/// Returns `values` with 0 in the table entries that no sample in an occupied cell reads. `bits`: occupancy grid.
 pub(super) fn without_unread(
     grid: &GridEncoding,
     values: &[f32],

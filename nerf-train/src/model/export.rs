@@ -1,4 +1,4 @@
-//! Writes trained parameters as a blob.
+//! Export of trained parameters as a blob.
 
 use crate::model::coded::without_unread;
 use crate::model::config::TableConfig;
@@ -15,7 +15,7 @@ pub struct Contents<'a> {
     pub parameters: &'a [f32],
     pub tables: Tables<'a>,
     pub content: Content,
-    /// Resolution and bits of the occupancy grid.
+    /// Resolution of the occupancy grid, and its bits, one per cell.
     pub occupancy: Option<([u16; 3], &'a [u8])>,
     pub provenance: Provenance<'a>,
 }
@@ -26,14 +26,15 @@ pub enum Tables<'a> {
     Values {
         values: &'a [f32],
         rounding: Rounding,
-        /// Size of a quantisation step for each level, if known; else empty.
+        /// Quantisation step of each level, if known; else empty.
         scales: &'a [f32],
     },
     Stored(StoredTables<'a>),
 }
 
 impl<'a> Tables<'a> {
-    /// Trained `values` of a grid with these settings; int8 and coded values are rounded to multiples of `scales`.
+    /// Returns the trained `values` of a grid with these settings, to store int8 and coded ones as multiples of
+    /// `scales`.
     pub fn of(grid: Option<&TableConfig>, values: &'a [f32], scales: &'a [f32]) -> Self {
         grid.map_or(Self::None, |grid| Self::Values { values, rounding: grid.rounding(), scales })
     }
@@ -42,17 +43,17 @@ impl<'a> Tables<'a> {
 /// Coarse network of a scene, exported as its proposal network.
 #[derive(Clone, Copy, Debug)]
 pub struct Coarse<'a> {
-    /// Architecture; of its heads only the density is used.
+    /// Architecture, of whose heads only the density head is exported.
     pub architecture: &'a Architecture,
     pub parameters: &'a [f32],
     pub samples: u16,
 }
 
-/// Exported blob, and the number of weights that lost digits.
+/// Exported blob, and the number of weights that lost precision.
 #[derive(Clone, Debug)]
 pub struct Exported {
     pub bytes: Vec<u8>,
-    /// Number of weights that became f16 subnormals, which have fewer digits.
+    /// Number of weights that became f16 subnormals, which have fewer significant digits.
     pub subnormal_weights: usize,
 }
 
@@ -80,7 +81,7 @@ pub fn export(contents: &Contents<'_>) -> Result<Exported, ExportError> {
     export_with(contents, None)
 }
 
-/// Does [`export`], with the densities of a coarse network as the scene's proposal.
+/// Does [`export`], with a coarse network as the scene's proposal network.
 pub fn export_with(contents: &Contents<'_>, coarse: Option<&Coarse<'_>>) -> Result<Exported, ExportError> {
     let layers = contents.architecture.layers();
     let mut rounded = Rounded::default();
@@ -140,7 +141,7 @@ struct Rounded {
 }
 
 impl Rounded {
-    /// Appends the layers' parameters; fails at the first that does not fit.
+    /// Appends the layers' parameters as f16; the error names layer, index and value of the first that is beyond f16.
     fn round(&mut self, layers: &[Layer], parameters: &[f32]) -> Result<(), (Role, usize, f32)> {
         self.weights.reserve(2 * parameters.len());
         for layer in layers {

@@ -1,4 +1,4 @@
-//! Densities of a network at many points, on all cores.
+//! Densities of a network at many points, evaluated on all cores.
 
 use nerf_core::encoding::{GridTables, TableValues};
 use nerf_core::math::MathBackend;
@@ -8,8 +8,8 @@ use nerf_core::simd::{BLOCK, Isa};
 use nerf_core::space::SceneBox;
 use rayon::prelude::*;
 
-/// sigma, 1/world unit, at each of `points`. `parameters`: in the architecture's order, followed by the values of its
-/// grid over `bounds`, if it has one.
+/// Returns sigma, 1/world unit, at each of `points`. `parameters`: in the architecture's order, followed by the values
+/// of its grid over `bounds`, if it has one.
 ///
 /// # Panics
 /// If the parameters do not fit the architecture.

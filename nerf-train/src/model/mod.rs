@@ -1,5 +1,4 @@
-//! Models that are trained: settings, layers and tables, the engines that compute with them, and the export to a
-//! blob.
+//! Models and their training: settings, layers and tables, the engines that compute gradients, and export to a blob.
 
 pub mod coded;
 pub mod config;

@@ -1,4 +1,4 @@
-//! Storage of a grid's tables in a file.
+//! Storage of a grid's tables in a file: f16, int8, or entropy-coded.
 
 use super::coded;
 use half::f16;
@@ -7,22 +7,22 @@ use nerf_core::encoding::{GridEncoding, GridLevel};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-/// Storage of the values of a grid's tables.
+/// Storage of the values of a grid's tables in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum TableStorage {
     /// Two bytes per value.
     F16,
-    /// One byte per value and one scale per level: half the size.
+    /// One byte per value and one quantisation step per level: half the size of f16.
     Int8,
-    /// Bytes as in int8 but in coarser steps, entropy-coded; a host decodes them into memory when it opens the file.
+    /// Entropy-coded bytes, of coarser steps than int8's; a host decodes them into memory when it opens the file.
     Coded,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rounding {
     pub storage: TableStorage,
-    /// Limit of coded tables, bytes, which decides their quantisation steps.
+    /// Largest number of bytes of coded tables, from which their quantisation steps follow.
     pub most_bytes: Option<usize>,
 }
 
@@ -32,12 +32,12 @@ impl From<TableStorage> for Rounding {
     }
 }
 
-/// Fraction of a run after which tables that are exported in int8 or coded are also rounded in training: the rest of
-/// the run compensates for the rounding.
+/// Fraction of a run after which training, too, rounds tables that are exported in int8 or coded: the remaining steps
+/// compensate for the rounding.
 pub(crate) const ROUNDED_FROM: f64 = 0.85;
-/// Fractions of a level's values that candidate scales leave unclipped; the largest magnitudes are clipped.
+/// Fractions of a level's values that candidate steps leave unclipped; the values of largest magnitude are clipped.
 const KEPT: [f64; 3] = [1.0, 0.9999, 0.9995];
-/// Largest magnitude of a quantised int8 value.
+/// Largest magnitude of an int8 value, in quantisation steps.
 pub(crate) const STEPS: f32 = 127.0;
 
 #[derive(Clone, Debug, PartialEq)]
@@ -48,8 +48,8 @@ pub struct Quantised {
 }
 
 impl Quantised {
-    /// Rounds the `values` of all levels of `grid`. In int8 or coded, rounds to steps of the `given` scales, one per
-    /// level or, if `given` is empty, to steps of those of [`scales`].
+    /// Rounds the `values` of all levels of `grid`. In int8 or coded, rounds to multiples of the `given` steps, one per
+    /// level or, if `given` is empty, of the steps that [`scales`] returns.
     ///
     /// # Errors
     /// Index and value of the first value that is not finite or beyond ±65504, f16's largest.
@@ -122,8 +122,8 @@ pub(super) fn levels<'v>(grid: &GridEncoding, values: &'v [f32]) -> impl Iterato
     grid.levels().map(move |level| &values[level.first * features..][..level.entries * features])
 }
 
-/// Step size of each level. In int8: by `scale_of`, with the least squared error of rounding and clipping. Coded:
-/// steps with which the tables fit the number of bytes.
+/// Returns the quantisation step of each level: in int8, that of least squared error (`scale_of`); coded, steps with
+/// which the tables fit the limit of bytes.
 pub fn scales(grid: &GridEncoding, values: &[f32], rounding: Rounding) -> Vec<f32> {
     match rounding.storage {
         TableStorage::Coded => coded::scales(grid, values, rounding.most_bytes),
@@ -131,16 +131,16 @@ pub fn scales(grid: &GridEncoding, values: &[f32], rounding: Rounding) -> Vec<f3
     }
 }
 
-/// `value` in steps of `scale`, rounded and clipped.
+/// Returns `value` in steps of `scale`, rounded to a whole number and clipped to ±127.
 pub(super) fn steps(value: f32, scale: f32) -> f32 {
     (value / scale).round_ties_even().clamp(-STEPS, STEPS)
 }
 
-/// Scale with the least squared error of rounding and clipping a level's values, of those that keep one of the
-/// fractions [`KEPT`] unclipped.
+/// Returns the quantisation step with the least squared error of rounding and clipping a level's values. A candidate
+/// step leaves one of the fractions [`KEPT`] of the values unclipped.
 ///
-/// A few entries are often many times as large as the rest, which then have few steps left: on fitted scenes clipping
-/// the large ones costs less error.
+/// A few entries are often many times as large as all others, which then have few steps left: on fitted scenes,
+/// clipping the large entries costs less error.
 pub(super) fn scale_of(values: &[f32]) -> f32 {
     let mut magnitudes: Vec<f32> = values.iter().map(|value| value.abs()).collect();
     magnitudes.sort_unstable_by(f32::total_cmp);
@@ -170,7 +170,6 @@ mod tests {
         }
     }
 
-    /// The values that a renderer has of these.
     fn read(grid: &GridEncoding, quantised: &Quantised) -> Vec<f32> {
         values_of(grid, quantised.stored())
     }

@@ -1,4 +1,4 @@
-//! Settings of a run: presets, TOML files and flags end in one [`Config`].
+//! Settings of a run, merged from a preset, a TOML file and flags into one [`Config`].
 
 mod check;
 mod optimiser;
@@ -19,7 +19,7 @@ use nerf_core::encoding::{AngleScale, DirectionEncoding, PositionEncoding, Sinus
 use nerf_core::network::{Architecture, DensityActivation, MAX_COLOUR, MAX_TRUNK, Shading, TrunkLayer};
 use serde::{Deserialize, Serialize};
 
-/// Candidate resolutions of the occupancy grid, cells along the longest side of the scene box.
+/// Candidate resolutions of the occupancy grid: numbers of cells along the longest side of the scene box.
 const OCCUPANCY_RESOLUTIONS: [u16; 5] = [128, 96, 64, 48, 32];
 
 /// Every setting of a run. Fields that a TOML file leaves out keep the preset's value.
@@ -32,7 +32,7 @@ pub struct Config {
     pub engine: EngineKind,
     pub network: NetworkConfig,
     pub sampling: SamplingConfig,
-    /// Occupancy grid, which skips empty space in training and then in the blob.
+    /// Occupancy grid, by which training and rendering skip empty space.
     pub occupancy: OccupancyConfig,
     /// Use of a capture's sparse points, exposures, poses and moving objects; with a grid only.
     pub capture: CaptureConfig,
@@ -46,31 +46,31 @@ pub struct Config {
 pub struct NetworkConfig {
     /// Number of trunk layers; 0 only with a grid: density and colour then read the grid's features.
     pub depth: usize,
-    /// Channels of every trunk layer.
+    /// Number of channels of every trunk layer.
     pub width: usize,
-    /// Trunk layers before the skip connection from the encoded position; 0 for none.
+    /// Number of trunk layers before the skip connection from the encoded position; 0 for none.
     pub skip_after: usize,
-    /// The grid that encodes positions; the sinusoidal encoding if absent.
+    /// Grid that encodes positions; if absent, the encoding is sinusoidal.
     pub grid: Option<TableConfig>,
-    /// Levels of the position's sinusoidal encoding.
+    /// Number of levels (frequencies) of the position's sinusoidal encoding.
     pub position_levels: u8,
-    /// Levels of the direction's sinusoidal encoding; with a grid, the degree of its spherical harmonics. 0 for a
-    /// colour that does not depend on the direction.
+    /// Number of levels (frequencies) of the direction's sinusoidal encoding; with a grid, degree of the direction's
+    /// spherical harmonics. 0 for a colour that does not depend on the direction.
     pub direction_levels: u8,
-    /// Whether a linear layer stands between trunk and colour branch (folded away at export).
+    /// Whether a linear layer is between trunk and colour branch; export folds it into the layer after it.
     pub feature: bool,
-    /// Channels of the colour branch's hidden layer; 0 for none.
+    /// Number of channels of the colour branch's hidden layer; 0 for no hidden layer.
     pub colour_width: usize,
-    /// Activation from raw density to sigma.
+    /// Activation that turns the density head's raw output into sigma.
     pub density: Density,
-    /// `sigma = activation(scale · raw)` in training.
+    /// Factor on the density head's raw output in training: `sigma = activation(density_scale · raw)`.
     pub density_scale: f32,
-    /// Added to the initial density, after scaling. For an exponential density: the logarithm of the optical depth
-    /// along the scene box's longest side at the start.
+    /// Initial value that is added to `density_scale · raw`. For an exponential density: logarithm of the initial
+    /// optical depth along the longest side of the scene box.
     pub density_bias: f32,
 }
 
-/// Activation from raw density to sigma.
+/// Activation that turns the density head's raw output into sigma.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Density {
@@ -78,41 +78,41 @@ pub enum Density {
     Relu,
     /// ln(1 + exp(raw − 1)).
     Softplus,
-    /// exp(raw), up to the core's limit.
+    /// exp(min(raw, 20)).
     Exponential,
 }
 
-/// How rays and samples are drawn.
+/// Settings of the rays and samples of a training step.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SamplingConfig {
-    /// Samples per ray, in equal bins between near and far; with a grid, follows from `steps_across`.
+    /// Number of samples per ray, one in each of equal bins between near and far; with a grid, `steps_across` decides.
     pub samples: u16,
-    /// With a grid: steps of a ray across the longest side of the scene box; in an unbounded scene, across the ball
-    /// that is not contracted.
+    /// Number of ray march steps across the longest side of the scene box or, in an unbounded scene, across the ball
+    /// that is not contracted. With a grid only.
     pub steps_across: u16,
-    /// Random offset of a sample in its bin: none, the whole bin, or a width in world units.
+    /// Random position of a sample in its bin: the middle, anywhere, or at most a width in world units after the start.
     pub jitter: Jitter,
-    /// Rays per step; with `live_samples`, rays of the first step. `rays` times `samples` is at most 2^27.
+    /// Number of rays per step; with `live_samples`, of the first step. `rays` times `samples` is at most 2^27.
     pub rays: usize,
-    /// Samples per step in occupied cells or, with a grid, of large enough weight: decides the number of rays. 0 draws
-    /// exactly `rays`.
+    /// Target for the number of samples per step in occupied cells or, with a grid, of large enough weight, from which
+    /// the number of rays follows. 0: every step has `rays` rays.
     pub live_samples: usize,
-    /// Images per step if rays are drawn image by image; 0 draws over all pixels of all images.
+    /// Number of random images per step, each with an equal number of rays; 0 draws rays from all pixels of all images.
     pub images: usize,
-    /// Composite pictures with alpha over a random colour per ray, so that opacity is learned.
+    /// Whether images with alpha are composited over a random colour per ray, from which the network learns opacity.
     pub random_background: bool,
-    /// Distance at which rays begin, world units; from the data if absent.
+    /// Distance along a ray at which its samples begin, world units; derived from the data if absent.
     pub near: Option<f32>,
-    /// Distance at which rays end, world units; from the data if absent.
+    /// Distance along a ray at which its samples end, world units; derived from the data if absent.
     pub far: Option<f32>,
-    /// Scene box as x0 y0 z0 x1 y1 z1; found from the data if absent. Must be absent with a contraction.
+    /// Scene box as x0 y0 z0 x1 y1 z1, world units; derived from the data if absent. Must be absent with a contraction.
     pub scene_box: Option<[f32; 6]>,
-    /// Power with which steps grow in an unbounded scene, contracted around what the cameras look at: 1, 2 or 4. Absent
-    /// for a scene in a box. With a grid only.
+    /// Power of the growth of march steps outside a ball around what the cameras look at, where an unbounded scene is
+    /// contracted: 1 (uniform in disparity), 2 or 4. Absent for a scene in a box. With a grid only.
     pub contraction: Option<u8>,
-    /// Weight of the distortion loss, which concentrates the weights along a ray; in an unbounded scene only, lengths
-    /// in sides of its cube. 0 for none.
+    /// Weight of the distortion loss, which concentrates the compositing weights along a ray; 0 for none. Unbounded
+    /// scenes only; its distances are in sides of the contracted cube.
     pub distortion: f32,
 }
 
@@ -120,17 +120,17 @@ pub struct SamplingConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CaptureConfig {
-    /// Weight of the depth loss: distances of sparse points along an eighth of the rays; 0 for none.
+    /// Weight of the depth loss on the eighth of the rays that are cast at sparse points of known distance; 0 for none.
     pub depth: f32,
-    /// Whether space that lines of sight to sparse points cross is taken as free.
+    /// Whether cells that lines of sight from cameras to sparse points cross are empty from the start.
     pub free_space: bool,
-    /// Whether each photograph has an exposure gain.
+    /// Whether each photograph has a learned gain for its exposure.
     pub exposure: Exposure,
-    /// Whether poses are refined.
+    /// Whether training refines the photographs' poses; in an unbounded scene only.
     pub poses: PoseRefinement,
-    /// Whether moving objects are left out of the loss.
+    /// Whether pixels that show moving objects are left out of the loss; in an unbounded scene only.
     pub moving: MovingObjects,
-    /// Whether photographs are withheld at the beginning, to choose the weight decay by their error.
+    /// Whether some photographs are withheld from the first steps, so that their error decides the weight decay.
     pub withhold: Withholding,
 }
 
@@ -147,11 +147,11 @@ impl Default for CaptureConfig {
     }
 }
 
-/// Whether each photograph has a gain, which models its exposure and white balance.
+/// Whether each photograph has a learned gain for each colour channel, which models exposure and white balance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Exposure {
-    /// Gains if exposures differ enough; in a box, if withheld photographs contradict the others.
+    /// Gains if exposures differ enough (unbounded scene) or if withheld photographs have a far larger error (box).
     Auto,
     /// Each photograph has its own gain.
     Own,
@@ -159,100 +159,101 @@ pub enum Exposure {
     Shared,
 }
 
-/// Whether the photographs' poses are refined with the field.
+/// Whether the photographs' poses are refined together with the field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PoseRefinement {
-    /// Refined if the given poses are too inaccurate.
+    /// Refined in the first steps if not known to be accurate, and in all steps if the first ones moved the cameras a
+    /// lot.
     Auto,
-    /// Always.
+    /// Always refined.
     Refine,
-    /// Never: the given poses stay.
+    /// Never refined.
     Given,
 }
 
-/// Whether moving objects are left out of the loss.
+/// Whether pixels that show moving objects are left out of the loss.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MovingObjects {
-    /// If moving objects are found.
+    /// Pixels are left out where a moving object is found.
     Auto,
-    /// No search for moving objects.
+    /// No search for moving objects: all pixels are in the loss.
     Off,
 }
 
-/// Whether photographs are withheld at the beginning of a run.
+/// Whether some photographs are withheld from the first steps of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Withholding {
-    /// An eighth of the photographs, if there are sixteen or more.
+    /// Six photographs, if there are at least 24 and the run has at least 3,000 steps.
     Auto,
-    /// No photographs.
+    /// No photographs are withheld.
     Off,
 }
 
-/// What the data tell about a scene's background.
+/// What is known of a scene's background.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Surroundings {
-    /// The pictures tell which of their parts are background.
+    /// The images show which of their pixels are background, by alpha or by a constant colour.
     Known,
-    /// The background is unknown; the scene ends at a box.
+    /// The background is unknown; the scene is within a box.
     Unknown,
-    /// The background is unknown; the scene has no end.
+    /// The background is unknown; the scene is unbounded.
     Unbounded,
 }
 
-/// How samples are perturbed in training; never in rendering.
+/// Random position of a training sample in its bin.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Jitter {
-    /// Sample in the middle of the bin.
+    /// The middle of the bin.
     None,
-    /// Sample anywhere in the bin.
+    /// Anywhere in the bin.
     Bin,
-    /// Sample up to this far after the start of the bin, world units; anywhere in a bin that is no wider.
+    /// Anywhere from the start of the bin to this distance after it, world units; anywhere in a bin that is no wider.
     Width(f32),
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OccupancyConfig {
-    /// Whether empty space is skipped in training.
+    /// Whether training skips samples in empty cells.
     pub skip: bool,
-    /// Cells along the longest side of the scene box; 0 to choose them by the size of the grid's tables.
+    /// Number of cells along the longest side of the scene box; 0 to choose it by the size of the grid's tables.
     pub resolution: u16,
-    /// Whether a visual hull is carved if the pictures tell what is empty.
+    /// Whether the occupancy grid begins as a visual hull, if the images show which of their pixels are background.
     pub hull: bool,
-    /// Steps between updates of the occupancy grid from the network.
+    /// Number of steps between updates of the occupancy grid from the network's densities.
     pub every: u32,
-    /// Most cells that one update evaluates.
+    /// Largest number of cells that one update evaluates; with a learned grid, more in an occupancy grid of many cells.
     pub cells: usize,
-    /// First step at which cells may be dropped.
+    /// First step at which an update may turn occupied cells into empty ones.
     pub from: u32,
-    /// Optical depth (density times bin width) above which a cell is kept; in the file of a marched scene at least
-    /// 0.03.
+    /// Optical depth (density times bin width) above which a cell is kept occupied. The exported file of a scene that
+    /// is rendered by ray march has at least 0.03.
     pub threshold: f32,
-    /// Factor on a cell's stored density at each update.
+    /// Factor on a cell's stored density at an update, which then stores the larger of the product and the new density.
     pub decay: f32,
-    /// Points in culled space per step, whose density is pushed to 0, per sample in occupied cells.
+    /// Ratio of points in empty cells, whose density is pushed to 0, to samples in occupied cells in a step.
     pub empty_share: f32,
-    /// Weight in the loss of the density at the points in culled space.
+    /// Weight in the loss of the density at the points in empty cells.
     pub empty_weight: f32,
 }
 
 impl Config {
-    /// Steps between updates of the parameters' average: a grid has many parameters, of which a step moves few.
+    /// Number of steps between updates of the parameters' average; a step changes few of a grid's many parameters.
     pub(crate) fn averaged_every(&self) -> u32 {
         if self.network.grid.is_some() { 16 } else { 1 }
     }
 
-    /// The network as it is trained, over a cube of side 1.
+    /// Returns the network in its training form, for a scene box that is a cube of side 1.
     pub fn model(&self) -> Model {
         self.model_of(Vec3::ONE)
     }
 
-    /// Cells of the occupancy grid along the longest side of a box of this extent: the configured number or, if that is
-    /// 0, the largest candidate whose bits take at most a third of the space of the grid's tables.
+    /// Returns the number of occupancy cells along the longest side of a box of this extent: the configured number or,
+    /// if that is 0, the largest candidate whose bits take at most a third of the bytes of the grid's tables.
     pub fn occupancy_resolution(&self, extent: Vec3) -> u16 {
         if self.occupancy.resolution > 0 {
             return self.occupancy.resolution;
@@ -265,7 +266,7 @@ impl Config {
         OCCUPANCY_RESOLUTIONS.into_iter().find(fits).unwrap_or(OCCUPANCY_RESOLUTIONS[4])
     }
 
-    /// The network as it is trained, over a scene box of this extent.
+    /// Returns the network in its training form, for a scene box of this extent, world units.
     pub fn model_of(&self, extent: Vec3) -> Model {
         let n = &self.network;
         let sinusoidal =
@@ -309,8 +310,8 @@ impl Config {
         }
     }
 
-    /// Settings for data from which no hull can be carved. The network itself must then find the empty space: without a
-    /// gentler start, all its densities become 0.
+    /// Adapts the settings to data from which no visual hull can be carved. The network itself must then find the empty
+    /// space: without a gentler start, all its densities become 0.
     pub fn without_hull(mut self) -> Self {
         if self.preset == Preset::Small {
             self.network.density_bias = 0.5;
@@ -334,7 +335,7 @@ impl Config {
         self
     }
 
-    /// Adapts the settings to a scene's surroundings.
+    /// Adapts the settings to what is known of a scene's background.
     pub fn around(self, surroundings: Surroundings) -> Self {
         match surroundings {
             Surroundings::Known => self,
@@ -343,8 +344,7 @@ impl Config {
         }
     }
 
-    /// Settings for photographs that also show what is behind the scene; without a grid, those of
-    /// [`Config::without_hull`].
+    /// Adapts the settings to photographs of an unbounded scene; without a grid, does [`Config::without_hull`].
     pub fn unbounded(mut self) -> Self {
         let Some(grid) = &mut self.network.grid else { return self.without_hull() };
         (grid.log2_entries, grid.coarsest, grid.finest) = (16, 16, 1024);

@@ -1,4 +1,4 @@
-//! Settings of every training: Adam, its schedule, and the average that is exported.
+//! Settings of the optimiser: Adam, the schedule of its learning rate, and the average of the parameters.
 
 use super::check::{ConfigError, positive, rule, within};
 use crate::model::engine::Adam;
@@ -7,26 +7,26 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OptimiserConfig {
-    /// Number of steps; if only a limit in seconds is given, time alone decides.
+    /// Number of steps; without effect if only a limit in seconds is given.
     pub steps: u32,
     /// Learning rate at the start.
     pub rate: f64,
-    /// Learning rate at the end, as a fraction of `rate`; 1 keeps it constant.
+    /// Learning rate at the end, as a fraction of `rate`; 1 for a constant learning rate.
     pub final_share: f64,
-    /// Steps over which the learning rate rises from 0.
+    /// Number of first steps, in which the learning rate rises from 0.
     pub warm_up: u32,
-    /// Adam's decay of the second moment.
+    /// Adam's beta2: decay of the second moment per step.
     pub beta2: f64,
-    /// Adam's epsilon.
+    /// Adam's epsilon, which is added to the square root of the second moment.
     pub epsilon: f64,
     /// Decoupled weight decay: each step multiplies a weight by 1 − learning rate · decay. With a grid, only weights
     /// of the colour branch decay.
     pub weight_decay: f64,
-    /// Decay per step of the exponential average of the parameters that is exported. Its horizon is at most a ninth
-    /// of the steps so far. 0 exports the last parameters.
+    /// Decay per step of the exponential average of the parameters, which is exported in their place. Its time constant
+    /// is at most a ninth of the steps so far. 0 exports the parameters of the last step.
     pub average: f64,
-    /// Steps between two updates of a hashed level of the grid, each by the sum of the gradients meanwhile; 1 updates
-    /// every level at every step.
+    /// Number of steps between two updates of a hashed level of the grid, each by the sum of the gradients since the
+    /// last update; 1 updates every level at every step.
     pub hashed_every: u32,
 }
 

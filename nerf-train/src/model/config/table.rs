@@ -1,4 +1,4 @@
-//! The multiresolution grid's settings.
+//! Settings of the multiresolution grid.
 
 use crate::model::quantise::{ROUNDED_FROM, Rounding, TableStorage};
 use crate::system::input::value_name;
@@ -6,30 +6,30 @@ use glam::Vec3;
 use nerf_core::encoding::{GridEncoding, MAX_GRID_LEVELS};
 use serde::{Deserialize, Serialize};
 
-/// The multiresolution grid that encodes positions.
+/// Settings of the multiresolution grid that encodes positions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TableConfig {
     /// Number of levels.
     pub levels: usize,
-    /// Features of an entry: 1, 2 or 4.
+    /// Number of features of a table entry: 1, 2 or 4.
     pub features: u8,
-    /// Binary logarithm of the most entries of a level.
+    /// Binary logarithm of the largest number of entries of a level; a level with more vertices is hashed.
     pub log2_entries: u8,
-    /// Cells of the first level along the longest side of the scene box.
+    /// Number of cells of the first level along the longest side of the scene box.
     pub coarsest: u16,
-    /// Cells of the last level along the longest side.
+    /// Number of cells of the last level along the longest side of the scene box.
     pub finest: u16,
-    /// Storage of the tables' values in the exported file; they are trained in f32.
+    /// Storage of the tables' values in the exported file; training has them in f32.
     pub storage: TableStorage,
-    /// Limit of coded tables, bytes, which decides their quantisation steps; if absent, steps are a fixed fraction of
-    /// the values.
+    /// Largest number of bytes of coded tables, from which their quantisation steps follow; if absent, the steps are a
+    /// fixed fraction of the values' root mean square.
     #[serde(default)]
     pub most_bytes: Option<u64>,
 }
 
 impl TableConfig {
-    /// Describes the settings: `8 levels of 16 to 320 cells, at most 2^16 entries a level as f16`.
+    /// Returns the settings in words, `8 levels of 16 to 320 cells, at most 2^16 entries a level as f16`.
     pub fn in_words(&self) -> String {
         let Self { levels, log2_entries, coarsest, finest, storage, .. } = self;
         let storage = value_name(storage);
@@ -38,12 +38,13 @@ impl TableConfig {
         )
     }
 
-    /// Grid over a box of this extent. Resolutions grow geometrically; cells are cubes, up to rounding to whole cells.
+    /// Returns the grid over a box of this extent, world units. Resolutions grow geometrically from level to level;
+    /// cells are cubes, up to rounding to whole cells.
     pub fn encoding(&self, extent: Vec3) -> GridEncoding {
         self.over(3, extent)
     }
 
-    /// Grid over a picture of this size, pixels; cells are squares, up to rounding to whole cells.
+    /// Returns the grid over an image of this size, pixels; cells are squares, up to rounding to whole cells.
     pub fn picture_encoding(&self, [width, height]: [u32; 2]) -> GridEncoding {
         self.over(2, Vec3::new(width as f32, height as f32, 0.0))
     }
@@ -64,12 +65,12 @@ impl TableConfig {
         GridEncoding { inputs, features: self.features, log2_entries: self.log2_entries, resolutions }
     }
 
-    /// Whether training rounds the tables as for export, after the fraction `share` of the run.
+    /// Whether training rounds the tables as export does, after the fraction `share` of the run.
     pub(crate) fn is_rounded(&self, share: f64) -> bool {
         self.storage != TableStorage::F16 && share >= ROUNDED_FROM
     }
 
-    /// Rounding of the tables at export.
+    /// Returns the storage to which export rounds the tables, and its limit of bytes.
     pub(crate) fn rounding(&self) -> Rounding {
         let most_bytes = self.most_bytes.and_then(|most| usize::try_from(most).ok());
         Rounding { storage: self.storage, most_bytes }

@@ -1,24 +1,23 @@
-//! Sums of weight gradients: over the blocks of a chunk, over chunks, over accumulators.
+//! Sums of gradients with respect to layer weights: over a chunk's blocks, an accumulator's chunks, all accumulators.
 
 use super::graph::{Node, VECTOR, block_of, blocks, padded};
 use nerf_core::matrix::{Gemm, Init, gemm};
 use nerf_core::simd::{BLOCK, Isa};
 use rayon::prelude::*;
 
-/// Most outputs for which dot products cost less than a transposition.
+/// Largest number of outputs for which dot products are faster than a matrix product, which needs a transposition.
 const FEW_OUTPUTS: usize = 4;
 const ROWS: usize = 32;
 
-/// Gradient of one layer in one accumulator; rows padded to whole vectors.
+/// Gradient of the loss with respect to one layer's parameters, summed by one accumulator.
 #[derive(Default)]
 pub(super) struct LayerSum {
     /// Whether anything was added since [`LayerSum::clear`]; if not, the values are stale.
     touched: bool,
-    /// `[outputs][padded main]`.
+    /// Gradient with respect to the weights of the main inputs, `[outputs][padded main]`.
     main: Vec<f32>,
-    /// `[outputs][padded extra]`.
+    /// Gradient with respect to the weights of the extra inputs, `[outputs][padded extra]`.
     extra: Vec<f32>,
-    /// `[outputs]`.
     bias: Vec<f32>,
 }
 
@@ -28,7 +27,7 @@ impl LayerSum {
         self.touched = false;
     }
 
-    /// Adds a chunk's gradient with respect to weights and biases, `dy [main, extra, 1]ᵀ`; `transposed`: scratch.
+    /// Adds a chunk's gradient with respect to weights and biases: `dy` times the transposed inputs `[main, extra, 1]`.
     pub(super) fn add(
         &mut self,
         isa: Isa,
@@ -79,7 +78,7 @@ impl LayerSum {
     }
 }
 
-/// Sums the accumulators' gradients of one layer in their order into `gradient`: `W`, then `b`.
+/// Writes one layer's gradient, `W` then `b`, to `gradient`: the sum over accumulators, in their order.
 pub(super) fn reduce<'a>(
     node: &Node,
     sums: impl Iterator<Item = &'a LayerSum> + Clone + Sync,
@@ -108,7 +107,7 @@ fn add_all<'a>(out: &mut [f32], rows: impl Iterator<Item = &'a [f32]>) {
     }
 }
 
-/// `gradient[o][i] (+)= Σ_s dy[o][s] x[i][s]`.
+/// Computes `gradient[o][i] = Σ_s dy[o][s] x[i][s]` over the samples `s` of a block, added to the old value if `add`.
 fn add_dots(gradient: &mut [f32], columns: usize, dy: &[f32], x: &[f32], lanes: usize, add: bool) {
     for (row, dy) in gradient.chunks_exact_mut(columns).zip(dy.chunks_exact(BLOCK)) {
         for (g, x) in row.iter_mut().zip(x.chunks_exact(BLOCK)) {
@@ -118,7 +117,7 @@ fn add_dots(gradient: &mut [f32], columns: usize, dy: &[f32], x: &[f32], lanes: 
     }
 }
 
-/// Sum of `term` over the lanes, in an order that vectorises.
+/// Returns the sum of `term(i)` over all lanes `i`, added in an order that vectorises.
 fn sum(lanes: &[f32], term: impl Fn(usize) -> f32) -> f32 {
     let mut partial = [0.0; VECTOR];
     for first in (0..lanes.len()).step_by(VECTOR) {
@@ -134,7 +133,7 @@ fn sum(lanes: &[f32], term: impl Fn(usize) -> f32) -> f32 {
     partial[0]
 }
 
-/// `[channels][BLOCK]` → `[lanes][padded channels]`, zeros in the padding.
+/// Transposes `x`, `[channels][BLOCK]`, into `out`, `[lanes][padded channels]`, with zeros in the padding.
 fn transpose(x: &[f32], channels: usize, lanes: usize, out: &mut Vec<f32>) {
     let columns = padded(channels);
     out.resize(lanes * columns, 0.0);

@@ -1,22 +1,22 @@
-//! Input of a training step: rays, samples and target colours. Its division into chunks depends on the batch alone.
+//! Batch of a training step (rays, samples and target colours), and its division into chunks.
 
 use glam::Vec3;
 use nerf_core::space::Contraction;
 use std::ops::Range;
 
-/// Most samples of a chunk, not counting its last ray: the chunk's activations fit the caches.
+/// Largest number of samples of a chunk, not counting its last ray: the chunk's activations fit the caches.
 pub(super) const SAMPLES: usize = 512;
-/// Most rays of a chunk: rays without samples cost time, too.
+/// Largest number of rays of a chunk: rays without samples cost time, too.
 const RAYS: usize = 2048;
 
-/// One ray: its target colour and number of samples.
+/// Entry of a ray in a batch: direction, target colour, background and number of samples.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct BatchRay {
     pub dir: [f32; 3],
     pub rgb: [f32; 3],
-    /// Background behind the ray's last sample, seen through the remaining transmittance; display-encoded.
+    /// Background colour behind the ray's last sample, composited with the remaining transmittance; display-encoded.
     pub background: [f32; 3],
-    /// Number of [`Batch::positions`] that belong to this ray; may be 0.
+    /// Number of this ray's samples in [`Batch::positions`]; may be 0.
     pub samples: u32,
 }
 
@@ -25,29 +25,29 @@ pub struct BatchRay {
 /// Adds `weight · (Σ_i w_i min(|along_i − at|, CLIP) + T_end · CLIP)` to the sum over rays whose mean is the loss.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
-    /// Position along the ray: 0 at its beginning, 1 at its end.
+    /// Position of the surface along the ray: 0 at the ray's beginning, 1 at its end.
     pub at: f32,
-    /// At least 0.
+    /// Weight of the ray's depth loss, at least 0.
     pub weight: f32,
 }
 
 impl Surface {
-    /// Distance, in units of [`Surface::at`], at which the cost of a sample stops growing: a wrong surface cannot
-    /// move a whole ray.
+    /// Distance of a sample from the surface, in units of [`Surface::at`], at which its cost stops growing: a wrong
+    /// surface cannot move a whole ray.
     pub const CLIP: f32 = 0.25;
 }
 
 /// Request for the gradients of the loss with respect to the rays' origins and directions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayQuestion {
-    /// Contraction of the world into the space that positions are in.
+    /// Contraction of the world into the space of [`Batch::positions`].
     pub contraction: Contraction,
-    /// Standard deviation of the Gaussian around each sample over which the gradient is averaged, units of that
-    /// space. The blur reduces the gradients of finer levels of the grid more than those of coarser ones.
+    /// Standard deviation of the Gaussian around each sample over which the gradient is averaged, in units of the
+    /// contracted space. The blur reduces the gradients of finer levels of the grid more than those of coarser ones.
     pub blur: f32,
 }
 
-/// Gradient of the loss with respect to a ray's origin and direction, at constant distances of the samples.
+/// Gradient of the loss with respect to a ray's origin and direction; the samples' distances are constants.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayGradient {
     pub ray: u32,
@@ -57,48 +57,47 @@ pub struct RayGradient {
     pub by_dir: Vec3,
 }
 
-/// Rays with their samples in occupied cells, ray after ray, front to back.
+/// Rays with their samples in occupied cells; samples are listed ray after ray, front to back along each ray.
 ///
-/// In a 2D field, each ray has one sample, which is opaque; the point is in the first two coordinates of the position.
+/// In a 2D field, each ray has one opaque sample, whose position has the point in its first two coordinates.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct Batch {
     pub rays: Vec<BatchRay>,
-    /// Positions of the samples, world; contracted in an unbounded scene.
+    /// Positions of the samples in world space or, in an unbounded scene, in contracted space.
     pub positions: Vec<[f32; 3]>,
     /// Length of each sample's bin, world units, at least 0.
     pub deltas: Vec<f32>,
-    /// Factor on the gradient of each sample; empty: 1. With a grid only.
+    /// Factor on the gradient of the loss through each sample; empty for factors of 1. With a grid only.
     pub gradient_scales: Vec<f32>,
-    /// Points of culled space, whose density is pushed to zero.
+    /// Points in empty cells, whose density is pushed to zero.
     pub empty: Vec<[f32; 3]>,
-    /// Weight in the loss of the density at the `empty` points.
+    /// Weight in the loss of the densities at the `empty` points.
     pub empty_weight: f32,
-    /// Seed and step of the Russian roulette that keeps some samples of small weight, so that fog of such samples is
-    /// trained. If absent, no sample of small weight is kept. With a grid only.
+    /// Seed and step for the random numbers of Russian roulette, which keeps some samples of small weight, so that fog
+    /// of such samples is trained. `None`: no sample of small weight is kept. With a grid only.
     pub roulette: Option<(u64, u64)>,
-    /// Known surfaces, one for each of the first rays; empty if none are known. With a grid only.
+    /// Known surfaces of the first rays of the batch, one for each; empty if none are known. With a grid only.
     pub surfaces: Vec<Surface>,
     /// Position along its ray, 0 to 1 as [`Surface::at`], of each sample of the rays with known surfaces.
     pub along: Vec<f32>,
-    /// Index of each ray's photograph. With a grid only, as all following fields.
+    /// Index of each ray's photograph. With a grid only, as all fields after this one.
     pub views: Vec<u32>,
     /// Index of each ray's pixel in its photograph.
     pub pixels: Vec<u32>,
-    /// Origin of each ray, world.
+    /// Origin of each ray, world units.
     pub origins: Vec<[f32; 3]>,
-    /// Request for gradients with respect to the rays, except through the distances in the distortion loss.
+    /// Request for gradients with respect to the rays, in which the distances of the distortion loss are constants.
     pub question: Option<RayQuestion>,
-    /// Gain of each ray's photograph on the field's colour, red, green, blue; empty: 1. The background has no gain.
+    /// Gain of each ray's photograph, red, green, blue, on the rendered colour without background; empty: gains of 1.
     pub gains: Vec<[f32; 3]>,
-    /// Weight of each ray's squared error in the loss; empty: 1.
+    /// Weight of each ray's squared error in the loss; empty for weights of 1.
     pub weights: Vec<f32>,
-    /// Weight of the distortion loss, per unit of length of the space that the positions are in; 0 for none. With a
-    /// grid only.
+    /// Weight of the distortion loss, per unit of length of the space of `positions`; 0 for none.
     pub distortion: f32,
 }
 
 impl Batch {
-    /// Removes rays and points but keeps the memory.
+    /// Removes rays and points but keeps the allocated memory.
     pub fn clear(&mut self) {
         self.rays.clear();
         self.positions.clear();
@@ -115,7 +114,7 @@ impl Batch {
         self.weights.clear();
     }
 
-    /// Checks lengths and that every number is finite.
+    /// Checks that lists have matching lengths and that every number is finite.
     pub fn check(&self) -> Result<(), BatchError> {
         let claimed: u64 = self.rays.iter().map(|ray| u64::from(ray.samples)).sum();
         let scales =
@@ -191,7 +190,7 @@ pub enum BatchError {
     NonFinite { field: &'static str, index: usize },
 }
 
-/// Part of a batch that the network evaluates together.
+/// Part of a batch that a thread evaluates at once: rays with their samples, or points in empty cells.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Chunk {
     Rays { rays: Range<usize>, samples: Range<usize> },
@@ -199,7 +198,7 @@ pub(super) enum Chunk {
 }
 
 /// Fills `chunks` with parts of the batch, in order: an even number of about equal size, so that two threads finish
-/// together. Only its last ray may take a chunk beyond `most` samples.
+/// together. A chunk exceeds `most` samples only by the samples of its last ray.
 pub(super) fn cut(batch: &Batch, most: usize, chunks: &mut Vec<Chunk>) {
     chunks.clear();
     let total = batch.positions.len();

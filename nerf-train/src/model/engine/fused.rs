@@ -1,8 +1,8 @@
-//! The fast engine: explicit forward and backward passes on the product kernel.
+//! The fast engine of sinusoidal networks: explicit forward and backward passes on the matrix product kernel.
 //!
-//! The bits of a step do not depend on the number of threads: chunk `i` of the batch is added to accumulator `i mod
-//! 16`, each accumulator adds its chunks in order, and the accumulators are summed in order. Threads decide only when
-//! and where an accumulator runs.
+//! The bits of a step do not depend on the number of threads: chunk `i` of the batch is added to accumulator
+//! `i mod 16`, each accumulator adds its chunks in order, and the accumulators are summed in order. Threads decide only
+//! when and where an accumulator runs.
 
 use super::accumulate::reduce;
 use super::batch::{Chunk, SAMPLES, cut};
@@ -14,13 +14,13 @@ use nerf_core::simd::Isa;
 use rayon::prelude::*;
 use std::borrow::Cow;
 
-/// Number of accumulators, which is the most threads a step can use.
+/// Number of accumulators, and largest number of threads that a step uses.
 const ACCUMULATORS: usize = 16;
 
-/// Trains a network of sinusoidal encodings by explicit forward and backward passes.
+/// Trains a network with sinusoidal encodings by explicit forward and backward passes.
 ///
-/// Memory: parameters ×5, and per accumulator one gradient and the activations of one chunk (about
-/// 512 samples, or one longer ray): some 150 MiB for the 8×256 network, whatever the batch.
+/// Memory: five times the parameters, and per accumulator one gradient and the activations of one chunk (about 512
+/// samples, or one longer ray): some 150 MiB for the 8×256 network, whatever the batch.
 pub struct FusedEngine {
     graph: Graph,
     isa: Isa,
@@ -37,7 +37,7 @@ impl FusedEngine {
         Self::with_parameters(model, adam, &model.initial_parameters(seed))
     }
 
-    /// Creates an engine with these parameters, in the model's order.
+    /// Creates an engine that starts from `parameters`, in the order of [`Model::layers`].
     pub fn with_parameters(model: &Model, adam: Adam, parameters: &[f32]) -> Result<Self, EngineError> {
         let graph = Graph::new(model)?;
         let optimiser = Optimiser::new(&model.layers(), adam, parameters)?;
@@ -55,7 +55,7 @@ impl FusedEngine {
         &self.graph.model
     }
 
-    /// Loss of a checked batch; its gradients are written to the optimiser.
+    /// Returns the loss of a checked batch; writes its gradient with respect to the parameters to the optimiser.
     fn differentiate(&mut self, batch: &Batch) -> Result<StepLoss, EngineError> {
         let Self { graph, isa, optimiser, parameters, chunks, passes } = self;
         cut(batch, SAMPLES, chunks);
@@ -89,7 +89,7 @@ impl FusedEngine {
         })
     }
 
-    /// Loss and gradients, in the model's order, without a step.
+    /// Returns the loss of a batch and its gradient with respect to each parameter, without a step.
     #[cfg(test)]
     pub(super) fn gradients(&mut self, batch: &Batch) -> Result<(StepLoss, Vec<f32>), EngineError> {
         batch.check()?;

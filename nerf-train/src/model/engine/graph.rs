@@ -1,7 +1,7 @@
-//! Graph of the layers, and the product kernel applied to one layer of one chunk.
+//! Graph of the network's layers; forward and backward pass of one layer over one chunk, by the matrix product kernel.
 //!
-//! Activations lie in slots, `[blocks][channels][BLOCK]`: slot 0 is PE(x), slot 1 PE(d), slot
-//! `FIRST + l` the output of layer `l`.
+//! Activations are in buffers called slots, `[blocks][channels][BLOCK]`: encoded positions in slot 0, encoded
+//! directions in slot 1, outputs of layer `l` in slot `FIRST + l`.
 
 use super::{Dense, Model, ModelError, Part};
 use nerf_core::encoding::{SinusoidalEncoding, encode_block};
@@ -14,8 +14,7 @@ pub(super) const POSITION: usize = 0;
 pub(super) const DIRECTION: usize = 1;
 pub(super) const FIRST: usize = 2;
 
-/// Length to a multiple of which lanes and matrix rows are padded: whole vectors of [`Isa::run`] with every instruction
-/// set.
+/// Number of values to a multiple of which lanes and matrix rows are padded: whole vectors of every instruction set.
 pub(super) const VECTOR: usize = 16;
 
 pub(super) fn padded(length: usize) -> usize {
@@ -64,13 +63,13 @@ impl Graph {
     }
 }
 
-/// Blocks of `samples` samples, each with the number of lanes to compute.
+/// Returns index and number of lanes to compute of each block of `samples` samples.
 pub(super) fn blocks(samples: usize) -> impl Iterator<Item = (usize, usize)> {
     let lanes = move |block: usize| padded((samples - block * BLOCK).min(BLOCK));
     (0..samples.div_ceil(BLOCK)).map(move |block| (block, lanes(block)))
 }
 
-/// One block of a slot with `channels` channels.
+/// Returns one block, `[channels][BLOCK]`, of a slot with `channels` channels.
 pub(super) fn block_of(slot: &[f32], channels: usize, block: usize) -> &[f32] {
     &slot[block * channels * BLOCK..][..channels * BLOCK]
 }
@@ -80,7 +79,7 @@ pub(super) fn block_of_mut(slot: &mut [f32], channels: usize, block: usize) -> &
 }
 
 impl Node {
-    /// Computes the layer's output slot from its input slots.
+    /// Computes the layer's outputs `out` from its input slots.
     pub(super) fn forward(
         &self,
         isa: Isa,
@@ -106,7 +105,8 @@ impl Node {
         }
     }
 
-    /// Gradient of the loss with respect to the layer's main input: `dx (+)= W_mainᵀ dy`, `[blocks][main][BLOCK]`.
+    /// Computes the gradient of the loss with respect to the layer's main inputs, `dx = W_mainᵀ dy`,
+    /// `[blocks][main][BLOCK]`; adds it to the old `dx` if `accumulate`.
     pub(super) fn backward(
         &self,
         isa: Isa,
@@ -143,7 +143,7 @@ pub(super) fn mask_relu(dy: &mut [f32], y: &[f32], channels: usize, samples: usi
     }
 }
 
-/// Encodes up to [`BLOCK`] points into `out`, `[outputs][BLOCK]`; missing points are zeros.
+/// Encodes up to [`BLOCK`] points into `out`, `[outputs][BLOCK]`; lanes without a point encode the origin.
 ///
 /// Only the first `encoding.inputs` coordinates of each point are used.
 pub(super) fn encode_points<'a>(

@@ -5,12 +5,12 @@
 //! [`ReferenceEngine`] and, for grids, [`GridReferenceEngine`] leave the derivatives to dfdx's tape: slow and
 //! obvious, they are the oracles (`fit --engine dfdx`). [`FusedEngine`] and [`GridEngine`] compute them with explicit
 //! backward passes on `nerf_core::matrix::gemm`. [`FusedEngine`] takes parameters, gradients and Adam from dfdx. All
-//! use the same [`Batch`] and minimise
+//! engines use the same [`Batch`] and minimise
 //!
-//! `loss = mean over rays and channels of (C − rgb)² + empty_weight · mean over empty of ln(1 + sigma)`
+//! `loss = mean over rays and channels of (C − rgb)² + empty_weight · mean over empty points of ln(1 + sigma)`
 //!
 //! `C = Σ_i w_i c_i + T_end · background`, `w_i = T_i · alpha_i`, `alpha_i = −expm1(−sigma_i · delta_i)`,
-//! `T_i = exp(−Σ_{j<i} sigma_j · delta_j)`; with a grid without the term of empty points.
+//! `T_i = exp(−Σ_{j<i} sigma_j · delta_j)`; with a grid, the loss has no term of empty points.
 //!
 //! # One step, by the tape
 //!
@@ -99,10 +99,10 @@ use nerf_core::space::SceneBox;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-/// Largest sigma in training, per world unit: an opaque wall at any scale, and no overflow behind it.
+/// Largest sigma in training, per world unit: opaque in a scene of any scale, and small enough not to overflow.
 pub const SIGMA_LIMIT: f32 = 1e6;
 
-/// Size from which a gradient counts as divergence: its square, which Adam keeps, would overflow.
+/// Absolute value of a gradient at which training counts as diverged: its square, Adam's second moment, could overflow.
 const GRADIENT_LIMIT: f32 = 1e18;
 
 /// Engine that computes the gradients of a run.
@@ -112,11 +112,11 @@ pub enum EngineKind {
     /// Explicit backward passes: fast, and the same bits for any number of threads.
     #[default]
     Fused,
-    /// dfdx's tape and dfdx's Adam, from loss to update: slow, but a reference that can be read.
+    /// Automatic differentiation and Adam of the crate dfdx: slow, but simple enough to be the reference.
     Dfdx,
 }
 
-/// Creates an engine of this kind that trains `model`; `bounds`: the box that its grid spans, if it has one.
+/// Creates an engine of this kind that trains `model`. `bounds`: the box that the model's grid spans, if it has one.
 ///
 /// # Errors
 /// [`EngineError::Model`] and [`EngineError::NotPlain`] if the model is out of bounds, [`EngineError::NoDensity`] for
@@ -155,8 +155,7 @@ pub trait Engine: Send {
     /// before the call.
     fn step(&mut self, batch: &Batch, rate: f64) -> Result<StepLoss, EngineError>;
 
-    /// Does [`Engine::step`], and calls `prefetch` once the loss is known: in parallel with the rest of the step, if
-    /// the engine can.
+    /// Does [`Engine::step`]; calls `prefetch` once the loss is known, in parallel with the update if the engine can.
     ///
     /// # Errors
     /// The errors of [`Engine::step`]; `prefetch` is then not called.
@@ -171,54 +170,54 @@ pub trait Engine: Send {
         Ok(loss)
     }
 
-    /// From now on encodes with a grid's tables rounded as in an int8 or coded file; the first call fixes the step
-    /// size of each level. No effect without a grid.
+    /// Rounds a grid's tables in the encodings of all later steps as in an int8 or coded file; the first call fixes the
+    /// quantisation step of each level. No effect without a grid.
     fn round_tables(&mut self, _rounding: Rounding) {}
 
-    /// From now on decays the weights of a grid's colour branch by `weight_decay`. No effect without a grid.
+    /// Sets the weight decay of a grid's colour branch for all later steps. No effect without a grid.
     fn set_weight_decay(&mut self, _weight_decay: f64) {}
 
-    /// Step size of each level of the rounded tables; empty while nothing is rounded.
+    /// Returns the quantisation step of each level of the rounded tables; empty while the tables are not rounded.
     fn table_scales(&self) -> &[f32] {
         &[]
     }
 
-    /// Gradient of the last step's loss with respect to the log gain of each of `views` photographs; 0 without gains.
+    /// Returns the gradient of the last loss with respect to each of `views` photographs' log gain; 0 without gains.
     fn gain_gradients(&self, views: usize) -> Vec<[f32; 3]> {
         vec![[0.0; 3]; views]
     }
 
-    /// Computes the loss of a batch and, if requested, its gradients with respect to the rays; the parameters do not
-    /// change. An engine without ray gradients returns a loss of 0.
+    /// Computes the loss of a batch and, if the batch requests them, its gradients with respect to the rays; the
+    /// parameters do not change. An engine without ray gradients returns a loss of 0.
     fn ask(&mut self, _batch: &Batch) -> Result<StepLoss, EngineError> {
         Ok(StepLoss::default())
     }
 
-    /// Gradients of the last batch's loss with respect to its rays; none if not requested, or if the engine has none.
+    /// Returns the gradients of the last batch's loss with respect to its rays; none if not requested or not available.
     fn ray_gradients(&self) -> Box<dyn Iterator<Item = &RayGradient> + '_> {
         Box::new(std::iter::empty())
     }
 
-    /// Index and colour error, shown minus photographed, of each ray of the last batch whose photograph is known; none
-    /// if the engine does not report them.
+    /// Returns index and colour error, rendered minus photographed, of each ray of the last batch whose photograph is
+    /// known; none if the engine does not report them.
     fn errors(&self) -> Box<dyn Iterator<Item = &(u32, [f32; 3])> + '_> {
         Box::new(std::iter::empty())
     }
 
-    /// Position and weight of the samples that the last step trained; none if the engine does not report them.
+    /// Returns position and weight of each sample that the last step trained; none if the engine does not report them.
     fn weighted(&self) -> Box<dyn Iterator<Item = ([f32; 3], f32)> + '_> {
         Box::new(std::iter::empty())
     }
 
-    /// Parameters in the [`Model`]'s order.
+    /// Returns the parameters: those of [`Model::layers`] in order, then the values of the grid's tables.
     fn parameters(&self) -> Cow<'_, [f32]>;
 
-    /// Time of all steps by phase; 0 if the engine does not measure it.
+    /// Returns the time of all steps so far by phase; 0 if the engine does not measure it.
     fn phases(&self) -> Phases {
         Phases::default()
     }
 
-    /// State for a checkpoint: a run resumed from it gives the same bits as one that never stopped.
+    /// Returns the state for a checkpoint: a run resumed from it gives the same bits as one that never stopped.
     fn state(&self) -> OptimiserState;
 
     /// Resumes from the state of a checkpoint.
@@ -229,22 +228,22 @@ pub trait Engine: Send {
     fn restore(&mut self, state: &OptimiserState) -> Result<(), EngineError>;
 }
 
-/// Adam's constants; each step is given its learning rate.
+/// Constants of Adam, except for the learning rate, which each step is given.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Adam {
-    /// Decay of the first and the second moment.
+    /// Decay per step of the first and of the second moment.
     pub betas: [f64; 2],
-    /// Added to the square root of the second moment.
+    /// Term added to the square root of the second moment, so that no division is by 0.
     pub epsilon: f64,
     /// Decoupled weight decay: each step multiplies a weight by 1 − learning rate · decay. With a grid, only weights
     /// of the colour branch decay.
     pub weight_decay: f64,
-    /// Steps between two updates of a hashed level of a grid, each by the sum of the gradients meanwhile; at least 1.
+    /// Number of steps between updates of a hashed level, each by the sum of the gradients since the last; at least 1.
     pub hashed_every: u32,
 }
 
 impl Default for Adam {
-    /// The constants that fitted best on a CPU budget: a short second moment and a negligible epsilon.
+    /// Constants with the best results in limited time on a CPU: a second moment of few steps and a negligible epsilon.
     fn default() -> Self {
         Self { betas: [0.9, 0.99], epsilon: 1e-15, weight_decay: 0.0, hashed_every: 1 }
     }
@@ -252,43 +251,42 @@ impl Default for Adam {
 
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct OptimiserState {
-    /// Parameters in the [`Model`]'s order.
+    /// Parameters in the order of [`Engine::parameters`].
     pub parameters: Vec<f32>,
     /// First moments, in the order of `parameters`.
     pub moment1: Vec<f32>,
     /// Second moments, in the order of `parameters`, none negative.
     pub moment2: Vec<f32>,
     pub steps: u64,
-    /// Step size of each level of a grid whose tables are rounded; else empty.
+    /// Quantisation step of each level of a grid whose tables are rounded; else empty.
     pub scales: Vec<f32>,
-    /// Gradients of a grid's hashed levels, accumulated since each level's last update; empty if every step updates
-    /// all levels.
+    /// Gradients of a grid's hashed levels since each level's last update; empty if every step updates all levels.
     pub waiting: Vec<f32>,
 }
 
 impl OptimiserState {
-    /// State before the first step.
+    /// Returns the state before the first step.
     fn at(parameters: Vec<f32>) -> Self {
         let zeros = vec![0.0; parameters.len()];
         Self { parameters, moment1: zeros.clone(), moment2: zeros, ..Self::default() }
     }
 }
 
-/// Loss of a batch before its step.
+/// Loss of a batch before the update of the parameters, and numbers of its samples.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct StepLoss {
     /// Mean over rays and channels of the squared error; 0 without rays.
     pub mse: f64,
-    /// Mean of ln(1 + sigma) over the batch's `empty` points, not yet weighted; 0 without points.
+    /// Mean of ln(1 + sigma) over the batch's `empty` points, before its factor `empty_weight`; 0 without points.
     pub empty: f64,
-    /// Whether the rays have samples and every sample's sigma is 0: no gradient reaches the network.
+    /// Whether the batch has samples but none gets a gradient: all sigmas are 0 or, with a grid, all weights too small.
     pub dead: bool,
     pub evaluated: usize,
-    /// Number of samples with a colour and a backward pass.
+    /// Number of samples that got a colour and a backward pass.
     pub kept: usize,
 }
 
-/// Why a step or a restore did not happen.
+/// Reason why an engine refused a model, a batch or a state, or why a step failed.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EngineError {

@@ -1,4 +1,4 @@
-//! Network in training, with layers that are folded into the exported network's.
+//! The network in its training form: some of its layers are folded together when the network is exported.
 
 use nerf_core::encoding::GridEncoding;
 use nerf_core::network::{Architecture, ArchitectureError, Role};
@@ -12,9 +12,9 @@ pub struct Model {
     pub architecture: Architecture,
     /// Whether there is a linear layer, as wide as the trunk, between trunk and first colour layer.
     pub feature: bool,
-    /// `sigma = activation(density_scale · raw)`: lets the density learn faster or slower than the rest.
+    /// Factor on raw density, `sigma = activation(density_scale · raw)`: density learns faster or slower than colour.
     pub density_scale: f32,
-    /// Added to the density head's initial bias, in units after scaling (`raw` gets bias / scale).
+    /// Initial value added to `density_scale · raw`: the density head's bias gets `density_bias / density_scale`.
     pub density_bias: f32,
 }
 
@@ -36,7 +36,7 @@ pub enum Part {
 pub struct Dense {
     pub part: Part,
     pub main: usize,
-    /// Encoded inputs appended to the main ones.
+    /// Number of encoded inputs, which follow the main inputs.
     pub extra: usize,
     pub outputs: usize,
     /// Index of `W[0][0]` in the model's parameters.
@@ -46,7 +46,7 @@ pub struct Dense {
 }
 
 impl Dense {
-    /// Row length of `W`.
+    /// Returns the length of a row of `W`.
     pub fn inputs(&self) -> usize {
         self.main + self.extra
     }
@@ -68,7 +68,7 @@ pub enum ModelError {
 }
 
 impl Model {
-    /// Model whose parameters are already in export order: no feature layer, scale 1.
+    /// Returns a model whose parameters are trained in the form in which they are exported: no feature layer, scale 1.
     pub fn plain(architecture: Architecture) -> Self {
         Self { architecture, feature: false, density_scale: 1.0, density_bias: 0.0 }
     }
@@ -87,7 +87,7 @@ impl Model {
         Ok(())
     }
 
-    /// The layers in the order of their parameters: trunk, density, feature, colour, rgb.
+    /// Returns the layers in the order of their parameters: trunk, density, feature, colour, rgb.
     pub fn layers(&self) -> Vec<Dense> {
         let mut layers = Vec::new();
         let mut offset = 0;
@@ -113,7 +113,7 @@ impl Model {
         layers
     }
 
-    /// Number of parameters: those of the layers, then those of the grid's tables.
+    /// Returns the number of parameters: those of the layers and those of the grid's tables.
     pub fn parameters(&self) -> usize {
         self.layer_parameters() + self.table_values()
     }
@@ -122,17 +122,17 @@ impl Model {
         self.layers().iter().map(Dense::parameters).sum()
     }
 
-    /// Number of values of the grid's tables; 0 for a sinusoidal encoding.
+    /// Returns the number of values of the grid's tables; 0 for a sinusoidal encoding.
     pub fn table_values(&self) -> usize {
         self.architecture.position.grid().map_or(0, GridEncoding::values)
     }
 
-    /// Initial values of the classic recipe; a seed gives the same values on every machine. Weights and biases are
-    /// U(±1/√fan_in), as of PyTorch's `nn.Linear`; the density's bias is shifted by `density_bias / density_scale`.
+    /// Returns initial parameters; a seed gives the same values on every machine. Weights and biases are U(±1/√fan_in),
+    /// as of PyTorch's `nn.Linear`; the density's bias is shifted by `density_bias / density_scale`.
     ///
     /// For a grid field: tables U(±1e-4); layers U(±√(6 / fan_in)) before a ReLU and U(±√(6 / (fan_in + 16)))
-    /// elsewhere; no biases except the density's. Without a trunk the density is read from the first feature of each
-    /// level.
+    /// elsewhere; no biases except the density's. Without a trunk, raw density begins as the sum of the levels' first
+    /// features.
     pub fn initial_parameters(&self, seed: u64) -> Vec<f32> {
         if self.architecture.position.grid().is_some() {
             return self.initial_grid_parameters(seed);
@@ -181,11 +181,10 @@ impl Model {
         parameters
     }
 
-    /// Folds `parameters` into those of [`Model::architecture`], in its order: a network with the same outputs. The
-    /// values of the tables follow unchanged.
+    /// Returns the parameters of [`Model::architecture`], in its order, of a network with the same outputs. The values
+    /// of the tables follow unchanged.
     ///
-    /// The feature layer is multiplied into the layer after it and `density_scale` into the density head; sums in
-    /// f64.
+    /// The feature layer is multiplied into the layer after it, and `density_scale` into the density head, in f64.
     ///
     /// # Panics
     /// If the length of `parameters` is not [`Model::parameters`].
@@ -212,7 +211,8 @@ impl Model {
     }
 }
 
-/// Appends the product of two layers: `W [F h + f, e] + b = [W_main F, W_extra] [h, e] + (W_main f + b)`.
+/// Appends one layer equal to `inner`, then `outer`:
+/// `W [F h + f, e] + b = [W_main F, W_extra] [h, e] + (W_main f + b)`.
 fn fold_into(out: &mut Vec<f32>, outer: &Dense, values: &[f32], inner: &Dense, inner_values: &[f32]) {
     let (weights, bias) = values.split_at(outer.inputs() * outer.outputs);
     let (inner_weights, inner_bias) = inner_values.split_at(inner.inputs() * inner.outputs);
@@ -232,7 +232,7 @@ fn fold_into(out: &mut Vec<f32>, outer: &Dense, values: &[f32], inner: &Dense, i
     }
 }
 
-/// Random number, uniform in [0, 1).
+/// Returns a random number, uniform in [0, 1), that `seed` and `counter` determine.
 pub(super) fn uniform(seed: u64, counter: u64) -> f64 {
     f64::from(uniform_u32(seed, Purpose::Parameters, 0, counter)) / 4_294_967_296.0
 }

@@ -17,7 +17,7 @@ impl From<CpuError> for EngineError {
     }
 }
 
-/// One layer's parameters (`W`, then `b`) with gradient and moments.
+/// Parameters of one layer (`W`, then `b`), with their gradient and their moments.
 pub(super) struct Parameter {
     first: usize,
     length: usize,
@@ -37,7 +37,7 @@ impl Parameter {
         Ok(Self { first, length, value, gradients, moment1: moment()?, moment2: moment()? })
     }
 
-    /// Gradient of the layer's parameters, for the engine to write.
+    /// Returns the gradient with respect to the layer's parameters, for the engine to write.
     pub(super) fn gradient_mut(&mut self) -> Result<&mut [f32], EngineError> {
         Ok(self.gradients.get_or_alloc_mut(&self.value)?.as_mut_slice())
     }
@@ -68,12 +68,12 @@ impl Optimiser {
         self.steps as u64 + 1
     }
 
-    /// Parameters, one per layer, in the model's order.
+    /// Returns the parameters, one entry per layer, in the model's order.
     pub(super) fn parameters_mut(&mut self) -> &mut [Parameter] {
         &mut self.parameters
     }
 
-    /// Applies one Adam step with the gradients in the parameters.
+    /// Does one Adam step at learning rate `rate`, with the gradients stored in the parameters.
     pub(super) fn apply(&mut self, rate: f64) -> Result<(), EngineError> {
         let step = self.steps.checked_add(1).ok_or(EngineError::Steps { found: self.next_step() })?;
         let decay = self.adam.weight_decay;

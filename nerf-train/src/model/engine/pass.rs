@@ -1,4 +1,4 @@
-//! Work of one accumulator: forward and backward passes of chunks through the network.
+//! Forward and backward passes over chunks, whose loss and gradients one accumulator sums.
 
 use super::accumulate::LayerSum;
 use super::batch::Chunk;
@@ -11,11 +11,11 @@ use std::ops::Range;
 
 #[derive(Clone, Copy, Default)]
 pub(super) struct ChunkLoss {
-    /// Sum of (C − rgb)² over rays and channels.
+    /// Sum over rays and channels of (rendered − target)².
     pub(super) squared: f64,
-    /// Sum of ln(1 + sigma) over points of culled space.
+    /// Sum of ln(1 + sigma) over points in empty cells.
     pub(super) empty: f64,
-    /// Whether a sample on a ray had a sigma other than 0.
+    /// Whether a sample of a ray had a sigma other than 0.
     pub(super) alive: bool,
 }
 
@@ -26,7 +26,7 @@ pub(super) struct Job<'a> {
     pub(super) parameters: &'a [f32],
 }
 
-/// An accumulator with the buffers of its current chunk, which are reused from step to step.
+/// Accumulator of loss and gradients; its buffers for the current chunk are reused from step to step.
 #[derive(Default)]
 pub(super) struct Pass {
     pub(super) loss: ChunkLoss,
@@ -36,7 +36,7 @@ pub(super) struct Pass {
     upper: Vec<f32>,
     /// Gradient of the loss with respect to the current layer's main input, `[blocks][main][BLOCK]`.
     lower: Vec<f32>,
-    /// `[samples]`, padded to whole blocks.
+    /// Sigma of each sample, padded to whole blocks.
     sigma: Vec<f32>,
     d_sigma: Vec<f32>,
     transposed: Vec<f32>,
@@ -56,7 +56,7 @@ impl Pass {
         self.sums.iter_mut().for_each(LayerSum::clear);
     }
 
-    /// Adds a chunk's loss and gradients.
+    /// Adds the loss and the gradients of a chunk to the sums.
     pub(super) fn run(&mut self, job: Job<'_>, batch: &Batch, chunk: &Chunk) {
         match chunk {
             Chunk::Rays { rays, samples } => self.run_rays(job, batch, rays.clone(), samples.clone()),
@@ -149,7 +149,7 @@ impl Pass {
         node.forward(job.isa, job.parameters, inputs, out, samples);
     }
 
-    /// Replaces raw values by d sigma / d raw, and writes the clamped sigma.
+    /// Writes the clamped sigma of each sample, and replaces its raw density by d sigma / d raw.
     fn activate_density(&mut self, job: Job<'_>, samples: usize) {
         let architecture = &job.graph.model.architecture;
         let (Some(layer), Some(activation)) = (job.graph.density, architecture.density) else { return };
@@ -173,7 +173,7 @@ impl Pass {
         }
     }
 
-    /// Backward pass of the colour branch: replaces dL/d rgb in `upper` by dL/d (output of the trunk).
+    /// Backward pass of the colour branch: `upper` has dL/d (raw colour) before, and dL/d (trunk's outputs) after.
     fn backward_colour(&mut self, job: Job<'_>, samples: usize) {
         let Graph { nodes, colour, .. } = job.graph;
         for l in colour.clone().rev() {
@@ -188,7 +188,7 @@ impl Pass {
         }
     }
 
-    /// Backward pass of density and trunk, from dL/d sigma and, if `colour`, dL/d (output of the trunk) in `upper`.
+    /// Backward pass of density and trunk, from dL/d sigma and, if `colour`, dL/d (trunk's outputs) in `upper`.
     fn backward_trunk(&mut self, job: Job<'_>, samples: usize, colour: bool) {
         let Graph { nodes, trunk, density, .. } = job.graph;
         if let Some(l) = *density {
@@ -220,7 +220,7 @@ impl Pass {
     }
 }
 
-/// sigma and its derivative; NaN stays NaN and shows in the loss.
+/// Returns sigma, at most `SIGMA_LIMIT`, and its derivative; NaN stays NaN and shows in the loss.
 pub(super) fn activate(activation: DensityActivation, raw: f32) -> (f32, f32) {
     let (value, slope) = match activation {
         DensityActivation::Relu => {
@@ -245,7 +245,6 @@ pub(super) fn activate(activation: DensityActivation, raw: f32) -> (f32, f32) {
     if value > SIGMA_LIMIT { (SIGMA_LIMIT, 0.0) } else { (value, slope) }
 }
 
-/// Makes room for `samples` samples of `channels`, in whole blocks; never shrinks.
 fn grow(buffer: &mut Vec<f32>, channels: usize, samples: usize) {
     let length = samples.div_ceil(BLOCK) * channels * BLOCK;
     if buffer.len() < length {

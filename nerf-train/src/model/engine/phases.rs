@@ -7,13 +7,13 @@ use std::time::{Duration, Instant};
 pub enum Phase {
     /// Generation of rays, and of their samples in occupied cells.
     March,
-    /// Interpolation of table entries to encoded positions.
+    /// Encoding of positions: interpolation of table entries.
     Encode,
     Forward,
-    /// Weights along rays, pixels, loss, and their gradients.
+    /// Compositing weights, pixels, loss, and the gradients with respect to weights and pixels.
     Composite,
     Backward,
-    /// Gradients of table entries.
+    /// Addition of the samples' gradients to those of the table entries that they read.
     Scatter,
     Adam,
     Occupancy,
@@ -59,7 +59,7 @@ impl Phases {
         self.0[phase as usize] += time;
     }
 
-    /// Adds the time since `since` to a phase, and returns the present time.
+    /// Adds the time since `since` to a phase; returns the present time.
     pub fn lap(&mut self, phase: Phase, since: Instant) -> Instant {
         let now = Instant::now();
         self.add(phase, now - since);

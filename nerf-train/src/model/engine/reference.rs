@@ -16,7 +16,7 @@ use nerf_core::simd::{BLOCK, Isa};
 use std::borrow::Cow;
 use std::ops::Range;
 
-/// Trains a sinusoidal network with dfdx's derivatives: `--engine dfdx`, and the oracle of the fused engine.
+/// Trains a sinusoidal network with dfdx's derivatives: `--engine dfdx`, and the oracle of [`super::FusedEngine`].
 pub struct ReferenceEngine {
     graph: Graph,
     device: Cpu,
@@ -29,15 +29,15 @@ impl ReferenceEngine {
         Self::with_parameters(model, adam, &model.initial_parameters(seed))
     }
 
-    /// Creates an engine with these parameters, in the model's order; those of an exported network belong to
-    /// [`Model::plain`].
+    /// Creates an engine that starts from `parameters`, in the order of [`Model::layers`]. For the parameters of an
+    /// exported network, `model` is [`Model::plain`].
     pub fn with_parameters(model: &Model, adam: Adam, parameters: &[f32]) -> Result<Self, EngineError> {
         let graph = Graph::new(model)?;
         let optimiser = Optimiser::new(&model.layers(), adam, parameters)?;
         Ok(Self { graph, device: Cpu::default(), optimiser })
     }
 
-    /// sigma, per world unit, and colour at each position, seen along the direction of the same index.
+    /// Returns sigma, per world unit, and colour at each position, seen along the direction of the same index.
     ///
     /// sigma is empty in a 2D field.
     pub fn forward(
@@ -64,7 +64,7 @@ impl ReferenceEngine {
         self.graph.nodes.iter().map(|node| Weights::of(&self.device, &node.dense, &values)).collect()
     }
 
-    /// Encodes positions (`slot` is `POSITION`) or directions: `[points][channels]`.
+    /// Encodes positions (`slot` is `POSITION`) or directions; returns `[points][channels]`.
     fn encode(&self, slot: usize, points: &[[f32; 3]]) -> Result<Matrix, EngineError> {
         let architecture = &self.graph.model.architecture;
         let position = *architecture.position.sinusoidal().expect("checked by the graph");
@@ -104,7 +104,7 @@ impl ReferenceEngine {
         Ok(h)
     }
 
-    /// sigma of each point, recorded on a separate tape.
+    /// Returns sigma of each point from the trunk's output `h`, recorded on a new tape; `None` in a 2D field.
     fn density<T: Tape<f32, Cpu>>(
         &self,
         weights: &[Weights],
@@ -130,7 +130,7 @@ impl ReferenceEngine {
         Ok(Some(sigma.try_clamp(0.0, SIGMA_LIMIT)?))
     }
 
-    /// Colour of each point, `[points][3]`, recorded on a separate tape.
+    /// Returns the colour of each point, `[points][3]`, recorded on a new tape.
     fn colour<T: Tape<f32, Cpu>>(
         &self,
         weights: &[Weights],
@@ -145,7 +145,7 @@ impl ReferenceEngine {
         Ok(h.try_sigmoid()?)
     }
 
-    /// Contribution of `rays` to the batch's mean squared error, and whether any density is above 0.
+    /// Returns the contribution of `rays` to the batch's mean squared error, and whether any sigma is above 0.
     fn render(
         &self,
         weights: &[Weights],
@@ -180,7 +180,7 @@ impl ReferenceEngine {
         Ok((with_tape(error, h.split_tape().1), alive))
     }
 
-    /// Contribution of these points of culled space to the mean of ln(1 + sigma); `None` without a density.
+    /// Returns the contribution of `points`, in empty cells, to the mean of ln(1 + sigma); `None` in a 2D field.
     fn thin(
         &self,
         weights: &[Weights],
@@ -193,7 +193,7 @@ impl ReferenceEngine {
         Ok(Some(with_tape(sum.try_mul(1.0 / batch.empty.len() as f32)?, h.split_tape().1)))
     }
 
-    /// Loss of a checked batch, and its gradients in the order of the model's parameters.
+    /// Returns the loss of a checked batch and its gradient with respect to each parameter.
     fn differentiate(&self, batch: &Batch) -> Result<(StepLoss, Vec<f32>), EngineError> {
         let weights = self.weights()?;
         let (mut chunks, mut gradients) = (Vec::new(), vec![0.0; self.optimiser.values().len()]);
@@ -229,7 +229,7 @@ impl ReferenceEngine {
         Ok((loss, gradients))
     }
 
-    /// Loss and gradients, in the order of the model's parameters, without a step.
+    /// Returns the loss of a batch and its gradient with respect to each parameter, without a step.
     #[cfg(test)]
     pub(super) fn gradients(&mut self, batch: &Batch) -> Result<(StepLoss, Vec<f32>), EngineError> {
         batch.check()?;
@@ -262,7 +262,7 @@ impl Engine for ReferenceEngine {
     }
 }
 
-/// Sum of the squared errors of rays without samples, which show their background.
+/// Returns the sum of the squared errors of rays without samples, whose colour is their background.
 pub(super) fn unseen(rays: &[BatchRay]) -> f64 {
     let channels = rays.iter().flat_map(|ray| ray.background.iter().zip(&ray.rgb));
     channels.map(|(seen, target)| f64::from(seen - target).powi(2)).sum()

@@ -11,11 +11,11 @@ pub(super) type Vector<T = NoneTape> = Tensor<(usize,), f32, Cpu, T>;
 pub(super) type Scalar = Tensor<Rank0, f32, Cpu, Taped>;
 pub(super) type Taped = OwnedTape<f32, Cpu>;
 
-/// Most samples on one tape, except for a longer ray: with all activations and gradients some 300 MiB for the 8×256
-/// network. A batch's gradient is the sum over its tapes.
+/// Largest number of samples on one tape, except for a longer ray: with all activations and gradients some 300 MiB for
+/// the 8×256 network. A batch's gradient is the sum over its tapes.
 pub(super) const TAPE_SAMPLES: usize = 4096;
 
-/// Parameters of one layer, with a matrix each for main and extra inputs, as dfdx has no concatenation.
+/// Parameters of one layer; main and extra inputs have separate matrices, as dfdx has no concatenation.
 pub(super) struct Weights {
     main: Matrix,
     extra: Option<Matrix>,
@@ -23,7 +23,7 @@ pub(super) struct Weights {
 }
 
 impl Weights {
-    /// The layer's part of `parameters`, which are in the model's order.
+    /// Copies the parameters of layer `d` from `parameters`, those of all layers.
     pub(super) fn of(device: &Cpu, d: &Dense, parameters: &[f32]) -> Result<Self, EngineError> {
         let rows = || parameters[d.weights..d.bias].chunks_exact(d.inputs());
         let main = rows().flat_map(|row| &row[..d.main]).copied().collect();
@@ -39,7 +39,7 @@ impl Weights {
         })
     }
 
-    /// `W [x, extra] + b`, for each row (sample) of `x`.
+    /// Returns `W [x, extra] + b`, for each row (sample) of `x`.
     pub(super) fn apply<T: Tape<f32, Cpu>>(
         &self,
         x: Matrix<T>,
@@ -54,7 +54,7 @@ impl Weights {
         Ok(y.try_add(self.bias.retaped::<T>().try_broadcast_like::<_, Axis<0>>(&shape)?)?)
     }
 
-    /// Adds the gradients `found` on a tape to `out`, in the model's order.
+    /// Adds the gradients of layer `d`, `found` on a tape, to their places in `out`, the gradient of all layers.
     pub(super) fn collect(
         &self,
         d: &Dense,
@@ -82,13 +82,13 @@ pub(super) fn add(to: &mut [f32], values: &[f32]) {
 pub(super) struct Rows {
     device: Cpu,
     shape: (usize, usize),
-    /// Index in the list of each matrix element's sample; `None` after a ray's last sample.
+    /// Index, in the list of samples, of each matrix element; `None` after a ray's last sample.
     places: Vec<Option<usize>>,
     index: Tensor<(usize,), usize, Cpu>,
 }
 
 impl Rows {
-    /// Rows of rays with these numbers of samples, at least one of which is not 0.
+    /// Arranges rays with these numbers of samples, at least one of which is not 0.
     pub(super) fn new(device: &Cpu, samples: &[usize]) -> Result<Self, EngineError> {
         let longest = samples.iter().copied().max().unwrap_or(0);
         let mut places = Vec::with_capacity(samples.len() * longest);
@@ -102,7 +102,7 @@ impl Rows {
         Ok(Self { device: device.clone(), shape: (samples.len(), longest), places, index })
     }
 
-    /// Matrix of a constant for each sample, without a tape; 0 after a ray's last sample.
+    /// Returns a matrix `[rays][longest]` of constants: `values` of each sample's index, 0 after a ray's last sample.
     pub(super) fn constants(&self, values: impl Fn(usize) -> f32) -> Result<Matrix, EngineError> {
         let values = self.places.iter().map(|place| place.map_or(0.0, &values)).collect();
         Ok(self.device.try_tensor_from_vec(values, self.shape)?)
@@ -113,7 +113,7 @@ impl Rows {
         Ok(values.try_gather(self.index.clone())?.try_reshape_like(&self.shape)?)
     }
 
-    /// `Σ_i weight_i x_i` of each ray, `[rays][channels]`.
+    /// Returns `Σ_i weight_i x_i` over the samples of each ray, `[rays][channels]`.
     ///
     /// `weights`: `[rays][longest]`, 0 after a ray's last sample; `values`: `[samples][channels]`.
     pub(super) fn sums(
@@ -128,13 +128,13 @@ impl Rows {
         Ok(weights.try_mul(values.try_reshape_like(&shape)?)?.try_sum::<(usize, usize), Axis<1>>()?)
     }
 
-    /// `Σ_{j<i} x_j` of each ray: a product with a strictly triangular matrix of ones, as dfdx has no cumulative sum.
+    /// Returns `Σ_{j<i} x_j` on each ray: a product with a triangular matrix of ones, as dfdx has no cumulative sum.
     pub(super) fn sums_in_front(&self, x: Matrix<Taped>) -> Result<Matrix<Taped>, EngineError> {
         let longest = self.shape.1;
         Ok(x.try_matmul(self.device.try_upper_tri_like(&(longest, longest), 1.0, 1)?)?)
     }
 
-    /// `T_i = exp(−Σ_{j<i} tau_j)` before each sample, and `T_end` after the last.
+    /// Returns `T_i = exp(−Σ_{j<i} tau_j)` before each sample, and `T_end` after each ray's last sample.
     pub(super) fn transmittance(
         &self,
         tau: Matrix<Taped>,
@@ -156,12 +156,12 @@ pub(super) fn over(
     Ok(shown.try_add(transmittance.try_broadcast_like::<_, Axis<1>>(&shape)?.try_mul(background)?)?)
 }
 
-/// `alpha = 1 − exp(−tau)`.
+/// Returns `alpha = 1 − exp(−tau)` of optical depths `tau`.
 pub(super) fn alpha(tau: Matrix<Taped>) -> Result<Matrix<Taped>, EngineError> {
     Ok(tau.try_negate()?.try_exp()?.try_negate()?.try_add(1.0)?)
 }
 
-/// `scale · Σ (pixels − target)²`, computed in f32.
+/// Returns `scale · Σ (pixels − target)²`, computed in f32.
 pub(super) fn squared_error(
     pixels: Matrix<Taped>,
     target: Matrix,

@@ -1,29 +1,29 @@
-//! Volume rendering of whole rays, its loss, and the derivative of that loss.
+//! Volume rendering of rays, the squared error of their colours, and its gradients.
 
 use super::BatchRay;
 use nerf_core::simd::BLOCK;
 
-/// Samples of whole rays; colours `[blocks][3][BLOCK]`, the rest `[samples]`.
+/// Samples of whole rays: `colour` is `[blocks][3][BLOCK]`, `deltas` and `sigma` are `[samples]`.
 pub(super) struct Samples<'a> {
     pub(super) deltas: &'a [f32],
-    /// Per world unit; absent in a 2D field, where every sample is opaque.
+    /// Density per world unit; `None` in a 2D field, where every sample is opaque.
     pub(super) sigma: Option<&'a [f32]>,
     pub(super) colour: &'a [f32],
 }
 
-/// Values of each sample that the backward pass reads from the forward pass.
+/// Values of the forward pass at each sample that the backward pass reads.
 #[derive(Default)]
 pub(super) struct Scratch {
     weights: Vec<f64>,
     transmittance_after: Vec<f64>,
 }
 
-/// Index of channel 0 of a sample's colour.
+/// Returns the index of a sample's red value in `[blocks][3][BLOCK]`.
 fn colour_index(sample: usize) -> usize {
     sample / BLOCK * 3 * BLOCK + sample % BLOCK
 }
 
-/// Sum over rays and channels of (C − rgb)², and the gradients of `scale` times the sum.
+/// Returns the sum over rays and channels of (C − rgb)², rendered minus target; writes the gradients of `scale` · sum.
 ///
 /// With `g_k = 2 scale (C_k − rgb_k)` and tau = sigma · delta:
 /// `dL/dc_ik = g_k w_i`, `dL/dtau_i = Σ_k g_k (c_ik T_{i+1} − Σ_{j>i} w_j c_jk − T_end bg_k)`.

@@ -1,17 +1,17 @@
 //! Adam for entries that have a gradient, and the steps at which each level of the tables is updated.
 //!
 //! Adam costs as much for a small gradient as for a large one, and the hashed levels have most of a grid's entries. A
-//! hashed level is updated only at every `hashed_every`th step, by the sum of its gradients, which serves Adam as well
-//! as their mean. Dense levels are updated at every step.
+//! hashed level is updated only at every `hashed_every`th step, by the sum of its gradients; Adam's step would be the
+//! same with their mean. Dense levels are updated at every step.
 //!
 //! Weight decay is decoupled (Loshchilov & Hutter 2019) and applies to the colour branch alone, which would otherwise
-//! fit the photographs' directions too closely.
+//! overfit the directions of the photographs.
 
 use crate::model::engine::{Adam, Model, Part};
 use nerf_core::encoding::GridLevel;
 use nerf_core::simd::{Lanes, Op};
 
-/// Lower bound of the second moment in a step, the square of the usual epsilon, so that no step overflows.
+/// Lower bound of the second moment in Adam's division, in place of epsilon: 1e-15 squared, so that no step overflows.
 const SMALLEST: f32 = 1e-30;
 
 #[derive(Clone, Copy)]
@@ -25,7 +25,7 @@ pub(super) struct AdamStep {
 }
 
 impl AdamStep {
-    /// Constants of step `step`, counted from 1, at learning rate `rate`.
+    /// Returns the constants of update `step`, counted from 1, at learning rate `rate`.
     pub fn new(adam: &Adam, rate: f64, step: u64) -> Self {
         let step = i32::try_from(step).unwrap_or(i32::MAX);
         let correction = |beta: f64| 1.0 - beta.powi(step);
@@ -39,7 +39,7 @@ impl AdamStep {
     }
 }
 
-/// Decays the colour branch's weights for a step at learning rate `rate`; `parameters`: in the model's order.
+/// Multiplies the colour branch's weights by 1 − `rate` · weight decay; `parameters`: in the model's order.
 pub(super) fn decay_weights(adam: &Adam, rate: f64, model: &Model, parameters: &mut [f32]) {
     let kept = (1.0 - rate * adam.weight_decay) as f32;
     for layer in model.layers() {
@@ -49,7 +49,7 @@ pub(super) fn decay_weights(adam: &Adam, rate: f64, model: &Model, parameters: &
     }
 }
 
-/// Applies Adam to values whose gradient is not 0; other values and their moments do not change.
+/// Applies Adam to values whose gradient is not 0; values with gradient 0 and their moments do not change.
 pub(super) struct Apply<'a> {
     pub step: AdamStep,
     pub values: &'a mut [f32],
@@ -94,8 +94,8 @@ pub(super) fn move_values(
     }
 }
 
-/// `1/√x` of a normal number, within 5e-6: a square root and a division take four times as long, and a learning rate
-/// is not known to that accuracy.
+/// Returns `1/√x` of a normal (not subnormal) number with a relative error of at most 5e-6. A square root and a
+/// division would take four times as long, and a learning rate is not known to that accuracy.
 ///
 /// # Source
 /// Lomont 2003, with two Newton iterations.
@@ -107,7 +107,7 @@ fn reciprocal_root(x: f32) -> f32 {
     y * (1.5 - half * y * y)
 }
 
-/// Updates one value without a branch, so that the loop around it vectorises.
+/// Updates one value and its moments, without a branch, so that the loop around it vectorises.
 #[inline(always)]
 fn moved(step: AdamStep, value: &mut f32, m: &mut f32, v: &mut f32, g: f32) {
     let new_m = step.beta1 * *m + (1.0 - step.beta1) * g;
@@ -119,7 +119,7 @@ fn moved(step: AdamStep, value: &mut f32, m: &mut f32, v: &mut f32, g: f32) {
     *v = if some { new_v } else { *v };
 }
 
-/// Number of a level's updates up to and including step `step`, counted from 1; `None` if the step does not update it.
+/// Returns the number of updates of a level in the steps from 1 to `step`; `None` if `step` does not update the level.
 pub(super) fn moves(adam: &Adam, level: &GridLevel, step: u64) -> Option<u64> {
     if level.mask.is_none() {
         return Some(step);
@@ -129,7 +129,7 @@ pub(super) fn moves(adam: &Adam, level: &GridLevel, step: u64) -> Option<u64> {
     at.is_multiple_of(every).then_some(at / every - first / every)
 }
 
-/// Number of entries of a level whose gradient is accumulated over steps.
+/// Returns the number of a level's entries if their gradient is accumulated over several steps, else 0.
 pub(super) fn waiting_entries(adam: &Adam, level: &GridLevel) -> usize {
     if adam.hashed_every > 1 && level.mask.is_some() { level.entries } else { 0 }
 }

@@ -1,4 +1,4 @@
-//! Encoded viewing directions, one row each.
+//! Encoding of viewing directions by spherical harmonics or sinusoids, and the gradient of the harmonics.
 
 use super::pass::{Job, grow};
 use super::vector::to_rows;
@@ -9,14 +9,14 @@ use nerf_core::math::MathBackend;
 
 #[derive(Default)]
 pub(super) struct Directions {
-    /// `[directions][padded outputs]`.
+    /// Encoded directions, `[directions][padded outputs]`.
     pub rows: Vec<f32>,
     dirs: Vec<f32>,
     channels: Vec<f32>,
 }
 
 impl Directions {
-    /// Encodes unit directions; does nothing if the field's colour does not depend on them.
+    /// Encodes unit directions into `rows`; does nothing if the field's colour does not depend on the direction.
     pub fn encode(&mut self, job: &Job<'_>, dirs: impl ExactSizeIterator<Item = [f32; 3]>) {
         let Some(direction) = &job.model.architecture.direction else { return };
         let (count, outputs) = (dirs.len(), direction.outputs());
@@ -42,8 +42,8 @@ impl Directions {
     }
 }
 
-/// Gradient of the loss with respect to the direction: `Jᵀ of_encoded`, with `J` the derivative of the spherical
-/// harmonics' polynomials. `of_encoded`: gradient of the loss with respect to each polynomial's value.
+/// Returns the gradient of the loss with respect to the direction: `Jᵀ of_encoded`, with `J` the derivative of the
+/// spherical harmonics' polynomials. `of_encoded`: gradient of the loss with respect to each polynomial's value.
 ///
 /// The polynomials are those of [`encode_harmonics_block`], which are defined on the sphere alone: only the component
 /// perpendicular to the direction is meaningful.

@@ -1,4 +1,4 @@
-//! Densities of a chunk's samples, wave by wave: encoding, trunk and density head.
+//! Densities of a chunk's samples, evaluated in waves of at most eight samples per ray.
 
 use super::layers::Layer;
 use super::pass::{Job, T_MIN, grow};
@@ -11,13 +11,13 @@ use nerf_core::network::EXPONENTIAL_LIMIT;
 use std::ops::Range;
 use std::time::Instant;
 
-/// Number of samples of a ray that are evaluated between two tests of its transmittance.
+/// Number of samples of a ray in a wave; after each wave, rays of low transmittance end.
 const WAVE: usize = 8;
 
-/// State of a ray of the current chunk.
+/// State of one ray of the current chunk while its samples are evaluated.
 #[derive(Clone, Copy, Default)]
 pub(super) struct RayState {
-    /// Index in the batch of the ray's first sample; `samples`: number of its samples.
+    /// Index in the batch of the ray's first sample.
     pub first: usize,
     samples: usize,
     pub evaluated: usize,
@@ -27,17 +27,17 @@ pub(super) struct RayState {
     pub transmittance: f32,
 }
 
-/// Evaluated samples of a chunk, one row each in the order of evaluation.
+/// Evaluated samples of a chunk, one row for each, in the order of evaluation: wave after wave.
 #[derive(Default)]
 pub(super) struct Evaluated {
     pub rays: Vec<RayState>,
     alive: Vec<usize>,
-    /// Row of each sample of the chunk, in the batch's order.
+    /// Row of each sample of the chunk; the samples are listed in the order of the batch.
     pub row_of: Vec<u32>,
     /// Index in the batch of each row's sample.
     pub index_of: Vec<u32>,
     pub deltas: Vec<f32>,
-    /// `[rows][padded channels]`.
+    /// Encoded positions, `[rows][padded channels]`.
     pub encoded: Vec<f32>,
     /// Outputs of each trunk layer, `[rows][padded outputs]`.
     pub hidden: Vec<Vec<f32>>,
@@ -52,8 +52,8 @@ impl Evaluated {
         Self { hidden: vec![Vec::new(); trunk], ..Self::default() }
     }
 
-    /// Evaluates the samples of `rays`, which begin at index `first`; a ray ends when its transmittance is below
-    /// `T_MIN`.
+    /// Evaluates sigma at the samples of `rays`; the first sample has index `first` in the batch. A ray ends when its
+    /// transmittance is below `T_MIN`.
     pub fn densities(
         &mut self,
         job: &Job<'_>,
@@ -98,7 +98,7 @@ impl Evaluated {
         phases.lap(Phase::Composite, now);
     }
 
-    /// Evaluates the first sample of each ray of a 2D field, which occludes the rest.
+    /// Evaluates the trunk at the first sample of each ray of a 2D field, which hides all samples behind it.
     pub fn picture(
         &mut self,
         job: &Job<'_>,
@@ -120,7 +120,7 @@ impl Evaluated {
         }
     }
 
-    /// Begins a chunk of rays whose first sample is `first`; returns the index after their last sample.
+    /// Begins a chunk of `rays` whose samples start at index `first` in the batch; returns the index after its samples.
     fn begin(&mut self, batch: &Batch, rays: Range<usize>, first: usize) -> usize {
         self.rays.clear();
         self.index_of.clear();
@@ -133,7 +133,7 @@ impl Evaluated {
         next
     }
 
-    /// Encodes the samples of these rows, and evaluates the trunk.
+    /// Encodes the samples of `rows`, and evaluates the trunk at them.
     fn trunk(&mut self, job: &Job<'_>, batch: &Batch, rows: Range<usize>, phases: &mut Phases) {
         let now = Instant::now();
         let (count, stride) = (rows.len(), padded(rows.len()));

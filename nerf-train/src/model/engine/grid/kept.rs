@@ -1,10 +1,10 @@
-//! Samples that the reference engine trains, chosen as in [`super::pass`] by the simplest code.
+//! Choice of the samples that the reference engine trains: the rule of [`super::samples`] in the simplest code.
 
 use super::pass::{GATE, ROULETTE_WEIGHT, T_MIN};
 use crate::model::engine::BatchRay;
 use nerf_core::sampling::{Purpose, uniform};
 
-/// Samples of some rays that get a colour and gradients, ray after ray; and the transmittance of the others.
+/// Samples that are kept (get a colour and gradients), ray after ray; transmittance through those that are not kept.
 pub(super) struct KeptSamples {
     /// Index in the batch of each kept sample.
     pub samples: Vec<usize>,
@@ -12,16 +12,16 @@ pub(super) struct KeptSamples {
     pub counts: Vec<usize>,
     /// Inverse of the probability with which each sample was kept.
     pub inverse: Vec<f32>,
-    /// For each kept sample: transmittance of the samples in front of it on its ray that were not kept.
+    /// For each kept sample: transmittance through the samples in front of it on its ray that are not kept.
     pub front: Vec<f32>,
-    /// For each ray: transmittance of all its samples that were not kept.
+    /// For each ray: transmittance through all its samples that are not kept.
     pub unkept: Vec<f32>,
 }
 
 impl KeptSamples {
-    /// Chooses the samples whose weight exceeds the gate and, with `roulette`, some of the others by Russian roulette.
-    /// A ray ends when its transmittance is below `T_MIN`. `depths`: optical depth of each sample; `first`: index of
-    /// the first in the batch.
+    /// Keeps the samples of weight above `GATE`; with `roulette`, those above `ROULETTE_WEIGHT` and some of smaller
+    /// weight at random. A ray ends when its transmittance is below `T_MIN`. `depths`: optical depth of each sample;
+    /// `first`: index in the batch of the first sample.
     pub fn of(rays: &[BatchRay], depths: &[f32], first: usize, roulette: Option<(u64, u64)>) -> Self {
         let (mut samples, mut inverse, mut front) = (Vec::new(), Vec::new(), Vec::new());
         let (mut counts, mut unkept) = (Vec::new(), Vec::new());
@@ -55,7 +55,7 @@ impl KeptSamples {
         Self { samples, counts, inverse, front, unkept }
     }
 
-    /// Distance of each kept sample from the first one of its ray, summed over the gaps between `positions`.
+    /// Returns the distance, along `positions`, of each kept sample from its ray's first kept sample.
     pub fn along(&self, positions: &[[f32; 3]]) -> Vec<f32> {
         let mut along = Vec::with_capacity(positions.len());
         for &count in &self.counts {

@@ -1,14 +1,14 @@
 //! The dense layers of a grid field, for rows of samples: `Y[s] = act(X[s] Wᵀ)`, `[samples][channels]`.
 //!
-//! The layers have no biases except the density's, which is not trained: spherical harmonics have a constant, and a
-//! hidden layer on learned features needs none (as in tiny-cuda-nn).
+//! The layers have no biases except the density's, which is not trained: the spherical harmonics include a constant,
+//! and a hidden layer on learned features needs no bias (as in tiny-cuda-nn).
 
 use crate::model::engine::graph::padded;
 use crate::model::engine::{Dense, Model, Part};
 use nerf_core::matrix::{Gemm, Init, gemm};
 use nerf_core::simd::Isa;
 
-/// Weights of a layer for its main or extra inputs, laid out for products with rows of samples.
+/// Weights of a layer for its main or for its extra inputs, laid out for products with rows of samples.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Product {
     pub inputs: usize,
@@ -25,7 +25,7 @@ impl Product {
         Self { inputs, outputs, forward: vec![0.0; forward], backward: vec![0.0; backward] }
     }
 
-    /// Copies the `inputs` columns from `first` on of `weights`, `[outputs][row]`.
+    /// Copies `inputs` columns of `weights`, `[outputs][row]`, from column `first` on, into both layouts.
     fn load(&mut self, weights: &[f32], row: usize, first: usize) {
         let (across, back) = (padded(self.outputs), padded(self.inputs));
         for (output, weights) in weights.chunks_exact(row).take(self.outputs).enumerate() {
@@ -36,7 +36,7 @@ impl Product {
         }
     }
 
-    /// `y = act(init + x Wᵀ)` of `rows` samples; `x`: `[rows][x_row]`, `y`: `[rows][padded outputs]`.
+    /// Computes `y = act(init + x Wᵀ)` of `rows` samples; `x`: `[rows][x_row]`, `y`: `[rows][padded outputs]`.
     #[allow(clippy::too_many_arguments, reason = "a product's")]
     pub fn forward(
         &self,
@@ -53,7 +53,8 @@ impl Product {
         gemm(isa, g, x, &self.forward, y, init, relu);
     }
 
-    /// `dx = init + dy W`; `dy`: `[rows][padded outputs]`, `dx`: `[rows][padded inputs]`.
+    /// Computes the gradient of the loss with respect to the inputs, `dx = init + dy W`. `dy`:
+    /// `[rows][padded outputs]`, `dx`: `[rows][padded inputs]`.
     pub fn backward(&self, isa: Isa, rows: usize, dy: &[f32], dx: &mut [f32], init: Init<'_>) {
         let n = padded(self.inputs);
         let g =
@@ -61,14 +62,14 @@ impl Product {
         gemm(isa, g, dy, &self.backward, dx, init, false);
     }
 
-    /// `sum += xᵀ dy`, `[inputs][padded outputs]`.
+    /// Adds the gradient with respect to the weights, `xᵀ dy`, to `sum`, `[inputs][padded outputs]`.
     pub fn add_gradient(&self, isa: Isa, rows: usize, x: &[f32], x_row: usize, dy: &[f32], sum: &mut [f32]) {
         let n = padded(self.outputs);
         let g = Gemm { m: self.inputs, n, k: rows, a_row: 1, a_col: x_row, b_row: n, c_row: n };
         gemm(isa, g, x, dy, sum, Init::Accumulate, false);
     }
 
-    /// Number of values of the sum of [`Self::add_gradient`].
+    /// Returns the length of `sum` in [`Self::add_gradient`].
     fn sum_len(&self) -> usize {
         self.inputs * padded(self.outputs)
     }
@@ -77,16 +78,16 @@ impl Product {
 #[derive(Clone, Debug)]
 pub(super) struct Layer {
     dense: Dense,
-    /// Inputs from the layer before, or the encoded position.
+    /// Weights of the main inputs: outputs of the layer before or, in the first layer, the encoded position.
     pub main: Product,
-    /// Inputs from the encoded direction, if the layer has any.
+    /// Weights of the extra inputs, the encoded direction, if the layer has extra inputs.
     pub extra: Option<Product>,
 }
 
 #[derive(Clone, Debug)]
 pub(super) struct Layers {
     pub trunk: Vec<Layer>,
-    /// Absent in a 2D field.
+    /// Density head; `None` in a 2D field.
     pub density: Option<Layer>,
     pub colour: Vec<Layer>,
     pub bias: f32,
@@ -114,12 +115,12 @@ impl Layers {
         self.trunk.len() + usize::from(self.density.is_some())
     }
 
-    /// Number of features that density and colour are read from.
+    /// Returns the number of features that the density head and the colour branch read.
     pub fn features(&self) -> usize {
         self.colour[0].main.inputs
     }
 
-    /// Number of parameters, which come before the tables.
+    /// Returns the number of parameters of all layers, which precede the tables' values.
     pub fn parameters(&self) -> usize {
         self.parameters
     }
@@ -141,10 +142,10 @@ impl Layers {
     }
 }
 
-/// Sums of the gradients with respect to the layers' weights, `[inputs][padded outputs]` for each layer.
+/// Sums of gradients with respect to the layers' weights; for each layer `[inputs][padded outputs]`.
 #[derive(Clone, Debug, Default)]
 pub(super) struct LayerSums {
-    /// Gradient sums of the weights of main inputs, in the order trunk, density, colour.
+    /// Sums for the weights of main inputs, layer after layer: trunk, density, colour.
     pub main: Vec<Vec<f32>>,
     pub extra: Vec<Vec<f32>>,
 }
@@ -162,7 +163,7 @@ impl LayerSums {
         self.main.iter_mut().chain(&mut self.extra).for_each(|sum| sum.fill(0.0));
     }
 
-    /// Writes the sum of all `sums`, added in order, to `gradient`, in the order of the parameters; 0 for biases.
+    /// Writes the total of all `sums`, added in order, to `gradient`, in the parameters' order; 0 for biases.
     pub fn reduce<'s>(layers: &Layers, sums: impl Iterator<Item = &'s Self> + Clone, gradient: &mut [f32]) {
         gradient.fill(0.0);
         for (l, Layer { dense, main, extra }) in layers.all().enumerate() {

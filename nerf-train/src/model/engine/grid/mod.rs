@@ -1,11 +1,11 @@
 //! The engine of grid fields: small layers on rows of samples, tables whose gradient is scattered level by level.
 //!
 //! ```text
-//! rays, 8 samples at a time:  encode ──► trunk ──► density ──► T; rays below T_MIN leave
+//! rays, 8 samples at a time:  encode ──► trunk ──► density ──► T; rays below T_MIN end
 //! samples with weight > gate: the mean of a ray's features ──► colour ──► pixel ──► loss
-//!                             d colour ──► d trunk ──► d encoded        sums of the layers: one an accumulator
-//! level by level:             d encoded ──► d table entries             in the samples' order; then, for a level
-//!                             that is due, Adam of the entries with a gradient, and their f16 for the next step
+//!                             d colour ──► d trunk ──► d encoded        layers' gradients: one sum per accumulator
+//! level by level:             d encoded ──► d table entries             in the samples' order; then, if the step
+//!                             updates the level, Adam of the entries with a gradient, and their f16 copies
 //! Adam:                       layers
 //! ```
 //!
@@ -15,8 +15,8 @@
 //! to accumulator `i mod 16`, and one thread sums a level of the tables, accumulator after accumulator.
 //!
 //! # Source
-//! Müller et al. 2022 (instant-ngp); samples are evaluated in waves and gated by their weight, as this project
-//! measured to be worth it on a CPU.
+//! Müller et al. 2022 (instant-ngp); deviation: samples are evaluated in waves, and only those of large enough
+//! weight are trained, which measured faster on a CPU.
 
 mod adam;
 mod directions;
@@ -54,19 +54,17 @@ use scatter::{Halve, Kept, LevelScratch, LevelState, LevelSum};
 use std::borrow::Cow;
 use std::sync::{Mutex, MutexGuard};
 
-/// Number of accumulators, and most threads of forward and backward pass; each level of the tables has one thread.
+/// Number of accumulators, and most threads of forward and backward pass; a level of the tables has one thread.
 const ACCUMULATORS: usize = 16;
-/// Most rays of a chunk: their samples, activations included, fit the second-level cache.
+/// Largest number of rays of a chunk: their samples with all activations fit the second-level cache.
 const CHUNK_RAYS: usize = 32;
-/// Fewest chunks of a batch of few rays, so that every thread has work: the rays of an unbounded scene are few and
-/// long.
+/// Number of chunks of a batch of few rays, so that every thread has work: an unbounded scene has few and long rays.
 const FEWEST_CHUNKS: usize = 6;
-/// Fewest rays of a chunk.
 const FEWEST_RAYS: usize = 8;
-/// Rays of a chunk of a 2D field, whose rays have one sample.
+/// Number of rays of a chunk of a 2D field, whose rays have one sample.
 const CHUNK_PIXELS: usize = 512;
 
-/// Trains a grid field; the same bits for any number of threads.
+/// Trains a grid field; the bits of a step do not depend on the number of threads.
 pub struct GridEngine {
     model: Model,
     grid: GridEncoding,
@@ -78,16 +76,16 @@ pub struct GridEngine {
     layers: Layers,
     passes: Vec<Pass>,
     scratch: Vec<Mutex<Scratch>>,
-    /// Tables in f16, as the renderer reads them: half the memory traffic, and no rounding at export.
+    /// Tables in f16, as the renderer reads them: half the memory traffic, and export rounds nothing further.
     halves: Vec<u8>,
     level_scratch: Vec<Mutex<LevelScratch>>,
-    /// Gradients of the hashed levels, if they are accumulated over steps.
+    /// Gradient of each level that is accumulated over several steps; `None` for a level that every step updates.
     sums: Vec<Option<LevelSum>>,
     gradient: Vec<f32>,
 }
 
 impl GridEngine {
-    /// Creates an engine with the initial values of `seed`; `bounds`: the box of the grid, x and y in a 2D field.
+    /// Creates an engine with the initial values of `seed`; `bounds`: box that the grid spans (x and y of a 2D field).
     pub fn new(model: &Model, bounds: SceneBox, adam: Adam, seed: u64) -> Result<Self, EngineError> {
         let grid = check_plain(model)?;
         let parameters = model.initial_parameters(seed);
@@ -132,7 +130,8 @@ impl GridEngine {
         self.isa = isa;
     }
 
-    /// Loss of a checked batch; its gradients are written to `gradient` and to the passes.
+    /// Returns the loss of a checked batch; writes the layers' gradient to `gradient`, the samples' gradients to
+    /// `passes`.
     fn differentiate(&mut self, batch: &Batch) -> Result<StepLoss, EngineError> {
         self.layers.load(&self.state.parameters[..self.layers.parameters()]);
         let tables = GridTables::new(TableValues::F16(&self.halves), Some(&self.bounds));
@@ -183,12 +182,12 @@ impl GridEngine {
     }
 }
 
-/// Entry of `scratch` for the current thread, so that no thread waits for the lock.
+/// Returns, locked, the entry of `scratch` for the current thread: no thread waits for another.
 fn own<T>(scratch: &[Mutex<T>]) -> MutexGuard<'_, T> {
     lock(&scratch[rayon::current_thread_index().unwrap_or(0) % scratch.len()])
 }
 
-/// For each of `views` photographs: sum over its rays of the gradient with respect to its log gain.
+/// Returns for each of `views` photographs the sum, over its rays, of the gradient with respect to its log gain.
 fn gain_sums<'g>(gains: impl IntoIterator<Item = &'g (u32, [f32; 3])>, views: usize) -> Vec<[f32; 3]> {
     let mut sums = vec![[0.0f32; 3]; views];
     for (view, gradient) in gains {
@@ -331,12 +330,12 @@ impl Engine for GridEngine {
     }
 }
 
-/// Splits off the first `length` values.
+/// Splits off and returns the first `length` values.
 fn front<'a, T>(values: &mut &'a mut [T], length: usize) -> &'a mut [T] {
     values.split_off_mut(..length).expect("values for all layers and levels")
 }
 
-/// Returns a model's grid, or an error if the engines cannot train the model.
+/// Returns the model's grid, or an error if the grid engines cannot train the model.
 fn check_plain(model: &Model) -> Result<GridEncoding, EngineError> {
     model.check()?;
     let grid = model.architecture.position.grid().cloned().ok_or(EngineError::NoGrid)?;
@@ -348,12 +347,12 @@ fn check_plain(model: &Model) -> Result<GridEncoding, EngineError> {
     Ok(grid)
 }
 
-/// Number of values whose gradient is accumulated over steps.
+/// Returns the number of table values whose gradient is accumulated over several steps.
 fn waiting_values(grid: &GridEncoding, adam: &Adam) -> usize {
     grid.levels().map(|level| waiting_entries(adam, &level) * usize::from(grid.features)).sum()
 }
 
-/// Checks that a state is of a model with this number of parameters and this grid.
+/// Checks that `state` is of a model with this number of parameters and this grid, and that its values are valid.
 fn check_state(
     state: &OptimiserState,
     parameters: usize,

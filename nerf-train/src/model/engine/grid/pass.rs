@@ -1,4 +1,4 @@
-//! Work of one accumulator: forward and backward passes of chunks of rays.
+//! Forward and backward passes over chunks of rays, whose loss and gradients one accumulator sums.
 
 use super::evaluate::Evaluated;
 use super::layers::{LayerSums, Layers};
@@ -16,15 +16,15 @@ use nerf_core::simd::Isa;
 use std::ops::Range;
 use std::time::Instant;
 
-/// Transmittance below which the rest of a ray is skipped.
+/// Transmittance below which a ray ends (early ray termination).
 pub(super) const T_MIN: f32 = 1e-3;
-/// Largest weight of samples that are neither coloured nor trained.
+/// Largest compositing weight of a sample that is neither coloured nor trained.
 pub(super) const GATE: f32 = 1e-3;
-/// Weight below which Russian roulette ([`Batch::roulette`]) decides on a sample. The sample is kept with probability
-/// weight / `ROULETTE_WEIGHT`, and its weight is then divided by that probability.
+/// Compositing weight below which Russian roulette ([`Batch::roulette`]) decides whether a sample is kept: with
+/// probability weight / `ROULETTE_WEIGHT`. A kept sample's weight is then divided by that probability.
 pub(super) const ROULETTE_WEIGHT: f32 = 3e-3;
 
-/// Smallest display-encoded value at which a photograph's channel is taken as clipped at white.
+/// Smallest display-encoded value at which a channel of a photograph counts as clipped at white.
 const CLIPPED: f32 = 250.0 / 255.0;
 
 #[derive(Clone, Copy)]
@@ -38,10 +38,10 @@ pub(super) struct Job<'a> {
 
 #[derive(Clone, Copy, Default)]
 pub(super) struct Totals {
-    /// Sum of (C − rgb)² over rays and channels.
+    /// Sum over rays and channels of (rendered − target)², times the weight of each ray.
     pub squared: f64,
     pub evaluated: usize,
-    /// Number of samples with a colour and a backward pass.
+    /// Number of samples that get a colour and a backward pass.
     pub kept: usize,
 }
 
@@ -52,7 +52,7 @@ pub(super) struct Pass {
     pub kept: Kept,
     /// For each ray: index of its photograph, and gradient of the loss with respect to that photograph's log gain.
     pub gains: Vec<(u32, [f32; 3])>,
-    /// Index in the batch and colour error of each ray whose photograph is known.
+    /// Index in the batch, and rendered minus target colour, of each ray whose photograph is known.
     pub errors: Vec<(u32, [f32; 3])>,
     /// Gradients of the loss with respect to the rays; empty if not requested.
     pub rays: Vec<RayGradient>,
@@ -64,15 +64,15 @@ pub(super) struct Scratch {
     evaluated: Evaluated,
     samples: Samples,
     shade: Shade,
-    /// Gradient of the loss with respect to the colour of each ray's kept samples, before gain and background.
+    /// Gradient of the loss with respect to each ray's composited colour, before gain and background.
     by_shown: Vec<[f32; 3]>,
     /// Gradient of the loss with respect to the transmittance after each ray's last sample.
     by_transmittance: Vec<f32>,
     /// Gradient of the loss with respect to each kept sample's compositing weight.
     by_weight: Vec<f32>,
-    /// Distance of each kept sample from the kept sample before.
+    /// Distance of each kept sample from the kept sample before it.
     gaps: Vec<f32>,
-    /// Gradient of the loss with respect to raw density, in the first column of each row.
+    /// Gradient of the loss with respect to each kept sample's raw density, in the first column of its row.
     d_raw: Vec<f32>,
     upper: Vec<f32>,
     lower: Vec<f32>,
@@ -80,7 +80,6 @@ pub(super) struct Scratch {
     pub phases: Phases,
 }
 
-/// Makes room for `length` values; never shrinks.
 pub(super) fn grow(buffer: &mut Vec<f32>, length: usize) {
     if buffer.len() < length {
         buffer.resize(length, 0.0);
@@ -112,7 +111,7 @@ impl Scratch {
         }
     }
 
-    /// Adds the loss and gradients of `rays`, whose samples begin at index `first`.
+    /// Adds loss and gradients of `rays`, whose first sample has index `first` in the batch, to `pass`.
     pub fn run(&mut self, job: &Job<'_>, batch: &Batch, rays: Range<usize>, first: usize, pass: &mut Pass) {
         let Self { evaluated, samples, phases, .. } = self;
         match &job.layers.density {
@@ -150,8 +149,8 @@ impl Scratch {
         }
     }
 
-    /// Returns the sum of the pixels' squared errors. Sets the gradients of the loss with respect to the colour of the
-    /// kept samples, their weights (without the terms through the colour), and the remaining transmittance.
+    /// Returns the sum of the rays' squared errors. Sets `by_shown`, `by_transmittance` and, without its terms through
+    /// the colour, `by_weight`.
     fn loss(&mut self, batch: &Batch, rays: Range<usize>, pass: &mut Pass) -> f64 {
         self.distort(batch);
         self.by_shown.clear();
@@ -211,7 +210,7 @@ impl Scratch {
         by_weight.iter_mut().for_each(|g| *g *= weight);
     }
 
-    /// Backward pass: from the gradients that `loss` sets to the layers' gradients and the samples for the tables.
+    /// Backward pass from the gradients that `loss` sets: adds the gradients of layers and of samples to `pass`.
     fn backward(&mut self, job: &Job<'_>, batch: &Batch, first_ray: usize, pass: &mut Pass) {
         let Self { evaluated, samples, shade, by_weight, upper, lower, .. } = self;
         let chunk = Shaded { batch, first_ray, states: &evaluated.rays, samples };
@@ -244,9 +243,9 @@ impl Scratch {
     }
 }
 
-/// Adds the gradient of a ray's depth loss with respect to its samples' weights to `by_weight`. Returns the gradient
-/// with respect to the transmittance after the last sample. `index`, `ray`: index of the ray in the batch and in the
-/// chunk.
+/// Adds the gradient of a ray's depth loss with respect to its samples' weights to `by_weight`. Returns the gradient of
+/// the depth loss with respect to the transmittance after the last sample. `index`, `ray`: index of the ray in the
+/// batch and in the chunk.
 fn draw_to_surface(
     batch: &Batch,
     index: usize,
@@ -265,8 +264,8 @@ fn draw_to_surface(
     weight * Surface::CLIP
 }
 
-/// Writes to `d_raw` the gradient of the loss with respect to each kept sample's raw density: through the colour that
-/// the sample adds, minus the light from behind that the sample absorbs.
+/// Writes to `d_raw` the gradient of the loss with respect to each kept sample's raw density: a term for the colour
+/// that the sample adds, minus a term for the colour behind the sample, which it hides.
 fn raw_densities(
     evaluated: &Evaluated,
     samples: &Samples,
@@ -291,8 +290,8 @@ fn raw_densities(
     }
 }
 
-/// Error of a channel, `shown` (after its photograph's `gain`) minus `rgb`; 0 if the photograph is clipped at white
-/// and `shown` is beyond white.
+/// Returns the error of a channel, `shown` minus `rgb`; 0 if the photograph has a gain, clips the channel at white, and
+/// `shown` is beyond white.
 fn clipped_error(shown: f32, rgb: f32, gain: f32) -> f32 {
     if gain != 1.0 && rgb >= CLIPPED && shown > 1.0 { 0.0 } else { shown - rgb }
 }

@@ -9,19 +9,19 @@ use glam::Vec3;
 
 #[derive(Default)]
 pub(super) struct RayScratch {
-    /// `[3][stride]`.
+    /// Positions of the kept samples, `[3][stride]`.
     points: Vec<f32>,
     by_point: Vec<f32>,
-    /// `[outputs][stride]`.
+    /// Gradient of the loss with respect to the encoded positions, `[outputs][stride]`.
     by_encoded: Vec<f32>,
 }
 
 impl RayScratch {
-    /// Appends the gradient of each ray with kept samples to `found`.
+    /// Appends the gradient of the loss with respect to each ray that has kept samples to `found`.
     ///
     /// A sample is at `p = origin + t dir`. dL/d origin is the sum of dL/dp over the samples, and dL/d dir is the sum
-    /// of t dL/dp plus the gradient through the colour branch. `by_encoded`: dL/d (encoded values) of the kept samples,
-    /// `[samples][padded outputs]`.
+    /// of t dL/dp plus the gradient through the colour branch. `by_encoded`: gradient of the loss with respect to the
+    /// encoded positions of the kept samples, `[samples][padded outputs]`.
     pub fn gradients(
         &mut self,
         job: &Job<'_>,
@@ -77,7 +77,7 @@ impl RayScratch {
 /// a ray, against fog and against surfaces in several places.
 ///
 /// ```text
-/// L = Σ_ij w_i w_j |s_i − s_j|     s: length of the way through the samples, in the space that the grid spans
+/// L = Σ_ij w_i w_j |s_i − s_j|     s: distance along the samples, in the space that the grid spans
 /// dL/dw_i = 2 Σ_j w_j |s_i − s_j|
 /// ```
 ///

@@ -1,8 +1,8 @@
-//! The reference engine of grid fields: samples gather from a dfdx tensor of tables; derivatives are left to the tape.
+//! The reference engine of grid fields: table entries are gathered from a dfdx tensor, and dfdx's tape differentiates.
 //!
-//! The results are those of [`GridEngine`](super::GridEngine), by the simplest code. The kept samples are chosen
-//! without a tape; the transmittance of the remaining samples is a constant. Deviations: every sample's density is
-//! evaluated, even after the end of a ray, and pixels that a photograph clips at white are treated as all others.
+//! The results are those of [`GridEngine`](super::GridEngine), by the simplest code. The samples to keep are chosen
+//! without a tape; the transmittance through samples that are not kept is a constant. Deviations: every sample's
+//! density is evaluated, even after the end of a ray, and pixels clipped at white are treated as all others.
 
 mod forward;
 mod terms;
@@ -28,35 +28,35 @@ use std::borrow::Cow;
 use std::ops::Range;
 use terms::{distortion, surfaces, with_gradient_scaled};
 
-/// Trains the grid of a scene by dfdx's tape and dfdx's Adam: `--engine dfdx`, and the oracle of the fused engine.
+/// Trains a scene's grid with dfdx's tape and Adam: `--engine dfdx`, and the oracle of [`super::GridEngine`] in tests.
 pub struct GridReferenceEngine {
     model: Model,
     grid: GridEncoding,
     bounds: SceneBox,
     adam: Adam,
-    /// Parameters and moments: layers, then tables.
+    /// Parameters (layers, then tables) and Adam's moments.
     state: OptimiserState,
     of_rays: OfRays,
     device: Cpu,
 }
 
-/// Gradients and errors of the last step's rays.
+/// Gradients with respect to gains, and colour errors, of the rays of the last step.
 #[derive(Default)]
 struct OfRays {
     /// For each ray: index of its photograph, and gradient of the loss with respect to that photograph's log gain.
     gains: Vec<(u32, [f32; 3])>,
-    /// Index of each ray in the batch, and its colour error.
+    /// Index in the batch, and rendered minus photographed colour, of each ray whose photograph is known.
     errors: Vec<(u32, [f32; 3])>,
 }
 
 struct Rendered {
-    /// Contribution of the rays to the mean squared error.
+    /// Contribution of the rendered rays to the batch's mean squared error.
     mse: f32,
-    /// Contribution of the rays to the whole loss, with the tape.
+    /// Contribution of the rendered rays to the loss, with the tape that differentiates it.
     total: Scalar,
-    /// Gains of the rays, `[rays][3]`, by which the loss is differentiated.
+    /// Gains of the rays, `[rays][3]`, with respect to which the loss is differentiated, too.
     gains: Matrix,
-    /// Shown minus photographed, `[rays][3]`.
+    /// Rendered minus photographed colour, `[rays][3]`.
     errors: Vec<f32>,
 }
 
@@ -78,7 +78,7 @@ impl GridReferenceEngine {
         Ok(Self { model, grid, bounds, adam, state, of_rays: OfRays::default(), device })
     }
 
-    /// Adds loss and gradients of the rays `indices` with the samples `samples`.
+    /// Adds the loss and the gradients of the rays `indices`, whose samples are `samples`, to the last three arguments.
     fn add_rays(
         &self,
         network: &Network,
@@ -131,7 +131,7 @@ impl GridReferenceEngine {
         Ok(())
     }
 
-    /// Renders the rays with these indices.
+    /// Renders the rays `indices` of the batch, and computes their loss.
     fn render(
         &self,
         network: &Network,
@@ -201,7 +201,7 @@ impl GridReferenceEngine {
         Ok(Rendered { mse, total: with_tape(total, h.split_tape().1), gains, errors })
     }
 
-    /// Loss of a checked batch, and its gradients in the order of the model's parameters.
+    /// Returns the loss of a checked batch and its gradient with respect to each parameter.
     fn differentiate(&mut self, batch: &Batch) -> Result<(StepLoss, Vec<f32>), EngineError> {
         let network = forward::network(self)?;
         let (mut chunks, mut loss) = (Vec::new(), StepLoss::default());
@@ -225,7 +225,7 @@ impl GridReferenceEngine {
         Ok((loss, gradients))
     }
 
-    /// Updates layers, dense levels, and the hashed levels that this step updates, by their accumulated gradients.
+    /// Does an Adam step: layers, dense levels and, by accumulated gradients, the hashed levels that the step updates.
     fn update(&mut self, mut gradients: Vec<f32>, rate: f64) -> Result<(), EngineError> {
         let step = self.state.steps + 1;
         let (features, mut first) = (usize::from(self.grid.features), 0);
@@ -254,7 +254,7 @@ impl GridReferenceEngine {
         Ok(())
     }
 
-    /// Applies dfdx's Adam to parameters whose gradient is not 0; other parameters and their moments do not change.
+    /// Applies dfdx's Adam to parameters whose gradient is not 0; at gradient 0, parameters and moments do not change.
     fn move_values(
         &mut self,
         range: Range<usize>,

@@ -1,4 +1,4 @@
-//! Samples of a chunk that are coloured and trained.
+//! Kept samples of a chunk: the samples that are coloured and trained.
 
 use super::evaluate::Evaluated;
 use super::pass::{GATE, Job, ROULETTE_WEIGHT, T_MIN, grow};
@@ -7,10 +7,10 @@ use crate::model::engine::Batch;
 use crate::model::engine::graph::padded;
 use nerf_core::sampling::{Purpose, uniform};
 
-/// The kept samples, ray after ray.
+/// Kept samples of a chunk, ray after ray.
 #[derive(Default)]
 pub(super) struct Samples {
-    /// Row of each kept sample among the evaluated samples.
+    /// Row of each kept sample in [`Evaluated`].
     pub row: Vec<u32>,
     /// Index in the chunk of each kept sample's ray.
     pub ray: Vec<u32>,
@@ -20,7 +20,7 @@ pub(super) struct Samples {
     pub inverse_probability: Vec<f32>,
     pub counted: Vec<f32>,
     pub scale: Vec<f32>,
-    /// `[samples][padded channels]`.
+    /// Encoded positions, `[samples][padded channels]`.
     pub encoded: Vec<f32>,
     /// Outputs of each trunk layer, `[samples][padded outputs]`.
     pub hidden: Vec<Vec<f32>>,
@@ -41,7 +41,7 @@ impl Samples {
         self.hidden.last().unwrap_or(&self.encoded)
     }
 
-    /// Keeps the samples whose weight exceeds the gate and, of the others, those chosen by Russian roulette.
+    /// Keeps the samples of large enough weight and, with Russian roulette, some of smaller weight at random.
     pub fn keep(&mut self, job: &Job<'_>, batch: &Batch, evaluated: &mut Evaluated, first: usize) {
         let stride = padded(evaluated.index_of.len());
         grow(&mut self.passed, stride);
@@ -76,7 +76,7 @@ impl Samples {
         self.take_rows(job, batch, evaluated);
     }
 
-    /// Keeps all evaluated samples of a 2D field: the first one of each ray.
+    /// Keeps the evaluated sample of each ray of a 2D field.
     pub fn keep_all(&mut self, job: &Job<'_>, batch: &Batch, evaluated: &Evaluated) {
         self.clear();
         for (ray, state) in evaluated.rays.iter().enumerate() {
@@ -116,7 +116,7 @@ impl Samples {
     }
 }
 
-/// Copies the `rows` of `from`, `[…][width]`, into `to`.
+/// Copies the rows with indices `rows` of `from`, `[…][width]`, to `to`.
 fn take_rows(from: &[f32], width: usize, rows: &[u32], to: &mut Vec<f32>) {
     grow(to, padded(rows.len()) * width);
     for (to, &row) in to.chunks_exact_mut(width).zip(rows) {

@@ -1,6 +1,6 @@
-//! Update of a level: the kept samples' gradients are added to the entries they read, and Adam updates these entries.
+//! Update of one level of the tables: the kept samples' gradients are summed by entry, and Adam updates the entries.
 //!
-//! One thread updates a level, in memory that stays in the thread's cache: successive levels share a gradient buffer.
+//! One thread updates a level. The levels that a thread updates share one gradient buffer, which stays in the cache.
 
 use super::adam::{AdamStep, move_values};
 use crate::model::engine::{GRADIENT_LIMIT, Phase, Phases};
@@ -9,24 +9,24 @@ use nerf_core::encoding::{GridCorners, GridEncoding, GridLevel, GridTables, grid
 use nerf_core::simd::{BLOCK, Isa, Lanes, Op, prefetch};
 use std::time::Instant;
 
-/// Number of values in a part of a level; a part that no sample reads is skipped.
+/// Number of values in a part of a level; Adam skips a part that no sample reads.
 const PART: usize = 64;
-/// Distance of the prefetch ahead of Adam's step, parts.
+/// Number of parts by which the prefetch is ahead of Adam's update.
 const AHEAD: usize = 4;
-/// Distance of the prefetch ahead of the sum of gradients, samples.
+/// Number of samples by which the prefetch is ahead of the sum of gradients.
 const SAMPLES_AHEAD: usize = 8;
 
-/// Kept samples, whose gradients are added to the tables.
+/// Kept samples of one accumulator's chunks, with the gradients that the tables' update sums.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Kept {
-    /// Positions, `[samples]` along each axis.
+    /// Positions of the samples: for each axis, `[samples]`.
     pub positions: [Vec<f32>; 3],
-    /// Weights along their rays, `[samples]`.
+    /// Compositing weights, `[samples]`.
     pub weights: Vec<f32>,
-    /// Gradients of the loss with respect to the encoded values, `[samples][width]`.
+    /// Gradients of the loss with respect to the encoded positions, `[samples][width]`.
     pub gradients: Vec<f32>,
     pub width: usize,
-    /// Largest absolute value of the gradients; NaN if any gradient is NaN.
+    /// Largest absolute value of `gradients`; NaN if one of them is NaN.
     pub largest: f32,
 }
 
@@ -38,13 +38,13 @@ impl Kept {
         self.largest = 0.0;
     }
 
-    /// Adds the samples' gradients, `[samples][width]`.
+    /// Appends gradients with respect to encoded positions, `[samples][width]`.
     pub fn extend(&mut self, isa: Isa, gradients: &[f32]) {
         self.largest = f32::from_bits(isa.run(Largest { gradients }).max(self.largest.to_bits()));
         self.gradients.extend_from_slice(gradients);
     }
 
-    /// Whether no entry's accumulated gradient over all of `kept` can reach [`GRADIENT_LIMIT`].
+    /// Whether no entry's gradient, summed over all samples of `kept`, can reach [`GRADIENT_LIMIT`].
     pub fn usable<'k>(kept: impl Iterator<Item = &'k Self>) -> bool {
         // A sample's interpolation weights at a level sum to 1.
         let most: f64 = kept.map(|kept| kept.positions[0].len() as f64 * f64::from(kept.largest)).sum();
@@ -52,7 +52,7 @@ impl Kept {
     }
 }
 
-/// Bits of the largest absolute value. Bits of absolute values are ordered as the values, with NaN above all numbers.
+/// Computes the bits of the largest absolute value; such bits are ordered as the values, with NaN above all numbers.
 struct Largest<'a> {
     gradients: &'a [f32],
 }
@@ -66,27 +66,27 @@ impl Op for Largest<'_> {
     }
 }
 
-/// State of the level that a thread updates: each value has two moments and an f16 copy.
+/// State of one level of the tables: each value has two moments and an f16 copy.
 pub(super) struct LevelState<'a> {
     pub level: GridLevel,
     pub values: &'a mut [f32],
     pub moment1: &'a mut [f32],
     pub moment2: &'a mut [f32],
     pub halves: &'a mut [u8],
-    /// Step size, if the values are rounded.
+    /// Quantisation step, if the level's values are rounded.
     pub scale: Option<f32>,
-    /// Gradient of the level, if it is accumulated over steps.
+    /// Gradient of the level, if it is accumulated over several steps.
     pub sum: Option<&'a mut LevelSum>,
     /// Adam's constants, if this step updates the level.
     pub adam: Option<AdamStep>,
 }
 
-/// Accumulated gradient of a level; Adam resets it to 0.
+/// Gradient of the loss with respect to the values of a level; Adam's update resets it to 0.
 #[derive(Clone, Debug)]
 pub(super) struct LevelSum {
-    /// `[entries][features]`, and one part more: a row of two entries may extend beyond the last entry.
+    /// `[entries][features]`, and one part of padding: adjacent entries are written in pairs, even at the end.
     gradient: Vec<f32>,
-    /// Whether a row of two entries with a gradient begins in each part.
+    /// For each part: whether a pair of adjacent entries that have a gradient begins in the part.
     touched: Vec<bool>,
 }
 
@@ -109,7 +109,7 @@ impl LevelSum {
     }
 }
 
-/// Buffers of a thread. `sum`: gradient of the current level, unless that is accumulated over steps.
+/// Buffers of a thread. `sum`: gradient of the current level, unless the level has a [`LevelState::sum`].
 #[derive(Clone, Debug)]
 pub(super) struct LevelScratch {
     sum: LevelSum,
@@ -117,7 +117,7 @@ pub(super) struct LevelScratch {
     pub phases: Phases,
 }
 
-/// Entries, interpolation weights, and weights of the corners at the larger x, of a block of samples.
+/// Buffers of [`GridCorners`] for a block of samples: `entry`, `weight` and `x`.
 type Corners = (Vec<u32>, Vec<f32>, Vec<f32>);
 
 impl LevelScratch {
@@ -127,7 +127,7 @@ impl LevelScratch {
         Self { sum: LevelSum::new(most), corners, phases: Phases::default() }
     }
 
-    /// Does one step of a level: sums the gradients of all samples in order; applies Adam if it updates the level.
+    /// Sums the gradients of all samples at a level, in order; applies Adam if the step updates the level.
     pub fn step<'k>(
         &mut self,
         isa: Isa,
@@ -184,7 +184,7 @@ impl LevelSum {
     }
 }
 
-/// Adds the gradients `rows` of a block of samples, `[samples][width]`, to those of the table entries they read.
+/// Adds the gradients of a block of samples, `rows`, `[samples][width]`, to those of the table entries that they read.
 struct Add<'a> {
     entry: &'a [u32],
     weight: &'a [f32],
@@ -197,7 +197,7 @@ struct Add<'a> {
     touched: &'a mut [bool],
 }
 
-/// [`Add`] for cells with `ROWS` rows of two entries, of `F` values per entry and `F2` per row.
+/// [`Add`] with constant sizes: `ROWS` pairs of adjacent entries per cell, `F` values per entry, `F2` values per pair.
 struct Features<'a, const ROWS: usize, const F: usize, const F2: usize>(Add<'a>);
 
 impl<const ROWS: usize, const F: usize, const F2: usize> Op for Features<'_, ROWS, F, F2> {
@@ -235,7 +235,7 @@ impl<const ROWS: usize, const F: usize, const F2: usize> Op for Features<'_, ROW
     }
 }
 
-/// Applies Adam to the values of a level whose gradient is not 0, resets the gradient, and updates the f16 copy.
+/// Applies Adam to values of a level whose gradient is not 0, resets the gradient to 0, and updates the f16 copy.
 struct Update<'a, 's, 'l> {
     adam: AdamStep,
     gradient: &'a mut [f32],
@@ -277,7 +277,7 @@ impl Op for Update<'_, '_, '_> {
     }
 }
 
-/// Writes little-endian f16; values are first rounded to whole steps of `scale`, if there is one.
+/// Writes `values` as little-endian f16 to `halves`, after rounding to whole steps of `scale`, if there is one.
 pub(super) struct Halve<'a> {
     pub values: &'a [f32],
     pub scale: Option<f32>,

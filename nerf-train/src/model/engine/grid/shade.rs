@@ -1,5 +1,5 @@
-//! One colour per ray (deferred shading): features are composited, and the colour branch takes their weighted mean.
-//! In a 2D field the mean is that of one sample.
+//! One colour per ray (deferred shading): the colour branch takes the weighted mean P of the samples' features h_i.
+//! In a 2D field, P is the features of one sample.
 //!
 //! ```text
 //! A = Σ w_i;  P = Σ w_i h_i / A;  shown = A · o,  o = sigmoid(branch [P, PE(d)])
@@ -21,7 +21,7 @@ use nerf_core::matrix::Init;
 use nerf_core::simd::{Lanes, Op};
 use std::ops::Range;
 
-/// Chunk whose colours are computed.
+/// Chunk of rays whose colours are computed, with the rays' states and the kept samples.
 #[derive(Clone, Copy)]
 pub(super) struct Shaded<'a> {
     pub batch: &'a Batch,
@@ -36,18 +36,18 @@ impl<'a> Shaded<'a> {
     }
 }
 
-/// Colour branch, forward and backward, with a thread's buffers: one row for each ray with kept samples.
+/// Colour branch, forward and backward, with a thread's buffers; these have one row for each ray with kept samples.
 #[derive(Default)]
 pub(super) struct Shade {
-    /// Row of each ray of the chunk; undefined for a ray without kept samples.
+    /// Row in the buffers of each ray of the chunk; undefined for a ray without kept samples.
     row_of: Vec<usize>,
     rows: Vec<Row>,
-    /// P, `[rows][padded features]`.
+    /// Mean features P, `[rows][padded features]`.
     mean: Vec<f32>,
-    /// Outputs of each layer, `[rows][padded outputs]`.
+    /// Outputs of each layer of the colour branch, `[rows][padded outputs]`.
     coloured: Vec<Vec<f32>>,
     directions: Directions,
-    /// dL/d encoded direction, `[rows][padded outputs]`.
+    /// Gradient of the loss with respect to the encoded direction, `[rows][padded outputs]`.
     by_encoded_dir: Vec<f32>,
     upper: Vec<f32>,
     lower: Vec<f32>,
@@ -56,9 +56,9 @@ pub(super) struct Shade {
 struct Row {
     ray: usize,
     samples: Range<usize>,
-    /// A, the sum of the weights.
+    /// Opacity A: the sum of the weights.
     opacity: f32,
-    /// dL/dA at a constant sum of weighted features.
+    /// dL/dA at constant mean features P.
     by_opacity: f32,
 }
 
@@ -67,7 +67,7 @@ impl Shade {
         Self { coloured: vec![Vec::new(); layers.colour.len()], ..Self::default() }
     }
 
-    /// Backward pass of the branch; leaves dL/dP in `upper`.
+    /// Does the backward pass of the colour branch: `upper` has dL/d (raw colour) at the beginning, dL/dP at the end.
     fn branch_backward(&mut self, job: &Job<'_>, by_rays: bool, sums: &mut LayerSums) {
         let (isa, count, layers) = (job.isa, self.rows.len(), job.layers);
         for (l, layer) in layers.colour.iter().enumerate().rev() {
@@ -92,7 +92,7 @@ impl Shade {
         }
     }
 
-    /// Computes the colours of a chunk that has kept samples.
+    /// Computes the colours of a chunk of which at least one ray has a kept sample.
     pub fn forward(&mut self, job: &Job<'_>, chunk: Shaded<'_>) {
         let (rays, samples) = (chunk.rays(), chunk.samples);
         self.row_of.clear();
@@ -126,7 +126,7 @@ impl Shade {
         job.isa.run(Sigmoids { x: &mut rgb[..count * VECTOR] });
     }
 
-    /// Colour of the kept samples of the chunk's ray `ray`, before gain and background.
+    /// Returns the composited colour of the chunk's ray `ray`, before gain and background.
     pub fn shown(&self, ray: usize, chunk: Shaded<'_>) -> [f32; 3] {
         let (first, end) = chunk.states[ray].kept;
         if first == end {
@@ -136,8 +136,8 @@ impl Shade {
         [0, 1, 2].map(|k| self.rows[row].opacity * rgb[row * VECTOR + k])
     }
 
-    /// For each ray with kept samples: gradient of the loss with respect to the ray's direction, through the colour
-    /// branch. Valid after the backward pass of a batch that requests ray gradients.
+    /// Returns, for each ray with kept samples, the gradient of the loss with respect to the ray's direction through
+    /// the colour branch. Valid after the backward pass of a batch that requests ray gradients.
     pub fn by_directions(&self, job: &Job<'_>, chunk: Shaded<'_>) -> impl Iterator<Item = Vec3> {
         let outputs = match job.model.architecture.direction {
             Some(direction @ DirectionEncoding::SphericalHarmonics { .. }) => direction.outputs(),
@@ -149,9 +149,9 @@ impl Shade {
         })
     }
 
-    /// Backward pass from `by_shown`, the gradient of the loss with respect to each ray's shown colour. Adds the
-    /// gradient with respect to the branch's parameters to `sums`, and that with respect to each sample's weight to
-    /// `by_weight`. Writes dL/d (features) of each sample to `by_features`, `[samples][padded features]`.
+    /// Does the backward pass from `by_shown`, the gradient of the loss with respect to each ray's composited colour.
+    /// Adds dL/d (colour branch's parameters) to `sums` and dL/d (compositing weights) to `by_weight`; writes dL/d
+    /// (features) of each sample to `by_features`, `[samples][padded features]`.
     pub fn backward(
         &mut self,
         job: &Job<'_>,
@@ -209,7 +209,7 @@ impl Op for Mean<'_> {
     }
 }
 
-/// Computes dL/dw_i and dL/dh_i of the samples from dL/dP (symbols as at the head of the file).
+/// Computes dL/dw_i and dL/dh_i of the kept samples from dL/dP; the module's documentation defines the symbols.
 struct OfSamples<'a> {
     rows: &'a [Row],
     samples: &'a Samples,

@@ -1,10 +1,10 @@
-//! Loops over slices, compiled for the instruction set.
+//! Loops over the elements of slices, compiled for each instruction set.
 
 use crate::model::engine::graph::VECTOR;
 use nerf_core::math::polynomial::exp;
 use nerf_core::simd::{Lanes, Op};
 
-/// `out[i] = exp(min(x[i] + bias, limit))`, NaN stays NaN; `[n]`, n a multiple of [`VECTOR`].
+/// Computes `out[i] = exp(min(x[i] + bias, limit))`; NaN stays NaN. The length is a multiple of [`VECTOR`].
 pub(super) struct Exponentials<'a> {
     pub x: &'a [f32],
     pub bias: f32,
@@ -26,7 +26,7 @@ impl Op for Exponentials<'_> {
     }
 }
 
-/// `out[i] = exp(−a[i] · b[i])`.
+/// Computes the transmittance `out[i] = exp(−a[i] · b[i])` of intervals of sigma `a[i]` and length `b[i]`.
 pub(super) struct Transmitted<'a> {
     pub a: &'a [f32],
     pub b: &'a [f32],
@@ -46,7 +46,7 @@ impl Op for Transmitted<'_> {
     }
 }
 
-/// `x[i] = 1 / (1 + exp(−x[i]))`.
+/// Replaces `x[i]` by its sigmoid, `1 / (1 + exp(−x[i]))`.
 pub(super) struct Sigmoids<'a> {
     pub x: &'a mut [f32],
 }
@@ -83,7 +83,7 @@ impl Op for Mask<'_> {
     }
 }
 
-/// Writes channels `[channels][stride]` as rows, `rows[i * width + channel]`, of `count` samples.
+/// Transposes `channels`, `[channels][stride]`, to rows of `count` samples, `rows[i * width + channel]`.
 pub(super) fn to_rows(channels: &[f32], stride: usize, count: usize, rows: &mut [f32], width: usize) {
     for (channel, values) in channels.chunks_exact(stride).enumerate() {
         for (row, &value) in rows.chunks_exact_mut(width).zip(&values[..count]) {
@@ -92,7 +92,7 @@ pub(super) fn to_rows(channels: &[f32], stride: usize, count: usize, rows: &mut 
     }
 }
 
-/// Copies a row of whole vectors (`from` may be longer) without a call, which for some 16 values would take longer.
+/// Copies the beginning of `from` to `to`, a row of whole vectors, inline: a call would take longer than the copy.
 pub(super) fn copy_row(from: &[f32], to: &mut [f32]) {
     for (to, from) in to.as_chunks_mut::<VECTOR>().0.iter_mut().zip(from.as_chunks::<VECTOR>().0) {
         *to = *from;

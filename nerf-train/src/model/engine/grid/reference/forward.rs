@@ -11,11 +11,11 @@ use nerf_core::math::MathBackend;
 use nerf_core::network::EXPONENTIAL_LIMIT;
 use nerf_core::simd::Isa;
 
-/// Parameters of a step as tensors.
+/// Parameters of the field as dfdx tensors.
 pub(super) struct Network {
     pub layers: Vec<(Dense, Weights)>,
-    /// Values of all levels as the renderer reads them, `[entries][features]`; their gradient is used as the
-    /// parameters'.
+    /// Values of all levels, rounded as the renderer reads them, `[entries][features]`. The gradient with respect to
+    /// these values updates the parameters before rounding.
     pub table: Matrix,
 }
 
@@ -37,7 +37,7 @@ pub(super) fn network(engine: &GridReferenceEngine) -> Result<Network, EngineErr
     Ok(Network { layers, table: engine.device.try_tensor_from_vec(table, (entries, features))? })
 }
 
-/// Interpolated values, `[samples][levels · features]`: `Σ_corners weight · table[entry]`.
+/// Returns the encoded positions, `[samples][levels · features]`: `Σ_corners weight · table[entry]`.
 fn encode<T: Tape<f32, Cpu>>(
     engine: &GridReferenceEngine,
     table: &Matrix,
@@ -66,7 +66,7 @@ fn encode<T: Tape<f32, Cpu>>(
     Ok(sums.try_reshape_like(&(samples, levels * features))?)
 }
 
-/// The trunk's output, `[samples][width]`.
+/// Returns the trunk's output at `positions`, `[samples][width]`.
 pub(super) fn trunk<T: Tape<f32, Cpu>>(
     engine: &GridReferenceEngine,
     network: &Network,
@@ -79,7 +79,7 @@ pub(super) fn trunk<T: Tape<f32, Cpu>>(
     Ok(h)
 }
 
-/// sigma of each sample, recorded on a separate tape.
+/// Returns sigma of each sample from the trunk's output `h`, recorded on a new tape.
 pub(super) fn density<T: Tape<f32, Cpu>>(network: &Network, h: &Matrix<T>) -> Result<Vector<T>, EngineError> {
     let density = network.layers.iter().find(|(d, _)| d.part == Part::Density);
     let (_, weights) = density.ok_or(EngineError::NoDensity)?;
@@ -88,7 +88,7 @@ pub(super) fn density<T: Tape<f32, Cpu>>(network: &Network, h: &Matrix<T>) -> Re
     Ok(raw.try_reshape_like(&(samples,))?.try_clamp(f32::MIN, EXPONENTIAL_LIMIT)?.try_exp()?)
 }
 
-/// Colour of each row of features, `[rows][3]`, recorded on a separate tape.
+/// Returns the colour of each row of features `h`, `[rows][3]`, recorded on a new tape.
 pub(super) fn colour(
     engine: &GridReferenceEngine,
     network: &Network,
@@ -124,7 +124,7 @@ fn directions(engine: &GridReferenceEngine, dirs: &[[f32; 3]]) -> Result<Option<
     Ok(Some(engine.device.try_tensor_from_vec(values, (dirs.len(), channels))?))
 }
 
-/// Entries at the corners of the cell around `unit`, as indices over all levels, and their trilinear weights.
+/// Returns entry (index over all levels) and trilinear weight of each corner around `unit`, 0 to 1 in the grid's box.
 fn corners(level: &GridLevel, unit: [f32; 3]) -> [(usize, f32); 8] {
     let at: [(u32, f32); 3] = std::array::from_fn(|axis| {
         let along = unit[axis] * level.cells[axis] as f32;

@@ -6,7 +6,7 @@ use crate::model::engine::{Batch, EngineError, Surface};
 use dfdx::prelude::*;
 use std::ops::Range;
 
-/// `x` with its gradient multiplied by `scale` in the backward pass.
+/// Returns `x`, whose gradient the backward pass multiplies by `scale`.
 pub(super) fn with_gradient_scaled<S: Shape>(
     x: Tensor<S, f32, Cpu, Taped>,
     scale: Tensor<S, f32, Cpu>,
@@ -16,7 +16,7 @@ pub(super) fn with_gradient_scaled<S: Shape>(
     Ok(x.try_sub(constant.clone())?.try_mul(scale)?.try_add(constant)?)
 }
 
-/// Depth loss of the known surfaces ([`Surface`]) of the rays with these indices, recorded on a separate tape.
+/// Returns the depth loss of the known surfaces ([`Surface`]) of the rays `indices`, recorded on a new tape.
 pub(super) fn surfaces(
     rows: &Rows,
     batch: &Batch,
@@ -42,7 +42,7 @@ pub(super) fn surfaces(
     Ok(front.try_add(transmittance.with_empty_tape().try_mul(passed)?.try_sum::<Rank0, Axis<0>>()?)?)
 }
 
-/// `Σ_ij w_i w_j |s_i − s_j|` over all rays; `along`: distances `s` of the samples, ascending along each ray.
+/// Returns the distortion loss, `Σ_ij w_i w_j |s_i − s_j|`, summed over rays; `along`: `s`, ascending on each ray.
 pub(super) fn distortion(rows: &Rows, weights: Matrix<Taped>, along: Matrix) -> Result<Scalar, EngineError> {
     let front = rows.sums_in_front(weights.with_empty_tape())?;
     let moments = rows.sums_in_front(weights.with_empty_tape().try_mul(along.clone())?)?;
