@@ -163,8 +163,7 @@ pub enum Exposure {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PoseRefinement {
-    /// Refined in the first steps if not known to be accurate, and in all steps if the first ones moved the cameras a
-    /// lot.
+    /// Refined at first unless known to be accurate; refined throughout if the first steps moved the cameras enough.
     Auto,
     /// Always refined.
     Refine,

@@ -20,7 +20,7 @@ pub struct TableConfig {
     pub coarsest: u16,
     /// Number of cells of the last level along the longest side of the scene box.
     pub finest: u16,
-    /// Storage of the tables' values in the exported file; training has them in f32.
+    /// Storage of the tables' values in the exported file; training keeps them in f32.
     pub storage: TableStorage,
     /// Largest number of bytes of coded tables, from which their quantisation steps follow; if absent, the steps are a
     /// fixed fraction of the values' root mean square.

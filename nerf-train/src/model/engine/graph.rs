@@ -63,7 +63,7 @@ impl Graph {
     }
 }
 
-/// Returns index and number of lanes to compute of each block of `samples` samples.
+/// Returns the index of each block of `samples` samples, and the number of its lanes to compute.
 pub(super) fn blocks(samples: usize) -> impl Iterator<Item = (usize, usize)> {
     let lanes = move |block: usize| padded((samples - block * BLOCK).min(BLOCK));
     (0..samples.div_ceil(BLOCK)).map(move |block| (block, lanes(block)))

@@ -238,7 +238,8 @@ pub struct Adam {
     /// Decoupled weight decay: each step multiplies a weight by 1 − learning rate · decay. With a grid, only weights
     /// of the colour branch decay.
     pub weight_decay: f64,
-    /// Number of steps between updates of a hashed level, each by the sum of the gradients since the last; at least 1.
+    /// Number of steps between updates of a hashed level of a grid, each by the sum of the gradients since the last
+    /// update; at least 1.
     pub hashed_every: u32,
 }
 

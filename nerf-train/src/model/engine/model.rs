@@ -68,7 +68,7 @@ pub enum ModelError {
 }
 
 impl Model {
-    /// Returns a model whose parameters are trained in the form in which they are exported: no feature layer, scale 1.
+    /// Returns a model that is trained and exported in the same form: no feature layer, density scale 1.
     pub fn plain(architecture: Architecture) -> Self {
         Self { architecture, feature: false, density_scale: 1.0, density_bias: 0.0 }
     }

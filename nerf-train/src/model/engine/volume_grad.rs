@@ -25,11 +25,11 @@ fn colour_index(sample: usize) -> usize {
 
 /// Returns the sum over rays and channels of (C − rgb)², rendered minus target; writes the gradients of `scale` · sum.
 ///
-/// With `g_k = 2 scale (C_k − rgb_k)` and tau = sigma · delta:
-/// `dL/dc_ik = g_k w_i`, `dL/dtau_i = Σ_k g_k (c_ik T_{i+1} − Σ_{j>i} w_j c_jk − T_end bg_k)`.
+/// With `g_k = 2 scale (C_k − rgb_k)` and tau = sigma · delta: `dL/dc_ik = g_k w_i`,
+/// `dL/dtau_i = Σ_k g_k (c_ik T_{i+1} − Σ_{j>i} w_j c_jk − T_end bg_k)`.
 ///
-/// The optical depth is summed in f64 before the exponential, so that no product underflows.
-/// `d_sigma`: `[samples]`, `d_colour`: in the colours' layout; both are overwritten for these samples.
+/// The optical depth is summed in f64 before the exponential, so that no product underflows. `d_sigma`, `[samples]`,
+/// and `d_colour`, `[blocks][3][BLOCK]`, are overwritten at the rays' samples.
 pub(super) fn squared_error(
     rays: &[BatchRay],
     samples: &Samples<'_>,

@@ -98,7 +98,7 @@ impl Evaluated {
         phases.lap(Phase::Composite, now);
     }
 
-    /// Evaluates the trunk at the first sample of each ray of a 2D field, which hides all samples behind it.
+    /// Evaluates the trunk at the first sample of each ray of a 2D field; this sample hides all samples behind it.
     pub fn picture(
         &mut self,
         job: &Job<'_>,

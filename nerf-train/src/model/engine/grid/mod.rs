@@ -58,7 +58,7 @@ use std::sync::{Mutex, MutexGuard};
 const ACCUMULATORS: usize = 16;
 /// Largest number of rays of a chunk: their samples with all activations fit the second-level cache.
 const CHUNK_RAYS: usize = 32;
-/// Number of chunks of a batch of few rays, so that every thread has work: an unbounded scene has few and long rays.
+/// Number of chunks of a batch of few rays, as of an unbounded scene, so that every thread has work.
 const FEWEST_CHUNKS: usize = 6;
 const FEWEST_RAYS: usize = 8;
 /// Number of rays of a chunk of a 2D field, whose rays have one sample.
