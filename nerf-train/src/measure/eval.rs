@@ -16,8 +16,8 @@ use nerf_core::render::{Counters, Renderer};
 use serde::Serialize;
 use std::time::Instant;
 
-/// Change of PSNR on training views without the occupancy grid, above which the grid is part of the model, dB: a
-/// little less than the 0.1 dB that a blob promises for unseen views.
+/// Change of the training views' PSNR without the occupancy grid, above which the grid counts as part of the model, dB:
+/// a little less than the 0.1 dB that a blob's balanced settings may lose on unseen views.
 pub const OCCUPANCY_LOSS_DB: f64 = 0.08;
 
 #[derive(Clone, Debug, Serialize)]
@@ -25,7 +25,7 @@ pub struct ViewScore {
     pub view: String,
     /// PSNR, dB; infinite if all pixels are equal.
     pub psnr_db: f64,
-    /// PSNR after the photograph's exposure gain is fitted for each channel, dB.
+    /// PSNR after each channel is multiplied by the gain that fits the photograph's exposure, dB.
     pub aligned_psnr_db: f64,
     pub ssim: f64,
 }
@@ -47,7 +47,7 @@ impl Scores {
         self.views.iter().map(|score| score.psnr_db).min_by(f64::total_cmp)
     }
 
-    /// Mean PSNR over the views after each photograph's exposure gain is fitted, dB; `None` without views.
+    /// Mean over the views of [`ViewScore::aligned_psnr_db`], dB; `None` without views.
     pub fn aligned_psnr_db(&self) -> Option<f64> {
         mean(self.views.iter().map(|score| score.aligned_psnr_db))
     }
@@ -63,10 +63,10 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> Option<f64> {
     (n > 0).then(|| values.sum::<f64>() / n as f64)
 }
 
-/// Renders every view over `background` and compares it with its photograph over the same colour. Masked pixels are
-/// left out.
+/// Renders every view over `background` and compares it with its photograph over the same colour, without masked
+/// pixels.
 ///
-/// Rays begin at the camera, as in host programs, unless the plan has a range.
+/// Rays begin at the camera, as in host programs, unless the plan limits the range of distances.
 ///
 /// `each` is called with every view, its frame, ground truth and score, in order.
 pub fn evaluate<'v>(
@@ -98,7 +98,7 @@ pub fn evaluate<'v>(
 pub struct EvalOptions {
     /// Background colour; `None`: the background stored in the blob.
     pub background: Option<[f32; 3]>,
-    /// Also measures PSNR on every N-th pixel of every N-th row, as many published figures are.
+    /// Spacing, in columns and rows, of pixels on which PSNR is also measured, as for many published figures.
     pub lattice: Option<u32>,
 }
 
@@ -136,8 +136,8 @@ pub struct Evaluation {
 }
 
 impl Evaluation {
-    /// Renders `views` of the split named `split` with `plan`, a plan of the blob in `bytes`, and compares them with
-    /// their pictures, as [`evaluate`] does.
+    /// Renders `views` of the split named `split` with `plan`, a plan of the blob in `bytes`, and compares each with
+    /// its photograph, as [`evaluate`] does.
     ///
     /// `each` is called with every view, its frame and score, in order.
     pub fn of<'v>(
@@ -198,7 +198,7 @@ impl Evaluation {
         })
     }
 
-    /// Adds the scores of `views`, which are the same views with refined poses.
+    /// Adds PSNR and SSIM of `views`: the evaluated views with refined poses.
     pub fn add_refined(
         &mut self,
         bytes: &[u8],
@@ -226,9 +226,9 @@ fn lattice(picture: &[[f32; 3]], width: usize, step: usize) -> Vec<[f32; 3]> {
     rows.flat_map(|row| row.iter().step_by(step)).copied().collect()
 }
 
-/// Opens a blob and measures it on `views` over `background`.
+/// Renders `views` with a blob over `background`, and compares each with its photograph, as [`evaluate`] does.
 ///
-/// `parameters`: f32 weights in place of the blob's rounded weights.
+/// `parameters`: f32 weights in place of the blob's rounded weights; `None`: the blob's weights.
 pub fn measure<'v>(
     blob: &[u8],
     parameters: Option<&[f32]>,

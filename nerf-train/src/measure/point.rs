@@ -1,4 +1,4 @@
-//! Settings of a rendering, and the measurements with them.
+//! Settings of a rendering, and the errors and times measured with them.
 
 use crate::measure::bench::{Clocked, Memory};
 use crate::measure::frame::Frame;
@@ -10,7 +10,7 @@ use nerf_core::math::MathBackend;
 use nerf_core::plan::Quality;
 use nerf_core::render::Counters;
 
-/// Opacity of the exact rendering above which a pixel is solid, so that its distance is compared.
+/// Opacity of the exact rendering above which a pixel counts as solid and its distance is compared.
 const SOLID: f32 = 0.5;
 
 /// Errors of one view against ground truth and against the exact rendering.
@@ -21,7 +21,7 @@ pub struct ViewErrors {
     /// Mean squared error against the exact rendering.
     pub exact_mse: f64,
     pub exact_max: f64,
-    /// Sum over the solid pixels of the |ray_distance| differences from the exact rendering, world units.
+    /// Sum over the solid pixels of the absolute difference of `ray_distance` from the exact rendering, world units.
     pub distance_sum: f64,
     pub distance_max: f64,
     pub solid: u64,
@@ -60,50 +60,50 @@ pub enum Origin {
     Exact,
     /// The renderer's default settings.
     Base,
-    /// The base with one knob changed: index in the study's table of knobs.
+    /// Default settings with one knob changed: index of that knob in `KNOBS`.
     Knob(usize),
     Combination,
 }
 
-/// Settings of a rendering, and the measurements with them.
+/// Settings of a rendering, and the errors and times measured with them.
 #[derive(Clone, Debug)]
 pub struct Point {
     pub origin: Origin,
     pub settings: Settings,
-    /// Differences from the base, in words.
+    /// Settings that differ from the default settings, as text: `samples 48`, for example.
     pub label: String,
     /// Errors of each view; `None` for a view that was not rendered.
     pub views: Vec<Option<ViewErrors>>,
-    /// Times by round and timing view; `None` for a view that was not rendered.
+    /// Render times by round of timing, then by timing view; `None` for a view that the round did not render.
     pub rounds: Vec<Vec<Option<Clocked>>>,
     pub memory: Memory,
 }
 
-/// Totals of a point over the views that it was rendered on.
+/// Errors and cost of a point over the views that were rendered with its settings.
 #[derive(Clone, Copy, Debug)]
 pub struct Totals {
     pub views: usize,
     pub psnr_db: f64,
-    /// PSNR lost against the exact rendering: the latter's mean PSNR over the same views minus `psnr_db`, dB.
+    /// PSNR lost against the exact rendering, dB: the exact rendering's mean PSNR over the same views minus `psnr_db`.
     pub loss_db: f64,
     pub ssim: f64,
     /// PSNR against the exact rendering, from the mean squared error over all views, dB.
     pub exact_psnr_db: f64,
     /// Largest difference of a colour channel from the exact rendering.
     pub exact_max: f64,
-    /// Mean over the solid pixels of the |ray_distance| differences from the exact rendering, world units.
+    /// Mean over the solid pixels of the absolute difference of `ray_distance` from the exact rendering, world units.
     pub distance_mean: f64,
     pub distance_max: f64,
     pub counters: Counters,
-    /// Multiply-adds relative to the exact rendering's on the same views.
+    /// Ratio of multiply-adds to those of the exact rendering of the same views.
     pub relative_macs: f64,
 }
 
-/// Seconds per view, from rounds that were interleaved with those of all other points.
+/// Render time per view, seconds, over rounds of timing; each round renders all points, so that all meet the same load.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Seconds {
     pub rounds: usize,
-    /// Median over the rounds of the mean over the timing views.
+    /// Median over the rounds of the mean time over the timing views.
     pub median: f64,
     pub low: f64,
     pub high: f64,
@@ -115,7 +115,7 @@ impl Point {
         Self { origin, settings, label, views: vec![None; views], rounds: Vec::new(), memory }
     }
 
-    /// Totals over the point's views; `exact`: the exact rendering of at least the same views.
+    /// Errors and cost over the point's views; `exact`: the exact rendering of at least the same views.
     pub fn totals(&self, exact: &Self) -> Totals {
         let pairs: Vec<(&ViewErrors, &ViewErrors)> =
             self.views.iter().zip(&exact.views).filter_map(|(own, e)| own.as_ref().zip(e.as_ref())).collect();
@@ -148,7 +148,7 @@ impl Point {
         }
     }
 
-    /// Seconds per view by `clock`; `None` if it was never timed.
+    /// Seconds per view by `clock`; `None` if the point was never timed.
     pub fn seconds(&self, clock: Clock) -> Option<Seconds> {
         let rounds: Vec<f64> = self.rounds.iter().filter_map(|round| mean(round, clock)).collect();
         Some(Seconds {
@@ -159,8 +159,7 @@ impl Point {
         })
     }
 
-    /// Median over the rounds of the ratio of this point's time to that of `exact`; `None` if they have no round in
-    /// common.
+    /// Median over the rounds of the ratio of this point's time to that of `exact`; `None` if no round timed both.
     pub fn relative_time(&self, exact: &Self, clock: Clock) -> Option<f64> {
         let both = self.rounds.iter().zip(&exact.rounds);
         let ratios: Vec<f64> =
@@ -186,14 +185,14 @@ impl Clock {
     }
 }
 
-/// Mean time over the timing views of a round, seconds; `None` if one of the views is missing.
+/// Mean time over the timing views of a round, seconds; `None` if one of the views was not timed.
 fn mean(round: &[Option<Clocked>], clock: Clock) -> Option<f64> {
     let seconds: Option<Vec<f64>> = round.iter().map(|c| c.as_ref().map(|c| clock.of(c))).collect();
     let seconds = seconds.filter(|seconds| !seconds.is_empty())?;
     Some(seconds.iter().sum::<f64>() / seconds.len() as f64).filter(|mean| mean.is_finite())
 }
 
-/// Median of the values; for an even number, the mean of the two in the middle.
+/// Median of the values; for an even number, the mean of the two in the middle. `None` without values.
 fn median(values: &[f64]) -> Option<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -213,22 +212,22 @@ pub enum Precision {
 pub struct Settings {
     pub quality: Quality,
     pub kernel: Kernel,
-    /// Index of the blob's variant in the bench; 0: the blob itself.
+    /// Index of the rendered variant of the blob in `Variants`; 0: the unchanged blob.
     pub variant: usize,
     pub precision: Precision,
-    /// Sides of the rendered picture in quarters of the view's; a smaller picture is enlarged again.
+    /// Sides of the rendered picture, in quarters of the view's sides; a smaller picture is enlarged again.
     pub quarters: u32,
     pub rays: u16,
 }
 
 impl Settings {
-    /// The exact rendering: every sample inside the scene box, with the occupancy grid only if it is part of the
-    /// model; no cuts, the exact encoding, f32 with the fastest instructions.
+    /// Exact rendering: every sample inside the scene box, with the occupancy grid only if it is part of the model,
+    /// without transmittance or colour cut, with polynomial sines, in f32 with the fastest instruction set.
     pub fn exact(blob: &Blob<'_>) -> Self {
         Self { quality: Quality::exact(blob), ..Self::base() }
     }
 
-    /// The renderer's default settings, in f32 with the fastest instructions.
+    /// The renderer's default settings, in f32 with the fastest instruction set.
     pub fn base() -> Self {
         Self {
             quality: Quality::default(),
@@ -240,8 +239,8 @@ impl Settings {
         }
     }
 
-    /// Whether a frame is so slow that only the timing views are rendered: without an occupancy grid, or with the
-    /// portable kernel that reads weights directly from the blob's bytes.
+    /// Whether these settings are so slow that only the timing views are rendered: without an occupancy grid, or with
+    /// the portable kernel that reads weights directly from the blob's bytes.
     pub fn is_slow(&self, has_occupancy: bool) -> bool {
         self.kernel == Kernel::IN_PLACE || !(has_occupancy && self.quality.occupancy)
     }

@@ -12,21 +12,22 @@ use nerf_core::{Kernel, host};
 
 /// Approximate number of pixels per view, on a regular grid, at which depth is measured.
 const ASKED_PIXELS: u64 = 10_000;
-/// Fraction of the nearest sparse point's distance below which a surface is too near.
+/// Fraction of the nearest sparse point's distance below which a surface counts as too near.
 const TOO_NEAR: f32 = 0.9;
 
-/// Errors of a field's surfaces, by median distance.
+/// Errors of a field's surfaces, which lie at the median distances of rays.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Surfaces {
-    /// Median over the views' key points of the relative error of `median_distance`; `None` without key points.
+    /// Median relative error of `median_distance` at key points, against their sparse points; `None` without key
+    /// points.
     pub depth_error: Option<f64>,
-    /// Mean over the views of the fraction of pixels whose `median_distance` is less than 0.9 times the distance of
-    /// the nearest sparse point in the view; `None` without any.
+    /// Mean over the views of the fraction of pixels whose `median_distance` is less than 0.9 times the distance of the
+    /// nearest sparse point in the view; `None` if no view has a sparse point.
     pub near_share: Option<f64>,
 }
 
 impl Surfaces {
-    /// Measures a blob at the default quality, with the cameras of `views`, which show some of `points`.
+    /// Measures the surfaces of a blob, rendered at the default quality, against those of `points` that `views` show.
     pub fn of(bytes: &[u8], kernel: Kernel, views: &[&View], points: &[SparsePoint]) -> anyhow::Result<Self> {
         let blob = Blob::open(bytes)?;
         let plan = Plan::new(&blob, &Quality::default(), Self::OUTPUTS, Batch::FULL)?.with_own_bins();
@@ -37,7 +38,7 @@ impl Surfaces {
     /// Outputs that a plan must have for [`Self::with`].
     pub const OUTPUTS: Outputs = Outputs { median_distance: true, ..Outputs::ALL };
 
-    /// Measures a renderer's field with a new plan, whose outputs include [`Self::OUTPUTS`].
+    /// Measures the surfaces of a renderer's field against `points`. The outputs of `plan` include [`Self::OUTPUTS`].
     ///
     /// Key points and sparse points that [`Sights`] leaves out are not used.
     pub fn with(
@@ -71,7 +72,7 @@ impl Surfaces {
     }
 }
 
-/// Rays through the pixels of a view on a regular grid, without masked pixels.
+/// Rays through the pixels of a regular grid over a view, without masked pixels.
 fn lattice(view: &View) -> Vec<RaySegment> {
     let (width, height) = view.size();
     let pixels = u64::from(width) * u64::from(height);

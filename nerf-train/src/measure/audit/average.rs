@@ -1,4 +1,4 @@
-//! Removes view dependence from a scene: the direction's contribution becomes its mean.
+//! Removes view dependence from a network: the encoded direction is replaced by its mean over rays.
 
 use crate::data::View;
 use nerf_core::Isa;
@@ -6,12 +6,12 @@ use nerf_core::encoding::{DirectionEncoding, encode_block, encode_harmonics_bloc
 use nerf_core::math::MathBackend;
 use nerf_core::network::{Architecture, Layer, Role};
 
-/// Largest number of rays per view in the mean: neighbouring rays are almost equal.
+/// Largest number of rays per view over which the encoded direction is averaged: neighbouring rays are almost equal.
 const RAYS: usize = 4096;
-/// Directions that are encoded together.
+/// Number of directions that are encoded at once.
 const BLOCK: usize = 64;
 
-/// Mean of the encoded direction, `[outputs]`, over a regular grid of rays of each of `views`. `None` without views.
+/// Mean of the encoded direction, `[outputs]`, over a regular grid of pixels of each of `views`; `None` without views.
 pub fn mean_encoding(encoding: &DirectionEncoding, views: &[&View]) -> Option<Vec<f64>> {
     let mut dirs: Vec<[f32; 3]> = Vec::new();
     for view in views {
@@ -49,11 +49,10 @@ pub fn mean_encoding(encoding: &DirectionEncoding, views: &[&View]) -> Option<Ve
     Some(sums.into_iter().map(|sum| sum / dirs.len() as f64).collect())
 }
 
-/// Network without view dependence: PE(d) is replaced by its mean `mean` and folded into the bias, in f64.
+/// Network without view dependence: the encoded direction PE(d) is replaced by `mean`, folded into the bias in f64.
 ///
-/// `parameters` and the result are in export order. `None` if colour does not depend on the direction.
-///
-/// A network whose weights for PE(d) are 0 gives exactly the same colours.
+/// Returns architecture and parameters; parameters are in the order of a blob's weights. `None` if colour does not
+/// depend on the direction. A network whose weights for PE(d) are 0 gives exactly the same colours.
 pub fn without_direction(
     architecture: &Architecture,
     parameters: &[f32],
@@ -80,10 +79,9 @@ pub fn without_direction(
     Some((folded, result))
 }
 
-/// Network without view dependence: PE(d) is replaced by its mean over the rays of `views`.
+/// Network without view dependence, by [`without_direction`]: PE(d) is replaced by its mean over the rays of `views`.
 ///
-/// `parameters` and the result are in export order. `None` if colour does not depend on the direction, or without
-/// views.
+/// `None` if colour does not depend on the direction, or without views.
 pub fn flattened(
     architecture: &Architecture,
     parameters: &[f32],

@@ -13,9 +13,9 @@ pub use average::{flattened, mean_encoding, without_direction};
 use nerf_core::plan::Quality;
 use serde::Serialize;
 
-/// Default of the smallest PSNR gain that keeps an effect, dB.
+/// Default of the smallest gain of PSNR at which an effect, such as view dependence, is kept, dB.
 pub const THRESHOLD_DB: f64 = 0.05;
-/// Largest ratio of work with an effect to work without it at which the saved work can outweigh a small loss of PSNR.
+/// Ratio of multiply-adds with and without an effect, below which the effect is kept despite a small loss of PSNR.
 const SPARED: f64 = 0.9;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,19 +24,19 @@ pub struct Without {
     pub background: [f32; 3],
 }
 
-/// Settings that leave an effect out, or the reason why there is nothing to leave out.
+/// Settings without an effect. The inner error is the reason why the effect cannot be left out of this scene.
 pub type Asked = anyhow::Result<Result<Without, &'static str>>;
 
-/// Effect of a scene, as an entry of [`EFFECTS`].
+/// Effect of a scene, such as view dependence, with a function that leaves the effect out.
 pub struct Effect {
     pub name: &'static str,
     pub instead: &'static str,
-    /// Settings without the effect, from those with it and from the views whose ray directions are averaged. May add a
-    /// variant of the blob.
+    /// Function from the settings with the effect to those without it; may add a variant of the blob. To leave out view
+    /// dependence, the directions of the views' rays are averaged.
     pub without: fn(&mut Variants<'_>, Without, &[&View]) -> Asked,
 }
 
-/// All effects, in the order of the report. An entry here adds an effect to the audit.
+/// All effects that an audit measures, in the order of the report.
 pub const EFFECTS: &[Effect] = &[
     Effect {
         name: "view dependence",
@@ -84,7 +84,7 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// Verdict on an effect that raises PSNR by `gain_db` and multiplies the multiply-adds by `relative_macs`.
+    /// Verdict on an effect that adds `gain_db` to PSNR and scales the number of multiply-adds by `relative_macs`.
     pub fn of(gain_db: f64, relative_macs: f64, threshold_db: f64) -> Self {
         let spares = relative_macs < SPARED && gain_db > -threshold_db;
         // A gain of NaN, which was not measured, keeps the effect.
@@ -103,7 +103,7 @@ impl Verdict {
 pub struct Worth {
     pub with_db: f64,
     pub without_db: f64,
-    /// Ratio of the time with the effect to the time without it, median over the rounds.
+    /// Ratio of the render time with the effect to the time without it, median over the rounds of timing.
     pub relative_time: f64,
     pub relative_macs: f64,
     pub verdict: Verdict,
@@ -115,7 +115,7 @@ impl Worth {
     }
 }
 
-/// Worth of each effect, or the reason why there was nothing to leave out.
+/// Gain and cost of each effect, or the reason why the effect cannot be left out.
 pub type Audit = Vec<(&'static Effect, Result<Worth, &'static str>)>;
 
 #[derive(Clone, Copy, Debug)]
@@ -125,10 +125,10 @@ pub struct AuditOptions {
     pub clock: Clock,
 }
 
-/// Renders `views` with all effects and without each. `rays`: views whose ray directions are averaged.
+/// Renders `views` with all effects and without each effect. `rays`: views over whose rays the direction is averaged.
 ///
-/// Renderings with and without an effect alternate, view by view. `each` is called with the number of frames done and
-/// their total.
+/// Renderings with and without an effect alternate, view by view. `each` is called with the number of frames rendered
+/// and the number of all frames.
 pub fn audit(
     lab: &mut Variants<'_>,
     views: &[&View],
@@ -163,7 +163,7 @@ pub fn audit(
     Ok(found.into_iter().map(|(effect, place)| (effect, place.map(worth))).collect())
 }
 
-/// Renders each view in each of `ways`, alternating, `repeats` times; errors are relative to the first way.
+/// Renders each view with each of `ways`, `repeats` times; errors are relative to the frames of the first of `ways`.
 fn measure(
     lab: &Variants<'_>,
     ways: &[Without],
@@ -214,7 +214,7 @@ pub struct Summary {
     pub cpu: String,
 }
 
-/// Worth of an effect, or the reason why it was not measured.
+/// Gain and cost of an effect, or the reason why the effect was not measured.
 #[derive(Debug, Serialize)]
 #[serde(untagged)]
 pub enum EffectSummary {
@@ -235,7 +235,7 @@ pub enum EffectSummary {
 }
 
 impl Summary {
-    /// Summary of an audit on `views` views of the split named `split`, over `background`.
+    /// Summary of an audit of effects on `views` views of the split named `split`, over `background`.
     pub fn of(
         audit: &Audit,
         threshold_db: f64,

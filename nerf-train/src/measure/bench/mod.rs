@@ -1,4 +1,4 @@
-//! Benchmark of rendered frames of a blob and its variants, with clocks.
+//! Benchmark: renders and times frames of a blob and of its variants.
 
 pub mod size;
 pub mod source;
@@ -25,7 +25,7 @@ use std::time::Instant;
 
 const NOT_A_SCENE: &str = "blob: expected a scene, found a 2D field";
 
-/// A modified copy of the blob.
+/// Modified copy of the blob, for example with another occupancy grid.
 #[derive(Clone, Debug)]
 pub struct Variant {
     pub name: String,
@@ -33,14 +33,14 @@ pub struct Variant {
     pub has_occupancy: bool,
 }
 
-/// A blob, its variants, and its weights before rounding, if available.
+/// A blob, its variants, and the f32 weights that the blob's weights were rounded from, if available.
 #[derive(Clone, Debug)]
 pub struct Variants<'b> {
     pub blob: Blob<'b>,
     pub scene: SceneFacts,
     cells: Option<LiveCells>,
     pub variants: Vec<Variant>,
-    /// Weights of the blob before rounding, in export order; `None` if not available.
+    /// The f32 weights that the blob's weights were rounded from, in the same order; `None` if not available.
     pub source: Option<Vec<f32>>,
 }
 
@@ -55,7 +55,7 @@ pub struct Clocked {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Memory {
     pub workspace: usize,
-    /// Size of the copies of values that a kernel cannot read from the blob's bytes; in bytes, once for all threads.
+    /// Bytes of the copies of values that a kernel cannot read directly from the blob; all threads share the copies.
     pub prepared: usize,
     pub file: usize,
 }
@@ -75,7 +75,7 @@ impl<'b> Variants<'b> {
         !matches!(self.scene.sampling, SceneSampling::Bins(_))
     }
 
-    /// Ratio of the distance between samples to that of training.
+    /// Ratio of the distance between samples with `settings` to the distance in training.
     pub fn step_share(&self, settings: &Settings) -> f64 {
         let own = self.scene.samples();
         let samples = if settings.quality.samples == 0 { own } else { settings.quality.samples };
@@ -86,7 +86,7 @@ impl<'b> Variants<'b> {
         self.variants[variant].has_occupancy
     }
 
-    /// Whether the blob has a proposal network, from which samples can be drawn.
+    /// Whether the blob has a proposal network for importance sampling.
     pub fn has_proposal(&self) -> bool {
         self.blob.proposal().is_some()
     }
@@ -97,9 +97,10 @@ impl<'b> Variants<'b> {
     }
 
     /// Adds a variant with an occupancy grid built from the network, and returns its index. `None` if no cell is
-    /// occupied, or if there is the same variant already.
+    /// occupied, or if the same variant exists.
     ///
-    /// `resolution`: cells along the longest side; `threshold`: density × step above which a cell is occupied.
+    /// `resolution`: cells along the longest side of the scene box; `threshold`: density times the distance between
+    /// samples above which a cell is occupied.
     pub fn add_occupancy(&mut self, resolution: u16, threshold: f32) -> anyhow::Result<Option<usize>> {
         // If the occupancy grid is part of the model, the field was never trained outside of it.
         let own = self.cells.as_ref().filter(|_| self.scene.occupancy_required);
@@ -127,8 +128,7 @@ impl<'b> Variants<'b> {
         Ok(Some(self.add(Variant { name, bytes, has_occupancy: true })))
     }
 
-    /// Adds a variant with the grid's tables in int8, and returns its index. `None` unless the blob's tables are in
-    /// f16.
+    /// Adds a variant with grid tables in int8, and returns its index. `None` unless the blob's tables are in f16.
     pub fn add_int8(&mut self) -> anyhow::Result<Option<usize>> {
         let (Some(grid), Some(StoredTables::F16(_))) =
             (self.blob.architecture().position.grid(), self.blob.tables())
@@ -144,7 +144,7 @@ impl<'b> Variants<'b> {
         Ok(Some(self.add(Variant { name, bytes, has_occupancy })))
     }
 
-    /// Values of the blob's hash tables; empty for a sinusoidal network.
+    /// Feature values of the blob's grid tables; empty for a sinusoidal network.
     fn table_values(&self) -> Vec<f32> {
         match (self.blob.tables(), self.blob.architecture().position.grid()) {
             (Some(tables), Some(grid)) => values_of(grid, tables),
@@ -152,14 +152,14 @@ impl<'b> Variants<'b> {
         }
     }
 
-    /// The blob's weights as f32, in export order.
+    /// The blob's weights as f32, in the blob's order.
     pub fn parameters(&self) -> Vec<f32> {
         let mut parameters = vec![0.0; self.blob.architecture().parameters()];
         unpack(self.blob.weights(), &mut parameters);
         parameters
     }
 
-    /// Adds a variant with another network, rounded to f16, and returns its index.
+    /// Adds a variant with another network, whose parameters are rounded to f16, and returns the variant's index.
     pub fn add_network(
         &mut self,
         name: &str,
@@ -194,12 +194,12 @@ impl<'b> Variants<'b> {
         }
     }
 
-    /// The blob with its Pareto front replaced by `front`.
+    /// Bytes of the blob with its Pareto front replaced by `front`.
     pub fn with_front(&self, front: heapless::Vec<FrontPoint, MAX_FRONT>) -> anyhow::Result<Vec<u8>> {
         Ok(written(&Body { front, ..self.body() })?)
     }
 
-    /// Creates renderers for all of `settings`, and calls `work` with the renderers.
+    /// Creates the renderers that `settings` need, passes them to `work`, and returns the result of `work`.
     pub fn prepared<T>(
         &self,
         settings: &[Settings],
@@ -240,7 +240,7 @@ impl<'b> Variants<'b> {
     }
 }
 
-/// Settings whose change needs another renderer; all others belong to the plan or the camera.
+/// Settings whose change needs another renderer; all other settings belong to the plan or the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Key {
     variant: usize,
@@ -261,9 +261,9 @@ pub struct Bench<'l, 'b> {
 }
 
 impl Bench<'_, '_> {
-    /// Renders a view with `settings` over `background`. The frame has the size of `camera`'s picture.
+    /// Renders the view of `camera` with `settings` over `background`, and measures time and memory.
     ///
-    /// The time includes rendering on rayon's threads, and enlarging a smaller frame.
+    /// A smaller frame is enlarged to `camera`'s size. The time includes rendering on rayon's threads and enlarging.
     pub fn render(
         &self,
         settings: &Settings,

@@ -1,11 +1,11 @@
-//! Pictures rendered smaller and enlarged again.
+//! Views rendered in fewer pixels and enlarged again.
 
 use crate::data::cameras;
 use crate::measure::frame::Frame;
 use anyhow::Context;
 use nerf_core::camera::Camera;
 
-/// Camera of the same view whose sides are `quarters` quarters of `camera`'s, at least one pixel.
+/// Camera of the same view with `quarters`/4 of `camera`'s width and height, each at least one pixel.
 pub fn scaled(camera: &Camera, quarters: u32) -> anyhow::Result<Camera> {
     if quarters == 4 {
         return Ok(*camera);
@@ -42,7 +42,7 @@ pub fn enlarged(frame: Frame, camera: &Camera) -> Frame {
     }
 }
 
-/// For each pixel along the large side, its two neighbours along the small side and the weight of the second.
+/// For each of `large` pixels of a side: indices of its two neighbours among `small` pixels, and the second's weight.
 fn taps(small: usize, large: usize) -> Vec<(usize, usize, f32)> {
     let last = small.saturating_sub(1);
     let tap = |i: usize| {

@@ -1,4 +1,4 @@
-//! The f32 weights that a blob was rounded from, read from their checkpoint.
+//! The f32 weights that a blob was rounded from, read from a checkpoint.
 
 use crate::measure::import::{AngleFactor, Order, RawDensity, Settings, Tensors, network};
 use half::f16;
@@ -8,14 +8,14 @@ use nerf_core::network::{Architecture, unpack};
 use std::fmt::Display;
 use std::path::Path;
 
-/// Column orders of the encodings to try: neither a checkpoint nor its blob names one.
+/// Orders of an encoding's channels to try: neither a checkpoint nor a blob imported from it names its order.
 const ORDERS: [Order; 5] = [Order::Level, Order::Pairs, Order::Input, Order::Halves, Order::HalvesByInput];
-/// Density activations to try.
+/// Density activations to try: a checkpoint does not name its activation.
 const DENSITIES: [RawDensity; 3] = [RawDensity::Relu, RawDensity::Softplus, RawDensity::ShiftedSoftplus];
 
-/// Reads the network that `blob` was imported from, in the blob's order, before rounding.
+/// Reads the f32 weights that `blob` was imported from, in the blob's order.
 ///
-/// Tries column orders and density activations: only the right ones give exactly the blob's weights when rounded.
+/// Tries orders of channels and density activations: only the right ones give exactly the blob's weights when rounded.
 pub fn unrounded(file: &Path, blob: &Blob<'_>) -> anyhow::Result<Vec<f32>> {
     let tensors = Tensors::read(file, None)?;
     let angle = match blob.architecture().position.sinusoidal().map(|encoding| encoding.scale) {
@@ -44,7 +44,7 @@ pub(super) fn other_source(found: impl Display) -> anyhow::Error {
     anyhow::anyhow!("--source: expected the network that the blob was rounded from, found another: {found}")
 }
 
-/// Returns `parameters` if they are the blob's weights before rounding.
+/// Returns `parameters` if they give exactly the blob's weights when rounded, else an error.
 fn same(blob: &Blob<'_>, architecture: &Architecture, parameters: Vec<f32>) -> anyhow::Result<Vec<f32>> {
     if architecture != blob.architecture() {
         return Err(other_source("layers or encodings of other sizes"));

@@ -1,4 +1,4 @@
-//! Networks that were trained elsewhere, from files in nerf-pytorch's names.
+//! Networks that were trained elsewhere, from files whose tensors are named as in nerf-pytorch.
 //!
 //! ```text
 //! .npz, .safetensors ─► Tensors ─► layers, columns permuted ─► Model + parameters ─► fold ─► blob
@@ -53,12 +53,12 @@ use nerf_core::network::Architecture;
 use nerf_core::plan::Quality;
 use std::fmt::Display;
 
-/// Spacing of the measured pixels along rows and columns. Odd, so that the middle of a block is a pixel's centre.
+/// Spacing of the measured pixels in rows and columns, pixels. Odd: a square of this side has a pixel in its middle.
 pub const STRIDE: u32 = 3;
 /// PSNR below which some setting of the import is probably wrong, dB.
 pub const SUSPICIOUS_DB: f64 = 15.0;
 
-/// Error about a file or a setting that an import cannot use.
+/// Error about a file or setting `place` that an import cannot use.
 fn refused(place: impl Display, expected: impl Display, found: impl Display) -> anyhow::Error {
     anyhow::anyhow!("{place}: expected {expected}, found {found}")
 }
@@ -71,15 +71,15 @@ pub struct Request<'a> {
     pub settings: &'a Settings,
     pub kernel: Kernel,
     pub style: ProgressStyle,
-    /// Smallest PSNR gain on the check's views that keeps view dependence, dB.
+    /// Smallest gain of PSNR on the views of the check at which view dependence is kept, dB.
     pub effect_threshold_db: f64,
 }
 
-/// Views to check with, thinned to every [`STRIDE`]-th pixel.
+/// Views on which an imported network is checked, reduced to every [`STRIDE`]-th pixel and row.
 pub struct Views {
     pub name: String,
     pub views: Vec<View>,
-    /// Views whose ray directions are averaged: training views, if there are any.
+    /// Views over whose rays the direction is averaged to remove view dependence: training views, if there are any.
     pub rays: Vec<View>,
 }
 
@@ -87,7 +87,7 @@ pub enum Occupancy {
     /// The grid that the network was trained with.
     Given {
         cells: LiveCells,
-        /// Whether the grid is not part of the model, even if PSNR depends on it.
+        /// Whether the user says that the grid is not part of the model, even if PSNR depends on it.
         optional: bool,
     },
     Build,
@@ -108,30 +108,30 @@ impl Check {
         self.scores.psnr_db().unwrap_or(f64::NAN)
     }
 
-    /// Whether PSNR changes without the occupancy grid.
+    /// Whether leaving out the occupancy grid changes PSNR by more than `OCCUPANCY_LOSS_DB`.
     fn occupancy_matters(&self) -> bool {
         self.occupancy_gain_db.is_some_and(|gain| gain.is_nan() || gain.abs() > OCCUPANCY_LOSS_DB)
     }
 
-    /// Whether PSNR is lower with the occupancy grid than without.
+    /// Whether PSNR is lower with the occupancy grid than without it, by more than `OCCUPANCY_LOSS_DB`.
     pub fn occupancy_harms(&self) -> bool {
         self.occupancy_gain_db.is_some_and(|gain| gain < -OCCUPANCY_LOSS_DB)
     }
 
-    /// Whether the PSNR is too low for a picture of this scene.
+    /// Whether PSNR is below [`SUSPICIOUS_DB`] or NaN: some setting of the import is then probably wrong.
     pub fn is_suspicious(&self) -> bool {
         let psnr_db = self.psnr_db();
         psnr_db.is_nan() || psnr_db < SUSPICIOUS_DB
     }
 }
 
-/// Import of a checkpoint: networks, occupancy grid, and results of the check.
+/// Import of a checkpoint: its networks, the occupancy grid, and results of the check on views.
 pub struct Import<'a> {
     request: Request<'a>,
     network: Imported,
     architecture: Architecture,
     parameters: Vec<f32>,
-    /// The coarse network, and its parameters in export order.
+    /// The coarse network, and its parameters in the order of a blob's weights.
     coarse: Option<(Imported, Vec<f32>)>,
     pub cells: Option<LiveCells>,
     occupancy_required: bool,
@@ -141,7 +141,7 @@ pub struct Import<'a> {
 }
 
 impl<'a> Import<'a> {
-    /// Reads the networks out of the tensors.
+    /// Reads the network and the coarse network from their tensors.
     pub fn new(request: &Request<'a>) -> anyhow::Result<Self> {
         let own = network(request.tensors, request.settings)?;
         let coarse = request.coarse.map(|tensors| network(tensors, request.settings)).transpose()?;
@@ -164,7 +164,7 @@ impl<'a> Import<'a> {
         Ok(import)
     }
 
-    /// Builds the occupancy grid, checks the network on `views`, decides what is part of the model, and exports.
+    /// Sets or builds the occupancy grid, checks the network on `views`, decides what to keep, and exports the blob.
     pub fn finish(&mut self, occupancy: Occupancy, views: Option<&Views>) -> anyhow::Result<Exported> {
         let (given, optional) = match occupancy {
             Occupancy::Given { cells, optional } => {
@@ -194,7 +194,7 @@ impl<'a> Import<'a> {
         self.export(views.map(|views| &*views.name))
     }
 
-    /// Occupancy grid built from the network's densities; `None` if no density exceeds the threshold.
+    /// Occupancy grid built from the network's densities; `None` if no cell's density exceeds the settings' threshold.
     fn built(&self) -> Option<LiveCells> {
         let Request { settings, kernel, style, .. } = self.request;
         say(style, "building the occupancy grid from the network's densities");
@@ -206,7 +206,7 @@ impl<'a> Import<'a> {
         occupancy::build(settings, &ask, threshold)
     }
 
-    /// Exports the blob; `data`: name of the data set of the check.
+    /// Exports the blob; `data`: name of the data set on which the network was checked.
     fn export(&self, data: Option<&str>) -> anyhow::Result<Exported> {
         let finite = |db: f64| Some(db as f32).filter(|db| db.is_finite());
         let Request { tensors, settings, .. } = self.request;
@@ -273,8 +273,8 @@ impl<'a> Import<'a> {
         Ok(Check { scores, quantisation_loss_db, occupancy_gain_db })
     }
 
-    /// Measures the gain by view dependence over its mean, dB. If the gain is too small, the mean replaces the
-    /// direction in the network. `None` if colour does not depend on the direction, or if the check is suspicious.
+    /// Measures the PSNR that view dependence gains over the mean direction, dB. Removes view dependence if the gain is
+    /// too small. `None` if colour does not depend on the direction, or if [`Check::is_suspicious`].
     fn ask_direction(&mut self, views: &Views) -> anyhow::Result<Option<(f64, Verdict)>> {
         let rays: Vec<&View> = views.rays.iter().collect();
         let check = self.check.as_ref().filter(|check| !check.is_suspicious());

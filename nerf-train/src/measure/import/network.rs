@@ -1,4 +1,4 @@
-//! From named tensors to a model and its parameters.
+//! Conversion of named tensors to a model and its parameters.
 
 use super::order::Identity;
 use super::settings::{RawDensity, Settings};
@@ -15,18 +15,18 @@ use std::iter::once;
 /// Encoding of the direction, if colour depends on it, and widths of the colour network's hidden layers.
 type ColourBranch = (Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>);
 
-/// Imported network in this project's shape and order, before its feature layer is folded.
+/// Imported network with this project's order of layers and channels, before its feature layer is folded.
 #[derive(Clone, Debug)]
 pub struct Imported {
     pub model: Model,
-    /// Parameters in the order of `model`.
+    /// Parameters in the order of `model`'s layers.
     pub parameters: Vec<f32>,
     /// Tensors that the network has but does not use, by name.
     pub unused: Vec<String>,
 }
 
 impl Imported {
-    /// Parameters of the exported network, f32; the feature layer is folded in f64.
+    /// Parameters of the exported network, f32; the feature layer is folded into the layer after it in f64.
     pub fn folded(&self) -> Vec<f32> {
         self.model.fold((&self.parameters).into()).into_owned()
     }
@@ -44,7 +44,7 @@ pub fn network(tensors: &Tensors, settings: &Settings) -> anyhow::Result<Importe
 struct Reader<'t> {
     tensors: &'t Tensors,
     settings: &'t Settings,
-    /// Names of the tensors that are not read yet.
+    /// Names of the tensors that have not been read yet.
     left: BTreeSet<&'t str>,
     parameters: Vec<f32>,
 }
@@ -176,7 +176,7 @@ impl<'t> Reader<'t> {
         }
     }
 
-    /// Reads a layer whose weight has `inputs` columns and one of the numbers of rows in `outputs`.
+    /// Reads the layer named `layer`, whose weight has `inputs` columns and one of the numbers of rows in `outputs`.
     fn exactly(&mut self, layer: &str, outputs: &[usize], inputs: usize) -> anyhow::Result<Linear<'t>> {
         let rows = outputs.iter().map(usize::to_string).collect::<Vec<_>>().join(" or ");
         let expected = format!("[{rows}, {inputs}]");
@@ -219,7 +219,7 @@ impl<'t> Reader<'t> {
         }
     }
 
-    /// Encoding of `found` channels, and for each channel in this project's order its column in the file.
+    /// Encoding with `found` channels, and the file's column of each channel, in this project's order.
     fn encoding(
         &self,
         field: &'static str,
@@ -259,7 +259,7 @@ impl<'t> Reader<'t> {
         Ok((encoding, settings.order.columns(&encoding, identity)))
     }
 
-    /// Appends `rows` of a layer with their columns in the order of `columns`, then the biases of the rows.
+    /// Appends `rows` of a layer to the parameters: weights, with columns in the order of `columns`, then biases.
     fn put(&mut self, layer: Linear<'_>, rows: std::ops::Range<usize>, columns: &[usize]) {
         for row in rows.clone() {
             let row = &layer.weight[row * layer.inputs..][..layer.inputs];
@@ -268,7 +268,7 @@ impl<'t> Reader<'t> {
         self.parameters.extend_from_slice(&layer.bias[rows]);
     }
 
-    /// Appends the density head: row `row` of `layer`.
+    /// Appends the density head to the parameters: row `row` of `layer`, with columns in the order of `columns`.
     fn put_density(&mut self, layer: Linear<'_>, row: usize, columns: &[usize]) {
         self.put(layer, row..row + 1, columns);
         if self.settings.density == RawDensity::Softplus

@@ -1,4 +1,4 @@
-//! Occupancy grid of an imported network: the grid it was trained with, or one built from its densities.
+//! Occupancy grid of an imported network: the grid used in its training, or one built from its densities.
 
 use super::refused;
 use super::settings::Settings;

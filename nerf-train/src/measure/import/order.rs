@@ -31,7 +31,7 @@ pub enum Identity {
 }
 
 impl Order {
-    /// For each channel of `encoding`, in this project's order, its column in the order `self`.
+    /// For each channel of `encoding`, in this project's order, the index of the channel in the order `self`.
     ///
     /// ```
     /// use nerf_core::encoding::{AngleScale, SinusoidalEncoding};

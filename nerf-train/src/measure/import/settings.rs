@@ -141,7 +141,7 @@ impl Settings {
         SceneBox { min: Vec3::new(x0, y0, z0), max: Vec3::new(x1, y1, z1) }
     }
 
-    /// Samples per ray of the network: importance samples if there is a coarse network.
+    /// Number of samples per ray of the fine network: importance samples if there is a coarse network.
     pub fn samples(&self, has_coarse: bool) -> u16 {
         self.samples.unwrap_or(if has_coarse { 128 } else { 192 })
     }

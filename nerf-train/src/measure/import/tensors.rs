@@ -11,14 +11,14 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-/// Beginnings of the names of layers; the text before one of them is the network's prefix.
+/// Beginnings of layers' names in the names of tensors; the text before a layer's name is the network's prefix.
 const LAYERS: [&str; 6] =
     ["pts_linears.", "views_linears.", "feature_linear.", "alpha_linear.", "rgb_linear.", "output_linear."];
 /// Largest number of tensors: those of the largest network, and a few more, so that an error can name a surplus one.
 const MAX_TENSORS: usize = 2 * (MAX_TRUNK + MAX_COLOUR + 4) + 16;
 /// Largest size of an unpacked array, bytes: 30 times the largest layer in f64.
 const MAX_ARRAY_BYTES: u64 = 1 << 26;
-/// Largest `.safetensors` file, bytes; it is read whole.
+/// Largest size of a `.safetensors` file, bytes; the file is read whole.
 const MAX_FILE_BYTES: u64 = 1 << 30;
 const LISTED: usize = 5;
 
@@ -47,12 +47,12 @@ enum Source<'d> {
 }
 
 impl Tensors {
-    /// Reads the network whose names begin with `prefix`; `None`: the file's only network, or the fine one of several.
+    /// Reads the network whose names begin with `prefix`; `None`: the file's only network, or the only "fine" one.
     pub fn read(file: &Path, prefix: Option<&str>) -> anyhow::Result<Self> {
         Self::read_where(file, prefix, |prefix| prefix.contains("fine"))
     }
 
-    /// Reads the coarse network; `prefix` is `None`: the file's only network, or the only one that is not fine.
+    /// Reads the coarse network, whose names begin with `prefix`; `None`: the only network, or the only one not "fine".
     pub fn read_coarse(file: &Path, prefix: Option<&str>) -> anyhow::Result<Self> {
         Self::read_where(file, prefix, |prefix| !prefix.contains("fine"))
     }
@@ -96,7 +96,7 @@ impl Tensors {
         Ok(read)
     }
 
-    /// An error about a tensor of the file.
+    /// Error about the tensor named `tensor`, with what was expected and what was found.
     pub(super) fn refused(&self, tensor: &str, expected: impl Display, found: impl Display) -> anyhow::Error {
         refused(format!("{}: {tensor}", self.file.display()), expected, found)
     }
@@ -107,14 +107,14 @@ fn damaged(file: &Path, error: &dyn std::error::Error) -> anyhow::Error {
     refused(file.display(), "a .npz or .safetensors file", found)
 }
 
-/// Prefix before a layer's name; `None` if `name` has no layer.
+/// Text before the layer's name in a tensor's `name`; `None` if `name` contains no layer's name.
 fn prefix_of(name: &str) -> Option<&str> {
     let begins_a_part = |at: &usize| *at == 0 || name[..*at].ends_with('.');
     let places = LAYERS.iter().flat_map(|layer| name.match_indices(layer)).map(|(at, _)| at);
     places.filter(begins_a_part).min().map(|at| &name[..at])
 }
 
-/// Prefix of the requested network, else of the one that `wanted` accepts, and the prefixes of the others.
+/// Prefix of the network `asked` for, or else of the only one that `wanted` accepts; and the file's other prefixes.
 fn choose(
     file: &Path,
     names: &[String],

@@ -8,7 +8,7 @@ use nerf_core::network::Layer;
 use serde::Serialize;
 use std::path::Path;
 
-/// Contents of a blob; fields that it does not have are left out.
+/// Contents of a blob; parts that the blob does not have are left out.
 #[derive(Debug, Serialize)]
 pub struct Inspection<'b> {
     pub file: String,
@@ -84,7 +84,7 @@ pub struct ProposalSummary {
 }
 
 impl<'b> Inspection<'b> {
-    /// Contents of a blob that is all of `file`.
+    /// Contents of `blob`, which was opened from `bytes`, the contents of `file`.
     pub fn of(file: &Path, bytes: &[u8], blob: &'b Blob<'_>) -> Self {
         let (a, p) = (blob.architecture(), blob.provenance());
         let harmonics_degree = match a.direction {

@@ -5,12 +5,12 @@
 
 use crate::train::psnr_db_of_mse;
 
-/// Side of the SSIM window, pixels; Wang et al. use 11 with the sigma below.
+/// Side of the SSIM window, pixels; Wang et al. use 11, with a Gaussian of standard deviation 1.5.
 const WINDOW: usize = 11;
 const SIGMA: f64 = 1.5;
-/// (K1 L)² with K1 = 0.01 and data range L = 1: keeps the luminance term finite in the dark.
+/// (K1 L)² with K1 = 0.01 and data range L = 1: keeps the luminance term of SSIM finite in the dark.
 const C1: f64 = 0.01 * 0.01;
-/// (K2 L)² with K2 = 0.03: keeps the structure term finite where the picture is flat.
+/// (K2 L)² with K2 = 0.03 and L = 1: keeps the structure term of SSIM finite where the picture is flat.
 const C2: f64 = 0.03 * 0.03;
 
 /// Mean squared error over all pixels and channels of `a` and `b`, each `[n]`.
@@ -41,7 +41,7 @@ pub fn psnr_db(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
 }
 
 /// PSNR in dB after each channel of `shown` is multiplied by the gain that brings it nearest to `truth` (least
-/// squares), and clamped to 1. This removes the error by the photograph's exposure gain.
+/// squares), and clamped to 1: without the error by the photograph's exposure.
 pub fn aligned_psnr_db(shown: &[[f32; 3]], truth: &[[f32; 3]]) -> f64 {
     let gain: [f32; 3] = std::array::from_fn(|c| {
         let products = |other: &[[f32; 3]]| -> f64 {
@@ -55,14 +55,14 @@ pub fn aligned_psnr_db(shown: &[[f32; 3]], truth: &[[f32; 3]]) -> f64 {
     psnr_db(&aligned, truth)
 }
 
-/// `psnr_db` minus `over`, dB; 0 if they are equal, even if infinite.
+/// `psnr_db` minus `over`, dB; 0 if the two are equal, even if both are infinite.
 pub fn gain_db(psnr_db: f64, over: f64) -> f64 {
     if psnr_db == over { 0.0 } else { psnr_db - over }
 }
 
-/// PSNR in dB of a picture's mean colour against the picture; +inf for one flat colour.
+/// PSNR of one flat colour, the mean of `rgb`, against `rgb`, dB; +inf if all pixels of `rgb` have the same colour.
 ///
-/// The score of a network that has learned nothing.
+/// A network that has learned nothing scores no better.
 pub fn flat_psnr_db(rgb: &[[f32; 3]]) -> f64 {
     let mean: [f32; 3] = std::array::from_fn(|c| {
         let sum: f64 = rgb.iter().map(|pixel| f64::from(pixel[c])).sum();
@@ -71,17 +71,17 @@ pub fn flat_psnr_db(rgb: &[[f32; 3]]) -> f64 {
     psnr_db(&vec![mean; rgb.len()], rgb)
 }
 
-/// Whether every view scores no better than one flat colour. `psnr_and_flat_db`: PSNR and [`flat_psnr_db`] of every
-/// view.
+/// Whether no view scores better than one flat colour. `psnr_and_flat_db`: PSNR and [`flat_psnr_db`] of every view.
 ///
-/// The mean is the best flat colour for a view, so that one view above it proves that something was learned. Views of
-/// one flat colour (+inf) prove nothing and are ignored; without any other view the result is false.
+/// A view's mean is its best flat colour: a single view that scores better proves that the network has learned
+/// something. Views that are one flat colour (+inf) prove nothing and are ignored; without other views the result is
+/// false.
 pub fn is_flat(psnr_and_flat_db: impl IntoIterator<Item = (f64, f64)>) -> bool {
     let mut telling = psnr_and_flat_db.into_iter().filter(|(_, flat)| flat.is_finite()).peekable();
     telling.peek().is_some() && !telling.any(|(psnr, flat)| psnr > flat)
 }
 
-/// Mean of [`flat_psnr_db`] over the views that are not one flat colour, dB; +inf without any.
+/// Mean of [`flat_psnr_db`] over the views that are not one flat colour, dB; +inf if there is no such view.
 pub fn mean_flat_psnr_db(flat_db: impl IntoIterator<Item = f64>) -> f64 {
     let telling: Vec<f64> = flat_db.into_iter().filter(|flat| flat.is_finite()).collect();
     if telling.is_empty() { f64::INFINITY } else { telling.iter().sum::<f64>() / telling.len() as f64 }
@@ -103,8 +103,8 @@ pub fn ssim(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize) -> f64 
     ssim_of(a, b, width, height, None)
 }
 
-/// [`ssim`] of the pixels that `counts` marks, `[width * height]`: all others are taken as equal in both pictures,
-/// and the mean is over windows whose middle is marked. NaN if no window is.
+/// [`ssim`] of the pixels that `counts` marks, `[width * height]`: unmarked pixels are taken as equal in both pictures,
+/// and the mean is over windows whose middle pixel is marked; NaN without any. `None`: all pixels.
 pub fn ssim_of(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize, counts: Option<&[bool]>) -> f64 {
     let pixels = width.checked_mul(height).unwrap_or(0);
     let differ = |length: usize| length != pixels;
@@ -148,7 +148,7 @@ fn ssim_of_plane(a: &[f64], b: &[f64], width: usize, height: usize, counts: Opti
     sum / windows as f64
 }
 
-/// Normalised Gaussian taps for a side of `length` ≥ 1 pixels: 11, or fewer if the side is short.
+/// Normalised Gaussian weights of an SSIM window: 11, or fewer if the side of `length` ≥ 1 pixels is shorter.
 fn gaussian(length: usize) -> Vec<f64> {
     let taps = WINDOW.min(if length % 2 == 1 { length } else { length - 1 });
     let middle = (taps / 2) as f64;
@@ -157,7 +157,7 @@ fn gaussian(length: usize) -> Vec<f64> {
     raw.iter().map(|w| w / sum).collect()
 }
 
-/// Separable correlation without padding: `[(height − down + 1) × (width − across + 1)]`.
+/// Correlates rows with `across` and columns with `down`, unpadded: `[(height − down + 1) × (width − across + 1)]`.
 fn blur_valid(plane: &[f64], width: usize, height: usize, across: &[f64], down: &[f64]) -> Vec<f64> {
     let (out_width, out_height) = (width + 1 - across.len(), height + 1 - down.len());
     let mut blurred = vec![0.0; out_width * out_height];
