@@ -15,7 +15,7 @@ pub struct Shard {
 impl Shard {
     pub const WHOLE: Self = Self { index: 1, count: 1 };
 
-    /// Part of an array job that this process runs, and the environment variable that names the part.
+    /// Part of an array job that this process runs, and the environment variable that names it; `None` without a job.
     ///
     /// Slurm: `SLURM_ARRAY_TASK_ID` of `SLURM_ARRAY_TASK_COUNT`, from `SLURM_ARRAY_TASK_MIN` (0 if absent) to `_MAX`
     /// by `_STEP` (1), without gaps. Kubernetes: `JOB_COMPLETION_INDEX`, from 0, of `JOB_COMPLETIONS`, which the

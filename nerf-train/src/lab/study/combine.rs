@@ -1,22 +1,22 @@
-//! Combinations of knobs worth rendering, predicted from measurements of single knobs.
+//! Combinations of knobs' values that are worth rendering, predicted from measurements of single knobs.
 
 use super::front::{Price, pareto, thin};
 use super::knobs::{KNOBS, Knob};
 use crate::measure::point::Settings;
 
-/// Values of one knob other than the base's, with the measured loss of PSNR and cost of each.
+/// Values of one knob, other than the value in the base settings, each with its measured loss of PSNR and cost.
 #[derive(Clone, Debug, Default)]
 pub struct Choices {
     pub knob: usize,
-    /// For each value of the varied setting: all settings, PSNR lost against the base, dB, and ratio of multiply-adds.
+    /// For each value of the knob: all settings, PSNR lost against the base, dB, and ratio of multiply-adds.
     pub rows: Vec<(Settings, Price)>,
 }
 
-/// Combinations that are predicted to lie on the Pareto front, dearest first, at most `most`.
+/// Combinations that are predicted to lie on the Pareto front, most expensive first; at most `most`.
 ///
-/// Predicted losses add and costs multiply: a rough rule, but the chosen combinations are then measured. `limit_db`:
-/// largest predicted loss against the base. Cost is multiply-adds, not time, so that the choice is the same on every
-/// machine.
+/// Predicted losses of PSNR add and costs multiply: a rough rule, but the chosen combinations are then measured.
+/// `limit_db`: largest predicted loss against the base. Cost is multiply-adds, not time, and thus the choice is the
+/// same on every machine.
 pub fn combinations(base: Settings, choices: &[Choices], limit_db: f64, most: usize) -> Vec<Settings> {
     let start = (base, Price { loss_db: 0.0, cost: 1.0 });
     let mut all = vec![start];
@@ -41,7 +41,7 @@ pub fn combinations(base: Settings, choices: &[Choices], limit_db: f64, most: us
     front.into_iter().map(|i| all[i].0).filter(|settings| turned(&base, choices, settings) > 1).collect()
 }
 
-/// Number of knobs whose value differs from the base's.
+/// Number of knobs among `choices` whose value in `settings` differs from the value in `base`.
 fn turned(base: &Settings, choices: &[Choices], settings: &Settings) -> usize {
     let differs = |choices: &&Choices| {
         let mut copy = *base;
@@ -55,7 +55,7 @@ fn turned(base: &Settings, choices: &[Choices], settings: &Settings) -> usize {
 mod tests {
     use super::*;
 
-    /// The knob of that name, with settings made by `set` and their prices.
+    /// Choices of the knob called `name`: settings made by `set`, and prices, from `rows` of (value, loss in dB, cost).
     fn choices(name: &str, set: fn(&mut Settings, f32), rows: &[(f32, f64, f64)]) -> Choices {
         let knob = KNOBS.iter().position(|knob| knob.name == name).expect("a knob");
         let row = |&(value, loss_db, cost): &(f32, f64, f64)| {

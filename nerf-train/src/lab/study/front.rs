@@ -3,9 +3,9 @@
 /// Loss of PSNR and cost of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Price {
-    /// PSNR lost against the exact rendering (in `combine` against the base), dB; below 0 for a gain.
+    /// PSNR lost, dB, against the exact rendering (in `combine`: against the base settings); below 0 for a gain.
     pub loss_db: f64,
-    /// Seconds or multiply-adds, above 0.
+    /// Render time or multiply-adds, also as a ratio; above 0.
     pub cost: f64,
 }
 
@@ -15,10 +15,10 @@ impl Price {
     }
 }
 
-/// Indices of the points on the Pareto front, dearest first: from each to the next, cost strictly falls and loss rises.
+/// Indices of the points on the Pareto front, most expensive first: cost strictly falls and loss rises along the list.
 ///
 /// A point is beaten by another whose cost and loss are no larger, if at least one of the two is smaller. Of equal
-/// points the first is kept. Points whose loss or cost is not finite, and costs of 0, are left out.
+/// points the first is kept. Points whose loss or cost is not finite, or whose cost is 0, are left out.
 pub fn pareto(points: &[Price]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..points.len()).filter(|&i| points[i].is_usable()).collect();
     let key = |i: usize| (points[i].cost, points[i].loss_db);
@@ -39,10 +39,10 @@ pub fn pareto(points: &[Price]) -> Vec<usize> {
     order
 }
 
-/// At most `most` points of a Pareto front (dearest first), its two ends among them.
+/// At most `most` points of the Pareto front `front`, whose first (most expensive) and last point are kept.
 ///
-/// Repeatedly removes the inner point with the smallest area between it and the staircase of its neighbours, in dB
-/// times the logarithm of cost.
+/// Repeatedly removes the point between the ends whose area to the staircase of its neighbours is smallest, in dB times
+/// the logarithm of cost.
 pub fn thin(points: &[Price], front: &[usize], most: usize) -> Vec<usize> {
     let mut front = front.to_vec();
     while front.len() > most.max(2) {
@@ -60,7 +60,7 @@ pub fn thin(points: &[Price], front: &[usize], most: usize) -> Vec<usize> {
     front
 }
 
-/// Index of the cheapest point whose loss is at most `loss_db`.
+/// Index of the cheapest point whose loss is at most `loss_db`; `None` if there is none.
 pub fn cheapest_within(points: &[Price], loss_db: f64) -> Option<usize> {
     let within = |&i: &usize| points[i].is_usable() && points[i].loss_db <= loss_db;
     (0..points.len()).filter(within).min_by(|&a, &b| points[a].cost.total_cmp(&points[b].cost))

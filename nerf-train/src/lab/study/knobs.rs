@@ -1,4 +1,4 @@
-//! Knobs of a study: settings of a rendering, with functions to read, copy and vary each.
+//! Knobs of a study: settings that trade accuracy for time, with functions to read, copy and vary each setting.
 
 use crate::measure::bench::Variants;
 use crate::measure::point::{MATHS, Precision, Settings};
@@ -8,20 +8,20 @@ use nerf_core::{Isa, Kernel, Storage};
 /// A setting that trades accuracy for time.
 pub struct Knob {
     pub name: &'static str,
-    /// Whether a blob's Pareto front can hold the setting; otherwise its points have the base's value.
+    /// Whether a point on a blob's Pareto front stores the setting; if not, all points have the base's value.
     pub in_blob: bool,
-    /// Whether the knob's values are combined with those of other knobs.
+    /// Whether values of this knob are also tried in combination with values of other knobs.
     pub combines: bool,
-    /// Copies the knob's setting from the first to the second.
+    /// Copies this setting from the first settings to the second.
     pub copy: fn(&Settings, &mut Settings),
     pub read: fn(&Variants<'_>, &Settings) -> String,
-    /// Settings of the base with other values of the knob.
+    /// The base settings with each other value of this knob, one at a time.
     pub values: fn(&Variants<'_>, Settings) -> Vec<Settings>,
 }
 
-/// Samples per ray, as fractions of the number in training; only for scenes whose samples lie in bins.
+/// Numbers of samples per ray to try, as fractions of the number in training; for scenes whose samples lie in bins.
 const SAMPLES: [(u32, u32); 7] = [(1, 4), (3, 8), (1, 2), (5, 8), (3, 4), (3, 2), (2, 1)];
-/// Steps, in hundredths of the step that the field was trained with; only for scenes that are marched.
+/// March steps to try, in hundredths of the step in training; for scenes whose rays are marched.
 const STEPS: [u32; 5] = [50, 75, 125, 150, 200];
 const TRANSMITTANCE: [f32; 6] = [0.0, 1e-3, 3e-2, 0.1, 0.2, 0.3];
 const COLOUR: [f32; 5] = [0.0, 1e-2, 3e-2, 0.1, 0.2];
@@ -179,7 +179,7 @@ fn vary<T>(
     values.into_iter().map(with).collect()
 }
 
-/// Settings in which `settings` differs from `base`, for example `samples 48, kernel avx512-bf16`; empty if none.
+/// Knobs that differ, with their values in `settings`: `samples 48, kernel avx512-bf16`, for example; empty if none.
 pub fn difference(lab: &Variants<'_>, base: &Settings, settings: &Settings) -> String {
     let changed = KNOBS.iter().filter(|knob| (knob.read)(lab, base) != (knob.read)(lab, settings));
     let parts: Vec<String> =
@@ -187,7 +187,7 @@ pub fn difference(lab: &Variants<'_>, base: &Settings, settings: &Settings) -> S
     parts.join(", ")
 }
 
-/// Whether a blob's Pareto front can hold `settings`.
+/// Whether a blob's Pareto front can store `settings`: all differences from `base` are in knobs with [`Knob::in_blob`].
 pub fn fits_blob(lab: &Variants<'_>, base: &Settings, settings: &Settings) -> bool {
     let same = |knob: &Knob| (knob.read)(lab, base) == (knob.read)(lab, settings);
     KNOBS.iter().filter(|knob| !knob.in_blob).all(same)

@@ -8,9 +8,9 @@
 //!                                  Pareto front ─► report, blob
 //! ```
 //!
-//! *Exact* renders every sample inside the scene box, without cuts, with the exact encoding, in f32 with the fastest
-//! instructions; with the occupancy grid only if the blob says that the grid is part of the model. *Base* is a
-//! renderer's default. Knobs are varied one at a time from the base.
+//! *Exact* renders every sample inside the scene box, without transmittance or colour cut, with polynomial sines, in
+//! f32 with the fastest instructions; with the occupancy grid only if the blob says that the grid is part of the model.
+//! *Base* has a renderer's default settings. Knobs, settings that trade accuracy for time, are varied one at a time.
 
 mod combine;
 mod front;

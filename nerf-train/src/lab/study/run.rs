@@ -1,4 +1,4 @@
-//! A study from its first frame to its last.
+//! Passes of a study, from the first frame to the last.
 //!
 //! ```text
 //! pass 1   every view:      exact, base, each knob on its own        slow ones on the timing views only
@@ -25,26 +25,26 @@ use nerf_core::camera::{Camera, Intrinsics};
 use nerf_core::plan::Preset;
 use std::time::{Duration, Instant};
 
-/// Largest predicted loss of PSNR of a combination against the base, dB.
+/// Largest predicted loss of PSNR against the base settings at which a combination is rendered, dB.
 const COMBINATION_LOSS_DB: f64 = 2.5;
 /// Largest loss of PSNR, against the exact rendering, of a point on a blob's Pareto front, dB.
 pub const BLOB_LOSS_DB: f64 = 3.0;
-/// Loss of PSNR against the exact rendering, dB, up to which points of a blob's Pareto front have no longer steps than
-/// in training: the loss by longer steps differs from view to view.
+/// Loss of PSNR against the exact rendering, dB, up to which points of a blob's Pareto front have no longer march step
+/// than in training: what longer steps lose differs from view to view.
 pub const TRAINED_STEP_LOSS_DB: f32 = Preset::Balanced.loss_db();
-/// Largest number of combinations of all knobs, and of the knobs that a blob's Pareto front can hold, each.
+/// Largest number of combinations of all knobs; also of only those knobs that a blob's Pareto front stores.
 const COMBINATIONS: usize = 12;
-/// Side of the square that the portable oracle renders, pixels.
+/// Side of the square in which the exact rendering is compared with the portable kernel, pixels.
 const ORACLE_SIDE: u32 = 16;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Effort {
     pub timing_views: usize,
-    /// Number of rounds of timing, if time allows.
+    /// Number of rounds of timing, unless the time limit comes first.
     pub repeats: usize,
     /// Time after which no further round of timing begins.
     pub limit: Duration,
-    /// Clock of the Pareto front over time.
+    /// Clock that gives the costs on the Pareto front over time.
     pub clock: Clock,
 }
 
@@ -59,15 +59,15 @@ pub struct Progressed<'a> {
 pub struct Study<'a, 'b> {
     pub lab: &'a Variants<'b>,
     pub views: Vec<&'a View>,
-    /// Indices in `views` of the timing views.
+    /// Indices in `views` of the timing views, which every round of timing renders.
     pub timing: Vec<usize>,
     pub background: [f32; 3],
     pub effort: Effort,
-    /// All points: the exact rendering, the base, the single knobs, the combinations.
+    /// All points: the exact rendering, the base settings, the base with one knob changed, the combinations.
     pub points: Vec<Point>,
     pub exact: Vec<Frame>,
     pub rounds_left_out: usize,
-    /// Largest difference of a colour channel between the exact rendering and the portable oracle, on the
+    /// Largest difference of a colour channel between the exact rendering and the portable kernel, in a square in the
     /// middle of the first view.
     pub oracle_max: f64,
     truth: Vec<Vec<[f32; 3]>>,
@@ -163,7 +163,7 @@ impl<'a, 'b> Study<'a, 'b> {
         }
     }
 
-    /// Loss of PSNR and cost, against the base, of each knob's values.
+    /// PSNR lost and multiply-adds, against the base, of each knob's values. `in_blob`: of knobs that a blob stores.
     fn choices(&self, in_blob: bool) -> Vec<Choices> {
         let base = self.points[1].totals(&self.points[0]);
         let of_knob = |index: usize| {
@@ -199,7 +199,7 @@ impl<'a, 'b> Study<'a, 'b> {
         self.timing.len() < self.views.len() && settings.is_slow(self.lab.has_occupancy(settings.variant))
     }
 
-    /// Whether this pass renders the point on the view.
+    /// Whether a pass renders `point` on the view of index `view`. `only_timing`: the pass only renders timing views.
     fn wanted(&self, point: &Point, view: usize, only_timing: bool) -> bool {
         let timed = self.timing.contains(&view);
         let first = point.views[view].is_none();
@@ -252,7 +252,7 @@ impl<'a, 'b> Study<'a, 'b> {
         })
     }
 
-    /// Compares the exact rendering with the portable oracle in a square in the middle of the first view.
+    /// Compares the exact rendering with the portable kernel in a square in the middle of the first view.
     fn check_oracle(&mut self) -> anyhow::Result<()> {
         let camera = &self.views[0].camera;
         let i = *camera.intrinsics();
@@ -273,12 +273,12 @@ impl<'a, 'b> Study<'a, 'b> {
         Ok(())
     }
 
-    /// Totals of each point, in the order of the points.
+    /// Errors and cost of each point, in the order of the points.
     pub fn totals(&self) -> Vec<Totals> {
         self.points.iter().map(|point| point.totals(&self.points[0])).collect()
     }
 
-    /// Loss of PSNR of each point against the exact rendering, dB, and its time as a fraction of the exact rendering's.
+    /// For each point: PSNR lost, dB, and ratio of render time, both against the exact rendering.
     pub fn times(&self) -> Vec<Price> {
         let price = |point: &Point| {
             let cost = point.relative_time(&self.points[0], self.effort.clock).unwrap_or(f64::NAN);
@@ -287,14 +287,14 @@ impl<'a, 'b> Study<'a, 'b> {
         self.points.iter().map(price).collect()
     }
 
-    /// Pareto front over time: indices of points, dearest first.
+    /// Indices of the points on the Pareto front over time, most expensive first.
     pub fn front(&self) -> Vec<usize> {
         pareto(&self.times())
     }
 
-    /// Indices of the Pareto front over multiply-adds of the points that a blob can hold, dearest first, and the price
-    /// of every point. The Pareto front has at most [`MAX_FRONT`] points, each of a loss of at most `BLOB_LOSS_DB`.
-    /// Points of a loss of at most `TRAINED_STEP_LOSS_DB` have no longer step than in training.
+    /// Indices of the points on the blob's Pareto front over multiply-adds, most expensive first, and the price of
+    /// every point. At most [`MAX_FRONT`] points that a blob can hold, each with a loss of at most `BLOB_LOSS_DB`;
+    /// those with a loss of at most `TRAINED_STEP_LOSS_DB` have no longer march step than in training.
     pub fn blob_front(&self) -> (Vec<usize>, Vec<Price>) {
         let base = Settings::base();
         let price = |point: &Point| {
@@ -323,7 +323,7 @@ impl<'a, 'b> Study<'a, 'b> {
         front.into_iter().map(point).collect()
     }
 
-    /// Index of the fastest point that loses at most `loss_db` of PSNR, among those that `keep` accepts.
+    /// Index of the fastest point that `keep` accepts and that loses at most `loss_db`; `None` if there is none.
     pub fn cheapest(&self, loss_db: f64, keep: impl Fn(&Point) -> bool) -> Option<usize> {
         let mut times = self.times();
         for (price, point) in times.iter_mut().zip(&self.points) {

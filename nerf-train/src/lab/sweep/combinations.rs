@@ -1,4 +1,4 @@
-//! Lists of values, and their combinations, the points of a sweep.
+//! Lists of values of settings, and the lists' combinations, which are the points of a sweep.
 
 use anyhow::bail;
 use clap::ValueEnum;
@@ -45,7 +45,7 @@ impl Knob {
         }
     }
 
-    /// Flag, without dashes, that lists the knob's values.
+    /// Flag, without dashes, that takes the list of the knob's values.
     pub fn flag(self) -> &'static str {
         self.row().0
     }
@@ -68,7 +68,7 @@ impl Point {
         values.iter().fold(Self::default(), |point, &(knob, value)| point.with(knob, value))
     }
 
-    /// The same point with another value of one knob.
+    /// This point with `value` as the value of `knob`.
     #[must_use]
     pub fn with(mut self, knob: Knob, value: f64) -> Self {
         self.0[knob as usize] = Some(value);

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 /// File in the folder with the data and settings that all runs share.
 const FILE: &str = "sweep.json";
 
-/// The folder of a sweep.
+/// Folder of a sweep.
 ///
 /// Each run is one small file and is never repeated, whichever process made it. Runs can be spread over machines
 /// ([`Shard`](crate::lab::Shard)) into one folder, or into several that are merged.
@@ -100,7 +100,7 @@ impl Folder {
         files.iter().map(|path| read_json(path, "record")).collect()
     }
 
-    /// Runs the points that are not finished, and reports each result.
+    /// Runs the points that are not finished: `make` returns record and picture of a run, `say` receives each result.
     pub fn conduct(
         &self,
         points: &[Point],

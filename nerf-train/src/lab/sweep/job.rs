@@ -32,7 +32,7 @@ pub enum Job<'a> {
     Scene {
         dataset: &'a Dataset,
         base: Box<Config>,
-        /// Time limit of a run, seconds, in place of a number of steps, if no list sets one.
+        /// Time limit of a run, seconds, in place of a number of steps, unless the point has a time limit.
         seconds: Option<f64>,
     },
 }
@@ -95,8 +95,8 @@ impl Job<'_> {
 
     /// Runs one point to its end; an interrupted run leaves no record.
     ///
-    /// A run that diverges because of its settings is a result. The picture is that of the photograph, or of the first
-    /// validation view.
+    /// A run that diverges because of its settings has a record, too. The returned picture is the fitted photograph, or
+    /// the rendered first validation view.
     pub fn run(&self, point: &Point, runner: &Runner<'_>) -> anyhow::Result<Run> {
         let clock = Clock::start();
         let (blank, ran) = match self {
@@ -128,7 +128,7 @@ impl Job<'_> {
     }
 }
 
-/// Point of a base: the settings of a learned grid, or else levels, layers and width of a sinusoidal network.
+/// Base values of the knobs: settings of a learned grid, or else levels, layers and width of a sinusoidal network.
 fn base_point(grid: Option<&TableConfig>, (levels, layers, width): (u8, usize, usize), rate: f64) -> Point {
     let point = match grid {
         Some(grid) => Point::of(&[
@@ -182,14 +182,14 @@ fn scene_config(base: &Config, point: &Point) -> Config {
     config
 }
 
-/// Sets a whole number from a list's f64, which holds it exactly.
+/// Sets `to` to a whole number that a list holds as f64, exactly; `None` changes nothing.
 fn set<T: TryFrom<u64>>(to: &mut T, value: Option<f64>) {
     if let Some(value) = value.and_then(|value| T::try_from(value as u64).ok()) {
         *to = value;
     }
 }
 
-/// Record of a run before its results.
+/// Record of a run that has no results yet.
 fn blank(point: &Point, runner: &Runner<'_>, architecture: &Architecture) -> Record {
     Record {
         point: *point,
@@ -207,7 +207,7 @@ fn blank(point: &Point, runner: &Runner<'_>, architecture: &Architecture) -> Rec
     }
 }
 
-/// Status and note of a run; `flat`: PSNR is no better than that of one flat colour, `flat_psnr_db`.
+/// Status of a run, and the reason if it is flat: PSNR no better than `flat_psnr_db`, that of one flat colour.
 fn judged(flat: bool, flat_psnr_db: f64) -> (Status, String) {
     match flat {
         true => (Status::Flat, format!("no better than one flat colour, which has {flat_psnr_db:.2} dB")),

@@ -34,7 +34,7 @@ pub struct Header {
     pub data: String,
     pub fingerprint: String,
     pub mode: Mode,
-    /// All settings of the base, including those that are varied; a later command may vary others.
+    /// All settings of the base, including the varied ones; a later command on this folder may vary others.
     pub settings: serde_json::Value,
 }
 
@@ -55,11 +55,11 @@ pub struct Record {
     pub status: Status,
     /// Reason why the run diverged or is flat; else empty.
     pub note: String,
-    /// PSNR as defined by [`Kind`], dB; absent if there is no picture.
+    /// PSNR as defined by [`Kind`], dB; `None` if there is no picture.
     pub psnr_db: Option<f64>,
     pub steps: u32,
     pub parameters: usize,
-    /// Multiply-adds per pixel or sample.
+    /// Multiply-adds per pixel of a 2D field, or per sample of a scene.
     pub macs: u64,
     pub blob_bytes: usize,
     pub train_seconds: f64,
