@@ -14,7 +14,6 @@ const INK: [f32; 3] = [0.1; 3];
 
 #[derive(Clone, Debug)]
 pub struct Cell {
-    /// Picture of the cell; enlarged if small.
     pub picture: Picture,
     /// Text below the picture, wrapped to the cell's width with its line ends kept; may be empty.
     pub caption: String,

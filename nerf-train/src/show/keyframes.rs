@@ -59,7 +59,7 @@ fn aligned(keys: &[Keyframe]) -> Vec<Quat> {
     turns
 }
 
-/// Position, rotation and field of view (degrees), `at` keyframes after the first.
+/// Position, rotation and field of view (degrees) at `at` keyframes after the first; `turns`: from [`aligned`].
 fn place_at(keys: &[Keyframe], turns: &[Quat], at: f32) -> (Vec3, Quat, f32) {
     let first = (at as usize).min(keys.len() - 2);
     let t = at - first as f32;

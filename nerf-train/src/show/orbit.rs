@@ -8,7 +8,7 @@ use std::f32::consts::TAU;
 /// Largest elevation of an orbit through a viewpoint, degrees: `up` may differ from the viewpoint's up direction.
 const STEEPEST: f32 = 80.0;
 
-/// A circle of cameras, or an arc of one, that look at its centre.
+/// Circle of cameras, or an arc of one, around a centre at which all cameras look.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Orbit {
     pub centre: Vec3,
@@ -17,7 +17,7 @@ pub struct Orbit {
     pub elevation: f32,
     /// World direction that is up, unit length.
     pub up: Vec3,
-    /// Direction from the axis to the first camera: unit length, perpendicular to `up`.
+    /// Direction from the circle's axis to the first camera: unit length, perpendicular to `up`.
     pub start: Vec3,
     /// Angle of the arc, radians, with the first camera in the middle; 2π: the full circle.
     pub arc: f32,
@@ -61,8 +61,8 @@ impl Orbit {
         }
     }
 
-    /// Camera at `turn` (0 to 1) of the full circle, or of a swing back and forth over the arc. `fov`: horizontal
-    /// field of view, degrees.
+    /// Camera at the fraction `turn` (0 to 1) of the full circle, or of a swing back and forth over the arc. `fov`:
+    /// horizontal field of view, degrees.
     pub fn camera(&self, turn: f32, width: u32, height: u32, fov: f32) -> Result<Camera, CameraError> {
         let azimuth = if self.arc < TAU { 0.5 * self.arc * (turn * TAU).sin() } else { turn * TAU };
         let elevation = self.elevation.to_radians();

@@ -16,11 +16,11 @@ use std::path::PathBuf;
 /// Colour range of each distance output, world units.
 pub type Ranges = Vec<(Output, (f32, f32))>;
 
-/// Smallest side of a view in the coarse pass, pixels; a side is otherwise a quarter of the view's.
+/// Smallest side to which the coarse pass reduces a view, pixels; otherwise each side is reduced to a quarter.
 const COARSE: u32 = 64;
 
-/// Renders every camera's view and passes it to all writers. `each` is called with the number of views done, before
-/// the next begins.
+/// Renders every camera's view and passes it to all writers. `each` is called before each view, and at the end, with
+/// the number of finished views.
 ///
 /// If a view fails, dropping the writers leaves no half-written file.
 pub fn render(
@@ -73,8 +73,8 @@ pub fn coarse(camera: &Camera) -> Result<Camera, CameraError> {
     scaled(camera, (side(camera.intrinsics().width), side(camera.intrinsics().height)))
 }
 
-/// Summary of a rendering, printed by `render --json`. Ranges are those of the colours of a video's distances, world
-/// units.
+/// Summary of a rendering, printed by `render --json`. Ranges are those of the distances that a video's colour map
+/// covers, world units.
 #[derive(Debug, Serialize)]
 pub struct Rendering {
     pub files: Vec<String>,

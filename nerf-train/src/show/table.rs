@@ -67,7 +67,7 @@ impl Table {
         })
     }
 
-    /// Pads cells to columns; `rule` makes the line below a column's name (whether right-aligned, width).
+    /// Lines of the table, with padded cells. `rule` (is right-aligned, width) makes the line below a column's name.
     fn lines(
         &self,
         tidy: impl Fn(&String) -> String,

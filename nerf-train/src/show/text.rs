@@ -32,7 +32,7 @@ struct Placed {
     x: f32,
 }
 
-/// Positions the characters of a line; returns them and the width of the line, pixels.
+/// Positions of a line's characters, and width of the line, pixels.
 fn layout(text: &str, size: f32) -> (Vec<Placed>, f32) {
     let mut placed: Vec<Placed> = Vec::new();
     let mut x = 0.0;

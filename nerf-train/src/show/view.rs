@@ -38,7 +38,7 @@ impl Output {
         matches!(self, Self::RayDistance | Self::ZDepth | Self::MedianDistance)
     }
 
-    /// Suffix of the output's file name if it is not the first output.
+    /// Suffix of the file name of an output that is not the first of the requested outputs.
     pub fn suffix(self) -> &'static str {
         match self {
             Self::Rgb | Self::All => "rgb",
@@ -67,7 +67,7 @@ pub fn is_exr(path: &Path) -> bool {
 
 /// Writes an output of a frame as PNG, or as EXR if `path` says so.
 ///
-/// `range`: colour range of a distance, world units; `None`: chosen for the frame. `transparent`: colour has alpha.
+/// `range`: colour range of a distance, world units; `None`: chosen for the frame. `transparent`: colour with alpha.
 pub fn write_still(
     path: &Path,
     frame: &Frame,
@@ -90,7 +90,7 @@ pub fn write_still(
     Ok(())
 }
 
-/// Channels of an output, under the names that compositing programs know, if there are any.
+/// Channels of an output and their values; names are those that compositing programs know, if there are any.
 fn channels_of(frame: &Frame, output: Output, transparent: bool) -> Vec<(&'static str, Vec<f32>)> {
     let axis = |of: &[[f32; 3]], axis: usize| of.iter().map(|value| value[axis]).collect();
     match output {

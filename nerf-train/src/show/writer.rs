@@ -20,14 +20,14 @@ pub struct Writer {
 pub enum Sink {
     Still(PathBuf),
     Film(Box<Film>),
-    /// Folder of `frame_0000.png` and on: its path, number of the next frame, increment of the number.
+    /// Folder of `frame_0000.png` and the following: its path, number of the next frame, increment of the number.
     Frames(PathBuf, usize, usize),
 }
 
 #[derive(Debug)]
 pub struct Written {
     pub path: PathBuf,
-    /// Number of the first frame that an earlier run has left in the folder.
+    /// Number of the next frame after the written ones, if an earlier run has left its file in the folder; else `None`.
     pub older_from: Option<usize>,
 }
 
@@ -77,8 +77,8 @@ enum FilmWriter {
 }
 
 impl Film {
-    /// Video of `fps` frames per second: an MP4 with an ffmpeg, else a GIF. The first frame opens the file and sets
-    /// its size.
+    /// Video of `fps` frames per second: an MP4 if there is an `ffmpeg`, else a GIF. The first frame opens the file and
+    /// sets its size.
     pub fn new(path: PathBuf, ffmpeg: Option<Ffmpeg>, fps: f64) -> anyhow::Result<Self> {
         check_rate(fps)?;
         Ok(Self { path, ffmpeg, fps, writer: None })

@@ -65,7 +65,7 @@ impl GifWriter {
         }
     }
 
-    /// Writes the buffered frames and puts the file in place.
+    /// Writes the buffered frames and gives the file its final name.
     pub fn finish(mut self) -> anyhow::Result<()> {
         self.write_waiting()?;
         if self.written == 0 {
@@ -101,7 +101,7 @@ pub(crate) fn check_rate(fps: f64) -> anyhow::Result<()> {
     bail!("cannot make the animation: {fps} frames per second is not a rate")
 }
 
-/// Refuses a frame of another size than `expected`, or with another number of pixels than its size says.
+/// Fails if a frame's size differs from `expected`, or its number of pixels from width × height.
 pub(crate) fn check_size(index: usize, frame: &Picture, expected: (usize, usize)) -> anyhow::Result<()> {
     if (frame.width, frame.height) != expected {
         let (width, height) = expected;

@@ -7,14 +7,13 @@ const MAX_COLOURS: usize = 256;
 /// Number of iterations of k-means.
 const ROUNDS: usize = 2;
 
-/// Colour of the frame, and the number of pixels that have it.
+/// A colour that occurs in the frame, and its number of pixels.
 type Counted = ([u8; 3], u32);
 
 /// Palette of a frame, and the palette index of each pixel.
 pub struct Quantised {
     /// Colours, `[k * 3]`; 1 ≤ k ≤ 256 for a frame with pixels.
     pub palette: Vec<u8>,
-    /// Palette index of each pixel, `[n]`.
     pub indices: Vec<u8>,
 }
 
@@ -56,7 +55,7 @@ fn count(rgb: &[u8]) -> Vec<Counted> {
     pixels.chunk_by(|a, b| a == b).map(|same| (same[0], same.len() as u32)).collect()
 }
 
-/// Set of colours; `axis`: channel of largest spread; `error`, `mean`: sum of squared deviations and mean along it.
+/// Set of colours. `axis`: channel of largest spread; `mean`, `error`: its mean and sum of squared deviations.
 struct Set {
     colours: Vec<Counted>,
     error: f64,
@@ -79,7 +78,7 @@ impl Set {
     }
 }
 
-/// Splits the colours into at most 256 sets, none empty; `colours` has at least one.
+/// Splits the colours, at least one, into at most 256 sets that are not empty.
 fn cut(colours: &[Counted]) -> Vec<Vec<Counted>> {
     let mut sets = vec![Set::new(colours.to_vec())];
     while sets.len() < MAX_COLOURS {
@@ -110,7 +109,7 @@ fn representative(set: &[Counted]) -> [u8; 3] {
     })
 }
 
-/// Index of the entry nearest to `colour`; the first of equally near ones.
+/// Index of the palette entry nearest to `colour`; the first of equally near ones.
 fn nearest(entries: &[[u8; 3]], colour: [u8; 3]) -> usize {
     let square = |a: u8, b: u8| (i32::from(a) - i32::from(b)).pow(2);
     let distance = |entry: &[u8; 3]| (0..3).map(|c| square(entry[c], colour[c])).sum::<i32>();

@@ -6,14 +6,14 @@ use crate::data::pictures::thumbnail::Thumbnail;
 use crate::data::{Background, Dataset, View};
 use crate::model::config::{Preset, Surroundings};
 
-/// Colours of the inconsistent groups of photographs, display-encoded; repeated if there are more groups.
+/// Colours of cameras by group: the poses of a group's photographs can all be right. Repeated if there are more groups.
 const GROUPS: [[f32; 3]; 4] =
     [[0.13, 0.39, 0.85], [0.90, 0.47, 0.06], [0.15, 0.58, 0.24], [0.55, 0.25, 0.68]];
-/// Colour of photographs that contradict the rest.
+/// Colour of the cameras whose photographs contradict the other photographs.
 const CONTRADICTING: [f32; 3] = [0.85, 0.08, 0.12];
-/// Colour of blurred photographs.
+/// Colour of the cameras whose photographs are blurred.
 const BLURRED: [f32; 3] = [0.62, 0.50, 0.10];
-/// Longer side of the photographs of the contradicting pair, pixels.
+/// Longer side of the thumbnails of the two photographs that contradict each other most, pixels.
 const SIDE: usize = 400;
 
 #[derive(Clone, Debug)]
@@ -25,7 +25,7 @@ pub struct Findings {
 }
 
 /// Scene of all photographs of a data set, as training views ordered by name, with cameras coloured by the diagnosis.
-/// `range`: near and far planes, if given.
+/// `range`: near and far planes, world units; `None`: derived from the data.
 pub fn checked(
     dataset: &mut Dataset,
     diagnosis: &Diagnosis,

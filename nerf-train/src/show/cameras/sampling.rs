@@ -44,7 +44,7 @@ pub struct StepFacts {
     /// ray.
     pub bins: u16,
     pub marched: bool,
-    /// Number of rays of the training step, of which the first are shown.
+    /// Number of rays of the training step; the first of these rays are shown.
     pub rays: usize,
     pub live: usize,
     pub occupancy: bool,
@@ -60,9 +60,9 @@ pub(super) struct Drawer<'a> {
 }
 
 impl Drawer<'_> {
-    /// Draws the first `count` rays of the training step over `views`. `first`: camera index of the first view.
+    /// Draws the first `count` rays of the training step over `views`. `first`: index of the camera of the first view.
     ///
-    /// `whole`: whether the step has as many rays as in training; otherwise `count`.
+    /// `whole`: whether the step has as many rays as in training; otherwise it has `count` rays.
     pub(super) fn draw(
         &self,
         views: &[View],

@@ -85,7 +85,7 @@ fn widened(low: f32, high: f32) -> (f32, f32) {
     (low - margin, high + margin)
 }
 
-/// Range of a distance picture's colours: `range` if it is usable, else [`robust_range`], else 0..1.
+/// Range of the colours of a picture of distances: `range` if it is usable, else [`robust_range`], else 0..1.
 fn settle_range(values: &[f32], opacity: &[f32], range: Option<(f32, f32)>) -> (f32, f32) {
     match range {
         Some((low, high)) if low.is_finite() && high.is_finite() => widened(low, high),

@@ -55,8 +55,8 @@ impl<'a, 'b> Field<'a, 'b> {
         Ok((sigma, rgb))
     }
 
-    /// Distance along each ray at which its opacity crosses 1/2, world units; `None` if it stays below. Rays are
-    /// `length` world units long and have one sample in the middle of each of `steps` equal bins.
+    /// Distance along each ray at which the ray's opacity crosses 1/2, world units; `None` if the opacity stays below.
+    /// Rays are `length` world units long and have one sample in the middle of each of `steps` equal bins.
     pub fn half_way(&self, rays: &[Ray], length: f32, steps: usize) -> anyhow::Result<Vec<Option<f32>>> {
         let delta = length / steps as f32;
         let points = |ray: &Ray| {
@@ -73,7 +73,7 @@ impl<'a, 'b> Field<'a, 'b> {
     }
 }
 
-/// Distance at which the accumulated optical depth reaches ln 2 (opacity 1/2), in the unit of `delta`.
+/// Distance at which the optical depth, summed over bins of width `delta`, reaches ln 2 (opacity 1/2); `None`: never.
 fn crossing(sigma: &[f32], delta: f32) -> Option<f32> {
     let mut depth = 0.0;
     for (i, sigma) in sigma.iter().enumerate() {

@@ -10,8 +10,8 @@ use serde_json::{Value, json};
 use std::io::{self, Write};
 use std::path::Path;
 
-/// Writes a mesh as binary PLY: `x y z nx ny nz red green blue`, faces as `vertex_indices`. Coordinates are the data's
-/// own: doubles if the mesh has an origin other than 0.
+/// Writes a mesh as binary PLY: `x y z nx ny nz red green blue`, faces as `vertex_indices`. Coordinates are in the
+/// data's world: f64 if the mesh's origin is not 0, else f32.
 pub fn write_ply(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
     written(path, |out| {
         let far = mesh.origin != [0.0; 3];

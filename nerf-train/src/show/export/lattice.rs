@@ -6,10 +6,10 @@ use glam::Vec3;
 use half::f16;
 use nerf_core::space::SceneBox;
 
-/// Cubes over a box and one layer around it, so that surfaces that reach the box's sides are closed there.
+/// Cubes over a box, and one layer of cubes around the box: a surface that reaches a side of the box is closed there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lattice {
-    /// Position of the first corner, world units.
+    /// Position of the lattice's lower corner, world units.
     pub min: Vec3,
     /// Side of a cube, world units.
     pub cell: f32,
@@ -29,15 +29,15 @@ impl Lattice {
         self.min + self.cell * Vec3::new(x as f32, y as f32, z as f32)
     }
 
-    /// Positions of the corners of slice `z`, x fastest.
+    /// Positions, world units, of the corners whose index along z is `z`, x fastest.
     pub fn slice(&self, z: usize) -> Vec<[f32; 3]> {
         let [width, height] = self.corners();
         let corner = |i: usize| self.corner([i % width, i / width, z]).into();
         (0..width * height).map(corner).collect()
     }
 
-    /// Optical depth of one cell at each corner of slice `z`: density times the side of a cube. 0 at the sides of the
-    /// lattice, which are outside of the box.
+    /// Density times the side of a cube at each corner of slice `z`: the optical depth of one cube. 0 at the sides of
+    /// the lattice, which are outside of the box.
     pub fn cell_depths(&self, field: &Field<'_, '_>, z: usize) -> anyhow::Result<Vec<f16>> {
         let [width, height] = self.corners();
         let side = |i: usize| {

@@ -1,4 +1,4 @@
-//! Surface net: triangles of the isosurface at 0.5 of levels at a lattice's corners.
+//! Surface net: triangles of the surface on which the levels at a lattice's corners, 0 outside to 1 inside, cross 0.5.
 
 use super::lattice::Lattice;
 use anyhow::Context;
@@ -17,7 +17,7 @@ const EDGES: [(usize, usize); 12] =
 /// Gibson 1998, "Constrained elastic surface nets".
 pub(super) struct Net<'l> {
     lattice: &'l Lattice,
-    /// Levels at the corners of the previous slice.
+    /// Levels at the corners of the slice that was added last.
     below: Vec<f16>,
     /// Vertex index of each cube of the last two layers, the lower layer first; [`NONE`] without a vertex.
     layers: [Vec<u32>; 2],
@@ -40,7 +40,7 @@ impl<'l> Net<'l> {
         }
     }
 
-    /// Adds slice `z`: the vertices of the layer of cubes below it, and the faces whose four cubes are then complete.
+    /// Adds slice `z` with levels `above`: vertices in the cubes below it, and faces whose four cubes are complete.
     pub(super) fn slice(&mut self, z: usize, above: Vec<f16>) -> anyhow::Result<()> {
         if z > 0 {
             self.layers.swap(0, 1);
@@ -74,7 +74,7 @@ impl<'l> Net<'l> {
         Ok(())
     }
 
-    /// Adds faces across the edges within the lower slice, and across the edges between the two slices.
+    /// Adds the faces across the lattice's edges in the lower slice, and across its edges between the two slices.
     fn faces(&mut self, z: usize, above: &[f16]) {
         let [width, height, _] = self.lattice.cells;
         let row = width + 1;
@@ -113,7 +113,7 @@ fn crossing(values: &[f32; 8]) -> Vec3 {
     sum / count
 }
 
-/// Gradient of the levels at the corners of a cube, up to a factor.
+/// Direction of the gradient of the levels in a cube, from those at its corners; not normalised.
 fn slope(v: &[f32; 8]) -> Vec3 {
     let rise = |bit: usize| (0..8).map(|i| if i & bit == 0 { -v[i] } else { v[i] }).sum();
     Vec3::new(rise(1), rise(2), rise(4))

@@ -1,28 +1,28 @@
 //! Optical depth from outside of the box to each corner of a lattice.
 //!
-//! Optical depths are summed from neighbour to neighbour along 26 directions. The third smallest sum is used, so that a
-//! single gap makes nothing visible.
+//! Optical depths are summed from neighbour to neighbour along 26 directions. The third smallest of a corner's 26 sums
+//! is used, so that a single gap makes nothing visible.
 
 use super::Lattice;
 use half::f16;
 use rayon::prelude::*;
 use std::f32::consts::LN_2;
 
-/// Ratio of the optical depths, or densities, of levels 1 and 0.5, and of levels 0.5 and 0.
+/// Density, or optical depth, at level 1 divided by that at the surface (level 0.5); the inverse ratio has level 0.
 const RANGE: f32 = 1000.0;
-/// Largest optical depth of a sum: the ray is then dark, and with decay it is clear again after a few cells.
+/// Largest optical depth that a sum passes on to the next corner: opacity 15/16. A decaying sum is soon small again.
 const DARK: f32 = 4.0 * LN_2;
-/// The nine directions to the next slice, as steps in x and y: straight, and to the eight neighbours.
+/// The nine directions from a corner to the next slice, as steps in x and y: straight, and to the eight neighbours.
 const ACROSS: [[isize; 2]; 9] =
     [[0, 0], [-1, -1], [0, -1], [1, -1], [-1, 0], [1, 0], [-1, 1], [0, 1], [1, 1]];
 
-/// Level of a point, 0 to 1; above 0.5 inside the surface. `ratio`: density or optical depth over that of the surface.
-/// Linear in the logarithm of `ratio`, as either quantity grows by factors across a surface.
+/// Level of a point, 0 to 1; above 0.5 inside the surface. `ratio`: density or optical depth over its value at the
+/// surface. Linear in the logarithm of `ratio`, as density and optical depth grow by factors across a surface.
 pub(super) fn level(ratio: f32) -> f16 {
     f16::from_f32((0.5 + 0.5 * ratio.ln() / RANGE.ln()).clamp(0.0, 1.0))
 }
 
-/// The three smallest optical depths of a corner, ascending, as upper 16 bits of `f32`, which have the same order.
+/// The three smallest sums of optical depth of a corner, ascending: upper 16 bits of `f32`, which keep the order.
 type Least = [u16; 3];
 
 pub(super) struct OpticalDepth {
@@ -30,8 +30,8 @@ pub(super) struct OpticalDepth {
 }
 
 impl OpticalDepth {
-    /// Sums the optical depths of cells ([`Lattice::cell_depths`]) of all slices. If `decay`, cells, is finite, sums
-    /// fall by a factor of about e over that length: surfaces are then visible from free space inside of the box, too.
+    /// Sums the optical depths of cells ([`Lattice::cell_depths`]). A finite `decay`, cells, is the length over which
+    /// sums fall by a factor of about e: surfaces are then visible from free space inside of the box, too.
     pub(super) fn new(lattice: &Lattice, cells: &[Vec<f16>], decay: f32) -> Self {
         let slices = cells.iter().map(|slice| vec![[u16::MAX; 3]; slice.len()]).collect();
         let (mut depths, keep) = (Self { slices }, 1.0 - 1.0 / decay);
@@ -42,7 +42,7 @@ impl OpticalDepth {
         depths
     }
 
-    /// Levels of slice `z`: above 0.5 if the opacity from outside is above 1/2; 0 at the lattice's sides.
+    /// Levels of slice `z`'s corners: above 0.5 if the opacity from outside is above 1/2; 0 at the lattice's sides.
     pub(super) fn levels(&self, z: usize) -> Vec<f16> {
         let depth = |least: &Least| match least[2] {
             u16::MAX => 0.0,
@@ -51,7 +51,7 @@ impl OpticalDepth {
         self.slices[z].iter().map(|least| level(depth(least) / LN_2)).collect()
     }
 
-    /// Sums along the eight directions within each slice.
+    /// Sums optical depths along the eight directions within each slice.
     fn within_slices(&mut self, lattice: &Lattice, cells: &[Vec<f16>], keep: f32) {
         let [width, height] = lattice.corners();
         self.slices.par_iter_mut().zip(cells).for_each(|(least, cells)| {
@@ -72,7 +72,7 @@ impl OpticalDepth {
         });
     }
 
-    /// Sums along the nine directions from each slice to the next, in `order`.
+    /// Sums optical depths along the nine directions from slice to slice; `order`: slices, upward or downward.
     fn between_slices(&mut self, lattice: &Lattice, cells: &[Vec<f16>], keep: f32, order: &[usize]) {
         let [width, height] = lattice.corners();
         let steps = ACROSS.map(|[dx, dy]| {
@@ -101,7 +101,7 @@ impl OpticalDepth {
     }
 }
 
-/// Length of a direction's step, cells, and half of it.
+/// Length of a step in `direction`, cells, and half of that length.
 fn step(direction: [isize; 3]) -> (f32, f32) {
     let cells = (direction.iter().map(|d| d * d).sum::<isize>() as f32).sqrt();
     (cells, 0.5 * cells)

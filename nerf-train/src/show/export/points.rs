@@ -17,7 +17,7 @@ const PILOT: f64 = 1024.0;
 /// Opacity above which a pixel shows a surface.
 const OPAQUE: f32 = 0.5;
 
-/// About `count` points at the median distances of the views' rays, in the colours seen there; only those in the box
+/// About `count` points at the median distances of the views' rays, in the colours seen there; only points in the box
 /// `within`, if given. `plan` outputs colours, opacity, median distances and normals. `each` is called with the number
 /// of views done.
 pub fn points_of_views(

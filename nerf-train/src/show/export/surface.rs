@@ -11,16 +11,16 @@ use glam::Vec3;
 use half::f16;
 use nerf_core::camera::Ray;
 
-/// Distance from the start of a vertex's ray to the vertex, cells.
+/// Distance from the origin of a vertex's inward ray to the vertex, cells.
 const BEFORE: f32 = 2.0;
-/// Samples of a vertex's ray per cell.
+/// Number of samples per cell along a vertex's inward ray.
 const SAMPLES: f32 = 4.0;
-/// Distance behind the vertex within which its ray must meet the surface, cells.
+/// Distance behind the vertex within which the vertex's inward ray must meet the surface, cells.
 const BEHIND: f32 = 8.0;
-/// Largest distance from a vertex to the surface along its ray, cells; a vertex further away moves by a multiple of a
-/// quarter cell.
+/// Largest distance from a vertex to the surface along the vertex's ray, cells. If the surface is further away, the
+/// vertex moves by the excess, rounded up to a quarter of a cell.
 const NEAR: f32 = 1.75;
-/// Decay length of sums of optical depth in a scene that is seen from inside, cells.
+/// Length over which sums of optical depth fall by a factor of e, cells, in a scene that is seen from inside.
 const DECAY: f32 = 8.0;
 /// Number of times that each normal is averaged with its neighbours, as normals of single cells are noisy.
 const NORMAL_PASSES: usize = 6;
@@ -43,8 +43,8 @@ pub enum Surface {
 ///
 /// The mesh is a surface net of the lattice's optical depths, or densities, with smoothed normals. For a visible
 /// surface, a ray is integrated inward along the normal of each vertex. The vertex moves along its ray, but no further
-/// than to within two cells of where the opacity crosses 1/2, so that triangles rarely tangle. A vertex whose ray
-/// stays below 1/2 is left out. `each` is called with the number of slices done, out of three times the lattice's.
+/// than to within two cells of where the opacity crosses 1/2, so that triangles rarely tangle. A vertex is left out if
+/// its ray's opacity stays below 1/2. `each` is called with the number of slices done in three passes over the lattice.
 pub fn mesh(
     field: &Field<'_, '_>,
     lattice: &Lattice,
@@ -89,7 +89,7 @@ pub fn mesh(
     }
 }
 
-/// Surface net of `surface`, from the optical depths of the cells.
+/// Surface net of `surface`, from the optical depths of the lattice's cells.
 fn net<'l>(
     lattice: &'l Lattice,
     cells: Vec<Vec<f16>>,
@@ -141,8 +141,8 @@ struct Place {
     surface: Vec3,
 }
 
-/// Moves vertices along their rays to within two cells of where the opacity crosses 1/2; `None` for a vertex whose ray
-/// stays below.
+/// Moves vertices along their rays to within two cells of where the opacity crosses 1/2; `None` for a vertex whose
+/// ray's opacity stays below.
 fn settled(
     field: &Field<'_, '_>,
     cell: f32,

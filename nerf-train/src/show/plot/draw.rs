@@ -27,7 +27,7 @@ pub(super) fn draw_series<DB: DrawingBackend, X: Ranged<ValueType = f64>>(
     Ok(())
 }
 
-/// Draws a reference as a dashed horizontal line, whose pattern depends on `index`.
+/// Draws a dashed horizontal line at row `y`; `index` chooses the pattern of dashes.
 pub(super) fn dashed<DB: DrawingBackend>(
     root: &DrawingArea<DB, Shift>,
     (start, y): (i32, i32),

@@ -24,12 +24,12 @@ const MARGIN: i32 = 18;
 const TITLE_SIZE: f32 = 28.0;
 const TEXT_SIZE: f32 = 20.0;
 const NOTE_SIZE: f32 = 17.0;
-/// Length of a key in the legend, pixels.
+/// Length of the line before a name in the legend, pixels.
 const KEY: i32 = 34;
 /// Approximate number of ticks of an axis.
 const TICKS: usize = 9;
-/// Magnitude above which values are treated as not finite, as plotters computes ticks in f64. On a logarithmic axis,
-/// values below its inverse are too.
+/// Magnitude above which values are treated as not finite, as plotters computes ticks in f64; on a logarithmic axis,
+/// also values below its inverse.
 const LARGEST: f64 = 1e15;
 /// Font family that every SVG viewer has; in PNGs this name refers to the compiled-in font.
 const FONT: &str = "sans-serif";
@@ -88,7 +88,6 @@ pub struct LinePlot {
     /// Dashed horizontal lines; the vertical axis always includes their values.
     pub references: Vec<Reference>,
     pub labels: Vec<Label>,
-    /// Small print below the plot, one paragraph per note.
     pub notes: Vec<String>,
 }
 
@@ -132,7 +131,7 @@ impl LinePlot {
         Ok(paths)
     }
 
-    /// Whether the axes can show the point.
+    /// Whether the axes can show the point: no coordinate is too large, and x is above 0 on a logarithmic axis.
     fn has_place(&self, (x, y): (f64, f64)) -> bool {
         x.abs() <= LARGEST && y.abs() <= LARGEST && (!self.log_x || x >= 1.0 / LARGEST)
     }
@@ -243,7 +242,7 @@ impl LinePlot {
         Ok(top)
     }
 
-    /// Draws the small print, and returns its first row of pixels.
+    /// Draws the notes at the bottom, and returns the first row of pixels that they cover.
     fn draw_notes<DB: DrawingBackend>(
         &self,
         root: &DrawingArea<DB, Shift>,
@@ -272,7 +271,7 @@ impl LinePlot {
         Ok(first - if lines.is_empty() { 0 } else { 6 })
     }
 
-    /// Draws the legend at the right edge, and returns its first column of pixels.
+    /// Draws the legend at the right edge, and returns the first column of pixels that the legend covers.
     fn draw_legend<DB: DrawingBackend>(
         &self,
         root: &DrawingArea<DB, Shift>,

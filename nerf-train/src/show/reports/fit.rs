@@ -18,7 +18,7 @@ use anyhow::Context;
 use std::collections::BTreeSet;
 use std::path::Path;
 
-/// Longer side of a picture on the sheet, pixels: larger ones are reduced.
+/// Longer side of a picture on the contact sheet, pixels: larger pictures are reduced.
 const SHEET_SIDE: usize = 400;
 /// Colour of the cell of a missing picture.
 const NOTHING: [f32; 3] = [0.88; 3];

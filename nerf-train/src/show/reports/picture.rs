@@ -10,7 +10,7 @@ use crate::system::summary;
 use crate::train::CurvePoint;
 use std::path::{Path, PathBuf};
 
-/// Writes the whole report; `snapshots`: steps whose pictures are in `folder`.
+/// Writes the whole report; `snapshots`: steps of the snapshots, whose pictures are in `folder`.
 pub fn write(
     folder: &Path,
     photo: &Photo,

@@ -152,7 +152,8 @@ fn drawn(records: &[Record]) -> impl Iterator<Item = (&Record, f64)> + Clone {
 /// Points of a curve: x, and PSNR in dB.
 type Points = Vec<(f64, f64)>;
 
-/// One curve of PSNR over `x` per combination of the other settings; of several, curves of one point are left out.
+/// Curves of PSNR over `x`, one for each combination of the settings other than `knob`. If there are several, curves of
+/// one point are left out.
 fn curves(records: &[Record], knob: Knob, x: impl Fn(&Record) -> f64) -> Vec<Series> {
     let others: Vec<Knob> = varied(records).into_iter().filter(|&other| other != knob).collect();
     let mut curves: Vec<(Vec<f64>, Points)> = Vec::new();
@@ -182,7 +183,7 @@ fn curves(records: &[Record], knob: Knob, x: impl Fn(&Record) -> f64) -> Vec<Ser
     curves.into_iter().map(series).collect()
 }
 
-/// Best and mean PSNR of all runs at each value of `knob`, if there are too many curves to tell apart.
+/// Best and mean PSNR over all runs with the same value of `knob`, to plot in place of too many curves.
 fn summarised(records: &[Record], knob: Knob) -> Vec<Series> {
     let of_value =
         |value: f64| drawn(records).filter(move |(r, _)| r.point.get(knob) == Some(value)).map(|(_, db)| db);

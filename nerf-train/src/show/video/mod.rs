@@ -17,8 +17,8 @@ use std::process::{ChildStdin, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 use std::{fs, io};
 
-/// Time after which ffmpeg counts as hung and is killed: it reads nothing of a frame, or writes nothing after the last
-/// frame.
+/// Time for which ffmpeg may read nothing of a frame, or write nothing after the last frame, before it counts as hung
+/// and is killed.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 /// Time in which ffmpeg must list its encoders.
 const LISTING_PATIENCE: Duration = Duration::from_secs(10);
@@ -157,7 +157,7 @@ impl Mp4Writer {
         Ok(())
     }
 
-    /// Waits for ffmpeg and puts the file in place.
+    /// Waits for ffmpeg and gives the file its final name.
     pub fn finish(mut self) -> anyhow::Result<()> {
         if self.written == 0 {
             bail!(NO_FRAMES);

@@ -18,7 +18,7 @@ const SCRIPT: &str = include_str!("viewer.js");
 const VIEW: &str = include_str!("view.js");
 const SELF_TEST: &str = include_str!("selftest.js");
 
-/// Number of quantisation steps of the page's distances between near and far: each is finer than a pixel.
+/// Number of steps to which the page quantises distances from near to far: a step is finer than a pixel.
 const STEPS: f32 = 65_535.0;
 const COLOURS: usize = 64;
 const DISTANCE_MAP: ColourMap = ColourMap::Viridis;
@@ -43,9 +43,9 @@ struct Data<'s> {
     axes: Vec<Axis>,
     axes_length: String,
     up: [f32; 3],
-    /// Two unit vectors that complete `up` to a right-handed frame.
+    /// Two unit vectors that, with `up`, form a right-handed frame.
     across: [[f32; 3]; 2],
-    /// Direction from the scene to the first viewpoint.
+    /// Direction from the scene to the page's first viewpoint.
     towards: [f32; 3],
     frustum: f32,
     cameras: Vec<CameraData<'s>>,
@@ -74,7 +74,7 @@ struct CameraData<'s> {
     name: Cow<'s, str>,
     origin: [f32; 3],
     near: f32,
-    /// Vectors from the camera's centre to the picture's corners at distance 1 along the view axis, from top left.
+    /// Vectors from the camera to the picture's corners, clockwise from top left, at distance 1 along the view axis.
     corners: [[f32; 3]; 4],
     image: String,
     rays: Vec<RayData>,
@@ -165,7 +165,7 @@ pub fn page(scene: &Scene) -> anyhow::Result<String> {
     Ok(filled(TEMPLATE, &parts))
 }
 
-/// Returns the template with each `{{NAME}}` replaced; inserted text is not searched again.
+/// Returns the template with each `{{NAME}}` replaced by its text in `parts`; inserted text is not searched again.
 fn filled(template: &str, parts: &[(&str, String)]) -> String {
     let mut page = String::new();
     for (i, piece) in template.split("{{").enumerate() {

@@ -11,7 +11,7 @@ use anyhow::bail;
 use glam::Vec3;
 use nerf_core::camera::Camera;
 
-/// Largest total number of samples of all cameras' `own_rays`: about a megabyte of the page.
+/// Largest total number of samples of the `own_rays` of all cameras: about a megabyte of the page.
 const OWN_SAMPLES: usize = 300_000;
 /// Length of the drawn rays of an unbounded scene, in radii of the inner ball, which is not contracted.
 const SHOWN_RADII: f32 = 2.0;
@@ -37,9 +37,8 @@ pub struct Request<'v> {
 pub struct Scene {
     pub name: String,
     pub split: &'static str,
-    /// The cameras, at least one.
     pub cameras: Vec<ShownCamera>,
-    /// Rays of the training step; those of the only camera if `alone`.
+    /// Rays of the training step over all shown views; if `alone`, over the only view.
     pub rays: Vec<ShownRay>,
     pub alone: bool,
     pub step: StepFacts,
@@ -59,7 +58,7 @@ pub struct ShownCamera {
     pub camera: Camera,
     pub near: f32,
     pub thumbnail: Thumbnail,
-    /// Rays that the step draws if this is the only view; empty if the scene shows only this camera.
+    /// Rays that the training step draws if this is its only view; empty if the scene shows only this camera.
     pub own_rays: Vec<ShownRay>,
     /// Colour of the frustum, display-encoded; `None`: dark.
     pub colour: Option<[f32; 3]>,
@@ -74,7 +73,7 @@ pub struct Axes {
 }
 
 impl Scene {
-    /// Draws the rays of a step as training would, with the occupancy grid that training starts with.
+    /// Draws the rays of a training step as training would, with the occupancy grid that training starts with.
     pub fn new(dataset: &Dataset, config: &Config, request: &Request<'_>) -> anyhow::Result<Self> {
         let Request { views, split, step, .. } = *request;
         if views.is_empty() {
@@ -157,7 +156,7 @@ impl Scene {
         0.5 * (self.bounds.scene_box.min + self.bounds.scene_box.max)
     }
 
-    /// Direction from the scene to a viewpoint at `elevation` degrees that sees the cameras from the side.
+    /// Direction from the scene to a viewpoint at `elevation` degrees from which the cameras are seen from the side.
     pub fn towards_viewer(&self, elevation: f32) -> Vec3 {
         let (side, ahead) = self.up.any_orthonormal_pair();
         // The cameras of an unbounded scene may be in its middle and look outward.
@@ -173,7 +172,8 @@ impl Scene {
         (side * azimuth.cos() + ahead * azimuth.sin()) * elevation.cos() + self.up * elevation.sin()
     }
 
-    /// Range of `t` of the colours, world units: that of all samples in occupied cells, or near to far without any.
+    /// Range of `t` that the colours cover, world units: that of all samples in occupied cells, or near to far if there
+    /// is no such sample.
     pub fn colour_range(&self) -> (f32, f32) {
         let live = self.rays.iter().flat_map(|ray| &ray.live);
         let (low, high) =
@@ -274,13 +274,13 @@ impl Axes {
         Self { origin, length: round_length(0.6 * size.max_element()) }
     }
 
-    /// The length in words: "1 world unit long".
+    /// Length of the axes in words, for example "1 world unit long".
     pub fn length_in_words(&self) -> String {
         let plural = if self.length == 1.0 { "" } else { "s" };
         format!("{} world unit{plural} long", self.length)
     }
 
-    /// End point of the axis along `unit`, world units.
+    /// End point of the axis in direction `unit`, world units.
     pub fn tip(&self, unit: Vec3) -> Vec3 {
         self.origin + self.length * unit
     }

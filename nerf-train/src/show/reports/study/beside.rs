@@ -4,8 +4,8 @@ use crate::measure::point::Clock;
 use crate::show::plot::{Marker, Series};
 use std::path::Path;
 
-/// Pareto front in the points.csv at `path`, as a series of the plot: PSNR over seconds per view, named after the
-/// folder.
+/// Pareto front in the points.csv at `path`, as a series for the plot: PSNR over seconds per view, named after the
+/// file's folder.
 pub fn front_of(path: &Path, clock: Clock) -> anyhow::Result<Series> {
     let refused = |found: String| {
         anyhow::anyhow!("--beside: {}: expected the points.csv of a study, found {found}", path.display())

@@ -21,7 +21,7 @@ pub(super) fn markdown(findings: &Findings<'_, '_, '_>, setting: &Setting<'_>) -
     text
 }
 
-/// Writes the data and machine of the study, and the span of the Pareto front.
+/// Writes the data and machine of the study, and the speed-ups at a loss of at most `SPAN_LOSS_DB`.
 fn head(findings: &Findings<'_, '_, '_>, setting: &Setting<'_>, line: Line<'_>) {
     let study = findings.study;
     line(format_args!(

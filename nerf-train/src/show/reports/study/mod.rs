@@ -14,7 +14,7 @@ pub use beside::front_of;
 use serde::Serialize;
 use std::path::Path;
 
-/// Largest loss of PSNR, against the exact rendering, of the point whose speed-up is the span of the Pareto front, dB.
+/// Largest loss of PSNR against the exact rendering, dB, of the point whose speed-up is the Pareto front's span.
 pub const SPAN_LOSS_DB: f64 = 1.0;
 
 /// Data and machine of a study.
@@ -36,9 +36,9 @@ pub struct Findings<'s, 'a, 'b> {
     pub totals: Vec<Totals>,
     /// Indices of the points on the Pareto front over time.
     pub front: Vec<usize>,
-    /// Indices of the points on the Pareto front over multiply-adds, among those that a blob can hold.
+    /// Indices of the points on the Pareto front over multiply-adds that the blob stores.
     pub blob_front: Vec<usize>,
-    /// Ratio of each point's time to that of the exact rendering.
+    /// Ratio of each point's render time to that of the exact rendering.
     pub times: Vec<f64>,
 }
 
@@ -49,15 +49,15 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
         Self { study, totals, front, blob_front, times }
     }
 
-    /// Speed-up over the exact rendering, and index, of the cheapest point within [`SPAN_LOSS_DB`] among those that
-    /// `keep` accepts.
+    /// Speed-up over the exact rendering, and index, of the fastest point that `keep` accepts and that loses at most
+    /// [`SPAN_LOSS_DB`]; `None` if there is none.
     pub fn span(&self, keep: impl Fn(&Point) -> bool) -> Option<(f64, usize)> {
         let point = self.study.cheapest(SPAN_LOSS_DB, keep)?;
         Some((1.0 / self.times[point], point))
     }
 
-    /// Plot of PSNR over seconds: all points, coloured by file size, and the Pareto front as a line through numbered
-    /// points.
+    /// Plot of PSNR over seconds: all points, coloured by the size of the blob, and the Pareto front as a line through
+    /// numbered points.
     fn plot(&self, setting: &Setting<'_>) -> LinePlot {
         let clock = self.study.effort.clock;
         let name = if clock == Clock::Wall { "seconds a view" } else { "CPU seconds a view" };

@@ -1,4 +1,4 @@
-//! Pictures of both ends of a Pareto front, and their differences from ground truth and from the exact rendering.
+//! Renderings at both ends of a Pareto front, with their differences from ground truth and from the exact rendering.
 
 use super::{Findings, SPAN_LOSS_DB};
 use crate::data::pictures::rgb::Picture;
@@ -7,10 +7,10 @@ use crate::show::colour_map::{ColourMap, with_legend};
 use crate::show::contact_sheet::{Cell, contact_sheet};
 use std::path::Path;
 
-/// Colour difference that has the brightest colour of the map.
+/// Colour difference that the colour map shows brightest.
 const BRIGHTEST: f32 = 0.25;
 
-/// Writes `ends.png`, and each difference as a file of its own, for the first timing view.
+/// Writes `ends.png`, and each picture of a difference as a file of its own, for the first timing view.
 pub fn write(findings: &Findings<'_, '_, '_>, folder: &Path) -> anyhow::Result<()> {
     let study = findings.study;
     let (Some(&dearest), Some(&last)) = (findings.front.first(), findings.front.last()) else {
