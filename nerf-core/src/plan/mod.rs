@@ -264,6 +264,7 @@ impl<'a> Plan<'a> {
         self.normal_blur * width * EVEN
     }
 
+    /// Returns the requested outputs of a pixel.
     pub fn outputs(&self) -> Outputs {
         self.outputs
     }
