@@ -1,6 +1,7 @@
 //! Macros: one declares an error enum with its messages, the other returns an error unless a condition holds.
 
-/// Declares an error enum, each variant with its message: the text of `Display` and of the variant's documentation.
+/// Declares an error enum, each variant with its message. The message is the text of `Display` and part of the
+/// variant's documentation.
 macro_rules! errors {
     ($(#[$about:meta])* $error:ident: $(
         $(#[$doc:meta])* $name:ident $(($at:ident: $of:ty))? $({$($field:ident: $type:ty),+})?
@@ -32,7 +33,7 @@ macro_rules! errors {
 }
 pub(crate) use errors;
 
-/// Returns the error from the calling function unless the condition holds.
+/// Makes the calling function return the error if the condition is false.
 macro_rules! ensure {
     ($holds:expr, $error:expr) => {{
         let holds: bool = $holds;

@@ -5,10 +5,10 @@
 //!
 //! Programs with an operating system open a `Scene` (feature `std`, module `host`), which owns its bytes and renders on
 //! all cores. Everything else needs neither `std` nor `alloc`, reads fp16 weights directly from the file's bytes, and
-//! does all arithmetic of the hot path in f32. The caller queries the size of a workspace and supplies it: a
-//! [`Renderer`] is a scene with unpacked weights and decoded tables, a [`Plan`] the settings of a frame, a [`Worker`] a
-//! renderer and a plan with memory for any number of calls. On microcontrollers nothing panics from blob to pixel in a
-//! build without debug assertions; `examples/firmware` lets the linker prove it.
+//! does all arithmetic of the hot path in f32. The caller queries the size of a workspace and supplies the memory. A
+//! [`Renderer`] is a scene with unpacked weights and decoded tables. A [`Plan`] holds the settings of a frame. A
+//! [`Worker`] holds a renderer, a plan and memory for any number of calls. On microcontrollers nothing panics from blob
+//! to pixel in a build without debug assertions; `examples/firmware` lets the linker prove it.
 //!
 //! # The pipeline
 //!
@@ -44,7 +44,8 @@
 //! | 2D field | x right, y down, 0 to 1 over the image whatever its aspect; pixel (x, y) is ((x + ½) / width, (y + ½) / height) |
 //! | sinusoidal encoding | `[identity,]` then per level `k` `sin(2^k s x)` of all inputs, `cos(2^k s x)` of all inputs; `s` is π or 1 |
 //!
-//! No distance is called just "depth", which could mean three: along the ray, along the view axis, median.
+//! No distance is called just "depth", since the word has three meanings: distance along the ray, distance along the
+//! view axis, median distance.
 //!
 //! # Features
 //!
@@ -155,7 +156,7 @@
 //!
 //! `docs/conventions.md` (conventions with their reasons), `docs/architecture.md` (one frame step by step, memory),
 //! `docs/blob-format.md` (the file, normative), `docs/numerics.md` (worst errors and their bounds, case by case),
-//! `docs/journal/` and `docs/kernels.md` (measurements and experiments, the latter of the inner loops).
+//! `docs/journal/` (measurements and experiments), `docs/kernels.md` (measurements and experiments of the inner loops).
 
 #[cfg(not(all(feature = "contraction", feature = "grid")))]
 mod absent;

@@ -1,4 +1,4 @@
-//! Enums of choices whose variants are declared with their names in options and reports.
+//! A macro for enums of choices. Each variant is declared together with its name in options and reports.
 
 /// Declares an enum of choices, each variant with its name in options and reports.
 macro_rules! names {

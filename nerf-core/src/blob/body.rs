@@ -22,14 +22,15 @@ pub const MAX_FRONT: usize = 16;
 pub struct Body<'a> {
     /// The network's shape: encodings, layers, activations.
     pub architecture: Architecture,
-    /// Whether the blob is a scene or a 2D field, with its bounds or size.
+    /// A scene with its bounds, or a 2D field with its image size.
     pub content: Content,
     /// The occupancy grid, if the scene has one.
     #[serde(borrow)]
     pub occupancy: Option<StoredOccupancy<'a>>,
     /// The Pareto front of PSNR against multiply-adds, most expensive settings first; empty if none was measured.
     pub front: ParetoFront,
-    /// A second, cheaper network whose compositing weights along a ray place the samples of the scene's network.
+    /// A second, cheaper network, if the scene has one. The compositing weights of its samples decide where on the ray
+    /// the scene's network is sampled.
     #[serde(borrow)]
     pub proposal: Option<Proposal<'a>>,
     /// Origin of the blob: data, program, settings and measured PSNR.
@@ -55,20 +56,21 @@ impl<'a> Body<'a> {
 /// The table entries of a grid encoding, as stored in the file: level by level, entry by entry, feature by feature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum StoredTables<'a> {
-    /// Each value as little-endian f16, finite.
+    /// Finite values, each as little-endian f16.
     F16(#[serde(serialize_with = "as_bytes")] &'a [u8]),
-    /// Signed bytes; a value is its byte times the scale of its level.
+    /// Signed bytes. Each value is a byte times the scale of the byte's level.
     Int8 {
-        /// Scale of each level, little-endian f32: above 0, and 128 times the scale is finite.
+        /// Scale of each level, little-endian f32: above 0, and small enough that 128 times the scale is finite.
         #[serde(serialize_with = "as_bytes")]
         scales: &'a [u8],
         /// One signed byte per value.
         #[serde(serialize_with = "as_bytes")]
         bytes: &'a [u8],
     },
-    /// The values of [`StoredTables::Int8`], entropy-coded; a renderer decodes them into its own memory.
+    /// Tables as in [`StoredTables::Int8`], but with entropy-coded bytes. A renderer decodes the bytes into its own
+    /// memory.
     Coded {
-        /// Scales as in [`StoredTables::Int8`].
+        /// Scale of each level, as in [`StoredTables::Int8`].
         #[serde(serialize_with = "as_bytes")]
         scales: &'a [u8],
         /// The entropy-coded bytes of all levels.
@@ -78,7 +80,7 @@ pub enum StoredTables<'a> {
 }
 
 impl<'a> StoredTables<'a> {
-    /// The bytes of the entries, as stored in the file, without the scales.
+    /// Bytes of the table values in the format of the file, without the scales.
     pub const fn bytes(&self) -> &'a [u8] {
         match self {
             Self::F16(bytes) | Self::Int8 { bytes, .. } | Self::Coded { bytes, .. } => bytes,
@@ -105,7 +107,7 @@ impl<'a> StoredTables<'a> {
 
 /// The content of a blob: a 2D field or a scene.
 ///
-/// A 2D field's network has 2 inputs and no density head, a scene's 3 inputs and a density head.
+/// A 2D field's network has 2 inputs and no density head. A scene's network has 3 inputs and a density head.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Content {
     /// Colour over a plane: a 2D field.
@@ -132,22 +134,22 @@ pub struct SceneFacts {
     pub min: [f32; 3],
     /// Largest corner of the scene box, world units.
     pub max: [f32; 3],
-    /// Near plane of the cameras that the scene was trained on, world units along the ray.
+    /// Near distance of the training cameras, world units along the ray.
     pub near: f32,
-    /// Far plane of the cameras that the scene was trained on, world units along the ray.
+    /// Far distance of the training cameras, world units along the ray.
     pub far: f32,
     /// Placement of the samples along a ray.
     pub sampling: SceneSampling,
     /// Background colour, visible where opacity is below 1; display-encoded.
     pub background: [f32; 3],
-    /// Whether the occupancy grid is part of the model: the network was never trained in empty cells, and rendering
-    /// without the grid is refused.
+    /// Whether rendering without the occupancy grid is an error. True if the network was not trained in the grid's
+    /// empty cells.
     pub occupancy_required: bool,
     /// Default viewpoint of renders; `None` if the cameras of the training photographs are not known.
     pub viewpoint: Option<Viewpoint>,
 }
 
-/// A viewpoint among the cameras of the training photographs, from which a render shows photographed parts.
+/// A viewpoint at the position of a training camera, so that a render shows parts of the scene that were photographed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Viewpoint {
     /// The camera's position, world units.
@@ -156,34 +158,37 @@ pub struct Viewpoint {
     pub target: [f32; 3],
     /// Upward direction of the photographs; unit length within 1e-3.
     pub up: [f32; 3],
-    /// Angle around the axis `up` through `target` over which the training cameras spread, half of it to each side of
-    /// `eye`: 0 to 2π, radians.
+    /// Range of an orbit that shows photographed parts: an angle about the axis `up` through `target`, 0 to 2π radians.
+    /// The orbit turns by up to half of this angle to each side of `eye`.
     pub arc: f32,
 }
 
-/// Placement of the samples along a ray, at which a scene's network is evaluated.
+/// Where on a ray the scene's network is sampled.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum SceneSampling {
-    /// Number of equal bins of `near..far`, each with a sample at its middle, as in training. With a proposal network,
-    /// number of samples that the proposal places. 1 to [`MAX_SAMPLES`].
+    /// Equal bins from `near` to `far`, as in training, each with a sample at its middle. The value is the number of
+    /// bins, 1 to [`MAX_SAMPLES`]. With a proposal network, the value is the number of samples that the proposal
+    /// places.
     Bins(u16),
-    /// Length of a step, world units, from sample to sample, from the point where the ray enters the scene box to the
-    /// point where the ray leaves the box. Finite, above 0, at most [`MAX_SAMPLES`] steps along the box's diagonal.
+    /// Equal steps inside the scene box, from the ray's entry to the ray's exit. The value is the length of a step,
+    /// world units: finite, above 0, and at most [`MAX_SAMPLES`] steps along the box's diagonal.
     March(f32),
-    /// Steps through unbounded space, which is contracted into the scene box ([`Contraction`]): equal in the inner ball
-    /// and growing outside. Steps begin at `near` and end `far` behind the ray's point nearest to the ball's middle.
+    /// Steps through unbounded space, which [`Contraction`] maps into the scene box. Steps are equal in the inner ball
+    /// and grow outside. Samples begin at `near` and end at distance `far` beyond the ray's point that is nearest to
+    /// the ball's middle.
     Contracted {
-        /// Length of a step in the inner ball, in radii of the ball: above 0, at most 1, and at most [`MAX_SAMPLES`]
-        /// steps on an infinite line through the ball's middle.
+        /// Length of a step in the inner ball as a fraction of the ball's radius: above 0, at most 1, and at most
+        /// [`MAX_SAMPLES`] steps on an infinite line through the ball's middle.
         step: f32,
-        /// Power `p` of [`Contraction::distance`], with which steps outside of the ball grow: 1, 2 or 4.
+        /// The power `p` in [`Contraction::distance`], which sets how steps outside the inner ball grow: 1, 2 or 4.
         power: u8,
     },
 }
 
 impl SceneFacts {
-    /// Number of samples per ray: bins of `near..far`, or steps along the box's diagonal. In an unbounded scene, steps
-    /// on a ray through the middle of the inner ball, from the ball's rim to `far` behind the middle.
+    /// Number of samples per ray. With bins: the number of bins in `near..far`. With a march: the number of steps along
+    /// the box's diagonal. In an unbounded scene: the number of steps on a ray through the middle of the inner ball,
+    /// from the ball's rim in front of the middle to `far` behind the middle.
     pub fn samples(&self) -> u16 {
         match self.sampling {
             SceneSampling::Bins(samples) => samples,
@@ -194,7 +199,7 @@ impl SceneFacts {
         }
     }
 
-    /// Distance between successive samples, world units; in an unbounded scene, that inside the inner ball.
+    /// Distance between successive samples, world units. In an unbounded scene, the distance inside the inner ball.
     pub fn step(&self) -> f32 {
         match self.sampling {
             SceneSampling::Contracted { step, .. } => {
@@ -215,8 +220,8 @@ impl SceneFacts {
         SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) }
     }
 
-    /// Length, in the unit of `s` in [`Contraction::distance`], of a ray through the middle of the inner ball, from the
-    /// ball's rim to `far` behind the middle; 0 in a bounded scene.
+    /// Length of a ray through the middle of the inner ball, from the ball's rim in front of the middle to `far` behind
+    /// the middle, in the unit of `s` in [`Contraction::distance`]. 0 in a bounded scene.
     pub(crate) fn reach(&self) -> f32 {
         self.contraction().map_or(0.0, |contraction| 1.0 + contraction.step_at(self.far))
     }
@@ -240,7 +245,8 @@ pub(crate) fn steps(length: f32, step: f32) -> u32 {
 pub struct StoredOccupancy<'a> {
     /// Number of cells along x, y, z.
     pub resolution: [u16; 3],
-    /// Bit `(x * ny + y) * nz + z`, least significant bit of a byte first; padding bits are 0.
+    /// One bit per cell. Cell (x, y, z) has bit `(x * ny + y) * nz + z`, counted from the least significant bit of each
+    /// byte. Padding bits are 0.
     #[serde(serialize_with = "as_bytes")]
     pub bits: &'a [u8],
 }
@@ -256,10 +262,10 @@ impl StoredOccupancy<'_> {
 /// The Pareto front of a scene, most expensive point first.
 pub type ParetoFront = heapless::Vec<FrontPoint, MAX_FRONT>;
 
-/// The settings of a [`Quality`](crate::plan::Quality), with the PSNR that they lose and their cost. No point of a
-/// Pareto front has both a lower cost and a higher PSNR than another point.
+/// A point of a scene's Pareto front: the settings of a [`Quality`](crate::plan::Quality), the PSNR lost with these
+/// settings, and their cost. Of two points of a front, the cheaper point never has the higher PSNR.
 ///
-/// Cost counts multiply-adds, not time, which depends on the host.
+/// The cost is a number of multiply-adds, not a time, since a time depends on the host.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrontPoint {
     /// Samples per ray, 1 to [`MAX_SAMPLES`].
@@ -270,31 +276,34 @@ pub struct FrontPoint {
     pub colour_cut: f32,
     /// Whether empty cells are skipped; true only in a scene with an occupancy grid.
     pub occupancy: bool,
-    /// Backend of the elementary functions (exp, sin, …), as [`MathBackend::tag`](crate::math::MathBackend::tag).
+    /// Tag of the backend of the elementary functions (exp, sin, …):
+    /// [`MathBackend::tag`](crate::math::MathBackend::tag).
     pub math: u8,
     /// Whether the proposal network places the samples; true only in a scene with a proposal network.
     pub proposal: bool,
     /// PSNR of exact rendering minus PSNR of rendering with these settings, both against ground truth, dB. Negative if
-    /// these settings happen to be better.
+    /// these settings give the higher PSNR.
     pub loss_db: f32,
-    /// Multiply-adds of rendering with these settings, relative to those of exact rendering, above 0.
+    /// Multiply-adds with these settings, divided by the multiply-adds of exact rendering; above 0.
     pub cost: f32,
 }
 
-/// A proposal network, which has densities only: encoding, trunk and density head, over the scene box.
+/// A proposal network: a coarse network with encoding, trunk and density head, but no colour. The inputs are positions
+/// in the scene box.
 ///
 /// # Source
-/// Mildenhall et al. 2020, section 5.2: the coarse network, of which rendering uses only the compositing weights
-/// along the ray. The colours of that network are not in the file.
+/// Mildenhall et al. 2020, section 5.2: the coarse network. Rendering needs only the compositing weights of its
+/// samples, so that the file leaves out the colours of that network.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Proposal<'a> {
-    /// Encoding of the position, which may differ from that of the scene's network.
+    /// Encoding of the position. The scene's network may have another encoding.
     pub position: SinusoidalEncoding,
-    /// Hidden layers of the trunk, in order; the input of the first is the encoded position, and none has a skip input.
+    /// Hidden layers of the trunk, in order. The first layer takes the encoded position. No layer has a skip input.
     pub trunk: heapless::Vec<TrunkLayer, MAX_TRUNK>,
     /// Activation of the density head.
     pub density: DensityActivation,
-    /// Samples per ray at which the proposal is evaluated, one in each of equal bins of `near..far`.
+    /// Number of samples per ray at which the proposal network is evaluated, one in each of as many equal bins of
+    /// `near..far`.
     pub samples: u16,
     /// Weights and biases as little-endian f16, in the order of [`Architecture::layers`]: trunk, density head.
     #[serde(serialize_with = "as_bytes")]
@@ -302,8 +311,8 @@ pub struct Proposal<'a> {
 }
 
 impl Proposal<'_> {
-    /// The proposal network's shape as an [`Architecture`], whose colour head has no parameters in this network:
-    /// [`Proposal::weights`] end after [`Architecture::density_parameters`].
+    /// Shape of the proposal network as an [`Architecture`]. The type also has a colour head, for which the file holds
+    /// no parameters: [`Proposal::weights`] end after [`Architecture::density_parameters`].
     pub fn architecture(&self) -> Architecture {
         Architecture {
             position: self.position.into(),
@@ -339,7 +348,7 @@ pub struct Provenance<'a> {
 }
 
 impl Provenance<'_> {
-    /// Provenance of which nothing is known: empty texts, zeros, no PSNR.
+    /// Provenance without information: empty texts, zeros, no PSNR.
     pub const NONE: Self = Self {
         data: "",
         made_by: "",
@@ -352,7 +361,7 @@ impl Provenance<'_> {
     };
 }
 
-/// Serialises all bytes in one call instead of one call per byte; the bytes written are the same.
+/// Serialises all bytes in one call instead of one call per byte. The output is the same.
 fn as_bytes<S: Serializer>(bytes: &&[u8], serializer: S) -> Result<S::Ok, S::Error> {
     serializer.serialize_bytes(bytes)
 }

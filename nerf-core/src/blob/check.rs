@@ -15,18 +15,19 @@ use crate::space::{BoundsError, Contraction, SceneBox};
 use core::f32::consts::TAU;
 use glam::Vec3;
 
-/// Checks every rule of the format except those of the header and of the canonical form.
+/// Checks the body by every rule of the format, including the entropy-coded tables. Canonical form is checked
+/// elsewhere.
 pub(super) fn check(body: &Body<'_>) -> Result<(), BlobError> {
     check_undecoded(body)?;
     check_coded(body)
 }
 
-/// Checks coded tables by decoding them.
+/// Checks entropy-coded tables by decoding all values.
 pub(super) fn check_coded(body: &Body<'_>) -> Result<(), BlobError> {
     body.coded().map_or(Ok(()), |(grid, bytes)| coded::decode_tables(grid, bytes, |_| {}))
 }
 
-/// Checks every rule of [`check`] except those of coded tables.
+/// Checks the body as [`check`] does, but does not decode entropy-coded tables.
 pub(super) fn check_undecoded(body: &Body<'_>) -> Result<(), BlobError> {
     body.architecture.check().map_err(BlobError::Architecture)?;
     let density_head = body.architecture.density.is_some();
@@ -111,7 +112,7 @@ fn looks_somewhere(viewpoint: &Viewpoint) -> bool {
         && (0.0..=TAU).contains(&viewpoint.arc)
 }
 
-/// Whether rays of the scene can have `samples` samples; checked on opening, so that planning never fails on `samples`.
+/// Whether the scene's rays can have `samples` samples. Checked on opening, so that no later plan fails on `samples`.
 fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
     (1..=MAX_SAMPLES).contains(&samples)
         && match scene.sampling {
@@ -121,7 +122,7 @@ fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
         }
 }
 
-/// Checks that the encoding's largest angle over the box is in the domain of sine and cosine.
+/// Checks that the encoding's largest angle inside the box is in the domain of sine and cosine.
 fn check_domain(bounds: &SceneBox, position: &SinusoidalEncoding) -> Result<(), BlobError> {
     // The highest level multiplies by 2^(levels − 1).
     let reach = bounds.min.abs().max(bounds.max.abs()).max_element();
@@ -146,7 +147,7 @@ fn check_occupancy(occupancy: &StoredOccupancy<'_>) -> Result<(), BlobError> {
     Ok(())
 }
 
-/// Checks the proposal network by the rules of the scene's network, without the colour branch.
+/// Checks the proposal network: architecture, number of samples, largest angle of the encoding, and weights.
 fn check_proposal(proposal: &Proposal<'_>, scene: &SceneFacts) -> Result<(), BlobError> {
     let architecture = proposal.architecture();
     architecture.check().map_err(BlobError::ProposalArchitecture)?;
@@ -166,8 +167,8 @@ fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
 #[cfg(feature = "grid")]
 fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
     use super::body::StoredTables;
-    /// Maximum number of values per byte of coded tables, rounded up: each of a value's two symbols has a probability
-    /// of at most 1 - 15/2^15.
+    /// Maximum number of values in one byte of coded tables, rounded up. A value is two symbols. A symbol takes at
+    /// least 0.00066 bits, since its probability is at most 1 - 15/2^15.
     const MAX_VALUES_OF_A_BYTE: usize = 6100;
     let (grid, tables) = match (body.architecture.position.grid(), &body.tables) {
         (None, None) => return Ok(()),
@@ -211,7 +212,8 @@ fn first_not_finite(bytes: &[u8]) -> Option<usize> {
     bytes.as_chunks().0.iter().position(|&[_, high]| high & 0x7c == 0x7c)
 }
 
-/// Checks that `weights` are `parameters` finite f16. An error names the faulty weight's layer in `architecture`.
+/// Checks that `weights` holds exactly `parameters` f16, and that all are finite. An error names the layer of the first
+/// value that is not finite.
 fn check_values(
     architecture: &Architecture,
     parameters: usize,
@@ -226,8 +228,8 @@ fn check_values(
     })
 }
 
-/// Checks that each point of the Pareto front has valid settings for the scene, a lower cost than the point before, and
-/// no higher PSNR.
+/// Checks that each point of the Pareto front has valid settings for the scene. Each point must have a lower cost than
+/// the point before, and no higher PSNR.
 fn check_front(body: &Body<'_>, scene: &SceneFacts) -> Result<(), BlobError> {
     let mut before: Option<&FrontPoint> = None;
     for (index, point) in body.front.iter().enumerate() {

@@ -1,11 +1,12 @@
 //! Entropy coding of int8 tables: rANS with adaptive models, as `docs/blob-format.md` specifies.
 //!
-//! A value is coded as two symbols of 4 bits. Values decoded before select the model of the next symbol, and a model
-//! adapts to each symbol that it decodes, so that files hold no probabilities. Each step of decoding is invertible.
-//! Bytes are therefore an encoder's if and only if decoding ends in the encoder's initial state with no bytes left.
+//! A value is coded as two symbols of 4 bits. The values decoded before select the probability model of the next
+//! symbol, and the model then adapts to that symbol, so that files hold no probabilities. Each step of decoding is
+//! invertible. Decoding therefore ends in the encoder's initial state, with no bytes left, if and only if an encoder
+//! wrote the bytes.
 //!
 //! # Source
-//! Duda 2013, "Asymmetric numeral systems", arXiv:1311.2540. The update of the models is that of Giesen's "Mixing discrete
+//! Duda 2013, "Asymmetric numeral systems", arXiv:1311.2540. Models are updated as in Giesen, "Mixing discrete
 //! probability distributions", 2015.
 
 use super::error::BlobError;
@@ -13,27 +14,27 @@ use crate::encoding::GridEncoding;
 
 /// Number of different symbols: values of 4 bits.
 const SYMBOLS: usize = 16;
-/// Binary logarithm of the total length of a model's intervals.
+/// Binary logarithm of the total length of a model's intervals: a probability is a multiple of 2^-15.
 const BITS: u32 = 15;
 /// Smallest state of the rANS coder between two symbols; also the encoder's initial state.
 const LEAST: u32 = 1 << 16;
 /// Number added to a value, modulo 256, so that all values of small magnitude have the same upper 4 bits.
 const OFFSET: u8 = 0x88;
-/// Upper 4 bits of the values from -8 to 7 after [`OFFSET`] is added.
+/// Upper 4 bits of a small value, -8 to 7, after [`OFFSET`] is added.
 const SMALL: usize = 8;
-/// Number of classes into which the magnitude of preceding values falls; each class has its own models.
+/// Number of classes of the magnitude of the preceding values. Each class has its own models.
 const CLASSES: usize = 8;
-/// Maximum number of features of an entry.
+/// Maximum number of features of a table entry.
 const MAX_FEATURES: usize = 4;
-/// Number of models of upper 4 bits, one for each class and feature. Lower 4 bits of small values have as many models.
+/// Number of models for upper 4 bits, one for each class and feature. Lower 4 bits of small values have as many models.
 const CONTEXTS: usize = CLASSES * MAX_FEATURES;
 
 /// An adaptive probability distribution: a symbol's probability is its interval's length, divided by 2^[`BITS`].
 #[derive(Clone, Copy, Debug)]
 struct Model {
-    /// Beginning of each symbol's interval, which ends at the beginning of the next; the last ends at 2^[`BITS`].
+    /// Beginning of each symbol's interval. An interval ends where the next begins, and the last ends at 2^[`BITS`].
     begins: [i16; SYMBOLS],
-    /// Number of symbols that the model has adapted to, at most 255.
+    /// Number of symbols that the model has adapted to; counts up to 255.
     seen: u8,
 }
 
@@ -67,8 +68,9 @@ impl Model {
         (begin, end - begin)
     }
 
-    /// Adapts the model to `symbol`: moves all intervals towards a model in which every other interval has length 1, by
-    /// a 16th of the difference at first, by a 128th in the end. Rounding down keeps every interval at least 1 long.
+    /// Adapts the model to `symbol` by moving all intervals towards a target. In the target, each other symbol has an
+    /// interval of length 1, and `symbol` has the rest. Intervals move by 1/16 of the difference at first, and by 1/128
+    /// after 128 symbols. Rounding down keeps every interval at least 1 long.
     #[inline(always)]
     fn learn(&mut self, symbol: usize) {
         let rate = 4 + [16, 32, 128].iter().filter(|&&seen| self.seen >= seen).count();
@@ -131,8 +133,8 @@ enum Half {
     Lower,
 }
 
-/// Decodes the values of all levels of `grid` in order and passes each to `put`. For any bytes, decoding ends after
-/// the last value or the last byte, and one byte yields at most 6,100 values.
+/// Decodes the values of all levels of `grid` in order and passes each to `put`. The time is bounded even for damaged
+/// bytes: one byte yields at most 6,100 values.
 ///
 /// # Errors
 /// [`BlobError::CodedEnd`] if `bytes` end before the last value; [`BlobError::CodedRest`] if no encoder writes `bytes`.
@@ -164,9 +166,10 @@ pub fn decode_tables(grid: &GridEncoding, bytes: &[u8], mut put: impl FnMut(u8))
     if left == 0 && state == LEAST { Ok(()) } else { Err(BlobError::CodedRest { state, bytes: left as u64 }) }
 }
 
-/// Encodes `values`, the signed bytes of all levels of `grid`, into the end of `out` and returns the encoded bytes.
+/// Encodes `values`, the signed bytes of all levels of `grid`. Returns the encoded bytes, which are at the end of
+/// `out`.
 ///
-/// `symbols`: memory for two intervals per value. `None` if `symbols`, `out` or `values` is too short.
+/// `symbols`: working memory, two intervals per value. `None` if `symbols`, `out` or `values` is too short.
 #[cfg(any(feature = "train", test))]
 pub fn encode_tables<'o>(
     grid: &GridEncoding,

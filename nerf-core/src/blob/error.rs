@@ -9,7 +9,7 @@ use crate::space::BoundsError;
 use core::fmt;
 
 names! {
-    /// A section of a blob's body, by its name in error messages.
+    /// A section of a blob's body. Error messages name the section.
     #[non_exhaustive]
     pub enum Section {
         Position = "architecture.position",
@@ -107,13 +107,13 @@ errors! {
     Body(section: Section) =>
         "{section}: expected this format's lists, numbers, tags and texts and an end, found others";
     /// The body is not in canonical form: a number takes more bytes than needed, or bytes follow the last section.
-    /// `at` is the offset of the first difference from the end of the header.
+    /// `at`: offset in the body of the first difference from the canonical form.
     Form { at: u64 } => "body: expected canonical postcard, found another form at byte {at}";
     Architecture(error: ArchitectureError) => "architecture: {error}";
     ProposalArchitecture(error: ArchitectureError) => "proposal: {error}";
     Front { index: u8, fault: FrontFault } => "front point {index}: {fault}";
     Bounds(error: BoundsError) => "scene: {error}";
-    /// A 2D field whose network has a density head, or a scene whose network has none.
+    /// A 2D field's network has a density head, or a scene's network has none.
     Kind { density_head: bool, scene: bool } =>
         "content: expected a {expected} of a network {with} density head, found a {found}",
         expected = kind(*density_head), with = if *density_head { "with a" } else { "without a" }, found = kind(*scene);
@@ -138,8 +138,8 @@ errors! {
     TableValue { level: u8, index: u32 } => "tables: level {level}, value {index} is not finite";
     CodedEnd { level: u8, index: u32 } =>
         "tables: level {level}: expected value {index}, found the end of the coded bytes";
-    /// The coded bytes are not what an encoder writes: the decoder's initial state is too low, or the decoder does not
-    /// end with the last byte in the encoder's initial state.
+    /// No encoder writes these coded bytes. Either the decoder's initial state is too low, or bytes are left after the
+    /// last value, or the decoder does not end in the encoder's initial state.
     CodedRest { state: u32, bytes: u64 } =>
         "tables: expected coded bytes that end in state 65536 behind the last value, found state {state} and {bytes} \
          bytes more";
@@ -155,7 +155,7 @@ errors! {
     Space { expected: u64, found: u64 } => "output buffer: expected {expected} bytes, found {found}";
 }
 
-/// Name of the content of a blob whose network has, or lacks, a density head.
+/// Name of a blob's content for messages. A network with a density head belongs to a scene, any other to a 2D field.
 const fn kind(density: bool) -> &'static str {
     if density { "scene" } else { "picture" }
 }

@@ -5,7 +5,7 @@ use crate::errors::ensure;
 use core::ops::Range;
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 
-/// First bytes of every blob; as in PNG, a copy in text mode damages them detectably.
+/// First bytes of every blob. As in PNG, the line ending reveals a copy in text mode, which would damage the blob.
 pub const MAGIC: [u8; 8] = *b"\x89NERF\r\n\x1a";
 /// Format version that this build writes, and the only version that it reads: no earlier version was released.
 pub const FORMAT_VERSION: u16 = 7;
@@ -16,12 +16,12 @@ const VERSION: Range<usize> = 8..10;
 const ENDIAN: Range<usize> = 10..12;
 const FLAGS: Range<usize> = 12..16;
 const BODY_LENGTH: Range<usize> = 16..24;
-/// Bytes that hold the CRC-32 (ISO-HDLC) of header and body, computed with 0 in `CHECKSUM` and `RESERVED`.
+/// Position of the CRC-32 (ISO-HDLC) of header and body, computed with 0 in `CHECKSUM` and `RESERVED`.
 const CHECKSUM: Range<usize> = 24..28;
 const RESERVED: Range<usize> = 28..HEADER_LEN;
 
 const ENDIAN_TAG: u16 = 0xfeff;
-/// CRC-32 by a single table of 1 KiB, small enough for a microcontroller.
+/// CRC-32 with one table of 1 KiB, small enough for a microcontroller.
 const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
 
 /// Returns the header of a blob with this body.

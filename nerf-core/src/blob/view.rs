@@ -1,4 +1,4 @@
-//! Opening a blob: check once, then borrow.
+//! Opening a blob: the bytes are checked once and then borrowed.
 
 use super::body::{Body, Content, FrontPoint, PictureFacts, Proposal, Provenance, SceneFacts, StoredTables};
 use super::check::{check_coded, check_undecoded};
@@ -13,11 +13,11 @@ use postcard::de_flavors::Slice;
 use postcard::ser_flavors::Flavor;
 use serde::Deserialize;
 
-/// First byte of a body whose position is encoded by a grid.
+/// First byte of a body if a grid encodes the position.
 #[cfg(not(feature = "grid"))]
 const GRID_TAG: u8 = 1;
 
-/// Reads the body section by section, so that an error can name the section. A macro, since a function would move the
+/// Reads the body section by section, so that an error can name the section. A macro, since a function would copy the
 /// large body.
 macro_rules! read_body {
     ($input:expr) => {
@@ -41,14 +41,15 @@ macro_rules! read_body {
     };
 }
 
-/// An opened blob: a view of the caller's bytes in which everything has been checked.
+/// An opened blob: a checked view of the caller's bytes.
 #[derive(Clone, Debug)]
 pub struct Blob<'a> {
     body: Body<'a>,
 }
 
 impl<'a> Blob<'a> {
-    /// Checks `bytes` once. Weights and tables are borrowed, not copied, and need no alignment.
+    /// Checks the bytes of a blob and opens the blob. Weights and tables are borrowed, not copied, and need no
+    /// alignment.
     ///
     /// # Errors
     /// [`BlobError`] says what was expected and found. No input causes a panic or a read out of bounds.
@@ -58,11 +59,11 @@ impl<'a> Blob<'a> {
         Ok(blob)
     }
 
-    /// [`Blob::open`] without the check of coded tables, which takes as long as decoding. For callers that decode the
-    /// tables next, such as [`Renderer::new`](crate::render::Renderer::new).
+    /// Opens a blob as [`Blob::open`] does, but without the check of coded tables, which takes as long as decoding. For
+    /// callers that decode the tables next, such as [`Renderer::new`](crate::render::Renderer::new).
     ///
     /// # Errors
-    /// As [`Blob::open`].
+    /// As [`Blob::open`], except for faults of the coded tables.
     pub fn open_undecoded(bytes: &'a [u8]) -> Result<Self, BlobError> {
         let bytes = header::open(bytes)?;
         #[cfg(not(feature = "grid"))]
@@ -76,7 +77,8 @@ impl<'a> Blob<'a> {
         Ok(Self { body })
     }
 
-    /// Reads, without checks, bytes that [`Blob::open`] has already checked.
+    /// Reads the body again from bytes that were opened before, without another check. Fails only if the bytes were
+    /// never opened successfully.
     #[cfg(all(feature = "std", not(target_os = "none")))]
     pub(crate) fn decode(bytes: &'a [u8]) -> Result<Self, BlobError> {
         let mut input = Deserializer::from_bytes(bytes.get(header::HEADER_LEN..).unwrap_or_default());
@@ -89,7 +91,8 @@ impl<'a> Blob<'a> {
         self
     }
 
-    /// Address of the weights: equal for two blobs that exist at the same time only if they borrow the same bytes.
+    /// Address of the weights. Two blobs that exist at the same time have equal addresses only if they borrow the same
+    /// bytes.
     pub(crate) fn identity(&self) -> usize {
         self.body.weights.as_ptr().addr()
     }
@@ -161,10 +164,10 @@ impl<'a> Blob<'a> {
         self.body.coded().map_or(0, |(grid, _)| grid.values())
     }
 
-    /// Decodes coded tables to int8 tables in `to`, [`Blob::decoded_len`] bytes; does nothing for other tables.
+    /// Decodes entropy-coded tables to int8 values in `to`, [`Blob::decoded_len`] bytes. Does nothing for other tables.
     ///
     /// # Errors
-    /// None after [`Blob::open`]. After [`Blob::open_undecoded`], the error of [`Blob::open`] for the coded bytes.
+    /// Cannot fail after [`Blob::open`]. After [`Blob::open_undecoded`], fails if no encoder writes the coded bytes.
     pub fn decode_tables(&self, to: &mut [u8]) -> Result<(), BlobError> {
         let Some((grid, bytes)) = self.body.coded() else { return Ok(()) };
         let mut to = to.iter_mut();
@@ -180,7 +183,7 @@ fn read<'a, T: Deserialize<'a>>(
     T::deserialize(input).map_err(|_| BlobError::Body(section))
 }
 
-/// Checks that `bytes` are exactly those that writing `body` gives: the format has one valid encoding of each body.
+/// Checks that `bytes` are exactly the bytes that writing `body` gives: each body has only one valid encoding.
 fn check_form(body: &Body<'_>, bytes: &[u8]) -> Result<(), BlobError> {
     let mut rest = bytes;
     match postcard::serialize_with_flavor(body, Compare { rest: &mut rest }) {

@@ -129,7 +129,7 @@ impl Pose {
     }
 }
 
-/// `v` at unit length; `None` for 0 and for NaN.
+/// `v` scaled to unit length; `None` for 0 and for NaN.
 fn unit(v: Vec3) -> Option<Vec3> {
     // The square of `v` overflows or underflows long before `v`; scaling by a power of two is exact.
     const UP: f32 = 1.267_650_6e30; // 2^100
@@ -145,7 +145,7 @@ fn unit(v: Vec3) -> Option<Vec3> {
     (v * scale).try_normalize()
 }
 
-/// A checked camera: every pixel has a ray.
+/// A camera with checked parameters: every pixel has a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     intrinsics: Intrinsics,
@@ -157,11 +157,13 @@ impl Camera {
     /// Checks the parts once, so that [`Camera::ray`] cannot fail.
     ///
     /// # Errors
-    /// [`CameraError`] on sides of 0 or beyond [`MAX_IMAGE_SIDE`], focal lengths that are not positive and finite, a
-    /// principal point or a lens that is not finite, a pose that is not finite or not a rotation within 1e-3 (scaled,
-    /// sheared, reflected, singular), an image point more than 1e9 focal lengths off the principal point, and a lens
-    /// that cannot be inverted at some point of the image, that folds between the axis and such a point, or that
-    /// needs the feature `lens`.
+    /// [`CameraError`] if one of these is found:
+    /// - a side of 0 or beyond [`MAX_IMAGE_SIDE`], or a focal length that is not positive and finite;
+    /// - a principal point or a lens that is not finite;
+    /// - a position with a coordinate outside ±1e9, or a rotation matrix that is not a rotation within 1e-3;
+    /// - an image point more than 1e9 focal lengths off the principal point;
+    /// - a lens that cannot be inverted at a point of the image, or folds between the axis and the point;
+    /// - a lens with distortion in a build without the feature `lens`.
     pub fn new(intrinsics: Intrinsics, lens: Lens, pose: Pose) -> Result<Self, CameraError> {
         let Intrinsics { width, height, fx, fy, cx, cy } = intrinsics;
         if ![width, height].iter().all(|side| (1..=MAX_IMAGE_SIDE).contains(side)) {
@@ -207,7 +209,8 @@ impl Camera {
     }
 
     /// Checks that the lens can be inverted at 17×17 points over the image, unless the distortion is too weak to fail.
-    /// Folds between the axis and a point are looked for only at the image's border, outside of all other points.
+    /// Folds are looked for only on the segments from the axis to the image's border: other points lie inside the
+    /// border.
     fn check_lens(&self) -> Result<(), CameraError> {
         if self.lens == Lens::NONE {
             return Ok(());
@@ -243,7 +246,7 @@ impl Camera {
         Ok(Self { pose, ..*self })
     }
 
-    /// Returns this camera at `pose`, which is not checked since it is the checked pose of this camera, only moved.
+    /// Returns this camera at `pose`, without a check: callers only transform the camera's own, checked pose.
     #[cfg(feature = "instances")]
     pub(crate) fn moved(&self, pose: Pose) -> Self {
         Self { pose, ..*self }
@@ -295,7 +298,7 @@ impl Camera {
         Ray { origin: self.pose.position, dir: dir.normalize() }
     }
 
-    /// [`Camera::ray`] through a point that may lie outside of the image, where [`Camera::new`] did not check the lens.
+    /// The ray through an image point that may lie outside of the image, where [`Camera::new`] did not check the lens.
     /// `None` if the lens has no inverse at the point or folds between the axis and the point, or if the direction
     /// overflows f32.
     pub fn try_ray(&self, x: f32, y: f32) -> Option<Ray> {
@@ -335,7 +338,7 @@ impl Camera {
         Self { intrinsics, ..*self }
     }
 
-    /// Ratio of `z_depth` to `ray_distance` along `ray`: the cosine of the angle between ray and view axis.
+    /// Ratio of `z_depth` to `ray_distance` on `ray`: the cosine of the angle between the ray and the view axis.
     pub fn z_per_distance(&self, ray: &Ray) -> f32 {
         ray.dir.dot(self.pose.forward())
     }

@@ -3,7 +3,8 @@
 use super::{Camera, Ray};
 use crate::simd::{Lanes, MAX_LANES, Op};
 
-/// Computes rays through up to [`MAX_LANES`] image points, bit for bit as [`Camera::ray`] of an undistorted camera.
+/// Computes rays through up to [`MAX_LANES`] image points of a camera without distortion. The rays are bit-identical to
+/// the results of [`Camera::ray`].
 pub(crate) struct PinholeRays<'a> {
     pub camera: &'a Camera,
     /// Image coordinates x and y of the points, pixels.

@@ -33,7 +33,8 @@ use serde::{Deserialize, Serialize};
 pub enum PositionEncoding {
     /// Sines and cosines of each coordinate.
     Sinusoidal(SinusoidalEncoding),
-    /// A multiresolution grid: interpolated entries of learned tables. Cannot exist without the feature `grid`.
+    /// A multiresolution grid: interpolated entries of learned tables. Without the feature `grid`, no value of this
+    /// variant exists.
     Grid(GridEncoding),
 }
 
@@ -117,13 +118,14 @@ impl From<SinusoidalEncoding> for DirectionEncoding {
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub enum TableValues<'a> {
-    /// Little-endian f16, finite, at any alignment, as stored in a file.
+    /// Finite little-endian f16 at any alignment, as stored in a file.
     F16(&'a [u8]),
-    /// Signed bytes, as stored in a file; a value is its byte times the scale of its level.
+    /// Signed bytes, as stored in a file. Each value is a byte times the scale of the byte's level.
     Int8 {
         /// One signed byte per value.
         values: &'a [u8],
-        /// One little-endian f32 per level, at any alignment, above 0; 128 times the scale is finite.
+        /// Scale of each level, little-endian f32 at any alignment: above 0, and small enough that 128 times the scale
+        /// is finite.
         scales: &'a [u8],
     },
     /// f32, as used in training.

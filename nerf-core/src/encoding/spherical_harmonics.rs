@@ -6,7 +6,7 @@ use crate::simd::{Isa, Lanes, Op};
 #[cfg(all(test, feature = "grid"))]
 mod tests;
 
-/// Whether this build has spherical harmonics.
+/// Whether this build supports spherical harmonics.
 pub(crate) const BUILT: bool = cfg!(feature = "grid");
 
 /// Maximum number of bands of spherical harmonics.
@@ -15,9 +15,9 @@ pub const MAX_HARMONICS_DEGREE: u8 = 4;
 /// Encodes a block of directions by the `degree²` real spherical harmonics of the bands below `degree`. Does nothing in
 /// a build without the feature `grid`, which refuses networks with spherical harmonics.
 ///
-/// `dirs`: `[3][stride]`, unit length. `out`: `[degree²][stride]`. Value `l² + l + m` is `Y_l^m`,
-/// orthonormal over the sphere, with the Condon–Shortley phase: `Y_0^0 = ½ √(1/π)`,
-/// `Y_1^{−1,0,1} = −√(3/4π) y, √(3/4π) z, −√(3/4π) x`. `stride` is a multiple of [`Isa::columns`], or any number on the
+/// `dirs`: `[3][stride]`, unit length. `out`: `[degree²][stride]`. Row `l² + l + m` of `out` is `Y_l^m`, orthonormal
+/// over the sphere, with the Condon–Shortley phase: `Y_0^0 = ½ √(1/π)`,
+/// `Y_1^{−1,0,1} = −√(3/4π) y, √(3/4π) z, −√(3/4π) x`. `stride` is a multiple of [`Isa::columns`], or any number with
 /// portable instructions.
 ///
 /// # Accuracy

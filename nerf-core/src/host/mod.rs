@@ -1,6 +1,6 @@
 //! Scenes that own their data, rendered on all cores: for programs with an operating system (feature `std`).
 //!
-//! The results are those of a [`Renderer`](crate::Renderer), bit for bit, whatever the number of threads.
+//! Results are bit-identical to those of a [`Renderer`](crate::Renderer), for any number of threads.
 
 mod error;
 mod image;

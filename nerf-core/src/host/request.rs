@@ -9,7 +9,7 @@ use glam::Vec3;
 use std::num::NonZeroUsize;
 use std::vec::Vec;
 
-/// A request to render a scene; settings that are not given have their defaults.
+/// A request to render a scene. Settings that the caller does not set have their defaults.
 #[derive(Clone, Debug)]
 #[must_use = "ask for something: render, render_rays, render_picture"]
 pub struct Request<'s> {
@@ -29,7 +29,7 @@ impl<'s> Request<'s> {
         }
     }
 
-    /// Sets the outputs of a pixel; by default [`Outputs::ALL`].
+    /// Sets which values a pixel gets; by default [`Outputs::ALL`].
     pub fn outputs(mut self, outputs: Outputs) -> Self {
         self.outputs = outputs;
         self
@@ -41,7 +41,7 @@ impl<'s> Request<'s> {
         self
     }
 
-    /// Sets the number of threads that share a call; by default that of cores. Pixels do not depend on the number.
+    /// Sets the number of threads that a call uses; by default the number of cores. Pixels do not depend on the number.
     pub fn threads(mut self, threads: NonZeroUsize) -> Self {
         self.threads = threads;
         self

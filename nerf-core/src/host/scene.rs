@@ -37,7 +37,8 @@ const _: () = {
 };
 
 impl Scene {
-    /// Reads a file and opens the scene for this machine's fastest instructions that compute in f32.
+    /// Reads a file and opens the scene for [`Kernel::detect`], this machine's fastest kernel that does not round
+    /// weights.
     ///
     /// # Errors
     /// [`HostError::Read`] and [`HostError::Open`], which name the file.
@@ -47,7 +48,7 @@ impl Scene {
         Self::from_bytes(bytes).map_err(|source| HostError::Open { path: path.into(), source })
     }
 
-    /// Opens a file's bytes, for this machine's fastest instructions that compute in f32.
+    /// Opens a file's bytes for [`Kernel::detect`], this machine's fastest kernel that does not round weights.
     ///
     /// # Errors
     /// [`BlobError`] says what was expected and found.
@@ -55,7 +56,7 @@ impl Scene {
         Self::for_kernel(bytes, Kernel::detect())
     }
 
-    /// Opens a file's bytes for `kernel`; on a machine without the kernel's instructions, for [`Kernel::IN_PLACE`].
+    /// Opens a file's bytes for rendering with `kernel`, or with [`Kernel::IN_PLACE`] if `kernel` is not available.
     ///
     /// # Errors
     /// As [`Scene::from_bytes`].

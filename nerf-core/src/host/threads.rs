@@ -1,4 +1,4 @@
-//! One frame on many threads: each thread takes the next tile, and the tile's pixels are stored under a lock.
+//! Rendering of one frame on many threads: each thread takes the next tile, and stores the tile's pixels under a lock.
 
 use super::Image;
 use super::image::plane;
@@ -14,9 +14,9 @@ use std::sync::{Mutex, PoisonError};
 use std::vec;
 use std::vec::Vec;
 
-/// Number of rows of a 2D field that a thread renders at a time.
+/// Number of image rows that a thread takes at a time when a 2D field is rendered.
 const BAND: u32 = 8;
-/// Number of rays that a thread renders at a time.
+/// Number of rays that a thread takes at a time when a list of rays is rendered.
 const CHUNK: u32 = 256;
 
 /// Renders all of `camera`'s image on `threads` threads. The image has the planes of the plan's outputs.
@@ -130,8 +130,9 @@ pub fn render_picture(
     Ok((rgb, counters))
 }
 
-/// Calls `run` with task after task until none is left. `tasks`: the remaining tasks, shared by all threads, and the
-/// function that receives each result. Returns the sum of the counters that `run` returned.
+/// Calls `run` with one task after the other until none is left, and passes on the results. `tasks`: the remaining
+/// tasks, and the function that receives each result; all threads share them. Returns the sum of the counters that
+/// `run` returned.
 fn each<T, I: Iterator, F: FnMut(T)>(
     tasks: &Mutex<(I, F)>,
     mut run: impl FnMut(I::Item, &mut Vec<T>) -> Result<Counters, RenderError>,
@@ -147,7 +148,8 @@ fn each<T, I: Iterator, F: FnMut(T)>(
     }
 }
 
-/// Runs `work` on `threads` threads, one of them this thread, which share `tasks`; `take` gets results in any order.
+/// Runs `work` on `threads` threads, including the calling thread, and returns the sum of the counters. The threads
+/// share `tasks`. `take` receives the results in any order.
 fn in_parallel<I: Iterator + Send, F: Send>(
     threads: NonZeroUsize,
     tasks: I,

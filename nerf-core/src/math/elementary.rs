@@ -10,11 +10,11 @@ use core::marker::PhantomData;
 pub enum Elementary {
     /// `sin πx` for finite `x`, as in the sinusoidal encoding of scale π.
     SinPi,
-    /// `cos πx`.
+    /// `cos πx` for finite `x`.
     CosPi,
     /// `sin x` for `|x| <= 1e5`, as in the sinusoidal encoding of scale 1.
     Sin,
-    /// `cos x`.
+    /// `cos x` for `|x| <= 1e5`.
     Cos,
     /// `e^x`, with `x` clamped to `[-87, 88]`.
     Exp,

@@ -5,7 +5,7 @@ use crate::simd::Lanes;
 use micromath::F32Ext;
 
 /// The functions of [`super::MathBackend::Micromath`]. `expm1` and `pow` are the project's own polynomials: the crate
-/// has no expm1, and the error of the crate's power is 0.14 on the sRGB curve.
+/// has no expm1, and its power function has an error of 0.14 on the sRGB curve.
 pub struct Micromath;
 
 impl Math for Micromath {

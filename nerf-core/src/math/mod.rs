@@ -40,12 +40,13 @@ pub enum MathBackend {
     /// The `micromath` crate: small and rough.
     #[cfg(feature = "micromath")]
     Micromath,
-    /// Polynomials, with angle doubling from level to level of the sinusoidal encoding; errors grow with the level.
+    /// The project's polynomials. The sinusoidal encoding computes each level from the previous level by angle
+    /// doubling, so that errors grow with the level.
     Recurrence,
 }
 
 impl MathBackend {
-    /// Number of tags, also of backends that this build lacks, for which [`MathBackend::from_tag`] is `None`.
+    /// Number of tags, including the tags of backends that this build lacks ([`MathBackend::from_tag`] is then `None`).
     pub const TAGS: u8 = 4;
 
     /// Tag of the backend in files, the same in every build.
@@ -78,7 +79,8 @@ impl MathBackend {
 pub trait Math {
     /// Whether the sinusoidal encoding computes each level from the previous level by angle doubling.
     const DOUBLING: bool = false;
-    /// `(sin πu, cos πu)` for finite `u`, after exact reduction of `u` modulo 2, so that no backend gets a large angle.
+    /// `(sin πu, cos πu)` for finite `u`. `u` is first reduced modulo 2, exactly, so that no backend gets a large
+    /// angle.
     #[inline(always)]
     fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
         polynomial::sin_cos_pi(u)
@@ -98,7 +100,7 @@ pub trait Math {
     fn expm1<V: Lanes>(x: V) -> V {
         polynomial::expm1(x)
     }
-    /// `e^−x`, as precise as [`Math::expm1`]: transmittance and alpha must add up to 1.
+    /// `e^−x`, as precise as [`Math::expm1`], since transmittance and alpha must add up to 1.
     #[inline(always)]
     fn decay<V: Lanes>(x: V) -> V {
         Self::exp(x.neg())
@@ -122,7 +124,7 @@ pub trait Math {
     }
 }
 
-/// `(sin πu, cos πu)` by the sine and cosine of backend `M`, after `u` is reduced modulo 2, exactly.
+/// Computes `(sin πu, cos πu)` by the sine and cosine of backend `M`, after an exact reduction of `u` modulo 2.
 #[cfg(any(feature = "libm", feature = "micromath"))]
 #[inline(always)]
 fn sin_cos_of_reduced<M: Math, V: Lanes>(u: V) -> (V, V) {
@@ -131,8 +133,8 @@ fn sin_cos_of_reduced<M: Math, V: Lanes>(u: V) -> (V, V) {
     M::sin_cos(u.mul(V::splat(core::f32::consts::PI)))
 }
 
-/// Evaluates `$body` with `$M` bound to the [`Math`] of `$backend`. Not for encodings: for all other functions the
-/// backend `Recurrence` equals `Polynomial`, so that no code is compiled for `Recurrence`.
+/// Evaluates `$body`, where `$M` is the [`Math`] of `$backend`. Not for encodings: only there does the backend
+/// `Recurrence` differ from `Polynomial`, so that no code is compiled for `Recurrence` here.
 macro_rules! with_math {
     ($backend:expr, $M:ident => $body:expr) => {
         match $backend {
@@ -155,7 +157,8 @@ macro_rules! with_math {
 }
 pub(crate) use with_math;
 
-/// As `with_math`, for sinusoidal encodings, for which the backend `Recurrence` has its own code.
+/// Evaluates `$body` as `with_math` does, but for sinusoidal encodings, for which the backend `Recurrence` has its own
+/// code.
 macro_rules! with_encoding_math {
     ($backend:expr, $M:ident => $body:expr) => {
         match $backend {

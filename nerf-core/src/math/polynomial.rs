@@ -115,7 +115,7 @@ fn split_exp<V: Lanes>(x: V) -> (V, V) {
     (n.exp2_integer(), q.mul(r).mul_add(r, r))
 }
 
-/// `e^x`, of arguments clamped to `[-87, 88]`, so that the result is finite and > 0.
+/// `e^x`, with `x` clamped to `[-87, 88]`, so that the result is finite and > 0.
 ///
 /// # Accuracy
 /// Max relative error 2e-7 on `[-87, 88]`.
@@ -125,7 +125,7 @@ pub fn exp<V: Lanes>(x: V) -> V {
     e.mul_add(scale, scale)
 }
 
-/// `e^x − 1` without cancellation near 0; arguments are clamped as in [`exp`].
+/// `e^x − 1` without cancellation near 0; `x` is clamped as in [`exp`].
 ///
 /// # Accuracy
 /// Max relative error 4e-7.

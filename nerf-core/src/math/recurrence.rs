@@ -1,4 +1,5 @@
-//! Backend of the polynomials, with angle doubling from level to level of the encoding.
+//! Backend of the polynomials, but the sinusoidal encoding computes each level from the previous level by angle
+//! doubling.
 
 use super::Math;
 use crate::simd::Lanes;
@@ -9,9 +10,10 @@ impl Math for Recurrence {
     const DOUBLING: bool = true;
 }
 
-/// `(sin 2a, cos 2a)` from `(sin a, cos a)`, normalised to the unit circle to first order.
+/// Computes `(sin 2a, cos 2a)` from `(sin a, cos a)`, and scales the pair to the unit circle to first order.
 ///
-/// `cos 2a = (cos a − sin a)(cos a + sin a)` lets the error grow no faster than necessary.
+/// With `cos 2a = (cos a − sin a)(cos a + sin a)` the error doubles like the angle; `2 cos² a − 1` would let it grow
+/// faster.
 #[inline(always)]
 pub(crate) fn double<V: Lanes>(sin: V, cos: V) -> (V, V) {
     let s = sin.add(sin).mul(cos);

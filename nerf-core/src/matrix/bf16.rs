@@ -1,8 +1,8 @@
 //! Dense layers in bf16 with f32 sums: two multiply-adds per lane and instruction if the CPU has `vdpbf16ps`.
 //!
 //! Inputs come in pairs: a 32-bit word holds input `2q` (low half) and `2q + 1` (high half) of one sample, or of one
-//! row of weights. An odd last input is paired with 0. Words are stored as bits in `f32` slices, so that one
-//! workspace serves every storage.
+//! row of weights. An odd last input is paired with 0. Words are stored as bits in `f32` slices, so that the same
+//! workspace serves every format of weights.
 
 use super::Init;
 use crate::simd::Isa;
@@ -24,9 +24,9 @@ pub struct PairedInput<'a> {
 /// Format of a layer's outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PairedOutput {
-    /// `[outputs][stride]` f32.
+    /// f32 values, `[outputs][stride]`.
     Floats,
-    /// `[pairs(outputs)][stride]`: rounded to bf16, for the next layer.
+    /// Words of two values each, `[pairs(outputs)][stride]`: rounded to bf16, as inputs of the next layer.
     Pairs,
 }
 

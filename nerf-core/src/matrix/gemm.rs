@@ -24,12 +24,12 @@ pub struct Gemm {
 /// The values that the sums of a product `C = init + A B` start from.
 #[derive(Clone, Copy, Debug)]
 pub enum Init<'a, T = f32> {
-    /// 0.
+    /// Every sum starts from 0.
     #[cfg_attr(not(any(feature = "normals", feature = "train")), allow(dead_code, reason = "of gradients"))]
     Zero,
-    /// `bias[i]` in the whole row `i`; `[m]` f32, or `[2 m]` bytes of little-endian f16.
+    /// Every sum in row `i` starts from `bias[i]`. The slice holds `m` f32, or `2 m` bytes of little-endian f16.
     Bias(&'a [T]),
-    /// The content of C.
+    /// Every sum starts from the present element of C.
     Accumulate,
 }
 

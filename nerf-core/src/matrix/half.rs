@@ -4,11 +4,11 @@ use super::{Gemm, Init};
 use crate::memory::{at, tail, tail_mut};
 use crate::simd::{Isa, Lanes, Op};
 
-/// [`super::gemm`] with A as little-endian f16 at any alignment, and any number of columns `n`: if `n` is no multiple
-/// of [`Isa::columns`], columns are computed one by one with portable instructions. `c_row` is at least `n`.
+/// [`super::gemm`] with A as little-endian f16 at any alignment. The number of columns `n` may be any: if `n` is no
+/// multiple of [`Isa::columns`], columns are computed one by one with portable instructions. `c_row` is at least `n`.
 ///
 /// # Panics
-/// With debug assertions, if a slice is too short for sizes and strides. Without, missing values count as 0.
+/// With debug assertions, if a slice is too short for sizes and strides. Other builds read missing values as 0.
 pub fn gemm_f16(isa: Isa, g: Gemm, a: &[u8], b: &[f32], c: &mut [f32], init: Init<'_, u8>, relu: bool) {
     isa.run_columns(g.n, Product { g, a, b, c, init, relu });
 }

@@ -9,11 +9,11 @@ names! {
     #[derive(PartialOrd, Ord)]
     #[non_exhaustive]
     pub enum Storage {
-        /// f16 read directly from the blob's bytes: needs no memory for weights.
+        /// f16, read directly from the blob's bytes. Needs no memory for weights.
         F16 = "f16",
-        /// Unpacked from f16 to f32 once: the same products as with `F16`, faster.
+        /// f32, unpacked from the blob's f16 once. Products are faster than with `F16`, and have the same values.
         F32 = "f32",
-        /// Pairs of bf16, for weights and activations: rounded to 8 significant bits, summed in f32. [`Kernel::detect`]
+        /// Pairs of bf16, for weights and activations: rounded to 8 significant bits. Sums are f32. [`Kernel::detect`]
         /// never chooses this storage.
         Bf16 = "bf16",
     }
@@ -26,8 +26,8 @@ impl Storage {
     }
 }
 
-/// The instruction set and the storage that a scene is rendered with. Displayed and parsed as, for example, `avx2` if
-/// weights are f32, else as `avx2-f16`.
+/// The instruction set and the storage of weights that a scene is rendered with. Displayed and parsed as, for example,
+/// `avx2` with f32 weights and `avx2-f16` with f16 weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Kernel {
     /// Instruction set.
@@ -37,10 +37,11 @@ pub struct Kernel {
 }
 
 impl Kernel {
-    /// The kernel of every machine, and the reference for all others: portable, weights read from the blob's bytes.
+    /// The kernel that every machine supports, and the reference for all others: portable instructions, and f16 weights
+    /// read directly from the blob's bytes.
     pub const IN_PLACE: Self = Self::new(Isa::Portable, Storage::F16);
 
-    /// Makes a kernel, without a check that the kernel is [available](Kernel::available).
+    /// Makes a kernel. Does not check whether the kernel is [available](Kernel::available).
     pub const fn new(isa: Isa, storage: Storage) -> Self {
         Self { isa, storage }
     }

@@ -21,7 +21,8 @@ pub const fn lines_for<T>(count: usize) -> usize {
 
 /// Source of the buffers of a stage: [`Measure`] counts the lines that the buffers need, [`Arena`] allocates them.
 pub trait Layout<'w> {
-    /// Returns `count` copies of `value`, from the start of a line on; none from [`Measure`] or if memory is too small.
+    /// Returns `count` copies of `value`, beginning at the start of a line. Returns an empty slice from [`Measure`],
+    /// and from [`Arena`] if the memory left is too small.
     fn slice<T: Copy>(&mut self, count: usize, value: T) -> &'w mut [T];
 }
 

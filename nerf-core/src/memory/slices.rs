@@ -47,14 +47,14 @@ pub fn put_column<const N: usize>(block: &mut [f32], stride: usize, column: usiz
     }
 }
 
-/// Reads value `i` of `all`; 0, the default, beyond the end (in builds without debug assertions).
+/// Reads value `i` of `all`. Beyond the end: panics with debug assertions, else returns the default, 0.
 #[inline(always)]
 pub fn at<T: Copy + Default>(all: &[T], i: usize) -> T {
     debug_assert!(i < all.len(), "expected more than {i} values, found {}", all.len());
     all.get(i).copied().unwrap_or_default()
 }
 
-/// Writes `value` to element `i` of `all`; does nothing beyond the end (in builds without debug assertions).
+/// Writes `value` to element `i` of `all`. Beyond the end: panics with debug assertions, else does nothing.
 #[inline(always)]
 pub fn put<T>(all: &mut [T], i: usize, value: T) {
     debug_assert!(i < all.len(), "expected more than {i} values, found {}", all.len());

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 pub const MAX_TRUNK: usize = 16;
 /// Maximum number of hidden layers of the colour branch.
 pub const MAX_COLOUR: usize = 4;
-/// Maximum number of layers: trunk, density head, colour branch, colour head.
+/// Maximum number of layers of a network: trunk, density head, colour branch, colour head.
 pub const MAX_LAYERS: usize = MAX_TRUNK + MAX_COLOUR + 2;
 /// Maximum number of outputs of a layer.
 pub const MAX_WIDTH: usize = 512;
@@ -34,19 +34,19 @@ pub enum DensityActivation {
     Relu,
     /// `ln(1 + exp(raw − 1))`.
     ShiftedSoftplus,
-    /// `exp(min(raw, 20))`, 20 being [`EXPONENTIAL_LIMIT`]; the derivative is 0 for larger `raw`.
+    /// `exp(min(raw, 20))`, where 20 is [`EXPONENTIAL_LIMIT`]. For larger `raw` the derivative is 0.
     Exponential,
 }
 
-/// Raw density at which the [exponential](DensityActivation::Exponential) activation is clamped; such a density is
-/// opaque within 1e-7 world units.
+/// Raw density at which the [exponential](DensityActivation::Exponential) activation is clamped. The density there,
+/// e^20, is opaque within 1e-7 world units.
 pub const EXPONENTIAL_LIMIT: f32 = 20.0;
 
 /// How often a field's colour branch is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Shading {
-    /// At every sample whose weight is above the colour cut: the colour branch takes the trunk's output `h` of the
-    /// sample, and colours are composited.
+    /// Once for each sample with a weight above the colour cut. The colour branch takes the trunk's output `h` of the
+    /// sample, and the colours are composited.
     PerSample,
     /// Once a ray (deferred shading): the trunk's outputs `h` are composited, and the colour branch takes their
     /// weighted mean.
@@ -61,13 +61,13 @@ pub enum Shading {
 
 /// A network's shape, from which [`Architecture::layers`] derives all layers.
 ///
-/// The original NeRF's linear feature layer is missing: no activation follows that layer, which is therefore folded
-/// into the first colour layer when a network is exported.
+/// The original NeRF has a linear feature layer in front of the colour branch. No activation follows that layer, so
+/// that the export of a network merges it into the first colour layer.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Architecture {
     /// Encoding of the position (3 inputs), or of the image point (2 inputs).
     pub position: PositionEncoding,
-    /// Encoding of the viewing direction, if colour depends on it.
+    /// Encoding of the viewing direction; `None` if colour does not depend on the direction.
     pub direction: Option<DirectionEncoding>,
     /// The trunk's layers, in order; the first takes the encoded position and has no skip input. May be empty only with
     /// a grid and colour evaluated [once a ray](Shading::PerRay).
@@ -83,11 +83,11 @@ pub struct Architecture {
 /// The role of a layer in its network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
-    /// Hidden layer of this index in the trunk, from 0.
+    /// Hidden layer of the trunk, by index from 0.
     Trunk(u8),
-    /// Density head: maps the trunk's output `h` to raw_sigma.
+    /// Density head: maps the trunk's output `h` to raw_sigma, the density before its activation.
     Density,
-    /// Hidden layer of this index in the colour branch, from 0.
+    /// Hidden layer of the colour branch, by index from 0.
     Colour(u8),
     /// Colour head: three channels, sigmoid.
     Rgb,
@@ -240,8 +240,8 @@ impl Architecture {
         self.layers().iter().filter(|layer| of(layer.role)).map(Layer::macs).sum()
     }
 
-    /// Number of table entries that one evaluation reads: the corners of a grid's cells, whose interpolation is not
-    /// counted as multiply-adds; 0 for a sinusoidal encoding.
+    /// Number of table entries that one evaluation of a grid reads: the corners of one cell per level. 0 for a
+    /// sinusoidal encoding. The interpolation is not counted as multiply-adds.
     pub fn table_reads(&self) -> usize {
         self.position.grid().map_or(0, |grid| grid.reads())
     }
@@ -278,7 +278,6 @@ fn check_width(field: &'static str, index: usize, width: u16) -> Result<(), Arch
     Ok(())
 }
 
-/// Checks every limit of a grid.
 #[cfg(feature = "grid")]
 pub(crate) fn check_grid(grid: &GridEncoding) -> Result<(), ArchitectureError> {
     use ArchitectureError as E;

@@ -5,8 +5,8 @@
 //!                                                                    └─ a skip layer's share of it ─┘
 //! ```
 //!
-//! The raw density's gradient has the direction of sigma's, since every activation increases, and does not vanish
-//! where sigma is flat.
+//! The gradients of raw density and sigma have the same direction, since every activation increases. Where the
+//! activation is flat, the gradient of sigma vanishes, but not that of the raw density.
 
 use super::architecture::{Layer, Role};
 use super::view::{Network, Scratch};
@@ -49,14 +49,15 @@ impl Network<'_> {
     /// `scratch`.
     ///
     /// `blur`: standard deviation, world units, of the Gaussian over which the gradient is averaged: finer levels of
-    /// the encoding are damped, with the network taken as linear around each sample. With 0 nothing is averaged. For a
-    /// grid, the gradient is that of the sample's cell, and on a face that of the cell with the larger index.
+    /// the encoding are damped, with the network taken as linear around each sample. With 0 nothing is averaged. A
+    /// grid's interpolation is differentiated inside the sample's cell; a face between two cells belongs to the cell
+    /// with the larger index.
     ///
-    /// The derivative of the ReLU at 0 is 0. The signs at the ReLUs are those of a forward pass in the kernel's own
+    /// The derivative of the ReLU at 0 is 0. Whether a ReLU is on is decided by a forward pass in the kernel's own
     /// arithmetic. The backward pass computes in f32, from weights in the precision in which they are stored.
     ///
     /// # Panics
-    /// If a slice is shorter than its rows times [`Scratch::stride`], as [`Network::trunk`] does.
+    /// If a slice is shorter than its rows times [`Scratch::stride`]; see [`Network::trunk`].
     pub fn gradient(
         &self,
         math: MathBackend,

@@ -1,6 +1,6 @@
 //! Evaluation of a network over blocks of samples.
 //!
-//! Longer than 400 lines, since trunk, density head and colour branch share one block's memory.
+//! This file is longer than 400 lines, since trunk, density head and colour branch share one block's memory.
 
 use super::architecture::{
     Architecture, DensityActivation, EXPONENTIAL_LIMIT, Layer, Layers, PER_RAY_BUILT, Role,
@@ -18,7 +18,7 @@ use crate::memory::{at, head_mut, tail};
 use crate::simd::{Isa, Lanes, MAX_LANES, Op, VECTORS};
 use core::marker::PhantomData;
 
-/// A network that can be evaluated: shape, parameters, tables and instruction set.
+/// A network that can be evaluated: architecture, parameters, grid tables and instruction set.
 #[derive(Clone, Debug)]
 pub struct Network<'a> {
     pub(super) architecture: Architecture,
@@ -65,9 +65,9 @@ impl<'a> Network<'a> {
         Self::of_layers(architecture, architecture.layers(), weights, tables, isa)
     }
 
-    /// Makes a network of a checked architecture, such as a blob's; `None` if there are too few parameters or table
-    /// values. `layers`: the result of [`Architecture::layers`], or of these only trunk and density head; without the
-    /// colour branch [`Network::colour`] must not be called.
+    /// Makes a network of a checked architecture, such as a blob's. `None` if there are too few parameters or table
+    /// values, or if the target has no [`VECTORS`] and parameters are not [`Weights::InPlace`]. `layers`: all of
+    /// [`Architecture::layers`], or only trunk and density head; then [`Network::colour`] must not be called.
     pub(crate) fn of_layers(
         architecture: &Architecture,
         layers: Layers,
@@ -108,8 +108,8 @@ impl<'a> Network<'a> {
         self.isa
     }
 
-    /// The network's parameters. In a build without [`VECTORS`] always [`Weights::InPlace`], so that the compiler drops
-    /// the code for other formats.
+    /// The network's parameters. In a build without [`VECTORS`] the result is always [`Weights::InPlace`], so that the
+    /// compiler drops the code for other formats.
     #[inline(always)]
     pub(super) fn weights(&self) -> Weights<'a> {
         match self.weights {
@@ -119,8 +119,8 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Whether [`Scratch::stride`] must be a multiple of [`Network::columns`]: only portable instructions over weights
-    /// read directly from the blob's bytes accept any stride.
+    /// Whether [`Scratch::stride`] must be a multiple of [`Network::columns`]. Any stride is valid only with portable
+    /// instructions and weights that are read directly from the blob's bytes.
     pub fn whole_blocks(&self) -> bool {
         VECTORS && (self.isa != Isa::Portable || !matches!(self.weights, Weights::InPlace(_)))
     }
@@ -147,12 +147,12 @@ impl<'a> Network<'a> {
         self.architecture.h_rows()
     }
 
-    /// Number of outputs of the layer whose inputs include the encoded direction; 0 without view dependence.
+    /// Number of outputs of the layer that takes the encoded direction; 0 without view dependence.
     pub fn direction_rows(&self) -> usize {
         self.direction_layer().map_or(0, |layer| layer.outputs)
     }
 
-    /// The layer whose inputs are `[h, PE(d)]`; `None` without view dependence.
+    /// The layer that takes the encoded direction, as `[h, PE(d)]`; `None` without view dependence.
     fn direction_layer(&self) -> Option<&Layer> {
         self.architecture.direction?;
         self.layers.iter().find(|layer| matches!(layer.role, Role::Colour(0) | Role::Rgb))
@@ -224,8 +224,8 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Adds `weight` times the trunk's output `h` of sample `column`, read from [`Scratch::front`], to `sums`, one sum
-    /// per row of `h`.
+    /// Adds `weight` times `h` of sample `column` to `sums`, which has one sum per row of `h`. The trunk's output `h`
+    /// is read from [`Scratch::front`].
     #[inline]
     pub(crate) fn add_h(&self, scratch: &Scratch<'_>, column: usize, weight: f32, sums: &mut [f32]) {
         let rows = scratch.front.chunks_exact(scratch.stride.max(1));
@@ -242,7 +242,7 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Converts the trunk's output `h`, written to [`Scratch::front`] as f32 by the caller, to the input format of the
+    /// Converts the trunk's output `h` in [`Scratch::front`], which the caller wrote as f32, to the input format of the
     /// colour branch.
     pub(crate) fn take_h(&self, scratch: &mut Scratch<'_>) {
         self.take_rows(self.trunk_rows(), scratch.stride, scratch.front);
@@ -250,8 +250,8 @@ impl<'a> Network<'a> {
 
     /// Computes the colours of the block whose trunk output `h` is in [`Scratch::front`], and overwrites `h`.
     ///
-    /// `direction`: writes, for each sample, the result of [`Network::direction`] for the sample's ray to its argument,
-    /// `[direction_rows][stride]`; not called without view dependence. `rgb`: `[3][stride]`.
+    /// `direction`: fills the slice passed to it, `[direction_rows][stride]`, with the result of [`Network::direction`]
+    /// for the ray of each sample; not called without view dependence. `rgb`: `[3][stride]`.
     pub fn colour(
         &self,
         math: MathBackend,
@@ -285,11 +285,12 @@ impl<'a> Network<'a> {
         with_math!(math, M => self.isa.run_columns(stride, Sigmoid::<M> { values, math: PhantomData }));
     }
 
-    /// [`Network::direction`] and [`Network::colour`] of a block's first sample alone, with the same bits: a vector
-    /// holds outputs of a layer, not samples. Returns `false` and does nothing unless weights are
-    /// [`Weights::Transposed`] and the widths of the hidden layers are multiples of a vector's length.
+    /// [`Network::direction`] and [`Network::colour`] for the first sample of a block only. The result is
+    /// bit-identical, but a vector holds outputs of a layer instead of samples. Returns `false` and does nothing unless
+    /// weights are [`Weights::Transposed`] and the colour branch has hidden layers, with widths that are multiples of a
+    /// vector's length.
     ///
-    /// `dirs`: `[3][stride]`; `rgb`: `[3][stride]`, whose other columns are unspecified.
+    /// `dirs`: `[3][stride]`; `rgb`: `[3][stride]`, only the first column is specified.
     pub(crate) fn colour_of_one(
         &self,
         math: MathBackend,
@@ -374,8 +375,8 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Evaluates a layer: `to = act(init + W [main, extra])`, where `inputs` are main and extra and `None` counts as 0.
-    /// `init` is the content of `to` if `accumulate`, else the bias.
+    /// Evaluates a layer: `to = act(init + W [main, extra])`, where `inputs` are main and extra; a `None` is left out
+    /// of the sum. `init` is the content of `to` if `accumulate`, else the bias.
     ///
     /// A hidden layer applies the ReLU and writes its outputs in the input format of the next layer.
     fn dense(

@@ -10,10 +10,10 @@ pub enum Weights<'a> {
     InPlace(&'a [u8]),
     /// f32, for instruction sets with vectors.
     Prepared(&'a [f32]),
-    /// [`Weights::Prepared`] with transposed hidden colour layers, `[inputs][outputs]`, for fields shaded once a ray:
-    /// the colour of a single ray is then computed in vectors of outputs.
+    /// f32 as in [`Weights::Prepared`], but with the weights of hidden colour layers transposed, `[inputs][outputs]`.
+    /// For fields shaded once a ray: the colour of a single ray is computed in vectors of outputs.
     Transposed(&'a [f32]),
-    /// Pairs of bf16; each layer begins at the same index as in f32. Made by [`Weights::prepare`].
+    /// Pairs of bf16, made by [`Weights::prepare`]. Each layer begins at the same index as in f32 parameters.
     Paired(&'a [f32]),
 }
 
@@ -38,7 +38,8 @@ impl<'a> Weights<'a> {
         Self::view(architecture, storage, bytes, memory)
     }
 
-    /// The parameters for `storage`: `bytes` if read directly, else `unpacked`, written by [`Weights::unpack`].
+    /// Returns the parameters for `storage`: `bytes` if `storage` reads them directly, else `unpacked`, which
+    /// [`Weights::unpack`] has filled.
     pub(crate) fn view(
         architecture: &Architecture,
         storage: Storage,
@@ -53,7 +54,7 @@ impl<'a> Weights<'a> {
         }
     }
 
-    /// Unpacks little-endian f16 `bytes` to `memory` in the format of `storage`, which is not f16.
+    /// Unpacks little-endian f16 `bytes` to `memory` in the format of `storage`, which is f32 or bf16.
     pub(crate) fn unpack(architecture: &Architecture, storage: Storage, bytes: &[u8], memory: &mut [f32]) {
         unpack(bytes, memory);
         if storage != Storage::Bf16 {
@@ -80,7 +81,7 @@ impl<'a> Weights<'a> {
     }
 }
 
-/// Overwrites the weight matrix of each hidden layer of the colour branch in `memory` by its transpose.
+/// Replaces, in `memory`, the weight matrix of each hidden layer of the colour branch by its transpose.
 fn transpose_colour(architecture: &Architecture, bytes: &[u8], memory: &mut [f32]) {
     let parameters = memory.len();
     let hidden =

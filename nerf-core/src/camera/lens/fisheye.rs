@@ -10,8 +10,8 @@ use glam::{Vec2, Vec3};
 const STEPS: u8 = 32;
 
 impl Lens {
-    /// Distance from the principal point, focal lengths, at which a direction `theta` radians off the axis is seen, and
-    /// the distance's derivative with respect to `theta`.
+    /// Returns where a direction `theta` radians off the axis is seen: the distance from the principal point, focal
+    /// lengths, and the distance's derivative with respect to `theta`.
     fn angle_seen(&self, theta: f32) -> (f32, f32) {
         let t = theta * theta;
         let seen = 1.0 + t * (self.k1 + t * (self.k2 + t * (self.k3 + t * self.k4)));
@@ -32,9 +32,9 @@ impl Lens {
 
     /// The unit direction (right, down, forward) that is seen at the normalised image point `(xd, yd)`.
     ///
-    /// Finds the smallest angle to the axis that is seen at the point's distance from the principal point, by Newton's
-    /// method inside a bracket. `None` if the lens folds at a smaller angle (the seen distance stops growing with the
-    /// angle), or if every angle up to π is seen closer to the principal point.
+    /// Newton's method inside a bracket finds the smallest angle to the axis that is seen as far from the principal
+    /// point as `(xd, yd)`. `None` if the lens folds at a smaller angle: the seen distance stops growing with the
+    /// angle. `None` also if all angles up to π are seen closer to the principal point.
     pub(super) fn fisheye_direction(&self, xd: f32, yd: f32) -> Option<Vec3> {
         let seen = Vec2::new(xd, yd).length();
         if seen == 0.0 {
@@ -74,7 +74,7 @@ impl Lens {
     }
 
     /// Brackets the angle that is seen at distance `seen`: returns a smaller and a larger angle. `None` if the lens
-    /// folds, or π is reached, before an angle is seen that far from the principal point.
+    /// folds at a smaller angle, or if all angles up to π are seen closer to the principal point.
     fn angles_around(&self, seen: f32) -> Option<(f32, f32)> {
         let mut low = 0.0;
         for step in 1..=STEPS {
@@ -93,7 +93,8 @@ impl Lens {
         None
     }
 
-    /// The largest angle between `low` and `high` before the lens folds, where the seen distance stops growing.
+    /// The angle between `low` and `high` at which the lens folds: up to this angle the seen distance grows with the
+    /// angle.
     fn last_rising(&self, mut low: f32, mut high: f32) -> f32 {
         for _ in 0..24 {
             let middle = 0.5 * (low + high);
@@ -102,7 +103,8 @@ impl Lens {
         low
     }
 
-    /// Whether the lens folds between the axis and the unit direction `dir`: one point shows two directions.
+    /// Whether the lens folds between the axis and the unit direction `dir`. Past a fold, one image point shows two
+    /// directions.
     pub(super) fn fisheye_folds_before(&self, dir: Vec3) -> bool {
         let theta = angle(Vec2::new(dir.x, dir.y).length(), dir.z);
         (1..=128u8).any(|step| {

@@ -23,8 +23,8 @@ mod tests;
 /// the principal point, on the side to which the direction points; `k5 k6 p1 p2` are 0.
 ///
 /// # Source
-/// Brown 1966 and Kannala, Brandt 2006, as in OpenCV and COLMAP: `k1 k2 p1 p2` are the parameters of OPENCV, all
-/// eight those of FULL_OPENCV, `k1 k2 k3 k4` of a fisheye those of OPENCV_FISHEYE.
+/// Brown 1966 and Kannala, Brandt 2006, as in OpenCV and COLMAP: `k1 k2 p1 p2` are the parameters of OPENCV, all eight
+/// coefficients are the parameters of FULL_OPENCV, and `k1 k2 k3 k4` of a fisheye are the parameters of OPENCV_FISHEYE.
 #[derive(Clone, Copy, Default, PartialEq)]
 #[allow(missing_docs, reason = "the formulas say what each coefficient is")]
 pub struct Lens {
@@ -40,14 +40,13 @@ pub struct Lens {
     pub projection: Projection,
 }
 
-/// The projection of a lens without distortion: the distance from the principal point at which a direction is seen,
-/// in focal lengths.
+/// Projection of a lens without distortion: how far from the principal point, in focal lengths, a direction is seen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Projection {
-    /// The tangent of the angle to the axis, so that straight lines stay straight.
+    /// The distance is the tangent of the direction's angle to the axis, so that straight lines stay straight.
     #[default]
     Perspective,
-    /// The angle to the axis itself, radians, up to π.
+    /// The distance is the direction's angle to the axis, radians, up to π.
     Fisheye,
 }
 
@@ -72,7 +71,7 @@ impl Lens {
     }
 }
 
-/// Shows `k1 k2 p1 p2`, and of the other coefficients those that are not 0.
+/// Always shows `k1 k2 p1 p2`; shows another coefficient only if not 0, and the projection only if not perspective.
 impl core::fmt::Debug for Lens {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let mut lens = f.debug_struct("Lens");

@@ -3,18 +3,18 @@
 use super::{Lens, Projection};
 use glam::{Vec2, Vec3};
 
-/// Slope of the distortion, or determinant of its Jacobian, at or below which the lens counts as folded.
+/// The lens is taken to fold where the slope of the distortion, or the determinant of its Jacobian, is at most this.
 pub(super) const FOLD: f32 = 1e-3;
-/// Slope of the distortion at or below which a minimum of the slope counts as a fold, since Newton's method may jump
-/// over the minimum (measured: at slopes up to 0.01).
+/// The lens is also taken to fold where the slope has a minimum of at most this, since Newton's method may jump over
+/// such a minimum (measured: at slopes up to 0.01).
 const TURN: f32 = 2e-2;
 
 impl Lens {
-    /// Whether this build has lens distortion.
+    /// Whether this build supports lens distortion.
     pub(crate) const BUILT: bool = true;
 
-    /// Projects a direction (right, down, forward; of any length but 0) to normalised image coordinates. `None` for a
-    /// perspective lens if the direction does not point forward.
+    /// Projects a direction (right, down, forward; of any length but 0) to normalised image coordinates. `None` if the
+    /// lens is perspective and the direction does not point forward.
     pub fn project(&self, dir: Vec3) -> Option<(f32, f32)> {
         match self.projection {
             Projection::Fisheye => Some(self.fisheye_seen(dir)),
@@ -38,9 +38,10 @@ impl Lens {
     /// The ideal (undistorted) point that is seen at `(xd, yd)`: the inverse of [`Lens::distort`], by Newton's method
     /// from `(xd, yd)`.
     ///
-    /// `None` if the lens folds over (the Jacobian's determinant is at most 1e-3 at some step), or if 20 steps do not
-    /// bring the residual to 1e-6 of the largest coordinate (1e-6 itself within the unit circle). In both cases the
-    /// model has no inverse near `(xd, yd)`, and an image would show the same direction twice.
+    /// `None` if the lens folds (the Jacobian's determinant is at most 1e-3 at some step), or if the residual is still
+    /// too large after 20 steps. A residual is small enough at 1e-6 of the largest coordinate, or at 1e-6 if no
+    /// coordinate exceeds 1. Where a lens folds, the model has no inverse, and an image would show the same direction
+    /// twice.
     ///
     /// # Domain
     /// The finite points around the axis up to the fold. With only `k1 < 0` these points fill the circle of radius
@@ -49,8 +50,9 @@ impl Lens {
     /// success cannot be predicted; [`Camera::new`](crate::camera::Camera::new) tries a grid of image points, unless
     /// the distortion is too weak to fail.
     ///
-    /// With `k3 k4 k5 k6` a step that does not reduce the residual, or passes the fold, is halved. For a fisheye the
-    /// point lies on the direction of [`Lens::direction`], which must point forward.
+    /// If one of `k3 k4 k5 k6` is not 0, a step that does not reduce the residual, or that passes the fold, is halved,
+    /// and 40 steps are tried. For a fisheye, the result is the direction of [`Lens::direction`] scaled to 1 forward;
+    /// `None` if that direction does not point forward.
     #[inline(never)]
     pub fn undistort(&self, xd: f32, yd: f32) -> Option<(f32, f32)> {
         if *self == Self::NONE {
@@ -92,12 +94,12 @@ impl Lens {
         }
     }
 
-    /// Whether one of `k3 k4 k5 k6` is not 0: the radial factor is more than `1 + k1 r² + k2 r⁴`.
+    /// Whether one of `k3 k4 k5 k6` is not 0. The radial factor then has more terms than `1 + k1 r² + k2 r⁴`.
     fn is_rational(&self) -> bool {
         [self.k3, self.k4, self.k5, self.k6] != [0.0; 4]
     }
 
-    /// [`Lens::undistort`] by Newton's method with halved steps, for lenses for which full steps diverge.
+    /// [`Lens::undistort`] by Newton's method with halved steps, for lenses with which full steps may diverge.
     fn undistort_damped(&self, xd: f32, yd: f32) -> Option<(f32, f32)> {
         let seen = Vec2::new(xd, yd);
         let residual = |p: Vec2| Vec2::from(self.distort(p.x, p.y)) - seen;
@@ -159,13 +161,14 @@ impl Lens {
         r2 * (3.0 * self.k1.abs() + 5.0 * self.k2.abs() * r2) + 6.0 * (self.p1.abs() + self.p2.abs()) * r
     }
 
-    /// Whether the distortion is so weak that [`Self::undistort`] finds the ideal point of every point seen within
-    /// `radius` of the axis, with no fold between axis and ideal point. A camera's lens then needs no further check.
+    /// Whether the distortion is provably weak. [`Self::undistort`] then finds the ideal point of every point seen
+    /// within `radius` of the axis, and no fold lies between the axis and the ideal point: a camera's lens needs no
+    /// further check.
     ///
     /// Proof: let `b`, [`Self::bend`] at 9/7 of `radius`, be at most 1/8. Then `x ↦ seen − (distort(x) − x)` contracts
     /// the disc of 8/7 `radius` into itself, which thus holds one ideal point. Newton's method starts within 1/7
-    /// `radius` of that point. Each step reduces the distance to that point to at most `2b / (1 − b)`, 2/7, of what it
-    /// was, without leaving the disc of 9/7 `radius`.
+    /// `radius` of that point. Each step multiplies the distance to that point by at most `2b / (1 − b)`, which is at
+    /// most 2/7, without leaving the disc of 9/7 `radius`.
     ///
     /// `false` for fisheyes and for lenses with `k3 k4 k5 k6`, to which the proof does not apply.
     pub(crate) fn is_gentle(&self, radius: f32) -> bool {
@@ -174,8 +177,8 @@ impl Lens {
             && self.bend(9.0 / 7.0 * radius) <= 0.125
     }
 
-    /// The direction (right, down, forward) that is seen at `(xd, yd)`. `None` if [`Lens::direction`] finds none or,
-    /// with `from_axis`, if the lens folds between the axis and the direction.
+    /// The direction (right, down, forward) that is seen at `(xd, yd)`; `None` if [`Lens::direction`] finds none. With
+    /// `from_axis`, also `None` if the lens folds between the axis and the direction.
     pub(crate) fn invert(&self, xd: f32, yd: f32, from_axis: bool) -> Option<Vec3> {
         let dir = self.direction(xd, yd)?;
         let folds = || match self.projection {
@@ -189,8 +192,8 @@ impl Lens {
         (!from_axis || !folds()).then_some(dir)
     }
 
-    /// Whether Newton's method may start at `(xd, yd)`, which is further from the axis than the solution: no fold lies
-    /// between the axis and the start, and the first step cannot jump across the axis.
+    /// Whether Newton's method may start at `(xd, yd)`, which is further from the axis than the solution. True if no
+    /// fold lies between the axis and the start, and the first step cannot jump across the axis.
     fn starts_well(&self, xd: f32, yd: f32) -> bool {
         let (fx, fy) = self.distort(xd, yd);
         let (ex, ey) = (fx - xd, fy - yd);
@@ -202,8 +205,8 @@ impl Lens {
 
     /// Whether the distortion folds between the axis and the ideal point `(x, y)`.
     ///
-    /// Newton's method that starts behind a fold finds a solution behind that fold, which is not the direction that a
-    /// real lens shows there.
+    /// If Newton's method starts beyond a fold, the solution also lies beyond the fold. A real lens shows another
+    /// direction there.
     fn folds_before(&self, x: f32, y: f32) -> bool {
         let r2 = x * x + y * y;
         if self.is_rational() {
@@ -238,9 +241,9 @@ impl Lens {
         })
     }
 
-    /// Whether the distortion folds between the image centre and `(x, y)`, tested at 128 points of that segment:
-    /// whether the slope along the segment, the determinant of the distortion's Jacobian or the denominator of the
-    /// radial factor is at most [`FOLD`] at one of the points.
+    /// Whether the distortion folds between the axis and `(x, y)`, tested at 128 points of that segment. The lens folds
+    /// if at one of the points the slope along the segment, the determinant of the distortion's Jacobian or the
+    /// denominator of the radial factor is at most [`FOLD`].
     fn folds_on_the_way(&self, x: f32, y: f32) -> bool {
         let r2 = x * x + y * y;
         (1..=128u8).any(|step| {
@@ -252,8 +255,9 @@ impl Lens {
         })
     }
 
-    /// [`Lens::direction`] for a camera, whose lens was checked at a grid of image points. If the lens folds between
-    /// these points (strong `p1 p2`), returns the direction without undistortion, which is wrong but finite.
+    /// [`Lens::direction`] for the lens of a camera, which was checked at a grid of image points. If the lens folds
+    /// between these points (possible with strong `p1 p2`), returns the direction without undistortion, which is wrong
+    /// but finite.
     #[inline]
     pub(crate) fn straighten(&self, xd: f32, yd: f32) -> Vec3 {
         if *self == Self::NONE {

@@ -4,10 +4,10 @@ use super::Lens;
 use glam::Vec3;
 
 impl Lens {
-    /// Whether this build has lens distortion.
+    /// Whether this build supports lens distortion.
     pub(crate) const BUILT: bool = false;
 
-    /// The direction that is seen at `(xd, yd)`: right, down, and 1 forward.
+    /// The direction (right, down, forward) that is seen at `(xd, yd)`: `(xd, yd, 1)`, not normalised.
     #[inline(always)]
     pub(crate) fn straighten(&self, xd: f32, yd: f32) -> Vec3 {
         Vec3::new(xd, yd, 1.0)
@@ -19,7 +19,7 @@ impl Lens {
         true
     }
 
-    /// The direction that is seen at `(xd, yd)`: right, down, and 1 forward.
+    /// The direction (right, down, forward) that is seen at `(xd, yd)`: `(xd, yd, 1)`, not normalised.
     #[inline(always)]
     pub(crate) fn invert(&self, xd: f32, yd: f32, _from_axis: bool) -> Option<Vec3> {
         Some(Vec3::new(xd, yd, 1.0))

@@ -7,7 +7,7 @@ use crate::simd::{Indices, Lanes};
 
 /// Maps a vector of positions to 0..1 on each axis of the box.
 ///
-/// A coordinate outside of the box is moved to the nearest face, and NaN to 0.
+/// A coordinate outside of the box is moved to the nearest face. A NaN becomes 0.
 #[inline(always)]
 pub(super) fn unit_positions<V: Lanes>(
     tables: &GridTables<'_>,
@@ -31,13 +31,14 @@ pub(super) struct Cells<V: Lanes> {
     x: V::Indices,
     y: V::Indices,
     z: V::Indices,
-    /// Position of the sample inside the cell, 0 to 1 on each axis.
+    /// Position of the sample inside the cell, 0 to 1 on each axis: the weight of the cell's face at the larger
+    /// coordinate.
     pub weights: [V; 3],
 }
 
 impl<V: Lanes> Cells<V> {
-    /// Finds the cells that contain the positions `unit`, 0 to 1 on each axis. A face between two cells belongs to the
-    /// cell with the larger index, the largest face of the box to the last cell.
+    /// Finds the cells that contain the positions `unit`, 0 to 1 on each axis. A position on a face between two cells
+    /// is in the cell with the larger index. A position on the largest face of the box is in the last cell.
     #[inline(always)]
     pub fn of(level: &GridLevel, unit: [V; 3]) -> Self {
         let [nx, ny, nz] = level.cells;
@@ -47,9 +48,9 @@ impl<V: Lanes> Cells<V> {
         Self { x, y, z, weights: [wx, wy, wz] }
     }
 
-    /// For each row of the cell's corners along x: index of the table entry at the smaller x, counted from the level's
-    /// first entry ([`GridLevel::row`]). The next entry is that at the larger x. Rows are at (y, z), (y + 1, z), and in
-    /// three dimensions (y, z + 1), (y + 1, z + 1).
+    /// For each row of the cell's corners along x: index of the table entry of the corner at the smaller x, counted
+    /// from the level's first entry ([`GridLevel::row`]). The next entry belongs to the corner at the larger x. Rows
+    /// are at (y, z), (y + 1, z), and in three dimensions also at (y, z + 1), (y + 1, z + 1).
     #[inline(always)]
     pub fn rows<const ROWS: usize>(&self, level: &GridLevel) -> [V::Indices; ROWS] {
         let number = V::Indices::splat;
@@ -78,7 +79,8 @@ impl<V: Lanes> Cells<V> {
         rows
     }
 
-    /// Weight of each row of corners along x: the factor of y, in 3D times the factor of z, without the factor of x.
+    /// Interpolation weight of each row of corners along x: the factor of y, multiplied in 3D by the factor of z. The
+    /// factor of x is left out.
     #[inline(always)]
     pub fn row_weights<const ROWS: usize>(&self) -> [V; ROWS] {
         let [_, wy, wz] = self.weights;
@@ -92,7 +94,7 @@ impl<V: Lanes> Cells<V> {
         weights
     }
 
-    /// Derivatives of [`Cells::row_weights`] with respect to y, counted in cells.
+    /// Derivatives of [`Cells::row_weights`] with respect to y, where y is measured in cells.
     #[cfg(feature = "normals")]
     #[inline(always)]
     pub fn row_weights_by_y<const ROWS: usize>(&self) -> [V; ROWS] {
@@ -107,7 +109,7 @@ impl<V: Lanes> Cells<V> {
         weights
     }
 
-    /// Derivatives of [`Cells::row_weights`] with respect to z, counted in cells; three dimensions only.
+    /// Derivatives of [`Cells::row_weights`] with respect to z, where z is measured in cells; only in three dimensions.
     #[cfg(feature = "normals")]
     #[inline(always)]
     pub fn row_weights_by_z<const ROWS: usize>(&self) -> [V; ROWS] {
@@ -122,7 +124,7 @@ impl<V: Lanes> Cells<V> {
     }
 }
 
-/// Index along one axis of the cell that contains `unit`, and the weight of the cell's face at the larger coordinate.
+/// On one axis: index of the cell that contains `unit`, and weight of the cell's face at the larger coordinate.
 #[inline(always)]
 fn locate<V: Lanes>(unit: V, cells: u32) -> (V::Indices, V) {
     let g = unit.mul(V::splat(cells as f32));

@@ -1,4 +1,5 @@
-//! The table entries that the encoding reads, to which a trainer adds gradients.
+//! The table entries that the encoding reads for a block of samples, and their weights: a trainer adds gradients to
+//! these entries.
 
 use super::cell::{Cells, unit_positions};
 use super::{GridEncoding, GridLevel, GridTables};
@@ -8,9 +9,10 @@ use crate::simd::{Indices, Isa, Lanes, MAX_LANES, Op};
 /// The corners of the cells that contain a block of samples at one level. A cell has 2 rows of corners along x in two
 /// dimensions, 4 in three.
 ///
-/// Let `g` be the gradient of the loss with respect to one encoded feature of sample `i`. The gradient with respect to
-/// the same feature of table entry `entry[r][i]` then grows by `weight[r][i] · (1 − x[i]) · g`, and of the entry after
-/// `entry[r][i]` by `weight[r][i] · x[i] · g`. Corners of one cell may share an entry, whose gradients add up.
+/// Let `g` be the gradient of the loss with respect to one encoded feature of sample `i`. For each row `r`, a trainer
+/// adds `weight[r][i] · (1 − x[i]) · g` to the gradient of the same feature of table entry `entry[r][i]`, and
+/// `weight[r][i] · x[i] · g` to the gradient of the next entry. Corners of one cell may share an entry; then all their
+/// gradients are added to that entry.
 #[derive(Debug)]
 pub struct GridCorners<'w> {
     /// `[rows][stride]`: index of the row's table entry at the smaller x, among the entries of all levels.
@@ -21,10 +23,11 @@ pub struct GridCorners<'w> {
     pub x: &'w mut [f32],
 }
 
-/// Computes the indices of the entries that [`encode_grid_block`](super::encode_grid_block) reads at `level`, and their
-/// interpolation weights, by the same arithmetic.
+/// Computes the indices and the interpolation weights of the entries that
+/// [`encode_grid_block`](super::encode_grid_block) reads at `level`. The weights are bit-identical to the weights in
+/// that function.
 ///
-/// `x` and `stride`: as for `encode_grid_block`. Of the `tables` only the box is used.
+/// `x` and `stride`: as for `encode_grid_block`. Only the box of the `tables` is used.
 ///
 /// # Panics
 /// With debug assertions, if a slice is too short.

@@ -9,15 +9,16 @@ use crate::simd::{Isa, Lanes, Op, Table, VECTORS, Value};
 ///
 /// `x`: `[inputs][stride]`, in the box of the `tables`; `out`: `[levels · features][stride]`. `stride` is a multiple of
 /// [`Isa::columns`], or any number with portable instructions. A position outside of the box is moved onto the box's
-/// surface. A NaN coordinate counts as the box's smallest on that axis.
+/// surface. A NaN coordinate is replaced by the box's smallest coordinate on that axis.
 ///
-/// A sample's values do not depend on the other samples of its block. f16 and f32 tables of the same values give the
-/// same bits, and so do int8 tables whose scales are powers of two. The cell of a sample is the same with every
-/// instruction set.
+/// A sample's values do not depend on the other samples of its block. If tables hold the same values as f16, f32 or
+/// int8 with scales that are powers of two, the results are bit-identical. All instruction sets find the same cell for
+/// a sample.
 ///
 /// # Accuracy
-/// Against the same sum in f64: `2^-24 (n (6 cells + 6) + 12)` times the largest entry of the sample's cell, with n
-/// axes and `cells` cells along an axis: the bound for rounding the position and the sum.
+/// The difference from the same sum in f64 is at most `2^-24 (n (6 cells + 6) + 12)` times the largest entry of the
+/// sample's cell, with n axes and `cells` cells along an axis. The bound covers rounding of the position and of the
+/// sum.
 ///
 /// # Panics
 /// With debug assertions, if a slice is too short. Entries beyond the end of a table have an unspecified value.
@@ -39,8 +40,9 @@ pub fn encode_grid_block(
     });
 }
 
-/// [`encode_grid_block`] for builds without vectors, one sample and level at a time: there code size counts more than
-/// speed. The number of features is a run-time value, and 2D samples read two rows of weight 0, which change no bit.
+/// [`encode_grid_block`] for builds without vectors: one sample and one level at a time, since code size matters there
+/// more than speed. The number of features is a run-time value. For 2D samples, two more rows are read, with weight 0;
+/// the result is bit-identical.
 pub(super) fn encode_one_by_one(
     grid: &GridEncoding,
     tables: &GridTables<'_>,
@@ -61,7 +63,7 @@ pub(super) fn encode_one_by_one(
     }
 }
 
-/// Number of vectors of samples encoded together at a level, so that the level's constants stay in registers.
+/// Number of vectors of samples that are encoded together at a level, so that the level's constants stay in registers.
 const AT_ONCE: usize = 8;
 
 struct Encode<'a, T> {
@@ -155,7 +157,7 @@ impl<V: Lanes, const ROWS: usize> Read<V, ROWS> {
         Self { rows: cells.rows(level), weights: cells.row_weights(), far: cells.weights[0] }
     }
 
-    /// The encoded values of the level, one vector for each feature; those beyond `features` are 0.
+    /// The encoded values of the level, one vector for each feature; vectors beyond `features` are 0.
     #[inline(always)]
     fn interpolate<T: Value>(&self, table: Table<'_, T>, level: &GridLevel, features: usize) -> [V; 4] {
         let part = table.part(level.first * features, level.entries * features);

@@ -80,7 +80,8 @@ impl<T: Value> Gradient<'_, T> {
     }
 }
 
-/// Weight of a level in a blurred gradient: `erf(c / (√8 blur))`, `c` the level's smallest cell width; 1 without blur.
+/// Weight of a level in a blurred gradient: `erf(c / (√8 blur))`, where `c` is the level's smallest cell width. 1
+/// without blur.
 #[inline]
 fn damping(level: &GridLevel, tables: &GridTables<'_>, inputs: usize, blur: f32) -> f32 {
     if blur <= 0.0 {

@@ -35,14 +35,14 @@ use serde::{Deserialize, Serialize};
 
 /// Maximum number of levels of a grid.
 pub const MAX_GRID_LEVELS: usize = 32;
-/// Maximum number of cells of a level along one axis; interpolation weights then still have ten bits.
+/// Maximum number of cells of a level along one axis. Up to this number, interpolation weights have at least ten bits.
 pub const MAX_GRID_RESOLUTION: u16 = 16_384;
 /// Maximum binary logarithm of the number of entries of a hashed level.
 pub const MAX_LOG2_ENTRIES: u8 = 24;
-/// Maximum number of values of all levels together: half a gibibyte of f32, which a 32-bit host can address.
+/// Maximum number of values of all levels together. As f32 they take half a gibibyte, which a 32-bit host can address.
 pub const MAX_GRID_VALUES: u64 = 1 << 27;
 
-/// Evaluates `$body` with `$table` bound to `$values` as a [`Table`](crate::simd::Table) of their format.
+/// Evaluates `$body`, where `$table` is a [`Table`](crate::simd::Table) over `$values` in their format.
 macro_rules! with_table {
     ($values:expr, $table:ident => $body:expr) => {
         match $values {
@@ -63,15 +63,15 @@ macro_rules! with_table {
 }
 use with_table;
 
-/// A multiresolution grid of features: dense at the levels whose vertices fit into `2^log2_entries` entries, hashed at
-/// the finer levels.
+/// A multiresolution grid of features. A level is dense if all its vertices fit into `2^log2_entries` entries; finer
+/// levels are hashed.
 ///
 /// Encoded values: level by level, `features` each. Values of the tables (`TableValues`): level by level, entry by
 /// entry, `features` each; [`GridEncoding::levels`] gives the range of entries of each level.
 ///
 /// # Source
-/// Müller et al. 2022, "Instant Neural Graphics Primitives", section 3; levels that fit are dense, as in
-/// tiny-cuda-nn. Deviation: the hash is of y and z, plus x, so that the corners at x and x + 1 are neighbours in
+/// Müller et al. 2022, "Instant Neural Graphics Primitives", section 3; levels that fit are dense, as in tiny-cuda-nn.
+/// Deviation: only y and z are hashed, and x is added to the hash, so that the corners at x and x + 1 are neighbours in
 /// memory.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct GridEncoding {
@@ -99,7 +99,8 @@ impl GridEncoding {
     /// let resolutions = [[16, 16, 8], [64, 64, 32]].into_iter().collect();
     /// let grid = GridEncoding { inputs: 3, features: 2, log2_entries: 14, resolutions };
     /// assert_eq!(grid.outputs(), 4);
-    /// // 17·17·9 vertices fit; 65·65·33 do not: 2^14 entries, and 64 for a row of cells that begins at the last.
+    /// // The 17·17·9 = 2601 vertices of level 0 fit. Level 1 has 65·65·33 vertices and is hashed: 2^14 entries,
+    /// // and 64 more for a row of 64 cells that begins at the last entry.
     /// assert_eq!(grid.entries(), 2601 + 16_384 + 64);
     /// ```
     pub fn outputs(&self) -> usize {
@@ -161,8 +162,8 @@ impl GridEncoding {
     /// `x`: `[inputs][stride]`, world units. `of_encoded`: `[outputs][stride]`, ∂f/∂encoded. `of_x`: `[inputs][stride]`
     /// set to ∂f/∂x. `stride` is a multiple of [`Isa::columns`], or any number with portable instructions.
     ///
-    /// The derivative is that of the interpolation in the sample's cell. A face between two cells belongs to the cell
-    /// with the larger index.
+    /// The interpolation is differentiated inside the sample's cell. A face between two cells belongs to the cell with
+    /// the larger index.
     ///
     /// `blur`: standard deviation, world units, of a Gaussian around each sample over which the gradient is averaged: a
     /// level with cells of width `c` is weighted by `erf(c / (√8 blur))`. With 0 nothing is averaged.

@@ -14,8 +14,9 @@ use core::f32::consts::PI;
 /// `d sin(2^k s x)/dx = 2^k s cos(2^k s x)` and `d cos(2^k s x)/dx = −2^k s sin(2^k s x)`: sines and cosines are
 /// among the encoded values, so that no angle is computed again.
 ///
-/// `blur`: standard deviation, world units, of a Gaussian around each sample over which the gradient is averaged,
-/// with f taken as linear in the encoded values: level `k` is multiplied by `exp(−½ (2^k s blur)²)`. 0: no averaging.
+/// `blur`: standard deviation, world units, of a Gaussian around each sample over which the gradient is averaged. With
+/// f taken as linear in the encoded values, averaging multiplies level `k` by `exp(−½ (2^k s blur)²)`. With 0 nothing
+/// is averaged.
 ///
 /// # Source
 /// Barron et al. 2021 (mip-NeRF), eq. 13: the encoding's mean over a Gaussian.
@@ -48,7 +49,7 @@ struct Gradient<'a> {
     encoding: &'a SinusoidalEncoding,
     stride: usize,
     s: f32,
-    /// Factor of each level `k`: `2^k` times `exp(−½ (2^k s blur)²)`.
+    /// Factor of each level `k` in the derivative: `2^k` times `exp(−½ (2^k s blur)²)`, the factor of the blur.
     factors: [f32; MAX_LEVELS as usize],
     encoded: &'a [f32],
     of_encoded: &'a [f32],

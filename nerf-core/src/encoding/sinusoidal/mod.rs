@@ -65,8 +65,8 @@ impl SinusoidalEncoding {
 /// [`Isa::columns`] or any number with portable instructions.
 ///
 /// # Accuracy
-/// Absolute error of at most 1.2e-7 at every level with [`MathBackend::Polynomial`]: `2^k x` is exact, and reduced
-/// before the multiplication by π. With `s = 1` the bound holds while `|2^k x| <= 1e5`.
+/// Absolute error of at most 1.2e-7 at every level with [`MathBackend::Polynomial`]: `2^k x` is exact and is reduced
+/// modulo 2 before it is multiplied by π. With `s = 1` the bound holds while `|2^k x| <= 1e5`.
 ///
 /// # Panics
 /// With debug assertions, if a slice is too short.
