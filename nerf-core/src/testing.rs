@@ -11,7 +11,7 @@ use crate::network::{Architecture, DensityActivation, Shading, TrunkLayer};
 use std::vec;
 use std::vec::Vec;
 
-/// A sinusoidal encoding with identity and `s = π`.
+/// A sinusoidal encoding with angles `2^l · π · x`, in addition to the inputs themselves.
 pub const fn pi(inputs: u8, levels: u8) -> SinusoidalEncoding {
     SinusoidalEncoding { inputs, levels, scale: AngleScale::Pi, identity: true }
 }
@@ -39,7 +39,8 @@ pub fn every_kind() -> Architecture {
     architecture(pi(3, 4), Some(pi(3, 2)), &[(24, false), (20, false), (17, true)], &[12, 9])
 }
 
-/// The larger of `exact` and, for a `kernel` that rounds weights and activations to bf16's 8 bits, 1%: an error bound.
+/// An error bound: `exact` or, if larger, 1% for a `kernel` that rounds weights and activations to bf16 (8 significant
+/// bits).
 pub fn tolerance(kernel: Kernel, exact: f64) -> f64 {
     if kernel.rounds() { exact.max(1e-2) } else { exact }
 }

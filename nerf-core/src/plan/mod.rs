@@ -32,21 +32,21 @@ pub struct Outputs {
     pub rgb: bool,
     /// Opacity, `[0, 1]`.
     pub opacity: bool,
-    /// Mean distance of the samples along the ray, each with its compositing weight, world units.
+    /// Mean distance of the samples along the ray, weighted with their compositing weights, world units.
     pub ray_distance: bool,
-    /// Mean distance of the samples along the view axis, each with its compositing weight, world units.
+    /// Mean distance of the samples along the view axis, weighted with their compositing weights, world units.
     pub z_depth: bool,
     /// Distance along the ray at which the transmittance falls below one half, world units (feature `median`).
     pub median_distance: bool,
-    /// Normals, from the gradient of the density, at the cost of about one [`Architecture::gradient_macs`] for each ray
-    /// that is not empty (feature `normals`).
+    /// Normals, from the gradient of the density, feature `normals`. Normals cost about [`Architecture::gradient_macs`]
+    /// multiply-adds for each ray that is not empty.
     ///
     /// [`Architecture::gradient_macs`]: crate::network::Architecture::gradient_macs
     pub normals: bool,
 }
 
 impl Outputs {
-    /// No output: the base of the other constants.
+    /// No output.
     pub const NONE: Self = Self {
         rgb: false,
         opacity: false,
@@ -61,7 +61,7 @@ impl Outputs {
     /// requested by name.
     pub const ALL: Self = Self { ray_distance: true, z_depth: true, ..Self::RGB };
 
-    /// Whether an output needs the colour or the normal of samples, which are then evaluated at selected samples only.
+    /// Whether colour or normals are requested. Only selected samples are then evaluated for these outputs.
     pub(crate) const fn picks(&self) -> bool {
         self.rgb || (cfg!(feature = "normals") && self.normals)
     }
@@ -77,7 +77,7 @@ impl Outputs {
 pub struct Batch {
     /// Number of rays that are marched at the same time.
     pub rays: usize,
-    /// Number of samples that the network evaluates together: 64 with vector instructions.
+    /// Number of samples that the network evaluates together. With vector instructions the network always evaluates 64.
     pub samples: usize,
 }
 
@@ -85,7 +85,8 @@ impl Batch {
     /// Maximum of [`Batch::rays`]: more than any image needs, few enough for 32-bit indices.
     pub const MAX_RAYS: usize = 1 << 24;
 
-    /// One ray and one sample, for microcontrollers. Only for weights read directly from the blob's bytes.
+    /// One ray and one sample, for microcontrollers. Saves memory only with portable instructions and weights read
+    /// directly from the blob's bytes; other kernels evaluate blocks of 64 samples.
     pub const SMALLEST: Self = Self { rays: 1, samples: 1 };
 
     /// 256 rays, as many as a tile has pixels, and blocks of 64 samples: enough to keep any instruction set busy.
@@ -103,8 +104,8 @@ pub struct Plan<'a> {
     /// [`Blob::identity`] of the blob that the plan was made for.
     pub(crate) scene: usize,
     pub(crate) bounds: SceneBox,
-    /// Contraction of an unbounded scene. The bins of a ray are then steps of the contraction, which [`Plan::point`]
-    /// and [`Plan::interval`] convert to points and distances.
+    /// Contraction of an unbounded scene. Bins of a ray then count steps of the contraction; [`Plan::point`] and
+    /// [`Plan::interval`] convert steps to points and distances.
     pub(crate) contraction: Option<Contraction>,
     pub(crate) lattice: Lattice,
     /// The bins of a ray. If a proposal network places the samples, only the number of bins is used.
@@ -113,7 +114,7 @@ pub struct Plan<'a> {
     samples: u16,
     /// Nearest and farthest visible distance along a ray, world units.
     pub(crate) range: (f32, f32),
-    /// The bins in which the proposal network is evaluated; `None` if samples are not drawn from one.
+    /// The bins in which the proposal network is evaluated; `None` if no proposal network places the samples.
     pub(crate) proposal: Option<Bins>,
     pub(crate) near: f32,
     pub(crate) far: f32,
@@ -213,8 +214,8 @@ impl<'a> Plan<'a> {
     /// Returns the plan with only the distances `t_min` to `t_max` of rays visible, world units; default: 0 to
     /// infinity.
     ///
-    /// Each limit cuts the bin that it lies in, so that opacity is continuous in the limits. Nothing behind `t_max` is
-    /// visible, and a pixel without a surface has a distance of at most `t_max`.
+    /// A limit inside a bin cuts this bin short, so that opacity changes continuously with the limits. Nothing behind
+    /// `t_max` is visible, and a pixel without a surface has a distance of at most `t_max`.
     ///
     /// # Errors
     /// [`PlanError::Range`] unless `0 <= t_min <= t_max`; `t_max` may be infinite.
@@ -238,9 +239,10 @@ impl<'a> Plan<'a> {
 
     /// Returns the plan with another blur of normals, in bins; 0 for the density's gradient itself.
     ///
-    /// A field fitted through samples one bin apart also varies on far finer scales. Sums along a ray do not show these
-    /// variations, but they are most of the gradient: the tenth level of an encoding has a factor of 2^9 π. A blur of
-    /// one bin takes the gradient's mean over a Gaussian as wide as a bin (standard deviation: a bin's width / √12).
+    /// A field that was trained with samples one bin apart also varies on far finer scales. In sums along a ray these
+    /// variations cancel, but they dominate the gradient: the tenth frequency of a sinusoidal encoding multiplies the
+    /// gradient by 2^9 π. A blur of one bin takes the gradient's mean over a Gaussian as wide as a bin (standard
+    /// deviation: a bin's width / √12).
     ///
     /// # Errors
     /// [`PlanError::NormalBlur`] unless `bins` is finite and at least 0.
@@ -295,9 +297,9 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
-    /// Requested number of samples a ray: the number of bins from near to far, or of steps across the scene box. With a
-    /// proposal network, the number of drawn samples plus that of proposal samples. A ray may get more samples where
-    /// the bins continue in front of near or behind far.
+    /// Requested number of samples a ray: the number of bins from near to far, or the number of steps across the scene
+    /// box. With a proposal network, the number of drawn samples plus the number of proposal samples. A ray may get
+    /// more samples where the bins continue in front of near or behind far.
     pub(crate) fn samples_per_ray(&self) -> u32 {
         u32::from(self.samples) + self.proposal.map_or(0, |coarse| coarse.count())
     }
@@ -326,14 +328,15 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Nearest and farthest visible distance, world units, of a ray that is itself limited to `t_min` to `t_max`.
+    /// Nearest and farthest visible distance, world units, of a ray that is visible only from `t_min` to `t_max`: the
+    /// part of this range that the plan's own range includes.
     #[inline]
     pub(crate) fn range_of(&self, t_min: f32, t_max: f32) -> [f32; 2] {
         [self.range.0.max(t_min), self.range.1.min(t_max)]
     }
 
-    /// The distance of pixels without a surface in a frame seen from `eye`, world units: at least that of every point
-    /// in the scene, and the same for all such pixels.
+    /// The distance, world units, of all pixels without a surface in a frame seen from `eye`. No visible point of the
+    /// scene is farther away.
     pub fn far_from(&self, eye: Vec3) -> f32 {
         if self.lattice == Lattice::Own {
             return self.far.min(self.range.1);
@@ -374,7 +377,8 @@ impl<'a> Plan<'a> {
         Spacing { bins: &self.bins, contraction: self.contraction.as_ref() }
     }
 
-    /// The point, in the network's space, of a ray at `t`: world units, or steps of the contraction if there is one.
+    /// The point of a ray at `t`, in the network's space. `t`: world units or, with a contraction, steps of the
+    /// contraction.
     #[inline]
     pub(crate) fn point(&self, ray: &Ray, t: f32) -> Vec3 {
         match &self.contraction {
@@ -388,15 +392,15 @@ impl<'a> Plan<'a> {
         self.proposal.as_ref().unwrap_or(&self.bins)
     }
 
-    /// Least distance of an unbounded scene's samples, world units, counted from distance `start` along the ray.
+    /// Least distance of an unbounded scene's samples, world units, from the point at distance `start` along the ray.
     /// `t_min`: nearest visible distance of the ray.
     #[inline]
     pub(crate) fn least_distance(&self, start: f32, t_min: f32) -> f32 {
         self.near.max(t_min) - start
     }
 
-    /// The interval of the sample at `t`, counted from distance `start` along the ray: world units, or steps of the
-    /// contraction if there is one. `t_min`: nearest visible distance of the ray, world units.
+    /// The interval of the sample at `t`. `t` is counted from distance `start` along the ray, in world units or, with a
+    /// contraction, in steps of the contraction. `t_min`: nearest visible distance of the ray, world units.
     #[inline]
     pub(crate) fn interval(&self, ends: &Ends, start: f32, t_min: f32, t: f32) -> SampleInterval {
         if self.contraction.is_some() {

@@ -13,15 +13,17 @@ mod tests;
 pub struct Quality {
     /// Samples per ray; 0 for the scene's own number. In a scene with bins: the number of bins from near to far; bins
     /// in front of near and behind far have the same width. In a scene with a step: the number of steps on the diagonal
-    /// of its box. With a proposal network: the number of drawn samples, in addition to those of the network itself.
+    /// of its box. With a proposal network: the number of drawn samples; the samples at which the proposal network
+    /// itself is evaluated come on top.
     pub samples: u16,
     /// Transmittance below which a ray ends and counts as opaque; 0 ends no ray.
     pub transmittance_cut: f32,
     /// Weight above which a colour is evaluated: the sample's own weight plus the weights of all samples since the last
     /// evaluated colour. 0 evaluates the colour of every sample of weight above 0.
     ///
-    /// The same rule selects the samples whose normal is evaluated and, in a field shaded once a ray, the samples whose
-    /// hidden features are composited. Opacity and distances never depend on this cut.
+    /// The same rule selects the samples whose normal is evaluated. With [`Shading::PerRay`](crate::network::Shading)
+    /// the rule selects the samples whose hidden features are composited. Opacity and distances never depend on this
+    /// cut.
     pub colour_cut: f32,
     /// Whether cells that the occupancy grid marks as empty are skipped.
     pub occupancy: bool,
@@ -33,8 +35,8 @@ pub struct Quality {
 }
 
 impl Quality {
-    /// The default transmittance cut: with the default colour cut the PSNR is 0.01 dB below that without a cut, at less
-    /// than half the evaluations (`docs/journal/2026-11-22-frames.md`).
+    /// The default transmittance cut. Together with the default colour cut, it lowers the PSNR by 0.01 dB and saves
+    /// more than half of the evaluations (`docs/journal/2026-11-22-frames.md`).
     pub const TRANSMITTANCE_CUT: f32 = 2e-2;
     /// The default colour cut.
     pub const COLOUR_CUT: f32 = 5e-3;
@@ -110,9 +112,9 @@ impl Quality {
 
     /// Returns these settings, with their measured loss and cost, as a point of a Pareto front for the blob.
     ///
-    /// `loss_db`: PSNR of [`Quality::exact`] minus that of these settings, against ground truth. `cost`: multiply-adds
-    /// relative to those of the exact rendering. In the point, an occupancy grid or proposal network that the scene
-    /// lacks is off, and 0 samples becomes the scene's own number. [`crate::blob::write()`] checks the rest.
+    /// `loss_db`: PSNR with [`Quality::exact`] minus PSNR with these settings, both against ground truth. `cost`:
+    /// multiply-adds relative to those of the exact rendering. In the point, an occupancy grid or proposal network that
+    /// the scene lacks is off, and 0 samples becomes the scene's own number. [`crate::blob::write()`] checks the rest.
     pub fn front_point(&self, blob: &Blob<'_>, loss_db: f32, cost: f32) -> FrontPoint {
         let own = blob.scene().map_or(0, |scene| scene.samples());
         FrontPoint {
@@ -162,7 +164,7 @@ impl Default for Quality {
 pub struct Choice {
     /// The quality settings.
     pub quality: Quality,
-    /// PSNR of the exact rendering minus that of these settings, both against ground truth, dB; negative for a gain.
+    /// PSNR of the exact rendering minus PSNR with these settings, both against ground truth, dB; negative for a gain.
     pub loss_db: f32,
     /// Multiply-adds relative to those of the exact rendering.
     pub cost: f32,
@@ -172,7 +174,8 @@ pub struct Choice {
 }
 
 names! {
-    /// Limits of the loss (PSNR below that of the exact rendering, dB), smallest first, each with a name.
+    /// Named limits of the loss: how far the PSNR may lie below the PSNR of the exact rendering, dB. Smallest limit
+    /// first.
     pub enum Preset {
         /// 0 dB: PSNR not below that of the exact rendering.
         Exact = "exact",
@@ -188,7 +191,7 @@ names! {
 }
 
 impl Preset {
-    /// Maximum difference by which the PSNR may be below that of the exact rendering, dB.
+    /// Largest loss that the preset allows, dB: PSNR of the exact rendering minus PSNR with the preset's settings.
     pub const fn loss_db(self) -> f32 {
         match self {
             Self::Exact => 0.0,

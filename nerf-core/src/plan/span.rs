@@ -14,14 +14,14 @@ mod tests;
 /// How the bins of a plan are placed on a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Lattice {
-    /// The bins are those of the scene's training, from near to far, and no others.
+    /// The bins are the bins of the scene's training, from near to far, and no others.
     Own,
-    /// The scene's bins continue in front of near and behind far: a ray uses the bins that it needs.
+    /// The scene's bins. Where a ray needs more, further bins of the same width lie in front of near and behind far.
     Extended,
     /// The scene has a step instead of bins: the first bin begins where the ray enters the scene box.
     March,
-    /// The scene is unbounded: bins count the steps of its contraction, from the point of the ray nearest to the
-    /// contraction's centre.
+    /// The scene is unbounded: positions of bins are counted in steps of the contraction, from the ray's point nearest
+    /// to the contraction's centre.
     Contracted,
 }
 
@@ -33,11 +33,11 @@ pub(crate) struct Span {
     pub start: f32,
     /// The bins that may need a sample.
     pub bins: Range<u32>,
-    /// Cuts of the first and last bin of `bins`.
+    /// The used parts of the first and the last bin, which the limits of the ray may cut short.
     pub ends: Ends,
 }
 
-/// Largest error of a point by rounding, relative to its distance: that of the slab test and of `Ray::at`.
+/// Largest rounding error of a point on a ray, relative to its distance: the errors of the slab test and of `Ray::at`.
 const ROUNDING: f32 = 4.0 * f32::EPSILON;
 
 impl Span {
@@ -84,8 +84,8 @@ impl Span {
     }
 }
 
-/// The sampled part of a ray through an unbounded scene: from near or `t_min` on, whichever is farther; `None` if
-/// empty.
+/// The sampled part of a ray through an unbounded scene. The part begins at near or at `t_min`, whichever is farther.
+/// `None` if the part is empty.
 #[inline(never)]
 fn contracted_span(
     plan: &Plan<'_>,
@@ -108,7 +108,8 @@ fn contracted_span(
 /// One value for each of up to [`MAX_LANES`] rays.
 type Row = [f32; MAX_LANES];
 
-/// The sampled parts of up to [`MAX_LANES`] rays ([`Span`]); `Spans<V>`: of the rays in the lanes of one vector.
+/// The sampled parts of up to [`MAX_LANES`] rays ([`Span`]). `Spans<V>` holds the sampled parts of the rays in the
+/// lanes of one vector.
 pub(crate) struct Spans<T = Row> {
     origin: [T; 3],
     start: T,
@@ -172,7 +173,8 @@ impl Spans {
     }
 }
 
-/// Computes [`Span::new`] of several rays, through a bounded scene without a proposal network, with the same bits.
+/// Computes [`Span::new`] of several rays through a bounded scene without a proposal network. Results are bit-identical
+/// to [`Span::new`].
 pub(crate) struct SpanAll<'a> {
     pub plan: &'a Plan<'a>,
     pub around: &'a SceneBox,

@@ -16,7 +16,7 @@ pub struct Bins {
     pub(crate) ends: Ends,
 }
 
-/// The cuts of the first and last bin that a ray uses; distances along the ray.
+/// Where a ray's first and last bin are cut short; distances along the ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Ends {
     /// `start..low` is the used part of the first bin if the bin is cut; else `start` and `low` are −∞.
@@ -67,7 +67,7 @@ impl Bins {
         Self { near, delta, count, ends: Ends { far, ..Ends::NONE } }
     }
 
-    /// These bins with the cuts `ends`, which [`Bins::cut`] computed for another ray.
+    /// These bins with the cuts `ends` of a ray, as computed by [`Bins::cut`].
     #[inline]
     pub(crate) fn with(&self, ends: Ends) -> Self {
         Self { ends, ..*self }
@@ -77,7 +77,7 @@ impl Bins {
     ///
     /// `far` cuts the last bin and moves its samples in front of `far`. `start` and `stop` cut only widths and leave
     /// the samples in place, so that a sample's contribution is continuous in `start` and `stop`. Bins that are not cut
-    /// are unchanged, bit for bit.
+    /// are bit-identical to before.
     pub fn cut(&self, start: f32, far: f32, stop: f32) -> (Self, Range<u32>) {
         let (mut ends, mut bins) = (self.ends, 0..self.count);
         if start > self.near {
@@ -153,7 +153,7 @@ impl Bins {
         2.0 * f32::EPSILON * self.distance(self.count as f32) / self.delta
     }
 
-    /// Distance along the ray of a position counted in bins, without cuts: bin `i` begins at position `i`.
+    /// Distance along the ray of a position counted in bins: bin `i` begins at position `i`. Cuts are ignored.
     #[inline(always)]
     pub(crate) fn distance<V: Lanes>(&self, position: V) -> V {
         V::splat(self.near).add(position.mul(V::splat(self.delta)))
@@ -209,7 +209,7 @@ impl Bins {
         V::select(t.less(far), t, far)
     }
 
-    /// Whether the bins up to index `last` are not cut at their end, so that their middles are those of uncut bins.
+    /// Whether none of the bins up to index `last` is cut at its end. Their middles are then the middles of uncut bins.
     #[inline(always)]
     pub(crate) fn whole_up_to(&self, last: u32) -> bool {
         let (last, Ends { high, far, .. }) = (last as f32, self.ends);
@@ -236,7 +236,7 @@ impl Bins {
         self.at(i, u).min(end.next_down()).max(start)
     }
 
-    /// The middle of the bin that contains `t`; of the first or last bin if `t` is outside of all.
+    /// The middle of the bin that contains `t`. If `t` is outside all bins, the middle of the first or last bin.
     #[inline]
     pub fn middle_around(&self, t: f32) -> f32 {
         self.at((self.bin_around(t) as u32).min(self.count - 1), 0.5)

@@ -22,7 +22,8 @@ pub(crate) struct Spacing<'a> {
 }
 
 impl Spacing<'_> {
-    /// The point x, y, z, in the network's space, of a ray at `t`: world units, or steps of the contraction.
+    /// The point x, y, z of a ray at `t`, in the network's space. `t`: world units or, with a contraction, steps of the
+    /// contraction.
     #[inline(always)]
     pub fn point<V: Lanes>(&self, origin: [V; 3], dir: [V; 3], t: V) -> [V; 3] {
         match self.contraction {
@@ -33,8 +34,9 @@ impl Spacing<'_> {
         }
     }
 
-    /// The interval of the sample at `t`: world units, or steps of the contraction. `ends`: cuts of the ray's first and
-    /// last bin. `near`: least distance of an unbounded scene's samples, world units from the point at which `t` is 0.
+    /// The interval of the sample at `t`, which is in world units or, with a contraction, in steps of the contraction.
+    /// `ends`: cuts of the ray's first and last bin. `near`: least distance of an unbounded scene's samples, world
+    /// units from the point at which `t` is 0.
     #[inline(always)]
     pub fn interval<V: Lanes>(&self, ends: [V; Ends::PARTS], near: V, t: V) -> SampleInterval<V> {
         if self.contraction.is_some() {

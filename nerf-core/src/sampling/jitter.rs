@@ -11,7 +11,7 @@ mod tests;
 pub(crate) struct SampleJitter {
     seed: Option<u64>,
     stream: u64,
-    /// The ray's index among the rays of its pixel, in the upper 32 bits.
+    /// The ray's index among the rays of its pixel, shifted left by 32 bits.
     first: u64,
 }
 

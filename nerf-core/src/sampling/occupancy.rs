@@ -145,8 +145,8 @@ impl<'a> OccupancyGrid<'a> {
         end
     }
 
-    /// Number of further bins along the ray whose middle lies in the cell of `p`, up to rounding. `cells_per_bin`:
-    /// cells that a ray passes in one bin, along x, y, z.
+    /// Number of further bins along the ray whose middle lies in cell `cell`, which contains `p`; approximate because
+    /// of rounding. `cells_per_bin`: number of cells that a ray crosses in one bin, along x, y, z.
     #[inline]
     fn bins_to_exit(&self, p: Vec3, cell: [usize; 3], dir: Vec3, cells_per_bin: Vec3) -> u32 {
         let low = Vec3::from(cell.map(|side| side as f32));

@@ -14,7 +14,7 @@ pub enum Purpose {
     Jitter = 4,
     /// Random background colours of training rays.
     Background = 5,
-    /// Points in empty cells of the occupancy grid.
+    /// Positions of the points in empty cells at which training pushes the density to 0.
     Empty = 6,
     /// Points inside a cell at which density is evaluated to update the occupancy grid.
     Cell = 7,
@@ -56,8 +56,8 @@ pub(crate) fn pixel_stream(x: u32, y: u32) -> u64 {
 /// Fractional part of the golden ratio, in units of 2^-32.
 pub(crate) const GOLDEN: u32 = 0x9e37_79b9;
 
-/// Rank, from 0 to `count` − 1, of `index · ratio` among `i · ratio` for `i` in `0..count`, all modulo 2^32: a
-/// low-discrepancy permutation of `0..count`, exact in integers. `ratio`: in units of 2^-32.
+/// Rank, from 0 to `count` − 1, of `index · ratio` among the products `i · ratio` of all `i` in `0..count`, modulo
+/// 2^32. The ranks are a low-discrepancy permutation of `0..count`, exact in integers. `ratio`: in units of 2^-32.
 pub(crate) fn rank(ratio: u32, index: u32, count: u32) -> u32 {
     let own = index.wrapping_mul(ratio);
     (0..count).filter(|other| other.wrapping_mul(ratio) < own).count() as u32

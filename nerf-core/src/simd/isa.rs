@@ -9,14 +9,14 @@ names! {
     #[derive(PartialOrd, Ord)]
     #[non_exhaustive]
     pub enum Isa {
-        /// Plain, unfused f32: the same bits on every target, and the reference for all other instruction sets.
+        /// Plain, unfused f32: bit-identical results on every target, and the reference for all other instruction sets.
         Portable = "portable",
         /// AVX2, FMA and F16C, eight lanes.
         Avx2 = "avx2",
         /// AVX-512 F, sixteen lanes.
         Avx512 = "avx512",
-        /// WebAssembly SIMD, four lanes, unfused: the same bits as `Portable`. Available if the build has the target
-        /// feature `simd128`, since a module cannot detect it.
+        /// WebAssembly SIMD, four lanes, unfused: results are bit-identical to `Portable`. Available if the build has
+        /// the target feature `simd128`, since a module cannot detect it.
         Simd128 = "simd128",
         /// NEON, four lanes, fused; every 64-bit ARM processor has NEON.
         Neon = "neon",
@@ -72,7 +72,8 @@ impl Isa {
         !matches!(self, Self::Simd128)
     }
 
-    /// Number of samples whose multiples [`Isa::run_columns`] runs in vectors: the lanes of one or two vectors.
+    /// Number of lanes of one or two vectors. [`Isa::run_columns`] uses vectors only for multiples of this number of
+    /// samples.
     #[inline]
     pub fn columns(self) -> usize {
         match self {
@@ -83,13 +84,14 @@ impl Isa {
         }
     }
 
-    /// Runs `op` over `columns` samples: in vectors ([`Isa::run`]) for a multiple of [`Isa::columns`], else one by one.
+    /// Runs `op` over `columns` samples. If `columns` is a multiple of [`Isa::columns`], the samples run in vectors
+    /// ([`Isa::run`]), else one by one.
     #[inline]
     pub fn run_columns<O: Op>(self, columns: usize, op: O) -> O::Output {
         if VECTORS && columns.is_multiple_of(self.columns()) { self.run(op) } else { op.run::<f32>() }
     }
 
-    /// Runs `op` over `columns` samples in the widest vectors whose results have the bits of [`Isa::Portable`].
+    /// Runs `op` over `columns` samples in the widest vectors that give results bit-identical to [`Isa::Portable`].
     #[inline]
     pub(crate) fn run_portable<O: Op>(self, columns: usize, op: O) -> O::Output {
         match self {

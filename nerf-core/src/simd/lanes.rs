@@ -57,12 +57,14 @@ pub trait Lanes: Copy + sealed::Sealed {
     /// Loads the first `COUNT` values of `from`.
     ///
     /// # Panics
-    /// If `from` has fewer than `COUNT` values; `f32` panics only with debug assertions, and without loads 0.
+    /// If `from` has fewer than `COUNT` values. The vector `f32` panics only with debug assertions; without them it
+    /// loads 0.
     fn load(from: &[f32]) -> Self;
     /// Writes the lanes to the first `COUNT` values of `to`.
     ///
     /// # Panics
-    /// If `to` has fewer than `COUNT` values; `f32` panics only with debug assertions, and without writes nothing.
+    /// If `to` has fewer than `COUNT` values. The vector `f32` panics only with debug assertions; without them it
+    /// writes nothing.
     fn store(self, to: &mut [f32]);
     /// `self + b`.
     fn add(self, b: Self) -> Self;
@@ -119,9 +121,10 @@ pub trait Lanes: Copy + sealed::Sealed {
     }
 
     /// Interpolates in a table: returns `Σ_r weights[r] · row r` for each lane, summed from 0 in ascending `r`. A row
-    /// is two neighbouring entries, each of `features` values, 1, 2 or 4. The first `2 · features` results are valid.
+    /// is two neighbouring entries of the table; an entry has `features` values: 1, 2 or 4. Vector `i` of the result
+    /// belongs to value `i` of the row; only the first `2 · features` vectors are valid.
     ///
-    /// `rows`: index of each row's first entry. If it is beyond the table, any entry or 0 is read.
+    /// `rows`: index of each row's first entry. If the index is beyond the table, any entry or 0 is read.
     #[inline(always)]
     fn weighted_rows<T: Value, const ROWS: usize>(
         table: Table<'_, T>,

@@ -52,8 +52,8 @@ macro_rules! lanes_in_memory {
 }
 pub(super) use {instructions, lanes_in_memory};
 
-/// The primitives of [`weighted_rows`]. A vector consists of groups of four lanes. While rows are summed, the four
-/// lanes of a group hold four neighbouring table values, all for the group's lane of index `LANE`.
+/// The primitives of [`weighted_rows`]. A vector consists of groups of four lanes. Rows are summed for one lane of each
+/// group at a time, lane `LANE`: the group's four lanes then hold four neighbouring table values of this lane.
 pub trait Quads: Lanes {
     /// Whether offsets are moved from vectors to scalar registers through memory.
     const OFFSETS_IN_MEMORY: bool = false;
@@ -80,7 +80,8 @@ pub trait Quads: Lanes {
     fn zip_pairs(self, b: Self) -> [Self; 2];
 }
 
-/// [`Lanes::weighted_rows`] with loads of four values; with single loads if a row's length is no multiple of four.
+/// [`Lanes::weighted_rows`] with loads of four values. If a row's length is no multiple of four, the values are loaded
+/// one by one.
 #[inline(always)]
 pub fn weighted_rows<V: Quads, T: Value, const ROWS: usize>(
     table: Table<'_, T>,
@@ -107,7 +108,8 @@ pub fn weighted_rows<V: Quads, T: Value, const ROWS: usize>(
     [a, b, c, d, e, f, g, h]
 }
 
-/// Four weighted sums for each lane: sum `i` is that of the values at `offset + plus + i` over all `offsets`.
+/// Four weighted sums for each lane. Sum `i` adds up the values at `offset + plus + i` for all `offsets`, each with its
+/// weight.
 #[inline(always)]
 fn four<V: Quads, T: Value, const ROWS: usize>(
     table: Table<'_, T>,

@@ -119,8 +119,9 @@ impl Quads for F32x4 {
 
 /// Converts four finite f16, each with its sign extended, to f32.
 ///
-/// `v = 2 v − v`; for a subnormal, which has no leading 1, `v = (2^-14 + v) − 2^-14`. The sum and the differences are
-/// exact. No intermediate f32 is subnormal, on which multiplications of many Intel cores stall.
+/// The magnitude `v` is computed as `2 v − v`; for a subnormal f16, which has no leading 1, as `(2^-14 + v) − 2^-14`.
+/// The sum and the differences are exact. No intermediate f32 is subnormal: many Intel cores stall on multiplications
+/// of subnormal numbers.
 #[inline(always)]
 fn widen_finite(bits: v128) -> v128 {
     const SMALLEST_NORMAL: i32 = (127 - 14) << 23;

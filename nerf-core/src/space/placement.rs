@@ -4,9 +4,11 @@ use crate::camera::{Camera, Pose, Ray};
 use crate::errors::errors;
 use glam::{Mat3, Vec3};
 
-/// Maximum deviation from a rotation: of the columns' lengths and dot products, relative to the columns' length.
+/// Largest accepted deviation of a matrix from a rotation, after division by its scale: of a column's length from 1,
+/// and of the dot product of two columns from 0.
 const TOLERANCE: f32 = 1e-3;
-/// Maximum scale, and reciprocal of the minimum scale: distances in world and field units stay in the range of f32.
+/// Largest valid scale; its reciprocal is the smallest. Distances in world and field units then stay in the range of
+/// f32.
 const MAX_SCALE: f32 = 1e9;
 
 /// The placement of a field in a host's world: rotation, uniform scale and translation.

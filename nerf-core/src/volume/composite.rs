@@ -6,9 +6,9 @@ use crate::math::{MathBackend, with_math};
 
 /// Composites samples along one ray into colour, opacity and distance, as a frame rendered with the backend `math`.
 ///
-/// `sigma`: `[n]`, 1/world unit, >= 0. `rgb`: `[n]`. `t_edges`: `[n + 1]`, world units, ascending. Distances are those
-/// of the bins' middles. A sample whose density is NaN or whose colour is not finite counts as empty. `z_depth` equals
-/// `ray_distance`, since a single ray has no view axis. Median distance and normal stay 0.
+/// `sigma`: `[n]`, 1/world unit, >= 0. `rgb`: `[n]`. `t_edges`: `[n + 1]`, world units, ascending. The distance of a
+/// sample is the middle of its bin. A sample whose density is NaN or whose colour is not finite counts as empty.
+/// `z_depth` equals `ray_distance`, since a single ray has no view axis. Median distance and normal stay 0.
 ///
 /// # Errors
 /// [`VolumeError`] on lengths that do not fit and on edges that are not finite and ascending.

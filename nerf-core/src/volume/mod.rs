@@ -36,9 +36,9 @@ pub(crate) fn alpha<M: Math, V: Lanes>(tau: V) -> V {
     M::expm1(tau.neg()).neg()
 }
 
-/// Distance along the ray at which the optical thickness since the bin's front edge reaches `left`; density is constant
-/// in the bin. `sigma`: not 0; `t`: the bin's middle, `delta`: its width, world units along the ray. The result is
-/// clamped to the bin, and is the front edge if `sigma` is +inf.
+/// Distance along the ray at which the optical thickness, summed from the bin's front edge, reaches `left`. The density
+/// `sigma`, not 0, is constant in the bin; the bin has middle `t` and width `delta`, world units along the ray. The
+/// result is clamped to the bin, and is the front edge if `sigma` is +inf.
 #[inline]
 pub(crate) fn thickness_in_bin(left: f32, sigma: f32, t: f32, delta: f32) -> f32 {
     // Neither operand of the clamp is NaN: sigma is not 0, and the difference is finite.
@@ -82,7 +82,7 @@ pub struct Pixel {
     /// First distance along the ray at which the transmittance is below one half, world units; `far` if there is
     /// none, 0 if not requested.
     pub median_distance: f32,
-    /// Mean of −∇sigma/|∇sigma| under the weights, world space, unit length; 0 if opacity is at most
+    /// Weighted mean of −∇sigma/|∇sigma|, scaled to unit length, world space; 0 if opacity is at most
     /// [`OPACITY_EPSILON`], if the directions cancel, or if not requested.
     pub normal: [f32; 3],
 }
@@ -221,10 +221,10 @@ impl Accumulator {
 
     /// Returns the pixel over `background`. `start`: distance along the ray from which the `t` of samples are counted.
     /// `z_per_distance`: cosine between ray and view axis. Distances are clamped to `far`. `cut`: whether the ray was
-    /// terminated early; the ray is then opaque, and its remaining transmittance gets its mean colour.
+    /// terminated early. If so, its pixel is opaque: the ray's mean colour replaces the background.
     ///
-    /// The samples whose colour was not evaluated get the ray's mean colour if their weight is less than that of the
-    /// coloured samples. Median distance and normal stay 0.
+    /// The last samples may have no evaluated colour. If they weigh less than the coloured samples, they get the ray's
+    /// mean colour; else they stay black. Median distance and normal stay 0.
     ///
     /// # Source
     /// Müller et al. 2022, the authors' renderer.

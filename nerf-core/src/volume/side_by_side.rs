@@ -8,7 +8,8 @@ use crate::simd::{BLOCK, Lanes};
 pub(crate) const ROWS: usize = 8;
 /// The compositing state of a block of rays, `[row][ray]`.
 pub(crate) type Rows = [[f32; BLOCK]; ROWS];
-/// Row of the sum of optical thickness. The row after each sum holds its rounding error.
+/// Row of the sum of optical thickness. The rows after `TAU`, `OPACITY` and `DISTANCE` hold the rounding errors of
+/// their sums.
 const TAU: usize = 0;
 const OPACITY: usize = 2;
 const DISTANCE: usize = 4;
@@ -19,7 +20,8 @@ pub(crate) const LEFT: usize = 7;
 /// Adds one sample to each ray of a vector, as `Accumulator::add_density`; the rays are the columns of `rows` from
 /// `from` on. Returns for each ray the weight that `Accumulator::take_uncoloured` would return, or 0 for `None`.
 ///
-/// `sigma`: 1/world unit, NaN counts as 0; `t`, `delta`: world units along the ray. `cut`: that of `take_uncoloured`.
+/// `sigma`: 1/world unit, a NaN is treated as 0; `t`, `delta`: world units along the ray. `cut`: as in
+/// `take_uncoloured`.
 #[inline(always)]
 pub(crate) fn add_samples<M: Math, V: Lanes>(
     rows: &mut Rows,
@@ -45,8 +47,8 @@ pub(crate) fn add_samples<M: Math, V: Lanes>(
     V::select(takes, waiting, zero)
 }
 
-/// Adds `x` to one compensated sum per ray (`Sum::add`) in the lanes of the mask `counts`. Row `first` holds the sums,
-/// the next row their rounding errors. Returns the sums.
+/// Adds `x` to one compensated sum per ray (`Sum::add`), only in lanes whose mask `counts` is set. Row `first` holds
+/// the sums, the next row their rounding errors. Returns the sums.
 #[inline(always)]
 fn add<V: Lanes>((rows, from): (&mut Rows, usize), first: usize, x: V, counts: V::Mask) -> V {
     let [value, lost] = [first, first + 1].map(|row| V::load(&rows[row][from..]));

@@ -8,9 +8,10 @@
 //! | 400² | 30 | 30.85 dB | 31.63 dB |
 //! | 800² | 60 | 29.89 dB | 31.20 dB |
 //!
-//! Alternatives at 800², after 60 s: a finest level of 724 cells with 2^19 entries and 424 steps 30.70 dB; 512 cells
-//! with 2^17 entries and 220 steps 30.85 dB; ten levels up to 768 cells 31.00 dB. Scenes of fewer pixels than 200² keep
-//! the preset's settings: 32.62 dB at 100² after 15 s; half the entries and 0.7 times the cells reach 32.66 dB.
+//! Alternatives at 800², after 60 s: 30.70 dB with 724 cells in the finest level, 2^19 entries and 424 steps; 30.85 dB
+//! with 512 cells, 2^17 entries and 220 steps; 31.00 dB with ten levels of up to 768 cells. Scenes of fewer pixels than
+//! 200² keep the preset's settings: 32.62 dB at 100² after 15 s; half the entries and 0.7 times the cells reach 32.66
+//! dB.
 
 use super::size::Chosen;
 use crate::data::cameras::bundle::median;
@@ -22,7 +23,8 @@ use nerf_core::space::SceneBox;
 const PRESET_PIXELS: f32 = 175.0;
 /// Largest binary logarithm of a level's number of entries: a table of 2^19 entries no longer fits a core's cache.
 const MOST_LOG2_ENTRIES: u8 = 19;
-/// Largest ratio of a scene's pixels to [`PRESET_PIXELS`] that counts: a camera near the middle of the box exceeds it.
+/// Ratio of a scene's pixels to [`PRESET_PIXELS`] above which settings grow no further. A camera near the middle of the
+/// box would give a larger ratio.
 const MOST_PIXELS: f32 = 8.0;
 /// Multiple to which the number of cells of the finest level is rounded, so that one pixel more does not change it;
 /// `ROUNDED_STEPS`: the same for the steps of a ray.
@@ -43,7 +45,7 @@ pub fn pixels_across(dataset: &Dataset, scene_box: &SceneBox) -> Option<f32> {
 
 /// Adapts the preset's settings to a scene that spans `pixels` pixels. Each doubling of `pixels` doubles the entries of
 /// a level, and multiplies the cells of the finest level and the steps of a ray by √2. Settings that differ from the
-/// preset's or that are set in `chosen` do not change. With fewer pixels than the preset's nothing changes.
+/// preset's or that are set in `chosen` do not change. With fewer pixels than `PRESET_PIXELS` nothing changes.
 pub fn for_pixels(mut config: Config, chosen: Chosen, pixels: f32) -> Config {
     let preset = config.preset.config();
     let (Some(grid), Some(own)) = (&mut config.network.grid, &preset.network.grid) else { return config };

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 /// Number of steps between two points of the training curve that have no validation.
 pub(super) const POINT_EVERY: u32 = 20;
-/// Seconds of a step above which files are prepared before each step, to be written if a signal interrupts the step.
+/// Seconds. If steps take longer than this, files are prepared before each step and written if a signal interrupts it.
 const LONG_STEP: f64 = 0.3;
 
 pub(super) type File = (PathBuf, Vec<u8>);
@@ -30,7 +30,7 @@ pub(super) trait Task {
     fn step(&mut self, share: f64, progress: &Progress) -> anyhow::Result<()>;
     fn message(&self) -> Message;
 
-    /// Whether the run has done steps whose result a signal must not discard.
+    /// Whether the run has results that must be saved before a signal ends the process.
     fn is_worth_keeping(&self) -> bool;
     /// Path and bytes of a checkpoint of the present state; `None` if the run writes no checkpoints.
     fn checkpoint(&self) -> Option<File>;

@@ -35,7 +35,7 @@ pub struct Outcome {
     pub trained: Vec<ViewScore>,
     /// Spacing of the pixels from which `scores` are computed, in rows and columns; 1 is every pixel.
     pub lattice: u32,
-    /// Distances of the blob's surfaces compared with those of the sparse points in the validation views.
+    /// How far the blob's surfaces lie from the sparse points that the validation views show.
     pub surfaces: Surfaces,
     /// Scores of the validation views from refined poses, at the pixels of `scores`; `None` if poses are not refined.
     pub refined_scores: Option<Scores>,
@@ -48,16 +48,16 @@ pub struct Outcome {
     pub shown: Vec<Shown>,
     /// Background over which validation views are rendered and measured, display-encoded.
     pub background: [f32; 3],
-    /// Mean over the views of the PSNR of an image of one colour, the best for each view, dB: validation views or,
-    /// without any, training views. Views that show one colour themselves are left out.
+    /// PSNR of an image of one colour, the best colour for each view, dB; mean over the validation views or, without
+    /// any, over some training views. Views that themselves show a single colour are left out.
     pub flat_psnr_db: f64,
     /// Whether no view scores better than an image of one colour: the learning rate was too high, or the steps too few.
     pub flat: bool,
-    /// PSNR lost by quantisation, of weights to f16 and of tables to their stored format, dB: on at most ten validation
-    /// views at the pixels of `scores`. `None` without validation views.
+    /// PSNR lost by rounding weights to f16 and tables to their stored format, dB. Measured on at most ten validation
+    /// views, at the same pixels as `scores`. `None` without validation views.
     pub quantisation_loss_db: Option<f64>,
-    /// PSNR lost by rendering without the occupancy grid, dB, on training views. `None` for a learned grid, whose
-    /// tables hold arbitrary values in space that no sample trained.
+    /// PSNR lost by rendering without the occupancy grid, dB, on training views. `None` for a learned grid: in space
+    /// without training samples its tables hold arbitrary values, so that rendering needs the occupancy grid.
     pub occupancy_loss_db: Option<f64>,
     /// Whether the field must be rendered with its occupancy grid.
     pub occupancy_required: bool,
@@ -181,7 +181,8 @@ fn scores_of<'v>(
     measure(blob, parameters, kernel, quality, background, views, |_, _, _, _| {})
 }
 
-/// Scores of each of the `renderings`, a blob and its quality, on the same pixels of `views`: as many as time allows.
+/// Scores of each of the `renderings` on the same pixels of `views`; the number of pixels depends on the time left. A
+/// rendering is a blob and its quality.
 pub(super) fn compare(
     session: &Session<'_, '_>,
     views: &[&View],
@@ -210,7 +211,7 @@ pub(super) fn compare(
 }
 
 /// Returns the PSNR lost on training views by rendering without the occupancy grid, dB, and the scores of these views
-/// with the grid. `None` in place of the PSNR for a learned grid.
+/// with the grid. For a learned grid the lost PSNR is `None`.
 fn ask_occupancy(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Option<f64>, Scores)> {
     let views = asked_views(session);
     let views: Vec<&View> = views.iter().collect();
@@ -250,7 +251,7 @@ fn evaluate(session: &mut Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Scor
     Ok((scores, lattice, shown))
 }
 
-/// Scores of all training photographs without their masked pixels, within the fraction [`QUESTION_SHARE`] of the time.
+/// Scores of the training photographs without masked pixels, within the fraction [`QUESTION_SHARE`] of the time limit.
 fn score_training(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<Vec<ViewScore>> {
     let train = &session.dataset.train;
     let (pixels, largest) = pixels_of(train);
@@ -312,18 +313,18 @@ fn ask_rounding(
     Ok(unrounded.psnr_db().zip(rounded.psnr_db()).map(|(unrounded, rounded)| gain_db(unrounded, rounded)))
 }
 
-/// Number of training views over whose rays the mean direction is computed.
+/// The mean direction is computed from the rays of this many training views.
 const RAY_VIEWS: usize = 50;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewDependence {
-    /// PSNR of view-dependent colour minus that of colour for one mean direction, dB, on training views.
+    /// PSNR gained by view-dependent colour, dB, on training views: compared with colour for one mean direction.
     pub gain_db: f64,
     pub left_out: bool,
 }
 
-/// Replaces the candidate's direction input by the mean direction of the training rays, if this loses less PSNR than
-/// the threshold.
+/// Replaces the candidate's direction input by the mean direction of the training rays, if this lowers the PSNR by less
+/// than the threshold.
 ///
 /// The PSNR lost is measured on training views: validation views must not decide what is exported. Returns `None` if no
 /// threshold is set, or if colour does not depend on the direction.

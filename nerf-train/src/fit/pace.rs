@@ -7,8 +7,8 @@
 pub const VALIDATION_SHARE: f64 = 0.05;
 /// Fraction of the time limit that the final evaluation of all validation views may take.
 pub const FINAL_SHARE: f64 = 0.10;
-/// Fraction of the time limit for each measurement that decides on the export or describes it: with and without view
-/// dependence, with and without the occupancy grid, without rounding, and all training photographs at few pixels.
+/// Fraction of the time limit for each of six measurements before the export: with and without view dependence, with
+/// and without the occupancy grid, without rounding, and on all training photographs at few pixels.
 pub const QUESTION_SHARE: f64 = 0.015;
 const QUESTIONS: usize = 6;
 /// Seconds reserved for writing files: without a report, and with one.
@@ -36,7 +36,7 @@ pub struct Pace {
 
 /// Smallest odd spacing, in rows and columns, at which at most about `count` of `pixels` pixels are measured.
 ///
-/// The spacing is odd, so that rays go through the middles of pixels.
+/// With an odd spacing, the middle of each measured block is the centre of a pixel: this pixel is measured.
 pub fn lattice_of(pixels: u64, count: f64) -> u32 {
     let step = (pixels as f64 / count.max(1.0)).sqrt().ceil().max(1.0) as u32;
     step | 1
@@ -58,7 +58,8 @@ impl Pace {
         self.seconds.map_or(f64::INFINITY, |seconds| share * seconds)
     }
 
-    /// Seconds that a validation at `now` seconds may take to keep all validation within [`VALIDATION_SHARE`] of `now`.
+    /// Seconds that a validation may take if it begins after `now` seconds. All validations together then take at most
+    /// the fraction [`VALIDATION_SHARE`] of `now`.
     pub fn allowance(&self, now: f64) -> f64 {
         self.seconds.map_or(f64::INFINITY, |_| VALIDATION_SHARE * now - self.validated)
     }
@@ -77,14 +78,16 @@ impl Pace {
         self.per_pixel.is_some()
     }
 
-    /// Spacing of the measured pixels for validation during training. `pixels`: number in all views together;
-    /// `largest`: in the largest view; `seconds`: time for rendering.
+    /// Spacing of the measured pixels, in rows and columns, for validation during training and for comparisons of
+    /// alternatives. `pixels`: number of pixels of all views; `largest`: of the largest view; `seconds`: time for
+    /// rendering.
     pub fn lattice_on_the_way(&self, pixels: u64, largest: u64, seconds: f64) -> u32 {
         lattice_of(largest, PIXELS_A_VIEW as f64).max(self.lattice(pixels, largest, seconds))
     }
 
-    /// Smallest spacing at which views of `pixels` pixels in all are expected to render in at most `seconds`.
-    /// `largest`: number of pixels of the largest view, of which at least about `PROBED_PIXELS` are measured.
+    /// Smallest spacing, in rows and columns, at which rendering the views is expected to take at most `seconds`.
+    /// `pixels`: number of pixels of all views. `largest`: number of pixels of the largest view; the spacing keeps at
+    /// least about `PROBED_PIXELS` of them.
     pub fn lattice(&self, pixels: u64, largest: u64, seconds: f64) -> u32 {
         let coarsest = self.probe(largest);
         match self.per_pixel {
@@ -114,7 +117,8 @@ impl Pace {
     }
 
     /// Seconds to reserve for the work after the last step: last validation, export, comparisons of alternatives for
-    /// the export (`asked` pixels each), quantisation loss and final evaluation (`validation` pixels each), files.
+    /// the export, quantisation loss, final evaluation, and writing files. `asked`: number of pixels of each
+    /// comparison; `validation`: number of pixels for the quantisation loss and for the final evaluation.
     pub fn reserve(&self, validation: u64, asked: u64) -> f64 {
         let Some(seconds) = self.seconds else { return 0.0 };
         let price = |pixels: u64, share: f64| match self.per_pixel {
@@ -148,12 +152,12 @@ mod tests {
         dense: f64,
     }
 
-    /// Number of pixels of a view of 200 × 200; `LARGE`: of a phone's photograph.
+    /// Number of pixels of a small view, 200 × 200; `LARGE`: number of pixels of a phone's photograph.
     const SMALL: u64 = 40_000;
     const LARGE: u64 = 1080 * 1920;
 
-    /// Simulates a fit with `views` validation views of `view` pixels. Returns the seconds of the fit, those of
-    /// validation during training, and the number of validations.
+    /// Simulates a fit with `views` validation views of `view` pixels. Returns the seconds of the whole fit, the
+    /// seconds of validation during training, and the number of validations.
     fn run(mut machine: Machine, seconds: f64, view: u64, views: u64) -> (f64, f64, usize) {
         let mut pace = Pace::new(Some(seconds), true, true);
         machine.now += machine.reading;

@@ -23,9 +23,9 @@ use std::time::Instant;
 
 #[derive(Clone, Debug)]
 pub struct RunOptions {
-    /// Limits in steps and seconds. The seconds are those of this command alone, even if it resumes a run.
+    /// Limits in steps and seconds. The limit in seconds applies to this command alone, even if it resumes a run.
     pub budget: Budget,
-    /// Least number of steps of a run that its limit in seconds ends; fewer are an error.
+    /// If the limit in seconds ends the run before this many steps, the run fails.
     pub min_steps: u32,
     /// Path of the checkpoint file; `None` writes no checkpoints.
     pub checkpoint: Option<PathBuf>,
@@ -92,8 +92,8 @@ pub(super) struct Session<'a, 'd> {
     pub(super) pictured: Vec<usize>,
     pub(super) clock: Clock,
     pub(super) pace: Pace,
-    /// Number of pixels of all validation views, and of the training views on which alternatives for the export are
-    /// compared.
+    /// Number of pixels of all validation views; number of pixels of the training views that compare alternatives for
+    /// the export.
     pub(super) pixels: [u64; 2],
     /// Counters when this command's first step began; above 0 if the run was resumed.
     pub(super) started: Progressed,

@@ -18,32 +18,34 @@ use nerf_core::encoding::{GridEncoding, MAX_LOG2_ENTRIES};
 
 /// Candidate resolutions of the occupancy grid: cells along the longest side of the scene box.
 const RESOLUTIONS: [u16; 11] = [128, 112, 96, 80, 64, 56, 48, 40, 32, 24, 16];
-/// Largest fraction of a file that the occupancy grid may take. Lego in 128 KiB: 29.2 dB with 32 cells along a side,
-/// 29.7 with 48 cells and fewer levels of the learned grid.
+/// Largest fraction of a file that the occupancy grid may take. Measured on lego in 128 KiB: 29.2 dB with 32 cells
+/// along a side; 29.7 dB with 48 cells, but fewer levels of the learned grid.
 const OCCUPANCY_SHARE: f64 = 1.0 / 6.0;
-/// Number of adjacent resolutions of the occupancy grid that are compared; the one that leaves room for the most table
-/// values is taken. In 128 KiB, after 15,000 steps and with two seeds, eight levels and 48 cells have 31.09 and 30.98
-/// dB, seven levels and 64 cells 30.87 and 30.95.
+/// Number of adjacent resolutions of the occupancy grid that are compared. The resolution that leaves room for the most
+/// table values is taken. Measured in 128 KiB, 15,000 steps, two seeds: 48 cells leave room for eight levels and give
+/// 31.09 and 30.98 dB; 64 cells leave room for seven levels and give 30.87 and 30.95 dB.
 const NEIGHBOURS: usize = 3;
 /// Least binary logarithm of the number of entries of a level's table.
 const LEAST_LOG2_ENTRIES: u8 = 4;
 /// Largest number of levels that may be removed from a learned grid.
 const FEWER_LEVELS: usize = 2;
-/// Largest number of times that the configured number of entries may be doubled, for entropy-coded tables and if the
-/// file has room. Lego, 4,000 steps, 1 MiB: 32.66 dB with 2^17 entries, 32.40 with 2^16.
+/// How often the configured number of entries may be doubled: only for entropy-coded tables, and if the file has room.
+/// Measured on lego, 4,000 steps, 1 MiB: 32.66 dB with 2^17 entries, 32.40 dB with 2^16.
 const MORE_LOG2_ENTRIES: u8 = 1;
-/// Least number of bits per entropy-coded value with which a table is chosen; the second number, if no table fits with
-/// the first. The quantisation steps are then made as fine as the limit of bytes allows. Lego, every tenth training
-/// photograph held out, 3.9 bits against 2.0: in 128 KiB after 4,000 steps 30.4 and 30.7 dB, after 8,000 31.42 and
-/// 31.23, after 16,000 31.83 and 31.33; in 256 KiB after 30,000 33.07 and 32.69.
+/// Least number of bits per entropy-coded value for which a table must have room to be chosen. The second number
+/// applies if no table fits with the first. Quantisation steps are then made as fine as the file's limit allows.
+///
+/// Measured on lego, every tenth training photograph held out; PSNR with 3.9 bits and with 2.0 bits. In 128 KiB: 30.4
+/// and 30.7 dB after 4,000 steps, 31.42 and 31.23 after 8,000, 31.83 and 31.33 after 16,000. In 256 KiB: 33.07 and
+/// 32.69 dB after 30,000 steps.
 const LEAST_BITS: [f64; 2] = [3.9, 0.5];
 
 /// Candidate resolutions of the coarsest level of a 2D field's grid, as multiples of the configured resolution. A finer
 /// coarsest level can hold detail for which the fine levels have too few entries. fox.jpg in 128 KiB, 2,500 steps: 30.0
-/// dB (104 KiB) with the configured resolution alone, 30.6 dB (126 KiB) with all candidates.
+/// dB (104 KiB used) with the configured resolution alone, 30.6 dB (126 KiB) with all candidates.
 const FINER_COARSEST: [f64; 7] = [1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0];
 
-/// Which settings the user has set, and which are therefore not adapted.
+/// Settings that the user has set explicitly: a setting that is true here is not adapted.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Chosen {
     pub entries: bool,
@@ -55,11 +57,13 @@ pub struct Chosen {
     pub steps: bool,
 }
 
-/// Adapts the learned grid's settings so that the file, with room for a Pareto front, is no larger than `max_bytes`
-/// whatever the run learns. `extent`: sides of the scene box, world units. `None` without a learned grid.
+/// Adapts the settings of the learned grid and the occupancy grid so that the file, with room for a Pareto front, has
+/// at most `max_bytes` bytes, whatever the run learns. `extent`: sides of the scene box, world units. `None` without a
+/// learned grid.
 ///
-/// If the settings of `config` do not fit, table values are entropy-coded: as many as fit, at most twice as many as
-/// configured, in the finest quantisation steps that fit. No other setting grows. Fails if the smallest file is larger.
+/// If the file of `config` is too large, tables are entropy-coded, unless the user chose their format: with as many
+/// values as fit, at most twice as many as configured, in the finest quantisation steps that fit. No other setting
+/// grows. Returns an error if even the smallest file is larger.
 pub fn within(
     config: &Config,
     chosen: Chosen,
@@ -95,8 +99,8 @@ pub fn within(
     Ok(Some(with(&table, resolution)))
 }
 
-/// Adapts the learned grid's settings for a 2D field so that the file is no larger than `max_bytes` whatever the run
-/// learns. `size`, `name`: of the picture that is fitted. `None` without a learned grid.
+/// Adapts the learned grid's settings for a 2D field so that the file has at most `max_bytes` bytes, whatever the run
+/// learns. `size`, `name`: size and name of the fitted picture. `None` without a learned grid.
 ///
 /// The number of values is chosen as by [`within`]. The finest level does not change, as it holds the picture's detail.
 /// Returns an error if even the smallest file is larger.
@@ -122,9 +126,11 @@ pub fn picture_within(
     Ok(Some(with(&table)))
 }
 
-/// Returns the table settings with the most values whose file fits into `max_bytes`, and the occupancy grid's
-/// resolution: the finest that leaves room for this table, among the [`NEIGHBOURS`] finest that leave room for any.
-/// Entropy-coded tables may use the remaining bytes.
+/// Returns the table settings with the most values, and a resolution of the occupancy grid, whose file fits into
+/// `max_bytes`. Of several resolutions that leave room for this table, the finest is taken.
+///
+/// Resolutions are tried in groups of [`NEIGHBOURS`] adjacent ones, the finest group first; the first group with which
+/// any table fits is used. Entropy-coded tables may use the remaining bytes.
 fn most_values(
     mut tables: Vec<TableConfig>,
     resolutions: &[u16],
@@ -162,7 +168,7 @@ fn most_values(
     )
 }
 
-/// Least number of bytes of a grid's table values in the format `storage`; an entropy-coded value takes `bits` bits.
+/// Least number of bytes of a grid's table values in the format `storage`; `bits`: bits per entropy-coded value.
 fn least_bytes(grid: &GridEncoding, storage: TableStorage, bits: f64) -> u64 {
     let values = grid.values();
     match storage {
@@ -173,8 +179,8 @@ fn least_bytes(grid: &GridEncoding, storage: TableStorage, bits: f64) -> u64 {
     }
 }
 
-/// Candidate resolutions of the occupancy grid, finest first, at most that of `config`; only this one if the user set
-/// it.
+/// Candidate resolutions of the occupancy grid, finest first, none finer than configured. If the user set the
+/// resolution, it is the only candidate.
 fn resolutions(config: &Config, chosen: Chosen, extent: Vec3, max_bytes: u64) -> Vec<u16> {
     let own = config.occupancy_resolution(extent);
     let share = (max_bytes as f64 * OCCUPANCY_SHARE) as usize;
@@ -192,9 +198,9 @@ fn resolutions(config: &Config, chosen: Chosen, extent: Vec3, max_bytes: u64) ->
     }
 }
 
-/// Candidate table settings, f16 before entropy-coded and many levels before few. None has more levels than `own`, the
-/// configured table. Only entropy-coded ones have more entries, by up to `more` doublings. `cells`: candidate
-/// resolutions of the coarsest and finest level, as a function of how often the number of entries is halved.
+/// Candidate table settings, f16 before entropy-coded and many levels before few. No candidate has more levels than
+/// `own`, the configured table. Only entropy-coded candidates have more entries, by up to `more` doublings. `cells`:
+/// returns the resolutions of coarsest and finest level for a number of halvings of the entries.
 fn tables(
     own: &TableConfig,
     chosen: Chosen,
@@ -231,7 +237,8 @@ fn tables(
     all
 }
 
-/// Largest number of occupancy cells along x, y, z: also that of a grid carved at half the resolution and then refined.
+/// Largest number of occupancy cells along x, y, z. A grid that is carved at half the resolution and then refined may
+/// have more cells than a grid carved at full resolution; the larger number counts.
 fn most_sides(extent: Vec3, resolution: u16) -> [u16; 3] {
     let [whole, half] =
         [resolution, resolution.div_ceil(2)].map(|resolution| Occupancy::sides(extent, resolution));
@@ -305,7 +312,7 @@ pub fn most_picture_bytes(config: &FieldConfig, size: [u32; 2], name: &str) -> R
     length(body, config.grid.as_ref())
 }
 
-/// Provenance of a file in which every number is present and takes the most bytes.
+/// Provenance of the largest file: every number is present and takes the most bytes.
 fn provenance(data: &str, seed: u64) -> Provenance<'_> {
     Provenance {
         data,
@@ -318,8 +325,8 @@ fn provenance(data: &str, seed: u64) -> Provenance<'_> {
     }
 }
 
-/// Size of the file of `body`, bytes, with all weights and, if its network has a learned grid, with tables of the
-/// settings `table`. Entropy-coded tables count with their limit of bytes.
+/// Size of the file of `body`, bytes, with all weights. If its network has a learned grid, the file includes tables
+/// with the settings `table`; entropy-coded tables are counted with their largest size.
 fn length(body: Body<'_>, table: Option<&TableConfig>) -> Result<u64, BlobError> {
     let weights = vec![0; 2 * body.architecture.parameters()];
     let grid = body.architecture.position.grid().cloned();

@@ -18,7 +18,7 @@ pub struct SnapshotOptions {
 }
 
 impl SnapshotOptions {
-    /// Indices of the views to render, each once; `watched`, those validated during training, if none were named.
+    /// Indices of the views to render, each once. `watched`: validated views, rendered if no views were named.
     pub fn views_of(&self, dataset: &Dataset, watched: &[usize]) -> anyhow::Result<Vec<usize>> {
         let (data, views) = (&dataset.name, dataset.val.len());
         let asked = !self.steps.is_empty() || !self.views.is_empty();
@@ -39,7 +39,7 @@ impl SnapshotOptions {
         Ok(chosen)
     }
 
-    /// The requested steps at which no snapshot in `taken` was taken, ascending.
+    /// The requested steps at which no snapshot was taken, ascending. `taken`: the snapshots of the run.
     pub fn missed(&self, taken: &[Snapshot]) -> Vec<u32> {
         let steps: BTreeSet<u32> = self.steps.iter().copied().collect();
         steps.into_iter().filter(|&step| taken.iter().all(|snapshot| snapshot.step != step)).collect()

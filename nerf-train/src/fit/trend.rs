@@ -3,15 +3,16 @@
 use crate::train::CurvePoint;
 use std::fmt;
 
-/// Gain of a later validation, dB, above which the validation PSNR still rises: two views are a small sample.
+/// The validation PSNR still rises if a later validation is better by more than this, dB. Small gains are noise, since
+/// only two views are validated.
 const VAL_RISE_DB: f64 = 0.05;
-/// Gain of the smoothed training PSNR, dB, above which it still rises: three times the curve's noise.
+/// The training PSNR still rises if its smoothed value gains more than this, dB: three times the noise of the curve.
 const TRAIN_RISE_DB: f64 = 0.3;
-/// Least number of later validations without a rise: one is no trend.
+/// Least number of validations without a rise that must follow: a single one is no trend.
 const VALIDATIONS_AFTER: usize = 2;
 
-/// The validation after which the validation PSNR rose no more. Fields with `val`: mean PSNR of the validated views;
-/// with `train`: smoothed PSNR of the training rays; with `last`: at the last validation.
+/// The validation after which the validation PSNR rose no more. `val_psnr_db`: mean over the validated views;
+/// `train_psnr_db`: smoothed, of the training rays. Fields with `last`: the same at the last validation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stop {
     pub step: u32,

@@ -11,13 +11,12 @@ use crate::train::candidate::{About, Candidate};
 use nerf_core::plan::Quality;
 use std::time::Instant;
 
-/// Largest number of validation views, spread over the split, on which quantisation loss or a table of settings is
-/// measured.
+/// Largest number of validation views, spread over the split, on which the quantisation loss is measured.
 pub const FINAL_VIEWS: usize = 10;
 const WATCHED_VIEWS: usize = 2;
 /// Number of training views on which alternatives for the export are compared.
 pub(super) const ASKED_VIEWS: usize = 3;
-/// Number of equal parts of the budget after each of which a validation is done, if no interval is given.
+/// Number of equal parts of the budget. If no interval is given, a validation is done after each part.
 const PARTS: f64 = 8.0;
 
 /// Indices of at most `count` of `len` elements, spread over all of them.
@@ -29,7 +28,7 @@ pub fn spread(views: &[View], count: usize) -> Vec<&View> {
     spread_indices(views.len(), count).map(|i| &views[i]).collect()
 }
 
-/// Indices, among `len` validation views, of those that are measured during training.
+/// Indices of the views that are validated during training, among `len` validation views.
 pub(super) fn watched(len: usize) -> Vec<usize> {
     let all: Vec<usize> = spread_indices(len, FINAL_VIEWS).collect();
     spread_indices(all.len(), WATCHED_VIEWS).map(|i| all[i]).collect()
@@ -59,10 +58,11 @@ pub(super) fn due_at(session: &Session<'_, '_>, share: f64, ended: bool) -> Opti
     (validation || pictures).then_some(Due { validation, pictures })
 }
 
-/// Whether the used fraction `share` lies in another eighth of the budget than that of `last`, a step and its seconds.
+/// Whether another eighth of the budget has begun since `last`, the step and seconds of the last validation or
+/// snapshot. `share`: used fraction of the budget.
 ///
-/// The reserve for the end of a run is estimated anew at every step, which shifts the eighths of a limit in seconds. An
-/// eighth that has just begun must not begin again.
+/// With a limit in seconds, the eighths shift slightly, because the time reserved for the end of a run is estimated
+/// anew at every step. At least half an eighth must therefore have passed.
 fn in_another_part(session: &Session<'_, '_>, share: f64, last: Option<(u32, f64)>) -> bool {
     let then = last.map_or(0.0, |(step, seconds)| session.share_at(step, seconds));
     let part = |share: f64| (share * PARTS) as u32;

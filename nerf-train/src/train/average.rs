@@ -1,10 +1,11 @@
-//! The exponential average of the parameters: smoother than any single step's.
+//! The exponential average of the parameters over the steps: less noisy than the parameters after any single step.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-/// Longest horizon of the average, as a fraction of the updates so far: the field is far off in the first updates.
+/// Limit of the average's horizon, as a fraction of the updates so far. Early parameters, from a field that is still
+/// far off, are thereby forgotten soon.
 const REACH: f64 = 1.0 / 9.0;
 /// Number of parameters that one task averages.
 const PART: usize = 1 << 14;
@@ -27,7 +28,7 @@ impl Average {
         Self { decay: decay.powi(every as i32), every, updates: 0, values }
     }
 
-    /// Whether this average, from a checkpoint, can be the state of the run's average `other` after `steps` steps.
+    /// Whether this average, from a checkpoint after `steps` steps, fits a run that begins with the average `other`.
     pub(super) fn is_like(&self, other: &Self, steps: u32) -> bool {
         let finite = self.values.iter().all(|value| value.is_finite());
         let shape = |average: &Self| (average.decay, average.every, average.values.len());

@@ -46,20 +46,20 @@ impl Bounds {
     }
 }
 
-/// Cells along the longest side of the first, coarse hull, which only finds the scene box.
+/// Cells along the longest side of a first, coarse visual hull, from which only the scene box is found.
 const COARSE_HULL: u16 = 64;
-/// Distances from the cameras of an unbounded scene without sparse points, in radii of the uncontracted ball: space
-/// nearer than the first is empty, and rays end at the second.
+/// Distance from each camera, in radii of the uncontracted ball, within which space is taken as empty; `FAR_RADII`:
+/// distance at which rays end. For unbounded scenes without sparse points.
 const NEAR_RADII: f32 = 0.1;
 const FAR_RADII: f32 = 100.0;
-/// Least distance of two cameras that both see an occupied cell, as a fraction of the radius of the uncontracted ball.
+/// An occupied cell is seen by two cameras at least this far apart, in radii of the uncontracted ball.
 const APART_RADII: f32 = 0.05;
-/// Quantile of the distances from cameras to the points they see, and factor: space nearer than their product is empty.
+/// Quantile of the distances from cameras to points they see, and a factor. Space nearer than their product is empty.
 const ALL_VIEWS: (f32, f32) = (0.001, 0.6);
-/// Quantile of the distances from cameras to the points they see, and factor: their product is the radius of the
-/// uncontracted ball, if all cameras look nearly the same way.
+/// Quantile of the distances from cameras to the points they see, and a factor. Their product is the radius of the
+/// uncontracted ball if all cameras look nearly the same way.
 const IN_FRONT: (f32, f32) = (0.01, 1.0);
-/// Quantile of the distances from cameras to the points they see, and factor: rays end at their product.
+/// Quantile of the distances from cameras to the points they see, and a factor. Rays end at their product.
 const BEHIND: (f32, f32) = (0.999, 2.0);
 
 /// Finds near plane, far plane and scene box from settings and data.

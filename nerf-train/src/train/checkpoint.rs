@@ -33,7 +33,7 @@ pub struct Checkpoint {
     pub seconds: f64,
 }
 
-/// Parts of a run's state that change from step to step, except the optimiser's.
+/// Parts of a run's state that change from step to step; the state of the optimiser is stored beside them.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct State {
     pub average: Average,

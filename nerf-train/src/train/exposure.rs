@@ -21,7 +21,7 @@ pub struct Gains {
     moment2: Vec<[f32; 3]>,
     steps: u32,
     on_trial: bool,
-    /// Whether gains that hardly differ are kept, too: the user asked for gains, or photographs contradict each other.
+    /// Whether gains are kept even if they hardly differ: at the user's wish, or if photographs contradict each other.
     own: bool,
 }
 
@@ -33,7 +33,8 @@ pub struct ExposureFound {
     pub by_tracks: bool,
     /// Whether gains of each photograph are learned in the rest of the run.
     pub fitted: bool,
-    /// Index and log gain of the view whose gain is farthest from the mean, if by a factor of 2 or more.
+    /// Index and log gain of the view whose gain is farthest from the mean. `None` if even this gain differs from the
+    /// mean by less than a factor of 2.
     pub outlier: Option<(u32, f32)>,
 }
 

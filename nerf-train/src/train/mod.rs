@@ -31,14 +31,15 @@ pub use trainer::{Trainer, candidate};
 pub struct Progressed {
     pub step: u32,
     pub rays: u64,
-    /// Number of samples whose density was evaluated; without an occupancy grid, of the samples trained on.
+    /// Number of samples whose density was evaluated. Without a learned grid, all of them are also trained on.
     pub evaluated: u64,
     pub samples: u64,
-    /// Smoothed number of samples in occupied cells per ray, which decides how many rays a batch has.
+    /// Smoothed number of samples per ray, from which the number of rays in a batch follows. With a learned grid,
+    /// samples that were trained on; else samples in occupied cells.
     live_per_ray: f64,
     /// Smoothed mean squared error of the training rays; NaN before the first step.
     pub mse: f64,
-    /// Number of consecutive steps in which every density of the batch was 0.
+    /// Number of consecutive steps in which no sample got a gradient, usually because every density was 0.
     dead_steps: u32,
     pub reseeds: u32,
 }

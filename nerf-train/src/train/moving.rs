@@ -23,18 +23,19 @@ use std::ops::Range;
 const EVERY: u32 = 500;
 /// Least number of training photographs of a run that masks moving objects.
 const FEWEST_VIEWS: usize = 8;
-/// Largest number of patches along the longer side of a photograph, and in all photographs: each needs enough rays.
+/// Largest number of patches along the longer side of a photograph, and in all photographs together. More patches would
+/// get too few rays each.
 const PATCHES: [u32; 2] = [60, 90_000];
 /// Least side of a patch, pixels.
 const SMALLEST_SIDE: u32 = 4;
 /// Least number of rays in 3 × 3 patches from which the error of the middle patch is computed.
 const KNOWN: f32 = 8.0;
-/// Error above which a patch belongs to a region: the larger of the first times the median over all patches, and the
-/// second, for colours of 0 to 1. Errors are root mean squares over the channels.
+/// Limits of the error above which a patch belongs to a region: a multiple of the median error of all patches, and an
+/// error for colours of 0 to 1. The larger limit applies. Errors are root mean squares over the channels.
 const OFF: (f32, f32) = (3.0, 0.03);
-/// Least mean error of a masked region, and least product of this mean and the region's fraction of the photograph.
-/// Static scenes have means up to 0.116, and products up to 0.14 · 0.06; figures of one colour in front of the same
-/// scenes have means of 0.13 to 0.3, and products from 0.015 on.
+/// A region is masked only if its mean error is at least the first number, and this mean times the region's fraction of
+/// the photograph at least the second. Measured regions of static scenes: means up to 0.116, products up to 0.0084.
+/// Figures of one colour in front of these scenes: means of 0.13 to 0.3, products from 0.015 on.
 const FAR_OFF: (f32, f32) = (0.125, 0.01);
 /// Number of nearest cameras with whose photographs a region is compared. If the fraction `SHARED` of the region's
 /// patches has large errors in one of these photographs, too, the field is wrong there, and the region is not masked.
@@ -62,7 +63,7 @@ impl Tiles {
         self.columns * self.rows
     }
 
-    /// Index of this photograph's patch at the position of patch `patch` of the photograph `other`.
+    /// Index of the patch of this photograph at the same relative position as patch `patch` of the photograph `other`.
     fn across(&self, patch: usize, other: &Self) -> usize {
         let (column, row) = (patch % other.columns, patch / other.columns);
         row * self.rows / other.rows * self.columns + column * self.columns / other.columns
@@ -73,7 +74,7 @@ impl Tiles {
         self.first + y as usize * self.columns + x as usize
     }
 
-    /// Indices of the 3 × 3 patches around `patch`, all counted from the first patch of the photograph.
+    /// Indices of `patch` and its up to eight neighbours; index 0 is the photograph's first patch.
     fn around(&self, patch: usize) -> impl Iterator<Item = usize> + use<> {
         let near = |at: usize, end: usize| at.saturating_sub(1)..(at + 2).min(end);
         let columns = self.columns;
@@ -215,8 +216,8 @@ impl Moving {
         self.sums.fill([0.0; 4]);
     }
 
-    /// Error of each patch of a photograph: mean colour error of 3 × 3 patches minus the photograph's median, root mean
-    /// square over the channels. `None` if these patches have too few rays.
+    /// Error of each patch of a photograph: mean colour error of the 3 × 3 patches around it minus the photograph's
+    /// median, root mean square over the channels. `None` if these patches have fewer than `KNOWN` rays.
     fn errors(&self, tiles: &Tiles) -> Vec<Option<f32>> {
         let sums = &self.sums[tiles.range()];
         let mean = |patch: usize| {
@@ -287,7 +288,7 @@ fn neighbours(views: &[View]) -> Vec<Vec<usize>> {
     (0..poses.len()).map(of).collect()
 }
 
-/// Regions of connected patches whose error is large (`off`), as lists of patch indices.
+/// Connected regions of the patches marked in `off`, as lists of patch indices.
 fn regions(tiles: &Tiles, off: &[bool]) -> Vec<Vec<usize>> {
     let (mut visited, mut regions) = (vec![false; off.len()], Vec::new());
     for start in 0..off.len() {
@@ -317,7 +318,7 @@ mod tests {
 
     const SIDE: u32 = 80;
 
-    /// Masks after one update with these colour errors, functions of photograph, column and row.
+    /// Photographs with a mask after one update. `error`: colour error as a function of photograph, column and row.
     fn decided(moving: &mut Moving, views: &[View], error: impl Fn(usize, u32, u32) -> f32) -> Vec<Moved> {
         for view in 0..views.len() {
             let pixels: Vec<u32> = (0..SIDE * SIDE).collect();
@@ -336,7 +337,7 @@ mod tests {
         demo::small(9, 1, SIDE).train
     }
 
-    /// Error whose mean is zero, as of texture that is not fitted yet.
+    /// Error of alternating sign and mean zero: the error of texture that is not fitted yet.
     fn grain(x: u32, y: u32, size: f32) -> f32 {
         if (x + y).is_multiple_of(2) { size } else { -size }
     }

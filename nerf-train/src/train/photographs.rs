@@ -65,8 +65,8 @@ impl Photographs {
         parts.into_iter().find(|&(_, fits)| !fits).map(|(part, _)| part)
     }
 
-    /// Sets the gains, loss weights and request for ray gradients of a batch. `share`: used fraction of the budget.
-    /// Returns the refined cameras of the next rays, or `None` if they are unchanged.
+    /// Sets gains and loss weights of a batch's rays and, if poses are refined, requests the gradients of these rays.
+    /// `share`: used fraction of the budget. Returns the refined cameras of the next rays; `None` if unchanged.
     pub fn prepare(
         &mut self,
         batch: &mut Batch,
@@ -88,8 +88,8 @@ impl Photographs {
         poses.renew().then(|| poses.cast(views))
     }
 
-    /// Updates gains, poses and masks after `engine` did step `step` on `batch`. Returns whether refinement of the
-    /// poses ended and the cameras are back at their given poses.
+    /// Updates gains, poses and masks after `engine` did step `step` on `batch`. Returns true if the refinement of
+    /// poses was given up in this step: rays are then cast from the given poses again.
     pub fn learn(
         &mut self,
         engine: &dyn Engine,

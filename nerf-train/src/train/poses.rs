@@ -18,21 +18,22 @@ use nerf_core::camera::{Camera, Pose, Ray};
 use nerf_core::space::Contraction;
 use serde::{Deserialize, Serialize};
 
-/// Number of first steps in which poses are refined on trial. Then refinement goes on only if the cameras moved enough.
+/// Number of first steps in which poses are refined on trial. Afterwards refinement goes on only if the image moved by
+/// at least [`CALLED_FOR`].
 const TRIAL: u32 = 1_000;
 /// Steps between two moves of the cameras.
 const EVERY: u32 = 8;
-/// Longest step of a camera, pixels: at the beginning and at the end of the run.
+/// Largest distance by which one step of a camera moves the image, pixels: at the beginning and at the end of the run.
 const RATES: [f32; 2] = [0.3, 0.01];
 /// Blur of the field's gradient with respect to position, radii of the uncontracted ball: at the beginning, and after
 /// the fraction `SHARP_FROM` of the run.
 const BLURS: [f32; 2] = [0.02, 0.001];
 const SHARP_FROM: f64 = 0.5;
-/// Median motion of the image in the first [`TRIAL`] steps, in focal lengths, from which on poses are refined further.
-/// Correct poses move by 0.002 to 0.006, and refining them costs 0.1 to 0.4 dB of PSNR. Poses half a degree to one
-/// degree off move by 0.013.
+/// Median motion of the image in the first [`TRIAL`] steps, in focal lengths. If the motion is smaller, the given poses
+/// are kept: correct poses move by 0.002 to 0.006, and refining them costs 0.1 to 0.4 dB of PSNR. Poses that are wrong
+/// by half a degree to one degree move by 0.013.
 const CALLED_FOR: f64 = 8e-3;
-/// Largest median reprojection error of the sparse points, pixels, at which the given poses are not refined.
+/// Median reprojection error of the sparse points, pixels, up to which the given poses are trusted and not refined.
 const BELIEVED: f64 = 2.0;
 
 /// Rotation of a camera about x, y, z of the world, radians, and translation along x, y, z, world units.
@@ -42,7 +43,8 @@ type Twist = [f32; 6];
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Poses {
     moved: Vec<Twist>,
-    /// Corrections with which the next rays are cast: those before the last move, as rays are cast one step ahead.
+    /// Corrections of the cameras from which the next rays are cast. Rays are cast one step ahead, so that these
+    /// corrections may lack the last move.
     cast: Vec<Twist>,
     /// Sum, for each camera, of the gradients of the loss since the last move.
     sums: Vec<Twist>,
@@ -96,7 +98,7 @@ impl Poses {
         }
     }
 
-    /// Uncorrected poses of `views` photographs; `on_trial`: whether the first steps decide about their refinement.
+    /// Poses of `views` photographs before any correction. `on_trial`: whether the first steps decide about refinement.
     pub fn given(views: usize, on_trial: bool) -> Self {
         let zeros = vec![[0.0; 6]; views];
         Self {
@@ -131,7 +133,7 @@ impl Poses {
         cameras(given, &self.moved)
     }
 
-    /// Casts rays from the present cameras from the next step on. Returns whether the cameras moved since the last
+    /// From the next step on, rays are cast from the present cameras. Returns whether the cameras moved since the last
     /// call.
     pub fn renew(&mut self) -> bool {
         let moved = self.cast != self.moved;
@@ -205,8 +207,8 @@ impl Poses {
         }
     }
 
-    /// Image motion, root mean square, from the given to the refined pose, median over views: in pixels and in focal
-    /// lengths.
+    /// How far the image moves from the given to the refined pose, root mean square over its points; median over the
+    /// views. In pixels, and in focal lengths.
     fn median_motion(&self, given: &[View], contraction: &Contraction) -> (f64, f64) {
         let of = |(view, moved): (&View, &Twist)| {
             let m = motion(&view.camera, contraction);

@@ -6,7 +6,7 @@ use anyhow::bail;
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
-/// Least number of steps of a run with a limit in seconds: with fewer the field is hardly trained.
+/// Default least number of steps. If a limit in seconds allows fewer, the run fails: the field is hardly trained.
 pub const MIN_STEPS: u32 = 20;
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -80,15 +80,15 @@ impl Budget {
         }
     }
 
-    /// This budget for a run that resumes after `seconds` of earlier commands. A limit in seconds applies to this
-    /// command alone; `seconds` is added to it, so that the used fraction counts the time of all commands.
+    /// This budget for a run that resumes after `seconds` of earlier commands. The limit in seconds was set for this
+    /// command alone. The result's limit includes `seconds`, so that the used fraction counts the time of all commands.
     #[must_use]
     pub fn after(self, seconds: f64) -> Self {
         Self { seconds: self.seconds.map(|limit| limit + seconds), ..self }
     }
 
-    /// Returns an error if the limit in seconds ended the run before `min_steps` steps, or without a step of this
-    /// command.
+    /// Returns an error if the limit in seconds ended the run before `min_steps` steps, or before this command did a
+    /// step.
     pub fn check_steps(&self, done: Done, min_steps: u32) -> anyhow::Result<()> {
         let Some(limit) = self.seconds.filter(|_| self.steps.is_none_or(|steps| done.steps < steps)) else {
             return Ok(());

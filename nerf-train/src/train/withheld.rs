@@ -9,18 +9,20 @@ use serde::{Deserialize, Serialize};
 /// Number of a run's first steps in which photographs are withheld; `SUMMED_FROM`: first step whose errors are summed.
 const TRIAL: u32 = 1_500;
 const SUMMED_FROM: u32 = 1_000;
-/// Step from which the field has learned the withheld photographs as well as the others.
+/// Step from which a run that withheld photographs looks for moving objects: by then the field has also learned the
+/// photographs that were withheld at first.
 pub const LEARNED_FROM: u32 = 2_000;
-/// Least number of steps of a run that withholds photographs.
+/// Least number of steps of a run in which photographs are withheld at first.
 const FEWEST_STEPS: u32 = 2 * TRIAL;
 /// Fraction of the run after which withholding ends even without a finding.
 const GIVEN_UP_AT: f64 = 0.5;
 /// Number of withheld photographs; `FEWEST`: least number of training photographs with which some are withheld.
 const COUNT: usize = 6;
 const FEWEST: usize = 24;
-/// PSNR gaps, dB: up to the first, the weight decay stays as configured; from the second on, it is [`MOST`] times the
-/// configured one. Captures whose PSNR falls with more decay have gaps of 0.8 to 2.9. A capture whose light turned with
-/// the object has gaps of 4.9 to 5.1, and gains 2.4 dB with more decay.
+/// PSNR gaps between withheld and other photographs, dB. Up to the first gap, the weight decay stays as configured;
+/// from the second on, it is multiplied by [`MOST`]. Captures whose PSNR falls with more decay have gaps of 0.8 to 2.9.
+/// A capture in which the light turned with the object has gaps of 4.9 to 5.1, and its PSNR rises by 2.4 dB with more
+/// decay.
 const GAPS: [f64; 2] = [3.4, 4.4];
 const MOST: f64 = 30.0;
 /// Least number of rays of a photograph from which its PSNR is computed.
@@ -29,14 +31,15 @@ const KNOWN: f64 = 64.0;
 /// Colour errors of the training photographs while some of them are withheld.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Withheld {
-    /// Sums of each photograph's errors in red, green and blue, sum of their squares, and number of rays.
+    /// For each photograph: sums of its rays' errors in red, green and blue, sum of the squared errors, and number of
+    /// rays.
     sums: Vec<[f64; 5]>,
 }
 
 /// Finding about the withheld photographs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WithheldFound {
-    /// Mean PSNR of the photographs trained on minus that of the withheld ones, dB.
+    /// Mean PSNR of the photographs that are trained on minus mean PSNR of the withheld photographs, dB.
     pub gap_db: f64,
     pub weight_decay: f64,
 }
@@ -146,7 +149,7 @@ mod tests {
     use crate::model::config::Preset;
     use crate::model::engine::BatchRay;
 
-    /// The finding for these root-mean-square errors of the photographs trained on and of the withheld ones.
+    /// The finding for root-mean-square errors `trained` of the photographs trained on, and `withheld` of the others.
     fn verdict(trained: f32, withheld: f32) -> WithheldFound {
         let (views, config) = (demo::small(30, 1, 8).train, Preset::Grid.config());
         let mut state = Withheld::of(&views, &config).expect("enough photographs");

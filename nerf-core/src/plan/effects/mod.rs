@@ -3,9 +3,9 @@
 //! | effect | feature | costs |
 //! | --- | --- | --- |
 //! | [`Jitter`] | `jitter` | a hash for each bin that is tested for occupancy |
-//! | anti-aliasing | `anti-aliasing` | several rays a pixel, and sums of all outputs for each pixel of a tile |
+//! | anti-aliasing | `anti-aliasing` | several rays a pixel, and memory for the sums of a tile's pixels |
 //! | [`ThinLens`] | `depth-of-field` | a few dozen operations a ray |
-//! | [`Tone`] | `tone-map` | three powers for each ray and for each pixel; linear output: for each coloured sample |
+//! | [`Tone`] | `tone-map` | three powers for each ray and each pixel; linear output: for each coloured sample |
 //!
 //! [`Plan::with_effects`](crate::plan::Plan::with_effects) checks the effects. Each effect is a stage of the frame
 //! ([`crate::render`]; for [`Jitter`], [`crate::sampling`]). In a build without its feature, a sibling `*_off.rs` with
@@ -21,7 +21,7 @@ use crate::names::names;
 /// The effects of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Effects {
-    /// Random positions of samples in their bins; `None` for the middle.
+    /// Random positions of samples in their bins; `None` places each sample in the middle of its bin.
     pub jitter: Option<Jitter>,
     /// Rays a pixel, 1 to [`Effects::MAX_RAYS`]; 1 is one ray through its centre.
     pub anti_aliasing: u16,
@@ -33,8 +33,8 @@ pub struct Effects {
 
 /// Samples at random positions in their bins: noise replaces banding, without a bias.
 ///
-/// The density of a bin is that at its sample, and its width is unchanged: the expectation of the optical
-/// thickness is the integral of the density.
+/// Each bin has the density at its random sample, over its whole width. On average over the random positions, the
+/// optical thickness therefore equals the integral of the density.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Jitter {
     /// Seed of the random positions.
@@ -68,8 +68,9 @@ pub struct Tone {
     pub exposure: f32,
     /// Tone curve, which maps light above 1 into the displayable range.
     pub map: ToneMap,
-    /// Whether the output is linear light, unbounded above, in place of sRGB in `[0, 1]`. If so, colours are decoded
-    /// before compositing: those of the samples (in a field shaded once a ray, of the rays) and of the background.
+    /// Whether the output is linear light, unbounded above, in place of sRGB in `[0, 1]`. If so, the background and the
+    /// colours of samples are decoded before compositing. With [`Shading::PerRay`](crate::network::Shading), the colour
+    /// of each ray is decoded instead.
     pub linear: bool,
 }
 

@@ -65,8 +65,8 @@ impl Contraction {
         self.power
     }
 
-    /// Contracts a point of the world into the scene box, never outside. Coordinates are clamped to 1e8 radii from
-    /// the centre, and a NaN counts as the centre's coordinate.
+    /// Contracts a point of the world into the scene box, never outside. Coordinates are clamped to 1e8 radii from the
+    /// centre, and a NaN is replaced by the centre's coordinate.
     #[inline]
     pub fn contract(&self, p: Vec3) -> Vec3 {
         Vec3::from_array(self.contract_lanes(p.to_array()))
@@ -83,7 +83,8 @@ impl Contraction {
         self.shrunk(q, V::splat(2.0).sub(inverse).mul(inverse).mul(V::splat(self.radius)))
     }
 
-    /// Whether a ray from [`Contraction::centred`] lies in the inner ball in the part `from..=to`, in steps.
+    /// Whether the part `from..=to` of a ray lies in the inner ball. `ray`: from [`Contraction::centred`]; `from`,
+    /// `to`: steps.
     #[inline]
     pub(crate) fn keeps(&self, ray: &Ray, from: f32, to: f32) -> bool {
         // A ball is convex, so that a test of the two ends suffices. The margin is for rounding.
@@ -94,7 +95,7 @@ impl Contraction {
         from.abs() <= 1.0 && to.abs() <= 1.0 && within(from) && within(to)
     }
 
-    /// [`Contraction::contract_lanes`] for points that are known to lie in the inner ball, with the same bits.
+    /// [`Contraction::contract_lanes`] for points that are known to lie in the inner ball; results are bit-identical.
     #[inline(always)]
     pub(crate) fn kept_lanes<V: Lanes>(&self, p: [V; 3]) -> [V; 3] {
         self.shrunk(self.in_radii(p), V::splat(self.radius))
@@ -179,8 +180,8 @@ impl Contraction {
         V::select(s.less(V::splat(0.0)), size.neg(), size)
     }
 
-    /// Length in the world of a step at contracted point `p`, on a ray through the centre, relative to that in the
-    /// inner ball.
+    /// How many times longer a step is in the world at the contracted point `p` than in the inner ball, on a ray
+    /// through the centre.
     #[cfg(feature = "train")]
     pub fn step_growth(&self, p: Vec3) -> f32 {
         let contracted = (p - self.centre).length() / self.radius;

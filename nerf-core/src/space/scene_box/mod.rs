@@ -38,9 +38,9 @@ impl SceneBox {
 
     /// Clips the ray: returns the part of `[near, far]` inside the box, or `None` if the ray misses it.
     ///
-    /// A ray parallel to a slab is tested separately, since its points are inside for all `t` or for none: neither 1/0
-    /// nor 0·inf ever decides. A ray on a face counts as inside. `None`, too, if the ray contains a NaN or an infinity,
-    /// or the range is empty or NaN.
+    /// A ray parallel to a slab is tested separately, without a division by 0: its points are inside for all `t` or for
+    /// none. A ray on a face counts as inside. `None`, too, if the ray contains a NaN or an infinity, or the range is
+    /// empty or NaN.
     ///
     /// # Source
     /// Kay and Kajiya 1986; deviation: parallel slabs are tested separately.

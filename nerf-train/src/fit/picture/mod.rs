@@ -93,7 +93,7 @@ pub(super) fn render_blob(bytes: &[u8], kernel: Kernel, size: [u32; 2]) -> anyho
 }
 
 /// Fits a 2D field until the budget is used or `stop` returns true. `stop` is called between steps with the number of
-/// steps done. `each` is called with every evaluation, also that of step 0 if requested.
+/// steps done. `each` is called with every evaluation, including an evaluation at step 0 if requested.
 ///
 /// An interrupted run writes the blob of its present field to `output`, and a checkpoint, if their paths are given.
 pub fn run(
@@ -162,7 +162,8 @@ impl Session<'_, '_> {
         Ok((picture, psnr_db))
     }
 
-    /// Seconds that rendering the whole picture is expected to take, extrapolated from a rendering of 1/8 of its sides.
+    /// Seconds that rendering the whole picture is expected to take: extrapolated from a rendering of an eighth of its
+    /// width and height.
     fn evaluation_seconds(&self) -> anyhow::Result<f64> {
         const SMALLER: u32 = 8;
         let size = self.photo.size();

@@ -5,12 +5,12 @@ use crate::data::View;
 use nerf_core::space::{Contraction, SceneBox};
 use rayon::prelude::*;
 
-/// Fraction of a line of sight, from the camera on, that counts as free: less than 1, since points are inexact and
-/// surfaces slanted.
+/// Fraction of a line of sight, from the camera on, along which space is taken as free. Less than 1, since points are
+/// inexact and surfaces slanted.
 const FREE_SHARE: f32 = 0.85;
-/// Least number of lines of sight that cross a free cell or a free block of cells.
+/// Least number of times that lines of sight must cross a cell, or the cells of a block together, to prove it free.
 const MIN_CROSSINGS: u32 = 3;
-/// Ratio of the lines of sight that cross a cell to those that end there, above which the cell is free.
+/// Ratio of the lines of sight that cross a cell to the lines that end in it. A free cell has a ratio above this.
 const ENDS: u32 = 4;
 /// Side of a block of cells, in cells.
 const BLOCK: usize = 4;
@@ -19,9 +19,11 @@ const MIN_CONFIDENCE: f32 = 0.15;
 /// Steps per cell along a line of sight, in the uncontracted ball.
 const STEPS_A_CELL: f32 = 2.0;
 
-/// Returns for each cell of an unbounded scene, in the blob's order, whether the cell is free. A cell is free if at
-/// least three lines of sight cross it with the first 0.85 of their length, and fewer than a quarter as many end in it.
-/// All cells of a block of 4 × 4 × 4 are also free if at least three lines cross the block and none ends there.
+/// Returns for each cell of an unbounded scene, in the blob's order, whether the cell is free.
+///
+/// Lines of sight cross a cell if the first 0.85 of their length pass through it. A cell is free if at least three
+/// lines cross it, and if the crossing lines are more than four times as many as the lines that end in it. All cells of
+/// a block of 4 × 4 × 4 are also free if together they are crossed at least three times, and no line ends in the block.
 ///
 /// `resolution`: cells along each side of the cube `bounds`. `sights`: lines of sight of each of the `views`.
 pub(crate) fn free_cells(

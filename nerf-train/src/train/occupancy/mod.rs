@@ -20,14 +20,15 @@ pub use silhouette::is_foreground;
 /// Least fraction of the candidate cells that stays occupied in an update. Otherwise the update is not applied, since a
 /// network without density must not empty the grid.
 const SMALLEST_SHARE: f64 = 0.02;
-/// A cell of the hull must be seen by at least 1/`SEEN_SHARE` as many views as the cell that most views see. This
-/// excludes space behind the scene, which only a few cameras see, and which is therefore not carved.
+/// A cell of the hull must be seen by enough views: at least 1/`SEEN_SHARE` of the largest number of views that see one
+/// cell. This excludes space behind the scene, which is not carved because only a few cameras see it.
 const SEEN_SHARE: u32 = 4;
-/// Largest number of multiply-adds, some seconds, at which the final update evaluates every cell at eight points.
+/// Largest number of multiply-adds, a few seconds of work, for which the final update evaluates eight points per cell.
+/// Above this, one point per cell is evaluated.
 const SETTLE_MACS: usize = 300_000_000_000;
-/// Least compositing weight of a training sample that marks its cell as visible.
+/// A training sample marks its cell as visible if its compositing weight is at least this.
 const MARKED_WEIGHT: f32 = 3e-3;
-/// Number of training rays after which cells without a mark are emptied as invisible.
+/// Number of training rays that must have marked cells before cells without a mark are emptied as invisible.
 const MARKED_RAYS: u64 = 250_000;
 /// Density stored for a cell that was not evaluated yet; the cell stays occupied.
 const UNKNOWN: f32 = -1.0;
@@ -259,8 +260,8 @@ impl Occupancy {
         self.live
     }
 
-    /// Marks the cells of samples of enough weight as visible. `samples`: position in the scene box, and compositing
-    /// weight; `rays`: number of training rays that they belong to.
+    /// Marks the cells of samples whose weight is at least `MARKED_WEIGHT` as visible. `samples`: position in the scene
+    /// box, and compositing weight; `rays`: number of training rays that the samples belong to.
     pub fn mark(&mut self, rays: usize, samples: impl Iterator<Item = ([f32; 3], f32)>) {
         self.weighted.resize(self.live.bits.len(), 0);
         self.marked_rays += rays as u64;
@@ -275,7 +276,7 @@ impl Occupancy {
         }
     }
 
-    /// Empties the cells without a mark, once at least `MARKED_RAYS` training rays have been counted.
+    /// Empties the cells without a mark, once at least `MARKED_RAYS` training rays have marked cells.
     pub fn drop_unweighted(&mut self) {
         if self.marked_rays >= MARKED_RAYS {
             self.live.bits.iter_mut().zip(&self.weighted).for_each(|(live, weighted)| *live &= weighted);

@@ -92,8 +92,8 @@ impl<'a> Lookup<'a> {
         }
     }
 
-    /// Bit `i` of the result: whether the cell of `t = first + (base + i) step`, or the nearest in the box, is
-    /// occupied.
+    /// Whether cells are occupied, as bits. Bit `i` belongs to the cell of the ray's point at
+    /// `t = first + (base + i) step`; if this point is outside the box, to the nearest cell.
     #[inline(always)]
     fn live(&self, first: f32, step: f32, base: u32) -> u32 {
         let [_, ny, nz] = self.resolution;
@@ -167,11 +167,11 @@ impl Op for March<'_> {
     }
 }
 
-/// Ray march as [`March`] in an unbounded scene. The points are at `first + i step` in steps of the contraction
-/// ([`Contraction::distance`]). Appends to `samples` the contracted point, the length of the step in world units and
-/// the factor on the gradient of each sample in an occupied cell. The factor is the squared distance from the camera,
-/// in radii of the uncontracted ball, and at most 1: many rays of one camera cross the cells near the camera, and would
-/// fill them with fog. `start`: distance from the camera to the ray's origin, world units.
+/// Ray march as [`March`] in an unbounded scene. `first` and `step` count steps of the contraction
+/// ([`Contraction::distance`]). For each sample in an occupied cell, appends to `samples` the contracted point, the
+/// length of the step in world units, and a factor for the sample's gradient. The factor is the squared distance from
+/// the camera, in radii of the uncontracted ball, and at most 1. Without this factor the many rays through cells near a
+/// camera would fill these cells with fog. `start`: distance from the camera to the ray's origin, world units.
 ///
 /// # Source
 /// Philip and Deschaintre 2023, "Floaters No More".

@@ -24,14 +24,15 @@ const CHUNK: usize = 128;
 /// Number of rays that one task marches together in an unbounded scene, whose rays are fewer and longer.
 const CONTRACTED_CHUNK: usize = 16;
 
-/// Rays of an unbounded scene per ray that is cast along a line of sight: one in eight.
+/// One in this many rays of an unbounded scene is cast along a line of sight.
 const SIGHT_SHARE: usize = 8;
 
 /// All pixels from which a run draws its batches, and the sampling of their rays.
 pub struct RayBank<'d> {
     views: &'d [View],
     cameras: Vec<Camera>,
-    /// Number of each view's first pixel when all views' pixels are numbered in order; last, the number of pixels.
+    /// For each view, the number of its first pixel, with the pixels of all views numbered in order. The last entry is
+    /// the number of all pixels.
     starts: Vec<u64>,
     /// Numbers of the pixels that batches are drawn from: unmasked and, if photographs show what is foreground, near
     /// the foreground. `None`: all pixels.
@@ -57,7 +58,7 @@ struct Marched {
     samples: Samples,
     /// Surfaces on the rays along lines of sight, one per ray; these rays come first in the batch.
     surfaces: Vec<Surface>,
-    /// Position between the ray's ends, 0 to 1, of each sample of the rays along lines of sight.
+    /// For rays along lines of sight: position of each sample between the ray's ends, 0 to 1.
     along: Vec<f32>,
     /// View of each ray; `pixels`: index of the ray's pixel in the view; `origins`: origin of the ray, world units.
     views: Vec<u32>,
@@ -127,8 +128,8 @@ impl<'d> RayBank<'d> {
         self.cameras = cameras;
     }
 
-    /// The line of sight of ray `index` of a batch of `rays` rays, and its view; `None` after the first eighth of the
-    /// rays.
+    /// The line of sight of ray `index` of a batch of `rays` rays, and the index of its view. `None` after the first
+    /// eighth of the rays: only these follow lines of sight.
     fn sight(&self, step: u64, index: u64, rays: usize) -> Option<&(usize, Sight)> {
         if self.sights.is_empty() || index >= (rays / SIGHT_SHARE) as u64 {
             return None;
@@ -141,8 +142,8 @@ impl<'d> RayBank<'d> {
         self.drawn.as_ref().map_or(self.starts[self.views.len()], |pixels| pixels.len() as u64)
     }
 
-    /// Fills `batch` with the `rays` rays of step `step`. `live`: largest number of samples, at which the batch ends
-    /// earlier; 0 for no limit.
+    /// Fills `batch` with the `rays` rays of step `step`. `live`: largest number of samples; rays that would exceed
+    /// this number are left out. 0 sets no limit.
     ///
     /// Samples lie in occupied cells of `occupancy` or, without an occupancy grid, in the whole scene box.
     pub fn fill(
@@ -324,7 +325,8 @@ impl<'d> RayBank<'d> {
         }
     }
 
-    /// Rays `range` of a step of `rays` rays: index, view and pixel, ray, and the batch's entry, without samples yet.
+    /// Returns the rays `range` of a step of `rays` rays: for each its index, its view and pixel, the ray, and its
+    /// entry in the batch, still without samples.
     fn targets(
         &self,
         step: u64,
@@ -472,8 +474,8 @@ pub(super) fn near_foreground(views: &[View], starts: &[u64], background: Backgr
     Some(parts?.concat())
 }
 
-/// Numbers, over all views, of the unmasked pixels; `None` if no view has a mask. Each view has at least one unmasked
-/// pixel, and with masks there are at most 2^32 pixels in all (`dataset`).
+/// Numbers, over all views, of the unmasked pixels; `None` if no view has a mask. The data set guarantees that each
+/// view has an unmasked pixel and that, with masks, there are at most 2^32 pixels in all.
 pub(super) fn counting(views: &[View], starts: &[u64]) -> Option<Vec<u32>> {
     views.iter().any(|view| view.mask.is_some()).then_some(())?;
     let of_view = |(view, &start): (&View, &u64)| {

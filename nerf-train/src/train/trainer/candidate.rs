@@ -10,10 +10,11 @@ use std::borrow::Cow;
 
 pub(crate) const MADE_BY: &str = concat!("nerf-train ", env!("CARGO_PKG_VERSION"));
 
-/// Optical thickness of a step above which a cell stays occupied in the exported grid; training keeps more cells.
+/// Optical thickness of one march step. In the exported grid a cell stays occupied only if its optical thickness is
+/// above this; the threshold in training may be lower.
 const EXPORTED: f32 = 0.03;
 
-/// The field and occupancy grid of a run as they would be exported; its measurements are those of the exported blob.
+/// The field and occupancy grid of a run at one step, as they would be exported.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
     pub step: u32,
@@ -25,7 +26,8 @@ pub struct Candidate {
     pub architecture: Option<Architecture>,
 }
 
-/// Facts stored in an exported blob that the trainer does not know: measurements, and whether the grid is required.
+/// Facts for an exported blob that come from elsewhere than the trainer: measurements, and whether rendering requires
+/// the occupancy grid.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct About<'a> {
     /// Whether the field must be rendered with its occupancy grid.

@@ -19,15 +19,16 @@ use nerf_core::blob::MAX_SAMPLES;
 use nerf_core::camera::Camera;
 use std::time::{Duration, Instant};
 
-/// Number of consecutive steps in which every density is 0 after which a run restarts with another seed.
+/// A run restarts with another seed after this many consecutive steps without gradients, as when every density is 0.
 const DEAD_STEPS: u32 = 100;
-/// Largest number of updates of the occupancy grid until every candidate cell was evaluated; with a learned grid.
+/// With a learned grid: at most this many updates of the occupancy grid evaluate every candidate cell once.
 const REFRESHES: usize = 24;
-/// Factor on the march's final step at the beginning, when most of the scene is still fog, and fraction of the run
-/// after which the step is final: in an unbounded scene, and (`BOUNDED_GROWTH`) in a bounded one.
+/// How the march's steps shorten in an unbounded scene: the first number is the ratio of the first steps to the final
+/// ones, since at first most of the scene is still fog. The second number is the fraction of the run after which steps
+/// have their final length. `BOUNDED_GROWTH`: the same for a bounded scene.
 const UNBOUNDED_GROWTH: (f64, f64) = (4.0, 0.15);
 const BOUNDED_GROWTH: (f64, f64) = (2.0, 0.4);
-/// Number of stages in which the march's steps shorten to their final length.
+/// Number of stages in which the march's steps are shortened to their final length.
 const STAGES: f64 = 8.0;
 /// Fraction of a run after which samples of enough weight mark their cells as visible, in an unbounded scene.
 const MARKED_FROM: f64 = 0.5;
@@ -43,8 +44,8 @@ pub(crate) const RESEEDS: u32 = 3;
 pub struct Trainer<'d> {
     pub(crate) config: Config,
     dataset: &'d Dataset,
-    /// Background colour, display-encoded: that of the data, if stated. In an unbounded scene without one, the mean
-    /// colour of the photographs, which shows only where no photograph saw anything; else black.
+    /// Background colour, display-encoded: the colour that the data set states, if any. Else black or, in an unbounded
+    /// scene, the mean colour of the photographs, which shows only where no photograph saw anything.
     pub(crate) background: [f32; 3],
     pub(crate) model: Model,
     kernel: Kernel,
@@ -58,7 +59,8 @@ pub struct Trainer<'d> {
     /// Lines of sight from the training cameras to key points, in an unbounded scene.
     pub(crate) sights: Option<Sights>,
     cells: Option<MarchCells>,
-    /// Batch of the next step, if marched while this step was computed, and the parameters of this march.
+    /// Batch of the next step, with the parameters of its ray march. The batch may be filled while the present step is
+    /// computed; the parameters are `None` if it was not.
     prefetched: (Option<March>, Batch),
     phases: Phases,
     pub(crate) fingerprint: u64,
@@ -422,8 +424,8 @@ impl March {
     }
 }
 
-/// Number of rays of a batch, from the intended number of samples. `live_per_ray`: mean number of samples in occupied
-/// cells per ray; 0 if not known yet. `margin`: factor on the number of rays.
+/// Number of rays of a batch, from the intended number of samples. `live_per_ray`: mean number of samples per ray
+/// (`Progressed::live_per_ray`); 0 if not known yet. `margin`: factor on the number of rays.
 fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
     if sampling.live_samples > 0 && live_per_ray > 0.0 {
         ((margin * sampling.live_samples as f64 / live_per_ray) as usize).clamp(64, 65_536)
@@ -432,7 +434,7 @@ fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
     }
 }
 
-/// Smoothed number of samples in occupied cells per ray, after a batch of `rays` rays with `live` samples.
+/// Smoothed number of samples per ray after a batch of `rays` rays with `live` samples. `before`: the last such number.
 fn smoothed(before: f64, live: usize, rays: usize) -> f64 {
     let now = live as f64 / rays.max(1) as f64;
     if before == 0.0 { now } else { 0.9 * before + 0.1 * now }
