@@ -1,6 +1,6 @@
 // nerf_render: render radiance fields from C++17.
 //
-// nerf_render.h in C++: memory that frees itself, views that know their length, and errors that are values. Nothing
+// nerf_render.h for C++: memory that frees itself, views that know their length, and errors that are values. Nothing
 // here throws, and -fno-exceptions -fno-rtti is fine. Header only.
 //
 //     auto scene = nerf::scene::open_file("scene.nerf");
@@ -50,8 +50,8 @@ namespace detail {
 template <class C>
 using element = std::remove_pointer_t<decltype(std::data(std::declval<C &>()))>;
 
-/// Whether a view may refer to the elements of C (as deduced for a C &&): C is an lvalue, or itself a view, whose
-/// elements do not become const with it. The elements of a temporary container would be freed.
+/// Whether a view may refer to the elements of an argument of type C &&. The argument must be an lvalue or a view: the
+/// elements of a temporary container would be freed. In a view, the elements do not become const with the view.
 template <class C>
 inline constexpr bool lends = std::is_lvalue_reference_v<C> || std::is_same_v<element<C>, element<const C>>;
 
@@ -111,7 +111,7 @@ private:
     std::size_t size_;
 };
 
-/// A view of floats, `each` per ray or point, contiguous or strided, not owned. T is float or const float.
+/// A view of floats that it does not own: `each` floats per ray or point, contiguous or strided. T: float, const float.
 ///
 /// Made from a container of floats, or of trivially copyable structures of `each` floats (a host's own vector).
 /// nerf::member makes a view of one field of larger structures.
@@ -140,10 +140,10 @@ public:
     /// Number of rays or points.
     std::size_t size() const noexcept { return count_; }
     bool empty() const noexcept { return data_ == nullptr; }
-    /// Bytes from the floats of one ray or point to those of the next; 0 for contiguous floats.
+    /// Bytes from the first float of a ray or point to the first float of the next; 0 for contiguous floats.
     std::size_t stride() const noexcept { return stride_; }
     nerf_floats c() const noexcept { return {data_, stride_}; }
-    /// Whether the view holds exactly `count` rays or points.
+    /// Whether the view holds exactly `count` rays or points, without floats left over.
     bool holds(std::size_t count) const noexcept { return whole_ && count_ == count; }
 
 private:
@@ -284,7 +284,7 @@ struct moved {
     }
 };
 
-/// Deleter that frees only owned memory. `end` is a function pointer: a program that only lends memory links no heap.
+/// Deleter: calls `end`, which by default does nothing, for lent memory. A program that only lends links no heap.
 template <class T>
 struct ending {
     void (*end)(T *, std::size_t align) noexcept = [](T *, std::size_t) noexcept {};
@@ -293,7 +293,7 @@ struct ending {
     void operator()(T *owned) const noexcept { end(owned, align); }
 };
 
-/// Default for the type of a callback: no progress callback, or the library's own clock.
+/// Type of a callback that was left out: there is no progress callback, or the clock is the library's own.
 struct none {};
 
 /// A nerf_progress that calls a C++ callable; noexcept: C has no exceptions. `user`: pointer to the callable's address.
@@ -344,7 +344,7 @@ public:
         return needed ? allocate(*needed) : result<memory>(needed.error());
     }
 
-    /// Makes a memory that lies in the caller's container, which must not move while in use, and is never freed.
+    /// Lends the memory of the caller's container, which must not move while in use. This object never frees it.
     template <class C>
     static memory lend(C &&container) noexcept {
         using element = detail::element<C>;
@@ -393,7 +393,7 @@ inline float to_float(float number) noexcept { return number; }
 template <class N>
 float to_float(N number) noexcept { return static_cast<float>(number); }
 
-/// Converts a host's vector with fields x, y, z (preferred, as 0 is an int) or three elements (the overload for long).
+/// Converts a host's vector: by its fields x, y, z, else by three elements. A call with 0 prefers the overload for int.
 template <class V>
 auto to_vec3(const V &of, int) noexcept -> decltype(of.x + of.z, vec3()) {
     return {to_float(of.x), to_float(of.y), to_float(of.z)};
@@ -492,8 +492,8 @@ struct camera : detail::sized<nerf_camera> {
     vec3 centre() const noexcept { return {c2w[3], c2w[7], c2w[11]}; }
 };
 
-/// Converts depth `ndc` in normalised device coordinates to a distance along the view axis, as in
-/// target::limit_z_depth: infinity at an infinite far plane, NaN unless there are 16 floats. The projection is as in
+/// Converts depth `ndc` in normalised device coordinates to a distance along the view axis, for target::limit_z_depth.
+/// Returns infinity at an infinite far plane, and NaN if the matrix has not 16 floats. The projection is as in
 /// camera::from_matrices, with depths in [-1, 1] or [0, 1], reversed or not. OpenGL's buffer holds 0.5 * ndc + 0.5.
 inline float z_depth(float ndc, span<const float> projection_column_major) noexcept {
     if (projection_column_major.size() != 16) {
@@ -532,8 +532,8 @@ struct strides {
     std::size_t pixel = 0;
 };
 
-/// A plane that receives one output or contains limits: a view, of known length, of the pixels of the target's whole
-/// window. An output without a plane is not computed.
+/// A plane that receives one output or contains limits. The plane is a view of the pixels of the target's whole window,
+/// and knows its length. An output without a plane is not computed.
 class plane {
 public:
     plane() noexcept = default;
@@ -565,7 +565,7 @@ public:
         return of;
     }
 
-    /// Whether the plane was given a view. A view without elements counts, but is too short to render into.
+    /// Whether the plane was made from a view; true even for an empty view, which is too short to render into.
     explicit operator bool() const noexcept { return there_; }
 
 private:
@@ -591,7 +591,7 @@ private:
     bool there_ = false;
 };
 
-/// Planes for the pixels of an image, or of its part `window`; any rectangle inside can be rendered. For rays, one row.
+/// Planes for an image, or for its part `window`; any rectangle within can be rendered. For rays: planes of one row.
 struct target {
     plane rgb = {}, opacity = {}, ray_distance = {}, z_depth = {}, median_distance = {}, normals = {};
     /// Inputs: limits at which each pixel's ray ends, one plane at most; nerf::z_depth converts a depth buffer.
@@ -599,7 +599,7 @@ struct target {
     /// Rectangle of the image that the planes hold; an empty rectangle for the whole image.
     rect window = {};
 
-    /// NERF_OUTPUT_* of the planes that are given, or-ed.
+    /// Returns the NERF_OUTPUT_* flags of the planes that were set, or-ed.
     std::uint32_t outputs() const noexcept {
         const auto bit = [](const plane &p, std::uint32_t output) { return p ? output : 0u; };
         return bit(rgb, NERF_OUTPUT_RGB) | bit(opacity, NERF_OUTPUT_OPACITY) |
@@ -668,7 +668,7 @@ struct open_options : detail::sized<nerf_open_options> {
 
 /// Options of a frame. Default-constructed options are the defaults: cuts without a visible difference.
 struct options : detail::sized<nerf_render_options> {
-    /// Options without a cut or a blur.
+    /// Makes options without transmittance cut, colour cut and normal blur.
     static options uncut() noexcept {
         options all;
         all.transmittance_cut = all.colour_cut = all.normal_blur = NERF_NONE;
@@ -692,7 +692,7 @@ struct counters : detail::sized<nerf_counters> {
 using choice = detail::sized<nerf_choice>;
 
 struct pace : detail::sized<nerf_pace> {
-    /// Times of a frame whose tiles are shared by `threads` threads: the measured times divided by `threads`.
+    /// Returns the times of a frame if `threads` threads share its tiles: the measured times divided by `threads`.
     pace shared_among(unsigned threads) const noexcept {
         pace all = *this;
         for (float &frame : all.milliseconds) {
@@ -822,8 +822,8 @@ public:
     result<memory> pace_workspace(std::uint32_t outputs, const options &how = {}) const noexcept {
         return memory::allocate(pace_layout(outputs, how));
     }
-    /// Measures the time of a frame on this thread with each of the settings on the Pareto front, until one exceeds
-    /// `limit`, milliseconds. `clock`: returns microseconds since any fixed moment; default: the library's own.
+    /// Measures the time of a frame on this thread for each point of the Pareto front, until a time exceeds `limit`,
+    /// milliseconds. `clock`: returns microseconds since any fixed moment; by default, the library's own clock.
     template <class F = detail::none>
     result<pace> measure_pace(const nerf_camera &camera, std::uint32_t outputs, float limit, memory &workspace,
                               const options &how = {}, F &&clock = {}) const noexcept {
@@ -867,9 +867,9 @@ private:
 struct instance : detail::sized<nerf_instance> {
     /// Places the scene in its own coordinates, without a transform.
     explicit instance(const nerf::scene &of) noexcept { scene = of.get(); }
-    /// Places the scene by a transform from the scene's coordinates to the world's: 16 floats, the matrix's last row 0,
-    /// 0, 0, 1. Otherwise the instance is invalid (`struct_size` 0), and opening a worker refuses it: also for a
-    /// row-major matrix with a translation.
+    /// Places the scene by a transform from the scene's coordinates to the world's: a matrix of 16 floats with the last
+    /// row 0, 0, 0, 1. Any other matrix, such as a row-major one with a translation, makes the instance invalid
+    /// (`struct_size` 0), and opening a worker refuses an invalid instance.
     instance(const nerf::scene &of, span<const float> column_major) noexcept : instance(of) {
         const float *const m = column_major.data();
         const bool affine = column_major.size() == 16 && m[3] == 0.0f && m[7] == 0.0f && m[11] == 0.0f &&
@@ -881,7 +881,7 @@ struct instance : detail::sized<nerf_instance> {
     }
 };
 
-/// Host's own rays; an empty view is NULL in C. With designated initialisers (C++20): `{.origins = a, .dirs = b}`.
+/// Host's own rays; an empty view means NULL in C. With designated initialisers (C++20): `{.origins = a, .dirs = b}`.
 struct rays {
     triples<const float> origins, dirs;
     numbers<const float> t_min = {}, t_max = {}, random = {};
@@ -890,7 +890,7 @@ struct rays {
 
 /// The result of one ray; outputs that the worker was not opened for are 0.
 struct pixel {
-    /// Colour as in an RGBA plane: premultiplied; the background's share is `1 - opacity`.
+    /// Colour as in an RGBA plane: premultiplied by opacity; `1 - opacity` times the background may be added.
     vec3 rgb;
     float opacity = 0.0f, ray_distance = 0.0f, median_distance = 0.0f;
     vec3 normal;
@@ -946,8 +946,8 @@ public:
     /// Samples the point where a photon on each ray collides; `of.random`: one random number for each ray.
     result<counters> sample_rays(const rays &of, const target &to) noexcept { return trace(nerf_sample_rays, of, to); }
 
-    /// Renders one ray from `t_min` to `t_max`, with every output of the worker but z_depth. A call of render_rays is
-    /// faster for many rays. `origin` and `dir`: vectors of floats or doubles, with fields x, y, z or three elements.
+    /// Renders one ray from `t_min` to `t_max`, with every output of the worker except z_depth. For many rays,
+    /// render_rays is faster. `origin` and `dir`: vectors of floats or doubles, with fields x, y, z or three elements.
     template <class V, class W, class N = float, class F = float>
     result<pixel> render_ray(const V &origin, const W &dir, N t_min = 0.0f,
                              F t_max = std::numeric_limits<float>::infinity()) noexcept {
@@ -955,7 +955,7 @@ public:
                          detail::to_float(t_max));
     }
 
-    /// Samples the point where a photon on one ray collides; `random` in [0, 1), everything else is as in render_ray.
+    /// Samples the point where a photon on one ray collides. `random`: in [0, 1). Everything else is as in render_ray.
     template <class V, class W, class R, class N = float, class F = float>
     result<pixel> sample_ray(const V &origin, const W &dir, R random, N t_min = 0.0f,
                              F t_max = std::numeric_limits<float>::infinity()) noexcept {
@@ -981,7 +981,7 @@ public:
         return detail::made<counters>(nerf_query, get(), &asked);
     }
 
-    /// Writes a report of a frame to `text`, cut to fit; `work`: counters or null. Returns the uncut length with NUL.
+    /// Writes a report of a frame to `text`, cut to fit. `work`: counters, or null. Returns the uncut length with NUL.
     result<std::size_t> explain(span<char> text, const nerf_counters *work = nullptr) noexcept {
         return detail::made<std::size_t>(nerf_explain, get(), work, text.data(), text.size());
     }

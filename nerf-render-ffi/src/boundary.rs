@@ -8,7 +8,7 @@ use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
 use nerf_core::memory::Line;
 
-/// Largest `struct_size` that is accepted, bytes: a larger value is garbage, not a later version.
+/// Largest `struct_size` that is accepted, bytes: a larger value is garbage memory, not a later version.
 const MAX_STRUCT_SIZE: usize = 4096;
 
 /// A structure that begins with `size_t struct_size` and may grow at its end.
@@ -22,7 +22,8 @@ pub(crate) unsafe trait Versioned: Copy {
     const SIZE_V2: usize;
 }
 
-/// `versioned!(unsafe Camera, "camera", by_width(116, 120))`: implements [`Versioned`] with a name and a size in bytes.
+/// `versioned!(unsafe Camera, "camera", by_width(116, 120))` implements [`Versioned`] for `Camera`: the name in
+/// messages is "camera", and the size in ABI version 2 is 116 bytes with 32-bit pointers, 120 with 64-bit ones.
 ///
 /// `unsafe`: the caller promises that the structure is `repr(C)`, and that its fields are numbers, pointers and
 /// optional functions, of which any bytes are a valid value.
@@ -55,7 +56,7 @@ pub(crate) struct Message {
 impl Message {
     pub const NONE: Self = Self { text: core::ptr::null_mut(), capacity: 0 };
 
-    /// Address range of the buffer's first byte, to which even a successful call writes a NUL; empty without a buffer.
+    /// Returns the range of the buffer's first byte, which every call writes; the range is empty without a buffer.
     pub fn first(&self) -> Result<Span, Failure> {
         Span::new("message", self.text.cast(), usize::from(!self.text.is_null() && self.capacity > 0))
     }
@@ -104,7 +105,7 @@ impl Write for Cut {
 
 /// Reason why a call failed: displays a sentence, and has a status.
 pub(crate) trait Reason: fmt::Display {
-    /// Returns the reason of a call that panicked: a defect of this library.
+    /// Returns the reason for a panic: a defect of this library.
     #[cfg(feature = "std")]
     fn panic() -> Self;
     fn status(&self) -> Status;
@@ -123,7 +124,7 @@ pub(crate) fn call(message: Message, body: impl FnOnce() -> Result<(), Failure>)
     call_with_reason(message, body)
 }
 
-/// [`call`] for a body whose error is not a [`Failure`], such as an error that names a file.
+/// Does the same as [`call`] for a body with an error other than [`Failure`], such as an error that names a file.
 pub(crate) fn call_with_reason<R: Reason>(message: Message, body: impl FnOnce() -> Result<(), R>) -> Status {
     #[cfg(feature = "std")]
     let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(body)).unwrap_or_else(|payload| {
@@ -161,7 +162,8 @@ unsafe fn size_of_versioned<T: Versioned>(at: *const T) -> Result<usize, Failure
     }
 }
 
-/// Address range of an array of `count` structures, each as long as the first one's `struct_size`; empty at NULL.
+/// Returns the address range of an array of `count` structures; an empty range if `first` is NULL. Every structure has
+/// the size that the `struct_size` of the first one says.
 ///
 /// # Safety
 /// `first` is NULL or was read by [`read_versioned`].
@@ -175,8 +177,8 @@ pub(crate) unsafe fn span_of(name: &'static str, first: *const usize, count: usi
     Span::new(name, first.cast(), size.checked_mul(count).ok_or(Failure::Overflow(name))?)
 }
 
-/// Returns a copy of the caller's structure; an error if a field that this build does not know is not zero. Fields that
-/// the caller's older header lacks become zero.
+/// Returns a copy of the caller's structure. Fields that an older header of the caller lacks become zero. Fields that
+/// only a newer header has must be zero, or the result is an error.
 ///
 /// # Safety
 /// `at` is NULL or points to `struct_size` readable bytes.
@@ -217,7 +219,7 @@ pub(crate) fn check_zeros(name: &'static str, fields: &[u32]) -> Result<(), Fail
     if fields.iter().all(|&field| field == 0) { Ok(()) } else { Err(Failure::Reserved(name)) }
 }
 
-/// Returns `names[found]`, the core's value for number `found` of a C enum; an error if this build lacks the value.
+/// Returns the core's value for the C enum's number `found`: `names[found]`. An error if this build has no such value.
 pub(crate) fn named<T: Copy>(
     names: &[Option<T>],
     name: &'static str,
@@ -259,9 +261,8 @@ impl<T: Versioned> Out<T> {
         if at.is_null() { Ok(None) } else { unsafe { Self::new(at).map(Some) } }
     }
 
-    /// Copies `value` into the caller's structure of `struct_size` bytes, but leaves `struct_size` itself unchanged.
-    /// Fields of the structure that this build does not know become zero; fields of `value` behind the
-    /// structure's end are left out.
+    /// Copies `value` into the caller's structure, but leaves the structure's `struct_size` unchanged. If the structure
+    /// is longer than `value`, the remaining bytes become zero; if shorter, the last fields of `value` are left out.
     pub fn write(self, value: T) {
         let known = self.size.min(size_of::<T>());
         let (from, to) = ((&raw const value).cast::<u8>(), self.at.cast::<u8>());
@@ -274,7 +275,7 @@ impl<T: Versioned> Out<T> {
     }
 }
 
-/// Runs the body of a size query: writes the size that `body` returns, and the alignment of a [`Line`], bytes.
+/// Runs a size query: writes the result of `body` to `size`, and the alignment of a [`Line`] to `align`, bytes.
 ///
 /// # Safety
 /// `size` and `align` are NULL, or may be written until the call ends.

@@ -14,8 +14,8 @@ use nerf_core::camera::{self, Intrinsics, Lens, Pose, Projection};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum LensModel {
-    /// Perspective camera. `k1 k2 p1 p2` are those of OpenCV and of COLMAP's OPENCV model; all eight coefficients are
-    /// those of COLMAP's FULL_OPENCV, with `k4 k5 k6` in the denominator of the radial factor.
+    /// Perspective camera with the distortion of OpenCV. COLMAP calls the model OPENCV if only `k1 k2 p1 p2` are used,
+    /// FULL_OPENCV with all eight coefficients. `k4 k5 k6` are in the denominator of the radial factor.
     RadialTangential = 0,
     /// Fisheye, COLMAP's OPENCV_FISHEYE: a ray at angle `t` (radians) to the view axis meets the image at a distance of
     /// `t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8)` focal lengths from the principal point; `k5 k6 p1 p2` must be 0.
@@ -44,24 +44,24 @@ pub struct Camera {
     pub cx: f32,
     /// Principal point, pixels from the top edge; usually height / 2.
     pub cy: f32,
-    /// Coefficient of second order of the radial distortion, as in OpenCV; 0 for none.
+    /// Radial distortion: coefficient of r^2 (fisheye: of angle^2), as in OpenCV; 0 for none.
     pub k1: f32,
-    /// Coefficient of fourth order of the radial distortion; 0 for none.
+    /// Radial distortion: coefficient of r^4 (fisheye: of angle^4); 0 for none.
     pub k2: f32,
-    /// First coefficient of tangential distortion.
+    /// First coefficient of tangential distortion, as in OpenCV; 0 for none.
     pub p1: f32,
-    /// Second coefficient of tangential distortion.
+    /// Second coefficient of tangential distortion, as in OpenCV; 0 for none.
     pub p2: f32,
     /// Camera-to-world transform: the upper three rows of the 4x4 matrix, row-major. The rotation's columns are right,
     /// up, backward; `c2w[3]`, `c2w[7]`, `c2w[11]` are the camera's centre, world units.
     pub c2w: [f32; 12],
-    /// Coefficient of sixth order of the radial distortion; 0 for none.
+    /// Radial distortion: coefficient of r^6 (fisheye: of angle^6); 0 for none.
     pub k3: f32,
-    /// Coefficient of second order in the denominator of the radial factor; of a fisheye, of eighth order; 0 for none.
+    /// Radial distortion: coefficient of r^2 in the denominator (fisheye: of angle^8); 0 for none.
     pub k4: f32,
-    /// Coefficient of fourth order in the denominator of the radial factor; 0 for none.
+    /// Radial distortion: coefficient of r^4 in the denominator; 0 for none. Must be 0 for a fisheye.
     pub k5: f32,
-    /// Coefficient of sixth order in the denominator of the radial factor; 0 for none.
+    /// Radial distortion: coefficient of r^6 in the denominator; 0 for none. Must be 0 for a fisheye.
     pub k6: f32,
     /// Lens model: a `nerf_lens_model`; 0 is a perspective camera.
     pub lens_model: u32,
@@ -100,7 +100,7 @@ pub(crate) unsafe fn read_vec3(name: &'static str, at: *const f32) -> Result<Vec
     Ok(Vec3::from_array(unsafe { at.cast::<[f32; 3]>().read() }))
 }
 
-/// Sets a camera's pose: at `eye`, looking at `target`, with `up` upwards in its image.
+/// Places a camera at `eye`, looking at `target`; the direction `up` points upwards in the image.
 ///
 /// `camera`: the caller sets `struct_size`; only `c2w` is written, on success. `eye`, `target`, `up`: three floats
 /// each, world units; `up` of any length. `NERF_STATUS_CAMERA` if `eye` equals `target`, or `up` points along the view.
@@ -133,10 +133,11 @@ pub unsafe extern "C" fn nerf_camera_look_at(
 /// Computes the ray through an image point, for example to evaluate points on the ray with `nerf_query`.
 ///
 /// `x`, `y`: image point, pixels from the left and the top edge; a pixel's centre is at + 0.5. The point may lie
-/// outside the image. `NERF_STATUS_CAMERA` if the direction overflows f32, or the distortion has no inverse at the
-/// point or folds between principal point and point. `origin`, `dir`: three floats each, world space; `dir` has unit
-/// length and includes the distortion. `z_per_distance`: NULL, or receives `z_depth` per unit of `ray_distance` on this
-/// ray. Results are written on success only. `message`: as in `nerf_scene_memory`.
+/// outside the image. `NERF_STATUS_CAMERA` if the direction overflows f32, if the distortion has no inverse at the
+/// point, or if the distorted image folds over itself between principal point and image point. `origin`, `dir`: three
+/// floats each, world space; `dir` has unit length and takes account of the distortion. `z_per_distance`: NULL, or
+/// receives the ratio of `z_depth` to `ray_distance` on this ray. Results are written on success only. `message`: as in
+/// `nerf_scene_memory`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.

@@ -18,13 +18,13 @@ pub struct Counters {
     pub samples_skipped: u64,
     /// Number of evaluations of the trunk and density head.
     pub density_evaluations: u64,
-    /// Number of evaluations of the colour branch: one per sample, or one per ray in a field with deferred shading. For
-    /// a 2D field, evaluations of the whole network.
+    /// Number of evaluations of the colour branch: one per sample that gets a colour, or one per ray in a field with
+    /// deferred shading. For a 2D field: number of evaluations of the whole network.
     pub colour_evaluations: u64,
     /// Number of multiply-adds of the network and of the proposal network.
     pub macs: u64,
-    /// Number of samples whose density was NaN (treated as empty), whose colour was NaN (black), or whose density
-    /// gradient was not finite (no normal).
+    /// Number of invalid results of the networks: NaN densities (rendered as empty), NaN colours (rendered as black),
+    /// and density gradients that are not finite (left out of normals).
     pub invalid_samples: u64,
     /// Number of evaluations of the gradient of the density with respect to position, for normals.
     pub normal_evaluations: u64,

@@ -20,29 +20,29 @@ pub enum ToneMap {
 const TONE_MAPS: [Option<plan::ToneMap>; 3] =
     [Some(plan::ToneMap::None), Some(plan::ToneMap::Reinhard), Some(plan::ToneMap::Filmic)];
 
-/// Effects of a frame: jitter, anti-aliasing, depth of field, exposure, tone. All zeros for none, which costs nothing.
+/// Effects of a frame: jitter, anti-aliasing, depth of field, exposure, tone. All zeros turn every effect off.
 ///
-/// `NERF_STATUS_OPTIONS` for an effect that this build of the library lacks.
+/// An effect that this build of the library lacks is refused with `NERF_STATUS_OPTIONS`.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Effects {
-    /// 1: each sample lies at a random position in its sample interval, drawn from `seed`. Otherwise 0.
+    /// 1: each sample lies at a random position in its sample interval, drawn from `seed`. 0: in the middle.
     pub jitter: u32,
     /// Rays per pixel, at most 256; 0 and 1 are one ray through the pixel's centre. More rays take more memory.
     pub anti_aliasing: u32,
-    /// Seed of the jitter and, with jitter, of positions on the aperture; read only if `jitter` is 1.
+    /// Seed of random positions: of samples in their intervals and of rays on the aperture; read only if `jitter` is 1.
     pub seed: u64,
     /// Radius of the aperture of a thin lens, world units, at most 1e9; 0 is a pinhole.
     pub aperture_radius: f32,
     /// Distance from the camera to the plane of focus along the view axis, world units, 1e-6 to 1e9; read only if
     /// `aperture_radius` is not 0.
     pub focus_distance: f32,
-    /// Exposure in stops, each a doubling of the light, -32 to 32; 0 for no change.
+    /// Exposure, -32 to 32 stops; each stop doubles the light; 0 for no change.
     pub exposure: f32,
     /// Tone curve: a `nerf_tone_map`.
     pub tone_map: u32,
-    /// 1: colour is linear light, unbounded above: colours of samples and background are decoded before compositing.
-    /// RGBA planes (premultiplied) and colours of `nerf_query` are linear, too. 0: colour is display-encoded.
+    /// 1: RGB planes, RGBA planes and colours of `nerf_query` are linear light, unbounded above. The colours of samples
+    /// and background are converted to linear light before compositing. 0: colours are display-encoded throughout.
     pub linear: u32,
     /// Reserved; must be zeros.
     pub reserved: [u32; 5],

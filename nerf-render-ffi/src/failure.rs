@@ -142,7 +142,7 @@ fn status_of_render(error: &RenderError) -> Status {
 }
 
 impl Failure {
-    /// Returns the failure with the index of the instance that caused the failure.
+    /// Returns this failure as a failure of the instance `index`, which the message then names.
     #[cfg(feature = "instances")]
     pub fn of_instance(self, index: usize) -> Self {
         let problem = match self {
@@ -156,7 +156,7 @@ impl Failure {
         Self::Instance { index, problem }
     }
 
-    /// Converts an error of the renderer about a workspace: sizes in lines of 64 bytes become bytes.
+    /// Converts an error of the renderer. Sizes of a workspace that is too small, in 64-byte lines, become bytes.
     pub fn of_workspace(error: RenderError) -> Self {
         match error {
             RenderError::Memory { expected, found } => Self::Memory {

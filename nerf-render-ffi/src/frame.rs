@@ -58,7 +58,7 @@ pub struct Frame {
     pub camera: *const Camera,
     /// Rectangle to render; NULL for the whole image. An empty rectangle writes nothing.
     pub rect: *const Rect,
-    /// Planes that receive the pixels. Planes of outputs that the worker was not opened for must be NULL.
+    /// Planes that receive the pixels. A plane must be NULL if `nerf_request` did not ask for its output.
     pub target: *const Target,
     /// Width in pixels at which a 2D field is rendered; 0 for a scene, whose `camera` has the width.
     pub width: u32,
@@ -74,8 +74,8 @@ versioned!(unsafe Frame, "frame", by_width(32, 56));
 
 /// Renders a rectangle of a camera's image into the planes of a target.
 ///
-/// With the same kernel, a pixel has the same bits whatever the rectangle, the batch, the thread and the worker's
-/// earlier calls. `frame->target` may contain limits at which rays end, such as a depth buffer.
+/// With the same kernel, the result for a pixel is bit-identical in every rectangle, with every batch, on every thread,
+/// and after any earlier calls. `frame->target` may contain limits at which rays end, such as a depth buffer.
 ///
 /// `counters`: NULL, or written on success, with `struct_size` set by the caller. `message`: as in `nerf_scene_memory`.
 ///
@@ -126,8 +126,8 @@ pub unsafe extern "C" fn nerf_render(
 /// Renders a rectangle of an image of a 2D field (`NERF_KIND_PICTURE`), `frame->width` x `frame->height` pixels large.
 ///
 /// Pixel (x, y) is the field's colour at the pixel's centre, ((x + 0.5) / width, (y + 0.5) / height). Every size from
-/// 1x1 to 8388608x8388608 shows the whole field; the field's own aspect ratio is that of `picture_width` and
-/// `picture_height` of `nerf_scene_info`. For a detail, render a rectangle of a large size.
+/// 1x1 to 8388608x8388608 shows the whole field. `picture_width` and `picture_height` of `nerf_scene_info` give the
+/// field's own aspect ratio. To show a detail, render a rectangle of a large image.
 ///
 /// `worker`: opened for the 2D field; of its options only `maths`, `batch_rays` and `batch_samples` matter. The target
 /// may have only the plane `rgb`. A 2D field is opaque: alpha is 1. Everything else is as in `nerf_render`.

@@ -17,7 +17,7 @@ use nerf_core::space::Placement;
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Instance {
-    /// `sizeof(nerf_instance)`: the same in every instance of an array, whose stride in bytes is this value.
+    /// `sizeof(nerf_instance)`. In an array, all instances have the same value, which is the array's stride.
     pub struct_size: usize,
     /// Scene that is placed.
     pub scene: *const Scene,

@@ -6,7 +6,7 @@ use nerf_core::Isa;
 
 /// Instruction set of the inner loops.
 ///
-/// With the same kernel and storage, a pixel has the same bits in every rectangle and on every thread.
+/// With the same kernel and storage, a pixel is bit-identical in every rectangle and on every thread.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Kernel {
@@ -20,7 +20,7 @@ pub enum Kernel {
     Avx2 = 2,
     /// x86-64 with AVX-512 F.
     Avx512 = 3,
-    /// WebAssembly SIMD: faster than portable code, with the same bits. Only in a library built with `simd128`.
+    /// WebAssembly SIMD: faster than portable code, with bit-identical results. Only in a library built with `simd128`.
     Simd128 = 4,
     /// NEON: available on every 64-bit ARM processor.
     Neon = 5,
@@ -34,15 +34,15 @@ const ISAS: [Option<Isa>; 6] =
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Storage {
-    /// f32; in a build without vector instructions, such as for microcontrollers, f16 that is read directly from the
-    /// scene file's bytes.
+    /// The library chooses f32. A build without vector instructions, such as for microcontrollers, chooses f16 and
+    /// reads the weights directly from the scene file's bytes.
     Auto = 0,
     /// f16, read directly from the scene file's bytes: the weights take no memory in the scene.
     F16 = 1,
-    /// f32, converted from f16 when the scene is opened: the same products as with f16, faster. Tables of a learned
-    /// grid are read directly from the scene file's bytes, but the WebAssembly kernel converts f16 tables.
+    /// f32, converted from f16 without rounding when the scene is opened: faster than f16. The tables of a learned grid
+    /// are not converted but read from the scene file's bytes; only the WebAssembly kernel converts f16 tables.
     F32 = 2,
-    /// Pairs of bf16, rounded to 8 significant bits, for weights and activations. Only with AVX-512 BF16.
+    /// bf16, for weights and activations: rounded to 8 significant bits. Only with AVX-512 BF16.
     Bf16 = 3,
 }
 
@@ -50,7 +50,7 @@ pub enum Storage {
 const STORAGES: [Option<nerf_core::Storage>; 4] =
     [None, Some(nerf_core::Storage::F16), Some(nerf_core::Storage::F32), Some(nerf_core::Storage::Bf16)];
 
-/// Returns the numbers of a kernel's instruction set (`nerf_kernel`) and storage (`nerf_storage`).
+/// Returns a kernel's instruction set as a `nerf_kernel` number, and its storage as a `nerf_storage` number.
 pub(crate) fn numbers_of(kernel: nerf_core::Kernel) -> (u32, u32) {
     (number_of(&ISAS, kernel.isa), number_of(&STORAGES, kernel.storage))
 }

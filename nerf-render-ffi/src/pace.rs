@@ -14,14 +14,14 @@ use nerf_core::blob::MAX_FRONT;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Plan, Quality};
 
-/// Measured times of a frame with each of the settings on a scene's Pareto front, on one thread of this host.
+/// Measured time of a frame on one thread of this host, for each point (quality settings) of a scene's Pareto front.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Pace {
     /// `sizeof(nerf_pace)`, set by the caller.
     pub struct_size: usize,
-    /// Milliseconds per frame, in the order of the scene's Pareto front; infinity for points that were not measured. If
-    /// n threads share the tiles of a frame, the frame takes about one n-th of this time.
+    /// Milliseconds per frame, by the index of the point on the Pareto front; infinity for points that were not
+    /// measured. If n threads share the tiles of a frame, the frame takes about 1/n of this time.
     pub milliseconds: [f32; 16],
 }
 
@@ -43,13 +43,14 @@ pub struct PaceRequest {
     pub scene: *const Scene,
     /// Camera of the measured frame; not read by `nerf_pace_workspace_size`.
     pub camera: *const Camera,
-    /// Options of the frame, NULL for the defaults; samples, cuts, occupancy grid, maths and proposal are ignored.
+    /// Options of the frame; NULL for the defaults. The quality settings (samples, cuts, occupancy grid, maths,
+    /// proposal) are ignored, since each point of the Pareto front has its own.
     pub options: *const RenderOptions,
     /// Outputs of the measured frame: `NERF_OUTPUT_*` flags, or-ed.
     pub outputs: u32,
-    /// Limit, milliseconds per frame: measuring stops after the first settings whose frame would take longer.
+    /// Limit, milliseconds per frame: measuring stops after the first point of the Pareto front that takes longer.
     pub limit_milliseconds: f32,
-    /// Clock, called with `user`; must not touch the workspace. NULL for the library's own, which needs std.
+    /// Clock, called with `user`; must not touch the workspace. NULL for the library's own clock, which needs std.
     pub clock: Clock,
     /// Argument passed to `clock`.
     pub user: *mut c_void,
@@ -82,15 +83,15 @@ pub unsafe extern "C" fn nerf_pace_workspace_size(
     unsafe { call_for_size((size, align), message, body) }
 }
 
-/// Measures the time of a frame on this thread with each of the settings on the scene's Pareto front.
+/// Measures the time of a frame on this thread for each point (quality settings) of the scene's Pareto front.
 ///
-/// Renders about 2,048 pixels, spread over the view, with each of the settings, cheapest first, and scales the time up
-/// to a frame. Stops after the first settings whose frame takes longer than `request->limit_milliseconds`; the times of
-/// more expensive settings are infinity. Measure on an idle host.
+/// For each point, cheapest first, renders about 2,048 pixels, spread over the view, and scales the time up to a whole
+/// frame. Stops after the first point with a time above `request->limit_milliseconds`; the times of the more expensive
+/// points are infinity. Measure on an idle host.
 ///
 /// `workspace`: has the size and alignment from `nerf_pace_workspace_size`, and does not overlap the scene or its
-/// file's bytes. `pace`: receives the times on success; the caller sets `struct_size`. A scene without a Pareto front
-/// is `NERF_STATUS_NO_FRONT`. `message`: as in `nerf_scene_memory`.
+/// file's bytes. `pace`: receives the times on success; the caller sets `struct_size`. `NERF_STATUS_NO_FRONT` if the
+/// scene has no Pareto front. `message`: as in `nerf_scene_memory`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; the scene is intact.
@@ -150,7 +151,7 @@ unsafe fn planned<'s>(at: *const PaceRequest) -> Result<(PaceRequest, &'s Scene,
     Ok((request, scene, plan))
 }
 
-/// Returns a function that reads the caller's clock, or without one the library's own, microseconds.
+/// Returns a function that reads a clock, microseconds: the caller's, or if `clock` is `None` the library's own.
 fn time(clock: Clock, user: *mut c_void) -> Result<impl FnMut() -> u64, Failure> {
     #[cfg(feature = "std")]
     let start = std::time::Instant::now();

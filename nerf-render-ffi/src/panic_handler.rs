@@ -4,8 +4,8 @@ use core::panic::PanicInfo;
 
 #[cfg_attr(target_arch = "wasm32", link(wasm_import_module = "env"))]
 unsafe extern "C" {
-    /// Function of the host that a panic calls, and that must not return. Only a library that can panic refers to
-    /// `nerf_panicked`: as an undefined symbol at link time, or as an import of a WebAssembly module.
+    /// Function that the host defines. A panic calls the function, which must not return. A library that cannot panic
+    /// does not need the function: no `nerf_panicked` is among its undefined symbols or WebAssembly imports.
     fn nerf_panicked() -> !;
 }
 

@@ -9,9 +9,9 @@ use nerf_core::volume;
 
 /// The format of a plane's pixel in memory; 8-bit channels are clamped and rounded half up.
 ///
-/// RGB is composited over the background. RGBA is the scene alone, premultiplied by its opacity, the alpha `a`. The RGB
-/// format's colour is `rgb + (1 - a) * background`, in linear light if `options.effects.linear` is 1, else
-/// display-encoded. A 2D field is opaque: its alpha is 1, and no background shows.
+/// RGB is composited over the background. RGBA is the scene without background: alpha is the opacity, and the colour is
+/// premultiplied by alpha. `rgb + (1 - alpha) * background` gives the colour of the RGB format. Values are linear light
+/// if `options.effects.linear` is 1, else display-encoded. A 2D field is opaque: its alpha is 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum PixelFormat {
@@ -48,7 +48,7 @@ impl PixelFormat {
     }
 }
 
-/// Number of a plane's format; messages display the format's name.
+/// A number that the caller gave as a `nerf_format`; displayed as the format's name.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FormatNumber(pub u32);
 
@@ -74,13 +74,13 @@ pub(crate) enum Channel {
     /// Density at a point of `nerf_query`.
     Density,
     PointColour,
-    /// Distance along a ray at which the ray ends: an input, as is `LimitZDepth`.
+    /// Input, like `LimitZDepth`: the distance along a ray at which the ray ends.
     LimitRayDistance,
     LimitZDepth,
 }
 
 impl Channel {
-    /// Returns the plane's name in messages, and the `NERF_OUTPUT_*` flag that the plane needs, 0 for none.
+    /// Returns the plane's name for messages, and the `NERF_OUTPUT_*` flag that the plane needs, or 0 if it needs none.
     fn about(self) -> (&'static str, u32) {
         match self {
             Self::Colour => ("target.rgb", NERF_OUTPUT_RGB),
@@ -96,7 +96,7 @@ impl Channel {
         }
     }
 
-    /// Returns the plane's name in messages.
+    /// Returns the plane's name for messages.
     pub fn name(self) -> &'static str {
         self.about().0
     }

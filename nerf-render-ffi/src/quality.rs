@@ -11,20 +11,20 @@ use nerf_core::blob::Blob;
 use nerf_core::plan::{self, Quality};
 use nerf_core::render;
 
-/// Limit of the loss of settings. Loss: PSNR of the exact rendering minus that of the settings, both against ground
-/// truth, dB, as measured for the points of the scene's Pareto front.
+/// Choice of quality settings by the PSNR that they may lose. The loss is the PSNR of the exact rendering minus the
+/// PSNR with the settings, dB, against ground truth, as measured for each point of the scene's Pareto front.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Preset {
-    /// PSNR not below that of the exact rendering.
+    /// PSNR at least as high as with the exact rendering.
     Exact = 0,
-    /// PSNR at most 0.01 dB below that of the exact rendering: no visible difference.
+    /// PSNR at most 0.01 dB below the PSNR of the exact rendering: no visible difference.
     High = 1,
-    /// PSNR at most 0.1 dB below that of the exact rendering.
+    /// PSNR at most 0.1 dB below the PSNR of the exact rendering.
     Balanced = 2,
-    /// PSNR at most 0.3 dB below that of the exact rendering.
+    /// PSNR at most 0.3 dB below the PSNR of the exact rendering.
     Fast = 3,
-    /// PSNR at most 1 dB below that of the exact rendering: for navigation.
+    /// PSNR at most 1 dB below the PSNR of the exact rendering: for navigation.
     Preview = 4,
 }
 
@@ -34,13 +34,13 @@ pub enum Preset {
 pub struct Choice {
     /// `sizeof(nerf_choice)`, set by the caller.
     pub struct_size: usize,
-    /// PSNR of the exact rendering minus that of the settings, dB, as a study measured it; negative for a gain.
+    /// PSNR of the exact rendering minus PSNR with the settings, dB, as a study measured it; negative for a gain.
     pub loss_db: f32,
-    /// Multiply-adds of the settings divided by those of the exact rendering.
+    /// Number of multiply-adds with the settings, divided by the number for the exact rendering.
     pub cost: f32,
     /// Expected milliseconds per frame; NaN unless the settings were chosen by time.
     pub milliseconds: f32,
-    /// 1 if the settings meet the limit; 0 if no point of the Pareto front does, and the nearest point was chosen.
+    /// 1 if the settings meet the limit. 0 if no point of the Pareto front meets it: the nearest point was chosen.
     pub within: u32,
 }
 
@@ -80,13 +80,13 @@ fn without_time(choice: plan::Choice) -> (plan::Choice, f32) {
     (choice, f32::NAN)
 }
 
-/// Writes to `options` the cheapest settings whose PSNR is at most `loss_db` below that of the exact rendering.
+/// Writes to `options` the cheapest settings with a PSNR at most `loss_db` below the PSNR of the exact rendering.
 ///
 /// `options`: the caller sets `struct_size`; the quality settings (samples, cuts, occupancy grid, maths, proposal) are
-/// replaced, other fields stay. `choice`: NULL, or receives the chosen point. If no point of the scene's Pareto front
-/// has such a PSNR, the point of highest PSNR is chosen, and `choice->within` is 0. `NERF_STATUS_NO_FRONT`, and nothing
-/// is written, if the scene has no Pareto front, or this build can render none of its points. The transmittance cut of
-/// a point may exceed one half: rendering then refuses median distances. `message`: as in `nerf_scene_memory`.
+/// replaced, other fields stay. `choice`: NULL, or receives the chosen point. If every point of the scene's Pareto
+/// front loses more, the point of highest PSNR is chosen, and `choice->within` is 0. `NERF_STATUS_NO_FRONT` if the
+/// scene has no Pareto front, or if this build can render none of its points; nothing is written then. A point's
+/// transmittance cut may exceed 0.5: rendering then refuses median distances. `message`: as in `nerf_scene_memory`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `scene` is intact.
@@ -106,7 +106,8 @@ pub unsafe extern "C" fn nerf_quality_within_loss(
     })
 }
 
-/// Writes to `options` the settings of highest PSNR for at most `ratio` times the exact rendering's multiply-adds.
+/// Writes to `options` the settings of highest PSNR that take at most `ratio` times the multiply-adds of the exact
+/// rendering.
 ///
 /// If every point of the scene's Pareto front costs more, the cheapest point is chosen. Everything else is as in
 /// `nerf_quality_within_loss`.
@@ -129,11 +130,12 @@ pub unsafe extern "C" fn nerf_quality_within_cost(
     })
 }
 
-/// Writes to `options` the settings of highest PSNR whose frame takes at most `milliseconds`, by the times that
-/// `nerf_pace_measure` wrote to `pace`.
+/// Writes to `options` the settings of highest PSNR with a frame time of at most `milliseconds`. `pace`: frame times
+/// from `nerf_pace_measure`.
 ///
-/// If every point of the scene's Pareto front takes longer, the fastest point is chosen. `choice->milliseconds` is the
-/// expected time of a frame. Everything else is as in `nerf_quality_within_loss`.
+/// If every measured point of the scene's Pareto front takes longer, the fastest is chosen. `NERF_STATUS_NO_FRONT` also
+/// if no point was measured. `choice->milliseconds` is the expected time of a frame. Everything else is as in
+/// `nerf_quality_within_loss`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described there, `pace` to a `nerf_pace`; `scene` is intact.
@@ -188,14 +190,13 @@ pub unsafe extern "C" fn nerf_quality_point(
     })
 }
 
-/// Writes to `options` settings whose PSNR is at most the limit of a `nerf_preset` below that of the exact rendering.
+/// Writes to `options` the cheapest settings that lose no more PSNR than a `nerf_preset` allows.
 ///
-/// If no point of the scene's Pareto front is within the limit, the settings are those of the exact rendering. In a
-/// scene without a Pareto front the PSNR of settings is not known: `NERF_PRESET_EXACT` then uses every sample inside
-/// the scene box, and `NERF_PRESET_HIGH` the default options. BALANCED, FAST and PREVIEW have transmittance cuts of
-/// 0.03, 0.1 and 0.1, colour cuts of 0.03, 0.03 and 0.1, and PREVIEW has four fifths of the samples: in the project's
-/// study of another scene their PSNR was 0.05, 0.2 and 0.9 dB below exact. `options` and `message`: as in
-/// `nerf_quality_within_loss`.
+/// If every point of the scene's Pareto front loses more, writes the settings of the exact rendering. A scene without a
+/// Pareto front gets fixed settings, with an unknown loss: `NERF_PRESET_EXACT` is the exact rendering, and
+/// `NERF_PRESET_HIGH` the default options. BALANCED, FAST and PREVIEW have transmittance cuts of 0.03, 0.1 and 0.1, and
+/// colour cuts of 0.03, 0.03 and 0.1. PREVIEW also takes only four fifths of the scene's samples. In a study of another
+/// scene, these three presets lost 0.05, 0.2 and 0.9 dB. `options` and `message`: as in `nerf_quality_within_loss`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `scene` is intact.

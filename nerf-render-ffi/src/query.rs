@@ -13,7 +13,7 @@ use nerf_core::camera::is_unit;
 use nerf_core::render::{self, RenderError};
 use nerf_core::volume::Pixel;
 
-/// Number of points that are evaluated together; positions, directions and results are copied through the stack.
+/// Number of points that are evaluated together; their positions, directions and results are arrays on the stack.
 const CHUNK: usize = 64;
 
 /// Points to evaluate, each with the direction along which the point is seen.
@@ -24,8 +24,8 @@ pub struct Points {
     pub struct_size: usize,
     /// Number of points.
     pub count: usize,
-    /// Position of each point: x, y, z, world space. Density is 0 and colour is black outside the scene box, and in
-    /// cells that the occupancy grid marks as empty.
+    /// Position of each point: x, y, z, world space. Density is 0 and colour is black in cells that the occupancy grid
+    /// marks as empty and, unless the scene is unbounded, outside the scene box.
     pub positions: Floats,
     /// Direction from the camera to each point, unit length (squared length 1 within 1e-3); not read if `rgb` is NULL.
     pub dirs: Floats,

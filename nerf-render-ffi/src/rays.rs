@@ -14,18 +14,18 @@ use nerf_core::camera::Ray;
 use nerf_core::render::RaySegment;
 use nerf_core::volume::Pixel;
 
-/// Array in the caller's memory, whose elements are one or three floats each: one element per ray or point.
+/// Array in the caller's memory, with one element per ray or point. Every element is one float, or three floats.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Floats {
     /// Address of the first element.
     pub data: *const f32,
-    /// Bytes from the start of one element to that of the next; 0 if elements are contiguous.
+    /// Bytes from the start of an element to the start of the next one; 0 if elements are contiguous.
     pub stride: usize,
 }
 
 impl Floats {
-    /// Checks address, stride and extent of `count` elements of `each` floats; returns elements and their bytes.
+    /// Checks the array: `count` elements of `each` floats. Returns the elements, and the memory that they occupy.
     pub(crate) fn check(
         &self,
         name: &'static str,
@@ -49,7 +49,7 @@ impl Floats {
     }
 }
 
-/// Elements that [`Floats::check`] has checked.
+/// An array that [`Floats::check`] has checked.
 #[derive(Clone, Copy)]
 pub(crate) struct Numbers {
     data: *const u8,
@@ -79,8 +79,8 @@ pub struct Rays {
     pub count: usize,
     /// Origin of each ray: x, y, z, world space.
     pub origins: Floats,
-    /// Direction of each ray: x, y, z, of unit length (squared length within 1e-3 of 1). Not normalised again: the
-    /// ray's distances are in units of this length.
+    /// Direction of each ray: x, y, z, of unit length (squared length within 1e-3 of 1). Directions are not normalised
+    /// again: a ray's distances are in units of its direction's length.
     pub dirs: Floats,
     /// Distance along each ray at which visibility begins, world units, at least 0; NULL for 0. In a scene that is
     /// marched (`step` of `nerf_scene_info` is not 0) the first sample interval begins at `t_min`, or where the ray
@@ -90,14 +90,14 @@ pub struct Rays {
     /// Distance along each ray at which visibility ends, world units, at least `t_min`, may be infinite; NULL for no
     /// end. `t_max` cuts the sample interval that contains it: opacity is a continuous function of `t_max`.
     pub t_max: Floats,
-    /// One random number in [0, 1) per ray for `nerf_sample_rays`; NULL for `nerf_render_rays`. 1 counts as the largest
-    /// float below 1, since rounding to float can produce 1.
+    /// One random number in [0, 1) per ray for `nerf_sample_rays`; NULL for `nerf_render_rays`. A 1, which rounding to
+    /// float can produce, is replaced by the largest float below 1.
     pub random: Floats,
     /// Axis along which `z_depth` is measured: three floats, unit length like `dirs`. A camera's axis is the direction
     /// of the ray through (cx, cy). May be NULL without a plane for `z_depth`.
     pub axis: *const f32,
     /// Planes for the results: one row of `count` pixels; `row_stride` is ignored. Planes may be fields of the
-    /// structures that hold the rays. Planes of limits must be NULL: each ray has its `t_max`.
+    /// structures that hold the rays. Planes of limits must be NULL: each ray has its own `t_max`.
     pub target: *const Target,
 }
 
@@ -105,15 +105,15 @@ versioned!(unsafe Rays, "rays", by_width(56, 112));
 
 /// Renders the caller's own rays: ray i is pixel i of the target.
 ///
-/// A ray may begin outside, inside or behind the scene. A ray without a surface has the distance `far`: no less than
-/// any distance in the scene, or, if nearer, `t_max`. The rays of a camera's pixels give the camera's image, bit for
-/// bit, without jitter. For a shadow ray a plane of opacity suffices: opacity has the same bits as together with other
-/// planes, for less work.
+/// A ray may begin outside, inside or behind the scene. A ray without a surface gets the distance `far`: at least every
+/// distance in the scene, but at most `t_max`. Without jitter, the rays of a camera's pixels give the camera's image,
+/// bit for bit. For shadow rays, render opacity alone: the opacity is bit-identical with and without other planes, and
+/// the work is less.
 ///
-/// All rays are checked before the first result is written. `NERF_STATUS_RAY` if an origin is not finite, a direction
-/// is not of unit length, `t_max` is less than `t_min`, or `random` is not NULL; the message names the first such ray.
-/// `NERF_STATUS_OPTIONS` for options with anti-aliasing or an aperture, which belong to cameras. `counters` and
-/// `message`: as in `nerf_render`.
+/// All rays are checked before the first result is written. `NERF_STATUS_RAY` if `random` is not NULL, or if a ray has
+/// an origin that is not finite, a direction that is not of unit length, or a `t_min` below 0 or above `t_max`; the
+/// message names the first such ray. `NERF_STATUS_OPTIONS` for anti-aliasing or an aperture, which belong to cameras.
+/// `counters` and `message`: as in `nerf_render`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
@@ -134,12 +134,13 @@ pub unsafe extern "C" fn nerf_render_rays(
 /// Samples the point on each ray at which a photon collides with the medium, for path tracers.
 ///
 /// A ray's photon collides where the opacity accumulated along the ray reaches the ray's number in `random`. Then
-/// `opacity` is 1, distances are those of the collision, and colour and normal are the field's at that point. Without a
+/// `opacity` is 1, distances lead to the collision, and colour and normal are the field's at that point. Without a
 /// collision, opacity is 0, distances are infinite, and colour is the background (0 in RGBA planes). Cuts in the
-/// options are ignored. Over uniform random numbers, the means of opacity and colour, and over the collisions those of
-/// distance and normal, are the results of `nerf_render_rays` without cuts. Exception: with deferred shading, the
-/// colour branch is evaluated for the collision's sample alone, so that the mean colour differs. `NERF_STATUS_RAY` also
-/// for a number outside [0, 1]. Everything else is as in `nerf_render_rays`.
+/// options are ignored. `NERF_STATUS_RAY` also for a number outside [0, 1]. All else is as in `nerf_render_rays`.
+///
+/// If a ray is sampled often, with uniform random numbers, the mean opacity and colour of all samples, and the mean
+/// distance and normal of the collisions, converge to the results of `nerf_render_rays` without cuts. Exception: with
+/// deferred shading, the colour branch is evaluated for the collision's sample alone, so the mean colour differs.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described there; `worker` and its scenes are intact.
@@ -188,7 +189,7 @@ impl Arrays {
         Ok(Self { origins, dirs, t_min, t_max, random, read })
     }
 
-    /// Returns ray `i` with its visible distances.
+    /// Returns ray `i` with its `t_min` and `t_max`, which are 0 and infinity without an array.
     ///
     /// # Safety
     /// As for [`Numbers::at`].
@@ -205,7 +206,7 @@ impl Arrays {
     }
 }
 
-/// Renders rays. With `collide`, samples instead the point on each ray at which a photon collides with the medium.
+/// Renders rays; if `collide` is true, samples the point on each ray at which a photon collides with the medium.
 ///
 /// # Safety
 /// As for [`nerf_render_rays`].

@@ -7,7 +7,7 @@ use nerf_core::MathBackend;
 use nerf_core::blob::{Blob, MAX_SAMPLES};
 use nerf_core::plan::{self, Batch, Outputs, Plan, Quality, Tone, ToneMap};
 
-/// Largest `batch_rays`: the pixels of one tile.
+/// Largest `batch_rays`: the number of pixels of a 16x16 tile.
 const MAX_RAYS: u32 = 256;
 
 const FLAG: &str = "0 or 1";
@@ -52,9 +52,9 @@ const MATHS: [Option<MathBackend>; 4] = [
 
 /// Options of a frame: quality settings, batches, distances and effects.
 ///
-/// NULL for the structure, or all zeros except `struct_size`, are the defaults: cuts without a visible difference. The
-/// exact rendering evaluates every sample in the scene box: `transmittance_cut` and `colour_cut` are `NERF_NONE`, and
-/// `ignore_occupancy` is 1 unless the scene requires its occupancy grid.
+/// NULL in place of options, or zeros in all fields except `struct_size`, selects the defaults: cuts without a visible
+/// difference. The exact rendering evaluates every sample in the scene box: `transmittance_cut` and `colour_cut` are
+/// `NERF_NONE`, and `ignore_occupancy` is 1 unless the scene requires its occupancy grid.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct RenderOptions {
@@ -65,8 +65,8 @@ pub struct RenderOptions {
     /// number between near and far. With a proposal network, the number of samples drawn from the proposal's
     /// distribution, in addition to the proposal's own samples.
     pub samples: u32,
-    /// Transmittance threshold, less than 1: a ray ends, and counts as opaque, once its transmittance is below the
-    /// threshold. 0 for `NERF_TRANSMITTANCE_CUT_DEFAULT`; `NERF_NONE` (or any value below 0) ends no ray.
+    /// Transmittance threshold, less than 1: once a ray's transmittance is below the threshold, the ray ends, and its
+    /// opacity becomes 1. 0 for `NERF_TRANSMITTANCE_CUT_DEFAULT`; `NERF_NONE` (or any value below 0) ends no ray.
     pub transmittance_cut: f32,
     /// 1: samples in empty cells of the occupancy grid are evaluated, too. Otherwise 0.
     pub ignore_occupancy: u32,
@@ -82,11 +82,11 @@ pub struct RenderOptions {
     /// Number of samples that the network evaluates together, at most 64; 0 for a number that keeps vector units busy.
     /// Only the portable kernel with f16 weights uses fewer than 64.
     pub batch_samples: u32,
-    /// Weight threshold, less than 1. A sample's colour is evaluated only if the weight accumulated since the ray's
-    /// last evaluated colour, with the sample's own, exceeds the threshold; this colour gets all of the accumulated
-    /// weight. 0 for `NERF_COLOUR_CUT_DEFAULT`; `NERF_NONE` evaluates every colour. Never affects opacity or distances.
+    /// Weight threshold, less than 1. The weights of successive samples on a ray are summed until the sum exceeds the
+    /// threshold. Only then is a colour evaluated: the last sample's, with the whole sum as its weight. 0 for
+    /// `NERF_COLOUR_CUT_DEFAULT`; `NERF_NONE` evaluates every colour. Never affects opacity or distances.
     pub colour_cut: f32,
-    /// Width, in sample intervals, of a Gaussian blur of the density, whose gradient then gives the normals (standard
+    /// Normals are the gradient of the density after a Gaussian blur. Width of the blur, in sample intervals (standard
     /// deviation: width / sqrt(12)). 0 for `NERF_NORMAL_BLUR_DEFAULT`; `NERF_NONE` for no blur: the gradient is then
     /// mostly noise finer than a sample interval.
     pub normal_blur: f32,
@@ -96,8 +96,8 @@ pub struct RenderOptions {
     pub near_distance: f32,
     /// Distance along a ray at which visibility ends, world units; 0 for no end.
     pub far_distance: f32,
-    /// 1: a scene that is not marched (`step` is 0) is sampled only between its near and far distances, as in training,
-    /// to reproduce figures measured in this way. 0: the rest of the scene box is sampled, too.
+    /// For scenes that are not marched (`step` of `nerf_scene_info` is 0). 1: rays are sampled only between the scene's
+    /// near and far distances, as in training. 0: the rest of the scene box is sampled, too.
     pub own_bins: u32,
     /// Reserved; must be 0.
     pub reserved: u32,
@@ -108,7 +108,7 @@ pub struct RenderOptions {
 versioned!(unsafe RenderOptions, "options", by_width(128, 136));
 
 impl RenderOptions {
-    /// Returns these options with the settings of `quality`.
+    /// Returns a copy of these options with the quality settings replaced by `quality`.
     pub(crate) fn with(self, quality: &Quality) -> Self {
         Self {
             samples: quality.samples.into(),
@@ -170,16 +170,16 @@ impl Settings {
         Ok(Self { frame, batch: Batch { rays, samples: or(o.batch_samples, Batch::FULL.samples) } })
     }
 
-    /// Makes the plan of a scene's frames; a unit of length of the scene is `scale` world units.
+    /// Makes the plan of a scene's frames. `scale`: world units per unit of length in the scene.
     pub fn plan<'a>(&self, blob: &Blob<'a>, outputs: Outputs, scale: f32) -> Result<Plan<'a>, Failure> {
         let (near, far) = self.frame.range;
         let of_scene = plan::Settings { range: (near / scale, far / scale), ..self.frame };
         Ok(of_scene.plan(blob, outputs, self.batch)?)
     }
 
-    /// Returns an error if exposure or tone curve does not suit a target with alpha. Premultiplied display-encoded
-    /// values are not light: exposure needs linear output. A tone curve of premultiplied values is not that of the
-    /// colour.
+    /// Returns an error if the options do not suit RGBA planes, since these are premultiplied. A tone curve is always
+    /// an error: it must be applied to the colour itself. Exposure is an error unless the output is linear: it
+    /// multiplies light, not display-encoded values.
     pub fn check_tone_of_alpha(&self) -> Result<(), Failure> {
         let tone = self.frame.effects.tone;
         let fits = tone == Tone::NONE || (tone.linear && tone.map == ToneMap::None);

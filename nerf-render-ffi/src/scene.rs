@@ -14,8 +14,8 @@ use nerf_core::render::Renderer;
 /// An opened scene, at the beginning of the memory that it was opened in; borrows the scene file's bytes.
 ///
 /// A scene owns nothing and never changes: threads may share a scene, and there is nothing to close. A scene is valid
-/// until the caller reuses its memory or that of the scene file's bytes. (A scene from `nerf_scene_open_file` lies in
-/// the library's own memory and is valid until `nerf_scene_close`.)
+/// until the caller reuses the scene's memory or the memory of the file's bytes. (A scene from `nerf_scene_open_file`
+/// lies in the library's own memory and is valid until `nerf_scene_close`.)
 #[repr(align(64))]
 pub struct Scene {
     renderer: Renderer<'static>,
@@ -61,7 +61,7 @@ pub(crate) fn memory_lines(blob: &Blob<'_>, kernel: Kernel) -> usize {
     lines_for::<Scene>(1) + Renderer::prepared_lines(blob, kernel)
 }
 
-/// Parses and checks a scene file, except for entropy-coded tables, which are checked after opening decodes them.
+/// Parses and checks a scene file. Entropy-coded tables are not yet checked: `nerf_scene_open` decodes and checks them.
 ///
 /// # Safety
 /// `blob` is NULL or points to `blob_size` bytes that stay as they are during `'a`.

@@ -14,7 +14,7 @@ use nerf_core::memory::Line;
 use std::fs::File;
 use std::io::{self, Read};
 
-/// Bytes of the file and memory of a scene that was opened from a file; `nerf_scene_close` frees them.
+/// Memory of a scene that was opened from a file: the file's bytes and the scene itself. `nerf_scene_close` frees it.
 ///
 /// The fields are pointers instead of boxes, since the scene borrows `blob` and `memory`, and itself lies in `memory`.
 pub(crate) struct Owned {
@@ -33,6 +33,8 @@ impl Owned {
         Self { blob: NonNull::from(blob), memory: NonNull::from(memory) }
     }
 
+    /// Frees the file's bytes and the scene.
+    ///
     /// # Safety
     /// `blob` and `memory` are not used any more.
     unsafe fn free(self) {
@@ -170,7 +172,7 @@ pub unsafe extern "C" fn nerf_scene_close(scene: *const Scene) {
     });
 }
 
-/// Returns the bytes of a scene file; an error if the header is no scene file's or has another length than the file.
+/// Returns the bytes of a scene file. An error if the header is invalid, or if its length is not the file's length.
 fn read(path: &CStr) -> Result<Vec<u8>, Cause> {
     let path = as_path(path)?;
     // Checked before opening, since opening a pipe blocks until something writes to it.

@@ -26,11 +26,11 @@ pub enum TableStorage {
     None = 0,
     /// f16: two bytes per value.
     F16 = 1,
-    /// Integers: one byte per value, and one scale per level of the grid.
+    /// 8-bit integers: one byte per value, and one scale factor per level of the grid.
     Int8 = 2,
     /// `NERF_TABLE_STORAGE_INT8`, entropy-coded: `nerf_scene_open` decodes the tables into the scene's memory. A
-    /// library without the feature `coded` (microcontrollers) refuses coded tables: train with `--export int8`, whose
-    /// tables are read directly from the file's bytes.
+    /// library without the feature `coded` (microcontrollers) refuses coded tables. For such a library, train with
+    /// `--export int8`: the tables are then read directly from the file's bytes.
     Coded = 3,
 }
 
@@ -70,7 +70,8 @@ pub struct SceneInfo {
     pub near_distance: f32,
     /// Distance at which the scene ends on the rays of its training cameras, world units.
     pub far_distance: f32,
-    /// The scene's own number of samples per ray: between near and far, or, if `step` is not 0, on the longest ray.
+    /// The scene's own number of samples per ray: between near and far, or if `step` is not 0, along the diagonal of
+    /// the scene box. In an unbounded scene: on a ray through the middle, from the inner ball to the far distance.
     pub samples: u32,
     /// Background colour, which shows where opacity is below 1, display-encoded.
     pub background: [f32; 3],
@@ -82,23 +83,23 @@ pub struct SceneInfo {
     pub occupancy_resolution: [u32; 3],
     /// Fraction of the occupancy grid's cells that are occupied; 1 without an occupancy grid.
     pub occupied_share: f32,
-    /// Number of layers of the trunk, which gives the density: entries of `trunk_widths` in use.
+    /// Number of layers of the trunk, which gives the density; only this many entries of `trunk_widths` are used.
     pub trunk_layers: u32,
     /// Number of units in each layer of the trunk.
     pub trunk_widths: [u32; 16],
-    /// Number of the colour branch's hidden layers: entries of `colour_widths` in use.
+    /// Number of hidden layers of the colour branch; only this many entries of `colour_widths` are used.
     pub colour_layers: u32,
     /// Number of units in each hidden layer of the colour branch.
     pub colour_widths: [u32; 4],
     /// Mean PSNR over the validation views, dB; NaN if there were none.
     pub psnr_db: f32,
-    /// PSNR lost on the validation views by rounding weights and tables for the file, dB; NaN if not measured.
+    /// PSNR that rounding the weights and tables for the file costs on the validation views, dB; NaN if not measured.
     pub quantisation_loss_db: f32,
     /// Number of optimiser steps of the training run.
     pub steps: u32,
     /// Number of parameters of the network.
     pub parameters: u64,
-    /// Multiply-adds of one density evaluation; for a 2D field, of its layers in front of the colour branch.
+    /// Multiply-adds of one density evaluation. For a 2D field: multiply-adds of the layers before the colour branch.
     pub density_macs: u64,
     /// Multiply-adds of one colour evaluation, in addition to the density evaluation at the same sample.
     pub colour_macs: u64,
@@ -116,7 +117,7 @@ pub struct SceneInfo {
     pub picture_height: u32,
     /// Number of samples per ray at which the proposal network is evaluated; 0 without a proposal network.
     pub proposal_samples: u32,
-    /// Number of points of the Pareto front (PSNR against multiply-adds) from a study; 0 without a Pareto front.
+    /// Number of points of the Pareto front (PSNR against multiply-adds), which a study measured; 0 without one.
     pub front_points: u32,
     /// Multiply-adds of one evaluation of the proposal network; 0 without a proposal network.
     pub proposal_macs: u64,
@@ -128,7 +129,7 @@ pub struct SceneInfo {
     /// Radius of the ball around the middle of an unbounded scene's box, world units; 0 if the scene ends at its box.
     /// Space outside the ball is contracted into the box, a cube with sides of 4 radii.
     pub contraction_radius: f32,
-    /// Power by which steps grow outside the ball of `contraction_radius`: 1 (uniform in disparity), 2 or 4 (nearly
+    /// How steps along a ray grow outside the ball of `contraction_radius`: 1 (uniform in disparity), 2, or 4 (nearly
     /// uniform in the logarithm of the distance); 0 if the scene ends at its box.
     pub contraction_power: u32,
     /// Storage of the weights: a `nerf_storage`, never `NERF_STORAGE_AUTO`.
@@ -136,9 +137,9 @@ pub struct SceneInfo {
     /// Position of the default viewpoint, world units: a view from `eye` towards `target` shows the photographed
     /// subject. `eye`, `target`, `up` and `arc` are 0 if the file has no viewpoint; otherwise `up` is not 0.
     pub eye: [f32; 3],
-    /// The subject of the photographs, world units: the centre of an orbit.
+    /// Position of the subject of the photographs, world units: the centre of an orbit around the subject.
     pub target: [f32; 3],
-    /// Upward direction of the photographs, unit length: the axis of an orbit.
+    /// Upward direction of the photographs, unit length: the axis of an orbit around the subject.
     pub up: [f32; 3],
     /// Angle, around `up`, of the arc from which `target` was photographed, radians; 2 pi for a full circle. `eye` is
     /// in the middle of the arc. No photograph was taken outside the arc.

@@ -53,7 +53,7 @@ pub(crate) struct Pieces {
 impl Pieces {
     pub const NONE: Self = Self { span: Span::EMPTY, stride: 1, size: 0 };
 
-    /// Returns an error if elements of `self` and `other` may share a byte; fields of the same structures share none.
+    /// Returns an error if elements of `self` and `other` may share a byte. Fields of the same structures do not.
     pub fn check_apart(self, name: &'static str, other: Self, of: &'static str) -> Result<(), Failure> {
         let behind = other.span.start.wrapping_sub(self.span.start);
         if self.stride == other.stride && self.stride > 0 {
@@ -84,7 +84,8 @@ pub(crate) struct PlaneBytes {
 }
 
 impl PlaneBytes {
-    /// `data`: address of the top left pixel. A negative row stride stores rows bottom up. Callers check for overflow.
+    /// Returns the bytes of a plane. `data`: address of the top left pixel. With a negative row stride, the following
+    /// rows lie at lower addresses. The caller has checked that no address overflows.
     pub fn new(
         data: usize,
         (columns, rows): (usize, usize),
@@ -120,7 +121,7 @@ impl PlaneBytes {
         (self.columns - 1) * self.pixel_stride + self.size
     }
 
-    /// Whether the planes are interleaved channels of one structure: the usual case, found without a loop over pixels.
+    /// Whether the planes are interleaved channels of one structure. A fast check: no loop over pixels.
     fn are_channels_with(&self, other: &Self) -> bool {
         let (low, high) = if self.first <= other.first { (self, other) } else { (other, self) };
         let offset = high.first - low.first;
@@ -130,7 +131,7 @@ impl PlaneBytes {
             && offset.saturating_add(high.size) <= low.pixel_stride
     }
 
-    /// Whether any pixel of the plane has one of the `length` bytes from address `at`; the plane must not be empty.
+    /// Whether a pixel of the plane overlaps the `length` bytes that begin at `at`; the plane must not be empty.
     fn has_any(&self, at: usize, length: usize) -> bool {
         let (start, end) = (at.saturating_sub(self.first), (at + length).saturating_sub(self.first));
         // Index of the first element that ends after `place`; elements of `size` bytes begin every `stride` bytes.

@@ -22,11 +22,11 @@ pub enum Status {
     Overlap = 6,
     /// A size or a range of addresses overflows.
     Overflow = 7,
-    /// A setting is outside its range.
+    /// A setting is outside its range, or this build of the library lacks what the setting asks for.
     Options = 8,
     /// This machine lacks the instructions of the requested kernel or storage.
     Kernel = 9,
-    /// The camera is invalid: its parameters define no rays.
+    /// The camera is invalid, or a camera function cannot make a pose or a ray from its arguments.
     Camera = 10,
     /// The rectangle is not inside the image.
     Rect = 11,
@@ -36,7 +36,7 @@ pub enum Status {
     NotAScene = 13,
     /// The scene's occupancy grid is part of its model and cannot be ignored.
     OccupancyRequired = 14,
-    /// A direction of a query is not of unit length.
+    /// A direction of a query, or the `axis` of rays, is not of unit length.
     Direction = 15,
     /// The progress callback cancelled the render; finished tiles are in the planes.
     Cancelled = 16,
@@ -44,7 +44,7 @@ pub enum Status {
     Panic = 17,
     /// The scene file contains a scene, not a 2D field: `nerf_render` renders scenes.
     NotAPicture = 18,
-    /// The scene has no Pareto front, PSNR against multiply-adds: `nerf-train study` measures one.
+    /// The scene has no usable Pareto front (PSNR against multiply-adds); `nerf-train study` measures one.
     NoFront = 19,
     /// The file cannot be read.
     File = 20,
@@ -126,7 +126,7 @@ texts! {
     BlobContent: c"the blob's content breaks a rule of the format";
 }
 
-/// Returns the meaning of a status, in English; static, never NULL, also for numbers that are no status.
+/// Returns the meaning of a status, in English. The text is static, and never NULL, even if the number is no status.
 #[unsafe(no_mangle)]
 pub extern "C" fn nerf_status_text(status: i32) -> *const c_char {
     let known = Status::ALL.iter().find(|known| **known as i32 == status);

@@ -10,8 +10,8 @@ use core::ffi::c_void;
 use nerf_core::render::{Limit, Rect};
 use nerf_core::volume::Pixel;
 
-/// One plane of a target: the values of one output, or of limits, in the caller's memory. The first pixel is the top
-/// left one of the **rectangle**, not of the image. For rays and points the plane is one row.
+/// One plane of a target, in the caller's memory: the values of one output, or limits of rays. The first pixel is the
+/// top left one of the **rectangle**, not of the image. For rays and points the plane is one row.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Plane {
@@ -29,10 +29,10 @@ pub struct Plane {
 
 /// The target of a render. `limit_ray_distance` and `limit_z_depth` are inputs; every other plane is an output.
 ///
-/// An output plane that is NULL is not computed, and takes no memory. Planes may share memory as channels of one
+/// An output plane that is NULL is not computed, and takes no memory. Planes may be interleaved as channels of one
 /// structure: bytes between pixels are never touched. Output planes must not share a byte (`NERF_STATUS_OVERLAP`).
-/// `far` is the distance of a pixel without a surface: no less than any distance in the scene, or, if nearer, the
-/// pixel's own limit along its ray or `far_distance` of the options.
+/// Pixels without a surface get the distance `far`: at least every distance in the scene, but no more than the pixel's
+/// own limit along its ray or `far_distance` of the options.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Target {
@@ -42,25 +42,25 @@ pub struct Target {
     pub rgb: Plane,
     /// Opacity, in `[0, 1]`.
     pub opacity: Plane,
-    /// Mean distance along the ray under the sample weights, world units; where opacity is 1e-4 or less, `far`: the
-    /// distance of a pixel without a surface.
+    /// Mean distance of the samples along the ray, weighted by the sample weights, world units. Pixels without a
+    /// surface (opacity 1e-4 or less) get `far`.
     pub ray_distance: Plane,
-    /// Mean distance along the view axis under the sample weights, world units; where opacity is 1e-4 or less, `far`:
-    /// the distance of a pixel without a surface.
+    /// Mean distance of the samples along the view axis, weighted by the sample weights, world units. Pixels without a
+    /// surface (opacity 1e-4 or less) get `far`.
     pub z_depth: Plane,
-    /// Median distance: where transmittance along the ray falls below one half, world units; if it never does, `far`:
-    /// the distance of a pixel without a surface. Needs a `transmittance_cut` of at most 0.5.
+    /// Median distance along the ray, at which transmittance falls below one half, world units. If transmittance stays
+    /// above one half, the pixel gets `far`. Needs a `transmittance_cut` of at most 0.5.
     pub median_distance: Plane,
-    /// Normal of the surface: mean of -grad(density)/|grad(density)| under the sample weights, world space, unit
-    /// length; 0 where opacity is 1e-4 or less or directions cancel. Costs about as much as two more samples per ray.
+    /// Normal of the surface: mean of -grad(density)/|grad(density)|, weighted by the sample weights; world space, unit
+    /// length. 0 where opacity is 1e-4 or less or directions cancel. Costs about as much as two more samples per ray.
     pub normals: Plane,
-    /// Input: limit of each pixel, the distance along its ray at which the ray ends, world units, for example at a
-    /// surface that the host has traced. Infinity or NaN for no limit; NULL for no plane. A limit cuts the sample
-    /// interval that contains the limit, so edges are smooth. Samples behind a limit cost nothing.
+    /// Input, NULL for none: distance along each pixel's ray at which the ray ends, world units, for example at a
+    /// surface that the host has traced. Infinity or NaN: no limit for this pixel. A limit cuts the sample interval
+    /// that contains the limit, so edges are smooth. Samples behind a limit cost nothing.
     pub limit_ray_distance: Plane,
-    /// Input: limits as in `limit_ray_distance`, but along the view axis, such as a depth buffer; only one of the two
-    /// planes may be set. The limit of a depth `d` in normalised device coordinates is `p[14] / (d + p[10])`, with `p`
-    /// the column-major perspective matrix of a camera that looks along -Z.
+    /// Input: limits as in `limit_ray_distance`, but measured along the view axis. Only one of the two planes may be
+    /// set. A value `d` of a depth buffer, in normalised device coordinates, gives the limit `p[14] / (d + p[10])`; `p`
+    /// is the column-major perspective matrix of a camera that looks along -Z.
     pub limit_z_depth: Plane,
 }
 
@@ -76,7 +76,7 @@ pub(crate) struct Surface {
     row_stride: isize,
 }
 
-/// Columns and rows of a plane: those of a rectangle, or `(count, 1)` for rays and points.
+/// Numbers of columns and rows of a plane; `(count, 1)` for rays and points.
 type Extent = (usize, usize);
 
 /// A checked target: its output planes, at most one plane of limits, and the position of its rectangle.
@@ -108,7 +108,7 @@ impl Canvas {
         other.map_or(Ok(()), |channel| Err(Failure::ScenePlane(channel.name())))
     }
 
-    /// Checks the result planes of `count` points, which must not overlap the inputs in `read`. `rgb.data` may be NULL.
+    /// Checks the result planes of `count` points; they must not overlap the inputs in `read`. `rgb.data` may be NULL.
     ///
     /// # Safety
     /// As for [`Canvas::of_image`].
@@ -135,8 +135,8 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// Checks that every plane fits `extent`, and overlaps neither scenes, worker nor another plane. `read`: memory of
-    /// the input arrays of rays, which no plane may overlap; `None` for an image.
+    /// Checks every plane of a target: it must fit `extent`, and must not overlap a scene, the worker, another plane or
+    /// `read`. `read`: memory of the input arrays of rays; `None` for an image.
     ///
     /// # Safety
     /// As for [`Canvas::of_image`].
@@ -180,7 +180,7 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// Checks exposure and tone curve for an RGBA plane; without one, makes the worker composite over the background.
+    /// With an RGBA plane: checks exposure and tone curve, and turns the background off. Else turns the background on.
     pub fn set_up(&self, worker: &mut State) -> Result<(), Failure> {
         let alpha = self.surfaces.iter().flatten().any(|surface| surface.format.has_alpha());
         if alpha {
@@ -203,8 +203,8 @@ impl Canvas {
                 for column in 0..tile.width {
                     let pixel = pixels.get((row * tile.width + column) as usize);
                     let (x, y) = (tile.x - left + column, tile.y - top + row);
-                    // SAFETY: the tile lies in the rectangle that `check` was given; the memory is writable by the promise
-                    // of `of_image`.
+                    // SAFETY: the tile lies in the rectangle that `check` was given; the memory is writable by the
+                    // promise of `of_image`.
                     unsafe {
                         put(surface.at(x as usize, y as usize), surface.format, surface.channel, &pixel)
                     };
@@ -217,7 +217,8 @@ impl Canvas {
     #[inline]
     pub fn put(&mut self, i: usize, pixel: &Pixel) {
         for surface in self.surfaces.iter().flatten() {
-            // SAFETY: `i` is below the count that `check` was given; the memory is writable by the promise of `of_rays`.
+            // SAFETY: `i` is below the count that `check` was given; the memory is writable by the promise of
+            // `of_target` or `of_points`.
             unsafe { put(surface.at(i, 0), surface.format, surface.channel, pixel) };
         }
     }
@@ -233,7 +234,6 @@ impl Surface {
         if self.channel == Channel::LimitZDepth { Limit::ZDepth(t) } else { Limit::RayDistance(t) }
     }
 
-    /// Returns the bytes that the plane's pixels occupy.
     fn bytes(&self, extent: Extent) -> PlaneBytes {
         PlaneBytes::new(self.data as usize, extent, (self.pixel_stride, self.row_stride), self.format.size())
     }
@@ -249,8 +249,8 @@ impl Surface {
     }
 }
 
-/// Checks a plane: output, format, strides, alignment, extent, and no overlap with scenes, worker and the memory in
-/// `read`, the input arrays of rays or points. Returns `None` for a plane that is left out.
+/// Checks output, format, strides, alignment and extent of a plane. The plane must not overlap a scene, the worker or
+/// `read`, the memory of the input arrays of rays or points. Returns `None` for a plane that is left out.
 fn check(
     channel: Channel,
     plane: &Plane,

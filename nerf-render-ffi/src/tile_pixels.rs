@@ -4,7 +4,7 @@ use nerf_core::memory::{Layout, Measure};
 use nerf_core::plan::Outputs;
 use nerf_core::volume::Pixel;
 
-/// The values of a pixel that are stored whichever outputs are requested.
+/// The values of a pixel that are always stored, even if their outputs are not requested.
 #[derive(Clone, Copy)]
 struct Plain {
     rgb: [f32; 3],
@@ -17,7 +17,7 @@ impl Plain {
     const BLANK: Self = Self { rgb: [0.0; 3], opacity: 0.0, ray_distance: 0.0, z_depth: 0.0 };
 }
 
-/// A tile's pixels, row by row. Outputs that were not requested take no memory.
+/// A tile's pixels, row by row. Median distances and normals take no memory unless requested.
 pub(crate) struct TilePixels<'w> {
     plain: &'w mut [Plain],
     /// Median distances, `[pixels]`, world units; empty if not requested.

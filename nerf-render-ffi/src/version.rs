@@ -2,7 +2,7 @@
 
 use core::ffi::{CStr, c_char};
 
-/// Version of the ABI that this header describes; `nerf_abi_version()` returns that of the library.
+/// Version of the ABI that this header describes; `nerf_abi_version()` returns the version that the library has.
 ///
 /// The version changes only when a program built against the old header would break.
 pub const NERF_ABI_VERSION: u32 = 2;
@@ -18,7 +18,7 @@ pub extern "C" fn nerf_abi_version() -> u32 {
     NERF_ABI_VERSION
 }
 
-/// Version of the library as text, such as "0.1.0"; static.
+/// Version of the library as text, such as "0.1.0"; the text is static and never freed.
 #[unsafe(no_mangle)]
 pub extern "C" fn nerf_version_text() -> *const c_char {
     TEXT.as_ptr()

@@ -31,15 +31,16 @@ pub struct Request {
     pub struct_size: usize,
     /// Scene or 2D field, in its own coordinates; NULL if there are `instances`.
     pub scene: *const Scene,
-    /// Scenes that the host has placed in its own world, or NULL: cameras, rays, points and distances are in that
-    /// world. Where instances overlap, densities add and colours are mixed by density. An unbounded scene must be the
-    /// last instance; its background is shown. Only in a library built with `instances`.
+    /// Scenes that the host has placed in its own world, or NULL. Cameras, rays, points and distances are then in the
+    /// host's world. Where instances overlap, densities add, and colours are averaged with the densities as weights. An
+    /// unbounded scene must be the last instance. The background is the last instance's. Only in a library built with
+    /// `instances`.
     pub instances: *const crate::instance::Instance,
     /// Number of instances; 0 with `scene`.
     pub instance_count: usize,
     /// Options of the frames; NULL for the defaults.
     pub options: *const RenderOptions,
-    /// `NERF_OUTPUT_*` flags, or-ed, of the planes that the worker renders. For a worker of `nerf_query` alone:
+    /// `NERF_OUTPUT_*` flags, or-ed, of the planes that the worker renders. For a worker that only `nerf_query` uses:
     /// `NERF_OUTPUT_RGB` if colours are requested, else 0.
     pub outputs: u32,
     /// Reserved; must be 0.
@@ -58,8 +59,8 @@ pub(crate) struct Member {
 /// A worker, which lies at the beginning of the memory that it was opened in, and borrows the scenes.
 ///
 /// A worker owns nothing, and there is nothing to close. Only one call at a time may use a worker: a concurrent call is
-/// `NERF_STATUS_BUSY`, as is every call after `NERF_STATUS_PANIC`. A worker is valid until the caller reuses its memory
-/// or a scene's memory.
+/// `NERF_STATUS_BUSY`, as is every call after `NERF_STATUS_PANIC`. A worker is valid until the caller reuses the
+/// worker's memory or a scene's memory.
 #[repr(align(64))]
 pub struct Worker {
     /// Set while a call uses `state`. The flag lies outside of the state, since concurrent calls read the flag.
@@ -180,7 +181,7 @@ pub(crate) fn tile_size(batch: Batch) -> (u32, u32) {
     (width as u32, side.min(batch.rays / width).max(1) as u32)
 }
 
-/// A checked request; its scenes are checked one by one when they are read.
+/// A request that is checked except for its scenes; each scene is checked when it is read.
 #[derive(Clone, Copy)]
 struct Checked {
     request: Request,
@@ -231,7 +232,7 @@ impl Checked {
         self.request.instance_count.max(1)
     }
 
-    /// Returns the scene of instance `_index`, or without instances the only scene.
+    /// Returns the scene of instance `_index`. Without instances, returns the request's only scene.
     ///
     /// # Safety
     /// As in [`Checked::read`]; the scenes stay as they are during `'a`.
@@ -248,7 +249,7 @@ impl Checked {
         unsafe { Scene::of(self.request.scene) }
     }
 
-    /// Returns the placement of instance `index`; the identity without instances.
+    /// Returns the placement of instance `index`; the identity if the request has no instances.
     ///
     /// # Safety
     /// As in [`Checked::read`].
@@ -270,7 +271,8 @@ impl Checked {
         failure
     }
 
-    /// Makes the plan of scene `index`, whose unit of length is `scale` world units; `None` for a 2D field.
+    /// Makes the plan of scene `index`; `None` for a 2D field, but an error for a 2D field among instances. `scale`:
+    /// world units per unit of length in the scene.
     fn plan(&self, index: usize, scene: &Scene, scale: f32) -> Result<Option<Plan<'static>>, Failure> {
         let blob = scene.renderer().blob();
         if blob.picture().is_some() && !self.placed {
