@@ -18,7 +18,7 @@ pub enum DatasetError {
     Range(#[from] BoundsError),
     #[error(transparent)]
     Picture(#[from] DecodeError),
-    /// A wrong value in a file, or something that a folder lacks.
+    /// A wrong value in a file, or something missing in a folder.
     #[error("{}: {fault}", path.display())]
     Fault { path: PathBuf, fault: String },
 }

@@ -1,8 +1,8 @@
 //! Posed pictures, read from the common layouts of data sets.
 //!
-//! One reader per layout, in a file of its own, converts to the project's convention, so that no code outside this
-//! module needs to know the layout: `fx fy cx cy` in pixels, pixel centres at +0.5, straight alpha, and camera-to-world
-//! poses that look down −Z with +Y up.
+//! Each layout has a reader in a file of its own, which converts to the project's conventions: `fx fy cx cy` in pixels,
+//! pixel centres at +0.5, straight alpha, and camera-to-world poses that look down −Z with +Y up. Code outside this
+//! module need not know the layout.
 //!
 //! | path | reader | convention of the file |
 //! | --- | --- | --- |
@@ -14,8 +14,8 @@
 //! | a folder with `poses_bounds.npy` | [`Format::Llff`] | columns down, right, backward |
 //!
 //! If several layouts fit a folder, the first of transforms, COLMAP and LLFF is read, or the one that
-//! [`ReadOptions::layout`] names. Coordinates stay the file's; only for cameras far from the origin, the origin is
-//! moved near them ([`Dataset::origin`]).
+//! [`ReadOptions::layout`] names. Coordinates are the file's own, unless the cameras are far from the origin: then the
+//! origin is moved near them ([`Dataset::origin`]).
 
 pub mod cameras;
 pub mod demo;
@@ -54,7 +54,7 @@ pub struct Dataset {
     /// Name of the scene: the file's or folder's name.
     pub name: String,
     pub format: Format,
-    /// Convention of the file's poses; the poses here are all converted to OpenGL.
+    /// Pose convention of the file. All poses in this struct have been converted to OpenGL's convention.
     pub axes: Axes,
     /// Training views; at least one, unless the data were read to evaluate a field ([`ReadOptions::to_measure`]).
     pub train: Vec<View>,
@@ -71,7 +71,7 @@ pub struct Dataset {
     pub background: Background,
     /// Sparse points of a reconstruction, which lie on surfaces; may be empty.
     pub points: Vec<SparsePoint>,
-    /// Position, in the file's world, of the origin of all coordinates; the file's origin may be too far for f32.
+    /// Origin of all coordinates, in the file's world: (0, 0, 0) unless the cameras are far from the file's origin.
     pub origin: [f64; 3],
     pub notes: Vec<String>,
     /// Oddities that did not prevent reading, one sentence each.
@@ -108,8 +108,8 @@ impl Dataset {
         }
     }
 
-    /// Moves the test views to the validation views if there are none; returns whether views were moved. Results on
-    /// moved views still count as test results, because no choice of a fit depends on validation views.
+    /// If there are no validation views, makes the test views validation views; returns whether views were moved.
+    /// Results on these views are still test results, because a fit chooses nothing by its validation results.
     pub fn validate_on_test(&mut self) -> bool {
         let instead = self.val.is_empty() && !self.test.is_empty();
         if instead {
@@ -118,8 +118,8 @@ impl Dataset {
         instead
     }
 
-    /// Sets the origin of a data set whose coordinates are already relative to `origin`, and states it in a note and in
-    /// the name, which a blob stores.
+    /// Sets the origin of a data set whose coordinates are already relative to `origin`. A note and the data set's name
+    /// then state the origin; blobs store this name.
     pub(crate) fn counted_from(mut self, origin: DVec3) -> Self {
         if origin == DVec3::ZERO {
             return self;
@@ -145,7 +145,7 @@ impl Dataset {
 #[non_exhaustive]
 pub enum Format {
     Cs180,
-    /// `tiny_nerf_data.npz` of the original notebook.
+    /// `tiny_nerf_data.npz` of the original NeRF notebook.
     TinyNerf,
     /// `transforms_{train,val,test}.json`, as in NeRF-synthetic.
     Blender,
@@ -175,9 +175,9 @@ impl std::fmt::Display for Format {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Axes {
-    /// Looks down −Z, +Y up.
+    /// Cameras look down −Z, with +Y up.
     Opengl,
-    /// Looks down +Z, +Y down.
+    /// Cameras look down +Z, with +Y down.
     Opencv,
 }
 
@@ -221,13 +221,14 @@ impl std::str::FromStr for Axes {
     }
 }
 
-/// Choice between one camera for each device and the cameras of a COLMAP reconstruction (`--cameras`).
+/// Choice between the cameras (sets of intrinsics) of a COLMAP reconstruction and one camera for each device
+/// (`--cameras`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Cameras {
-    /// One camera for each device: a reconstruction with one camera for each photograph is adjusted again.
+    /// One camera for each device. A reconstruction with one camera for each photograph is adjusted again to have this.
     #[default]
     Shared,
-    /// The cameras that the reconstruction has.
+    /// The cameras of the reconstruction, unchanged.
     Own,
 }
 
@@ -243,10 +244,10 @@ impl std::str::FromStr for Cameras {
     }
 }
 
-/// Suffix of a data set's name which states that its cameras are shared.
+/// Suffix of the name of a data set with shared cameras (one camera for each device).
 const SHARED: &str = ", shared cameras";
 
-/// Reads the choice of cameras from the name of a data set, where blobs store it.
+/// Reads the choice of cameras from the data set's name that a blob stores.
 pub fn cameras_in_name(name: &str) -> Cameras {
     let shared = name.ends_with(SHARED) || name.contains(&format!("{SHARED}{STATED}"));
     if shared { Cameras::Shared } else { Cameras::Own }
@@ -263,24 +264,25 @@ pub struct ReadOptions {
     pub far: Option<f32>,
     /// Size limit of an unpacked array of an archive, bytes, against zip bombs; `None`: 4 GiB.
     pub max_array_bytes: Option<u64>,
-    /// Whether pictures that a json names outside of its folder are read (`--outside-files`): by `..`, by an absolute
-    /// path, or through a link that leads out.
+    /// Whether pictures outside of a json's folder are read (`--outside-files`). A json may name them by `..`, by an
+    /// absolute path, or through a link that leads out.
     pub outside_files: bool,
     /// Layout in which a folder is read, if several fit (`--layout`).
     pub layout: Option<Layout>,
-    /// Factor by which photographs are reduced from the size of their poses (`--downscale`). For Blender folders, only
-    /// an explicit factor applies.
+    /// Factor by which photographs are reduced (`--downscale`). In Blender folders, [`Downscale::Auto`] reduces
+    /// nothing.
     pub downscale: Downscale,
-    /// Index of the held-out photograph in every eight, sorted by name; ignored if the data set lists its splits.
+    /// Index, 0 to 7, of the held-out photograph in every eight, by name. Ignored if the data set lists its splits.
     pub hold_offset: usize,
     pub cameras: Cameras,
-    /// File of shared cameras: read if it is of this reconstruction, else written. `None`: the cameras are not stored.
+    /// File of shared cameras. If the file belongs to this reconstruction, it is read; otherwise it is written, except
+    /// with `to_measure`. `None`: the cameras are not stored.
     pub shared_cameras: Option<PathBuf>,
-    /// Origin of all coordinates, in the file's world ([`Dataset::origin`]), such as that of the blob to
-    /// evaluate. `None`: a point near cameras that are far from the file's origin, else the file's origin.
+    /// Origin of all coordinates, in the file's world ([`Dataset::origin`]); for an evaluation, the blob's origin.
+    /// `None`: the file's origin, or a point near the cameras if these are far from it.
     pub origin: Option<[f64; 3]>,
-    /// Whether the data are read to evaluate an existing field, for which views of any split suffice. Otherwise
-    /// training views are required.
+    /// Whether the data are read to evaluate an existing field. If true, views of any split suffice; otherwise training
+    /// views are required.
     pub to_measure: bool,
 }
 
@@ -300,7 +302,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError>
     read_watched(path, options, &Watch::default())
 }
 
-/// [`read`], which also counts the pictures read in `watch`, for another thread to show progress.
+/// Does the same as [`read`], and counts the pictures read in `watch`, so that another thread can show progress.
 pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     check_range(options.near, options.far)?;
     let kind = std::fs::metadata(path).map_err(|source| DatasetError::io(path, source))?;

@@ -7,7 +7,7 @@ use std::path::Path;
 /// File name stems that a report needs for itself, such as `views.png`, its contact sheet.
 const RESERVED: [&str; 4] = ["views", "curve", "curve_steps", "snapshots"];
 
-/// Maximum length of a stem, bytes: `step_0000000000_` before and `_z_depth.png` after it fit a file name of 255.
+/// Maximum length of a stem, bytes. A file name of 255 bytes then has room for `step_0000000000_` and `_z_depth.png`.
 const MAX_BYTES: usize = 200;
 
 /// File name stems of the views of a split; no two are equal, even if case is ignored.

@@ -9,7 +9,7 @@ use nerf_core::camera::Camera;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-/// Number of training photographs below which there is a warning.
+/// A data set with fewer training photographs than this gets a warning.
 const FEW: usize = 6;
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -38,7 +38,7 @@ pub struct Report {
     pub points: usize,
     /// Number of distinct cameras, by intrinsics and lens.
     pub cameras: usize,
-    /// Position of the origin of all coordinates of the report in the file's world.
+    /// Origin of all coordinates in the report; its position is given in the file's world.
     pub origin: [f64; 3],
     pub notes: Vec<String>,
     /// The reader's warnings, then those of this report.
@@ -121,9 +121,8 @@ fn one_place(dataset: &Dataset) -> Option<String> {
 
 /// Warning, with a remedy, if the cameras do not look at a common place.
 ///
-/// The opposite convention ([`Axes::other`]) reverses the viewing direction along each axis, so it is right exactly if
-/// the axes meet, but behind the cameras. Forward-facing captures are never warned about: their axes meet nowhere in
-/// particular.
+/// The opposite convention ([`Axes::other`]) reverses all viewing directions: it is right exactly if the axes meet
+/// behind the cameras. Forward-facing captures get no warning, because their axes need not meet.
 fn axes_warning(look_at: &LookAt, cameras: &[Camera], axes: Axes) -> Option<String> {
     if look_at.agrees() || look_at.forward_facing() {
         return None;

@@ -16,8 +16,8 @@ pub struct View {
     pub pixels: Vec<[u8; 4]>,
     /// Whether each pixel is trained on and evaluated, in the order of `pixels`; `None`: all pixels are.
     pub mask: Option<Vec<bool>>,
-    /// Distance from the camera within which an unbounded scene is taken as empty, world units: a little less than the
-    /// distance of the nearest sparse points in view; 0 if there are too few.
+    /// Distance from the camera, world units, within which an unbounded scene is taken as empty. Estimated from the
+    /// nearest sparse points in view; 0 if too few are in view.
     pub near: f32,
     /// Sparse points that this view shows; empty if the data set states none.
     pub key_points: Vec<KeyPoint>,
@@ -26,9 +26,9 @@ pub struct View {
 /// Position of a sparse point in a view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KeyPoint {
-    /// Pixels from the left edge.
+    /// Horizontal position, pixels from the left edge.
     pub x: f32,
-    /// Pixels from the top edge.
+    /// Vertical position, pixels from the top edge.
     pub y: f32,
     /// Index into [`Dataset::points`](crate::data::Dataset::points).
     pub point: u32,
@@ -52,15 +52,15 @@ impl View {
         if x < width && y < height { self.pixels.get(index).copied() } else { None }
     }
 
-    /// The same picture with another camera of the same size.
+    /// Returns the same picture with another camera, which must have the same picture size.
     pub fn seen_from(&self, camera: Camera) -> Self {
         Self { camera, ..self.clone() }
     }
 
-    /// Every `step`-th pixel of every `step`-th row, with a camera that has exactly the rays of these pixels. The view
-    /// itself if `step` is 1, or if the mask leaves no sampled pixel.
+    /// Returns every `step`-th pixel of every `step`-th row, with a camera that has exactly the rays of these pixels.
+    /// Returns the view itself if `step` is 1, or if the mask leaves no sampled pixel.
     ///
-    /// `step`: odd. Pixel `i` of the result is pixel `step i + step / 2` of the view. Along a side shorter than
+    /// `step` must be odd. Pixel `i` of the result is pixel `step i + step / 2` of the view. Along a side shorter than
     /// `step`, the step is the largest odd number that fits.
     pub fn thinned(&self, step: u32) -> Cow<'_, Self> {
         if step <= 1 {
@@ -91,7 +91,7 @@ impl View {
         self.mask.as_ref().is_none_or(|mask| mask.get(index).copied().unwrap_or(false))
     }
 
-    /// Colours of `rgb`, an image of this view, `[height * width]`, at the pixels that are not masked out.
+    /// Returns the colours at the pixels that are not masked out. `rgb`: an image of this view, `[height * width]`.
     pub fn counted<'p>(&self, rgb: &'p [[f32; 3]]) -> Cow<'p, [[f32; 3]]> {
         match &self.mask {
             Some(mask) => rgb.iter().zip(mask).filter(|(_, kept)| **kept).map(|(rgb, _)| *rgb).collect(),
@@ -109,9 +109,9 @@ impl View {
         self.pixels.iter().any(|p| p[3] < 255)
     }
 
-    /// The picture over `background`, `[height * width]`; result and background are display-encoded in [0, 1].
+    /// Returns the picture composited over `background`, `[height * width]`; both are display-encoded in [0, 1].
     ///
-    /// `colour * alpha + background * (1 - alpha)` in display space, as published figures are.
+    /// The formula is `colour * alpha + background * (1 - alpha)` in display space, as for published figures.
     pub fn composite_over(&self, background: [f32; 3]) -> Vec<[f32; 3]> {
         self.pixels.iter().map(|&pixel| over(pixel, background)).collect()
     }
@@ -121,7 +121,7 @@ fn mask_at(view: &View, x: u32, y: u32) -> bool {
     view.counts(y as usize * view.size().0 as usize + x as usize)
 }
 
-/// One straight-alpha pixel over a display-encoded background, in [0, 1].
+/// Composites one straight-alpha pixel over `background`; background and result are display-encoded in [0, 1].
 pub fn over(pixel: [u8; 4], background: [f32; 3]) -> [f32; 3] {
     let alpha = f32::from(pixel[3]) / 255.0;
     std::array::from_fn(|c| f32::from(pixel[c]) / 255.0 * alpha + background[c] * (1.0 - alpha))
@@ -149,11 +149,11 @@ pub fn is_blank(views: &[View]) -> bool {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Background {
-    /// Some picture has alpha below 255: the background may be chosen freely.
+    /// Some picture has alpha below 255. The background may be chosen freely.
     Alpha,
-    /// No alpha, but more than half of all border pixels of the pictures are exactly this sRGB colour.
+    /// No picture has alpha below 255, but more than half of all border pixels are exactly this sRGB colour.
     Constant([u8; 3]),
-    /// Neither transparent nor constant.
+    /// The background is neither transparent nor of one colour: the pictures show it as part of the scene.
     Unknown,
 }
 

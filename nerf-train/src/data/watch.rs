@@ -1,9 +1,9 @@
-//! Progress of reading pictures, which another thread can read.
+//! Progress of reading pictures, shown by another thread.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Numbers of pictures read and to be read; an archive, which is read at once, counts no pictures.
+/// Number of pictures read so far, and in total. For an archive, which is read at once, both stay 0.
 #[derive(Debug, Default)]
 pub struct Watch {
     done: AtomicU64,
@@ -21,7 +21,7 @@ impl Watch {
         self.total.load(Ordering::Relaxed)
     }
 
-    /// Time spent on adjusting or reading shared cameras, which the time of a fit excludes.
+    /// Time spent on adjusting or reading shared cameras. The time reported for a fit excludes it.
     pub fn set_aside(&self) -> Duration {
         Duration::from_micros(self.set_aside.load(Ordering::Relaxed))
     }

@@ -7,17 +7,17 @@ use nerf_core::space::SceneBox;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// [`LookAt::spread`] below which the optical axes count as parallel: angles of about half a degree.
+/// Optical axes are taken as parallel if [`LookAt::spread`] is at most this: angles of about half a degree.
 const PARALLEL: f64 = 1e-4;
-/// [`LookAt::spread`] below which a scene counts as forward-facing: angles of about eight degrees.
+/// A scene is taken as forward-facing if [`LookAt::spread`] is less than this: angles of about eight degrees.
 const FORWARD_FACING: f64 = 0.02;
 /// Number of reweighted least-squares iterations that minimise the sum of distances from the look-at point to the axes.
 const ROUNDS: usize = 20;
 
 /// Point nearest to all optical axes, and how well the axes agree on it.
 ///
-/// The point minimises the sum of distances to the axes, not of their squares, so that a few cameras that look
-/// elsewhere do not move it. Reversing the viewing direction of a camera does not change the point.
+/// The point minimises the sum of distances to the axes. Squared distances would let a few cameras that look elsewhere
+/// move the point. Reversing the viewing direction of a camera does not change the point.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct LookAt {
     pub point: [f32; 3],
@@ -111,7 +111,8 @@ impl LookAt {
         f64::from(self.spread) < FORWARD_FACING
     }
 
-    /// Whether the point is certain enough to centre the scene box on, also along the cameras' common direction.
+    /// Whether the point is certain enough to be the centre of the scene box: the axes agree on it, and its uncertainty
+    /// along the cameras' common direction (`mean_residual` / √`spread`) is at most half of the mean distance.
     pub fn places_the_scene(&self) -> bool {
         self.agrees() && self.mean_residual <= 0.5 * self.mean_distance * self.spread.sqrt()
     }
@@ -147,13 +148,14 @@ pub struct SceneBounds {
     pub scene_box: SceneBox,
 }
 
-/// Near and far distance, world units, and scene box of a data set; `None` if neither data nor cameras give them.
+/// Near and far distance, world units, and scene box of a data set. `None` if neither data nor cameras give them, or if
+/// `near` is not less than `far`.
 ///
 /// `near` and `far` are the data set's own, if stated. Otherwise, if the cameras of a NeRF-synthetic, CS180 or
 /// tiny_nerf data set are about 4 world units from their look-at point, 2 and 6 are used, as is usual there. Otherwise,
 /// `near` is half the smallest distance of a camera from the look-at point, and `far` is as far behind that point as
 /// `near` is in front of it. The box is a cube around the look-at point; its half side is the mean camera distance
-/// minus `near`. Without a look-at point, the box encloses all view frusta from `near` to `far`.
+/// minus `near`. Without a reliable look-at point, the box encloses all view frusta from `near` to `far`.
 pub fn scene_bounds(dataset: &Dataset) -> Option<SceneBounds> {
     let cameras: Vec<Camera> = dataset.cameras().copied().collect();
     bounds(&cameras, LookAt::of(&cameras).as_ref(), dataset)
@@ -211,8 +213,8 @@ pub fn frusta_box(
 
 /// Smallest number of sparse points from which a near distance is estimated.
 const ENOUGH_POINTS: usize = 50;
-/// Quantile and factor: a view's near distance is this quantile of the distances to its sparse points, times this
-/// factor. Many sparse points are outliers, and surfaces lie between sparse points.
+/// Quantile and factor. The near distance of a view is this quantile of the distances to its sparse points, times the
+/// factor. The quantile skips outliers; the factor allows for surfaces nearer than all sparse points.
 const ONE_VIEW: (f32, f32) = (0.01, 0.7);
 
 pub(crate) fn set_near(dataset: &mut Dataset) {
@@ -233,8 +235,8 @@ pub(crate) fn distances(view: &View, points: &[SparsePoint]) -> Vec<f32> {
     points.iter().filter_map(distance).collect()
 }
 
-/// Distance at which rays begin: the quantile `in_front` (0 to 1) of the points' `distances`, times `share`; `None` for
-/// fewer than [`ENOUGH_POINTS`] distances.
+/// Distance at which rays begin: the quantile `in_front` (0 to 1) of the sparse points' `distances`, times `share`.
+/// `None` if there are fewer than [`ENOUGH_POINTS`] distances.
 pub(crate) fn begin(mut distances: Vec<f32>, (in_front, share): (f32, f32)) -> Option<f32> {
     if distances.len() < ENOUGH_POINTS {
         return None;

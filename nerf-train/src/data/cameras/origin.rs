@@ -2,15 +2,16 @@
 
 use glam::DVec3;
 
-/// Ratio of the cameras' distance from the origin to half their extent above which the origin is moved. At this ratio
-/// f32 rounds positions to 4e-6 of the half extent, a hundredth of a pixel.
+/// The origin is moved if its distance from the middle of the cameras is more than this many times half their extent.
+/// At that distance f32 rounds positions to 4e-6 of the half extent, about a hundredth of a pixel.
 const FAR_AWAY: f64 = 64.0;
 
-/// Text in front of the origin's coordinates in the name of a data set.
+/// If the origin was moved, a data set's name ends with this text and the coordinates of the origin.
 pub(crate) const STATED: &str = ", origin at (";
 
-/// New origin, in the file's world: a point near the middle of the cameras if they are far from the file's origin, else
-/// (0, 0, 0). Its coordinates are multiples of a power of ten, hence exact and independent of any single camera.
+/// New origin, in the file's world. If the cameras are far from the file's origin, the new origin is a point near their
+/// middle; otherwise (0, 0, 0). Coordinates are rounded to multiples of a power of ten: few decimals state them
+/// exactly, and they hardly depend on any single camera.
 pub(crate) fn origin(cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
     let cameras: Vec<DVec3> =
         cameras.into_iter().map(DVec3::from).filter(|camera| camera.is_finite()).collect();
@@ -29,7 +30,7 @@ pub(crate) fn origin(cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
     if rounded.is_finite() { rounded } else { DVec3::ZERO }
 }
 
-/// Reads the origin from the name of a data set, where blobs store it; (0, 0, 0) if the name states none.
+/// Reads the origin from the data set's name that a blob stores; (0, 0, 0) if the name states none.
 pub fn origin_in_name(name: &str) -> [f64; 3] {
     let stated = || {
         let numbers = name.rsplit_once(STATED)?.1.strip_suffix(')')?;

@@ -18,8 +18,7 @@ const ROUNDING: f64 = 1e-6;
 
 /// Text of the bottom row of a 4×4 matrix if it is not 0 0 0 1, else `None`.
 ///
-/// With another row, the matrix is projective or transposed, and its first three rows are no pose. Dropping the row
-/// would silently read a wrong pose.
+/// A matrix with another bottom row is projective or transposed: its first three rows are no pose.
 pub(crate) fn bottom_row_fault(matrix: &[impl AsRef<[f64]>]) -> Option<String> {
     let [a, b, c, bottom] = matrix else { return None };
     let near = |row: &[f64], expected: &[f64]| {

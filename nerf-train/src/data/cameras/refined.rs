@@ -14,7 +14,7 @@ pub struct RefinedPoses {
     frames: Vec<Frame>,
 }
 
-/// A view with nerfstudio's field names; its pose is in the world of the data set's file.
+/// One view in the file, with nerfstudio's field names. Its pose is in the world of the data set's file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Frame {
     file_path: String,
@@ -36,7 +36,7 @@ pub fn beside(blob: &Path) -> PathBuf {
 }
 
 impl RefinedPoses {
-    /// Collects pairs of a view and its refined camera. Camera positions are relative to `origin`, in the file's world.
+    /// Collects pairs of a view and its refined camera. `origin`: origin of the coordinates, in the file's world.
     pub fn of<'v>(views: impl IntoIterator<Item = (&'v View, Camera)>, origin: [f64; 3]) -> Self {
         Self { frames: views.into_iter().map(|(view, camera)| Frame::of(view, &camera, origin)).collect() }
     }
@@ -58,7 +58,8 @@ impl RefinedPoses {
         }
     }
 
-    /// Refined camera of each view, relative to `origin`; `None` if the file lacks the view. Errors name `blob`.
+    /// Refined camera of each view, with its position relative to `origin`; `None` if the file lacks the view. Errors
+    /// name `blob`.
     pub fn cameras<'v>(
         &self,
         blob: &Path,

@@ -1,4 +1,4 @@
-//! Viewpoint of a scene: the position of one of its cameras, a target and an up direction.
+//! Initial viewpoint for viewers of a scene: the position of one of its cameras, a target and an up direction.
 
 use super::bundle::median;
 use super::geometry::{LookAt, distances, outer, smallest_eigenvalue};
@@ -8,22 +8,23 @@ use nerf_core::blob::Viewpoint;
 use nerf_core::camera::{Camera, Pose};
 use std::f32::consts::TAU;
 
-/// Fraction of the cameras whose azimuths the viewpoint's arc covers; the other cameras may lie outside.
+/// The viewpoint's arc is derived from the shortest arc that contains this fraction of the cameras' azimuths.
 const MOST: f32 = 0.95;
-/// Range of the cameras' azimuths, radians, from which on a viewer may orbit the full circle: two thirds of a circle.
+/// Two thirds of a circle, radians. If the cameras' azimuths span at least this, a viewer may orbit the full circle.
 const ROUND: f32 = 2.0 / 3.0 * TAU;
-/// Conditions for the cameras' x axes to determine the up direction, on the eigenvalues of the axes' scatter matrix:
-/// largest ratio of the smallest to the middle eigenvalue, and smallest middle eigenvalue.
+/// Limits on the eigenvalues of the scatter matrix of the cameras' x axes: largest ratio of the smallest eigenvalue to
+/// the middle one, and smallest middle one. Beyond these limits, the x axes do not determine the up direction.
 const LEVEL: (f64, f64) = (0.15, 0.02);
-/// Smallest number of sparse points in a view from which the scene's depth is taken.
+/// Minimum number of sparse points in a view from which the scene's depth is estimated.
 const ENOUGH_POINTS: usize = 8;
 
-/// Initial viewpoint, from the training cameras; `None` if they give none. `range`: near and far, world units.
+/// Initial viewpoint, chosen from the training cameras; `None` if there is no valid one. `range`: near and far
+/// distance, world units.
 ///
 /// If the cameras look at a common point, the viewpoint looks at that point from the camera nearest to a typical
-/// position: median height over the point, median distance from the vertical axis through it, middle of the cameras'
-/// arc. Otherwise the viewpoint is the camera nearest to the geometric median of all positions, with that camera's
-/// direction.
+/// position: median height over the point, median distance from the vertical axis through the point, middle of the
+/// cameras' arc. Otherwise the viewpoint is the camera nearest to the geometric median of all positions, with that
+/// camera's direction.
 pub(crate) fn viewpoint(dataset: &Dataset, range: (f32, f32)) -> Option<Viewpoint> {
     let cameras: Vec<Camera> = dataset.train.iter().map(|view| view.camera).collect();
     let eyes: Vec<Vec3> = cameras.iter().map(|camera| camera.pose().position).collect();
@@ -60,7 +61,8 @@ pub(crate) fn viewpoint(dataset: &Dataset, range: (f32, f32)) -> Option<Viewpoin
     places.then_some(found)
 }
 
-/// Depth of the scene in training view `middle`, world units: median over its sparse points, or between near and far.
+/// Depth of the scene in training view `middle`, world units: the median distance of the sparse points in view. With
+/// too few points, the harmonic mean of `near` and `far`, or half of `far` if `near` is 0.
 fn depth_of(dataset: &Dataset, middle: usize, (near, far): (f32, f32)) -> f32 {
     let seen = distances(&dataset.train[middle], &dataset.points);
     if seen.len() >= ENOUGH_POINTS {
@@ -106,8 +108,8 @@ fn covered(mut azimuths: Vec<f32>) -> Option<(f32, f32)> {
     (0..count).map(arc).min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// Up direction of the scene: perpendicular to the cameras' horizontal axes, as people hold cameras level. If the axes
-/// do not determine it, the median of the cameras' up directions.
+/// Up direction of the scene: perpendicular to the cameras' horizontal axes, because people hold cameras level. If
+/// these axes determine no direction, the median of the cameras' up directions.
 fn up_of(cameras: &[Camera]) -> Vec3 {
     let axes = |axis: fn(&Pose) -> Vec3| -> Vec<DVec3> {
         cameras.iter().map(|camera| axis(camera.pose()).as_dvec3().normalize_or_zero()).collect()
@@ -121,7 +123,7 @@ fn up_of(cameras: &[Camera]) -> Vec3 {
     level.filter(|level| level.dot(up) > 0.5).unwrap_or(up).as_vec3().normalize() + Vec3::ZERO
 }
 
-/// Normal of the plane in which the unit vectors `horizons` nearly lie; `None` if there is no plane or only a line.
+/// Normal of the plane in which the unit vectors `horizons` nearly lie; `None` if no plane, or more than one, fits.
 fn level(horizons: &[DVec3]) -> Option<DVec3> {
     let m = horizons.iter().map(|&dir| outer(dir, dir)).sum::<DMat3>() * (1.0 / horizons.len() as f64);
     let least = smallest_eigenvalue(m);

@@ -1,9 +1,9 @@
 //! A small demo scene, with exact pictures and distances.
 //!
 //! Shapes on a plinth without surroundings: checkers, stripes and marble, soft shadows, and highlights that move with
-//! the camera, so that a field fitted to the scene needs its direction branch. The scene fits into the box [−1, 1]³,
-//! needs no download and has this crate's licence. All pictures are computed: the same [`DemoSpec`] gives the same
-//! bytes.
+//! the camera, so that a field fitted to the scene must model view-dependent colour. The scene fits into the box
+//! [−1, 1]³, needs no download and has this crate's licence. All pictures are computed: the same [`DemoSpec`] gives the
+//! same bytes.
 
 mod rounds;
 mod shade;
@@ -25,11 +25,11 @@ pub const SCENE_BOX: SceneBox = SceneBox { min: Vec3::NEG_ONE, max: Vec3::ONE };
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DemoSpec {
     pub train: u32,
-    /// Number of validation views, whose cameras are spread among those of the training views.
+    /// Number of validation views. Their cameras are in the same range of heights as the training cameras.
     pub val: u32,
     /// Side of the square pictures, pixels.
     pub size: u32,
-    /// Distance of the cameras from the origin, world units; above √3, the cameras are outside of the box.
+    /// Distance of the cameras from the origin, world units. More than √3 puts all cameras outside of the scene box.
     pub radius: f32,
     /// Focal length divided by the picture's side; 1.3 shows the whole scene at the default radius.
     pub focal: f32,
@@ -42,7 +42,8 @@ impl Default for DemoSpec {
 }
 
 impl DemoSpec {
-    /// Camera that looks at the origin from `azimuth` (radians from +X to +Y) and the height `z` times the radius.
+    /// Camera that looks at the origin. `azimuth`: radians, from +X towards +Y. `z`: height of the camera divided by
+    /// the radius, limited to ±0.999.
     pub fn camera(&self, azimuth: f32, z: f32) -> Result<Camera, CameraError> {
         let z = z.clamp(-0.999, 0.999);
         let (sin, cos) = azimuth.sin_cos();
@@ -89,13 +90,13 @@ pub struct Hit {
     /// Depth of the hit along the camera's view axis, world units.
     pub z_depth: f32,
     pub normal: Vec3,
-    /// Display-encoded sRGB in [0, 1].
+    /// Display-encoded sRGB colour of the surface, in [0, 1].
     pub rgb: [f32; 3],
 }
 
 /// First hit of the ray through the image point `(x, y)`, pixels; a pixel's centre is at `+ 0.5`. `None`: no hit.
 ///
-/// Distances are within 1e-5 of the true surface: closed form, or f64 sphere tracing.
+/// Distances are within 1e-5 of the true surface: computed in f64, in closed form or by iteration.
 pub fn trace(camera: &Camera, x: f32, y: f32) -> Option<Hit> {
     let ray = camera.ray(x, y);
     let (origin, dir) = (ray.origin.as_dvec3(), ray.dir.as_dvec3().normalize());

@@ -1,4 +1,5 @@
-//! Photographs of the demo scene with sparse points, as from a reconstruction, on request a folded one.
+//! Demo data sets with sparse points, as reconstructions have. On request, the reconstruction is folded: photographs of
+//! two sides of the scene have poses on the same side.
 
 use super::{DemoSpec, Hit, render, trace};
 use crate::data::{Axes, Background, Dataset, Format, KeyPoint, SparsePoint, View};
@@ -7,18 +8,19 @@ use nerf_core::camera::{Camera, CameraError};
 use rayon::prelude::*;
 use std::f32::consts::FRAC_PI_2;
 
-/// Number of photographs of each of the two rounds.
+/// Number of photographs in each of the two rounds. A round is a series of photographs along an arc.
 const ROUND: usize = 14;
 /// Angle between consecutive photographs of a round, degrees.
 const STEP: f32 = 6.0;
 /// Side of the photographs, pixels.
 const SIZE: u32 = 160;
-/// Spacing of the pixels at which a photograph gives sparse points, in columns and in rows.
+/// Spacing of the pixels from which sparse points are made, pixels, along both axes.
 const POINT_EVERY: usize = 9;
-/// One in this many photographs gives sparse points.
+/// One photograph in this many gives sparse points.
 const VIEW_EVERY: usize = 3;
 
-/// Photograph: its camera in the data set, the camera that took it, and the azimuth between the two cameras, radians.
+/// One photograph. `pose`: its camera in the data set. `taken`: the camera that took it. `turn`: angle around the scene
+/// from `pose` to `taken`, radians.
 struct Shot {
     pose: Camera,
     taken: Camera,
@@ -26,8 +28,8 @@ struct Shot {
 }
 
 impl Shot {
-    /// Position in this photograph, pixels, of a sparse point; `None` if the point is hidden or outside, or if `turn`,
-    /// that of the photograph in which the point was found, differs from this photograph's.
+    /// Position of a sparse point in this photograph, pixels. `turn`: the turn of the photograph that the point was
+    /// made from. `None` if the point is hidden or outside of the picture, or if `turn` is not this photograph's turn.
     fn shows(&self, position: Vec3, turn: f32) -> Option<(f32, f32)> {
         let (x, y) = self.pose.project(position)?;
         let inside = |v: f32| v > 1.0 && v < SIZE as f32 - 1.0;
@@ -44,10 +46,10 @@ impl Shot {
     }
 }
 
-/// Data set of two rounds of photographs along one arc of 81°, the second interleaved with the first.
+/// Data set of photographs along one arc of 81°, taken in two rounds that alternate along the arc.
 ///
-/// `folded`: the photographs of the second round are taken a quarter turn further around the scene, but have poses on
-/// the arc of the first, as in a reconstruction misled by repeated structure. (The plinth repeats after half a turn.)
+/// If `folded`, the photographs of the second round are taken a quarter turn further around the scene, but their poses
+/// stay on the arc of the first round, as in a reconstruction misled by repeated structure.
 pub fn two_rounds(folded: bool) -> Result<Dataset, CameraError> {
     let spec = DemoSpec { size: SIZE, ..DemoSpec::default() };
     let shot = |i: usize| {

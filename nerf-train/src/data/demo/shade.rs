@@ -9,7 +9,7 @@ const LIGHT_COLOUR: Vec3 = Vec3::new(1.08, 1.0, 0.88);
 const SKY: Vec3 = Vec3::new(0.42, 0.47, 0.56);
 const BOUNCE: Vec3 = Vec3::new(0.30, 0.25, 0.20);
 
-/// Reflectance of a surface: linear albedo, strengths of the highlight and of the mirror, exponent of the highlight.
+/// Reflectance of a surface: linear albedo, strengths of highlight and sky reflection, exponent of the highlight.
 struct Surface {
     albedo: Vec3,
     highlight: f32,
@@ -46,7 +46,8 @@ fn sky_seen(dir: Vec3) -> Vec3 {
     ground.lerp(Vec3::new(0.75, 0.85, 1.0), up) + Vec3::splat(1.6 * window)
 }
 
-/// Reflectance of `look` at a point: `p` relative to the shape's centre, `world` in world coordinates. `n`: normal.
+/// Reflectance, at one point, of a surface with the appearance `look`. `p`: the point relative to the shape's centre.
+/// `world`: the point in world coordinates. `n`: normal.
 fn surface(look: Look, p: Vec3, world: Vec3, n: Vec3) -> Surface {
     let plain = |albedo| Surface { albedo, highlight: 0.08, mirror: 0.2, exponent: 24.0 };
     let glossy = |albedo| Surface { albedo, highlight: 0.9, mirror: 1.0, exponent: 120.0 };
@@ -128,7 +129,7 @@ fn noise(p: Vec3) -> f32 {
     mix(mix(edge(0, 0), edge(1, 0), f.y), mix(edge(0, 1), edge(1, 1), f.y), f.z)
 }
 
-/// Pseudo-random value in 0..=1 of an integer point.
+/// Pseudo-random value in 0..=1 for an integer point.
 fn hash(x: i32, y: i32, z: i32) -> f32 {
     let mut h = (x as u32).wrapping_mul(0x9E37_79B1)
         ^ (y as u32).wrapping_mul(0x85EB_CA77)

@@ -8,7 +8,7 @@ pub(super) const FLOOR: f64 = -0.38;
 #[derive(Clone, Copy)]
 pub(super) enum Form {
     Sphere(f64),
-    /// Rounded box. `half`: half sides, rounding included. `round`: edge radius. `turn`: (cos, sin) of the yaw.
+    /// Rounded box. `half`: half side lengths, rounding included. `round`: edge radius. `turn`: (cos, sin) of the yaw.
     Block {
         half: DVec3,
         round: f64,
@@ -123,7 +123,7 @@ impl Shape {
         }
     }
 
-    /// Distances at which the ray enters and leaves the bounding sphere, `margin` added to its radius; `None`: miss.
+    /// Distances at which the ray enters and leaves the bounding sphere, enlarged by `margin`; `None` for a miss.
     pub(super) fn bounds(&self, origin: DVec3, dir: DVec3, margin: f64) -> Option<(f64, f64)> {
         let to = self.centre - origin;
         let middle = to.dot(dir);
@@ -198,7 +198,7 @@ pub(super) fn first(origin: DVec3, dir: DVec3) -> Option<Found> {
 pub(super) fn lit(point: DVec3, dir: DVec3) -> f64 {
     const SHARPNESS: f64 = 9.0;
     const STEPS: usize = 40;
-    /// Distance from a shape, world units, beyond which its penumbra is cut off.
+    /// Penumbras are cut off beyond this distance from a shape, world units.
     const MARGIN: f64 = 0.2;
     let mut light: f64 = 1.0;
     for shape in &SCENE {
@@ -223,7 +223,8 @@ pub(super) fn lit(point: DVec3, dir: DVec3) -> f64 {
     light * light * (3.0 - 2.0 * light)
 }
 
-/// Openness of the hemisphere around `normal`, up to 1 (ambient occlusion), from scene distances along `normal`.
+/// Ambient occlusion: fraction of the hemisphere around `normal` that is open, up to 1, estimated from the distances
+/// between points along `normal` and the scene.
 pub(super) fn openness(point: DVec3, normal: DVec3) -> f64 {
     const PROBES: u32 = 4;
     let (mut closed, mut total) = (0.0, 0.0);

@@ -18,7 +18,7 @@ pub(crate) struct Bare {
     pub(crate) photographs: Vec<PathBuf>,
     /// Names of files with a picture's extension whose header cannot be read.
     pub(crate) damaged: Vec<String>,
-    /// Names of the photographs of each camera. Photographs of one device (by EXIF) and of one size share a camera.
+    /// Names of photographs, grouped by camera: by device (from EXIF) and picture size.
     pub(crate) cameras: Vec<Vec<String>>,
 }
 

@@ -5,11 +5,11 @@ use crate::data::pictures::found::Found;
 use crate::data::{Axes, Dataset, DatasetError, Downscale, Format, ReadOptions, Watch, scene_name};
 use std::path::{Path, PathBuf};
 
-/// File of the training views, required unless an existing field is evaluated.
+/// Name of the file with the training views. The file is required unless an existing field is evaluated.
 pub(crate) const TRAIN: &str = "transforms_train.json";
 const VAL: &str = "transforms_val.json";
 const TEST: &str = "transforms_test.json";
-/// Files of the splits. Given the path of one of these files, the data set of its whole folder is read.
+/// Names of the files of the splits. If `path` is one of these files, the data set of its whole folder is read.
 pub(crate) const SPLITS: [&str; 3] = [TRAIN, VAL, TEST];
 
 pub(crate) fn is_here(folder: &Path) -> bool {

@@ -8,10 +8,10 @@ use std::path::Path;
 /// Layouts of folders, in order of precedence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Layout {
-    /// `transforms_train.json` or `transforms.json`.
+    /// A folder with `transforms_train.json` or `transforms.json`.
     Transforms,
     Colmap,
-    /// `poses_bounds.npy`.
+    /// A folder with `poses_bounds.npy`.
     Llff,
 }
 
@@ -58,7 +58,8 @@ impl std::str::FromStr for Layout {
     }
 }
 
-/// Reads a folder in the requested layout, else in the first one whose files it has; adds a note if it has several.
+/// Reads a folder in the requested layout, else in the first layout whose files it has. If several layouts fit and none
+/// is requested, adds a note.
 pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let fitting: Vec<Layout> = Layout::ALL.into_iter().filter(|layout| layout.fits(folder)).collect();
     let wanted = options.layout.or(fitting.first().copied());

@@ -150,11 +150,11 @@ fn mixed_alpha(splits: [(&str, &Vec<View>); 3]) -> Vec<String> {
         .collect()
 }
 
-/// Number of views in the file of the original NeRF notebook, which fits the first 100.
+/// Number of views in the file of the original NeRF notebook. The notebook fits the first 100 of them.
 const NOTEBOOK_VIEWS: usize = 106;
 /// Index of the first validation view of the notebook's file: the view that all its figures show.
 const NOTEBOOK_VALIDATION: usize = 101;
-/// Number of validation views of any other file of this layout, taken from its end.
+/// In any other file of this layout, this many views at the end are for validation.
 const LAST: usize = 6;
 
 /// Reads `tiny_nerf_data.npz` of the original NeRF notebook: `images` in floats, OpenGL `poses`, and `focal`.

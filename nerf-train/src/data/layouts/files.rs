@@ -10,7 +10,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// Size limit of a list of views that is searched for file names, bytes.
+/// Maximum number of bytes that are read from a list of views to find file names.
 const MAX_LIST_BYTES: u64 = 256 << 20;
 
 #[derive(Deserialize)]
@@ -25,7 +25,7 @@ struct Frame {
     depth_file_path: Option<String>,
 }
 
-/// Adds the files of the data set at `path`, if given, to `claims` as files that are read.
+/// Adds the files of the data set at `path`, if given, to `claims`, as files that are read and must not be overwritten.
 pub fn reads_data<'p, P: AsRef<Path> + ?Sized + 'p>(
     claims: Claims,
     path: impl Into<Option<&'p P>>,
@@ -37,7 +37,7 @@ pub fn reads_data<'p, P: AsRef<Path> + ?Sized + 'p>(
 
 /// Existing files of the data set at `path`: lists of views, files named in these lists, and a folder's photographs.
 ///
-/// A damaged list counts as empty; reading the data set reports the damage.
+/// A damaged list is treated as empty; reading the data set reports the damage.
 pub fn files(path: &Path) -> Vec<PathBuf> {
     let folder = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
     let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();

@@ -13,12 +13,13 @@ const MASKS: &str = "masks";
 /// Path of a photograph's file, and the reduction still to be applied to the photograph.
 pub(crate) struct Located {
     pub(crate) path: PathBuf,
-    /// Factor by which the photograph is reduced, from the picture size of its pose; `None`: kept at the file's size.
+    /// Factor by which the photograph is still reduced, relative to the size that the data set states. `None`: the
+    /// photograph keeps the file's size.
     pub(crate) downscale: Option<Downscale>,
     pub(crate) reduced: bool,
 }
 
-/// Folders of a data set's photographs. Key: factor by which the copies in the folder are smaller.
+/// Folders of a data set's photographs. Key: how many times smaller the pictures in the folder are than the originals.
 pub(crate) struct Folders {
     root: PathBuf,
     by_factor: BTreeMap<u32, PathBuf>,
@@ -45,10 +46,11 @@ impl Folders {
         Ok(Self { root: root.to_owned(), by_factor })
     }
 
-    /// Folders to search for photographs, best first, each with the reduction still to be applied (`None`: none) and
-    /// whether it holds reduced copies. Copies reduced by the requested factor come first, then larger copies, the
-    /// smallest first; for [`Downscale::Auto`], smaller copies come last. `size`: picture size that the poses are for,
-    /// pixels.
+    /// Folders to search for photographs, best first. Each comes with the reduction still to be applied (or `None`),
+    /// and whether its pictures are reduced copies. `size`: picture size that the data set states, pixels.
+    ///
+    /// Copies reduced by the requested factor come first, then larger copies, from small to large. For
+    /// [`Downscale::Auto`], smaller copies come last.
     fn candidates(&self, downscale: Downscale, size: (f64, f64)) -> Vec<(&Path, Option<Downscale>, bool)> {
         let factor = downscale.factor(size);
         let larger = self.by_factor.range(..=factor).rev();
@@ -65,7 +67,7 @@ impl Folders {
         candidates
     }
 
-    /// Finds the photograph at the relative path `name`. `size`: picture size that its pose is for, pixels.
+    /// Finds the photograph at the relative path `name`. `size`: its size as the data set states it, pixels.
     pub(crate) fn locate(&self, name: &str, downscale: Downscale, size: (f64, f64)) -> Option<Located> {
         self.candidates(downscale, size).into_iter().find_map(|(folder, downscale, reduced)| {
             let path = folder.join(name.replace('\\', "/"));
@@ -75,7 +77,7 @@ impl Folders {
         })
     }
 
-    /// Pictures of the best folder, sorted by the bytes of their names. `size`: picture size of the poses, pixels.
+    /// Pictures of the best folder, sorted by the bytes of their names. `size`: size that the data set states, pixels.
     pub(crate) fn list(
         &self,
         downscale: Downscale,
@@ -102,7 +104,7 @@ impl Folders {
         self.by_factor.values().map(name).collect::<Vec<_>>().join(", ")
     }
 
-    /// Mask of the photograph `name`: in the folder `masks`, the first that exists of NAME.png, STEM.png and NAME.
+    /// Path of the mask of photograph `name`: the first file that exists of NAME.png, STEM.png and NAME in `masks`.
     pub(crate) fn mask(&self, name: &str) -> Option<PathBuf> {
         let folder = self.root.join(MASKS);
         let appended = folder.join(format!("{name}.png"));
@@ -111,8 +113,8 @@ impl Folders {
     }
 }
 
-/// Path of the copy, `factor` times smaller, of the picture at `file_path` in `root`: for `images/a.jpg` and 4, the
-/// file of that name in `images_4`; `None` if there is no copy.
+/// Path of the copy of a picture that is `factor` times smaller; `None` if there is no copy. For `images/a.jpg` and 4,
+/// the copy is the file of that name in `images_4`.
 pub(crate) fn smaller_copy(root: &Path, file_path: &str, factor: u32) -> Option<PathBuf> {
     let path = file_path.replace('\\', "/");
     let (folder, rest) = path.trim_start_matches("./").split_once('/')?;
@@ -131,11 +133,11 @@ pub(crate) fn entries(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     std::fs::read_dir(folder).map_err(io)?.map(|entry| entry.map(|entry| entry.path()).map_err(io)).collect()
 }
 
-/// One view in this many is held out, as is usual in the field.
+/// One view in this many is held out for validation, as is usual in the field.
 pub(crate) const HOLD: usize = 8;
 
-/// Splits views, sorted by the bytes of their names, into training and validation views: every eighth from
-/// [`ReadOptions::hold_offset`] on is for validation. With too few views, all are for training.
+/// Splits views into training and validation views. In the order of the bytes of their names, every eighth view from
+/// index [`ReadOptions::hold_offset`] on is for validation. With too few views, all are for training.
 pub(crate) fn every_eighth(
     mut views: Vec<View>,
     options: &ReadOptions,

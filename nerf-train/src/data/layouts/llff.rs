@@ -14,7 +14,7 @@ use std::path::Path;
 pub(crate) const FILE: &str = "poses_bounds.npy";
 /// Number of values per photograph: three rows of a 3×5 matrix, near and far.
 const NUMBERS: usize = 17;
-/// Fraction of the nearest bound at which rays begin, as in LLFF's loader.
+/// Rays begin at the nearest bound times this factor, as in LLFF's loader.
 const NEAR_MARGIN: f64 = 0.9;
 
 /// Values of one photograph in `poses_bounds.npy`.
@@ -23,7 +23,7 @@ struct Row {
     /// Camera-to-world pose, looking down −Z with +Y up.
     pose: Pose,
     size: (f64, f64),
-    /// Focal length in pixels of `size`.
+    /// Focal length for a picture of the size `size`, pixels.
     focal: f64,
     /// Nearest and farthest visible depth, world units along the view axis.
     bounds: [f64; 2],

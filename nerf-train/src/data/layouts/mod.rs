@@ -1,4 +1,4 @@
-//! Readers of data sets, one per layout with the conventions of its files, and the choice between them.
+//! Readers of data sets, one per layout, and the choice between them.
 
 pub(crate) mod bare;
 pub(crate) mod blender;

@@ -64,7 +64,7 @@ fn say_fields(header: &Header, notes: &mut Vec<String>) {
     }
 }
 
-/// Splits views by the json's lists of file names. Views that no list names are left out, with a warning.
+/// Splits views by the json's lists of file names. Views in none of the lists are left out, with a warning.
 fn split_by_lists(
     views: Vec<View>,
     lists: [&Option<Vec<String>>; 3],

@@ -32,7 +32,7 @@ struct Dtype {
     big_endian: bool,
 }
 
-/// Default limit of an unpacked array, bytes.
+/// Default size limit of an unpacked array, bytes.
 const MAX_ARRAY: u64 = 4 << 30;
 /// Longest array header that is read, bytes; numpy's are 128.
 const MAX_HEADER: usize = 1 << 16;
@@ -76,7 +76,7 @@ impl Archive {
         read_array(&mut entry, &file, key, limit)
     }
 
-    /// Value of the array `key`, which has the shape `()` or one element.
+    /// Value of the array `key`, which must have exactly one element.
     pub(crate) fn scalar(&mut self, key: &str) -> Result<f64, DatasetError> {
         let array = self.array(key)?;
         match array.data.len() / array.dtype.size {
@@ -159,8 +159,8 @@ fn read_array(stream: &mut impl Read, file: &Path, key: &str, limit: u64) -> Res
 }
 
 impl Array {
-    /// `count` elements from `start` on, as display values 0..=255: u8 unchanged, floats in [0, 1] scaled and
-    /// rounded. `Err(value)` for a float outside this range, `None` for another dtype.
+    /// `count` elements from `start` on, as display values 0..=255: u8 unchanged, floats in [0, 1] scaled and rounded.
+    /// `Some(Err(value))` if a float is outside [0, 1]; `None` for another dtype.
     pub(crate) fn display_bytes(&self, start: usize, count: usize) -> Option<Result<Vec<u8>, f64>> {
         let size = self.dtype.size;
         let bytes = &self.data[start * size..(start + count) * size];

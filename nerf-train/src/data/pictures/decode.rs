@@ -46,14 +46,14 @@ pub(super) fn reader<'s>(source: impl Source + 's) -> ImageReader<Box<dyn Source
 
 /// Decodes a picture of any bit depth and channel count, as it is stored, with its EXIF orientation.
 ///
-/// The format is told from the content, whatever the extension says. A JPEG that ends early or whose data is damaged
-/// is refused: most decoders fill the rest with grey and say nothing.
+/// The format is told from the content, whatever the extension says. A truncated or damaged JPEG is refused: most
+/// decoders fill the rest with grey and say nothing.
 pub fn decode(file: &Path) -> Result<(DynamicImage, Orientation), DecodeError> {
     decode_of(file, |_| true)
 }
 
-/// [`decode`] for a picture whose width and height, as its header states them, satisfy `wanted`; any other is refused
-/// without decoding.
+/// Does the same as [`decode`], if the width and height in the picture's header satisfy `wanted`. Any other picture is
+/// refused without decoding.
 pub fn decode_of(
     file: &Path,
     wanted: impl Fn((u32, u32)) -> bool,

@@ -29,8 +29,8 @@ pub(crate) struct Decoded {
 /// Width and height of a picture, pixels, as stated with its pose; `None` for a side that is not stated.
 pub(crate) type StatedSize = (Option<f64>, Option<f64>);
 
-/// Decodes a picture of any depth and channel count, as it is stored. A size that fits `stated` neither upright nor
-/// turned by 90° is an error, for which only the header is read.
+/// Decodes a picture of any depth and channel count, as it is stored. If the size in its header fits `stated` neither
+/// upright nor turned by 90°, returns an error without decoding.
 pub(crate) fn decode(file: &Path, stated: StatedSize) -> Result<Decoded, DatasetError> {
     let bad =
         |found: String| DatasetError::fault(file, format!("expected a {FORMATS} picture, found {found}"));
@@ -71,8 +71,8 @@ impl Decoded {
         (self.image.width(), self.image.height())
     }
 
-    /// Applies the EXIF orientation if only the turned picture has the shape `stated` by the poses' file; returns a
-    /// note on the tag. `says`: name of the poses' file in notes, such as "the json".
+    /// Applies the EXIF orientation if only the turned picture has the shape `stated` in the poses' file. Returns a
+    /// note, unless the tag asks for no turn. `says`: name of the poses' file in notes, such as "the json".
     ///
     /// Otherwise the pixels stay as they are stored: COLMAP, nerfstudio and instant-ngp ignore the tag, and poses and
     /// principal points belong to the stored pixels.

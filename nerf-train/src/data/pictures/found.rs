@@ -14,9 +14,9 @@ pub(crate) struct Found {
     pictures: usize,
     /// Names of pictures without an alpha channel.
     opaque: Vec<String>,
-    /// Number of reduced pictures. Key: width and height before and after, pixels.
+    /// Number of reduced pictures. Key: width and height before the reduction, then after it, pixels.
     scaled: BTreeMap<[u32; 4], usize>,
-    /// Number of pictures of which a part is masked out.
+    /// Number of pictures that are partly masked out.
     masked: usize,
     /// Names of pictures that are masked out entirely.
     hidden: Vec<String>,
@@ -51,9 +51,9 @@ impl Found {
         some
     }
 
-    /// Returns all notes and all warnings, with a warning if only some pictures have alpha.
+    /// Returns all notes and warnings. Warns if some pictures are transparent and others have no alpha channel.
     ///
-    /// A picture with an alpha channel of 255 everywhere counts as one with alpha: an object may fill it.
+    /// A picture with an alpha channel of 255 everywhere is not named in this warning: an object may fill the picture.
     pub(crate) fn into_sentences(mut self) -> (Vec<String>, Vec<String>) {
         for ([a, b, c, d], count) in self.scaled {
             self.notes

@@ -41,12 +41,13 @@ pub(crate) struct Photo<'a> {
     /// Path of the picture's file as the data set writes it.
     pub(crate) name: &'a str,
     pub(crate) path: PathBuf,
-    /// Mask: a picture that is black at pixels that are neither trained on nor evaluated.
+    /// Path of the mask. Pixels that are black in the mask are neither trained on nor evaluated.
     pub(crate) mask: Option<PathBuf>,
     pub(crate) stated: StatedSize,
-    /// Factor by which the picture is reduced from the size `stated`; `None`: kept at the file's size.
+    /// Factor by which the picture is reduced: [`Downscale::By`] from the size `stated`, [`Downscale::Auto`] from the
+    /// file's size. `None`: the picture keeps the file's size.
     pub(crate) downscale: Option<Downscale>,
-    /// Whether the picture is from a folder of copies that are known to be smaller than `stated`.
+    /// Whether the picture's file is a copy that is known to be smaller than `stated`.
     pub(crate) reduced: bool,
     pub(crate) pose: Pose,
 }
@@ -68,8 +69,8 @@ pub(crate) struct Source<'a> {
 }
 
 impl Source<'_> {
-    /// Decodes a photograph and makes its camera. `optics`: returns the intrinsics for a picture size, the stated one
-    /// or else the file's.
+    /// Decodes a photograph and makes its camera. `optics`: returns the intrinsics for a given picture size; the size
+    /// is the stated one, or the file's if none is stated.
     pub(crate) fn load(
         &self,
         photo: Photo<'_>,

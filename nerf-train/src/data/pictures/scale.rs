@@ -8,13 +8,13 @@ use std::ops::Range;
 const AUTO_SIDE: f64 = 800.0;
 const MAX_FACTOR: u32 = 64;
 
-/// Factor by which photographs are reduced from the picture size that their poses are for.
+/// Factor by which the width and height of photographs are reduced.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Downscale {
-    /// The whole number that brings the long side nearest to 800 pixels; never enlarges.
+    /// Reduces by the whole number that brings the long side nearest to 800 pixels; never enlarges.
     #[default]
     Auto,
-    /// A whole number of at least 1.
+    /// Reduces by this whole number; 0 has the effect of 1.
     By(u32),
 }
 

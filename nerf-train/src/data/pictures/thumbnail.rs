@@ -7,7 +7,7 @@ use base64::Engine as _;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 
-/// Maximum number of pixels of all thumbnails of a page; as JPEG in base64, 0.3 to 2.2 bytes a pixel.
+/// Maximum number of pixels of all thumbnails of a page. As JPEG in base64, each pixel takes 0.3 to 2.2 bytes.
 const PIXEL_BUDGET: usize = 1_200_000;
 /// Upper limit of a thumbnail's longest side, pixels.
 const LARGEST: usize = 400;
@@ -19,7 +19,7 @@ const QUALITY: u8 = 85;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Thumbnail(pub Picture);
 
-/// Longest side, pixels, at which `count` thumbnails together stay within the pixel budget.
+/// Longest side of a thumbnail, 16 to 400 pixels. If possible, `count` thumbnails stay within the pixel budget.
 pub fn side_for(count: usize) -> usize {
     ((PIXEL_BUDGET / count.max(1)) as f64).sqrt().floor().clamp(SMALLEST as f64, LARGEST as f64) as usize
 }

@@ -5,21 +5,22 @@ use crate::data::names::listed;
 use serde::{Serialize, Serializer};
 use std::fmt;
 
-/// Fraction of the photographs that must have a pose; otherwise a reconstruction is torn ([`Fault::Torn`]).
+/// A reconstruction is torn ([`Fault::Torn`]) if it has poses for less than this fraction of the photographs.
 const REGISTERED: f64 = 0.9;
-/// Number of photographs, posed only in a smaller reconstruction, from which on the largest one is torn.
+/// A reconstruction is torn if a smaller one has at least this many photographs that the largest one lacks.
 const OTHERS: usize = 3;
 
 /// Fault of a reconstruction: missing photographs, or photographs with wrong poses.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Fault {
-    /// Photographs have no pose, or have one in a smaller reconstruction only.
+    /// The reconstruction lacks photographs: they have no pose, or have one in a smaller reconstruction only.
     Torn {
-        /// Names of the photographs of each smaller reconstruction that are not in the largest one.
+        /// Names of photographs that the largest reconstruction lacks, for each smaller one with at least three of
+        /// them.
         others: Vec<Vec<String>>,
     },
-    /// Photographs of two sides of the scene that look alike have poses on the same side.
+    /// Two sides of the scene look alike, and photographs of both have poses on the same side.
     Folded {
         /// Names of the photographs in each group; poses agree within a group, but not between groups.
         groups: Vec<Vec<String>>,
@@ -27,7 +28,8 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// Fault, if any, of `model`, made from `photographs` photographs. `folded`: groups of a folded reconstruction.
+    /// Fault of `model`, if any. `photographs`: number of photographs given to COLMAP. `folded`: groups of photographs
+    /// if the reconstruction is folded.
     pub(super) fn of(model: &Facts, photographs: usize, folded: Option<Vec<Vec<String>>>) -> Option<Self> {
         if let Some(groups) = folded {
             return Some(Self::Folded { groups });

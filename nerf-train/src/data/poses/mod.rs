@@ -1,8 +1,8 @@
 //! Poses of photographs that have none, found by an installed COLMAP.
 //!
 //! COLMAP works in a hidden folder next to the result, on copies of the photographs, so that later edits of the
-//! photographs never change the result. The folder gets its final name, complete, once there is a reconstruction. If a
-//! reconstruction is torn or folded, other ways of running COLMAP are tried.
+//! photographs never change the result. Once there is a reconstruction, the folder gets its final name. If a
+//! reconstruction is torn (photographs are missing) or folded (wrong poses), other ways of running COLMAP are tried.
 
 mod fault;
 mod run;
@@ -46,7 +46,7 @@ pub struct Found {
     pub photographs: usize,
     pub registered: usize,
     pub unregistered: Vec<String>,
-    /// Names of picture files that cannot be read and were left out.
+    /// Names of picture files that were left out because they cannot be read.
     pub damaged: Vec<String>,
     /// Number of reconstructions that COLMAP made; the largest is kept.
     pub models: usize,
@@ -144,7 +144,8 @@ fn best(place: &Place, runner: &Runner<'_>) -> anyhow::Result<Attempt> {
     best.ok_or_else(|| none_registered(count, "no model was made"))
 }
 
-/// Reads the largest reconstruction of `way`, with the photographs moved next to it meanwhile; `None` if unreadable.
+/// Reads the largest reconstruction that `way` made; `None` if that fails. The photographs are moved next to the
+/// reconstruction while it is read.
 fn with_photographs(place: &Place, way: Way) -> io::Result<Option<Dataset>> {
     let models = place.models(way);
     let beside = models.join("images");

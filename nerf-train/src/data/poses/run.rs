@@ -115,7 +115,7 @@ fn silent(stage: &Stage, patience: Duration) -> anyhow::Error {
     )
 }
 
-/// Makes the error of a failed command; the mapper also fails if no pair of photographs fits.
+/// Makes the error of a failed command. The mapper also fails if it can pose no photograph; the error then says so.
 fn failure(
     stage: &Stage,
     status: ExitStatus,

@@ -4,8 +4,8 @@ use super::{Bundle, Device, Jacobian, Observation, POSE, SOFT_PIXELS};
 use crate::data::cameras::geometry::outer;
 use glam::{DMat3, DQuat, DVec3};
 
-/// Block of the normal equations between a camera or device and a point: a row per parameter of the camera or device, a
-/// column per coordinate of the point. The last rows of a device, which has fewer parameters, are 0.
+/// Block of the normal equations that couples one pose or device with one point: a row per parameter of the pose or
+/// device, a column per coordinate of the point. A device has fewer parameters than a pose: its last rows are 0.
 type Block = [DVec3; POSE];
 
 /// Index of a pose's or device's first parameter; derivatives of the residual (x, y) with respect to its parameters.
@@ -47,8 +47,8 @@ impl<'a> Reduced<'a> {
         Some(reduced)
     }
 
-    /// Derivatives of an observation's residual with respect to its pose and its device, the whole Jacobian, and the
-    /// weight in the robust loss; `None` if the point is behind the camera.
+    /// Returns the derivatives of an observation's residual with respect to its pose and its device, then the whole
+    /// Jacobian, then the weight in the robust loss. Returns `None` if the point is not in front of the camera.
     fn rows(&self, seen: &Observation) -> Option<([Rows; 2], Jacobian, f64)> {
         let jacobian = self.bundle.linearised(seen)?;
         let weight = SOFT_PIXELS / SOFT_PIXELS.hypot(jacobian.residual.length());

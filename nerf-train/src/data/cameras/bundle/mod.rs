@@ -1,8 +1,8 @@
 //! Bundle adjustment: optimises cameras and points so that points project to where the photographs show them.
 //!
-//! Minimises Σ ρ(|π(R_i X_j + t_i) − x_ij|²), ρ(e²) = 2 s² (√(1 + e²/s²) − 1), over all poses and points and, of each
-//! device, the focal length and two coefficients of radial distortion, by Levenberg and Marquardt's method with the
-//! points eliminated (Schur complement). Sums have a fixed order: the result does not depend on threads.
+//! Minimises Σ ρ(|π(R_i X_j + t_i) − x_ij|²) with ρ(e²) = 2 s² (√(1 + e²/s²) − 1), by Levenberg and Marquardt's method
+//! with the points eliminated (Schur complement). The variables are all poses, all points, and for each device the
+//! focal length and two coefficients of radial distortion. Sums have a fixed order, whatever the number of threads.
 //!
 //! # Source
 //! Triggs et al. 2000, "Bundle adjustment: a modern synthesis"; the loss is SciPy's `soft_l1`.
@@ -15,17 +15,17 @@ use crate::data::cameras::geometry::outer;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use linear::Reduced;
 
-/// Number of parameters of a pose: rotation, translation. A device uses three: logarithm of the focal length, k1, k2.
+/// Number of parameters of a pose (rotation, translation). A device has three: logarithm of the focal length, k1, k2.
 const POSE: usize = 6;
-/// Scale s of the robust loss, pixels: reprojection errors above it weigh less.
+/// Scale s of the robust loss, pixels: about quadratic for smaller reprojection errors, about linear for larger ones.
 const SOFT_PIXELS: f64 = 1.0;
-/// Smallest depth of a point in front of a camera, as a fraction of the camera's distance from the origin.
+/// A point is in front of a camera if its depth exceeds this fraction of the camera's distance from the origin.
 const MIN_DEPTH: f64 = 1e-6;
 const MAX_ITERATIONS: usize = 100;
-/// Relative decrease of the cost below which the adjustment ends.
+/// The adjustment ends when a step lowers the cost by less than this fraction.
 const SMALLEST_GAIN: f64 = 1e-8;
 const MAX_DAMPING: f64 = 1e8;
-/// Number of iterations of [`align`] that refine its rotation.
+/// Number of iterations in which [`align`] finds the rotation.
 const TURNS: usize = 20;
 
 /// Intrinsics that all photographs of one device share.
@@ -40,7 +40,7 @@ pub(crate) struct Device {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frame {
     pub(crate) principal: DVec2,
-    /// fy / fx; the device's focal length is fx.
+    /// Ratio fy / fx; fx is the device's focal length.
     pub(crate) aspect: f64,
     pub(crate) tangential: [f64; 2],
 }
@@ -137,8 +137,8 @@ impl Bundle {
         self.errors().iter().map(|e| 2.0 * SOFT_PIXELS * (SOFT_PIXELS.hypot(*e) - SOFT_PIXELS)).sum()
     }
 
-    /// Moves each camera along its optical axis so that points at its median depth keep their size in the picture when
-    /// the focal length changes from `own`, pixels, to that of the photograph's device.
+    /// Compensates for the change of each camera's focal length from `own`, pixels, to the focal length of its device:
+    /// moves the camera along its optical axis so that points at its median depth keep their size in the picture.
     pub(crate) fn dolly(&mut self, own: &[f64]) {
         let depths = self.depths();
         for ((photograph, own), depth) in self.photographs.iter_mut().zip(own).zip(depths) {
@@ -157,8 +157,8 @@ impl Bundle {
         depths.into_iter().map(median).collect()
     }
 
-    /// Adjusts all cameras, devices and points; returns the number of steps. At the end, position, rotation and scale
-    /// of the world are chosen so that the camera centres best fit `anchor`, one position for each photograph.
+    /// Adjusts all cameras, devices and points; returns the number of iterations. At the end, rotates, scales and
+    /// shifts the whole reconstruction so that the camera centres best fit `anchor`, one position for each photograph.
     pub(crate) fn adjust(&mut self, anchor: &[DVec3]) -> usize {
         self.observations.sort_by_key(|seen| (seen.point, seen.photograph));
         let seen = |bundle: &Self, seen: &Observation| bundle.residual(seen).is_some();
@@ -185,9 +185,9 @@ impl Bundle {
     }
 }
 
-/// Rotates, scales and shifts cameras and points so that the camera centres best fit `anchor`, one position for each.
+/// Rotates, scales and shifts cameras and points so that the camera centres best fit `anchor`, one position per camera.
 ///
-/// With fewer than two distinct positions nothing is moved.
+/// With fewer than two distinct positions, nothing is moved.
 fn align(bundle: &mut Bundle, anchor: &[DVec3]) {
     let centres: Vec<DVec3> = bundle.photographs.iter().map(Photograph::centre).collect();
     let mean = |places: &[DVec3]| places.iter().sum::<DVec3>() / places.len().max(1) as f64;
@@ -219,7 +219,7 @@ fn align(bundle: &mut Bundle, anchor: &[DVec3]) {
     }
 }
 
-/// Median of the values, the upper one of an even number; NaN if there are none.
+/// Median of the values; for an even number of values, the larger of the two middle ones. NaN without values.
 pub(crate) fn median<T: Into<f64>>(values: impl IntoIterator<Item = T>) -> f64 {
     let mut values: Vec<f64> = values.into_iter().map(Into::into).collect();
     let middle = values.len() / 2;

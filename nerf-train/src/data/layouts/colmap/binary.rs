@@ -11,7 +11,7 @@ use std::fs::File;
 use std::io::{BufReader, Read, sink};
 use std::path::{Path, PathBuf};
 
-/// Maximum length of a photograph's name, bytes: that of a path on Linux.
+/// Maximum length of a photograph's name, bytes: the maximum length of a path on Linux.
 const MAX_NAME: usize = 4096;
 
 struct Bytes {

@@ -35,7 +35,7 @@ pub(crate) enum Way {
     Exhaustive,
     /// Matches each photograph with its neighbours in the order of names.
     Sequential,
-    /// Reuses the matches of `Exhaustive` or `Sequential`, but starts from another pair of photographs.
+    /// Reuses the matches of `Exhaustive` or `Sequential`, but reconstructs from another first pair of photographs.
     OtherPair {
         sequential: bool,
     },
@@ -63,7 +63,7 @@ impl Way {
         }
     }
 
-    /// Strategy whose matches this strategy uses: itself, except for `OtherPair`.
+    /// Returns the strategy that made the matches: for `OtherPair` the strategy whose matches are reused, else `self`.
     fn matches(self) -> Self {
         match self {
             Self::OtherPair { sequential: false } => Self::Exhaustive,
@@ -98,7 +98,7 @@ impl Place {
     }
 }
 
-/// COLMAP command that extracts features on the CPU: of all photographs, or of those of one camera in the file `list`.
+/// COLMAP command that extracts features on the CPU. `list`: file that names the photographs to read; `None`: all.
 pub(crate) fn features(place: &Place, list: Option<&Path>) -> Stage {
     let mut stage = extraction(&place.images, &place.features(), true);
     stage.options.extend(list.map(|list| ("--image_list_path", list.into())));
@@ -138,7 +138,7 @@ fn matcher(database: &Path, sequential: bool) -> Stage {
     }
 }
 
-/// COLMAP command that reconstructs by `way` from a database of `photographs` photographs.
+/// COLMAP command that reconstructs by `way`. `photographs`: number of photographs in the database.
 pub(crate) fn mapping(place: &Place, way: Way, photographs: usize) -> Stage {
     let mut stage = mapper(&place.images, &place.database(way), &place.models(way).join("sparse"));
     match way {

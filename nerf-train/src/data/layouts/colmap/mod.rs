@@ -20,7 +20,7 @@ use nerf_core::camera::Pose;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// Maximum number of sparse points kept; whenever there are more, every second one is dropped.
+/// Maximum number of sparse points kept. Whenever there are more, every second point is dropped.
 const MAX_POINTS: usize = 1 << 20;
 
 struct Registered {
@@ -30,7 +30,7 @@ struct Registered {
     /// Rotation from world to camera: quaternion (w, x, y, z) of any length but 0.
     rotation: [f64; 4],
     translation: [f64; 3],
-    /// Key points that were triangulated: pixels from the left and the top, and the `POINT3D_ID`.
+    /// Triangulated key points: x and y in pixels from the top left corner, and the `POINT3D_ID`.
     key_points: Vec<([f64; 2], u64)>,
 }
 
@@ -149,7 +149,7 @@ fn kinds(cameras: &HashMap<u32, Camera>) -> String {
     names.join(", ")
 }
 
-/// Finds the reconstruction with the most photographs, the first of several equal ones: its folder and encoding.
+/// Folder and encoding of the reconstruction with the most photographs; the first one if several have equally many.
 fn largest(folder: &Path, found: &mut Found) -> Result<(PathBuf, Encoding), DatasetError> {
     let mut counted = Vec::new();
     for (model, encoding) in models(folder) {
@@ -201,11 +201,11 @@ fn read_points(folder: &Path, origin: DVec3) -> Result<Points, DatasetError> {
 #[derive(Debug)]
 pub(crate) struct Facts {
     pub(crate) folder: PathBuf,
-    /// Names of the photographs of each smaller reconstruction that are not in the largest one.
+    /// For each smaller reconstruction, the names of its photographs that are not in the largest one.
     pub(crate) others: Vec<Vec<String>>,
     pub(crate) names: Vec<String>,
     pub(crate) points: usize,
-    /// Mean reprojection error over the points, pixels, as COLMAP states it.
+    /// Mean reprojection error of the points, pixels, from the errors that COLMAP states.
     pub(crate) mean_error: f64,
 }
 
@@ -245,7 +245,7 @@ struct Points {
     stride: usize,
     seen: usize,
     unseen: usize,
-    /// Sum of the mean reprojection errors of the points that photographs see, pixels.
+    /// Sum of the reprojection errors of all points that photographs see, pixels.
     errors: f64,
 }
 

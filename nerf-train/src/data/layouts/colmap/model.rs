@@ -86,7 +86,7 @@ impl Kind {
 }
 
 impl Camera {
-    /// Camera of the camera model `kind`; `None` if the number of `parameters` is not that of the camera model.
+    /// Camera of the camera model `kind`; `None` if this model has another number of parameters than `parameters`.
     pub(crate) fn new(kind: &'static Kind, width: u64, height: u64, parameters: Vec<f64>) -> Option<Self> {
         (parameters.len() == kind.parameters).then_some(Self { kind, width, height, parameters })
     }

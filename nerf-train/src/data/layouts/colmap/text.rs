@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
-/// Maximum length of a line, bytes; a photograph with a million points needs a third of it.
+/// Maximum length of a line, bytes. The line of a photograph with a million points has a third of this.
 const MAX_LINE: u64 = 256 << 20;
 
 struct Lines {

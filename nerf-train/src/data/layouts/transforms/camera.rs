@@ -89,8 +89,8 @@ impl Place<'_> {
         }
     }
 
-    /// Lens of the view. In polynomial models, k4 is the coefficient of r^8, as in nerfstudio, which [`Lens`] lacks: k4
-    /// is dropped, with a note, if it shifts the farthest corner by at most half a pixel; otherwise k4 is an error.
+    /// Lens of the view. In polynomial models, k4 is nerfstudio's coefficient of r^8, which [`Lens`] does not have. If
+    /// k4 shifts the farthest corner by at most half a pixel, k4 is dropped, with a note; otherwise k4 is an error.
     fn lens(
         &self,
         fields: &CameraFields,
@@ -132,9 +132,9 @@ impl Place<'_> {
 
 /// Lens model to which the coefficients in a json belong.
 enum Model {
-    /// A radial polynomial, and tangential terms.
+    /// Radial distortion by a polynomial, with tangential terms.
     Polynomial,
-    /// A radial polynomial with a denominator, and tangential terms.
+    /// Radial distortion by a quotient of polynomials, with tangential terms.
     Rational,
     Fisheye,
 }

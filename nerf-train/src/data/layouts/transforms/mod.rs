@@ -15,7 +15,7 @@ use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// A `transforms*.json` file. Its JSON is parsed three times, so that each error states its own line.
+/// A `transforms*.json` file. Its JSON is parsed once for each of three structs: errors then state the right line.
 pub(crate) struct Transforms {
     pub(crate) header: Header,
     /// Frames in the file's order, each with its own camera fields.
@@ -70,10 +70,10 @@ struct CameraFields {
     p2: Option<f64>,
 }
 
-/// Camera models with a radial polynomial or no distortion; if `is_fisheye` is set, with fisheye coefficients.
+/// Camera models without fisheye distortion. If `is_fisheye` is set, their coefficients are fisheye coefficients.
 const MODELS: &[&str] = &["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
 
-/// Shift of the farthest corner by the coefficient k4, pixels, up to which k4 may be dropped.
+/// The coefficient k4 is dropped if it shifts the farthest corner by at most this, pixels; otherwise k4 is an error.
 const NEGLIGIBLE_SHIFT: f64 = 0.5;
 
 impl Transforms {
@@ -199,8 +199,8 @@ impl Transforms {
 /// Size limit of a file that is searched for the frame with NaN or Infinity, bytes.
 const MAX_EXPLAINED_BYTES: usize = 16 << 20;
 
-/// Error that names the first frame and field with NaN or Infinity, which many programs write, but JSON lacks. `None`
-/// if parsing failed for another reason.
+/// Error that names the first frame and field with NaN or Infinity. Many programs write these values, but JSON has
+/// none. `None` if parsing failed for another reason.
 fn number_fault(file: &Path, bytes: &[u8], error: &serde_json::Error) -> Option<DatasetError> {
     // A larger file is no list of photographs, and its parsed form would take many times its size in memory.
     let text = std::str::from_utf8(bytes).ok().filter(|text| text.len() <= MAX_EXPLAINED_BYTES)?;
@@ -247,7 +247,7 @@ struct Folder<'a> {
 }
 
 impl CameraFields {
-    /// The fields of `self`, with those of `shared` in place of missing ones.
+    /// Returns the fields of `self`; fields that are missing there are taken from `shared`.
     fn over(&self, shared: &Self) -> Self {
         macro_rules! first {
             ($($field:ident)*) => { Self { $($field: Clone::clone(&self.$field).or(Clone::clone(&shared.$field)),)* } };

@@ -145,11 +145,11 @@ pub(crate) fn to_u8(value: f32) -> u8 {
     (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
 }
 
-/// Straight-alpha bytes `[n * 4]` of a render over black and its opacity, each `[n]`.
+/// Straight-alpha bytes `[n * 4]`, from a render over black and its opacity, each `[n]`.
 ///
-/// A render over black is premultiplied: the colour is divided by the opacity *as stored* in 8 bits,
-/// so that composing the file over black gives the render again to within rounding. Where the
-/// opacity rounds to 0 the pixel is transparent black. Pixels beyond the shorter input are left out.
+/// A render over black is premultiplied: the colour is divided by the opacity *as stored* in 8 bits, so that
+/// compositing the file over black gives the render again to within rounding. Where the opacity rounds to 0, the pixel
+/// is transparent black. Pixels beyond the shorter input are left out.
 pub fn straight_rgba8(rgb_over_black: &[[f32; 3]], opacity: &[f32]) -> Vec<u8> {
     let pixel = |(rgb, &opacity): (&[f32; 3], &f32)| {
         let alpha = to_u8(opacity);

@@ -1,4 +1,4 @@
-//! File of shared cameras, next to a blob: the reconstruction after its adjustment to one camera per device.
+//! File of shared cameras next to a blob: a reconstruction adjusted to one camera (set of intrinsics) per device.
 
 use crate::data::DatasetError;
 use crate::data::layouts::colmap::model::{Camera, Kind};
@@ -14,7 +14,7 @@ use std::path::Path;
 /// Maximum size of a file that is read back, bytes.
 const MAX_BYTES: u64 = 1 << 30;
 
-/// Reconstruction after its adjustment to one camera per device, as stored in the file of shared cameras.
+/// Reconstruction adjusted to one camera (set of intrinsics) per device, as stored in the file of shared cameras.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Shared {
     /// Checksum of the reconstruction before it was adjusted.
@@ -22,13 +22,13 @@ pub(super) struct Shared {
     pub(super) devices: Vec<Adjusted>,
     /// Mean reprojection error before and after the adjustment, pixels.
     pub(super) reprojection_error_px: [f64; 2],
-    /// Median and largest shift of the cameras, as fractions of the median depth of the points in view.
+    /// Median and largest shift of the cameras, each divided by the median depth of the points that the camera sees.
     pub(super) moved: [f64; 2],
-    /// Width and height, pixels, and parameters of COLMAP's camera model `OPENCV`, of each camera.
+    /// For each camera: width and height in pixels, and the parameters of COLMAP's camera model `OPENCV`.
     pub(super) cameras: Vec<(u64, u64, [f64; 8])>,
     /// Key: photograph's name. Value: index in `cameras`; rotation (w, x, y, z) and translation, world to camera.
     pub(super) photographs: BTreeMap<String, (u32, [f64; 4], [f64; 3])>,
-    /// `POINT3D_ID`, position, and mean reprojection error in pixels, of each point.
+    /// For each point: `POINT3D_ID`, position, and mean reprojection error in pixels.
     pub(super) points: Vec<(u64, [f64; 3], f64)>,
 }
 
@@ -36,7 +36,7 @@ pub(super) struct Shared {
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Adjusted {
     pub(super) photographs: usize,
-    /// Median, smallest and largest focal length of the device's photographs before the adjustment, pixels.
+    /// Focal lengths of the device's photographs before the adjustment, pixels: median, smallest and largest.
     pub(super) focal_before: [f64; 3],
     pub(super) focal: f64,
 }
@@ -47,7 +47,7 @@ pub(super) fn turned_origin([w, x, y, z]: [f64; 4], origin: DVec3) -> DVec3 {
 }
 
 impl Shared {
-    /// Reads `file`; `None` if the file does not exist or holds another checksum than `model`.
+    /// Reads `file`; `None` if the file does not exist or its checksum differs from `model`.
     pub(super) fn read(file: &Path, model: u64) -> Result<Option<Self>, DatasetError> {
         let bytes = match read_limited(file, MAX_BYTES) {
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),

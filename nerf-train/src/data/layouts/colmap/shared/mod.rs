@@ -1,4 +1,5 @@
-//! Shared cameras: readjusts a reconstruction with one camera for each photograph to one camera for each device.
+//! Shared cameras. A reconstruction may have a camera (set of intrinsics) for each photograph. This module gives all
+//! photographs of one device the same camera, and adjusts the reconstruction again.
 
 mod kept;
 
@@ -15,16 +16,17 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::time::Instant;
 
-/// Maximum number of photographs that are adjusted; the time grows with the number cubed, here to half a minute.
+/// Maximum number of photographs that are adjusted. The time grows with the cube of the number, here to half a minute.
 const MAX_PHOTOGRAPHS: usize = 300;
-/// Ratio of the mean reprojection error after to before the adjustment above which the shared cameras are rejected.
+/// Shared cameras are rejected if the adjustment multiplies the mean reprojection error by more than this.
 const MAX_GROWTH: f64 = 1.25;
-/// Deviation of fy / fx from 1 below which pixels are taken as square.
+/// Pixels are taken as square if fy / fx differs from 1 by less than this.
 const SQUARE: f64 = 0.02;
-/// Version of the adjustment's algorithm, part of the checksum: a new version makes stored files invalid.
+/// Version of the adjustment's algorithm, part of the checksum. A new version makes stored files invalid.
 const VERSION: u64 = 1;
 
-/// Readjusts the reconstruction with one camera per device, with a note or warning; returns false if nothing changes.
+/// Adjusts the reconstruction to one camera per device, and adds a note or a warning. Returns false if the
+/// reconstruction keeps its own cameras.
 pub(super) fn settle(
     model: &mut Model,
     points: &mut Points,
@@ -79,7 +81,8 @@ pub(super) fn settle(
     Ok(true)
 }
 
-/// Index of the device of each photograph, by size and EXIF; `None` if no device has several cameras to merge.
+/// Index of the device of each photograph. Devices are told apart by picture size and EXIF tags. `None` if no device
+/// has several cameras to merge.
 fn devices(model: &Model, folders: &Folders, options: &ReadOptions) -> Option<Vec<usize>> {
     if model.cameras.len() < 2 {
         return None;
@@ -123,7 +126,7 @@ struct Task<'a> {
 }
 
 impl<'a> Task<'a> {
-    /// Adjustment of the reconstruction `model`; `None` if photographs share no points, or a lens cannot be adjusted.
+    /// Prepares the adjustment of `model`; `None` if photographs share no points, or a lens cannot be adjusted.
     fn of(
         model: &'a Model,
         points: &Points,
