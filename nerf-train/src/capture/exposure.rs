@@ -10,18 +10,19 @@ use std::borrow::Borrow;
 
 /// Number of rounds of iteratively reweighted least squares.
 const ROUNDS: usize = 30;
-/// Lower limit of the absolute residual (of log colour) whose inverse is an observation's weight.
+/// Residuals of log colour smaller than this are raised to it, so that the weight 1 / |residual| stays bounded.
 const SMALLEST_RESIDUAL: f64 = 0.02;
 /// Range of mean colours that are used, 0 to 255: smaller values are too dark, larger ones clipped.
 const USABLE: (f64, f64) = (15.0, 245.0);
 /// Half the side of the square over which a colour is averaged, pixels.
 const HALF_SIDE: i64 = 2;
-/// Number of lines of sight that a photograph needs for its gain to be measured.
+/// Number of lines of sight needed to measure a photograph's gain well. Gains are only measured if at least half of the
+/// photographs have this number.
 const ENOUGH_SIGHTS: usize = 20;
-/// Smallest standard deviation of log gains at which exposure is fitted. On two captures of steady exposure (0.043 and
-/// 0.079), fitted gains cost 0.2 to 0.7 dB.
+/// Exposure is fitted if the standard deviation of the log gains is at least this. On two captures of constant exposure
+/// (measured standard deviations 0.043 and 0.079), fitting gains lost 0.2 to 0.7 dB.
 pub const CALLED_FOR: f64 = 0.12;
-/// Smallest absolute log gain of a single photograph at which exposure is fitted: a factor of two.
+/// Exposure is also fitted if one photograph's absolute log gain is at least this: a factor of two.
 const FAR_OFF: f32 = std::f32::consts::LN_2;
 
 /// Log gain of each photograph, red, green, blue.
@@ -40,8 +41,8 @@ impl LogGains {
         (self.0.iter().map(|gain| (brightness(gain) - mean).powi(2)).sum::<f64>() / count).sqrt()
     }
 
-    /// Index and log gain of the photograph whose gain, averaged over the channels, is farthest from 0; `None` if that
-    /// gain is less than a factor of two.
+    /// Index and log gain of the photograph with the strongest gain, up or down, averaged over the channels; `None` if
+    /// that gain is less than a factor of two.
     pub fn outlier(&self) -> Option<(u32, f32)> {
         let gains = self.0.iter().map(|gain| brightness(gain) as f32).zip(0..);
         let farthest = gains.max_by(|(a, _), (b, _)| a.abs().total_cmp(&b.abs()));
@@ -59,8 +60,8 @@ impl LogGains {
 
     /// Measures gains at points that several photographs show; `None` if too few photographs show enough points.
     ///
-    /// Log colour at a key point = log colour of its point + log gain of its photograph, by least absolute residuals.
-    /// `sights`: one entry per view, in the order of `views`.
+    /// The model is: log colour at a key point = log colour of the 3D point + log gain of the photograph. The fit
+    /// minimises absolute residuals. `sights`: one entry per view, in the order of `views`.
     pub fn measured<V: Borrow<View>>(views: &[V], sights: &Sights) -> Option<Self> {
         let enough = sights.of_views.iter().filter(|sights| sights.len() >= ENOUGH_SIGHTS).count();
         if enough < 2 || enough * 2 < views.len() {

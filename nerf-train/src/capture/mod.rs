@@ -1,5 +1,5 @@
-//! Information that a capture's own reconstruction gives before a fit: positions of key points, free space, and the
-//! brightness of each photograph.
+//! Information about a capture before training: lines of sight to sparse points, exposure of each photograph, and
+//! faults of the capture.
 
 pub mod check;
 pub mod exposure;

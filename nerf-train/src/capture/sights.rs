@@ -6,13 +6,13 @@ use rayon::prelude::*;
 use std::borrow::Borrow;
 use std::fmt;
 
-/// Smallest track length, in photographs, of a point that is used: a track of two may be a wrong match.
+/// A point is used if at least this number of photographs show it: two may be a wrong match.
 const MIN_TRACK: u32 = 3;
-/// Mean reprojection error from which on a point is not used, pixels of the full-size photograph.
+/// A point is not used if its mean reprojection error is at least this, pixels of the full-size photograph.
 const MAX_ERROR: f32 = 2.0;
-/// Distance between a key point and its projected 3D point from which on the key point is not used, pixels of the view.
+/// A key point is not used if its 3D point projects at least this far away from it, pixels of the view.
 const MAX_RESIDUAL: f32 = 3.0;
-/// Track length, in photographs, from which on a point has full confidence.
+/// A point has full confidence if at least this number of photographs show it.
 const FULL_TRACK: f32 = 6.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,7 +23,8 @@ pub struct Sight {
     pub point: u32,
     /// Distance from the camera to the point, world units.
     pub distance: f32,
-    /// `min(1, track / 6) / (1 + error²)`, 0 to 1, from the point's track and its reprojection error in pixels.
+    /// `min(1, track / 6) / (1 + error²)`, 0 to 1. `track`: number of photographs that show the point; `error`: mean
+    /// reprojection error of the point, pixels.
     pub confidence: f32,
 }
 
@@ -31,9 +32,9 @@ pub struct Sight {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sights {
     pub of_views: Vec<Vec<Sight>>,
-    /// Number of key points of each view whose 3D point is behind the camera or projects elsewhere.
+    /// Number of key points of each view that are not used: the 3D point is behind the camera or projects elsewhere.
     pub contradictory: Vec<usize>,
-    /// Number of key points of all views whose 3D point has a short track or a large reprojection error.
+    /// Number of key points of all views that are not used because their 3D point has a short track or a large error.
     doubtful: usize,
 }
 
@@ -101,7 +102,7 @@ impl fmt::Display for Sights {
     }
 }
 
-/// Lines of sight of the training views; `None` if the data have no tracks.
+/// Lines of sight of the training views; `None` if the data have no point tracks.
 pub fn of_training(dataset: &Dataset) -> Option<Sights> {
     let sights = Sights::of(&dataset.train, &dataset.points);
     (sights.count() > 0).then_some(sights)

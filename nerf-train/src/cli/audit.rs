@@ -17,8 +17,8 @@ use std::process::ExitCode;
 
 /// Ablation: quality and cost of each effect of a scene.
 ///
-/// The effects are view dependence, occupancy grid and background. Time and multiply-adds are ratios: with the effect
-/// divided by without the effect.
+/// The effects are view dependence, occupancy grid and background. Time and multiply-adds are relative to the rendering
+/// without the effect: 1.2 means that the effect costs 20 % more.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: nerf-train audit lego.nerf lego_200x200.npz --effect-threshold 0.1")]
 pub struct Audit {
@@ -26,16 +26,16 @@ pub struct Audit {
     file: PathBuf,
     /// Data set.
     data: PathBuf,
-    /// Minimum PSNR gain to keep an effect, dB; one that saves 10 % of multiply-adds is kept if it loses less PSNR.
+    /// Keep an effect that gains this much PSNR, dB, or that saves 10 % of multiply-adds and loses less than this.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
     effect_threshold: f64,
     /// Split to evaluate.
     #[arg(long, value_enum, default_value = "val")]
     split: Split,
-    /// Number of views, spread over the split.
+    /// Maximum number of views, evenly spaced in the split.
     #[arg(long, value_name = "N", default_value_t = 4)]
     views: usize,
-    /// Number of timing rounds, of which the median counts.
+    /// Number of timing rounds; the median time is reported.
     #[arg(long, value_name = "N", default_value_t = 3)]
     repeats: usize,
     /// Clock: wall, or cpu (steadier on a shared machine).

@@ -24,9 +24,9 @@ const DECODED_PER_SECOND: u64 = 15_000_000;
 
 /// Check a capture before training: coverage, blur, exposure, overlap, poses.
 ///
-/// `fit` runs the same check before training. A reconstruction is folded if repeated structures place two sides of an
-/// orbit on top of each other: photographs that share points then show different objects. Detecting this needs poses
-/// with point tracks, as in a COLMAP reconstruction.
+/// `fit` runs the same check before training. One possible fault is a folded reconstruction: repeated structures made
+/// the reconstruction place two sides of an orbit on top of each other. Photographs that share points then show
+/// different objects. Detecting a fold needs poses with point tracks, as in a COLMAP reconstruction.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train check holiday_poses
@@ -64,7 +64,8 @@ impl Check {
         global.finish_with(&diagnosis, || print_lines(lines))
     }
 
-    /// Reports the expected time and memory for [`MANY`] or more photographs. Fails if memory cannot hold them.
+    /// Reports the expected time and memory of a check of [`MANY`] or more photographs, unless `--downscale` is given.
+    /// Fails if the photographs do not fit into memory.
     fn say_size(&self, global: &Global) -> anyhow::Result<()> {
         let files = data::files(&self.data);
         let pictures: Vec<_> = files.iter().filter(|file| is_picture_name(file)).collect();

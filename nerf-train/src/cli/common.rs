@@ -18,7 +18,7 @@ use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
 
-/// Message when a signal ends a sequence of runs; each finished run has stored its result in a file.
+/// Message when a signal interrupts a sequence of training runs. Finished runs have already stored their results.
 pub const GO_ON: &str = "interrupted: the run that was under way is lost, the finished ones are kept; go on with the same command";
 
 /// Largest number of threads per core: more would only take memory.
@@ -34,7 +34,7 @@ pub fn print(lines: &str) -> anyhow::Result<()> {
     }
 }
 
-/// Prints the lines of the result, with control characters in each escaped.
+/// Prints each line of a result to stdout, with its control characters escaped.
 pub fn print_lines(lines: impl IntoIterator<Item = impl AsRef<str>>) -> anyhow::Result<()> {
     lines.into_iter().try_for_each(|line| print(&printable::line(line.as_ref())))
 }
@@ -102,19 +102,19 @@ impl Global {
         self.say(format!("training on {cpu} ({kernel}, {threads} threads), seed {seed}"));
     }
 
-    /// Reports that a signal ended the command; `message`: which results are kept.
+    /// Reports that a signal ended the command. `message` says which results are kept.
     pub fn interrupted(&self, message: &str) {
         if self.json { super::interrupted_json(message) } else { super::interrupted(message) }
     }
 
-    /// Prints the result as the last output: as JSON with `--json`, else its fields as lines.
+    /// Prints the result to stdout: as JSON with `--json`, else its fields as lines.
     ///
-    /// With `--json` nothing else goes to stdout, so a command prints results nowhere but here.
+    /// Commands print results only here or by [`Self::finish_with`]: with `--json`, stdout must hold one JSON object.
     pub fn finish(&self, result: &impl Serialize) -> anyhow::Result<ExitCode> {
         self.finish_with(result, || print(lines(result)?.trim_end()))
     }
 
-    /// Prints the result as the last output: as JSON with `--json`, else by calling `human`.
+    /// Prints the result to stdout: as JSON with `--json`, else by calling `human`.
     pub fn finish_with(
         &self,
         result: &impl Serialize,
@@ -133,8 +133,8 @@ fn parse_kernel(name: &str) -> Result<Kernel, String> {
     })
 }
 
-/// Blocks SIGXFSZ, so that a write beyond the limit of file sizes (`ulimit -f`) is an error like that of a full disk.
-/// By default the signal ends the process without a message.
+/// Blocks SIGXFSZ, so that a write beyond the file size limit (`ulimit -f`) returns an error, as on a full disk. By
+/// default the signal ends the process without a message.
 ///
 /// Call this before any thread starts: threads and child processes, such as ffmpeg, inherit the signal mask.
 pub fn survive_file_size_limits() {
@@ -148,12 +148,12 @@ pub fn survive_file_size_limits() {
     }
 }
 
-/// Returns the bytes of a .nerf file, which may be a pipe; an error names the path.
+/// Returns the bytes of a .nerf file, which may be a pipe. Errors name the path.
 pub fn read_file(path: &Path) -> anyhow::Result<Vec<u8>> {
     read_limited(path, MAX_BLOB_BYTES).with_context(|| format!("cannot read {}", path.display()))
 }
 
-/// Opens `bytes`, the contents of the .nerf file `path`; an error names the path.
+/// Opens `bytes`, the contents of the .nerf file `path`. Errors name the path.
 pub fn open_blob<'a>(path: &Path, bytes: &'a [u8]) -> anyhow::Result<Blob<'a>> {
     Blob::open(bytes).with_context(|| path.display().to_string())
 }
@@ -185,7 +185,8 @@ pub fn tell_flat(outcome: &Outcome) {
     }
 }
 
-/// Reports the steps of `--snapshots` without an image: after `last`, the last step, or before the run was resumed.
+/// Reports the steps in `missed`, for which `--snapshots` has no image. A missed step is later than `last`, the run's
+/// last step, or had passed before the run was resumed.
 pub fn tell_missed(last: u32, missed: &[u32]) {
     let (beyond, passed): (Vec<u32>, Vec<u32>) = missed.iter().partition(|&&step| step > last);
     let say = |steps: &[u32], why: String| {

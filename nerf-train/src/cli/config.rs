@@ -21,7 +21,7 @@ const SOURCES: &str = concat!(
     include_str!("../model/config/optimiser.rs")
 );
 
-/// Path of each table of the TOML file, outermost first, and name of the struct that declares its settings.
+/// Tables of the TOML file, outermost first: path of the table, and name of the struct that declares its settings.
 const TABLES: [(&str, &str); 7] = [
     ("", "Config"),
     ("network", "NetworkConfig"),
@@ -40,7 +40,7 @@ impl PrintConfig {
     }
 }
 
-/// Returns the settings as TOML, each after its comment; unset settings are commented out.
+/// Returns the settings as TOML, each after its comment. An unset setting becomes a comment, `# near is not set`.
 fn commented(settings: &toml::Table) -> anyhow::Result<String> {
     let mut text = String::new();
     for (path, name) in TABLES {
@@ -65,7 +65,7 @@ fn commented(settings: &toml::Table) -> anyhow::Result<String> {
     Ok(text)
 }
 
-/// Returns the fields of the struct `name` in [`SOURCES`], each after its lines of comment; `None` without the struct.
+/// Returns (comment lines, name) of each field of the struct `name` in [`SOURCES`]; `None` if there is no such struct.
 fn fields(name: &str) -> Option<Vec<(Vec<&'static str>, &'static str)>> {
     let (_, body) = SOURCES.split_once(&format!("pub struct {name} {{\n"))?;
     let (body, _) = body.split_once("\n}")?;

@@ -116,7 +116,7 @@ impl Demo {
     }
 
     /// Evaluates every held-out view against its ray-traced image and z-depth, and writes a contact sheet. Returns the
-    /// scores and the median relative error of z-depth over opaque pixels.
+    /// scores, and the median relative error of z-depth at opaque pixels.
     fn views(
         &self,
         renderer: &Renderer<'_>,

@@ -37,14 +37,15 @@ impl Split {
         }
     }
 
-    /// Returns at most `count` evenly spaced views of the split. `data`: path of the data set, for an error.
+    /// Returns at most `count` evenly spaced views of the split. Fails if there are none; `data`: path for the error.
     pub fn some<'d>(self, dataset: &'d Dataset, data: &Path, count: usize) -> anyhow::Result<Vec<&'d View>> {
         let views = spread(self.of(dataset), count);
         ensure!(!views.is_empty(), "{}: the split `{}` has no views", data.display(), self.name());
         Ok(views)
     }
 
-    /// Returns the cameras of the split's views; of a test split without images, the cameras at its poses.
+    /// Returns the cameras of the split's views. If the test split has poses but no images, returns cameras at these
+    /// poses.
     pub fn cameras(self, dataset: &Dataset) -> Vec<Camera> {
         let views = self.of(dataset);
         if self == Self::Test && views.is_empty() {
@@ -53,7 +54,7 @@ impl Split {
         views.iter().map(|view| view.camera).collect()
     }
 
-    /// Returns the camera of view `index` of the split. `flag`: the flag that gave the index, for an error.
+    /// Returns the camera of view `index` of the split. `flag`: name of the flag that gave the index, for an error.
     pub fn camera(self, flag: &str, dataset: &Dataset, index: usize) -> anyhow::Result<Camera> {
         let cameras = self.cameras(dataset);
         let (count, name) = (cameras.len(), self.name());
@@ -168,14 +169,15 @@ impl Eval {
         Ok(views)
     }
 
-    /// Returns the views at the refined poses stored next to the scene file; `None` unless every view has such a pose.
+    /// Returns the views with the refined poses stored next to the scene file; `None` if any view has no refined pose.
     fn refined(&self, dataset: &Dataset, views: &[&View]) -> anyhow::Result<Option<Vec<View>>> {
         let Some(refined) = RefinedPoses::beside(&self.file)? else { return Ok(None) };
         let cameras = refined.cameras(&self.file, views.iter().copied(), dataset.origin)?;
         Ok(views.iter().zip(cameras).map(|(view, camera)| Some(view.seen_from(camera?))).collect())
     }
 
-    /// Reports if `--background` has no effect, as no view has alpha. `own`: background of the scene file.
+    /// Reports that the photographs keep their own background, if none has alpha and `--background` differs from `own`,
+    /// the scene file's background.
     fn say_opaque(&self, views: &[&View], own: [f32; 3], global: &Global) {
         let other = self.background.is_some_and(|background| background != own);
         if other && views.iter().all(|view| !view.has_alpha()) {

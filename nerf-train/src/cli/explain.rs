@@ -17,7 +17,7 @@ use serde_json::Value;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Width and height, pixels, and field of view, degrees, of the image that is rendered without `--data`.
+/// Image rendered without `--data`: width and height, pixels; horizontal field of view, degrees.
 const ORBIT: (u32, u32, f32) = (200, 200, 40.0);
 
 /// Show a frame's render stages, why each runs, and its cost.
@@ -30,7 +30,7 @@ const ORBIT: (u32, u32, f32) = (200, 200, 40.0);
 pub struct Explain {
     /// Scene file (.nerf).
     file: PathBuf,
-    /// Data set whose cameras --view selects.
+    /// Data set from which --view selects a camera.
     #[arg(long, value_name = "DATA")]
     data: Option<PathBuf>,
     /// Split that --view indexes.

@@ -56,10 +56,10 @@ pub struct Export {
     /// Approximate number of points [default: 200000].
     #[arg(long, value_name = "N")]
     points: Option<usize>,
-    /// Back-project median distances rendered at this data set's views [default: sample the surface uniformly].
+    /// Points from median distances rendered at this data set's views [default: uniform samples of the surface].
     #[arg(long, value_name = "DATA")]
     data: Option<PathBuf>,
-    /// Split of --data to back-project.
+    /// Split of --data whose views are rendered.
     #[arg(long, value_enum, default_value = "train", requires = "data")]
     split: Split,
     #[command(flatten)]
@@ -76,9 +76,9 @@ enum Kind {
     Volume,
 }
 
-/// Memory per cell while a mesh is made, bytes: density, the three smallest optical depths of 16 bits, and vertices.
+/// Memory per cell during mesh extraction, bytes: density, three optical depths of 16 bits, and vertices.
 const BYTES_PER_CELL_OF_MESH: u64 = 12;
-/// Memory per cell of a volume, bytes: density and colour (7) as values, as bytes to pack, and in the packed archive.
+/// Memory per cell of a volume, bytes: density (4) and colour (3), held as values, as bytes, and as an archive.
 const BYTES_PER_CELL: u64 = 3 * 7;
 const BYTES_PER_POINT: u64 = 36;
 

@@ -52,7 +52,7 @@ pub struct Fit {
     config: Option<PathBuf>,
     #[command(flatten)]
     set: SetOption,
-    /// Steps between validations [default: for eight validations, or fewer to stay below 5 % of the run's time].
+    /// Steps between validations [default: eight validations a run, fewer if they take over 5 % of its time].
     #[arg(long, value_name = "N")]
     validate_every: Option<u32>,
     /// Drop view dependence if it raises the PSNR of training views by less than this, dB.
@@ -67,7 +67,7 @@ pub struct Fit {
     /// Indices of the views that --snapshots renders, from 0 [default: the two validated during training].
     #[arg(long, value_name = "I,J,…", value_delimiter = ',', requires = "report")]
     snapshot_views: Vec<usize>,
-    /// Train only on group N (from 1) of the mutually inconsistent groups of photographs that `check` reports.
+    /// Train only on group N, from 1; `check` lists groups of photographs if they do not fit together.
     #[arg(long, value_name = "N")]
     group: Option<usize>,
     #[command(flatten)]
@@ -76,7 +76,7 @@ pub struct Fit {
     settings: Settings,
     #[command(flatten)]
     table: TableSettings,
-    /// Ray-march steps across the scene box (unbounded: across the ball that is not contracted).
+    /// Ray-march steps across the scene box (unbounded scene: across the uncontracted ball).
     #[arg(long, value_name = "N", help_heading = super::options::grid::HEADING)]
     steps_across: Option<u16>,
     /// Maximum file size (256k, 1m); sets table size, levels, storage, occupancy.
@@ -109,7 +109,7 @@ struct Settings {
     /// Initial learning rate.
     #[arg(long, value_name = "RATE")]
     rate: Option<f64>,
-    /// Start the occupancy grid full, without a visual hull.
+    /// Start from a full occupancy grid instead of a visual hull.
     #[arg(long)]
     no_hull: bool,
     /// Scene extent: box, contracted (unbounded), or auto.
@@ -144,7 +144,7 @@ impl Settings {
 const BYTES_PER_SAMPLE: u64 = 32;
 
 impl Fit {
-    /// Returns the preset's settings for this background, overridden by the TOML file and then by the flags.
+    /// Returns the preset's settings adapted to `background`, overridden by the TOML file and then by the flags.
     fn config(&self, background: Background) -> anyhow::Result<Config> {
         let boxed = self.settings.scene_box.is_some();
         let around = match self.settings.space.around(background, boxed) {
@@ -176,8 +176,8 @@ impl Fit {
         Ok(config)
     }
 
-    /// Returns settings with grid and ray-march steps adapted to the number of photographs' pixels across the scene,
-    /// then with the file size limited to `--max-bytes`. Reports the chosen settings.
+    /// Returns settings adapted to the photographs' resolution: grid and ray-march steps follow from the number of
+    /// pixels across the scene. Then limits the file size to `--max-bytes`. Reports the chosen settings.
     fn sized(&self, config: Config, dataset: &Dataset, global: &Global) -> anyhow::Result<Config> {
         let hull =
             config.sampling.contraction.is_none() && config.occupancy.hull && config.network.grid.is_some();
@@ -251,7 +251,7 @@ impl Fit {
         }
     }
 
-    /// Writes the file of refined poses next to the scene file, or removes the file of an earlier fit.
+    /// Writes the refined poses next to the scene file. If this fit has none, removes the file of an earlier fit.
     fn write_poses(&self, outcome: &Outcome) -> anyhow::Result<()> {
         let file = refined::beside(&self.conduct.output);
         match &outcome.refined_poses {

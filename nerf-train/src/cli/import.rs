@@ -17,13 +17,14 @@ use std::process::ExitCode;
 
 /// Number of views to evaluate without `--view`.
 const VIEWS: usize = 10;
-/// Number of views over whose rays the encoded direction is averaged, for a network without view dependence.
+/// Number of views whose encoded ray directions are averaged. If view dependence is dropped, the mean replaces the
+/// encoded direction.
 const RAY_VIEWS: usize = 50;
 
 /// Convert a nerf-pytorch checkpoint to a scene file.
 ///
-/// CKPT is a .npz or .safetensors file with pts_linears.0.weight, … of one network, or of a coarse and a fine one
-/// (of which the fine one is read).
+/// CKPT is a .npz or .safetensors file with the tensors pts_linears.0.weight, … of one network. If the file holds a
+/// coarse and a fine network, the fine network is read.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     nerf-train import lego_200k_fine.npz -o lego.nerf --background white --check lego_200\n  \
@@ -39,7 +40,7 @@ pub struct Import {
     /// Prefix of the tensors' names, such as network_fine. [default: detected].
     #[arg(long, value_name = "PREFIX")]
     prefix: Option<String>,
-    /// Coarse network for importance sampling; if one file holds both networks, pass it here too.
+    /// Coarse network, for importance sampling; if CKPT holds both networks, give the same file here.
     #[arg(long, value_name = "CKPT")]
     coarse: Option<PathBuf>,
     /// Prefix of the coarse network's tensors [default: detected].
@@ -48,7 +49,7 @@ pub struct Import {
     /// Evaluate on a data set: PSNR, PSNR lost by f16 weights, whether rendering requires the occupancy grid.
     #[arg(long, value_name = "DATA")]
     check: Option<PathBuf>,
-    /// Validation views to evaluate, counted from 0 [default: up to ten].
+    /// Indices, from 0, of the validation views to evaluate [default: up to ten views].
     #[arg(long = "view", value_name = "I,J,…", value_delimiter = ',', requires = "check")]
     views: Vec<usize>,
     /// Allow `file_path` entries that lead out of the folder of --check.
@@ -60,7 +61,7 @@ pub struct Import {
     /// Occupancy grid the network was trained with (.npy, bool [x, y, z] over the box).
     #[arg(long, value_name = "FILE", conflicts_with = "no_occupancy")]
     occupancy: Option<PathBuf>,
-    /// Use --occupancy only to skip empty space: rendering may also do without the grid.
+    /// Treat the grid of --occupancy as an acceleration only: rendering without it is valid.
     #[arg(long, requires = "occupancy")]
     occupancy_optional: bool,
     /// Build no occupancy grid.
@@ -152,7 +153,7 @@ impl Import {
         Ok(Some(Views { name: dataset.name, views, rays }))
     }
 
-    /// Warns of an empty scene, a low PSNR or a harmful occupancy grid, on stderr, also with `--quiet`.
+    /// Warns on stderr of an empty scene, a low PSNR or a harmful occupancy grid, even with `--quiet`.
     fn warn(&self, import: &import::Import<'_>) {
         let is_built = self.occupancy.is_none() && !self.no_occupancy;
         if is_built && import.cells.is_none() {

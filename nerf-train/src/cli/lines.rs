@@ -1,4 +1,4 @@
-//! Human-readable form of a result: its fields as aligned lines, with the names that the JSON has.
+//! Human-readable form of a result: its fields as aligned lines, named as in the JSON.
 
 use crate::show::table::Table;
 use crate::system::printable;
@@ -8,7 +8,7 @@ use serde::Serialize;
 
 const DIGITS: i32 = 5;
 
-/// Returns the fields of a result, one per line, then its lists of objects as tables; without null or empty fields.
+/// Returns the fields of a result, one per line, then a table for each list of objects. Omits null and empty fields.
 pub fn lines(result: &impl Serialize) -> anyhow::Result<String> {
     let value = Value::serialized(result).context("cannot make the summary")?;
     let (mut fields, mut tables) = (Vec::new(), String::new());

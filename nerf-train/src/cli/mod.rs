@@ -105,7 +105,7 @@ pub(crate) fn interrupted_json(message: &str) {
     print_error(message);
 }
 
-/// Parses the arguments; wrong ones and requests for help end the process.
+/// Parses the arguments. Ends the process if they are wrong or ask for help.
 fn parse() -> Cli {
     Cli::try_parse().unwrap_or_else(|error| {
         // Parsing has failed, so `--json` is looked for in the raw arguments.
@@ -165,7 +165,7 @@ pub fn main() -> ExitCode {
 mod tests {
     use super::*;
 
-    /// Returns the arguments of `program` in a line of shell, up to a comment or redirection; `None` without `program`.
+    /// Returns the arguments after `program` in a shell line, up to a comment or redirection; `None` without `program`.
     fn arguments<'l>(line: &'l str, program: &str) -> Option<Vec<&'l str>> {
         let (_, arguments) = line.split(['#', '>']).next()?.split_once(program)?;
         Some(arguments.split_whitespace().collect())

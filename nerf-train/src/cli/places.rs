@@ -22,7 +22,7 @@ pub const VIEW: &[&str] = &["png", "exr"];
 /// File extensions that the name of a new folder must not have.
 const FILES: &str = "nerf png gif mp4 jpg jpeg exr webp tif tiff bmp npz npy json csv svg html md toml safetensors ply obj glb";
 
-/// Refuses a file name whose extension is not in `accepted`; a name without extension and a device pass.
+/// Refuses a file name whose extension is not in `accepted`. Accepts any device, and any name without an extension.
 pub fn check_extension(flag: &str, path: &Path, accepted: &[&str]) -> anyhow::Result<()> {
     match extension(path) {
         Some(found) if !accepted.contains(&found.as_str()) && !is_device(path) => {

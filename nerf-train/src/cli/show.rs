@@ -66,7 +66,7 @@ pub struct Show {
         allow_hyphen_values = true
     )]
     scene_box: Option<[f32; 6]>,
-    /// Scene extent: box, or contracted (unbounded).
+    /// Scene extent: box, contracted (unbounded), or auto.
     #[arg(long, value_enum, default_value_t)]
     space: Space,
     #[command(flatten)]

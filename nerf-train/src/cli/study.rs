@@ -17,13 +17,13 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-/// Occupancy grids to build from the network: cells along the longest side, threshold of density × bin width.
+/// Occupancy grids to build: cells along the longest side, and density × bin width above which a cell is occupied.
 const OCCUPANCIES: [(u16, f32); 5] = [(32, 0.01), (64, 0.01), (96, 0.01), (96, 0.1), (128, 0.01)];
 
-/// Measure render time against accuracy: each approximation and their combinations; Pareto front.
+/// Measure render time and accuracy of approximations and their combinations; find the Pareto front.
 ///
-/// Errors are against the images of DATA and against the exact rendering: every sample inside the scene box, no early
-/// ray termination, f32. A Pareto front in the scene file lets a renderer choose settings by PSNR.
+/// Errors are measured against the images of DATA, and against the exact rendering: every sample inside the scene box,
+/// no early ray termination, f32. A Pareto front in the scene file lets a renderer choose settings by PSNR.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: nerf-train study lego.nerf lego_200x200.npz --report out/study -o lego_front.nerf"
@@ -36,10 +36,10 @@ pub struct Study {
     /// Report folder: points.csv, report.md, plot, images, summary.json.
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
-    /// points.csv of another study, whose Pareto front is plotted too.
+    /// points.csv of another study, to plot its Pareto front too.
     #[arg(long, value_name = "CSV", requires = "report")]
     beside: Vec<PathBuf>,
-    /// Output scene file, with its Pareto front.
+    /// Output scene file: a copy of the input with the Pareto front added.
     #[arg(long, short, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Write the Pareto front into the input file itself.
@@ -48,7 +48,7 @@ pub struct Study {
     /// Split to evaluate.
     #[arg(long, value_enum, default_value = "val")]
     split: Split,
-    /// Number of views, spread over the split.
+    /// Maximum number of views, evenly spaced in the split.
     #[arg(long, value_name = "N", default_value_t = 10)]
     views: usize,
     /// Number of views that are timed.
@@ -63,7 +63,7 @@ pub struct Study {
     /// Clock of the Pareto front: wall, or cpu (steadier on a shared machine).
     #[arg(long, value_enum, default_value = "wall")]
     clock: Clock,
-    /// Checkpoint the scene file was imported from, to compare f32 weights.
+    /// Checkpoint from which the scene file was imported, to measure its f32 weights too.
     #[arg(long, value_name = "CKPT")]
     source: Option<PathBuf>,
     /// Do not test alternative occupancy grids.

@@ -16,7 +16,7 @@ use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Train with every combination of lists of settings, and compare the results.
+/// Train with every combination of the listed settings, and compare the results.
 #[derive(Debug, Subcommand)]
 #[command(after_help = "Examples:
   nerf-train sweep image fox.jpg -o out/sweep --levels 6,8,10,12,14 --layers 2,4,6,8,10 --scale 0.25 --steps 1000 --pixels 2500
@@ -73,7 +73,7 @@ struct Lists {
     /// Initial learning rates.
     #[arg(long, value_name = "RATE,…", value_delimiter = ',', num_args = 1)]
     rate: Vec<f64>,
-    /// Vary one list at a time instead of every combination.
+    /// Vary one setting at a time instead of training every combination.
     #[arg(long)]
     one_at_a_time: bool,
     #[command(flatten)]
@@ -107,7 +107,7 @@ impl Lists {
         Combinations { base: job.base_point(), lists: own.into_iter().chain(more).collect(), mode }
     }
 
-    /// Trains the combinations without a result, then reports all results. `more`: further lists of settings to vary.
+    /// Trains each combination that has no result yet, then reports all results. `more`: further lists to vary.
     fn sweep(&self, job: &Job<'_>, more: [(Knob, Vec<f64>); 3], global: &Global) -> anyhow::Result<ExitCode> {
         let combinations = self.combinations(job, more);
         let points = combinations.points()?;
@@ -206,13 +206,13 @@ pub struct SceneSweep {
     /// Samples per ray (sinusoidal networks).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     samples: Vec<u16>,
-    /// Steps between optimiser updates of a hashed grid level; gradients accumulate in between (grids).
+    /// Steps between updates of a hashed grid level; gradients accumulate in between (grids).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     turns: Vec<u32>,
     /// Random seed.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Scene extent: box, or contracted (unbounded).
+    /// Scene extent: box, contracted (unbounded), or auto.
     #[arg(long, value_enum, default_value_t)]
     space: Space,
     #[command(flatten)]

@@ -1,7 +1,7 @@
 //! Child processes: none outlives this process or blocks it for ever.
 //!
-//! On Unix each child leads a process group of its own. A terminal's Ctrl-C reaches this process alone, which decides
-//! what is saved first ([`crate::system::stop`]). Processes that a wrapper script has started end with the script.
+//! On Unix each child leads its own process group. A terminal's Ctrl-C reaches only this process, which first saves its
+//! work ([`crate::system::stop`]). Killing a child kills its group, with all that a wrapper script started.
 
 use crate::system::lock;
 use std::io::{self, Read, Write};
@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 /// Interval between two checks whether a child has ended.
 const ASK_EVERY: Duration = Duration::from_millis(5);
-/// Time limit for a killed child to end, which is reached only if the system itself holds the process.
+/// Time limit for a killed child to end. Only a process that the kernel holds takes longer.
 const KILLED: Duration = Duration::from_secs(1);
 /// Number of bytes written to a child at a time; the time limit of [`Helper::feed`] restarts after each part.
 const PIECE_BYTES: usize = 1 << 16;
@@ -22,7 +22,7 @@ static RUNNING: Mutex<Vec<Arc<Mutex<Process>>>> = Mutex::new(Vec::new());
 #[derive(Debug)]
 struct Process {
     child: Child,
-    /// Exit status; `None` until it is collected: until then the system gives the process number to no other process.
+    /// Exit status; `None` until the child has been waited for: until then its process number is not reused.
     status: Option<ExitStatus>,
 }
 
@@ -125,7 +125,7 @@ impl Drop for Helper {
     }
 }
 
-/// Ends all running children, and blocks the start of further ones. To be called when this process ends.
+/// Kills all running children, and blocks the start of further ones. To be called when this process ends.
 pub fn end_all() {
     let running = lock(&RUNNING);
     for process in &*running {
@@ -165,8 +165,8 @@ impl Heard {
         lock(&self.kept).clone()
     }
 
-    /// Returns the last bytes of the output. To be called when the child has ended. Waits at most half a second for the
-    /// pipe's end: processes that the child has left behind may hold the pipe open.
+    /// Returns the last bytes of the output. To be called after the child has ended. Waits at most half a second for
+    /// the pipe to close: processes that the child has left behind may hold the pipe open.
     pub fn text(&self) -> Vec<u8> {
         let _ = self.ended.recv_timeout(Duration::from_millis(500));
         lock(&self.kept).clone()

@@ -1,9 +1,9 @@
-//! Reading of whole files, all in this place: at most a stated number of bytes.
+//! Reading of whole files, each up to a size limit. All whole files are read here.
 //!
-//! A path that a command is given may be a device without end, a pipe, a file that grows, or a sparse terabyte. A read
-//! here fails with an error that states the limit, before memory runs out. Archives (`.npz`) and arrays (`.npy`) are
-//! not read whole: `data::layouts::npz` limits what each array unpacks to. The kernel's own files under `/proc` have no
-//! limit.
+//! A path on the command line may name an endless device, a pipe, a growing file or a sparse terabyte. Reading it here
+//! fails with an error that states the limit, before memory runs out. Archives (`.npz`) and arrays (`.npy`) are not
+//! read whole: `data::layouts::npz` limits the unpacked size of each array. The kernel's own files under `/proc` are
+//! read elsewhere, without a limit.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -12,22 +12,22 @@ use std::str::FromStr;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
-/// Size limit of a scene file, bytes: six times the format's largest (22 layers of 512, occupancy grid of 512³ bits).
+/// Size limit of a scene file, bytes: six times the largest possible (22 layers of 512, occupancy grid of 512³ bits).
 pub const MAX_BLOB_BYTES: u64 = 256 << 20;
 /// Size limit of a JSON file, bytes: some 400,000 frames of a `transforms.json`.
 pub const MAX_JSON_BYTES: u64 = 256 << 20;
 pub const MAX_TOML_BYTES: u64 = 1 << 20;
-/// Size limit of an image file, bytes: 16,384² pixels of three bytes, not compressed, fit.
+/// Size limit of an image file, bytes: more than 16,384² uncompressed pixels of three bytes.
 pub const MAX_PICTURE_BYTES: u64 = 1 << 30;
 pub const MAX_CHECKPOINT_BYTES: u64 = 1 << 30;
 
-/// Maximum time for which a pipe or device may send nothing, also before its first byte.
+/// Reading a pipe or device fails if no byte arrives for this time, also before the first byte.
 const MAX_SILENCE: Duration = Duration::from_secs(60);
 const PIECE_BYTES: usize = 1 << 16;
 
 /// Returns the bytes of a file, pipe or device; more than `limit` bytes are an error.
 ///
-/// A pipe or device is read once, to a little beyond `limit` at most: a second read may find no bytes.
+/// A pipe or device is read only once: a second read may find no bytes. Reading stops soon after `limit`.
 ///
 /// # Errors
 /// The system's errors. [`io::ErrorKind::FileTooLarge`] states the limit. [`io::ErrorKind::TimedOut`] if a pipe is
@@ -71,7 +71,7 @@ pub fn without_mark(bytes: &[u8]) -> &[u8] {
     bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)
 }
 
-/// Opens a file to be read in any order.
+/// Opens a file for random access.
 ///
 /// # Errors
 /// The system's errors. [`io::ErrorKind::InvalidInput`] for a device, or a pipe, which could block.
@@ -97,7 +97,7 @@ pub fn toml_message(text: &str, error: &toml::de::Error) -> String {
     format!("line {row}, column {column}: {said} (in `{}`)", shown.trim())
 }
 
-/// Reads a pipe or device on another thread, as opening and reading may block; that thread ends with the process.
+/// Reads a pipe or device on another thread, as opening and reading may block. A blocked thread ends with the process.
 fn read_stream(path: &Path, limit: u64, silence: Duration) -> io::Result<Vec<u8>> {
     let (sender, pieces) = mpsc::sync_channel::<io::Result<Vec<u8>>>(16);
     let path = path.to_owned();

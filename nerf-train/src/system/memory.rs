@@ -14,7 +14,7 @@ fn in_words(bytes: u64) -> String {
     if giga < 1000.0 { format!("{giga:.1} GB") } else { format!("{:.0} TB", giga / 1000.0) }
 }
 
-/// Refuses a request for `items` of `bytes_each` bytes that exceeds [`limit`]. `what`, `advice`: for the error.
+/// Fails if `items` of `bytes_each` bytes exceed [`limit`]. `what`: name of the request; `advice`: how to reduce it.
 pub fn check(what: impl Display, items: u64, bytes_each: u64, advice: &str) -> anyhow::Result<()> {
     let (needed, limit) = (items.saturating_mul(bytes_each), limit());
     ensure!(
@@ -26,7 +26,7 @@ pub fn check(what: impl Display, items: u64, bytes_each: u64, advice: &str) -> a
     Ok(())
 }
 
-/// Memory that a command may use, bytes: most of what is free, within the control group's limit.
+/// Memory that a command may use, bytes: 80 % of the free memory, within the limit of the control group (cgroup).
 pub fn limit() -> u64 {
     let read = |file: &str| std::fs::read_to_string(file).ok();
     let number = |file: &str| read(file)?.trim().parse::<u64>().ok();

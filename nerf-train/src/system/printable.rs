@@ -1,8 +1,8 @@
 //! Text that came from a file, made safe to show.
 //!
 //! Names of views and arrays, provenance, messages of decoders and of child processes are untrusted. A terminal obeys
-//! the control characters in them: they move the cursor, retitle the window, answer for the user; bidirectional
-//! overrides make a name read as another. Each output of this program escapes them, once, where text leaves it:
+//! the control characters in them, which can move the cursor, retitle the window or type for the user. Bidirectional
+//! overrides make a name read as another. Each output of this program escapes all these once, where text is written:
 //!
 //! | output | where | with |
 //! | --- | --- | --- |
@@ -22,9 +22,9 @@ use std::fmt::Write;
 
 /// Whether `character` changes how the text around it is shown, or is invisible.
 ///
-/// Controls (C0, DEL, C1), line and paragraph separators, bidirectional marks, embeddings, overrides and isolates, the
-/// zero-width space, word joiner and byte order mark, soft hyphen, interlinear annotations, and tags. The zero-width
-/// joiner and non-joiner stay: Persian, Indic scripts and emoji need them.
+/// These are controls (C0, DEL, C1), line and paragraph separators, bidirectional marks, embeddings, overrides and
+/// isolates, the zero-width space, word joiner and byte order mark, soft hyphen, interlinear annotations, and tags. The
+/// zero-width joiner and non-joiner are not among them: Persian, Indic scripts and emoji need them.
 fn acts(character: char) -> bool {
     character.is_control()
         || matches!(
@@ -43,7 +43,7 @@ fn acts(character: char) -> bool {
         )
 }
 
-/// Returns `text` with each character for which `found` holds replaced by what `escape` writes.
+/// Returns `text` with the characters that `found` selects replaced by what `escape` writes for them.
 fn replaced(
     text: &str,
     found: impl Fn(char) -> bool,
@@ -80,15 +80,15 @@ pub fn line(text: &str) -> Cow<'_, str> {
     })
 }
 
-/// [`line()`] for text that this program has broken into lines: line ends and tabs stay.
+/// Returns `text` escaped as by [`line()`], but keeps line ends and tabs: for text that this program broke into lines.
 ///
-/// A line end in a name stays, too. If it could pass for a line of this program's own, the caller escapes the name
-/// alone with [`line()`] first.
+/// A line end in a name stays, too, and could forge a line of this program's output. Where that matters, the caller
+/// first escapes the name with [`line()`].
 pub fn lines(text: &str) -> Cow<'_, str> {
     replaced(text, |c| acts(c) && !matches!(c, '\n' | '\t'), |safe, c| write!(safe, "{}", c.escape_unicode()))
 }
 
-/// Returns [`line()`] of a name for the prose of a Markdown report, with markup and HTML escaped.
+/// Returns a name escaped as by [`line()`], and with markup escaped, for the prose of a Markdown report.
 ///
 /// # Examples
 /// ```
@@ -105,10 +105,10 @@ pub fn markdown(text: &str) -> String {
     escaped.into_owned()
 }
 
-/// Returns JSON with control and invisible characters as `\u001b`: the same values for a parser, safe on a terminal.
+/// Returns JSON with control and invisible characters escaped, as `\u001b`: safe on a terminal, the same to a parser.
 ///
-/// Outside of strings JSON has none of these characters but line ends and tabs, which stay. Within strings, writers of
-/// JSON escape C0 themselves.
+/// Line ends and tabs stay: outside of strings they are white space, and within strings writers of JSON have already
+/// escaped them.
 pub fn json(text: &str) -> Cow<'_, str> {
     replaced(
         text,

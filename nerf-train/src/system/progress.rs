@@ -11,11 +11,11 @@ use std::io::{IsTerminal, Write};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// Time between lines, plain or JSON, if there is no bar.
+/// Time between two lines of progress, plain or JSON, where no bar is shown.
 const LINE_EVERY: Duration = Duration::from_secs(5);
-/// Number of positions of the bar, which shows a fraction of the work: a time budget has no steps.
+/// Number of positions of the bar, which shows a fraction of the work: with a time budget there are no steps.
 const BAR_LENGTH: u64 = 10_000;
-/// Elapsed time before which the remaining time is not estimated.
+/// The remaining time is not estimated before this time has elapsed.
 const EARLIEST_ESTIMATE: Duration = Duration::from_secs(1);
 
 /// End of the work: at a number of steps, after some time, or at whichever comes first.
@@ -24,21 +24,21 @@ pub enum Total {
     Steps(u64),
     Time(Duration),
     StepsOrTime(u64, Duration),
-    /// No known end: no bar, no estimate, only what was done.
+    /// The end is not known: a bar stays at 0 %, and no remaining time is shown.
     Unknown,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProgressStyle {
-    /// A bar if stderr is a terminal, else plain lines every five seconds.
+    /// Shows a bar if stderr is a terminal, else plain lines every five seconds.
     Auto,
-    /// Plain lines every five seconds, also on a terminal.
+    /// Shows plain lines every five seconds, also on a terminal.
     Plain,
-    /// One JSON object a line, as often as plain lines, for another program to read.
+    /// Prints one JSON object per line, every five seconds, for another program to read.
     ///
-    /// `{"event":"progress","what":"render","position":3,"total":60,"elapsed_s":5.2,"left_s":98.8}`, then what is
-    /// known of `rays_per_s`, `train_psnr_db`, `val_psnr_db` and `note`; `total` and `left_s` are null if they are
-    /// not known. The end of a task is `{"event":"done","what":…,"text":…,"elapsed_s":…}`, any other line
+    /// `{"event":"progress","what":"render","position":3,"total":60,"elapsed_s":5.2,"left_s":98.8}`, where an unknown
+    /// `total` or `left_s` is null. The keys `rays_per_s`, `train_psnr_db`, `val_psnr_db` and `note` follow if their
+    /// values are known. The end of a task is `{"event":"done","what":…,"text":…,"elapsed_s":…}`, any other line
     /// `{"event":"note","text":…}`.
     Json,
     Quiet,
@@ -96,7 +96,7 @@ pub struct Progress {
     what: String,
     total: Total,
     started: Instant,
-    /// Position at the start of this run: the estimate leaves out steps of earlier runs.
+    /// Position at which this run started. Earlier steps do not enter the estimate of the remaining time.
     first: u64,
     display: Display,
 }
@@ -109,7 +109,7 @@ enum Display {
 }
 
 impl Progress {
-    /// Starts the clock and shows an empty bar or a first line. `what`: name of the work, such as "train".
+    /// Starts the clock. The first update shows the bar or a line. `what`: name of the work, such as "train".
     pub fn new(what: impl Into<String>, total: Total, style: ProgressStyle) -> Self {
         let terminal = std::io::stderr().is_terminal();
         let display = match style {
@@ -130,14 +130,14 @@ impl Progress {
         Self::new(what, Total::Steps(total as u64), style)
     }
 
-    /// Sets the position at which work resumes: the estimate uses only the steps of this run.
+    /// Sets the position at which work resumes. The remaining time is estimated from the steps of this run only.
     pub fn resume_at(mut self, position: u64) -> Self {
         self.first = position;
         self
     }
 
-    /// Shows that `position` steps are done. Cheap enough for every step: the screen is redrawn at
-    /// most 20 times a second, plain lines come every five seconds.
+    /// Shows that `position` steps are done. Cheap enough for every step: the bar is redrawn at most 20 times a second,
+    /// and lines come every five seconds.
     pub fn update(&mut self, position: u64, message: &Message) {
         let now = Instant::now();
         match &mut self.display {
@@ -163,7 +163,7 @@ impl Progress {
         }
     }
 
-    /// [`update`](Self::update) without further figures.
+    /// Calls [`update`](Self::update) without figures.
     pub fn reach(&mut self, position: usize) {
         self.update(position as u64, &Message::default());
     }
@@ -204,7 +204,7 @@ impl Progress {
         }
     }
 
-    /// Fraction of the work that is done, in [0, 1]: of steps or of time, whichever is larger; `None` if unknown.
+    /// Fraction of the work that is done, 0 to 1: of steps or of time, whichever is larger; `None` if unknown.
     fn share(&self, position: u64, elapsed: Duration) -> Option<f64> {
         let steps = |total: u64| if total == 0 { 1.0 } else { position as f64 / total as f64 };
         let time = |budget: Duration| {
@@ -219,7 +219,7 @@ impl Progress {
         Some(share.clamp(0.0, 1.0))
     }
 
-    /// Remaining time: for the steps at this run's speed or to the time limit, whichever is less; `None` if unknown.
+    /// Remaining time: to the last step at this run's speed, or to an earlier time limit; `None` if unknown.
     fn remaining(&self, position: u64, elapsed: Duration) -> Option<Duration> {
         let done = position.saturating_sub(self.first);
         let steps = |total: u64| {
@@ -336,7 +336,7 @@ pub fn say(style: ProgressStyle, line: &str) {
     }
 }
 
-/// [`say`] for text that this program has broken into lines. [`printable::line`] must have escaped the names in it.
+/// As [`say`], for text that this program broke into lines. [`printable::line`] must have escaped the names in it.
 pub fn say_lines(style: ProgressStyle, lines: &str) {
     match style {
         ProgressStyle::Quiet => {}

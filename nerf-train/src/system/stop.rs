@@ -1,14 +1,14 @@
-//! Handling of signals that ask the process to end (SIGINT, SIGTERM, SIGHUP), at once, whatever other threads do.
+//! Handling of signals that ask the process to end (SIGINT, SIGTERM, SIGHUP).
 //!
-//! A thread of its own waits for signals, so that handling does not depend on what other threads are doing: a tile of a
-//! frame, a decoder, a read from a fifo. The work that a command would lose decides what the signal thread does:
+//! A separate thread waits for signals, so that no busy thread can delay them, such as a thread that renders a tile or
+//! reads a fifo. The work that a command would lose decides what the signal thread does:
 //!
-//! - no work: the thread does the work of a [`Note`], ends child processes, removes temporary files, prints the note's
-//!   message, and ends the process with status `128 + signal`;
+//! - no work: the thread does the short work that a [`Note`] holds, ends child processes, removes temporary files,
+//!   prints the note's message, and ends the process with status `128 + signal`;
 //! - work that a loop saves between two steps ([`Claim`]): the thread waits for the loop, which polls [`requested`].
 //!   After dropping its claim, the loop has the time [`LAST_WORD`] to report the save and to end with [`status`];
-//! - work of a loop that is busy for longer ([`Claim::cover`]): the thread writes the files that the loop has handed
-//!   over, and ends the process.
+//! - work of a loop in a long operation ([`Claim::cover`]): the thread writes the files that the loop has handed over,
+//!   and ends the process.
 //!
 //! A further signal changes nothing: a save that the first signal has begun is completed. A signal that the process was
 //! started to ignore, such as SIGHUP under `nohup`, stays ignored.
@@ -24,13 +24,14 @@ use std::sync::atomic::{AtomicI32, Ordering};
 use std::sync::{Condvar, Mutex, PoisonError, mpsc};
 use std::time::Duration;
 
-/// Time that the owner of a claim has after dropping it, to report what it saved and to end the process itself.
+/// Time that the owner of a [`Claim`] has, after dropping the claim on a signal, to report what it saved and to end the
+/// process.
 pub const LAST_WORD: Duration = Duration::from_millis(800);
 /// Time limit for the work of a [`Note`].
 const NOTE_WORK: Duration = Duration::from_millis(1000);
-/// Time limit for ending child processes; the same again for printing the message, which a full pipe may block.
+/// Time limit for ending child processes, and again for printing the message, which a full pipe may block.
 const TIDYING: Duration = Duration::from_millis(200);
-/// Time limit for removing temporaries, of which one may be a folder of many files.
+/// Time limit for removing temporary files and folders; a folder may hold many files.
 const REMOVING: Duration = Duration::from_millis(600);
 
 /// Number of the first signal; 0 before a signal.
@@ -42,15 +43,15 @@ static NOTE: Mutex<Option<Words>> = Mutex::new(None);
 /// Work that would be lost if the process ended now.
 enum State {
     Nothing,
-    /// Work that its owner saves: a loop that polls [`requested`].
+    /// The owner of a [`Claim`] will save the work: a loop that polls [`requested`].
     Claimed,
-    /// Work that the signal thread saves by writing the files of the cover.
+    /// The signal thread will save the work, by writing the files of the cover.
     Covered(Cover),
-    /// Work that its owner has saved since the signal; the owner ends the process.
+    /// The owner has saved its work after a signal, and will end the process.
     Answered,
 }
 
-/// Files that the signal thread writes, and message that it prints, while the loop that owns the work is busy.
+/// Files and message for a signal while the owner of a [`Claim`] is busy: the signal thread writes and prints them.
 #[derive(Clone, Debug, Default)]
 pub struct Cover {
     /// Paths and bytes of files that are not on the disk yet.
@@ -63,7 +64,7 @@ pub fn requested() -> bool {
     SIGNAL.load(Ordering::Relaxed) != 0
 }
 
-/// Exit status of a process that a signal ended: 128 plus the signal, so 130 after Ctrl-C.
+/// Exit status of a process that a signal ended: 128 plus the signal's number, for example 130 after Ctrl-C.
 pub fn status() -> ExitCode {
     // Signal numbers end at 64.
     u8::try_from(128 + SIGNAL.load(Ordering::Relaxed)).map_or(ExitCode::FAILURE, ExitCode::from)
@@ -74,7 +75,7 @@ fn set(new: State) {
     CHANGED.notify_all();
 }
 
-/// Guard that declares unsaved work: its owner polls [`requested`] often, saves the work, and drops the guard.
+/// Guard that declares unsaved work. Its owner polls [`requested`], saves the work after a signal, and drops the guard.
 ///
 /// Only one claim exists at a time: fits do not run in parallel.
 #[derive(Debug)]
@@ -88,7 +89,7 @@ impl Claim {
         Self(())
     }
 
-    /// Runs `work`, which may take long; on a signal meanwhile, the files of `cover` are written and the process ends.
+    /// Runs `work`, which may take long. On a signal meanwhile, the files of `cover` are written and the process ends.
     pub fn cover<T>(&self, cover: Cover, work: impl FnOnce() -> T) -> T {
         set(State::Covered(cover));
         let done = work();
@@ -107,17 +108,17 @@ impl Drop for Claim {
     }
 }
 
-/// Contents of a [`Note`]: message that a signal prints if no work is claimed, and work to do before the message.
+/// Contents of a [`Note`]: message to print on a signal if no work is claimed, and work to do before.
 struct Words {
     message: String,
-    /// Name of the work in the message, and the work to do.
+    /// Name of the work, for the message, and the work.
     last: Option<(&'static str, LastWork)>,
 }
 
 type LastWork = Box<dyn FnOnce() -> Result<(), String> + Send>;
 
-/// Guard: while it exists, a signal prints its message instead of "interrupted", if no work is claimed. Only one guard
-/// exists at a time.
+/// Guard with a message. While the guard exists and no work is claimed, a signal prints this message instead of
+/// "interrupted". Only one guard exists at a time.
 #[derive(Debug)]
 pub struct Note(());
 
@@ -135,7 +136,7 @@ impl Note {
         *words = Some(Words { message: message.into(), last });
     }
 
-    /// Registers work, of less than a second, to do on a signal before its message. `what`: its name in the message.
+    /// Registers work that a signal does before its message, in less than a second. `what`: name in the message.
     pub fn before(&self, what: &'static str, work: impl FnOnce() -> Result<(), String> + Send + 'static) {
         if let Some(words) = lock(&NOTE).as_mut() {
             words.last = Some((what, Box::new(work)));
@@ -149,8 +150,8 @@ impl Drop for Note {
     }
 }
 
-/// Returns the result of `work`, run on another thread; `None` after `limit`: a disk, pipe or lock that never answers
-/// must not keep the process from ending.
+/// Runs `work` on another thread and returns its result; `None` if it takes longer than `limit`. A disk, pipe or lock
+/// that never answers must not keep the process from ending.
 fn within<T: Send + 'static>(limit: Duration, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
     let (done, result) = mpsc::channel();
     std::thread::Builder::new().spawn(move || done.send(work())).ok()?;
@@ -168,7 +169,7 @@ fn noted() -> String {
     format!("{message}; {what} {end}")
 }
 
-/// Writes the files of a cover; returns the message to print.
+/// Writes the files of a cover. Returns the message to print: the cover's, or the first error.
 fn saved(cover: &Cover) -> String {
     // All files are tried, even if one cannot be written.
     let written: Vec<_> = cover.files.iter().map(|(path, bytes)| write_atomic(path, bytes)).collect();
@@ -178,7 +179,7 @@ fn saved(cover: &Cover) -> String {
     }
 }
 
-/// Waits for claimed work, or saves the work of a cover; prints the message and ends with `128 + signal`.
+/// Waits for claimed work, or saves a cover's work. Then prints the message and exits with status `128 + signal`.
 ///
 /// Holds the lock on the state meanwhile, so that the owner does not write the same files.
 fn end(signal: i32, say: fn(&str)) -> ! {
@@ -200,8 +201,8 @@ fn end(signal: i32, say: fn(&str)) -> ! {
     std::process::exit(128 + signal)
 }
 
-/// Blocks until the process ends, if a signal is being handled: an error of the command may then only come from a child
-/// process that was ended or a temporary that was removed.
+/// Blocks until the process ends, if a signal is being handled. An error of the command is then not reported: its cause
+/// may be that the signal thread ended a child process or removed a temporary file.
 pub fn leave_to_signal() {
     while requested() && !matches!(*lock(&STATE), State::Answered) {
         std::thread::park();
@@ -220,8 +221,8 @@ pub fn answered() -> Vec<nix::sys::signal::Signal> {
     [Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP].into_iter().filter(is_answered).collect()
 }
 
-/// Starts the thread that handles signals and prints messages with `say`. To be called once, before other threads
-/// start, so that they inherit the blocking of the signals.
+/// Starts the thread that handles signals and prints messages with `say`. To be called once, before any other thread
+/// starts: threads inherit the blocking of the signals.
 #[cfg(unix)]
 pub fn watch(say: fn(&str)) -> std::io::Result<()> {
     let signals: nix::sys::signal::SigSet = answered().into_iter().collect();

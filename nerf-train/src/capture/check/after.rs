@@ -6,20 +6,23 @@ use crate::data::cameras::bundle::median;
 use crate::system::summary::Short;
 use serde::Serialize;
 
-/// How far a photograph's PSNR may lie below the median: dB, and median absolute deviations; the larger applies.
+/// Limits beyond which a photograph's PSNR is far below the median: dB, and median absolute deviations. The larger of
+/// the two applies.
 const FAR_WORSE: (f64, f64) = (5.0, 6.0);
-/// Smallest PSNR difference, dB, between the best and the worst group at which the worst group's poses are doubtful.
+/// The worst group's poses are reported as doubtful if its PSNR is at least this far below the best group's, dB.
 const DIFFERENT_DB: f64 = 3.0;
-/// Median training PSNR, dB, below which photographs without point tracks are reported as contradicting each other.
+/// Photographs without point tracks are reported as contradicting each other if their median training PSNR is below
+/// this, dB.
 const LOW_DB: f64 = 22.0;
-/// Smallest number of training steps after which [`LOW_DB`] applies.
+/// Smallest number of training steps for a finding by [`LOW_DB`]: a shorter fit may still have a low PSNR.
 const A_WHILE: u32 = 2000;
 
 /// PSNR of a field on its training photographs, and findings from it.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Fitted {
     pub train_psnr_db: Option<Short>,
-    /// PSNR of each group of the diagnosis; without groups and tracks, of each run between jumps of viewing direction.
+    /// Mean PSNR of each group in the diagnosis. Without groups and point tracks, a group is a run of consecutive
+    /// photographs between two jumps of the viewing direction.
     pub train_groups: Vec<Group>,
     /// Names of the photographs whose PSNR is far below the median.
     pub train_far_worse: Vec<String>,
@@ -37,7 +40,7 @@ pub struct Group {
 }
 
 impl Fitted {
-    /// Judges a fit of `steps` training steps. `photographs`: name and PSNR, dB, of each training photograph.
+    /// Judges a fit of `steps` training steps by its PSNR. `photographs`: name and PSNR of each training photograph.
     pub fn of(diagnosis: &Diagnosis, photographs: &[(&str, f64)], steps: u32) -> Self {
         let finite = || photographs.iter().map(|(_, db)| *db).filter(|db| db.is_finite());
         let middle = median(finite());
@@ -89,7 +92,7 @@ impl Fitted {
         }
     }
 
-    /// Returns a finding if a group's PSNR is far below the best group's, or if `middle`, the median PSNR, is low.
+    /// Returns a finding if the worst group's PSNR is far below the best group's, or if the median, `middle`, is low.
     fn doubt(&self, tracks: bool, middle: f64, steps: u32) -> Option<String> {
         let by_db = |a: &&Group, b: &&Group| a.psnr_db.0.total_cmp(&b.psnr_db.0);
         let (low, high) = (self.train_groups.iter().min_by(by_db)?, self.train_groups.iter().max_by(by_db)?);

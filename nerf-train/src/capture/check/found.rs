@@ -1,4 +1,4 @@
-//! Findings of the check: by indices of photographs, and as sentences that say what to do.
+//! Findings of the check, as indices of photographs and as sentences that advise what to do.
 
 use super::grey::{self, Grey, is_blurred};
 use super::groups::{Groups, few};
@@ -12,18 +12,19 @@ use crate::data::{Dataset, View};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
-/// Smallest number of photographs in a capture from which contradictory photographs are left out of training.
+/// Contradicting photographs are left out of training only if the capture has at least this number of photographs.
 const ENOUGH: usize = 10;
-/// Limits for a wrong pose: smallest number of key points that contradict the pose, and ratio to agreeing key points.
+/// Limits for a wrong pose: at least this number of key points contradict the pose, and more than this multiple of the
+/// agreeing key points.
 const MISPLACED: (usize, usize) = (10, 2);
-/// Smallest sector without photographs that is reported, degrees of azimuth.
+/// A sector without photographs is reported if it spans at least this, degrees of azimuth.
 const WIDE_GAP: f32 = 60.0;
-/// Maximum number of names or ranges of names in a list; further photographs are only counted.
+/// Maximum number of names, or ranges of names, in a list; of further photographs, only the number is given.
 const LISTED: usize = 6;
-/// A bridge of the link graph is reported if it alone connects at least this number of photographs to the others.
+/// A bridge of the graph of links is reported if its removal cuts off at least this number of photographs.
 const HANGING: usize = 3;
 
-/// Reason for groups: a folded reconstruction, wrong poses, or pieces without shared points.
+/// Reason why the photographs fall into groups: a folded reconstruction, wrong poses, or pieces without shared points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Reason {
     Folded,
@@ -41,7 +42,7 @@ pub(super) struct Found<'v> {
     pub tracks: bool,
     pub links: Links,
     pub pairs: Vec<Pair>,
-    /// Number of photographs that are part of a compared pair.
+    /// Number of photographs that occur in at least one compared pair.
     judged: usize,
     /// Indices of the photographs whose key points contradict their pose.
     misplaced: Vec<usize>,
@@ -85,7 +86,7 @@ impl<'v> Found<'v> {
         found
     }
 
-    /// Sets `groups`, by the first [`Reason`] that applies, and `outliers`: few photographs that contradict the others.
+    /// Sets `groups`, by the first [`Reason`] that applies, and `outliers`, the photographs that contradict the others.
     fn settle_groups(&mut self) {
         let count = self.views.len();
         let Groups { groups, outliers } = Groups::of(count, &self.pairs);
@@ -122,7 +123,7 @@ impl<'v> Found<'v> {
         }
     }
 
-    /// Returns the two photographs that contradict each other most; two from different groups take precedence.
+    /// Returns the two photographs that contradict each other most, preferably of different groups; `None` if none do.
     pub fn worst_pair(&self) -> Option<[usize; 2]> {
         let group = |view: usize| self.groups.iter().position(|group| group.contains(&view));
         let bad = self.pairs.iter().filter(|pair| pair.contradicts());
@@ -189,7 +190,7 @@ impl<'v> Found<'v> {
         format!("check: {}: {}", count(self.views.len(), "photograph"), parts.join("; "))
     }
 
-    /// Returns a sentence for each fault and for each check that is not possible, the most important first.
+    /// Returns one sentence for each fault, and for each check that was not possible; the most important first.
     pub fn findings(&self) -> Vec<String> {
         let mut findings = vec![self.fold()];
         findings.extend(self.contradicting());
@@ -327,7 +328,7 @@ impl<'v> Found<'v> {
     }
 }
 
-/// Number of photographs with its verb: `1 photograph is`, `2 photographs are`.
+/// Returns the number of photographs and the form of the verb: `1 photograph is`, `2 photographs are`.
 pub(super) fn subject(n: usize, one: &str, many: &str) -> String {
     format!("{} {}", count(n, "photograph"), if n == 1 { one } else { many })
 }

@@ -1,25 +1,26 @@
-//! Photographs in grey at a working size: patches to compare, sharpness and duplicates.
+//! Photographs as small grey images, to compare patches, measure sharpness and find duplicates.
 
 use crate::data::View;
 use crate::data::pictures::rgb::Picture;
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Maximum long side of a photograph at the working size, pixels.
+/// Maximum long side of a downscaled grey image (the working size), pixels.
 const WORKING_SIDE: u32 = 640;
-/// Half the side of a patch, pixels of the working size.
+/// Half-width of a patch, samples: a patch has 13 × 13 samples.
 pub(super) const HALF_PATCH: i32 = 6;
 /// Number of nearest photographs with which a photograph's sharpness is compared.
 const NEIGHBOURS: usize = 6;
-/// Ratio of a photograph's sharpness to the median of the nearest photographs below which the photograph is blurred.
+/// A photograph is blurred if its sharpness is below this fraction of the median sharpness of the nearest photographs.
 const BLURRED: f32 = 0.3;
 /// Side of the thumbnails that are compared to find duplicates, pixels.
 const STAMP: usize = 32;
-/// Largest ratio of mean absolute difference to standard deviation at which two thumbnails are duplicates.
+/// Two thumbnails are duplicates if their mean absolute difference is at most this fraction of the standard deviation
+/// of their grey levels.
 const SAME: f32 = 0.01;
 
 pub(super) struct Grey {
-    /// Downscale factor: side of a pixel of the working size, in pixels of the view.
+    /// Downscale factor from the view to the grey image.
     pub factor: u32,
     width: usize,
     height: usize,
@@ -50,7 +51,7 @@ impl Grey {
         Self { factor, width: columns, height: rows, levels }
     }
 
-    /// Returns the grey level at (`x`, `y`), bilinear, pixel centres at +0.5; `None` outside the image.
+    /// Returns the grey level at (`x`, `y`), bilinear; pixel centres are at +0.5. `None` outside the image.
     fn at(&self, x: f32, y: f32) -> Option<f32> {
         let (x, y) = (x - 0.5, y - 0.5);
         if !(x >= 0.0 && y >= 0.0 && x + 1.0 < self.width as f32 && y + 1.0 < self.height as f32) {
@@ -66,8 +67,8 @@ impl Grey {
         Some(a + v * (b - a))
     }
 
-    /// Returns the grey levels of a square patch around `middle`, row by row; `right`, `down`: steps between samples,
-    /// all in pixels of the working size. `None` if the patch leaves the image.
+    /// Returns the grey levels of a patch around `middle`, row by row; `None` if the patch leaves the image. `right`,
+    /// `down`: steps from one sample to the next in a row and in a column. All in pixels of the working size.
     pub fn patch(&self, middle: [f32; 2], right: [f32; 2], down: [f32; 2]) -> Option<Vec<f32>> {
         let range = -HALF_PATCH..=HALF_PATCH;
         let steps = range.clone().flat_map(|v| range.clone().map(move |u| (u as f32, v as f32)));
@@ -104,7 +105,7 @@ impl Grey {
     }
 }
 
-/// Returns the values less their mean, and the Euclidean norm of these differences.
+/// Returns the values minus their mean, and the Euclidean norm of the result.
 pub(super) fn centred(mut values: Vec<f32>) -> (Vec<f32>, f32) {
     let mean = values.iter().sum::<f32>() / values.len().max(1) as f32;
     values.iter_mut().for_each(|value| *value -= mean);
@@ -112,7 +113,7 @@ pub(super) fn centred(mut values: Vec<f32>) -> (Vec<f32>, f32) {
     (values, norm)
 }
 
-/// Returns each photograph's sharpness relative to the median of its [`NEIGHBOURS`] nearest; 1 if there are no others.
+/// Returns each photograph's sharpness divided by the median of its [`NEIGHBOURS`] nearest photographs; 1 without any.
 pub(super) fn sharpness(views: &[&View], greys: &[Grey]) -> Vec<f32> {
     let own: Vec<f32> = greys.par_iter().map(Grey::sharpness).collect();
     let place = |view: &View| (view.camera.pose().position, view.camera.pose().forward());

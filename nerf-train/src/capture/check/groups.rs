@@ -1,18 +1,19 @@
-//! Groups of photographs whose poses are mutually consistent, from pairs of photographs that agree or contradict.
+//! Groups of photographs whose poses are mutually consistent, found from pairs that agree or contradict each other.
 
 use super::pairs::Pair;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Fraction of differing patches at which a pair of photographs is neutral, neither for nor against its two poses.
+/// Fraction of differing patches at which a pair of photographs is neutral. A pair with a smaller fraction supports its
+/// two poses, a pair with a larger fraction opposes them.
 const UNDECIDED: f32 = 0.35;
-/// Inverse of the fraction of photographs that may be left out for contradicting the other photographs.
+/// At most one in this number of photographs, but always two, may be left out for contradicting the other photographs.
 const FEW: usize = 10;
 /// Number of contradicting pairs needed to leave out a photograph, or to separate two groups.
 const CERTAIN: usize = 3;
-/// Smallest fraction of contradicting pairs among all pairs at which the contradicting photographs may form a group.
+/// The contradicting photographs may form a group of their own only if at least this fraction of all pairs contradict.
 const TORN: f32 = 0.1;
 
-/// Groups of photographs whose poses agree within each group, and the outliers, which agree with no group.
+/// Groups of photographs, and outliers. Poses agree within each group; outliers agree with no group.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Groups {
     /// Indices of the photographs of each group; one group if no photographs contradict each other.
@@ -25,8 +26,8 @@ pub(super) fn few(count: usize) -> usize {
     (count / FEW).max(2)
 }
 
-/// Clusters photographs: merges the two clusters whose pairs have the least mean `different`, as long as that mean is
-/// below [`UNDECIDED`]. Returns, for each photograph, the smallest index of a photograph in its cluster.
+/// Clusters photographs: repeatedly merges the two clusters with the smallest mean [`Pair::different`] between them,
+/// while that mean is below [`UNDECIDED`]. Returns a label for each photograph: the smallest index in its cluster.
 fn clusters(count: usize, pairs: &[Pair]) -> Vec<usize> {
     let mut label: Vec<usize> = (0..count).collect();
     let weighted = pairs.iter().map(|pair| (pair.views, (UNDECIDED - pair.different, 1.0f32)));
@@ -56,8 +57,8 @@ fn count(pairs: &[Pair], which: impl Fn([usize; 2]) -> bool) -> (usize, usize) {
     })
 }
 
-/// Returns the labels of small clusters with more contradicting than agreeing pairs. The worst cluster is rejected
-/// first; the pairs of its photographs no longer count for the other clusters.
+/// Returns the labels of small clusters that have more contradicting than agreeing pairs. Clusters are rejected one by
+/// one, the worst first; the pairs of a rejected cluster are ignored from then on.
 fn rejected(label: &[usize], pairs: &[Pair]) -> BTreeSet<usize> {
     let mut size: BTreeMap<usize, usize> = BTreeMap::new();
     label.iter().for_each(|label| *size.entry(*label).or_default() += 1);
@@ -92,7 +93,7 @@ fn rejected(label: &[usize], pairs: &[Pair]) -> BTreeSet<usize> {
 }
 
 impl Groups {
-    /// Groups photographs by the agreement of `pairs`. `photographs`: their number; indices follow the order of names.
+    /// Divides the photographs into groups. `photographs`: their number; `pairs`: pairs that agree or contradict.
     pub fn of(photographs: usize, pairs: &[Pair]) -> Self {
         let label = clusters(photographs, pairs);
         let rejected = rejected(&label, pairs);
@@ -124,8 +125,8 @@ impl Groups {
         Self::named(group, groups, contradict, pairs)
     }
 
-    /// Returns the large groups and the outliers. `contradict`: photographs of rejected clusters. A photograph without
-    /// pairs joins the group of the previous photograph.
+    /// Returns the large groups and the outliers. `group`: group of each photograph; a photograph without pairs has
+    /// `None`, and joins the previous photograph's group. `contradict`: photographs of rejected clusters.
     fn named(
         mut group: Vec<Option<usize>>,
         groups: usize,

@@ -4,9 +4,9 @@ use super::pairs::Pair;
 use crate::capture::sights::Sights;
 use std::collections::BTreeMap;
 
-/// Smallest number of shared points at which two photographs are linked.
+/// Two photographs are linked if they share at least this number of points.
 const LINKED: u32 = 15;
-/// Maximum number of photographs of one point whose pairs are counted.
+/// Maximum number of photographs of one point that are linked to each other by it; further photographs are ignored.
 const MAX_TRACK: usize = 200;
 
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -52,7 +52,7 @@ impl Search<'_> {
 }
 
 impl Links {
-    /// Links photographs that share at least [`LINKED`] points, and pairs that agree, however few points they share.
+    /// Links two photographs if they share at least [`LINKED`] points, or if their pair agrees.
     pub fn of(sights: &Sights, pairs: &[Pair]) -> Self {
         let mut showing: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
         for (view, sights) in sights.of_views.iter().enumerate() {

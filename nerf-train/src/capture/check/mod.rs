@@ -1,9 +1,10 @@
-//! Checks of a capture before the fit: spread, sharpness, exposure and links of its photographs, and whether all poses
-//! can be right.
+//! Checks of a capture before training: viewing directions, sharpness, exposure, shared points, and whether poses are
+//! right.
 //!
-//! Repeated structure makes a reconstruction superimpose two sides of an orbit. A reconstruction folded in this way
-//! agrees with its own key points. Its photographs contradict each other in the pixels around points that two of them
-//! see from nearly the same place (`pairs.rs`), and fall into groups, each consistent alone (`groups.rs`).
+//! Repeated structure can make a reconstruction superimpose two sides of an orbit. The key points do not reveal such a
+//! fold: they agree with the wrong poses. Pixels reveal it: two photographs that see a point from nearly the same place
+//! show different content around the point (`pairs.rs`). The photographs then fall into groups, each consistent in
+//! itself (`groups.rs`).
 
 pub mod after;
 mod found;
@@ -49,10 +50,10 @@ pub struct Diagnosis {
     pub pieces: Vec<usize>,
     pub bridges: Vec<[String; 2]>,
     pub views: Vec<Photograph>,
-    /// Runs of photographs between jumps of the viewing direction, in the order of names.
+    /// Photographs of each run: in the order of names, split where the viewing direction jumps.
     #[serde(skip)]
     runs: Vec<Vec<String>>,
-    /// Whether the data have tracks of points; the runs are used only without tracks.
+    /// Whether the data have point tracks; `runs` is used only without tracks.
     #[serde(skip)]
     tracks: bool,
     pub facts: String,
@@ -72,7 +73,7 @@ pub struct Photograph {
     /// Number of the photograph's group, from 1; `None` if there are no groups, or the photograph is in none.
     pub group: Option<usize>,
     pub azimuth_degrees: Option<Short>,
-    /// Variance of the Laplacian, divided by its median over the nearest photographs.
+    /// Variance of the Laplacian, divided by the median of the nearest photographs.
     pub sharpness: Short,
     /// Natural log gain, averaged over the colour channels.
     pub exposure: Option<Short>,

@@ -1,4 +1,4 @@
-//! Agreement of two photographs, by patches around sparse points that two cameras see from similar positions.
+//! Agreement of two photographs, by patches around sparse points that the two cameras see from similar positions.
 
 use super::grey::{Grey, HALF_PATCH, centred};
 use crate::capture::sights::{Sight, Sights};
@@ -6,24 +6,25 @@ use crate::data::{SparsePoint, View};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Limits within which two cameras see a point alike: cosine of the angle between their rays (12°), distance ratio.
+/// Two cameras see a point alike if the angle between their rays is less than 12° (cosine), and if their distances to
+/// the point differ by less than this factor.
 const ALIKE: (f32, f32) = (0.978_147_6, 1.25);
 /// Number of points that two photographs must see alike to be compared.
 const ENOUGH_POINTS: usize = 30;
-/// Smallest number of compared patches at which a pair of photographs is used.
+/// A pair of photographs is used if at least this number of patches were compared.
 const ENOUGH_PATCHES: usize = 15;
-/// Maximum number of tests whether two cameras see a point alike, so that thousands of photographs take seconds.
+/// Maximum number of tests whether two cameras see a point alike: thousands of photographs then take seconds.
 const MAX_QUESTIONS: usize = 400_000_000;
-/// Maximum number of points of a photograph whose patches are compared.
+/// Maximum number of points around which a photograph's patches are compared with another photograph.
 const COMPARED_POINTS: usize = 60;
-/// Maximum number of compared pairs; of more, every N-th is compared.
+/// Maximum number of compared pairs; of a larger number, every N-th pair is compared.
 const MAX_PAIRS: usize = 60_000;
-/// Standard deviation below which a patch has too little texture to compare, grey levels of 255.
+/// A patch whose grey levels (0 to 255) have a smaller standard deviation than this has too little texture to compare.
 const MIN_TEXTURE: f32 = 2.0;
-/// Normalised cross-correlation below which two patches show different things.
+/// Two patches show different things if their normalised cross-correlation is below this.
 const DIFFERENT: f32 = 0.3;
 
-/// Two photographs that see the same points alike, and how much their patches around these points differ.
+/// Two photographs that see points from similar positions, and how much their patches around these points differ.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Pair {
     /// Indices of the photographs, the smaller first.
@@ -51,7 +52,7 @@ struct Compared<'v> {
 }
 
 impl Compared<'_> {
-    /// Returns the points of this photograph that the camera of `other` sees alike and within its image.
+    /// Returns the points of this photograph that the camera of `other` sees alike ([`ALIKE`]) and within its image.
     fn seen_alike(&self, other: &Self) -> Vec<Vec3> {
         let [from, to] = [self, other].map(|of| of.view.camera.pose().position);
         let (width, height) = other.view.size();
@@ -73,8 +74,9 @@ impl Compared<'_> {
         Some([x, y].map(|v| v / self.grey.factor as f32))
     }
 
-    /// Normalised cross-correlation of the patches around `point` in this photograph and in `other`. Each patch shows
-    /// one square, parallel to this image plane, around the point. `None` without texture or outside an image.
+    /// Normalised cross-correlation of the patches around `point` in this photograph and in `other`. The two patches
+    /// show the same square in space, parallel to this photograph's image plane. `None` if this patch lacks texture, or
+    /// a patch leaves its image.
     fn correlation(&self, other: &Self, point: Vec3) -> Option<f32> {
         let pose = self.view.camera.pose();
         let mine = self.grey.patch(self.shows(point)?, [1.0, 0.0], [0.0, 1.0])?;
@@ -100,7 +102,7 @@ impl Compared<'_> {
     }
 }
 
-/// Compares all pairs of photographs that see enough points alike.
+/// Compares the pairs of photographs that see enough points from similar positions, at most [`MAX_PAIRS`] pairs.
 ///
 /// `greys`, `sights`: one entry per view, in the order of `views`.
 pub(super) fn compare(views: &[&View], greys: &[Grey], sights: &Sights, points: &[SparsePoint]) -> Vec<Pair> {

@@ -10,9 +10,10 @@ const GAP: f32 = 30.0;
 /// Elevation above or below the horizon beyond which a camera has no azimuth, degrees.
 const STEEP: f32 = 75.0;
 
-/// Smallest ratio of a jump to the median angle between consecutive photographs; a jump is also at least [`GAP`].
+/// The viewing direction jumps if it turns from one photograph to the next by at least this multiple of the median
+/// turn, and by at least [`GAP`].
 const JUMP: f32 = 5.0;
-/// Minimum number of photographs of a run, except the last run.
+/// Minimum number of photographs in a run; only the last run may be shorter.
 const SHORTEST_RUN: usize = 3;
 
 /// A range of azimuths without photographs.
@@ -66,7 +67,7 @@ impl Spread {
     }
 }
 
-/// Returns the indices of the photographs of each run: `views`, in this order, split at jumps of the viewing direction.
+/// Splits `views`, in their order, into runs where the viewing direction jumps. Returns the indices of each run.
 pub(super) fn runs(views: &[&View]) -> Vec<Vec<usize>> {
     let ahead = |view: &View| view.camera.pose().forward();
     let turns: Vec<f32> =

@@ -66,7 +66,7 @@ impl PhotoOptions {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Settings (replace the preset's)")]
 pub struct Settings {
-    /// Pixels per batch; stratified sampling when a grid is used.
+    /// Pixels per batch, by stratified sampling if the field has a grid.
     #[arg(long, value_name = "N")]
     pixels: Option<usize>,
     /// Training steps [default: the preset's].
@@ -134,7 +134,7 @@ pub struct Fit {
 }
 
 impl Fit {
-    /// Returns the preset's settings, overridden by the flags, for an image of `size`: width and height, pixels.
+    /// Returns the preset's settings, overridden by the flags. `size`: width and height of the image, pixels.
     fn config(&self, size: [u32; 2]) -> anyhow::Result<FieldConfig> {
         let mut config = self.settings.over(self.preset.config().for_picture(size))?;
         let more = given([("--max-bytes", self.max_bytes.is_some())]);
@@ -149,7 +149,7 @@ impl Fit {
         Ok(config)
     }
 
-    /// Returns `config` with a grid whose file fits into `--max-bytes`, if given. Reports the chosen settings.
+    /// Returns `config`; with `--max-bytes`, its grid is chosen so that the file fits. Reports the chosen grid.
     fn within_bytes(
         &self,
         config: FieldConfig,
@@ -210,8 +210,8 @@ impl Fit {
         global.finish(&summary)
     }
 
-    /// Checks the options before anything is read. Returns the paths of the checkpoint and of the snapshots' folder,
-    /// if any.
+    /// Checks the options before anything is read. Returns the path of the checkpoint and the folder of the snapshots,
+    /// each `None` if not written.
     fn check(&self) -> anyhow::Result<(Option<PathBuf>, Option<PathBuf>)> {
         // The settings are checked before the picture is read, and again with its size.
         self.config([MAX_SIDE; 2])?;

@@ -16,7 +16,7 @@ use std::process::ExitCode;
 
 /// Render a 2D field at any size.
 ///
-/// The default size is that of the trained image; --width or --height alone sets the other in proportion.
+/// The default size is the trained image's size. If only --width or only --height is given, the aspect ratio is kept.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train image render fox.nerf -o fox.png
@@ -38,7 +38,7 @@ pub struct Render {
     math: MathBackend,
 }
 
-/// Memory per pixel until the image is written, bytes: colour as f32, colour as bytes, and the encoded file.
+/// Memory per pixel until the image is written, bytes: colour as f32 (12) and as bytes (3), and the encoded file (8).
 const BYTES_PER_PIXEL: u64 = 12 + 3 + 2 * 4;
 
 impl Render {
@@ -74,7 +74,8 @@ impl Render {
         global.finish(&summary)
     }
 
-    /// Returns the width and height to render at, pixels; a side without flag follows from the trained image.
+    /// Returns the width and height to render, pixels. Without flags these are the trained image's; with one flag, the
+    /// other side keeps the aspect ratio.
     fn size(&self, facts: PictureFacts) -> [u32; 2] {
         let along = |side: u32, of: u32, to: u32| {
             // Rounded, at least 1; of u16 range as the sides are.

@@ -34,7 +34,7 @@ pub struct DataOptions {
     /// Downscale factor; auto: long side to about 800 pixels [default: auto; 1 for Blender].
     #[arg(long, value_name = "N", default_value = "auto", hide_default_value = true)]
     pub downscale: Downscale,
-    /// Intrinsics: shared (one set per device) or own (COLMAP's sets) [default: shared; with a scene file: as trained].
+    /// Intrinsics: shared (one set per device) or own (COLMAP's) [default: shared; with a scene file: as trained].
     #[arg(long, value_name = "WHICH")]
     pub cameras: Option<Cameras>,
     /// Allow `file_path` entries that lead out of the data set's folder.
@@ -45,8 +45,8 @@ pub struct DataOptions {
 /// Extent of a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Space {
-    /// Unbounded if the background of the photographs is unknown, the preset has a learned grid, no box is given and
-    /// empty space is skipped; else a box.
+    /// A box if the photographs' background is known or a box is given; else unbounded. A preset without a learned
+    /// grid, or without empty-space skipping, always has a box.
     #[default]
     Auto,
     /// The scene ends at a box.
@@ -56,7 +56,7 @@ pub enum Space {
 }
 
 impl Space {
-    /// Returns what is known of the background and extent of a scene. `boxed`: whether a scene box is given.
+    /// Returns what training may assume about the scene's background and extent. `boxed`: whether a box is given.
     pub fn around(self, background: Background, boxed: bool) -> Surroundings {
         match (self, background) {
             (Self::Contracted, _) => Surroundings::Unbounded,
@@ -66,7 +66,7 @@ impl Space {
         }
     }
 
-    /// Sets or removes the contraction as `--space` says, whatever preset and file say; `auto` changes nothing.
+    /// Sets the contraction for `contracted`, removes it for `box`, does nothing for `auto`; overrides preset and file.
     pub fn settle(self, config: &mut Config) {
         match self {
             Self::Auto => {}
@@ -107,8 +107,8 @@ impl DataOptions {
         read_with(path, &self.options(), &Watch::default(), global)
     }
 
-    /// As [`Self::read`], for a fit that writes the scene file `output`: shared intrinsics are stored next to `output`.
-    /// Also returns the time taken to find shared intrinsics, which does not count as training time.
+    /// As [`Self::read`], for a fit: shared intrinsics are stored next to the scene file `output`. Also returns the
+    /// time taken to find shared intrinsics, which does not count as training time.
     pub fn read_to_fit(
         &self,
         path: &Path,
@@ -121,7 +121,7 @@ impl DataOptions {
         Ok((dataset, watch.set_aside()))
     }
 
-    /// As [`Self::read_given_for`], but each view has its refined pose, if a file next to `file` holds it.
+    /// As [`Self::read_given_for`], but views that have a refined pose in the file next to `file` get this pose.
     pub fn read_for(
         &self,
         path: &Path,
@@ -142,8 +142,8 @@ impl DataOptions {
         Ok(dataset)
     }
 
-    /// As [`Self::read`], with the intrinsics that the scene `blob`, read from `file`, was trained with. Coordinates
-    /// are relative to the scene's origin. The data set may lack training views.
+    /// Reads a data set with the intrinsics and the origin of coordinates that the scene `blob` was trained with.
+    /// `file`: path of the scene file. The data set may lack training views.
     pub fn read_given_for(
         &self,
         path: &Path,
@@ -197,7 +197,7 @@ fn cameras_beside(file: &Path) -> PathBuf {
     file.with_extension("cameras.json")
 }
 
-/// Shows the number of images read, until the sender of `ended` is dropped; nothing within the first second.
+/// Shows the number of images read until the sender of `ended` is dropped. Shows nothing in the first second.
 fn show_reading(watch: &Watch, style: ProgressStyle, ended: Receiver<()>) {
     const SOON: Duration = Duration::from_secs(1);
     const EVERY: Duration = Duration::from_millis(200);

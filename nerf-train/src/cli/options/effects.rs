@@ -17,7 +17,7 @@ pub struct EffectOptions {
         value_parser = value_parser!(u16).range(1..=256)
     )]
     antialias: u16,
-    /// Seed of random offsets of the samples: noise instead of banding [default: no offsets].
+    /// Seed of random sample offsets: noise instead of banding [default: no offsets].
     #[arg(long, value_name = "SEED")]
     jitter: Option<u64>,
     /// Depth of field: aperture radius, world units; use --antialias 16 or more.
@@ -47,9 +47,9 @@ pub struct EffectOptions {
 enum ToneMap {
     /// No tone curve.
     None,
-    /// x / (1 + x).
+    /// Reinhard's curve, x / (1 + x).
     Reinhard,
-    /// A film's shoulder and toe (Narkowicz' fit to the ACES curve).
+    /// Filmic curve: Narkowicz' fit of the ACES curve.
     Filmic,
 }
 
@@ -58,7 +58,7 @@ impl EffectOptions {
         self.in_light(plan, false)
     }
 
-    /// Returns `plan` with these effects. `linear`: output linear light even without `--linear`.
+    /// Returns `plan` with these effects. `linear`: whether to output linear light even without `--linear`.
     pub fn in_light<'a>(&self, plan: Plan<'a>, linear: bool) -> anyhow::Result<Plan<'a>> {
         let lens = |aperture_radius| ThinLens { aperture_radius, focus_distance: self.focus.unwrap_or(0.0) };
         let effects = Effects {

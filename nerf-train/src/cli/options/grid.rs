@@ -29,7 +29,7 @@ pub struct TableSettings {
     /// Resolution of the finest level.
     #[arg(long, value_name = "N")]
     pub finest: Option<u16>,
-    /// Storage of the tables in the file; coded: entropy-coded int8.
+    /// Storage of the tables in the file; coded: entropy-coded bytes, coarser than int8.
     #[arg(long, value_enum, value_name = "STORAGE")]
     pub export: Option<TableStorage>,
 }
@@ -52,13 +52,14 @@ pub fn set<T: Clone>(to: &mut T, from: &Option<T>) {
     }
 }
 
-/// Returns the name of the first of `flags` that was given on the command line (`true`); `None` if no flag was.
+/// Returns the name of the first flag that is given, `None` if none is. `flags`: name, and whether the flag is given.
 pub fn given<const N: usize>(flags: [(&'static str, bool); N]) -> Option<&'static str> {
     flags.into_iter().find(|flag| flag.1).map(|flag| flag.0)
 }
 
 impl TableSettings {
-    /// Overrides the settings of `grid` by these flags. Fails without a grid if one of the flags, or `more`, is given.
+    /// Overrides the settings of `grid` by these flags. Without a grid, fails if one of these flags is given, or if
+    /// `more` names another given flag that needs a grid.
     pub fn apply(
         &self,
         grid: Option<&mut TableConfig>,
@@ -102,8 +103,8 @@ impl TableSettings {
     }
 }
 
-/// Memory for each feature in a grid's tables, bytes: feature, two moments of Adam and gradient; for a checkpoint, the
-/// feature and the moments twice more, as numbers and as a file's bytes.
+/// Memory for each feature in a grid's tables, bytes. Training holds the feature, its gradient and two moments of Adam
+/// (16). Writing a checkpoint holds feature and moments twice more, as numbers and as bytes of the file (24).
 const BYTES_PER_VALUE: u64 = 40;
 
 /// Refuses tables that do not fit into memory.

@@ -53,7 +53,7 @@ pub struct ShardOption {
 }
 
 impl ShardOption {
-    /// Returns the part that `--shard` names, else the array job's, which is reported; all of the work without either.
+    /// Returns the part that `--shard` names, else the part of the array job (reported), else the whole work.
     pub fn choose(&self, global: &Global) -> anyhow::Result<Shard> {
         if let Some(part) = self.shard {
             return Ok(part);
@@ -74,7 +74,7 @@ pub struct Conduct {
     /// Report folder: summary.json, curves, plots, images.
     #[arg(long, value_name = "DIR")]
     pub report: Option<PathBuf>,
-    /// Wall-clock limit of this command, seconds; such runs are not reproducible.
+    /// Wall-clock limit of this command, seconds; a run with a limit is not reproducible.
     #[arg(long, value_name = "S")]
     max_seconds: Option<f64>,
     /// Resume from the checkpoint next to the output file.
@@ -94,8 +94,8 @@ impl Conduct {
         inputs.writes("-o", &self.output).writes_folder("--report", self.report.as_deref())
     }
 
-    /// Checks the options, adds the checkpoint to `claims`, and settles them. Returns the path of the checkpoint;
-    /// `None` if the output is a device.
+    /// Checks the options, and checks `claims` with the checkpoint added as an output. Creates the folders of the
+    /// outputs. Returns the path of the checkpoint; `None` if the output is a device.
     pub fn check(&self, claims: Claims) -> anyhow::Result<Option<PathBuf>> {
         check_max_seconds(self.max_seconds)?;
         // With an infinite interval no checkpoint is written during training.
@@ -127,7 +127,7 @@ impl Conduct {
         Some(SnapshotOptions { folder, steps: steps.into(), views: views.into() })
     }
 
-    /// Returns the options of a run. With `--max-seconds`, `steps` only end the run if a flag gave them (`asked`).
+    /// Returns the options of a run. With `--max-seconds`, `steps` is ignored unless a flag gave it (`asked`).
     pub fn options(
         &self,
         (steps, asked): (u32, bool),

@@ -19,7 +19,7 @@ pub struct QualityOptions {
     /// Early ray termination: transmittance below which a ray ends; 0: never.
     #[arg(long, value_name = "T", default_value_t = Quality::default().transmittance_cut)]
     pub transmittance_cut: f32,
-    /// Evaluate colour once the weight accumulated since the last evaluation exceeds this; 0: at every sample.
+    /// Evaluate colour each time this much weight has accumulated along the ray; 0: at every sample.
     #[arg(long, value_name = "W", default_value_t = Quality::default().colour_cut)]
     pub colour_cut: f32,
     /// Do not skip empty space.
@@ -39,7 +39,7 @@ pub struct QualityOptions {
     pub bins: Option<WhichBins>,
 }
 
-/// Part of a ray that samples cover, in a scene sampled in bins (not in ray-march steps).
+/// Part of a ray that the samples cover. Only for scenes sampled in bins, not for ray-marched ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum WhichBins {
     /// Bins between the scene's near and far planes.
@@ -57,7 +57,7 @@ pub fn parse_math(name: &str) -> Result<MathBackend, String> {
 }
 
 impl QualityOptions {
-    /// Returns the plan of a frame of `blob`, read from `file`. `default`: sample range without `--bins`.
+    /// Returns the plan that renders `blob`. `file`: its path, for errors; `default`: sample range without `--bins`.
     pub fn plan<'b>(
         &self,
         (blob, file): (&Blob<'b>, &Path),

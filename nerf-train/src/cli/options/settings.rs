@@ -11,7 +11,7 @@ use std::path::Path;
 /// Settings of `--set`; each overrides the setting of the same path in the TOML file.
 #[derive(Debug, Default, Args)]
 pub struct SetOption {
-    /// Set anything that `config` prints, such as network.depth=2; may be repeated.
+    /// Override a setting that `config` prints, such as network.depth=2; may be repeated.
     #[arg(long = "set", value_name = "PATH=VALUE", value_parser = parse_set)]
     pub tables: Vec<toml::Table>,
 }
@@ -24,7 +24,7 @@ fn parse_set(text: &str) -> Result<toml::Table, String> {
 }
 
 impl SetOption {
-    /// Returns `settings` overridden by the values of `--set`; an error names the first value that does not fit.
+    /// Returns `settings` overridden by the values of `--set`. If values do not fit, the error names the first of them.
     pub fn over<T: Serialize + DeserializeOwned>(&self, settings: T) -> anyhow::Result<T> {
         merged(settings, self.tables.clone()).map_err(|error| match error.downcast_ref::<toml::de::Error>() {
             Some(toml) => anyhow!("--set: {}", input::toml_message("", toml)),
@@ -39,7 +39,7 @@ impl SetOption {
 
 /// Returns the preset adapted to `surroundings`, overridden by the TOML file's values and then by the values of `set`.
 ///
-/// If file or `set` turns the visual hull off, or gives a contraction or a box, the other settings' defaults follow.
+/// If file or `set` turns the visual hull off, or gives a contraction or a box, the defaults of other settings change.
 pub fn read_config(
     preset: Preset,
     file: Option<&Path>,

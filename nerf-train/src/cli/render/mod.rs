@@ -28,13 +28,13 @@ use std::time::Instant;
 
 /// Render a view or a video of a scene.
 ///
-/// A view is written as PNG, or as EXR if the name ends in .exr: unscaled floats, colour as linear light (with
-/// --transparent premultiplied, alpha in channel A), z-depth in channel Z. The name of a video sets its format:
-/// `orbit.gif` a GIF, `orbit.mp4` an MP4 by an installed ffmpeg, a folder (`frames/`) numbered PNGs. The file name of a
-/// further output ends in the output's name: with -o view.png, z-depth goes to view_z_depth.png.
+/// A view is written as PNG, or as EXR if its name ends in .exr. An EXR holds floats: linear colour, and z-depth in
+/// channel Z. With --transparent, its colour is premultiplied, and alpha is in channel A. A video is written as GIF
+/// (`orbit.gif`), as MP4 by an installed ffmpeg (`orbit.mp4`), or as numbered PNGs in a folder (`frames/`).
 ///
-/// The file that -o names is replaced. Other files (further outputs, frames in a folder) are replaced only if
-/// nerf-train made them; otherwise the command is refused.
+/// The first of several --outputs gets the name that -o gives. The names of the others get a suffix: with -o view.png,
+/// z-depth goes to view_z_depth.png. The file that -o names is replaced. Other files (further outputs, frames in a
+/// folder) are replaced only if nerf-train made them; otherwise the command is refused.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train render lego.nerf -o view.png --data lego_200x200.npz --split val --view 3 --outputs rgb,z-depth
@@ -58,7 +58,7 @@ pub struct Render {
         group = "what"
     )]
     pose: Option<[f64; 12]>,
-    /// Data set whose cameras --view or --keyframes selects.
+    /// Data set from which --view or --keyframes selects cameras.
     #[arg(long, value_name = "DATA", groups = ["what", "dataset"])]
     data: Option<PathBuf>,
     /// Video along a camera path (nerfstudio .json), or through the cameras of a data set's split.
@@ -79,25 +79,25 @@ pub struct Render {
     /// Orbit video with this many frames; swings back and forth if the photographs show only one side.
     #[arg(long, value_name = "FRAMES", group = "what")]
     orbit: Option<usize>,
-    /// Elevation of the orbit, degrees [default: that of the photographs, or 25].
+    /// Elevation of the orbit, degrees [default: the photographs', or 25].
     #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
     elevation: Option<f32>,
-    /// Radius of the orbit, world units [default: that of the photographs, or half way from near to far].
+    /// Radius of the orbit, world units [default: the photographs', or midway between near and far].
     #[arg(long, value_name = "R")]
     radius: Option<f32>,
-    /// Up axis of the orbit [default: that of the photographs, or z].
+    /// Up axis of the orbit [default: the photographs', or z].
     #[arg(long, value_enum, value_name = "AXIS", allow_hyphen_values = true)]
     up: Option<UpAxis>,
     /// Frame rate [default: the camera path's, or 20].
     #[arg(long, value_name = "N")]
     fps: Option<f64>,
-    /// Width, pixels [default: the view's or the path's, or 400].
+    /// Width, pixels [default: from the view or path, or 400].
     #[arg(long, value_name = "N")]
     width: Option<u32>,
-    /// Height, pixels [default: in proportion].
+    /// Height, pixels [default: by the aspect ratio of the view or path, or equal to the width].
     #[arg(long, value_name = "N")]
     height: Option<u32>,
-    /// Focal length, pixels [default: the view's, or 40° across the width; 40° vertically for a path without `fov`].
+    /// Focal length, pixels [default: from the view or path, or a field of view of 40°].
     #[arg(long, value_name = "F")]
     focal: Option<f32>,
     /// Outputs to render.
@@ -106,7 +106,7 @@ pub struct Render {
     /// Background: white, #RRGGBB or R,G,B [default: the scene file's].
     #[arg(long, value_name = "COLOUR", value_parser = parse_background)]
     background: Option<[f32; 3]>,
-    /// RGBA with straight alpha, for a view or a folder of frames.
+    /// Write alpha, straight in PNG, premultiplied in EXR; for a view or a folder of frames.
     #[arg(long, conflicts_with_all = ["background", "exposure", "tone_map", "linear"])]
     transparent: bool,
     /// Width of the density blur for normals, in sample spacings.
@@ -125,10 +125,10 @@ pub struct Render {
     data_options: DataOptions,
 }
 
-/// Memory per pixel of a frame, bytes: values of the frame, and values of the tile while it is rendered.
+/// Memory per pixel of a frame, bytes: the finished frame (40), and the tile that is being rendered (60).
 const BYTES_PER_PIXEL: u64 = 40 + 60;
-/// Memory per pixel for each output, bytes: the encoded file, and the colour as f32 and as bytes, counted twice because
-/// a video buffers two frames per thread.
+/// Memory per pixel for each output, bytes: the encoded file (8), and the colour as f32 (12) and as bytes (4). The
+/// colour is counted twice, because a video buffers two frames per thread.
 const BYTES_PER_OUTPUT: u64 = 2 * (12 + 4) + 8;
 
 impl Render {
@@ -189,7 +189,7 @@ impl Render {
         self.effects.in_light(plan, target::is_exr(self))
     }
 
-    /// Returns the range of each distance output over all frames of a video, world units; empty for a single view.
+    /// Returns the range of distances in a whole video, world units, for each distance output. Empty for a single view.
     fn ranges(
         &self,
         renderer: &Renderer<'_>,
@@ -221,8 +221,8 @@ impl Render {
         }
     }
 
-    /// Fails if memory cannot hold a frame with its encoded outputs, or the coarse frames from which the ranges of a
-    /// video's distances are computed.
+    /// Fails if memory cannot hold a frame with its encoded outputs. For distance outputs of a video, also fails if
+    /// memory cannot hold the coarse frames from which their ranges are computed.
     fn check_memory(&self, cameras: &[Camera]) -> anyhow::Result<()> {
         let pixels = |camera: &Camera| {
             let size = camera.intrinsics();

@@ -17,13 +17,12 @@ use std::path::Path;
 
 const NO_FRAMES: &str =
     "--frames: expected with --keyframes, or with --path and a camera path, found neither";
-/// Default field of view, degrees.
 const DEFAULT_FOV_DEGREES: f32 = 40.0;
 /// Largest number of frames of a video: half a day at 20 per second.
 const MAX_FRAMES: usize = 1_000_000;
 
 pub(super) struct Shots {
-    /// The cameras in order; one unless a video is rendered.
+    /// Cameras of the frames, in order; a single camera unless a video is rendered.
     pub cameras: Vec<Camera>,
     pub fps: Option<f64>,
 }
@@ -76,7 +75,7 @@ pub(super) fn shots(render: &Render, blob: &Blob<'_>, global: &Global) -> anyhow
     Ok(vec![camera].into())
 }
 
-/// Returns the horizontal field of view of an image `width` pixels wide, degrees: by `--focal`, or the default.
+/// Returns the horizontal field of view of an image `width` pixels wide, degrees: from `--focal`, or the default.
 fn fov_across(render: &Render, width: u32) -> anyhow::Result<f32> {
     match render.focal {
         Some(focal) if focal > 0.0 => Ok(2.0 * (0.5 * width as f32 / focal).atan().to_degrees()),
@@ -95,7 +94,7 @@ fn around(render: &Render, scene: &SceneFacts) -> Orbit {
     }
 }
 
-/// Returns the cameras of a camera path. The flags, or else the path, set the size of the images.
+/// Returns the cameras of a camera path. The image size comes from the flags, or else from the path.
 fn along(render: &Render, path: &CameraPath) -> anyhow::Result<Vec<Camera>> {
     let size = size_of(render, path.size.unwrap_or((400, 400)));
     let key = |of: &PathCamera| Keyframe {
@@ -111,7 +110,7 @@ fn along(render: &Render, path: &CameraPath) -> anyhow::Result<Vec<Camera>> {
     of_keys(render, keys, size).context("--path")
 }
 
-/// Returns cameras along a path through the views `--keyframes`. The flags, or else the first view, set the image size.
+/// Returns cameras along a path through the views `--keyframes`. Image size: from the flags, or else the first view.
 fn through(render: &Render, data: &Path, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Vec<Camera>> {
     let frames = render.frames.unwrap_or(120);
     check_frames("--frames", frames)?;
@@ -128,7 +127,7 @@ fn through(render: &Render, data: &Path, blob: &Blob<'_>, global: &Global) -> an
     of_keys(render, flight(&keys, frames), size_for(render, &cameras[0])).context("--keyframes")
 }
 
-/// Returns the keyframes' cameras, undistorted, with the focal length `--focal` or each keyframe's field of view.
+/// Returns each keyframe's camera, without distortion. `--focal` overrides the keyframe's field of view.
 fn of_keys(render: &Render, keys: Vec<Keyframe>, (width, height): (u32, u32)) -> anyhow::Result<Vec<Camera>> {
     let camera = |key: Keyframe| {
         let focal = render.focal.unwrap_or(focal_of(height, key.fov_degrees));
@@ -137,7 +136,7 @@ fn of_keys(render: &Render, keys: Vec<Keyframe>, (width, height): (u32, u32)) ->
     Ok(keys.into_iter().map(camera).collect::<Result<_, _>>()?)
 }
 
-/// Returns all cameras of a split, in order. The flags, or else the first camera, set the image size of all.
+/// Returns all cameras of a split, in order, with one image size: from the flags, or else from the first camera.
 fn path_of(render: &Render, data: &Path, blob: &Blob<'_>, global: &Global) -> anyhow::Result<Vec<Camera>> {
     let dataset = render.data_options.read_for(data, (blob, &render.file), global)?;
     let split = render.split.unwrap_or(Split::Test);
@@ -163,7 +162,8 @@ fn view_of(render: &Render, data: &Path, blob: &Blob<'_>, global: &Global) -> an
     Ok(resized(render, &camera, size_for(render, &camera))?)
 }
 
-/// Returns the width and height that the flags set, pixels; a side without flag follows from the camera's image.
+/// Returns the width and height of the image, pixels: from the flags, or else from `camera`. With one flag, the other
+/// side keeps the aspect ratio of `camera`.
 fn size_for(render: &Render, camera: &Camera) -> (u32, u32) {
     let size = camera.intrinsics();
     size_of(render, (size.width, size.height))
@@ -195,7 +195,7 @@ fn check_frames(flag: &str, frames: usize) -> anyhow::Result<()> {
     }
 }
 
-/// Returns a camera. `rows`: upper three rows of its camera-to-world matrix; `fov_degrees`: horizontal field of view.
+/// Returns a camera without distortion. `rows`: 3×4 camera-to-world matrix; `fov_degrees`: horizontal field of view.
 fn posed(
     rows: &[f64; 12],
     origin: [f64; 3],
@@ -208,7 +208,7 @@ fn posed(
     Camera::new(intrinsics, Lens::NONE, Pose::from_rows([row(0), row(1), row(2)]))
 }
 
-/// Returns the focal length, pixels, for a field of view across `side` pixels.
+/// Returns the focal length, pixels, at which `side` pixels span the field of view `fov_degrees`.
 fn focal_of(side: u32, fov_degrees: f32) -> f32 {
     0.5 * side as f32 / (0.5 * fov_degrees.to_radians()).tan()
 }

@@ -21,7 +21,7 @@ pub(super) enum Target {
 }
 
 impl Target {
-    /// Returns the text that says which images are left after a signal. `output`: path of `-o`.
+    /// Returns the part of the message after a signal that says which images are kept. `output`: path of `-o`.
     pub(super) fn left(&self, output: &Path) -> String {
         match self {
             Self::Still => "no picture is written".to_owned(),
@@ -84,7 +84,7 @@ fn find_ffmpeg(render: &Render) -> anyhow::Result<Ffmpeg> {
     })
 }
 
-/// Returns the path of an output: `-o` for the first output, `-o` with the output's suffix for any other.
+/// Returns the path of the file for `output`: the path of `-o` for the first output, with a suffix for the others.
 fn place_of(render: &Render, output: Output) -> PathBuf {
     if render.outputs().first() == Some(&output) {
         return render.output.clone();
@@ -115,7 +115,7 @@ pub(super) fn claims(render: &Render, target: &Target) -> Claims {
     })
 }
 
-/// Returns this process's shard of the frames, for a folder of frames; the whole for any other output.
+/// Returns the shard of the frames that this process renders: all frames, unless the output is a folder of frames.
 pub(super) fn part(render: &Render, target: &Target, global: &Global) -> anyhow::Result<Shard> {
     match target {
         Target::Frames => render.shard.choose(global),

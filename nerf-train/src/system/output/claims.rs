@@ -1,10 +1,10 @@
 //! Protection of inputs: all paths that a command will read or write are compared before it reads or writes.
 //!
-//! Files are compared by their identity in the file system (device and inode on Unix, the canonical path elsewhere),
-//! which sees through links, relative paths and names that differ in case only. A data set named by a folder is read as
-//! a whole: nothing is written into the folder. For a data set named by a file, that file, the lists of views next to
-//! it and the images that the lists name are protected. A folder of results must not hold an input with the extension
-//! of a result. Devices and pipes such as `/dev/null` may be input and output.
+//! Files are compared by their identity in the file system (device and inode on Unix, the canonical path elsewhere).
+//! Two paths to one file are thus recognised despite links, relative paths and differences of case. If a data set is a
+//! folder, no output may lie in it. If a data set is a file, the inputs are that file, the lists of views next to it,
+//! and the images that the lists name. A folder of results must not hold an input with the extension of a result.
+//! Devices and pipes such as `/dev/null` may be input and output.
 
 use super::mark::was_made_here;
 use super::{Attempt, OutputError, ensure_folder, folder_of};
@@ -13,14 +13,14 @@ use std::ffi::OsStr;
 use std::path::{Component, Path, PathBuf};
 use std::{fs, io};
 
-/// Maximum length of a file name, bytes, on all file systems in use.
+/// Maximum length of a file name, bytes: the limit of common file systems.
 const MAX_NAME_BYTES: usize = 255;
-/// File extensions of the results in a folder of results.
+/// Extensions of the files that commands write into a folder of results.
 const RESULTS: [&str; 8] = ["csv", "gif", "html", "json", "md", "mp4", "png", "svg"];
-/// Subfolders of a folder of results; `""` is the folder itself.
+/// Folders into which commands write, relative to a folder of results; `""`: the folder itself.
 const RESULT_FOLDERS: [&str; 4] = ["", "snapshots", "moved", "runs"];
 
-/// An output that is refused, in one sentence: which, why, and what to do.
+/// Error about a refused output, in one sentence: which output, why, and what to do.
 #[derive(Debug, thiserror::Error)]
 #[error("{output}: {found}")]
 pub struct ClaimError {
@@ -31,11 +31,11 @@ pub struct ClaimError {
 /// Treatment of an output file that exists already.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Existing {
-    /// A file that the caller named: replaced.
+    /// The output replaces the file.
     Replace,
-    /// A file whose name was derived from another: replaced if this program made the file, else refused.
+    /// The output replaces the file if this program made the file; otherwise the output is refused.
     ReplaceOwn,
-    /// Refused, for this reason and with this advice.
+    /// The output is refused. The text completes the error message, with reason and advice.
     Refuse(&'static str),
 }
 
@@ -65,7 +65,6 @@ enum Kind {
     Frames,
 }
 
-/// Identity of a file or folder in the file system.
 #[derive(Debug, PartialEq, Eq, Hash)]
 enum Identity {
     #[cfg(unix)]
@@ -75,7 +74,8 @@ enum Identity {
 }
 
 impl Identity {
-    /// Returns the identity of a file or folder; `None` if none exists, or for a device or pipe: no write destroys it.
+    /// Returns the identity of a file or folder. Returns `None` if nothing exists at `path`, or for a device or pipe,
+    /// which writing does not destroy.
     fn of(path: &Path) -> Option<Self> {
         let metadata = fs::metadata(path).ok().filter(|found| found.is_file() || found.is_dir())?;
         #[cfg(unix)]
@@ -91,7 +91,7 @@ impl Identity {
     }
 }
 
-/// Whether `path` is a device or pipe, neither file nor folder: it is written to, not replaced.
+/// Whether `path` is a device or pipe, which is written to and not replaced.
 pub fn is_device(path: &Path) -> bool {
     fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir())
 }
@@ -116,7 +116,7 @@ impl Claims {
         self.derives(flag, path, Existing::Replace)
     }
 
-    /// Adds an output file whose name is derived from that of another file.
+    /// Adds an output file whose name is derived from another file's. `existing`: what happens to a file of this name.
     pub fn derives(self, what: &str, path: &Path, existing: Existing) -> Self {
         self.output(what, path, Kind::File(existing))
     }
@@ -143,7 +143,7 @@ impl Claims {
         self
     }
 
-    /// Refuses an output that is an input, lies in one, or is named twice; creates nothing.
+    /// Refuses an output that is an input, lies in an input folder, or is also another output; creates nothing.
     pub fn check(&self) -> Result<(), ClaimError> {
         let mut taken: HashMap<Identity, &str> = HashMap::new();
         for output in &self.outputs {
@@ -161,7 +161,7 @@ impl Claims {
         Ok(())
     }
 
-    /// [`check`](Self::check), then creates the folders of all outputs and tests that files can be written there.
+    /// Does [`check`](Self::check), then creates the folders of all outputs and tests that files can be written there.
     ///
     /// # Errors
     /// [`ClaimError`]; nothing is created if `check` refuses an output.

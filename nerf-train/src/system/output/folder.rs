@@ -1,4 +1,4 @@
-//! Folders that exist whole or not at all.
+//! Folders that appear whole or not at all.
 
 use super::{Attempt, Listed, OutputError, TEMPORARIES, ensure_folder, folder_of, hidden, sync_folder};
 use crate::system::lock;
@@ -8,8 +8,8 @@ use tempfile::TempDir;
 
 /// A folder that appears under its name only when [`commit`](Self::commit) succeeds.
 ///
-/// Until then the contents are in a hidden folder next to that name. A drop without commit, or a signal, removes the
-/// hidden folder.
+/// Until then the contents are in a hidden folder in the same parent. If the value is dropped without a commit, or a
+/// signal ends the process, the hidden folder is removed.
 #[derive(Debug)]
 pub struct AtomicFolder {
     temporary: TempDir,
@@ -34,7 +34,7 @@ impl AtomicFolder {
         Ok(Self { temporary, _listed: Listed(place), target: path.to_owned() })
     }
 
-    /// Path of the hidden folder to write into, which `commit` renames to the folder of results.
+    /// Path of the hidden folder to write into. `commit` renames this folder to its final name.
     pub fn place(&self) -> &Path {
         self.temporary.path()
     }
@@ -53,7 +53,7 @@ impl AtomicFolder {
     }
 }
 
-/// Refuses a name that is in use, except by an empty folder.
+/// Fails if `path` exists, unless it is an empty folder.
 fn check_free(path: &Path) -> io::Result<()> {
     let empty = || fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none());
     if fs::symlink_metadata(path).is_err() || empty() {

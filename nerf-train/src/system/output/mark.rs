@@ -1,4 +1,4 @@
-//! Mark by which an image or a video that this program made is recognised.
+//! Mark in the images and videos that this program makes, by which it recognises its own files.
 //!
 //! A PNG holds the mark as a comment (tEXt), a GIF in a comment extension, an MP4 in its metadata, an EXR in its
 //! attribute `comments`.
@@ -9,7 +9,8 @@ use std::path::Path;
 
 pub const MARK: &str = "made by nerf-train";
 
-/// Number of bytes searched for the mark, from a file's start: an MP4 has its index there, with comments at the end.
+/// Number of bytes searched for the mark, from the start of a file. In an MP4, the mark is at the end of the index,
+/// which lies at the start.
 const SEARCHED_BYTES: u64 = 16 << 20;
 
 pub fn was_made_here(path: &Path) -> bool {

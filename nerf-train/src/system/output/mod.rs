@@ -1,9 +1,9 @@
-//! Writing of files, all in this place: whole, or not at all.
+//! Writing of files, each whole or not at all. All files are written here.
 //!
-//! [`AtomicFile`] writes next to the final name and renames over it on [`AtomicFile::commit`]: no reader, crash or full
-//! disk leaves half a file under that name. If two processes write the same name, the file of one remains, whole. A
-//! signal removes uncommitted files ([`crate::system::stop`]); a process that is killed outright may leave a hidden
-//! `.nerf-*.tmp` behind, which is safe to delete.
+//! [`AtomicFile`] writes a hidden file next to the final name; [`AtomicFile::commit`] renames it to that name. A reader
+//! never sees half a file, and neither a crash nor a full disk leaves one. If two processes write the same name, one of
+//! the two files remains, whole. A signal removes uncommitted files ([`crate::system::stop`]). A process that is killed
+//! outright may leave a hidden `.nerf-*.tmp` behind, which is safe to delete.
 
 pub mod claims;
 mod folder;
@@ -49,9 +49,9 @@ impl fmt::Display for Attempt {
     }
 }
 
-/// A file or folder that could not be written: what was tried, where, and what the system said.
+/// Error about a file or folder that could not be written: what was tried, where, and what the system said.
 ///
-/// Reads for example `cannot write the file out/a.nerf: No space left on device (os error 28)`.
+/// Its text is for example `cannot write the file out/a.nerf: No space left on device (os error 28)`.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot {attempt} {}: {source}", path.display())]
 pub struct OutputError {
@@ -68,17 +68,17 @@ impl OutputError {
 
 #[derive(Debug)]
 enum Sink {
-    /// A hidden file in the target's folder, which is on the list of temporaries while it exists.
+    /// A hidden file in the target's folder. A signal removes the file, as it is on the list of temporaries.
     Temporary(BufWriter<NamedTempFile>, Listed),
-    /// A device or pipe such as `/dev/null`, which must be written, not replaced.
+    /// A device or pipe such as `/dev/null`, which is written to and not replaced.
     Direct(BufWriter<File>),
 }
 
 /// A file that appears under its name only when [`commit`](Self::commit) succeeds.
 ///
-/// A drop without commit removes the temporary, and an earlier file of that name stays intact.
-/// A symbolic link to an existing file is followed (the link stays a link), a replaced file keeps
-/// its permissions, a new one gets 0666 less the umask, and devices and pipes are written directly.
+/// A drop without commit removes the temporary file, and an earlier file of that name stays intact. If the name is a
+/// symbolic link to a file, the link stays, and the file it points to is replaced. A replaced file keeps its
+/// permissions; a new file gets 0666 less the umask. Devices and pipes are written directly.
 #[derive(Debug)]
 pub struct AtomicFile {
     sink: Sink,
@@ -155,7 +155,7 @@ impl AtomicFile {
         &self.path
     }
 
-    /// Path to write to before the commit, for another program.
+    /// Path into which another program writes before the commit.
     ///
     /// The other program must write into this file, not replace it, and finish before the commit.
     pub fn place(&self) -> &Path {
@@ -210,10 +210,11 @@ pub fn write_atomic(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), OutputEr
     file.commit()
 }
 
-/// Writes `bytes` to `path`, whole, unless a file of that name exists; returns whether the file was written.
+/// Writes `bytes` to `path`, whole, unless a file of that name exists. Returns whether the file was written.
 ///
-/// Of several processes that call this with one name, exactly one gets true. On file systems that can neither rename
-/// without replacing nor link, the file is written as by [`write_atomic`], and more than one may get true.
+/// If several processes call this with one name, exactly one gets true. Some file systems have neither hard links nor a
+/// rename that refuses to replace a file. There the file is written as by [`write_atomic`], and more than one process
+/// may get true.
 pub fn write_new(path: impl AsRef<Path>, bytes: &[u8]) -> Result<bool, OutputError> {
     let path = path.as_ref();
     let fail = |attempt| move |source| OutputError::new(attempt, path, source);
@@ -237,7 +238,7 @@ fn cannot_link(kind: io::ErrorKind) -> bool {
 
 /// Creates the folder with its parents, and tests that files can be written there.
 ///
-/// Called before long work, so that an hour of training does not end in "permission denied".
+/// To be called before long work, so that an hour of training does not end in "permission denied".
 ///
 /// # Errors
 /// [`Attempt::CreateFolder`] or [`Attempt::ProbeFolder`].
@@ -263,7 +264,7 @@ fn folder_of(path: &Path) -> &Path {
 
 static TEMPORARIES: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
-/// Entry of a temporary in [`TEMPORARIES`]; removes the entry when dropped, after the file was renamed or removed.
+/// Entry in [`TEMPORARIES`] of a temporary file or folder. A drop removes the entry from the list.
 #[derive(Debug)]
 struct Listed(PathBuf);
 
@@ -327,7 +328,7 @@ fn sync(file: &File) -> io::Result<()> {
     file.sync_all()
 }
 
-/// Makes a rename durable; errors of file systems that cannot sync a folder are ignored, except a full disk.
+/// Syncs a folder after a rename. Ignores all errors except a full disk: some file systems cannot sync folders.
 fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(unix) {
         match File::open(folder).and_then(|folder| sync(&folder)) {
