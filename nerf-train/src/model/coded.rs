@@ -1,4 +1,4 @@
-//! Entropy-coded tables of a grid: quantisation steps, coding, and zeros for the entries that no sample reads.
+//! Entropy-coded tables of a grid: quantisation steps, coding, and zeroing of the entries that no sample reads.
 
 use crate::model::quantise::{levels, scale_of, steps};
 use nerf_core::blob::encode_tables;
@@ -6,20 +6,21 @@ use nerf_core::encoding::GridEncoding;
 
 /// Number of candidate quantisation steps between a step and its double.
 const TO_AN_OCTAVE: i32 = 16;
-/// Largest level's step if there is no limit of bytes: 2^(`OWN` / 16) = 2^−2.75 times the root mean square of all
-/// values, with which a value takes 4.6 bits.
+/// Default step of the level with the most values, if the tables' bytes have no limit: 2^(`OWN` / 16) = 2^−2.75 times
+/// the root mean square of all values. A value then takes 4.6 bits.
 const OWN: i32 = -11 * TO_AN_OCTAVE / 4;
-/// Finest and coarsest candidate step as binary logarithms, in sixteenths; with [`COARSEST`] every value becomes 0.
+/// Smallest and largest exponent `i` of a candidate step, which is 2^(`i` / 16) times the root mean square of all
+/// values. With [`COARSEST`] every value becomes 0.
 const FINEST: i32 = -8 * TO_AN_OCTAVE;
 const COARSEST: i32 = 24 * TO_AN_OCTAVE;
-/// Exponent `p`: a level's step is proportional to (number of its values)^p. The least squared error at a given size
-/// suggests 1/2; the scene lego in 95 KB has a PSNR of 30.20 dB with 0, 30.22 dB with 1/4, 30.19 dB with 1/2.
+/// A level's step is proportional to (number of its values)^`POWER`. The least squared error at a given size suggests
+/// 1/2; the scene lego in 95 KB has a PSNR of 30.20 dB with 0, 30.22 dB with 1/4, 30.19 dB with 1/2.
 const POWER: f32 = 0.25;
-/// Largest number of vertices per entry of a level in which unread entries are searched for; beyond, few are unread.
+/// Levels with more grid vertices than this per table entry are not searched for unread entries: few are unread.
 const SHARED: usize = 8;
 
-/// Returns the quantisation step of each level, at least that of int8: the finest with which the coded tables take at
-/// most `most_bytes`, or a default if `most_bytes` is `None`.
+/// Returns the quantisation step of each level, none finer than int8's. The steps are the finest with which the coded
+/// tables take at most `most_bytes`; `None` gives default steps.
 pub(super) fn scales(grid: &GridEncoding, values: &[f32], most_bytes: Option<usize>) -> Vec<f32> {
     let finest: Vec<f32> = levels(grid, values).map(scale_of).collect();
     let squares: f64 = values.iter().map(|&value| f64::from(value).powi(2)).sum();
@@ -40,7 +41,7 @@ pub(super) fn scales(grid: &GridEncoding, values: &[f32], most_bytes: Option<usi
     }
 }
 
-/// Returns the least number from `least` to [`COARSEST`] that `fits`, by bisection; [`COARSEST`] if none does.
+/// Returns the least number from `least` to [`COARSEST`] for which `fits` is true, by bisection; [`COARSEST`] if none.
 fn finest_within(least: i32, fits: impl Fn(i32) -> bool) -> i32 {
     let (mut low, mut high) = (least, COARSEST);
     while low < high {
@@ -62,8 +63,8 @@ pub(super) fn rounded(grid: &GridEncoding, values: &[f32], scales: &[f32]) -> Ve
     levels(grid, values).zip(scales).flat_map(of_level).collect()
 }
 
-/// Entropy-codes `values` with the `given` quantisation steps or, if the bytes exceed `most_bytes`, with larger ones.
-/// Returns bytes and steps.
+/// Entropy-codes `values` with the quantisation steps `given`. If the result exceeds `most_bytes`, multiplies all steps
+/// by one factor with which it fits. Returns the bytes and the steps used.
 pub(super) fn coded(
     grid: &GridEncoding,
     values: &[f32],
@@ -87,7 +88,7 @@ fn encoded(grid: &GridEncoding, values: &[u8]) -> Vec<u8> {
     encode_tables(grid, values, &mut symbols, &mut out).expect("room for all values of the grid").to_vec()
 }
 
-/// Returns `values` with 0 in the table entries that no sample in an occupied cell reads. `bits`: occupancy grid.
+/// Returns `values` with 0 in all table entries that no sample in an occupied cell reads. `bits`: occupancy grid.
 pub(super) fn without_unread(
     grid: &GridEncoding,
     values: &[f32],

@@ -33,8 +33,8 @@ pub enum Tables<'a> {
 }
 
 impl<'a> Tables<'a> {
-    /// Returns the trained `values` of a grid with these settings, to store int8 and coded ones as multiples of
-    /// `scales`.
+    /// Returns the trained `values` of a grid with these settings, or [`Tables::None`] without a grid. Int8 and coded
+    /// values are stored as multiples of `scales`.
     pub fn of(grid: Option<&TableConfig>, values: &'a [f32], scales: &'a [f32]) -> Self {
         grid.map_or(Self::None, |grid| Self::Values { values, rounding: grid.rounding(), scales })
     }
@@ -43,7 +43,7 @@ impl<'a> Tables<'a> {
 /// Coarse network of a scene, exported as its proposal network.
 #[derive(Clone, Copy, Debug)]
 pub struct Coarse<'a> {
-    /// Architecture, of whose heads only the density head is exported.
+    /// Architecture; its trunk and density head are exported, its colour branch is not.
     pub architecture: &'a Architecture,
     pub parameters: &'a [f32],
     pub samples: u16,
@@ -141,7 +141,7 @@ struct Rounded {
 }
 
 impl Rounded {
-    /// Appends the layers' parameters as f16; the error names layer, index and value of the first that is beyond f16.
+    /// Appends the layers' parameters as f16. The error has layer, index and value of the first parameter beyond f16.
     fn round(&mut self, layers: &[Layer], parameters: &[f32]) -> Result<(), (Role, usize, f32)> {
         self.weights.reserve(2 * parameters.len());
         for layer in layers {

@@ -9,7 +9,7 @@ use nerf_core::space::SceneBox;
 use rayon::prelude::*;
 
 /// Returns sigma, 1/world unit, at each of `points`. `parameters`: in the architecture's order, followed by the values
-/// of its grid over `bounds`, if it has one.
+/// of the grid that spans `bounds`, if there is one.
 ///
 /// # Panics
 /// If the parameters do not fit the architecture.

@@ -11,18 +11,19 @@ use std::borrow::Cow;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum TableStorage {
-    /// Two bytes per value.
+    /// Values are stored as f16, two bytes each.
     F16,
-    /// One byte per value and one quantisation step per level: half the size of f16.
+    /// Values are stored as one byte each, with one quantisation step per level: half the size of f16.
     Int8,
-    /// Entropy-coded bytes, of coarser steps than int8's; a host decodes them into memory when it opens the file.
+    /// Values are stored as entropy-coded bytes, with quantisation steps at least as coarse as int8's. A host decodes
+    /// them into memory when it opens the file.
     Coded,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rounding {
     pub storage: TableStorage,
-    /// Largest number of bytes of coded tables, from which their quantisation steps follow.
+    /// Largest number of bytes of coded tables, for which the quantisation steps are chosen. `None`: no limit.
     pub most_bytes: Option<usize>,
 }
 
@@ -32,10 +33,10 @@ impl From<TableStorage> for Rounding {
     }
 }
 
-/// Fraction of a run after which training, too, rounds tables that are exported in int8 or coded: the remaining steps
+/// Fraction of a run after which training, too, rounds tables that are exported as int8 or coded. The remaining steps
 /// compensate for the rounding.
 pub(crate) const ROUNDED_FROM: f64 = 0.85;
-/// Fractions of a level's values that candidate steps leave unclipped; the values of largest magnitude are clipped.
+/// Each candidate step leaves one of these fractions of a level's values unclipped; the largest magnitudes are clipped.
 const KEPT: [f64; 3] = [1.0, 0.9999, 0.9995];
 /// Largest magnitude of an int8 value, in quantisation steps.
 pub(crate) const STEPS: f32 = 127.0;
@@ -48,8 +49,9 @@ pub struct Quantised {
 }
 
 impl Quantised {
-    /// Rounds the `values` of all levels of `grid`. In int8 or coded, rounds to multiples of the `given` steps, one per
-    /// level or, if `given` is empty, of the steps that [`scales`] returns.
+    /// Rounds the `values` of all levels of `grid`. Int8 and coded values become multiples of the steps `given`, one
+    /// per level, or of the steps that [`scales`] returns if `given` is empty. Coded tables that exceed their limit of
+    /// bytes get larger steps.
     ///
     /// # Errors
     /// Index and value of the first value that is not finite or beyond ±65504, f16's largest.
@@ -122,8 +124,8 @@ pub(super) fn levels<'v>(grid: &GridEncoding, values: &'v [f32]) -> impl Iterato
     grid.levels().map(move |level| &values[level.first * features..][..level.entries * features])
 }
 
-/// Returns the quantisation step of each level: in int8, that of least squared error (`scale_of`); coded, steps with
-/// which the tables fit the limit of bytes.
+/// Returns the quantisation step of each level. Int8: the step of least squared error (`scale_of`). Coded: the finest
+/// steps with which the tables fit the limit of bytes.
 pub fn scales(grid: &GridEncoding, values: &[f32], rounding: Rounding) -> Vec<f32> {
     match rounding.storage {
         TableStorage::Coded => coded::scales(grid, values, rounding.most_bytes),
@@ -131,7 +133,7 @@ pub fn scales(grid: &GridEncoding, values: &[f32], rounding: Rounding) -> Vec<f3
     }
 }
 
-/// Returns `value` in steps of `scale`, rounded to a whole number and clipped to ±127.
+/// Returns `value` as a number of steps of size `scale`, rounded to a whole number and clipped to ±127.
 pub(super) fn steps(value: f32, scale: f32) -> f32 {
     (value / scale).round_ties_even().clamp(-STEPS, STEPS)
 }
@@ -139,8 +141,8 @@ pub(super) fn steps(value: f32, scale: f32) -> f32 {
 /// Returns the quantisation step with the least squared error of rounding and clipping a level's values. A candidate
 /// step leaves one of the fractions [`KEPT`] of the values unclipped.
 ///
-/// A few entries are often many times as large as all others, which then have few steps left: on fitted scenes,
-/// clipping the large entries costs less error.
+/// A few entries are often many times as large as all others. On fitted scenes, clipping these few costs less error
+/// than coarse steps for all values.
 pub(super) fn scale_of(values: &[f32]) -> f32 {
     let mut magnitudes: Vec<f32> = values.iter().map(|value| value.abs()).collect();
     magnitudes.sort_unstable_by(f32::total_cmp);

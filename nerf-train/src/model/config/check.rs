@@ -11,10 +11,10 @@ use nerf_core::space::Contraction;
 use std::fmt::Display;
 use std::ops::RangeInclusive;
 
-/// Largest number of samples of a training step; their positions take 1.5 GiB if no sample is skipped, as at first.
+/// Largest number of samples of a training step. Positions of this many samples take 1.5 GiB.
 const MAX_STEP_SAMPLES: usize = 1 << 27;
-/// Largest number of table values of a trained grid, half of the format's limit. A checkpoint stores two moments with
-/// each value and stays within the limit of its reader.
+/// Largest number of table values of a trained grid: half of the file format's limit. A checkpoint stores two moments
+/// with each value, and still stays within the limit of its reader.
 const MAX_TABLE_VALUES: usize = 1 << 26;
 
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -128,7 +128,7 @@ pub(crate) fn check_table(grid: &TableConfig) -> Result<(), ConfigError> {
     rule("network.grid.finest", (coarsest..=MAX_GRID_RESOLUTION).contains(&finest), most, finest)
 }
 
-/// Checks the number of table values of a grid. `what`: words in the error for the box or image that the grid spans.
+/// Checks the number of table values of a grid. `what`: the box or image that the grid spans, as named in the error.
 pub(crate) fn check_table_values(grid: &GridEncoding, what: &str) -> Result<(), ConfigError> {
     let values = grid.values();
     let most =

@@ -44,7 +44,7 @@ pub struct Config {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NetworkConfig {
-    /// Number of trunk layers; 0 only with a grid: density and colour then read the grid's features.
+    /// Number of trunk layers. With a grid, 0 is allowed: density and colour then read the grid's features.
     pub depth: usize,
     /// Number of channels of every trunk layer.
     pub width: usize,
@@ -65,8 +65,8 @@ pub struct NetworkConfig {
     pub density: Density,
     /// Factor on the density head's raw output in training: `sigma = activation(density_scale · raw)`.
     pub density_scale: f32,
-    /// Initial value that is added to `density_scale · raw`. For an exponential density: logarithm of the initial
-    /// optical depth along the longest side of the scene box.
+    /// Initial value that is added to `density_scale · raw`. With an exponential density, this is the logarithm of the
+    /// initial optical depth along the longest side of the scene box.
     pub density_bias: f32,
 }
 
@@ -86,21 +86,22 @@ pub enum Density {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SamplingConfig {
-    /// Number of samples per ray, one in each of equal bins between near and far; with a grid, `steps_across` decides.
+    /// Number of samples per ray, one in each of equal bins between near and far. With a grid, `steps_across` decides.
     pub samples: u16,
     /// Number of ray march steps across the longest side of the scene box or, in an unbounded scene, across the ball
-    /// that is not contracted. With a grid only.
+    /// inside which space is not contracted. With a grid only.
     pub steps_across: u16,
-    /// Random position of a sample in its bin: the middle, anywhere, or at most a width in world units after the start.
+    /// Position of a sample in its bin: in the middle, random, or random within a width (world units) of the bin's
+    /// start.
     pub jitter: Jitter,
-    /// Number of rays per step; with `live_samples`, of the first step. `rays` times `samples` is at most 2^27.
+    /// Number of rays per step; if `live_samples` is not 0, of the first step. `rays` times `samples` is at most 2^27.
     pub rays: usize,
-    /// Target for the number of samples per step in occupied cells or, with a grid, of large enough weight, from which
-    /// the number of rays follows. 0: every step has `rays` rays.
+    /// Target for the number of samples per step, to which the number of rays is adapted. Only samples in occupied
+    /// cells count; with a grid, only samples of large enough weight. 0: every step has `rays` rays.
     pub live_samples: usize,
-    /// Number of random images per step, each with an equal number of rays; 0 draws rays from all pixels of all images.
+    /// Number of random images per step, with equally many rays each. 0: rays are drawn from all pixels of all images.
     pub images: usize,
-    /// Whether images with alpha are composited over a random colour per ray, from which the network learns opacity.
+    /// Whether each ray of an image with alpha gets a random background colour, so that the network learns opacity.
     pub random_background: bool,
     /// Distance along a ray at which its samples begin, world units; derived from the data if absent.
     pub near: Option<f32>,
@@ -108,11 +109,11 @@ pub struct SamplingConfig {
     pub far: Option<f32>,
     /// Scene box as x0 y0 z0 x1 y1 z1, world units; derived from the data if absent. Must be absent with a contraction.
     pub scene_box: Option<[f32; 6]>,
-    /// Power of the growth of march steps outside a ball around what the cameras look at, where an unbounded scene is
-    /// contracted: 1 (uniform in disparity), 2 or 4. Absent for a scene in a box. With a grid only.
+    /// Power of an unbounded scene's contraction: how fast march steps grow outside a ball around what the cameras look
+    /// at. 1 (steps uniform in disparity), 2 or 4; absent for a scene in a box. With a grid only.
     pub contraction: Option<u8>,
     /// Weight of the distortion loss, which concentrates the compositing weights along a ray; 0 for none. Unbounded
-    /// scenes only; its distances are in sides of the contracted cube.
+    /// scenes only. Distances in this loss are measured in sides of the contracted cube.
     pub distortion: f32,
 }
 
@@ -120,9 +121,9 @@ pub struct SamplingConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CaptureConfig {
-    /// Weight of the depth loss on the eighth of the rays that are cast at sparse points of known distance; 0 for none.
+    /// Weight of the depth loss; 0 for none. An eighth of the rays are cast at sparse points, and have this loss.
     pub depth: f32,
-    /// Whether cells that lines of sight from cameras to sparse points cross are empty from the start.
+    /// Whether the occupancy grid starts with the cells empty that lie between cameras and the sparse points they see.
     pub free_space: bool,
     /// Whether each photograph has a learned gain for its exposure.
     pub exposure: Exposure,
@@ -130,7 +131,7 @@ pub struct CaptureConfig {
     pub poses: PoseRefinement,
     /// Whether pixels that show moving objects are left out of the loss; in an unbounded scene only.
     pub moving: MovingObjects,
-    /// Whether some photographs are withheld from the first steps, so that their error decides the weight decay.
+    /// Whether some photographs are withheld from the first steps. Their error then decides the weight decay.
     pub withhold: Withholding,
 }
 
@@ -151,7 +152,8 @@ impl Default for CaptureConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Exposure {
-    /// Gains if exposures differ enough (unbounded scene) or if withheld photographs have a far larger error (box).
+    /// In an unbounded scene, photographs have gains if their exposures differ enough. In a scene box, they have gains
+    /// if withheld photographs have a far larger error than the others.
     Auto,
     /// Each photograph has its own gain.
     Own,
@@ -163,11 +165,12 @@ pub enum Exposure {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PoseRefinement {
-    /// Refined at first unless known to be accurate; refined throughout if the first steps moved the cameras enough.
+    /// Poses that sparse points show to be accurate stay as given. Other poses are refined on trial in the first steps,
+    /// and afterwards only if the cameras moved enough.
     Auto,
-    /// Always refined.
+    /// Poses are refined throughout training.
     Refine,
-    /// Never refined.
+    /// Poses are never refined.
     Given,
 }
 
@@ -175,9 +178,9 @@ pub enum PoseRefinement {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MovingObjects {
-    /// Pixels are left out where a moving object is found.
+    /// Training searches for moving objects, and leaves the pixels that show one out of the loss.
     Auto,
-    /// No search for moving objects: all pixels are in the loss.
+    /// Training does not search for moving objects: all pixels are in the loss.
     Off,
 }
 
@@ -185,7 +188,8 @@ pub enum MovingObjects {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Withholding {
-    /// Six photographs, if there are at least 24 and the run has at least 3,000 steps.
+    /// Six photographs are withheld if there are at least 24, the run has at least 3,000 steps, poses are not refined,
+    /// and the weight decay is not 0.
     Auto,
     /// No photographs are withheld.
     Off,
@@ -202,15 +206,16 @@ pub enum Surroundings {
     Unbounded,
 }
 
-/// Random position of a training sample in its bin.
+/// Position of a training sample in its bin.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Jitter {
-    /// The middle of the bin.
+    /// Each sample lies in the middle of its bin.
     None,
-    /// Anywhere in the bin.
+    /// Each sample lies at a uniformly random position in its bin (stratified sampling).
     Bin,
-    /// Anywhere from the start of the bin to this distance after it, world units; anywhere in a bin that is no wider.
+    /// Each sample lies at a random position within this distance of its bin's start, world units. If the bin is no
+    /// longer than this, the position is anywhere in the bin.
     Width(f32),
 }
 
@@ -219,29 +224,32 @@ pub enum Jitter {
 pub struct OccupancyConfig {
     /// Whether training skips samples in empty cells.
     pub skip: bool,
-    /// Number of cells along the longest side of the scene box; 0 to choose it by the size of the grid's tables.
+    /// Number of cells along the longest side of the scene box. 0: chosen by the size of the grid's tables.
     pub resolution: u16,
     /// Whether the occupancy grid begins as a visual hull, if the images show which of their pixels are background.
     pub hull: bool,
     /// Number of steps between updates of the occupancy grid from the network's densities.
     pub every: u32,
-    /// Largest number of cells that one update evaluates; with a learned grid, more in an occupancy grid of many cells.
+    /// Largest number of cells that one update evaluates. With a learned grid, the limit is at least 1/24 of the cells
+    /// that may be occupied.
     pub cells: usize,
     /// First step at which an update may turn occupied cells into empty ones.
     pub from: u32,
-    /// Optical depth (density times bin width) above which a cell is kept occupied. The exported file of a scene that
-    /// is rendered by ray march has at least 0.03.
+    /// Optical depth (density times bin width) above which a cell stays occupied. For a scene that is rendered by ray
+    /// march, export uses at least 0.03.
     pub threshold: f32,
-    /// Factor on a cell's stored density at an update, which then stores the larger of the product and the new density.
+    /// Factor by which an update multiplies a cell's stored density. The larger of the product and the new density is
+    /// stored.
     pub decay: f32,
-    /// Ratio of points in empty cells, whose density is pushed to 0, to samples in occupied cells in a step.
+    /// Number of points in empty cells for each sample in an occupied cell. The loss pushes the density there to 0.
     pub empty_share: f32,
     /// Weight in the loss of the density at the points in empty cells.
     pub empty_weight: f32,
 }
 
 impl Config {
-    /// Number of steps between updates of the parameters' average; a step changes few of a grid's many parameters.
+    /// Returns the number of steps between updates of the parameters' average. With a grid, the average is updated less
+    /// often, since a step changes few of the many parameters.
     pub(crate) fn averaged_every(&self) -> u32 {
         if self.network.grid.is_some() { 16 } else { 1 }
     }
@@ -251,8 +259,9 @@ impl Config {
         self.model_of(Vec3::ONE)
     }
 
-    /// Returns the number of occupancy cells along the longest side of a box of this extent: the configured number or,
-    /// if that is 0, the largest candidate whose bits take at most a third of the bytes of the grid's tables.
+    /// Returns the number of occupancy cells along the longest side of a box of this extent. If the configured number
+    /// is 0, this is the largest candidate with which one bit per cell takes at most a third of the bytes of the grid's
+    /// tables.
     pub fn occupancy_resolution(&self, extent: Vec3) -> u16 {
         if self.occupancy.resolution > 0 {
             return self.occupancy.resolution;
@@ -309,8 +318,8 @@ impl Config {
         }
     }
 
-    /// Adapts the settings to data from which no visual hull can be carved. The network itself must then find the empty
-    /// space: without a gentler start, all its densities become 0.
+    /// Adapts the settings to data from which no visual hull can be carved. The network must then find the empty space
+    /// itself. Without a gentler start, all its densities would become 0.
     pub fn without_hull(mut self) -> Self {
         if self.preset == Preset::Small {
             self.network.density_bias = 0.5;
@@ -343,7 +352,7 @@ impl Config {
         }
     }
 
-    /// Adapts the settings to photographs of an unbounded scene; without a grid, does [`Config::without_hull`].
+    /// Adapts the settings to photographs of an unbounded scene; without a grid, the same as [`Config::without_hull`].
     pub fn unbounded(mut self) -> Self {
         let Some(grid) = &mut self.network.grid else { return self.without_hull() };
         (grid.log2_entries, grid.coarsest, grid.finest) = (16, 16, 1024);

@@ -13,7 +13,7 @@ pub struct OptimiserConfig {
     pub rate: f64,
     /// Learning rate at the end, as a fraction of `rate`; 1 for a constant learning rate.
     pub final_share: f64,
-    /// Number of first steps, in which the learning rate rises from 0.
+    /// Number of steps at the start of the run, in which the learning rate rises from 0.
     pub warm_up: u32,
     /// Adam's beta2: decay of the second moment per step.
     pub beta2: f64,
@@ -22,11 +22,11 @@ pub struct OptimiserConfig {
     /// Decoupled weight decay: each step multiplies a weight by 1 − learning rate · decay. With a grid, only weights
     /// of the colour branch decay.
     pub weight_decay: f64,
-    /// Decay per step of the exponential average of the parameters, which is exported in their place. Its time constant
-    /// is at most a ninth of the steps so far. 0 exports the parameters of the last step.
+    /// Decay per step of the exponential average of the parameters. Export takes this average. Its time constant is at
+    /// most a ninth of the steps so far. 0: no average; export takes the parameters of the last step.
     pub average: f64,
-    /// Number of steps between two updates of a hashed level of the grid, each by the sum of the gradients since the
-    /// last update; 1 updates every level at every step.
+    /// Number of steps between two updates of a hashed level of the grid. An update uses the sum of the gradients since
+    /// the last update. 1: every level is updated at every step.
     pub hashed_every: u32,
 }
 

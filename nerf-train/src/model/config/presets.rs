@@ -12,9 +12,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Preset {
-    /// A learned grid and a small colour network, evaluated once per ray: seconds to fit, milliseconds per frame.
+    /// A learned grid, and a small colour network evaluated once per ray. Seconds to fit, milliseconds per frame.
     Grid,
-    /// A small sinusoidal network, trained without samples in empty space from the first step: the smallest files.
+    /// A small sinusoidal network, for the smallest files. Training skips samples in empty space from the first step.
     Small,
     /// The classic NeRF: 8 layers of 256 channels, no empty space skipped, 10,000 rays a step, Adam with rate 5e-4.
     Seed,

@@ -22,8 +22,8 @@ pub struct TableConfig {
     pub finest: u16,
     /// Storage of the tables' values in the exported file; training keeps them in f32.
     pub storage: TableStorage,
-    /// Largest number of bytes of coded tables, from which their quantisation steps follow; if absent, the steps are a
-    /// fixed fraction of the values' root mean square.
+    /// Largest number of bytes of coded tables: the quantisation steps are the finest with which the tables fit. If
+    /// absent, the steps are a fixed fraction of the values' root mean square.
     #[serde(default)]
     pub most_bytes: Option<u64>,
 }
@@ -65,12 +65,12 @@ impl TableConfig {
         GridEncoding { inputs, features: self.features, log2_entries: self.log2_entries, resolutions }
     }
 
-    /// Whether training rounds the tables as export does, after the fraction `share` of the run.
+    /// Whether training rounds the tables as export does, once the fraction `share` of the run is over.
     pub(crate) fn is_rounded(&self, share: f64) -> bool {
         self.storage != TableStorage::F16 && share >= ROUNDED_FROM
     }
 
-    /// Returns the storage to which export rounds the tables, and its limit of bytes.
+    /// Returns the storage to which export rounds the tables, and the limit of the tables' bytes.
     pub(crate) fn rounding(&self) -> Rounding {
         let most_bytes = self.most_bytes.and_then(|most| usize::try_from(most).ok());
         Rounding { storage: self.storage, most_bytes }

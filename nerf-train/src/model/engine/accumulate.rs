@@ -1,15 +1,16 @@
-//! Sums of gradients with respect to layer weights: over a chunk's blocks, an accumulator's chunks, all accumulators.
+//! Gradients of layer weights, summed over the blocks of a chunk, the chunks of an accumulator, and all accumulators.
 
 use super::graph::{Node, VECTOR, block_of, blocks, padded};
 use nerf_core::matrix::{Gemm, Init, gemm};
 use nerf_core::simd::{BLOCK, Isa};
 use rayon::prelude::*;
 
-/// Largest number of outputs for which dot products are faster than a matrix product, which needs a transposition.
+/// Layers with at most this many outputs get their weight gradient by dot products. With more outputs a matrix product
+/// is faster, although it needs a transposition.
 const FEW_OUTPUTS: usize = 4;
 const ROWS: usize = 32;
 
-/// Gradient of the loss with respect to one layer's parameters, summed by one accumulator.
+/// Gradient of the loss with respect to one layer's parameters, summed over the chunks of one accumulator.
 #[derive(Default)]
 pub(super) struct LayerSum {
     /// Whether anything was added since [`LayerSum::clear`]; if not, the values are stale.
@@ -22,7 +23,7 @@ pub(super) struct LayerSum {
 }
 
 impl LayerSum {
-    /// Marks the sum as empty, without writing its values.
+    /// Marks the sum as empty, without setting its values to 0.
     pub(super) fn clear(&mut self) {
         self.touched = false;
     }

@@ -4,9 +4,9 @@ use glam::Vec3;
 use nerf_core::space::Contraction;
 use std::ops::Range;
 
-/// Largest number of samples of a chunk, not counting its last ray: the chunk's activations fit the caches.
+/// A chunk with this many samples gets no further ray, so that its activations fit the caches.
 pub(super) const SAMPLES: usize = 512;
-/// Largest number of rays of a chunk: rays without samples cost time, too.
+/// A chunk with this many rays gets no further ray, even if it has few samples: rays without samples cost time, too.
 const RAYS: usize = 2048;
 
 /// Entry of a ray in a batch: direction, target colour, background and number of samples.
@@ -22,7 +22,7 @@ pub struct BatchRay {
 
 /// Known surface of a ray, for depth supervision.
 ///
-/// Adds `weight · (Σ_i w_i min(|along_i − at|, CLIP) + T_end · CLIP)` to the sum over rays whose mean is the loss.
+/// Adds `weight · (Σ_i w_i min(|along_i − at|, CLIP) + T_end · CLIP)` to the ray's term of the loss, a mean over rays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
     /// Position of the surface along the ray: 0 at the ray's beginning, 1 at its end.
@@ -32,8 +32,8 @@ pub struct Surface {
 }
 
 impl Surface {
-    /// Distance of a sample from the surface, in units of [`Surface::at`], at which its cost stops growing: a wrong
-    /// surface cannot move a whole ray.
+    /// Distance between sample and surface, in units of [`Surface::at`], beyond which the sample's cost no longer
+    /// grows. This bounds the effect of a wrong surface on its ray.
     pub const CLIP: f32 = 0.25;
 }
 
@@ -47,7 +47,7 @@ pub struct RayQuestion {
     pub blur: f32,
 }
 
-/// Gradient of the loss with respect to a ray's origin and direction; the samples' distances are constants.
+/// Gradient of the loss with respect to a ray's origin and direction; the samples' distances are held constant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayGradient {
     pub ray: u32,
@@ -59,7 +59,7 @@ pub struct RayGradient {
 
 /// Rays with their samples in occupied cells; samples are listed ray after ray, front to back along each ray.
 ///
-/// In a 2D field, each ray has one opaque sample, whose position has the point in its first two coordinates.
+/// In a 2D field, each ray has one opaque sample. The sample's first two coordinates are the point of the image.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct Batch {
     pub rays: Vec<BatchRay>,
@@ -67,32 +67,34 @@ pub struct Batch {
     pub positions: Vec<[f32; 3]>,
     /// Length of each sample's bin, world units, at least 0.
     pub deltas: Vec<f32>,
-    /// Factor on the gradient of the loss through each sample; empty for factors of 1. With a grid only.
+    /// Factor on each sample's share of the gradient of the loss; empty if all factors are 1. With a grid only.
     pub gradient_scales: Vec<f32>,
     /// Points in empty cells, whose density is pushed to zero.
     pub empty: Vec<[f32; 3]>,
     /// Weight in the loss of the densities at the `empty` points.
     pub empty_weight: f32,
-    /// Seed and step for the random numbers of Russian roulette, which keeps some samples of small weight, so that fog
-    /// of such samples is trained. `None`: no sample of small weight is kept. With a grid only.
+    /// Seed and step for the random numbers of Russian roulette, which keeps some samples of small weight: fog consists
+    /// of these, and must be trained. `None`: no sample of small weight is kept. With a grid only.
     pub roulette: Option<(u64, u64)>,
-    /// Known surfaces of the first rays of the batch, one for each; empty if none are known. With a grid only.
+    /// Known surface of each of the first rays of the batch; later rays have none. May be empty. With a grid only.
     pub surfaces: Vec<Surface>,
-    /// Position along its ray, 0 to 1 as [`Surface::at`], of each sample of the rays with known surfaces.
+    /// Position along its ray of each sample on a ray with a known surface: 0 to 1, as [`Surface::at`].
     pub along: Vec<f32>,
-    /// Index of each ray's photograph. With a grid only, as all fields after this one.
+    /// Index of each ray's photograph. This field and all fields after it are used with a grid only.
     pub views: Vec<u32>,
     /// Index of each ray's pixel in its photograph.
     pub pixels: Vec<u32>,
     /// Origin of each ray, world units.
     pub origins: Vec<[f32; 3]>,
-    /// Request for gradients with respect to the rays, in which the distances of the distortion loss are constants.
+    /// Request for gradients with respect to the rays. These gradients treat the distances between samples in the
+    /// distortion loss as constants.
     pub question: Option<RayQuestion>,
-    /// Gain of each ray's photograph, red, green, blue, on the rendered colour without background; empty: gains of 1.
+    /// Gain of each ray's photograph, in red, green and blue. The rendered colour is multiplied by this gain before the
+    /// background is added. Empty: all gains are 1.
     pub gains: Vec<[f32; 3]>,
     /// Weight of each ray's squared error in the loss; empty for weights of 1.
     pub weights: Vec<f32>,
-    /// Weight of the distortion loss, per unit of length of the space of `positions`; 0 for none.
+    /// Weight of the distortion loss, per unit of length in the space of `positions`; 0 for none.
     pub distortion: f32,
 }
 
@@ -190,15 +192,15 @@ pub enum BatchError {
     NonFinite { field: &'static str, index: usize },
 }
 
-/// Part of a batch that a thread evaluates at once: rays with their samples, or points in empty cells.
+/// Part of a batch that one thread evaluates as a unit: rays with their samples, or points in empty cells.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Chunk {
     Rays { rays: Range<usize>, samples: Range<usize> },
     Empty(Range<usize>),
 }
 
-/// Fills `chunks` with parts of the batch, in order: an even number of about equal size, so that two threads finish
-/// together. A chunk exceeds `most` samples only by the samples of its last ray.
+/// Fills `chunks` with parts of the batch, in order. Chunks have about equal sizes, and their number is even if
+/// possible, so that two threads finish together. Without its last ray, a chunk has fewer than `most` samples.
 pub(super) fn cut(batch: &Batch, most: usize, chunks: &mut Vec<Chunk>) {
     chunks.clear();
     let total = batch.positions.len();

@@ -14,7 +14,7 @@ pub(super) const POSITION: usize = 0;
 pub(super) const DIRECTION: usize = 1;
 pub(super) const FIRST: usize = 2;
 
-/// Number of values to a multiple of which lanes and matrix rows are padded: whole vectors of every instruction set.
+/// Lanes and matrix rows are padded to a multiple of this many values: whole vectors of every instruction set.
 pub(super) const VECTOR: usize = 16;
 
 pub(super) fn padded(length: usize) -> usize {
@@ -63,7 +63,7 @@ impl Graph {
     }
 }
 
-/// Returns the index of each block of `samples` samples, and the number of its lanes to compute.
+/// Returns the index of each block of `samples` samples, and the number of its lanes to compute: whole vectors.
 pub(super) fn blocks(samples: usize) -> impl Iterator<Item = (usize, usize)> {
     let lanes = move |block: usize| padded((samples - block * BLOCK).min(BLOCK));
     (0..samples.div_ceil(BLOCK)).map(move |block| (block, lanes(block)))

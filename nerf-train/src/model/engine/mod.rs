@@ -99,17 +99,18 @@ use nerf_core::space::SceneBox;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-/// Largest sigma in training, per world unit: opaque in a scene of any scale, and small enough not to overflow.
+/// Largest sigma of a sinusoidal network in training, per world unit: opaque in a scene of any scale, and small enough
+/// not to overflow.
 pub const SIGMA_LIMIT: f32 = 1e6;
 
-/// Absolute value of a gradient at which training counts as diverged: its square, Adam's second moment, could overflow.
+/// Training has diverged if a gradient's absolute value reaches this: its square, Adam's second moment, could overflow.
 const GRADIENT_LIMIT: f32 = 1e18;
 
 /// Engine that computes the gradients of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum EngineKind {
-    /// Explicit backward passes: fast, and the same bits for any number of threads.
+    /// Explicit backward passes: fast, and bit-identical for any number of threads.
     #[default]
     Fused,
     /// Automatic differentiation and Adam of the crate dfdx: slow, but simple enough to be the reference.
@@ -119,8 +120,8 @@ pub enum EngineKind {
 /// Creates an engine of this kind that trains `model`. `bounds`: the box that the model's grid spans, if it has one.
 ///
 /// # Errors
-/// [`EngineError::Model`] and [`EngineError::NotPlain`] if the model is out of bounds, [`EngineError::NoDensity`] for
-/// the grid of a 2D field by [`EngineKind::Dfdx`].
+/// [`EngineError::Model`] for an invalid model, [`EngineError::NotPlain`] for a model with a grid that the engines for
+/// grids cannot train, [`EngineError::NoDensity`] for the grid of a 2D field by [`EngineKind::Dfdx`].
 pub fn engine_for(
     kind: EngineKind,
     model: &Model,
@@ -170,8 +171,8 @@ pub trait Engine: Send {
         Ok(loss)
     }
 
-    /// Rounds a grid's tables in the encodings of all later steps as in an int8 or coded file; the first call fixes the
-    /// quantisation step of each level. No effect without a grid.
+    /// Makes all later steps encode positions with tables that are rounded as in an int8 or coded file. The first call
+    /// fixes the quantisation step of each level; further calls do nothing. No effect without a grid.
     fn round_tables(&mut self, _rounding: Rounding) {}
 
     /// Sets the weight decay of a grid's colour branch for all later steps. No effect without a grid.
@@ -182,13 +183,14 @@ pub trait Engine: Send {
         &[]
     }
 
-    /// Returns the gradient of the last loss with respect to each of `views` photographs' log gain; 0 without gains.
+    /// Returns the gradient of the last batch's loss with respect to the log gain of each of `views` photographs; 0 for
+    /// a photograph without rays in the batch.
     fn gain_gradients(&self, views: usize) -> Vec<[f32; 3]> {
         vec![[0.0; 3]; views]
     }
 
-    /// Computes the loss of a batch and, if the batch requests them, its gradients with respect to the rays; the
-    /// parameters do not change. An engine without ray gradients returns a loss of 0.
+    /// Computes the loss of a batch and, if the batch requests them, its gradients with respect to the rays. The
+    /// parameters do not change. An engine without ray gradients computes nothing, and returns a loss of 0.
     fn ask(&mut self, _batch: &Batch) -> Result<StepLoss, EngineError> {
         Ok(StepLoss::default())
     }
@@ -198,13 +200,13 @@ pub trait Engine: Send {
         Box::new(std::iter::empty())
     }
 
-    /// Returns index and colour error, rendered minus photographed, of each ray of the last batch whose photograph is
-    /// known; none if the engine does not report them.
+    /// Returns, for each ray of the last batch with a known photograph, the ray's index and its colour error, rendered
+    /// minus photographed. Returns none if the engine does not report errors.
     fn errors(&self) -> Box<dyn Iterator<Item = &(u32, [f32; 3])> + '_> {
         Box::new(std::iter::empty())
     }
 
-    /// Returns position and weight of each sample that the last step trained; none if the engine does not report them.
+    /// Returns position and weight of each sample that the last step trained; none if the engine reports none.
     fn weighted(&self) -> Box<dyn Iterator<Item = ([f32; 3], f32)> + '_> {
         Box::new(std::iter::empty())
     }
@@ -212,12 +214,12 @@ pub trait Engine: Send {
     /// Returns the parameters: those of [`Model::layers`] in order, then the values of the grid's tables.
     fn parameters(&self) -> Cow<'_, [f32]>;
 
-    /// Returns the time of all steps so far by phase; 0 if the engine does not measure it.
+    /// Returns the time of all steps so far by phase, summed over threads; 0 if the engine does not measure it.
     fn phases(&self) -> Phases {
         Phases::default()
     }
 
-    /// Returns the state for a checkpoint: a run resumed from it gives the same bits as one that never stopped.
+    /// Returns the state for a checkpoint. A run resumed from it is bit-identical to a run that never stopped.
     fn state(&self) -> OptimiserState;
 
     /// Resumes from the state of a checkpoint.
@@ -228,7 +230,7 @@ pub trait Engine: Send {
     fn restore(&mut self, state: &OptimiserState) -> Result<(), EngineError>;
 }
 
-/// Constants of Adam, except for the learning rate, which each step is given.
+/// Constants of Adam. The learning rate is not among them: each step takes it as an argument.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Adam {
     /// Decay per step of the first and of the second moment.
@@ -238,13 +240,13 @@ pub struct Adam {
     /// Decoupled weight decay: each step multiplies a weight by 1 − learning rate · decay. With a grid, only weights
     /// of the colour branch decay.
     pub weight_decay: f64,
-    /// Number of steps between updates of a hashed level of a grid, each by the sum of the gradients since the last
-    /// update; at least 1.
+    /// Number of steps between updates of a hashed level of a grid, at least 1. An update uses the sum of the gradients
+    /// since the last update.
     pub hashed_every: u32,
 }
 
 impl Default for Adam {
-    /// Constants with the best results in limited time on a CPU: a second moment of few steps and a negligible epsilon.
+    /// Returns the best constants for limited time on a CPU: a second moment of few steps, and a negligible epsilon.
     fn default() -> Self {
         Self { betas: [0.9, 0.99], epsilon: 1e-15, weight_decay: 0.0, hashed_every: 1 }
     }
@@ -259,9 +261,9 @@ pub struct OptimiserState {
     /// Second moments, in the order of `parameters`, none negative.
     pub moment2: Vec<f32>,
     pub steps: u64,
-    /// Quantisation step of each level of a grid whose tables are rounded; else empty.
+    /// Quantisation step of each level of a grid; empty if the tables are not rounded.
     pub scales: Vec<f32>,
-    /// Gradients of a grid's hashed levels since each level's last update; empty if every step updates all levels.
+    /// Gradients accumulated for hashed levels since their last update; empty if every step updates all levels.
     pub waiting: Vec<f32>,
 }
 
@@ -273,12 +275,12 @@ impl OptimiserState {
     }
 }
 
-/// Loss of a batch before the update of the parameters, and numbers of its samples.
+/// Loss of a batch before the update of the parameters, and the number of samples evaluated and kept.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct StepLoss {
     /// Mean over rays and channels of the squared error; 0 without rays.
     pub mse: f64,
-    /// Mean of ln(1 + sigma) over the batch's `empty` points, before its factor `empty_weight`; 0 without points.
+    /// Mean of ln(1 + sigma) over the batch's `empty` points, not yet multiplied by `empty_weight`; 0 without points.
     pub empty: f64,
     /// Whether the batch has samples but none gets a gradient: all sigmas are 0 or, with a grid, all weights too small.
     pub dead: bool,

@@ -1,4 +1,4 @@
-//! The network in its training form: some of its layers are folded together when the network is exported.
+//! The network in its training form. Export folds some of its layers together.
 
 use nerf_core::encoding::GridEncoding;
 use nerf_core::network::{Architecture, ArchitectureError, Role};
@@ -12,7 +12,7 @@ pub struct Model {
     pub architecture: Architecture,
     /// Whether there is a linear layer, as wide as the trunk, between trunk and first colour layer.
     pub feature: bool,
-    /// Factor on raw density, `sigma = activation(density_scale · raw)`: density learns faster or slower than colour.
+    /// Factor on raw density, `sigma = activation(density_scale · raw)`: sets the speed at which density learns.
     pub density_scale: f32,
     /// Initial value added to `density_scale · raw`: the density head's bias gets `density_bias / density_scale`.
     pub density_bias: f32,
@@ -128,7 +128,7 @@ impl Model {
     }
 
     /// Returns initial parameters; a seed gives the same values on every machine. Weights and biases are U(±1/√fan_in),
-    /// as of PyTorch's `nn.Linear`; the density's bias is shifted by `density_bias / density_scale`.
+    /// as in PyTorch's `nn.Linear`; the density's bias is shifted by `density_bias / density_scale`.
     ///
     /// For a grid field: tables U(±1e-4); layers U(±√(6 / fan_in)) before a ReLU and U(±√(6 / (fan_in + 16)))
     /// elsewhere; no biases except the density's. Without a trunk, raw density begins as the sum of the levels' first
@@ -181,8 +181,8 @@ impl Model {
         parameters
     }
 
-    /// Returns the parameters of [`Model::architecture`], in its order, of a network with the same outputs. The values
-    /// of the tables follow unchanged.
+    /// Returns the parameters with which the network [`Model::architecture`] has the same outputs as this one, in that
+    /// network's order. The values of the tables follow unchanged.
     ///
     /// The feature layer is multiplied into the layer after it, and `density_scale` into the density head, in f64.
     ///
@@ -211,7 +211,7 @@ impl Model {
     }
 }
 
-/// Appends one layer equal to `inner`, then `outer`:
+/// Appends one layer that does what `inner` followed by `outer` does:
 /// `W [F h + f, e] + b = [W_main F, W_extra] [h, e] + (W_main f + b)`.
 fn fold_into(out: &mut Vec<f32>, outer: &Dense, values: &[f32], inner: &Dense, inner_values: &[f32]) {
     let (weights, bias) = values.split_at(outer.inputs() * outer.outputs);

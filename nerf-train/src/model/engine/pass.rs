@@ -1,4 +1,4 @@
-//! Forward and backward passes over chunks, whose loss and gradients one accumulator sums.
+//! Forward and backward passes over chunks. An accumulator sums the loss and the gradients of its chunks.
 
 use super::accumulate::LayerSum;
 use super::batch::Chunk;
@@ -41,7 +41,7 @@ pub(super) struct Pass {
     d_sigma: Vec<f32>,
     transposed: Vec<f32>,
     volume: Scratch,
-    /// Index in the batch of the ray of each sample of the chunk.
+    /// Index in the batch of the ray to which each sample of the chunk belongs.
     ray_of: Vec<u32>,
 }
 
@@ -173,7 +173,8 @@ impl Pass {
         }
     }
 
-    /// Backward pass of the colour branch: `upper` has dL/d (raw colour) before, and dL/d (trunk's outputs) after.
+    /// Does the backward pass of the colour branch. `upper`: dL/d (raw colour) before, dL/d (trunk's outputs) after
+    /// that.
     fn backward_colour(&mut self, job: Job<'_>, samples: usize) {
         let Graph { nodes, colour, .. } = job.graph;
         for l in colour.clone().rev() {
@@ -188,7 +189,8 @@ impl Pass {
         }
     }
 
-    /// Backward pass of density and trunk, from dL/d sigma and, if `colour`, dL/d (trunk's outputs) in `upper`.
+    /// Does the backward pass of density and trunk from dL/d sigma. If `colour`, `upper` already holds dL/d (trunk's
+    /// outputs) through the colour, and the density's part is added.
     fn backward_trunk(&mut self, job: Job<'_>, samples: usize, colour: bool) {
         let Graph { nodes, trunk, density, .. } = job.graph;
         if let Some(l) = *density {

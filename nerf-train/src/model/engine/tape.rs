@@ -11,7 +11,7 @@ pub(super) type Vector<T = NoneTape> = Tensor<(usize,), f32, Cpu, T>;
 pub(super) type Scalar = Tensor<Rank0, f32, Cpu, Taped>;
 pub(super) type Taped = OwnedTape<f32, Cpu>;
 
-/// Largest number of samples on one tape, except for a longer ray: with all activations and gradients some 300 MiB for
+/// A tape with this many samples gets no further ray. With all activations and gradients, a tape takes some 300 MiB for
 /// the 8×256 network. A batch's gradient is the sum over its tapes.
 pub(super) const TAPE_SAMPLES: usize = 4096;
 
@@ -23,7 +23,7 @@ pub(super) struct Weights {
 }
 
 impl Weights {
-    /// Copies the parameters of layer `d` from `parameters`, those of all layers.
+    /// Copies the parameters of layer `d` out of `parameters`, which holds those of all layers.
     pub(super) fn of(device: &Cpu, d: &Dense, parameters: &[f32]) -> Result<Self, EngineError> {
         let rows = || parameters[d.weights..d.bias].chunks_exact(d.inputs());
         let main = rows().flat_map(|row| &row[..d.main]).copied().collect();
@@ -54,7 +54,8 @@ impl Weights {
         Ok(y.try_add(self.bias.retaped::<T>().try_broadcast_like::<_, Axis<0>>(&shape)?)?)
     }
 
-    /// Adds the gradients of layer `d`, `found` on a tape, to their places in `out`, the gradient of all layers.
+    /// Adds the gradients of layer `d`, `found` on a tape, to the layer's places in `out`, which holds those of all
+    /// layers.
     pub(super) fn collect(
         &self,
         d: &Dense,
@@ -102,7 +103,7 @@ impl Rows {
         Ok(Self { device: device.clone(), shape: (samples.len(), longest), places, index })
     }
 
-    /// Returns a matrix `[rays][longest]` of constants: `values` of each sample's index, 0 after a ray's last sample.
+    /// Returns constants, `[rays][longest]`: what `values` gives for each sample's index, 0 after a ray's last sample.
     pub(super) fn constants(&self, values: impl Fn(usize) -> f32) -> Result<Matrix, EngineError> {
         let values = self.places.iter().map(|place| place.map_or(0.0, &values)).collect();
         Ok(self.device.try_tensor_from_vec(values, self.shape)?)

@@ -11,7 +11,7 @@ pub(super) struct Samples<'a> {
     pub(super) colour: &'a [f32],
 }
 
-/// Values of the forward pass at each sample that the backward pass reads.
+/// Values at each sample that the forward pass stores for the backward pass.
 #[derive(Default)]
 pub(super) struct Scratch {
     weights: Vec<f64>,

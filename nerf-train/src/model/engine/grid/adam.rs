@@ -11,7 +11,8 @@ use crate::model::engine::{Adam, Model, Part};
 use nerf_core::encoding::GridLevel;
 use nerf_core::simd::{Lanes, Op};
 
-/// Lower bound of the second moment in Adam's division, in place of epsilon: 1e-15 squared, so that no step overflows.
+/// Lower bound of the second moment in Adam's division, used in place of epsilon. The bound, 1e-15 squared, keeps every
+/// step finite.
 const SMALLEST: f32 = 1e-30;
 
 #[derive(Clone, Copy)]
@@ -119,7 +120,7 @@ fn moved(step: AdamStep, value: &mut f32, m: &mut f32, v: &mut f32, g: f32) {
     *v = if some { new_v } else { *v };
 }
 
-/// Returns the number of updates of a level in the steps from 1 to `step`; `None` if `step` does not update the level.
+/// Returns the number of updates of a level in steps 1 to `step`; `None` if step `step` does not update the level.
 pub(super) fn moves(adam: &Adam, level: &GridLevel, step: u64) -> Option<u64> {
     if level.mask.is_none() {
         return Some(step);
@@ -129,7 +130,7 @@ pub(super) fn moves(adam: &Adam, level: &GridLevel, step: u64) -> Option<u64> {
     at.is_multiple_of(every).then_some(at / every - first / every)
 }
 
-/// Returns the number of a level's entries if their gradient is accumulated over several steps, else 0.
+/// Returns the number of a level's entries if the level accumulates its gradient over several steps, else 0.
 pub(super) fn waiting_entries(adam: &Adam, level: &GridLevel) -> usize {
     if adam.hashed_every > 1 && level.mask.is_some() { level.entries } else { 0 }
 }

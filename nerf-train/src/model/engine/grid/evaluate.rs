@@ -1,4 +1,4 @@
-//! Densities of a chunk's samples, evaluated in waves of at most eight samples per ray.
+//! Densities of a chunk's samples, evaluated in waves: a wave is the next eight samples of every ray that goes on.
 
 use super::layers::Layer;
 use super::pass::{Job, T_MIN, grow};
@@ -11,7 +11,7 @@ use nerf_core::network::EXPONENTIAL_LIMIT;
 use std::ops::Range;
 use std::time::Instant;
 
-/// Number of samples of a ray in a wave; after each wave, rays of low transmittance end.
+/// Largest number of samples of a ray in a wave. After each wave, rays of low transmittance end.
 const WAVE: usize = 8;
 
 /// State of one ray of the current chunk while its samples are evaluated.
@@ -27,12 +27,12 @@ pub(super) struct RayState {
     pub transmittance: f32,
 }
 
-/// Evaluated samples of a chunk, one row for each, in the order of evaluation: wave after wave.
+/// Evaluated samples of a chunk, one row per sample in every buffer. Rows are in order of evaluation: wave after wave.
 #[derive(Default)]
 pub(super) struct Evaluated {
     pub rays: Vec<RayState>,
     alive: Vec<usize>,
-    /// Row of each sample of the chunk; the samples are listed in the order of the batch.
+    /// Row of each sample of the chunk; this list is in the order of the batch.
     pub row_of: Vec<u32>,
     /// Index in the batch of each row's sample.
     pub index_of: Vec<u32>,
@@ -52,8 +52,8 @@ impl Evaluated {
         Self { hidden: vec![Vec::new(); trunk], ..Self::default() }
     }
 
-    /// Evaluates sigma at the samples of `rays`; the first sample has index `first` in the batch. A ray ends when its
-    /// transmittance is below `T_MIN`.
+    /// Evaluates sigma at the samples of `rays`; a ray ends when its transmittance is below `T_MIN`. `first`: index in
+    /// the batch of the first sample of `rays`.
     pub fn densities(
         &mut self,
         job: &Job<'_>,
@@ -120,7 +120,7 @@ impl Evaluated {
         }
     }
 
-    /// Begins a chunk of `rays` whose samples start at index `first` in the batch; returns the index after its samples.
+    /// Begins the chunk `rays`; `first`: index in the batch of its first sample. Returns the index after its last.
     fn begin(&mut self, batch: &Batch, rays: Range<usize>, first: usize) -> usize {
         self.rays.clear();
         self.index_of.clear();

@@ -4,7 +4,8 @@ use super::pass::{GATE, ROULETTE_WEIGHT, T_MIN};
 use crate::model::engine::BatchRay;
 use nerf_core::sampling::{Purpose, uniform};
 
-/// Samples that are kept (get a colour and gradients), ray after ray; transmittance through those that are not kept.
+/// Kept samples, ray after ray, and the transmittance through all other samples. Only kept samples get a colour and
+/// gradients.
 pub(super) struct KeptSamples {
     /// Index in the batch of each kept sample.
     pub samples: Vec<usize>,
@@ -12,16 +13,16 @@ pub(super) struct KeptSamples {
     pub counts: Vec<usize>,
     /// Inverse of the probability with which each sample was kept.
     pub inverse: Vec<f32>,
-    /// For each kept sample: transmittance through the samples in front of it on its ray that are not kept.
+    /// For each kept sample: transmittance through the samples in front of it that are not kept.
     pub front: Vec<f32>,
     /// For each ray: transmittance through all its samples that are not kept.
     pub unkept: Vec<f32>,
 }
 
 impl KeptSamples {
-    /// Keeps the samples of weight above `GATE`; with `roulette`, those above `ROULETTE_WEIGHT` and some of smaller
-    /// weight at random. A ray ends when its transmittance is below `T_MIN`. `depths`: optical depth of each sample;
-    /// `first`: index in the batch of the first sample.
+    /// Keeps the samples of weight above `GATE`. With `roulette`, keeps the samples of weight above `ROULETTE_WEIGHT`,
+    /// and some others at random. A ray ends when its transmittance is below `T_MIN`. `depths`: optical depth of each
+    /// sample; `first`: index in the batch of the first sample.
     pub fn of(rays: &[BatchRay], depths: &[f32], first: usize, roulette: Option<(u64, u64)>) -> Self {
         let (mut samples, mut inverse, mut front) = (Vec::new(), Vec::new(), Vec::new());
         let (mut counts, mut unkept) = (Vec::new(), Vec::new());
@@ -55,7 +56,8 @@ impl KeptSamples {
         Self { samples, counts, inverse, front, unkept }
     }
 
-    /// Returns the distance, along `positions`, of each kept sample from its ray's first kept sample.
+    /// Returns a distance for each kept sample: the length of the path to it from its ray's first kept sample, through
+    /// the kept samples between. `positions`: of the kept samples.
     pub fn along(&self, positions: &[[f32; 3]]) -> Vec<f32> {
         let mut along = Vec::with_capacity(positions.len());
         for &count in &self.counts {

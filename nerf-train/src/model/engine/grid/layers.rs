@@ -80,7 +80,7 @@ pub(super) struct Layer {
     dense: Dense,
     /// Weights of the main inputs: outputs of the layer before or, in the first layer, the encoded position.
     pub main: Product,
-    /// Weights of the extra inputs, the encoded direction, if the layer has extra inputs.
+    /// Weights of the extra inputs, which are the encoded direction; `None` in a layer without extra inputs.
     pub extra: Option<Product>,
 }
 
@@ -120,7 +120,7 @@ impl Layers {
         self.colour[0].main.inputs
     }
 
-    /// Returns the number of parameters of all layers, which precede the tables' values.
+    /// Returns the number of parameters of all layers, without the tables' values.
     pub fn parameters(&self) -> usize {
         self.parameters
     }

@@ -11,12 +11,12 @@
 //!
 //! A 2D field has no density: only the first sample of a ray is seen.
 //!
-//! As in the fused engine, the bits of a step do not depend on the number of threads: chunk `i` of the rays is added
-//! to accumulator `i mod 16`, and one thread sums a level of the tables, accumulator after accumulator.
+//! As in the fused engine, the result of a step is bit-identical for any number of threads: chunk `i` of the rays is
+//! added to accumulator `i mod 16`, and one thread sums a level of the tables, accumulator after accumulator.
 //!
 //! # Source
-//! Müller et al. 2022 (instant-ngp); deviation: samples are evaluated in waves, and only those of large enough
-//! weight are trained, which measured faster on a CPU.
+//! Müller et al. 2022 (instant-ngp); deviation: samples are evaluated eight per ray at a time, and only those of
+//! large enough weight are trained. This was measured to be faster on a CPU.
 
 mod adam;
 mod directions;
@@ -54,17 +54,18 @@ use scatter::{Halve, Kept, LevelScratch, LevelState, LevelSum};
 use std::borrow::Cow;
 use std::sync::{Mutex, MutexGuard};
 
-/// Number of accumulators, and most threads of forward and backward pass; a level of the tables has one thread.
+/// Number of accumulators, and largest number of threads of forward and backward pass. One thread updates a level.
 const ACCUMULATORS: usize = 16;
 /// Largest number of rays of a chunk: their samples with all activations fit the second-level cache.
 const CHUNK_RAYS: usize = 32;
-/// Number of chunks of a batch of few rays, as of an unbounded scene, so that every thread has work.
+/// A batch is cut into at least this many chunks of rays, so that every thread has work. Chunks of fewer than
+/// `FEWEST_RAYS` rays are not made for this.
 const FEWEST_CHUNKS: usize = 6;
 const FEWEST_RAYS: usize = 8;
 /// Number of rays of a chunk of a 2D field, whose rays have one sample.
 const CHUNK_PIXELS: usize = 512;
 
-/// Trains a grid field; the bits of a step do not depend on the number of threads.
+/// Trains a grid field; the result of a step is bit-identical for any number of threads.
 pub struct GridEngine {
     model: Model,
     grid: GridEncoding,
@@ -76,16 +77,17 @@ pub struct GridEngine {
     layers: Layers,
     passes: Vec<Pass>,
     scratch: Vec<Mutex<Scratch>>,
-    /// Tables in f16, as the renderer reads them: half the memory traffic, and export rounds nothing further.
+    /// Copy of the tables in f16, from which training reads them. This halves the memory traffic, and export rounds
+    /// nothing further.
     halves: Vec<u8>,
     level_scratch: Vec<Mutex<LevelScratch>>,
-    /// Gradient of each level that is accumulated over several steps; `None` for a level that every step updates.
+    /// Gradient of each level that accumulates it over several steps; `None` for a level that is updated at every step.
     sums: Vec<Option<LevelSum>>,
     gradient: Vec<f32>,
 }
 
 impl GridEngine {
-    /// Creates an engine with the initial values of `seed`; `bounds`: box that the grid spans (x and y of a 2D field).
+    /// Creates an engine with the initial values of `seed`. `bounds`: box of the grid; a 2D field uses its x and y.
     pub fn new(model: &Model, bounds: SceneBox, adam: Adam, seed: u64) -> Result<Self, EngineError> {
         let grid = check_plain(model)?;
         let parameters = model.initial_parameters(seed);
@@ -182,12 +184,12 @@ impl GridEngine {
     }
 }
 
-/// Returns, locked, the entry of `scratch` for the current thread: no thread waits for another.
+/// Locks and returns the current thread's own entry of `scratch`, for which no other thread waits.
 fn own<T>(scratch: &[Mutex<T>]) -> MutexGuard<'_, T> {
     lock(&scratch[rayon::current_thread_index().unwrap_or(0) % scratch.len()])
 }
 
-/// Returns for each of `views` photographs the sum, over its rays, of the gradient with respect to its log gain.
+/// Returns, for each of `views` photographs, the gradient with respect to its log gain: the sum over its rays.
 fn gain_sums<'g>(gains: impl IntoIterator<Item = &'g (u32, [f32; 3])>, views: usize) -> Vec<[f32; 3]> {
     let mut sums = vec![[0.0f32; 3]; views];
     for (view, gradient) in gains {
@@ -335,7 +337,7 @@ fn front<'a, T>(values: &mut &'a mut [T], length: usize) -> &'a mut [T] {
     values.split_off_mut(..length).expect("values for all layers and levels")
 }
 
-/// Returns the model's grid, or an error if the grid engines cannot train the model.
+/// Returns the model's grid; an error if the grid engines cannot train the model.
 fn check_plain(model: &Model) -> Result<GridEncoding, EngineError> {
     model.check()?;
     let grid = model.architecture.position.grid().cloned().ok_or(EngineError::NoGrid)?;
@@ -352,7 +354,7 @@ fn waiting_values(grid: &GridEncoding, adam: &Adam) -> usize {
     grid.levels().map(|level| waiting_entries(adam, &level) * usize::from(grid.features)).sum()
 }
 
-/// Checks that `state` is of a model with this number of parameters and this grid, and that its values are valid.
+/// Checks that `state` fits a model with this number of parameters and this grid, and that its values are valid.
 fn check_state(
     state: &OptimiserState,
     parameters: usize,

@@ -1,4 +1,4 @@
-//! Forward and backward passes over chunks of rays, whose loss and gradients one accumulator sums.
+//! Forward and backward passes over chunks of rays. An accumulator sums the loss and the gradients of its chunks.
 
 use super::evaluate::Evaluated;
 use super::layers::{LayerSums, Layers};
@@ -18,13 +18,13 @@ use std::time::Instant;
 
 /// Transmittance below which a ray ends (early ray termination).
 pub(super) const T_MIN: f32 = 1e-3;
-/// Largest compositing weight of a sample that is neither coloured nor trained.
+/// Without Russian roulette, samples with at most this compositing weight are neither coloured nor trained.
 pub(super) const GATE: f32 = 1e-3;
-/// Compositing weight below which Russian roulette ([`Batch::roulette`]) decides whether a sample is kept: with
-/// probability weight / `ROULETTE_WEIGHT`. A kept sample's weight is then divided by that probability.
+/// With Russian roulette ([`Batch::roulette`]), a sample with at most this compositing weight is kept with probability
+/// weight / `ROULETTE_WEIGHT`. A kept sample's weight is then divided by that probability.
 pub(super) const ROULETTE_WEIGHT: f32 = 3e-3;
 
-/// Smallest display-encoded value at which a channel of a photograph counts as clipped at white.
+/// A photograph's channel of at least this display-encoded value is treated as clipped at white: [`clipped_error`].
 const CLIPPED: f32 = 250.0 / 255.0;
 
 #[derive(Clone, Copy)]
@@ -72,7 +72,7 @@ pub(super) struct Scratch {
     by_weight: Vec<f32>,
     /// Distance of each kept sample from the kept sample before it.
     gaps: Vec<f32>,
-    /// Gradient of the loss with respect to each kept sample's raw density, in the first column of its row.
+    /// Gradient of the loss with respect to each kept sample's raw density: the first column of `[samples][VECTOR]`.
     d_raw: Vec<f32>,
     upper: Vec<f32>,
     lower: Vec<f32>,
@@ -149,8 +149,8 @@ impl Scratch {
         }
     }
 
-    /// Returns the sum of the rays' squared errors. Sets `by_shown`, `by_transmittance` and, without its terms through
-    /// the colour, `by_weight`.
+    /// Returns the sum of the rays' squared errors. Sets `by_shown`, `by_transmittance` and `by_weight`. The terms of
+    /// `by_weight` through the colour are still missing; `backward` adds them.
     fn loss(&mut self, batch: &Batch, rays: Range<usize>, pass: &mut Pass) -> f64 {
         self.distort(batch);
         self.by_shown.clear();
@@ -290,8 +290,8 @@ fn raw_densities(
     }
 }
 
-/// Returns the error of a channel, `shown` minus `rgb`; 0 if the photograph has a gain, clips the channel at white, and
-/// `shown` is beyond white.
+/// Returns the error of a channel, `shown` minus `rgb`. If the photograph has a gain and its channel is clipped at
+/// white, a rendered value `shown` beyond white is no error: returns 0.
 fn clipped_error(shown: f32, rgb: f32, gain: f32) -> f32 {
     if gain != 1.0 && rgb >= CLIPPED && shown > 1.0 { 0.0 } else { shown - rgb }
 }

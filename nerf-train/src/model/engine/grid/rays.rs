@@ -1,4 +1,4 @@
-//! Gradients of the loss with respect to the rays, from those with respect to the samples' encoded positions.
+//! Gradients of the loss with respect to rays, from the gradients with respect to the samples' encoded positions.
 
 use super::evaluate::Evaluated;
 use super::pass::Job;

@@ -40,7 +40,7 @@ pub struct GridReferenceEngine {
     device: Cpu,
 }
 
-/// Gradients with respect to gains, and colour errors, of the rays of the last step.
+/// Results for each ray of the last step: gradients with respect to gains, and colour errors.
 #[derive(Default)]
 struct OfRays {
     /// For each ray: index of its photograph, and gradient of the loss with respect to that photograph's log gain.
@@ -54,7 +54,7 @@ struct Rendered {
     mse: f32,
     /// Contribution of the rendered rays to the loss, with the tape that differentiates it.
     total: Scalar,
-    /// Gains of the rays, `[rays][3]`, with respect to which the loss is differentiated, too.
+    /// Gains of the rays, `[rays][3]`. The loss is differentiated with respect to them, too.
     gains: Matrix,
     /// Rendered minus photographed colour, `[rays][3]`.
     errors: Vec<f32>,
@@ -78,7 +78,7 @@ impl GridReferenceEngine {
         Ok(Self { model, grid, bounds, adam, state, of_rays: OfRays::default(), device })
     }
 
-    /// Adds the loss and the gradients of the rays `indices`, whose samples are `samples`, to the last three arguments.
+    /// Adds the results of the rays `indices`, which have the samples `samples`, to `loss`, `gradients` and `of_rays`.
     fn add_rays(
         &self,
         network: &Network,
@@ -225,7 +225,8 @@ impl GridReferenceEngine {
         Ok((loss, gradients))
     }
 
-    /// Does an Adam step: layers, dense levels and, by accumulated gradients, the hashed levels that the step updates.
+    /// Does an Adam step for the layers, the dense levels, and the hashed levels that are due. Accumulates the
+    /// gradients of hashed levels that are not due.
     fn update(&mut self, mut gradients: Vec<f32>, rate: f64) -> Result<(), EngineError> {
         let step = self.state.steps + 1;
         let (features, mut first) = (usize::from(self.grid.features), 0);

@@ -16,7 +16,7 @@ pub(super) struct Samples {
     pub ray: Vec<u32>,
     pub weight: Vec<f32>,
     pub after: Vec<f32>,
-    /// Inverse-probability weight of each kept sample: 1, except for samples kept by Russian roulette.
+    /// Inverse of the probability with which each sample was kept; 1 unless Russian roulette decided.
     pub inverse_probability: Vec<f32>,
     pub counted: Vec<f32>,
     pub scale: Vec<f32>,
@@ -36,7 +36,7 @@ impl Samples {
         self.row.len()
     }
 
-    /// Features for density and colour: the last trunk layer's outputs or, without a trunk, the encoded positions.
+    /// Returns features for density and colour: the last trunk layer's outputs; without a trunk, the encoded positions.
     pub fn features(&self) -> &[f32] {
         self.hidden.last().unwrap_or(&self.encoded)
     }

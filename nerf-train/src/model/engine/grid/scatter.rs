@@ -11,12 +11,12 @@ use std::time::Instant;
 
 /// Number of values in a part of a level; Adam skips a part that no sample reads.
 const PART: usize = 64;
-/// Number of parts by which the prefetch is ahead of Adam's update.
+/// Number of parts that Adam's update prefetches ahead.
 const AHEAD: usize = 4;
-/// Number of samples by which the prefetch is ahead of the sum of gradients.
+/// Number of samples that the sum of gradients prefetches ahead.
 const SAMPLES_AHEAD: usize = 8;
 
-/// Kept samples of one accumulator's chunks, with the gradients that the tables' update sums.
+/// Kept samples of one accumulator's chunks, with the gradients by which the tables are updated.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Kept {
     /// Positions of the samples: for each axis, `[samples]`.
@@ -44,7 +44,7 @@ impl Kept {
         self.gradients.extend_from_slice(gradients);
     }
 
-    /// Whether no entry's gradient, summed over all samples of `kept`, can reach [`GRADIENT_LIMIT`].
+    /// Returns whether every entry's gradient, summed over all of `kept`, is sure to be below [`GRADIENT_LIMIT`].
     pub fn usable<'k>(kept: impl Iterator<Item = &'k Self>) -> bool {
         // A sample's interpolation weights at a level sum to 1.
         let most: f64 = kept.map(|kept| kept.positions[0].len() as f64 * f64::from(kept.largest)).sum();
@@ -52,7 +52,7 @@ impl Kept {
     }
 }
 
-/// Computes the bits of the largest absolute value; such bits are ordered as the values, with NaN above all numbers.
+/// Computes the bits of the largest absolute value: bits of absolute values have the values' order, with NaN largest.
 struct Largest<'a> {
     gradients: &'a [f32],
 }
@@ -73,20 +73,21 @@ pub(super) struct LevelState<'a> {
     pub moment1: &'a mut [f32],
     pub moment2: &'a mut [f32],
     pub halves: &'a mut [u8],
-    /// Quantisation step, if the level's values are rounded.
+    /// Quantisation step; `None` if the level's values are not rounded.
     pub scale: Option<f32>,
-    /// Gradient of the level, if it is accumulated over several steps.
+    /// Gradient of the level if it is accumulated over several steps, else `None`.
     pub sum: Option<&'a mut LevelSum>,
-    /// Adam's constants, if this step updates the level.
+    /// Adam's constants; `None` if this step does not update the level.
     pub adam: Option<AdamStep>,
 }
 
 /// Gradient of the loss with respect to the values of a level; Adam's update resets it to 0.
 #[derive(Clone, Debug)]
 pub(super) struct LevelSum {
-    /// `[entries][features]`, and one part of padding: adjacent entries are written in pairs, even at the end.
+    /// Gradient, `[entries][features]`, and one part of padding: adjacent entries are written in pairs, and a pair may
+    /// begin at the last entry.
     gradient: Vec<f32>,
-    /// For each part: whether a pair of adjacent entries that have a gradient begins in the part.
+    /// For each part: whether a written pair of adjacent entries begins in it. The pair may end in the next part.
     touched: Vec<bool>,
 }
 
@@ -127,7 +128,7 @@ impl LevelScratch {
         Self { sum: LevelSum::new(most), corners, phases: Phases::default() }
     }
 
-    /// Sums the gradients of all samples at a level, in order; applies Adam if the step updates the level.
+    /// Adds all kept samples' gradients to a level's gradient, in order; applies Adam if the step updates the level.
     pub fn step<'k>(
         &mut self,
         isa: Isa,
@@ -184,7 +185,7 @@ impl LevelSum {
     }
 }
 
-/// Adds the gradients of a block of samples, `rows`, `[samples][width]`, to those of the table entries that they read.
+/// Adds the gradients `rows`, `[samples][width]`, of a block of samples to those of the table entries that they read.
 struct Add<'a> {
     entry: &'a [u32],
     weight: &'a [f32],
@@ -197,7 +198,8 @@ struct Add<'a> {
     touched: &'a mut [bool],
 }
 
-/// [`Add`] with constant sizes: `ROWS` pairs of adjacent entries per cell, `F` values per entry, `F2` values per pair.
+/// [`Add`] with sizes known at compile time: `ROWS` pairs of adjacent entries per cell, `F` values per entry, `F2`
+/// values per pair.
 struct Features<'a, const ROWS: usize, const F: usize, const F2: usize>(Add<'a>);
 
 impl<const ROWS: usize, const F: usize, const F2: usize> Op for Features<'_, ROWS, F, F2> {

@@ -36,7 +36,7 @@ impl<'a> Shaded<'a> {
     }
 }
 
-/// Colour branch, forward and backward, with a thread's buffers; these have one row for each ray with kept samples.
+/// The colour branch, forward and backward, with buffers for one thread: one row for each ray with kept samples.
 #[derive(Default)]
 pub(super) struct Shade {
     /// Row in the buffers of each ray of the chunk; undefined for a ray without kept samples.
@@ -67,7 +67,7 @@ impl Shade {
         Self { coloured: vec![Vec::new(); layers.colour.len()], ..Self::default() }
     }
 
-    /// Does the backward pass of the colour branch: `upper` has dL/d (raw colour) at the beginning, dL/dP at the end.
+    /// Does the backward pass of the colour branch. `upper`: dL/d (raw colour) before the call, dL/dP after it.
     fn branch_backward(&mut self, job: &Job<'_>, by_rays: bool, sums: &mut LayerSums) {
         let (isa, count, layers) = (job.isa, self.rows.len(), job.layers);
         for (l, layer) in layers.colour.iter().enumerate().rev() {
@@ -92,7 +92,7 @@ impl Shade {
         }
     }
 
-    /// Computes the colours of a chunk of which at least one ray has a kept sample.
+    /// Computes the colours of a chunk's rays. At least one ray must have a kept sample.
     pub fn forward(&mut self, job: &Job<'_>, chunk: Shaded<'_>) {
         let (rays, samples) = (chunk.rays(), chunk.samples);
         self.row_of.clear();

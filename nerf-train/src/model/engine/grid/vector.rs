@@ -26,7 +26,7 @@ impl Op for Exponentials<'_> {
     }
 }
 
-/// Computes the transmittance `out[i] = exp(−a[i] · b[i])` of intervals of sigma `a[i]` and length `b[i]`.
+/// Computes the transmittance `out[i] = exp(−a[i] · b[i])` of intervals with sigma `a[i]` and length `b[i]`.
 pub(super) struct Transmitted<'a> {
     pub a: &'a [f32],
     pub b: &'a [f32],

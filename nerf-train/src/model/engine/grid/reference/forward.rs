@@ -15,7 +15,7 @@ use nerf_core::simd::Isa;
 pub(super) struct Network {
     pub layers: Vec<(Dense, Weights)>,
     /// Values of all levels, rounded as the renderer reads them, `[entries][features]`. The gradient with respect to
-    /// these values updates the parameters before rounding.
+    /// these values is applied to the parameters, which are not rounded (straight-through estimator).
     pub table: Matrix,
 }
 
