@@ -16,10 +16,12 @@ impl Shard {
     pub const WHOLE: Self = Self { index: 1, count: 1 };
 
     /// Part of an array job that this process runs, and the environment variable that names it; `None` without a job.
+    /// `variable` reads an environment variable.
     ///
-    /// Slurm: `SLURM_ARRAY_TASK_ID` of `SLURM_ARRAY_TASK_COUNT`, from `SLURM_ARRAY_TASK_MIN` (0 if absent) to `_MAX`
-    /// by `_STEP` (1), without gaps. Kubernetes: `JOB_COMPLETION_INDEX`, from 0, of `JOB_COMPLETIONS`, which the
-    /// job's own description has to pass on. `variable` reads an environment variable.
+    /// Slurm: `SLURM_ARRAY_TASK_ID` is one of `SLURM_ARRAY_TASK_COUNT` evenly spaced indices. The first index is
+    /// `SLURM_ARRAY_TASK_MIN` (default 0), the last `SLURM_ARRAY_TASK_MAX`, the spacing `SLURM_ARRAY_TASK_STEP`
+    /// (default 1). Kubernetes: `JOB_COMPLETION_INDEX` counts from 0. `JOB_COMPLETIONS` is the number of parts; the
+    /// job's description must set this variable.
     pub fn of_array(
         variable: impl Fn(&str) -> Option<String>,
     ) -> Result<Option<(&'static str, Self)>, String> {

@@ -16,8 +16,8 @@ use nerf_core::render::{Counters, Renderer};
 use serde::Serialize;
 use std::time::Instant;
 
-/// Change of the training views' PSNR without the occupancy grid, above which the grid counts as part of the model, dB:
-/// a little less than the 0.1 dB that a blob's balanced settings may lose on unseen views.
+/// If leaving out the occupancy grid changes PSNR by more than this, dB, the grid is part of the model: rendering
+/// without the grid is then refused. A little less than the 0.1 dB that the quality preset `Balanced` may lose.
 pub const OCCUPANCY_LOSS_DB: f64 = 0.08;
 
 #[derive(Clone, Debug, Serialize)]
@@ -63,8 +63,8 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> Option<f64> {
     (n > 0).then(|| values.sum::<f64>() / n as f64)
 }
 
-/// Renders every view over `background` and compares it with its photograph over the same colour, without masked
-/// pixels.
+/// Renders every view over `background`, and compares it with its photograph over the same colour. Masked pixels are
+/// left out.
 ///
 /// Rays begin at the camera, as in host programs, unless the plan limits the range of distances.
 ///
@@ -98,7 +98,7 @@ pub fn evaluate<'v>(
 pub struct EvalOptions {
     /// Background colour; `None`: the background stored in the blob.
     pub background: Option<[f32; 3]>,
-    /// Spacing, in columns and rows, of pixels on which PSNR is also measured, as for many published figures.
+    /// PSNR is also measured on every N-th pixel of every N-th row, as in many publications; `None`: not measured.
     pub lattice: Option<u32>,
 }
 
@@ -136,8 +136,8 @@ pub struct Evaluation {
 }
 
 impl Evaluation {
-    /// Renders `views` of the split named `split` with `plan`, a plan of the blob in `bytes`, and compares each with
-    /// its photograph, as [`evaluate`] does.
+    /// Renders `views` with `plan`, a plan of the blob in `bytes`, and compares each with its photograph, as
+    /// [`evaluate`] does. `split`: name of the views' split; `points`: sparse points, to which surfaces are compared.
     ///
     /// `each` is called with every view, its frame and score, in order.
     pub fn of<'v>(
@@ -198,7 +198,7 @@ impl Evaluation {
         })
     }
 
-    /// Adds PSNR and SSIM of `views`: the evaluated views with refined poses.
+    /// Adds the mean PSNR and SSIM of `views`, which are the evaluated views with refined poses.
     pub fn add_refined(
         &mut self,
         bytes: &[u8],

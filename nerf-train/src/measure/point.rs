@@ -10,7 +10,7 @@ use nerf_core::math::MathBackend;
 use nerf_core::plan::Quality;
 use nerf_core::render::Counters;
 
-/// Opacity of the exact rendering above which a pixel counts as solid and its distance is compared.
+/// A pixel is solid if its opacity in the exact rendering is above this. Distances are compared at solid pixels only.
 const SOLID: f32 = 0.5;
 
 /// Errors of one view against ground truth and against the exact rendering.
@@ -60,7 +60,7 @@ pub enum Origin {
     Exact,
     /// The renderer's default settings.
     Base,
-    /// Default settings with one knob changed: index of that knob in `KNOBS`.
+    /// The default settings with one knob changed. The number is the knob's index in `KNOBS`.
     Knob(usize),
     Combination,
 }
@@ -74,7 +74,8 @@ pub struct Point {
     pub label: String,
     /// Errors of each view; `None` for a view that was not rendered.
     pub views: Vec<Option<ViewErrors>>,
-    /// Render times by round of timing, then by timing view; `None` for a view that the round did not render.
+    /// Render times, first by round of timing, then by timed view; `None` for a view that the round did not render. A
+    /// study times only some of its views.
     pub rounds: Vec<Vec<Option<Clocked>>>,
     pub memory: Memory,
 }
@@ -84,10 +85,10 @@ pub struct Point {
 pub struct Totals {
     pub views: usize,
     pub psnr_db: f64,
-    /// PSNR lost against the exact rendering, dB: the exact rendering's mean PSNR over the same views minus `psnr_db`.
+    /// Mean PSNR of the exact rendering over the same views, minus `psnr_db`, dB.
     pub loss_db: f64,
     pub ssim: f64,
-    /// PSNR against the exact rendering, from the mean squared error over all views, dB.
+    /// PSNR against the exact rendering, dB, computed from the mean squared error over all views.
     pub exact_psnr_db: f64,
     /// Largest difference of a colour channel from the exact rendering.
     pub exact_max: f64,
@@ -95,15 +96,15 @@ pub struct Totals {
     pub distance_mean: f64,
     pub distance_max: f64,
     pub counters: Counters,
-    /// Ratio of multiply-adds to those of the exact rendering of the same views.
+    /// Number of multiply-adds, divided by the exact rendering's number for the same views.
     pub relative_macs: f64,
 }
 
-/// Render time per view, seconds, over rounds of timing; each round renders all points, so that all meet the same load.
+/// Render time per view in the rounds of timing, seconds. Each round has one value: the mean over the timed views.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Seconds {
     pub rounds: usize,
-    /// Median over the rounds of the mean time over the timing views.
+    /// Median of the rounds' values.
     pub median: f64,
     pub low: f64,
     pub high: f64,
@@ -115,7 +116,7 @@ impl Point {
         Self { origin, settings, label, views: vec![None; views], rounds: Vec::new(), memory }
     }
 
-    /// Errors and cost over the point's views; `exact`: the exact rendering of at least the same views.
+    /// Errors and cost over the point's views. `exact`: the exact rendering, of at least the same views.
     pub fn totals(&self, exact: &Self) -> Totals {
         let pairs: Vec<(&ViewErrors, &ViewErrors)> =
             self.views.iter().zip(&exact.views).filter_map(|(own, e)| own.as_ref().zip(e.as_ref())).collect();
@@ -159,7 +160,7 @@ impl Point {
         })
     }
 
-    /// Median over the rounds of the ratio of this point's time to that of `exact`; `None` if no round timed both.
+    /// Median over the rounds of this point's time divided by the time of `exact`. `None` if no round timed both.
     pub fn relative_time(&self, exact: &Self, clock: Clock) -> Option<f64> {
         let both = self.rounds.iter().zip(&exact.rounds);
         let ratios: Vec<f64> =
@@ -185,7 +186,7 @@ impl Clock {
     }
 }
 
-/// Mean time over the timing views of a round, seconds; `None` if one of the views was not timed.
+/// Mean time over the timed views of a round, seconds; `None` if one of them was not timed.
 fn mean(round: &[Option<Clocked>], clock: Clock) -> Option<f64> {
     let seconds: Option<Vec<f64>> = round.iter().map(|c| c.as_ref().map(|c| clock.of(c))).collect();
     let seconds = seconds.filter(|seconds| !seconds.is_empty())?;
@@ -215,7 +216,7 @@ pub struct Settings {
     /// Index of the rendered variant of the blob in `Variants`; 0: the unchanged blob.
     pub variant: usize,
     pub precision: Precision,
-    /// Sides of the rendered picture, in quarters of the view's sides; a smaller picture is enlarged again.
+    /// Sides of the rendered picture, in quarters of the view's sides. Below 4, the picture is then enlarged.
     pub quarters: u32,
     pub rays: u16,
 }
@@ -239,8 +240,8 @@ impl Settings {
         }
     }
 
-    /// Whether these settings are so slow that only the timing views are rendered: without an occupancy grid, or with
-    /// the portable kernel that reads weights directly from the blob's bytes.
+    /// Whether these settings are so slow that a study renders only its timing views with them. Slow are renderings
+    /// without an occupancy grid, and the portable kernel that reads weights directly from the blob's bytes.
     pub fn is_slow(&self, has_occupancy: bool) -> bool {
         self.kernel == Kernel::IN_PLACE || !(has_occupancy && self.quality.occupancy)
     }

@@ -12,7 +12,7 @@ use nerf_core::{Kernel, host};
 
 /// Approximate number of pixels per view, on a regular grid, at which depth is measured.
 const ASKED_PIXELS: u64 = 10_000;
-/// Fraction of the nearest sparse point's distance below which a surface counts as too near.
+/// A surface is too near if its distance is below this fraction of the distance of the view's nearest sparse point.
 const TOO_NEAR: f32 = 0.9;
 
 /// Errors of a field's surfaces, which lie at the median distances of rays.
@@ -27,7 +27,7 @@ pub struct Surfaces {
 }
 
 impl Surfaces {
-    /// Measures the surfaces of a blob, rendered at the default quality, against those of `points` that `views` show.
+    /// Measures the surfaces of a blob, rendered at the default quality, against the sparse points that `views` show.
     pub fn of(bytes: &[u8], kernel: Kernel, views: &[&View], points: &[SparsePoint]) -> anyhow::Result<Self> {
         let blob = Blob::open(bytes)?;
         let plan = Plan::new(&blob, &Quality::default(), Self::OUTPUTS, Batch::FULL)?.with_own_bins();

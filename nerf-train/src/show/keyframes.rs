@@ -3,7 +3,7 @@
 use glam::{Mat3, Quat, Vec3};
 use nerf_core::camera::Pose;
 
-/// Number of segments between two keyframes over which the arc length is summed.
+/// Number of segments between two keyframes. The arc length is the sum of the segments' lengths.
 const PIECES: usize = 64;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,10 +13,10 @@ pub struct Keyframe {
 }
 
 /// `frames` keyframes from the first of `keys` to the last, evenly spaced by arc length along a Catmull-Rom spline
-/// through positions and rotations. In the arc length, a rotation by 90° counts as much as the mean distance between
-/// `keys`. Fields of view are interpolated by the logarithm of the focal length, without overshoot.
+/// through positions and rotations. A rotation by 90° adds as much arc length as the mean distance between neighbouring
+/// `keys`. The logarithm of the focal length is interpolated linearly, without overshoot.
 ///
-/// One view if there is one keyframe; no view without keyframes.
+/// If `keys` has one keyframe, the result is this keyframe; if `keys` is empty, the result is empty.
 pub fn flight(keys: &[Keyframe], frames: usize) -> Vec<Keyframe> {
     if keys.len() < 2 || frames < 2 {
         return keys.first().copied().into_iter().take(frames).collect();
@@ -59,7 +59,8 @@ fn aligned(keys: &[Keyframe]) -> Vec<Quat> {
     turns
 }
 
-/// Position, rotation and field of view (degrees) at `at` keyframes after the first; `turns`: from [`aligned`].
+/// Position, rotation and field of view (degrees) on the path. `at`: number of keyframes after the first, with a
+/// fraction; `turns`: rotations from [`aligned`].
 fn place_at(keys: &[Keyframe], turns: &[Quat], at: f32) -> (Vec3, Quat, f32) {
     let first = (at as usize).min(keys.len() - 2);
     let t = at - first as f32;

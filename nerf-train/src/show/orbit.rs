@@ -5,7 +5,7 @@ use nerf_core::blob::{SceneFacts, Viewpoint};
 use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose};
 use std::f32::consts::TAU;
 
-/// Largest elevation of an orbit through a viewpoint, degrees: `up` may differ from the viewpoint's up direction.
+/// Largest elevation of an orbit through a viewpoint, degrees. A given `up` direction can make the elevation too steep.
 const STEEPEST: f32 = 80.0;
 
 /// Circle of cameras, or an arc of one, around a centre at which all cameras look.
@@ -24,8 +24,8 @@ pub struct Orbit {
 }
 
 impl Orbit {
-    /// Orbit through the viewpoint of the photographs, if the blob has one; else around the middle of the scene box,
-    /// with a radius half way between near and far. `up`: replaces the blob's up direction, or z.
+    /// Orbit through the viewpoint of the photographs, if the blob has one. Otherwise an orbit around the middle of the
+    /// scene box, with a radius half way between near and far. `up`: replaces the viewpoint's up direction, or z.
     pub fn of(scene: &SceneFacts, up: Option<Vec3>) -> Self {
         match &scene.viewpoint {
             Some(viewpoint) => {
@@ -61,8 +61,8 @@ impl Orbit {
         }
     }
 
-    /// Camera at the fraction `turn` (0 to 1) of the full circle, or of a swing back and forth over the arc. `fov`:
-    /// horizontal field of view, degrees.
+    /// Camera on the circle or arc. `turn`: fraction (0 to 1) of the full circle, or of a swing back and forth over the
+    /// arc; `fov`: horizontal field of view, degrees.
     pub fn camera(&self, turn: f32, width: u32, height: u32, fov: f32) -> Result<Camera, CameraError> {
         let azimuth = if self.arc < TAU { 0.5 * self.arc * (turn * TAU).sin() } else { turn * TAU };
         let elevation = self.elevation.to_radians();

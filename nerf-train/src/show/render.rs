@@ -16,7 +16,7 @@ use std::path::PathBuf;
 /// Colour range of each distance output, world units.
 pub type Ranges = Vec<(Output, (f32, f32))>;
 
-/// Smallest side to which the coarse pass reduces a view, pixels; otherwise each side is reduced to a quarter.
+/// The coarse pass reduces each side of a view to a quarter, but not below this number of pixels.
 const COARSE: u32 = 64;
 
 /// Renders every camera's view and passes it to all writers. `each` is called before each view, and at the end, with
@@ -73,8 +73,8 @@ pub fn coarse(camera: &Camera) -> Result<Camera, CameraError> {
     scaled(camera, (side(camera.intrinsics().width), side(camera.intrinsics().height)))
 }
 
-/// Summary of a rendering, printed by `render --json`. Ranges are those of the distances that a video's colour map
-/// covers, world units.
+/// Summary of a rendering, printed by `render --json`. A range gives the smallest and largest distance in a video's
+/// colour map, world units.
 #[derive(Debug, Serialize)]
 pub struct Rendering {
     pub files: Vec<String>,

@@ -67,7 +67,8 @@ impl Table {
         })
     }
 
-    /// Lines of the table, with padded cells. `rule` (is right-aligned, width) makes the line below a column's name.
+    /// Lines of the table, with padded cells. `rule` makes the line below a column's name, given whether the column is
+    /// right-aligned, and its width.
     fn lines(
         &self,
         tidy: impl Fn(&String) -> String,

@@ -16,7 +16,7 @@ use std::path::Path;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Output {
-    /// Colour over the background.
+    /// Colour, composited over the background.
     Rgb,
     /// Opacity, 16-bit grey, 0 to 1.
     Opacity,
@@ -38,7 +38,7 @@ impl Output {
         matches!(self, Self::RayDistance | Self::ZDepth | Self::MedianDistance)
     }
 
-    /// Suffix of the file name of an output that is not the first of the requested outputs.
+    /// Suffix of the output's file name. The first of the requested outputs has none.
     pub fn suffix(self) -> &'static str {
         match self {
             Self::Rgb | Self::All => "rgb",
@@ -65,7 +65,7 @@ pub fn is_exr(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(OsStr::new("exr")))
 }
 
-/// Writes an output of a frame as PNG, or as EXR if `path` says so.
+/// Writes an output of a frame as PNG, or as EXR if `path` ends in `.exr`.
 ///
 /// `range`: colour range of a distance, world units; `None`: chosen for the frame. `transparent`: colour with alpha.
 pub fn write_still(
@@ -90,7 +90,7 @@ pub fn write_still(
     Ok(())
 }
 
-/// Channels of an output and their values; names are those that compositing programs know, if there are any.
+/// Channels of an output: names and values. Names are the usual ones of compositing programs, where these exist.
 fn channels_of(frame: &Frame, output: Output, transparent: bool) -> Vec<(&'static str, Vec<f32>)> {
     let axis = |of: &[[f32; 3]], axis: usize| of.iter().map(|value| value[axis]).collect();
     match output {

@@ -20,14 +20,16 @@ pub struct Writer {
 pub enum Sink {
     Still(PathBuf),
     Film(Box<Film>),
-    /// Folder of `frame_0000.png` and the following: its path, number of the next frame, increment of the number.
+    /// Folder of pictures named `frame_0000.png` and so on: path of the folder, number of the next frame, and increment
+    /// of the number from frame to frame.
     Frames(PathBuf, usize, usize),
 }
 
 #[derive(Debug)]
 pub struct Written {
     pub path: PathBuf,
-    /// Number of the next frame after the written ones, if an earlier run has left its file in the folder; else `None`.
+    /// Number of the next frame, if the folder still has a file of this number from an earlier run; else `None`. Always
+    /// `None` if several shards write into the folder.
     pub older_from: Option<usize>,
 }
 
@@ -65,7 +67,7 @@ fn numbered(folder: &Path, index: usize) -> PathBuf {
 /// Video that is written frame by frame; without [`finish`](Self::finish) no file is left.
 pub struct Film {
     path: PathBuf,
-    /// Encoder for an MP4; `None`: a GIF.
+    /// Encoder for an MP4; `None`: the video is a GIF.
     ffmpeg: Option<Ffmpeg>,
     fps: f64,
     writer: Option<FilmWriter>,

@@ -4,18 +4,20 @@ use super::front::{Price, pareto, thin};
 use super::knobs::{KNOBS, Knob};
 use crate::measure::point::Settings;
 
-/// Values of one knob, other than the value in the base settings, each with its measured loss of PSNR and cost.
+/// Values of one knob that differ from the value in the base settings, with their measured losses of PSNR and costs.
 #[derive(Clone, Debug, Default)]
 pub struct Choices {
     pub knob: usize,
-    /// For each value of the knob: all settings, PSNR lost against the base, dB, and ratio of multiply-adds.
+    /// One row per value of the knob: all settings, and their price. The price is PSNR lost against the base, dB, and
+    /// the number of multiply-adds divided by the base's number.
     pub rows: Vec<(Settings, Price)>,
 }
 
-/// Combinations that are predicted to lie on the Pareto front, most expensive first; at most `most`.
+/// Combinations of two or more knobs that are predicted to lie on the Pareto front, most expensive first; at most
+/// `most`.
 ///
-/// Predicted losses of PSNR add and costs multiply: a rough rule, but the chosen combinations are then measured.
-/// `limit_db`: largest predicted loss against the base. Cost is multiply-adds, not time, and thus the choice is the
+/// The prediction adds losses of PSNR and multiplies costs: a rough rule, but the chosen combinations are then
+/// measured. `limit_db`: largest predicted loss against the base. Cost is multiply-adds, not time: the choice is the
 /// same on every machine.
 pub fn combinations(base: Settings, choices: &[Choices], limit_db: f64, most: usize) -> Vec<Settings> {
     let start = (base, Price { loss_db: 0.0, cost: 1.0 });

@@ -3,9 +3,9 @@
 /// Loss of PSNR and cost of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Price {
-    /// PSNR lost, dB, against the exact rendering (in `combine`: against the base settings); below 0 for a gain.
+    /// PSNR lost, dB; negative for a gain. Relative to the exact rendering, or in `combine` to the base settings.
     pub loss_db: f64,
-    /// Render time or multiply-adds, also as a ratio; above 0.
+    /// Render time or multiply-adds, absolute or as a ratio; above 0.
     pub cost: f64,
 }
 
@@ -17,7 +17,7 @@ impl Price {
 
 /// Indices of the points on the Pareto front, most expensive first: cost strictly falls and loss rises along the list.
 ///
-/// A point is beaten by another whose cost and loss are no larger, if at least one of the two is smaller. Of equal
+/// One point beats another if neither its cost nor its loss is larger, and at least one of the two is smaller. Of equal
 /// points the first is kept. Points whose loss or cost is not finite, or whose cost is 0, are left out.
 pub fn pareto(points: &[Price]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..points.len()).filter(|&i| points[i].is_usable()).collect();
@@ -39,10 +39,10 @@ pub fn pareto(points: &[Price]) -> Vec<usize> {
     order
 }
 
-/// At most `most` points of the Pareto front `front`, whose first (most expensive) and last point are kept.
+/// Reduces the Pareto front `front` to at most `most` points. The first (most expensive) and the last point are kept.
 ///
-/// Repeatedly removes the point between the ends whose area to the staircase of its neighbours is smallest, in dB times
-/// the logarithm of cost.
+/// Repeatedly removes the inner point that adds least: the smallest product of (loss of the next cheaper point − own
+/// loss) and ln(cost of the next dearer point / own cost).
 pub fn thin(points: &[Price], front: &[usize], most: usize) -> Vec<usize> {
     let mut front = front.to_vec();
     while front.len() > most.max(2) {

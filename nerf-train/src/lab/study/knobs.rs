@@ -8,20 +8,20 @@ use nerf_core::{Isa, Kernel, Storage};
 /// A setting that trades accuracy for time.
 pub struct Knob {
     pub name: &'static str,
-    /// Whether a point on a blob's Pareto front stores the setting; if not, all points have the base's value.
+    /// Whether points on a blob's Pareto front store this setting. Otherwise all stored points have the base's value.
     pub in_blob: bool,
     /// Whether values of this knob are also tried in combination with values of other knobs.
     pub combines: bool,
     /// Copies this setting from the first settings to the second.
     pub copy: fn(&Settings, &mut Settings),
     pub read: fn(&Variants<'_>, &Settings) -> String,
-    /// The base settings with each other value of this knob, one at a time.
+    /// Copies of the base settings, each with another value of this knob.
     pub values: fn(&Variants<'_>, Settings) -> Vec<Settings>,
 }
 
-/// Numbers of samples per ray to try, as fractions of the number in training; for scenes whose samples lie in bins.
+/// Numbers of samples per ray to try, as fractions of the number in training. For scenes whose samples lie in bins.
 const SAMPLES: [(u32, u32); 7] = [(1, 4), (3, 8), (1, 2), (5, 8), (3, 4), (3, 2), (2, 1)];
-/// March steps to try, in hundredths of the step in training; for scenes whose rays are marched.
+/// March steps to try, in hundredths of the step in training. For scenes whose rays are marched.
 const STEPS: [u32; 5] = [50, 75, 125, 150, 200];
 const TRANSMITTANCE: [f32; 6] = [0.0, 1e-3, 3e-2, 0.1, 0.2, 0.3];
 const COLOUR: [f32; 5] = [0.0, 1e-2, 3e-2, 0.1, 0.2];
@@ -179,7 +179,7 @@ fn vary<T>(
     values.into_iter().map(with).collect()
 }
 
-/// Knobs that differ, with their values in `settings`: `samples 48, kernel avx512-bf16`, for example; empty if none.
+/// Knobs in which `settings` differ from `base`, with their values: `samples 48, kernel avx512-bf16`, for example.
 pub fn difference(lab: &Variants<'_>, base: &Settings, settings: &Settings) -> String {
     let changed = KNOBS.iter().filter(|knob| (knob.read)(lab, base) != (knob.read)(lab, settings));
     let parts: Vec<String> =

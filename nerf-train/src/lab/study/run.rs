@@ -1,4 +1,4 @@
-//! Passes of a study, from the first frame to the last.
+//! Passes of a study, from the first frame to the last. Some of the views, the timing views, are rendered more often.
 //!
 //! ```text
 //! pass 1   every view:      exact, base, each knob on its own        slow ones on the timing views only
@@ -6,9 +6,9 @@
 //! pass 3…  timing views:    everything, as often as time allows
 //! ```
 //!
-//! Without an occupancy grid all renderings are slow: the timing views are then the only views.
+//! Settings without an occupancy grid are slow. If the blob has no grid, only the timing views are rendered.
 //!
-//! Within a pass all points are rendered view by view, in rotated order, so that a machine that slows down slows all
+//! Within a pass all points are rendered view by view, in rotated order. A machine that slows down thus slows all
 //! points. Errors come from the first rendering of a view, times from all renderings of the timing views.
 
 use super::combine::{Choices, combinations};
@@ -29,10 +29,11 @@ use std::time::{Duration, Instant};
 const COMBINATION_LOSS_DB: f64 = 2.5;
 /// Largest loss of PSNR, against the exact rendering, of a point on a blob's Pareto front, dB.
 pub const BLOB_LOSS_DB: f64 = 3.0;
-/// Loss of PSNR against the exact rendering, dB, up to which points of a blob's Pareto front have no longer march step
-/// than in training: what longer steps lose differs from view to view.
+/// If a point of a blob's Pareto front loses at most this PSNR, dB, against the exact rendering, its march step is at
+/// most the step in training. What longer steps lose differs from view to view.
 pub const TRAINED_STEP_LOSS_DB: f32 = Preset::Balanced.loss_db();
-/// Largest number of combinations of all knobs; also of only those knobs that a blob's Pareto front stores.
+/// Largest number of combinations that are chosen from all knobs. Up to the same number is chosen from only the knobs
+/// that a blob's Pareto front stores.
 const COMBINATIONS: usize = 12;
 /// Side of the square in which the exact rendering is compared with the portable kernel, pixels.
 const ORACLE_SIDE: u32 = 16;
@@ -42,7 +43,7 @@ pub struct Effort {
     pub timing_views: usize,
     /// Number of rounds of timing, unless the time limit comes first.
     pub repeats: usize,
-    /// Time after which no further round of timing begins.
+    /// Time limit of the study. A further round of timing begins only if it is expected to end within this time.
     pub limit: Duration,
     /// Clock that gives the costs on the Pareto front over time.
     pub clock: Clock,
@@ -163,7 +164,8 @@ impl<'a, 'b> Study<'a, 'b> {
         }
     }
 
-    /// PSNR lost and multiply-adds, against the base, of each knob's values. `in_blob`: of knobs that a blob stores.
+    /// For each knob that combines: prices of its values against the base settings. Slow settings are left out.
+    /// `in_blob`: only knobs that a blob stores.
     fn choices(&self, in_blob: bool) -> Vec<Choices> {
         let base = self.points[1].totals(&self.points[0]);
         let of_knob = |index: usize| {
@@ -278,7 +280,7 @@ impl<'a, 'b> Study<'a, 'b> {
         self.points.iter().map(|point| point.totals(&self.points[0])).collect()
     }
 
-    /// For each point: PSNR lost, dB, and ratio of render time, both against the exact rendering.
+    /// For each point, against the exact rendering: PSNR lost, dB, and ratio of render times (point / exact).
     pub fn times(&self) -> Vec<Price> {
         let price = |point: &Point| {
             let cost = point.relative_time(&self.points[0], self.effort.clock).unwrap_or(f64::NAN);
@@ -293,8 +295,10 @@ impl<'a, 'b> Study<'a, 'b> {
     }
 
     /// Indices of the points on the blob's Pareto front over multiply-adds, most expensive first, and the price of
-    /// every point. At most [`MAX_FRONT`] points that a blob can hold, each with a loss of at most `BLOB_LOSS_DB`;
-    /// those with a loss of at most `TRAINED_STEP_LOSS_DB` have no longer march step than in training.
+    /// every point; cost is NaN for points that the front cannot have.
+    ///
+    /// The front has at most [`MAX_FRONT`] points. A blob can store their settings, and each loses at most
+    /// `BLOB_LOSS_DB`. Points that lose at most `TRAINED_STEP_LOSS_DB` do not march in longer steps than training did.
     pub fn blob_front(&self) -> (Vec<usize>, Vec<Price>) {
         let base = Settings::base();
         let price = |point: &Point| {

@@ -32,7 +32,8 @@ pub enum Job<'a> {
     Scene {
         dataset: &'a Dataset,
         base: Box<Config>,
-        /// Time limit of a run, seconds, in place of a number of steps, unless the point has a time limit.
+        /// Time limit of each run, seconds, for points that do not have their own. A run with a time limit has no limit
+        /// of steps. `None`: runs end after the configured number of steps.
         seconds: Option<f64>,
     },
 }
@@ -95,8 +96,8 @@ impl Job<'_> {
 
     /// Runs one point to its end; an interrupted run leaves no record.
     ///
-    /// A run that diverges because of its settings has a record, too. The returned picture is the fitted photograph, or
-    /// the rendered first validation view.
+    /// A run that diverges because of its settings has a record, too, but no picture. Otherwise the returned picture is
+    /// the fitted photograph, or the rendered first validation view.
     pub fn run(&self, point: &Point, runner: &Runner<'_>) -> anyhow::Result<Run> {
         let clock = Clock::start();
         let (blank, ran) = match self {
@@ -182,7 +183,7 @@ fn scene_config(base: &Config, point: &Point) -> Config {
     config
 }
 
-/// Sets `to` to a whole number that a list holds as f64, exactly; `None` changes nothing.
+/// Sets `to` to `value`, a whole number. Changes nothing if `value` is `None` or outside of the type's range.
 fn set<T: TryFrom<u64>>(to: &mut T, value: Option<f64>) {
     if let Some(value) = value.and_then(|value| T::try_from(value as u64).ok()) {
         *to = value;
@@ -207,7 +208,8 @@ fn blank(point: &Point, runner: &Runner<'_>, architecture: &Architecture) -> Rec
     }
 }
 
-/// Status of a run, and the reason if it is flat: PSNR no better than `flat_psnr_db`, that of one flat colour.
+/// Status of a run, and the reason if the run is flat. `flat_psnr_db`: PSNR of one flat colour, dB; a flat run does not
+/// exceed this.
 fn judged(flat: bool, flat_psnr_db: f64) -> (Status, String) {
     match flat {
         true => (Status::Flat, format!("no better than one flat colour, which has {flat_psnr_db:.2} dB")),

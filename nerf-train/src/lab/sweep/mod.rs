@@ -34,7 +34,7 @@ pub struct Header {
     pub data: String,
     pub fingerprint: String,
     pub mode: Mode,
-    /// All settings of the base, including the varied ones; a later command on this folder may vary others.
+    /// All base settings, including varied ones. A later command on this folder may vary other settings.
     pub settings: serde_json::Value,
 }
 
@@ -44,7 +44,7 @@ pub enum Status {
     Ok,
     /// A number overflowed, or every density became 0.
     Diverged,
-    /// The run ended, but scores no better than one flat colour: too high a rate, or too few steps.
+    /// The run ended, but scores no better than one flat colour: the rate is too high, or the steps are too few.
     Flat,
 }
 

@@ -1,4 +1,4 @@
-//! Removes view dependence from a network: the encoded direction is replaced by its mean over rays.
+//! Removes view dependence from a network: the encoded direction is replaced by its mean over the rays of some views.
 
 use crate::data::View;
 use nerf_core::Isa;
@@ -6,7 +6,7 @@ use nerf_core::encoding::{DirectionEncoding, encode_block, encode_harmonics_bloc
 use nerf_core::math::MathBackend;
 use nerf_core::network::{Architecture, Layer, Role};
 
-/// Largest number of rays per view over which the encoded direction is averaged: neighbouring rays are almost equal.
+/// Largest number of rays per view in the mean of the encoded direction. Neighbouring rays have similar directions.
 const RAYS: usize = 4096;
 /// Number of directions that are encoded at once.
 const BLOCK: usize = 64;
@@ -49,10 +49,11 @@ pub fn mean_encoding(encoding: &DirectionEncoding, views: &[&View]) -> Option<Ve
     Some(sums.into_iter().map(|sum| sum / dirs.len() as f64).collect())
 }
 
-/// Network without view dependence: the encoded direction PE(d) is replaced by `mean`, folded into the bias in f64.
+/// Returns architecture and parameters without view dependence; `None` if colour does not depend on the direction.
 ///
-/// Returns architecture and parameters; parameters are in the order of a blob's weights. `None` if colour does not
-/// depend on the direction. A network whose weights for PE(d) are 0 gives exactly the same colours.
+/// The encoded direction PE(d) is replaced by `mean`: the product of its weights and `mean` is added to the biases, in
+/// f64. Parameters are in the order of a blob's weights. A network whose weights for PE(d) are 0 keeps exactly its
+/// colours.
 pub fn without_direction(
     architecture: &Architecture,
     parameters: &[f32],
@@ -79,9 +80,9 @@ pub fn without_direction(
     Some((folded, result))
 }
 
-/// Network without view dependence, by [`without_direction`]: PE(d) is replaced by its mean over the rays of `views`.
+/// Network without view dependence, by [`without_direction`] with the mean of PE(d) over the rays of `views`.
 ///
-/// `None` if colour does not depend on the direction, or without views.
+/// `None` if colour does not depend on the direction, or if `views` is empty.
 pub fn flattened(
     architecture: &Architecture,
     parameters: &[f32],

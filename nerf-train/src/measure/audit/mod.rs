@@ -15,7 +15,8 @@ use serde::Serialize;
 
 /// Default of the smallest gain of PSNR at which an effect, such as view dependence, is kept, dB.
 pub const THRESHOLD_DB: f64 = 0.05;
-/// Ratio of multiply-adds with and without an effect, below which the effect is kept despite a small loss of PSNR.
+/// An effect saves work if it multiplies the number of multiply-adds by less than this. An effect that saves work is
+/// kept unless it lowers PSNR by the threshold or more.
 const SPARED: f64 = 0.9;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,8 +32,8 @@ pub type Asked = anyhow::Result<Result<Without, &'static str>>;
 pub struct Effect {
     pub name: &'static str,
     pub instead: &'static str,
-    /// Function from the settings with the effect to those without it; may add a variant of the blob. To leave out view
-    /// dependence, the directions of the views' rays are averaged.
+    /// Returns the settings without the effect, given the settings with it; may add a variant of the blob. View
+    /// dependence is replaced by the mean of the encoded direction over the rays of the given views.
     pub without: fn(&mut Variants<'_>, Without, &[&View]) -> Asked,
 }
 
@@ -125,10 +126,11 @@ pub struct AuditOptions {
     pub clock: Clock,
 }
 
-/// Renders `views` with all effects and without each effect. `rays`: views over whose rays the direction is averaged.
+/// Renders `views` with all effects and without each effect. To leave out view dependence, the encoded direction is
+/// replaced by its mean over the rays of the views in `rays`.
 ///
-/// Renderings with and without an effect alternate, view by view. `each` is called with the number of frames rendered
-/// and the number of all frames.
+/// The renderings of a view with and without the effects directly follow each other. `each` is called with the number
+/// of frames rendered and the number of all frames.
 pub fn audit(
     lab: &mut Variants<'_>,
     views: &[&View],
@@ -163,7 +165,8 @@ pub fn audit(
     Ok(found.into_iter().map(|(effect, place)| (effect, place.map(worth))).collect())
 }
 
-/// Renders each view with each of `ways`, `repeats` times; errors are relative to the frames of the first of `ways`.
+/// Renders each view with each of `ways`, `repeats` times. The frames of the first of `ways` take the place of the
+/// exact rendering in the errors.
 fn measure(
     lab: &Variants<'_>,
     ways: &[Without],
@@ -235,7 +238,8 @@ pub enum EffectSummary {
 }
 
 impl Summary {
-    /// Summary of an audit of effects on `views` views of the split named `split`, over `background`.
+    /// Summary of an audit. `split`, `views`: name of the split, and number of its views that were rendered;
+    /// `background`: background colour of the scene.
     pub fn of(
         audit: &Audit,
         threshold_db: f64,

@@ -55,7 +55,8 @@ pub struct Clocked {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Memory {
     pub workspace: usize,
-    /// Bytes of the copies of values that a kernel cannot read directly from the blob; all threads share the copies.
+    /// Bytes of memory for values that the renderer unpacks, because the kernel cannot read them directly from the
+    /// blob. All threads share this memory.
     pub prepared: usize,
     pub file: usize,
 }
@@ -75,7 +76,7 @@ impl<'b> Variants<'b> {
         !matches!(self.scene.sampling, SceneSampling::Bins(_))
     }
 
-    /// Ratio of the distance between samples with `settings` to the distance in training.
+    /// Distance between samples with `settings`, divided by the distance between samples in training.
     pub fn step_share(&self, settings: &Settings) -> f64 {
         let own = self.scene.samples();
         let samples = if settings.quality.samples == 0 { own } else { settings.quality.samples };
@@ -96,11 +97,11 @@ impl<'b> Variants<'b> {
         self.variants.len() - 1
     }
 
-    /// Adds a variant with an occupancy grid built from the network, and returns its index. `None` if no cell is
-    /// occupied, or if the same variant exists.
+    /// Adds a variant with an occupancy grid built from the network, and returns the variant's index. Adds nothing and
+    /// returns `None` if no cell is occupied, or if the same variant exists.
     ///
-    /// `resolution`: cells along the longest side of the scene box; `threshold`: density times the distance between
-    /// samples above which a cell is occupied.
+    /// `resolution`: number of cells along the longest side of the scene box; ignored if the blob's grid is part of the
+    /// model. `threshold`: a cell is occupied if density times the distance between samples is above this.
     pub fn add_occupancy(&mut self, resolution: u16, threshold: f32) -> anyhow::Result<Option<usize>> {
         // If the occupancy grid is part of the model, the field was never trained outside of it.
         let own = self.cells.as_ref().filter(|_| self.scene.occupancy_required);
@@ -194,7 +195,7 @@ impl<'b> Variants<'b> {
         }
     }
 
-    /// Bytes of the blob with its Pareto front replaced by `front`.
+    /// Returns the encoded blob with `front` as its Pareto front.
     pub fn with_front(&self, front: heapless::Vec<FrontPoint, MAX_FRONT>) -> anyhow::Result<Vec<u8>> {
         Ok(written(&Body { front, ..self.body() })?)
     }
@@ -240,7 +241,7 @@ impl<'b> Variants<'b> {
     }
 }
 
-/// Settings whose change needs another renderer; all other settings belong to the plan or the camera.
+/// Settings on which a renderer depends. All other settings change only the plan or the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Key {
     variant: usize,
@@ -263,7 +264,8 @@ pub struct Bench<'l, 'b> {
 impl Bench<'_, '_> {
     /// Renders the view of `camera` with `settings` over `background`, and measures time and memory.
     ///
-    /// A smaller frame is enlarged to `camera`'s size. The time includes rendering on rayon's threads and enlarging.
+    /// If `settings` reduce the frame's size, the frame is enlarged to `camera`'s size. The time includes rendering, on
+    /// rayon's threads, and enlarging.
     pub fn render(
         &self,
         settings: &Settings,

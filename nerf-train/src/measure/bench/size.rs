@@ -1,11 +1,11 @@
-//! Views rendered in fewer pixels and enlarged again.
+//! Cameras with fewer pixels, and enlargement of the frames that are rendered with them.
 
 use crate::data::cameras;
 use crate::measure::frame::Frame;
 use anyhow::Context;
 use nerf_core::camera::Camera;
 
-/// Camera of the same view with `quarters`/4 of `camera`'s width and height, each at least one pixel.
+/// Camera of the same view, with `quarters`/4 of the width and height in pixels. Each side has at least one pixel.
 pub fn scaled(camera: &Camera, quarters: u32) -> anyhow::Result<Camera> {
     if quarters == 4 {
         return Ok(*camera);

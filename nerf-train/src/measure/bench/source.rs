@@ -8,9 +8,9 @@ use nerf_core::network::{Architecture, unpack};
 use std::fmt::Display;
 use std::path::Path;
 
-/// Orders of an encoding's channels to try: neither a checkpoint nor a blob imported from it names its order.
+/// Orders of an encoding's channels that are tried in turn. Checkpoints and imported blobs do not record the order.
 const ORDERS: [Order; 5] = [Order::Level, Order::Pairs, Order::Input, Order::Halves, Order::HalvesByInput];
-/// Density activations to try: a checkpoint does not name its activation.
+/// Density activations that are tried in turn. A checkpoint does not record the activation.
 const DENSITIES: [RawDensity; 3] = [RawDensity::Relu, RawDensity::Softplus, RawDensity::ShiftedSoftplus];
 
 /// Reads the f32 weights that `blob` was imported from, in the blob's order.

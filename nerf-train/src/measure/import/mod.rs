@@ -53,7 +53,7 @@ use nerf_core::network::Architecture;
 use nerf_core::plan::Quality;
 use std::fmt::Display;
 
-/// Spacing of the measured pixels in rows and columns, pixels. Odd: a square of this side has a pixel in its middle.
+/// Distance between measured pixels in rows and columns, pixels; odd, so that a square of this side has a middle pixel.
 pub const STRIDE: u32 = 3;
 /// PSNR below which some setting of the import is probably wrong, dB.
 pub const SUSPICIOUS_DB: f64 = 15.0;
@@ -75,11 +75,12 @@ pub struct Request<'a> {
     pub effect_threshold_db: f64,
 }
 
-/// Views on which an imported network is checked, reduced to every [`STRIDE`]-th pixel and row.
+/// Views on which an imported network is checked, reduced to every [`STRIDE`]-th column and row.
 pub struct Views {
     pub name: String,
     pub views: Vec<View>,
-    /// Views over whose rays the direction is averaged to remove view dependence: training views, if there are any.
+    /// Views for removing view dependence: the encoded direction is replaced by its mean over the rays of these views.
+    /// Training views, if there are any.
     pub rays: Vec<View>,
 }
 
@@ -87,7 +88,8 @@ pub enum Occupancy {
     /// The grid that the network was trained with.
     Given {
         cells: LiveCells,
-        /// Whether the user says that the grid is not part of the model, even if PSNR depends on it.
+        /// Whether the user says that the grid is not part of the model. If so, the blob can be rendered without the
+        /// grid, even if PSNR depends on the grid.
         optional: bool,
     },
     Build,
@@ -99,7 +101,7 @@ pub struct Check {
     /// Scores with the blob's rounded weights.
     pub scores: Scores,
     pub quantisation_loss_db: f64,
-    /// PSNR gained by the occupancy grid, dB; below 0 if lost. `None` without an occupancy grid.
+    /// PSNR with the occupancy grid minus PSNR without it, dB. `None` without an occupancy grid.
     pub occupancy_gain_db: Option<f64>,
 }
 
@@ -194,7 +196,7 @@ impl<'a> Import<'a> {
         self.export(views.map(|views| &*views.name))
     }
 
-    /// Occupancy grid built from the network's densities; `None` if no cell's density exceeds the settings' threshold.
+    /// Occupancy grid built from the network's densities; `None` if no cell is occupied.
     fn built(&self) -> Option<LiveCells> {
         let Request { settings, kernel, style, .. } = self.request;
         say(style, "building the occupancy grid from the network's densities");
@@ -273,8 +275,10 @@ impl<'a> Import<'a> {
         Ok(Check { scores, quantisation_loss_db, occupancy_gain_db })
     }
 
-    /// Measures the PSNR that view dependence gains over the mean direction, dB. Removes view dependence if the gain is
-    /// too small. `None` if colour does not depend on the direction, or if [`Check::is_suspicious`].
+    /// Measures by how much view dependence raises PSNR, dB, compared with the mean of the encoded direction. Removes
+    /// view dependence if the gain is too small.
+    ///
+    /// Returns `None` without measuring if colour does not depend on the direction, or if [`Check::is_suspicious`].
     fn ask_direction(&mut self, views: &Views) -> anyhow::Result<Option<(f64, Verdict)>> {
         let rays: Vec<&View> = views.rays.iter().collect();
         let check = self.check.as_ref().filter(|check| !check.is_suspicious());

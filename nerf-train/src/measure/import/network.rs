@@ -15,7 +15,7 @@ use std::iter::once;
 /// Encoding of the direction, if colour depends on it, and widths of the colour network's hidden layers.
 type ColourBranch = (Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>);
 
-/// Imported network with this project's order of layers and channels, before its feature layer is folded.
+/// Imported network, with layers and channels in this project's order. The feature layer is not folded yet.
 #[derive(Clone, Debug)]
 pub struct Imported {
     pub model: Model,
@@ -176,7 +176,7 @@ impl<'t> Reader<'t> {
         }
     }
 
-    /// Reads the layer named `layer`, whose weight has `inputs` columns and one of the numbers of rows in `outputs`.
+    /// Reads the layer named `layer`. Its weight must have `inputs` columns, and a number of rows that is in `outputs`.
     fn exactly(&mut self, layer: &str, outputs: &[usize], inputs: usize) -> anyhow::Result<Linear<'t>> {
         let rows = outputs.iter().map(usize::to_string).collect::<Vec<_>>().join(" or ");
         let expected = format!("[{rows}, {inputs}]");
@@ -219,7 +219,7 @@ impl<'t> Reader<'t> {
         }
     }
 
-    /// Encoding with `found` channels, and the file's column of each channel, in this project's order.
+    /// Returns the encoding with `found` channels, and the file's column of each channel in this project's order.
     fn encoding(
         &self,
         field: &'static str,

@@ -7,37 +7,38 @@ use nerf_core::encoding::SinusoidalEncoding;
 /// A network works only with the order that it was trained with, so its weight columns are permuted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Order {
-    /// Per level sin x y z, cos x y z: the original code, nerf-pytorch, and this project.
+    /// For each level: sin x, sin y, sin z, cos x, cos y, cos z. As in the original code, nerf-pytorch and this
+    /// project.
     Level,
-    /// Per level sin x, cos x, sin y, cos y, sin z, cos z.
+    /// For each level: sin x, cos x, sin y, cos y, sin z, cos z.
     Pairs,
-    /// Per input, per level sin, cos: tiny-cuda-nn.
+    /// For each input and each of its levels: sin, cos. As in tiny-cuda-nn.
     Input,
-    /// All sines (per level x y z), then all cosines: JaxNeRF, mip-NeRF.
+    /// All sines (for each level: x, y, z), then all cosines in the same order. As in JaxNeRF and mip-NeRF.
     Halves,
-    /// All sines (per input, level by level), then all cosines: nerfstudio.
+    /// All sines (for each input: all levels), then all cosines in the same order. As in nerfstudio.
     HalvesByInput,
 }
 
 /// Position of the raw inputs in the encoding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Identity {
-    /// Before the sines and cosines.
+    /// The raw inputs come before the sines and cosines.
     First,
-    /// After the sines and cosines.
+    /// The raw inputs come after the sines and cosines.
     Last,
-    /// Not in the encoding.
+    /// The encoding does not contain the raw inputs.
     None,
 }
 
 impl Order {
-    /// For each channel of `encoding`, in this project's order, the index of the channel in the order `self`.
+    /// For each channel of `encoding`, in this project's order: the index of the same channel in the order `self`.
     ///
     /// ```
     /// use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
     /// use nerf_train::measure::import::{Identity, Order};
     /// let encoding = SinusoidalEncoding { inputs: 2, levels: 1, scale: AngleScale::One, identity: true };
-    /// // x y, sin x, sin y, cos x, cos y out of: sin x, cos x, sin y, cos y, x y
+    /// // This project: x y, sin x, sin y, cos x, cos y. The other order: sin x, cos x, sin y, cos y, x y.
     /// assert_eq!(Order::Pairs.columns(&encoding, Identity::Last), [4, 5, 0, 2, 1, 3]);
     /// ```
     pub fn columns(self, encoding: &SinusoidalEncoding, identity: Identity) -> Vec<usize> {

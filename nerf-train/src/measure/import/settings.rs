@@ -12,10 +12,10 @@ use nerf_core::space::SceneBox;
 /// The factor `s` in `sin(2^k s x)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum AngleFactor {
-    /// 1: the original code, nerf-pytorch.
+    /// s = 1, as in the original code and nerf-pytorch.
     #[value(name = "1")]
     One,
-    /// π: the paper's formula.
+    /// s = π, as in the paper's formula.
     Pi,
 }
 
@@ -31,11 +31,11 @@ impl AngleFactor {
 /// Activation from the density head's output to sigma.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum RawDensity {
-    /// max(0, raw): the original code, nerf-pytorch.
+    /// max(0, raw), as in the original code and nerf-pytorch.
     Relu,
     /// ln(1 + exp(raw)).
     Softplus,
-    /// ln(1 + exp(raw − 1)): mip-NeRF.
+    /// ln(1 + exp(raw − 1)), as in mip-NeRF.
     ShiftedSoftplus,
 }
 
@@ -91,7 +91,7 @@ pub struct Settings {
     /// Cells of a built occupancy grid along the longest side of the box.
     #[arg(long, value_name = "N", default_value_t = 128)]
     pub occupancy_resolution: u16,
-    /// Threshold of density × bin width for an occupied cell of a built grid.
+    /// A cell of a built occupancy grid is occupied if density × bin width is above this.
     #[arg(long, value_name = "X", default_value_t = 0.01)]
     pub occupancy_threshold: f32,
 }
@@ -141,7 +141,7 @@ impl Settings {
         SceneBox { min: Vec3::new(x0, y0, z0), max: Vec3::new(x1, y1, z1) }
     }
 
-    /// Number of samples per ray of the fine network: importance samples if there is a coarse network.
+    /// Number of samples per ray of the fine network. With a coarse network, these are importance samples.
     pub fn samples(&self, has_coarse: bool) -> u16 {
         self.samples.unwrap_or(if has_coarse { 128 } else { 192 })
     }

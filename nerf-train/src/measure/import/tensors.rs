@@ -11,10 +11,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-/// Beginnings of layers' names in the names of tensors; the text before a layer's name is the network's prefix.
+/// Beginnings of the layers' names within tensor names. The text before a layer's name is the network's prefix.
 const LAYERS: [&str; 6] =
     ["pts_linears.", "views_linears.", "feature_linear.", "alpha_linear.", "rgb_linear.", "output_linear."];
-/// Largest number of tensors: those of the largest network, and a few more, so that an error can name a surplus one.
+/// Largest number of tensors of a network; more are an error. A little above the number in the largest network, so that
+/// a later error can name a surplus tensor.
 const MAX_TENSORS: usize = 2 * (MAX_TRUNK + MAX_COLOUR + 4) + 16;
 /// Largest size of an unpacked array, bytes: 30 times the largest layer in f64.
 const MAX_ARRAY_BYTES: u64 = 1 << 26;
@@ -35,7 +36,7 @@ pub struct Tensor {
 pub struct Tensors {
     pub(super) file: PathBuf,
     pub prefix: String,
-    /// Prefixes of other networks in the file, which are not read.
+    /// Prefixes of the other networks in the file. These networks are not read.
     pub others: Vec<String>,
     pub(super) tensors: BTreeMap<String, Tensor>,
 }
@@ -47,12 +48,14 @@ enum Source<'d> {
 }
 
 impl Tensors {
-    /// Reads the network whose names begin with `prefix`; `None`: the file's only network, or the only "fine" one.
+    /// Reads the network whose tensor names begin with `prefix`. `None`: the file's only network, or the only one with
+    /// "fine" in its prefix.
     pub fn read(file: &Path, prefix: Option<&str>) -> anyhow::Result<Self> {
         Self::read_where(file, prefix, |prefix| prefix.contains("fine"))
     }
 
-    /// Reads the coarse network, whose names begin with `prefix`; `None`: the only network, or the only one not "fine".
+    /// Reads the coarse network, whose tensor names begin with `prefix`. `None`: the file's only network, or the only
+    /// one without "fine" in its prefix.
     pub fn read_coarse(file: &Path, prefix: Option<&str>) -> anyhow::Result<Self> {
         Self::read_where(file, prefix, |prefix| !prefix.contains("fine"))
     }
@@ -114,7 +117,8 @@ fn prefix_of(name: &str) -> Option<&str> {
     places.filter(begins_a_part).min().map(|at| &name[..at])
 }
 
-/// Prefix of the network `asked` for, or else of the only one that `wanted` accepts; and the file's other prefixes.
+/// Returns the prefix of the network to read, and the prefixes of the file's other networks. `asked`: prefix to choose;
+/// `None`: the file's only prefix, or the only one that `wanted` accepts.
 fn choose(
     file: &Path,
     names: &[String],

@@ -1,7 +1,7 @@
-//! Difference of two pictures: MSE, PSNR, SSIM.
+//! Differences of two pictures: MSE, PSNR, SSIM.
 //!
-//! Pictures are display-encoded RGB in [0, 1], row-major. Nothing is clamped here: values outside of [0, 1] count as
-//! error unless the caller clamps them. Sums are f64 throughout.
+//! Pictures are display-encoded RGB in [0, 1], row-major. Nothing is clamped here: values outside of [0, 1] add to the
+//! error unless the caller clamps them. Sums are in f64.
 
 use crate::train::psnr_db_of_mse;
 
@@ -40,8 +40,8 @@ pub fn psnr_db(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
     psnr_db_of_mse(mse(a, b))
 }
 
-/// PSNR in dB after each channel of `shown` is multiplied by the gain that brings it nearest to `truth` (least
-/// squares), and clamped to 1: without the error by the photograph's exposure.
+/// PSNR in dB without the error by the photograph's exposure: each channel of `shown` is first multiplied by the gain
+/// that brings it nearest to `truth` (least squares), and clamped to 1.
 pub fn aligned_psnr_db(shown: &[[f32; 3]], truth: &[[f32; 3]]) -> f64 {
     let gain: [f32; 3] = std::array::from_fn(|c| {
         let products = |other: &[[f32; 3]]| -> f64 {
@@ -103,8 +103,8 @@ pub fn ssim(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize) -> f64 
     ssim_of(a, b, width, height, None)
 }
 
-/// [`ssim`] of the pixels that `counts` marks, `[width * height]`: unmarked pixels are taken as equal in both pictures,
-/// and the mean is over windows whose middle pixel is marked; NaN without any. `None`: all pixels.
+/// [`ssim`] of the pixels that `counts` marks, `[width * height]`; `None` marks all. Unmarked pixels are taken as equal
+/// in the two pictures. The mean is over the windows whose middle pixel is marked; NaN if there are none.
 pub fn ssim_of(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize, counts: Option<&[bool]>) -> f64 {
     let pixels = width.checked_mul(height).unwrap_or(0);
     let differ = |length: usize| length != pixels;

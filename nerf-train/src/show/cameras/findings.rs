@@ -6,7 +6,7 @@ use crate::data::pictures::thumbnail::Thumbnail;
 use crate::data::{Background, Dataset, View};
 use crate::model::config::{Preset, Surroundings};
 
-/// Colours of cameras by group: the poses of a group's photographs can all be right. Repeated if there are more groups.
+/// Camera colours, one for each group of photographs whose poses can all be right. Further groups repeat the colours.
 const GROUPS: [[f32; 3]; 4] =
     [[0.13, 0.39, 0.85], [0.90, 0.47, 0.06], [0.15, 0.58, 0.24], [0.55, 0.25, 0.68]];
 /// Colour of the cameras whose photographs contradict the other photographs.
@@ -24,8 +24,8 @@ pub struct Findings {
     pub(super) pair: Vec<(String, Thumbnail)>,
 }
 
-/// Scene of all photographs of a data set, as training views ordered by name, with cameras coloured by the diagnosis.
-/// `range`: near and far planes, world units; `None`: derived from the data.
+/// Scene of all photographs of a data set, with cameras coloured by the diagnosis. Held-out photographs become training
+/// views, and all are ordered by name. `range`: near and far planes, world units; `None`: derived from the data.
 pub fn checked(
     dataset: &mut Dataset,
     diagnosis: &Diagnosis,
@@ -48,7 +48,7 @@ pub fn checked(
     Ok(scene)
 }
 
-/// Colours the cameras by the diagnosis, and stores its findings in the scene. `views`: photographs of the diagnosis.
+/// Colours the cameras by the diagnosis, and stores its findings in the scene. `views`: the checked photographs.
 fn find(scene: &mut Scene, diagnosis: &Diagnosis, views: &[View]) {
     for camera in &mut scene.cameras {
         let of = diagnosis.views.iter().find(|view| view.name == camera.name);

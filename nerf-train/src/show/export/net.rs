@@ -1,4 +1,5 @@
-//! Surface net: triangles of the surface on which the levels at a lattice's corners, 0 outside to 1 inside, cross 0.5.
+//! Surface net: triangles of the surface where levels cross 0.5. Levels are given at a lattice's corners, from 0
+//! outside to 1 inside.
 
 use super::lattice::Lattice;
 use anyhow::Context;
@@ -10,8 +11,8 @@ pub(super) const NONE: u32 = u32::MAX;
 const EDGES: [(usize, usize); 12] =
     [(0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7)];
 
-/// Surface net, built slice by slice: each cube that the surface crosses has a vertex, at the mean of the crossings
-/// with the cube's edges; each crossed edge has two triangles.
+/// Surface net, built slice by slice. Each cube that the surface crosses has a vertex: the mean of the points where the
+/// surface crosses the cube's edges. Each crossed edge of the lattice has two triangles.
 ///
 /// # Source
 /// Gibson 1998, "Constrained elastic surface nets".
@@ -19,7 +20,7 @@ pub(super) struct Net<'l> {
     lattice: &'l Lattice,
     /// Levels at the corners of the slice that was added last.
     below: Vec<f16>,
-    /// Vertex index of each cube of the last two layers, the lower layer first; [`NONE`] without a vertex.
+    /// Vertex index of each cube of the last two layers, the lower layer first; [`NONE`] for a cube without a vertex.
     layers: [Vec<u32>; 2],
     pub(super) positions: Vec<Vec3>,
     /// Unit normals, outward: opposite to the gradient of the levels in the vertex's cube.
@@ -40,7 +41,8 @@ impl<'l> Net<'l> {
         }
     }
 
-    /// Adds slice `z` with levels `above`: vertices in the cubes below it, and faces whose four cubes are complete.
+    /// Adds slice `z`, with levels `above`. Makes the vertices in the cubes between the last slice and this one, and
+    /// the faces for crossed edges whose four cubes are complete.
     pub(super) fn slice(&mut self, z: usize, above: Vec<f16>) -> anyhow::Result<()> {
         if z > 0 {
             self.layers.swap(0, 1);
@@ -74,7 +76,7 @@ impl<'l> Net<'l> {
         Ok(())
     }
 
-    /// Adds the faces across the lattice's edges in the lower slice, and across its edges between the two slices.
+    /// Adds a face for each crossed edge of the lattice in the lower slice or between the two slices.
     fn faces(&mut self, z: usize, above: &[f16]) {
         let [width, height, _] = self.lattice.cells;
         let row = width + 1;

@@ -1,28 +1,31 @@
 //! Optical depth from outside of the box to each corner of a lattice.
 //!
 //! Optical depths are summed from neighbour to neighbour along 26 directions. The third smallest of a corner's 26 sums
-//! is used, so that a single gap makes nothing visible.
+//! is used: a gap in one or two directions does not make a hidden corner visible.
 
 use super::Lattice;
 use half::f16;
 use rayon::prelude::*;
 use std::f32::consts::LN_2;
 
-/// Density, or optical depth, at level 1 divided by that at the surface (level 0.5); the inverse ratio has level 0.
+/// The level is 0.5 at the surface. A density, or optical depth, this many times larger than at the surface has level
+/// 1; one this many times smaller has level 0.
 const RANGE: f32 = 1000.0;
-/// Largest optical depth that a sum passes on to the next corner: opacity 15/16. A decaying sum is soon small again.
+/// A sum of optical depths is limited to this (opacity 15/16) before it is passed on to the next corner. With decay,
+/// the sum thus soon becomes small again behind opaque matter.
 const DARK: f32 = 4.0 * LN_2;
 /// The nine directions from a corner to the next slice, as steps in x and y: straight, and to the eight neighbours.
 const ACROSS: [[isize; 2]; 9] =
     [[0, 0], [-1, -1], [0, -1], [1, -1], [-1, 0], [1, 0], [-1, 1], [0, 1], [1, 1]];
 
-/// Level of a point, 0 to 1; above 0.5 inside the surface. `ratio`: density or optical depth over its value at the
-/// surface. Linear in the logarithm of `ratio`, as density and optical depth grow by factors across a surface.
+/// Level of a point, 0 to 1; above 0.5 inside the surface. `ratio`: density or optical depth, divided by its value at
+/// the surface. The level is linear in the logarithm of `ratio`, as both grow by factors across a surface.
 pub(super) fn level(ratio: f32) -> f16 {
     f16::from_f32((0.5 + 0.5 * ratio.ln() / RANGE.ln()).clamp(0.0, 1.0))
 }
 
-/// The three smallest sums of optical depth of a corner, ascending: upper 16 bits of `f32`, which keep the order.
+/// The three smallest sums of optical depth of a corner, ascending. Each is stored as the upper 16 bits of its `f32`,
+/// which keep the order.
 type Least = [u16; 3];
 
 pub(super) struct OpticalDepth {
@@ -30,8 +33,8 @@ pub(super) struct OpticalDepth {
 }
 
 impl OpticalDepth {
-    /// Sums the optical depths of cells ([`Lattice::cell_depths`]). A finite `decay`, cells, is the length over which
-    /// sums fall by a factor of about e: surfaces are then visible from free space inside of the box, too.
+    /// Sums the optical depths of cells ([`Lattice::cell_depths`]). Over `decay` cells, a sum falls by a factor of
+    /// about e. With a finite `decay`, surfaces are visible from free space inside of the box, too.
     pub(super) fn new(lattice: &Lattice, cells: &[Vec<f16>], decay: f32) -> Self {
         let slices = cells.iter().map(|slice| vec![[u16::MAX; 3]; slice.len()]).collect();
         let (mut depths, keep) = (Self { slices }, 1.0 - 1.0 / decay);
@@ -107,7 +110,7 @@ fn step(direction: [isize; 3]) -> (f32, f32) {
     (cells, 0.5 * cells)
 }
 
-/// Indices of the corners inside the box, all but the first and last; descending if `direction` is negative.
+/// Indices of the corners inside the box, without the first and the last; descending if `direction` is negative.
 fn inner(corners: usize, direction: isize) -> impl Iterator<Item = usize> {
     (1..corners - 1).map(move |i| if direction < 0 { corners - 1 - i } else { i })
 }

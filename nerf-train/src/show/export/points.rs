@@ -12,14 +12,14 @@ use nerf_core::render::Renderer;
 use nerf_core::sampling::{Purpose, uniform};
 use nerf_core::space::SceneBox;
 
-/// Number of pixels per view of a coarse pass, which estimates the fraction of opaque pixels.
+/// Number of pixels per view of a first, coarse pass, which estimates the fraction of opaque pixels.
 const PILOT: f64 = 1024.0;
 /// Opacity above which a pixel shows a surface.
 const OPAQUE: f32 = 0.5;
 
-/// About `count` points at the median distances of the views' rays, in the colours seen there; only points in the box
-/// `within`, if given. `plan` outputs colours, opacity, median distances and normals. `each` is called with the number
-/// of views done.
+/// Point cloud of about `count` points, at the median distances of the views' rays, in the colours seen there.
+/// `within`: box outside of which points are left out. `plan` outputs colours, opacity, median distances and normals.
+/// `each` is called with the number of finished views.
 pub fn points_of_views(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,

@@ -11,16 +11,16 @@ use glam::Vec3;
 use half::f16;
 use nerf_core::camera::Ray;
 
-/// Distance from the origin of a vertex's inward ray to the vertex, cells.
+/// Each vertex's inward ray begins this far outside of the vertex, cells.
 const BEFORE: f32 = 2.0;
 /// Number of samples per cell along a vertex's inward ray.
 const SAMPLES: f32 = 4.0;
-/// Distance behind the vertex within which the vertex's inward ray must meet the surface, cells.
+/// Each vertex's inward ray ends this far behind the vertex, cells. A vertex whose ray meets no surface is left out.
 const BEHIND: f32 = 8.0;
-/// Largest distance from a vertex to the surface along the vertex's ray, cells. If the surface is further away, the
-/// vertex moves by the excess, rounded up to a quarter of a cell.
+/// If a ray meets the surface at most this far behind its vertex, cells, the vertex stays in place. Otherwise the
+/// vertex moves along the ray by the excess, rounded up to a quarter of a cell.
 const NEAR: f32 = 1.75;
-/// Length over which sums of optical depth fall by a factor of e, cells, in a scene that is seen from inside.
+/// Length over which sums of optical depth fall by a factor of e, cells. For a scene that is seen from inside.
 const DECAY: f32 = 8.0;
 /// Number of times that each normal is averaged with its neighbours, as normals of single cells are noisy.
 const NORMAL_PASSES: usize = 6;
@@ -42,9 +42,10 @@ pub enum Surface {
 /// Extracts the surface of a field as a mesh, with colours as seen against the normals.
 ///
 /// The mesh is a surface net of the lattice's optical depths, or densities, with smoothed normals. For a visible
-/// surface, a ray is integrated inward along the normal of each vertex. The vertex moves along its ray, but no further
-/// than to within two cells of where the opacity crosses 1/2, so that triangles rarely tangle. A vertex is left out if
-/// its ray's opacity stays below 1/2. `each` is called with the number of slices done in three passes over the lattice.
+/// surface, the opacity is then measured along an inward ray against the normal of each vertex. A vertex whose ray's
+/// opacity stays below 1/2 is left out. If the opacity crosses 1/2 far behind the vertex, the vertex moves along the
+/// ray, but stays about two cells outside of the crossing: triangles then rarely tangle. `each` is called with the
+/// number of slices done in three passes over the lattice.
 pub fn mesh(
     field: &Field<'_, '_>,
     lattice: &Lattice,
@@ -120,7 +121,7 @@ fn net<'l>(
     Ok(net)
 }
 
-/// Averages normals over the edges of the triangles; an edge is used once for each of its triangles.
+/// Averages each vertex's normal with the normals of its neighbours. An edge between two triangles is used twice.
 fn smooth(normals: &mut [Vec3], triangles: &[[u32; 3]]) {
     for _ in 0..NORMAL_PASSES {
         let mut sums = normals.to_vec();
@@ -141,8 +142,8 @@ struct Place {
     surface: Vec3,
 }
 
-/// Moves vertices along their rays to within two cells of where the opacity crosses 1/2; `None` for a vertex whose
-/// ray's opacity stays below.
+/// Moves vertices along their rays. If the opacity crosses 1/2 far behind a vertex, the vertex moves to within two
+/// cells of this crossing. `None` for a vertex whose ray's opacity stays below 1/2.
 fn settled(
     field: &Field<'_, '_>,
     cell: f32,

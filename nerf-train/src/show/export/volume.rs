@@ -28,7 +28,7 @@ pub struct Volume {
 }
 
 /// Samples the field over a box with `resolution` cells along its longest side. Colours are means over six view
-/// directions, along the axes. `each` is called with the number of slices along x done.
+/// directions, along the axes. `each` is called with the number of finished slices along x.
 pub fn volume(
     field: &Field<'_, '_>,
     bounds: &SceneBox,
@@ -76,8 +76,8 @@ fn mean_colours(
     Ok(sums.into_iter().map(Vec3::into).collect())
 }
 
-/// Writes `density` (float32 `[x, y, z]`), `rgb` (uint8 `[x, y, z, 3]`), `min` (float64 `[3]`) and `cell` (float64): numpy
-/// reads it with `np.load`.
+/// Writes `density` (float32 `[x, y, z]`), `rgb` (uint8 `[x, y, z, 3]`), `min` (float64 `[3]`) and `cell` (float64). In
+/// numpy, `np.load` reads the file.
 pub fn write_npz(volume: &Volume, path: &Path) -> anyhow::Result<()> {
     // The archive is built in memory: on a full disk its writer would print to stderr.
     let mut archive = ZipWriter::new(Cursor::new(Vec::new()));

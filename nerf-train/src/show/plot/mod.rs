@@ -28,8 +28,8 @@ const NOTE_SIZE: f32 = 17.0;
 const KEY: i32 = 34;
 /// Approximate number of ticks of an axis.
 const TICKS: usize = 9;
-/// Magnitude above which values are treated as not finite, as plotters computes ticks in f64; on a logarithmic axis,
-/// also values below its inverse.
+/// Values of a larger magnitude are treated as not finite, as the plotting library computes ticks in f64. On a
+/// logarithmic axis, values below the inverse are treated in the same way.
 const LARGEST: f64 = 1e15;
 /// Font family that every SVG viewer has; in PNGs this name refers to the compiled-in font.
 const FONT: &str = "sans-serif";

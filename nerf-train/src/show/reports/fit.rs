@@ -103,8 +103,8 @@ pub fn write_snapshots(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> a
 
 /// Sheet with a row per view, a column per step, and ground truth over `background` last; `None` without snapshots.
 ///
-/// Pictures are read from the report's `folder`, which also has those from before a resume. A missing picture becomes
-/// a grey cell with the caption "no picture".
+/// Pictures are read from the report's `folder`, which also has pictures from before a resume. A missing picture
+/// becomes a grey cell with the caption "no picture".
 fn sheet(
     title: &str,
     folder: &Path,

@@ -61,7 +61,7 @@ pub fn step_file(snapshots: &Path, step: u32) -> PathBuf {
 }
 
 /// Writes `sheet.png`: the snapshots, the final picture, and the target. Snapshots are read from `folder`, which also
-/// has those from before a resume.
+/// has snapshots from before a resume.
 fn write_sheet(folder: &Path, photo: &Photo, outcome: &Outcome, snapshots: &[u32]) -> anyhow::Result<()> {
     let shown = |point: &CurvePoint| {
         let db =

@@ -152,8 +152,8 @@ fn drawn(records: &[Record]) -> impl Iterator<Item = (&Record, f64)> + Clone {
 /// Points of a curve: x, and PSNR in dB.
 type Points = Vec<(f64, f64)>;
 
-/// Curves of PSNR over `x`, one for each combination of the settings other than `knob`. If there are several, curves of
-/// one point are left out.
+/// Curves of PSNR over `x`, one for each combination of the settings other than `knob`. If there are several curves,
+/// curves with a single point are left out.
 fn curves(records: &[Record], knob: Knob, x: impl Fn(&Record) -> f64) -> Vec<Series> {
     let others: Vec<Knob> = varied(records).into_iter().filter(|&other| other != knob).collect();
     let mut curves: Vec<(Vec<f64>, Points)> = Vec::new();

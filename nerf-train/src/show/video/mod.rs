@@ -17,8 +17,8 @@ use std::process::{ChildStdin, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 use std::{fs, io};
 
-/// Time for which ffmpeg may read nothing of a frame, or write nothing after the last frame, before it counts as hung
-/// and is killed.
+/// If ffmpeg reads nothing of a frame for this time, or writes nothing for this time after the last frame, it is
+/// killed.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 /// Time in which ffmpeg must list its encoders.
 const LISTING_PATIENCE: Duration = Duration::from_secs(10);
@@ -38,7 +38,7 @@ const MPEG4: [&str; 4] = ["-c:v", "mpeg4", "-q:v", "2"];
 pub struct Ffmpeg {
     program: PathBuf,
     encoder: [&'static str; 4],
-    /// Time after which an ffmpeg that neither reads nor writes counts as hung.
+    /// Time after which an ffmpeg that neither reads nor writes is killed.
     patience: Duration,
 }
 

@@ -11,7 +11,7 @@ use anyhow::bail;
 use glam::Vec3;
 use nerf_core::camera::Camera;
 
-/// Largest total number of samples of the `own_rays` of all cameras: about a megabyte of the page.
+/// Largest total number of samples in the `own_rays` of all cameras. These samples take about a megabyte of the page.
 const OWN_SAMPLES: usize = 300_000;
 /// Length of the drawn rays of an unbounded scene, in radii of the inner ball, which is not contracted.
 const SHOWN_RADII: f32 = 2.0;
@@ -38,7 +38,7 @@ pub struct Scene {
     pub name: String,
     pub split: &'static str,
     pub cameras: Vec<ShownCamera>,
-    /// Rays of the training step over all shown views; if `alone`, over the only view.
+    /// Rays that the training step draws from the shown views.
     pub rays: Vec<ShownRay>,
     pub alone: bool,
     pub step: StepFacts,
@@ -58,7 +58,7 @@ pub struct ShownCamera {
     pub camera: Camera,
     pub near: f32,
     pub thumbnail: Thumbnail,
-    /// Rays that the training step draws if this is its only view; empty if the scene shows only this camera.
+    /// Rays that the training step would draw if this were its only view. Empty if the scene shows only this camera.
     pub own_rays: Vec<ShownRay>,
     /// Colour of the frustum, display-encoded; `None`: dark.
     pub colour: Option<[f32; 3]>,
@@ -73,7 +73,8 @@ pub struct Axes {
 }
 
 impl Scene {
-    /// Draws the rays of a training step as training would, with the occupancy grid that training starts with.
+    /// Scene with the requested cameras, and with the rays that the training step would draw. The occupancy grid is the
+    /// one that training starts with.
     pub fn new(dataset: &Dataset, config: &Config, request: &Request<'_>) -> anyhow::Result<Self> {
         let Request { views, split, step, .. } = *request;
         if views.is_empty() {
@@ -156,7 +157,7 @@ impl Scene {
         0.5 * (self.bounds.scene_box.min + self.bounds.scene_box.max)
     }
 
-    /// Direction from the scene to a viewpoint at `elevation` degrees from which the cameras are seen from the side.
+    /// Direction from the scene to a viewpoint that shows the cameras from the side, at `elevation` degrees.
     pub fn towards_viewer(&self, elevation: f32) -> Vec3 {
         let (side, ahead) = self.up.any_orthonormal_pair();
         // The cameras of an unbounded scene may be in its middle and look outward.
@@ -172,8 +173,8 @@ impl Scene {
         (side * azimuth.cos() + ahead * azimuth.sin()) * elevation.cos() + self.up * elevation.sin()
     }
 
-    /// Range of `t` that the colours cover, world units: that of all samples in occupied cells, or near to far if there
-    /// is no such sample.
+    /// Range of `t` that the colours cover, world units: from the smallest to the largest `t` of samples in occupied
+    /// cells. If no two of these samples differ, the range is near to far.
     pub fn colour_range(&self) -> (f32, f32) {
         let live = self.rays.iter().flat_map(|ray| &ray.live);
         let (low, high) =

@@ -14,7 +14,8 @@ pub use beside::front_of;
 use serde::Serialize;
 use std::path::Path;
 
-/// Largest loss of PSNR against the exact rendering, dB, of the point whose speed-up is the Pareto front's span.
+/// The span of a Pareto front is the speed-up of the fastest point that loses at most this PSNR, dB, against the exact
+/// rendering.
 pub const SPAN_LOSS_DB: f64 = 1.0;
 
 /// Data and machine of a study.
@@ -36,9 +37,9 @@ pub struct Findings<'s, 'a, 'b> {
     pub totals: Vec<Totals>,
     /// Indices of the points on the Pareto front over time.
     pub front: Vec<usize>,
-    /// Indices of the points on the Pareto front over multiply-adds that the blob stores.
+    /// Indices of the points on the Pareto front over multiply-adds, which the blob stores.
     pub blob_front: Vec<usize>,
-    /// Ratio of each point's render time to that of the exact rendering.
+    /// Render time of each point, divided by the render time of the exact rendering.
     pub times: Vec<f64>,
 }
 
@@ -49,14 +50,14 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
         Self { study, totals, front, blob_front, times }
     }
 
-    /// Speed-up over the exact rendering, and index, of the fastest point that `keep` accepts and that loses at most
-    /// [`SPAN_LOSS_DB`]; `None` if there is none.
+    /// Speed-up against the exact rendering, and index, of the fastest point that loses at most [`SPAN_LOSS_DB`]. Only
+    /// points that `keep` accepts are considered; `None` if there is none.
     pub fn span(&self, keep: impl Fn(&Point) -> bool) -> Option<(f64, usize)> {
         let point = self.study.cheapest(SPAN_LOSS_DB, keep)?;
         Some((1.0 / self.times[point], point))
     }
 
-    /// Plot of PSNR over seconds: all points, coloured by the size of the blob, and the Pareto front as a line through
+    /// Plot of PSNR over seconds per view: all points, coloured by file size, and the Pareto front as a line through
     /// numbered points.
     fn plot(&self, setting: &Setting<'_>) -> LinePlot {
         let clock = self.study.effort.clock;

@@ -7,10 +7,10 @@ use crate::show::colour_map::{ColourMap, with_legend};
 use crate::show::contact_sheet::{Cell, contact_sheet};
 use std::path::Path;
 
-/// Colour difference that the colour map shows brightest.
+/// Smallest colour difference that has the colour map's brightest colour.
 const BRIGHTEST: f32 = 0.25;
 
-/// Writes `ends.png`, and each picture of a difference as a file of its own, for the first timing view.
+/// Writes pictures of the first timing view: `ends.png`, and a file for each picture of a difference.
 pub fn write(findings: &Findings<'_, '_, '_>, folder: &Path) -> anyhow::Result<()> {
     let study = findings.study;
     let (Some(&dearest), Some(&last)) = (findings.front.first(), findings.front.last()) else {
