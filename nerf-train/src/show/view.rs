@@ -38,7 +38,7 @@ impl Output {
         matches!(self, Self::RayDistance | Self::ZDepth | Self::MedianDistance)
     }
 
-    /// Suffix of the output's file name. The first of the requested outputs has none.
+    /// Suffix of the output's file name. The file of the first requested output is written without a suffix.
     pub fn suffix(self) -> &'static str {
         match self {
             Self::Rgb | Self::All => "rgb",

@@ -13,7 +13,7 @@ use serde::{Serialize, Serializer};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Largest number of curves that can be told apart in a plot.
+/// Largest number of curves in a plot. More curves cannot be told apart, and are merged.
 const MAX_SERIES: usize = 7;
 /// Longest side of a picture on the sheet, pixels.
 const THUMBNAIL: usize = 256;
