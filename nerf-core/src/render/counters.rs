@@ -1,4 +1,4 @@
-//! Counters of a render's work, with which tests check without timing that a frame runs only the stages it needs.
+//! Counters of a render's work. With these counters, tests check that a frame runs only the stages it needs.
 
 use crate::network::Network;
 
@@ -9,9 +9,10 @@ pub struct Counters {
     pub rays: u64,
     /// Number of samples at which the scene's network was evaluated.
     pub samples_kept: u64,
-    /// Number of samples that were not evaluated: outside the box, in empty cells, or behind the transmittance
-    /// threshold. Kept and skipped samples of a ray add up to the plan's number of samples per ray, or to more on a ray
-    /// whose path through the box is longer than `near..far`: samples continue there with the same spacing.
+    /// Number of samples that were not evaluated: outside the box, in empty cells, or after the ray had ended. Each ray
+    /// adds the plan's number of samples per ray (with a proposal network, including its samples) minus `samples_kept`
+    /// of the ray, but at least 0. A ray may keep more samples than planned: if its path through the box is longer than
+    /// `near..far`, samples continue there with the same spacing.
     pub samples_skipped: u64,
     /// Number of evaluations of the proposal network, not included in `samples_kept`.
     pub proposal_evaluations: u64,
@@ -22,11 +23,11 @@ pub struct Counters {
     pub colour_evaluations: u64,
     /// Number of density gradients computed for normals, each by a forward and a backward pass of the trunk.
     pub normal_evaluations: u64,
-    /// Number of multiply-adds in the layers of network and proposal network. Reads of the encoding's grid tables are
-    /// not included: [`Architecture::table_reads`](crate::network::Architecture::table_reads) per density evaluation.
+    /// Number of multiply-adds in the layers of network and proposal network. Reads of grid tables are not included:
+    /// one density evaluation reads [`Architecture::table_reads`](crate::network::Architecture::table_reads) entries.
     pub macs: u64,
-    /// Number of invalid network outputs: NaN densities, also of the proposal network, which are rendered as 0; NaN
-    /// colours, rendered as black; and density gradients that are not finite, which are left out of normals.
+    /// Number of invalid network outputs. A NaN density, also one of the proposal network, is rendered as 0, and a NaN
+    /// colour as black. A density gradient that is not finite is left out of the normal.
     pub invalid_samples: u64,
 }
 
@@ -38,13 +39,13 @@ impl Counters {
         self.macs += (n * network.architecture().density_macs()) as u64;
     }
 
-    /// Counts `n` evaluations of the colour branch, without the work on the direction, which is counted once per ray.
+    /// Counts `n` evaluations of the colour branch, except for the part that depends on the direction alone.
     pub(super) fn add_colour(&mut self, network: &Network<'_>, n: usize) {
         self.colour_evaluations += n as u64;
         self.macs += (n * (network.architecture().colour_macs() - network.direction_macs())) as u64;
     }
 
-    /// Returns `colour`. A colour with a NaN channel is counted as invalid, and black is returned.
+    /// Returns `colour`, or black if a channel of `colour` is NaN. A NaN colour is counted as invalid.
     pub(super) fn or_black(&mut self, colour: [f32; 3]) -> [f32; 3] {
         if colour.iter().any(|c| c.is_nan()) {
             self.invalid_samples += 1;

@@ -12,12 +12,12 @@ errors! {
     RenderError:
     /// An image of a 2D field was requested, but the blob holds a scene.
     NotAPicture => "blob: expected a 2D field, found a scene";
-    /// The plan was made for another blob than the renderer.
+    /// The plan and the renderer were made for different blobs.
     OtherScene => "plan: expected one of this scene, found one of another";
-    /// An image of a 2D field with a side of 0 or above [`MAX_RENDER_SIDE`](super::MAX_RENDER_SIDE).
+    /// A side of the requested image of a 2D field is 0 or above [`MAX_RENDER_SIDE`](super::MAX_RENDER_SIDE).
     Size { width: u32, height: u32 } =>
         "size: expected sides of 1 to {MAX_IMAGE_SIDE} pixels, found {width}x{height}";
-    /// A batch without rays or samples, with more than [`Batch::MAX_RAYS`] rays or with more than 64 samples.
+    /// The batch has no rays or no samples, more than [`Batch::MAX_RAYS`] rays, or more than 64 samples.
     Batch { found: Batch } => "{error}", error = PlanError::Batch { found: *found };
     /// The rectangle is not inside the image of `width` × `height` pixels.
     Rect { rect: Rect, width: u32, height: u32 } =>
@@ -27,7 +27,8 @@ errors! {
     Memory { expected: usize, found: usize } => "workspace: expected {expected} lines of 64 bytes, found {found}";
     /// The blob's parameters or grid tables do not fit its architecture.
     Network => "network: expected the parameters and tables of its architecture, found others";
-    /// Entropy-coded grid tables that cannot be decoded. [`Blob::open`](crate::blob::Blob::open) already refuses them.
+    /// The blob's entropy-coded grid tables cannot be decoded. [`Blob::open`](crate::blob::Blob::open) already refuses
+    /// the blob; [`Blob::open_undecoded`](crate::blob::Blob::open_undecoded) accepts it.
     Tables(error: BlobError) => "{error}";
     /// The image has more pixels than fit into free memory.
     #[cfg(all(feature = "std", not(target_os = "none")))]
@@ -36,16 +37,16 @@ errors! {
     /// The slices passed to [`Worker::query`](super::Worker::query) differ in length.
     Lengths { positions: usize, dirs: usize, sigma: usize, rgb: usize } =>
         "query: expected slices of one length, found positions {positions}, dirs {dirs}, sigma {sigma}, rgb {rgb}";
-    /// A caller's ray whose origin is not finite or whose direction is not of unit length.
+    /// The caller's ray at `index` has an origin that is not finite, or a direction that is not of unit length.
     Ray { index: usize } => "rays[{index}]: expected a finite origin and a direction of unit length";
-    /// A caller's ray whose visible distances do not satisfy `0 <= t_min <= t_max`.
+    /// The caller's ray at `index` does not satisfy `0 <= t_min <= t_max`, or its `t_min` is infinite.
     RayRange { index: usize, t_min: f32, t_max: f32 } =>
         "rays[{index}]: expected 0 <= t_min <= t_max, found t_min {t_min}, t_max {t_max}";
-    /// A random number outside `[0, 1]`, a ray without a number, or a number without a ray, at `index`.
+    /// The random number at `index` is not in `[0, 1]`, or there is no ray or no random number at `index`.
     Random { index: usize } => "random[{index}]: expected a number in [0, 1] for every ray and no more";
     /// The axis along which z_depth is measured is not of unit length.
     Axis { found: [f32; 3] } => "axis: expected a vector of unit length, found {found:?}";
-    /// The caller passes rays, but the plan has several rays per pixel or an aperture, effects that only a camera has.
+    /// The caller passes rays, but the plan has an effect that needs a camera: anti-aliasing or depth of field.
     CameraEffects => "effects: expected no anti-aliasing and no aperture, which are a camera's, for rays";
     /// The list of instances is empty.
     #[cfg(feature = "instances")]
@@ -53,7 +54,7 @@ errors! {
     /// The instance at `index` cannot be rendered together with the other instances.
     #[cfg(feature = "instances")]
     Instance { index: usize, problem: InstanceProblem } => "instances[{index}]: {problem}";
-    /// A queried point's direction is not of unit length, although colour is requested.
+    /// The queried direction at `index` is not of unit length. Directions are checked only if colour is requested.
     Direction { index: usize, found: [f32; 3] } =>
         "dirs[{index}]: expected a vector of unit length, found {found:?}";
 }
@@ -71,10 +72,10 @@ errors! {
     InstanceProblem:
     /// The instance's plan was made for another blob than the instance's renderer.
     OtherScene => "expected a plan of this scene, found one of another";
-    /// The instance's outputs, effects or batch differ from those of the last instance.
+    /// The instance's outputs, effects and batch are not all equal to the last instance's.
     OtherRequest => "expected outputs, effects and batch of the last instance, found others";
     /// The instance's plan uses a proposal network: [`Quality::proposal`](crate::plan::Quality) must be off.
     Proposal => "expected a plan without a proposal network, found one with it";
-    /// An unbounded scene that is not the last instance.
+    /// The instance is an unbounded scene, but not the last instance. Only the last instance may be unbounded.
     Unbounded => "expected an unbounded scene as the last instance alone, found one in front of it";
 }

@@ -1,4 +1,4 @@
-//! Report of a frame: which stages run, why other stages are off, and, given counters, the work of each stage.
+//! Report of a frame: which stages run, why other stages are off, and if counters are given, the work of each stage.
 
 use super::Counters;
 use super::field::Field;
@@ -33,12 +33,12 @@ impl Switch {
         if asked { Self::On } else { Self::NotAskedFor }
     }
 
-    /// State of a stage that is in this build if `built`, and that the request needs if `asked`.
+    /// State of a stage. `built`: whether this build has the stage. `asked`: whether the request needs the stage.
     fn built(built: bool, asked: bool) -> Self {
         if built { Self::asked(asked) } else { Self::NotBuilt }
     }
 
-    /// Returns `other` if `self` is on, else `self`, the reason why the stage is off.
+    /// Returns `other` if `self` is on. Otherwise returns `self`, which is the reason why the stage is off.
     fn and(self, other: Self) -> Self {
         if self == Self::On { other } else { self }
     }
@@ -71,7 +71,7 @@ impl Explanation<'_> {
         Self { counters: Some(counters), ..self }
     }
 
-    /// Replaces the reported size of the workspace by `bytes`, for a program that needs more memory than the renderer.
+    /// Replaces the reported size of the workspace by `bytes`. For programs that need more memory than the renderer.
     pub fn with_workspace(self, bytes: usize) -> Self {
         Self { workspace: bytes, ..self }
     }
@@ -245,7 +245,7 @@ impl fmt::Display for Explanation<'_> {
     }
 }
 
-/// Multiply-adds of a frame, stage by stage; the sum over all stages is [`Counters::macs`].
+/// Multiply-adds of a frame, split by stage. The sum of all stages is [`Counters::macs`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shares {
     /// Multiply-adds of the proposal network.

@@ -13,7 +13,7 @@ use crate::memory::{Layout, head, put};
 use crate::space::SceneBox;
 use glam::Vec3;
 
-/// The stages of one field's frames, with their buffers.
+/// All stages that render the frames of one field, with the buffers of each stage.
 pub(super) struct Frame<'f, 'w> {
     proposer: &'f Proposer<'f>,
     tile: TileState<'f, 'w>,
@@ -25,7 +25,8 @@ pub(super) struct Frame<'f, 'w> {
 }
 
 impl<'f, 'w> Frame<'f, 'w> {
-    /// Reserves the buffers of all stages, but not of [`Pixels`], in `layout`, which measures or allocates memory.
+    /// Reserves the buffers of all stages in `layout`, which measures or allocates memory. The buffers of [`Pixels`]
+    /// are reserved separately.
     pub fn lay_out(
         layout: &mut impl Layout<'w>,
         field: Field<'f>,
@@ -53,14 +54,14 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
     }
 
-    /// Returns a function from the camera's position to the distance of pixels that show no surface, world units.
+    /// Returns a function from the camera's position to the distance stored for pixels without a surface, world units.
     pub fn far(&self) -> impl Fn(Vec3) -> f32 + use<'f> {
         let plan = self.tile.field.plan;
         move |eye| plan.far_from(eye)
     }
 
-    /// Renders one ray of each pixel of the tile. With `COLLIDE`, each ray ends where a photon collides with the field,
-    /// at a point drawn by the ray's random number.
+    /// Renders one ray of each pixel of the tile. With `COLLIDE`, the ray's random number selects the point at which a
+    /// photon collides with the field, and the ray ends there.
     #[inline(never)]
     pub fn turn<M: Math, const COLLIDE: bool>(
         &mut self,
@@ -114,7 +115,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         true
     }
 
-    /// Computes density and colour at `points` (position, direction), at most as many as a block has samples.
+    /// Computes density and colour at `points`, pairs of position and direction; at most one block of points.
     pub fn points(
         &mut self,
         points: impl Iterator<Item = (Vec3, Vec3)>,

@@ -1,10 +1,11 @@
-//! Rendering of one frame, in the caller's memory: from rays over occupied samples and the network to pixels.
+//! Rendering of one frame, in the caller's memory: rays are marched, the network is evaluated at their samples, and the
+//! results are composited to pixels.
 //!
-//! A tile's rays are marched front to back (`march`). A block holds the next occupied sample of as many active rays as
-//! fit, and trunk and density head are evaluated for the whole block. Rays above the transmittance threshold have their
-//! next sample in a later block. Samples that need a colour are collected until they fill a block for the colour
+//! A tile's rays are marched front to back (`march`). The next occupied samples of the active rays form a block, and
+//! trunk and density head are evaluated for the whole block. A ray whose transmittance is still above the threshold has
+//! its next sample in a later block. Samples that need a colour are collected until they fill a block for the colour
 //! branch. With deferred shading, the trunk's output `h` is composited along the ray instead, and the colour branch is
-//! evaluated once per ray after the march. Neither pixels nor work depend on the size of tile or batch. A 2D field has
+//! evaluated once per ray after the march. Pixels and work do not depend on the size of tile or batch. A 2D field has
 //! no rays: its pixels are evaluated block by block (`picture`).
 
 mod counters;

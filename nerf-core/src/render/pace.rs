@@ -1,4 +1,4 @@
-//! Measured times of a frame on this host, from which the settings that meet a limit in milliseconds are chosen.
+//! Measured times of a frame on this host. With these times, settings are chosen that meet a limit in milliseconds.
 
 use super::error::check_memory;
 use super::{Rect, RenderError, Renderer};
@@ -11,12 +11,12 @@ use crate::volume::Pixel;
 #[cfg(test)]
 mod tests;
 
-/// Approximate number of pixels rendered to time a frame: a few per cent of a small image, yet enough to fill blocks.
+/// Approximate number of pixels rendered to time a frame: few for most images, but enough to fill blocks of samples.
 const SAMPLED_RAYS: u64 = 2048;
 
-/// Measured time of a frame, milliseconds, with the settings of each point on a scene's Pareto front.
+/// Measured times of a frame, milliseconds: one time for the settings of each point on a scene's Pareto front.
 ///
-/// Valid for one host, camera and number of threads; made by [`Pace::measure`].
+/// Valid for one host, camera and number of threads. Made by [`Pace::measure`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pace {
     /// Time of a frame, by the index of the point on the Pareto front; infinity if the point was not measured.
@@ -24,14 +24,14 @@ pub struct Pace {
 }
 
 impl Pace {
-    /// Times before any measurement: infinity at every point.
+    /// No measurements: the time is infinity at every point.
     pub const UNKNOWN: Self = Self { milliseconds: [f32::INFINITY; MAX_FRONT] };
 
-    /// Returns a point of the blob's Pareto front and its measured time: the point of highest PSNR among those that
-    /// take at most `milliseconds`. Among points of equal PSNR the cheapest is returned.
+    /// Returns a point of the blob's Pareto front and its measured time: the point of highest PSNR among the points
+    /// that take at most `milliseconds`. If several points have this PSNR, returns the cheapest.
     ///
-    /// If every point takes longer, returns the fastest, with [`Choice::within`] false. `None` without a Pareto front,
-    /// or if no point was measured.
+    /// If every point takes longer, returns the fastest point, with [`Choice::within`] false. Returns `None` if the
+    /// blob has no Pareto front or no point was measured.
     pub fn within(&self, blob: &Blob<'_>, milliseconds: f32) -> Option<(Choice, f32)> {
         let timed = || {
             let known = |(_, time): &(Choice, f32)| time.is_finite();
@@ -55,17 +55,17 @@ impl Pace {
         lines.max().unwrap_or(0)
     }
 
-    /// Measures the time of a frame on one thread with each of the settings on the scene's Pareto front.
+    /// Measures the time of a frame on one thread, with the settings of each point on the scene's Pareto front.
     ///
-    /// `plan`: plan of a frame, whose [`Quality`] is replaced by that of each point. `clock`: returns microseconds
-    /// since a fixed moment, never decreasing. About 2,048 pixels are timed, every n-th pixel of every n-th row of the
-    /// whole view, since single tiles may be empty. Points are measured in order of rising cost; each is rendered
-    /// twice, and the shorter time counts. Once a frame would take more than `limit_milliseconds`, points of higher
-    /// cost are not measured: for an image far larger than the timed pixels, the whole measurement takes little longer
-    /// than one frame at the limit. A scene without a Pareto front yields [`Pace::UNKNOWN`].
+    /// `plan`: plan of a frame; its [`Quality`] is replaced by the settings of each point. `clock`: returns
+    /// microseconds since a fixed moment, never decreasing. About 2,048 pixels are rendered (every n-th pixel of every
+    /// n-th row, since a single tile may be empty), and the time is scaled to the whole frame. Points are measured in
+    /// order of rising cost. Each is rendered twice, and the shorter time is used. Once a point takes more than
+    /// `limit_milliseconds`, points of higher cost are not measured: in a large image, the whole measurement takes
+    /// little longer than one frame at the limit. A scene without a Pareto front yields [`Pace::UNKNOWN`].
     ///
     /// # Errors
-    /// [`RenderError::Memory`] on less workspace than [`Pace::lines`] says.
+    /// [`RenderError::Memory`] if `workspace` has fewer lines than [`Pace::lines`] returns.
     pub fn measure(
         renderer: &Renderer<'_>,
         plan: &Plan<'_>,
@@ -103,7 +103,7 @@ impl Pace {
     }
 }
 
-/// Horizontal and vertical distance between timed pixels, pixels: equal, unless an image side is shorter than that.
+/// Horizontal and vertical distance between timed pixels, pixels. Equal unless one side of the image is shorter.
 fn steps(camera: &Camera) -> (u32, u32) {
     let i = camera.intrinsics();
     let (width, height) = (u64::from(i.width), u64::from(i.height));

@@ -13,7 +13,7 @@ mod tests;
 
 /// Longest side of an image of a 2D field, pixels; the same limit as for a camera's image.
 ///
-/// Up to this size, all columns and rows of pixels have different f32 coordinates, and no coordinate is rounded to 1.
+/// Up to this size, neighbouring pixels have different f32 coordinates, and no pixel's coordinate is rounded to 1.
 pub const MAX_RENDER_SIDE: u32 = MAX_IMAGE_SIDE;
 
 /// Workspace for an image of a 2D field: one block of pixels.

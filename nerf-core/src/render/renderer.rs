@@ -38,9 +38,9 @@ impl<'a> Renderer<'a> {
     /// Makes the renderer of a scene for `kernel`: unpacks weights and decodes tables into `memory`, once.
     ///
     /// # Errors
-    /// [`RenderError::Memory`] if `memory` is smaller than [`Renderer::prepared_lines`] says, [`RenderError::Tables`]
-    /// on invalid coded tables of a blob that was opened undecoded, and [`RenderError::Network`] if the blob's
-    /// parameters or tables do not fit its architecture.
+    /// [`RenderError::Memory`] if `memory` has fewer lines than [`Renderer::prepared_lines`] returns.
+    /// [`RenderError::Tables`] on invalid coded tables, if the blob was opened by [`Blob::open_undecoded`].
+    /// [`RenderError::Network`] if the blob's parameters or tables do not fit its architecture.
     pub fn new(blob: Blob<'a>, kernel: Kernel, memory: &'a mut [Line]) -> Result<Self, RenderError> {
         check_memory(Self::prepared_lines(&blob, kernel), memory)?;
         let mut prepared = Prepared::lay_out(&mut Arena::new(memory), &blob, kernel);
@@ -54,7 +54,7 @@ impl<'a> Renderer<'a> {
         Ok(Self { blob, network, proposer, occupied })
     }
 
-    /// Returns a renderer of `blob` over `prepared`, values copied for `kernel`; `None` if there are too few values.
+    /// Returns a renderer of `blob`. `prepared`: the values copied for `kernel`. `None` if there are too few values.
     #[cfg(all(feature = "std", not(target_os = "none")))]
     pub(crate) fn of_prepared(
         blob: Blob<'a>,
@@ -66,11 +66,12 @@ impl<'a> Renderer<'a> {
         Some(Self { blob, network, proposer, occupied })
     }
 
-    /// Returns a renderer of `blob` with other network parameters, f32 in the blob's order, to measure the PSNR lost by
-    /// rounding. The proposal network keeps its parameters; without `tables`, the grid keeps the blob's tables.
+    /// Returns a renderer of `blob` in which `parameters` replace those of the scene's network: f32 values in the
+    /// blob's order. Used to measure the PSNR lost by rounding. `tables`, if given, replace the blob's grid tables. The
+    /// proposal network keeps its parameters.
     ///
-    /// `None` if there are too few parameters, if the blob's tables are coded and `tables` is `None`, and in builds
-    /// without [`VECTORS`](crate::simd::VECTORS).
+    /// `None` if there are too few parameters, in builds without [`VECTORS`](crate::simd::VECTORS), and if the blob's
+    /// tables are coded but no `tables` are given.
     #[cfg(feature = "train")]
     pub fn with_parameters(
         blob: Blob<'a>,
@@ -119,7 +120,7 @@ impl<'a> Renderer<'a> {
     ///
     /// # Errors
     /// [`RenderError::OtherScene`] if the plan was made for another blob, and [`RenderError::Memory`] if `workspace`
-    /// is smaller than [`Renderer::workspace_lines`] says.
+    /// has fewer lines than [`Renderer::workspace_lines`] returns.
     pub fn worker<'f>(
         &'f self,
         plan: &'f Plan<'f>,
@@ -181,8 +182,8 @@ impl<'a> Renderer<'a> {
 
     /// Number of 64-byte lines of workspace that one [`Renderer::render_picture`] call needs.
     ///
-    /// The number depends on `batch.samples` only for portable instructions over weights read directly from the blob's
-    /// bytes: all other kernels evaluate whole blocks of pixels.
+    /// All kernels but one evaluate blocks of a fixed number of pixels. Only portable instructions over weights read
+    /// directly from the blob's bytes evaluate `batch.samples` pixels at a time, and need memory in proportion.
     pub fn picture_workspace_lines(&self, batch: Batch) -> usize {
         Measure::lines_of(|it| picture::Buffers::lay_out(it, &self.network, batch))
     }
@@ -190,12 +191,12 @@ impl<'a> Renderer<'a> {
     /// Renders the pixels of `rect` in an image of the 2D field, `size[0]` × `size[1]` pixels large.
     ///
     /// Pixel (x, y) has the field's colour at the pixel's centre, ((x + ½) / width, (y + ½) / height), with x to the
-    /// right and y down. Coordinates run from 0 to 1 over the image, whatever its aspect ratio: every size shows the
-    /// whole field. [`PictureFacts`](crate::blob::PictureFacts) has the size at which the field is not distorted. A
-    /// larger size with a `rect` inside shows a detail.
+    /// right and y down. Coordinates run from 0 to 1 across the image, whatever its aspect ratio: every size shows the
+    /// whole field. [`PictureFacts`](crate::blob::PictureFacts) has the size at which the field is not distorted. To
+    /// enlarge a detail, request a larger size and only the detail's `rect`.
     ///
-    /// `target` receives x, y and the display-encoded colour, in `[0, 1]`, of each pixel once, row by row. Within one
-    /// kernel and maths backend a pixel does not depend on `rect`, on `batch` or on other threads, bit for bit. A
+    /// `target` receives x, y and the display-encoded colour, in `[0, 1]`, of each pixel once, row by row. With the
+    /// same kernel and maths backend, pixels are bit-identical: `rect`, `batch` and other threads do not affect them. A
     /// colour that is NaN becomes black and is counted ([`Counters::invalid_samples`]).
     ///
     /// # Errors
@@ -240,8 +241,8 @@ impl<'a> Renderer<'a> {
 
 /// Copies of those values of a scene that a kernel cannot read directly from the blob's bytes.
 ///
-/// `F` for f32 values and `B` for bytes are counts (to size memory), slices of the caller's memory, or boxes. Without
-/// values to copy, counts are 0, and slices and boxes are empty.
+/// `F` represents f32 values and `B` bytes. Each is a count (to size memory), a slice of the caller's memory, or a box.
+/// If nothing must be copied, counts are 0, and slices and boxes are empty.
 #[derive(Clone, Debug)]
 pub(crate) struct Prepared<F, B> {
     /// Values unpacked to f32: parameters of the network, parameters of the proposal network, and f16 tables.
@@ -283,7 +284,7 @@ impl<F: AsMut<[f32]>, B: AsMut<[u8]>> Prepared<F, B> {
     /// Unpacks parameters and f16 tables, and decodes entropy-coded tables, into `self`.
     ///
     /// # Errors
-    /// [`BlobError`] on invalid coded tables of a blob that was opened undecoded.
+    /// [`BlobError`] on invalid coded tables, if the blob was opened by [`Blob::open_undecoded`].
     #[inline]
     pub fn unpack(&mut self, blob: &Blob<'_>, kernel: Kernel) -> Result<(), BlobError> {
         if !kernel.storage.in_place() {
@@ -299,7 +300,7 @@ impl<F: AsMut<[f32]>, B: AsMut<[u8]>> Prepared<F, B> {
 }
 
 impl<'a> Prepared<&'a [f32], &'a [u8]> {
-    /// The scene's network over its values in `blob` or, where copied, in `self`; `None` if there are too few values.
+    /// Returns the scene's network: copied values are in `self`, others in `blob`. `None` if there are too few values.
     #[inline]
     fn view(&self, blob: &Blob<'a>, kernel: Kernel) -> Option<Network<'a>> {
         let [parameters, _, tables] = self.unpacked;
@@ -308,14 +309,14 @@ impl<'a> Prepared<&'a [f32], &'a [u8]> {
         Network::of_layers(blob.architecture(), blob.layers(), weights, tables, kernel.isa)
     }
 
-    /// The scene's proposal network over its parameters in `blob` or, where copied, in `self`.
+    /// Returns the scene's proposal network: copied parameters are in `self`, others in `blob`.
     #[inline]
     fn view_proposal(&self, blob: &Blob<'a>, kernel: Kernel) -> Proposer<'a> {
         Proposer::view(blob, kernel, self.unpacked[1])
     }
 }
 
-/// Grid tables of a scene: those in the blob, or copies of them as f32 (`widened`) or signed bytes (`decoded`).
+/// Returns the grid tables of a scene: the blob's own, or their copies as f32 (`widened`) or signed bytes (`decoded`).
 fn tables_of<'a>(blob: &Blob<'a>, kernel: Kernel, widened: &'a [f32], decoded: &'a [u8]) -> GridTables<'a> {
     let values = match blob.tables() {
         None => TableValues::F32(&[]),

@@ -18,13 +18,13 @@ use {
     crate::space::Placement,
 };
 
-/// Side of the square tiles into which a rectangle is divided, pixels. Rays of a small tile tend to end after similar
+/// Side of the square tiles into which a rectangle is divided, pixels. In a small tile, rays tend to end after similar
 /// numbers of samples.
 pub const TILE_SIDE: u32 = 16;
 
 /// Renderer of frames of one plan, with a workspace; made by [`Renderer::worker`](super::Renderer::worker).
 ///
-/// The workspace is divided once, when the worker is made: a call's overhead is a few comparisons.
+/// The workspace is divided into buffers once, when the worker is made. Later calls have almost no overhead.
 pub struct Worker<'f> {
     pub(super) fields: Fields<'f>,
     pub(super) pixels: Pixels<'f, 'f>,
@@ -54,8 +54,8 @@ macro_rules! of_fields {
 
 #[cfg(feature = "instances")]
 impl<'f> Worker<'f> {
-    /// Number of 64-byte lines of memory that [`Worker::of_instances`] needs for instances of `renderers`; `plan`: the
-    /// plan of the last instance.
+    /// Number of 64-byte lines of memory that [`Worker::of_instances`] needs. `renderers`: the renderer of each
+    /// instance. `plan`: the plan of the last instance.
     pub fn instances_lines<'n>(
         renderers: impl Iterator<Item = &'n Renderer<'n>> + Clone,
         plan: &Plan<'_>,
@@ -73,17 +73,20 @@ impl<'f> Worker<'f> {
     /// Returns a worker that renders several placed fields in one frame, or one placed field.
     ///
     /// Cameras, rays, points and distances are in the world in which the instances are placed. Where fields overlap,
-    /// densities add, and colours are averaged with the densities as weights. With deferred shading
-    /// ([`Shading::PerRay`](crate::network::Shading::PerRay)) each weight of a ray is divided among the fields in
-    /// proportion to their densities. A field's colour branch is evaluated once per ray, at the mean of the field's `h`
-    /// under its parts of the weights; the ray's colour is the mean of the fields' colours under the same parts. Two
-    /// instances of a field in one place thus equal the field with twice the density. A field is not evaluated where
-    /// another field hides it. One field without a scale is rendered in its own coordinates, at the cost of
-    /// [`Renderer::worker`]; at [`Placement::IDENTITY`] the pixels, too, are the same bits.
+    /// densities add, and colours are averaged with the densities as weights. Two instances of a field in one place
+    /// thus equal the field with twice the density. A field is not evaluated where another field hides it.
+    ///
+    /// With deferred shading ([`Shading::PerRay`](crate::network::Shading::PerRay)) each weight along a ray is divided
+    /// among the fields in proportion to their densities. A field's colour branch is evaluated once per ray, at the
+    /// mean of `h` under the field's parts of the weights. The ray's colour is the mean of the fields' colours,
+    /// weighted by the sums of these parts.
+    ///
+    /// A single field that is not scaled is rendered in its own coordinates, at the cost of [`Renderer::worker`]. At
+    /// [`Placement::IDENTITY`] its pixels are also bit-identical to those of that worker.
     ///
     /// # Errors
     /// [`RenderError::NoInstances`], [`RenderError::Instance`] with the first instance that cannot be rendered with the
-    /// others, and [`RenderError::Memory`] if `memory` is smaller than [`Worker::instances_lines`] says.
+    /// others, and [`RenderError::Memory`] if `memory` has fewer lines than [`Worker::instances_lines`] returns.
     pub fn of_instances(instances: &'f [Instance<'f>], memory: &'f mut [Line]) -> Result<Self, RenderError> {
         let last = check(instances)?;
         let renderers = instances.iter().map(|instance| instance.renderer);
@@ -115,8 +118,8 @@ impl<'f> Worker<'f> {
 
     /// Renders the pixels of `rect`.
     ///
-    /// Within one kernel and maths backend the pixels do not depend on `rect`, on the plan's batch, on earlier calls
-    /// or on other threads, bit for bit.
+    /// With the same kernel and maths backend, pixels are bit-identical: `rect`, the plan's batch, earlier calls and
+    /// other threads do not affect them.
     ///
     /// # Errors
     /// [`RenderError::Rect`] on a rectangle outside the image, before anything is written.
@@ -131,8 +134,8 @@ impl<'f> Worker<'f> {
 
     /// Renders the pixels of `rect` against a depth buffer: the ray of pixel (x, y) ends at `limit(x, y)`.
     ///
-    /// The bin that contains the limit is shortened, not dropped: opacity is continuous in the limit. If a ray meets no
-    /// surface in front of the limit, its distances are the limit or, if nearer, [`Plan::far_from`] the camera.
+    /// The bin that contains the limit is shortened, not dropped, so that opacity is continuous in the limit. If a ray
+    /// meets no surface before the limit, its distances are the limit or, if nearer, [`Plan::far_from`] the camera.
     ///
     /// # Errors
     /// As [`Worker::render`].
@@ -168,23 +171,24 @@ impl<'f> Worker<'f> {
         Ok(self.counters())
     }
 
-    /// Sets whether colour is composited over the plan's background, the default, or over black.
+    /// Sets whether colour is composited over the plan's background (`true`, the default) or over black (`false`).
     pub fn show_background(&mut self, shown: bool) {
         self.pixels.background = shown;
     }
 
-    /// Renders rays of the caller, one pixel a ray: `target` receives the index and the pixel of each ray.
+    /// Renders rays of the caller, one pixel per ray: `target` receives the index and the pixel of each ray.
     ///
-    /// A ray may begin inside or outside of the scene. The distances of a ray without a surface are
-    /// [`Plan::far_from`](crate::plan::Plan::far_from) of its origin. `z_depth` is measured along `axis`, of unit
-    /// length; without an axis, `z_depth` is 0. The rays of a camera yield the camera's pixels, bit for bit, except
-    /// with jitter: random positions of samples are those of an image of one row.
+    /// A ray may begin inside or outside of the scene. If a ray meets no surface, its distances are the nearer of
+    /// `t_max` and [`Plan::far_from`](crate::plan::Plan::far_from) its origin. `z_depth` is measured along `axis`, of
+    /// unit length; without an axis, `z_depth` is 0. If the rays are a camera's, the pixels are bit-identical to the
+    /// camera's, except with jitter: the ray at index `i` of a batch then has the random sample positions of the pixel
+    /// in column `i`, row 0.
     ///
     /// # Errors
     /// [`RenderError::Ray`] with the index of the first ray that is not finite or whose direction is not of unit
-    /// length, [`RenderError::RayRange`] with the index of the first ray without `0 <= t_min <= t_max`,
-    /// [`RenderError::Axis`], and [`RenderError::CameraEffects`] on a plan with several rays a pixel or an aperture,
-    /// which need a camera. Errors are found before anything is written.
+    /// length, [`RenderError::RayRange`] with the index of the first ray without `0 <= t_min <= t_max` or with an
+    /// infinite `t_min`, [`RenderError::Axis`], and [`RenderError::CameraEffects`] on a plan with several rays per
+    /// pixel or an aperture, which need a camera. Errors are found before anything is written.
     pub fn render_rays(
         &mut self,
         rays: &[RaySegment],
@@ -210,15 +214,16 @@ impl<'f> Worker<'f> {
         Ok(self.rows_of_rays::<false>(count, ray, &|_| 0.0, axis, target))
     }
 
-    /// Draws a point on each ray where a photon along the ray collides, for path tracers: `target` receives the index
-    /// and the pixel of each ray.
+    /// For path tracers: draws the point on each ray where a photon collides, and passes index and pixel to `target`.
     ///
-    /// `random`: a number in `[0, 1]` for each ray. The number 1 counts as the largest f32 below 1, since rounding to
-    /// f32 may change a smaller number to 1. A ray collides where its opacity reaches its random number; its pixel then
-    /// has opacity 1, the distances of the collision point, and colour and normal of the sample there. The pixel of a
-    /// ray without a collision has opacity 0, infinite distances and the background's colour. The probability of a
-    /// sample is its weight in [`Worker::render_rays`]: over uniform random numbers, the mean colour is the colour
-    /// composited there without transmittance and colour cuts, which this function does not use.
+    /// `random`: a number in `[0, 1]` for each ray. The number 1 is replaced by the largest f32 below 1, since rounding
+    /// to f32 may have changed a smaller number to 1. A ray collides where its opacity reaches its random number. Its
+    /// pixel then has opacity 1, the distances of the collision point, and the colour and normal of the sample there.
+    /// The pixel of a ray without a collision has opacity 0, infinite distances and the background's colour.
+    ///
+    /// The probability of a collision in a sample's interval is the sample's weight in [`Worker::render_rays`]. With
+    /// uniform random numbers, the mean colour is therefore the colour that [`Worker::render_rays`] composites without
+    /// transmittance and colour cuts. This function does not use these cuts.
     ///
     /// With deferred shading ([`Shading::PerRay`](crate::network::Shading::PerRay)) the colour branch is evaluated for
     /// the collision's sample alone, as by [`Worker::query`]. Since a network is not linear, the mean of these colours
@@ -228,7 +233,7 @@ impl<'f> Worker<'f> {
     ///
     /// # Errors
     /// As [`Worker::render_rays`]; [`RenderError::Random`] with the index of the first number that is not in `[0, 1]`,
-    /// or of the first ray without a number.
+    /// or the first index at which only a ray or only a number is given.
     pub fn sample_rays(
         &mut self,
         rays: &[RaySegment],
@@ -243,7 +248,7 @@ impl<'f> Worker<'f> {
         self.sample_rays_with(rays.len(), &|i| ray_at(rays, i), &number, axis, target)
     }
 
-    /// Draws collisions as [`Worker::sample_rays`] does, with rays and random numbers from functions of an index.
+    /// Draws collisions as [`Worker::sample_rays`] does. Functions of an index return the rays and random numbers.
     ///
     /// # Errors
     /// As [`Worker::sample_rays`].
@@ -327,8 +332,8 @@ impl<'f> Worker<'f> {
     /// `positions`, `dirs` (unit): `[n]`, world space; `sigma`: `[n]`, 1/world unit; `rgb`: `[n]`, display-encoded, or
     /// empty if no colour is requested. Points outside the scene box or in an empty cell of the plan's occupancy grid,
     /// and points whose density is NaN, have density 0 and black colour. A colour that is NaN becomes black
-    /// ([`Counters::invalid_samples`]). With deferred shading, the colour of a point is that of a ray whose only sample
-    /// is the point.
+    /// ([`Counters::invalid_samples`]). With deferred shading, a point gets the colour of a ray that has the point as
+    /// its only sample.
     ///
     /// # Errors
     /// [`RenderError`] on lengths that differ, and on a direction that is not of unit length if colour is requested.

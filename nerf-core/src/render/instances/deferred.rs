@@ -5,8 +5,8 @@ use crate::render::field::Field;
 use crate::render::stages::RayNetworks;
 use core::ops::Range;
 
-/// Positions of a field's values in the buffers of [`Deferred`], which all fields share; unused without deferred
-/// shading.
+/// Positions of one field's values in the buffers of [`Deferred`], which hold the values of all fields. Without
+/// deferred shading, the field has no values there.
 #[derive(Clone, Copy, Default)]
 struct Place {
     /// Index of the field's first value in `Deferred::parts`.
@@ -19,9 +19,9 @@ struct Place {
 /// Weighted sums of hidden features `h` along the current tile's rays, for each field with deferred shading.
 pub(super) struct Deferred<'w> {
     places: &'w mut [Place],
-    /// Hidden features `h` of the sample in each ray's current bin: for each field `[rays][rows]`.
+    /// For each field `[rays][rows]`: the `rows` hidden features `h` of the sample in each ray's current bin.
     parts: &'w mut [f32],
-    /// Sums of each ray, for each field `[rays][rows + 1]`: Σ weight · h, one sum per feature, and last Σ weight.
+    /// For each field `[rays][rows + 1]`: Σ weight · h of each feature along each ray, then Σ weight.
     sums: &'w mut [f32],
     pub networks: RayNetworks<'w>,
 }
@@ -53,14 +53,14 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Index range in `Deferred::sums` of field `member`, for `count` rays from index `ray` on.
+    /// Index range in `Deferred::sums` that holds the sums of field `member` on the rays `ray..ray + count`.
     fn sums(&self, member: usize, ray: usize, count: usize) -> Range<usize> {
         let Place { sums, rows, .. } = at(self.places, member);
         let row = if rows > 0 { rows + 1 } else { 0 };
         sums + ray * row..sums + (ray + count) * row
     }
 
-    /// Index range in `Deferred::parts` of field `member`, for the ray of index `ray`.
+    /// Index range in `Deferred::parts` that holds the `h` of field `member` on ray `ray`.
     fn h(&self, member: usize, ray: usize) -> Range<usize> {
         let Place { h, rows, .. } = at(self.places, member);
         h + ray * rows..h + (ray + 1) * rows
@@ -74,13 +74,13 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Memory for the `h` of field `member` at the sample in the current bin of the ray of index `ray`.
+    /// Returns the memory for field `member`'s `h` at the sample in the current bin of ray `ray`.
     pub fn h_mut(&mut self, member: usize, ray: usize) -> &mut [f32] {
         let range = self.h(member, ray);
         self.parts.get_mut(range).unwrap_or_default()
     }
 
-    /// Adds `weight` times the `h` in [`Deferred::h_mut`], and `weight`, to the sums of field `member` on ray `ray`.
+    /// Adds `weight` times the `h` of [`Deferred::h_mut`], and `weight`, to the sums of field `member` on ray `ray`.
     pub fn add(&mut self, member: usize, ray: usize, weight: f32) {
         let h = self.parts.get(self.h(member, ray)).unwrap_or_default();
         let sums = self.sums(member, ray, 1);

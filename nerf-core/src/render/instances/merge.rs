@@ -1,8 +1,8 @@
-//! Rays through several fields: bin edges of all fields cut a ray into segments in which every density is constant.
+//! Rays through several fields. The bin edges of all fields cut a ray into segments of constant densities.
 //!
-//! A ray is composited segment by segment: densities add, and colours are averaged with densities as weights. Where the
-//! next bin of a field begins, the ray waits for an evaluation of that field's network. Samples of rays that wait for
-//! the same network form a block. A field behind another is therefore evaluated only where transmittance is left.
+//! A ray is composited segment by segment: densities add, and colours are averaged with densities as weights. When a
+//! ray reaches the next bin of a field, the ray waits until the field's network is evaluated there. Samples of rays
+//! that wait for the same network form a block. A field that is hidden behind another is therefore not evaluated.
 //!
 //! This file is longer than 400 lines, since each step of a ray reads and writes the same [`Part`]s.
 
@@ -20,20 +20,21 @@ use crate::render::stages::{Density, DirectionShares, Gradients, evaluate_points
 use crate::volume::{Accumulator, thickness};
 use glam::Vec3;
 
-/// Limit to which densities are clamped, 1/world unit: still opaque over any bin, and sums of densities stay finite.
+/// Upper limit of densities, 1/world unit: opaque over any bin, and small enough that sums of densities stay finite.
 const WALL: f32 = 1e30;
 
-/// The occupied bin of a field that contains a ray's current distance, or else the next occupied bin along the ray.
+/// The bin of one field that a ray has reached: the occupied bin at the ray's current distance, or if there is none,
+/// the next occupied bin along the ray.
 #[derive(Clone, Copy, Default)]
 struct Part {
     known: Known,
-    /// Distance of the bin's sample along the field's ray: field units, or steps of an unbounded scene's contraction.
+    /// Distance of the bin's sample along the field's ray: field units, or contraction steps in an unbounded scene.
     t: f32,
     /// Start of the bin, world units from the ray's start.
     from: f32,
     /// End of the bin, world units from the ray's start.
     to: f32,
-    /// Distance at which the sample counts in the mean `ray_distance`, world units from the ray's start.
+    /// Distance that the sample contributes to the weighted mean `ray_distance`, world units from the ray's start.
     counts_at: f32,
     /// Density of the sample, 1/world unit.
     sigma: f32,
@@ -47,7 +48,7 @@ struct Part {
 /// State of a [`Part`]: which of its values are known.
 #[derive(Clone, Copy, Default, PartialEq)]
 enum Known {
-    /// No bin is left: the ray has left the field.
+    /// The ray has no occupied bin of the field left.
     #[default]
     Nothing,
     /// The interval of the bin is known, but its sample has not been evaluated.
@@ -56,13 +57,13 @@ enum Known {
     Sample,
 }
 
-/// A ray in world space. Distances are counted from the ray's start, where it enters the first field.
+/// A ray in world space. Distances are counted from the ray's start, which is where the ray enters the first field.
 #[derive(Clone, Copy)]
 struct WorldRay {
     pixel: PixelRay,
     /// Distance up to which the ray has been composited, world units from the ray's start.
     at: f32,
-    /// Index of the field whose sample must be evaluated before compositing continues; `None` if the ray has ended.
+    /// Index of the field that must be evaluated before compositing continues; `None` if the ray has ended.
     waits_for: Option<u32>,
 }
 
@@ -73,7 +74,7 @@ impl WorldRay {
 /// State and memory for rendering several fields in one frame.
 pub(in crate::render) struct Merge<'f, 'w> {
     instances: &'f [Instance<'f>],
-    /// Index, among the rays of each pixel, of the ray that is being rendered; the same for all pixels of the tile.
+    /// Index of the current ray within its pixel. All pixels of the tile render their rays of this index together.
     turn: u32,
     /// State of each ray in the coordinates of each field: `[instances][rays]`.
     rays: &'w mut [RayState],
@@ -81,21 +82,21 @@ pub(in crate::render) struct Merge<'f, 'w> {
     parts: &'w mut [Part],
     world: &'w mut [WorldRay],
     surface: Surface<'w>,
-    /// Values of each instance's [`DirectionShares`], concatenated; their number differs between instances.
+    /// Values of all instances' [`DirectionShares`], one instance after another; their number may differ by instance.
     shares: &'w mut [f32],
     deferred: Deferred<'w>,
     /// Buffers of a block of samples, large enough for the network of any instance.
     density: Density<'w>,
-    /// Index of the ray of each sample whose colour or gradient is evaluated: `[samples]`.
+    /// Index of the ray of each picked sample: a sample whose colour or gradient is evaluated. `[samples]`.
     picked: &'w mut [u32],
-    /// Directions of a block of rays, later overwritten by the colours of a block of samples: `[3][samples]`.
+    /// First the directions of a block of rays, later the colours of a block of samples: `[3][samples]`.
     rgb: &'w mut [f32],
     gradients: Gradients<'w>,
 }
 
 impl<'f, 'w> Merge<'f, 'w> {
-    /// Reserves the buffers of a worker of `instances` in `layout`, which measures or allocates memory; those of
-    /// [`Pixels`] are separate. `networks`: the instances' networks; `plan`: the plan of the last instance.
+    /// Reserves the buffers of a worker of `instances` in `layout`, which measures or allocates memory. The buffers of
+    /// [`Pixels`] are reserved separately. `networks`: the instances' networks. `plan`: the plan of the last instance.
     pub fn lay_out<'n>(
         layout: &mut impl Layout<'w>,
         instances: &'f [Instance<'f>],
@@ -127,8 +128,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Returns a function from the camera's position to the distance of pixels that show no surface, world units: at
-    /// least the distance of any point of any field.
+    /// Returns a function from the camera's position to the output distance of pixels that show no surface, world
+    /// units. The distance is the largest of the fields' [`Plan::far_from`].
     pub fn far(&self) -> impl Fn(Vec3) -> f32 + use<'f> {
         let instances = self.instances;
         move |eye| {
@@ -138,8 +139,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Renders one ray of each pixel of the tile. With `COLLIDE`, each ray ends where a photon collides with a field,
-    /// at a point drawn by the ray's random number.
+    /// Renders one ray of each pixel of the tile. With `COLLIDE`, the ray's random number selects the point at which a
+    /// photon collides with a field, and the ray ends there.
     pub fn turn<M: Math, const COLLIDE: bool>(
         &mut self,
         pixels: &mut Pixels<'_, '_>,
@@ -222,7 +223,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         state.next += 1;
     }
 
-    /// Evaluates field `member`'s colour branch as far as it depends on direction alone, for the first `count` rays.
+    /// Evaluates the part of field `member`'s colour branch that depends only on direction, for the first `count` rays.
     fn directions(&mut self, member: usize, count: usize, counters: &mut Counters) {
         let Some(it) = self.instances.get(member) else { return };
         let first = member * self.world.len();
@@ -234,7 +235,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Adds the colours of field `member`, if its shading is deferred, to the first `count` rays.
+    /// If the shading of field `member` is deferred, adds the field's colours to the first `count` rays.
     fn shade(&mut self, member: usize, count: usize, counters: &mut Counters) {
         let field = self.instances.get(member).map(|it| it.field());
         let Some(field) = field.filter(|field| field.shades_rays()) else { return };
@@ -248,7 +249,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         });
     }
 
-    /// Evaluates and composites the samples that the first `count` rays wait for; returns `false` if no ray waits.
+    /// Evaluates and composites the samples that the first `count` rays wait for. Returns `false` if no ray waits.
     fn round<M: Math, const COLLIDE: bool>(&mut self, count: usize, counters: &mut Counters) -> bool {
         let mut any = false;
         for member in 0..self.instances.len() {
@@ -276,7 +277,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         any
     }
 
-    /// Evaluates field `member` at the `n` samples in `self.density`, which lie on `n` different rays.
+    /// Evaluates field `member` at the `n` samples in `self.density`. Each sample lies on a different ray.
     fn ask<const COLLIDE: bool>(&mut self, member: usize, n: usize, counters: &mut Counters) {
         let Some(it) = self.instances.get(member) else { return };
         let (field, first, density) = (it.field(), member * self.world.len(), &mut self.density);
@@ -384,8 +385,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Composites the segment `from..to` of ray `i`; `sigma`: sum of the fields' densities. In the mean `ray_distance`
-    /// the segment counts at distance `counts_at`, or if that is `None` at the segment's middle.
+    /// Composites the segment `from..to` of ray `i`. `sigma`: sum of the fields' densities. `counts_at`: distance that
+    /// the segment contributes to the weighted mean `ray_distance`; `None` for the segment's middle.
     fn composite<M: Math, const COLLIDE: bool>(
         &mut self,
         i: usize,
@@ -445,7 +446,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Computes density and colour at `points` (position, direction), at most as many as a block has samples.
+    /// Computes density and colour at `points`, pairs of position and direction; at most one block of points.
     pub fn points(
         &mut self,
         points: impl Iterator<Item = (Vec3, Vec3)> + Clone,
@@ -473,7 +474,7 @@ impl<'f, 'w> Merge<'f, 'w> {
     }
 }
 
-/// The [`DirectionShares`] of instance `member`, out of `values`, which holds those of all instances.
+/// Returns the [`DirectionShares`] of instance `member`. `values`: the values of all instances, one after another.
 fn shares_at<'a>(
     instances: &[Instance<'_>],
     samples: usize,

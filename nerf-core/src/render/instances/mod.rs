@@ -17,9 +17,9 @@ use crate::space::Placement;
 pub struct Instance<'a> {
     /// The field's renderer.
     pub renderer: &'a Renderer<'a>,
-    /// The field's plan; its distances are in the field's units. Outputs, effects and batch must be the same in all
-    /// instances. The background and the transmittance below which a ray ends are those of the last instance. Each
-    /// field has its own threshold of the weight above which a sample's colour is evaluated.
+    /// The field's plan, with distances in the field's units. All instances must have the same outputs, effects and
+    /// batch. The last instance's plan sets the background and the transmittance below which a ray ends. For its
+    /// colours, each field uses the colour cut of its own plan ([`Quality`](crate::plan::Quality)).
     pub plan: &'a Plan<'a>,
     /// The field's placement in the world.
     pub placement: Placement,
@@ -31,7 +31,7 @@ impl<'a> Instance<'a> {
     }
 }
 
-/// Returns the last instance, or an error with the index of the first instance that cannot be rendered with the others.
+/// Returns the last instance. The error has the index of the first instance that cannot be rendered with the others.
 pub(super) fn check<'i, 'f>(instances: &'i [Instance<'f>]) -> Result<&'i Instance<'f>, RenderError> {
     let last = instances.last().ok_or(RenderError::NoInstances)?;
     for (index, Instance { renderer, plan, .. }) in instances.iter().enumerate() {

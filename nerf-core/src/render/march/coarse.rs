@@ -1,4 +1,4 @@
-//! Coarse occupancy grid, which rejects packets of rays through empty cells and limits the march of all other rays.
+//! Coarse occupancy grid. Packets of rays that pass only empty cells are skipped, and other rays skip empty stretches.
 
 use crate::camera::Ray;
 use crate::plan::{Lattice, Plan};
@@ -12,7 +12,7 @@ mod tests;
 
 /// Size of [`CoarseOccupancy::bits`], bytes; 0 in builds without SIMD vectors.
 const BYTES: usize = if VECTORS { 4096 } else { 0 };
-/// Least number of cells along each side of a block; blocks are larger if their bits would need over [`BYTES`] bytes.
+/// Least number of cells along each side of a block. Blocks are larger if their bits would not fit in [`BYTES`].
 const SIDE: u16 = 4;
 /// Upper bound of a point's rounding error, in cells of the occupancy grid.
 const SLACK: f32 = 0.5;
@@ -21,7 +21,7 @@ const SLACK: f32 = 0.5;
 #[derive(Clone, Debug)]
 pub(crate) struct CoarseOccupancy {
     pub(in crate::render) around: Option<SceneBox>,
-    /// One bit a block: whether the block or a neighbouring block has an occupied cell.
+    /// One bit per block of cells: 1 if the block or a neighbouring block has an occupied cell.
     bits: [u8; BYTES],
     /// Number of cells along each side of a block; 0 if there are no blocks.
     side: u16,
@@ -41,13 +41,14 @@ impl CoarseOccupancy {
         coarse
     }
 
-    /// Test of ray packets for frames of `plan`; `None` with a contraction, a proposal network, or no occupancy grid.
+    /// Returns the packet test for frames of `plan`. `None` if the plan has a contraction, a proposal network or no
+    /// occupancy grid, and if no cell is occupied or there are no blocks.
     pub(in crate::render) fn packets<'c>(&'c self, plan: &Plan<'c>) -> Option<Packets<'c>> {
         let straight = plan.lattice != Lattice::Contracted && plan.proposal.is_none();
         if straight { self.packets_of(plan.occupancy.as_ref()?) } else { None }
     }
 
-    /// Test of ray packets; `occupancy`: the grid that this one was made from. `None` without occupied cells or blocks.
+    /// Returns the packet test. `occupancy`: the grid `self` was made from. `None` without occupied cells or blocks.
     fn packets_of<'c>(&'c self, occupancy: &OccupancyGrid<'c>) -> Option<Packets<'c>> {
         let around = self.around.filter(|_| VECTORS && self.side > 0)?;
         let reach = (f32::from(self.side) - SLACK) / occupancy.cells_per_unit.max_element();
@@ -59,7 +60,7 @@ impl CoarseOccupancy {
     }
 }
 
-/// Sets the bit of each block that has a neighbour whose bit is set.
+/// Sets the bit of each block that touches a block with a set bit, also at an edge or a corner.
 fn dilate(bits: &mut [u8], [nx, ny, nz]: [usize; 3]) {
     let axes = [(ny * nz, nx), (nz, ny), (1, nz)];
     for (stride, side) in axes {
@@ -90,20 +91,21 @@ pub(crate) fn set(bits: &mut [u8], at: usize) {
     }
 }
 
-/// Test of packets of rays: which intervals along the rays may have occupied cells, by a [`CoarseOccupancy`].
+/// Packet test: finds the intervals along a packet of neighbouring rays that may have occupied cells.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::render) struct Packets<'c> {
     blocks: OccupancyGrid<'c>,
     /// A box around all occupied cells, enlarged by `reach` on every side.
     around: SceneBox,
-    /// Distance along each axis around a point of a block with bit 0, within which no cell is occupied; world units.
+    /// If the bit of a point's block is 0, no cell is occupied up to this distance along each axis, world units.
     reach: f32,
 }
 
 impl Packets<'_> {
-    /// Intervals along `rays` that may have occupied cells; `None` if all cells along the rays are empty.
+    /// Returns the intervals along `rays` that may have occupied cells; `None` if all cells along the rays are empty.
     ///
-    /// Only the mean of the rays is looked up, at [`INTERVALS`] points; each represents nearby points of all rays.
+    /// Looks up [`INTERVALS`] points on the mean of the rays. Each lookup also covers the nearby points of all rays. If
+    /// the rays are too far apart for that, returns [`Intervals::ALL`].
     pub fn intervals_of(&self, isa: Isa, rays: &[Ray]) -> Option<Intervals> {
         let share = 1.0 / rays.len() as f32;
         let (mut origin, mut dir) = (Vec3::ZERO, Vec3::ZERO);
@@ -141,7 +143,7 @@ impl Packets<'_> {
 /// Intervals along the rays of a packet that may have occupied cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::render) struct Intervals {
-    /// Bit `i`: whether interval `i`, from distance `near + i step` on, or a neighbouring one may have occupied cells.
+    /// Bit `i`: whether interval `i` or a neighbour may have occupied cells. Interval `i` begins at `near + i step`.
     found: u64,
     near: f32,
     /// Width of an interval, world units along the rays; +∞ in [`Intervals::ALL`].
@@ -149,7 +151,7 @@ pub(in crate::render) struct Intervals {
 }
 
 impl Intervals {
-    /// Nothing is known: every interval may have occupied cells.
+    /// Intervals without any information: each may have occupied cells.
     pub const ALL: Self = Self { found: u64::MAX, near: 0.0, step: f32::INFINITY };
 }
 
@@ -157,20 +159,20 @@ impl Intervals {
 #[derive(Clone, Copy, Debug)]
 pub(in crate::render) struct CandidateBins {
     found: u64,
-    /// Position of the middle of bin 0, in widths of an interval from the start of the first interval.
+    /// Distance from the start of the first interval to the middle of bin 0, in interval widths.
     first: f32,
-    /// Width of a bin, in widths of an interval.
+    /// Bin width divided by interval width.
     per_bin: f32,
-    /// Width of an interval, in widths of a bin.
+    /// Interval width divided by bin width.
     bins: f32,
 }
 
 impl CandidateBins {
-    /// Every bin is a candidate.
+    /// All bins are candidates.
     pub const ALL: Self = Self { found: u64::MAX, first: 0.0, per_bin: 0.0, bins: 0.0 };
 
-    /// Converts `intervals` to a ray's `bins`; `start`: distance along the ray at which the bins' distances begin,
-    /// world units.
+    /// Converts `intervals` to candidates among `bins`. `start`: distance along the ray from which the distances of
+    /// `bins` are counted, world units.
     pub fn new(intervals: &Intervals, bins: &Bins, start: f32) -> Self {
         let Intervals { found, near, step } = *intervals;
         let per_bin = bins.delta() / step;
@@ -194,7 +196,7 @@ impl CandidateBins {
         }
     }
 
-    /// Index that is greater than those of all candidates.
+    /// An index greater than the index of every candidate, not necessarily the smallest.
     pub fn end(&self) -> u32 {
         let intervals = 64 - self.found.leading_zeros();
         if self.per_bin == 0.0 || intervals == INTERVALS {
@@ -204,14 +206,15 @@ impl CandidateBins {
     }
 }
 
-/// Upper bound of 1 / length of a ray's direction: lengths within 1e-3 of 1 are accepted.
+/// Upper bound of 1 / length of a ray's direction. A direction is accepted if its squared length is within 1e-3 of 1.
 const LENGTH: f32 = 1.002;
-/// Number of equal intervals of a packet's path through the box; each is looked up at its middle.
+/// Number of equal intervals into which a packet's path through the box is divided. Each is looked up at its middle.
 const INTERVALS: u32 = 64;
-/// Largest accepted rounding error of a distance along the ray, in widths of an interval.
+/// Largest accepted rounding error of a distance along the ray, in interval widths. If the error may be larger, all
+/// intervals are treated as possibly occupied.
 const MOST_ROUNDING: f32 = 0.25;
 
-/// Lookup of [`INTERVALS`] intervals of width `step` along `ray`. Bit `i`: whether interval `i` may be occupied.
+/// Vector loop over [`INTERVALS`] intervals of width `step` along `ray`. Bit `i`: whether interval `i` may be occupied.
 struct LookUp<'a> {
     packets: &'a Packets<'a>,
     ray: &'a Ray,

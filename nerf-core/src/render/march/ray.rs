@@ -1,4 +1,4 @@
-//! State of a ray, and its march to the next occupied sample: one in a bin, or one drawn from a proposal's weights.
+//! State of a ray, and its march to the next sample in an occupied cell.
 
 use super::coarse::CandidateBins;
 use super::window::{LookUp, Window};
@@ -16,15 +16,15 @@ use glam::Vec3;
 #[derive(Clone, Copy)]
 pub(in crate::render) struct RayState {
     pub pixel: PixelRay,
-    /// Distances at which the ray's first and last bin are cut.
+    /// Cuts of the ray's first and last bin, if the ray uses only a part of these bins.
     pub ends: Ends,
-    /// Index of the next bin, or of the next sample drawn from the proposal network's weights.
+    /// Index of the next bin, or of the next drawn sample if a proposal network is used.
     pub next: u32,
-    /// Index after the last bin or drawn sample.
+    /// Index after the last bin, or after the last drawn sample.
     pub end: u32,
     /// Occupancy of the bins that were last looked up in the occupancy grid.
     pub window: Window,
-    /// The bins that may have a sample in an occupied cell; empty without vectors, where all bins are candidates.
+    /// The bins that may have a sample in an occupied cell. Empty without vectors: then all bins are candidates.
     pub candidates: [CandidateBins; VECTORS as usize],
     /// Number of samples at which the network was evaluated.
     pub kept: u32,
@@ -47,12 +47,12 @@ impl RayState {
         kept: 0,
     };
 
-    /// Stores the queried point of number `index` as the origin of a ray, in the network's space.
+    /// Returns a state for a queried point: `origin` (network's space) and `dir` as the ray, `index` as the pixel's x.
     pub fn of_point(origin: Vec3, dir: Vec3, index: usize) -> Self {
         Self { pixel: PixelRay { ray: Ray { origin, dir }, x: index as u32, ..PixelRay::NONE }, ..Self::NONE }
     }
 
-    /// Sets the state to the start of the ray of pixel `(x, y)`; `span`: part of the ray that is sampled, if any.
+    /// Sets the state to the start of the ray of pixel `(x, y)`. `span`: the part of the ray that is sampled, if any.
     #[inline]
     pub fn begin(&mut self, (x, y): (u32, u32), ray: Ray, range: [f32; 2], span: Option<Span>) {
         *self = Self { pixel: PixelRay { ray, range, x, y, done: false, ..PixelRay::NONE }, ..Self::NONE };
@@ -62,7 +62,7 @@ impl RayState {
         }
     }
 
-    /// Advances `next` to the first occupied bin at or after `next`; returns `false` if there is none.
+    /// Advances `next` to the first occupied bin from `next` on. Returns `false` if there is none.
     #[cfg_attr(target_os = "none", inline(never))]
     pub fn march(&mut self, isa: Isa, plan: &Plan<'_>, bins: &Bins, jitter: SampleJitter) -> bool {
         if VECTORS && self.march_looked_up() {
@@ -81,7 +81,7 @@ impl RayState {
         self.next < self.end
     }
 
-    /// Advances `next` to the first occupied bin in `window` at or after `next`; returns `false` if there is none.
+    /// Advances `next` to the first occupied bin in `window` from `next` on. Returns `false` if there is none.
     #[inline]
     pub fn march_looked_up(&mut self) -> bool {
         let found = self.window.left(self.next).filter(|&bin| bin < self.end);
@@ -90,13 +90,13 @@ impl RayState {
     }
 }
 
-/// The occupancy grid if a [`Window`] of bins is looked up at a time; `None` if bins are looked up one by one.
+/// Returns the occupancy grid if bins are looked up by [`Window`]s. `None` if bins are looked up one by one.
 #[inline]
 pub(super) fn windows<'p>(isa: Isa, plan: &'p Plan<'_>) -> Option<&'p OccupancyGrid<'p>> {
     plan.occupancy.as_ref().filter(|_| VECTORS && isa != Isa::Portable && plan.effects.jitter.is_none())
 }
 
-/// [`RayState::march`] for several rays whose samples lie in the middle of their bins.
+/// Vector loop: [`RayState::march`] for several rays. All samples must lie in the middle of their bins.
 pub(super) struct MarchAll<'a> {
     pub occupancy: &'a OccupancyGrid<'a>,
     pub contraction: Option<&'a Contraction>,
@@ -125,7 +125,7 @@ impl Op for MarchAll<'_> {
     }
 }
 
-/// Queue, in a ring buffer, of the rays whose next sample is in an occupied cell, each at most once.
+/// Queue of the rays that have a next sample in an occupied cell, stored in a ring buffer. No ray is queued twice.
 pub(in crate::render) struct ActiveRays<'w> {
     ring: &'w mut [u32],
     first: usize,
@@ -133,7 +133,7 @@ pub(in crate::render) struct ActiveRays<'w> {
 }
 
 impl<'w> ActiveRays<'w> {
-    /// An empty queue; `ring` has room for every ray.
+    /// Makes an empty queue. `ring` has room for every ray.
     pub fn new(ring: &'w mut [u32]) -> Self {
         Self { ring, first: 0, count: 0 }
     }
@@ -162,13 +162,13 @@ pub(in crate::render) const PROPOSAL_BUILT: bool = cfg!(feature = "proposal");
 /// Distances of the current tile's samples drawn from a proposal network's weights; empty in builds without proposals.
 pub(in crate::render) struct ProposalSamples<'w>([Rows<'w>; PROPOSAL_BUILT as usize]);
 
-/// A row of sample distances for each ray; empty if the frame draws no samples and uses the plan's bins.
+/// Table of sample distances, one row per ray. Empty if the frame uses the plan's bins instead of drawn samples.
 struct Rows<'w> {
-    /// Distances of each ray's samples, ascending: `[rays][row]`. Until samples are drawn, the weights of the
-    /// proposal's bins are stored at the end of each row.
+    /// Distances of each ray's samples, ascending: `[rays][row]`. Before samples are drawn, the end of each row holds
+    /// the weights of the proposal's bins.
     t: &'w mut [f32],
     row: usize,
-    /// Index of each sample of a block in its row, or, before samples are drawn, of its proposal bin: `[samples]`.
+    /// Index of each sample of a block in its ray's row: `[samples]`. Before samples are drawn, index of its bin.
     index: &'w mut [u32],
 }
 
@@ -179,7 +179,7 @@ impl Rows<'_> {
 }
 
 impl<'w> ProposalSamples<'w> {
-    /// Reserves memory for `row` samples on each of `rays` rays and for blocks of `samples`; no memory if `row` is 0.
+    /// Reserves memory for `row` samples on each of `rays` rays and for blocks of `samples`; for none if `row` is 0.
     pub fn lay_out(layout: &mut impl Layout<'w>, [rays, samples, row]: [usize; 3]) -> Self {
         Self([(); PROPOSAL_BUILT as usize].map(|()| {
             let index = layout.slice(if row == 0 { 0 } else { samples }, 0);
@@ -198,7 +198,7 @@ impl<'w> ProposalSamples<'w> {
         self.rows().is_some()
     }
 
-    /// Advances `state.next` to the first occupied sample of `ray` at or after it; returns `false` if there is none.
+    /// Advances `state.next` to the first occupied sample of `ray` from there on. Returns `false` if none is left.
     #[inline]
     pub fn march(&self, field: Field<'_>, ray: u32, state: &mut RayState, jitter: SampleJitter) -> bool {
         let plan = field.plan;
@@ -210,8 +210,8 @@ impl<'w> ProposalSamples<'w> {
         state.next < state.end
     }
 
-    /// Returns the distance of the next sample of `ray`, and stores the sample's index for column `column` of the
-    /// block.
+    /// Returns the distance of the next sample of `ray`, which is to be put into column `column` of the block. The
+    /// index of a drawn sample is stored for [`ProposalSamples::interval`].
     #[inline]
     pub fn take(
         &mut self,
@@ -228,7 +228,7 @@ impl<'w> ProposalSamples<'w> {
         at(rows.of(ray), state.next as usize)
     }
 
-    /// Interval of the sample of `ray` at distance `t`, in column `column` of the block.
+    /// Returns the interval of the sample of `ray` at distance `t`. The sample is in column `column` of the block.
     #[inline]
     pub fn interval(
         &self,
@@ -255,22 +255,22 @@ impl<'w> ProposalSamples<'w> {
         self.0.iter_mut().for_each(|rows| head_mut(rows.t, rays * rows.row).fill(0.0));
     }
 
-    /// Stores `bin` as the index of the proposal bin that column `column` of the block evaluates.
+    /// Stores `bin` as the proposal bin that is evaluated in column `column` of the block.
     #[inline]
     pub fn take_bin(&mut self, bin: u32, column: usize) {
         self.0.iter_mut().for_each(|rows| put(rows.index, column, bin));
     }
 
-    /// Stores the weight of the proposal bin that column `column` of the block evaluates, in the row of `ray`. `drawn`:
-    /// index of the first weight in a row.
+    /// Stores `weight` in the row of `ray`, as the weight of the proposal bin in column `column` of the block. `drawn`:
+    /// number of drawn samples, which is the index of a row's first weight.
     pub fn put_weight(&mut self, ray: u32, column: usize, drawn: usize, weight: f32) {
         for Rows { t, row, index } in &mut self.0 {
             put(t, ray as usize * *row + drawn + at(index, column) as usize, weight);
         }
     }
 
-    /// Draws samples of ray `from` by the weights of its `coarse` proposal bins, and stores their distances in row
-    /// `to`, which is at most `from`. Returns the number of samples.
+    /// Draws samples of ray `from` by the weights of its `coarse` proposal bins. Stores the distances in row `to`, at
+    /// most `from`, and returns the number of samples.
     pub fn draw(&mut self, coarse: &Bins, from: usize, to: usize, jitter: SampleJitter) -> u32 {
         debug_assert!(to <= from, "expected a row at or before {from}, found {to}");
         let Some(&mut Rows { ref mut t, row, .. }) = self.0.first_mut() else { return 0 };

@@ -1,9 +1,9 @@
-//! Ray marching: each block holds the next occupied sample of as many active rays as fit.
+//! Ray marching: fills each block with the next occupied samples of the active rays.
 //!
 //! Usually a block holds one sample of a ray: the ray's transmittance is then known before its next sample is
-//! evaluated. If the active rays do not fill a vector, further samples of the same rays fill the remaining columns,
-//! which would otherwise be padding. Samples that prove to lie behind the transmittance threshold are dropped and not
-//! counted: the counted work of a frame, like its pixels, depends on the scene and the request alone.
+//! evaluated. If fewer rays are active than a vector has lanes, each ray puts several samples into the block, in
+//! columns that would otherwise be padding. Samples that turn out to lie behind the end of their ray are dropped and
+//! not counted. The counted work of a frame, like its pixels, thus depends on the scene and the request alone.
 
 use super::coarse::{CandidateBins, Intervals, Packets};
 use super::ray::{ActiveRays, MarchAll, ProposalSamples, RayState, windows};
@@ -18,11 +18,11 @@ use crate::simd::{MAX_LANES, VECTORS};
 use crate::space::SceneBox;
 use crate::volume::Accumulator;
 
-/// Width and height of a packet of rays, which is tested against the coarse occupancy grid as a whole. In a tile one
-/// pixel high, a packet is a row of as many rays. At most [`MAX_LANES`] rays.
+/// Width and height of a packet of neighbouring rays, pixels. A packet is tested against the coarse occupancy grid as a
+/// whole. In a tile one pixel high, a packet is a row of the same number of rays. At most [`MAX_LANES`] rays.
 const PACKET: (u32, u32) = (4, 4);
 
-/// The rays of the current tile that meet an occupied cell.
+/// The rays of the current tile, without the rays that meet no occupied cell.
 pub(in crate::render) struct Rays<'f, 'w> {
     field: Field<'f>,
     /// A box around all occupied cells of the occupancy grid; `None` if there is no occupied cell or no grid.
@@ -32,16 +32,16 @@ pub(in crate::render) struct Rays<'f, 'w> {
     inner: bool,
     packets: [Option<Packets<'f>>; VECTORS as usize],
     pub states: &'w mut [RayState],
-    /// Number of rays in `states`.
+    /// Number of rays that are stored in `states`.
     pub hits: usize,
     pub active: ActiveRays<'w>,
     pub samples: ProposalSamples<'w>,
-    /// Index, among the rays of each pixel, of the ray that is being rendered; the same for all pixels of the tile.
+    /// Index of the current ray within its pixel. All pixels of the tile render their rays of this index together.
     pub turn: u32,
 }
 
 impl<'f, 'w> Rays<'f, 'w> {
-    /// Reserves memory for a batch of rays; `drawn`: a ray's row length in [`ProposalSamples`], 0 without a proposal.
+    /// Reserves memory for a batch of rays. `drawn`: length of a row in [`ProposalSamples`]; 0 without a proposal.
     pub fn lay_out(
         layout: &mut impl Layout<'w>,
         field: Field<'f>,
@@ -65,7 +65,7 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
     }
 
-    /// Starts the rays of a tile's pixels. Rays without a sample in an occupied cell are added to their pixels at once.
+    /// Starts the rays of a tile's pixels. A ray without a sample in an occupied cell is added to its pixel at once.
     pub fn start<M: Math, const COLLIDE: bool>(
         &mut self,
         pixels: &mut Pixels<'_, '_>,
@@ -145,8 +145,8 @@ impl<'f, 'w> Rays<'f, 'w> {
         self.hits = hits;
     }
 
-    /// Starts the ray of a pixel: marches it to its first sample in an occupied cell and appends it to `states`. A ray
-    /// without such a sample is added to its pixel at once.
+    /// Starts the ray of a pixel: marches it to its first sample in an occupied cell and appends it to `states`. If
+    /// there is no such sample, the ray is added to its pixel at once.
     #[inline(never)]
     fn start_ray<M: Math, const COLLIDE: bool>(
         &mut self,
@@ -186,7 +186,7 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
     }
 
-    /// Calls [`RayState::march`] on the rays of the indices `list`.
+    /// Calls [`RayState::march`] on each ray with an index in `list`.
     pub fn march_all(&mut self, list: &[u32]) {
         let (plan, isa) = (self.field.plan, self.field.isa());
         if let Some(occupancy) = windows(isa, plan) {
@@ -201,9 +201,12 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
     }
 
-    /// Passes the next sample of each active ray to `put`, with its column in the block, the ray's index and the
-    /// distance. If the active rays do not fill a vector, each ray passes several samples; without a transmittance
-    /// threshold, all its samples. Stops after `room` samples, and returns the number of samples.
+    /// Fills a block with at most `room` samples of the active rays and returns the number of samples. Passes the
+    /// column, ray index and distance of each sample to `put`.
+    ///
+    /// Usually each ray contributes one sample. If fewer rays are active than a vector has lanes, each contributes
+    /// several. If samples cannot end a ray (no transmittance threshold, no collisions), each contributes all its
+    /// samples.
     pub fn take<const COLLIDE: bool>(&mut self, room: usize, mut put: impl FnMut(usize, u32, f32)) -> usize {
         let (field, plan) = (self.field, self.field.plan);
         let burst = match field.columns(1) {

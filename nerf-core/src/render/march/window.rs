@@ -37,15 +37,15 @@ pub(super) struct LookUp<'a> {
     pub contraction: Option<&'a Contraction>,
     pub ray: &'a Ray,
     pub bins: &'a Bins,
-    /// The bins to look up; all other bins are taken as empty.
+    /// The bins to look up. All other bins are treated as empty.
     pub candidates: &'a CandidateBins,
     /// Whether no occupied cell lies at a face of the scene box.
     pub inner: bool,
 }
 
 impl LookUp<'_> {
-    /// Index of the first occupied bin of `from..end`, or `end` if there is none; bit for bit the result of
-    /// [`Plan::first_occupied`](crate::plan::Plan::first_occupied) for samples in the middle of bins.
+    /// Returns the index of the first bin in `from..end` whose middle is in an occupied cell; `end` if there is none.
+    /// The result is the same as that of [`Plan::first_occupied`](crate::plan::Plan::first_occupied) without jitter.
     ///
     /// Between calls with the same `window`, `from` must not decrease and the bins must not change.
     #[inline(always)]
@@ -73,7 +73,7 @@ impl LookUp<'_> {
         end.min(found.end - WIDTH + found.live.trailing_zeros())
     }
 
-    /// Occupancy of the bins from `first` on, one window; bit `i`: whether bin `first + i` is occupied.
+    /// Looks up the bins of one window, from `first` on. Bit `i` of the result: whether bin `first + i` is occupied.
     #[inline(always)]
     fn live<V: Lanes>(&self, lanes: &OccupancyLanes<'_, V>, first: u32) -> u32 {
         let Self { occupancy, ray, bins, .. } = *self;

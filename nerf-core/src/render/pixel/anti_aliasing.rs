@@ -1,4 +1,4 @@
-//! Several rays a pixel: the positions of the rays in the pixel, and the mean of their results.
+//! Several rays per pixel: the position of each ray in its pixel, and the mean of the rays' results.
 
 use crate::math::Sum;
 use crate::memory::Layout;
@@ -15,10 +15,10 @@ pub(crate) fn rays(effects: &Effects) -> u32 {
     effects.anti_aliasing.into()
 }
 
-/// Position of ray `ray` in its pixel, to the right and down, in `(0, 1)`; the pixel's centre if it has one ray.
+/// Position of ray `ray` in its pixel, to the right and down, in `(0, 1)`. A single ray is at the centre.
 ///
-/// Positions are the same in every pixel. Of `n` rays, one is in each of `n` columns and one in each of `n` rows of the
-/// pixel: the mean position is the pixel's centre.
+/// Positions are the same in every pixel. `n` rays divide the pixel into `n` columns and `n` rows; each column and each
+/// row has one ray. The mean position is therefore the pixel's centre.
 #[inline]
 pub(crate) fn offset(effects: &Effects, ray: u32) -> (f32, f32) {
     match rays(effects) {
@@ -27,24 +27,24 @@ pub(crate) fn offset(effects: &Effects, ray: u32) -> (f32, f32) {
     }
 }
 
-/// Point `ray` of a Fibonacci lattice of `rays` points in the unit square: columns in order, rows in the order of the
-/// multiples of the golden ratio.
+/// Point `ray` of a Fibonacci lattice of `rays` points in the unit square. Column: `ray`. Row: rank of `ray` times the
+/// golden ratio, modulo 1, among all points.
 #[inline(never)]
 fn place_in_pixel(ray: u32, rays: u32) -> (f32, f32) {
     let middle = |cell: u32| (cell as f32 + 0.5) / rays as f32;
     (middle(ray), middle(rank(GOLDEN, ray, rays)))
 }
 
-/// Sums of colour, opacity and distances over the finished rays of one pixel.
+/// Sums of colour, opacity and distances of one pixel's finished rays.
 #[derive(Clone, Copy, Default)]
 struct PixelSum {
     rgb: [Sum; 3],
     opacity: Sum,
-    /// Sum of opacity over the rays with a surface: the divisor of the sums of distances.
+    /// Sum of opacity of the rays with a surface. The sums of distances are divided by this sum.
     surface: Sum,
-    /// Sum of opacity times `ray_distance` over the rays with a surface.
+    /// Sum of opacity times `ray_distance` of the rays with a surface.
     ray_distance: Sum,
-    /// Sum of opacity times `z_depth` over the rays with a surface.
+    /// Sum of opacity times `z_depth` of the rays with a surface.
     z_depth: Sum,
 }
 
@@ -63,7 +63,7 @@ impl PixelSum {
         }
     }
 
-    /// Mean of the `rays` rays. Mean distances are weighted by opacity; they are `far` if the mean shows no surface.
+    /// Mean result of the `rays` rays. Distances are weighted by opacity, or `far` if the mean shows no surface.
     fn mean(&self, rays: u32, far: f32) -> Pixel {
         let rays = rays as f32;
         let opacity = self.opacity.value / rays;
@@ -80,10 +80,10 @@ impl PixelSum {
     }
 }
 
-/// Sums of median distances and normals over a pixel's rays; not in [`PixelSum`], since few frames need them.
+/// Sums of the median distances and normals of a pixel's rays. Not part of [`PixelSum`], since few frames need them.
 #[derive(Clone, Copy, Default)]
 struct SurfaceSum {
-    /// Number of rays that have a median distance: those that reach an opacity of one half.
+    /// Number of rays that reach an opacity of one half and thus have a median distance.
     halved: u16,
     /// Sum of the median distances of the `halved` rays.
     median_distance: Sum,
@@ -101,8 +101,8 @@ impl SurfaceSum {
         }
     }
 
-    /// Sets the normal of `mean` to the rays' mean normal, weighted by opacity. Sets the median distance to the mean
-    /// over the rays that have a median distance, or to `far` if fewer than half of the rays do. The mean of an output
+    /// Sets the normal and the median distance of `mean`. The normal is the rays' mean normal, weighted by opacity. The
+    /// median distance is the mean of the rays that have one, or `far` if fewer than half of the rays do. An output
     /// that was not requested is 0.
     fn finish(&self, rays: u32, far: f32, mean: &mut Pixel) {
         let sum = self.normal.map(|sum| sum.value);
@@ -112,7 +112,7 @@ impl SurfaceSum {
     }
 }
 
-/// Sums over the finished rays of each pixel of a tile; empty if a pixel has one ray.
+/// Sums of the finished rays of each pixel of a tile; empty if a pixel has one ray.
 pub(crate) struct Sums<'w> {
     pixels: &'w mut [PixelSum],
     /// Sum for each pixel if a median distance or a normal is requested; else empty.
@@ -120,8 +120,8 @@ pub(crate) struct Sums<'w> {
 }
 
 impl<'w> Sums<'w> {
-    /// Reserves sums for `pixels` pixels, unless a pixel has one ray. `surface`: whether a median distance or a normal
-    /// is requested.
+    /// Reserves sums for `pixels` pixels; none if a pixel has only one ray. `surface`: whether a median distance or a
+    /// normal is requested.
     pub fn lay_out(layout: &mut impl Layout<'w>, effects: &Effects, surface: bool, pixels: usize) -> Self {
         let pixels = if rays(effects) > 1 { pixels } else { 0 };
         let surfaces = if surface { pixels } else { 0 };

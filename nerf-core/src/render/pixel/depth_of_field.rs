@@ -12,7 +12,8 @@ mod tests;
 
 /// Index of the ring of the aperture that ray `ray` of every pixel passes through. All rings have the same area.
 ///
-/// Consecutive rays are given rings far apart: no side of a pixel sees the aperture's rim alone.
+/// Rays of consecutive indices are neighbours in the pixel, and pass through rings that are far apart. Otherwise all
+/// rays at one side of the pixel would pass near the aperture's rim.
 #[inline]
 pub(crate) fn area(effects: &Effects, ray: u32) -> u32 {
     /// Fractional part of the silver ratio, in units of 2^-32.
@@ -23,8 +24,8 @@ pub(crate) fn area(effects: &Effects, ray: u32) -> u32 {
     }
 }
 
-/// Ray of pixel `(x, y)` through a random point in ring `area` of the aperture ([`area`]). `pinhole`: the pixel's ray
-/// through the aperture's centre, returned unchanged without depth of field.
+/// Returns the ray of pixel `(x, y)` through a random point in ring `area` of the aperture ([`area`]). `pinhole`: the
+/// pixel's ray through the aperture's centre; returned unchanged without depth of field.
 #[inline]
 pub(crate) fn through_lens(
     effects: &Effects,
@@ -39,7 +40,8 @@ pub(crate) fn through_lens(
     }
 }
 
-/// Ray from point `at` of the aperture, in units of its radius, to the point where `pinhole` meets the plane of focus.
+/// Returns the ray from point `at` of the aperture to the point where `pinhole` meets the plane of focus. `at`: in
+/// aperture radii.
 ///
 /// The plane of focus and the aperture are perpendicular to the view axis: a point at distance `t` along the returned
 /// ray has a z_depth of `t` times the cosine between the returned ray and the view axis.
@@ -59,7 +61,7 @@ fn lens_ray(lens: &ThinLens, pose: &Pose, pinhole: &Ray, at: (f32, f32)) -> Ray 
 /// A random point of the unit disc, in ring `area` ([`area`]).
 ///
 /// Sunflower pattern: rings of equal area from the middle outwards, with successive points the golden angle apart. The
-/// position within the ring and the first angle are random for each pixel, so that every ray is uniform over the disc
+/// position within the ring and the first angle are random for each pixel. Each point is thus uniform over its ring,
 /// and neighbouring pixels differ.
 ///
 /// # Source

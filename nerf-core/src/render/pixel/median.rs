@@ -30,32 +30,34 @@ impl<'w> Medians<'w> {
         self.distance.iter_mut().take(count).for_each(|distance| *distance = NOT_YET);
     }
 
-    /// Whether the sample last added to `gathered` is the first to lower the ray's transmittance below one half.
+    /// Whether the sample last added to `gathered` is the first to lower the transmittance of `ray` below one half.
     ///
-    /// Uses the same comparison (`<`) as the transmittance threshold: even with a threshold of one half no ray ends
-    /// before its median.
+    /// The comparison is `<`, as for the transmittance threshold. Therefore, even if that threshold is one half, a ray
+    /// does not end before its median.
     #[inline]
     pub fn passes(&self, ray: u32, gathered: &Accumulator) -> bool {
         let distance = self.distance.get(ray as usize);
         distance.is_some_and(|&distance| distance == NOT_YET && gathered.transmittance() < 0.5)
     }
 
-    /// Stores the median distance of `ray`, which lies in the interval of middle `mid`, width `delta` and density
-    /// `sigma`. `before`: optical thickness in front of the interval.
+    /// Computes and stores the median distance of `ray`, which lies in the interval with middle `mid`, width `delta`
+    /// and density `sigma`. `before`: optical thickness in front of the interval.
     pub fn put(&mut self, ray: u32, before: f32, sigma: f32, [mid, delta]: [f32; 2]) {
         if let Some(distance) = self.distance.get_mut(ray as usize) {
             *distance = median_in_bin(before, sigma, mid, delta);
         }
     }
 
-    /// Median distance of `ray` plus `start`, at most `far`; `far` if the ray has none, 0 if none was requested.
+    /// Returns `start` plus the stored median distance of `ray`, at most `far`. Returns `far` if the ray has no median
+    /// distance, and 0 if median distances are not requested.
     pub fn finish(&self, ray: usize, start: f32, far: f32) -> f32 {
         self.distance.get(ray).map_or(0.0, |&distance| (start + distance).min(far))
     }
 }
 
 /// Distance along the ray, world units, at which the transmittance falls to one half inside a bin of constant density:
-/// `t_edge + (ln 2 − thickness) / sigma`, clamped to the bin; the bin's front edge if `sigma` is +inf.
+/// `t_edge + (ln 2 − thickness) / sigma`, where t_edge is the bin's near edge. The result is clamped to the bin, and
+/// is the near edge if `sigma` is +inf.
 ///
 /// `thickness`: Σ sigma·delta of the bins in front, below ln 2 up to rounding. `sigma`: density of the bin, not 0. `t`,
 /// `delta`: middle and width of the bin, world units along the ray.

@@ -1,4 +1,4 @@
-//! The pixels of the current tile: each sums up its rays' results, and is passed to the target after its last ray.
+//! The pixels of the current tile. A pixel sums its rays' results and is passed to the target after its last ray.
 
 use super::anti_aliasing::Sums;
 use super::placed::Placed;
@@ -14,10 +14,10 @@ use glam::Vec3;
 pub(in crate::render) struct Pixels<'f, 'w> {
     pub plan: &'f Plan<'f>,
     sums: Sums<'w>,
-    /// Index, among the rays of each pixel, of the ray that is being rendered; the same for all pixels of the tile.
+    /// Index of the current ray within its pixel. All pixels of the tile render their rays of this index together.
     pub turn: u32,
     pub tile: Rect,
-    /// Whether colour is composited over the plan's background, else over black.
+    /// Whether colour is composited over the plan's background. If `false`, colour is composited over black.
     pub background: bool,
     /// Axis along which z_depth is measured, in the field's coordinates.
     pub forward: Vec3,
@@ -39,7 +39,7 @@ impl<'f, 'w> Pixels<'f, 'w> {
         }
     }
 
-    /// Adds a ray to its pixel. `hit`: [`Surface`] of the tile and index of the ray in it; `None` without samples.
+    /// Adds a ray's result to its pixel. `hit`: the tile's [`Surface`] and the ray's index; `None` without samples.
     #[inline(never)]
     pub fn finish<M: Math>(
         &mut self,

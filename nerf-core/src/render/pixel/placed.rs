@@ -1,4 +1,4 @@
-//! Placement of a single field that is not scaled: rays are transformed to the field's coordinates. Distances stay the
+//! Placement of a single field without scaling. Rays are transformed to the field's coordinates; distances stay the
 //! same.
 
 use crate::camera::{Camera, Ray};

@@ -1,4 +1,4 @@
-//! Sources of the rays of a tile's pixels: a camera, whose rays may end at a depth buffer, or the caller.
+//! Sources of the rays of a tile's pixels: a camera, with or without a depth buffer at which rays end, or the caller.
 
 use super::placed::Placed;
 use super::{Rect, anti_aliasing, depth_of_field};
@@ -12,9 +12,9 @@ use glam::Vec3;
 
 /// Source of the rays of a tile's pixels.
 pub(in crate::render) trait RaySource {
-    /// The ray of pixel `(x, y)`.
     fn ray(&self, x: u32, y: u32) -> Ray;
-    /// The camera and each ray's position in its pixel; `None` unless the source is an undistorted pinhole camera.
+    /// The camera and each ray's position in its pixel, if the source is a pinhole camera without distortion or depth
+    /// of field; `None` for all other sources.
     fn pinhole(&self) -> Option<(&Camera, (f32, f32))> {
         None
     }
@@ -31,15 +31,15 @@ pub(in crate::render) trait RaySource {
     }
     /// Nearest and farthest visible distance along the ray of pixel `(x, y)`, world units.
     fn range(&self, x: u32, y: u32, ray: &Ray) -> [f32; 2];
-    /// Distance of a pixel in column `x` without a surface, world units, before it is limited to the ray's range.
+    /// Distance stored for a pixel in column `x` without a surface, world units. Callers limit it to the ray's range.
     fn far(&self, x: u32) -> f32;
-    /// Optical thickness at which the ray of column `x` collides; infinite if rays do not collide.
+    /// Optical thickness at which the ray of column `x` collides with a field; infinite if rays do not collide.
     fn until(&self, _x: u32) -> f32 {
         f32::INFINITY
     }
 }
 
-/// Camera as a source of one ray per pixel: the ray with the same index among the rays of each pixel.
+/// Camera as a source of one ray per pixel. For several rays per pixel, there is one source for each ray index.
 pub(in crate::render) struct CameraRays<'a, L> {
     camera: &'a Camera,
     effects: &'a Effects,
@@ -53,8 +53,8 @@ pub(in crate::render) struct CameraRays<'a, L> {
 }
 
 impl<'a, L> CameraRays<'a, L> {
-    /// `turn`: index of the rays among those of each pixel. `limit`: end of a pixel's ray, a function of x and y.
-    /// `far`: distance of pixels without a surface, world units.
+    /// Makes the source of each pixel's ray with the index `turn`. `limit`: function from a pixel's x and y to the end
+    /// of its ray. `far`: output distance of pixels without a surface, world units.
     pub fn new(camera: &'a Camera, effects: &'a Effects, turn: u32, limit: &'a L, far: f32) -> Self {
         let (offset, area) = (anti_aliasing::offset(effects, turn), depth_of_field::area(effects, turn));
         Self { camera, effects, offset, area, limit, far, forward: camera.pose().forward() }
@@ -83,14 +83,14 @@ impl<L: Fn(u32, u32) -> Limit> RaySource for CameraRays<'_, L> {
     }
 }
 
-/// Rays of the caller, of any origins, as a source: the tile is one row of pixels, and column `x` is ray `first + x`.
+/// Rays of the caller as a source. The tile is one row of pixels: column `x` has the caller's ray `first + x`.
 pub(in crate::render) struct OwnRays<'a, R, U, F> {
     pub first: usize,
     pub ray: &'a R,
     pub placed: Placed,
-    /// Random number in `[0, 1]` of each ray, a function of the ray's index.
+    /// Function from a ray's index to the ray's random number in `[0, 1]`.
     pub random: &'a U,
-    /// Distance of a ray that meets no surface, a function of the ray's origin; world units.
+    /// Function from a ray's origin to the output distance of a ray that meets no surface, world units.
     pub far: F,
 }
 
@@ -120,10 +120,10 @@ impl<R: Fn(usize) -> RaySegment, U: Fn(usize) -> f32, F: Fn(Vec3) -> f32> RaySou
 pub struct RaySegment {
     /// Ray with a finite origin and a direction of unit length.
     pub ray: Ray,
-    /// Nearest visible distance, world units along the ray, at least 0.
+    /// Nearest visible distance, world units along the ray; finite and at least 0.
     pub t_min: f32,
     /// Farthest visible distance, world units along the ray, at least `t_min`; may be infinite. The bin that contains
-    /// `t_max` is shortened to end there: opacity is continuous in `t_max`.
+    /// `t_max` is shortened to end there, so that opacity is continuous in `t_max`.
     pub t_max: f32,
 }
 
@@ -133,12 +133,12 @@ impl From<Ray> for RaySegment {
     }
 }
 
-/// End of a pixel's ray, from a depth buffer. Infinity and NaN mean no end.
+/// Point at which a pixel's ray ends, from a depth buffer. If the distance is infinity or NaN, the ray does not end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Limit {
-    /// Distance along the ray, world units.
+    /// The ray ends at this distance along the ray, world units.
     RayDistance(f32),
-    /// Distance along the view axis, world units.
+    /// The ray ends at this distance along the view axis, world units.
     ZDepth(f32),
 }
 
@@ -146,8 +146,8 @@ impl Limit {
     /// No end: the whole ray is visible.
     pub const NONE: Self = Self::RayDistance(f32::INFINITY);
 
-    /// The limit as a distance along `ray`, world units, for a camera that looks along `forward`; infinite if the ray
-    /// never reaches the limit's z_depth.
+    /// Converts the limit to a distance along `ray`, world units; infinite if the ray never reaches the limit's
+    /// z_depth. `forward`: view direction of the camera.
     #[inline]
     pub(crate) fn along(self, ray: &Ray, forward: Vec3) -> f32 {
         match self {
@@ -163,11 +163,11 @@ impl Limit {
 /// The ray of a pixel, and the sums composited along the ray so far.
 #[derive(Clone, Copy)]
 pub(in crate::render) struct PixelRay {
-    /// The ray, its origin moved to the point from which distances of samples are counted.
+    /// The ray. In a single field, its origin is moved to the point from which the distances of samples are counted.
     pub ray: Ray,
-    /// Distance by which the ray's origin was moved along the ray, world units.
+    /// Distance from the original origin to the point from which samples' distances are counted, world units.
     pub start: f32,
-    /// Nearest and farthest visible distance from the origin before it was moved, world units.
+    /// Nearest and farthest visible distance from the original origin, world units.
     pub range: [f32; 2],
     pub x: u32,
     pub y: u32,

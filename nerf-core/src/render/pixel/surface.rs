@@ -37,7 +37,7 @@ impl<'w> Surface<'w> {
     }
 
     /// Writes the median distance and the normal of ray `ray` to `pixel`. `start`: distance along the ray from which
-    /// its samples are counted; `far`: median distance without a surface.
+    /// the distances of its samples are counted. `far`: median distance of a ray that has none.
     pub fn finish(&self, ray: usize, start: f32, far: f32, pixel: &mut Pixel) {
         pixel.median_distance = self.medians.finish(ray, start, far);
         #[cfg(feature = "normals")]

@@ -1,4 +1,4 @@
-//! Conversion of display-encoded colour to linear light and back, with exposure and tone curve in between.
+//! Conversion of display-encoded colour to linear light and back. Exposure and tone curve are applied in linear light.
 //!
 //! For linear output, the colours of samples and background are decoded to linear light before they are composited.
 //! Otherwise display-encoded colours are composited, as in training, and the ray's colour is decoded once.
@@ -8,7 +8,8 @@ use crate::plan::{Tone, ToneMap};
 use crate::simd::{Isa, Lanes, Op};
 use core::marker::PhantomData;
 
-/// Decodes the colours of a block's samples, in place, to linear light if the output is linear. `values`: all channels.
+/// Decodes the colours of a block's samples to linear light, in place; does nothing unless the output is linear.
+/// `values`: all colour channels of the block.
 #[inline]
 pub(crate) fn samples_to_light(tone: &Tone, math: MathBackend, isa: Isa, values: &mut [f32]) {
     if tone.linear {
@@ -51,7 +52,7 @@ impl<M: Math> Op for Decode<'_, M> {
     }
 }
 
-/// Converts a pixel's colour to the output colour. `rgb`: mean of what [`to_light`] returned for the pixel's rays.
+/// Converts a pixel's colour to the output colour. `rgb`: mean of the colours from [`to_light`] of the pixel's rays.
 #[inline]
 pub(crate) fn to_display<M: Math>(tone: &Tone, rgb: [f32; 3]) -> [f32; 3] {
     if *tone == Tone::NONE { rgb } else { develop::<M>(tone, rgb) }

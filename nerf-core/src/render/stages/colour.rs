@@ -1,5 +1,5 @@
-//! Colours of samples: the colour branch is evaluated for the samples picked from one block or from several. The part
-//! of the branch that depends on the direction alone is evaluated once per ray.
+//! Colours of samples. The samples picked from one or several blocks form a block for the colour branch. The part of
+//! the branch that depends on the direction alone is evaluated once per ray.
 
 use super::TileState;
 use super::compositing::Compositing;
@@ -11,20 +11,20 @@ use crate::render::field::Field;
 use crate::render::march::RayState;
 use crate::render::pixel::samples_to_light;
 
-/// Numerator and denominator of the fraction of a block below which picked samples are queued, not evaluated at once.
+/// Fraction of a block, numerator and denominator: samples are queued if fewer are picked, else evaluated at once.
 const QUEUED_BELOW: (usize, usize) = (3, 4);
 
 /// Stage that evaluates the colour branch at samples; its buffers are empty with deferred shading or without colour.
 pub(in crate::render) struct Colour<'w> {
     shares: &'w mut [f32],
-    /// Trunk outputs `h` of the queued samples, `[activation_rows][samples]`; the colour branch overwrites them. `h`,
-    /// `owner` and `weight` are empty if a block is one sample.
+    /// Trunk outputs `h` of the queued samples, `[activation_rows][samples]`; the colour branch overwrites them. A
+    /// block of one sample needs no queue: `h`, `owner` and `weight` are then empty.
     h: &'w mut [f32],
     /// Index of each queued sample's ray, `[samples]`.
     owner: &'w mut [u32],
     weight: &'w mut [f32],
     queued: usize,
-    /// Directions of a block of rays, later overwritten by the colours of a block of samples: `[3][stride]`.
+    /// First the directions of a block of rays, later the colours of a block of samples: `[3][stride]`.
     rgb: &'w mut [f32],
 }
 
@@ -43,12 +43,12 @@ impl<'w> Colour<'w> {
         }
     }
 
-    /// The [`DirectionShares`] of the rays, and the buffer for directions or colours of a block.
+    /// Returns the [`DirectionShares`] of the rays, and the buffer for the directions or colours of a block.
     pub fn shares(&mut self, field: Field<'_>) -> (DirectionShares<'_>, &mut [f32]) {
         (DirectionShares { values: self.shares, block: field.block_samples() }, self.rgb)
     }
 
-    /// Adds the colours of the samples picked from a block to their rays; if few are picked, queues these samples.
+    /// Adds the colours of the samples picked from a block to their rays. Queues the samples instead if they are few.
     pub fn run(&mut self, tile: &mut TileState<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
         if picks.count * QUEUED_BELOW.1 < tile.density.owner.len() * QUEUED_BELOW.0 {
             return self.queue(tile, picks, counters);
@@ -104,7 +104,7 @@ impl<'w> Colour<'w> {
     }
 }
 
-/// Adds `weight` times a sample's colour, black if NaN, to the ray of index `owner`.
+/// Adds `weight` times a sample's colour to the ray of index `owner`. A NaN colour is replaced by black.
 #[inline]
 fn add_colour(rays: &mut [RayState], owner: u32, weight: f32, colour: [f32; 3], counters: &mut Counters) {
     let colour = counters.or_black(colour);
@@ -122,13 +122,13 @@ pub(in crate::render) struct DirectionShares<'w> {
 }
 
 impl DirectionShares<'_> {
-    /// Length of `values` for a batch; `block`: number of rays encoded together. 0 if no samples are coloured.
+    /// Number of `values` for a batch of rays; 0 if no samples are coloured. `block`: number of rays encoded together.
     pub fn values(field: Field<'_>, block: usize) -> usize {
         let rows = if field.shades_samples() { field.network.direction_rows() } else { 0 };
         rows.saturating_mul(field.plan.batch.rays.div_ceil(block.max(1)) * block)
     }
 
-    /// Computes the values of `rays` from their directions; overwrites `scratch` and `dirs` (`[3][block]`).
+    /// Computes `values` from the directions of `rays`. Overwrites `scratch` and `dirs`, a buffer `[3][block]`.
     pub fn fill(
         &mut self,
         field: Field<'_>,
@@ -161,7 +161,7 @@ impl DirectionShares<'_> {
         counters.macs += rays.len() as u64 * network.direction_macs() as u64;
     }
 
-    /// Computes the colours of samples into `rgb`, `[3][scratch.stride]`. The `h` of the samples is in `scratch.front`;
+    /// Writes the colours of samples to `rgb`, `[3][scratch.stride]`. `scratch.front` holds the `h` of the samples.
     /// `owner`: index of each sample's ray.
     pub fn evaluate(&self, field: Field<'_>, scratch: &mut Scratch<'_>, owner: &[u32], rgb: &mut [f32]) {
         let (network, plan) = (field.network, field.plan);

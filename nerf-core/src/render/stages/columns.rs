@@ -1,8 +1,8 @@
-//! Ray marching with deferred shading, a ray in each column of a block: vector instructions march and composite one ray
-//! per SIMD lane.
+//! Ray marching with deferred shading, one ray per column of a block: vector instructions march one ray per SIMD lane.
 //!
-//! The results equal those of `compositing`, bit for bit. A column holds a ray from its first sample to its last; the
-//! next active ray then replaces it. The last rays, fewer than a vector has lanes, are left to `compositing`.
+//! The results are bit-identical to those of `compositing`. A column holds the same ray from its first sample to its
+//! last; then the next active ray replaces it. When fewer rays are left than a vector has lanes, `compositing` takes
+//! over.
 
 use super::TileState;
 use super::per_ray::Deferred;
@@ -18,8 +18,8 @@ use crate::simd::{BLOCK, Lanes, MAX_LANES, Op, VECTORS};
 use crate::volume::side_by_side::{self, LEFT, add_samples};
 use core::marker::PhantomData;
 
-/// Number of rows of [`Columns`], one value per ray: origin, direction, distance, interval, least distance, cuts,
-/// composited values. Not counted: the sums of hidden features `h`, whose number the network sets.
+/// Number of rows of [`Columns`] except `sums`, whose number depends on the network. Each row has one value per ray. In
+/// order: origin, direction, distance, interval, least distance, cuts of bins, composited values.
 const ROWS: usize = 3 + 3 + 1 + 2 + 1 + Ends::PARTS + side_by_side::ROWS;
 
 /// Whether all samples lie in the middle of their bins, and the bins are in world units.
@@ -30,7 +30,7 @@ fn in_middles(plan: &Plan<'_>) -> bool {
 /// One value for the ray of each column.
 type Row = [f32; BLOCK];
 
-/// Rows of [`Columns`], `[rows][BLOCK]`; empty if this plan or kernel does not march one ray per column.
+/// Memory for the rows of [`Columns`], `[rows][BLOCK]`; empty if this plan or kernel does not march one ray per column.
 pub(in crate::render) struct ColumnMarch<'w> {
     memory: &'w mut [f32],
 }
@@ -44,7 +44,7 @@ impl<'w> ColumnMarch<'w> {
         Self { memory: layout.slice(if on { (ROWS + sums) * BLOCK } else { 0 }, 0.0) }
     }
 
-    /// Marches active rays in SIMD lanes while there are enough to fill a vector; the remaining rays stay active.
+    /// Marches active rays in SIMD lanes until too few are left to fill a vector. The remaining rays stay active.
     pub fn run<M: Math>(
         &mut self,
         tile: &mut TileState<'_, '_>,
@@ -86,22 +86,22 @@ impl<'w> ColumnMarch<'w> {
     }
 }
 
-/// Rays that are marched at once, one in each column (SIMD lane).
+/// Rays that are marched at the same time, one per column of a block.
 struct Columns<'a> {
     plan: &'a Plan<'a>,
     /// Index of each column's ray in the tile.
     owner: [u32; BLOCK],
     origins: &'a mut [Row; 3],
     dirs: &'a mut [Row; 3],
-    /// Distance of each column's sample along its ray, or if [`in_middles`] the index of the sample's bin.
+    /// Distance of each column's sample along its ray. If [`in_middles`], the index of the sample's bin instead.
     t: &'a mut Row,
-    /// Distance at which each sample counts in the mean `ray_distance`, and width of its interval, world units.
+    /// Distance that each sample contributes to the mean `ray_distance`, and width of its interval, world units.
     intervals: &'a mut [Row; 2],
-    /// [`Plan::least_distance`] of each ray, world units.
+    /// [`Plan::least_distance`] of each ray, the least distance of a sample: world units, used in unbounded scenes.
     near: &'a mut Row,
-    /// Distances at which each ray's first and last bin are cut.
+    /// Cuts of each ray's first and last bin ([`Ends`]).
     ends: &'a mut [Row; Ends::PARTS],
-    /// Each ray's sums of opacity, distance and optical thickness over the samples composited so far.
+    /// Sums of opacity, distance and optical thickness of the samples that were composited so far, for each ray.
     gathered: &'a mut side_by_side::Rows,
     /// Each ray's Σ weight · `h` so far, one row per feature, and in the last row Σ weight.
     sums: &'a mut [Row],
@@ -178,8 +178,8 @@ impl<'a> Columns<'a> {
         copy(self.sums);
     }
 
-    /// Marches the ray of each of the first `n` columns to its next occupied sample; the next active rays replace those
-    /// that end. Returns the number of columns that have a sample.
+    /// Marches the ray of each of the first `n` columns to its next occupied sample. A ray that ends is replaced by the
+    /// next active ray. Returns the number of columns that have a sample.
     fn advance(&mut self, rays: &mut Rays<'_, '_>, deferred: &mut Deferred<'_>, mut n: usize) -> usize {
         let (mut waiting, mut waits) = ([0; BLOCK], 0);
         let (mut marching, mut marches) = ([0; BLOCK], 0);
@@ -217,7 +217,7 @@ impl<'a> Columns<'a> {
     }
 }
 
-/// Computes the position, `[3][stride]`, and the interval of the sample in each column.
+/// Vector loop that computes the position, `[3][stride]`, and the interval of the sample in each column.
 struct Samples<'a, 'c> {
     stride: usize,
     columns: &'a mut Columns<'c>,
@@ -253,7 +253,7 @@ impl Op for Samples<'_, '_> {
     }
 }
 
-/// Composites a block of samples, one in each column: adds density and `h` of each sample to its column's ray.
+/// Vector loop that composites a block of samples: adds density and `h` of each column's sample to the column's ray.
 struct Absorb<'a, 'c, M> {
     stride: usize,
     sigma: &'a [f32],

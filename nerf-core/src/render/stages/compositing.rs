@@ -18,11 +18,11 @@ const ROWS: usize = 4;
 
 /// Stage that composites a block of samples and picks those whose colour or normal is evaluated.
 pub(in crate::render) struct Compositing<'w> {
-    /// In builds with vectors `[rows][samples]`, four rows: each sample's optical thickness in front, distance, opacity
-    /// and transmittance behind. The last two rows hold optical thicknesses until [`Absorb`] converts them.
+    /// Four rows, `[4][samples]`: each sample's optical thickness in front, distance, opacity, and transmittance
+    /// behind. [`Absorb`] computes the last two in place from optical thicknesses. Empty in builds without vectors.
     rows: &'w mut [f32],
-    /// Indices of the block's columns whose colour or normal is evaluated, ascending: `[samples]`, or empty if neither
-    /// is requested.
+    /// Columns of the block whose colour or normal is evaluated, ascending: `[samples]`. Empty if neither colour nor
+    /// normals are requested.
     picked: &'w mut [u32],
     weight: &'w mut [f32],
     pub count: usize,
@@ -40,7 +40,7 @@ impl<'w> Compositing<'w> {
         }
     }
 
-    /// Iterates over column index and weight of the picked samples of the block.
+    /// Iterates over the picked samples of the block: column index and weight of each.
     #[inline]
     pub fn iter(&self) -> impl Iterator<Item = (usize, f32)> {
         let picked = head(self.picked, self.count).iter().zip(&*self.weight);
@@ -48,7 +48,7 @@ impl<'w> Compositing<'w> {
     }
 
     /// Composites the block's samples, picks those whose colour or normal is evaluated, and marches the rays that have
-    /// not ended to their next occupied sample. Samples behind the end of their ray are not counted as evaluated.
+    /// not ended to their next occupied sample. Samples of a ray that has ended are ignored and not counted.
     pub fn run<M: Math, const COLLIDE: bool>(
         &mut self,
         tile: &mut TileState<'_, '_>,
@@ -120,7 +120,7 @@ impl<'w> Compositing<'w> {
     /// Adds the optical thickness of the block's samples to their rays. Computes the opacity of each sample and the
     /// transmittance behind each sample.
     ///
-    /// The exponentials are computed up to sixteen at a time, with the same bits on every instruction set.
+    /// The exponentials are computed up to sixteen at a time. The results are bit-identical on every instruction set.
     fn absorb<M: Math>(&mut self, TileState { field, rays, density, .. }: &mut TileState<'_, '_>) {
         let (field, n, room) = (*field, density.count, density.owner.len());
         let (plan, isa) = (field.plan, field.isa());
@@ -156,8 +156,8 @@ impl<'w> Compositing<'w> {
     }
 }
 
-/// Converts optical thicknesses in `alpha` to opacities ([`alpha`]), and sums of optical thickness in `light` to
-/// transmittances ([`light`]), in place.
+/// Vector loop that converts two rows in place: optical thicknesses in `alpha` to opacities ([`alpha`]), and sums of
+/// optical thickness in `light` to transmittances ([`light`]).
 struct Absorb<'a, M> {
     alpha: &'a mut [f32],
     light: &'a mut [f32],
@@ -176,7 +176,7 @@ impl<M: Math> Op for Absorb<'_, M> {
     }
 }
 
-/// Computes the distance of each sample of an unbounded scene and the width of its interval, world units: `[2][room]`.
+/// Vector loop for unbounded scenes: computes each sample's distance and interval width, world units, `[2][room]`.
 struct Intervals<'a> {
     plan: &'a Plan<'a>,
     columns: usize,

@@ -12,7 +12,7 @@ use crate::simd::{Lanes, MAX_LANES, Op, VECTORS};
 pub(in crate::render) struct Density<'w> {
     /// Index of each sample's ray; samples of one ray are adjacent, in marching order.
     pub owner: &'w mut [u32],
-    /// Distance of each sample along its ray: world units, or steps of an unbounded scene's contraction.
+    /// Distance of each sample along its ray: world units, or contraction steps in an unbounded scene.
     pub t: &'w mut [f32],
     pub sigma: &'w mut [f32],
     /// Positions of the samples in the network's space, `[3][stride]`.
@@ -69,7 +69,8 @@ impl<'w> Density<'w> {
         }
     }
 
-    /// Evaluates trunk and density head for `n` samples at `positions`, which has the stride [`Field::columns`].
+    /// Evaluates trunk and density head for `n` samples at `positions`, `[3][stride]` with a stride of
+    /// [`Field::columns`].
     pub fn evaluate(&mut self, field: Field<'_>, n: usize) {
         (self.count, self.scratch.stride) = (n, field.columns(n));
         field.network.trunk(field.plan.math, &mut self.scratch, self.positions);
@@ -77,7 +78,7 @@ impl<'w> Density<'w> {
     }
 }
 
-/// Computes the positions of an unbounded scene's samples in the network's space, `[3][stride]`.
+/// Vector loop for unbounded scenes: computes the positions of samples in the network's space, `[3][stride]`.
 struct Place<'a> {
     spacing: Spacing<'a>,
     stride: usize,
@@ -107,7 +108,8 @@ impl Op for Place<'_> {
     }
 }
 
-/// Gathers `N` values of each sample's ray into vectors, one sample per SIMD lane; `owner`: index of the sample's ray.
+/// Gathers `N` values of each sample's ray into vectors, one sample per SIMD lane. `owner`: index of each sample's ray.
+/// `of`: function from a ray to its `N` values.
 #[inline(always)]
 pub(super) fn of_rays<V: Lanes, const N: usize>(
     rays: &[RayState],
@@ -129,7 +131,7 @@ pub(super) fn of_rays<V: Lanes, const N: usize>(
     values
 }
 
-/// Repacks the first `n` columns of a block in place: from rows of length `from` to rows of length `to`, if shorter.
+/// Shortens the rows of a block in place from length `from` to `to`, if `to` is less. Keeps the first `n` columns.
 pub(in crate::render) fn narrow(block: &mut [f32], rows: usize, [from, to]: [usize; 2], n: usize) {
     if to < from {
         for row in 1..rows {

@@ -1,4 +1,4 @@
-//! Normals: density gradients at the picked samples, which are evaluated in blocks of their own.
+//! Normals: density gradients at picked samples. Picked samples are queued, and a full queue is evaluated as a block.
 
 use super::TileState;
 use super::compositing::Compositing;
@@ -72,7 +72,7 @@ impl<'w> Normals<'w> {
     }
 }
 
-/// Gradients of the raw density, before its activation, with respect to position, at a block of positions.
+/// Gradients of the raw density (before its activation) with respect to position, at a block of positions.
 pub(in crate::render) struct Gradients<'w> {
     memory: GradientScratch<'w>,
     /// ∂raw_sigma/∂x, `[3][samples]`.
@@ -96,8 +96,8 @@ impl<'w> Gradients<'w> {
         }
     }
 
-    /// Computes the gradients, in world space, at the block's first `n` positions. Passes index and gradient of each
-    /// position to `put_gradient`.
+    /// Computes the gradients with respect to position in the field's coordinates, at the block's first `n` positions.
+    /// Passes index and gradient of each position to `put_gradient`.
     pub fn run(
         &mut self,
         field: Field<'_>,

@@ -1,8 +1,9 @@
-//! Deferred shading: the trunk's output `h` is composited along each ray, and the colour branch is evaluated once per
-//! ray, at the mean of `h` under the samples' weights `w`.
+//! Deferred shading. The trunk's output `h` is composited along each ray with the samples' weights `w`. After the
+//! march, the colour branch is evaluated once per ray, at the mean of `h`.
 //!
 //! ```text
-//! march: picked samples ─► Σ w h, Σ w of their ray     after it: mean h = Σ w h / Σ w ─► colour branch ─► ray
+//! march:            picked samples ─► Σ w h and Σ w of each ray
+//! after the march:  mean h = Σ w h / Σ w ─► colour branch ─► colour of the ray
 //! ```
 
 use super::TileState;
@@ -16,7 +17,7 @@ use crate::render::pixel::samples_to_light;
 
 /// Weighted sums of hidden features `h` along the current tile's rays. All buffers are empty without deferred shading.
 pub(in crate::render) struct Deferred<'w> {
-    /// For each ray Σ weight · h, one sum per feature, followed by Σ weight: `[rays][row]`.
+    /// For each ray `[rays][row]`: Σ weight · h of each feature, then Σ weight.
     sums: &'w mut [f32],
     row: usize,
     pub networks: RayNetworks<'w>,
@@ -33,7 +34,7 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Number of sums of a ray: one per feature of `h`, and one of weights; 0 without deferred shading.
+    /// Number of sums per ray: one per feature of `h`, and the sum of weights. 0 without deferred shading.
     pub fn row(field: Field<'_>) -> usize {
         if field.shades_rays() { field.network.trunk_rows() + 1 } else { 0 }
     }
@@ -54,7 +55,7 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Adds the weighted `h` of the samples picked from a block, in `scratch.front`, to the sums of `h` of their rays.
+    /// Adds the weighted `h` of the samples picked from a block to their rays' sums. `scratch.front` holds the `h`.
     pub fn add(&mut self, TileState { field, density, .. }: &TileState<'_, '_>, picks: &Compositing<'_>) {
         for (column, weight) in picks.iter() {
             let first = at(density.owner, column) as usize * self.row;
@@ -104,7 +105,7 @@ impl<'w> RayNetworks<'w> {
     /// Evaluates the colour branch for each of `rays` whose sum of weights is above 0. Passes the ray, its index, its
     /// sum of weights and its colour to `put_colour`.
     ///
-    /// `sums`: for each ray a row of Σ weight · h, followed by Σ weight. A NaN colour is counted and becomes black.
+    /// `sums`: for each ray, Σ weight · h for each feature, then Σ weight. A NaN colour is invalid and becomes black.
     pub fn shade(
         &mut self,
         field: Field<'_>,
@@ -146,7 +147,8 @@ impl<'w> RayNetworks<'w> {
         }
     }
 
-    /// Colours of the samples whose `h` is in `scratch.front`: sample `i` is the only one on ray `i` of `rays`.
+    /// Computes the colours of samples that are each the only sample of their ray: sample `i` is on ray `i` of `rays`.
+    /// The `h` of the samples is in `scratch.front`.
     pub fn of_samples(
         &mut self,
         field: Field<'_>,
@@ -159,7 +161,7 @@ impl<'w> RayNetworks<'w> {
         self.rgb
     }
 
-    /// Computes the colours of the first `n` columns into `self.rgb`. Their `h` is in `scratch.front`.
+    /// Computes the colours of the first `n` columns into `self.rgb`. The `h` of the columns is in `scratch.front`.
     fn run(
         &mut self,
         field: Field<'_>,

@@ -9,12 +9,12 @@ use crate::render::field::Field;
 use crate::render::march::RayState;
 use glam::Vec3;
 
-/// Evaluates a field at points, given by position and direction, and passes index, density and colour of each point in
-/// an occupied cell to `put`. A point whose density is NaN is counted as invalid and not passed on; a colour that is
-/// NaN becomes black.
+/// Evaluates a field at `points`, pairs of position and direction. For each point in an occupied cell, passes index,
+/// density and colour to `put`. A point whose density is NaN is counted as invalid and not passed on. A NaN colour
+/// becomes black.
 ///
-/// `rays`: memory for the points. `colours`: memory for colours at samples, for the colours of a block, and for
-/// deferred shading; `None` if density alone is requested.
+/// `rays`: memory for the points. `colours`: memory for the contributions of directions, for the colours of a block,
+/// and for deferred shading; `None` if only density is requested.
 pub(in crate::render) fn evaluate_points(
     field: Field<'_>,
     points: impl Iterator<Item = (Vec3, Vec3)>,

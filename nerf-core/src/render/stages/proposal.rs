@@ -19,9 +19,9 @@ use crate::volume::Accumulator;
 #[cfg(all(test, feature = "proposal"))]
 mod tests;
 
-/// Transmittance below which a ray's march through the proposal's bins ends: bins behind would draw less than a
-/// thousandth of the samples. Independent of [`Quality::transmittance_cut`](crate::plan::Quality::transmittance_cut): a
-/// change of that threshold moves no samples.
+/// If a ray's transmittance falls below this, its march through the proposal's bins ends: bins behind would draw less
+/// than a thousandth of the samples. [`Quality::transmittance_cut`](crate::plan::Quality::transmittance_cut) has no
+/// effect here, so that a change of that setting does not move samples.
 const LEAST_TRANSMITTANCE: f32 = 1e-3;
 
 /// Proposal network of a scene; empty if the scene or the build has none.
@@ -29,7 +29,7 @@ const LEAST_TRANSMITTANCE: f32 = 1e-3;
 pub(in crate::render) struct Proposer<'a>([Option<Network<'a>>; PROPOSAL_BUILT as usize]);
 
 impl<'a> Proposer<'a> {
-    /// Number of parameters of the proposal network, to be unpacked; 0 without a proposal network.
+    /// Number of values that [`Proposer::unpack`] writes: the parameters of the proposal network, or 0 without one.
     pub fn parameters(blob: &Blob<'_>) -> usize {
         blob.proposal().filter(|_| PROPOSAL_BUILT).map_or(0, |it| it.architecture().density_parameters())
     }
@@ -41,7 +41,7 @@ impl<'a> Proposer<'a> {
         }
     }
 
-    /// The proposal network over its weights: those in the blob, or `unpacked`, written by [`Proposer::unpack`].
+    /// Returns the proposal network. Its weights are in the blob, or if [`Proposer::unpack`] was needed, in `unpacked`.
     pub fn view(blob: &Blob<'a>, kernel: Kernel, unpacked: &'a [f32]) -> Self {
         Self([(); PROPOSAL_BUILT as usize].map(|()| {
             let it = blob.proposal()?;
@@ -62,12 +62,12 @@ impl<'a> Proposer<'a> {
         self.network().map_or(0, |network| network.architecture().density_macs() as u64)
     }
 
-    /// Number of samples of a ray: those drawn, and the middles of proposal bins. 0 if `plan` uses no proposal.
+    /// Number of values stored per ray: one per drawn sample and one per proposal bin. 0 if `plan` uses no proposal.
     pub fn row(&self, plan: &Plan<'_>) -> usize {
         if self.network().is_some() && plan.proposal.is_some() { plan.samples_per_ray() as usize } else { 0 }
     }
 
-    /// Numbers of encoded inputs and of activations of the proposal network; 0 if frames of `plan` do not use it.
+    /// Numbers of encoded inputs and of activations of the proposal network; zeros if frames of `plan` do not use it.
     pub fn rows(&self, plan: &Plan<'_>) -> (usize, usize) {
         let network = self.network().filter(|_| plan.proposal.is_some());
         network.map_or((0, 0), |network| (network.encoded_rows(), network.activation_rows()))
@@ -76,7 +76,7 @@ impl<'a> Proposer<'a> {
 
 /// Evaluates the proposal network along the current tile's rays, and draws the samples of each ray from the weights.
 ///
-/// Rays without a sample in an occupied cell are added to their pixels at once; the remaining rays are compacted.
+/// A ray without a sample in an occupied cell is added to its pixel at once. The remaining rays are compacted.
 pub(in crate::render) fn propose<M: Math>(
     proposer: &Proposer<'_>,
     TileState { field, rays, density, .. }: &mut TileState<'_, '_>,
