@@ -49,6 +49,7 @@ impl<'a> Reduced<'a> {
 
     /// Returns the derivatives of an observation's residual with respect to its pose and its device, then the whole
     /// Jacobian, then the weight in the robust loss. Returns `None` if the point is not in front of the camera.
+    #[inline]
     fn rows(&self, seen: &Observation) -> Option<([Rows; 2], Jacobian, f64)> {
         let jacobian = self.bundle.linearised(seen)?;
         let weight = SOFT_PIXELS / SOFT_PIXELS.hypot(jacobian.residual.length());
@@ -159,6 +160,7 @@ fn solve(matrix: &mut [f64], right: &mut [f64], size: usize) -> Option<()> {
 }
 
 /// Dot product in eight partial sums; the order of additions is fixed.
+#[inline]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let (mut sums, (a, a_rest), (b, b_rest)) = ([0.0; 8], a.as_chunks::<8>(), b.as_chunks::<8>());
     for (a, b) in a.iter().zip(b) {
