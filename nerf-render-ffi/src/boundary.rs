@@ -16,9 +16,9 @@ const MAX_STRUCT_SIZE: usize = 4096;
 /// # Safety
 /// `repr(C)`, the first field is `struct_size: usize`, and any bytes are a valid value.
 pub(crate) unsafe trait Versioned: Copy {
-    /// Name of the argument in messages.
+    /// Name that messages give to the argument that points to the structure.
     const NAME: &'static str;
-    /// Smallest `struct_size` that is accepted, bytes: the size in version 2 of the ABI, whatever is added later.
+    /// Smallest accepted `struct_size`, bytes: the structure's size in version 2 of the ABI. Later fields are optional.
     const SIZE_V2: usize;
 }
 
@@ -56,7 +56,7 @@ pub(crate) struct Message {
 impl Message {
     pub const NONE: Self = Self { text: core::ptr::null_mut(), capacity: 0 };
 
-    /// Returns the range of the buffer's first byte, which every call writes; the range is empty without a buffer.
+    /// Returns the address range of the buffer's first byte, which every call writes; an empty range without a buffer.
     pub fn first(&self) -> Result<Span, Failure> {
         Span::new("message", self.text.cast(), usize::from(!self.text.is_null() && self.capacity > 0))
     }
@@ -109,7 +109,7 @@ pub(crate) trait Reason: fmt::Display {
     #[cfg(feature = "std")]
     fn panic() -> Self;
     fn status(&self) -> Status;
-    /// Writes the sentence to `to`; in a build without the feature `messages`, writes the text of the status.
+    /// Writes this reason's sentence to `to`. A build without the feature `messages` writes the text of the status.
     fn say(&self, to: &mut impl Write) -> fmt::Result {
         if cfg!(feature = "messages") {
             write!(to, "{self}")
@@ -124,7 +124,8 @@ pub(crate) fn call(message: Message, body: impl FnOnce() -> Result<(), Failure>)
     call_with_reason(message, body)
 }
 
-/// Does the same as [`call`] for a body with an error other than [`Failure`], such as an error that names a file.
+/// Runs the body of a call and converts its error or panic to a status and a message. Unlike in [`call`], the error has
+/// any type `R`, such as a type that names a file.
 pub(crate) fn call_with_reason<R: Reason>(message: Message, body: impl FnOnce() -> Result<(), R>) -> Status {
     #[cfg(feature = "std")]
     let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(body)).unwrap_or_else(|payload| {
@@ -162,8 +163,8 @@ unsafe fn size_of_versioned<T: Versioned>(at: *const T) -> Result<usize, Failure
     }
 }
 
-/// Returns the address range of an array of `count` structures; an empty range if `first` is NULL. Every structure has
-/// the size that the `struct_size` of the first one says.
+/// Returns the address range of an array of `count` structures; an empty range if `first` is NULL. `first` points to
+/// the first structure's `struct_size`, which is the size of every structure.
 ///
 /// # Safety
 /// `first` is NULL or was read by [`read_versioned`].
@@ -201,7 +202,7 @@ pub(crate) unsafe fn read_versioned<T: Versioned>(at: *const T) -> Result<T, Fai
     }
 }
 
-/// [`read_versioned`] for an optional structure: NULL reads as all zeros.
+/// Returns a copy of the caller's structure, as [`read_versioned`] does; all zeros if `at` is NULL.
 ///
 /// # Safety
 /// As for [`read_versioned`].
@@ -219,7 +220,7 @@ pub(crate) fn check_zeros(name: &'static str, fields: &[u32]) -> Result<(), Fail
     if fields.iter().all(|&field| field == 0) { Ok(()) } else { Err(Failure::Reserved(name)) }
 }
 
-/// Returns the core's value for the C enum's number `found`: `names[found]`. An error if this build has no such value.
+/// Returns `names[found]`: the core's value for the number `found` of a C enum. An error if there is no such value.
 pub(crate) fn named<T: Copy>(
     names: &[Option<T>],
     name: &'static str,
@@ -252,7 +253,7 @@ impl<T: Versioned> Out<T> {
         Ok(Self { at, size })
     }
 
-    /// [`Out::new`] for a pointer that may be NULL.
+    /// Checks the pointer and `struct_size`, as [`Out::new`] does; returns `None` if `at` is NULL.
     ///
     /// # Safety
     /// As for [`Out::new`].
@@ -275,7 +276,7 @@ impl<T: Versioned> Out<T> {
     }
 }
 
-/// Runs a size query: writes the result of `body` to `size`, and the alignment of a [`Line`] to `align`, bytes.
+/// Runs a call that computes a size: writes the result of `body` to `size`, a [`Line`]'s alignment to `align`, bytes.
 ///
 /// # Safety
 /// `size` and `align` are NULL, or may be written until the call ends.

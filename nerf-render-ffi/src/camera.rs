@@ -24,7 +24,7 @@ pub enum LensModel {
 
 const PROJECTIONS: [Option<Projection>; 2] = [Some(Projection::Perspective), Some(Projection::Fisheye)];
 
-/// A pinhole camera with an optional lens. The camera looks down −Z, +Y is up, +X is right, as in OpenGL.
+/// A perspective or fisheye camera. The camera looks down −Z, +Y is up, +X is right, as in OpenGL.
 ///
 /// Pixel (0, 0) is top left and its centre is at (0.5, 0.5).
 #[derive(Clone, Copy, Debug)]
@@ -57,7 +57,7 @@ pub struct Camera {
     pub c2w: [f32; 12],
     /// Radial distortion: coefficient of r^6 (fisheye: of angle^6); 0 for none.
     pub k3: f32,
-    /// Radial distortion: coefficient of r^2 in the denominator (fisheye: of angle^8); 0 for none.
+    /// Radial distortion: coefficient of r^2 in the denominator; for a fisheye, coefficient of angle^8. 0 for none.
     pub k4: f32,
     /// Radial distortion: coefficient of r^4 in the denominator; 0 for none. Must be 0 for a fisheye.
     pub k5: f32,
@@ -132,7 +132,7 @@ pub unsafe extern "C" fn nerf_camera_look_at(
 
 /// Computes the ray through an image point, for example to evaluate points on the ray with `nerf_query`.
 ///
-/// `x`, `y`: image point, pixels from the left and the top edge; a pixel's centre is at + 0.5. The point may lie
+/// `x`, `y`: image point, pixels from left and top; pixel (0, 0) has its centre at (0.5, 0.5). The point may lie
 /// outside the image. `NERF_STATUS_CAMERA` if the direction overflows f32, if the distortion has no inverse at the
 /// point, or if the distorted image folds over itself between principal point and image point. `origin`, `dir`: three
 /// floats each, world space; `dir` has unit length and takes account of the distortion. `z_per_distance`: NULL, or

@@ -26,11 +26,11 @@ const TONE_MAPS: [Option<plan::ToneMap>; 3] =
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Effects {
-    /// 1: each sample lies at a random position in its sample interval, drawn from `seed`. 0: in the middle.
+    /// 1: each sample lies at a random position in its sample interval, drawn from `seed`. 0: in the interval's middle.
     pub jitter: u32,
     /// Rays per pixel, at most 256; 0 and 1 are one ray through the pixel's centre. More rays take more memory.
     pub anti_aliasing: u32,
-    /// Seed of random positions: of samples in their intervals and of rays on the aperture; read only if `jitter` is 1.
+    /// Seed of random positions of samples in their intervals and of rays on the aperture; taken as 0 if `jitter` is 0.
     pub seed: u64,
     /// Radius of the aperture of a thin lens, world units, at most 1e9; 0 is a pinhole.
     pub aperture_radius: f32,
@@ -49,7 +49,7 @@ pub struct Effects {
 }
 
 impl Effects {
-    /// Converts the effects to those of the renderer, which checks the ranges of the floats.
+    /// Converts the effects to the renderer's type. An error for an invalid integer; the renderer checks the floats.
     pub(crate) fn read(&self) -> Result<plan::Effects, Failure> {
         check_zeros("options.effects.reserved", &self.reserved)?;
         let most = plan::Effects::MAX_RAYS.into();

@@ -156,7 +156,7 @@ impl Failure {
         Self::Instance { index, problem }
     }
 
-    /// Converts an error of the renderer. Sizes of a workspace that is too small, in 64-byte lines, become bytes.
+    /// Converts an error of the renderer. For too small a workspace, converts the sizes from 64-byte lines to bytes.
     pub fn of_workspace(error: RenderError) -> Self {
         match error {
             RenderError::Memory { expected, found } => Self::Memory {

@@ -74,8 +74,8 @@ versioned!(unsafe Frame, "frame", by_width(32, 56));
 
 /// Renders a rectangle of a camera's image into the planes of a target.
 ///
-/// With the same kernel, the result for a pixel is bit-identical in every rectangle, with every batch, on every thread,
-/// and after any earlier calls. `frame->target` may contain limits at which rays end, such as a depth buffer.
+/// With the same kernel, the result for a pixel is bit-identical in every rectangle, with every batch size, on every
+/// thread, and after any earlier calls. `frame->target` may contain limits at which rays end, such as a depth buffer.
 ///
 /// `counters`: NULL, or written on success, with `struct_size` set by the caller. `message`: as in `nerf_scene_memory`.
 ///
@@ -177,7 +177,7 @@ pub unsafe extern "C" fn nerf_render_picture(
 }
 
 /// Renders the part `rect` of an image tile by tile into `canvas`, whose planes have the size of `rect`. `draw` renders
-/// a tile into the worker's `pixels`, row by row.
+/// a tile into the worker's `pixels`, row by row. Returns the counters, summed over all tiles.
 fn render_tiles(
     worker: &mut State,
     frame: &Frame,

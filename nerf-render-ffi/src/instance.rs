@@ -31,7 +31,8 @@ versioned!(unsafe Instance, "instances", by_width(56, 64));
 
 #[cfg(feature = "instances")]
 reasons! {
-    /// Reason why an instance is refused, other than its transform; displayed after `instances[i]` in a message.
+    /// Reason why an instance is refused; messages show the reason after `instances[i]`. A refused transform is a
+    /// [`Failure::Placement`] instead.
     Problem:
     StructSize { expected: usize, found: usize } => StructSize,
         ".struct_size: expected {expected} (to 4096 with a tail of zeros), found {found}";

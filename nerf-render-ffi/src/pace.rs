@@ -133,7 +133,7 @@ pub unsafe extern "C" fn nerf_pace_measure(
     })
 }
 
-/// Reads and checks a request; returns it with its scene and the plan of its frames.
+/// Reads and checks a request. Returns the request, the scene, and the plan (stages and settings) of the frame.
 ///
 /// # Safety
 /// As for [`nerf_pace_measure`].

@@ -1,4 +1,4 @@
-//! The panic handler of a library without std whose host is no Rust program.
+//! Panic handler of a library built without std for a host that is not a Rust program.
 
 use core::panic::PanicInfo;
 

@@ -2,7 +2,7 @@
 
 use core::ffi::c_void;
 
-/// A [`Progress`] callback in a build without std, where nothing unwinds.
+/// Type of the [`Progress`] callback in a build without std: a function that cannot unwind.
 #[cfg(not(feature = "std"))]
 type Bare = unsafe extern "C" fn(user: *mut c_void, pixels_done: u64, pixels_all: u64) -> i32;
 

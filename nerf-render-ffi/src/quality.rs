@@ -46,7 +46,8 @@ pub struct Choice {
 
 versioned!(unsafe Choice, "choice", by_width(20, 24));
 
-/// Writes the settings chosen by `choose` to `options`, and the choice to `choice` unless `choice` is NULL.
+/// Writes the settings that `choose` returns to `options`, and their loss, cost and milliseconds per frame to `choice`
+/// unless `choice` is NULL. An error if `choose` returns `None`: the scene has no usable Pareto front.
 ///
 /// # Safety
 /// Pointers are NULL or point to what the calling functions describe.

@@ -57,7 +57,7 @@ pub(crate) struct Numbers {
 }
 
 impl Numbers {
-    /// Reads element `i`, `EACH` floats.
+    /// Returns element `i`, which has `EACH` floats.
     ///
     /// # Safety
     /// `i` is below the count that was checked, `EACH` is the checked number of floats, and the caller's memory is
@@ -96,8 +96,8 @@ pub struct Rays {
     /// Axis along which `z_depth` is measured: three floats, unit length like `dirs`. A camera's axis is the direction
     /// of the ray through (cx, cy). May be NULL without a plane for `z_depth`.
     pub axis: *const f32,
-    /// Planes for the results: one row of `count` pixels; `row_stride` is ignored. Planes may be fields of the
-    /// structures that hold the rays. Planes of limits must be NULL: each ray has its own `t_max`.
+    /// Planes for the results: one row of `count` pixels; `row_stride` is ignored. Rays and results may be fields of
+    /// the same structures. Planes of limits must be NULL: each ray has its own `t_max`.
     pub target: *const Target,
 }
 
@@ -134,7 +134,7 @@ pub unsafe extern "C" fn nerf_render_rays(
 /// Samples the point on each ray at which a photon collides with the medium, for path tracers.
 ///
 /// A ray's photon collides where the opacity accumulated along the ray reaches the ray's number in `random`. Then
-/// `opacity` is 1, distances lead to the collision, and colour and normal are the field's at that point. Without a
+/// opacity is 1, distances are measured to the collision, and colour and normal are the field's there. Without a
 /// collision, opacity is 0, distances are infinite, and colour is the background (0 in RGBA planes). Cuts in the
 /// options are ignored. `NERF_STATUS_RAY` also for a number outside [0, 1]. All else is as in `nerf_render_rays`.
 ///
@@ -158,7 +158,7 @@ pub unsafe extern "C" fn nerf_sample_rays(
     })
 }
 
-/// Checked input arrays of rays; `read` is the memory that the arrays occupy, each with its name for messages.
+/// Checked input arrays of rays. `read`: for each array, its name in messages and the memory that the array occupies.
 struct Arrays {
     origins: Numbers,
     dirs: Numbers,
@@ -189,7 +189,7 @@ impl Arrays {
         Ok(Self { origins, dirs, t_min, t_max, random, read })
     }
 
-    /// Returns ray `i` with its `t_min` and `t_max`, which are 0 and infinity without an array.
+    /// Returns ray `i` with its `t_min` and `t_max`. Without an array, `t_min` is 0 and `t_max` is infinity.
     ///
     /// # Safety
     /// As for [`Numbers::at`].

@@ -50,7 +50,7 @@ const MATHS: [Option<MathBackend>; 4] = [
     Some(MathBackend::Recurrence),
 ];
 
-/// Options of a frame: quality settings, batches, distances and effects.
+/// Options of a frame: quality settings, batch sizes, distances and effects.
 ///
 /// NULL in place of options, or zeros in all fields except `struct_size`, selects the defaults: cuts without a visible
 /// difference. The exact rendering evaluates every sample in the scene box: `transmittance_cut` and `colour_cut` are
@@ -122,7 +122,7 @@ impl RenderOptions {
     }
 }
 
-/// Checked options of a frame, and its batch.
+/// Checked options of a frame, and the numbers of rays and samples in a batch.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Settings {
     pub frame: plan::Settings,
@@ -170,7 +170,7 @@ impl Settings {
         Ok(Self { frame, batch: Batch { rays, samples: or(o.batch_samples, Batch::FULL.samples) } })
     }
 
-    /// Makes the plan of a scene's frames. `scale`: world units per unit of length in the scene.
+    /// Makes the plan (stages and settings) of a scene's frames. `scale`: world units per unit of length in the scene.
     pub fn plan<'a>(&self, blob: &Blob<'a>, outputs: Outputs, scale: f32) -> Result<Plan<'a>, Failure> {
         let (near, far) = self.frame.range;
         let of_scene = plan::Settings { range: (near / scale, far / scale), ..self.frame };

@@ -56,7 +56,7 @@ impl Scene {
     }
 }
 
-/// Number of [`Line`]s of memory that a scene needs.
+/// Number of [`Line`]s (64 bytes each) that an opened scene takes in the caller's memory.
 pub(crate) fn memory_lines(blob: &Blob<'_>, kernel: Kernel) -> usize {
     lines_for::<Scene>(1) + Renderer::prepared_lines(blob, kernel)
 }

@@ -71,7 +71,8 @@ pub struct SceneInfo {
     /// Distance at which the scene ends on the rays of its training cameras, world units.
     pub far_distance: f32,
     /// The scene's own number of samples per ray: between near and far, or if `step` is not 0, along the diagonal of
-    /// the scene box. In an unbounded scene: on a ray through the middle, from the inner ball to the far distance.
+    /// the scene box. In an unbounded scene: on a ray through the middle of the ball of `contraction_radius`, from
+    /// where the ray enters the ball to `far_distance` behind the middle.
     pub samples: u32,
     /// Background colour, which shows where opacity is below 1, display-encoded.
     pub background: [f32; 3],
@@ -129,8 +130,8 @@ pub struct SceneInfo {
     /// Radius of the ball around the middle of an unbounded scene's box, world units; 0 if the scene ends at its box.
     /// Space outside the ball is contracted into the box, a cube with sides of 4 radii.
     pub contraction_radius: f32,
-    /// How steps along a ray grow outside the ball of `contraction_radius`: 1 (uniform in disparity), 2, or 4 (nearly
-    /// uniform in the logarithm of the distance); 0 if the scene ends at its box.
+    /// Power that sets how steps on a ray grow outside the ball of `contraction_radius`: 1 (uniform in disparity), 2,
+    /// or 4 (nearly uniform in the logarithm of the distance); 0 if the scene ends at its box.
     pub contraction_power: u32,
     /// Storage of the weights: a `nerf_storage`, never `NERF_STORAGE_AUTO`.
     pub storage: u32,

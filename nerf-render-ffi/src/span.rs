@@ -13,14 +13,14 @@ pub(crate) struct Span {
 impl Span {
     pub const EMPTY: Self = Self { start: 0, length: 0 };
 
-    /// Returns the range of `length` bytes from `start`; an error if no Rust slice could be that long.
+    /// Returns the address range of `length` bytes from `start`; an error if no Rust slice could be that long.
     pub fn new(name: &'static str, start: *const c_void, length: usize) -> Result<Self, Failure> {
         let start = start as usize;
         let fits = isize::try_from(length).is_ok() && start.checked_add(length).is_some();
         if fits { Ok(Self { start, length }) } else { Err(Failure::Overflow(name)) }
     }
 
-    /// Returns the range of `count` values of `T`; an error if `start` is NULL or misaligned.
+    /// Returns the address range of `count` values of `T` from `start`; an error if `start` is NULL or misaligned.
     pub fn of<T>(name: &'static str, start: *const T, count: usize) -> Result<Self, Failure> {
         if start.is_null() {
             return Err(Failure::Null(name));
@@ -53,7 +53,7 @@ pub(crate) struct Pieces {
 impl Pieces {
     pub const NONE: Self = Self { span: Span::EMPTY, stride: 1, size: 0 };
 
-    /// Returns an error if elements of `self` and `other` may share a byte. Fields of the same structures do not.
+    /// Returns an error if the arrays overlap, unless they are interleaved as fields of the same structures.
     pub fn check_apart(self, name: &'static str, other: Self, of: &'static str) -> Result<(), Failure> {
         let behind = other.span.start.wrapping_sub(self.span.start);
         if self.stride == other.stride && self.stride > 0 {
@@ -121,7 +121,7 @@ impl PlaneBytes {
         (self.columns - 1) * self.pixel_stride + self.size
     }
 
-    /// Whether the planes are interleaved channels of one structure. A fast check: no loop over pixels.
+    /// Whether the planes are interleaved channels of one structure and hence share no byte. Does not loop over pixels.
     fn are_channels_with(&self, other: &Self) -> bool {
         let (low, high) = if self.first <= other.first { (self, other) } else { (other, self) };
         let offset = high.first - low.first;

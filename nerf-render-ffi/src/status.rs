@@ -30,7 +30,7 @@ pub enum Status {
     Camera = 10,
     /// The rectangle is not inside the image.
     Rect = 11,
-    /// The target has no plane, a plane that does not belong there, or a plane with a wrong format or stride.
+    /// The target has no plane, a plane that this call or worker does not accept, or a wrong format or stride.
     Target = 12,
     /// The scene file contains a 2D field, not a scene: `nerf_render_picture` renders 2D fields.
     NotAScene = 13,

@@ -180,7 +180,7 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// With an RGBA plane: checks exposure and tone curve, and turns the background off. Else turns the background on.
+    /// Turns the background off if the target has an RGBA plane, else on. An error if the effects do not suit RGBA.
     pub fn set_up(&self, worker: &mut State) -> Result<(), Failure> {
         let alpha = self.surfaces.iter().flatten().any(|surface| surface.format.has_alpha());
         if alpha {
@@ -225,7 +225,7 @@ impl Canvas {
 }
 
 impl Surface {
-    /// Returns the limit of pixel (`x`, `y`) of the rectangle, read from this plane of limits.
+    /// Reads from this plane of limits the distance at which the ray of pixel (`x`, `y`) of the rectangle ends.
     #[inline]
     pub fn limit(&self, x: u32, y: u32) -> Limit {
         // SAFETY: the pixel lies in the rectangle that `check` was given; the memory is readable by the promise of

@@ -31,14 +31,14 @@ fn if_asked(asked: bool, pixels: usize) -> usize {
 }
 
 impl<'w> TilePixels<'w> {
-    /// Number of [`Line`](nerf_core::memory::Line)s that `pixels` pixels with these outputs take.
+    /// Number of [`Line`](nerf_core::memory::Line)s that `pixels` pixels take if `outputs` are requested.
     pub fn lines(pixels: usize, outputs: Outputs) -> usize {
         let mut measure = Measure::default();
         Self::lay_out(&mut measure, pixels, outputs);
         measure.lines
     }
 
-    /// Allocates `pixels` blank pixels from `layout`.
+    /// Allocates a tile of `pixels` pixels from `layout`; all values are 0.
     pub fn lay_out(layout: &mut impl Layout<'w>, pixels: usize, outputs: Outputs) -> Self {
         Self {
             plain: layout.slice(pixels, Plain::BLANK),
@@ -60,7 +60,7 @@ impl<'w> TilePixels<'w> {
         }
     }
 
-    /// Returns pixel `i` of the tile; blank if `i` is out of range.
+    /// Returns pixel `i` of the tile. Values that were not requested are 0, as are all values if `i` is out of range.
     pub fn get(&self, i: usize) -> Pixel {
         let plain = self.plain.get(i).copied().unwrap_or(Plain::BLANK);
         let Plain { rgb, opacity, ray_distance, z_depth } = plain;

@@ -49,10 +49,10 @@ pub struct Request {
 
 versioned!(unsafe Request, "request", by_width(28, 48));
 
-/// A scene that a worker renders, and the plan of its frames.
+/// A scene or 2D field that a worker renders.
 pub(crate) struct Member {
     pub scene: &'static Scene,
-    /// `None` for a 2D field.
+    /// Plan (stages and settings) of the scene's frames; `None` for a 2D field.
     pub plan: Option<Plan<'static>>,
 }
 
@@ -91,7 +91,7 @@ pub(crate) struct State {
 }
 
 impl Worker {
-    /// Sets `busy` and returns whether the flag was set already.
+    /// Marks the worker as busy. Returns true if the worker was busy already.
     fn take(&self) -> bool {
         #[cfg(target_has_atomic = "8")]
         let taken = self.busy.swap(true, Ordering::Acquire);
@@ -190,8 +190,8 @@ struct Checked {
     placed: bool,
 }
 
-/// Sizes of the parts of a worker's memory, in lines of 64 bytes: the [`Worker`] itself, a tile's pixels, and the
-/// renderer's workspace (`rest`). `bytes`: the total, which also includes members and instances.
+/// Sizes of the parts of a worker's memory, in lines of 64 bytes: the [`Worker`] itself (`own`), a tile's pixels, and
+/// the renderer's workspace (`rest`). `bytes`: size of the whole memory, including the arrays of members and instances.
 struct Shares {
     own: usize,
     pixels: usize,
@@ -271,8 +271,8 @@ impl Checked {
         failure
     }
 
-    /// Makes the plan of scene `index`; `None` for a 2D field, but an error for a 2D field among instances. `scale`:
-    /// world units per unit of length in the scene.
+    /// Makes the plan of scene `index`. Returns `None` for a 2D field; a 2D field among instances is an error.
+    /// `scale`: world units per unit of length in the scene.
     fn plan(&self, index: usize, scene: &Scene, scale: f32) -> Result<Option<Plan<'static>>, Failure> {
         let blob = scene.renderer().blob();
         if blob.picture().is_some() && !self.placed {
@@ -405,7 +405,7 @@ struct Lent {
 }
 
 impl Lent {
-    /// Splits off and returns the next `count` lines of 64 bytes.
+    /// Splits the next `count` lines of 64 bytes off the lent memory, and returns these lines.
     ///
     /// # Safety
     /// `count` lines are left, and lent to the worker alone.
