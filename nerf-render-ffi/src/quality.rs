@@ -11,7 +11,7 @@ use nerf_core::blob::Blob;
 use nerf_core::plan::{self, Quality};
 use nerf_core::render;
 
-/// Choice of quality settings by the PSNR that they may lose. The loss is the PSNR of the exact rendering minus the
+/// Choice of quality settings by the largest allowed PSNR loss. The loss is the PSNR of the exact rendering minus the
 /// PSNR with the settings, dB, against ground truth, as measured for each point of the scene's Pareto front.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]

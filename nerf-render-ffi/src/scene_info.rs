@@ -94,7 +94,7 @@ pub struct SceneInfo {
     pub colour_widths: [u32; 4],
     /// Mean PSNR over the validation views, dB; NaN if there were none.
     pub psnr_db: f32,
-    /// PSNR that rounding the weights and tables for the file costs on the validation views, dB; NaN if not measured.
+    /// Loss of PSNR on the validation views, dB, by rounding the weights and tables for the file; NaN if not measured.
     pub quantisation_loss_db: f32,
     /// Number of optimiser steps of the training run.
     pub steps: u32,

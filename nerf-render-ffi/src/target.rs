@@ -213,7 +213,7 @@ impl Canvas {
         }
     }
 
-    /// Writes pixel `i` of a row to every output plane.
+    /// Writes pixel `i` of a target with one row to every output plane.
     #[inline]
     pub fn put(&mut self, i: usize, pixel: &Pixel) {
         for surface in self.surfaces.iter().flatten() {
