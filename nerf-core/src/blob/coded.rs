@@ -22,7 +22,7 @@ const LEAST: u32 = 1 << 16;
 const OFFSET: u8 = 0x88;
 /// Upper 4 bits of a small value, -8 to 7, after [`OFFSET`] is added.
 const SMALL: usize = 8;
-/// Number of classes of the magnitude of the preceding values. Each class has its own models.
+/// Number of magnitude classes. The class of the values decoded just before selects the probability models.
 const CLASSES: usize = 8;
 /// Maximum number of features of a table entry.
 const MAX_FEATURES: usize = 4;

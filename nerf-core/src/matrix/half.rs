@@ -4,8 +4,8 @@ use super::{Gemm, Init};
 use crate::memory::{at, tail, tail_mut};
 use crate::simd::{Isa, Lanes, Op};
 
-/// [`super::gemm`] with A as little-endian f16 at any alignment. The number of columns `n` may be any: if `n` is no
-/// multiple of [`Isa::columns`], columns are computed one by one with portable instructions. `c_row` is at least `n`.
+/// [`super::gemm`] with A as little-endian f16 at any alignment. Columns beyond the last
+/// multiple of [`Isa::columns`] are computed one by one with portable instructions. Requires `g.c_row >= g.n`.
 ///
 /// # Panics
 /// With debug assertions, if a slice is too short for sizes and strides. Other builds read missing values as 0.

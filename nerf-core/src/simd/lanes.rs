@@ -167,7 +167,7 @@ pub fn bits_by_lane<V: Lanes>(bytes: &[u8], at: V::Indices) -> u32 {
     found
 }
 
-/// [`Lanes::weighted_rows`], value by value.
+/// Returns sums of weighted table rows as [`Lanes::weighted_rows`] does, with one table read per lane and value.
 #[inline(always)]
 pub fn weighted_rows_by_lane<V: Lanes, T: Value, const ROWS: usize>(
     table: Table<'_, T>,

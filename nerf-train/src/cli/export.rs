@@ -259,7 +259,7 @@ impl Export {
 }
 
 impl Kind {
-    /// Returns the name of the kind and the extensions of its files, for messages.
+    /// Returns what messages call this kind of output, and the extensions of its files.
     fn words(self) -> (&'static str, &'static str) {
         match self {
             Self::Mesh => ("mesh", ".ply, .obj or .glb"),

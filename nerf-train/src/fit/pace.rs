@@ -116,9 +116,9 @@ impl Pace {
         self.validated += seconds;
     }
 
-    /// Seconds to reserve for the work after the last step: last validation, export, comparisons of alternatives for
-    /// the export, quantisation loss, final evaluation, and writing files. `asked`: number of pixels of each
-    /// comparison; `validation`: number of pixels for the quantisation loss and for the final evaluation.
+    /// Returns the estimated seconds of the work after the last step: validation, export with its comparisons of
+    /// candidates, evaluation, and writing files. `validation`: number of pixels rendered in the evaluation, and once
+    /// more for the quantisation loss. `asked`: number of pixels rendered in each comparison.
     pub fn reserve(&self, validation: u64, asked: u64) -> f64 {
         let Some(seconds) = self.seconds else { return 0.0 };
         let price = |pixels: u64, share: f64| match self.per_pixel {

@@ -48,7 +48,8 @@ impl CoarseOccupancy {
         if straight { self.packets_of(plan.occupancy.as_ref()?) } else { None }
     }
 
-    /// Returns the packet test. `occupancy`: the grid `self` was made from. `None` without occupied cells or blocks.
+    /// Returns the test of whether a packet of rays can meet an occupied cell. `occupancy`: the grid `self` was made
+    /// from. `None` if no cell is occupied or `self` has no blocks.
     fn packets_of<'c>(&'c self, occupancy: &OccupancyGrid<'c>) -> Option<Packets<'c>> {
         let around = self.around.filter(|_| VECTORS && self.side > 0)?;
         let reach = (f32::from(self.side) - SLACK) / occupancy.cells_per_unit.max_element();

@@ -192,7 +192,7 @@ impl<'w> ProposalSamples<'w> {
         self.0.first().filter(|rows| rows.row > 0)
     }
 
-    /// Whether samples are drawn from a proposal network's weights.
+    /// Whether importance sampling is on: a proposal network's compositing weights decide where samples are drawn.
     #[inline]
     pub fn is_on(&self) -> bool {
         self.rows().is_some()
@@ -269,8 +269,8 @@ impl<'w> ProposalSamples<'w> {
         }
     }
 
-    /// Draws samples of ray `from` by the weights of its `coarse` proposal bins. Stores the distances in row `to`, at
-    /// most `from`, and returns the number of samples.
+    /// Draws samples of the ray in row `from` by the weights of its proposal bins `coarse`, stores their distances in
+    /// row `to` and returns their number. Requires `to <= from`.
     pub fn draw(&mut self, coarse: &Bins, from: usize, to: usize, jitter: SampleJitter) -> u32 {
         debug_assert!(to <= from, "expected a row at or before {from}, found {to}");
         let Some(&mut Rows { ref mut t, row, .. }) = self.0.first_mut() else { return 0 };

@@ -55,7 +55,8 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Adds the weighted `h` of the samples picked from a block to their rays' sums. `scratch.front` holds the `h`.
+    /// Adds the hidden features `h` of the block's samples in `picks`, times their compositing weights, to the sums of
+    /// their rays. The features are read from the density stage's scratch memory.
     pub fn add(&mut self, TileState { field, density, .. }: &TileState<'_, '_>, picks: &Compositing<'_>) {
         for (column, weight) in picks.iter() {
             let first = at(density.owner, column) as usize * self.row;

@@ -70,7 +70,7 @@ impl TableConfig {
         self.storage != TableStorage::F16 && share >= ROUNDED_FROM
     }
 
-    /// Returns the storage to which export rounds the tables, and the limit of the tables' bytes.
+    /// Returns the number format to which export rounds the tables, and the largest total size of the tables, bytes.
     pub(crate) fn rounding(&self) -> Rounding {
         let most_bytes = self.most_bytes.and_then(|most| usize::try_from(most).ok());
         Rounding { storage: self.storage, most_bytes }

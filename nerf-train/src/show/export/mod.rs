@@ -39,7 +39,7 @@ pub struct Vertex {
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
-    /// Origin of the blob's coordinates in the data's world, world units.
+    /// Origin of the scene file's coordinates, as a point in the data set's world frame, world units.
     pub origin: [f64; 3],
     pub vertices: Vec<Vertex>,
     /// Vertex indices, counter-clockwise seen from outside; empty for a point cloud.
