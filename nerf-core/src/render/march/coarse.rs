@@ -14,7 +14,7 @@ mod tests;
 const BYTES: usize = if VECTORS { 4096 } else { 0 };
 /// Least number of cells along each side of a block. Blocks are larger if their bits would not fit in [`BYTES`].
 const SIDE: u16 = 4;
-/// Upper bound of a point's rounding error, in cells of the occupancy grid.
+/// Upper bound of the rounding error of the position of a looked-up point, in cells of the occupancy grid.
 const SLACK: f32 = 0.5;
 
 /// Coarse copy of an occupancy grid: a box around all occupied cells, and one bit for each block of cells.
@@ -41,8 +41,8 @@ impl CoarseOccupancy {
         coarse
     }
 
-    /// Returns the packet test for frames of `plan`. `None` if the plan has a contraction, a proposal network or no
-    /// occupancy grid, and if no cell is occupied or there are no blocks.
+    /// Returns the test that finds empty space along packets of rays, for frames of `plan`. `None` if the plan has a
+    /// contraction, a proposal network or no occupancy grid, and if no cell is occupied or there are no blocks.
     pub(in crate::render) fn packets<'c>(&'c self, plan: &Plan<'c>) -> Option<Packets<'c>> {
         let straight = plan.lattice != Lattice::Contracted && plan.proposal.is_none();
         if straight { self.packets_of(plan.occupancy.as_ref()?) } else { None }
@@ -98,7 +98,7 @@ pub(in crate::render) struct Packets<'c> {
     blocks: OccupancyGrid<'c>,
     /// A box around all occupied cells, enlarged by `reach` on every side.
     around: SceneBox,
-    /// If the bit of a point's block is 0, no cell is occupied up to this distance along each axis, world units.
+    /// Distance, world units: if the bit of a point's block is 0, all cells up to this far along each axis are empty.
     reach: f32,
 }
 
@@ -152,7 +152,7 @@ pub(in crate::render) struct Intervals {
 }
 
 impl Intervals {
-    /// Intervals without any information: each may have occupied cells.
+    /// Used if nothing is known: every interval may have occupied cells.
     pub const ALL: Self = Self { found: u64::MAX, near: 0.0, step: f32::INFINITY };
 }
 
@@ -172,8 +172,8 @@ impl CandidateBins {
     /// All bins are candidates.
     pub const ALL: Self = Self { found: u64::MAX, first: 0.0, per_bin: 0.0, bins: 0.0 };
 
-    /// Converts `intervals` to candidates among `bins`. `start`: distance along the ray from which the distances of
-    /// `bins` are counted, world units.
+    /// Finds the bins among `bins` that overlap intervals with possibly occupied cells. `start`: distance along the ray
+    /// from which the distances of `bins` are counted, world units.
     pub fn new(intervals: &Intervals, bins: &Bins, start: f32) -> Self {
         let Intervals { found, near, step } = *intervals;
         let per_bin = bins.delta() / step;
@@ -185,7 +185,7 @@ impl CandidateBins {
         Self { found, first, per_bin, bins: step / bins.delta() }
     }
 
-    /// Index of the first candidate at or after `bin`; the largest `u32` if there is none.
+    /// Index of the first candidate bin at or after `bin`; the largest `u32` if there is none.
     #[inline]
     pub fn next(&self, bin: u32) -> u32 {
         // The cast saturates. Rounding may put a bin just behind the last interval.
@@ -197,7 +197,7 @@ impl CandidateBins {
         }
     }
 
-    /// An index greater than the index of every candidate, not necessarily the smallest.
+    /// Returns an index above the indices of all candidate bins, not necessarily the smallest such index.
     pub fn end(&self) -> u32 {
         let intervals = 64 - self.found.leading_zeros();
         if self.per_bin == 0.0 || intervals == INTERVALS {
@@ -215,7 +215,7 @@ const INTERVALS: u32 = 64;
 /// intervals are treated as possibly occupied.
 const MOST_ROUNDING: f32 = 0.25;
 
-/// Vector loop over [`INTERVALS`] intervals of width `step` along `ray`. Bit `i`: whether interval `i` may be occupied.
+/// Vector loop: looks up [`INTERVALS`] intervals of `ray`. Bit `i` of the output: whether interval `i` may be occupied.
 struct LookUp<'a> {
     packets: &'a Packets<'a>,
     ray: &'a Ray,

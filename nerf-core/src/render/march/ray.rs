@@ -16,7 +16,7 @@ use glam::Vec3;
 #[derive(Clone, Copy)]
 pub(in crate::render) struct RayState {
     pub pixel: PixelRay,
-    /// Cuts of the ray's first and last bin, if the ray uses only a part of these bins.
+    /// Where the ray's first and last bin are cut short, if the ray uses only a part of these bins.
     pub ends: Ends,
     /// Index of the next bin, or of the next drawn sample if a proposal network is used.
     pub next: u32,
@@ -24,9 +24,9 @@ pub(in crate::render) struct RayState {
     pub end: u32,
     /// Occupancy of the bins that were last looked up in the occupancy grid.
     pub window: Window,
-    /// The bins that may have a sample in an occupied cell. Empty without vectors: then all bins are candidates.
+    /// The bins that may have a sample in an occupied cell. Empty in builds without SIMD vectors, where every bin may.
     pub candidates: [CandidateBins; VECTORS as usize],
-    /// Number of samples at which the network was evaluated.
+    /// Number of the ray's samples that were evaluated, without those behind the point where the ray ended.
     pub kept: u32,
 }
 
@@ -47,7 +47,8 @@ impl RayState {
         kept: 0,
     };
 
-    /// Returns a state for a queried point: `origin` (network's space) and `dir` as the ray, `index` as the pixel's x.
+    /// Returns a state that stores a query of the field at one point. `origin`: the point, in the network's space.
+    /// `dir`: view direction. `index`: index of the query, stored as the pixel's x.
     pub fn of_point(origin: Vec3, dir: Vec3, index: usize) -> Self {
         Self { pixel: PixelRay { ray: Ray { origin, dir }, x: index as u32, ..PixelRay::NONE }, ..Self::NONE }
     }
@@ -90,13 +91,15 @@ impl RayState {
     }
 }
 
-/// Returns the occupancy grid if bins are looked up by [`Window`]s. `None` if bins are looked up one by one.
+/// Returns the plan's occupancy grid if bins are looked up sixteen at a time ([`Window`]). `None` if bins are looked up
+/// one by one, or if there is no grid.
 #[inline]
 pub(super) fn windows<'p>(isa: Isa, plan: &'p Plan<'_>) -> Option<&'p OccupancyGrid<'p>> {
     plan.occupancy.as_ref().filter(|_| VECTORS && isa != Isa::Portable && plan.effects.jitter.is_none())
 }
 
-/// Vector loop: [`RayState::march`] for several rays. All samples must lie in the middle of their bins.
+/// Vector loop that marches several rays, each to its next bin whose middle is in an occupied cell. All samples must
+/// lie in the middle of their bins.
 pub(super) struct MarchAll<'a> {
     pub occupancy: &'a OccupancyGrid<'a>,
     pub contraction: Option<&'a Contraction>,
@@ -159,16 +162,18 @@ impl<'w> ActiveRays<'w> {
 /// Whether this build evaluates proposal networks.
 pub(in crate::render) const PROPOSAL_BUILT: bool = cfg!(feature = "proposal");
 
-/// Distances of the current tile's samples drawn from a proposal network's weights; empty in builds without proposals.
+/// Distances of the current tile's samples, drawn by importance sampling from the compositing weights that a proposal
+/// network gives. Empty in builds without proposals.
 pub(in crate::render) struct ProposalSamples<'w>([Rows<'w>; PROPOSAL_BUILT as usize]);
 
 /// Table of sample distances, one row per ray. Empty if the frame uses the plan's bins instead of drawn samples.
 struct Rows<'w> {
     /// Distances of each ray's samples, ascending: `[rays][row]`. Before samples are drawn, the end of each row holds
-    /// the weights of the proposal's bins.
+    /// the compositing weights of the ray's proposal bins.
     t: &'w mut [f32],
     row: usize,
-    /// Index of each sample of a block in its ray's row: `[samples]`. Before samples are drawn, index of its bin.
+    /// Index of each sample of a block in its ray's row of `t`: `[samples]`. Before samples are drawn, the block holds
+    /// proposal bins, and this is the index of each bin.
     index: &'w mut [u32],
 }
 
@@ -179,7 +184,8 @@ impl Rows<'_> {
 }
 
 impl<'w> ProposalSamples<'w> {
-    /// Reserves memory for `row` samples on each of `rays` rays and for blocks of `samples`; for none if `row` is 0.
+    /// Reserves memory for `row` distances on each of `rays` rays and for `samples` indices, one per sample of a block.
+    /// Reserves nothing if `row` is 0.
     pub fn lay_out(layout: &mut impl Layout<'w>, [rays, samples, row]: [usize; 3]) -> Self {
         Self([(); PROPOSAL_BUILT as usize].map(|()| {
             let index = layout.slice(if row == 0 { 0 } else { samples }, 0);
@@ -198,7 +204,7 @@ impl<'w> ProposalSamples<'w> {
         self.rows().is_some()
     }
 
-    /// Advances `state.next` to the first occupied sample of `ray` from there on. Returns `false` if none is left.
+    /// Advances `state.next` past samples of `ray` in empty cells. Returns `false` if no occupied sample is left.
     #[inline]
     pub fn march(&self, field: Field<'_>, ray: u32, state: &mut RayState, jitter: SampleJitter) -> bool {
         let plan = field.plan;
@@ -261,8 +267,8 @@ impl<'w> ProposalSamples<'w> {
         self.0.iter_mut().for_each(|rows| put(rows.index, column, bin));
     }
 
-    /// Stores `weight` in the row of `ray`, as the weight of the proposal bin in column `column` of the block. `drawn`:
-    /// number of drawn samples, which is the index of a row's first weight.
+    /// Stores `weight` in the row of `ray`, as the compositing weight of the proposal bin in column `column` of the
+    /// block. `drawn`: number of drawn samples, which is the index of the row's first weight.
     pub fn put_weight(&mut self, ray: u32, column: usize, drawn: usize, weight: f32) {
         for Rows { t, row, index } in &mut self.0 {
             put(t, ray as usize * *row + drawn + at(index, column) as usize, weight);

@@ -27,8 +27,8 @@ pub(crate) fn offset(effects: &Effects, ray: u32) -> (f32, f32) {
     }
 }
 
-/// Point `ray` of a Fibonacci lattice of `rays` points in the unit square. Column: `ray`. Row: rank of `ray` times the
-/// golden ratio, modulo 1, among all points.
+/// Point `ray` of a Fibonacci lattice of `rays` points in the unit square. Its column is `ray`. Its row is the rank,
+/// among all points, of the fractional part of `ray` times the golden ratio.
 #[inline(never)]
 fn place_in_pixel(ray: u32, rays: u32) -> (f32, f32) {
     let middle = |cell: u32| (cell as f32 + 0.5) / rays as f32;
@@ -63,7 +63,7 @@ impl PixelSum {
         }
     }
 
-    /// Mean result of the `rays` rays. Distances are weighted by opacity, or `far` if the mean shows no surface.
+    /// Returns the mean of `rays` rays. Distances are weighted by opacity; they are `far` if the mean shows no surface.
     fn mean(&self, rays: u32, far: f32) -> Pixel {
         let rays = rays as f32;
         let opacity = self.opacity.value / rays;

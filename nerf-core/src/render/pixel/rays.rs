@@ -1,4 +1,4 @@
-//! Sources of the rays of a tile's pixels: a camera, with or without a depth buffer at which rays end, or the caller.
+//! Sources of a tile's rays: a camera, with or without a depth buffer at which rays end, or rays given by the caller.
 
 use super::placed::Placed;
 use super::{Rect, anti_aliasing, depth_of_field};
@@ -31,7 +31,7 @@ pub(in crate::render) trait RaySource {
     }
     /// Nearest and farthest visible distance along the ray of pixel `(x, y)`, world units.
     fn range(&self, x: u32, y: u32, ray: &Ray) -> [f32; 2];
-    /// Distance stored for a pixel in column `x` without a surface, world units. Callers limit it to the ray's range.
+    /// Distance of a pixel in column `x` without a surface, world units. Callers limit the distance to the ray's range.
     fn far(&self, x: u32) -> f32;
     /// Optical thickness at which the ray of column `x` collides with a field; infinite if rays do not collide.
     fn until(&self, _x: u32) -> f32 {
@@ -88,7 +88,7 @@ pub(in crate::render) struct OwnRays<'a, R, U, F> {
     pub first: usize,
     pub ray: &'a R,
     pub placed: Placed,
-    /// Function from a ray's index to the ray's random number in `[0, 1]`.
+    /// Function from a ray's index to the random number, in `[0, 1]`, that decides where the ray collides.
     pub random: &'a U,
     /// Function from a ray's origin to the output distance of a ray that meets no surface, world units.
     pub far: F,
@@ -163,7 +163,7 @@ impl Limit {
 /// The ray of a pixel, and the sums composited along the ray so far.
 #[derive(Clone, Copy)]
 pub(in crate::render) struct PixelRay {
-    /// The ray. In a single field, its origin is moved to the point from which the distances of samples are counted.
+    /// The ray. In a frame of one field, its origin is moved to the point from which distances of samples are counted.
     pub ray: Ray,
     /// Distance from the original origin to the point from which samples' distances are counted, world units.
     pub start: f32,

@@ -1,7 +1,7 @@
 //! Conversion of display-encoded colour to linear light and back. Exposure and tone curve are applied in linear light.
 //!
-//! For linear output, the colours of samples and background are decoded to linear light before they are composited.
-//! Otherwise display-encoded colours are composited, as in training, and the ray's colour is decoded once.
+//! For linear output, the background and the colours of samples (with deferred shading: of rays) are decoded before
+//! compositing. Otherwise display-encoded colours are composited, as in training, and ray colours are decoded once.
 
 use crate::math::{Math, MathBackend, with_math};
 use crate::plan::{Tone, ToneMap};

@@ -11,7 +11,8 @@ use crate::render::field::Field;
 use crate::render::march::RayState;
 use crate::render::pixel::samples_to_light;
 
-/// Fraction of a block, numerator and denominator: samples are queued if fewer are picked, else evaluated at once.
+/// Picked samples are queued if they fill less than this fraction of a block (numerator, denominator). Otherwise their
+/// colours are evaluated at once.
 const QUEUED_BELOW: (usize, usize) = (3, 4);
 
 /// Stage that evaluates the colour branch at samples; its buffers are empty with deferred shading or without colour.
@@ -43,7 +44,8 @@ impl<'w> Colour<'w> {
         }
     }
 
-    /// Returns the [`DirectionShares`] of the rays, and the buffer for the directions or colours of a block.
+    /// Returns the contributions of the rays' directions to the colour branch ([`DirectionShares`]), and a buffer
+    /// `[3][stride]` for the directions or colours of a block.
     pub fn shares(&mut self, field: Field<'_>) -> (DirectionShares<'_>, &mut [f32]) {
         (DirectionShares { values: self.shares, block: field.block_samples() }, self.rgb)
     }

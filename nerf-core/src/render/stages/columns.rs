@@ -18,8 +18,8 @@ use crate::simd::{BLOCK, Lanes, MAX_LANES, Op, VECTORS};
 use crate::volume::side_by_side::{self, LEFT, add_samples};
 use core::marker::PhantomData;
 
-/// Number of rows of [`Columns`] except `sums`, whose number depends on the network. Each row has one value per ray. In
-/// order: origin, direction, distance, interval, least distance, cuts of bins, composited values.
+/// Number of rows of [`Columns`] without `sums`; the number of `sums` depends on the network. Each row has one value
+/// per ray. In order: origin, direction, distance, interval, least distance, cuts of bins, composited values.
 const ROWS: usize = 3 + 3 + 1 + 2 + 1 + Ends::PARTS + side_by_side::ROWS;
 
 /// Whether all samples lie in the middle of their bins, and the bins are in world units.
@@ -97,9 +97,9 @@ struct Columns<'a> {
     t: &'a mut Row,
     /// Distance that each sample contributes to the mean `ray_distance`, and width of its interval, world units.
     intervals: &'a mut [Row; 2],
-    /// [`Plan::least_distance`] of each ray, the least distance of a sample: world units, used in unbounded scenes.
+    /// Least distance of a sample on each ray, world units ([`Plan::least_distance`]). Used in unbounded scenes only.
     near: &'a mut Row,
-    /// Cuts of each ray's first and last bin ([`Ends`]).
+    /// Where each ray's first and last bin are cut short ([`Ends`]).
     ends: &'a mut [Row; Ends::PARTS],
     /// Sums of opacity, distance and optical thickness of the samples that were composited so far, for each ray.
     gathered: &'a mut side_by_side::Rows,

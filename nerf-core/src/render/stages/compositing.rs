@@ -1,5 +1,5 @@
-//! Compositing: converts the densities of a block of samples to weights, and marches each ray that has not ended to its
-//! next sample.
+//! Compositing: converts the densities of a block of samples to weights, and marches each unfinished ray to its next
+//! sample.
 
 use super::TileState;
 use super::density::of_rays;
@@ -47,8 +47,8 @@ impl<'w> Compositing<'w> {
         picked.map(|(&column, &weight)| (column as usize, weight))
     }
 
-    /// Composites the block's samples, picks those whose colour or normal is evaluated, and marches the rays that have
-    /// not ended to their next occupied sample. Samples of a ray that has ended are ignored and not counted.
+    /// Composites the block's samples and picks those whose colour or normal is evaluated. Marches each unfinished ray
+    /// to its next occupied sample. Samples of a ray that has ended are ignored and not counted.
     pub fn run<M: Math, const COLLIDE: bool>(
         &mut self,
         tile: &mut TileState<'_, '_>,

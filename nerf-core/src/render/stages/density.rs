@@ -12,7 +12,7 @@ use crate::simd::{Lanes, MAX_LANES, Op, VECTORS};
 pub(in crate::render) struct Density<'w> {
     /// Index of each sample's ray; samples of one ray are adjacent, in marching order.
     pub owner: &'w mut [u32],
-    /// Distance of each sample along its ray: world units, or contraction steps in an unbounded scene.
+    /// Distance of each sample along its ray: world units, or in an unbounded scene steps of the contraction.
     pub t: &'w mut [f32],
     pub sigma: &'w mut [f32],
     /// Positions of the samples in the network's space, `[3][stride]`.

@@ -148,8 +148,8 @@ impl<'w> RayNetworks<'w> {
         }
     }
 
-    /// Computes the colours of samples that are each the only sample of their ray: sample `i` is on ray `i` of `rays`.
-    /// The `h` of the samples is in `scratch.front`.
+    /// Returns the colours `[3][stride]` of samples, one sample per ray: sample `i` is on ray `i` of `rays`.
+    /// `scratch.front` holds the `h` of the samples.
     pub fn of_samples(
         &mut self,
         field: Field<'_>,

@@ -1,7 +1,7 @@
 //! Coarse pass of a scene with a proposal network: selects the samples at which the scene's network is evaluated.
 //!
 //! The rays of a tile are marched through the proposal's bins with the proposal network, which outputs only densities.
-//! Each ray draws its samples from the resulting weights; the rest of the frame is the same as without a proposal.
+//! Each ray draws its samples from the resulting compositing weights. The rest of the frame is as without a proposal.
 
 use super::TileState;
 use crate::blob::Blob;
@@ -19,8 +19,8 @@ use crate::volume::Accumulator;
 #[cfg(all(test, feature = "proposal"))]
 mod tests;
 
-/// If a ray's transmittance falls below this, its march through the proposal's bins ends: bins behind would draw less
-/// than a thousandth of the samples. [`Quality::transmittance_cut`](crate::plan::Quality::transmittance_cut) has no
+/// Transmittance below which a ray's march through the proposal's bins ends. The bins behind would get less than a
+/// thousandth of the drawn samples. [`Quality::transmittance_cut`](crate::plan::Quality::transmittance_cut) has no
 /// effect here, so that a change of that setting does not move samples.
 const LEAST_TRANSMITTANCE: f32 = 1e-3;
 
@@ -41,7 +41,8 @@ impl<'a> Proposer<'a> {
         }
     }
 
-    /// Returns the proposal network. Its weights are in the blob, or if [`Proposer::unpack`] was needed, in `unpacked`.
+    /// Returns the proposal network. Its parameters are read from the blob if `kernel.storage` allows that, else from
+    /// `unpacked`, which [`Proposer::unpack`] has filled.
     pub fn view(blob: &Blob<'a>, kernel: Kernel, unpacked: &'a [f32]) -> Self {
         Self([(); PROPOSAL_BUILT as usize].map(|()| {
             let it = blob.proposal()?;
@@ -74,7 +75,7 @@ impl<'a> Proposer<'a> {
     }
 }
 
-/// Evaluates the proposal network along the current tile's rays, and draws the samples of each ray from the weights.
+/// Evaluates the proposal network along the tile's rays, and draws each ray's samples from the compositing weights.
 ///
 /// A ray without a sample in an occupied cell is added to its pixel at once. The remaining rays are compacted.
 pub(in crate::render) fn propose<M: Math>(
