@@ -22,7 +22,7 @@
 #include <stdint.h>
 
 /**
- * Version of the ABI that this header describes; `nerf_abi_version()` is the library's.
+ * Version of the ABI that this header describes; `nerf_abi_version()` returns the version that the library has.
  *
  * The version changes only when a program built against the old header would break.
  */
@@ -44,7 +44,7 @@
 #define NERF_NORMAL_BLUR_DEFAULT 1.0f
 
 /**
- * Value that turns off a cut or a blur.
+ * Value of `transmittance_cut`, `colour_cut` or `normal_blur` that turns off the cut or blur.
  */
 #define NERF_NONE -1.0f
 
@@ -87,7 +87,7 @@ enum nerf_status
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * Done.
+     * Success.
      */
     NERF_STATUS_OK = 0,
     /**
@@ -107,11 +107,11 @@ enum nerf_status
      */
     NERF_STATUS_ALIGNMENT = 4,
     /**
-     * Memory is smaller than the size query says.
+     * The caller's memory is smaller than the result of the size query.
      */
     NERF_STATUS_MEMORY = 5,
     /**
-     * Two ranges of memory overlap that must not.
+     * Two ranges of memory that must be apart overlap.
      */
     NERF_STATUS_OVERLAP = 6,
     /**
@@ -119,15 +119,15 @@ enum nerf_status
      */
     NERF_STATUS_OVERFLOW = 7,
     /**
-     * A setting is outside its range.
+     * A setting is outside its range, or this build of the library lacks what the setting asks for.
      */
     NERF_STATUS_OPTIONS = 8,
     /**
-     * This machine lacks the kernel's instructions, or has none for the requested storage.
+     * This machine lacks the instructions of the requested kernel or storage.
      */
     NERF_STATUS_KERNEL = 9,
     /**
-     * The camera is invalid: its parameters define no rays.
+     * The camera is invalid, or a camera function cannot make a pose or a ray from its arguments.
      */
     NERF_STATUS_CAMERA = 10,
     /**
@@ -135,7 +135,7 @@ enum nerf_status
      */
     NERF_STATUS_RECT = 11,
     /**
-     * The target has no plane, a plane that does not belong there, or a plane with a wrong format or stride.
+     * The target has no plane, a plane that this call or worker does not accept, or a wrong format or stride.
      */
     NERF_STATUS_TARGET = 12,
     /**
@@ -147,7 +147,7 @@ enum nerf_status
      */
     NERF_STATUS_OCCUPANCY_REQUIRED = 14,
     /**
-     * A direction of a query is not of unit length.
+     * A direction of a query, or the `axis` of rays, is not of unit length.
      */
     NERF_STATUS_DIRECTION = 15,
     /**
@@ -155,7 +155,7 @@ enum nerf_status
      */
     NERF_STATUS_CANCELLED = 16,
     /**
-     * A defect of this library; the scene is unharmed.
+     * The library panicked, which is a defect; the scene is unharmed, the worker cannot be used any more.
      */
     NERF_STATUS_PANIC = 17,
     /**
@@ -163,7 +163,7 @@ enum nerf_status
      */
     NERF_STATUS_NOT_A_PICTURE = 18,
     /**
-     * The scene has no Pareto front of accuracy against work: `nerf-train study` measures one.
+     * The scene has no usable Pareto front (PSNR against multiply-adds); `nerf-train study` measures one.
      */
     NERF_STATUS_NO_FRONT = 19,
     /**
@@ -175,12 +175,12 @@ enum nerf_status
      */
     NERF_STATUS_OUT_OF_MEMORY = 21,
     /**
-     * A ray has no direction of unit length, no finite origin, no valid range or no valid random number, or rays for
-     * `nerf_render_rays` have random numbers.
+     * A ray has a direction that is not of unit length, an origin that is not finite, or an invalid range or random
+     * number; or rays for `nerf_render_rays` have random numbers.
      */
     NERF_STATUS_RAY = 22,
     /**
-     * An instance's transform is not a rotation, one scale and a translation.
+     * The transform of an instance is not a rotation, a uniform scale and a translation.
      */
     NERF_STATUS_TRANSFORM = 23,
     /**
@@ -229,9 +229,9 @@ typedef int32_t nerf_status;
 #endif // __cplusplus
 
 /**
- * The instruction set of the inner loops.
+ * Instruction set of the inner loops.
  *
- * With the same kernel and storage images are equal bit for bit, for all rectangles and threads.
+ * With the same kernel and storage, a pixel is bit-identical in every rectangle and on every thread.
  */
 enum nerf_kernel
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -239,25 +239,25 @@ enum nerf_kernel
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * The fastest kernel of this machine. In a library built with std, the environment variable `NERF_KERNEL` can name
-     * another ("portable", "avx2", "avx512", "simd128", "neon", each followed by "-f16" or "-bf16" if weights are not
-     * f32).
+     * The fastest instruction set of this machine. In a library built with std, the environment variable `NERF_KERNEL`
+     * can name another ("portable", "avx2", "avx512", "simd128", "neon", each followed by "-f16" or "-bf16" if weights
+     * are not f32).
      */
     NERF_KERNEL_AUTO = 0,
     /**
-     * Portable code, unfused f32; available on every machine.
+     * Portable f32 code without fused multiply-adds; available on every machine.
      */
     NERF_KERNEL_PORTABLE = 1,
     /**
-     * AVX2, FMA and F16C.
+     * x86-64 with AVX2, FMA and F16C.
      */
     NERF_KERNEL_AVX2 = 2,
     /**
-     * AVX-512 F.
+     * x86-64 with AVX-512 F.
      */
     NERF_KERNEL_AVX512 = 3,
     /**
-     * WebAssembly SIMD: the same bits as with portable code, faster. Only in a library built with `simd128`.
+     * WebAssembly SIMD: faster than portable code, with bit-identical results. Only in a library built with `simd128`.
      */
     NERF_KERNEL_SIMD128 = 4,
     /**
@@ -307,13 +307,13 @@ enum nerf_lens_model
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * Perspective camera. `k1 k2 p1 p2` are those of OpenCV and of COLMAP's OPENCV model; all eight coefficients are
-     * those of FULL_OPENCV, with `k4 k5 k6` in the denominator.
+     * Perspective camera with the distortion of OpenCV. COLMAP calls the model OPENCV if only `k1 k2 p1 p2` are used,
+     * FULL_OPENCV with all eight coefficients. `k4 k5 k6` are in the denominator of the radial factor.
      */
     NERF_LENS_MODEL_RADIAL_TANGENTIAL = 0,
     /**
-     * Fisheye, COLMAP's OPENCV_FISHEYE: a direction at angle `t` (radians) off the axis is seen at `t (1 + k1 t^2 + k2
-     * t^4 + k3 t^6 + k4 t^8)` focal lengths from the principal point; `k5 k6 p1 p2` must be 0.
+     * Fisheye, COLMAP's OPENCV_FISHEYE: a ray at angle `t` (radians) to the view axis meets the image at a distance of
+     * `t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8)` focal lengths from the principal point; `k5 k6 p1 p2` must be 0.
      */
     NERF_LENS_MODEL_FISHEYE = 1,
 };
@@ -326,7 +326,7 @@ typedef uint32_t nerf_lens_model;
 #endif // __cplusplus
 
 /**
- * Implementation of the elementary functions.
+ * Implementation of the elementary functions (exp, sin, cos, powers).
  */
 enum nerf_maths
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -346,7 +346,8 @@ enum nerf_maths
      */
     NERF_MATHS_MICROMATH = 2,
     /**
-     * Angle doubling: each level of the encoding follows from the level below; errors grow with the level.
+     * As `NERF_MATHS_POLYNOMIAL`, but sin and cos of each level of the positional encoding come from the level below
+     * by angle doubling: errors grow with the level.
      */
     NERF_MATHS_RECURRENCE = 3,
 };
@@ -361,9 +362,9 @@ typedef uint32_t nerf_maths;
 /**
  * The format of a plane's pixel in memory; 8-bit channels are clamped and rounded half up.
  *
- * RGB is composited over the background. RGBA is the scene alone, premultiplied by its opacity, the alpha `a`. The RGB
- * format's colour is `rgb + (1 - a) * background`, in linear light if `options.effects.linear` is 1, else
- * display-encoded. A 2D field is opaque: its alpha is 1, and no background shows.
+ * RGB is composited over the background. RGBA is the scene without background: alpha is the opacity, and the colour is
+ * premultiplied by alpha. `rgb + (1 - alpha) * background` gives the colour of the RGB format. Values are linear light
+ * if `options.effects.linear` is 1, else display-encoded. A 2D field is opaque: its alpha is 1.
  */
 enum nerf_format
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -404,8 +405,8 @@ typedef uint32_t nerf_format;
 #endif // __cplusplus
 
 /**
- * Limit of the loss: the difference by which the PSNR against ground truth is below that of the exact rendering, dB.
- * The scene's Pareto front has the measured loss of settings.
+ * Choice of quality settings by the largest allowed PSNR loss. The loss is the PSNR of the exact rendering minus the
+ * PSNR with the settings, dB, against ground truth, as measured for each point of the scene's Pareto front.
  */
 enum nerf_preset
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -413,23 +414,23 @@ enum nerf_preset
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * PSNR not below that of the exact rendering.
+     * PSNR at least as high as with the exact rendering.
      */
     NERF_PRESET_EXACT = 0,
     /**
-     * PSNR at most 0.01 dB below that of the exact rendering: no visible difference.
+     * PSNR at most 0.01 dB below the PSNR of the exact rendering: no visible difference.
      */
     NERF_PRESET_HIGH = 1,
     /**
-     * PSNR at most 0.1 dB below that of the exact rendering.
+     * PSNR at most 0.1 dB below the PSNR of the exact rendering.
      */
     NERF_PRESET_BALANCED = 2,
     /**
-     * PSNR at most 0.3 dB below that of the exact rendering.
+     * PSNR at most 0.3 dB below the PSNR of the exact rendering.
      */
     NERF_PRESET_FAST = 3,
     /**
-     * PSNR at most 1 dB below that of the exact rendering: for navigation.
+     * PSNR at most 1 dB below the PSNR of the exact rendering: for navigation.
      */
     NERF_PRESET_PREVIEW = 4,
 };
@@ -442,7 +443,7 @@ typedef uint32_t nerf_preset;
 #endif // __cplusplus
 
 /**
- * The storage of a scene's weights in memory.
+ * Number format of a scene's weights in memory.
  */
 enum nerf_storage
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -450,8 +451,8 @@ enum nerf_storage
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * f32; in a build without vector instructions, such as for microcontrollers, f16 that is read directly from the
-     * scene file's bytes.
+     * The library chooses f32. A build without vector instructions, such as for microcontrollers, chooses f16 and
+     * reads the weights directly from the scene file's bytes.
      */
     NERF_STORAGE_AUTO = 0,
     /**
@@ -459,12 +460,12 @@ enum nerf_storage
      */
     NERF_STORAGE_F16 = 1,
     /**
-     * f32, unpacked when the scene is opened: the same products as with f16, faster. Tables of a learned grid are
-     * still read directly from the scene file's bytes, except that the WebAssembly kernel unpacks f16 tables.
+     * f32, converted from f16 without rounding when the scene is opened: faster than f16. The tables of a learned grid
+     * are not converted but read from the scene file's bytes; only the WebAssembly kernel converts f16 tables.
      */
     NERF_STORAGE_F32 = 2,
     /**
-     * Pairs of bf16, rounded to 8 significant bits, for weights and activations. Only with AVX-512 BF16.
+     * bf16, for weights and activations: rounded to 8 significant bits. Only with AVX-512 BF16.
      */
     NERF_STORAGE_BF16 = 3,
 };
@@ -477,7 +478,7 @@ typedef uint32_t nerf_storage;
 #endif // __cplusplus
 
 /**
- * The storage of a scene's learned grid.
+ * Format of the tables of a scene's learned grid.
  */
 enum nerf_table_storage
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -489,17 +490,17 @@ enum nerf_table_storage
      */
     NERF_TABLE_STORAGE_NONE = 0,
     /**
-     * Two bytes per value.
+     * f16: two bytes per value.
      */
     NERF_TABLE_STORAGE_F16 = 1,
     /**
-     * One byte per value, and one scale per level of the grid.
+     * 8-bit integers: one byte per value, and one scale factor per level of the grid.
      */
     NERF_TABLE_STORAGE_INT8 = 2,
     /**
-     * `NERF_TABLE_STORAGE_INT8`, entropy-coded: `nerf_scene_open` decodes the tables into the scene's memory. Without
-     * the feature `coded` (microcontrollers) a library refuses coded tables: fit with `--export int8`, whose tables
-     * are read directly from the file's bytes.
+     * `NERF_TABLE_STORAGE_INT8`, entropy-coded: `nerf_scene_open` decodes the tables into the scene's memory. A
+     * library without the feature `coded` (microcontrollers) refuses coded tables. For such a library, train with
+     * `--export int8`: the tables are then read directly from the file's bytes.
      */
     NERF_TABLE_STORAGE_CODED = 3,
 };
@@ -512,7 +513,7 @@ typedef uint32_t nerf_table_storage;
 #endif // __cplusplus
 
 /**
- * The tone curve, applied to each linear channel, that compresses light above 1 into the displayable range.
+ * Tone curve, which maps light above 1 into the displayable range; applied to each linear colour channel.
  */
 enum nerf_tone_map
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -520,7 +521,7 @@ enum nerf_tone_map
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * None: light above 1 is clipped when the colour is encoded.
+     * No curve: light above 1 is clipped when the colour is encoded.
      */
     NERF_TONE_MAP_NONE = 0,
     /**
@@ -528,7 +529,7 @@ enum nerf_tone_map
      */
     NERF_TONE_MAP_REINHARD = 1,
     /**
-     * A film's shoulder and toe (Narkowicz 2016's fit to the ACES curve).
+     * Curve with a film's shoulder and toe (Narkowicz 2016's fit to the ACES curve).
      */
     NERF_TONE_MAP_FILMIC = 2,
 };
@@ -544,8 +545,8 @@ typedef uint32_t nerf_tone_map;
  * An opened scene, at the beginning of the memory that it was opened in; borrows the scene file's bytes.
  *
  * A scene owns nothing and never changes: threads may share a scene, and there is nothing to close. A scene is valid
- * until the caller reuses its memory or that of the scene file's bytes. (A scene from `nerf_scene_open_file` lies in
- * the library's own memory and is valid until `nerf_scene_close`.)
+ * until the caller reuses the scene's memory or the memory of the file's bytes. (A scene from `nerf_scene_open_file`
+ * lies in the library's own memory and is valid until `nerf_scene_close`.)
  */
 typedef struct nerf_scene nerf_scene;
 
@@ -553,8 +554,8 @@ typedef struct nerf_scene nerf_scene;
  * A worker, which lies at the beginning of the memory that it was opened in, and borrows the scenes.
  *
  * A worker owns nothing, and there is nothing to close. Only one call at a time may use a worker: a concurrent call is
- * `NERF_STATUS_BUSY`, as is every call after `NERF_STATUS_PANIC`. A worker is valid until the caller reuses its memory
- * or a scene's memory.
+ * `NERF_STATUS_BUSY`, as is every call after `NERF_STATUS_PANIC`. A worker is valid until the caller reuses the
+ * worker's memory or a scene's memory.
  */
 typedef struct nerf_worker nerf_worker;
 
@@ -567,7 +568,7 @@ typedef struct nerf_open_options {
      */
     size_t struct_size;
     /**
-     * Instruction set: a `nerf_kernel`.
+     * Instruction set of the inner loops: a `nerf_kernel`.
      */
     uint32_t kernel;
     /**
@@ -595,7 +596,7 @@ typedef struct nerf_text {
 } nerf_text;
 
 /**
- * The facts of a scene. For a 2D field, fields that do not apply are 0.
+ * Description of a scene. For a 2D field, fields that do not apply are 0.
  */
 typedef struct nerf_scene_info {
     /**
@@ -611,17 +612,17 @@ typedef struct nerf_scene_info {
      */
     uint32_t kernel;
     /**
-     * Smallest corner of the scene box, world units. Outside the box density is 0, unless the scene is unbounded
-     * (`contraction_radius` is not 0).
+     * Corner of the scene box with the smallest x, y and z, world units. Outside the box density is 0, unless the
+     * scene is unbounded (`contraction_radius` is not 0).
      */
     float box_min[3];
     /**
-     * Largest corner of the scene box, world units.
+     * Corner of the scene box with the largest x, y and z, world units.
      */
     float box_max[3];
     /**
      * Distance at which the scene begins on the rays of its training cameras, world units. Half way between near and
-     * far is a good camera distance; any other works as well. (`near` alone is a macro on Windows.)
+     * far distance is a good camera distance; any other works as well. (`near` alone is a macro on Windows.)
      */
     float near_distance;
     /**
@@ -629,7 +630,9 @@ typedef struct nerf_scene_info {
      */
     float far_distance;
     /**
-     * Samples per ray that the scene was made for: between near and far, or, if `step` is not 0, the most in its box.
+     * The scene's own number of samples per ray: between near and far, or if `step` is not 0, along the diagonal of
+     * the scene box. In an unbounded scene: on a ray through the middle of the ball of `contraction_radius`, from
+     * where the ray enters the ball to `far_distance` behind the middle.
      */
     uint32_t samples;
     /**
@@ -653,7 +656,7 @@ typedef struct nerf_scene_info {
      */
     float occupied_share;
     /**
-     * Number of trunk layers: entries of `trunk_widths` in use.
+     * Number of layers of the trunk, which gives the density; only this many entries of `trunk_widths` are used.
      */
     uint32_t trunk_layers;
     /**
@@ -661,7 +664,7 @@ typedef struct nerf_scene_info {
      */
     uint32_t trunk_widths[16];
     /**
-     * Number of the colour branch's hidden layers: entries of `colour_widths` in use.
+     * Number of hidden layers of the colour branch; only this many entries of `colour_widths` are used.
      */
     uint32_t colour_layers;
     /**
@@ -673,7 +676,7 @@ typedef struct nerf_scene_info {
      */
     float psnr_db;
     /**
-     * PSNR lost on the validation views by rounding weights and tables to their storage, dB; NaN if not measured.
+     * Loss of PSNR on the validation views, dB, by rounding the weights and tables for the file; NaN if not measured.
      */
     float quantisation_loss_db;
     /**
@@ -685,11 +688,11 @@ typedef struct nerf_scene_info {
      */
     uint64_t parameters;
     /**
-     * Multiply-adds of one density evaluation; for a 2D field, of its layers in front of the colour branch.
+     * Multiply-adds of one density evaluation. For a 2D field: multiply-adds of the layers before the colour branch.
      */
     uint64_t density_macs;
     /**
-     * Additional multiply-adds of one colour evaluation.
+     * Multiply-adds of one colour evaluation, in addition to the density evaluation at the same sample.
      */
     uint64_t colour_macs;
     /**
@@ -697,7 +700,7 @@ typedef struct nerf_scene_info {
      */
     uint64_t seed;
     /**
-     * Name of the data the scene was fitted to.
+     * Name of the data that the scene was fitted to.
      */
     struct nerf_text data;
     /**
@@ -717,11 +720,11 @@ typedef struct nerf_scene_info {
      */
     uint32_t picture_height;
     /**
-     * Samples per ray of the coarse proposal network; 0 without a proposal network.
+     * Number of samples per ray at which the proposal network is evaluated; 0 without a proposal network.
      */
     uint32_t proposal_samples;
     /**
-     * Number of points of the Pareto front (PSNR against multiply-adds), measured by a study; 0 without one.
+     * Number of points of the Pareto front (PSNR against multiply-adds), which a study measured; 0 without one.
      */
     uint32_t front_points;
     /**
@@ -729,8 +732,8 @@ typedef struct nerf_scene_info {
      */
     uint64_t proposal_macs;
     /**
-     * Distance between samples in a scene that is marched through its box, world units; 0 if rays have bins between
-     * near and far. In an unbounded scene, steps grow outside the ball of `contraction_radius`.
+     * Distance between samples in a scene that is marched through its box, world units; 0 if samples lie in equal bins
+     * between near and far. In an unbounded scene, steps grow outside the ball of `contraction_radius`.
      */
     float step;
     /**
@@ -743,8 +746,8 @@ typedef struct nerf_scene_info {
      */
     float contraction_radius;
     /**
-     * Power by which steps grow outside the ball of `contraction_radius`: 1 (uniform in disparity), 2 or 4 (nearly
-     * uniform in the logarithm of the distance); 0 if the scene ends at its box.
+     * Power that sets how steps on a ray grow outside the ball of `contraction_radius`: 1 (uniform in disparity), 2,
+     * or 4 (nearly uniform in the logarithm of the distance); 0 if the scene ends at its box.
      */
     uint32_t contraction_power;
     /**
@@ -757,11 +760,11 @@ typedef struct nerf_scene_info {
      */
     float eye[3];
     /**
-     * The subject of the photographs, world units: the centre of an orbit.
+     * Position of the subject of the photographs, world units: the centre of an orbit around the subject.
      */
     float target[3];
     /**
-     * Upward direction of the photographs, unit length: the axis of an orbit.
+     * Upward direction of the photographs, unit length: the axis of an orbit around the subject.
      */
     float up[3];
     /**
@@ -772,7 +775,7 @@ typedef struct nerf_scene_info {
 } nerf_scene_info;
 
 /**
- * A pinhole camera with an optional lens. The camera looks down −Z, +Y is up, +X is right, as in OpenGL.
+ * A perspective or fisheye camera. The camera looks down −Z, +Y is up, +X is right, as in OpenGL.
  *
  * Pixel (0, 0) is top left and its centre is at (0.5, 0.5).
  */
@@ -806,19 +809,19 @@ typedef struct nerf_camera {
      */
     float cy;
     /**
-     * Radial distortion, second order, as in OpenCV; 0 for none.
+     * Radial distortion: coefficient of r^2 (fisheye: of angle^2), as in OpenCV; 0 for none.
      */
     float k1;
     /**
-     * Radial distortion, fourth order.
+     * Radial distortion: coefficient of r^4 (fisheye: of angle^4); 0 for none.
      */
     float k2;
     /**
-     * First coefficient of tangential distortion.
+     * First coefficient of tangential distortion, as in OpenCV; 0 for none.
      */
     float p1;
     /**
-     * Second coefficient of tangential distortion.
+     * Second coefficient of tangential distortion, as in OpenCV; 0 for none.
      */
     float p2;
     /**
@@ -827,19 +830,19 @@ typedef struct nerf_camera {
      */
     float c2w[12];
     /**
-     * Radial distortion, sixth order; 0 for none.
+     * Radial distortion: coefficient of r^6 (fisheye: of angle^6); 0 for none.
      */
     float k3;
     /**
-     * Radial distortion: second order of the denominator, or eighth order of a fisheye; 0 for none.
+     * Radial distortion: coefficient of r^2 in the denominator; for a fisheye, coefficient of angle^8. 0 for none.
      */
     float k4;
     /**
-     * Radial distortion, fourth order of the denominator; 0 for none.
+     * Radial distortion: coefficient of r^4 in the denominator; 0 for none. Must be 0 for a fisheye.
      */
     float k5;
     /**
-     * Radial distortion, sixth order of the denominator; 0 for none.
+     * Radial distortion: coefficient of r^6 in the denominator; 0 for none. Must be 0 for a fisheye.
      */
     float k6;
     /**
@@ -857,7 +860,7 @@ typedef struct nerf_camera {
  */
 typedef struct nerf_instance {
     /**
-     * `sizeof(nerf_instance)`. In an array, the first instance's value is the stride, bytes.
+     * `sizeof(nerf_instance)`. In an array, all instances have the same value, which is the array's stride.
      */
     size_t struct_size;
     /**
@@ -866,20 +869,20 @@ typedef struct nerf_instance {
     const struct nerf_scene *scene;
     /**
      * Transform from the scene's coordinates to the world's: the upper three rows of the 4x4 matrix, row-major. The
-     * transform is a rotation times one scale and a translation; all zeros for the identity. With a column-major
+     * transform is a rotation, a uniform scale and a translation; all zeros for the identity. With a column-major
      * matrix `m`, as in OpenGL and glTF, `to_world[4 * row + column]` is `m[4 * column + row]`.
      */
     float to_world[12];
 } nerf_instance;
 
 /**
- * Effects: what a frame does beyond one ray through each pixel's centre. All zeros for none, which costs nothing.
+ * Effects of a frame: jitter, anti-aliasing, depth of field, exposure, tone. All zeros turn every effect off.
  *
- * `NERF_STATUS_OPTIONS` for an effect that this build of the library lacks.
+ * An effect that this build of the library lacks is refused with `NERF_STATUS_OPTIONS`.
  */
 typedef struct nerf_effects {
     /**
-     * 1: each sample lies at a random position in its sample interval, drawn from `seed`. Otherwise 0.
+     * 1: each sample lies at a random position in its sample interval, drawn from `seed`. 0: in the interval's middle.
      */
     uint32_t jitter;
     /**
@@ -887,20 +890,20 @@ typedef struct nerf_effects {
      */
     uint32_t anti_aliasing;
     /**
-     * Seed of the jitter and, with jitter, of positions on the aperture; read only if `jitter` is 1.
+     * Seed of random positions of samples in their intervals and of rays on the aperture; taken as 0 if `jitter` is 0.
      */
     uint64_t seed;
     /**
-     * Radius of a thin lens' aperture, world units, at most 1e9; 0 is a pinhole.
+     * Radius of the aperture of a thin lens, world units, at most 1e9; 0 is a pinhole.
      */
     float aperture_radius;
     /**
-     * Distance from the camera to its plane of focus along the view axis, world units, 1e-6 to 1e9; read only if
-     * there is an aperture.
+     * Distance from the camera to the plane of focus along the view axis, world units, 1e-6 to 1e9; read only if
+     * `aperture_radius` is not 0.
      */
     float focus_distance;
     /**
-     * Exposure in stops, each a doubling of the light, -32 to 32; 0 for no change.
+     * Exposure, -32 to 32 stops; each stop doubles the light; 0 for no change.
      */
     float exposure;
     /**
@@ -908,8 +911,8 @@ typedef struct nerf_effects {
      */
     uint32_t tone_map;
     /**
-     * 1: colour is linear light, unbounded above: samples and background are decoded before compositing. This also
-     * applies to RGBA planes (premultiplied) and to queries. 0: colour is display-encoded.
+     * 1: RGB planes, RGBA planes and colours of `nerf_query` are linear light, unbounded above. The colours of samples
+     * and background are converted to linear light before compositing. 0: colours are display-encoded throughout.
      */
     uint32_t linear;
     /**
@@ -919,11 +922,11 @@ typedef struct nerf_effects {
 } nerf_effects;
 
 /**
- * Options of a frame: quality settings, batches, distances and effects.
+ * Options of a frame: quality settings, batch sizes, distances and effects.
  *
- * NULL for the structure, or all zeros except `struct_size`, are the defaults: cuts without a visible difference. With
- * `transmittance_cut` and `colour_cut` at `NERF_NONE` the image is exact: every sample that the occupancy grid does
- * not mark as empty is used.
+ * NULL in place of options, or zeros in all fields except `struct_size`, selects the defaults: cuts without a visible
+ * difference. The exact rendering evaluates every sample in the scene box: `transmittance_cut` and `colour_cut` are
+ * `NERF_NONE`, and `ignore_occupancy` is 1 unless the scene requires its occupancy grid.
  */
 typedef struct nerf_render_options {
     /**
@@ -931,15 +934,15 @@ typedef struct nerf_render_options {
      */
     size_t struct_size;
     /**
-     * Samples per ray, at most 4096; 0 for the scene's own number. In a scene that is marched (`step` of
+     * Number of samples per ray, at most 4096; 0 for the scene's own number. In a scene that is marched (`step` of
      * `nerf_scene_info` is not 0), the number of steps along the diagonal of the scene box; in other scenes, the
-     * number between near and far. With a proposal network, drawn from its distribution, in addition to the proposal's
-     * own samples.
+     * number between near and far. With a proposal network, the number of samples drawn from the proposal's
+     * distribution, in addition to the proposal's own samples.
      */
     uint32_t samples;
     /**
-     * Transmittance threshold, less than 1: a ray ends, and counts as opaque, once its transmittance is below. 0 for
-     * `NERF_TRANSMITTANCE_CUT_DEFAULT`; `NERF_NONE` (or any value below 0) ends no ray.
+     * Transmittance threshold, less than 1: once a ray's transmittance is below the threshold, the ray ends, and its
+     * opacity becomes 1. 0 for `NERF_TRANSMITTANCE_CUT_DEFAULT`; `NERF_NONE` (or any value below 0) ends no ray.
      */
     float transmittance_cut;
     /**
@@ -959,23 +962,23 @@ typedef struct nerf_render_options {
      */
     float background[3];
     /**
-     * Rays in one batch, and largest number of pixels of a tile, at most 256; 0 for a number that keeps vector units
-     * busy. Affects memory and time, never the image.
+     * Number of rays in a batch, and largest number of pixels of a tile, at most 256; 0 for a number that keeps vector
+     * units busy. Affects memory and time, never the image.
      */
     uint32_t batch_rays;
     /**
-     * Samples that the network evaluates together, at most 64; 0 for a number that keeps vector units busy. Only the
-     * portable kernel with f16 weights uses fewer than 64.
+     * Number of samples that the network evaluates together, at most 64; 0 for a number that keeps vector units busy.
+     * Only the portable kernel with f16 weights uses fewer than 64.
      */
     uint32_t batch_samples;
     /**
-     * Weight threshold, less than 1. Once the weight accumulated since a ray's last colour exceeds the threshold, the
-     * next colour is evaluated and gets all of this weight. 0 for `NERF_COLOUR_CUT_DEFAULT`; `NERF_NONE` evaluates
-     * every colour. Never affects opacity or distances.
+     * Weight threshold, less than 1. The weights of successive samples on a ray are summed until the sum exceeds the
+     * threshold. Only then is a colour evaluated: the last sample's, with the whole sum as its weight. 0 for
+     * `NERF_COLOUR_CUT_DEFAULT`; `NERF_NONE` evaluates every colour. Never affects opacity or distances.
      */
     float colour_cut;
     /**
-     * Width of the Gaussian blur of the density whose gradient gives the normals, in sample intervals (standard
+     * Normals are the gradient of the density after a Gaussian blur. Width of the blur, in sample intervals (standard
      * deviation: width / sqrt(12)). 0 for `NERF_NORMAL_BLUR_DEFAULT`; `NERF_NONE` for no blur: the gradient is then
      * mostly noise finer than a sample interval.
      */
@@ -993,8 +996,8 @@ typedef struct nerf_render_options {
      */
     float far_distance;
     /**
-     * 1: a scene that is not marched is sampled only between its near and far, the range of its training, to reproduce
-     * figures measured in this way. 0: the rest of the scene box is sampled, too.
+     * For scenes that are not marched (`step` of `nerf_scene_info` is 0). 1: rays are sampled only between the scene's
+     * near and far distances, as in training. 0: the rest of the scene box is sampled, too.
      */
     uint32_t own_bins;
     /**
@@ -1020,9 +1023,10 @@ typedef struct nerf_request {
      */
     const struct nerf_scene *scene;
     /**
-     * Scenes that the host has placed in its own world, or NULL: cameras, rays, points and distances are in that
-     * world. Where instances overlap, densities add and colours are mixed by density. An unbounded scene must be the
-     * last instance; its background is shown. Only in a library built with `instances`.
+     * Scenes that the host has placed in its own world, or NULL. Cameras, rays, points and distances are then in the
+     * host's world. Where instances overlap, densities add, and colours are averaged with the densities as weights. An
+     * unbounded scene must be the last instance. The background is the last instance's. Only in a library built with
+     * `instances`.
      */
     const struct nerf_instance *instances;
     /**
@@ -1034,7 +1038,7 @@ typedef struct nerf_request {
      */
     const struct nerf_render_options *options;
     /**
-     * `NERF_OUTPUT_*` flags, or-ed, of the planes that the worker renders. For a worker of `nerf_query` alone:
+     * `NERF_OUTPUT_*` flags, or-ed, of the planes that the worker renders. For a worker that only `nerf_query` uses:
      * `NERF_OUTPUT_RGB` if colours are requested, else 0.
      */
     uint32_t outputs;
@@ -1067,8 +1071,8 @@ typedef struct nerf_rect {
 } nerf_rect;
 
 /**
- * One plane of a target: the values of one output, or of limits, in the caller's memory. The first pixel is the top
- * left one of the **rectangle**, not of the image. For rays and points the plane is one row.
+ * One plane of a target, in the caller's memory: the values of one output, or limits of rays. The first pixel is the
+ * top left one of the **rectangle**, not of the image. For rays and points the plane is one row.
  */
 typedef struct nerf_plane {
     /**
@@ -1096,9 +1100,9 @@ typedef struct nerf_plane {
 /**
  * The target of a render. `limit_ray_distance` and `limit_z_depth` are inputs; every other plane is an output.
  *
- * An output plane that is NULL is not computed, and takes no memory. Planes may share memory as channels of one
- * structure: bytes between pixels are never touched. Output planes must not share a byte (`NERF_STATUS_OVERLAP`). A
- * pixel without a surface has the distance `far`: no less than any distance in the scene, or, if nearer, the pixel's
+ * An output plane that is NULL is not computed, and takes no memory. Planes may be interleaved as channels of one
+ * structure: bytes between pixels are never touched. Output planes must not share a byte (`NERF_STATUS_OVERLAP`).
+ * Pixels without a surface get the distance `far`: at least every distance in the scene, but no more than the pixel's
  * own limit along its ray or `far_distance` of the options.
  */
 typedef struct nerf_target {
@@ -1115,40 +1119,43 @@ typedef struct nerf_target {
      */
     struct nerf_plane opacity;
     /**
-     * Mean distance along the ray under the sample weights, world units; `far` where opacity is 1e-4 or less.
+     * Mean distance of the samples along the ray, weighted by the sample weights, world units. Pixels without a
+     * surface (opacity 1e-4 or less) get `far`.
      */
     struct nerf_plane ray_distance;
     /**
-     * Mean distance along the view axis under the sample weights, world units; `far` where opacity is 1e-4 or less.
+     * Mean distance of the samples along the view axis, weighted by the sample weights, world units. Pixels without a
+     * surface (opacity 1e-4 or less) get `far`.
      */
     struct nerf_plane z_depth;
     /**
-     * Smallest distance along the ray at which transmittance is below one half, world units; `far` if there is none.
-     * Needs a `transmittance_cut` of at most 0.5.
+     * Median distance along the ray, at which transmittance falls below one half, world units. If transmittance stays
+     * above one half, the pixel gets `far`. Needs a `transmittance_cut` of at most 0.5.
      */
     struct nerf_plane median_distance;
     /**
-     * Normal of the surface: mean of -grad(density)/|grad(density)| under the sample weights, world space, unit
-     * length; 0 where opacity is 1e-4 or less or directions cancel. Costs about as much as two more samples per ray.
+     * Normal of the surface: mean of -grad(density)/|grad(density)|, weighted by the sample weights; world space, unit
+     * length. 0 where opacity is 1e-4 or less or directions cancel. Costs about as much as two more samples per ray.
      */
     struct nerf_plane normals;
     /**
-     * Input: distance along each pixel's ray at which the ray ends, world units, for example at a surface that the
-     * host has traced. Infinity or NaN for no end; NULL for no limits. A limit cuts the sample interval that contains
-     * the limit, so edges are smooth. Samples behind a limit cost nothing.
+     * Input, NULL for none: distance along each pixel's ray at which the ray ends, world units, for example at a
+     * surface that the host has traced. Infinity or NaN: no limit for this pixel. A limit cuts the sample interval
+     * that contains the limit, so edges are smooth. Samples behind a limit cost nothing.
      */
     struct nerf_plane limit_ray_distance;
     /**
-     * Input: limits as in `limit_ray_distance`, but along the view axis, such as a depth buffer; only one of these two
-     * planes may be set. A depth `d` in normalised device coordinates is `p[14] / (d + p[10])`, of a column-major
-     * perspective `p` along -Z.
+     * Input: limits as in `limit_ray_distance`, but measured along the view axis. Only one of the two planes may be
+     * set. A value `d` of a depth buffer, in normalised device coordinates, gives the limit `p[14] / (d + p[10])`; `p`
+     * is the column-major perspective matrix of a camera that looks along -Z.
      */
     struct nerf_plane limit_z_depth;
 } nerf_target;
 
 /**
- * Callback on the rendering thread, before the first tile and after each tile. `pixels_done` never decreases;
- * `pixels_all` is the number of all pixels. A return value other than 0 cancels the render.
+ * Callback that a render calls on its own thread, before the first tile and after each tile. `pixels_done`: number of
+ * finished pixels, never decreasing; `pixels_all`: number of pixels to render. A return value other than 0 cancels the
+ * render.
  *
  * The callback may call this library, but not with the worker that is rendering. No C++ exception may escape.
  */
@@ -1173,7 +1180,7 @@ typedef struct nerf_frame {
      */
     const struct nerf_rect *rect;
     /**
-     * Planes that receive the pixels. Planes of outputs that the worker was not opened for must be NULL.
+     * Planes that receive the pixels. A plane must be NULL if `nerf_request` did not ask for its output.
      */
     const struct nerf_target *target;
     /**
@@ -1189,7 +1196,7 @@ typedef struct nerf_frame {
      */
     nerf_progress progress;
     /**
-     * Argument passed to `progress`.
+     * Argument passed to each call of `progress`.
      */
     void *user;
 } nerf_frame;
@@ -1212,7 +1219,7 @@ typedef struct nerf_counters {
      */
     uint64_t samples_kept;
     /**
-     * Number of samples that were skipped: outside the scene box, in an empty cell, or after the transmittance cut.
+     * Number of samples skipped outside the scene box, in empty cells, or once transmittance fell below the cut.
      */
     uint64_t samples_skipped;
     /**
@@ -1220,8 +1227,8 @@ typedef struct nerf_counters {
      */
     uint64_t density_evaluations;
     /**
-     * Number of evaluations of the colour branch: one per sample, or one per ray in a field shaded once per ray. For a
-     * 2D field, evaluations of the whole network.
+     * Number of evaluations of the colour branch: one per sample that gets a colour, or one per ray in a field with
+     * deferred shading. For a 2D field: number of evaluations of the whole network.
      */
     uint64_t colour_evaluations;
     /**
@@ -1229,12 +1236,12 @@ typedef struct nerf_counters {
      */
     uint64_t macs;
     /**
-     * Number of samples whose density was NaN (treated as empty), whose colour was NaN (black), or whose density
-     * gradient was not finite (no normal).
+     * Number of invalid results of the networks: NaN densities (rendered as empty), NaN colours (rendered as black),
+     * and density gradients that are not finite (left out of normals).
      */
     uint64_t invalid_samples;
     /**
-     * Number of evaluations of the density's gradient, for normals.
+     * Number of evaluations of the gradient of the density with respect to position, for normals.
      */
     uint64_t normal_evaluations;
     /**
@@ -1244,7 +1251,7 @@ typedef struct nerf_counters {
 } nerf_counters;
 
 /**
- * An array in the caller's memory: one or three floats per ray or point.
+ * Array in the caller's memory, with one element per ray or point. Every element is one float, or three floats.
  */
 typedef struct nerf_floats {
     /**
@@ -1252,7 +1259,7 @@ typedef struct nerf_floats {
      */
     const float *data;
     /**
-     * Bytes from one element, of one or three floats, to the next; 0 if they are contiguous.
+     * Bytes from the start of an element to the start of the next one; 0 if elements are contiguous.
      */
     size_t stride;
 } nerf_floats;
@@ -1274,25 +1281,25 @@ typedef struct nerf_rays {
      */
     struct nerf_floats origins;
     /**
-     * Direction of each ray: x, y, z, of unit length (squared length within 1e-3 of 1). Not normalised again: a
-     * relative error of the length is one of the ray's distances, too.
+     * Direction of each ray: x, y, z, of unit length (squared length within 1e-3 of 1). Directions are not normalised
+     * again: a ray's distances are in units of its direction's length.
      */
     struct nerf_floats dirs;
     /**
      * Distance along each ray at which visibility begins, world units, at least 0; NULL for 0. In a scene that is
-     * marched (`step` of `nerf_scene_info` is not 0) the first sample interval begins here, or where the ray enters
-     * the scene box if that is farther: another `t_min` can move all samples. In other scenes `t_min` moves no sample,
-     * but cuts the sample interval that contains `t_min`.
+     * marched (`step` of `nerf_scene_info` is not 0) the first sample interval begins at `t_min`, or where the ray
+     * enters the scene box if that is farther: another `t_min` can move all samples. In other scenes `t_min` moves no
+     * sample, but cuts the sample interval that contains `t_min`.
      */
     struct nerf_floats t_min;
     /**
      * Distance along each ray at which visibility ends, world units, at least `t_min`, may be infinite; NULL for no
-     * end. Cuts the sample interval that contains `t_max`: opacity is a continuous function of `t_max`.
+     * end. `t_max` cuts the sample interval that contains it: opacity is a continuous function of `t_max`.
      */
     struct nerf_floats t_max;
     /**
-     * One random number in [0, 1) per ray for `nerf_sample_rays`; NULL for `nerf_render_rays`. 1 counts as the largest
-     * float below 1, since rounding to float can produce 1.
+     * One random number in [0, 1) per ray for `nerf_sample_rays`; NULL for `nerf_render_rays`. A 1, which rounding to
+     * float can produce, is replaced by the largest float below 1.
      */
     struct nerf_floats random;
     /**
@@ -1301,14 +1308,14 @@ typedef struct nerf_rays {
      */
     const float *axis;
     /**
-     * Planes for the results: one row of `count` pixels; `row_stride` is ignored. Planes may be fields of the
-     * structures that hold the rays. Planes of limits must be NULL: each ray has its `t_max`.
+     * Planes for the results: one row of `count` pixels; `row_stride` is ignored. Rays and results may be fields of
+     * the same structures. Planes of limits must be NULL: each ray has its own `t_max`.
      */
     const struct nerf_target *target;
 } nerf_rays;
 
 /**
- * Points, and the direction along which each point is seen.
+ * Points to evaluate, each with the direction along which the point is seen.
  */
 typedef struct nerf_points {
     /**
@@ -1320,8 +1327,8 @@ typedef struct nerf_points {
      */
     size_t count;
     /**
-     * Position of each point: x, y, z, world space. Density is 0 and colour is black outside the scene box, and in
-     * cells that the occupancy grid marks as empty.
+     * Position of each point: x, y, z, world space. Density is 0 and colour is black in cells that the occupancy grid
+     * marks as empty and, unless the scene is unbounded, outside the scene box.
      */
     struct nerf_floats positions;
     /**
@@ -1334,7 +1341,7 @@ typedef struct nerf_points {
      */
     struct nerf_plane sigma;
     /**
-     * Receives each point's colour as `NERF_FORMAT_RGB_F32`, linear if `options.effects.linear` is 1; or NULL.
+     * Receives each point's colour as `NERF_FORMAT_RGB_F32`, linear if `options.effects.linear` is 1; may be left out.
      */
     struct nerf_plane rgb;
 } nerf_points;
@@ -1361,19 +1368,20 @@ typedef struct nerf_pace_request {
      */
     const struct nerf_camera *camera;
     /**
-     * Options of the frame, NULL for the defaults; samples, cuts, occupancy grid, maths and proposal are ignored.
+     * Options of the frame; NULL for the defaults. The quality settings (samples, cuts, occupancy grid, maths,
+     * proposal) are ignored, since each point of the Pareto front has its own.
      */
     const struct nerf_render_options *options;
     /**
-     * `NERF_OUTPUT_*` of the planes that will not be NULL, or-ed.
+     * Outputs of the measured frame: `NERF_OUTPUT_*` flags, or-ed.
      */
     uint32_t outputs;
     /**
-     * Limit in milliseconds per frame: measuring stops after the first point whose frame would take longer.
+     * Limit, milliseconds per frame: measuring stops after the first point of the Pareto front that takes longer.
      */
     float limit_milliseconds;
     /**
-     * Clock, called with `user`; must not touch the workspace. NULL for the library's own, which needs std.
+     * Clock, called with `user`; must not touch the workspace. NULL for the library's own clock, which needs std.
      */
     nerf_clock clock;
     /**
@@ -1383,7 +1391,7 @@ typedef struct nerf_pace_request {
 } nerf_pace_request;
 
 /**
- * Measured times of a frame with each of the settings on a scene's Pareto front, on one thread of this host.
+ * Measured time of a frame on one thread of this host, for each point (quality settings) of a scene's Pareto front.
  */
 typedef struct nerf_pace {
     /**
@@ -1391,14 +1399,14 @@ typedef struct nerf_pace {
      */
     size_t struct_size;
     /**
-     * Milliseconds per frame, in the order of the scene's Pareto front; infinity for points that were not measured.
-     * With n threads that render tiles, a frame takes one n-th of this time.
+     * Milliseconds per frame, by the index of the point on the Pareto front; infinity for points that were not
+     * measured. If n threads share the tiles of a frame, the frame takes about 1/n of this time.
      */
     float milliseconds[16];
 } nerf_pace;
 
 /**
- * The chosen point of a scene's Pareto front: loss and cost of its settings.
+ * The chosen point of a scene's Pareto front: loss and cost of the chosen settings.
  */
 typedef struct nerf_choice {
     /**
@@ -1406,19 +1414,19 @@ typedef struct nerf_choice {
      */
     size_t struct_size;
     /**
-     * PSNR of the exact rendering minus that of the settings, dB, as a study measured it; negative for a gain.
+     * PSNR of the exact rendering minus PSNR with the settings, dB, as a study measured it; negative for a gain.
      */
     float loss_db;
     /**
-     * Multiply-adds of the settings relative to the exact rendering's.
+     * Number of multiply-adds with the settings, divided by the number for the exact rendering.
      */
     float cost;
     /**
-     * Expected milliseconds per frame; NaN unless the choice was by time.
+     * Expected milliseconds per frame; NaN unless the settings were chosen by time.
      */
     float milliseconds;
     /**
-     * 1 if the settings meet the limit; 0 if no point of the Pareto front does, and the nearest point was chosen.
+     * 1 if the settings meet the limit. 0 if no point of the Pareto front meets it: the nearest point was chosen.
      */
     uint32_t within;
 } nerf_choice;
@@ -1437,12 +1445,12 @@ extern "C" {
 uint32_t nerf_abi_version(void);
 
 /**
- * Version of the library as text, such as "0.1.0"; static.
+ * Version of the library as text, such as "0.1.0"; the text is static and never freed.
  */
 const char *nerf_version_text(void);
 
 /**
- * Returns the meaning of a status, in English; static, never NULL, also for numbers that are no status.
+ * Returns the meaning of a status, in English. The text is static, and never NULL, even if the number is no status.
  */
 const char *nerf_status_text(int32_t status);
 
@@ -1511,7 +1519,7 @@ nerf_status nerf_scene_open_file(const char *path,
 void nerf_scene_close(const struct nerf_scene *scene);
 
 /**
- * Describes a scene: placement of a camera, cost, origin.
+ * Writes the description of a scene to `info`: bounds and viewpoint, cost of an evaluation, training.
  *
  * `info`: the caller sets `struct_size`; the other fields are written on success. Fields of a newer header that this
  * library does not know become zero. The texts point into the scene file's bytes.
@@ -1523,7 +1531,7 @@ nerf_status nerf_scene_describe(const struct nerf_scene *scene,
                                 struct nerf_scene_info *info);
 
 /**
- * Sets a camera's pose: at `eye`, looking at `target`, with `up` upwards in its image.
+ * Places a camera at `eye`, looking at `target`; the direction `up` points upwards in the image.
  *
  * `camera`: the caller sets `struct_size`; only `c2w` is written, on success. `eye`, `target`, `up`: three floats
  * each, world units; `up` of any length. `NERF_STATUS_CAMERA` if `eye` equals `target`, or `up` points along the view.
@@ -1542,11 +1550,12 @@ nerf_status nerf_camera_look_at(struct nerf_camera *camera,
 /**
  * Computes the ray through an image point, for example to evaluate points on the ray with `nerf_query`.
  *
- * `x`, `y`: image point, pixels from the left and the top edge; a pixel's centre is at + 0.5. The point may lie
- * outside the image. `NERF_STATUS_CAMERA` if the direction overflows f32, or the lens has no inverse there or folds in
- * front of the point. `origin`, `dir`: three floats each, world space; `dir` has unit length and includes the lens
- * distortion. `z_per_distance`: NULL, or one float: `z_depth` per unit of `ray_distance` along this ray. Results are
- * written on success only. `message`: as in `nerf_camera_look_at`.
+ * `x`, `y`: image point, pixels from left and top; pixel (0, 0) has its centre at (0.5, 0.5). The point may lie
+ * outside the image. `NERF_STATUS_CAMERA` if the direction overflows f32, if the distortion has no inverse at the
+ * point, or if the distorted image folds over itself between principal point and image point. `origin`, `dir`: three
+ * floats each, world space; `dir` has unit length and takes account of the distortion. `z_per_distance`: NULL, or
+ * receives the ratio of `z_depth` to `ray_distance` on this ray. Results are written on success only. `message`: as in
+ * `nerf_scene_memory`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here.
@@ -1597,8 +1606,8 @@ nerf_status nerf_worker_open(const struct nerf_request *request,
 /**
  * Renders a rectangle of a camera's image into the planes of a target.
  *
- * With one kernel, pixels do not depend on the rectangle, the batch, the worker's earlier calls or other threads, bit
- * for bit. `frame->target` may contain limits, such as a depth buffer.
+ * With the same kernel, the result for a pixel is bit-identical in every rectangle, with every batch size, on every
+ * thread, and after any earlier calls. `frame->target` may contain limits at which rays end, such as a depth buffer.
  *
  * `counters`: NULL, or written on success, with `struct_size` set by the caller. `message`: as in `nerf_scene_memory`.
  *
@@ -1618,11 +1627,11 @@ nerf_status nerf_render(struct nerf_worker *worker,
  * Renders a rectangle of an image of a 2D field (`NERF_KIND_PICTURE`), `frame->width` x `frame->height` pixels large.
  *
  * Pixel (x, y) is the field's colour at the pixel's centre, ((x + 0.5) / width, (y + 0.5) / height). Every size from
- * 1x1 to 8388608x8388608 shows the whole field, undistorted at `picture_width` x `picture_height` of
- * `nerf_scene_info`. A rectangle of a larger size shows a detail.
+ * 1x1 to 8388608x8388608 shows the whole field. `picture_width` and `picture_height` of `nerf_scene_info` give the
+ * field's own aspect ratio. To show a detail, render a rectangle of a large image.
  *
- * `worker`: opened for the 2D field; only `maths` and batch of its options matter. The target may have only the plane
- * `rgb`. A 2D field is opaque, so the alpha of RGBA formats is 1. Everything else is as in `nerf_render`.
+ * `worker`: opened for the 2D field; of its options only `maths`, `batch_rays` and `batch_samples` matter. The target
+ * may have only the plane `rgb`. A 2D field is opaque: alpha is 1. Everything else is as in `nerf_render`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `worker` and its scene are intact.
@@ -1636,15 +1645,15 @@ nerf_status nerf_render_picture(struct nerf_worker *worker,
 /**
  * Renders the caller's own rays: ray i is pixel i of the target.
  *
- * A ray may begin outside, inside or behind the scene. The distances of a ray without a surface are no less than any
- * in the scene, or, if nearer, `t_max`. The rays of a camera's pixels give the camera's image, bit for bit, without
- * jitter. A shadow ray needs only the plane of opacity: opacity has the same bits as together with other planes, for
- * less work.
+ * A ray may begin outside, inside or behind the scene. A ray without a surface gets the distance `far`: at least every
+ * distance in the scene, but at most `t_max`. Without jitter, the rays of a camera's pixels give the camera's image,
+ * bit for bit. For shadow rays, render opacity alone: the opacity is bit-identical with and without other planes, and
+ * the work is less.
  *
- * All rays are checked before the first result is written. `NERF_STATUS_RAY` names the first ray with an origin that
- * is not finite, a direction that is not of unit length or an empty range; also if `random` is not NULL. Options with
- * anti-aliasing or an aperture, which belong to cameras, are `NERF_STATUS_OPTIONS`. `counters` and `message`: as in
- * `nerf_render`.
+ * All rays are checked before the first result is written. `NERF_STATUS_RAY` if `random` is not NULL, or if a ray has
+ * an origin that is not finite, a direction that is not of unit length, or a `t_min` below 0 or above `t_max`; the
+ * message names the first such ray. `NERF_STATUS_OPTIONS` for anti-aliasing or an aperture, which belong to cameras.
+ * `counters` and `message`: as in `nerf_render`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
@@ -1659,12 +1668,13 @@ nerf_status nerf_render_rays(struct nerf_worker *worker,
  * Samples the point on each ray at which a photon collides with the medium, for path tracers.
  *
  * A ray's photon collides where the opacity accumulated along the ray reaches the ray's number in `random`. Then
- * `opacity` is 1, distances are those of the collision, and colour and normal are the field's at that point. Without a
+ * opacity is 1, distances are measured to the collision, and colour and normal are the field's there. Without a
  * collision, opacity is 0, distances are infinite, and colour is the background (0 in RGBA planes). Cuts in the
- * options are ignored. Over uniform numbers the mean colour is that of `nerf_render_rays` without cuts, except in a
- * field shaded once per ray: each colour is then the network's for one sample alone, and only `nerf_render_rays` gives
- * the field's own. The means of opacity, distance and normal agree in every field. `NERF_STATUS_RAY` also for a number
- * outside [0, 1]. Everything else is as in `nerf_render_rays`.
+ * options are ignored. `NERF_STATUS_RAY` also for a number outside [0, 1]. All else is as in `nerf_render_rays`.
+ *
+ * If a ray is sampled often, with uniform random numbers, the mean opacity and colour of all samples, and the mean
+ * distance and normal of the collisions, converge to the results of `nerf_render_rays` without cuts. Exception: with
+ * deferred shading, the colour branch is evaluated for the collision's sample alone, so the mean colour differs.
  *
  * # Safety
  * Pointers are NULL or point to what is described there; `worker` and its scenes are intact.
@@ -1678,9 +1688,9 @@ nerf_status nerf_sample_rays(struct nerf_worker *worker,
 /**
  * Evaluates density and colour at points seen along directions.
  *
- * `worker`: opened with `NERF_OUTPUT_RGB` if colour is wanted; only the options for occupancy grid, maths and tone
- * affect the results. `sigma` and `rgb` must not overlap other memory of the call. `NERF_STATUS_DIRECTION` if a
- * direction is not of unit length; nothing is written then. `counters` and `message`: as in `nerf_render`.
+ * `worker`: opened with `NERF_OUTPUT_RGB` if colour is wanted; only its options for occupancy grid, maths and tone
+ * affect the results. `sigma` and `rgb` must not overlap other memory of the call. `NERF_STATUS_DIRECTION`, and
+ * nothing is written, if a direction is not of unit length. `counters` and `message`: as in `nerf_render`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
@@ -1706,15 +1716,15 @@ nerf_status nerf_pace_workspace_size(const struct nerf_pace_request *request,
                                      size_t message_capacity);
 
 /**
- * Measures the time of a frame on this thread with each of the settings on the scene's Pareto front.
+ * Measures the time of a frame on this thread for each point (quality settings) of the scene's Pareto front.
  *
- * Renders about 2,048 pixels, spread over the view, with each, cheapest first. Stops after the first settings whose
- * frame takes longer than `request->limit_milliseconds`; the times of more expensive settings are infinity. Measure on
- * an idle host.
+ * For each point, cheapest first, renders about 2,048 pixels, spread over the view, and scales the time up to a whole
+ * frame. Stops after the first point with a time above `request->limit_milliseconds`; the times of the more expensive
+ * points are infinity. Measure on an idle host.
  *
  * `workspace`: has the size and alignment from `nerf_pace_workspace_size`, and does not overlap the scene or its
- * file's bytes. `pace`: receives the times on success; the caller sets `struct_size`. A scene without a Pareto front
- * is `NERF_STATUS_NO_FRONT`. `message`: as in `nerf_scene_memory`.
+ * file's bytes. `pace`: receives the times on success; the caller sets `struct_size`. `NERF_STATUS_NO_FRONT` if the
+ * scene has no Pareto front. `message`: as in `nerf_scene_memory`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; the scene is intact.
@@ -1727,14 +1737,13 @@ nerf_status nerf_pace_measure(const struct nerf_pace_request *request,
                               size_t message_capacity);
 
 /**
- * Writes to `options` the cheapest settings whose PSNR is at most `loss_db` below that of the exact rendering.
+ * Writes to `options` the cheapest settings with a PSNR at most `loss_db` below the PSNR of the exact rendering.
  *
  * `options`: the caller sets `struct_size`; the quality settings (samples, cuts, occupancy grid, maths, proposal) are
- * replaced, other fields stay. `choice`: NULL, or receives the chosen point. If the PSNR of every point of the scene's
- * Pareto front is lower, the point of highest PSNR is written, and `choice->within` is 0. `NERF_STATUS_NO_FRONT`, and
- * nothing is written, if the scene has no Pareto front, or this build can render none of its points. A point's
- * transmittance cut may exceed one half, which a frame with a median distance refuses. `message`: as in
- * `nerf_scene_memory`.
+ * replaced, other fields stay. `choice`: NULL, or receives the chosen point. If every point of the scene's Pareto
+ * front loses more, the point of highest PSNR is chosen, and `choice->within` is 0. `NERF_STATUS_NO_FRONT` if the
+ * scene has no Pareto front, or if this build can render none of its points; nothing is written then. A point's
+ * transmittance cut may exceed 0.5: rendering then refuses median distances. `message`: as in `nerf_scene_memory`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `scene` is intact.
@@ -1747,9 +1756,10 @@ nerf_status nerf_quality_within_loss(const struct nerf_scene *scene,
                                      size_t message_capacity);
 
 /**
- * Writes to `options` the settings of highest PSNR with at most `ratio` times the exact rendering's multiply-adds.
+ * Writes to `options` the settings of highest PSNR that take at most `ratio` times the multiply-adds of the exact
+ * rendering.
  *
- * If every point of the scene's Pareto front costs more, the cheapest is written. Everything else is as in
+ * If every point of the scene's Pareto front costs more, the cheapest point is chosen. Everything else is as in
  * `nerf_quality_within_loss`.
  *
  * # Safety
@@ -1763,11 +1773,12 @@ nerf_status nerf_quality_within_cost(const struct nerf_scene *scene,
                                      size_t message_capacity);
 
 /**
- * Writes to `options` the settings of highest PSNR whose frame takes at most `milliseconds`, by the times that
- * `nerf_pace_measure` wrote to `pace`.
+ * Writes to `options` the settings of highest PSNR with a frame time of at most `milliseconds`. `pace`: frame times
+ * from `nerf_pace_measure`.
  *
- * If every point of the scene's Pareto front takes longer, the fastest is written. `choice->milliseconds` is the
- * expected time of a frame. Everything else is as in `nerf_quality_within_loss`.
+ * If every measured point of the scene's Pareto front takes longer, the fastest is chosen. `NERF_STATUS_NO_FRONT` also
+ * if no point was measured. `choice->milliseconds` is the expected time of a frame. Everything else is as in
+ * `nerf_quality_within_loss`.
  *
  * # Safety
  * Pointers are NULL or point to what is described there, `pace` to a `nerf_pace`; `scene` is intact.
@@ -1783,9 +1794,9 @@ nerf_status nerf_quality_within_time(const struct nerf_scene *scene,
 /**
  * Writes to `options` the settings of a point of the scene's Pareto front.
  *
- * `point`: index below `front_points` of `nerf_scene_info`, most expensive first. For hosts that show the whole
- * trade-off or choose by rules of their own. `NERF_STATUS_OPTIONS` for a point that does not exist,
- * `NERF_STATUS_NO_FRONT` for one that this build cannot render. `choice->within` is 1. Everything else is as in
+ * `point`: index of the point, below `front_points` of `nerf_scene_info`; 0 is the most expensive point. For hosts
+ * that show the whole trade-off or choose by their own rules. `NERF_STATUS_OPTIONS` for a point that does not exist,
+ * `NERF_STATUS_NO_FRONT` for a point that this build cannot render. `choice->within` is 1. Everything else is as in
  * `nerf_quality_within_loss`.
  *
  * # Safety
@@ -1799,13 +1810,13 @@ nerf_status nerf_quality_point(const struct nerf_scene *scene,
                                size_t message_capacity);
 
 /**
- * Writes to `options` settings whose PSNR is below that of the exact rendering by at most what a `nerf_preset` allows.
+ * Writes to `options` the cheapest settings that lose no more PSNR than a `nerf_preset` allows.
  *
- * In a scene without a Pareto front the PSNR of settings is not known. `NERF_PRESET_EXACT` then uses every sample
- * inside the scene box, and `NERF_PRESET_HIGH` is the defaults. BALANCED, FAST and PREVIEW have transmittance cuts of
- * 0.03, 0.1 and 0.1, colour cuts of 0.03, 0.03 and 0.1, and PREVIEW has four fifths of the samples: their PSNR was
- * 0.05, 0.2 and 0.9 dB below exact in the project's own study. `options` and `message` as in
- * `nerf_quality_within_loss`.
+ * If every point of the scene's Pareto front loses more, writes the settings of the exact rendering. A scene without a
+ * Pareto front gets fixed settings, with an unknown loss: `NERF_PRESET_EXACT` is the exact rendering, and
+ * `NERF_PRESET_HIGH` the default options. BALANCED, FAST and PREVIEW have transmittance cuts of 0.03, 0.1 and 0.1, and
+ * colour cuts of 0.03, 0.03 and 0.1. PREVIEW also takes only four fifths of the scene's samples. In a study of another
+ * scene, these three presets lost 0.05, 0.2 and 0.9 dB. `options` and `message`: as in `nerf_quality_within_loss`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `scene` is intact.
@@ -1817,14 +1828,15 @@ nerf_status nerf_quality_preset(const struct nerf_scene *scene,
                                 size_t message_capacity);
 
 /**
- * Explains in English which stages a worker's frames have or lack, and why; with counters, also where the work went.
+ * Writes an English report of a worker's frames: which stages are on, why the other stages are off, and, with
+ * counters, the work of each stage.
  *
- * The text is for people: its wording may change between versions. Each of several instances has a part of its own.
+ * The text is for people: its wording may change between versions. With several instances, each has its own part.
  *
- * `counters`: NULL, or what a call of this worker wrote; ignored with several instances. `text`: NULL, or a buffer of
- * `capacity` bytes; the text is cut to fit, and NUL-terminated. `needed`: NULL, or receives the bytes of the uncut
- * text with its NUL. `text` and `needed` are written on success only; a cut text is a success. `message`: as in
- * `nerf_scene_memory`.
+ * `counters`: NULL, or the counters that a call of this worker wrote; ignored with several instances. `text`: NULL, or
+ * a buffer of `capacity` bytes; the text is cut to fit, and NUL-terminated. `needed`: NULL, or receives the length of
+ * the uncut text with its NUL, bytes. `text` and `needed` are written on success only; a cut text is a success.
+ * `message`: as in `nerf_scene_memory`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
