@@ -44,7 +44,7 @@ pub struct Body<'a> {
 }
 
 impl<'a> Body<'a> {
-    /// Returns the grid encoding and the bytes of its entropy-coded tables; `None` without tables in that format.
+    /// Returns the grid encoding and the bytes of its entropy-coded tables; `None` if no tables are entropy-coded.
     pub(super) fn coded(&self) -> Option<(&GridEncoding, &'a [u8])> {
         match (self.architecture.position.grid(), self.tables) {
             (Some(grid), Some(StoredTables::Coded { bytes, .. })) => Some((grid, bytes)),
@@ -58,17 +58,17 @@ impl<'a> Body<'a> {
 pub enum StoredTables<'a> {
     /// Finite values, each as little-endian f16.
     F16(#[serde(serialize_with = "as_bytes")] &'a [u8]),
-    /// Signed bytes. Each value is a byte times the scale of the byte's level.
+    /// Each table value is a signed 8-bit integer times the scale of its level.
     Int8 {
         /// Scale of each level, little-endian f32: above 0, and small enough that 128 times the scale is finite.
         #[serde(serialize_with = "as_bytes")]
         scales: &'a [u8],
-        /// One signed byte per value.
+        /// One byte per table value: a signed 8-bit integer.
         #[serde(serialize_with = "as_bytes")]
         bytes: &'a [u8],
     },
-    /// Tables as in [`StoredTables::Int8`], but with entropy-coded bytes. A renderer decodes the bytes into its own
-    /// memory.
+    /// Each table value is a signed 8-bit integer times the scale of its level. The integers are entropy-coded: a
+    /// renderer decodes them into its own memory.
     Coded {
         /// Scale of each level, as in [`StoredTables::Int8`].
         #[serde(serialize_with = "as_bytes")]
@@ -80,7 +80,7 @@ pub enum StoredTables<'a> {
 }
 
 impl<'a> StoredTables<'a> {
-    /// Bytes of the table values in the format of the file, without the scales.
+    /// Returns the bytes of the table values as the file stores them (f16, int8 or entropy-coded), without the scales.
     pub const fn bytes(&self) -> &'a [u8] {
         match self {
             Self::F16(bytes) | Self::Int8 { bytes, .. } | Self::Coded { bytes, .. } => bytes,
@@ -127,7 +127,7 @@ pub struct PictureFacts {
     pub height: u32,
 }
 
-/// Bounds and conventions of a scene.
+/// Bounds of a scene, placement of samples on its rays, background colour and default viewpoint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneFacts {
     /// Smallest corner of the scene box, world units.
@@ -158,8 +158,8 @@ pub struct Viewpoint {
     pub target: [f32; 3],
     /// Upward direction of the photographs; unit length within 1e-3.
     pub up: [f32; 3],
-    /// Range of an orbit that shows photographed parts: an angle about the axis `up` through `target`, 0 to 2π radians.
-    /// The orbit turns by up to half of this angle to each side of `eye`.
+    /// Angle that an orbit about the axis `up` through `target` covers, 0 to 2π radians: half of the angle to each side
+    /// of `eye`. Views on this orbit show photographed parts of the scene.
     pub arc: f32,
 }
 
@@ -302,8 +302,8 @@ pub struct Proposal<'a> {
     pub trunk: heapless::Vec<TrunkLayer, MAX_TRUNK>,
     /// Activation of the density head.
     pub density: DensityActivation,
-    /// Number of samples per ray at which the proposal network is evaluated, one in each of as many equal bins of
-    /// `near..far`.
+    /// Number of samples per ray at which the proposal network is evaluated. The range `near..far` is divided into this
+    /// many equal bins, with one sample in each.
     pub samples: u16,
     /// Weights and biases as little-endian f16, in the order of [`Architecture::layers`]: trunk, density head.
     #[serde(serialize_with = "as_bytes")]

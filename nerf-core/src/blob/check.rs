@@ -112,7 +112,7 @@ fn looks_somewhere(viewpoint: &Viewpoint) -> bool {
         && (0.0..=TAU).contains(&viewpoint.arc)
 }
 
-/// Whether the scene's rays can have `samples` samples. Checked on opening, so that no later plan fails on `samples`.
+/// Whether rays of the scene can have `samples` samples: 1 to [`MAX_SAMPLES`], at distances above 0 from each other.
 fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
     (1..=MAX_SAMPLES).contains(&samples)
         && match scene.sampling {

@@ -22,11 +22,13 @@ const LEAST: u32 = 1 << 16;
 const OFFSET: u8 = 0x88;
 /// Upper 4 bits of a small value, -8 to 7, after [`OFFSET`] is added.
 const SMALL: usize = 8;
-/// Number of magnitude classes. The class of the values decoded just before selects the probability models.
+/// Number of classes of context. A class is a range of the sum of two magnitudes: of the value decoded just before, and
+/// of the same feature of the previous table entry. Each class has its own probability models.
 const CLASSES: usize = 8;
 /// Maximum number of features of a table entry.
 const MAX_FEATURES: usize = 4;
-/// Number of models for upper 4 bits, one for each class and feature. Lower 4 bits of small values have as many models.
+/// Number of contexts of the entropy coder, one for each pair of class and feature. A context has one probability model
+/// for the upper 4 bits of a value, and one for the lower 4 bits of a small value.
 const CONTEXTS: usize = CLASSES * MAX_FEATURES;
 
 /// An adaptive probability distribution: a symbol's probability is its interval's length, divided by 2^[`BITS`].
@@ -34,7 +36,7 @@ const CONTEXTS: usize = CLASSES * MAX_FEATURES;
 struct Model {
     /// Beginning of each symbol's interval. An interval ends where the next begins, and the last ends at 2^[`BITS`].
     begins: [i16; SYMBOLS],
-    /// Number of symbols that the model has adapted to; counts up to 255.
+    /// Number of symbols that the model has adapted to; stops at 255.
     seen: u8,
 }
 
@@ -166,10 +168,10 @@ pub fn decode_tables(grid: &GridEncoding, bytes: &[u8], mut put: impl FnMut(u8))
     if left == 0 && state == LEAST { Ok(()) } else { Err(BlobError::CodedRest { state, bytes: left as u64 }) }
 }
 
-/// Encodes `values`, the signed bytes of all levels of `grid`. Returns the encoded bytes, which are at the end of
-/// `out`.
+/// Entropy-codes `values`, the signed 8-bit integers of all levels of `grid`, one per byte. Returns the encoded bytes,
+/// which are at the end of `out`.
 ///
-/// `symbols`: working memory, two intervals per value. `None` if `symbols`, `out` or `values` is too short.
+/// `symbols`: working memory, two elements per value. `None` if `symbols`, `out` or `values` is too short.
 #[cfg(any(feature = "train", test))]
 pub fn encode_tables<'o>(
     grid: &GridEncoding,

@@ -102,12 +102,12 @@ impl<'a> Blob<'a> {
         &self.body.architecture
     }
 
-    /// Computes the network's layers, in the order of their parameters.
+    /// Computes and returns the network's layers, in the order in which the blob stores their parameters.
     pub fn layers(&self) -> Layers {
         self.body.architecture.layers()
     }
 
-    /// Bounds and conventions of a scene; `None` in a 2D field.
+    /// Bounds of the scene, placement of samples, background and default viewpoint; `None` in a 2D field.
     pub fn scene(&self) -> Option<&SceneFacts> {
         match &self.body.content {
             Content::Scene(scene) => Some(scene),

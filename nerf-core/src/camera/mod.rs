@@ -58,7 +58,7 @@ pub struct Intrinsics {
 }
 
 impl Intrinsics {
-    /// Intrinsics with square pixels and the principal point at the image centre.
+    /// Intrinsics with square pixels, focal length `focal` (pixels) and the principal point at the image centre.
     pub fn centred(width: u32, height: u32, focal: f32) -> Self {
         Self { width, height, fx: focal, fy: focal, cx: width as f32 / 2.0, cy: height as f32 / 2.0 }
     }
@@ -158,7 +158,7 @@ impl Camera {
     ///
     /// # Errors
     /// [`CameraError`] if one of these is found:
-    /// - a side of 0 or beyond [`MAX_IMAGE_SIDE`], or a focal length that is not positive and finite;
+    /// - an image side of 0 or beyond [`MAX_IMAGE_SIDE`], or a focal length that is not positive and finite;
     /// - a principal point or a lens that is not finite;
     /// - a position with a coordinate outside ±1e9, or a rotation matrix that is not a rotation within 1e-3;
     /// - an image point more than 1e9 focal lengths off the principal point;

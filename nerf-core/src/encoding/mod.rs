@@ -120,9 +120,9 @@ impl From<SinusoidalEncoding> for DirectionEncoding {
 pub enum TableValues<'a> {
     /// Finite little-endian f16 at any alignment, as stored in a file.
     F16(&'a [u8]),
-    /// Signed bytes, as stored in a file. Each value is a byte times the scale of the byte's level.
+    /// Signed 8-bit integers, as stored in a file. Each table value is an integer times the scale of its level.
     Int8 {
-        /// One signed byte per value.
+        /// One byte per table value: a signed 8-bit integer.
         values: &'a [u8],
         /// Scale of each level, little-endian f32 at any alignment: above 0, and small enough that 128 times the scale
         /// is finite.

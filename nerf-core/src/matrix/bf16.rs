@@ -158,6 +158,8 @@ mod avx512 {
     use core::arch::x86_64::*;
 
     impl Layer<'_> {
+        /// Computes the layer with AVX-512 instructions.
+        ///
         /// # Safety
         /// The CPU has AVX-512 F and AVX-512 BF16, and the OS saves their registers.
         #[target_feature(enable = "avx512f,avx512bf16")]

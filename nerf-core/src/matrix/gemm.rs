@@ -11,13 +11,13 @@ pub struct Gemm {
     pub n: usize,
     /// Columns of A, rows of B.
     pub k: usize,
-    /// Distance from `A[i][p]` to `A[i+1][p]`.
+    /// Distance from `A[i][p]` to `A[i+1][p]`, elements.
     pub a_row: usize,
-    /// Distance from `A[i][p]` to `A[i][p+1]`; not 1 if A is transposed.
+    /// Distance from `A[i][p]` to `A[i][p+1]`, elements; not 1 if A is transposed.
     pub a_col: usize,
-    /// Distance from `B[p]` to `B[p+1]`; columns of B are contiguous.
+    /// Distance from `B[p]` to `B[p+1]`, elements; columns of B are contiguous.
     pub b_row: usize,
-    /// Distance from `C[i]` to `C[i+1]`; columns of C are contiguous.
+    /// Distance from `C[i]` to `C[i+1]`, elements; columns of C are contiguous.
     pub c_row: usize,
 }
 

@@ -4,8 +4,9 @@ use super::{Gemm, Init};
 use crate::memory::{at, tail, tail_mut};
 use crate::simd::{Isa, Lanes, Op};
 
-/// [`super::gemm`] with A as little-endian f16 at any alignment. Columns beyond the last
-/// multiple of [`Isa::columns`] are computed one by one with portable instructions. Requires `g.c_row >= g.n`.
+/// `C[i][j] = act(init + Σ_p A[i][p] B[p][j])`, where A is little-endian f16 at any alignment; `act` is ReLU if `relu`,
+/// else the identity. `n`, the number of columns of B and C, may be any: if `n` is no multiple of [`Isa::columns`],
+/// columns are computed one by one with portable instructions. `c_row` is at least `n`.
 ///
 /// # Panics
 /// With debug assertions, if a slice is too short for sizes and strides. Other builds read missing values as 0.
@@ -23,8 +24,8 @@ pub fn f16_at(bytes: &[u8], i: usize) -> f32 {
 
 /// Converts a little-endian f16 to f32.
 ///
-/// As the software conversion of the crate `half`, but tests for normal numbers first: nearly all weights are normal,
-/// and every multiplication converts a weight.
+/// Same as the software conversion of the crate `half`, except that normal numbers are tested first: nearly all weights
+/// are normal, and every multiplication converts a weight.
 #[inline(always)]
 fn widen(bytes: [u8; 2]) -> f32 {
     /// Difference of the exponent biases of f32 and f16, shifted to the position of an f32's exponent.

@@ -1,5 +1,5 @@
 //! Typed slices in the caller's memory. A stage of the renderer requests its buffers in one function, which is run with
-//! [`Measure`] to count the lines and with [`Arena`] to allocate them.
+//! [`Measure`] to count the 64-byte lines of memory and with [`Arena`] to allocate the buffers.
 
 use core::mem::{MaybeUninit, align_of, size_of};
 
@@ -14,19 +14,20 @@ impl Line {
     pub const UNINIT: Self = Self([MaybeUninit::uninit(); 64]);
 }
 
-/// Number of lines that `count` values of `T` occupy.
+/// Number of 64-byte lines that `count` values of `T` occupy.
 pub const fn lines_for<T>(count: usize) -> usize {
     count.saturating_mul(size_of::<T>()).div_ceil(size_of::<Line>())
 }
 
-/// Source of the buffers of a stage: [`Measure`] counts the lines that the buffers need, [`Arena`] allocates them.
+/// Source of the buffers of a stage: [`Measure`] counts the 64-byte lines that the buffers need, [`Arena`] allocates
+/// them.
 pub trait Layout<'w> {
     /// Returns `count` copies of `value`, beginning at the start of a line. Returns an empty slice from [`Measure`],
     /// and from [`Arena`] if the memory left is too small.
     fn slice<T: Copy>(&mut self, count: usize, value: T) -> &'w mut [T];
 }
 
-/// Counter of the lines that requested buffers need; returns empty slices.
+/// Counter of the 64-byte lines that requested buffers need; returns empty slices.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Measure {
     /// Number of lines counted so far.
@@ -34,7 +35,7 @@ pub struct Measure {
 }
 
 impl Measure {
-    /// Number of lines that the buffers requested by `lay_out` need.
+    /// Number of 64-byte lines that the buffers requested by `lay_out` need.
     #[inline]
     pub fn lines_of<T>(lay_out: impl FnOnce(&mut Self) -> T) -> usize {
         let mut measure = Self::default();
@@ -56,7 +57,7 @@ pub struct Arena<'w> {
 }
 
 impl<'w> Arena<'w> {
-    /// An arena over all of `lines`.
+    /// Makes an arena that allocates slices from `lines`.
     pub fn new(lines: &'w mut [Line]) -> Self {
         Self { rest: lines }
     }

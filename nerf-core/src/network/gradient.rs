@@ -6,7 +6,7 @@
 //! ```
 //!
 //! The gradients of raw density and sigma have the same direction, since every activation increases. Where the
-//! activation is flat, the gradient of sigma vanishes, but not that of the raw density.
+//! activation is flat, the gradient of sigma is 0, but the gradient of the raw density is not.
 
 use super::architecture::{Layer, Role};
 use super::view::{Network, Scratch};
@@ -205,7 +205,7 @@ fn record(signs: &mut [u16], outputs: &[f32], rows: usize, stride: usize, paired
     }
 }
 
-/// Packs the signs of up to [`SIGNS`] values into a word.
+/// Returns a word that has bit `i` set if `value` of the `i`-th output is above 0, for up to [`SIGNS`] outputs.
 #[inline]
 fn word(outputs: &[f32], value: impl Fn(f32) -> f32) -> u16 {
     outputs.iter().enumerate().fold(0, |word, (i, &x)| word | u16::from(value(x) > 0.0) << i)

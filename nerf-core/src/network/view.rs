@@ -51,9 +51,10 @@ impl<'a> Network<'a> {
         Self::with_grid(architecture, weights, GridTables::NONE, isa)
     }
 
-    /// [`Network::new`] with the tables of the architecture's grid; also `None` if the tables are too short.
+    /// Makes a network from its architecture, its parameters and the tables of its grid (not used without a grid).
     ///
-    /// Without a grid the tables are not used.
+    /// `None` if the architecture exceeds a limit, if there are too few parameters or table values, or if the target
+    /// has no [`VECTORS`] and parameters are not [`Weights::InPlace`].
     #[cfg(feature = "train")]
     pub fn with_grid(
         architecture: &Architecture,
@@ -158,7 +159,7 @@ impl<'a> Network<'a> {
         self.layers.iter().find(|layer| matches!(layer.role, Role::Colour(0) | Role::Rgb))
     }
 
-    /// Multiply-adds per ray of [`Network::direction`].
+    /// Multiply-adds of [`Network::direction`] for one ray; 0 without view dependence.
     pub fn direction_macs(&self) -> usize {
         self.direction_layer().map_or(0, |layer| layer.extra * layer.outputs)
     }
@@ -185,7 +186,8 @@ impl<'a> Network<'a> {
         self.trunk_with(math, scratch, positions, |_, _| {});
     }
 
-    /// As [`Network::trunk`]; also calls `each` with every trunk layer and the layer's outputs, after the ReLU.
+    /// Encodes a block of positions and evaluates the trunk; leaves its output `h` in [`Scratch::front`]. Calls `each`
+    /// with every trunk layer and the layer's outputs, after the ReLU.
     #[inline]
     pub(super) fn trunk_with(
         &self,
@@ -285,10 +287,10 @@ impl<'a> Network<'a> {
         with_math!(math, M => self.isa.run_columns(stride, Sigmoid::<M> { values, math: PhantomData }));
     }
 
-    /// [`Network::direction`] and [`Network::colour`] for the first sample of a block only. The result is
-    /// bit-identical, but a vector holds outputs of a layer instead of samples. Returns `false` and does nothing unless
-    /// weights are [`Weights::Transposed`] and the colour branch has hidden layers, with widths that are multiples of a
-    /// vector's length.
+    /// Computes the colour of a block's first sample from the trunk's output `h` in [`Scratch::front`]; overwrites `h`.
+    /// The result is bit-identical to the result of [`Network::colour`], but a vector holds outputs of a layer instead
+    /// of samples. Returns `false` and does nothing unless weights are [`Weights::Transposed`] and the colour branch
+    /// has hidden layers, with widths that are multiples of a vector's length.
     ///
     /// `dirs`: `[3][stride]`; `rgb`: `[3][stride]`, only the first column is specified.
     pub(crate) fn colour_of_one(
@@ -417,7 +419,7 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// [`Network::dense`] with weights in pairs of bf16.
+    /// Evaluates a layer as [`Network::dense`] does, with inputs and weights (`words`) that are pairs of bf16.
     #[allow(clippy::too_many_arguments, reason = "as the method it is half of")]
     fn dense_paired(
         &self,

@@ -18,7 +18,8 @@ pub enum Weights<'a> {
 }
 
 impl<'a> Weights<'a> {
-    /// Unpacks little-endian f16 `bytes` into `memory` for `storage`, unless `storage` reads `bytes` directly.
+    /// Returns the parameters of a network for `storage`. If weights are read directly from the blob's bytes, returns
+    /// `bytes`. Otherwise unpacks the f16 `bytes` into `memory` and returns `memory`.
     ///
     /// `memory`: one value for each parameter of the `architecture`, or only for trunk and density head
     /// ([`Architecture::density_parameters`]) if colours are not evaluated; unused if `bytes` are read directly.
@@ -81,7 +82,7 @@ impl<'a> Weights<'a> {
     }
 }
 
-/// Replaces, in `memory`, the weight matrix of each hidden layer of the colour branch by its transpose.
+/// Writes to `memory` the transposed weight matrix of each hidden colour layer; reads the matrix from the f16 `bytes`.
 fn transpose_colour(architecture: &Architecture, bytes: &[u8], memory: &mut [f32]) {
     let parameters = memory.len();
     let hidden =

@@ -10,8 +10,8 @@ use glam::{Vec2, Vec3};
 const STEPS: u8 = 32;
 
 impl Lens {
-    /// Returns where a direction `theta` radians off the axis is seen: the distance from the principal point, focal
-    /// lengths, and the distance's derivative with respect to `theta`.
+    /// Returns the distance from the principal point, in focal lengths, at which a direction `theta` radians off the
+    /// axis is seen, and the derivative of this distance with respect to `theta`.
     fn angle_seen(&self, theta: f32) -> (f32, f32) {
         let t = theta * theta;
         let seen = 1.0 + t * (self.k1 + t * (self.k2 + t * (self.k3 + t * self.k4)));

@@ -71,7 +71,7 @@ impl Lens {
     }
 }
 
-/// Always shows `k1 k2 p1 p2`; shows another coefficient only if not 0, and the projection only if not perspective.
+/// Debug output: always `k1 k2 p1 p2`; another coefficient only if not 0; the projection only if not perspective.
 impl core::fmt::Debug for Lens {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let mut lens = f.debug_struct("Lens");

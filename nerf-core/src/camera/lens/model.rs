@@ -3,10 +3,11 @@
 use super::{Lens, Projection};
 use glam::{Vec2, Vec3};
 
-/// The lens is taken to fold where the slope of the distortion, or the determinant of its Jacobian, is at most this.
+/// Largest slope of the distortion, and largest determinant of its Jacobian, at which the lens is taken to fold. Past a
+/// fold, one image point shows two directions.
 pub(super) const FOLD: f32 = 1e-3;
-/// The lens is also taken to fold where the slope has a minimum of at most this, since Newton's method may jump over
-/// such a minimum (measured: at slopes up to 0.01).
+/// Largest minimum of the slope at which the lens is also taken to fold, since Newton's method may jump over such a
+/// minimum (measured: at slopes up to 0.01).
 const TURN: f32 = 2e-2;
 
 impl Lens {
@@ -99,7 +100,9 @@ impl Lens {
         [self.k3, self.k4, self.k5, self.k6] != [0.0; 4]
     }
 
-    /// [`Lens::undistort`] by Newton's method with halved steps, for lenses with which full steps may diverge.
+    /// The ideal (undistorted) point that is seen at `(xd, yd)`, by Newton's method. A step is halved if it does not
+    /// reduce the residual or if it passes a fold: for lenses with `k3 k4 k5 k6`, with which full steps may diverge.
+    /// `None` if 40 steps do not find the point.
     fn undistort_damped(&self, xd: f32, yd: f32) -> Option<(f32, f32)> {
         let seen = Vec2::new(xd, yd);
         let residual = |p: Vec2| Vec2::from(self.distort(p.x, p.y)) - seen;
@@ -255,9 +258,9 @@ impl Lens {
         })
     }
 
-    /// [`Lens::direction`] for the lens of a camera, which was checked at a grid of image points. If the lens folds
-    /// between these points (possible with strong `p1 p2`), returns the direction without undistortion, which is wrong
-    /// but finite.
+    /// The direction (right, down, forward) that is seen at `(xd, yd)` through a camera's lens, not normalised. The
+    /// camera has checked its lens at a grid of image points only. If the lens folds between these points (possible
+    /// with strong `p1 p2`), returns `(xd, yd, 1)`, which is wrong but finite.
     #[inline]
     pub(crate) fn straighten(&self, xd: f32, yd: f32) -> Vec3 {
         if *self == Self::NONE {

@@ -48,9 +48,9 @@ impl<V: Lanes> Cells<V> {
         Self { x, y, z, weights: [wx, wy, wz] }
     }
 
-    /// For each row of the cell's corners along x: index of the table entry of the corner at the smaller x, counted
-    /// from the level's first entry ([`GridLevel::row`]). The next entry belongs to the corner at the larger x. Rows
-    /// are at (y, z), (y + 1, z), and in three dimensions also at (y, z + 1), (y + 1, z + 1).
+    /// Returns the table entry of each row of the cell's corners, where a row is two corners that differ only in x:
+    /// index of the entry of the corner at the smaller x, counted from [`GridLevel::first`]. The next entry belongs to
+    /// the corner at the larger x. Rows are at (y, z), (y + 1, z), and in 3D also at (y, z + 1), (y + 1, z + 1).
     #[inline(always)]
     pub fn rows<const ROWS: usize>(&self, level: &GridLevel) -> [V::Indices; ROWS] {
         let number = V::Indices::splat;
@@ -79,8 +79,8 @@ impl<V: Lanes> Cells<V> {
         rows
     }
 
-    /// Interpolation weight of each row of corners along x: the factor of y, multiplied in 3D by the factor of z. The
-    /// factor of x is left out.
+    /// Returns the interpolation weight of each row (two corners that differ only in x): the factor of y, in 3D times
+    /// the factor of z. The factor of x is left out.
     #[inline(always)]
     pub fn row_weights<const ROWS: usize>(&self) -> [V; ROWS] {
         let [_, wy, wz] = self.weights;
@@ -94,7 +94,7 @@ impl<V: Lanes> Cells<V> {
         weights
     }
 
-    /// Derivatives of [`Cells::row_weights`] with respect to y, where y is measured in cells.
+    /// Derivative of each row's interpolation weight with respect to y, measured in cells.
     #[cfg(feature = "normals")]
     #[inline(always)]
     pub fn row_weights_by_y<const ROWS: usize>(&self) -> [V; ROWS] {
@@ -109,7 +109,7 @@ impl<V: Lanes> Cells<V> {
         weights
     }
 
-    /// Derivatives of [`Cells::row_weights`] with respect to z, where z is measured in cells; only in three dimensions.
+    /// Derivative of each row's interpolation weight with respect to z, measured in cells; only in three dimensions.
     #[cfg(feature = "normals")]
     #[inline(always)]
     pub fn row_weights_by_z<const ROWS: usize>(&self) -> [V; ROWS] {
@@ -124,7 +124,7 @@ impl<V: Lanes> Cells<V> {
     }
 }
 
-/// On one axis: index of the cell that contains `unit`, and weight of the cell's face at the larger coordinate.
+/// On one axis: index of the cell that contains `unit`, 0 to 1, and weight of the cell's face at the larger coordinate.
 #[inline(always)]
 fn locate<V: Lanes>(unit: V, cells: u32) -> (V::Indices, V) {
     let g = unit.mul(V::splat(cells as f32));

@@ -40,9 +40,9 @@ pub fn encode_grid_block(
     });
 }
 
-/// [`encode_grid_block`] for builds without vectors: one sample and one level at a time, since code size matters there
-/// more than speed. The number of features is a run-time value. For 2D samples, two more rows are read, with weight 0;
-/// the result is bit-identical.
+/// Encodes a block of samples as [`encode_grid_block`] does, in builds without vectors: one sample and one level at a
+/// time, since code size matters there more than speed. The number of features is a run-time value. A 2D sample also
+/// reads two rows of corners with weight 0, which leaves the result bit-identical.
 pub(super) fn encode_one_by_one(
     grid: &GridEncoding,
     tables: &GridTables<'_>,
@@ -157,7 +157,7 @@ impl<V: Lanes, const ROWS: usize> Read<V, ROWS> {
         Self { rows: cells.rows(level), weights: cells.row_weights(), far: cells.weights[0] }
     }
 
-    /// The encoded values of the level, one vector for each feature; vectors beyond `features` are 0.
+    /// Returns the level's encoded values, one vector for each of `features` features. The vectors after these are 0.
     #[inline(always)]
     fn interpolate<T: Value>(&self, table: Table<'_, T>, level: &GridLevel, features: usize) -> [V; 4] {
         let part = table.part(level.first * features, level.entries * features);

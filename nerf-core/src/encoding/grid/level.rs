@@ -2,8 +2,9 @@
 
 use super::{GridEncoding, MAX_LOG2_ENTRIES};
 
-/// Factors of y and z in the hash: Müller et al.'s second and third prime.
+/// Factor of y in the hash: Müller et al.'s second prime.
 pub(super) const HASH_Y: u32 = 2_654_435_761;
+/// Factor of z in the hash: Müller et al.'s third prime.
 pub(super) const HASH_Z: u32 = 805_459_861;
 
 /// One level of a [`GridEncoding`].
@@ -50,7 +51,7 @@ pub(super) fn entries(resolution: [u16; 3], log2_entries: u8) -> (u64, bool) {
     if vertices > most { (most + u64::from(resolution[0]), true) } else { (vertices, false) }
 }
 
-/// Iterator over the levels of a grid, in order: [`GridEncoding::levels`].
+/// Iterator over the levels of a grid, in order; returned by [`GridEncoding::levels`].
 #[derive(Clone, Debug)]
 pub struct GridLevels<'g> {
     grid: &'g GridEncoding,

@@ -42,7 +42,7 @@ pub const MAX_LOG2_ENTRIES: u8 = 24;
 /// Maximum number of values of all levels together. As f32 they take half a gibibyte, which a 32-bit host can address.
 pub const MAX_GRID_VALUES: u64 = 1 << 27;
 
-/// Evaluates `$body`, where `$table` is a [`Table`](crate::simd::Table) over `$values` in their format.
+/// Evaluates `$body` with `$table`, a [`Table`](crate::simd::Table) of `$values`; compiled for each format of values.
 macro_rules! with_table {
     ($values:expr, $table:ident => $body:expr) => {
         match $values {
