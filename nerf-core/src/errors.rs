@@ -33,7 +33,7 @@ macro_rules! errors {
 }
 pub(crate) use errors;
 
-/// Makes the calling function return the error if the condition is false.
+/// Macro with a condition and an error. If the condition is false, the calling function returns the error.
 macro_rules! ensure {
     ($holds:expr, $error:expr) => {{
         let holds: bool = $holds;

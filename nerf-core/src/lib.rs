@@ -12,7 +12,7 @@
 //!
 //! # The pipeline
 //!
-//! Camera, ray, samples, encoding, trunk, density, weights, colour of the samples above the colour cut, pixel:
+//! Camera, ray, samples, encoding, trunk, density, weights, colour (the colour cut skips samples of low weight), pixel:
 //! `docs/architecture.md` draws the pipeline.
 //!
 //! Modules are listed in the order of the data flow, and each uses only modules above it. [`memory`], `simd`, `math`
@@ -28,17 +28,17 @@
 //! | camera | looks down −Z, +Y up, +X right; a [`Pose`] is camera-to-world (Blender, OpenGL) |
 //! | pixels | (0, 0) is top left and its centre is (0.5, 0.5); `fx fy cx cy` in pixels |
 //! | [`camera::Ray::dir`] | unit length, so `t`, `near` and `far` are world units **along the ray** |
-//! | `ray_distance` | mean of `t` under the weights, world units along the ray |
+//! | `ray_distance` | weighted mean of the samples' `t`, world units along the ray |
 //! | `z_depth` | `ray_distance` times the cosine between ray and view axis |
 //! | `median_distance` | first `t` at which the transmittance is below one half, else `far` |
-//! | `normal` | mean of −∇sigma/\|∇sigma\| under the weights, world space, unit length: it points towards lower density |
+//! | `normal` | weighted mean of −∇sigma/\|∇sigma\|, world space, scaled to unit length: points towards lower density |
 //! | no surface | if `opacity <=` [`volume::OPACITY_EPSILON`], both mean distances are `far` and the normal is 0 |
 //! | `sigma` | density, `>= 0`, per world unit |
 //! | `alpha` | `−expm1(−sigma delta)`: fraction of the light that one bin absorbs |
 //! | `transmittance` | `exp(−Σ sigma delta)` over the bins in front, summed in log space, compensated |
 //! | `weights`, `opacity` | `transmittance · alpha`; their sum, `<= 1` |
-//! | samples | on the part of a ray inside the scene box, for any camera position: at the scene's step, or in the scene's bins of near..far, which continue with the same width in front of near and behind far to the ends of the box; in an unbounded scene from near on, at steps that grow outside the inner ball ([`space::Contraction`]) |
-//! | `far` | distance of pixels without a surface, the same for all pixels of a camera: the scene's far, or the distance of the farthest corner of its box if that is larger ([`Plan::far_from`]); in an unbounded scene, its far plus the camera's distance from the middle of the inner ball |
+//! | samples | only on the part of a ray inside the scene box, for any camera position. Scenes with a step: at equal steps. Scenes with bins: one in each of n equal bins from near to far; bins of this width continue in front of near and behind far to the ends of the box. Unbounded scenes: from near on, at steps that grow outside the inner ball ([`space::Contraction`]) |
+//! | `far` | distance of pixels without a surface, the same for all pixels of a camera ([`Plan::far_from`]): the scene's far, or the camera's distance from the farthest corner of the box if larger. Unbounded scenes: the scene's far plus the camera's distance from the middle of the inner ball |
 //! | last bin | of finite length: in a march, the last bin ends where the ray leaves the box |
 //! | colour | display-encoded (sRGB, as the training images were), `[0, 1]`, composited in that space |
 //! | 2D field | x right, y down, 0 to 1 over the image whatever its aspect; pixel (x, y) is ((x + ½) / width, (y + ½) / height) |

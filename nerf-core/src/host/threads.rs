@@ -130,9 +130,9 @@ pub fn render_picture(
     Ok((rgb, counters))
 }
 
-/// Calls `run` with one task after the other until none is left, and passes on the results. `tasks`: the remaining
-/// tasks, and the function that receives each result; all threads share them. Returns the sum of the counters that
-/// `run` returned.
+/// The work of one thread: takes tasks from `tasks` until none is left, and calls `run` with each. `run` stores its
+/// results in the given `Vec` and returns counters. Each result is passed to the function in `tasks`, under the lock
+/// that all threads share. Returns the sum of the counters.
 fn each<T, I: Iterator, F: FnMut(T)>(
     tasks: &Mutex<(I, F)>,
     mut run: impl FnMut(I::Item, &mut Vec<T>) -> Result<Counters, RenderError>,

@@ -9,17 +9,18 @@ pub struct Counters {
     pub rays: u64,
     /// Number of samples at which the scene's network was evaluated.
     pub samples_kept: u64,
-    /// Number of samples that were not evaluated: outside the box, in empty cells, or after the ray had ended. Each ray
-    /// adds the plan's number of samples per ray (with a proposal network, including its samples) minus `samples_kept`
-    /// of the ray, but at least 0. A ray may keep more samples than planned: if its path through the box is longer than
-    /// `near..far`, samples continue there with the same spacing.
+    /// Number of planned samples at which the scene's network was not evaluated: samples outside the box, in empty
+    /// cells, or behind the point where the ray ended. For each ray (and each field, if there are several), the plan's
+    /// number of samples minus the number of kept samples is added. With a proposal network, the planned samples
+    /// include those of the proposal network, evaluated or not. A ray may keep more samples than planned, since samples
+    /// continue with the same spacing in front of `near` and behind `far` to the ends of the box; 0 is then added.
     pub samples_skipped: u64,
     /// Number of evaluations of the proposal network, not included in `samples_kept`.
     pub proposal_evaluations: u64,
     /// Number of evaluations of trunk and density head.
     pub density_evaluations: u64,
-    /// Number of evaluations of the colour branch: one per coloured sample, or with deferred shading one per ray. In a
-    /// 2D field, number of evaluations of the whole network.
+    /// Number of evaluations of the colour branch: at most one per sample, since the colour cut skips samples of low
+    /// weight; with deferred shading, one per ray. For a 2D field, number of evaluations of the whole network.
     pub colour_evaluations: u64,
     /// Number of density gradients computed for normals, each by a forward and a backward pass of the trunk.
     pub normal_evaluations: u64,

@@ -17,7 +17,7 @@ errors! {
     /// A side of the requested image of a 2D field is 0 or above [`MAX_RENDER_SIDE`](super::MAX_RENDER_SIDE).
     Size { width: u32, height: u32 } =>
         "size: expected sides of 1 to {MAX_IMAGE_SIDE} pixels, found {width}x{height}";
-    /// The batch has no rays or no samples, more than [`Batch::MAX_RAYS`] rays, or more than 64 samples.
+    /// The batch does not have 1 to [`Batch::MAX_RAYS`] rays, or its blocks do not have 1 to 64 samples.
     Batch { found: Batch } => "{error}", error = PlanError::Batch { found: *found };
     /// The rectangle is not inside the image of `width` × `height` pixels.
     Rect { rect: Rect, width: u32, height: u32 } =>

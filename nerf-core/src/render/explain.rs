@@ -17,7 +17,7 @@ names! {
     pub enum Switch {
         /// The stage runs.
         On = "on",
-        /// The scene has nothing for the stage to do.
+        /// The blob lacks what the stage needs, for example an occupancy grid or a proposal network.
         AbsentInScene = "off: absent in the scene",
         /// The request has no effect or output that needs the stage.
         NotAskedFor = "off: not asked for",
@@ -33,7 +33,8 @@ impl Switch {
         if asked { Self::On } else { Self::NotAskedFor }
     }
 
-    /// State of a stage. `built`: whether this build has the stage. `asked`: whether the request needs the stage.
+    /// Returns the state of a stage. `built`: whether this build has code for the stage. `asked`: whether the request
+    /// needs the stage.
     fn built(built: bool, asked: bool) -> Self {
         if built { Self::asked(asked) } else { Self::NotBuilt }
     }

@@ -20,8 +20,8 @@ impl Field<'_> {
         if self.network.whole_blocks() { BLOCK } else { self.plan.batch.samples }
     }
 
-    /// Number of columns of a block with `n` samples: `n`, which most kernels round up to a multiple of
-    /// [`Network::columns`]. The added columns are padding and do not change the results of the samples.
+    /// Returns the number of columns of the matrices for a block of `n` samples. Most kernels need a multiple of
+    /// [`Network::columns`], so `n` is rounded up; the added columns are padding.
     pub fn columns(&self, n: usize) -> usize {
         if self.network.whole_blocks() { n.next_multiple_of(self.network.columns()) } else { n }
     }

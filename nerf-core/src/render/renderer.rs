@@ -182,8 +182,8 @@ impl<'a> Renderer<'a> {
 
     /// Number of 64-byte lines of workspace that one [`Renderer::render_picture`] call needs.
     ///
-    /// All kernels but one evaluate blocks of a fixed number of pixels. Only portable instructions over weights read
-    /// directly from the blob's bytes evaluate `batch.samples` pixels at a time, and need memory in proportion.
+    /// Most kernels evaluate blocks of 64 pixels, whatever the `batch`. [`Kernel::IN_PLACE`] evaluates `batch.samples`
+    /// pixels at a time; its workspace grows in proportion.
     pub fn picture_workspace_lines(&self, batch: Batch) -> usize {
         Measure::lines_of(|it| picture::Buffers::lay_out(it, &self.network, batch))
     }
@@ -241,13 +241,13 @@ impl<'a> Renderer<'a> {
 
 /// Copies of those values of a scene that a kernel cannot read directly from the blob's bytes.
 ///
-/// `F` represents f32 values and `B` bytes. Each is a count (to size memory), a slice of the caller's memory, or a box.
-/// If nothing must be copied, counts are 0, and slices and boxes are empty.
+/// `F` is the type that holds f32 values, `B` the type that holds bytes: slices of the caller's memory or boxes. To
+/// measure memory, `F` and `B` are counts. If nothing must be copied, counts are 0, and slices and boxes are empty.
 #[derive(Clone, Debug)]
 pub(crate) struct Prepared<F, B> {
     /// Values unpacked to f32: parameters of the network, parameters of the proposal network, and f16 tables.
     pub unpacked: [F; 3],
-    /// Entropy-coded grid tables, decoded to signed bytes.
+    /// Decoded copy of entropy-coded grid tables: each byte holds the bits of one i8 value.
     pub decoded: B,
 }
 
@@ -316,7 +316,8 @@ impl<'a> Prepared<&'a [f32], &'a [u8]> {
     }
 }
 
-/// Returns the grid tables of a scene: the blob's own, or their copies as f32 (`widened`) or signed bytes (`decoded`).
+/// Returns the grid tables of a scene. `widened`: f32 copy of f16 tables, for kernels that need one. `decoded`: decoded
+/// copy of entropy-coded tables, the bits of an i8 in each byte. Other tables are read from the blob.
 fn tables_of<'a>(blob: &Blob<'a>, kernel: Kernel, widened: &'a [f32], decoded: &'a [u8]) -> GridTables<'a> {
     let values = match blob.tables() {
         None => TableValues::F32(&[]),
@@ -328,7 +329,8 @@ fn tables_of<'a>(blob: &Blob<'a>, kernel: Kernel, widened: &'a [f32], decoded: &
     GridTables::new(values, blob.scene_box().as_ref())
 }
 
-/// Bytes of the blob's f16 grid tables if the kernel needs them converted to f32, else `None`.
+/// Returns the bytes of the blob's f16 grid tables if `kernel` needs a copy of the tables in f32. `None` if the blob
+/// has no f16 tables, or if `kernel` reads f16 tables directly.
 fn widened_tables<'a>(blob: &Blob<'a>, kernel: Kernel) -> Option<&'a [u8]> {
     match blob.tables() {
         Some(StoredTables::F16(bytes)) if !(kernel.storage.in_place() || kernel.isa.reads_f16_tables()) => {

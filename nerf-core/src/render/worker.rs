@@ -77,9 +77,9 @@ impl<'f> Worker<'f> {
     /// thus equal the field with twice the density. A field is not evaluated where another field hides it.
     ///
     /// With deferred shading ([`Shading::PerRay`](crate::network::Shading::PerRay)) each weight along a ray is divided
-    /// among the fields in proportion to their densities. A field's colour branch is evaluated once per ray, at the
-    /// mean of `h` under the field's parts of the weights. The ray's colour is the mean of the fields' colours,
-    /// weighted by the sums of these parts.
+    /// among the fields in proportion to their densities; each field gets a share of the weight. A field's colour
+    /// branch is evaluated once per ray, at the mean of `h` weighted by the field's shares. The ray's colour is the
+    /// mean of the fields' colours, each weighted by the sum of the field's shares.
     ///
     /// A single field that is not scaled is rendered in its own coordinates, at the cost of [`Renderer::worker`]. At
     /// [`Placement::IDENTITY`] its pixels are also bit-identical to those of that worker.
@@ -134,8 +134,9 @@ impl<'f> Worker<'f> {
 
     /// Renders the pixels of `rect` against a depth buffer: the ray of pixel (x, y) ends at `limit(x, y)`.
     ///
-    /// The bin that contains the limit is shortened, not dropped, so that opacity is continuous in the limit. If a ray
-    /// meets no surface before the limit, its distances are the limit or, if nearer, [`Plan::far_from`] the camera.
+    /// The bin that contains the limit is shortened, not dropped, so that opacity depends continuously on the limit. If
+    /// a ray meets no surface before the limit, its distances are the smaller of two: the limit, and the result of
+    /// [`Plan::far_from`] for the camera's position.
     ///
     /// # Errors
     /// As [`Worker::render`].
@@ -178,11 +179,11 @@ impl<'f> Worker<'f> {
 
     /// Renders rays of the caller, one pixel per ray: `target` receives the index and the pixel of each ray.
     ///
-    /// A ray may begin inside or outside of the scene. If a ray meets no surface, its distances are the nearer of
-    /// `t_max` and [`Plan::far_from`](crate::plan::Plan::far_from) its origin. `z_depth` is measured along `axis`, of
-    /// unit length; without an axis, `z_depth` is 0. If the rays are a camera's, the pixels are bit-identical to the
-    /// camera's, except with jitter: the ray at index `i` of a batch then has the random sample positions of the pixel
-    /// in column `i`, row 0.
+    /// A ray may begin inside or outside of the scene. If a ray meets no surface, its distances are the smaller of two:
+    /// `t_max`, and the result of [`Plan::far_from`](crate::plan::Plan::far_from) for the ray's origin. `z_depth` is
+    /// measured along `axis`, of unit length; without an axis, `z_depth` is 0. For a camera's rays, the pixels are
+    /// bit-identical to those of [`Worker::render`] if the plan has no jitter. With jitter, the ray at index `i` of a
+    /// batch has the random sample positions of the pixel in column `i`, row 0.
     ///
     /// # Errors
     /// [`RenderError::Ray`] with the index of the first ray that is not finite or whose direction is not of unit
@@ -381,7 +382,7 @@ impl<'f> Worker<'f> {
     }
 }
 
-/// Ray `i` of `rays`; callers keep `i` in range.
+/// Returns `rays[i]`. Never panics: for an index out of range, which no caller passes, returns an arbitrary ray.
 fn ray_at(rays: &[RaySegment], i: usize) -> RaySegment {
     rays.get(i).copied().unwrap_or(Ray { origin: Vec3::ZERO, dir: Vec3::NEG_Z }.into())
 }

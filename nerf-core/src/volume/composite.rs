@@ -52,7 +52,7 @@ pub fn composite(
 }
 
 errors! {
-    /// Invalid samples of a ray.
+    /// Reason why a ray's samples cannot be composited.
     #[derive(Eq)]
     VolumeError:
     Lengths { sigma: usize, rgb: usize, t_edges: usize } =>

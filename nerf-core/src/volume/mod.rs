@@ -52,8 +52,8 @@ pub(crate) fn light<M: Math, V: Lanes>(total: V) -> V {
     V::select(total.less(V::splat(MAX_TAU)), M::decay(total), V::splat(0.0))
 }
 
-/// Direction of `sum`, the weighted sum of normals whose weights add up to `weight`; 0 if `opacity` is at most
-/// [`OPACITY_EPSILON`], or if the normals cancel.
+/// Returns `sum` scaled to unit length, or 0 if `opacity` is at most [`OPACITY_EPSILON`] or the normals cancel. `sum`:
+/// sum of weight · normal; `weight`: sum of the weights.
 #[cfg(any(feature = "normals", feature = "anti-aliasing"))]
 pub(crate) fn mean_direction(sum: [f32; 3], weight: f32, opacity: f32) -> [f32; 3] {
     // Length at or below which a mean of unit vectors is rounding noise.
@@ -195,17 +195,18 @@ impl Accumulator {
         collides
     }
 
-    /// Returns the weight that has no colour yet if it is more than `cut`, and sets it to 0. The caller then evaluates
-    /// the colour of the last sample and passes it to [`Accumulator::add_colour`] with this weight.
+    /// Returns the sum of the weights of samples without a colour and resets it to 0, or `None` if the sum is at most
+    /// `cut`. The caller evaluates the colour of the last sample and passes it to [`Accumulator::add_colour`] with the
+    /// returned sum.
     ///
-    /// Samples of low weight thus get the colour of the next evaluated sample, and at most `cut` of a ray stays without
-    /// a colour. With a cut of 0 the result is the last sample's own weight.
+    /// Samples of low weight thus get the colour of the next evaluated sample, and samples without a colour have at
+    /// most the weight `cut` together. With a cut of 0 the result is the last sample's own weight.
     #[inline]
     pub fn take_uncoloured(&mut self, cut: f32) -> Option<f32> {
         (self.uncoloured > cut).then(|| core::mem::take(&mut self.uncoloured))
     }
 
-    /// Adds a colour with the weight from [`Accumulator::take_uncoloured`], front to back.
+    /// Adds `weight` times `rgb` to the ray's colour. `weight`: result of [`Accumulator::take_uncoloured`].
     #[inline]
     pub fn add_colour(&mut self, weight: f32, rgb: [f32; 3]) {
         for (sum, c) in self.rgb.iter_mut().zip(rgb) {
@@ -213,7 +214,8 @@ impl Accumulator {
         }
     }
 
-    /// Adds one colour for the whole ray, with the sum of all weights that [`Accumulator::take_uncoloured`] returned.
+    /// Adds `rgb`, the only colour of the ray, times the sum of all weights that [`Accumulator::take_uncoloured`]
+    /// returned.
     #[inline]
     pub(crate) fn colour_all(&mut self, rgb: [f32; 3]) {
         self.add_colour(self.opacity.value - self.uncoloured, rgb);

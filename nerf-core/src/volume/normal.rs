@@ -6,7 +6,7 @@ use glam::Vec3;
 
 /// The sum of a ray's normals, front to back: `Σ weight · −∇sigma/|∇sigma|`.
 ///
-/// The length of a sample's gradient does not matter.
+/// Each gradient is divided by its length, so only its direction matters.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct NormalSum([Sum; 3]);
 

@@ -13,15 +13,16 @@ pub(crate) type Rows = [[f32; BLOCK]; ROWS];
 const TAU: usize = 0;
 const OPACITY: usize = 2;
 const DISTANCE: usize = 4;
-/// Row of the weight of samples without a colour; `LEFT`: row of the transmittance.
+/// Row of the sum of the weights of samples without a colour. The next row, `LEFT`, holds the transmittance.
 const UNCOLOURED: usize = 6;
 pub(crate) const LEFT: usize = 7;
 
-/// Adds one sample to each ray of a vector, as `Accumulator::add_density`; the rays are the columns of `rows` from
-/// `from` on. Returns for each ray the weight that `Accumulator::take_uncoloured` would return, or 0 for `None`.
+/// Composites the density of one sample on each of several rays: lane `i` of each vector belongs to the ray in column
+/// `from + i` of `rows`. Returns for each ray the sum of the weights of samples without a colour, and resets this sum
+/// to 0. If the sum is at most `cut`, returns 0 and keeps the sum. The results are those of `Accumulator::add_density`
+/// and then `Accumulator::take_uncoloured`, called for each ray.
 ///
-/// `sigma`: 1/world unit, a NaN is treated as 0; `t`, `delta`: world units along the ray. `cut`: as in
-/// `take_uncoloured`.
+/// `sigma`: 1/world unit, a NaN is treated as 0; `t`, `delta`: world units along the ray.
 #[inline(always)]
 pub(crate) fn add_samples<M: Math, V: Lanes>(
     rows: &mut Rows,

@@ -20,15 +20,16 @@ use crate::render::stages::{Density, DirectionShares, Gradients, evaluate_points
 use crate::volume::{Accumulator, thickness};
 use glam::Vec3;
 
-/// Upper limit of densities, 1/world unit: opaque over any bin, and small enough that sums of densities stay finite.
+/// Limit to which a sample's density is clamped, 1/world unit. A bin of this density is opaque, and the sum of several
+/// fields' densities stays finite.
 const WALL: f32 = 1e30;
 
-/// The bin of one field that a ray has reached: the occupied bin at the ray's current distance, or if there is none,
+/// A ray's current bin in one field: the occupied bin that contains the ray's current distance, or if there is none,
 /// the next occupied bin along the ray.
 #[derive(Clone, Copy, Default)]
 struct Part {
     known: Known,
-    /// Distance of the bin's sample along the field's ray: field units, or contraction steps in an unbounded scene.
+    /// Position of the bin's sample along the ray, in the field's units; in an unbounded scene, in contraction steps.
     t: f32,
     /// Start of the bin, world units from the ray's start.
     from: f32,
@@ -48,7 +49,7 @@ struct Part {
 /// State of a [`Part`]: which of its values are known.
 #[derive(Clone, Copy, Default, PartialEq)]
 enum Known {
-    /// The ray has no occupied bin of the field left.
+    /// No value: the ray meets no further occupied bin of the field.
     #[default]
     Nothing,
     /// The interval of the bin is known, but its sample has not been evaluated.
@@ -57,7 +58,7 @@ enum Known {
     Sample,
 }
 
-/// A ray in world space. Distances are counted from the ray's start, which is where the ray enters the first field.
+/// A ray in world space. Distances are counted from the ray's start: the nearest point at which the ray enters a field.
 #[derive(Clone, Copy)]
 struct WorldRay {
     pixel: PixelRay,
@@ -82,12 +83,13 @@ pub(in crate::render) struct Merge<'f, 'w> {
     parts: &'w mut [Part],
     world: &'w mut [WorldRay],
     surface: Surface<'w>,
-    /// Values of all instances' [`DirectionShares`], one instance after another; their number may differ by instance.
+    /// What each ray's direction contributes to the colour branch ([`DirectionShares`]): all values of the first
+    /// instance, then of the next. Instances may have different numbers of values.
     shares: &'w mut [f32],
     deferred: Deferred<'w>,
     /// Buffers of a block of samples, large enough for the network of any instance.
     density: Density<'w>,
-    /// Index of the ray of each picked sample: a sample whose colour or gradient is evaluated. `[samples]`.
+    /// For each sample of a block whose colour or gradient is evaluated, the index of its ray: `[samples]`.
     picked: &'w mut [u32],
     /// First the directions of a block of rays, later the colours of a block of samples: `[3][samples]`.
     rgb: &'w mut [f32],
@@ -474,7 +476,8 @@ impl<'f, 'w> Merge<'f, 'w> {
     }
 }
 
-/// Returns the [`DirectionShares`] of instance `member`. `values`: the values of all instances, one after another.
+/// Returns instance `member`'s part of `values`: what the directions of rays contribute to its colour branch. `values`
+/// holds the parts of all instances, one after another.
 fn shares_at<'a>(
     instances: &[Instance<'_>],
     samples: usize,

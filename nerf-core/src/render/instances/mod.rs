@@ -31,7 +31,8 @@ impl<'a> Instance<'a> {
     }
 }
 
-/// Returns the last instance. The error has the index of the first instance that cannot be rendered with the others.
+/// Checks whether the instances can be rendered together, and returns the last one. The error has the index of the
+/// first instance that does not fit the others.
 pub(super) fn check<'i, 'f>(instances: &'i [Instance<'f>]) -> Result<&'i Instance<'f>, RenderError> {
     let last = instances.last().ok_or(RenderError::NoInstances)?;
     for (index, Instance { renderer, plan, .. }) in instances.iter().enumerate() {
