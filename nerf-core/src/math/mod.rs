@@ -133,8 +133,8 @@ fn sin_cos_of_reduced<M: Math, V: Lanes>(u: V) -> (V, V) {
     M::sin_cos(u.mul(V::splat(core::f32::consts::PI)))
 }
 
-/// Evaluates `$body`, where `$M` is the [`Math`] of `$backend`. Not for encodings: only there does the backend
-/// `Recurrence` differ from `Polynomial`, so that no code is compiled for `Recurrence` here.
+/// Evaluates `$body`, where `$M` is the [`Math`] of `$backend`. Not for sinusoidal encodings: only these
+/// differ between the backends `Recurrence` and `Polynomial`, which are compiled to the same code here.
 macro_rules! with_math {
     ($backend:expr, $M:ident => $body:expr) => {
         match $backend {

@@ -1,6 +1,6 @@
 //! Compensated summation.
 
-/// A compensated sum (Kahan 1965): its rounding error over 4,096 terms is that of a single addition.
+/// A compensated sum (Kahan 1965): a sum of 4,096 terms has about the rounding error of a single addition.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sum {
     pub value: f32,

@@ -28,7 +28,7 @@ errors! {
     /// A batch without rays or samples, with more than [`Batch::MAX_RAYS`] rays or with more than 64 samples.
     Batch { found: Batch } =>
         "batch: expected 1 to {most} rays and 1 to {BLOCK} samples, found {found:?}", most = Batch::MAX_RAYS;
-    /// Near and far planes that leave no bins.
+    /// Near and far planes between which no valid bins can be made.
     Bounds(error: BoundsError) => "{error}";
     /// An effect that is out of range or not in this build.
     Effects(error: EffectError) => "{error}";

@@ -104,8 +104,8 @@ pub struct Plan<'a> {
     /// [`Blob::identity`] of the blob that the plan was made for.
     pub(crate) scene: usize,
     pub(crate) bounds: SceneBox,
-    /// Contraction of an unbounded scene. Bins of a ray then count steps of the contraction; [`Plan::point`] and
-    /// [`Plan::interval`] convert steps to points and distances.
+    /// Contraction of an unbounded scene; `None` if the scene is bounded. With a contraction, bins are counted in its
+    /// steps, and [`Plan::point`] and [`Plan::interval`] convert steps to points and distances.
     pub(crate) contraction: Option<Contraction>,
     pub(crate) lattice: Lattice,
     /// The bins of a ray. If a proposal network places the samples, only the number of bins is used.
@@ -211,8 +211,8 @@ impl<'a> Plan<'a> {
         Ok(Self { background, normal_blur, effects, range, ..plan })
     }
 
-    /// Returns the plan with only the distances `t_min` to `t_max` of rays visible, world units; default: 0 to
-    /// infinity.
+    /// Returns the plan with limits of visibility: only points at a distance of `t_min` to `t_max` along a ray are
+    /// visible, world units. Without limits: 0 to infinity.
     ///
     /// A limit inside a bin cuts this bin short, so that opacity changes continuously with the limits. Nothing behind
     /// `t_max` is visible, and a pixel without a surface has a distance of at most `t_max`.
@@ -328,15 +328,15 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Nearest and farthest visible distance, world units, of a ray that is visible only from `t_min` to `t_max`: the
-    /// part of this range that the plan's own range includes.
+    /// Nearest and farthest visible distance along a ray, world units: the intersection of the ray's own limits,
+    /// `t_min` and `t_max`, with the limits of the plan.
     #[inline]
     pub(crate) fn range_of(&self, t_min: f32, t_max: f32) -> [f32; 2] {
         [self.range.0.max(t_min), self.range.1.min(t_max)]
     }
 
-    /// The distance, world units, of all pixels without a surface in a frame seen from `eye`. No visible point of the
-    /// scene is farther away.
+    /// Distance, world units, that a frame seen from `eye` outputs for each pixel without a surface. No visible point
+    /// of the scene is farther from `eye`.
     pub fn far_from(&self, eye: Vec3) -> f32 {
         if self.lattice == Lattice::Own {
             return self.far.min(self.range.1);
@@ -357,7 +357,8 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Converts a point of the world to the network's space; NaN stays NaN, which lies in no box.
+    /// Converts a point of the world to the network's space: contracts it if the scene is unbounded, else returns it
+    /// unchanged. NaN stays NaN, which lies in no box.
     #[inline]
     pub(crate) fn inside(&self, p: Vec3) -> Vec3 {
         match &self.contraction {
@@ -387,13 +388,14 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// The bins that rays are marched through first: those of the proposal network, or the scene's.
+    /// The bins that a ray is marched through first: with a proposal network, the bins in which that network is
+    /// evaluated; else the bins of the samples.
     pub(crate) fn marched_bins(&self) -> &Bins {
         self.proposal.as_ref().unwrap_or(&self.bins)
     }
 
-    /// Least distance of an unbounded scene's samples, world units, from the point at distance `start` along the ray.
-    /// `t_min`: nearest visible distance of the ray.
+    /// Least distance at which an unbounded scene has samples, world units, counted from the point at distance `start`
+    /// along the ray. `t_min`: nearest visible distance of the ray, counted from its origin.
     #[inline]
     pub(crate) fn least_distance(&self, start: f32, t_min: f32) -> f32 {
         self.near.max(t_min) - start

@@ -1,5 +1,5 @@
-//! Quality settings of a frame, and those on a scene's Pareto front, with their loss (PSNR below that of the exact
-//! rendering, dB) and cost (multiply-adds).
+//! Quality settings of a frame. A scene's Pareto front lists settings with their loss (PSNR of the exact rendering
+//! minus PSNR with these settings, dB) and cost (multiply-adds).
 
 use crate::blob::{Blob, FrontPoint};
 use crate::math::MathBackend;
@@ -18,8 +18,8 @@ pub struct Quality {
     pub samples: u16,
     /// Transmittance below which a ray ends and counts as opaque; 0 ends no ray.
     pub transmittance_cut: f32,
-    /// Weight above which a colour is evaluated: the sample's own weight plus the weights of all samples since the last
-    /// evaluated colour. 0 evaluates the colour of every sample of weight above 0.
+    /// A sample's colour is evaluated if the compositing weights of this sample and of all samples since the last
+    /// evaluated colour add up to more than this. 0 evaluates the colour of every sample of weight above 0.
     ///
     /// The same rule selects the samples whose normal is evaluated. With [`Shading::PerRay`](crate::network::Shading)
     /// the rule selects the samples whose hidden features are composited. Opacity and distances never depend on this
@@ -51,7 +51,8 @@ impl Quality {
         proposal: true,
     };
 
-    /// [`Quality::EXACT`], but with the occupancy grid of a scene whose blob requires it (`occupancy_required`).
+    /// The exact rendering of the scene in `blob`: [`Quality::EXACT`], with the occupancy grid only if the blob
+    /// requires the grid (`occupancy_required`).
     pub fn exact(blob: &Blob<'_>) -> Self {
         let occupancy_required = blob.scene().is_some_and(|scene| scene.occupancy_required);
         Self { occupancy: occupancy_required, ..Self::EXACT }
@@ -141,7 +142,7 @@ impl Quality {
         })
     }
 
-    /// [`Quality::front`] without the indices.
+    /// Settings on the blob's Pareto front that this build can render, most expensive first.
     fn choices<'b>(blob: &'b Blob<'_>) -> impl Iterator<Item = Choice> + 'b {
         Self::front(blob).map(|(_, choice)| choice)
     }

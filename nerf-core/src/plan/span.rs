@@ -84,8 +84,9 @@ impl Span {
     }
 }
 
-/// The sampled part of a ray through an unbounded scene. The part begins at near or at `t_min`, whichever is farther.
-/// `None` if the part is empty.
+/// The sampled part of a ray through an unbounded scene. The part begins at near or at `t_min`, whichever is farther,
+/// and ends at far or at `t_max`, whichever is nearer. Far is counted from the ray's point nearest to the contraction's
+/// centre. `None` if the part is empty.
 #[inline(never)]
 fn contracted_span(
     plan: &Plan<'_>,
@@ -120,7 +121,7 @@ pub(crate) struct Spans<T = Row> {
 }
 
 impl<V: Lanes> Spans<V> {
-    /// [`Span::new`] for a vector of rays through a bounded scene.
+    /// Computes the sampled parts of a vector of rays through a bounded scene, as [`Span::new`] does for one ray.
     #[inline(always)]
     fn new(plan: &Plan<'_>, around: &SceneBox, origin: [V; 3], dir: [V; 3], [t_min, t_max]: [V; 2]) -> Self {
         let (zero, bins, most) = (V::splat(0.0), plan.marched_bins(), V::splat(f32::MAX));
@@ -160,7 +161,7 @@ impl Spans {
         ends: [[0.0; MAX_LANES]; Ends::PARTS],
     };
 
-    /// The span of `ray`, whose index in these spans is `i`; `None` if nothing is sampled.
+    /// Returns the sampled part of ray number `i`, which is `ray`; `None` if nothing is sampled.
     #[inline]
     pub fn of(&self, i: usize, ray: &Ray) -> Option<Span> {
         let at = |row: &Row| row[i % MAX_LANES];
@@ -173,13 +174,13 @@ impl Spans {
     }
 }
 
-/// Computes [`Span::new`] of several rays through a bounded scene without a proposal network. Results are bit-identical
-/// to [`Span::new`].
+/// Computes the sampled parts of up to [`MAX_LANES`] rays through a bounded scene without a proposal network. Results
+/// are bit-identical to [`Span::new`] for each ray.
 pub(crate) struct SpanAll<'a> {
     pub plan: &'a Plan<'a>,
     pub around: &'a SceneBox,
     pub rays: &'a [Ray],
-    /// [`Plan::range_of`] of each ray.
+    /// Nearest and farthest visible distance of each ray, world units ([`Plan::range_of`]).
     pub ranges: &'a [Row; 2],
     pub to: &'a mut Spans,
 }

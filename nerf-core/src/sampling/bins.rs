@@ -109,7 +109,8 @@ impl Bins {
         (if whole > index { whole - 1.0 } else { whole }) * self.delta
     }
 
-    /// [`Bins::cut`] for a vector of rays: [`Ends::parts`], and the range's first bin and end, both integers.
+    /// Cuts the bins for a vector of rays, as [`Bins::cut`] does for one ray. Returns the cuts, as [`Ends::parts`], and
+    /// the range of bins used: its first bin and its end, both integers.
     #[inline(always)]
     pub(crate) fn cut_lanes<V: Lanes>(&self, start: V, far: V, stop: V) -> ([V; Ends::PARTS], [V; 2]) {
         let [all_start, all_low, all_high, all_far, all_stop] = self.ends.parts().map(V::splat);
@@ -129,7 +130,7 @@ impl Bins {
         (ends, [V::select(late, first, V::splat(0.0)), V::select(early, end.min_of(count), count)])
     }
 
-    /// [`Bins::shift`] for a vector of rays.
+    /// For a vector of rays, the distances by which the bins must move to cover `enter..exit` ([`Bins::shift`]).
     #[inline(always)]
     pub(crate) fn shift_lanes<V: Lanes>(&self, enter: V, exit: V) -> V {
         let (zero, index) = (V::splat(0.0), self.position(enter));
@@ -138,7 +139,8 @@ impl Bins {
         V::select(index.less(zero), shift, fits)
     }
 
-    /// [`Bins::overlapping`] for a vector of rays: the first bin and the end of the range, integers.
+    /// The range of bins that may have a point in `enter..=exit`, for a vector of rays ([`Bins::overlapping`]). Returns
+    /// the first bin and the end of the range, both integers.
     #[inline(always)]
     pub(crate) fn overlapping_lanes<V: Lanes>(&self, enter: V, exit: V) -> [V; 2] {
         let (count, rounding) = (V::splat(self.count as f32), V::splat(self.rounding()));
@@ -147,7 +149,8 @@ impl Bins {
         [whole(first).min_of(count), whole(last).min_of(count)]
     }
 
-    /// Rounding error of [`Bins::at`], in bins; many bins if bins are narrow and far from the ray's origin.
+    /// Bound on the rounding error of the points that [`Bins::at`] returns, in bin widths. The bound is many bin widths
+    /// if the bins are narrow and far from the ray's origin.
     #[inline]
     fn rounding(&self) -> f32 {
         2.0 * f32::EPSILON * self.distance(self.count as f32) / self.delta
@@ -159,7 +162,7 @@ impl Bins {
         V::splat(self.near).add(position.mul(V::splat(self.delta)))
     }
 
-    /// The inverse of [`Bins::distance`].
+    /// Position, counted in bins, of a distance along the ray: the inverse of [`Bins::distance`].
     #[inline(always)]
     fn position<V: Lanes>(&self, distance: V) -> V {
         distance.sub(V::splat(self.near)).div(V::splat(self.delta))
@@ -200,7 +203,8 @@ impl Bins {
         self.points(i as f32, u, self.ends.parts())
     }
 
-    /// [`Bins::at`] for a vector of bins, each on a ray of its own. `ends`: cuts of these rays, as [`Ends::parts`].
+    /// For each lane, the point of bin `bins` at fraction `u`, as [`Bins::at`] returns for one bin. Each lane has a ray
+    /// of its own; `ends`: cuts of these rays, as [`Ends::parts`].
     #[inline(always)]
     pub(crate) fn points<V: Lanes>(&self, bins: V, u: V, ends: [V; Ends::PARTS]) -> V {
         let [_, _, high, far, _] = ends;
@@ -209,7 +213,7 @@ impl Bins {
         V::select(t.less(far), t, far)
     }
 
-    /// Whether none of the bins up to index `last` is cut at its end. Their middles are then the middles of uncut bins.
+    /// Whether no bin up to index `last` is cut at its end. Cuts then do not move the middles of these bins.
     #[inline(always)]
     pub(crate) fn whole_up_to(&self, last: u32) -> bool {
         let (last, Ends { high, far, .. }) = (last as f32, self.ends);

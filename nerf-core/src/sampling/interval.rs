@@ -17,7 +17,7 @@ pub(crate) struct SampleInterval<V = f32> {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Spacing<'a> {
     pub bins: &'a Bins,
-    /// Contraction of an unbounded scene: positions in the bins are then counted in steps of the contraction.
+    /// Contraction of an unbounded scene: bins are then counted in its steps. `None` if the scene is bounded.
     pub contraction: Option<&'a Contraction>,
 }
 
@@ -56,7 +56,7 @@ impl Spacing<'_> {
         }
     }
 
-    /// [`Spacing::interval`] for a bounded scene and a sample in the first or last bin, which is cut.
+    /// The interval of a bounded scene's sample at `t`, world units. The sample lies in a first or last bin that is cut.
     #[inline(always)]
     pub fn interval_of_cut<V: Lanes>(&self, ends: [V; Ends::PARTS], t: V) -> SampleInterval<V> {
         let [start, low, high, _, stop] = ends;

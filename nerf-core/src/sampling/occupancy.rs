@@ -30,7 +30,8 @@ pub(crate) struct OccupancyLanes<'a, V> {
 }
 
 impl<V: Lanes> OccupancyLanes<'_, V> {
-    /// [`OccupancyGrid::occupied`] for a vector of points of the box, x, y, z: bit `i` of the result is lane `i`.
+    /// Whether the points x, y, z of a vector, all inside the box, lie in occupied cells: bit `i` of the result is 1 if
+    /// the point of lane `i` does.
     #[inline(always)]
     pub fn occupied(&self, points: [V; 3]) -> u32 {
         let mut cells = points;

@@ -4,7 +4,7 @@
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Purpose {
-    /// Initial parameters.
+    /// Initial values of the trained parameters.
     Parameters = 1,
     /// Choice of the image of a training ray.
     Image = 2,
@@ -24,7 +24,8 @@ pub enum Purpose {
     Faint = 9,
 }
 
-/// Returns 32 random bits: the `index`-th number of `stream` (a step, a pixel) for `seed` and `purpose`.
+/// Returns 32 random bits: number `index` of the stream that `seed`, `purpose` and `stream` identify. `stream`: for
+/// example a training step or a pixel.
 ///
 /// # Source
 /// SplitMix64's finaliser (Steele, Lea and Flood 2014) over the mixed counters.
@@ -56,8 +57,8 @@ pub(crate) fn pixel_stream(x: u32, y: u32) -> u64 {
 /// Fractional part of the golden ratio, in units of 2^-32.
 pub(crate) const GOLDEN: u32 = 0x9e37_79b9;
 
-/// Rank, from 0 to `count` − 1, of `index · ratio` among the products `i · ratio` of all `i` in `0..count`, modulo
-/// 2^32. The ranks are a low-discrepancy permutation of `0..count`, exact in integers. `ratio`: in units of 2^-32.
+/// Position, from 0 to `count` − 1, of `index · ratio` modulo 2^32 among the sorted products `i · ratio` modulo 2^32 of
+/// all `i` in `0..count`. The positions are a low-discrepancy permutation of `0..count`. `ratio`: in units of 2^-32.
 pub(crate) fn rank(ratio: u32, index: u32, count: u32) -> u32 {
     let own = index.wrapping_mul(ratio);
     (0..count).filter(|other| other.wrapping_mul(ratio) < own).count() as u32

@@ -72,8 +72,8 @@ impl Isa {
         !matches!(self, Self::Simd128)
     }
 
-    /// Number of lanes of one or two vectors. [`Isa::run_columns`] uses vectors only for multiples of this number of
-    /// samples.
+    /// Least number of samples, 8 or 16, that [`Isa::run_columns`] runs in vectors: one or two vectors. Larger numbers
+    /// run in vectors only if they are multiples of this.
     #[inline]
     pub fn columns(self) -> usize {
         match self {
@@ -133,7 +133,7 @@ mod cpu {
     pub const AVX2: u8 = 1;
     pub const AVX512: u8 = 2;
     pub const AVX512_BF16: u8 = 4;
-    /// Bit that is set once `cpuid` and the OS have been queried.
+    /// Bit of `FEATURES` that is set once `cpuid` and the OS have been queried.
     const ASKED: u8 = 0x80;
 
     static FEATURES: AtomicU8 = AtomicU8::new(0);

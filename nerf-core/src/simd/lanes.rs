@@ -106,7 +106,7 @@ pub trait Lanes: Copy + sealed::Sealed {
     /// Converts integers in `0..=2^23` to `u32`, the indices of table entries.
     fn to_indices(self) -> Self::Indices;
 
-    /// Rounds each lane to the nearest f16, ties to even; values above the largest become infinity.
+    /// Rounds each lane to the nearest f16, ties to even; values too large for a finite f16 become infinite.
     #[inline(always)]
     fn to_f16(self) -> [u16; MAX_LANES] {
         let mut values = [0.0; MAX_LANES];
@@ -153,7 +153,7 @@ pub trait Lanes: Copy + sealed::Sealed {
     }
 }
 
-/// [`Lanes::bits`], bit by bit.
+/// Reads one bit for each lane, one lane after the other: bit `i` of the result is bit `at[i]` of `bytes`, LSB first.
 #[inline(always)]
 pub fn bits_by_lane<V: Lanes>(bytes: &[u8], at: V::Indices) -> u32 {
     let mut bits = [0; MAX_LANES];

@@ -52,8 +52,9 @@ macro_rules! lanes_in_memory {
 }
 pub(super) use {instructions, lanes_in_memory};
 
-/// The primitives of [`weighted_rows`]. A vector consists of groups of four lanes. Rows are summed for one lane of each
-/// group at a time, lane `LANE`: the group's four lanes then hold four neighbouring table values of this lane.
+/// The primitives of table interpolation by [`weighted_rows`]. A vector consists of groups of four lanes. Rows are
+/// summed for one lane of each group at a time, lane `LANE`: the group's four lanes then hold four neighbouring table
+/// values of this lane.
 pub trait Quads: Lanes {
     /// Whether offsets are moved from vectors to scalar registers through memory.
     const OFFSETS_IN_MEMORY: bool = false;
@@ -80,8 +81,8 @@ pub trait Quads: Lanes {
     fn zip_pairs(self, b: Self) -> [Self; 2];
 }
 
-/// [`Lanes::weighted_rows`] with loads of four values. If a row's length is no multiple of four, the values are loaded
-/// one by one.
+/// Interpolates in a table: returns the weighted sum of rows for each lane ([`Lanes::weighted_rows`]). Loads four
+/// neighbouring values at once, or one by one if the length of a row is no multiple of four.
 #[inline(always)]
 pub fn weighted_rows<V: Quads, T: Value, const ROWS: usize>(
     table: Table<'_, T>,

@@ -9,7 +9,7 @@ pub enum Format {
     F16,
     /// f32: four bytes.
     F32,
-    /// One byte, signed.
+    /// Signed 8-bit integer in two's complement.
     Int8,
 }
 
@@ -46,7 +46,7 @@ impl Value for f32 {
     }
 }
 
-/// A signed byte, stored as `u8`.
+/// A table value of type `u8` is a signed 8-bit integer: the byte is its two's complement.
 impl Value for u8 {
     const FORMAT: Format = Format::Int8;
 
@@ -90,7 +90,7 @@ impl<'a, T: Value> Table<'a, T> {
         values
     }
 
-    /// Scale of a level's values; 1 for floats.
+    /// Factor by which the stored values of a grid's level `level` are to be multiplied; 1 for floats.
     #[inline(always)]
     pub fn scale(self, level: usize) -> f32 {
         match T::FORMAT {

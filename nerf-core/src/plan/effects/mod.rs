@@ -5,7 +5,7 @@
 //! | [`Jitter`] | `jitter` | a hash for each bin that is tested for occupancy |
 //! | anti-aliasing | `anti-aliasing` | several rays a pixel, and memory for the sums of a tile's pixels |
 //! | [`ThinLens`] | `depth-of-field` | a few dozen operations a ray |
-//! | [`Tone`] | `tone-map` | three powers for each ray and each pixel; linear output: for each coloured sample |
+//! | [`Tone`] | `tone-map` | three powers `x^p` a ray and three a pixel; with linear output, three a coloured sample |
 //!
 //! [`Plan::with_effects`](crate::plan::Plan::with_effects) checks the effects. Each effect is a stage of the frame
 //! ([`crate::render`]; for [`Jitter`], [`crate::sampling`]). In a build without its feature, a sibling `*_off.rs` with
@@ -33,8 +33,8 @@ pub struct Effects {
 
 /// Samples at random positions in their bins: noise replaces banding, without a bias.
 ///
-/// Each bin has the density at its random sample, over its whole width. On average over the random positions, the
-/// optical thickness therefore equals the integral of the density.
+/// In each bin, the density is taken as constant, with its value at the random sample. The mean of the optical
+/// thickness over all random positions therefore equals the integral of the density.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Jitter {
     /// Seed of the random positions.
@@ -69,8 +69,8 @@ pub struct Tone {
     /// Tone curve, which maps light above 1 into the displayable range.
     pub map: ToneMap,
     /// Whether the output is linear light, unbounded above, in place of sRGB in `[0, 1]`. If so, the background and the
-    /// colours of samples are decoded before compositing. With [`Shading::PerRay`](crate::network::Shading), the colour
-    /// of each ray is decoded instead.
+    /// colours of samples are decoded from sRGB to linear light before compositing. With
+    /// [`Shading::PerRay`](crate::network::Shading), the colour of each ray is decoded instead.
     pub linear: bool,
 }
 

@@ -72,7 +72,7 @@ impl Contraction {
         Vec3::from_array(self.contract_lanes(p.to_array()))
     }
 
-    /// [`Contraction::contract`] for a vector of points: x, y, z.
+    /// Contracts a vector of points x, y, z of the world, as [`Contraction::contract`] does for one point.
     #[inline(always)]
     pub fn contract_lanes<V: Lanes>(&self, p: [V; 3]) -> [V; 3] {
         let one = V::splat(1.0);
@@ -95,7 +95,8 @@ impl Contraction {
         from.abs() <= 1.0 && to.abs() <= 1.0 && within(from) && within(to)
     }
 
-    /// [`Contraction::contract_lanes`] for points that are known to lie in the inner ball; results are bit-identical.
+    /// Contracts a vector of points that are known to lie in the inner ball. Cheaper than
+    /// [`Contraction::contract_lanes`], with bit-identical results.
     #[inline(always)]
     pub(crate) fn kept_lanes<V: Lanes>(&self, p: [V; 3]) -> [V; 3] {
         self.shrunk(self.in_radii(p), V::splat(self.radius))
@@ -164,7 +165,7 @@ impl Contraction {
         self.distance_lanes(s)
     }
 
-    /// [`Contraction::distance`] for a vector of steps.
+    /// Distances along a ray, world units, at a vector of positions in steps ([`Contraction::distance`]).
     #[inline(always)]
     pub fn distance_lanes<V: Lanes>(&self, s: V) -> V {
         let (one, size, least) = (V::splat(1.0), s.abs(), V::splat(1.0 / FARTHEST));
@@ -190,7 +191,7 @@ impl Contraction {
         radii * self.root(radii)
     }
 
-    /// The inverse of [`Contraction::contract`].
+    /// Returns the point of the world that contracts to `p`: the inverse of [`Contraction::contract`].
     #[cfg(feature = "train")]
     pub fn in_world(&self, p: Vec3) -> Vec3 {
         let q = (p - self.centre) / self.radius;
@@ -202,7 +203,8 @@ impl Contraction {
         self.centre + q * (radii / contracted * self.radius)
     }
 
-    /// The inverse of [`Contraction::distance`]; finite for every number.
+    /// Position in steps, along a ray, of the point at `distance`, world units, from the ray's point nearest to
+    /// the centre: the inverse of [`Contraction::distance`]; finite for every number.
     pub fn step_at(&self, distance: f32) -> f32 {
         let size = (distance.abs() / self.radius).min(FARTHEST);
         if size <= 1.0 {

@@ -67,7 +67,8 @@ impl SceneBox {
         (enter <= exit).then_some((enter, exit))
     }
 
-    /// [`SceneBox::clip`] for a vector of rays: distances of entry and exit, and 1 for rays that hit the box, else 0.
+    /// Clips a vector of rays, as [`SceneBox::clip`] does one ray. Returns the distances of entry and exit, and 1 for
+    /// rays that hit the box, 0 for others.
     #[inline(always)]
     pub(crate) fn clip_lanes<V: Lanes>(&self, origin: [V; 3], dir: [V; 3], near: V, far: V) -> (V, V, V) {
         let (zero, one) = (V::splat(0.0), V::splat(1.0));
