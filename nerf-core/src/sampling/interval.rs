@@ -56,7 +56,7 @@ impl Spacing<'_> {
         }
     }
 
-    /// The interval of a bounded scene's sample at `t`, world units. The sample lies in a first or last bin that is cut.
+    /// The interval of a bounded scene's sample at `t`, world units. The sample's bin, first or last, must be cut.
     #[inline(always)]
     pub fn interval_of_cut<V: Lanes>(&self, ends: [V; Ends::PARTS], t: V) -> SampleInterval<V> {
         let [start, low, high, _, stop] = ends;
