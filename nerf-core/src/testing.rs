@@ -11,7 +11,8 @@ use crate::network::{Architecture, DensityActivation, Shading, TrunkLayer};
 use std::vec;
 use std::vec::Vec;
 
-/// A sinusoidal encoding with angles `2^l · π · x`, in addition to the inputs themselves.
+/// A sinusoidal encoding whose outputs are each input `x` itself, then sine and cosine of `2^l · π · x` for each level
+/// `l`.
 pub const fn pi(inputs: u8, levels: u8) -> SinusoidalEncoding {
     SinusoidalEncoding { inputs, levels, scale: AngleScale::Pi, identity: true }
 }

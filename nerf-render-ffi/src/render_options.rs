@@ -25,7 +25,7 @@ pub const NERF_NONE: f32 = -1.0;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Maths {
-    /// The library's own polynomials, vectorised.
+    /// Elementary functions (exp, sin, ...) by the library's own polynomials, vectorised.
     Polynomial = 0,
     /// The `libm` crate, one value at a time.
     Libm = 1,

@@ -130,7 +130,7 @@ pub struct Plan<'a> {
 }
 
 impl<'a> Plan<'a> {
-    /// The default blur of normals, bins: one bin is the finest scale that the samples of a ray resolve.
+    /// Default width of the blur of normals, in bins. The samples of a ray resolve nothing finer than one bin.
     pub const NORMAL_BLUR: f32 = 1.0;
 
     /// Makes the plan of a frame from what `blob` holds and from the requested settings.

@@ -93,8 +93,8 @@ impl Lens {
         None
     }
 
-    /// The angle between `low` and `high` at which the lens folds: up to this angle the seen distance grows with the
-    /// angle.
+    /// Returns the largest angle between `low` and `high` up to which the distance from the image centre grows with the
+    /// angle from the axis. The lens folds there.
     fn last_rising(&self, mut low: f32, mut high: f32) -> f32 {
         for _ in 0..24 {
             let middle = 0.5 * (low + high);

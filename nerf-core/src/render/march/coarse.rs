@@ -162,7 +162,7 @@ pub(in crate::render) struct CandidateBins {
     found: u64,
     /// Distance from the start of the first interval to the middle of bin 0, in interval widths.
     first: f32,
-    /// Bin width divided by interval width.
+    /// Width of a bin of the ray, divided by the width of an interval of the coarse pass.
     per_bin: f32,
     /// Interval width divided by bin width.
     bins: f32,

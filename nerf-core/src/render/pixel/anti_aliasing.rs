@@ -102,8 +102,8 @@ impl SurfaceSum {
     }
 
     /// Sets the normal and the median distance of `mean`. The normal is the rays' mean normal, weighted by opacity. The
-    /// median distance is the mean of the rays that have one, or `far` if fewer than half of the rays do. An output
-    /// that was not requested is 0.
+    /// median distance is the mean of the rays' median distances, or `far` if fewer than half of the rays have one. An
+    /// output that was not requested is 0.
     fn finish(&self, rays: u32, far: f32, mean: &mut Pixel) {
         let sum = self.normal.map(|sum| sum.value);
         mean.normal = mean_direction(sum, mean.opacity * rays as f32, mean.opacity);

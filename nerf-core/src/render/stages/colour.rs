@@ -44,8 +44,8 @@ impl<'w> Colour<'w> {
         }
     }
 
-    /// Returns the contributions of the rays' directions to the colour branch ([`DirectionShares`]), and a buffer
-    /// `[3][stride]` for the directions or colours of a block.
+    /// Borrows the memory for the contributions of the rays' directions to the colour branch, and a buffer
+    /// `[3][stride]` that holds directions of rays first and colours of samples later.
     pub fn shares(&mut self, field: Field<'_>) -> (DirectionShares<'_>, &mut [f32]) {
         (DirectionShares { values: self.shares, block: field.block_samples() }, self.rgb)
     }

@@ -69,8 +69,8 @@ impl<'w> Density<'w> {
         }
     }
 
-    /// Evaluates trunk and density head for `n` samples at `positions`, `[3][stride]` with a stride of
-    /// [`Field::columns`].
+    /// Evaluates trunk and density head for the first `n` samples of `self.positions`, which is `[3][stride]` with a
+    /// stride of [`Field::columns`].
     pub fn evaluate(&mut self, field: Field<'_>, n: usize) {
         (self.count, self.scratch.stride) = (n, field.columns(n));
         field.network.trunk(field.plan.math, &mut self.scratch, self.positions);

@@ -34,7 +34,8 @@ impl<'a> Proposer<'a> {
         blob.proposal().filter(|_| PROPOSAL_BUILT).map_or(0, |it| it.architecture().density_parameters())
     }
 
-    /// Unpacks the proposal network's weights into `to` in the format of `storage`: one value a parameter.
+    /// Decodes the proposal network's weights from the blob into `to`, rounded as `storage` says. `to` has one element
+    /// per weight.
     pub fn unpack(blob: &Blob<'_>, storage: Storage, to: &mut [f32]) {
         if let Some(proposal) = blob.proposal().filter(|_| PROPOSAL_BUILT) {
             Weights::unpack(&proposal.architecture(), storage, proposal.weights, to);
