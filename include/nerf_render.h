@@ -334,7 +334,7 @@ enum nerf_maths
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * The library's own polynomials, vectorised.
+     * Elementary functions (exp, sin, ...) by the library's own polynomials, vectorised.
      */
     NERF_MATHS_POLYNOMIAL = 0,
     /**
@@ -768,8 +768,8 @@ typedef struct nerf_scene_info {
      */
     float up[3];
     /**
-     * Angle, around `up`, of the arc from which `target` was photographed, radians; 2 pi for a full circle. `eye` is
-     * in the middle of the arc. No photograph was taken outside the arc.
+     * Angle, around `up`, of the arc from which most photographs were taken, radians; 2 pi for a full orbit. `eye` is
+     * in the middle of the arc.
      */
     float arc;
 } nerf_scene_info;

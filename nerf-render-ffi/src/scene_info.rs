@@ -142,8 +142,8 @@ pub struct SceneInfo {
     pub target: [f32; 3],
     /// Upward direction of the photographs, unit length: the axis of an orbit around the subject.
     pub up: [f32; 3],
-    /// Angle, around `up`, of the arc from which most photographs were taken, radians: half of it to each side of `eye`;
-    /// 2 pi for a full orbit.
+    /// Angle, around `up`, of the arc from which most photographs were taken, radians; 2 pi for a full orbit. `eye` is
+    /// in the middle of the arc.
     pub arc: f32,
 }
 
