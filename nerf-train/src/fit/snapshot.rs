@@ -13,7 +13,7 @@ pub struct SnapshotOptions {
     pub folder: PathBuf,
     /// Steps at which snapshots are taken; if empty, at every validation.
     pub steps: Vec<u32>,
-    /// Indices, in the validation split, of the views to render; if empty, those that are validated during training.
+    /// Indices, in the validation split, of the views to render; if empty, the views validated during training.
     pub views: Vec<usize>,
 }
 

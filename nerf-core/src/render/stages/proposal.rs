@@ -34,7 +34,7 @@ impl<'a> Proposer<'a> {
         blob.proposal().filter(|_| PROPOSAL_BUILT).map_or(0, |it| it.architecture().density_parameters())
     }
 
-    /// Decodes the proposal network's weights from the blob into `to`, rounded as `storage` says. `to` has one element
+    /// Decodes the proposal network's weights from the blob into `to`, in the format of `storage`. `to` has one element
     /// per weight.
     pub fn unpack(blob: &Blob<'_>, storage: Storage, to: &mut [f32]) {
         if let Some(proposal) = blob.proposal().filter(|_| PROPOSAL_BUILT) {

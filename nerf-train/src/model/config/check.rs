@@ -13,8 +13,8 @@ use std::ops::RangeInclusive;
 
 /// Largest number of samples of a training step. Positions of this many samples take 1.5 GiB.
 const MAX_STEP_SAMPLES: usize = 1 << 27;
-/// Largest number of table values of a trained grid: half of the file format's limit. A checkpoint stores each value
-/// with Adam's two moments, three f32, and may have at most `MAX_CHECKPOINT_BYTES`.
+/// Largest number of table values of a trained grid: half of the file format's limit. A checkpoint stores three
+/// f32 per value, the value and Adam's two moments, and for a hashed level the accumulated gradient, too.
 const MAX_TABLE_VALUES: usize = 1 << 26;
 
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -169,7 +169,7 @@ fn images(file: &Path) -> Result<Vec<Registered>, DatasetError> {
     Ok(images)
 }
 
-/// Parses a photograph's second line: x, y and `POINT3D_ID` of each key point; returns those that were triangulated.
+/// Parses a photograph's second line: x, y and `POINT3D_ID` of each key point. Returns the triangulated key points.
 fn key_points(lines: &Lines, line: &str) -> Result<Vec<([f64; 2], u64)>, DatasetError> {
     let (mut words, mut found) = (line.split_whitespace().peekable(), Vec::new());
     while words.peek().is_some() {
