@@ -10,7 +10,7 @@ use core::mem::{MaybeUninit, align_of, size_of};
 pub struct Line([MaybeUninit<u8>; 64]);
 
 impl Line {
-    /// An uninitialised line.
+    /// 64 uninitialised bytes, one cache line: what a buffer for an arena is filled with.
     pub const UNINIT: Self = Self([MaybeUninit::uninit(); 64]);
 }
 

@@ -182,8 +182,8 @@ impl<'f> Worker<'f> {
     /// A ray may begin inside or outside of the scene. If a ray meets no surface, its distances are the smaller of two:
     /// `t_max`, and the result of [`Plan::far_from`](crate::plan::Plan::far_from) for the ray's origin. `z_depth` is
     /// measured along `axis`, of unit length; without an axis, `z_depth` is 0. For a camera's rays, the pixels are
-    /// bit-identical to those of [`Worker::render`] if the plan has no jitter. With jitter, the ray at index `i` of a
-    /// batch has the random sample positions of the pixel in column `i`, row 0.
+    /// bit-identical to those of [`Worker::render`] if the plan has no jitter. With jitter, the ray at index `i` has the
+    /// random sample positions of the pixel in column `i`, row 0.
     ///
     /// # Errors
     /// [`RenderError::Ray`] with the index of the first ray that is not finite or whose direction is not of unit
@@ -313,15 +313,19 @@ impl<'f> Worker<'f> {
         let (plan, placed) = (self.plan(), self.pixels.placed);
         let capacity = plan.batch.rays.max(1);
         for first in (0..count).step_by(capacity) {
+            // A ray's column is its index, which selects its random numbers whatever the batch. Columns begin anew after
+            // 2^31 rays, so that none overflows.
+            let x = (first % (1 << 31)) as u32;
+            let before = first - x as usize;
             let mut put = |x: u32, _: u32, pixel: &Pixel| match axis {
-                Some(_) => target(first + x as usize, pixel),
-                None => target(first + x as usize, &Pixel { z_depth: 0.0, ..*pixel }),
+                Some(_) => target(before + x as usize, pixel),
+                None => target(before + x as usize, &Pixel { z_depth: 0.0, ..*pixel }),
             };
             // Lossless cast: a plan's batch has at most `Batch::MAX_RAYS` rays.
-            self.pixels.tile = Rect { x: 0, y: 0, width: capacity.min(count - first) as u32, height: 1 };
+            self.pixels.tile = Rect { x, y: 0, width: capacity.min(count - first) as u32, height: 1 };
             (self.pixels.forward, self.pixels.turn) = (axis.map_or(Vec3::ZERO, |axis| placed.dir(axis)), 0);
             of_fields!(&mut self.fields, it => {
-                let source = OwnRays { first, ray, placed, random, far: it.far() };
+                let source = OwnRays { before, ray, placed, random, far: it.far() };
                 with_math!(plan.math, M => it.turn::<M, COLLIDE>(&mut self.pixels, &source, &mut put));
             });
         }

@@ -120,9 +120,9 @@ pub trait Lanes: Copy + sealed::Sealed {
         bits_by_lane::<Self>(bytes, at)
     }
 
-    /// Interpolates in a table: returns `Σ_r weights[r] · row r` for each lane, summed from 0 in ascending `r`. A row
-    /// is two neighbouring entries of the table; an entry has `features` values: 1, 2 or 4. Vector `i` of the result
-    /// belongs to value `i` of the row; only the first `2 · features` vectors are valid.
+    /// Weighted sum of table rows: returns `Σ_r weights[r] · row r` for each lane, summed from 0 in ascending `r`. A
+    /// row is two neighbouring entries of the table; an entry has `features` values: 1, 2 or 4. Vector `i` of the result
+    /// is the sum of the rows' value `i`; only the first `2 · features` vectors are valid.
     ///
     /// `rows`: index of each row's first entry. If the index is beyond the table, any entry or 0 is read.
     #[inline(always)]

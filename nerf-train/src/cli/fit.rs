@@ -176,21 +176,40 @@ impl Fit {
         Ok(config)
     }
 
-    /// Returns settings adapted to the photographs' resolution: grid and ray-march steps follow from the number of
-    /// pixels across the scene. Then limits the file size to `--max-bytes`. Reports the chosen settings.
-    fn sized(&self, config: Config, dataset: &Dataset, global: &Global) -> anyhow::Result<Config> {
+    /// Returns settings adapted to the photographs' resolution and to the length of the run: grid and ray-march steps
+    /// follow from the number of pixels across the scene, and a long run has more entries. Then limits the file size to
+    /// `--max-bytes`. Reports the chosen settings.
+    fn sized(
+        &self,
+        config: Config,
+        dataset: &Dataset,
+        options: &RunOptions,
+        global: &Global,
+    ) -> anyhow::Result<Config> {
         let hull =
             config.sampling.contraction.is_none() && config.occupancy.hull && config.network.grid.is_some();
         if !hull && self.max_bytes.is_none() {
             return Ok(config);
         }
-        let occupancy = self.set.names("occupancy", "resolution");
-        let chosen = Chosen { occupancy, steps: self.steps_across.is_some(), ..self.table.chosen() };
+        let flags = self.table.chosen();
+        let of_grid = |key| self.set.names(&format!("network.grid.{key}"));
+        let chosen = Chosen {
+            entries: flags.entries || of_grid("log2_entries"),
+            levels: flags.levels || of_grid("levels"),
+            coarsest: flags.coarsest || of_grid("coarsest"),
+            finest: flags.finest || of_grid("finest"),
+            storage: flags.storage || of_grid("storage"),
+            occupancy: self.set.names("occupancy.resolution"),
+            steps: self.steps_across.is_some() || self.set.names("sampling.steps_across"),
+        };
         let scene_box = find_box(dataset, &config)?.scene_box;
         let pixels = detail::pixels_across(dataset, &scene_box).filter(|_| hull);
         let mut config = config;
         if let Some(pixels) = pixels {
             config = detail::for_pixels(config, chosen, pixels);
+            if self.max_bytes.is_none() && self.is_long(&config, options)? {
+                config = detail::for_long_run(config, chosen);
+            }
             if let Some(grid) = &config.network.grid {
                 let steps = config.sampling.steps_across;
                 global
@@ -211,6 +230,15 @@ impl Fit {
             ));
         }
         Ok(fitted)
+    }
+
+    /// Whether the run, or the run that it resumes, is long.
+    fn is_long(&self, config: &Config, options: &RunOptions) -> anyhow::Result<bool> {
+        let own = config.network.grid.as_ref().map(|grid| u64::from(grid.log2_entries));
+        Ok(match options.resumed_entries()? {
+            Some(entries) => own.is_some_and(|own| entries > own),
+            None => detail::is_long(&options.budget),
+        })
     }
 
     fn claims(&self) -> Claims {
@@ -289,7 +317,7 @@ impl Fit {
         let config = self.config(dataset.background)?;
         self.settings.space.say(&config, dataset.background, global);
         let options = self.options(&config, checkpoint, global);
-        let config = self.sized(config, &dataset, global)?;
+        let config = self.sized(config, &dataset, &options, global)?;
         global.say_training(config.seed);
         let stop = |_| stop::requested();
         let outcome = match run_since(clock, &dataset, config.clone(), &options, &stop)? {

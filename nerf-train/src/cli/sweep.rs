@@ -25,9 +25,9 @@ use std::process::ExitCode;
   nerf-train sweep scene lego_200x200.npz -o out/times --table 12,14,16 --max-seconds 10,20,60
   nerf-train sweep merge -o out/all out/machine1 out/machine2")]
 pub enum Sweep {
-    /// Sweep 2D fields of one image.
+    /// Train a 2D field for each combination of settings, and compare them.
     Image(Box<ImageSweep>),
-    /// Sweep radiance fields of one data set.
+    /// Train a radiance field for each combination of settings, and compare them.
     Scene(Box<SceneSweep>),
     /// Merge the finished runs of several folders.
     Merge(Merge),
@@ -148,7 +148,7 @@ fn finish(folder: &Folder, global: &Global) -> anyhow::Result<ExitCode> {
     global.finish(&Summary::of(&records, &report))
 }
 
-/// Sweep 2D fields of one image.
+/// Train a 2D field for each combination of settings, and compare them.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: nerf-train sweep image fox.jpg -o out/sweep --levels 6,8,10 --layers 2,4 --scale 0.25"
@@ -179,7 +179,7 @@ impl ImageSweep {
     }
 }
 
-/// Sweep radiance fields of one data set.
+/// Train a radiance field for each combination of settings, and compare them.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: nerf-train sweep scene lego_200x200.npz -o out/sweep --levels 6,10 --width 64,128 --max-seconds 30"

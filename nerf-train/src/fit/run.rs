@@ -63,6 +63,15 @@ impl RunOptions {
         }
     }
 
+    /// Binary logarithm of a level's number of entries in the run that is resumed, `None` if the run does not resume or
+    /// has no grid.
+    pub fn resumed_entries(&self) -> anyhow::Result<Option<u64>> {
+        let Some(path) = self.checkpoint.as_deref().filter(|_| self.resume) else { return Ok(None) };
+        let settings: serde_json::Value =
+            serde_json::from_str(&Checkpoint::read(path)?.config).unwrap_or_default();
+        Ok(settings["network"]["grid"]["log2_entries"].as_u64())
+    }
+
     /// If the run resumes, reads its checkpoint and calls `restore` with it. Returns the clock, with the seconds of the
     /// checkpoint added. `config`, `data`: as in [`Checkpoint::check_belongs`].
     pub(super) fn resumed(

@@ -19,7 +19,8 @@ pub const MAX_JSON_BYTES: u64 = 256 << 20;
 pub const MAX_TOML_BYTES: u64 = 1 << 20;
 /// Size limit of an image file, bytes: more than 16,384² uncompressed pixels of three bytes.
 pub const MAX_PICTURE_BYTES: u64 = 1 << 30;
-pub const MAX_CHECKPOINT_BYTES: u64 = 1 << 30;
+/// Size limit of a checkpoint, bytes: more than the largest settings need.
+pub const MAX_CHECKPOINT_BYTES: u64 = 3 << 30;
 
 /// Reading a pipe or device fails if no byte arrives for this time, also before the first byte.
 const MAX_SILENCE: Duration = Duration::from_secs(60);
@@ -41,6 +42,15 @@ pub fn read_limited(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
         return Err(too_large(limit, &format!("{} bytes", metadata.len())));
     }
     read_to_limit(File::open(path)?, limit)
+}
+
+/// Returns the bytes of a file as [`read_limited`] does; a pipe or device is an error.
+///
+/// # Errors
+/// As [`open_regular`] and [`read_limited`].
+pub fn read_regular(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
+    drop(open_regular(path)?);
+    read_limited(path, limit)
 }
 
 /// Returns the name of `choice` as it is written on the command line.

@@ -7,8 +7,9 @@ use super::average::Average;
 use super::photographs::Photographs;
 use super::{CurvePoint, Progressed, Snapshot, psnr_db_of_mse};
 use crate::data::Dataset;
+use crate::model::config::{MAX_OCCUPANCY_RESOLUTION, MAX_TABLE_VALUES};
 use crate::model::engine::OptimiserState;
-use crate::system::input::{MAX_CHECKPOINT_BYTES, read_limited};
+use crate::system::input::{MAX_CHECKPOINT_BYTES, read_regular};
 use crate::system::output::{OutputError, write_atomic};
 use crate::train::occupancy::Occupancy;
 use anyhow::{Context, anyhow};
@@ -20,6 +21,12 @@ use std::path::Path;
 
 /// First bytes of a checkpoint file; the last byte is the format's version.
 const MAGIC: [u8; 8] = *b"NERFCKP\x0e";
+
+/// Bytes of the largest state: five f32 per table value (parameter, moments, accumulated gradient, average), and at most
+/// nine bytes per occupancy cell (index, density, bits). Beside these, a run has little.
+const MOST_BYTES: u64 = 20 * MAX_TABLE_VALUES as u64 + 9 * (MAX_OCCUPANCY_RESOLUTION as u64).pow(3);
+// Every checkpoint that is written can be read.
+const _: () = assert!(MOST_BYTES + (64 << 20) <= MAX_CHECKPOINT_BYTES);
 
 /// State of a run between two steps; of a fit of a scene or of a 2D field.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -87,7 +94,7 @@ impl Checkpoint {
     }
 
     pub fn read(path: &Path) -> anyhow::Result<Self> {
-        let bytes = read_limited(path, MAX_CHECKPOINT_BYTES)
+        let bytes = read_regular(path, MAX_CHECKPOINT_BYTES)
             .with_context(|| format!("checkpoint {}", path.display()))?;
         let format = |found| damaged(path, found);
         let rest = bytes.strip_prefix(&MAGIC).ok_or_else(|| format("another kind of file or version"))?;

@@ -36,6 +36,12 @@ const CALLED_FOR: f64 = 8e-3;
 /// Median reprojection error of the sparse points, pixels, up to which the given poses are trusted and not refined.
 const BELIEVED: f64 = 2.0;
 
+/// Lever of a camera's place in the common rotation, in distances from the scene's centre. Simulated on the fox's cameras,
+/// disturbed at random by half a degree to one degree and 1 %: the common motion that stays in the poses moves the image
+/// by 0.82 pixels without places, 0.74 with a lever of 1, 0.66 with 0.5. A lever of the cameras' distance from their own
+/// centre makes cameras side by side unstable.
+const LEVER: f32 = 0.5;
+
 /// Rotation of a camera about x, y, z of the world, radians, and translation along x, y, z, world units.
 type Twist = [f32; 6];
 
@@ -170,7 +176,7 @@ impl Poses {
     ) -> Option<PosesFound> {
         if (step + 1).is_multiple_of(EVERY) {
             self.move_cameras(given, share, contraction);
-            hold(&mut self.moved, given);
+            hold(&mut self.moved, given, contraction);
         }
         self.verdict(step, given, contraction)
     }
@@ -302,21 +308,30 @@ fn backward(l: &[[f64; 6]; 6], x: Twist) -> Twist {
     y.map(|y| y as f32)
 }
 
-/// Removes the motion common to all cameras, which the photographs cannot determine: mean rotation, mean translation,
-/// and scaling about their centre.
-fn hold(moved: &mut [Twist], given: &[View]) {
+/// Removes the motion common to all cameras, which the photographs cannot determine: rotation about their centre,
+/// translation, and scaling. Least squares over the cameras' rotations and, divided by [`LEVER`] times their distance
+/// from the scene's centre, over their translations. Random errors of the given poses thus cancel as far as they can.
+fn hold(moved: &mut [Twist], given: &[View], contraction: &Contraction) {
     let count = moved.len().max(1) as f32;
     let places = || given.iter().map(|view| view.camera.pose().position);
     let middle = places().sum::<Vec3>() / count;
+    let away = places().map(|place| place.distance(contraction.centre())).sum::<f32>() / count;
+    let lever = LEVER * away.max(0.1 * contraction.radius());
     let part = |twist: &Twist, from: usize| Vec3::from_slice(&twist[from..]);
-    let turn = moved.iter().map(|twist| part(twist, 0)).sum::<Vec3>() / count;
-    let shift = moved.iter().map(|twist| part(twist, 3)).sum::<Vec3>() / count;
-    let (mut along, mut square) = (0.0, 0.0);
+    let (mut turn, mut shift) = (Vec3::ZERO, Vec3::ZERO);
+    let (mut along, mut square, mut arms) = (0.0, 0.0, Mat3::ZERO);
     for (twist, place) in moved.iter().zip(places()) {
-        along += part(twist, 3).dot(place - middle);
-        square += (place - middle).length_squared();
+        let (arm, translation) = (place - middle, part(twist, 3));
+        turn += part(twist, 0) + arm.cross(translation) / lever.powi(2);
+        shift += translation / count;
+        along += arm.dot(translation);
+        square += arm.length_squared();
+        arms += Mat3::from_cols(arm.x * arm, arm.y * arm, arm.z * arm);
     }
     let growth = if square > 0.0 { along / square } else { 0.0 };
+    // A camera's place says nothing about a rotation around its arm.
+    let known = (Mat3::from_diagonal(Vec3::splat(square)) - arms) * (1.0 / lever.powi(2));
+    turn = (Mat3::from_diagonal(Vec3::splat(count)) + known).inverse() * turn;
     for (twist, place) in moved.iter_mut().zip(places()) {
         let arm = place - middle;
         let rest = [part(twist, 0) - turn, part(twist, 3) - shift - turn.cross(arm) - growth * arm];
@@ -380,7 +395,7 @@ mod tests {
 
     #[test]
     fn what_all_cameras_do_together_is_taken_out() {
-        let (views, _) = views();
+        let (views, contraction) = views();
         let (turn, shift, growth) = (Vec3::new(0.01, -0.02, 0.03), Vec3::new(0.1, 0.2, -0.3), 0.02);
         let together = |view: &View| {
             let place = view.camera.pose().position;
@@ -388,7 +403,35 @@ mod tests {
         };
         let mut moved: Vec<Twist> =
             views.iter().map(|view| std::array::from_fn(|i| together(view)[i / 3][i % 3])).collect();
-        hold(&mut moved, &views);
+        hold(&mut moved, &views, &contraction);
         assert!(moved.as_flattened().iter().all(|x| x.abs() < 1e-6), "{moved:?}");
+    }
+
+    #[test]
+    fn errors_of_rotations_and_of_places_cancel_each_other() {
+        let (views, contraction) = views();
+        let mut moved: Vec<Twist> =
+            (0..views.len()).map(|n| std::array::from_fn(|i| 0.01 * noise(7 * n + i))).collect();
+        hold(&mut moved, &views, &contraction);
+        let mut again = moved.clone();
+        hold(&mut again, &views, &contraction);
+        let mut pairs = moved.as_flattened().iter().zip(again.as_flattened());
+        assert!(pairs.all(|(a, b)| (a - b).abs() < 1e-6), "{moved:?} {again:?}");
+        // Any other rotation common to all of them leaves larger errors.
+        let places: Vec<Vec3> = views.iter().map(|view| view.camera.pose().position).collect();
+        let (count, centre) = (places.len() as f32, contraction.centre());
+        let middle = places.iter().sum::<Vec3>() / count;
+        let lever = LEVER * places.iter().map(|place| place.distance(centre)).sum::<f32>() / count;
+        let left = |turn: Vec3| -> f32 {
+            let of = |(twist, place): (&Twist, &Vec3)| {
+                let [x, y, z, tx, ty, tz] = *twist;
+                let translation = (Vec3::new(tx, ty, tz) - turn.cross(*place - middle)) / lever;
+                (Vec3::new(x, y, z) - turn).length_squared() + translation.length_squared()
+            };
+            moved.iter().zip(&places).map(of).sum()
+        };
+        for axis in [Vec3::X, Vec3::Y, Vec3::Z] {
+            assert!(left(1e-3 * axis).min(left(-1e-3 * axis)) > left(Vec3::ZERO), "{axis}");
+        }
     }
 }

@@ -83,9 +83,9 @@ impl<L: Fn(u32, u32) -> Limit> RaySource for CameraRays<'_, L> {
     }
 }
 
-/// Rays of the caller as a source. The tile is one row of pixels: column `x` has the caller's ray `first + x`.
+/// Rays of the caller as a source. The tile is one row of pixels: column `x` has the caller's ray `before + x`.
 pub(in crate::render) struct OwnRays<'a, R, U, F> {
-    pub first: usize,
+    pub before: usize,
     pub ray: &'a R,
     pub placed: Placed,
     /// Function from a ray's index to the random number, in `[0, 1]`, that decides where the ray collides.
@@ -97,12 +97,12 @@ pub(in crate::render) struct OwnRays<'a, R, U, F> {
 impl<R: Fn(usize) -> RaySegment, U: Fn(usize) -> f32, F: Fn(Vec3) -> f32> RaySource for OwnRays<'_, R, U, F> {
     #[inline]
     fn ray(&self, x: u32, _: u32) -> Ray {
-        self.placed.ray((self.ray)(self.first + x as usize).ray)
+        self.placed.ray((self.ray)(self.before + x as usize).ray)
     }
 
     #[inline]
     fn range(&self, x: u32, _: u32, _: &Ray) -> [f32; 2] {
-        let RaySegment { t_min, t_max, .. } = (self.ray)(self.first + x as usize);
+        let RaySegment { t_min, t_max, .. } = (self.ray)(self.before + x as usize);
         [t_min, t_max]
     }
 
@@ -111,7 +111,7 @@ impl<R: Fn(usize) -> RaySegment, U: Fn(usize) -> f32, F: Fn(Vec3) -> f32> RaySou
     }
 
     fn until(&self, x: u32) -> f32 {
-        -log1p(-(self.random)(self.first + x as usize))
+        -log1p(-(self.random)(self.before + x as usize))
     }
 }
 
@@ -165,9 +165,9 @@ impl Limit {
 pub(in crate::render) struct PixelRay {
     /// The ray. In a frame of one field, its origin is moved to the point from which distances of samples are counted.
     pub ray: Ray,
-    /// Distance from the original origin to the point from which samples' distances are counted, world units.
+    /// How far the ray's origin was moved along the ray, world units. Distances of samples are counted from there.
     pub start: f32,
-    /// Nearest and farthest visible distance from the original origin, world units.
+    /// Nearest and farthest visible distance from the origin before it was moved, world units.
     pub range: [f32; 2],
     pub x: u32,
     pub y: u32,

@@ -18,8 +18,8 @@ const QUEUED_BELOW: (usize, usize) = (3, 4);
 /// Stage that evaluates the colour branch at samples; its buffers are empty with deferred shading or without colour.
 pub(in crate::render) struct Colour<'w> {
     shares: &'w mut [f32],
-    /// Trunk outputs `h` of the queued samples, `[activation_rows][samples]`; the colour branch overwrites them. A
-    /// block of one sample needs no queue: `h`, `owner` and `weight` are then empty.
+    /// Trunk outputs `h` of the queued samples, `[activation_rows][samples]`; the colour branch overwrites them. If
+    /// samples are coloured one at a time, nothing is queued: `h`, `owner` and `weight` are then empty.
     h: &'w mut [f32],
     /// Index of each queued sample's ray, `[samples]`.
     owner: &'w mut [u32],
@@ -124,7 +124,8 @@ pub(in crate::render) struct DirectionShares<'w> {
 }
 
 impl DirectionShares<'_> {
-    /// Number of `values` for a batch of rays; 0 if no samples are coloured. `block`: number of rays encoded together.
+    /// Length of the buffer `values` for a batch of rays; 0 if samples are not coloured. `block`: number of rays encoded
+    /// together.
     pub fn values(field: Field<'_>, block: usize) -> usize {
         let rows = if field.shades_samples() { field.network.direction_rows() } else { 0 };
         rows.saturating_mul(field.plan.batch.rays.div_ceil(block.max(1)) * block)

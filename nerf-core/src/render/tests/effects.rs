@@ -256,6 +256,31 @@ fn many_rays_a_pixel_converge_to_the_picture_of_many_pixels() {
 
 #[cfg(feature = "jitter")]
 #[test]
+fn jittered_rays_are_those_of_a_row_of_pixels_in_every_batch() {
+    let bytes = scene();
+    let blob = Blob::open(&bytes).unwrap();
+    let renderer = in_place(&blob);
+    let camera = camera(41, 1);
+    let rays: Vec<RaySegment> = (0..41).map(|x| camera.ray(x as f32 + 0.5, 0.5).into()).collect();
+    let effects = Effects { jitter: Some(Jitter { seed: 3 }), ..Effects::NONE };
+    let full = plan(&blob, effects);
+    let row = render(&renderer, &full, &camera).pixels;
+    assert_ne!(row, render(&renderer, &plan(&blob, Effects::NONE), &camera).pixels);
+    for batch in [1, 5, 16, 64] {
+        let batch = Batch { rays: batch, samples: BLOCK };
+        let plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, batch).unwrap();
+        let plan = plan.with_effects(effects).unwrap();
+        let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
+        let mut worker = renderer.worker(&plan, &mut workspace).unwrap();
+        let mut found = vec![Pixel::BLANK; rays.len()];
+        let mut put = |i: usize, pixel: &Pixel| found[i] = *pixel;
+        worker.render_rays(&rays, Some(camera.pose().forward()), &mut put).unwrap();
+        assert_eq!(found, row, "{batch:?}");
+    }
+}
+
+#[cfg(feature = "jitter")]
+#[test]
 fn the_expectation_of_jitter_is_the_integral() {
     // Fog of density ¾ in a box: without jitter a chord is a whole number of bins.
     let a = architecture(pi(3, 4), None, &[(16, false)], &[]);

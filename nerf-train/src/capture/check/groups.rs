@@ -10,7 +10,8 @@ const UNDECIDED: f32 = 0.35;
 const FEW: usize = 10;
 /// Number of contradicting pairs needed to leave out a photograph, or to separate two groups.
 const CERTAIN: usize = 3;
-/// The contradicting photographs may form a group of their own only if at least this fraction of all pairs contradict.
+/// Fraction of all pairs of photographs that must contradict each other before the contradicting photographs may form a
+/// group of their own; below, they are outliers.
 const TORN: f32 = 0.1;
 
 /// Groups of photographs, and outliers. Poses agree within each group; outliers agree with no group.

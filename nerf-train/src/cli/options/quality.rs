@@ -57,7 +57,8 @@ pub fn parse_math(name: &str) -> Result<MathBackend, String> {
 }
 
 impl QualityOptions {
-    /// Returns the plan that renders `blob`. `file`: its path, for errors; `default`: sample range without `--bins`.
+    /// Returns the plan that renders `blob`. `file`: its path, for errors; `default`: part of a ray
+    /// that is sampled if `--bins` is not given.
     pub fn plan<'b>(
         &self,
         (blob, file): (&Blob<'b>, &Path),

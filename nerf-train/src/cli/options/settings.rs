@@ -32,8 +32,12 @@ impl SetOption {
         })
     }
 
-    pub fn names(&self, table: &str, key: &str) -> bool {
-        self.tables.iter().any(|set| set.get(table).is_some_and(|table| table.get(key).is_some()))
+    /// Whether a value is given for the setting `path`, for example `network.grid.features`.
+    pub fn names(&self, path: &str) -> bool {
+        let (table, keys) = path.split_once('.').unwrap_or((path, ""));
+        let has =
+            |value: &toml::Value| keys.split('.').try_fold(value, |value, key| value.get(key)).is_some();
+        self.tables.iter().any(|set| set.get(table).is_some_and(has))
     }
 }
 

@@ -133,6 +133,7 @@ const BYTES_PER_OUTPUT: u64 = 2 * (12 + 4) + 8;
 
 impl Render {
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+        let note = Note::new("interrupted before the first view");
         let target = target::target(self)?;
         target::claims(self, &target).settle()?;
         let bytes = read_file(&self.file)?;
@@ -145,7 +146,6 @@ impl Render {
         let renderer = Renderer::new(blob, global.kernel(), &mut memory)?;
 
         let start = Instant::now();
-        let note = Note::new("interrupted before the first view");
         let ranges = self.ranges(&renderer, &plan, &cameras, global)?;
         let range = |output| ranges.iter().find(|(of, _)| *of == output).map(|&(_, range)| range);
         let outputs = self.outputs().into_iter();

@@ -148,7 +148,8 @@ struct Session<'a, 'p> {
 }
 
 impl Session<'_, '_> {
-    /// Used fraction of the budget after `step` steps and `seconds`, with time reserved for the end.
+    /// Used fraction of the budget after `step` steps and `seconds`. The budget excludes the time that the final
+    /// evaluation and the files will take.
     fn share_at(&self, step: u32, seconds: f64) -> f64 {
         self.budget.share(step, seconds, self.time.reserve(&self.options.budget))
     }

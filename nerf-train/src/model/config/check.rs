@@ -13,9 +13,10 @@ use std::ops::RangeInclusive;
 
 /// Largest number of samples of a training step. Positions of this many samples take 1.5 GiB.
 const MAX_STEP_SAMPLES: usize = 1 << 27;
-/// Largest number of table values of a trained grid: half of the file format's limit. A checkpoint stores three
-/// f32 per value, the value and Adam's two moments, and for a hashed level the accumulated gradient, too.
-const MAX_TABLE_VALUES: usize = 1 << 26;
+/// Largest number of table values of a trained grid: half of the file format's limit.
+pub const MAX_TABLE_VALUES: usize = 1 << 26;
+/// Largest number of cells of the occupancy grid along the longest side.
+pub const MAX_OCCUPANCY_RESOLUTION: u16 = 512;
 
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{field}: expected {expected}, found {found}")]
@@ -109,7 +110,7 @@ fn check_sampling(s: &SamplingConfig) -> Result<(), ConfigError> {
 }
 
 fn check_occupancy(g: &OccupancyConfig) -> Result<(), ConfigError> {
-    within("occupancy.resolution", 0..=512, g.resolution)?;
+    within("occupancy.resolution", 0..=MAX_OCCUPANCY_RESOLUTION, g.resolution)?;
     rule("occupancy.every", g.every > 0, "at least 1", g.every)?;
     for (field, value) in [("occupancy.threshold", g.threshold), ("occupancy.empty_weight", g.empty_weight)] {
         rule(field, value.is_finite() && value >= 0.0, "a finite number of at least 0", value)?;

@@ -7,7 +7,7 @@ mod table;
 #[cfg(test)]
 mod tests;
 
-pub use check::ConfigError;
+pub use check::{ConfigError, MAX_OCCUPANCY_RESOLUTION, MAX_TABLE_VALUES};
 pub(crate) use check::{at_most, check_table, check_table_values, rule, within};
 pub use optimiser::OptimiserConfig;
 pub use presets::Preset;

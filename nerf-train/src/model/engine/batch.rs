@@ -42,8 +42,8 @@ impl Surface {
 pub struct RayQuestion {
     /// Contraction of the world into the space of [`Batch::positions`].
     pub contraction: Contraction,
-    /// Standard deviation of the Gaussian around each sample over which the gradient is averaged, in units of the
-    /// contracted space. The blur reduces the gradients of finer levels of the grid more than those of coarser ones.
+    /// Standard deviation of the Gaussian that smooths the field's gradient with respect to position, in units of the
+    /// contracted space. Gradients of finer levels of the grid are reduced more than those of coarser ones.
     pub blur: f32,
 }
 

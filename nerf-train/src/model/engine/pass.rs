@@ -34,7 +34,8 @@ pub(super) struct Pass {
     slots: Vec<Vec<f32>>,
     /// Gradient of the loss with respect to the current layer's output, `[blocks][outputs][BLOCK]`.
     upper: Vec<f32>,
-    /// Gradient of the loss with respect to the current layer's main input, `[blocks][main][BLOCK]`.
+    /// Gradient of the loss with respect to the current layer's input from the layer before, without a skip
+    /// connection's: `[blocks][main][BLOCK]`.
     lower: Vec<f32>,
     /// Sigma of each sample, padded to whole blocks.
     sigma: Vec<f32>,

@@ -81,7 +81,7 @@ pub struct GridEngine {
     /// nothing further.
     halves: Vec<u8>,
     level_scratch: Vec<Mutex<LevelScratch>>,
-    /// Gradient of each level that accumulates it over several steps; `None` for a level that is updated at every step.
+    /// For each level: gradient summed since the level's last update, or `None` if every step updates the level.
     sums: Vec<Option<LevelSum>>,
     gradient: Vec<f32>,
 }

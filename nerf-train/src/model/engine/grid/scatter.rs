@@ -279,7 +279,7 @@ impl Op for Update<'_, '_, '_> {
     }
 }
 
-/// Writes `values` as little-endian f16 to `halves`, after rounding to whole steps of `scale`, if there is one.
+/// Writes `values` to `halves` as little-endian f16. With a `scale`, each value is first rounded to a multiple of it.
 pub(super) struct Halve<'a> {
     pub values: &'a [f32],
     pub scale: Option<f32>,
