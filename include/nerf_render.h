@@ -1670,7 +1670,7 @@ nerf_status nerf_render_rays(struct nerf_worker *worker,
  * A ray's photon collides where the opacity accumulated along the ray reaches the ray's number in `random`. Then
  * opacity is 1, distances are measured to the collision, and colour and normal are the field's there. Without a
  * collision, opacity is 0, distances are infinite, and colour is the background (0 in RGBA planes). Cuts in the
- * options are ignored. `NERF_STATUS_RAY` also for a number outside [0, 1]. All else is as in `nerf_render_rays`.
+ * options are ignored. A number outside [0, 1] gives `NERF_STATUS_RAY`. All else is as in `nerf_render_rays`.
  *
  * If a ray is sampled often, with uniform random numbers, the mean opacity and colour of all samples, and the mean
  * distance and normal of the collisions, converge to the results of `nerf_render_rays` without cuts. Exception: with
