@@ -15,7 +15,7 @@ use clap::Args;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Ablation: quality and cost of each effect of a scene.
+/// Ablation: quality and cost of each component of a scene, such as view dependence.
 ///
 /// The effects are view dependence, occupancy grid and background. Time and multiply-adds are relative to the rendering
 /// without the effect: 1.2 means that the effect costs 20 % more.
@@ -26,7 +26,7 @@ pub struct Audit {
     file: PathBuf,
     /// Data set.
     data: PathBuf,
-    /// Keep an effect that gains this much PSNR, dB, or that saves 10 % of multiply-adds and loses less than this.
+    /// Keep a component that gains this much PSNR, dB, or that loses less and saves 10 % of multiply-adds.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
     effect_threshold: f64,
     /// Split to evaluate.

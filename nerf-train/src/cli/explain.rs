@@ -48,7 +48,7 @@ pub struct Explain {
     /// Also render normals.
     #[arg(long)]
     normals: bool,
-    /// Width of the density blur for normals, in sample spacings.
+    /// Smooth the density over this many sample spacings before normals are taken from it.
     #[arg(long, value_name = "BINS", default_value_t = Plan::NORMAL_BLUR)]
     normal_blur: f32,
     #[command(flatten)]

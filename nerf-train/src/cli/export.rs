@@ -50,7 +50,7 @@ pub struct Export {
         allow_hyphen_values = true
     )]
     bounds: Option<[f64; 6]>,
-    /// Density of the isosurface, per world unit [default: surface at which opacity crosses 1/2].
+    /// Density of the isosurface, per world unit [default: where the opacity of rays from free space reaches 1/2].
     #[arg(long, value_name = "SIGMA")]
     threshold: Option<f32>,
     /// Approximate number of points [default: 200000].

@@ -44,8 +44,8 @@ pub struct Fit {
     /// Training steps [default: the preset's; unlimited with --max-seconds].
     #[arg(long, value_name = "N")]
     steps: Option<u32>,
-    /// Preset to start from.
-    #[arg(long, value_enum, default_value = "grid")]
+    /// Preset: grid (learned hash grid), small (small sinusoidal network), seed (classic NeRF, 8 layers of 256).
+    #[arg(long, value_enum, default_value = "grid", hide_possible_values = true)]
     preset: Preset,
     /// TOML file of settings that override the preset (see `config`).
     #[arg(long, value_name = "FILE")]
@@ -58,16 +58,16 @@ pub struct Fit {
     /// Drop view dependence if it raises the PSNR of training views by less than this, dB.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
     effect_threshold: f64,
-    /// Folder for the newest scene, written about every second, for a live viewer.
+    /// Folder for the newest scene, written about every second: live.nerf, which examples/web shows.
     #[arg(long, value_name = "DIR")]
     live: Option<PathBuf>,
     /// Steps at which validation views are rendered for the report [default: eight steps].
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', requires = "report")]
     snapshots: Vec<u32>,
-    /// Indices of the views that --snapshots renders, from 0 [default: the two validated during training].
+    /// Indices, from 0, of the validation views that --snapshots renders [default: two of them].
     #[arg(long, value_name = "I,J,…", value_delimiter = ',', requires = "report")]
     snapshot_views: Vec<usize>,
-    /// Train only on group N, from 1; `check` lists groups of photographs if they do not fit together.
+    /// Train only on group N, from 1, where `check` finds groups of photographs that contradict each other.
     #[arg(long, value_name = "N")]
     group: Option<usize>,
     #[command(flatten)]
@@ -79,7 +79,7 @@ pub struct Fit {
     /// Ray-march steps across the scene box (unbounded scene: across the uncontracted ball).
     #[arg(long, value_name = "N", help_heading = super::options::grid::HEADING)]
     steps_across: Option<u16>,
-    /// Maximum file size (256k, 1m); sets table size, levels, storage, occupancy.
+    /// Maximum file size (256k, 1m); chooses table size, levels, storage and occupancy grid.
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes, help_heading = super::options::grid::HEADING)]
     max_bytes: Option<u64>,
 }
@@ -94,13 +94,13 @@ struct Settings {
     /// Gradient engine: fused (explicit backward passes) or dfdx (slow reference).
     #[arg(long, value_enum)]
     engine: Option<EngineKind>,
-    /// Hidden layers of the density network; 0 (grid only): density comes directly from the grid.
+    /// Hidden layers of the density network; 0: density is read from the grid.
     #[arg(long, value_name = "N")]
     depth: Option<usize>,
     /// Width of the hidden layers of the density network.
     #[arg(long, value_name = "N")]
     width: Option<usize>,
-    /// Width of the colour network's hidden layer; 0: none.
+    /// Width of the colour network's one hidden layer; 0: no hidden layer.
     #[arg(long, value_name = "N")]
     colour_width: Option<usize>,
     /// Initial rays per batch; rays × samples at most 2^27.

@@ -37,8 +37,8 @@ use std::process::ExitCode;
     about,
     disable_help_flag = true,
     after_help = "Example, and the place to start: nerf-train demo\n\n\
-        Ctrl-C, SIGTERM and SIGHUP end a command at once, and leave no half-written file. `fit` writes its checkpoint \
-        first, `image fit` its blob, `sweep` the report of the runs that are finished.\n\
+        Ctrl-C, SIGTERM and SIGHUP end a command and leave no half-written file: `fit` writes its checkpoint before it ends, \
+        `image fit` its scene file, `sweep` the report of its finished runs.\n\
         Exit status: 0 success, 1 error, 2 wrong usage, 128 + N when ended by signal N (130 after Ctrl-C)."
 )]
 struct Cli {

@@ -40,14 +40,14 @@ pub struct Show {
     /// Maximum number of rays.
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = within(1, 5000))]
     rays: usize,
-    /// Samples per ray (sinusoidal networks) [default: the preset's].
+    /// Samples per ray (networks without a grid) [default: the preset's].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     samples: Option<u16>,
     /// Training step whose rays are shown.
     #[arg(long, value_name = "N", default_value_t = 0)]
     step: u32,
-    /// Preset whose sampling of rays is shown.
-    #[arg(long, value_enum, default_value = "grid")]
+    /// Preset: grid (learned hash grid), small (small sinusoidal network), seed (classic NeRF, 8 layers of 256).
+    #[arg(long, value_enum, default_value = "grid", hide_possible_values = true)]
     preset: Preset,
     /// Random seed.
     #[arg(long, value_name = "N")]

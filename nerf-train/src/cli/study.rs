@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 /// Occupancy grids to build: cells along the longest side, and density × bin width above which a cell is occupied.
 const OCCUPANCIES: [(u16, f32); 5] = [(32, 0.01), (64, 0.01), (96, 0.01), (96, 0.1), (128, 0.01)];
 
-/// Measure render time and accuracy of approximations and their combinations; find the Pareto front.
+/// Measure time and accuracy of approximate rendering (fewer samples, early ends, …); find the Pareto front.
 ///
 /// Errors are measured against the images of DATA, and against the exact rendering: every sample inside the scene box,
 /// no early ray termination, f32. A Pareto front in the scene file lets a renderer choose settings by PSNR.
@@ -39,7 +39,7 @@ pub struct Study {
     /// points.csv of another study, to plot its Pareto front too.
     #[arg(long, value_name = "CSV", requires = "report")]
     beside: Vec<PathBuf>,
-    /// Output scene file: a copy of the input with the Pareto front added.
+    /// Output scene file: a copy of the input that stores the Pareto front, by which renderers choose their settings.
     #[arg(long, short, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Write the Pareto front into the input file itself.
@@ -60,13 +60,13 @@ pub struct Study {
     /// Time budget, minutes; skips timing rounds that would exceed it.
     #[arg(long, value_name = "M", default_value_t = 15.0)]
     minutes: f64,
-    /// Clock of the Pareto front: wall, or cpu (steadier on a shared machine).
+    /// Clock for times: wall, or cpu (steadier on a shared machine).
     #[arg(long, value_enum, default_value = "wall")]
     clock: Clock,
     /// Checkpoint from which the scene file was imported, to measure its f32 weights too.
     #[arg(long, value_name = "CKPT")]
     source: Option<PathBuf>,
-    /// Do not test alternative occupancy grids.
+    /// Do not test occupancy grids of other resolutions and thresholds.
     #[arg(long)]
     no_other_occupancy: bool,
     #[command(flatten)]

@@ -49,7 +49,7 @@ struct Lists {
     /// Folder of the sweep; finished runs in it are not repeated.
     #[arg(long, short, value_name = "DIR")]
     output: PathBuf,
-    /// Frequencies of the position encoding (sinusoidal networks).
+    /// Levels (frequencies) of the position encoding (networks without a grid).
     #[arg(long, value_name = "L,L,…", value_delimiter = ',', num_args = 1)]
     levels: Vec<u8>,
     /// Hidden layers.
@@ -158,8 +158,8 @@ pub struct ImageSweep {
     photo: PathBuf,
     #[command(flatten)]
     lists: Lists,
-    /// Preset [default: grid; classic with --levels, --layers or --width].
-    #[arg(long, value_enum)]
+    /// Preset: grid (learned hash grid), classic or sharp (sinusoidal networks) [default: grid; classic with --levels, --layers or --width].
+    #[arg(long, value_enum, hide_possible_values = true)]
     preset: Option<FieldPreset>,
     #[command(flatten)]
     photo_options: PhotoOptions,
@@ -189,8 +189,8 @@ pub struct SceneSweep {
     data: PathBuf,
     #[command(flatten)]
     lists: Lists,
-    /// Preset [default: grid; small with --levels, --layers, --width or --samples].
-    #[arg(long, value_enum)]
+    /// Preset: grid (learned hash grid), small (small sinusoidal network), seed (classic NeRF, 8 layers of 256) [default: grid; small with --levels, --layers, --width or --samples].
+    #[arg(long, value_enum, hide_possible_values = true)]
     preset: Option<Preset>,
     /// TOML file of settings that override the preset (see `config`).
     #[arg(long, value_name = "FILE")]
@@ -203,10 +203,10 @@ pub struct SceneSweep {
     /// Wall-clock limit of a run, seconds: one value, or a list to compare.
     #[arg(long, value_name = "S,S,…", value_delimiter = ',', num_args = 1)]
     max_seconds: Vec<f64>,
-    /// Samples per ray (sinusoidal networks).
+    /// Samples per ray (networks without a grid).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     samples: Vec<u16>,
-    /// Steps between updates of a hashed grid level; gradients accumulate in between (grids).
+    /// Update each hashed level every N steps, by the gradients summed since (grids).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     turns: Vec<u32>,
     /// Random seed.

@@ -47,7 +47,7 @@ pub struct PhotoOptions {
     /// Scale factor of the image before training.
     #[arg(long, value_name = "SHARE", default_value_t = 1.0)]
     pub scale: f64,
-    /// Background of transparent pixels: black, white, red or R,G,B (0 to 255).
+    /// Background of transparent pixels: a name (black, white, red), #RRGGBB or R,G,B (0 to 255).
     #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = parse_background)]
     pub background: [f32; 3],
 }
@@ -110,8 +110,8 @@ pub struct Fit {
     /// Steps between evaluations [default: a tenth of the run].
     #[arg(long, value_name = "N")]
     evaluate_every: Option<u32>,
-    /// Preset to start from.
-    #[arg(long, value_enum, default_value = "grid")]
+    /// Preset: grid (learned hash grid), classic or sharp (sinusoidal networks).
+    #[arg(long, value_enum, default_value = "grid", hide_possible_values = true)]
     preset: FieldPreset,
     /// Hidden layers.
     #[arg(long, value_name = "N")]
@@ -128,7 +128,7 @@ pub struct Fit {
     settings: Settings,
     #[command(flatten)]
     table: TableSettings,
-    /// Maximum file size (256k, 1m); sets table size, levels and storage.
+    /// Maximum file size (256k, 1m); chooses table size, levels and storage.
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes, help_heading = grid::HEADING)]
     max_bytes: Option<u64>,
 }

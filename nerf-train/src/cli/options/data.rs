@@ -25,16 +25,16 @@ pub struct DataOptions {
     /// Near plane, world units along the ray.
     #[arg(long, value_name = "T")]
     pub near: Option<f32>,
-    /// Far plane, world units along the ray (unbounded scene: from the scene's centre).
+    /// Far plane, world units along the ray; in an unbounded scene, distance from its centre.
     #[arg(long, value_name = "T")]
     pub far: Option<f32>,
-    /// Layout of a folder: transforms, colmap or llff [default: the first that fits].
+    /// Layout of a folder: transforms (Blender, nerfstudio), colmap or llff [default: the first that fits].
     #[arg(long, value_name = "LAYOUT")]
     pub layout: Option<Layout>,
     /// Downscale factor; auto: long side to about 800 pixels [default: auto; 1 for Blender].
     #[arg(long, value_name = "N", default_value = "auto", hide_default_value = true)]
     pub downscale: Downscale,
-    /// Intrinsics: shared (one set per device) or own (COLMAP's) [default: shared; with a scene file: as trained].
+    /// Intrinsics: shared (one focal length and lens per device) or own (as COLMAP has them for each photograph) [default: shared; with a scene file: as trained].
     #[arg(long, value_name = "WHICH")]
     pub cameras: Option<Cameras>,
     /// Allow `file_path` entries that lead out of the data set's folder.

@@ -29,7 +29,7 @@ pub struct TableSettings {
     /// Resolution of the finest level.
     #[arg(long, value_name = "N")]
     pub finest: Option<u16>,
-    /// Storage of the tables in the file; coded: entropy-coded bytes, coarser than int8.
+    /// Storage of the tables in the file; coded: quantised more coarsely than int8, and entropy-coded.
     #[arg(long, value_enum, value_name = "STORAGE")]
     pub export: Option<TableStorage>,
 }

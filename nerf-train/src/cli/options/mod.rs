@@ -47,7 +47,7 @@ impl UpAxis {
 /// Option that selects the part of the work that this process does.
 #[derive(Debug, Args)]
 pub struct ShardOption {
-    /// Part I of N of the work [default: from the Slurm or Kubernetes array index].
+    /// Do part I of N of the work, I from 1 [default: by the Slurm or Kubernetes array index, else all].
     #[arg(long, value_name = "I/N")]
     pub shard: Option<Shard>,
 }

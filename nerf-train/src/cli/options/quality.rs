@@ -19,13 +19,13 @@ pub struct QualityOptions {
     /// Early ray termination: transmittance below which a ray ends; 0: never.
     #[arg(long, value_name = "T", default_value_t = Quality::default().transmittance_cut)]
     pub transmittance_cut: f32,
-    /// Evaluate colour each time this much weight has accumulated along the ray; 0: at every sample.
+    /// Evaluate colour once for this much accumulated weight; 0: at every sample.
     #[arg(long, value_name = "W", default_value_t = Quality::default().colour_cut)]
     pub colour_cut: f32,
     /// Do not skip empty space.
     #[arg(long)]
     pub no_occupancy: bool,
-    /// Place samples uniformly, without the proposal network.
+    /// Place samples uniformly, without the file's proposal (coarse) network.
     #[arg(long)]
     pub no_proposal: bool,
     /// Exact rendering: --no-occupancy --transmittance-cut 0 --colour-cut 0.

@@ -103,13 +103,13 @@ pub struct Render {
     /// Outputs to render.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "rgb")]
     outputs: Vec<Output>,
-    /// Background: white, #RRGGBB or R,G,B [default: the scene file's].
+    /// Background: a name (black, white, red), #RRGGBB or R,G,B [default: the scene file's].
     #[arg(long, value_name = "COLOUR", value_parser = parse_background)]
     background: Option<[f32; 3]>,
     /// Write alpha, straight in PNG, premultiplied in EXR; for a view or a folder of frames.
     #[arg(long, conflicts_with_all = ["background", "exposure", "tone_map", "linear"])]
     transparent: bool,
-    /// Width of the density blur for normals, in sample spacings.
+    /// Smooth the density over this many sample spacings before normals are taken from it.
     #[arg(long, value_name = "BINS", default_value_t = Plan::NORMAL_BLUR)]
     normal_blur: f32,
     #[command(flatten)]

@@ -55,16 +55,16 @@ pub struct Settings {
     /// Position of the raw inputs in the encoding [default: first, if present].
     #[arg(long, value_enum)]
     pub identity: Option<Identity>,
-    /// Levels of the position encoding, checked against the file.
+    /// Levels of the position encoding [default: by the tensors' shapes; an error if they disagree].
     #[arg(long, value_name = "L")]
     pub position_levels: Option<u8>,
-    /// Levels of the direction encoding, checked against the file.
+    /// Levels of the direction encoding [default: by the tensors' shapes; an error if they disagree].
     #[arg(long, value_name = "L")]
     pub direction_levels: Option<u8>,
     /// Density activation.
     #[arg(long, value_enum, default_value = "relu")]
     pub density: RawDensity,
-    /// Background: black, white, red, #RRGGBB or R,G,B (0 to 255).
+    /// Background: a name (black, white, red), #RRGGBB or R,G,B (0 to 255).
     #[arg(long, value_name = "COLOUR", value_parser = colour::parse, default_value = "black")]
     pub background: [f32; 3],
     /// Near plane, world units along the ray.
@@ -82,7 +82,7 @@ pub struct Settings {
         allow_hyphen_values = true
     )]
     pub scene_box: [f32; 6],
-    /// Samples per ray [default: 192; with --coarse 128 importance samples].
+    /// Samples per ray [default: 192; with --coarse 128, drawn by the coarse network's weights].
     #[arg(long, value_name = "N")]
     pub samples: Option<u16>,
     /// Samples per ray of the coarse network.
@@ -91,7 +91,7 @@ pub struct Settings {
     /// Cells of a built occupancy grid along the longest side of the box.
     #[arg(long, value_name = "N", default_value_t = 128)]
     pub occupancy_resolution: u16,
-    /// A cell of a built occupancy grid is occupied if density × bin width is above this.
+    /// A cell of a built occupancy grid is occupied if density × sample spacing is above this.
     #[arg(long, value_name = "X", default_value_t = 0.01)]
     pub occupancy_threshold: f32,
 }
