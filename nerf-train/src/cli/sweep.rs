@@ -158,7 +158,7 @@ pub struct ImageSweep {
     photo: PathBuf,
     #[command(flatten)]
     lists: Lists,
-    /// Preset: grid (learned hash grid), classic or sharp (sinusoidal networks) [default: grid; classic with --levels, --layers or --width].
+    /// Preset: grid (learned hash grid), classic (sinusoidal network), sharp (a layer more, trained longer) [default: grid; classic with --levels, --layers or --width].
     #[arg(long, value_enum, hide_possible_values = true)]
     preset: Option<FieldPreset>,
     #[command(flatten)]

@@ -144,10 +144,11 @@ fn commands(of: &str, found: &mut BTreeMap<String, (BTreeSet<String>, String)>) 
     let help = help.args(of.split_whitespace()).arg("--help").output().expect("the program");
     let help = String::from_utf8(help.stdout).expect("UTF-8");
     let flags = help.lines().filter(|line| line.trim_start().starts_with('-')).flat_map(flags_in);
-    let presets =
-        help.split_once("--preset <").and_then(|(_, behind)| behind.split_once("[possible values: "));
-    let presets = presets.and_then(|(_, behind)| behind.split(']').next()).unwrap_or_default();
-    found.insert(of.to_owned(), (flags.map(str::to_owned).collect(), presets.replace(',', " ")));
+    // "Preset: grid (learned hash grid), small (…) [default: …": the names are what stands outside of brackets.
+    let presets = help.split_once(" Preset: ").and_then(|(_, behind)| behind.split('[').next());
+    let named = presets.unwrap_or_default().split(')').filter_map(|part| part.split('(').next());
+    let presets = named.collect::<String>().replace(',', " ");
+    found.insert(of.to_owned(), (flags.map(str::to_owned).collect(), presets));
     let listed = help.split_once("Commands:\n").and_then(|(_, behind)| behind.split("\n\n").next());
     for line in listed.unwrap_or_default().lines().filter(|line| !line.starts_with("   ")) {
         match line.split_whitespace().next().expect("a name") {
