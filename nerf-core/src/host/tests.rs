@@ -101,6 +101,25 @@ fn a_cameras_rays_as_the_callers_own_give_its_pixels() {
     assert!(request.render_rays(&[], None).unwrap().is_empty());
 }
 
+#[cfg(feature = "jitter")]
+#[test]
+fn jittered_rays_are_those_of_a_row_of_pixels_on_any_number_of_threads() {
+    let scene = Scene::from_bytes(file(5)).unwrap();
+    let row = Camera::new(Intrinsics::centred(777, 1, 300.0), Lens::NONE, *camera().pose()).unwrap();
+    let rays: Vec<RaySegment> = (0..777).map(|x| row.ray(x as f32 + 0.5, 0.5).into()).collect();
+    let effects = Effects { jitter: Some(crate::plan::Jitter { seed: 3 }), ..Effects::NONE };
+    for n in [1, 3] {
+        let settings = Settings { effects, ..Settings::default() };
+        let request = scene.request().outputs(all()).settings(settings).threads(threads(n));
+        let image = request.render(&row).unwrap();
+        let found = request.render_rays(&rays, Some(row.pose().forward())).unwrap();
+        for (i, pixel) in found.iter().enumerate() {
+            let expected = (image.rgb[i], image.opacity[i], image.ray_distance[i]);
+            assert_eq!((pixel.rgb, pixel.opacity, pixel.ray_distance), expected, "ray {i}, {n} threads");
+        }
+    }
+}
+
 #[test]
 fn rays_that_are_none_are_refused_naming_the_first() {
     let scene = Scene::from_bytes(file(5)).unwrap();

@@ -75,14 +75,8 @@ pub fn render_rays(
             let mut worker = renderer.worker(plan, &mut memory)?;
             each(chunks, |first, pixels| {
                 let end = rays.len().min(first + CHUNK as usize);
-                let mut put = |i: usize, pixel: &Pixel| pixels.push((first + i, *pixel));
-                worker.render_rays(&rays[first..end], axis, &mut put).map_err(|mut error| {
-                    // The index among all rays.
-                    if let RenderError::Ray { index } | RenderError::RayRange { index, .. } = &mut error {
-                        *index += first;
-                    }
-                    error
-                })
+                let mut put = |i: usize, pixel: &Pixel| pixels.push((i, *pixel));
+                worker.render_range_of_rays(rays, first..end, axis, &mut put)
             })
         },
         |(i, pixel)| found[i] = pixel,

@@ -7,6 +7,7 @@ use crate::camera::{Camera, Ray, is_unit};
 use crate::math::with_math;
 use crate::plan::Plan;
 use crate::volume::Pixel;
+use core::ops::Range;
 use glam::Vec3;
 #[cfg(feature = "instances")]
 use {
@@ -211,8 +212,22 @@ impl<'f> Worker<'f> {
         axis: Option<Vec3>,
         target: &mut impl FnMut(usize, &Pixel),
     ) -> Result<Counters, RenderError> {
-        self.check_rays(count, ray, axis)?;
-        Ok(self.rows_of_rays::<false>(count, ray, &|_| 0.0, axis, target))
+        self.check_rays(0..count, ray, axis)?;
+        Ok(self.rows_of_rays::<false>(0..count, ray, &|_| 0.0, axis, target))
+    }
+
+    /// Renders the rays of `range` as a call of [`Worker::render_rays`] with all `rays` renders them.
+    #[cfg(feature = "std")]
+    pub(crate) fn render_range_of_rays(
+        &mut self,
+        rays: &[RaySegment],
+        range: Range<usize>,
+        axis: Option<Vec3>,
+        target: &mut impl FnMut(usize, &Pixel),
+    ) -> Result<Counters, RenderError> {
+        let ray = |i| ray_at(rays, i);
+        self.check_rays(range.clone(), &ray, axis)?;
+        Ok(self.rows_of_rays::<false>(range, &ray, &|_| 0.0, axis, target))
     }
 
     /// For path tracers: draws the point on each ray where a photon collides, and passes index and pixel to `target`.
@@ -261,7 +276,7 @@ impl<'f> Worker<'f> {
         axis: Option<Vec3>,
         target: &mut impl FnMut(usize, &Pixel),
     ) -> Result<Counters, RenderError> {
-        self.check_rays(count, ray, axis)?;
+        self.check_rays(0..count, ray, axis)?;
         if let Some(index) = (0..count).find(|&i| !(0.0..=1.0).contains(&random(i))) {
             return Err(RenderError::Random { index });
         }
@@ -274,12 +289,12 @@ impl<'f> Worker<'f> {
             };
             target(index, &Pixel { ray_distance: t, z_depth, median_distance: t, ..*pixel });
         };
-        Ok(self.rows_of_rays::<true>(count, ray, &below_one, axis, &mut put))
+        Ok(self.rows_of_rays::<true>(0..count, ray, &below_one, axis, &mut put))
     }
 
     fn check_rays(
         &self,
-        count: usize,
+        range: Range<usize>,
         ray: &impl Fn(usize) -> RaySegment,
         axis: Option<Vec3>,
     ) -> Result<(), RenderError> {
@@ -290,7 +305,7 @@ impl<'f> Worker<'f> {
         if let Some(found) = axis.filter(|axis| !is_unit(*axis)) {
             return Err(RenderError::Axis { found: found.into() });
         }
-        for index in 0..count {
+        for index in range {
             let RaySegment { ray, t_min, t_max } = ray(index);
             if !(ray.origin.is_finite() && is_unit(ray.dir)) {
                 return Err(RenderError::Ray { index });
@@ -304,7 +319,7 @@ impl<'f> Worker<'f> {
 
     fn rows_of_rays<const COLLIDE: bool>(
         &mut self,
-        count: usize,
+        range: Range<usize>,
         ray: &impl Fn(usize) -> RaySegment,
         random: &impl Fn(usize) -> f32,
         axis: Option<Vec3>,
@@ -312,7 +327,7 @@ impl<'f> Worker<'f> {
     ) -> Counters {
         let (plan, placed) = (self.plan(), self.pixels.placed);
         let capacity = plan.batch.rays.max(1);
-        for first in (0..count).step_by(capacity) {
+        for first in range.clone().step_by(capacity) {
             // A ray's column is its index, which selects its random numbers whatever the batch. Columns begin anew after
             // 2^31 rays, so that none overflows.
             let x = (first % (1 << 31)) as u32;
@@ -322,7 +337,7 @@ impl<'f> Worker<'f> {
                 None => target(before + x as usize, &Pixel { z_depth: 0.0, ..*pixel }),
             };
             // Lossless cast: a plan's batch has at most `Batch::MAX_RAYS` rays.
-            self.pixels.tile = Rect { x, y: 0, width: capacity.min(count - first) as u32, height: 1 };
+            self.pixels.tile = Rect { x, y: 0, width: capacity.min(range.end - first) as u32, height: 1 };
             (self.pixels.forward, self.pixels.turn) = (axis.map_or(Vec3::ZERO, |axis| placed.dir(axis)), 0);
             of_fields!(&mut self.fields, it => {
                 let source = OwnRays { before, ray, placed, random, far: it.far() };

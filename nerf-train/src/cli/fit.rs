@@ -207,8 +207,8 @@ impl Fit {
         let mut config = config;
         if let Some(pixels) = pixels {
             config = detail::for_pixels(config, chosen, pixels);
-            if self.max_bytes.is_none() && self.is_long(&config, options)? {
-                config = detail::for_long_run(config, chosen);
+            if self.max_bytes.is_none() {
+                config = Self::for_length(config, chosen, options)?;
             }
             if let Some(grid) = &config.network.grid {
                 let steps = config.sampling.steps_across;
@@ -232,13 +232,14 @@ impl Fit {
         Ok(fitted)
     }
 
-    /// Whether the run, or the run that it resumes, is long.
-    fn is_long(&self, config: &Config, options: &RunOptions) -> anyhow::Result<bool> {
-        let own = config.network.grid.as_ref().map(|grid| u64::from(grid.log2_entries));
-        Ok(match options.resumed_entries()? {
-            Some(entries) => own.is_some_and(|own| entries > own),
+    /// Returns the settings of a long run if the run is long or resumes one, whatever the limit now; else `config`.
+    fn for_length(config: Config, chosen: Chosen, options: &RunOptions) -> anyhow::Result<Config> {
+        let long = detail::for_long_run(config.clone(), chosen);
+        let is_long = match options.resumed_grid()? {
+            Some(resumed) => resumed == serde_json::to_value(&long.network.grid)?,
             None => detail::is_long(&options.budget),
-        })
+        };
+        Ok(if is_long { long } else { config })
     }
 
     fn claims(&self) -> Claims {

@@ -18,6 +18,7 @@ use crate::train::moving::in_words;
 use crate::train::schedule::{Budget, Clock, Done, duration};
 use crate::train::{Progressed, RESEEDS, TrainError, Trainer};
 use nerf_core::Kernel;
+use serde_json::Value;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -63,13 +64,12 @@ impl RunOptions {
         }
     }
 
-    /// Binary logarithm of a level's number of entries in the run that is resumed, `None` if the run does not resume or
-    /// has no grid.
-    pub fn resumed_entries(&self) -> anyhow::Result<Option<u64>> {
+    /// Settings of the learned grid in the run that is resumed, `null` if it has none; `None` if the run does not resume.
+    pub fn resumed_grid(&self) -> anyhow::Result<Option<Value>> {
         let Some(path) = self.checkpoint.as_deref().filter(|_| self.resume) else { return Ok(None) };
-        let settings: serde_json::Value =
-            serde_json::from_str(&Checkpoint::read(path)?.config).unwrap_or_default();
-        Ok(settings["network"]["grid"]["log2_entries"].as_u64())
+        // Text that is not JSON is refused later, as settings of another run.
+        let settings: Value = serde_json::from_str(&Checkpoint::read(path)?.config).unwrap_or_default();
+        Ok(Some(settings["network"]["grid"].clone()))
     }
 
     /// If the run resumes, reads its checkpoint and calls `restore` with it. Returns the clock, with the seconds of the

@@ -431,7 +431,7 @@ mod tests {
             moved.iter().zip(&places).map(of).sum()
         };
         for axis in [Vec3::X, Vec3::Y, Vec3::Z] {
-            assert!(left(1e-3 * axis).min(left(-1e-3 * axis)) > left(Vec3::ZERO), "{axis}");
+            assert!(left(1e-4 * axis).min(left(-1e-4 * axis)) > left(Vec3::ZERO), "{axis}");
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::made::{Folder, scene};
 use crate::{fails, fit, fit_grid, interruptible, ok};
+use nerf_core::blob::Blob;
 use nerf_core::sampling::{Purpose, uniform};
 use nerf_train::train::checkpoint::Checkpoint;
 use std::path::Path;
@@ -113,6 +114,47 @@ fn ctrl_c_leaves_nothing_of_a_film() {
     let err = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.code() == Some(130) && err.contains("of 100000 views; no film"), "{err}");
     assert_eq!(folder.names(), [""; 0]);
+}
+
+#[test]
+fn a_long_run_has_more_entries_also_when_a_short_one_resumes_it() {
+    let folder = Folder::in_memory();
+    let (data, file) = (folder.npz("data.npz"), folder.path("a.nerf"));
+    let checkpoint = folder.path("a.nerf.checkpoint");
+    let fit = |more: &[&str]| -> Vec<String> {
+        [&["fit", &data, "-o", &file], more].concat().into_iter().map(str::to_owned).collect()
+    };
+    // What a long run that is interrupted says.
+    let long = |more: &[&str]| {
+        let _ = std::fs::remove_file(&checkpoint);
+        let run = ["--steps", "15000", "--checkpoint-every", "0.1"];
+        let mut running = Running::of(&mut interruptible(fit(&[&run, more].concat())));
+        wait_for(Path::new(&checkpoint), &mut running);
+        running.interrupt();
+        let output = running.output();
+        assert_eq!(output.status.code(), Some(130));
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    // What is set stays, and a limit on bytes decides by itself.
+    for (more, expected) in [
+        (["--set", "network.grid.storage=\"f16\""], "2^17 entries a level as f16"),
+        (["--set", "network.grid.log2_entries=16"], "2^16 entries a level as f16"),
+        (["--max-bytes", "2m"], "2^16 entries a level as f16"),
+        (["--threads", "2"], "2^17 entries a level as int8"),
+    ] {
+        let said = long(&more);
+        assert!(said.contains(expected), "{more:?}: {said}");
+    }
+    ok(fit(&["-q", "--steps", "1", "--resume"]));
+    let entries = || {
+        let bytes = std::fs::read(&file).expect("a blob");
+        let blob = Blob::open(&bytes).expect("a blob");
+        let is_int8 = blob.tables().expect("tables").scales().is_some();
+        (blob.architecture().position.grid().expect("a grid").log2_entries, is_int8)
+    };
+    assert_eq!(entries(), (17, true));
+    ok(fit(&["-q", "--steps", "2", "--restart", "--checkpoint-every", "0"]));
+    assert_eq!(entries(), (16, false));
 }
 
 #[test]

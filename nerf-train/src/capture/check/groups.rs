@@ -11,7 +11,7 @@ const FEW: usize = 10;
 /// Number of contradicting pairs needed to leave out a photograph, or to separate two groups.
 const CERTAIN: usize = 3;
 /// Fraction of all pairs of photographs that must contradict each other before the contradicting photographs may form a
-/// group of their own; below, they are outliers.
+/// group of their own.
 const TORN: f32 = 0.1;
 
 /// Groups of photographs, and outliers. Poses agree within each group; outliers agree with no group.

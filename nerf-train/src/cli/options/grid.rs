@@ -103,9 +103,9 @@ impl TableSettings {
     }
 }
 
-/// Memory for each feature in a grid's tables, bytes. Training holds the feature, its gradient and two moments of Adam
-/// (16). Writing a checkpoint holds feature and moments twice more, as numbers and as bytes of the file (24).
-const BYTES_PER_VALUE: u64 = 40;
+/// Memory for each feature in a grid's tables, bytes. Training holds the feature, its gradient, two moments of Adam, the
+/// average and the exported half (22). Writing a checkpoint holds five numbers more (20), and these twice as bytes (40).
+const BYTES_PER_VALUE: u64 = 82;
 
 /// Refuses tables that do not fit into memory.
 pub fn check_memory(grid: &GridEncoding) -> anyhow::Result<()> {

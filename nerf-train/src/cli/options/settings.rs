@@ -34,10 +34,10 @@ impl SetOption {
 
     /// Whether a value is given for the setting `path`, for example `network.grid.features`.
     pub fn names(&self, path: &str) -> bool {
-        let (table, keys) = path.split_once('.').unwrap_or((path, ""));
-        let has =
-            |value: &toml::Value| keys.split('.').try_fold(value, |value, key| value.get(key)).is_some();
-        self.tables.iter().any(|set| set.get(table).is_some_and(has))
+        let mut keys = path.split('.');
+        let first = keys.next().unwrap_or_default();
+        let has = |value: &toml::Value| keys.clone().try_fold(value, |value, key| value.get(key)).is_some();
+        self.tables.iter().any(|set| set.get(first).is_some_and(has))
     }
 }
 
