@@ -248,7 +248,11 @@ fn a_limit_of_a_pixel_is_the_end_of_its_ray() {
             assert_eq!(cut[from], expected[to], "({x}, {y})");
         }
     }
-    // Both at once are refused, as is one on rays; so is another format.
+    // Both at once are refused, as is one on rays; so is another format. The planes are the whole frame's again: the
+    // part's would reach into whatever lies behind them.
+    let mut planes = target(&mut found);
+    planes.limit_ray_distance =
+        ffi::Plane { pixel_stride: 8, ..plane(along.as_mut_ptr().cast(), PixelFormat::F32) };
     planes.limit_z_depth = plane(depth.as_mut_ptr().cast(), PixelFormat::F32);
     assert_eq!(frame(&worker, &planes), Status::Target);
     planes.limit_z_depth = NO_PLANE;
