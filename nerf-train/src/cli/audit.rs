@@ -17,8 +17,8 @@ use std::process::ExitCode;
 
 /// Ablation: quality and cost of each component of a scene, such as view dependence.
 ///
-/// The effects are view dependence, occupancy grid and background. Time and multiply-adds are relative to the rendering
-/// without the effect: 1.2 means that the effect costs 20 % more.
+/// The components are view dependence, occupancy grid and background. Time and multiply-adds are relative to the
+/// rendering without the component: 1.2 means that the component costs 20 % more.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: nerf-train audit lego.nerf lego_200x200.npz --effect-threshold 0.1")]
 pub struct Audit {

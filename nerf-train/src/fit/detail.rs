@@ -78,11 +78,11 @@ pub fn for_pixels(mut config: Config, chosen: Chosen, pixels: f32) -> Config {
     config
 }
 
-/// Seconds, and number of steps, of a run from which on twice the entries pay.
+/// Least seconds, and least number of steps, of a long run, for which twice the entries pay.
 const LONG_SECONDS: f64 = 45.0;
 const LONG_STEPS: u32 = 15_000;
 
-/// Whether a run is long: by each of its limits.
+/// Whether a run is long: each limit that it has, in seconds or steps, is at least that of a long run.
 pub fn is_long(budget: &Budget) -> bool {
     budget.seconds.is_none_or(|seconds| seconds >= LONG_SECONDS)
         && budget.steps.is_none_or(|steps| steps >= LONG_STEPS)

@@ -166,8 +166,8 @@ pub(in crate::render) const PROPOSAL_BUILT: bool = cfg!(feature = "proposal");
 /// network gives. Empty in builds without proposals.
 pub(in crate::render) struct ProposalSamples<'w>([Rows<'w>; PROPOSAL_BUILT as usize]);
 
-/// Table of sample distances, one row per ray. Empty if the frame draws no samples by a proposal network: they
-/// then lie in the plan's bins.
+/// Table of sample distances, one row per ray. Empty if the frame draws no samples by a proposal network:
+/// samples then lie in the plan's bins.
 struct Rows<'w> {
     /// Distances of each ray's samples, ascending: `[rays][row]`. Before samples are drawn, the end of each row holds
     /// the compositing weights of the ray's proposal bins.
