@@ -46,19 +46,19 @@ namespace nerf {
 
 namespace detail {
 
-/// The type of a container's elements, const if they are.
+/// Type of a container's elements, const if the elements are const.
 template <class C>
 using element = std::remove_pointer_t<decltype(std::data(std::declval<C &>()))>;
 
-/// Whether a view may refer to the elements of an argument of type C &&. The argument must be an lvalue or a view: the
-/// elements of a temporary container would be freed. In a view, the elements do not become const with the view.
+/// Whether a view may refer to the elements of an argument of type C &&. True for an lvalue and for a view, whose
+/// elements stay mutable in a const view. False for a temporary container, whose elements would be freed.
 template <class C>
 inline constexpr bool lends = std::is_lvalue_reference_v<C> || std::is_same_v<element<C>, element<const C>>;
 
 /// Base class that distinguishes strided views from containers.
 struct strided_view {};
 
-/// Casts the address of a structure of floats to a pointer to floats: the C library reads and writes floats by copying.
+/// Casts the address of a structure of floats to a pointer to floats, which the C library reads and writes by copying.
 template <class T>
 T *floats_at(std::conditional_t<std::is_const_v<T>, const void, void> *first) noexcept {
     return static_cast<T *>(first);
@@ -66,7 +66,7 @@ T *floats_at(std::conditional_t<std::is_const_v<T>, const void, void> *first) no
 
 } // namespace detail
 
-/// A view of contiguous elements in memory that the view does not own. Made from arrays, std::vector, std::array,
+/// A view of contiguous elements in memory that the view does not own. Converts from arrays, std::vector, std::array,
 /// std::span and any other container with data and size.
 template <class T>
 class span {
@@ -111,7 +111,8 @@ private:
     std::size_t size_;
 };
 
-/// A view of floats that it does not own: `each` floats per ray or point, contiguous or strided. T: float, const float.
+/// A view of `each` floats per ray or point, contiguous or strided, in memory that the view does not own. T: float or
+/// const float.
 ///
 /// Made from a container of floats, or of trivially copyable structures of `each` floats (a host's own vector).
 /// nerf::member makes a view of one field of larger structures.
@@ -271,7 +272,7 @@ struct sized : C {
     sized() noexcept : C() { this->struct_size = sizeof(C); }
 };
 
-/// A value that becomes empty when it is moved from.
+/// A value that is reset to T() when it is moved from.
 template <class T>
 struct moved {
     T value;
@@ -284,7 +285,8 @@ struct moved {
     }
 };
 
-/// Deleter: calls `end`, which by default does nothing, for lent memory. A program that only lends links no heap.
+/// Deleter of a std::unique_ptr: calls `end`. By default `end` does nothing, since the memory is lent: a program that
+/// only lends memory links no heap.
 template <class T>
 struct ending {
     void (*end)(T *, std::size_t align) noexcept = [](T *, std::size_t) noexcept {};
@@ -293,10 +295,11 @@ struct ending {
     void operator()(T *owned) const noexcept { end(owned, align); }
 };
 
-/// Type of a callback that was left out: there is no progress callback, or the clock is the library's own.
+/// Type of a callback argument that was left out: no progress callback, or the library's own clock.
 struct none {};
 
-/// A nerf_progress that calls a C++ callable; noexcept: C has no exceptions. `user`: pointer to the callable's address.
+/// A nerf_progress that calls a C++ callable; noexcept, since C has no exceptions. `user`: pointer to the callable's
+/// address.
 template <class F>
 int32_t progress(void *user, std::uint64_t done, std::uint64_t all) noexcept {
     F &f = **static_cast<F **>(user);
@@ -365,7 +368,7 @@ private:
 
 // --------------------------------------------------------------------------------------- camera
 
-/// A minimal vector, for cameras.
+/// Vector of three floats, with the operations that cameras need.
 struct vec3 {
     float x = 0.0f, y = 0.0f, z = 0.0f;
 
@@ -393,7 +396,8 @@ inline float to_float(float number) noexcept { return number; }
 template <class N>
 float to_float(N number) noexcept { return static_cast<float>(number); }
 
-/// Converts a host's vector: by its fields x, y, z, else by three elements. A call with 0 prefers the overload for int.
+/// Converts a host's vector by its fields x, y, z. A vector without these fields converts by its elements 0, 1, 2, in
+/// the overload for long: the second argument is 0, which prefers int.
 template <class V>
 auto to_vec3(const V &of, int) noexcept -> decltype(of.x + of.z, vec3()) {
     return {to_float(of.x), to_float(of.y), to_float(of.z)};
@@ -403,13 +407,13 @@ vec3 to_vec3(const V &of, long) noexcept { return {to_float(of[0]), to_float(of[
 
 } // namespace detail
 
-/// The ray through an image point: `dir` has unit length, and `z_depth` = z_per_distance * `ray_distance`.
+/// The ray through an image point: `dir` has unit length, and z_depth of a target is z_per_distance * ray_distance.
 struct ray {
     vec3 origin, dir;
     float z_per_distance = 0.0f;
 };
 
-/// A pinhole camera with every field of nerf_camera, lens included. The camera looks down -Z; +Y is up, +X is right.
+/// A nerf_camera, by default a pinhole camera without lens distortion. The camera looks down -Z; +Y is up, +X is right.
 struct camera : detail::sized<nerf_camera> {
     /// Makes a camera at the world's origin, with the principal point in the middle of the image; `focal` in pixels.
     camera(std::uint32_t columns, std::uint32_t rows, float focal) noexcept {
@@ -428,7 +432,7 @@ struct camera : detail::sized<nerf_camera> {
 
     /// Makes a camera from a renderer's own matrices. The view matrix transforms the world to the eye's coordinates by
     /// a rotation and a translation. The projection is perspective, along -Z; its near and far planes are ignored.
-    /// Other matrices are NERF_STATUS_CAMERA.
+    /// Other matrices give NERF_STATUS_CAMERA.
     static result<camera> from_matrices(std::uint32_t columns, std::uint32_t rows, span<const float> view_column_major,
                                         span<const float> projection_column_major) noexcept {
         if (view_column_major.size() != 16 || projection_column_major.size() != 16) {
@@ -461,8 +465,8 @@ struct camera : detail::sized<nerf_camera> {
         return made;
     }
 
-    /// Places the camera at `eye`, looking at `target`, with `up` upwards in its image. If `eye` equals `target` or
-    /// `up` is along the view, rendering returns NERF_STATUS_CAMERA.
+    /// Places the camera at `eye`, looking at `target`; the direction `up` points upwards in the image. If `eye` equals
+    /// `target` or `up` is along the view, rendering returns NERF_STATUS_CAMERA.
     camera &look_at(vec3 eye, vec3 target, vec3 up = {0.0f, 0.0f, 1.0f}) noexcept {
         if (nerf_camera_look_at(this, &eye.x, &target.x, &up.x, nullptr, 0) != NERF_STATUS_OK) {
             c2w[0] = std::numeric_limits<float>::quiet_NaN();
@@ -470,8 +474,8 @@ struct camera : detail::sized<nerf_camera> {
         return *this;
     }
 
-    /// Places the camera on a sphere around `target`, looking at `target`. `azimuth` is the angle around `up`,
-    /// `elevation` the angle above the plane normal to `up`, radians. `up`: any direction of unit length.
+    /// Places the camera on a sphere around `target`, looking at `target`. `azimuth`: angle around `up`, radians.
+    /// `elevation`: angle above the plane normal to `up`, radians. `up`: any direction of unit length.
     camera &orbit(vec3 target, float radius, float azimuth, float elevation,
                   vec3 up = {0.0f, 0.0f, 1.0f}) noexcept {
         const auto [side, ahead] = detail::across(up);
@@ -533,25 +537,26 @@ struct strides {
 };
 
 /// A plane that receives one output or contains limits. The plane is a view of the pixels of the target's whole window,
-/// and knows its length. An output without a plane is not computed.
+/// and knows the view's length. An output without a plane is not computed.
 class plane {
 public:
     plane() noexcept = default;
 
-    // Colour.
+    // Planes for colour, in the formats NERF_FORMAT_RGB_* and NERF_FORMAT_RGBA_*.
     static plane rgb_u8(span<std::uint8_t> s, strides by = {}) noexcept { return {NERF_FORMAT_RGB_U8, s, by}; }
     static plane rgba_u8(span<std::uint8_t> s, strides by = {}) noexcept { return {NERF_FORMAT_RGBA_U8, s, by}; }
     static plane rgb_f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_RGB_F32, s, by}; }
     static plane rgba_f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_RGBA_F32, s, by}; }
-    // Opacity or distances.
+    // Planes for opacity and distances, in the format NERF_FORMAT_F32.
     static plane f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_F32, s, by}; }
-    // Normals.
+    // Plane for normals, in the format NERF_FORMAT_VEC3_F32.
     static plane vec3_f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_VEC3_F32, s, by}; }
-    // Limits at which rays end: an input.
+    // Plane of limits, an input: the distance at which each pixel's ray ends.
     static plane limit(span<const float> s, strides by = {}) noexcept {
         return {NERF_FORMAT_F32, span<float>(const_cast<float *>(s.data()), s.size()), by};
     }
-    // One field of contiguous structures. Three floats are colour, or a normal with `normals`; four floats are RGBA.
+    // Plane over one field of contiguous structures. One float is an opacity or a distance, three floats are a colour
+    // (with `normals`, a normal), four floats are RGBA.
     template <class C, class S, class F>
     static plane member(C &&pixels, F S::*field, bool normals = false) noexcept {
         static_assert(sizeof(F) == 4 || sizeof(F) == 12 || sizeof(F) == 16, "expected one, three or four floats");
@@ -591,7 +596,8 @@ private:
     bool there_ = false;
 };
 
-/// Planes for an image, or for its part `window`; any rectangle within can be rendered. For rays: planes of one row.
+/// Planes for an image, or for the part `window` of an image; any rectangle in this part can be rendered. For rays:
+/// planes of one row.
 struct target {
     plane rgb = {}, opacity = {}, ray_distance = {}, z_depth = {}, median_distance = {}, normals = {};
     /// Inputs: limits at which each pixel's ray ends, one plane at most; nerf::z_depth converts a depth buffer.
@@ -744,7 +750,8 @@ public:
         });
     }
 
-    /// Opens a file by std::string, std::filesystem::path (with characters of char) or another type with c_str().
+    /// Opens a file whose path is a std::string, a std::filesystem::path of char, or another type whose c_str() returns
+    /// const char *.
     template <class P, class = std::enable_if_t<std::is_same_v<decltype(std::declval<const P &>().c_str()), const char *>>>
     static result<scene> open_file(const P &path, const open_options &how = {}) noexcept {
         return open_file(path.c_str(), how);
@@ -753,11 +760,11 @@ public:
     /// Handle of the scene for calls of the C library; null if the scene is empty.
     const nerf_scene *get() const noexcept { return handle_.get(); }
 
-    /// Facts of the scene; all zeros if the scene is empty.
+    /// Description of the scene; all zeros if the scene is empty.
     const nerf_scene_info &info() const noexcept { return info_.value; }
     bool is_picture() const noexcept { return info().kind == NERF_KIND_PICTURE; }
 
-    /// Whether the scene has a default viewpoint, among the places from which it was photographed.
+    /// Whether the scene file has a default viewpoint, which lies among the cameras of the photographs.
     bool has_viewpoint() const noexcept { return info().up[0] != 0.0f || info().up[1] != 0.0f || info().up[2] != 0.0f; }
 
     // Default orbit, as in camera::orbit, through the viewpoint. Without a viewpoint the orbit is around the middle of
@@ -795,7 +802,8 @@ public:
         return detail::layout_of(nerf_worker_size, &asked);
     }
 
-    // Quality settings written to `how`, chosen by loss (dB of PSNR below exact), cost, time, Pareto point or preset.
+    // Choose quality settings and write them to `how`: by loss (dB of PSNR below the exact rendering), cost, time,
+    // point of the Pareto front, or preset.
 
     result<choice> within_loss(float loss_db, options &how) const noexcept {
         return detail::made<choice>(nerf_quality_within_loss, get(), loss_db, &how);
@@ -888,9 +896,9 @@ struct rays {
     std::optional<vec3> axis = {};
 };
 
-/// The result of one ray; outputs that the worker was not opened for are 0.
+/// Result of one ray; outputs that the worker was not opened for are 0.
 struct pixel {
-    /// Colour as in an RGBA plane: premultiplied by opacity; `1 - opacity` times the background may be added.
+    /// Colour, premultiplied by opacity and without background: add `(1 - opacity) * background` to composite.
     vec3 rgb;
     float opacity = 0.0f, ray_distance = 0.0f, median_distance = 0.0f;
     vec3 normal;
@@ -920,8 +928,8 @@ public:
 
     /// Renders a camera's image, or the rectangle `part` of the image.
     ///
-    /// `progress`: callable as (pixels done, all pixels) or (), before the first tile and after each tile; returns
-    /// whether to continue, or nothing. Must not throw.
+    /// `progress`: called before the first tile and after each tile, with (pixels done, all pixels) or without
+    /// arguments. Returns whether to continue, or nothing. Must not throw.
     template <class F = detail::none>
     result<counters> render(const nerf_camera &camera, const target &to, const rect &part = whole,
                             F &&progress = {}) noexcept {
@@ -943,7 +951,8 @@ public:
     /// Renders the host's own rays: pixel i of the planes belongs to ray i.
     result<counters> render_rays(const rays &of, const target &to) noexcept { return trace(nerf_render_rays, of, to); }
 
-    /// Samples the point where a photon on each ray collides; `of.random`: one random number for each ray.
+    /// Samples the point at which a photon on each ray collides with the medium; `of.random`: one random number for
+    /// each ray.
     result<counters> sample_rays(const rays &of, const target &to) noexcept { return trace(nerf_sample_rays, of, to); }
 
     /// Renders one ray from `t_min` to `t_max`, with every output of the worker except z_depth. For many rays,
@@ -955,7 +964,8 @@ public:
                          detail::to_float(t_max));
     }
 
-    /// Samples the point where a photon on one ray collides. `random`: in [0, 1). Everything else is as in render_ray.
+    /// Samples the point at which a photon on one ray collides with the medium. `random`: in [0, 1). Everything else is
+    /// as in render_ray.
     template <class V, class W, class R, class N = float, class F = float>
     result<pixel> sample_ray(const V &origin, const W &dir, R random, N t_min = 0.0f,
                              F t_max = std::numeric_limits<float>::infinity()) noexcept {
@@ -981,7 +991,8 @@ public:
         return detail::made<counters>(nerf_query, get(), &asked);
     }
 
-    /// Writes a report of a frame to `text`, cut to fit. `work`: counters, or null. Returns the uncut length with NUL.
+    /// Writes a report of a frame to `text`, cut to fit. `work`: counters of the frame, or null. Returns the length of
+    /// the uncut report with its NUL, bytes.
     result<std::size_t> explain(span<char> text, const nerf_counters *work = nullptr) noexcept {
         return detail::made<std::size_t>(nerf_explain, get(), work, text.data(), text.size());
     }

@@ -1,5 +1,5 @@
 #![no_std]
-// The module `host`, to which docs link, is not compiled.
+// Docs link to the module `host`, which is not compiled for targets without an operating system.
 #![cfg_attr(target_os = "none", allow(rustdoc::broken_intra_doc_links))]
 //! Radiance fields in fixed memory: open one small file, render any view of it, allocate nothing.
 //!
@@ -12,7 +12,7 @@
 //!
 //! # The pipeline
 //!
-//! Camera, ray, samples, encoding, trunk, density, weights, colour (the colour cut skips samples of low weight), pixel:
+//! Camera, ray, samples, encoding, trunk, density, weights, colour, pixel. Samples of low weight get no colour.
 //! `docs/architecture.md` draws the pipeline.
 //!
 //! Modules are listed in the order of the data flow, and each uses only modules above it. [`memory`], `simd`, `math`
@@ -36,7 +36,7 @@
 //! | `sigma` | density, `>= 0`, per world unit |
 //! | `alpha` | `−expm1(−sigma delta)`: fraction of the light that one bin absorbs |
 //! | `transmittance` | `exp(−Σ sigma delta)` over the bins in front, summed in log space, compensated |
-//! | `weights`, `opacity` | `transmittance · alpha`; their sum, `<= 1` |
+//! | `weights`, `opacity` | a weight is `transmittance · alpha`; the opacity is the sum of the weights, `<= 1` |
 //! | samples | only on the part of a ray inside the scene box, for any camera position. Scenes with a step: at equal steps. Scenes with bins: one in each of n equal bins from near to far; bins of this width continue in front of near and behind far to the ends of the box. Unbounded scenes: from near on, at steps that grow outside the inner ball ([`space::Contraction`]) |
 //! | `far` | distance of pixels without a surface, the same for all pixels of a camera ([`Plan::far_from`]): the scene's far, or the camera's distance from the farthest corner of the box if larger. Unbounded scenes: the scene's far plus the camera's distance from the middle of the inner ball |
 //! | last bin | of finite length: in a march, the last bin ends where the ray leaves the box |
@@ -54,7 +54,7 @@
 //! | `libm` | yes | `MathBackend::Libm` |
 //! | `micromath` | yes | `MathBackend::Micromath`: small and rough |
 //! | `jitter` | yes | [`plan::Jitter`]: samples at random positions in their bins |
-//! | `anti-aliasing` | yes | several rays a pixel |
+//! | `anti-aliasing` | yes | several rays per pixel |
 //! | `depth-of-field` | yes | [`plan::ThinLens`]: an aperture of finite size |
 //! | `tone-map` | yes | [`plan::Tone`]: exposure, tone curve, linear output |
 //! | `lens` | yes | lens distortion ([`Lens`]) |
@@ -66,7 +66,7 @@
 //! | `contraction` | yes | unbounded scenes ([`space::Contraction`]) |
 //! | `instances` | yes | several fields in one world ([`Worker::of_instances`]); brings `median` and `normals` |
 //! | `std` | yes | [`host`]: scenes that own their bytes, files, threads |
-//! | `train` | no | for trainers and tests: the parts of a renderer are public (`simd`, `math`, `matrix`, `sampling`, evaluation of networks and encodings), and backward kernels |
+//! | `train` | no | for trainers and tests: makes the parts of a renderer public (`simd`, `math`, `matrix`, `sampling`, evaluation of networks and encodings), and adds backward kernels |
 //!
 //! The project's own polynomials ([`MathBackend::Polynomial`]) are always built in. An effect or output whose feature
 //! is off has no code in the build; requesting it is an error that names the feature.

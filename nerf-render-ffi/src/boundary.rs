@@ -8,13 +8,13 @@ use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
 use nerf_core::memory::Line;
 
-/// Largest `struct_size` that is accepted, bytes: a larger value is garbage memory, not a later version.
+/// Largest accepted `struct_size`, bytes. A larger value is taken for uninitialised memory.
 const MAX_STRUCT_SIZE: usize = 4096;
 
 /// A structure that begins with `size_t struct_size` and may grow at its end.
 ///
 /// # Safety
-/// `repr(C)`, the first field is `struct_size: usize`, and any bytes are a valid value.
+/// The type is `repr(C)`, its first field is `struct_size: usize`, and any bytes are a valid value of the type.
 pub(crate) unsafe trait Versioned: Copy {
     /// Name that messages give to the argument that points to the structure.
     const NAME: &'static str;
@@ -22,14 +22,15 @@ pub(crate) unsafe trait Versioned: Copy {
     const SIZE_V2: usize;
 }
 
-/// `versioned!(unsafe Camera, "camera", by_width(116, 120))` implements [`Versioned`] for `Camera`: the name in
-/// messages is "camera", and the size in ABI version 2 is 116 bytes with 32-bit pointers, 120 with 64-bit ones.
+/// Implements [`Versioned`] for a structure. Example: `versioned!(unsafe Camera, "camera", by_width(116, 120))`.
+/// Messages then call the structure "camera", and its size in ABI version 2 is 116 bytes with 32-bit pointers, 120 with
+/// 64-bit ones.
 ///
 /// `unsafe`: the caller promises that the structure is `repr(C)`, and that its fields are numbers, pointers and
 /// optional functions, of which any bytes are a valid value.
 macro_rules! versioned {
     (unsafe $type:ty, $name:literal, $size:expr) => {
-        // SAFETY: the caller promises all but the first field, which is asserted below.
+        // SAFETY: the macro's caller promises `repr(C)` and valid bytes; the assertion below checks the first field.
         unsafe impl $crate::boundary::Versioned for $type {
             const NAME: &'static str = $name;
             const SIZE_V2: usize = {
@@ -46,7 +47,8 @@ pub(crate) const fn by_width(bytes_32: usize, bytes_64: usize) -> usize {
     if size_of::<usize>() == 4 { bytes_32 } else { bytes_64 }
 }
 
-/// Caller's buffer of `capacity` bytes for a NUL-terminated text, such as an error message; `text` is NULL for none.
+/// Caller's buffer of `capacity` bytes for a NUL-terminated text, such as an error message; no buffer if `text` is
+/// NULL.
 #[derive(Clone, Copy)]
 pub(crate) struct Message {
     pub text: *mut c_char,
@@ -76,7 +78,7 @@ impl Message {
     }
 }
 
-/// Writer that counts the bytes of a text and stores as many as fit, never part of a character.
+/// Text writer that stores as many whole characters as fit into a buffer, and counts the bytes of the whole text.
 pub(crate) struct Cut {
     text: *mut c_char,
     /// Number of bytes of text that fit into the buffer, with space left for the NUL.
@@ -103,13 +105,13 @@ impl Write for Cut {
     }
 }
 
-/// Reason why a call failed: displays a sentence, and has a status.
+/// Reason why a call failed: a [`Status`] for programs, and a displayed sentence for people.
 pub(crate) trait Reason: fmt::Display {
     /// Returns the reason for a panic: a defect of this library.
     #[cfg(feature = "std")]
     fn panic() -> Self;
     fn status(&self) -> Status;
-    /// Writes this reason's sentence to `to`. A build without the feature `messages` writes the text of the status.
+    /// Writes this reason's sentence to `to`. A build without the feature `messages` writes the status's text instead.
     fn say(&self, to: &mut impl Write) -> fmt::Result {
         if cfg!(feature = "messages") {
             write!(to, "{self}")
@@ -124,12 +126,12 @@ pub(crate) fn call(message: Message, body: impl FnOnce() -> Result<(), Failure>)
     call_with_reason(message, body)
 }
 
-/// Runs the body of a call and converts its error or panic to a status and a message. Unlike in [`call`], the error has
-/// any type `R`, such as a type that names a file.
+/// Runs the body of a call and converts its error or panic to a status and a message. The error may have any type `R`,
+/// for example one that names a file.
 pub(crate) fn call_with_reason<R: Reason>(message: Message, body: impl FnOnce() -> Result<(), R>) -> Status {
     #[cfg(feature = "std")]
     let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(body)).unwrap_or_else(|payload| {
-        // Dropping the payload may panic, too. The payload is small, and leaked.
+        // The panic's payload is small and is leaked, since dropping the payload may panic, too.
         core::mem::forget(payload);
         Err(R::panic())
     });
@@ -137,7 +139,7 @@ pub(crate) fn call_with_reason<R: Reason>(message: Message, body: impl FnOnce() 
     let result = body();
     message.write(|cut| {
         if let Err(reason) = &result {
-            // Cannot fail: the text is cut.
+            // Writing cannot fail: text that does not fit into the buffer is left out.
             let _ = reason.say(cut);
         }
     });
@@ -178,13 +180,13 @@ pub(crate) unsafe fn span_of(name: &'static str, first: *const usize, count: usi
     Span::new(name, first.cast(), size.checked_mul(count).ok_or(Failure::Overflow(name))?)
 }
 
-/// Returns a copy of the caller's structure. Fields that an older header of the caller lacks become zero. Fields that
-/// only a newer header has must be zero, or the result is an error.
+/// Returns a copy of the caller's structure, which may be of an older or newer header. Fields missing in an older
+/// header become zero. If a field that only a newer header has is not zero, the result is an error.
 ///
 /// # Safety
 /// `at` is NULL or points to `struct_size` readable bytes.
 pub(crate) unsafe fn read_versioned<T: Versioned>(at: *const T) -> Result<T, Failure> {
-    // SAFETY: `at` is as this function's `# Safety` has it.
+    // SAFETY: `at` is valid, as this function's `# Safety` requires.
     let size = unsafe { size_of_versioned(at)? };
     for offset in size_of::<T>()..size {
         // SAFETY: `offset < struct_size`, all of which is readable.
@@ -211,7 +213,7 @@ pub(crate) unsafe fn read_or_zeros<T: Versioned>(at: *const T) -> Result<T, Fail
         // SAFETY: any bytes are a value (`Versioned`).
         return Ok(unsafe { MaybeUninit::zeroed().assume_init() });
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: required by this function's `# Safety`.
     unsafe { read_versioned(at) }
 }
 
@@ -248,7 +250,7 @@ impl<T: Versioned> Out<T> {
     /// # Safety
     /// `at` is NULL or points to `struct_size` bytes that may be read and written until the call ends.
     pub unsafe fn new(at: *mut T) -> Result<Self, Failure> {
-        // SAFETY: `at` is as this function's `# Safety` has it.
+        // SAFETY: `at` is valid, as this function's `# Safety` requires.
         let size = unsafe { size_of_versioned(at)? };
         Ok(Self { at, size })
     }
@@ -258,7 +260,7 @@ impl<T: Versioned> Out<T> {
     /// # Safety
     /// As for [`Out::new`].
     pub unsafe fn new_or_none(at: *mut T) -> Result<Option<Self>, Failure> {
-        // SAFETY: `at` is as this function's `# Safety` has it.
+        // SAFETY: `at` is valid, as this function's `# Safety` requires.
         if at.is_null() { Ok(None) } else { unsafe { Self::new(at).map(Some) } }
     }
 
@@ -267,7 +269,7 @@ impl<T: Versioned> Out<T> {
     pub fn write(self, value: T) {
         let known = self.size.min(size_of::<T>());
         let (from, to) = ((&raw const value).cast::<u8>(), self.at.cast::<u8>());
-        // SAFETY: `new` checked the place, and its caller vouches for `size` bytes.
+        // SAFETY: `new` checked the pointer, and its caller vouches for `size` bytes.
         unsafe {
             to.copy_from_nonoverlapping(from, known);
             self.at.cast::<usize>().write(self.size);
@@ -276,7 +278,8 @@ impl<T: Versioned> Out<T> {
     }
 }
 
-/// Runs a call that computes a size: writes the result of `body` to `size`, a [`Line`]'s alignment to `align`, bytes.
+/// Runs a call that computes the size of a block of memory. Writes the result of `body` to `size` and the alignment of
+/// a [`Line`] to `align`, bytes.
 ///
 /// # Safety
 /// `size` and `align` are NULL, or may be written until the call ends.
@@ -289,7 +292,7 @@ pub(crate) unsafe fn call_for_size(
         check_out("size", size)?;
         check_out("align", align)?;
         let bytes = body()?;
-        // SAFETY: checked above, and writable by this function's `# Safety`.
+        // SAFETY: the pointers were checked above, and are writable by this function's `# Safety`.
         unsafe {
             size.write(bytes);
             align.write(align_of::<Line>());

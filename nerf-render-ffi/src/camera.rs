@@ -77,7 +77,7 @@ impl Camera {
     /// # Safety
     /// `at` is NULL or points to `struct_size` readable bytes.
     pub(crate) unsafe fn read(at: *const Self) -> Result<camera::Camera, Failure> {
-        // SAFETY: `at` is as this function's `# Safety` has it.
+        // SAFETY: `at` is valid, as this function's `# Safety` requires.
         let c = unsafe { read_versioned(at)? };
         check_zeros("camera.reserved", &[c.reserved])?;
         let projection = named(&PROJECTIONS, "camera.lens_model", "a nerf_lens_model", c.lens_model)?;
@@ -104,7 +104,7 @@ pub(crate) unsafe fn read_vec3(name: &'static str, at: *const f32) -> Result<Vec
 ///
 /// `camera`: the caller sets `struct_size`; only `c2w` is written, on success. `eye`, `target`, `up`: three floats
 /// each, world units; `up` of any length. `NERF_STATUS_CAMERA` if `eye` equals `target`, or `up` points along the view.
-/// `message`: as in `nerf_scene_memory`.
+/// `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.
@@ -118,9 +118,9 @@ pub unsafe extern "C" fn nerf_camera_look_at(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: `camera` is NULL or readable and writable, as this function's `# Safety` has it.
+        // SAFETY: `camera` is NULL or readable and writable, as this function's `# Safety` requires.
         let (mut turned, place) = unsafe { (read_versioned(camera.cast_const())?, Out::new(camera)?) };
-        // SAFETY: the three vectors are NULL or readable, as this function's `# Safety` has them.
+        // SAFETY: the three vectors are NULL or readable, as this function's `# Safety` requires.
         let [eye, target, up] =
             unsafe { [read_vec3("eye", eye)?, read_vec3("target", target)?, read_vec3("up", up)?] };
         let rows = Pose::look_at(eye, target, up).ok_or(Failure::NoView)?.to_rows();
@@ -136,8 +136,8 @@ pub unsafe extern "C" fn nerf_camera_look_at(
 /// outside the image. `NERF_STATUS_CAMERA` if the direction overflows f32, if the distortion has no inverse at the
 /// point, or if the distorted image folds over itself between principal point and image point. `origin`, `dir`: three
 /// floats each, world space; `dir` has unit length and takes account of the distortion. `z_per_distance`: NULL, or
-/// receives the ratio of `z_depth` to `ray_distance` on this ray. Results are written on success only. `message`: as in
-/// `nerf_scene_memory`.
+/// receives the ratio of `z_depth` to `ray_distance` on this ray. Results are written on success only. `message`: NULL,
+/// or a buffer for an error message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.
@@ -153,7 +153,7 @@ pub unsafe extern "C" fn nerf_camera_ray(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: `camera` is as this function's `# Safety` has it.
+        // SAFETY: `camera` is valid, as this function's `# Safety` requires.
         let camera = unsafe { Camera::read(camera)? };
         check_out("origin", origin)?;
         check_out("dir", dir)?;
@@ -161,13 +161,13 @@ pub unsafe extern "C" fn nerf_camera_ray(
             check_out("z_per_distance", z_per_distance)?;
         }
         let ray = camera.try_ray(x, y).ok_or(Failure::NoRay { x, y })?;
-        // SAFETY: checked above, and writable by this function's `# Safety`.
+        // SAFETY: the pointers were checked above, and are writable by this function's `# Safety`.
         unsafe {
             origin.cast::<[f32; 3]>().write(ray.origin.to_array());
             dir.cast::<[f32; 3]>().write(ray.dir.to_array());
         }
         if !z_per_distance.is_null() {
-            // SAFETY: as above.
+            // SAFETY: `z_per_distance` was checked above, and is writable by this function's `# Safety`.
             unsafe { z_per_distance.write(camera.z_per_distance(&ray)) };
         }
         Ok(())

@@ -3,23 +3,24 @@
 use crate::boundary::{by_width, versioned};
 use nerf_core::render;
 
-/// Exact counts of the work that a call did, not times. A 2D field has no rays and no samples: only its colour
-/// evaluations, multiply-adds and invalid samples are counted.
+/// Exact counts of the work that a call did. For a 2D field, which has no rays, only colour evaluations, multiply-adds
+/// and invalid samples are counted.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Counters {
     /// `sizeof(nerf_counters)`, set by the caller.
     pub struct_size: usize,
-    /// Number of rays.
+    /// Number of rays, including rays on which no sample was evaluated.
     pub rays: u64,
     /// Number of samples at which the network was evaluated.
     pub samples_kept: u64,
-    /// Number of samples skipped outside the scene box, in empty cells, or once transmittance fell below the cut.
+    /// Number of samples skipped outside the scene box, in empty cells, or behind the point where the ray was
+    /// terminated.
     pub samples_skipped: u64,
-    /// Number of evaluations of the trunk and density head.
+    /// Number of evaluations of the layers that give the density: the trunk and the density head.
     pub density_evaluations: u64,
-    /// Number of evaluations of the colour branch: one per sample that gets a colour, or one per ray in a field with
-    /// deferred shading. For a 2D field: number of evaluations of the whole network.
+    /// Number of evaluations of the colour branch: one per sample that gets a colour, or, with deferred shading, one
+    /// per ray. For a 2D field: number of evaluations of the whole network.
     pub colour_evaluations: u64,
     /// Number of multiply-adds of the network and of the proposal network.
     pub macs: u64,

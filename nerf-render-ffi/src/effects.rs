@@ -30,7 +30,7 @@ pub struct Effects {
     pub jitter: u32,
     /// Rays per pixel, at most 256; 0 and 1 are one ray through the pixel's centre. More rays take more memory.
     pub anti_aliasing: u32,
-    /// Seed of random positions of samples in their intervals and of rays on the aperture; taken as 0 if `jitter` is 0.
+    /// Seed of the random numbers for `jitter` and for points on the aperture. If `jitter` is 0, the seed is always 0.
     pub seed: u64,
     /// Radius of the aperture of a thin lens, world units, at most 1e9; 0 is a pinhole.
     pub aperture_radius: f32,
@@ -49,7 +49,8 @@ pub struct Effects {
 }
 
 impl Effects {
-    /// Converts the effects to the renderer's type. An error for an invalid integer; the renderer checks the floats.
+    /// Converts the effects to the renderer's type. Returns an error for an invalid integer; the renderer checks the
+    /// floats.
     pub(crate) fn read(&self) -> Result<plan::Effects, Failure> {
         check_zeros("options.effects.reserved", &self.reserved)?;
         let most = plan::Effects::MAX_RAYS.into();

@@ -11,12 +11,13 @@ use nerf_core::render;
 /// Writes an English report of a worker's frames: which stages are on, why the other stages are off, and, with
 /// counters, the work of each stage.
 ///
-/// The text is for people: its wording may change between versions. With several instances, each has its own part.
+/// The text is for people: its wording may change between versions. With several instances, each instance has a part of
+/// its own.
 ///
 /// `counters`: NULL, or the counters that a call of this worker wrote; ignored with several instances. `text`: NULL, or
 /// a buffer of `capacity` bytes; the text is cut to fit, and NUL-terminated. `needed`: NULL, or receives the length of
 /// the uncut text with its NUL, bytes. `text` and `needed` are written on success only; a cut text is a success.
-/// `message`: as in `nerf_scene_memory`.
+/// `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
@@ -38,7 +39,7 @@ pub unsafe extern "C" fn nerf_explain(
             let work = if counters.is_null() {
                 None
             } else {
-                // SAFETY: `counters` is as this function's `# Safety` has it.
+                // SAFETY: `counters` is valid, as this function's `# Safety` requires.
                 Some(render::Counters::from(unsafe { read_versioned(counters)? }))
             };
             worker.fields()?;
@@ -51,7 +52,7 @@ pub unsafe extern "C" fn nerf_explain(
                         explanation = explanation.with_counters(work);
                     }
                     if cfg!(feature = "messages") {
-                        // Cannot fail: the text is cut.
+                        // Writing cannot fail: text that does not fit into the buffer is left out.
                         let _ = if alone {
                             write!(cut, "{explanation}")
                         } else {
@@ -61,12 +62,12 @@ pub unsafe extern "C" fn nerf_explain(
                 }
             });
             if !needed.is_null() {
-                // SAFETY: checked above, and writable by this function's `# Safety`.
+                // SAFETY: the pointers were checked above, and are writable by this function's `# Safety`.
                 unsafe { needed.write(all) };
             }
             Ok(())
         };
-        // SAFETY: `worker` is as this function's `# Safety` has it.
+        // SAFETY: `worker` is valid, as this function's `# Safety` requires.
         unsafe { with_worker(worker, say) }
     })
 }

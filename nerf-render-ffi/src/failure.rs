@@ -46,7 +46,7 @@ macro_rules! reasons {
 pub(crate) use reasons;
 
 reasons! {
-    /// Reason why a call failed: displays a sentence, and has a status.
+    /// Reason why a call failed: a status for programs, and a displayed sentence for people.
     Failure:
     Null(name: &'static str) => NullPointer, "{name}: expected an address, found NULL";
     StructSize { name: &'static str, expected: usize, found: usize } => StructSize,
@@ -142,7 +142,7 @@ fn status_of_render(error: &RenderError) -> Status {
 }
 
 impl Failure {
-    /// Returns this failure as a failure of the instance `index`, which the message then names.
+    /// Converts this failure to a failure of instance `index`, whose message begins with `instances[index]`.
     #[cfg(feature = "instances")]
     pub fn of_instance(self, index: usize) -> Self {
         let problem = match self {
@@ -156,7 +156,8 @@ impl Failure {
         Self::Instance { index, problem }
     }
 
-    /// Converts an error of the renderer. For too small a workspace, converts the sizes from 64-byte lines to bytes.
+    /// Converts an error of the renderer. If the workspace is too small, the error's sizes are converted from 64-byte
+    /// lines to bytes.
     pub fn of_workspace(error: RenderError) -> Self {
         match error {
             RenderError::Memory { expected, found } => Self::Memory {

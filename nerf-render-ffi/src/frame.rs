@@ -77,7 +77,8 @@ versioned!(unsafe Frame, "frame", by_width(32, 56));
 /// With the same kernel, the result for a pixel is bit-identical in every rectangle, with every batch size, on every
 /// thread, and after any earlier calls. `frame->target` may contain limits at which rays end, such as a depth buffer.
 ///
-/// `counters`: NULL, or written on success, with `struct_size` set by the caller. `message`: as in `nerf_scene_memory`.
+/// `counters`: NULL, or receives counts of the work on success; the caller sets `struct_size`. `message`: NULL, or a
+/// buffer for an error message.
 ///
 /// All arguments are checked before the first pixel is written. Pixels are written in whole tiles: after
 /// `NERF_STATUS_CANCELLED` or `NERF_STATUS_PANIC` each tile is finished or untouched.
@@ -95,12 +96,12 @@ pub unsafe extern "C" fn nerf_render(
     let draw = |worker: &mut State, frame: Frame| {
         worker.fields()?;
         check_zeros("frame.width, frame.height", &[frame.width, frame.height])?;
-        // SAFETY: `camera` is as this function's `# Safety` has it.
+        // SAFETY: `camera` is valid, as this function's `# Safety` requires.
         let camera = unsafe { Camera::read(frame.camera)? };
         let image = camera.intrinsics();
-        // SAFETY: `rect` and `target` are as this function's `# Safety` has them.
+        // SAFETY: `rect` is valid, as this function's `# Safety` requires.
         let rect = unsafe { Rect::read(frame.rect, image.width, image.height)? };
-        // SAFETY: as above.
+        // SAFETY: `target` is valid, as this function's `# Safety` requires.
         let canvas = unsafe { Canvas::of_image(frame.target, rect, worker)? };
         canvas.set_up(worker)?;
         let limit = canvas.limit;
@@ -111,14 +112,14 @@ pub unsafe extern "C" fn nerf_render(
             let mut put = |x: u32, y: u32, pixel: &Pixel| {
                 pixels.put(((y - tile.y) * tile.width + (x - tile.x)) as usize, pixel);
             };
-            // One closure for rays with and without limits, so that the frame loop is instantiated once.
+            // One closure serves rays with and without limits, so that the frame loop is compiled only once.
             let limit =
                 |x: u32, y: u32| limit.map_or(Limit::NONE, |plane| plane.limit(x - rect.x, y - rect.y));
             Ok(fields.render_limited(&camera, tile, limit, &mut put)?)
         })
     };
     call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: the arguments are as this function's `# Safety` has them.
+        // SAFETY: the arguments are valid, as this function's `# Safety` requires.
         unsafe { with_worker_and(worker, frame, counters, draw) }
     })
 }
@@ -154,9 +155,9 @@ pub unsafe extern "C" fn nerf_render_picture(
         if !frame.camera.is_null() {
             return Err(Failure::Reserved("frame.camera"));
         }
-        // SAFETY: `rect` and `target` are as this function's `# Safety` has them.
+        // SAFETY: `rect` is valid, as this function's `# Safety` requires.
         let rect = unsafe { Rect::read(frame.rect, size[0], size[1])? };
-        // SAFETY: as above.
+        // SAFETY: `target` is valid, as this function's `# Safety` requires.
         let canvas = unsafe { Canvas::of_image(frame.target, rect, worker)? };
         canvas.check_picture()?;
         render_tiles(worker, &frame, canvas, rect, |worker, tile| {
@@ -171,7 +172,7 @@ pub unsafe extern "C" fn nerf_render_picture(
         })
     };
     call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: the arguments are as this function's `# Safety` has them.
+        // SAFETY: the arguments are valid, as this function's `# Safety` requires.
         unsafe { with_worker_and(worker, frame, counters, draw) }
     })
 }

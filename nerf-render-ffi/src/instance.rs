@@ -19,7 +19,7 @@ use nerf_core::space::Placement;
 pub struct Instance {
     /// `sizeof(nerf_instance)`. In an array, all instances have the same value, which is the array's stride.
     pub struct_size: usize,
-    /// Scene that is placed.
+    /// Scene that the transform places in the world.
     pub scene: *const Scene,
     /// Transform from the scene's coordinates to the world's: the upper three rows of the 4x4 matrix, row-major. The
     /// transform is a rotation, a uniform scale and a translation; all zeros for the identity. With a column-major
@@ -31,12 +31,12 @@ versioned!(unsafe Instance, "instances", by_width(56, 64));
 
 #[cfg(feature = "instances")]
 reasons! {
-    /// Reason why an instance is refused; messages show the reason after `instances[i]`. A refused transform is a
-    /// [`Failure::Placement`] instead.
+    /// Reason why an instance is refused; messages show the reason after `instances[i]`. A refused transform has a
+    /// reason of its own, [`Failure::Placement`].
     Problem:
     StructSize { expected: usize, found: usize } => StructSize,
         ".struct_size: expected {expected} (to 4096 with a tail of zeros), found {found}";
-    // The first instance's size is the stride of the array.
+    // `struct_size` differs from the first instance's, which is the stride of the array.
     OtherSize { expected: usize, found: usize } => StructSize,
         ".struct_size: expected {expected}, as of the first, found {found}";
     Reserved => Reserved, ": expected zeros in unknown fields";
@@ -53,23 +53,23 @@ impl Instance {
     /// # Safety
     /// `first` is NULL or points to more than `index` instances, each as long as the first one's `struct_size`.
     pub(crate) unsafe fn read(first: *const Self, index: usize) -> Result<Self, Failure> {
-        // SAFETY: `first` is as this function's `# Safety` has it.
+        // SAFETY: `first` is valid, as this function's `# Safety` requires.
         let found = unsafe { read_versioned(first) }.map_err(|failure| failure.of_instance(0))?;
         if index == 0 {
             return Ok(found);
         }
         let expected = found.struct_size;
         let step = index.checked_mul(expected).ok_or(Failure::Overflow("instances"))?;
-        // SAFETY: inside of the array by this function's `# Safety`.
+        // SAFETY: the instance lies in the array by this function's `# Safety`.
         let at = unsafe { first.byte_add(step) };
         check_aligned("instances", at as usize, align_of::<Self>())?;
-        // SAFETY: as above, aligned, and `struct_size` comes first.
+        // SAFETY: in the array, aligned (checked above), and `struct_size` is the first field.
         let found = unsafe { at.cast::<usize>().read() };
-        // Reading as many bytes as another `struct_size` says could go past the end of the array.
+        // With a larger `struct_size` than the first instance has, the read could go past the end of the array.
         if found != expected {
             return Err(Failure::Instance { index, problem: Problem::OtherSize { expected, found } });
         }
-        // SAFETY: as above; as long as the first.
+        // SAFETY: the instance lies in the array, and is as long as the first.
         unsafe { read_versioned(at) }.map_err(|failure| failure.of_instance(index))
     }
 

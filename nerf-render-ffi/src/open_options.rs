@@ -1,4 +1,4 @@
-//! Options of opening a scene.
+//! Options for opening a scene.
 
 use crate::boundary::{by_width, check_zeros, named, number_of, read_or_zeros, versioned};
 use crate::failure::Failure;
@@ -40,7 +40,7 @@ pub enum Storage {
     /// f16, read directly from the scene file's bytes: the weights take no memory in the scene.
     F16 = 1,
     /// f32, converted from f16 without rounding when the scene is opened: faster than f16. The tables of a learned grid
-    /// are not converted but read from the scene file's bytes; only the WebAssembly kernel converts f16 tables.
+    /// are read directly from the scene file's bytes; only the WebAssembly kernel converts f16 tables to f32.
     F32 = 2,
     /// bf16, for weights and activations: rounded to 8 significant bits. Only with AVX-512 BF16.
     Bf16 = 3,
@@ -55,7 +55,7 @@ pub(crate) fn numbers_of(kernel: nerf_core::Kernel) -> (u32, u32) {
     (number_of(&ISAS, kernel.isa), number_of(&STORAGES, kernel.storage))
 }
 
-/// Options of opening a scene; NULL means all zeros.
+/// Options for opening a scene; NULL means all zeros.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct OpenOptions {
@@ -76,7 +76,7 @@ versioned!(unsafe OpenOptions, "options", by_width(36, 40));
 /// # Safety
 /// `options` is NULL or points to `struct_size` readable bytes.
 pub(crate) unsafe fn read_kernel(options: *const OpenOptions) -> Result<nerf_core::Kernel, Failure> {
-    // SAFETY: `options` is as this function's `# Safety` has it.
+    // SAFETY: `options` is valid, as this function's `# Safety` requires.
     let options = unsafe { read_or_zeros(options)? };
     check_zeros("options.reserved", &options.reserved)?;
     let isa = match options.kernel {
@@ -87,7 +87,7 @@ pub(crate) unsafe fn read_kernel(options: *const OpenOptions) -> Result<nerf_cor
         0 => None,
         found => Some(named(&STORAGES, "options.storage", "a nerf_storage", found)?),
     };
-    // `NERF_KERNEL` counts only if the caller names no instruction set.
+    // The environment variable `NERF_KERNEL` is read only if the caller names no instruction set.
     let open = if isa.is_some() { nerf_core::Kernel::detect() } else { automatic()? };
     available(nerf_core::Kernel::new(isa.unwrap_or(open.isa), storage.unwrap_or(open.storage)))
 }

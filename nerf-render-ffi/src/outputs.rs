@@ -4,21 +4,21 @@ use crate::failure::Failure;
 use crate::render_options::at_most;
 use nerf_core::plan::Outputs;
 
-/// Requests colour.
+/// Flag that requests colour: `rgb` of `nerf_target` or `nerf_points`.
 pub const NERF_OUTPUT_RGB: u32 = 1;
-/// Requests opacity.
+/// Flag that requests `opacity` of `nerf_target`.
 pub const NERF_OUTPUT_OPACITY: u32 = 2;
-/// Requests the mean distance along the ray.
+/// Flag that requests the mean distance along the ray: `ray_distance` of `nerf_target`.
 pub const NERF_OUTPUT_RAY_DISTANCE: u32 = 4;
-/// Requests the mean distance along the view axis.
+/// Flag that requests the mean distance along the view axis: `z_depth` of `nerf_target`.
 pub const NERF_OUTPUT_Z_DEPTH: u32 = 8;
-/// Requests the median distance, at which transmittance along the ray falls below one half.
+/// Flag that requests the median distance, at which transmittance along the ray falls below one half.
 pub const NERF_OUTPUT_MEDIAN_DISTANCE: u32 = 16;
-/// Requests normals.
+/// Flag that requests `normals` of `nerf_target`.
 pub const NERF_OUTPUT_NORMALS: u32 = 32;
 
 pub(crate) fn read_outputs(name: &'static str, found: u32) -> Result<Outputs, Failure> {
-    // Normals have the highest bit.
+    // `NERF_OUTPUT_NORMALS` is the highest flag: a larger number has an unknown flag.
     at_most(name, "NERF_OUTPUT_* or-ed", found, 2 * NERF_OUTPUT_NORMALS - 1)?;
     let has = |output: u32| found & output != 0;
     Ok(Outputs {

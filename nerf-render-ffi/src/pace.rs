@@ -33,13 +33,13 @@ versioned!(unsafe Pace, "pace", by_width(68, 72));
 /// Clock of the caller: returns microseconds since any fixed moment, never decreasing.
 pub type Clock = Option<unsafe extern "C-unwind" fn(user: *mut c_void) -> u64>;
 
-/// A request to measure the time per frame.
+/// Request to measure the time per frame of a scene.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct PaceRequest {
     /// `sizeof(nerf_pace_request)`.
     pub struct_size: usize,
-    /// Scene that is measured.
+    /// Scene whose frame time is measured.
     pub scene: *const Scene,
     /// Camera of the measured frame; not read by `nerf_pace_workspace_size`.
     pub camera: *const Camera,
@@ -60,10 +60,10 @@ versioned!(unsafe PaceRequest, "request", by_width(32, 56));
 
 /// Computes the size and alignment of the workspace that `nerf_pace_measure` needs.
 ///
-/// `size`, `align` and `message` as in `nerf_worker_size`.
+/// `size` and `align` are written on success only. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
-/// Pointers are NULL or point to what is described there; the scene is intact.
+/// Pointers are NULL or point to what is described here; the scene is intact.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_pace_workspace_size(
     request: *const PaceRequest,
@@ -73,13 +73,13 @@ pub unsafe extern "C" fn nerf_pace_workspace_size(
     message_capacity: usize,
 ) -> Status {
     let body = || {
-        // SAFETY: `request` is as this function's `# Safety` has it.
+        // SAFETY: `request` is valid, as this function's `# Safety` requires.
         let (_, scene, plan) = unsafe { planned(request)? };
         let lines = nerf_core::render::Pace::lines(scene.renderer(), &plan);
         lines.checked_mul(size_of::<Line>()).ok_or(Failure::Overflow("workspace"))
     };
     let message = Message { text: message, capacity: message_capacity };
-    // SAFETY: `size` and `align` are as this function's `# Safety` has it.
+    // SAFETY: `size` and `align` are valid, as this function's `# Safety` requires.
     unsafe { call_for_size((size, align), message, body) }
 }
 
@@ -91,7 +91,7 @@ pub unsafe extern "C" fn nerf_pace_workspace_size(
 ///
 /// `workspace`: has the size and alignment from `nerf_pace_workspace_size`, and does not overlap the scene or its
 /// file's bytes. `pace`: receives the times on success; the caller sets `struct_size`. `NERF_STATUS_NO_FRONT` if the
-/// scene has no Pareto front. `message`: as in `nerf_scene_memory`.
+/// scene has no Pareto front. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; the scene is intact.
@@ -105,9 +105,9 @@ pub unsafe extern "C" fn nerf_pace_measure(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: `request` is as this function's `# Safety` has it.
+        // SAFETY: `request` is valid, as this function's `# Safety` requires.
         let (request, scene, plan) = unsafe { planned(request)? };
-        // SAFETY: `camera` is as this function's `# Safety` has it.
+        // SAFETY: `camera` is valid, as this function's `# Safety` requires.
         let (camera, out) = unsafe { (Camera::read(request.camera)?, Out::new(pace)?) };
         if Quality::front(scene.renderer().blob()).next().is_none() {
             return Err(Failure::NoFront);
@@ -116,8 +116,8 @@ pub unsafe extern "C" fn nerf_pace_measure(
         scene.check_apart("workspace", Span::new("workspace", workspace, workspace_size)?)?;
         let mut now = time(request.clock, request.user)?;
         let lines = workspace_size / size_of::<Line>();
-        // SAFETY: aligned, a line holds any bytes, and the workspace is this call's own, as this function's `# Safety`
-        // has it.
+        // SAFETY: the workspace is aligned (checked above), and no one else uses it (this function's `# Safety`). Any
+        // bytes are valid lines.
         let lines = unsafe { core::slice::from_raw_parts_mut(workspace.cast::<Line>(), lines) };
         let found = nerf_core::render::Pace::measure(
             scene.renderer(),
@@ -138,20 +138,21 @@ pub unsafe extern "C" fn nerf_pace_measure(
 /// # Safety
 /// As for [`nerf_pace_measure`].
 unsafe fn planned<'s>(at: *const PaceRequest) -> Result<(PaceRequest, &'s Scene, Plan<'s>), Failure> {
-    // SAFETY: `at` is as this function's `# Safety` has it.
+    // SAFETY: `at` is valid, as this function's `# Safety` requires.
     let request = unsafe { read_versioned(at)? };
-    // SAFETY: the scene is as this function's `# Safety` has it.
+    // SAFETY: the scene is valid, as this function's `# Safety` requires.
     let scene = unsafe { Scene::of(request.scene)? };
-    // SAFETY: the options are as this function's `# Safety` has them.
+    // SAFETY: the options are valid, as this function's `# Safety` requires.
     let mut settings = unsafe { Settings::read(request.options)? };
-    // Each point replaces the quality settings, so the caller's must not cause an error.
+    // The quality settings of each Pareto point replace the caller's, which therefore must not cause an error.
     settings.frame.quality = Quality::exact(scene.renderer().blob());
     let outputs = read_outputs("request.outputs", request.outputs)?;
     let plan = settings.plan(scene.renderer().blob(), outputs, 1.0)?;
     Ok((request, scene, plan))
 }
 
-/// Returns a function that reads a clock, microseconds: the caller's, or if `clock` is `None` the library's own.
+/// Returns a function that reads the time in microseconds: from `clock`, or from the library's own clock if `clock` is
+/// `None`.
 fn time(clock: Clock, user: *mut c_void) -> Result<impl FnMut() -> u64, Failure> {
     #[cfg(feature = "std")]
     let start = std::time::Instant::now();
@@ -159,9 +160,9 @@ fn time(clock: Clock, user: *mut c_void) -> Result<impl FnMut() -> u64, Failure>
     if clock.is_none() {
         return Err(Failure::Null("clock"));
     }
-    // As in `progress::call`: a call that might unwind would link code that panics then.
+    // Nothing unwinds without std. The ABI "C" says so to the compiler, which then links no panic code for the call.
     #[cfg(not(feature = "std"))]
-    // SAFETY: the two ABIs pass the same arguments in the same way, and there are no exceptions.
+    // SAFETY: the ABIs "C" and "C-unwind" pass arguments in the same way, and nothing unwinds.
     let clock: Option<unsafe extern "C" fn(*mut c_void) -> u64> = unsafe { core::mem::transmute(clock) };
     Ok(move || match clock {
         // SAFETY: the caller's function, called with the caller's argument.

@@ -4,13 +4,14 @@ use core::panic::PanicInfo;
 
 #[cfg_attr(target_arch = "wasm32", link(wasm_import_module = "env"))]
 unsafe extern "C" {
-    /// Function that the host defines. A panic calls the function, which must not return. A library that cannot panic
-    /// does not need the function: no `nerf_panicked` is among its undefined symbols or WebAssembly imports.
+    /// Function that the host defines, and that a panic calls; the function must not return. If the compiler removes
+    /// every panic, `nerf_panicked` is not among the library's undefined symbols or WebAssembly imports, and the host
+    /// need not define the function.
     fn nerf_panicked() -> !;
 }
 
 #[panic_handler]
 fn panicked(_: &PanicInfo<'_>) -> ! {
-    // SAFETY: the host defines it with this signature.
+    // SAFETY: the host defines `nerf_panicked` with this signature.
     unsafe { nerf_panicked() }
 }

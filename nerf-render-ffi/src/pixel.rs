@@ -142,7 +142,7 @@ pub(crate) unsafe fn put(to: *mut u8, format: PixelFormat, channel: Channel, pix
         Channel::MedianDistance => pixel.median_distance,
         _ => pixel.opacity,
     };
-    // SAFETY: the pointer is writable for a value of its format, as this function's `# Safety` has it.
+    // SAFETY: the pointer is writable for a value of its format, as this function's `# Safety` requires.
     unsafe {
         match format {
             PixelFormat::RgbU8 => to.cast::<[u8; 3]>().write([r, g, b].map(byte)),

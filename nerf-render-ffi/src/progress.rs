@@ -20,12 +20,12 @@ pub type Progress =
 /// `progress` may be called with `user`.
 pub(crate) unsafe fn call(progress: Progress, user: *mut c_void, done: u64, all: u64) -> bool {
     let Some(progress) = progress else { return true };
-    // Without std nothing unwinds. A call that might unwind would link code that panics then.
+    // Nothing unwinds without std. The ABI "C" says so to the compiler, which then links no panic code for the call.
     #[cfg(not(feature = "std"))]
-    // SAFETY: the two ABIs pass the same arguments in the same way, and there are no exceptions.
+    // SAFETY: the ABIs "C" and "C-unwind" pass arguments in the same way, and nothing unwinds.
     let progress = unsafe {
         core::mem::transmute::<unsafe extern "C-unwind" fn(*mut c_void, u64, u64) -> i32, Bare>(progress)
     };
-    // SAFETY: `progress` and `user` are as this function's `# Safety` has it.
+    // SAFETY: `progress` and `user` are valid, as this function's `# Safety` requires.
     unsafe { progress(user, done, all) == 0 }
 }

@@ -11,8 +11,8 @@ use nerf_core::blob::Blob;
 use nerf_core::plan::{self, Quality};
 use nerf_core::render;
 
-/// Choice of quality settings by the largest allowed PSNR loss. The loss is the PSNR of the exact rendering minus the
-/// PSNR with the settings, dB, against ground truth, as measured for each point of the scene's Pareto front.
+/// Choice of quality settings by the largest allowed loss of PSNR. The loss is the PSNR of the exact rendering minus
+/// the PSNR with the settings, dB. A study has measured the loss for each point of the scene's Pareto front.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Preset {
@@ -40,14 +40,15 @@ pub struct Choice {
     pub cost: f32,
     /// Expected milliseconds per frame; NaN unless the settings were chosen by time.
     pub milliseconds: f32,
-    /// 1 if the settings meet the limit. 0 if no point of the Pareto front meets it: the nearest point was chosen.
+    /// 1 if the settings meet the limit of loss, cost or time. 0 if no point of the Pareto front does: the nearest was
+    /// chosen.
     pub within: u32,
 }
 
 versioned!(unsafe Choice, "choice", by_width(20, 24));
 
 /// Writes the settings that `choose` returns to `options`, and their loss, cost and milliseconds per frame to `choice`
-/// unless `choice` is NULL. An error if `choose` returns `None`: the scene has no usable Pareto front.
+/// unless `choice` is NULL. Returns an error if `choose` returns `None`: the scene has no usable Pareto front.
 ///
 /// # Safety
 /// Pointers are NULL or point to what the calling functions describe.
@@ -57,11 +58,11 @@ unsafe fn answer(
     choice: *mut Choice,
     choose: impl FnOnce(&Blob<'_>) -> Result<Option<(plan::Choice, f32)>, Failure>,
 ) -> Result<(), Failure> {
-    // SAFETY: `scene` is as this function's `# Safety` has it.
+    // SAFETY: `scene` is valid, as this function's `# Safety` requires.
     let scene = unsafe { Scene::of(scene)? };
-    // SAFETY: `options` and `choice` are NULL or readable and writable, as this function's `# Safety` has it.
+    // SAFETY: `options` and `choice` are NULL or readable and writable, as this function's `# Safety` requires.
     let (read, place) = unsafe { (read_versioned(options.cast_const())?, Out::new(options)?) };
-    // SAFETY: as above.
+    // SAFETY: `choice` is NULL or writable, as this function's `# Safety` requires.
     let out = unsafe { Out::new_or_none(choice)? };
     let (found, milliseconds) = choose(scene.renderer().blob())?.ok_or(Failure::NoFront)?;
     place.write(read.with(&found.quality));
@@ -87,7 +88,8 @@ fn without_time(choice: plan::Choice) -> (plan::Choice, f32) {
 /// replaced, other fields stay. `choice`: NULL, or receives the chosen point. If every point of the scene's Pareto
 /// front loses more, the point of highest PSNR is chosen, and `choice->within` is 0. `NERF_STATUS_NO_FRONT` if the
 /// scene has no Pareto front, or if this build can render none of its points; nothing is written then. A point's
-/// transmittance cut may exceed 0.5: rendering then refuses median distances. `message`: as in `nerf_scene_memory`.
+/// transmittance cut may exceed 0.5: rendering then refuses median distances. `message`: NULL, or a buffer for an error
+/// message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `scene` is intact.
@@ -102,7 +104,7 @@ pub unsafe extern "C" fn nerf_quality_within_loss(
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
         let choose = |blob: &Blob<'_>| Ok(Quality::within_loss(blob, loss_db).map(without_time));
-        // SAFETY: `scene` and `options` are as this function's `# Safety` has it.
+        // SAFETY: `scene` and `options` are valid, as this function's `# Safety` requires.
         unsafe { answer(scene, options, choice, choose) }
     })
 }
@@ -126,7 +128,7 @@ pub unsafe extern "C" fn nerf_quality_within_cost(
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
         let choose = |blob: &Blob<'_>| Ok(Quality::within_cost(blob, ratio).map(without_time));
-        // SAFETY: `scene` and `options` are as this function's `# Safety` has it.
+        // SAFETY: `scene` and `options` are valid, as this function's `# Safety` requires.
         unsafe { answer(scene, options, choice, choose) }
     })
 }
@@ -134,8 +136,8 @@ pub unsafe extern "C" fn nerf_quality_within_cost(
 /// Writes to `options` the settings of highest PSNR with a frame time of at most `milliseconds`. `pace`: frame times
 /// from `nerf_pace_measure`.
 ///
-/// If every measured point of the scene's Pareto front takes longer, the fastest is chosen. `NERF_STATUS_NO_FRONT` also
-/// if no point was measured. `choice->milliseconds` is the expected time of a frame. Everything else is as in
+/// If every measured point of the scene's Pareto front takes longer, the fastest is chosen. `NERF_STATUS_NO_FRONT` if
+/// no point was measured. `choice->milliseconds` is the expected time of a frame. Everything else is as in
 /// `nerf_quality_within_loss`.
 ///
 /// # Safety
@@ -151,10 +153,10 @@ pub unsafe extern "C" fn nerf_quality_within_time(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: `pace` is as this function's `# Safety` has it.
+        // SAFETY: `pace` is valid, as this function's `# Safety` requires.
         let pace = render::Pace { milliseconds: unsafe { read_versioned(pace)? }.milliseconds };
         let choose = |blob: &Blob<'_>| Ok(pace.within(blob, milliseconds));
-        // SAFETY: `scene` and `options` are as this function's `# Safety` has it.
+        // SAFETY: `scene` and `options` are valid, as this function's `# Safety` requires.
         unsafe { answer(scene, options, choice, choose) }
     })
 }
@@ -186,7 +188,7 @@ pub unsafe extern "C" fn nerf_quality_point(
             let found = Quality::front(blob).find(|(index, _)| *index == point as usize);
             Ok(found.map(|(_, choice)| without_time(plan::Choice { within: true, ..choice })))
         };
-        // SAFETY: `scene` and `options` are as this function's `# Safety` has it.
+        // SAFETY: `scene` and `options` are valid, as this function's `# Safety` requires.
         unsafe { answer(scene, options, choice, choose) }
     })
 }
@@ -197,7 +199,8 @@ pub unsafe extern "C" fn nerf_quality_point(
 /// Pareto front gets fixed settings, with an unknown loss: `NERF_PRESET_EXACT` is the exact rendering, and
 /// `NERF_PRESET_HIGH` the default options. BALANCED, FAST and PREVIEW have transmittance cuts of 0.03, 0.1 and 0.1, and
 /// colour cuts of 0.03, 0.03 and 0.1. PREVIEW also takes only four fifths of the scene's samples. In a study of another
-/// scene, these three presets lost 0.05, 0.2 and 0.9 dB. `options` and `message`: as in `nerf_quality_within_loss`.
+/// scene, these three presets lost 0.05, 0.2 and 0.9 dB. `options`: the caller sets `struct_size`; only the quality
+/// settings are replaced. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `scene` is intact.
@@ -213,9 +216,9 @@ pub unsafe extern "C" fn nerf_quality_preset(
         let Some(&preset) = plan::Preset::ALL.get(preset as usize) else {
             return Err(Failure::Setting { name: "preset", expected: "a nerf_preset", found: preset });
         };
-        // SAFETY: `scene` is as this function's `# Safety` has it.
+        // SAFETY: `scene` is valid, as this function's `# Safety` requires.
         let scene = unsafe { Scene::of(scene)? };
-        // SAFETY: `options` is NULL or readable and writable, as this function's `# Safety` has it.
+        // SAFETY: `options` is NULL or readable and writable, as this function's `# Safety` requires.
         let (read, place) = unsafe { (read_versioned(options.cast_const())?, Out::new(options)?) };
         place.write(read.with(&Quality::preset(scene.renderer().blob(), preset)));
         Ok(())

@@ -32,7 +32,8 @@ pub struct Points {
     /// Receives the density of each point, per world unit, as `NERF_FORMAT_F32`: one row of `count` pixels;
     /// `row_stride` is ignored.
     pub sigma: Plane,
-    /// Receives each point's colour as `NERF_FORMAT_RGB_F32`, linear if `options.effects.linear` is 1; may be left out.
+    /// Receives each point's colour as `NERF_FORMAT_RGB_F32`, linear if `options.effects.linear` is 1; `data` may be
+    /// NULL.
     pub rgb: Plane,
 }
 
@@ -42,7 +43,8 @@ versioned!(unsafe Points, "points", by_width(64, 112));
 ///
 /// `worker`: opened with `NERF_OUTPUT_RGB` if colour is wanted; only its options for occupancy grid, maths and tone
 /// affect the results. `sigma` and `rgb` must not overlap other memory of the call. `NERF_STATUS_DIRECTION`, and
-/// nothing is written, if a direction is not of unit length. `counters` and `message`: as in `nerf_render`.
+/// nothing is written, if a direction is not of unit length. `counters`: NULL, or receives counts of the work on
+/// success. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
@@ -62,11 +64,12 @@ pub unsafe extern "C" fn nerf_query(
         let (dirs, of_dirs) =
             if colour { points.dirs.check("points.dirs", n, 3)? } else { (positions, Pieces::NONE) };
         let read = [("points.positions", of_positions), ("points.dirs", of_dirs)];
-        // SAFETY: the planes are as this function's `# Safety` has them.
+        // SAFETY: the planes are valid, as this function's `# Safety` requires.
         let mut canvas = unsafe { Canvas::of_points(&points.sigma, &points.rgb, n, &read, worker)? };
-        // SAFETY: all directions were found inside of arrays that the caller vouches for.
+        // SAFETY: `check` found every direction in the array, and the caller vouches for the array's memory.
         let dir_at = |i: usize| unsafe { dirs.at::<3>(i) };
-        // Checked before the first result is written, so that the error has the index in the caller's array.
+        // All directions are checked before the first result is written; the error has the direction's index in the
+        // array.
         if colour && let Some(index) = (0..n).find(|&i| !is_unit(Vec3::from(dir_at(i)))) {
             return Err(RenderError::Direction { index, found: dir_at(index) }.into());
         }
@@ -77,7 +80,7 @@ pub unsafe extern "C" fn nerf_query(
             let (mut p, mut d) = ([[0.0; 3]; CHUNK], [[0.0, 0.0, -1.0]; CHUNK]);
             let (mut s, mut c) = ([0.0; CHUNK], [[0.0; 3]; CHUNK]);
             for i in 0..count {
-                // SAFETY: as for `dir_at`.
+                // SAFETY: `check` found every position in the array, and the caller vouches for the array's memory.
                 p[i] = unsafe { positions.at(start + i) };
                 if colour {
                     d[i] = dir_at(start + i);
@@ -92,7 +95,7 @@ pub unsafe extern "C" fn nerf_query(
         Ok(work)
     };
     call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: the arguments are as this function's `# Safety` has them.
+        // SAFETY: the arguments are valid, as this function's `# Safety` requires.
         unsafe { with_worker_and(worker, points, counters, ask) }
     })
 }

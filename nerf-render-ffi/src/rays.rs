@@ -64,12 +64,12 @@ impl Numbers {
     /// readable.
     #[inline]
     pub unsafe fn at<const EACH: usize>(&self, i: usize) -> [f32; EACH] {
-        // SAFETY: inside of what was checked, and aligned; the caller vouches for the memory.
+        // SAFETY: the element lies in the checked array, and is aligned; the caller vouches for the memory.
         unsafe { self.data.add(i * self.stride).cast::<[f32; EACH]>().read() }
     }
 }
 
-/// The caller's own rays, in any order, from anywhere.
+/// Rays of the caller, with any origins, in any order.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Rays {
@@ -82,10 +82,10 @@ pub struct Rays {
     /// Direction of each ray: x, y, z, of unit length (squared length within 1e-3 of 1). Directions are not normalised
     /// again: a ray's distances are in units of its direction's length.
     pub dirs: Floats,
-    /// Distance along each ray at which visibility begins, world units, at least 0; NULL for 0. In a scene that is
-    /// marched (`step` of `nerf_scene_info` is not 0) the first sample interval begins at `t_min`, or where the ray
-    /// enters the scene box if that is farther: another `t_min` can move all samples. In other scenes `t_min` moves no
-    /// sample, but cuts the sample interval that contains `t_min`.
+    /// Distance along each ray at which visibility begins, world units, at least 0; NULL for 0. If `step` of
+    /// `nerf_scene_info` is 0, `t_min` moves no sample, but cuts the sample interval that contains `t_min`. Otherwise
+    /// the first sample interval begins at `t_min` or where the ray enters the scene box, whichever is farther: another
+    /// `t_min` can move all samples.
     pub t_min: Floats,
     /// Distance along each ray at which visibility ends, world units, at least `t_min`, may be infinite; NULL for no
     /// end. `t_max` cuts the sample interval that contains it: opacity is a continuous function of `t_max`.
@@ -105,15 +105,15 @@ versioned!(unsafe Rays, "rays", by_width(56, 112));
 
 /// Renders the caller's own rays: ray i is pixel i of the target.
 ///
-/// A ray may begin outside, inside or behind the scene. A ray without a surface gets the distance `far`: at least every
-/// distance in the scene, but at most `t_max`. Without jitter, the rays of a camera's pixels give the camera's image,
-/// bit for bit. For shadow rays, render opacity alone: the opacity is bit-identical with and without other planes, and
-/// the work is less.
+/// A ray may begin outside, inside or behind the scene. A ray without a surface gets the distance `far`, at most
+/// `t_max`: no point of the scene is farther from the ray's origin. Without jitter, the rays of a camera's pixels give
+/// the camera's image, bit for bit. For shadow rays, render opacity alone: the opacity is bit-identical with and
+/// without other planes, and the work is less.
 ///
 /// All rays are checked before the first result is written. `NERF_STATUS_RAY` if `random` is not NULL, or if a ray has
 /// an origin that is not finite, a direction that is not of unit length, or a `t_min` below 0 or above `t_max`; the
 /// message names the first such ray. `NERF_STATUS_OPTIONS` for anti-aliasing or an aperture, which belong to cameras.
-/// `counters` and `message`: as in `nerf_render`.
+/// `counters`: NULL, or receives counts of the work on success. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
@@ -126,7 +126,7 @@ pub unsafe extern "C" fn nerf_render_rays(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: the arguments are as this function's `# Safety` has them.
+        // SAFETY: the arguments are valid, as this function's `# Safety` requires.
         unsafe { trace(worker, rays, counters, false) }
     })
 }
@@ -134,13 +134,14 @@ pub unsafe extern "C" fn nerf_render_rays(
 /// Samples the point on each ray at which a photon collides with the medium, for path tracers.
 ///
 /// A ray's photon collides where the opacity accumulated along the ray reaches the ray's number in `random`. Then
-/// opacity is 1, distances are measured to the collision, and colour and normal are the field's there. Without a
-/// collision, opacity is 0, distances are infinite, and colour is the background (0 in RGBA planes). Cuts in the
-/// options are ignored. A number outside [0, 1] gives `NERF_STATUS_RAY`. All else is as in `nerf_render_rays`.
+/// opacity is 1, distances are measured to the collision, and colour and normal are those of the field at the
+/// collision. Without a collision, opacity is 0, distances are infinite, and colour is the background (0 in RGBA
+/// planes). Cuts in the options are ignored. A number outside [0, 1] gives `NERF_STATUS_RAY`. All else is as in
+/// `nerf_render_rays`.
 ///
-/// If a ray is sampled often, with uniform random numbers, the mean opacity and colour of all samples, and the mean
-/// distance and normal of the collisions, converge to the results of `nerf_render_rays` without cuts. Exception: with
-/// deferred shading, the colour branch is evaluated for the collision's sample alone, so the mean colour differs.
+/// If a ray is sampled often, with uniform random numbers, means converge to the results of `nerf_render_rays` without
+/// cuts: opacity and colour over all samples, distance and normal over the collisions. Exception: with deferred shading
+/// the mean colour differs, since the colour branch is evaluated for the collision's sample alone.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described there; `worker` and its scenes are intact.
@@ -153,7 +154,7 @@ pub unsafe extern "C" fn nerf_sample_rays(
     message_capacity: usize,
 ) -> Status {
     call(Message { text: message, capacity: message_capacity }, || {
-        // SAFETY: the arguments are as this function's `# Safety` has them.
+        // SAFETY: the arguments are valid, as this function's `# Safety` requires.
         unsafe { trace(worker, rays, counters, true) }
     })
 }
@@ -195,7 +196,7 @@ impl Arrays {
     /// As for [`Numbers::at`].
     #[inline]
     unsafe fn ray(&self, i: usize) -> RaySegment {
-        // SAFETY: the caller's promise.
+        // SAFETY: required by this function's `# Safety`.
         unsafe {
             RaySegment {
                 ray: Ray { origin: self.origins.at::<3>(i).into(), dir: self.dirs.at::<3>(i).into() },
@@ -223,19 +224,19 @@ unsafe fn trace(
         let axis = if rays.axis.is_null() {
             None
         } else {
-            // SAFETY: the axis is as this function's `# Safety` has it.
+            // SAFETY: the axis is valid, as this function's `# Safety` requires.
             Some(unsafe { read_vec3("rays.axis", rays.axis)? })
         };
-        // SAFETY: `target` and its planes are as this function's `# Safety` has them.
+        // SAFETY: `target` and its planes are valid, as this function's `# Safety` requires.
         let mut canvas =
             unsafe { Canvas::of_target(rays.target, (rays.count, 1), Some(&arrays.read), worker)? };
         canvas.set_up(worker)?;
         if canvas.has(Channel::ZDepth) && axis.is_none() {
             return Err(Failure::Null("rays.axis"));
         }
-        // SAFETY: all rays were found inside of arrays that the caller vouches for.
+        // SAFETY: `Arrays::of` found every ray in the arrays, and the caller vouches for their memory.
         let ray = |i: usize| unsafe { arrays.ray(i) };
-        // SAFETY: as above.
+        // SAFETY: `Arrays::of` found every number in the array, and the caller vouches for the array's memory.
         let number = |i: usize| arrays.random.map_or(0.0, |random| unsafe { random.at::<1>(i)[0] });
         let fields = worker.fields()?;
         let mut put = |i: usize, pixel: &Pixel| canvas.put(i, pixel);
@@ -245,6 +246,6 @@ unsafe fn trace(
             fields.render_rays_with(rays.count, &ray, axis, &mut put)?
         })
     };
-    // SAFETY: the caller's promise.
+    // SAFETY: required by this function's `# Safety`.
     unsafe { with_worker_and(worker, rays, counters, draw) }
 }

@@ -25,14 +25,14 @@ pub const NERF_NONE: f32 = -1.0;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Maths {
-    /// Elementary functions (exp, sin, ...) by the library's own polynomials, vectorised.
+    /// The library's own polynomials, vectorised.
     Polynomial = 0,
     /// The `libm` crate, one value at a time.
     Libm = 1,
     /// The `micromath` crate: small code, low accuracy.
     Micromath = 2,
-    /// As `NERF_MATHS_POLYNOMIAL`, but sin and cos of each level of the positional encoding come from the level below
-    /// by angle doubling: errors grow with the level.
+    /// As `NERF_MATHS_POLYNOMIAL`, but the positional encoding computes sin and cos of each frequency from the next
+    /// lower one by angle doubling: errors grow with the frequency.
     Recurrence = 3,
 }
 
@@ -60,10 +60,10 @@ const MATHS: [Option<MathBackend>; 4] = [
 pub struct RenderOptions {
     /// `sizeof(nerf_render_options)`.
     pub struct_size: usize,
-    /// Number of samples per ray, at most 4096; 0 for the scene's own number. In a scene that is marched (`step` of
-    /// `nerf_scene_info` is not 0), the number of steps along the diagonal of the scene box; in other scenes, the
-    /// number between near and far. With a proposal network, the number of samples drawn from the proposal's
-    /// distribution, in addition to the proposal's own samples.
+    /// Number of samples per ray, at most 4096; 0 for the scene's own number. The samples are counted between near and
+    /// far, or, if `step` of `nerf_scene_info` is not 0, along the diagonal of the scene box. With a proposal network,
+    /// the number of samples drawn from the proposal's distribution; evaluations of the proposal network are not
+    /// included.
     pub samples: u32,
     /// Transmittance threshold, less than 1: once a ray's transmittance is below the threshold, the ray ends, and its
     /// opacity becomes 1. 0 for `NERF_TRANSMITTANCE_CUT_DEFAULT`; `NERF_NONE` (or any value below 0) ends no ray.
@@ -76,7 +76,7 @@ pub struct RenderOptions {
     pub background_set: u32,
     /// Background colour, display-encoded, in `[0, 1]`; read only if `background_set` is 1.
     pub background: [f32; 3],
-    /// Number of rays in a batch, and largest number of pixels of a tile, at most 256; 0 for a number that keeps vector
+    /// Number of rays in a batch, at most 256. A tile has at most as many pixels. 0 for a number that keeps vector
     /// units busy. Affects memory and time, never the image.
     pub batch_rays: u32,
     /// Number of samples that the network evaluates together, at most 64; 0 for a number that keeps vector units busy.
@@ -86,8 +86,8 @@ pub struct RenderOptions {
     /// threshold. Only then is a colour evaluated: the last sample's, with the whole sum as its weight. 0 for
     /// `NERF_COLOUR_CUT_DEFAULT`; `NERF_NONE` evaluates every colour. Never affects opacity or distances.
     pub colour_cut: f32,
-    /// Normals are the gradient of the density after a Gaussian blur. Width of the blur, in sample intervals (standard
-    /// deviation: width / sqrt(12)). 0 for `NERF_NORMAL_BLUR_DEFAULT`; `NERF_NONE` for no blur: the gradient is then
+    /// Width of the Gaussian blur of the density, whose gradient gives the normals, in sample intervals. The standard
+    /// deviation is width / sqrt(12). 0 for `NERF_NORMAL_BLUR_DEFAULT`. `NERF_NONE` for no blur: the gradient is then
     /// mostly noise finer than a sample interval.
     pub normal_blur: f32,
     /// 1: samples are uniform even if the scene has a proposal network. Otherwise 0.
@@ -96,8 +96,8 @@ pub struct RenderOptions {
     pub near_distance: f32,
     /// Distance along a ray at which visibility ends, world units; 0 for no end.
     pub far_distance: f32,
-    /// For scenes that are not marched (`step` of `nerf_scene_info` is 0). 1: rays are sampled only between the scene's
-    /// near and far distances, as in training. 0: the rest of the scene box is sampled, too.
+    /// 1: rays are sampled only between the scene's near and far distances, as in training. 0: the rest of the scene
+    /// box is sampled, too. No effect if `step` of `nerf_scene_info` is not 0.
     pub own_bins: u32,
     /// Reserved; must be 0.
     pub reserved: u32,
@@ -135,7 +135,7 @@ impl Settings {
     /// # Safety
     /// `at` is NULL or points to `struct_size` readable bytes.
     pub unsafe fn read(at: *const RenderOptions) -> Result<Self, Failure> {
-        // SAFETY: `at` is as this function's `# Safety` has it.
+        // SAFETY: `at` is valid, as this function's `# Safety` requires.
         let o = unsafe { read_or_zeros(at)? };
         check_zeros("options.reserved", &[o.reserved])?;
         for (name, expected, found, most) in [

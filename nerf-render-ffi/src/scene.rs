@@ -91,14 +91,14 @@ pub unsafe extern "C" fn nerf_scene_memory(
     message_capacity: usize,
 ) -> Status {
     let body = || {
-        // SAFETY: `options` is as this function's `# Safety` has it.
+        // SAFETY: `options` is valid, as this function's `# Safety` requires.
         let kernel = unsafe { read_kernel(options)? };
-        // SAFETY: `blob` is as this function's `# Safety` has it; the view ends with this call.
+        // SAFETY: `blob` is valid, as this function's `# Safety` requires; the borrow ends with this call.
         let blob = unsafe { open_blob(blob, blob_size)? };
         memory_lines(&blob, kernel).checked_mul(size_of::<Line>()).ok_or(Failure::Overflow("size"))
     };
     let message = Message { text: message, capacity: message_capacity };
-    // SAFETY: `size` and `align` are as this function's `# Safety` has it.
+    // SAFETY: `size` and `align` are valid, as this function's `# Safety` requires.
     unsafe { call_for_size((size, align), message, body) }
 }
 
@@ -106,8 +106,8 @@ pub unsafe extern "C" fn nerf_scene_memory(
 ///
 /// The scene borrows `blob` (the scene file's bytes) and `memory`: the caller neither moves nor changes these while the
 /// scene is used. `memory`: has at least the size and alignment from `nerf_scene_memory`, and does not overlap `blob`.
-/// `scene` receives the handle on success only; there is nothing to close. `message`: as in `nerf_scene_memory`.
-/// Neither `message` nor `scene` may overlap `blob` or `memory`.
+/// `scene` receives the handle on success only; there is nothing to close. `message`: NULL, or a buffer for an error
+/// message. Neither `message` nor `scene` may overlap `blob` or `memory`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.
@@ -125,7 +125,7 @@ pub unsafe extern "C" fn nerf_scene_open(
     let message = Message { text: message, capacity: message_capacity };
     call(message, || {
         check_out("scene", scene)?;
-        // SAFETY: `options` is as this function's `# Safety` has it.
+        // SAFETY: `options` is valid, as this function's `# Safety` requires.
         let kernel = unsafe { read_kernel(options)? };
         let blob_span = Span::of("blob", blob.cast::<u8>(), blob_size)?;
         Span::of("memory", memory.cast::<Line>().cast_const(), 0)?;
@@ -137,7 +137,7 @@ pub unsafe extern "C" fn nerf_scene_open(
         let bytes = core::ptr::slice_from_raw_parts(blob.cast::<u8>(), blob_size);
         // SAFETY: not NULL, aligned, no longer than a slice may be, and lent by this function's `# Safety`.
         let handle = unsafe { open_in(bytes, memory, memory_size, kernel)? };
-        // SAFETY: checked above, and writable by this function's `# Safety`.
+        // SAFETY: the pointers were checked above, and are writable by this function's `# Safety`.
         unsafe { scene.write(handle) };
         Ok(())
     })
@@ -159,7 +159,7 @@ pub(crate) unsafe fn open_in(
     let blob_span = Span::new("blob", blob.cast(), blob.len())?;
     let memory_span = Span::new("memory", memory, memory_size)?;
     memory_span.check_apart("memory", blob_span, "the blob")?;
-    // SAFETY: `blob` is readable and stays as it is, as this function's `# Safety` has it.
+    // SAFETY: `blob` is readable and stays as it is, as this function's `# Safety` requires.
     let blob = Blob::open_undecoded(unsafe { &*blob })?;
     let lines = memory_lines(&blob, kernel);
     if memory_size / size_of::<Line>() < lines {

@@ -14,7 +14,8 @@ use nerf_core::memory::Line;
 use std::fs::File;
 use std::io::{self, Read};
 
-/// Memory of a scene that was opened from a file: the file's bytes and the scene itself. `nerf_scene_close` frees it.
+/// Memory of a scene that was opened from a file: the file's bytes and the scene itself. `nerf_scene_close` frees the
+/// memory.
 ///
 /// The fields are pointers instead of boxes, since the scene borrows `blob` and `memory`, and itself lies in `memory`.
 pub(crate) struct Owned {
@@ -24,7 +25,7 @@ pub(crate) struct Owned {
 
 // SAFETY: plain memory, never written to between opening and closing.
 unsafe impl Send for Owned {}
-// SAFETY: as above.
+// SAFETY: plain memory, never written to between opening and closing.
 unsafe impl Sync for Owned {}
 
 impl Owned {
@@ -43,7 +44,7 @@ impl Owned {
     }
 }
 
-/// Reason why a file could not be opened as a scene, with the path of the file.
+/// Reason why a file could not be opened as a scene, and the path of the file.
 struct FileFailure<'a> {
     path: &'a CStr,
     cause: Cause,
@@ -99,8 +100,8 @@ impl From<io::Error> for Cause {
 /// Opens a scene from a file, in memory that the library owns: `nerf_scene_close` frees it.
 ///
 /// For hosts with a heap; only in a library built with `std`. `path`: UTF-8 on Windows, the system's bytes elsewhere,
-/// NUL-terminated. `options`: NULL for all zeros. `scene` receives the handle on success only; on failure nothing
-/// stays allocated. `message`: as in `nerf_scene_memory`, preceded by the path.
+/// NUL-terminated. `options`: NULL for all zeros. `scene` receives the handle on success only; on failure nothing stays
+/// allocated. `message`: NULL, or a buffer for an error message, which begins with the path.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.
@@ -115,7 +116,7 @@ pub unsafe extern "C" fn nerf_scene_open_file(
     call_with_reason(Message { text: message, capacity: message_capacity }, || {
         let unnamed = |failure| FileFailure { path: c"", cause: Cause::Scene(failure) };
         check_out("scene", scene).map_err(unnamed)?;
-        // SAFETY: `options` is as this function's `# Safety` has it.
+        // SAFETY: `options` is valid, as this function's `# Safety` requires.
         let kernel = unsafe { read_kernel(options) }.map_err(unnamed)?;
         if path.is_null() {
             return Err(unnamed(Failure::Null("path")));
@@ -131,13 +132,13 @@ pub unsafe extern "C" fn nerf_scene_open_file(
         let memory = filled(lines, Line::UNINIT).map_err(named)?;
         let owned = Owned::new(blob, memory);
         let (memory, size) = (owned.memory.as_ptr().cast(), lines * size_of::<Line>());
-        // SAFETY: both are alive, apart, and owned by this scene until `nerf_scene_close`.
+        // SAFETY: the file's bytes and the memory do not overlap, and the scene owns these until `nerf_scene_close`.
         let opened = unsafe { open_in(owned.blob.as_ptr(), memory, size, kernel) };
         match opened {
             Ok(handle) => {
                 // SAFETY: just written by `open_in`, and not yet handed out.
                 unsafe { (*handle).owned = Some(owned) };
-                // SAFETY: checked above, and writable by this function's `# Safety`.
+                // SAFETY: the pointers were checked above, and are writable by this function's `# Safety`.
                 unsafe { scene.write(handle) };
                 Ok(())
             }
@@ -172,7 +173,8 @@ pub unsafe extern "C" fn nerf_scene_close(scene: *const Scene) {
     });
 }
 
-/// Returns the bytes of a scene file. An error if the header is invalid, or if its length is not the file's length.
+/// Returns the bytes of a scene file. Returns an error if the header is invalid, or states another length than the file
+/// has.
 fn read(path: &CStr) -> Result<Vec<u8>, Cause> {
     let path = as_path(path)?;
     // Checked before opening, since opening a pipe blocks until something writes to it.
@@ -201,7 +203,7 @@ fn read(path: &CStr) -> Result<Vec<u8>, Cause> {
     }
     let whole = usize::try_from(found).map_err(|_| Failure::Overflow("path"))?;
     bytes.try_reserve_exact(whole - bytes.len()).map_err(|_| Cause::OutOfMemory { bytes: whole })?;
-    // Reads no further than the length at opening: the checksum refuses a file that grows meanwhile.
+    // Reads at most the length that the file had when it was opened, even if the file grows meanwhile.
     file.take(found - bytes.len() as u64).read_to_end(&mut bytes)?;
     Ok(bytes)
 }

@@ -8,7 +8,7 @@ use core::ffi::c_char;
 use nerf_core::blob::{SceneSampling, StoredTables, Viewpoint};
 use nerf_core::network::{MAX_COLOUR, MAX_TRUNK};
 
-/// The content of a scene file.
+/// Kind of content of a scene file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Kind {
@@ -66,13 +66,14 @@ pub struct SceneInfo {
     /// Corner of the scene box with the largest x, y and z, world units.
     pub box_max: [f32; 3],
     /// Distance at which the scene begins on the rays of its training cameras, world units. Half way between near and
-    /// far distance is a good camera distance; any other works as well. (`near` alone is a macro on Windows.)
+    /// far distance is a good camera distance; any other works as well. (The name is not `near`, which is a macro in
+    /// Windows headers.)
     pub near_distance: f32,
     /// Distance at which the scene ends on the rays of its training cameras, world units.
     pub far_distance: f32,
-    /// The scene's own number of samples per ray: between near and far, or if `step` is not 0, along the diagonal of
-    /// the scene box. In an unbounded scene: on a ray through the middle of the ball of `contraction_radius`, from
-    /// where the ray enters the ball to `far_distance` behind the middle.
+    /// The scene's own number of samples per ray, counted between near and far, or, if `step` is not 0, along the
+    /// diagonal of the scene box. In an unbounded scene, the samples are counted on a ray through the centre of the
+    /// ball of radius `contraction_radius`, from where the ray enters the ball to `far_distance` behind the centre.
     pub samples: u32,
     /// Background colour, which shows where opacity is below 1, display-encoded.
     pub background: [f32; 3],
@@ -94,7 +95,7 @@ pub struct SceneInfo {
     pub colour_widths: [u32; 4],
     /// Mean PSNR over the validation views, dB; NaN if there were none.
     pub psnr_db: f32,
-    /// Loss of PSNR on the validation views, dB, by rounding the weights and tables for the file; NaN if not measured.
+    /// Loss of PSNR on the validation views from rounding weights and tables for the file, dB; NaN if not measured.
     pub quantisation_loss_db: f32,
     /// Number of optimiser steps of the training run.
     pub steps: u32,
@@ -118,7 +119,8 @@ pub struct SceneInfo {
     pub picture_height: u32,
     /// Number of samples per ray at which the proposal network is evaluated; 0 without a proposal network.
     pub proposal_samples: u32,
-    /// Number of points of the Pareto front (PSNR against multiply-adds), which a study measured; 0 without one.
+    /// Number of points of the Pareto front (PSNR against multiply-adds) that a study measured; 0 if there was no
+    /// study.
     pub front_points: u32,
     /// Multiply-adds of one evaluation of the proposal network; 0 without a proposal network.
     pub proposal_macs: u64,
@@ -127,8 +129,8 @@ pub struct SceneInfo {
     pub step: f32,
     /// Storage of the learned grid's tables: a `nerf_table_storage`.
     pub table_storage: u32,
-    /// Radius of the ball around the middle of an unbounded scene's box, world units; 0 if the scene ends at its box.
-    /// Space outside the ball is contracted into the box, a cube with sides of 4 radii.
+    /// Radius of the ball around the centre of an unbounded scene's box, world units; 0 if the scene ends at its box.
+    /// All space outside the ball is contracted into the box, a cube whose side is 4 radii.
     pub contraction_radius: f32,
     /// Power that sets how steps on a ray grow outside the ball of `contraction_radius`: 1 (uniform in disparity), 2,
     /// or 4 (nearly uniform in the logarithm of the distance); 0 if the scene ends at its box.
@@ -162,9 +164,9 @@ versioned!(unsafe SceneInfo, "info", by_width(if align_of::<u64>() == 4 { 284 } 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_scene_describe(scene: *const Scene, info: *mut SceneInfo) -> Status {
     call(Message::NONE, || {
-        // SAFETY: `scene` is as this function's `# Safety` has it.
+        // SAFETY: `scene` is valid, as this function's `# Safety` requires.
         let scene = unsafe { Scene::of(scene)? };
-        // SAFETY: `info` is as this function's `# Safety` has it.
+        // SAFETY: `info` is valid, as this function's `# Safety` requires.
         let out = unsafe { Out::new(info)? };
         out.write(describe(scene));
         Ok(())

@@ -71,7 +71,7 @@ impl Pieces {
     }
 }
 
-/// Bytes of a plane: pixels of `size` bytes in columns and rows, with gaps. A row is no longer than its stride.
+/// Bytes of a plane: `rows` × `columns` pixels of `size` bytes each, with gaps between. Rows do not overlap.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlaneBytes {
     /// Lowest address of the plane.
@@ -121,7 +121,8 @@ impl PlaneBytes {
         (self.columns - 1) * self.pixel_stride + self.size
     }
 
-    /// Whether the planes are interleaved channels of one structure and hence share no byte. Does not loop over pixels.
+    /// Whether the planes are interleaved channels of one structure and hence share no byte. Compares only offsets and
+    /// strides.
     fn are_channels_with(&self, other: &Self) -> bool {
         let (low, high) = if self.first <= other.first { (self, other) } else { (other, self) };
         let offset = high.first - low.first;

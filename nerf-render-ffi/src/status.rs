@@ -51,7 +51,7 @@ pub enum Status {
     /// An allocation failed for lack of memory.
     OutOfMemory = 21,
     /// A ray has a direction that is not of unit length, an origin that is not finite, or an invalid range or random
-    /// number; or rays for `nerf_render_rays` have random numbers.
+    /// number; or `nerf_render_rays` was given random numbers.
     Ray = 22,
     /// The transform of an instance is not a rotation, a uniform scale and a translation.
     Transform = 23,
@@ -67,7 +67,7 @@ pub enum Status {
     BlobVersion = 35,
     /// The scene file was written with the opposite byte order.
     BlobEndian = 36,
-    /// The scene file has flags this library does not know.
+    /// The scene file has flags or reserved bytes that this library does not know.
     BlobFlags = 37,
     /// The scene file is damaged: its checksum does not match.
     BlobChecksum = 38,
@@ -78,7 +78,7 @@ pub enum Status {
 macro_rules! texts {
     ($($status:ident: $text:literal;)+) => {
         impl Status {
-            /// Every status.
+            /// All statuses, in the order of their numbers.
             pub const ALL: &[Self] = &[$(Self::$status),+];
 
             pub(crate) const fn text(self) -> &'static CStr {

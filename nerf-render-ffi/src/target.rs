@@ -31,8 +31,8 @@ pub struct Plane {
 ///
 /// An output plane that is NULL is not computed, and takes no memory. Planes may be interleaved as channels of one
 /// structure: bytes between pixels are never touched. Output planes must not share a byte (`NERF_STATUS_OVERLAP`).
-/// Pixels without a surface get the distance `far`: at least every distance in the scene, but no more than the pixel's
-/// own limit along its ray or `far_distance` of the options.
+/// Pixels without a surface get the distance `far`: no point of the scene is farther from the camera. `far` is at most
+/// the pixel's limit along its ray, and at most `far_distance` of the options.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Target {
@@ -43,20 +43,21 @@ pub struct Target {
     /// Opacity, in `[0, 1]`.
     pub opacity: Plane,
     /// Mean distance of the samples along the ray, weighted by the sample weights, world units. Pixels without a
-    /// surface (opacity 1e-4 or less) get `far`.
+    /// surface (opacity 1e-4 or less) get `far` (see `nerf_target`).
     pub ray_distance: Plane,
     /// Mean distance of the samples along the view axis, weighted by the sample weights, world units. Pixels without a
-    /// surface (opacity 1e-4 or less) get `far`.
+    /// surface (opacity 1e-4 or less) get `far` (see `nerf_target`).
     pub z_depth: Plane,
     /// Median distance along the ray, at which transmittance falls below one half, world units. If transmittance stays
-    /// above one half, the pixel gets `far`. Needs a `transmittance_cut` of at most 0.5.
+    /// above one half, the pixel gets `far` (see `nerf_target`). Needs a `transmittance_cut` of at most 0.5.
     pub median_distance: Plane,
     /// Normal of the surface: mean of -grad(density)/|grad(density)|, weighted by the sample weights; world space, unit
-    /// length. 0 where opacity is 1e-4 or less or directions cancel. Costs about as much as two more samples per ray.
+    /// length. 0 where opacity is 1e-4 or less, or where the directions cancel out. Costs about as much as two more
+    /// samples per ray.
     pub normals: Plane,
-    /// Input, NULL for none: distance along each pixel's ray at which the ray ends, world units, for example at a
-    /// surface that the host has traced. Infinity or NaN: no limit for this pixel. A limit cuts the sample interval
-    /// that contains the limit, so edges are smooth. Samples behind a limit cost nothing.
+    /// Input, NULL for none: distance along each pixel's ray at which the ray ends, world units, for example the
+    /// distance to a surface that the host has traced. Infinity or NaN: no limit for this pixel. A limit cuts the
+    /// sample interval that contains the limit, so edges are smooth. Samples behind a limit cost nothing.
     pub limit_ray_distance: Plane,
     /// Input: limits as in `limit_ray_distance`, but measured along the view axis. Only one of the two planes may be
     /// set. A value `d` of a depth buffer, in normalised device coordinates, gives the limit `p[14] / (d + p[10])`; `p`
@@ -95,7 +96,7 @@ impl Canvas {
     /// while the canvas is used.
     pub unsafe fn of_image(at: *const Target, rect: Rect, worker: &State) -> Result<Self, Failure> {
         let extent = (rect.width as usize, rect.height as usize);
-        // SAFETY: the caller's promise.
+        // SAFETY: required by this function's `# Safety`.
         let mut canvas = unsafe { Self::of_target(at, extent, None, worker)? };
         canvas.origin = [rect.x, rect.y];
         Ok(canvas)
@@ -146,7 +147,7 @@ impl Canvas {
         read: Option<&[(&'static str, Pieces)]>,
         worker: &State,
     ) -> Result<Self, Failure> {
-        // SAFETY: `at` is as this function's `# Safety` has it.
+        // SAFETY: `at` is valid, as this function's `# Safety` requires.
         let target = unsafe { read_versioned(at)? };
         let planes = [
             (Channel::Colour, &target.rgb),
@@ -180,7 +181,8 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// Turns the background off if the target has an RGBA plane, else on. An error if the effects do not suit RGBA.
+    /// Turns the background off if the target has an RGBA plane, else on. Returns an error if the effects do not suit
+    /// RGBA.
     pub fn set_up(&self, worker: &mut State) -> Result<(), Failure> {
         let alpha = self.surfaces.iter().flatten().any(|surface| surface.format.has_alpha());
         if alpha {
@@ -280,7 +282,7 @@ fn check(
     let row = columns.checked_mul(pixel_stride).and_then(|gap| gap.checked_add(format.size()));
     let row = row.ok_or(overflow)?;
     let tight = pixel_stride.checked_mul(columns + 1).and_then(|bytes| isize::try_from(bytes).ok());
-    // A single row needs no stride.
+    // The stride of a single row is ignored.
     let own = if rows == 0 { 0 } else { plane.row_stride };
     let row_stride = if own == 0 { tight.ok_or(overflow)? } else { own };
     if row_stride.unsigned_abs() < row {

@@ -36,7 +36,7 @@ pub struct Request {
     /// unbounded scene must be the last instance. The background is the last instance's. Only in a library built with
     /// `instances`.
     pub instances: *const crate::instance::Instance,
-    /// Number of instances; 0 with `scene`.
+    /// Number of instances; 0 if `scene` is set.
     pub instance_count: usize,
     /// Options of the frames; NULL for the defaults.
     pub options: *const RenderOptions,
@@ -119,16 +119,15 @@ pub(crate) unsafe fn with_worker(
         return Err(Failure::Null("worker"));
     }
     check_aligned("worker", worker as usize, align_of::<Worker>())?;
-    // SAFETY: not NULL, aligned, and a worker by this function's contract. A running call, of another thread or
-    // further up this stack, has a `&mut State`: this shared reference leaves it valid under Stacked and under Tree
-    // Borrows, since flag and state lie in `UnsafeCell`s, for which a shared reference claims neither that they are
-    // unchanged nor that it is the only one.
+    // SAFETY: not NULL, aligned, and a worker by this function's contract. A running call, of another thread or further
+    // up this stack, may hold a `&mut State`, which stays valid under Stacked and Tree Borrows: flag and state lie in
+    // `UnsafeCell`s, about whose content the shared reference made here claims nothing.
     let worker = unsafe { &*worker };
     if worker.take() {
         return Err(Failure::Busy);
     }
-    // SAFETY: the flag was clear, so no other call has a reference to the state. While the flag is set, no call makes
-    // one: a call that finds the flag set has touched the flag alone, which is no part of the state.
+    // SAFETY: the flag was clear, so no other call has a reference to the state. A call that finds the flag set returns
+    // without touching the state.
     let result = body(unsafe { &mut *worker.state.get() });
     worker.busy.store(false, Ordering::Release);
     result
@@ -146,7 +145,7 @@ pub(crate) unsafe fn with_worker_and<T: Versioned>(
     body: impl FnOnce(&mut State, T) -> Result<render::Counters, Failure>,
 ) -> Result<(), Failure> {
     let count = |state: &mut State| {
-        // SAFETY: the caller's promise.
+        // SAFETY: required by this function's `# Safety`.
         let (asked, out) = unsafe { (read_versioned(asked)?, Out::new_or_none(counters)?) };
         let work = body(state, asked)?;
         if let Some(out) = out {
@@ -154,7 +153,7 @@ pub(crate) unsafe fn with_worker_and<T: Versioned>(
         }
         Ok(())
     };
-    // SAFETY: the caller's promise.
+    // SAFETY: required by this function's `# Safety`.
     unsafe { with_worker(worker, count) }
 }
 
@@ -205,7 +204,7 @@ impl Checked {
     /// # Safety
     /// `at` is NULL or points to a request whose pointers are NULL or point to what [`Request`] describes.
     unsafe fn read(at: *const Request) -> Result<Self, Failure> {
-        // SAFETY: `at` is as this function's `# Safety` has it.
+        // SAFETY: `at` is valid, as this function's `# Safety` requires.
         let request = unsafe { read_versioned(at)? };
         check_zeros("request.reserved", &[request.reserved])?;
         let placed = !request.instances.is_null();
@@ -218,7 +217,7 @@ impl Checked {
         if placed && !cfg!(feature = "instances") {
             return Err(Failure::NotBuilt("request.instances"));
         }
-        // SAFETY: `options` is as this function's `# Safety` has it.
+        // SAFETY: `options` is valid, as this function's `# Safety` requires.
         let mut settings = unsafe { Settings::read(request.options)? };
         if placed {
             // Instances are sampled uniformly, without proposal networks.
@@ -239,13 +238,14 @@ impl Checked {
     unsafe fn scene<'a>(&self, _index: usize) -> Result<&'a Scene, Failure> {
         #[cfg(feature = "instances")]
         if self.placed {
-            // SAFETY: `_index` is below the number of instances; the rest is as this function's `# Safety` has it.
+            // SAFETY: `_index` is below the number of instances; the rest is valid, as this function's `# Safety`
+            // requires.
             let scene = unsafe {
                 Instance::read(self.request.instances, _index).and_then(|instance| Scene::of(instance.scene))
             };
             return scene.map_err(|failure| self.of_scene(_index, failure));
         }
-        // SAFETY: `scene` is as this function's `# Safety` has it.
+        // SAFETY: `scene` is valid, as this function's `# Safety` requires.
         unsafe { Scene::of(self.request.scene) }
     }
 
@@ -258,7 +258,7 @@ impl Checked {
         if !self.placed {
             return Ok(Placement::IDENTITY);
         }
-        // SAFETY: `index` is below the number of instances; the rest is as this function's `# Safety` has it.
+        // SAFETY: `index` is below the number of instances; the rest is valid, as this function's `# Safety` requires.
         unsafe { Instance::read(self.request.instances, index)?.placement(index) }
     }
 
@@ -287,21 +287,21 @@ impl Checked {
     /// # Safety
     /// As for [`Checked::scene`].
     unsafe fn shares(&self) -> Result<Shares, Failure> {
-        // SAFETY: the caller's promise.
+        // SAFETY: required by this function's `# Safety`.
         let (index, last) = (self.count() - 1, unsafe { self.scene(self.count() - 1)? });
         let batch = self.settings.batch;
         let rest = match self.plan(index, last, 1.0)? {
             #[cfg(feature = "instances")]
             Some(plan) if self.placed => {
-                // Refuses whatever opening a worker refuses.
+                // Makes the plan of each instance, so that a request fails here if opening the worker would fail.
                 for index in 0..self.count() {
-                    // SAFETY: the caller's promise.
+                    // SAFETY: required by this function's `# Safety`.
                     let scene = unsafe { self.scene(index)? };
-                    // SAFETY: as above.
+                    // SAFETY: required by this function's `# Safety`.
                     let scale = unsafe { self.placement(index)? }.scale();
                     self.plan(index, scene, scale)?;
                 }
-                // SAFETY: as above; each scene was read just now.
+                // SAFETY: required by this function's `# Safety`; each scene was read just now.
                 let scenes = (0..self.count()).filter_map(|index| unsafe { self.scene(index) }.ok());
                 render::Worker::instances_lines(scenes.map(Scene::renderer), &plan)
             }
@@ -324,7 +324,7 @@ impl Checked {
 ///
 /// The size depends on the scene's network, the outputs, the batch and the number of instances, not on the image size.
 ///
-/// `size` and `align` are written on success only. `message`: as in `nerf_scene_memory`.
+/// `size` and `align` are written on success only. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; scenes are intact.
@@ -337,7 +337,7 @@ pub unsafe extern "C" fn nerf_worker_size(
     message_capacity: usize,
 ) -> Status {
     let message = Message { text: message, capacity: message_capacity };
-    // SAFETY: the arguments are as this function's `# Safety` has them.
+    // SAFETY: the arguments are valid, as this function's `# Safety` requires.
     unsafe { call_for_size((size, align), message, || Ok(Checked::read(request)?.shares()?.bytes)) }
 }
 
@@ -346,7 +346,7 @@ pub unsafe extern "C" fn nerf_worker_size(
 /// The worker borrows `memory` and the scenes: the caller neither moves nor changes these while the worker is used.
 /// Each thread needs a worker of its own. `memory`: has at least the size and alignment from `nerf_worker_size`, and
 /// does not overlap scenes, scene files or any other argument. `worker` receives the handle on success only; there is
-/// nothing to close. `message`: as in `nerf_worker_size`.
+/// nothing to close. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; scenes are intact.
@@ -363,9 +363,9 @@ pub unsafe extern "C" fn nerf_worker_open(
     call(message, || {
         check_out("worker", worker)?;
         let out = Span::of("worker", worker, 1)?;
-        // SAFETY: `request` is as this function's `# Safety` has it.
+        // SAFETY: `request` is valid, as this function's `# Safety` requires.
         let checked = unsafe { Checked::read(request)? };
-        // SAFETY: as above.
+        // SAFETY: `request` is valid, as this function's `# Safety` requires.
         let shares = unsafe { checked.shares()? };
         Span::of("memory", memory.cast::<Line>().cast_const(), 0)?;
         let span = Span::new("memory", memory, memory_size)?;
@@ -383,7 +383,7 @@ pub unsafe extern "C" fn nerf_worker_open(
             written.check_apart(name, span, "the worker's memory")?;
         }
         for index in 0..checked.count() {
-            // SAFETY: as above.
+            // SAFETY: the scenes are valid, as this function's `# Safety` requires.
             let scene = unsafe { checked.scene(index)? };
             scene.check_apart("memory", span)?;
             scene.check_apart("worker", out)?;
@@ -393,7 +393,7 @@ pub unsafe extern "C" fn nerf_worker_open(
         }
         // SAFETY: aligned, as large as it needs to be, apart from the scenes, and lent by this function's `# Safety`.
         let handle = unsafe { open_in(&checked, &shares, memory.cast(), span)? };
-        // SAFETY: checked above, and writable by this function's `# Safety`.
+        // SAFETY: the pointers were checked above, and are writable by this function's `# Safety`.
         unsafe { worker.write(handle) };
         Ok(())
     })
@@ -412,7 +412,7 @@ impl Lent {
     #[inline]
     unsafe fn lines(&mut self, count: usize) -> &'static mut [Line] {
         let first = self.at;
-        // SAFETY: the caller's promise; a line holds any bytes, and none is taken twice.
+        // SAFETY: required by this function's `# Safety`; a line holds any bytes, and none is taken twice.
         unsafe {
             self.at = first.add(count);
             core::slice::from_raw_parts_mut(first, count)
@@ -430,11 +430,11 @@ impl Lent {
         mut make: impl FnMut(usize) -> Result<T, Failure>,
     ) -> Result<&'static [T], Failure> {
         const { assert!(align_of::<T>() <= align_of::<Line>()) };
-        // SAFETY: the caller's promise.
+        // SAFETY: required by this function's `# Safety`.
         let first = unsafe { self.lines(lines_for::<T>(count)) }.as_mut_ptr().cast::<T>();
         for index in 0..count {
             let value = make(index)?;
-            // SAFETY: one of `count` places in the lines, aligned for T (asserted above).
+            // SAFETY: `first.add(index)` is one of `count` places in the lines, and is aligned for T (asserted above).
             unsafe { first.add(index).write(value) };
         }
         // SAFETY: all `count` values have just been written, and nobody writes to them again.
@@ -453,13 +453,13 @@ unsafe fn open_in(
     memory: *mut Line,
     span: Span,
 ) -> Result<*mut Worker, Failure> {
-    // SAFETY: the worker's own lines are the first.
+    // SAFETY: the first `shares.own` lines of the memory are the worker's own.
     let mut lent = Lent { at: unsafe { memory.add(shares.own) } };
     let member = |index| {
-        // SAFETY: the caller's promise.
+        // SAFETY: required by this function's `# Safety`.
         let scene = unsafe { checked.scene(index)? };
         #[cfg(feature = "instances")]
-        // SAFETY: as above.
+        // SAFETY: required by this function's `# Safety`.
         let scale = unsafe { checked.placement(index)? }.scale();
         #[cfg(not(feature = "instances"))]
         let scale = 1.0;
@@ -468,7 +468,7 @@ unsafe fn open_in(
     // SAFETY: the lines are taken in the order and number of `shares`.
     let members = unsafe { lent.values(checked.count(), member)? };
     #[cfg(feature = "instances")]
-    // SAFETY: as above; there is one member per instance.
+    // SAFETY: the lines are taken in the order and number of `shares`; there is one member per instance.
     let instances = unsafe {
         lent.values(if checked.placed { members.len() } else { 0 }, |index| {
             let Member { scene, plan } = &members[index];
@@ -477,7 +477,7 @@ unsafe fn open_in(
             Ok(render::Instance { renderer: scene.renderer(), plan, placement })
         })?
     };
-    // SAFETY: as above.
+    // SAFETY: the lines are taken in the order and number of `shares`.
     let (pixels, lines) = unsafe { (lent.lines(shares.pixels), lent.lines(shares.rest)) };
     let (width, height) = tile_size(checked.settings.batch);
     let pixels = TilePixels::lay_out(&mut Arena::new(pixels), (width * height) as usize, checked.outputs);
@@ -497,7 +497,7 @@ unsafe fn open_in(
         size: shares.bytes,
     };
     let handle = memory.cast::<Worker>();
-    // SAFETY: the first lines hold a worker, are aligned for it, and are in no slice.
+    // SAFETY: the first `shares.own` lines fit a worker, are aligned for it, and are in none of the slices above.
     unsafe { handle.write(Worker { busy: AtomicBool::new(false), state: UnsafeCell::new(state) }) };
     Ok(handle)
 }

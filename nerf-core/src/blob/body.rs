@@ -138,7 +138,7 @@ pub struct SceneFacts {
     pub near: f32,
     /// Far distance of the training cameras, world units along the ray.
     pub far: f32,
-    /// Placement of the samples along a ray.
+    /// Where samples lie on a ray: in equal bins, at equal steps, or at growing steps through unbounded space.
     pub sampling: SceneSampling,
     /// Background colour, visible where opacity is below 1; display-encoded.
     pub background: [f32; 3],
@@ -158,8 +158,8 @@ pub struct Viewpoint {
     pub target: [f32; 3],
     /// Upward direction of the photographs; unit length within 1e-3.
     pub up: [f32; 3],
-    /// Angle that an orbit about the axis `up` through `target` covers, 0 to 2π radians: half of the angle to each side
-    /// of `eye`. Views on this orbit show photographed parts of the scene.
+    /// Angle of an orbit about the axis `up` through `target`, 0 to 2π radians. Half of the orbit lies on each side of
+    /// `eye`. Views from the orbit show photographed parts of the scene.
     pub arc: f32,
 }
 
@@ -173,12 +173,12 @@ pub enum SceneSampling {
     /// Equal steps inside the scene box, from the ray's entry to the ray's exit. The value is the length of a step,
     /// world units: finite, above 0, and at most [`MAX_SAMPLES`] steps along the box's diagonal.
     March(f32),
-    /// Steps through unbounded space, which [`Contraction`] maps into the scene box. Steps are equal in the inner ball
-    /// and grow outside. Samples begin at `near` and end at distance `far` beyond the ray's point that is nearest to
-    /// the ball's middle.
+    /// Steps through unbounded space, which [`Contraction`] maps into the scene box. Steps are equal in the inner ball,
+    /// where space is not contracted, and grow outside. Samples begin at `near`. They end at distance `far` behind the
+    /// point of the ray that is nearest to the ball's middle.
     Contracted {
-        /// Length of a step in the inner ball as a fraction of the ball's radius: above 0, at most 1, and at most
-        /// [`MAX_SAMPLES`] steps on an infinite line through the ball's middle.
+        /// Length of a step in the inner ball as a fraction of the ball's radius: above 0 and at most 1. An infinite
+        /// line through the ball's middle must have at most [`MAX_SAMPLES`] steps.
         step: f32,
         /// The power `p` in [`Contraction::distance`], which sets how steps outside the inner ball grow: 1, 2 or 4.
         power: u8,
@@ -188,7 +188,7 @@ pub enum SceneSampling {
 impl SceneFacts {
     /// Number of samples per ray. With bins: the number of bins in `near..far`. With a march: the number of steps along
     /// the box's diagonal. In an unbounded scene: the number of steps on a ray through the middle of the inner ball,
-    /// from the ball's rim in front of the middle to `far` behind the middle.
+    /// from where the ray enters the ball to distance `far` beyond the middle.
     pub fn samples(&self) -> u16 {
         match self.sampling {
             SceneSampling::Bins(samples) => samples,
@@ -220,8 +220,8 @@ impl SceneFacts {
         SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) }
     }
 
-    /// Length of a ray through the middle of the inner ball, from the ball's rim in front of the middle to `far` behind
-    /// the middle, in the unit of `s` in [`Contraction::distance`]. 0 in a bounded scene.
+    /// Length of a ray through the middle of the inner ball, from where the ray enters the ball to distance `far`
+    /// beyond the middle. The unit is that of `s` in [`Contraction::distance`]. 0 in a bounded scene.
     pub(crate) fn reach(&self) -> f32 {
         self.contraction().map_or(0.0, |contraction| 1.0 + contraction.step_at(self.far))
     }
@@ -245,8 +245,8 @@ pub(crate) fn steps(length: f32, step: f32) -> u32 {
 pub struct StoredOccupancy<'a> {
     /// Number of cells along x, y, z.
     pub resolution: [u16; 3],
-    /// One bit per cell. Cell (x, y, z) has bit `(x * ny + y) * nz + z`, counted from the least significant bit of each
-    /// byte. Padding bits are 0.
+    /// One bit per cell. Cell (x, y, z) of a grid of nx × ny × nz cells has bit `(x * ny + y) * nz + z`, counted from
+    /// the least significant bit of each byte. Padding bits are 0.
     #[serde(serialize_with = "as_bytes")]
     pub bits: &'a [u8],
 }
@@ -292,13 +292,14 @@ pub struct FrontPoint {
 /// in the scene box.
 ///
 /// # Source
-/// Mildenhall et al. 2020, section 5.2: the coarse network. Rendering needs only the compositing weights of its
-/// samples, so that the file leaves out the colours of that network.
+/// Mildenhall et al. 2020, section 5.2: the coarse network. The file leaves out that network's colour layers, since
+/// rendering needs only the compositing weights of its samples.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Proposal<'a> {
     /// Encoding of the position. The scene's network may have another encoding.
     pub position: SinusoidalEncoding,
-    /// Hidden layers of the trunk, in order. The first layer takes the encoded position. No layer has a skip input.
+    /// Hidden layers of the trunk, in order. The first layer takes the encoded position alone; later layers may have a
+    /// skip input.
     pub trunk: heapless::Vec<TrunkLayer, MAX_TRUNK>,
     /// Activation of the density head.
     pub density: DensityActivation,
@@ -311,8 +312,8 @@ pub struct Proposal<'a> {
 }
 
 impl Proposal<'_> {
-    /// Shape of the proposal network as an [`Architecture`]. The type also has a colour head, for which the file holds
-    /// no parameters: [`Proposal::weights`] end after [`Architecture::density_parameters`].
+    /// Shape of the proposal network as an [`Architecture`], which always has a colour head. The file holds no
+    /// parameters of this head: [`Proposal::weights`] end after [`Architecture::density_parameters`].
     pub fn architecture(&self) -> Architecture {
         Architecture {
             position: self.position.into(),

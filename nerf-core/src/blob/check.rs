@@ -15,8 +15,8 @@ use crate::space::{BoundsError, Contraction, SceneBox};
 use core::f32::consts::TAU;
 use glam::Vec3;
 
-/// Checks the body by every rule of the format, including the entropy-coded tables. Canonical form is checked
-/// elsewhere.
+/// Checks the body by every rule of the format, including the entropy-coded tables, but not for canonical form
+/// (`check_form` in `view.rs`).
 pub(super) fn check(body: &Body<'_>) -> Result<(), BlobError> {
     check_undecoded(body)?;
     check_coded(body)
@@ -34,7 +34,7 @@ pub(super) fn check_undecoded(body: &Body<'_>) -> Result<(), BlobError> {
     let scene = matches!(body.content, Content::Scene(_));
     ensure!(density_head == scene, BlobError::Kind { density_head, scene });
     match &body.content {
-        // The encoding's domain needs no check: `2^(levels − 1)` times a coordinate is 2^15 at most.
+        // Needs no `check_domain`: a coordinate is at most 1, and `2^(levels − 1)` at most 2^15.
         &Content::Picture(PictureFacts { width, height }) => {
             let sides = 1..=MAX_PICTURE_SIDE;
             let fits = sides.contains(&width) && sides.contains(&height);
@@ -73,7 +73,7 @@ fn check_scene(scene: &SceneFacts, architecture: &Architecture) -> Result<(), Bl
     match scene.sampling {
         SceneSampling::Bins(samples) => {
             ensure!((1..=MAX_SAMPLES).contains(&samples), BlobError::Field(Section::Samples));
-            // Refuses bins too narrow for f32, so that every opened scene can be planned.
+            // Refuses bins too narrow for f32, since planning a frame would fail on them.
             Bins::new(near, far, u32::from(samples)).map_err(BlobError::Bounds)?;
         }
         SceneSampling::March(step) => {
@@ -96,7 +96,7 @@ fn check_scene(scene: &SceneFacts, architecture: &Architecture) -> Result<(), Bl
     );
     match architecture.position.sinusoidal() {
         Some(encoding) => check_domain(&bounds, encoding),
-        // A grid spans the scene box, at any coordinates.
+        // A grid encoding has no limit on coordinates, since its cells span the scene box.
         None => Ok(()),
     }
 }
@@ -105,7 +105,7 @@ fn check_scene(scene: &SceneFacts, architecture: &Architecture) -> Result<(), Bl
 fn looks_somewhere(viewpoint: &Viewpoint) -> bool {
     let (eye, up) = (Vec3::from(viewpoint.eye), Vec3::from(viewpoint.up));
     let back = eye - Vec3::from(viewpoint.target);
-    // NaN, and infinity against infinity, compare false.
+    // Refuses NaN and infinities too: comparisons with NaN are false, and infinity is not above infinity.
     eye.is_finite()
         && (up.length_squared() - 1.0).abs() <= 2e-3
         && up.cross(back).length_squared() > 1e-6 * back.length_squared()
@@ -124,7 +124,7 @@ fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
 
 /// Checks that the encoding's largest angle inside the box is in the domain of sine and cosine.
 fn check_domain(bounds: &SceneBox, position: &SinusoidalEncoding) -> Result<(), BlobError> {
-    // The highest level multiplies by 2^(levels − 1).
+    // The highest level multiplies coordinates by 2^(levels − 1).
     let reach = bounds.min.abs().max(bounds.max.abs()).max_element();
     let found = reach * (1u32 << position.levels.saturating_sub(1)) as f32;
     let limit = match position.scale {
@@ -151,7 +151,7 @@ fn check_occupancy(occupancy: &StoredOccupancy<'_>) -> Result<(), BlobError> {
 fn check_proposal(proposal: &Proposal<'_>, scene: &SceneFacts) -> Result<(), BlobError> {
     let architecture = proposal.architecture();
     architecture.check().map_err(BlobError::ProposalArchitecture)?;
-    // A proposal draws samples between near and far: only scenes with bins have one.
+    // Only a scene with bins can have a proposal network, since the network places samples between `near` and `far`.
     let bins = matches!(scene.sampling, SceneSampling::Bins(_));
     ensure!(bins && samples_fit(scene, proposal.samples), BlobError::Field(Section::ProposalSamples));
     check_domain(&scene.bounds(), &proposal.position)?;

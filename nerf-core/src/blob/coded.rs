@@ -20,10 +20,11 @@ const BITS: u32 = 15;
 const LEAST: u32 = 1 << 16;
 /// Number added to a value, modulo 256, so that all values of small magnitude have the same upper 4 bits.
 const OFFSET: u8 = 0x88;
-/// Upper 4 bits of a small value, -8 to 7, after [`OFFSET`] is added.
+/// Upper 4 bits of every small value (-8 to 7) after [`OFFSET`] is added.
 const SMALL: usize = 8;
-/// Number of classes of context. A class is a range of the sum of two magnitudes: of the value decoded just before, and
-/// of the same feature of the previous table entry. Each class has its own probability models.
+/// Number of classes of context, each with its own probability models. Two decoded values select the class of the next
+/// value: the value just before, and the value of the same feature in the previous table entry. A class is a range of
+/// the sum of their magnitudes.
 const CLASSES: usize = 8;
 /// Maximum number of features of a table entry.
 const MAX_FEATURES: usize = 4;
@@ -57,12 +58,13 @@ impl Model {
     fn symbol_at(&self, slot: u32) -> usize {
         let (slot, begins) = (slot as i16, &self.begins);
         let reached = |symbol: usize| usize::from(begins[symbol] <= slot);
-        // Finds the group of four, then the symbol: 39 MB/s. Counting all sixteen by vectors: 27 MB/s.
+        // Finds the group of four symbols, then the symbol in the group: 39 MB/s. Comparing all sixteen with vectors:
+        // 27 MB/s.
         let four = 4 * (reached(4) + reached(8) + reached(12));
         four + reached(four + 1) + reached(four + 2) + reached(four + 3)
     }
 
-    /// Beginning and length, at least 1, of a symbol's interval.
+    /// Returns beginning and length of a symbol's interval. The length is at least 1.
     #[inline(always)]
     fn interval(&self, symbol: usize) -> (u32, u32) {
         let begin = self.begins[symbol] as u32;
@@ -70,9 +72,9 @@ impl Model {
         (begin, end - begin)
     }
 
-    /// Adapts the model to `symbol` by moving all intervals towards a target. In the target, each other symbol has an
-    /// interval of length 1, and `symbol` has the rest. Intervals move by 1/16 of the difference at first, and by 1/128
-    /// after 128 symbols. Rounding down keeps every interval at least 1 long.
+    /// Adapts the model to `symbol` by moving all intervals towards a target. The target gives length 1 to the interval
+    /// of every other symbol, and the remaining length to the interval of `symbol`. Intervals move by 1/16 of the
+    /// difference at first, and by 1/128 after 128 symbols. Rounding down keeps every interval at least 1 long.
     #[inline(always)]
     fn learn(&mut self, symbol: usize) {
         let rate = 4 + [16, 32, 128].iter().filter(|&&seen| self.seen >= seen).count();
@@ -105,7 +107,7 @@ impl Models {
     #[inline(always)]
     fn value(&mut self, mut code: impl FnMut(&Model, Half) -> Option<usize>) -> Option<u8> {
         let magnitude = |value: u8| u32::from(value.cast_signed().unsigned_abs());
-        // Magnitudes of the previous value and of the same feature of the previous entry.
+        // Sum of the magnitudes of the previous value and of the same feature's value in the previous table entry.
         let around = magnitude(self.last[0]) + magnitude(self.last[self.features - 1]);
         let class = (u32::BITS - around.leading_zeros()).min(CLASSES as u32 - 1) as usize;
         let context = self.feature * CLASSES + class;
@@ -204,7 +206,7 @@ pub fn encode_tables<'o>(
         out.get_mut(at..at + bytes.len())?.copy_from_slice(bytes);
         Some(at)
     };
-    // The last symbol first, since a decoder reads in the opposite order.
+    // Encodes the last symbol first, since rANS decodes symbols in the reverse order of encoding.
     for &[begin, length] in symbols.iter().rev() {
         let (begin, length) = (u32::from(begin), u32::from(length));
         if u64::from(state) >= u64::from(length) << (32 - BITS) {

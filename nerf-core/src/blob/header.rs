@@ -5,7 +5,7 @@ use crate::errors::ensure;
 use core::ops::Range;
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 
-/// First bytes of every blob. As in PNG, the line ending reveals a copy in text mode, which would damage the blob.
+/// First bytes of every blob. They contain a line ending, as in PNG, so that damage by a copy in text mode is found.
 pub const MAGIC: [u8; 8] = *b"\x89NERF\r\n\x1a";
 /// Format version that this build writes, and the only version that it reads: no earlier version was released.
 pub const FORMAT_VERSION: u16 = 7;
@@ -16,7 +16,8 @@ const VERSION: Range<usize> = 8..10;
 const ENDIAN: Range<usize> = 10..12;
 const FLAGS: Range<usize> = 12..16;
 const BODY_LENGTH: Range<usize> = 16..24;
-/// Position of the CRC-32 (ISO-HDLC) of header and body, computed with 0 in `CHECKSUM` and `RESERVED`.
+/// Position of the CRC-32 (ISO-HDLC) of header and body. The CRC is computed with zeros in place of the bytes
+/// `CHECKSUM` and `RESERVED`.
 const CHECKSUM: Range<usize> = 24..28;
 const RESERVED: Range<usize> = 28..HEADER_LEN;
 

@@ -23,7 +23,7 @@ mod proposal;
 const VIEWPOINT: Viewpoint =
     Viewpoint { eye: [4.0, 0.0, 0.0], target: [0.0; 3], up: [0.0, 0.0, 1.0], arc: 1.0 };
 
-/// The error of a body that cannot be written; `encoded_len` gives the same error.
+/// Returns the error of writing `body`, after a check that `encoded_len` gives the same error.
 fn refused(body: &Body<'_>) -> BlobError {
     let mut out = vec![0; 1 << 16];
     let error = write(body, &mut out).map(drop).unwrap_err();
@@ -32,7 +32,7 @@ fn refused(body: &Body<'_>) -> BlobError {
     error
 }
 
-/// The error of the tests' scene after `change`.
+/// Returns the error of writing the tests' scene with its facts altered by `change`.
 fn scene_refused(change: impl FnOnce(&mut SceneFacts)) -> BlobError {
     let (weights, _) = halve(&parameters(&every_kind(), 1));
     let mut scene = SCENE;
@@ -61,7 +61,7 @@ fn what_is_written_is_what_is_opened() {
         Body { content: Content::Scene(scene.clone()), provenance, ..body(a.clone(), occupancy, &weights) };
     let bytes = bytes(&body);
     assert_eq!(bytes.len(), encoded_len(&body).unwrap());
-    // At any alignment.
+    // A blob can begin at any alignment.
     for shift in 0..4 {
         let mut moved = vec![0; shift];
         moved.extend(&bytes);
@@ -150,7 +150,8 @@ fn scenes_that_hold_nothing_are_refused() {
         let error = scene_refused(|s| s.sampling = SceneSampling::Bins(samples));
         assert_eq!(error, BlobError::Field(Section::Samples));
     }
-    // The box's diagonal is 3.46: 4096 steps of 8.5e-4 are 3.48.
+    // The box's diagonal is 3.46. The maximum of 4096 steps covers 3.48 if a step is 8.5e-4, but only 3.44 if it is
+    // 8.4e-4.
     let weights = halve(&parameters(&every_kind(), 1)).0;
     let scene = SceneFacts { sampling: SceneSampling::March(8.5e-4), ..SCENE };
     bytes(&Body { content: Content::Scene(scene), ..body(every_kind(), None, &weights) });
@@ -216,7 +217,7 @@ fn viewpoints_that_place_no_camera_are_refused() {
 fn unbounded_scenes_are_opened_as_they_were_written_or_refused() {
     let weights = halve(&parameters(&every_kind(), 1)).0;
     let contracted = |step, power| SceneSampling::Contracted { step, power };
-    // 4096 steps of 9.8e-4 are 4.01, and 2.45e-3 are 10.04.
+    // The maximum of 4096 steps must cover `2 (1 + power)`: steps of 9.8e-4 cover 4.01, steps of 2.45e-3 cover 10.04.
     for (step, power) in [(1.0, 1), (9.8e-4, 1), (1.5e-3, 2), (2.45e-3, 4)] {
         let scene = SceneFacts { sampling: contracted(step, power), ..SCENE };
         let bytes =
@@ -310,7 +311,7 @@ fn weights_must_be_as_many_as_parameters_and_finite() {
     assert!(message.contains("Density") && message.contains('3'));
 }
 
-/// A scene whose box reaches to ±`reach`.
+/// Returns the encoded length, or the error, of a scene whose box extends to `reach` along y.
 fn reaching(position: SinusoidalEncoding, reach: f32) -> Result<usize, BlobError> {
     let a: Architecture = architecture(position, None, &[(4, false)], &[]);
     let (weights, _) = halve(&parameters(&a, 1));
@@ -321,13 +322,13 @@ fn reaching(position: SinusoidalEncoding, reach: f32) -> Result<usize, BlobError
 #[test]
 fn boxes_that_leave_the_encoding_s_domain_are_refused() {
     let one = SinusoidalEncoding { inputs: 3, levels: 10, scale: AngleScale::One, identity: true };
-    // The highest level multiplies by 2^9.
+    // The highest level multiplies coordinates by 2^9; the product may be at most 1e5.
     assert!(reaching(one, 195.0).is_ok());
     let found = reaching(one, 196.0).unwrap_err();
     assert_eq!(found, BlobError::EncodingDomain { found: 196.0 * 512.0, limit: 1e5 });
     assert!(found.to_string().contains("100352"), "{found}");
     assert!(reaching(SinusoidalEncoding { levels: 0, ..one }, 1e5).is_ok());
-    // With π the angle is reduced exactly, but 2^9 x must be a number.
+    // An encoding of scale π reduces angles exactly: only an infinite product of 2^9 and a coordinate is refused.
     assert!(reaching(pi(3, 10), 1e30).is_ok());
     let found = reaching(pi(3, 10), 1e37);
     assert_eq!(found, Err(BlobError::EncodingDomain { found: f32::INFINITY, limit: f32::MAX }));
@@ -339,7 +340,7 @@ fn a_scene_that_opens_can_be_planned() {
     assert_eq!(error, BlobError::Bounds(BoundsError::Range { near: 0.0, far: 1e-45 }));
 }
 
-/// The example of `docs/blob-format.md`, up to its weights; made there by another program.
+/// Bytes of the first example in `docs/blob-format.md`, up to the weights. Another program made these bytes.
 const EXAMPLE: &str = "
     89 4e 45 52 46 0d 0a 1a 07 00 ff fe 00 00 00 00
     cc 00 00 00 00 00 00 00 fd ed 99 4e 00 00 00 00
@@ -377,9 +378,8 @@ fn a_picture_is_what_the_specification_says_after_the_architecture() {
     let (weights, _) = halve(&parameters(&a, 2));
     let content = Content::Picture(PictureFacts { width: 300, height: 20 });
     let bytes = bytes(&Body { content, ..picture_body(a, &weights) });
-    // Position (sinusoidal), no direction, one trunk layer of 1, no density, no colour layer,
-    // shading once a sample; then tag 0, the
-    // varint of 300 and 20; no occupancy grid, no points of a front, no proposal.
+    // Sinusoidal position, no direction, one trunk layer of width 1, no density head, no colour layer, shading per
+    // sample. Then tag 0 (2D field), the varint of 300, and 20. Then no occupancy grid, no Pareto points, no proposal.
     let expected = [0, 2, 0, 1, 1, 0, 1, 1, 0, 0, 0, 0, 0, 0xac, 0x02, 20, 0, 0, 0];
     assert_eq!(bytes[HEADER_LEN..][..expected.len()], expected);
 }

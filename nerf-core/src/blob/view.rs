@@ -194,14 +194,15 @@ fn check_form(body: &Body<'_>, bytes: &[u8]) -> Result<(), BlobError> {
 
 /// A serialiser that compares its output with existing bytes.
 struct Compare<'c, 'a> {
-    /// The existing bytes that are not compared yet.
+    /// The existing bytes that are not yet compared.
     rest: &'c mut &'a [u8],
 }
 
 impl Flavor for Compare<'_, '_> {
     type Output = ();
 
-    // Called for each of a body's many fields: inlined, the calls would be a large part of a microcontroller's code.
+    // Not inlined: every field of a body calls this function, and the copies would be a large part of a
+    // microcontroller's code.
     #[inline(never)]
     fn try_push(&mut self, byte: u8) -> postcard::Result<()> {
         self.try_extend(&[byte])

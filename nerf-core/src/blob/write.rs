@@ -12,7 +12,7 @@ use super::header::{self, HEADER_LEN};
 pub fn encoded_len(body: &Body<'_>) -> Result<usize, BlobError> {
     check(body)?;
     let size = postcard::ser_flavors::Size::default();
-    // Counting does not fail; if it did, no buffer would be large enough.
+    // Counting bytes does not fail. If it did, `write` would fail for lack of space.
     let length = postcard::serialize_with_flavor(body, size).unwrap_or(usize::MAX);
     Ok(HEADER_LEN.saturating_add(length))
 }

@@ -131,7 +131,7 @@ impl Pose {
 
 /// `v` scaled to unit length; `None` for 0 and for NaN.
 fn unit(v: Vec3) -> Option<Vec3> {
-    // The square of `v` overflows or underflows long before `v`; scaling by a power of two is exact.
+    // Scales `v` by a power of two, which is exact, before squares of its components can underflow or overflow.
     const UP: f32 = 1.267_650_6e30; // 2^100
     const DOWN: f32 = 8.271_806e-25; // 2^-80
     let size = v.abs().max_element();
@@ -154,12 +154,12 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// Checks the parts once, so that [`Camera::ray`] cannot fail.
+    /// Makes a camera from parts that are checked here, so that [`Camera::ray`] cannot fail.
     ///
     /// # Errors
     /// [`CameraError`] if one of these is found:
     /// - an image side of 0 or beyond [`MAX_IMAGE_SIDE`], or a focal length that is not positive and finite;
-    /// - a principal point or a lens that is not finite;
+    /// - a principal point or a lens that is not finite, or a fisheye with a `p1`, `p2`, `k5` or `k6` other than 0;
     /// - a position with a coordinate outside ±1e9, or a rotation matrix that is not a rotation within 1e-3;
     /// - an image point more than 1e9 focal lengths off the principal point;
     /// - a lens that cannot be inverted at a point of the image, or folds between the axis and the point;
@@ -209,8 +209,8 @@ impl Camera {
     }
 
     /// Checks that the lens can be inverted at 17×17 points over the image, unless the distortion is too weak to fail.
-    /// Folds are looked for only on the segments from the axis to the image's border: other points lie inside the
-    /// border.
+    /// Folds are tested only on the segments from the axis to points of the image's border, since all other points lie
+    /// inside the border.
     fn check_lens(&self) -> Result<(), CameraError> {
         if self.lens == Lens::NONE {
             return Ok(());
@@ -291,7 +291,7 @@ impl Camera {
         self.towards(self.lens.straighten(u, v))
     }
 
-    /// The ray along a direction in camera coordinates (right, down, forward), of any length.
+    /// The ray along a direction of any length in camera coordinates (right, down, forward).
     fn towards(&self, dir: Vec3) -> Ray {
         let local = Vec3::new(dir.x, -dir.y, -dir.z);
         let dir = self.pose.rotation * local;
@@ -323,7 +323,7 @@ impl Camera {
     /// of its block. Incomplete blocks at the edges are dropped, and each side has at least one pixel.
     pub fn thinned(&self, right: u32, down: u32) -> Self {
         let Intrinsics { width, height, fx, fy, cx, cy } = self.intrinsics;
-        // No side is 0, as checked by `new`.
+        // `new` checked that no side is 0. `max(1)` lets the compiler see that `clamp` cannot panic.
         let (right, down) = (right.clamp(1, width.max(1)), down.clamp(1, height.max(1)));
         let (x, y) = (right as f32, down as f32);
         let intrinsics = Intrinsics {
@@ -334,7 +334,7 @@ impl Camera {
             cx: cx / x,
             cy: cy / y,
         };
-        // All directions are among those checked by `new`.
+        // Needs no check: all directions lie within the view that `new` checked.
         Self { intrinsics, ..*self }
     }
 

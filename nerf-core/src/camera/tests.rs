@@ -71,7 +71,7 @@ fn looking_nowhere_or_along_up_is_refused() {
     assert_eq!(Pose::look_at(eye, eye, Vec3::Y), None);
     assert_eq!(Pose::look_at(eye, Vec3::ZERO, Vec3::ZERO), None);
     assert_eq!(Pose::look_at(eye, Vec3::new(f32::NAN, 0.0, 0.0), Vec3::Y), None);
-    // Parallel but for rounding: the cross product is noise, not zero.
+    // `up` is parallel to the line of sight except for rounding, so that the cross product is noise instead of 0.
     for up in [eye * 7.0, eye * -0.123, eye * 1e-3, eye * 3e18] {
         assert_eq!(Pose::look_at(eye, Vec3::ZERO, up), None, "{up}");
     }
@@ -93,7 +93,7 @@ fn whatever_look_at_gives_is_a_camera() {
 #[test]
 fn size_of_what_is_looked_at_turns_no_camera() {
     let at = |size: f32| Pose::look_at(Vec3::new(3.0, 4.0, 5.0) * size, Vec3::ZERO, Vec3::Y * size).unwrap();
-    // 3e-22 was found by tests/fuzz: squares of differences that small have a few bits left, or none.
+    // Found by `tests/fuzz`: with a size of 3e-22, squares of differences are subnormal or 0.
     for size in [1e-37, 3e-22, 1e-15, 1e-3, 1e15, 1e18, 1e37] {
         let off = (at(size).rotation - at(1.0).rotation).to_cols_array();
         assert!(off.iter().all(|x| x.abs() < 1e-6), "{size}: {off:?}");
@@ -165,7 +165,7 @@ fn scaled_sheared_reflected_and_singular_poses_are_refused() {
 
 #[test]
 fn z_depth_does_not_take_up_a_pose_rounding() {
-    // Accepted with |RᵀR − I| = 8e-4: the axis is 4e-4 too long, the cosine must not be.
+    // This rotation is accepted, with |RᵀR − I| = 8e-4. The view axis is 4e-4 too long, but the cosine must be exact.
     let camera = with_rotation(Mat3::IDENTITY * 1.0004).unwrap();
     assert!((camera.z_per_distance(&camera.ray(2.0, 2.0)) - 1.0).abs() < 2e-7);
 }
@@ -196,18 +196,20 @@ fn a_folded_lens_is_refused() {
         let found = Camera::new(Intrinsics::centred(20, 20, 10.0), lens, IDENTITY);
         assert!(matches!(found, Err(CameraError::LensNotFinite { name: n, .. }) if n == name), "{found:?}");
     }
-    // Folds between r = 0.59 and 1.2 only: the border lies beyond and has an inverse.
+    // The lens folds only between r = 0.59 and 1.2. The image's border lies beyond and has an inverse.
     let lens = Lens { k1: -1.2, k2: 0.4, ..Lens::NONE };
     let border = |s: i8| lens.undistort(5.2, f32::from(s) * 0.65);
     assert!((-8..=8).all(|s| border(s).is_some()));
     let found = Camera::new(Intrinsics::centred(104, 104, 10.0), lens, IDENTITY);
     assert!(matches!(found, Err(CameraError::LensNotInvertible { .. })), "{found:?}");
-    // The same fold between the points at which the lens is checked, 5.2 apart. Then a lens that nearly folds.
+    // First the same lens with the fold between two points at which the lens is checked, 5.2 apart. Then a lens that
+    // nearly folds.
     for (lens, focal) in [(lens, 1.25), (Lens { k1: -1.0, k2: 0.452, ..Lens::NONE }, 10.0)] {
         let found = Camera::new(Intrinsics::centred(104, 104, focal), lens, IDENTITY);
         assert!(matches!(found, Err(CameraError::LensNotInvertible { .. })), "{found:?}");
     }
-    // Outward distortion: Newton's method would start behind the fold, or jump across the axis from before it.
+    // Pincushion distortion: Newton's method would start behind the fold of the first lens, and jump across the axis
+    // with the second.
     let pincushion = Lens { k1: 0.389, k2: -0.0057, ..Lens::NONE };
     for (lens, focal) in [(Lens { k1: 0.3, k2: -0.2, ..Lens::NONE }, 45.0), (pincushion, 10.0)] {
         let found = Camera::new(Intrinsics::centred(104, 104, focal), lens, IDENTITY);

@@ -27,7 +27,7 @@ pub use {grid::GridTables, sinusoidal::encode_block, spherical_harmonics::encode
 
 use serde::{Deserialize, Serialize};
 
-/// The encoding of a position: the inputs of the first layer.
+/// Encoding of a position: computes the inputs of the network's first layer.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "there is one for each network, and no heap to put it on")]
 pub enum PositionEncoding {
@@ -78,7 +78,7 @@ impl From<SinusoidalEncoding> for PositionEncoding {
     }
 }
 
-/// The encoding of a viewing direction: inputs of the colour branch.
+/// Encoding of a viewing direction: computes inputs of the colour branch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DirectionEncoding {
     /// Sines and cosines of each coordinate.

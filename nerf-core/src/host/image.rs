@@ -17,7 +17,7 @@ pub(super) fn plane<T: Clone>(width: usize, height: usize, value: T) -> Result<V
     Ok(values)
 }
 
-/// A rendered image, plane by plane, each row by row from the top left. A plane is empty if its output was not
+/// A rendered image: one plane per output, pixels row by row from the top left. A plane is empty if its output was not
 /// requested.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
@@ -35,14 +35,14 @@ pub struct Image {
     pub z_depth: Vec<f32>,
     /// Median distance along the ray, world units.
     pub median_distance: Vec<f32>,
-    /// Normals in world space, of unit length, or 0 if there is no surface.
+    /// Normals in world space, unit length; 0 in a pixel without a surface.
     pub normals: Vec<[f32; 3]>,
-    /// Numbers of rays, samples and evaluations of the network in the render.
+    /// Numbers of rays, samples and network evaluations of the whole image.
     pub counters: Counters,
 }
 
 impl Image {
-    /// A black image with the planes of `outputs`.
+    /// Makes a black image with the planes of `outputs`.
     ///
     /// # Errors
     /// [`RenderError::ImageMemory`] if there is not enough memory.
@@ -76,7 +76,7 @@ impl Image {
         set(&mut self.normals, i, pixel.normal);
     }
 
-    /// The colours as bytes, red, green, blue, row by row: the layout of image files.
+    /// The colours as bytes in the layout of image files: red, green, blue of each pixel, row by row.
     pub fn rgb8(&self) -> Vec<u8> {
         self.rgb.iter().flatten().map(|c| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8).collect()
     }

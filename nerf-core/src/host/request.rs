@@ -64,7 +64,7 @@ impl<'s> Request<'s> {
     /// As [`Request::render`], and [`HostError::Render`] with the index of the first ray that is invalid.
     pub fn render_rays(&self, rays: &[RaySegment], axis: Option<Vec3>) -> Result<Vec<Pixel>, HostError> {
         let renderer = self.scene.renderer();
-        // A batch has no more rays than the caller, to save memory.
+        // The batch is no larger than the number of rays, to save memory.
         let batch = Batch { rays: rays.len().clamp(1, Batch::FULL.rays), ..Batch::FULL };
         let plan = self.settings.plan(renderer.blob(), self.outputs, batch)?;
         Ok(threads::render_rays(&renderer, &plan, rays, axis, self.threads)?.0)
@@ -73,7 +73,7 @@ impl<'s> Request<'s> {
     /// Renders a 2D field in `width` × `height` pixels, display-encoded, row by row.
     ///
     /// # Errors
-    /// [`HostError::Render`] if the file is a scene, and on a side of 0 or beyond
+    /// [`HostError::Render`] if the file is a scene, or if `width` or `height` is 0 or above
     /// [`MAX_RENDER_SIDE`](crate::render::MAX_RENDER_SIDE).
     pub fn render_picture(&self, width: u32, height: u32) -> Result<Vec<[f32; 3]>, HostError> {
         let renderer = self.scene.renderer();

@@ -9,7 +9,8 @@ use std::boxed::Box;
 use std::path::Path;
 use std::vec;
 
-/// A scene that owns the bytes of its file: a value without a lifetime, which can be stored and shared by threads.
+/// A scene that owns the bytes of its file. The type has no lifetime parameter, so that scenes can be stored and shared
+/// by threads.
 ///
 /// ```no_run
 /// use glam::Vec3;
@@ -37,8 +38,8 @@ const _: () = {
 };
 
 impl Scene {
-    /// Reads a file and opens the scene for [`Kernel::detect`], this machine's fastest kernel that does not round
-    /// weights.
+    /// Reads a file and opens the scene for rendering with [`Kernel::detect`], this machine's fastest kernel that does
+    /// not round weights.
     ///
     /// # Errors
     /// [`HostError::Read`] and [`HostError::Open`], which name the file.
@@ -48,7 +49,8 @@ impl Scene {
         Self::from_bytes(bytes).map_err(|source| HostError::Open { path: path.into(), source })
     }
 
-    /// Opens a file's bytes for [`Kernel::detect`], this machine's fastest kernel that does not round weights.
+    /// Opens a scene from its file's bytes, for rendering with [`Kernel::detect`], this machine's fastest kernel that
+    /// does not round weights.
     ///
     /// # Errors
     /// [`BlobError`] says what was expected and found.
@@ -56,7 +58,8 @@ impl Scene {
         Self::for_kernel(bytes, Kernel::detect())
     }
 
-    /// Opens a file's bytes for rendering with `kernel`, or with [`Kernel::IN_PLACE`] if `kernel` is not available.
+    /// Opens a scene from its file's bytes, for rendering with `kernel`, or with [`Kernel::IN_PLACE`] if `kernel` is
+    /// not available.
     ///
     /// # Errors
     /// As [`Scene::from_bytes`].
@@ -72,7 +75,7 @@ impl Scene {
         Ok(Self { occupied, kernel, prepared, bytes })
     }
 
-    /// The content of the scene's file.
+    /// Returns the decoded content of the scene's file.
     pub fn blob(&self) -> Blob<'_> {
         // `for_kernel` has checked the same bytes.
         Blob::decode(&self.bytes).unwrap_or_else(|_| unreachable!("checked bytes decode"))

@@ -37,7 +37,7 @@ fn threads(n: usize) -> NonZeroUsize {
     NonZeroUsize::new(n).unwrap()
 }
 
-/// The pixels of a frame by the borrowed API, row by row.
+/// Pixels of a frame, row by row, from a borrowing [`Renderer`] on one thread.
 fn by_hand(bytes: &[u8], kernel: Kernel) -> Vec<Pixel> {
     let blob = Blob::open(bytes).unwrap();
     let mut prepared = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
@@ -92,7 +92,7 @@ fn a_cameras_rays_as_the_callers_own_give_its_pixels() {
     let request = scene.request().outputs(all()).threads(threads(2));
     let along = Some(camera.pose().forward());
     assert_eq!(request.render_rays(&rays, along).unwrap(), expected);
-    // Without an axis there is no z_depth; one by one they are the same.
+    // Without an axis `z_depth` is 0. The other values do not change.
     let found = request.render_rays(&rays, None).unwrap();
     for (i, (found, expected)) in found.iter().zip(&expected).enumerate() {
         assert_eq!(*found, Pixel { z_depth: 0.0, ..*expected }, "ray {i}");
@@ -233,7 +233,7 @@ fn files_that_are_no_scenes_are_refused_by_name() {
     );
 }
 
-/// The largest camera and the largest picture there are: 2^46 pixels.
+/// Requests an image and a 2D field of the largest valid size, 2^46 pixels.
 #[test]
 fn an_image_beyond_all_memory_is_refused() {
     const SIDE: u32 = MAX_RENDER_SIDE;

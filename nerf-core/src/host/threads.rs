@@ -19,7 +19,7 @@ const BAND: u32 = 8;
 /// Number of rays that a thread takes at a time when a list of rays is rendered.
 const CHUNK: u32 = 256;
 
-/// Renders all of `camera`'s image on `threads` threads. The image has the planes of the plan's outputs.
+/// Renders all of `camera`'s image on `threads` threads. The image has a plane for each output of the plan.
 ///
 /// # Errors
 /// [`RenderError::OtherScene`] if the plan was made for another scene, and [`RenderError::ImageMemory`] if there is
@@ -88,7 +88,7 @@ pub fn render_rays(
 /// top left. `finished` is called with the number of rows finished since its last call.
 ///
 /// # Errors
-/// [`RenderError`] if the blob is a scene, on a size above the limit, and without enough memory for the image.
+/// [`RenderError`] if the blob is a scene, if a side is above the limit, or if there is not enough memory.
 pub fn render_picture(
     renderer: &Renderer<'_>,
     math: MathBackend,
@@ -124,14 +124,14 @@ pub fn render_picture(
     Ok((rgb, counters))
 }
 
-/// The work of one thread: takes tasks from `tasks` until none is left, and calls `run` with each. `run` stores its
-/// results in the given `Vec` and returns counters. Each result is passed to the function in `tasks`, under the lock
-/// that all threads share. Returns the sum of the counters.
+/// Does the work of one thread: takes tasks from the iterator in `tasks` until none is left. For each task, `run`
+/// appends results to the given `Vec` and returns counters. The function in `tasks` then takes each result, under the
+/// shared lock. Returns the sum of the counters.
 fn each<T, I: Iterator, F: FnMut(T)>(
     tasks: &Mutex<(I, F)>,
     mut run: impl FnMut(I::Item, &mut Vec<T>) -> Result<Counters, RenderError>,
 ) -> Result<Counters, RenderError> {
-    // A panic in one thread ends the whole render; until then the shared state is consistent for the other threads.
+    // Ignores poisoning: the shared state stays consistent, and `in_parallel` raises the panic again.
     let lock = || tasks.lock().unwrap_or_else(PoisonError::into_inner);
     let (mut found, mut counters) = (Vec::new(), Counters::default());
     loop {

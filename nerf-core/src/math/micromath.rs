@@ -20,7 +20,7 @@ impl Math for Micromath {
     #[inline(always)]
     fn exp<V: Lanes>(x: V) -> V {
         let e = clamp_exp(x).map(F32Ext::exp);
-        // Returns NaN for NaN: the crate's `exp` returns a number, and the invalid sample would not be counted.
+        // A NaN stays a NaN, since the renderer counts invalid samples. For NaN, the crate's `exp` returns a number.
         V::select(x.equals(x), e, x)
     }
     /// `e^−x` as `1 + expm1(−x)`: with the crate's inexact `exp` the weights of a ray would add up to more than 1.

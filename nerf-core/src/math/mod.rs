@@ -1,11 +1,11 @@
-//! Elementary functions; the only module that uses `libm` or `micromath`, except for the square root of one lane
-//! ([`Lanes::sqrt`]).
+//! Elementary functions. No other module uses `libm` or `micromath`, except that [`Lanes::sqrt`] of one lane uses
+//! `libm`. In the table, "own" is the project's f32 polynomials.
 //!
 //! | backend | sin/cos of the encoding | exp, softplus | expm1 | powers (tone stage) |
 //! | --- | --- | --- | --- | --- |
-//! | [`MathBackend::Polynomial`] | own f32 polynomials | own | own | own |
+//! | [`MathBackend::Polynomial`] | own | own | own | own |
 //! | [`MathBackend::Libm`] | `libm` after exact reduction | `libm` | `libm` | `libm` |
-//! | [`MathBackend::Micromath`] | `micromath` after exact reduction | `micromath` | own, since the crate has none; transmittance, too | own |
+//! | [`MathBackend::Micromath`] | `micromath` after exact reduction | `micromath`, but own for transmittance | own: the crate has none | own |
 //! | [`MathBackend::Recurrence`] | own at level 0, then angle doubling | own | own | own |
 
 #[cfg(feature = "train")]
@@ -27,7 +27,7 @@ pub(crate) use sum::Sum;
 
 use crate::simd::Lanes;
 
-/// The implementation of the elementary functions.
+/// The implementation of the elementary functions (sin, cos, exp, …).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub enum MathBackend {
@@ -133,8 +133,8 @@ fn sin_cos_of_reduced<M: Math, V: Lanes>(u: V) -> (V, V) {
     M::sin_cos(u.mul(V::splat(core::f32::consts::PI)))
 }
 
-/// Evaluates `$body`, where `$M` is the [`Math`] of `$backend`. Not for sinusoidal encodings: only these
-/// differ between the backends `Recurrence` and `Polynomial`, which are compiled to the same code here.
+/// Evaluates `$body`, where `$M` is the [`Math`] of `$backend`. The backends `Recurrence` and `Polynomial` share the
+/// code for `Polynomial`. Sinusoidal encodings, where these two differ, need `with_encoding_math`.
 macro_rules! with_math {
     ($backend:expr, $M:ident => $body:expr) => {
         match $backend {
@@ -157,8 +157,8 @@ macro_rules! with_math {
 }
 pub(crate) use with_math;
 
-/// Evaluates `$body` as `with_math` does, but for sinusoidal encodings, for which the backend `Recurrence` has its own
-/// code.
+/// Evaluates `$body` as `with_math` does, but with separate code for the backend `Recurrence`. Needed for sinusoidal
+/// encodings, where `Recurrence` differs from `Polynomial`.
 macro_rules! with_encoding_math {
     ($backend:expr, $M:ident => $body:expr) => {
         match $backend {

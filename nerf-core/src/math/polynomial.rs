@@ -51,8 +51,8 @@ pub fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
     rotate(n, sin, cos)
 }
 
-/// Largest `|x|` that [`sin_cos`] accepts: up to here the products of the quadrant's index with the first two parts of
-/// π/2 are exact.
+/// Largest `|x|` that [`sin_cos`] accepts. Up to here, the index of the quadrant times either of the first two parts of
+/// π/2 is exact.
 pub const SIN_COS_DOMAIN: f32 = 1e5;
 
 /// `(sin x, cos x)` for `|x| <= SIN_COS_DOMAIN`.
@@ -81,7 +81,7 @@ pub fn sin_cos<V: Lanes>(x: V) -> (V, V) {
 /// # Accuracy
 /// Within 3e-7 (`math/tests.rs`).
 /// # Source
-/// Cephes (Moshier 1992), `atanf`, without its range of large quotients, since here the quotient is at most 1.
+/// Cephes (Moshier 1992), `atanf`. The branch for large quotients is left out, since the quotient is at most 1.
 #[cfg(feature = "lens")]
 pub fn angle(y: f32, x: f32) -> f32 {
     use core::f32::consts::{FRAC_PI_2, FRAC_PI_4};
@@ -143,7 +143,7 @@ pub fn expm1<V: Lanes>(x: V) -> V {
 fn ln_1p_unit<V: Lanes>(x: V) -> V {
     let one = V::splat(1.0);
     let sum = one.add(x);
-    // The rounding error of `1 + x`, corrected to first order.
+    // Effect of the rounding error of `1 + x` on the logarithm, to first order.
     let lost = x.sub(sum.sub(one)).div(sum);
     ln(sum).add(lost)
 }

@@ -1,5 +1,5 @@
-//! Backend of the polynomials, but the sinusoidal encoding computes each level from the previous level by angle
-//! doubling.
+//! Backend [`Recurrence`]: the polynomials, except that the sinusoidal encoding computes each level from the previous
+//! level by angle doubling.
 
 use super::Math;
 use crate::simd::Lanes;

@@ -119,7 +119,7 @@ fn extremes_are_finite() {
     assert!(Polynomial::exp(f32::NAN).is_nan() && Polynomial::expm1(f32::NAN).is_nan());
 }
 
-/// Every f16, the midpoints to the next, and the neighbours of these, with each instruction set.
+/// Tests every f16, its midpoint to the next f16, and the two f32 next to the midpoint, with each instruction set.
 #[test]
 fn halves_are_rounded_alike_with_every_kernel() {
     struct Halves<'a>(&'a [f32]);

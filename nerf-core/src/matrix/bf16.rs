@@ -60,10 +60,12 @@ pub fn pair_rows(values: &mut [f32], rows: usize, stride: usize) {
     }
 }
 
-/// `to = act(init + Σ weights inputs)`, summed over the `parts` in order; `act` is ReLU if `relu`, else the identity.
+/// Computes a layer: `to = act(init + Σ weights inputs)`, summed over the `parts` in order. `act` is ReLU if `relu`,
+/// else the identity.
 ///
-/// `stride`: number of samples, a multiple of 16. With [`Init::Accumulate`] sums start from `to`, `[outputs][stride]`
-/// f32, which [`PairedOutput::Pairs`] overwrites. An output is summed pair after pair, in the same order for any sizes.
+/// `stride`: number of samples, a multiple of 16. With [`Init::Accumulate`], sums start from the f32 in `to`,
+/// `[outputs][stride]`; an output in [`PairedOutput::Pairs`] overwrites these. An output is summed pair after pair, in
+/// the same order for any sizes.
 ///
 /// # Panics
 /// If `stride` is no multiple of 16 or a slice is too short.
@@ -97,7 +99,7 @@ pub fn dense_bf16(
     let layer = Layer { parts, outputs, stride, init, to, relu, output };
     match isa {
         #[cfg(target_arch = "x86_64")]
-        // SAFETY: the CPU and the OS support the kernel's instructions; `multiplies_bf16` checked it.
+        // SAFETY: `multiplies_bf16` checked that the CPU and the OS support the instructions.
         Isa::Avx512 if isa.multiplies_bf16() => unsafe { layer.avx512() },
         _ => layer.plain(),
     }
@@ -204,7 +206,7 @@ mod avx512 {
                 Init::Bias(bias) => [_mm512_set1_ps(bias[row]); COLS],
                 Init::Accumulate => core::array::from_fn(|j| {
                     let from = &self.to[row * stride + column + 16 * j..][..16];
-                    // SAFETY: sixteen values are in bounds.
+                    // SAFETY: `from` has sixteen values.
                     unsafe { _mm512_loadu_ps(from.as_ptr()) }
                 }),
             };
@@ -282,7 +284,7 @@ mod avx512 {
     #[target_feature(enable = "avx512f")]
     fn put(to: &mut [f32], x: __m512) {
         let to = &mut to[..16];
-        // SAFETY: sixteen values are in bounds.
+        // SAFETY: `to` has sixteen values.
         unsafe { _mm512_storeu_ps(to.as_mut_ptr(), x) }
     }
 }

@@ -3,7 +3,7 @@
 use super::bf16::{pairs, unpair};
 use crate::simd::{Isa, Lanes, Op};
 
-/// `to = start + Wᵀ from`, in f32 except for the weights, which are pairs of bf16 as in [`super::dense_bf16`].
+/// Computes `to = start + Wᵀ from` in f32; only the weights are pairs of bf16, as in [`super::dense_bf16`].
 ///
 /// `weights`: `[outputs][row]`; the first `pairs(inputs)` words of each row are used. `from`: `[outputs][stride]` f32,
 /// `to`: `[inputs][stride]` f32. `start` is the content of `to` if `accumulate`, else 0. `stride`: number of samples, a

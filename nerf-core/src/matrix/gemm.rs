@@ -34,19 +34,20 @@ pub enum Init<'a, T = f32> {
 }
 
 impl<'a, T> Init<'a, T> {
-    /// [`Init::Accumulate`] if `accumulate`, else the bias.
+    /// Returns [`Init::Accumulate`] if `accumulate`, else [`Init::Bias`].
     pub fn bias_unless(accumulate: bool, bias: &'a [T]) -> Self {
         if accumulate { Self::Accumulate } else { Self::Bias(bias) }
     }
 
-    /// [`Init::Accumulate`] if `accumulate`, else 0.
+    /// Returns [`Init::Accumulate`] if `accumulate`, else [`Init::Zero`].
     #[cfg(feature = "normals")]
     pub fn zero_unless(accumulate: bool) -> Self {
         if accumulate { Self::Accumulate } else { Self::Zero }
     }
 }
 
-/// `C[i][j] = act(init + Σ_p A[i][p] B[p][j])`, summed in ascending `p`; `act` is ReLU if `relu`, else the identity.
+/// Computes `C[i][j] = act(init + Σ_p A[i][p] B[p][j])`, summed in ascending `p`. `act` is ReLU if `relu`, else the
+/// identity.
 ///
 /// Every element is summed in the same order for any sizes, so that results do not depend on how a block of samples is
 /// split into products. Instruction sets differ in whether multiply-adds are fused. A NaN stays a NaN through the ReLU.
@@ -59,7 +60,7 @@ pub fn gemm(isa: Isa, g: Gemm, a: &[f32], b: &[f32], c: &mut [f32], init: Init<'
     }
     assert!(g.n.is_multiple_of(isa.columns()), "gemm: n is a multiple of {}", isa.columns());
     let (last_row, last_col) = (g.m - 1, g.k.saturating_sub(1));
-    // Checked arithmetic: `tile` reads A and B by address, so a wrapped product must not pass.
+    // An overflow must be an error, since `tile` reads A and B through raw pointers.
     let reach =
         |steps: usize, stride: usize, more: Option<usize>| steps.checked_mul(stride)?.checked_add(more?);
     let a_reach = reach(last_row, g.a_row, reach(last_col, g.a_col, Some(1)));

@@ -4,8 +4,8 @@ use super::{Gemm, Init};
 use crate::memory::{at, tail, tail_mut};
 use crate::simd::{Isa, Lanes, Op};
 
-/// `C[i][j] = act(init + Σ_p A[i][p] B[p][j])`, where A is little-endian f16 at any alignment; `act` is ReLU if `relu`,
-/// else the identity. `n`, the number of columns of B and C, may be any: if `n` is no multiple of [`Isa::columns`],
+/// Computes `C[i][j] = act(init + Σ_p A[i][p] B[p][j])`, where A is little-endian f16 at any alignment. `act` is ReLU
+/// if `relu`, else the identity. B and C may have any number `n` of columns: if `n` is no multiple of [`Isa::columns`],
 /// columns are computed one by one with portable instructions. `c_row` is at least `n`.
 ///
 /// # Panics
@@ -14,7 +14,7 @@ pub fn gemm_f16(isa: Isa, g: Gemm, a: &[u8], b: &[f32], c: &mut [f32], init: Ini
     isa.run_columns(g.n, Product { g, a, b, c, init, relu });
 }
 
-/// Reads the `i`-th little-endian f16 of `bytes`.
+/// Reads the `i`-th little-endian f16 of `bytes` and converts it to f32.
 #[inline(always)]
 pub fn f16_at(bytes: &[u8], i: usize) -> f32 {
     let pair = tail(bytes, 2 * i).first_chunk();
@@ -36,9 +36,9 @@ fn widen(bytes: [u8; 2]) -> f32 {
     f32::from_bits(
         sign | match magnitude {
             0x0400..0x7c00 => widened,
-            // A subnormal number has no leading 1: a multiple of 2^-24.
+            // A subnormal f16 has no leading 1: its value is `magnitude` times 2^-24.
             0..0x0400 => (magnitude as f32 * (1.0 / 16_777_216.0)).to_bits(),
-            // Infinities and NaN have the largest exponent in f32, too.
+            // Infinity or NaN: adding the bias twice gives the largest exponent of f32.
             _ => widened + BIAS,
         },
     )

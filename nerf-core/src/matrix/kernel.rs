@@ -20,7 +20,8 @@ names! {
 }
 
 impl Storage {
-    /// Whether weights are read directly from the blob's bytes: with f16, and always if the target has no [`VECTORS`].
+    /// Whether weights are read directly from the blob's bytes: f16 weights, and all weights on targets without vector
+    /// instructions ([`VECTORS`]).
     pub(crate) const fn in_place(self) -> bool {
         matches!(self, Self::F16) || !VECTORS
     }
@@ -30,9 +31,9 @@ impl Storage {
 /// `avx2` with f32 weights and `avx2-f16` with f16 weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Kernel {
-    /// Instruction set.
+    /// Instruction set of the inner loops.
     pub isa: Isa,
-    /// Storage of the weights.
+    /// Format of the weights in memory.
     pub storage: Storage,
 }
 

@@ -1,4 +1,4 @@
-//! Every instruction set against plain loops.
+//! Tests of matrix products: every instruction set against plain loops.
 
 extern crate std;
 
@@ -70,7 +70,7 @@ fn a_nan_passes_through_the_relu_with_every_kernel() {
 #[test]
 fn strides_whose_reach_overflows_are_refused() {
     let half = usize::MAX / 2 + 1;
-    // (m - 1) * a_row and (k - 1) * b_row wrap around to 0.
+    // In each product, the last index times one of the strides wraps around to 0.
     for g in [
         Gemm { m: 3, n: 16, k: 1, a_row: half, a_col: 1, b_row: 16, c_row: 16 },
         Gemm { m: 1, n: 16, k: 3, a_row: 3, a_col: half, b_row: 16, c_row: 16 },
@@ -92,7 +92,7 @@ fn paired_layers_equal_the_oracle_with_every_kernel() {
     for (outputs, stride, main, extra) in
         [(1, 16, 1, 0), (6, 64, 63, 0), (13, 80, 64, 27), (128, 64, 255, 1), (3, 64, 128, 0), (4, 128, 7, 2)]
     {
-        // Rows of [main, extra] in f32, and the same rounded and paired.
+        // Rounds values to bf16 and packs them in pairs.
         let paired = |values: &[f32]| -> Vec<f32> {
             values.chunks(2).map(|two| pair(two[0], two.get(1).copied().unwrap_or(0.0))).collect()
         };
@@ -141,7 +141,7 @@ fn paired_layers_equal_the_oracle_with_every_kernel() {
                                 (f64::from(value) - expected).abs() <= 2e-5,
                                 "{what}: {value} {expected}"
                             );
-                            // Pairs are the same sums, rounded.
+                            // Outputs in pairs equal the f32 outputs, rounded to bf16.
                             let word = words[i / 2 * stride + j].to_bits();
                             let bits = if i % 2 == 0 { word & 0xffff } else { word >> 16 };
                             assert_eq!(bits, u32::from(::half::bf16::from_f32(value).to_bits()), "{what}");
@@ -162,7 +162,7 @@ fn paired_layers_equal_the_oracle_with_every_kernel() {
 #[test]
 fn transposed_paired_weights_equal_plain_loops_with_every_kernel() {
     for (outputs, inputs, stride) in [(1, 1, 16), (6, 63, 64), (13, 8, 80), (128, 27, 64), (3, 2, 48)] {
-        // Rows with an extra word at each end, as in one part of a layer.
+        // Words per row of weights: the pairs, and at each end an unused word, as if the row were part of a longer row.
         let row = pairs(inputs) + 2;
         let weights: Vec<Vec<f32>> = (0..outputs).map(|o| noise(inputs, 1 + o as u32)).collect();
         let words: Vec<f32> = weights
@@ -186,7 +186,7 @@ fn transposed_paired_weights_equal_plain_loops_with_every_kernel() {
                             let weight = ::half::bf16::from_f32(weights[i]).to_f64();
                             sum += weight * f64::from(from[o * stride + j]);
                         }
-                        // γ of a sum of that many products, none above 1.
+                        // Bound on the rounding error of a sum of `outputs` products, each at most 1.
                         let bound = (outputs + 2) as f64 * 6e-8 * (outputs + 1) as f64;
                         let off = (f64::from(found[at]) - sum).abs();
                         assert!(off <= bound, "{isa:?} {outputs}x{inputs}x{stride}: {off:e}");

@@ -1,5 +1,5 @@
-//! Typed slices in the caller's memory. A stage of the renderer requests its buffers in one function, which is run with
-//! [`Measure`] to count the 64-byte lines of memory and with [`Arena`] to allocate the buffers.
+//! Typed slices in the caller's memory. One function of each stage of the renderer requests the stage's buffers. With
+//! [`Measure`] the function counts the 64-byte lines of memory, and with [`Arena`] it allocates the buffers.
 
 use core::mem::{MaybeUninit, align_of, size_of};
 
@@ -10,7 +10,7 @@ use core::mem::{MaybeUninit, align_of, size_of};
 pub struct Line([MaybeUninit<u8>; 64]);
 
 impl Line {
-    /// 64 uninitialised bytes, one cache line: what a buffer for an arena is filled with.
+    /// A line of 64 uninitialised bytes, to make workspace of: `[Line::UNINIT; 64]`.
     pub const UNINIT: Self = Self([MaybeUninit::uninit(); 64]);
 }
 
@@ -22,8 +22,8 @@ pub const fn lines_for<T>(count: usize) -> usize {
 /// Source of the buffers of a stage: [`Measure`] counts the 64-byte lines that the buffers need, [`Arena`] allocates
 /// them.
 pub trait Layout<'w> {
-    /// Returns `count` copies of `value`, beginning at the start of a line. Returns an empty slice from [`Measure`],
-    /// and from [`Arena`] if the memory left is too small.
+    /// Returns `count` copies of `value`, beginning at the start of a line. [`Measure`] returns an empty slice, and so
+    /// does [`Arena`] if too little memory is left.
     fn slice<T: Copy>(&mut self, count: usize, value: T) -> &'w mut [T];
 }
 
@@ -77,7 +77,7 @@ impl<'w> Layout<'w> for Arena<'w> {
             // and borrowed exclusively for 'w.
             unsafe { start.add(i).write(value) };
         }
-        // SAFETY: as above, and every value has just been written.
+        // SAFETY: `taken` spans `count` values, is aligned for T, and the loop has written every value.
         unsafe { core::slice::from_raw_parts_mut(start, count) }
     }
 }

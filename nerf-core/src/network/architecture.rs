@@ -23,7 +23,7 @@ pub const MAX_WIDTH: usize = 512;
 pub struct TrunkLayer {
     /// Number of outputs.
     pub width: u16,
-    /// Whether the encoded position is appended to the layer's input: `[h, PE(x)]`.
+    /// Whether the encoded position is appended to the previous layer's output `h`: input `[h, PE(x)]`.
     pub skip: bool,
 }
 
@@ -45,14 +45,15 @@ pub const EXPONENTIAL_LIMIT: f32 = 20.0;
 /// How often a field's colour branch is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Shading {
-    /// Once for each sample with a weight above the colour cut. The colour branch takes the trunk's output `h` of the
-    /// sample, and the colours are composited.
+    /// Once for each sample that [`Quality::colour_cut`](crate::plan::Quality::colour_cut) selects. The colour branch
+    /// takes the sample's trunk output `h`, and the colours are composited.
     PerSample,
     /// Once a ray (deferred shading): the trunk's outputs `h` are composited, and the colour branch takes their
     /// weighted mean.
     ///
     /// ```text
     /// A = Σ w_i;  P = Σ w_i h_i / A;  colour = A · sigmoid(branch [P, PE(d)]) + T_end · background
+    /// w_i: weight of sample i;  T_end: transmittance at the end of the ray
     /// ```
     ///
     /// With a grid the trunk may be empty: `h` is then the encoded position itself.
@@ -69,18 +70,19 @@ pub struct Architecture {
     pub position: PositionEncoding,
     /// Encoding of the viewing direction; `None` if colour does not depend on the direction.
     pub direction: Option<DirectionEncoding>,
-    /// The trunk's layers, in order; the first takes the encoded position and has no skip input. May be empty only with
-    /// a grid and colour evaluated [once a ray](Shading::PerRay).
+    /// The trunk's layers, in order. The first takes the encoded position and has no skip input. The trunk may be empty
+    /// only with a grid and [`Shading::PerRay`].
     pub trunk: heapless::Vec<TrunkLayer, MAX_TRUNK>,
     /// Activation of the density head; `None` in a 2D field.
     pub density: Option<DensityActivation>,
-    /// Widths of the colour branch's hidden dense+ReLU layers; the input of the first layer is `[h, PE(d)]`.
+    /// Widths of the colour branch's hidden dense+ReLU layers. The first takes `[h, PE(d)]`: the trunk's output and the
+    /// encoded direction.
     pub colour: heapless::Vec<u16, MAX_COLOUR>,
     /// Whether colour is evaluated once a sample or once a ray.
     pub shading: Shading,
 }
 
-/// The role of a layer in its network.
+/// Place of a layer in its network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
     /// Hidden layer of the trunk, by index from 0.
@@ -96,11 +98,12 @@ pub enum Role {
 /// One dense layer: `y = W [main, extra] + b`, `W` row-major `[outputs][main + extra]`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layer {
-    /// The layer's role.
+    /// What the layer computes: a hidden layer, the density or the colour.
     pub role: Role,
-    /// Number of inputs from the previous layer, or from `PE(x)` in the first layer.
+    /// Number of inputs from the previous layer; in the first layer, from the encoded position.
     pub main: usize,
-    /// Number of appended inputs: `PE(x)` in a skip layer, `PE(d)` in the first layer of the colour branch, else 0.
+    /// Number of appended inputs: encoded position in a skip layer, encoded direction in the first colour layer, else
+    /// 0.
     pub extra: usize,
     /// Number of outputs.
     pub outputs: usize,
@@ -175,7 +178,7 @@ impl Architecture {
         Ok(())
     }
 
-    /// All layers, with the indices of their parameters: for each layer `W` row-major, then `b`.
+    /// All layers, with the indices of their parameters. The order is, for each layer, `W` row-major, then `b`.
     ///
     /// Correct only for an architecture that passes [`Architecture::check`].
     pub fn layers(&self) -> Layers {
@@ -246,7 +249,8 @@ impl Architecture {
         self.position.grid().map_or(0, |grid| grid.reads())
     }
 
-    /// Number of values of `h`: outputs of the last trunk layer, or of the encoding if the trunk is empty.
+    /// Number of values of the trunk's output `h`: outputs of the last trunk layer, or of the encoding if the trunk is
+    /// empty.
     pub fn h_rows(&self) -> usize {
         let empty = || if PER_RAY_BUILT { self.position.outputs() } else { 0 };
         self.trunk.last().map_or_else(empty, |layer| usize::from(layer.width))

@@ -5,8 +5,8 @@
 //!                                                                    └─ a skip layer's share of it ─┘
 //! ```
 //!
-//! The gradients of raw density and sigma have the same direction, since every activation increases. Where the
-//! activation is flat, the gradient of sigma is 0, but the gradient of the raw density is not.
+//! The raw density and sigma, the result of its activation, have gradients of the same direction, since every
+//! activation increases. Where the activation is flat, only the gradient of sigma is 0.
 
 use super::architecture::{Layer, Role};
 use super::view::{Network, Scratch};
@@ -28,7 +28,7 @@ const SIGNS: usize = 16;
 pub struct GradientScratch<'w> {
     /// One bit for each trunk output of each sample, set if the output is above 0; length [`Network::sign_words`].
     pub signs: &'w mut [u16],
-    /// ∂raw/∂PE(x): `[gradient_rows][stride]`.
+    /// Gradient of the raw density with respect to the encoded position, `[gradient_rows][stride]`.
     pub encoded: &'w mut [f32],
 }
 
@@ -38,7 +38,7 @@ impl Network<'_> {
         self.trunk_layers().map(|layer| sign_words(layer, samples)).sum()
     }
 
-    /// Number of rows of [`GradientScratch::encoded`].
+    /// Number of rows of [`GradientScratch::encoded`]: one for each value of the encoded position.
     pub fn gradient_rows(&self) -> usize {
         self.architecture.position.outputs()
     }
@@ -48,10 +48,10 @@ impl Network<'_> {
     /// `positions`: `[3][stride]`, inside the scene box; `gradient`: `[3][stride]`, 1/world unit². Overwrites
     /// `scratch`.
     ///
-    /// `blur`: standard deviation, world units, of the Gaussian over which the gradient is averaged: finer levels of
-    /// the encoding are damped, with the network taken as linear around each sample. With 0 nothing is averaged. A
-    /// grid's interpolation is differentiated inside the sample's cell; a face between two cells belongs to the cell
-    /// with the larger index.
+    /// `blur`: standard deviation, world units, of a Gaussian around each sample. The gradient is averaged over this
+    /// Gaussian, as if the network were linear there, which damps the finer levels of the encoding. With 0 nothing is
+    /// averaged. A grid's interpolation is differentiated inside the sample's cell. A face between two cells belongs to
+    /// the cell with the larger index.
     ///
     /// The derivative of the ReLU at 0 is 0. Whether a ReLU is on is decided by a forward pass in the kernel's own
     /// arithmetic. The backward pass computes in f32, from weights in the precision in which they are stored.
@@ -180,16 +180,15 @@ impl Network<'_> {
     }
 }
 
-/// Number of words for the signs of a layer's outputs.
+/// Number of words that hold one sign bit for each output of a layer.
 fn sign_words(layer: &Layer, samples: usize) -> usize {
     (layer.outputs * samples).div_ceil(SIGNS)
 }
 
 /// Writes to `signs` one bit for each output of a layer: 1 if the output is above 0, else 0.
 ///
-/// `outputs`, after the ReLU: `[rows][stride]` f32, or if `paired` `[rows / 2, rounded up][stride]` words, each with
-/// the bf16 values of two successive rows. With `paired`, `stride` is a multiple of [`SIGNS`]. `signs`: one bit per
-/// output, row after row.
+/// `outputs`: after the ReLU, `[rows][stride]`. If `paired`, `[⌈rows / 2⌉][stride]` words that each hold the bf16
+/// values of two successive rows; `stride` is then a multiple of [`SIGNS`]. `signs`: one bit per output, row after row.
 fn record(signs: &mut [u16], outputs: &[f32], rows: usize, stride: usize, paired: bool) {
     if !paired {
         for (sign, outputs) in signs.iter_mut().zip(head(outputs, rows * stride).chunks(SIGNS)) {
@@ -205,7 +204,7 @@ fn record(signs: &mut [u16], outputs: &[f32], rows: usize, stride: usize, paired
     }
 }
 
-/// Returns a word that has bit `i` set if `value` of the `i`-th output is above 0, for up to [`SIGNS`] outputs.
+/// Packs the signs of up to [`SIGNS`] outputs in a word: bit `i` is set if `value(outputs[i])` is above 0.
 #[inline]
 fn word(outputs: &[f32], value: impl Fn(f32) -> f32) -> u16 {
     outputs.iter().enumerate().fold(0, |word, (i, &x)| word | u16::from(value(x) > 0.0) << i)

@@ -42,7 +42,8 @@ fn encode_f64(e: &SinusoidalEncoding, x: &[f64]) -> Vec<f64> {
     out
 }
 
-/// Oracle: one sample at a time, directly from the diagram in the module's docs; parameters consumed in order.
+/// Computes sigma and rgb of one sample in f64, directly from the diagram in the docs of `network`. `p`: parameters in
+/// their stored order.
 fn oracle(a: &Architecture, p: &[f32], x: &[f64], d: &[f64]) -> (f64, [f64; 3]) {
     let mut rest = p;
     let mut dense = |input: &[f64], outputs: usize, relu: bool| -> Vec<f64> {
@@ -104,7 +105,7 @@ fn architectures() -> Vec<(&'static str, Architecture)> {
     ]
 }
 
-/// `[3][STRIDE]` positions in [-1, 1) and unit directions.
+/// A block of random positions in [-1, 1) and of random unit directions, each `[3][STRIDE]`.
 fn block(seed: u32) -> (Vec<f32>, Vec<f32>) {
     let mut dirs = noise(3 * STRIDE, seed + 1);
     for i in 0..STRIDE {
@@ -114,7 +115,6 @@ fn block(seed: u32) -> (Vec<f32>, Vec<f32>) {
     (noise(3 * STRIDE, seed), dirs)
 }
 
-/// The instruction sets of this machine.
 fn isas() -> impl Iterator<Item = Isa> {
     Isa::ALL.into_iter().filter(|isa| isa.available())
 }
@@ -129,7 +129,7 @@ fn every_architecture_is_its_drawing_with_every_kernel() {
         a.check().unwrap();
         let (bytes, parameters) = halve(&parameters(&a, 3));
         let (positions, dirs) = block(5);
-        // Bounds of sigma and rgb, for kernels that are exact and kernels that round.
+        // Largest errors of sigma and rgb: of exact kernels, then of kernels that round weights.
         let mut worst = [[0.0f64; 2]; 2];
         for kernel in Kernel::all() {
             let mut memory = vec![0.0; a.parameters()];
@@ -210,7 +210,7 @@ fn a_512_wide_sum_of_the_largest_halves_is_finite() {
 
 #[test]
 fn an_exponential_density_is_finite_positive_and_flat_above_its_limit_and_nan_stays() {
-    // raw = the position's x, times 1e4.
+    // raw = relu(x) − relu(−x) = x, the position's first coordinate.
     let a = Architecture {
         density: Some(DensityActivation::Exponential),
         ..architecture(pi(3, 0), None, &[(2, false)], &[])
@@ -271,7 +271,7 @@ fn layers_lie_end_to_end_and_macs_add_up() {
         assert_eq!(a.parameters(), offset);
         assert_eq!(a.density_macs() + a.colour_macs(), layers.iter().map(Layer::macs).sum::<usize>());
     }
-    // The seed network with its feature layer folded: 8×256, skip after 4, L = 10/4, colour 128.
+    // The original NeRF with its feature layer merged: 8×256, skip at the fifth layer, 10 and 4 levels, colour 128.
     let trunk: Vec<_> = (0..8).map(|i| (256, i == 4)).collect();
     let seed = architecture(pi(3, 10), Some(pi(3, 4)), &trunk, &[128]);
     assert_eq!((seed.density_macs(), seed.colour_macs()), (491_264, 36_608));

@@ -44,17 +44,17 @@ pub struct Scratch<'w> {
 impl<'a> Network<'a> {
     /// Makes a network without a grid from its architecture and parameters.
     ///
-    /// `None` if the architecture exceeds a limit or has a grid ([`Network::with_grid`] takes a grid), if there are too
-    /// few parameters, or if the target has no [`VECTORS`] and parameters are not [`Weights::InPlace`].
+    /// `None` if the architecture exceeds a limit or has a grid (use [`Network::with_grid`]), or if there are too few
+    /// parameters. Without [`VECTORS`], also `None` unless weights are [`Weights::InPlace`].
     #[cfg(feature = "train")]
     pub fn new(architecture: &Architecture, weights: Weights<'a>, isa: Isa) -> Option<Self> {
         Self::with_grid(architecture, weights, GridTables::NONE, isa)
     }
 
-    /// Makes a network from its architecture, its parameters and the tables of its grid (not used without a grid).
+    /// Makes a network from its architecture, its parameters and its grid's tables, if any.
     ///
-    /// `None` if the architecture exceeds a limit, if there are too few parameters or table values, or if the target
-    /// has no [`VECTORS`] and parameters are not [`Weights::InPlace`].
+    /// `None` if the architecture exceeds a limit, or if there are too few parameters or table values. Without
+    /// [`VECTORS`], also `None` unless weights are [`Weights::InPlace`].
     #[cfg(feature = "train")]
     pub fn with_grid(
         architecture: &Architecture,
@@ -67,8 +67,10 @@ impl<'a> Network<'a> {
     }
 
     /// Makes a network of a checked architecture, such as a blob's. `None` if there are too few parameters or table
-    /// values, or if the target has no [`VECTORS`] and parameters are not [`Weights::InPlace`]. `layers`: all of
-    /// [`Architecture::layers`], or only trunk and density head; then [`Network::colour`] must not be called.
+    /// values. Without [`VECTORS`], also `None` unless weights are [`Weights::InPlace`].
+    ///
+    /// `layers`: all of [`Architecture::layers`], or only trunk and density head. With the latter, [`Network::colour`]
+    /// must not be called.
     pub(crate) fn of_layers(
         architecture: &Architecture,
         layers: Layers,
@@ -131,13 +133,13 @@ impl<'a> Network<'a> {
         if let Weights::Paired(_) = self.weights() { MAX_LANES } else { self.isa.columns() }
     }
 
-    /// Number of rows of [`Scratch::encoded`].
+    /// Number of rows of [`Scratch::encoded`]: the larger number of outputs of the two encodings.
     pub fn encoded_rows(&self) -> usize {
         let direction = self.architecture.direction.map_or(0, |direction| direction.outputs());
         self.architecture.position.outputs().max(direction)
     }
 
-    /// Number of rows of [`Scratch::front`] and [`Scratch::back`].
+    /// Number of rows of [`Scratch::front`] and [`Scratch::back`]: outputs of the widest layer.
     pub fn activation_rows(&self) -> usize {
         self.layers.iter().map(|layer| layer.outputs).max().unwrap_or(0).max(self.trunk_rows())
     }
@@ -179,9 +181,9 @@ impl<'a> Network<'a> {
     /// `positions`: `[inputs][stride]`, inside the scene box.
     ///
     /// # Panics
-    /// If a slice is shorter than its rows times [`Scratch::stride`] (with [`Weights::InPlace`], only with debug
-    /// assertions), or if the stride is not a multiple of [`Network::columns`] although it must be
-    /// ([`Network::whole_blocks`]). The same holds for `direction`, `density` and `colour`.
+    /// If a slice is shorter than its rows times [`Scratch::stride`]; with [`Weights::InPlace`], only with debug
+    /// assertions. If [`Network::whole_blocks`] and the stride is no multiple of [`Network::columns`]. `direction`,
+    /// `density` and `colour` panic likewise.
     pub fn trunk(&self, math: MathBackend, scratch: &mut Scratch<'_>, positions: &[f32]) {
         self.trunk_with(math, scratch, positions, |_, _| {});
     }
@@ -226,8 +228,8 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Adds `weight` times `h` of sample `column` to `sums`, which has one sum per row of `h`. The trunk's output `h`
-    /// is read from [`Scratch::front`].
+    /// Adds `weight` times the trunk's output `h` of sample `column` to `sums`, which has one sum per row of `h`. Reads
+    /// `h` from [`Scratch::front`].
     #[inline]
     pub(crate) fn add_h(&self, scratch: &Scratch<'_>, column: usize, weight: f32, sums: &mut [f32]) {
         let rows = scratch.front.chunks_exact(scratch.stride.max(1));
@@ -288,9 +290,10 @@ impl<'a> Network<'a> {
     }
 
     /// Computes the colour of a block's first sample from the trunk's output `h` in [`Scratch::front`]; overwrites `h`.
-    /// The result is bit-identical to the result of [`Network::colour`], but a vector holds outputs of a layer instead
-    /// of samples. Returns `false` and does nothing unless weights are [`Weights::Transposed`] and the colour branch
-    /// has hidden layers, with widths that are multiples of a vector's length.
+    /// A vector holds outputs of a layer instead of samples. The result is bit-identical to [`Network::colour`].
+    ///
+    /// Returns `false` and does nothing without [`Weights::Transposed`], or without hidden colour layers whose widths
+    /// are multiples of a vector's length.
     ///
     /// `dirs`: `[3][stride]`; `rgb`: `[3][stride]`, only the first column is specified.
     pub(crate) fn colour_of_one(
@@ -304,19 +307,19 @@ impl<'a> Network<'a> {
         let (isa, stride) = (self.isa, scratch.stride);
         let hidden = || self.layers.iter().filter(|layer| matches!(layer.role, Role::Colour(_)));
         let Some(to_rgb) = self.layers.iter().find(|layer| layer.role == Role::Rgb) else { return false };
-        // The direction must enter a hidden layer.
+        // The direction needs a hidden layer, and hidden layers must fill whole vectors.
         if hidden().count() == 0 || hidden().any(|layer| !layer.outputs.is_multiple_of(isa.columns())) {
             return false;
         }
         if let Some(encoding) = &self.architecture.direction {
             self.encode_direction(math, encoding, scratch, dirs);
         }
-        // Distance between the inputs of a layer, values.
+        // Stride between successive inputs of a layer, values.
         let mut apart = stride;
         for layer in hidden() {
             let (m, to) = (layer.outputs, head_mut(scratch.back, layer.outputs));
             to.copy_from_slice(&parameters[layer.bias..][..m]);
-            // In the order in which a block of samples is summed.
+            // Direction first, then the previous layer's outputs: the order in which `colour` sums.
             let of_direction = (layer.main, layer.extra, &*scratch.encoded, stride);
             for (first, k, from, a_col) in [of_direction, (0, layer.main, &*scratch.front, apart)] {
                 let g = Gemm { m: 1, n: m, k, a_row: 0, a_col, b_row: m, c_row: m };
@@ -326,7 +329,7 @@ impl<'a> Network<'a> {
             core::mem::swap(&mut scratch.front, &mut scratch.back);
             apart = 1;
         }
-        // Three outputs do not fill a vector: only the first lane is used, and lane j sums inputs from the j-th on.
+        // Three outputs do not fill a vector: only lane 0 is valid, and lane j sums the inputs from the j-th on.
         let (k, n) = (to_rgb.main, isa.columns());
         let g = Gemm { m: 3, n, k, a_row: k, a_col: 1, b_row: 1, c_row: stride };
         let bias = Init::Bias(&parameters[to_rgb.bias..]);
@@ -410,7 +413,7 @@ impl<'a> Network<'a> {
                     let init = Init::bias_unless(accumulate, tail(bytes, 2 * layer.bias));
                     gemm_f16(self.isa, g, tail(bytes, 2 * offset), from, to, init, hidden && last);
                 }
-                // One product of the two parts, so that no intermediate sum is rounded.
+                // One product of main and extra inputs, so that no intermediate sum is rounded.
                 Weights::Paired(words) => {
                     return self.dense_paired(words, layer, inputs, stride, to, accumulate, hidden);
                 }
@@ -478,7 +481,7 @@ impl<M: Math> Op for Density<'_, M> {
                 // The maximum of 0 and −0 may be −0; adding 0 makes it 0.
                 DensityActivation::Relu => V::splat(0.0).max_of(raw).add(V::splat(0.0)),
                 DensityActivation::ShiftedSoftplus => M::softplus(raw.sub(V::splat(1.0))),
-                // A NaN stays a NaN.
+                // A NaN in `raw` stays a NaN.
                 DensityActivation::Exponential => M::exp(V::splat(EXPONENTIAL_LIMIT).min_of(raw)),
             };
             sigma.store(values);

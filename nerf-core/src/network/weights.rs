@@ -11,9 +11,10 @@ pub enum Weights<'a> {
     /// f32, for instruction sets with vectors.
     Prepared(&'a [f32]),
     /// f32 as in [`Weights::Prepared`], but with the weights of hidden colour layers transposed, `[inputs][outputs]`.
-    /// For fields shaded once a ray: the colour of a single ray is computed in vectors of outputs.
+    /// For fields shaded once a ray, where a vector holds outputs of a layer instead of samples.
     Transposed(&'a [f32]),
-    /// Pairs of bf16, made by [`Weights::prepare`]. Each layer begins at the same index as in f32 parameters.
+    /// Pairs of bf16, one pair in the bits of each f32, made by [`Weights::prepare`]. Each layer begins at the same
+    /// index as in f32 parameters.
     Paired(&'a [f32]),
 }
 
@@ -66,7 +67,8 @@ impl<'a> Weights<'a> {
         }
         let parameters = memory.len();
         for layer in architecture.layers().iter().filter(|layer| layer.bias + layer.outputs <= parameters) {
-            // A row of words is no longer than its row of f32, so that no value is overwritten before it is read.
+            // A row of pairs is no longer than the row of f32 that it replaces, so that no value is overwritten before
+            // it is read.
             let mut to = layer.weights;
             for row in 0..layer.outputs {
                 let row = layer.weights + row * layer.inputs();

@@ -1,6 +1,6 @@
 //! The plan of a frame: its stages, decided from what the scene holds and what the caller requests.
 //!
-//! Longer than 400 lines, since every decision is a field of one [`Plan`].
+//! This file is longer than 400 lines, since every decision is a field of one [`Plan`].
 
 use crate::blob::{Blob, MAX_SAMPLES, SceneFacts, SceneSampling, steps};
 use crate::camera::Ray;
@@ -61,7 +61,8 @@ impl Outputs {
     /// requested by name.
     pub const ALL: Self = Self { ray_distance: true, z_depth: true, ..Self::RGB };
 
-    /// Whether colour or normals are requested. Only selected samples are then evaluated for these outputs.
+    /// Whether colour or normals are requested, which are evaluated only at samples that [`Quality::colour_cut`]
+    /// selects.
     pub(crate) const fn picks(&self) -> bool {
         self.rgb || (cfg!(feature = "normals") && self.normals)
     }
@@ -98,14 +99,14 @@ impl Batch {
     }
 }
 
-/// The stages and settings of a frame, decided once.
+/// Stages and settings of a frame, checked and decided before rendering.
 #[derive(Clone, Copy, Debug)]
 pub struct Plan<'a> {
     /// [`Blob::identity`] of the blob that the plan was made for.
     pub(crate) scene: usize,
     pub(crate) bounds: SceneBox,
-    /// Contraction of an unbounded scene; `None` if the scene is bounded. With a contraction, bins are counted in its
-    /// steps, and [`Plan::point`] and [`Plan::interval`] convert steps to points and distances.
+    /// Contraction of an unbounded scene; `None` if the scene is bounded. In an unbounded scene, positions along a ray
+    /// are counted in steps, which [`Plan::point`] and [`Plan::interval`] convert.
     pub(crate) contraction: Option<Contraction>,
     pub(crate) lattice: Lattice,
     /// The bins of a ray. If a proposal network places the samples, only the number of bins is used.
@@ -130,7 +131,7 @@ pub struct Plan<'a> {
 }
 
 impl<'a> Plan<'a> {
-    /// Default width of the blur of normals, in bins. The samples of a ray resolve nothing finer than one bin.
+    /// Default width of the blur of normals, in bins. A ray has one sample a bin, and resolves nothing finer.
     pub const NORMAL_BLUR: f32 = 1.0;
 
     /// Makes the plan of a frame from what `blob` holds and from the requested settings.
@@ -212,7 +213,7 @@ impl<'a> Plan<'a> {
     }
 
     /// Returns the plan with limits of visibility: only points at a distance of `t_min` to `t_max` along a ray are
-    /// visible, world units. Without limits: 0 to infinity.
+    /// visible, world units. The default is 0 to infinity.
     ///
     /// A limit inside a bin cuts this bin short, so that opacity changes continuously with the limits. Nothing behind
     /// `t_max` is visible, and a pixel without a surface has a distance of at most `t_max`.
@@ -227,8 +228,8 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
-    /// Returns the plan with samples only in the bins on which the scene's network was trained, from its near to its
-    /// far plane. Reproduces figures that were measured with these bins. A scene without bins does not change.
+    /// Returns the plan with samples only in the bins of the network's training, from near to far. Reproduces figures
+    /// that were measured with these bins. The plan of a scene without bins does not change.
     #[must_use]
     pub fn with_own_bins(mut self) -> Self {
         if self.lattice == Lattice::Extended {
@@ -237,7 +238,7 @@ impl<'a> Plan<'a> {
         self
     }
 
-    /// Returns the plan with another blur of normals, in bins; 0 for the density's gradient itself.
+    /// Returns the plan with another blur of normals. `bins`: width of the blur; 0 takes the density's gradient itself.
     ///
     /// A field that was trained with samples one bin apart also varies on far finer scales. In sums along a ray these
     /// variations cancel, but they dominate the gradient: the tenth frequency of a sinusoidal encoding multiplies the
@@ -258,7 +259,7 @@ impl<'a> Plan<'a> {
     pub(crate) fn normal_deviation(&self) -> f32 {
         // 1/√12: the standard deviation of a uniform distribution over a bin.
         const EVEN: f32 = 0.288_675_13;
-        // Drawn samples have no bins: their mean spacing is used.
+        // Samples of a proposal network have no bins: their mean spacing is used.
         let width = match self.proposal {
             Some(_) => (self.far - self.near) / self.samples_per_ray() as f32,
             None => self.bins.delta() * self.contraction.map_or(1.0, |contraction| contraction.radius()),
@@ -306,7 +307,7 @@ impl<'a> Plan<'a> {
 
     /// Index of the first bin of `from..end` whose sample lies in an occupied cell; `end` if none does. `place`: the
     /// jitter of the ray's samples.
-    // Inlined at each call, this function would be a large part of a microcontroller's code.
+    // Not inlined: a copy at each call would be a large part of a microcontroller's code.
     #[inline(never)]
     pub(crate) fn first_occupied(
         &self,
@@ -318,7 +319,7 @@ impl<'a> Plan<'a> {
     ) -> u32 {
         let t = |bin| place.t(bins, bin);
         match &self.occupancy {
-            // A ray that is straight in the world is curved in the occupancy grid.
+            // A straight ray is curved in the contracted space of the occupancy grid.
             Some(occupancy) if self.contraction.is_some() => {
                 (from..end).find(|&bin| occupancy.occupied(self.point(ray, t(bin)))).unwrap_or(end)
             }
@@ -348,7 +349,8 @@ impl<'a> Plan<'a> {
         self.far.max(reach.length()).min(self.range.1)
     }
 
-    /// Whether a point of the network's space is in an occupied cell, or without an occupancy grid in the scene box.
+    /// Whether a point of the network's space ([`Plan::inside`]) is in an occupied cell. Without an occupancy grid,
+    /// whether the point is in the scene box.
     #[inline]
     pub(crate) fn occupied(&self, p: Vec3) -> bool {
         match &self.occupancy {
@@ -358,7 +360,7 @@ impl<'a> Plan<'a> {
     }
 
     /// Converts a point of the world to the network's space: contracts it if the scene is unbounded, else returns it
-    /// unchanged. NaN stays NaN, which lies in no box.
+    /// unchanged. A point with a NaN is also returned unchanged, and lies in no box.
     #[inline]
     pub(crate) fn inside(&self, p: Vec3) -> Vec3 {
         match &self.contraction {
@@ -394,8 +396,8 @@ impl<'a> Plan<'a> {
         self.proposal.as_ref().unwrap_or(&self.bins)
     }
 
-    /// Least distance at which an unbounded scene has samples, world units, counted from the point at distance `start`
-    /// along the ray. `t_min`: nearest visible distance of the ray, counted from its origin.
+    /// Smallest distance along a ray at which an unbounded scene has samples, world units, counted from distance
+    /// `start`. `t_min`: nearest visible distance of the ray, counted from its origin.
     #[inline]
     pub(crate) fn least_distance(&self, start: f32, t_min: f32) -> f32 {
         self.near.max(t_min) - start
@@ -409,7 +411,7 @@ impl<'a> Plan<'a> {
             return self.spacing().interval(ends.parts(), self.least_distance(start, t_min), t);
         }
         if t >= ends.low && t < ends.high {
-            // A jittered sample lies anywhere in its bin; the bin does not move.
+            // A jittered sample lies anywhere in its bin, so that the bin's middle is computed separately.
             let jittered = self.outputs.median_distance && self.effects.jitter.is_some();
             let mid = if jittered { self.bins.with(*ends).middle_around(t) } else { t };
             return SampleInterval { t, mid, delta: self.bins.delta() };
@@ -418,7 +420,7 @@ impl<'a> Plan<'a> {
     }
 }
 
-/// The bins of a frame, and how rays use them. `proposal`: whether a proposal network places the samples.
+/// Computes the bins of a frame and their lattice. `proposal`: whether a proposal network places the samples.
 fn lattice(scene: &SceneFacts, samples: u16, proposal: bool) -> Result<(Lattice, Bins), BoundsError> {
     let diagonal = scene.diagonal();
     let step = |own: f32, way: f32| if samples == scene.samples() { own } else { way / f32::from(samples) };
@@ -434,9 +436,9 @@ fn lattice(scene: &SceneFacts, samples: u16, proposal: bool) -> Result<(Lattice,
             (Lattice::Extended, scene.near, own.delta())
         }
     };
-    // Rounding may make a ray longer than the diagonal, and bins begin in front of the box.
+    // Three more, since rounding may lengthen a ray beyond the diagonal, and bins begin in front of the box.
     let mut count = steps(diagonal, step).saturating_add(3).max(samples.into());
-    // More bins would take longer than any scene was meant to.
+    // With a proposal network, or above `MAX_SAMPLES` bins, only the bins from near to far are used.
     if lattice == Lattice::Extended && (proposal || count > u32::from(MAX_SAMPLES)) {
         (lattice, count) = (Lattice::Own, samples.into());
     }

@@ -11,15 +11,16 @@ mod tests;
 /// The quality settings of a frame: approximations that cost accuracy and save time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
-    /// Samples per ray; 0 for the scene's own number. In a scene with bins: the number of bins from near to far; bins
+    /// Samples per ray; 0 for the scene's own number. In a scene with bins: the number of bins from near to far. Bins
     /// in front of near and behind far have the same width. In a scene with a step: the number of steps on the diagonal
-    /// of its box. With a proposal network: the number of drawn samples; the samples at which the proposal network
-    /// itself is evaluated come on top.
+    /// of its box. With a proposal network: the number of drawn samples. The samples at which the proposal network is
+    /// evaluated are extra.
     pub samples: u16,
     /// Transmittance below which a ray ends and counts as opaque; 0 ends no ray.
     pub transmittance_cut: f32,
-    /// A sample's colour is evaluated if the compositing weights of this sample and of all samples since the last
-    /// evaluated colour add up to more than this. 0 evaluates the colour of every sample of weight above 0.
+    /// Largest sum of compositing weights without an evaluated colour. Once the sum along a ray exceeds this cut, the
+    /// current sample's colour is evaluated and the sum restarts at 0. A cut of 0 evaluates every sample of weight
+    /// above 0.
     ///
     /// The same rule selects the samples whose normal is evaluated. With [`Shading::PerRay`](crate::network::Shading)
     /// the rule selects the samples whose hidden features are composited. Opacity and distances never depend on this
@@ -27,21 +28,21 @@ pub struct Quality {
     pub colour_cut: f32,
     /// Whether cells that the occupancy grid marks as empty are skipped.
     pub occupancy: bool,
-    /// The implementation of the elementary functions.
+    /// Implementation of the elementary functions, such as exp and sine.
     pub math: MathBackend,
-    /// Whether samples are drawn from the scene's proposal network, if it has one; else they are uniform. Not a
-    /// shortcut: a scene with a proposal was trained with drawn samples, which may cost more or less than uniform ones.
+    /// Whether samples are drawn from the scene's proposal network, if it has one; else samples are uniform. A scene
+    /// with a proposal network was trained with drawn samples, which may cost more or less than uniform samples.
     pub proposal: bool,
 }
 
 impl Quality {
-    /// The default transmittance cut. Together with the default colour cut, it lowers the PSNR by 0.01 dB and saves
-    /// more than half of the evaluations (`docs/journal/2026-11-22-frames.md`).
+    /// Default of [`Quality::transmittance_cut`]. Together with the default colour cut, it lowers the PSNR by 0.01 dB
+    /// and saves more than half of the evaluations (`docs/journal/2026-11-22-frames.md`).
     pub const TRANSMITTANCE_CUT: f32 = 2e-2;
-    /// The default colour cut.
+    /// Default of [`Quality::colour_cut`].
     pub const COLOUR_CUT: f32 = 5e-3;
 
-    /// The exact rendering: every sample inside the scene box is evaluated, at the positions used in training.
+    /// The exact rendering: evaluates every sample inside the scene box, at the positions used in training.
     pub const EXACT: Self = Self {
         samples: 0,
         transmittance_cut: 0.0,
@@ -160,17 +161,17 @@ impl Default for Quality {
     }
 }
 
-/// Settings from the blob's Pareto front.
+/// A point of the blob's Pareto front.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
-    /// The quality settings.
+    /// Quality settings of this point.
     pub quality: Quality,
     /// PSNR of the exact rendering minus PSNR with these settings, both against ground truth, dB; negative for a gain.
     pub loss_db: f32,
     /// Multiply-adds relative to those of the exact rendering.
     pub cost: f32,
-    /// Whether the settings meet the requested limit. If `false`, no settings of the Pareto front do; these are the
-    /// nearest to the limit.
+    /// Whether the settings meet the requested limit. If `false`, no point of the front does, and this point is the
+    /// nearest.
     pub within: bool,
 }
 

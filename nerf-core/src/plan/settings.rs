@@ -5,7 +5,7 @@ use crate::blob::Blob;
 
 /// The settings of a frame: all that a [`Plan`] is made of, except the scene, the outputs and the batch.
 ///
-/// The default: no visible approximation, no limit of the distance, the scene's own background, no effects.
+/// Defaults: no visible approximation, no limit of the distance, the scene's own background, no effects.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     /// Approximations that save time.

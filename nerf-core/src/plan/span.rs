@@ -14,9 +14,10 @@ mod tests;
 /// How the bins of a plan are placed on a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Lattice {
-    /// The bins are the bins of the scene's training, from near to far, and no others.
+    /// Only the bins used in training, from near to far.
     Own,
-    /// The scene's bins. Where a ray needs more, further bins of the same width lie in front of near and behind far.
+    /// The bins used in training. Where a ray needs more, further bins of the same width lie in front of near and
+    /// behind far.
     Extended,
     /// The scene has a step instead of bins: the first bin begins where the ray enters the scene box.
     March,
@@ -27,11 +28,11 @@ pub(crate) enum Lattice {
 
 /// The part of a ray that is sampled.
 pub(crate) struct Span {
-    /// The ray, moved to the point from which its samples are counted.
+    /// The ray, with its origin moved to the point from which distances of samples are counted.
     pub ray: Ray,
     /// Distance from the original ray's origin to the moved origin, along the ray, world units.
     pub start: f32,
-    /// The bins that may need a sample.
+    /// Range of bins that may contain a sample.
     pub bins: Range<u32>,
     /// The used parts of the first and the last bin, which the limits of the ray may cut short.
     pub ends: Ends,
@@ -45,7 +46,7 @@ impl Span {
     /// ([`Plan::range_of`]); `None` if there is none.
     ///
     /// The ray's origin is moved to the box, so that the distances of samples are small however far away the camera is.
-    /// The frame's output distances add the length of this move.
+    /// Output distances include this move, [`Span::start`].
     pub fn new(plan: &Plan<'_>, around: &SceneBox, ray: &Ray, range: [f32; 2]) -> Option<Self> {
         if range[0] >= range[1] {
             return None;
@@ -54,13 +55,13 @@ impl Span {
             return contracted_span(plan, contraction, ray, range);
         }
         let bins = plan.marched_bins();
-        // With a proposal, the range cuts the drawn samples instead.
+        // With a proposal network the range cuts the drawn samples, not the bins.
         let (t_min, t_max) = if plan.proposal.is_some() { (0.0, f32::MAX) } else { range.into() };
         let (near, far) = match plan.lattice {
             Lattice::Own => (plan.near.max(t_min), plan.far.min(t_max)),
             Lattice::Extended | Lattice::March | Lattice::Contracted => (t_min, t_max),
         };
-        // The sample of a bin that is cut may lie beyond the cut.
+        // If the range cuts a bin short, the bin's sample may lie outside of the range.
         let margin = if plan.lattice == Lattice::March { 0.0 } else { bins.delta() };
         let (enter, exit) = around.clip(ray, near - margin, far + margin)?;
         let (origin, start, end) = match plan.lattice {
@@ -94,7 +95,7 @@ fn contracted_span(
     ray: &Ray,
     [t_min, t_max]: [f32; 2],
 ) -> Option<Span> {
-    // A ray from about the largest f32 has no finite point nearest to the middle.
+    // The nearest point to the centre overflows if the ray's origin is near the largest f32.
     let (centred, start) = contraction.centred(ray);
     if !(ray.origin.is_finite() && ray.dir.is_finite() && centred.origin.is_finite()) {
         return None;
@@ -166,7 +167,7 @@ impl Spans {
     pub fn of(&self, i: usize, ray: &Ray) -> Option<Span> {
         let at = |row: &Row| row[i % MAX_LANES];
         let bins = at(&self.bins[0]) as u32..at(&self.bins[1]) as u32;
-        // Fields one by one, since `map` of an array is a call.
+        // Copies field by field, since `map` on an array compiles to a function call.
         let ([x, y, z], [start, low, high, far, stop]) = (&self.origin, &self.ends);
         let ray = Ray { origin: Vec3::new(at(x), at(y), at(z)), ..*ray };
         let ends = Ends { start: at(start), low: at(low), high: at(high), far: at(far), stop: at(stop) };

@@ -10,10 +10,10 @@ pub struct Counters {
     /// Number of samples at which the scene's network was evaluated.
     pub samples_kept: u64,
     /// Number of planned samples at which the scene's network was not evaluated: samples outside the box, in empty
-    /// cells, or behind the point where the ray ended. For each ray (and each field, if there are several), the plan's
-    /// number of samples minus the number of kept samples is added. With a proposal network, the planned samples
-    /// include those of the proposal network, evaluated or not. A ray may keep more samples than planned, since samples
-    /// continue with the same spacing in front of `near` and behind `far` to the ends of the box; 0 is then added.
+    /// cells, or behind the point where the ray ended. For each ray (and each field, if there are several), the count
+    /// is planned minus kept samples, but at least 0. A ray may keep more samples than planned, since samples continue
+    /// with the same spacing in front of `near` and behind `far` to the ends of the box. With a proposal network, the
+    /// planned samples are the drawn samples and the middles of the proposal's bins.
     pub samples_skipped: u64,
     /// Number of evaluations of the proposal network, not included in `samples_kept`.
     pub proposal_evaluations: u64,

@@ -17,7 +17,8 @@ errors! {
     /// A side of the requested image of a 2D field is 0 or above [`MAX_RENDER_SIDE`](super::MAX_RENDER_SIDE).
     Size { width: u32, height: u32 } =>
         "size: expected sides of 1 to {MAX_IMAGE_SIDE} pixels, found {width}x{height}";
-    /// The batch does not have 1 to [`Batch::MAX_RAYS`] rays, or its blocks do not have 1 to 64 samples.
+    /// The batch's number of rays is outside 1 to [`Batch::MAX_RAYS`], or its number of samples per block is outside 1
+    /// to 64.
     Batch { found: Batch } => "{error}", error = PlanError::Batch { found: *found };
     /// The rectangle is not inside the image of `width` × `height` pixels.
     Rect { rect: Rect, width: u32, height: u32 } =>
@@ -42,7 +43,8 @@ errors! {
     /// The caller's ray at `index` does not satisfy `0 <= t_min <= t_max`, or its `t_min` is infinite.
     RayRange { index: usize, t_min: f32, t_max: f32 } =>
         "rays[{index}]: expected 0 <= t_min <= t_max, found t_min {t_min}, t_max {t_max}";
-    /// The random number at `index` is not in `[0, 1]`, or there is no ray or no random number at `index`.
+    /// The random number at `index` is outside `[0, 1]`. If the numbers of rays and of random numbers differ, `index`
+    /// is the smaller of the two.
     Random { index: usize } => "random[{index}]: expected a number in [0, 1] for every ray and no more";
     /// The axis along which z_depth is measured is not of unit length.
     Axis { found: [f32; 3] } => "axis: expected a vector of unit length, found {found:?}";

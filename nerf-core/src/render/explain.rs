@@ -67,7 +67,8 @@ pub struct Explanation<'e> {
 }
 
 impl Explanation<'_> {
-    /// Adds to the report the work of each stage, from the `counters` of a frame rendered with the reported plan.
+    /// Adds the work of each stage to the report. `counters`: counters of a frame that was rendered with the reported
+    /// plan.
     pub fn with_counters(self, counters: Counters) -> Self {
         Self { counters: Some(counters), ..self }
     }

@@ -54,7 +54,8 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
     }
 
-    /// Returns a function from the camera's position to the distance stored for pixels without a surface, world units.
+    /// Returns a function from the camera's position to the output distance of pixels that show no surface, world
+    /// units.
     pub fn far(&self) -> impl Fn(Vec3) -> f32 + use<'f> {
         let plan = self.tile.field.plan;
         move |eye| plan.far_from(eye)

@@ -103,8 +103,8 @@ impl Pace {
     }
 }
 
-/// Returns the horizontal and the vertical distance between timed pixels, pixels. The two are equal unless the image is
-/// so narrow or low that only one column or row is timed.
+/// Horizontal and vertical step from one timed pixel to the next, in pixels. The steps are equal unless the image is so
+/// narrow or low that only one column or row is timed.
 fn steps(camera: &Camera) -> (u32, u32) {
     let i = camera.intrinsics();
     let (width, height) = (u64::from(i.width), u64::from(i.height));

@@ -48,7 +48,8 @@ impl<'a> Renderer<'a> {
         let Prepared { unpacked, decoded } = prepared;
         let prepared = Prepared { unpacked: unpacked.map(|values| &*values), decoded: &*decoded };
         let occupied = CoarseOccupancy::new(blob.occupancy().as_ref());
-        // Not by `of_prepared`: another copy of the networks on the stack of a microcontroller.
+        // Does not call `of_prepared`: the call would put another copy of the networks on the stack of a
+        // microcontroller.
         let network = prepared.view(&blob, kernel).ok_or(RenderError::Network)?;
         let proposer = prepared.view_proposal(&blob, kernel);
         Ok(Self { blob, network, proposer, occupied })
@@ -98,7 +99,7 @@ impl<'a> Renderer<'a> {
         self.network.kernel()
     }
 
-    /// The network of the scene that this renderer renders.
+    /// The scene's network, with weights in the format that the renderer's kernel reads.
     #[cfg(any(feature = "train", feature = "instances"))]
     #[cfg_attr(
         not(feature = "train"),

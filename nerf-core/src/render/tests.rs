@@ -34,7 +34,7 @@ pub(super) fn camera(width: u32, height: u32) -> Camera {
     Camera::new(Intrinsics::centred(width, height, width.max(height) as f32), Lens::NONE, pose).unwrap()
 }
 
-/// Zero weights: density `sigma` and colour `sigmoid(raw)` everywhere.
+/// Parameters of a network with density `sigma` and colour `sigmoid(raw)` everywhere; all weights are 0.
 pub(super) fn constant(a: &Architecture, sigma: f32, raw: [f32; 3]) -> Vec<f32> {
     let mut all = vec![0.0; a.parameters()];
     for layer in &a.layers() {
@@ -166,7 +166,7 @@ fn counters_add_up_and_without_colour_only_the_density_is_paid() {
             assert_eq!(without.counters.colour_evaluations, 0);
             assert_eq!(without.counters.macs, density, "the trunk's share of the colour request");
             assert_eq!(without.counters.density_evaluations, with.density_evaluations);
-            // PE(d)'s share is per ray.
+            // The part of the colour branch that reads the encoded direction is evaluated once per ray.
             let per_ray = renderer.network().direction_macs() as u64;
             let per_sample = a.colour_macs() as u64 - per_ray;
             let rays = (with.macs - density - with.colour_evaluations * per_sample) / per_ray;
@@ -221,7 +221,7 @@ fn query_refuses_lengths_and_ignores_points_outside() {
     let found = renderer.query(&plan, &points, &dirs[..4], &mut memory, &mut sigma, &mut rgb);
     assert_eq!(found, Err(lengths));
     assert_eq!(renderer.query(&plan, &[], &[], &mut memory, &mut [], &mut []), Ok(Counters::default()));
-    // What is no direction is not encoded; without colour nobody looks at it.
+    // A direction that is not of unit length is an error if colour is requested, and is ignored otherwise.
     let mut dirs = dirs;
     dirs[3] = [0.0, 1e30, 0.0];
     let error = RenderError::Direction { index: 3, found: dirs[3] };
@@ -241,7 +241,7 @@ fn samples_that_are_no_numbers_are_counted_the_same_in_every_batch() {
     let blob = Blob::open(&bytes).unwrap();
     let layers = a.layers();
     let at = |role| layers.iter().find(|layer| layer.role == role).unwrap();
-    // A NaN in red, and density that is zero for about half of the samples.
+    // The red output is NaN. The density is 0 at about half of the samples.
     let mut broken = unpacked.clone();
     broken[at(Role::Rgb).bias] = f32::NAN;
     broken[at(Role::Density).bias] -= 0.5;
@@ -252,7 +252,7 @@ fn samples_that_are_no_numbers_are_counted_the_same_in_every_batch() {
     {
         let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, batch).unwrap();
         let picture = render(&renderer, &plan, &camera(12, 12));
-        // Black where there is density, whose opacity does not hang on whether colour was asked for.
+        // Samples are black, so that a pixel shows the background alone.
         for pixel in &picture.pixels {
             assert_eq!(pixel.rgb, SCENE.background.map(|c| (1.0 - pixel.opacity) * c));
         }
@@ -267,7 +267,7 @@ fn samples_that_are_no_numbers_are_counted_the_same_in_every_batch() {
         seen.push(picture.counters.invalid_samples);
     }
     assert!(seen[0] > 0 && seen.iter().all(|&n| n == seen[0]), "{seen:?}");
-    // A query says so too, and passes no NaN on.
+    // A query counts NaN colours, too, and returns black.
     let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::FULL).unwrap();
     let mut memory = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
     let points: Vec<[f32; 3]> = crate::testing::noise(300, 2).chunks(3).map(|p| [p[0], p[1], p[2]]).collect();

@@ -31,7 +31,7 @@ pub struct Worker<'f> {
     pub(super) pixels: Pixels<'f, 'f>,
 }
 
-/// Fields of a [`Worker`]: one field, or several fields in one world.
+/// What a [`Worker`] renders: one field, or several fields in one world.
 #[cfg_attr(
     feature = "instances",
     allow(clippy::large_enum_variant, reason = "a worker is one or the other, and there is no heap")
@@ -96,7 +96,7 @@ impl<'f> Worker<'f> {
             && placement.is_rigid()
         {
             let mut worker = renderer.worker(plan, memory)?;
-            // Even the identity would change −0 to 0.
+            // The identity is skipped, since applying it would change −0 to 0.
             worker.pixels.placed = Placed(Some(*placement).filter(|it| *it != Placement::IDENTITY));
             return Ok(worker);
         }
@@ -216,7 +216,7 @@ impl<'f> Worker<'f> {
         Ok(self.rows_of_rays::<false>(0..count, ray, &|_| 0.0, axis, target))
     }
 
-    /// Renders the rays of `range` as a call of [`Worker::render_rays`] with all `rays` renders them.
+    /// Renders the rays `rays[range]`. The pixels equal those of one [`Worker::render_rays`] call with all `rays`.
     #[cfg(feature = "std")]
     pub(crate) fn render_range_of_rays(
         &mut self,

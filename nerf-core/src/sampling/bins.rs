@@ -104,7 +104,7 @@ impl Bins {
         if index >= 0.0 && exit <= self.ends.far {
             return 0.0;
         }
-        // From 2^23 on every f32 is an integer.
+        // From 2^23 on, every f32 is an integer and needs no rounding.
         let whole = if index.abs() < 8_388_608.0 { (index as i32) as f32 } else { index };
         (if whole > index { whole - 1.0 } else { whole }) * self.delta
     }

@@ -46,8 +46,8 @@ pub fn sample_pdf(bins: &Bins, row: &mut [f32], within: impl Fn(u32) -> f32) {
     let mut total = Sum::ZERO;
     tail(row, drawn).iter().for_each(|&weight| total.add(mass(weight)));
     let step = total.value / drawn.max(1) as f32;
-    // After a bin, at most its middle, the middles before it and the samples drawn so far are written, so that the
-    // weights not yet read are not overwritten.
+    // The row is written from its start while weights are read from its end. After bin `i`, at most `drawn + i + 1`
+    // values are written, so that no unread weight is overwritten.
     let (mut written, mut k) = (0, 0);
     let mut push = |row: &mut [f32], t: f32| {
         put(row, written, t);

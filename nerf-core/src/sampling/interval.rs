@@ -42,7 +42,7 @@ impl Spacing<'_> {
         if self.contraction.is_some() {
             let [t, from, to] = self.edges(ends, near, t);
             let delta = to.sub(from);
-            // The largest step of all may be longer than f32 tells apart.
+            // `mid` is computed from `delta`, since `from + to` may overflow f32 in the last step.
             return SampleInterval { t, mid: from.add(V::splat(0.5).mul(delta)), delta };
         }
         let [_, low, high, ..] = ends;
@@ -56,7 +56,8 @@ impl Spacing<'_> {
         }
     }
 
-    /// The interval of a bounded scene's sample at `t`, world units. The sample's bin, first or last, must be cut.
+    /// The interval of a bounded scene's sample at `t`, world units. Requires that the sample's bin, the ray's first or
+    /// last, is cut.
     #[inline(always)]
     pub fn interval_of_cut<V: Lanes>(&self, ends: [V; Ends::PARTS], t: V) -> SampleInterval<V> {
         let [start, low, high, _, stop] = ends;
@@ -71,8 +72,8 @@ impl Spacing<'_> {
     pub fn edges<V: Lanes>(&self, ends: [V; Ends::PARTS], near: V, t: V) -> [V; 3] {
         let [t, from, to] = self.bins.edges_around(ends, t);
         match self.contraction {
-            // A thousand radii away, the rounding of a position in steps changes its distance by a ten-thousandth. No
-            // distance may fall below `near`.
+            // Rounding of a position in steps changes its distance, at a thousand radii by a ten-thousandth. Distances
+            // are clamped to `near`.
             Some(contraction) => {
                 let from = contraction.distance_lanes(from).max_of(near);
                 let to = contraction.distance_lanes(to).max_of(from);

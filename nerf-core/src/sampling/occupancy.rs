@@ -9,7 +9,7 @@ use glam::Vec3;
 /// Maximum number of cells for which every index is exact in f32 and fits [`Lanes::to_indices`].
 const EXACT_CELLS: u64 = 1 << 23;
 
-/// The occupancy grid: a borrowed bit for each cell of the scene box, x slowest, set if the cell is occupied.
+/// The occupancy grid: one bit for each cell of the scene box, x slowest, 1 if the cell is occupied. Borrows the bits.
 #[derive(Clone, Copy, Debug)]
 pub struct OccupancyGrid<'a> {
     pub(crate) bounds: SceneBox,
@@ -30,14 +30,14 @@ pub(crate) struct OccupancyLanes<'a, V> {
 }
 
 impl<V: Lanes> OccupancyLanes<'_, V> {
-    /// Whether the points x, y, z of a vector, all inside the box, lie in occupied cells: bit `i` of the result is 1 if
-    /// the point of lane `i` does.
+    /// Bit `i` of the result: whether the point in lane `i` lies in an occupied cell. `points`: x, y and z of the
+    /// points, which must be inside the box.
     #[inline(always)]
     pub fn occupied(&self, points: [V; 3]) -> u32 {
         let mut cells = points;
         for (axis, cell) in cells.iter_mut().enumerate() {
             let at = cell.sub(self.min[axis]).mul(self.scale[axis]);
-            // As in `cell_of`.
+            // Rounded and clamped as in `cell_of`.
             *cell = at.floor().min_of(self.last[axis]).max_of(V::splat(0.0));
         }
         let ([x, y, z], [ny, nz]) = (cells, self.sides);
@@ -52,7 +52,8 @@ impl<V: Lanes> OccupancyLanes<'_, V> {
 }
 
 impl<'a> OccupancyGrid<'a> {
-    /// Makes an occupancy grid of `resolution` cells over `bounds`; a cell's bit is `(x * ny + y) * nz + z`, LSB first.
+    /// Makes an occupancy grid of `resolution` cells over `bounds`. Cell x, y, z has bit `(x * ny + y) * nz + z` of
+    /// `bits`, LSB first.
     ///
     /// A cell without a bit counts as empty. All cells are empty if `resolution` contains a 0 or has more cells than
     /// `u32` can count.
@@ -146,8 +147,8 @@ impl<'a> OccupancyGrid<'a> {
         end
     }
 
-    /// Number of further bins along the ray whose middle lies in cell `cell`, which contains `p`; approximate because
-    /// of rounding. `cells_per_bin`: number of cells that a ray crosses in one bin, along x, y, z.
+    /// Approximate number of the next bins along the ray whose middles lie in `cell`, the cell that contains the point
+    /// `p`. `cells_per_bin`: number of cells that a ray crosses in one bin, along x, y, z.
     #[inline]
     fn bins_to_exit(&self, p: Vec3, cell: [usize; 3], dir: Vec3, cells_per_bin: Vec3) -> u32 {
         let low = Vec3::from(cell.map(|side| side as f32));
@@ -199,7 +200,8 @@ impl<'a> OccupancyGrid<'a> {
         for (i, &byte) in self.bits.iter().enumerate().filter(|(_, byte)| **byte != 0) {
             for bit in (0..8).filter(|bit| byte >> bit & 1 == 1) {
                 let index = 8 * i + bit;
-                // A grid with bits has no side of 0. Before the loops, `max` would leave a division that may panic.
+                // A grid with bits has no side of 0. The `max` inside the loops tells the compiler that the divisions
+                // cannot panic; in front of the loops it does not.
                 let (ny, nz) = (ny.max(1), nz.max(1));
                 found([index / nz / ny, index / nz % ny, index % nz]);
             }

@@ -1,6 +1,6 @@
 //! Counter-based random numbers: a value depends on seed, purpose, stream and index, not on earlier calls.
 
-/// The purpose of a random number, which separates independent streams.
+/// Purpose of a random number. Numbers of different purposes are independent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Purpose {
@@ -57,8 +57,8 @@ pub(crate) fn pixel_stream(x: u32, y: u32) -> u64 {
 /// Fractional part of the golden ratio, in units of 2^-32.
 pub(crate) const GOLDEN: u32 = 0x9e37_79b9;
 
-/// Position, from 0 to `count` − 1, of `index · ratio` modulo 2^32 among the sorted products `i · ratio` modulo 2^32 of
-/// all `i` in `0..count`. The positions are a low-discrepancy permutation of `0..count`. `ratio`: in units of 2^-32.
+/// Rank, counted from 0, of `index · ratio` modulo 2^32 among the products `i · ratio` modulo 2^32 of all `i` in
+/// `0..count`. The ranks are a low-discrepancy permutation of `0..count`. `ratio`: in units of 2^-32.
 pub(crate) fn rank(ratio: u32, index: u32, count: u32) -> u32 {
     let own = index.wrapping_mul(ratio);
     (0..count).filter(|other| other.wrapping_mul(ratio) < own).count() as u32

@@ -104,7 +104,7 @@ fn uniform_is_spread_evenly() {
     let expected = n / 256.0;
     let chi2: f64 = bins.iter().map(|&b| (f64::from(b) - expected).powi(2) / expected).sum();
     std::println!("mean {}, second moment {}, chi² {chi2} of 255", sum / n, squares / n);
-    // Five standard deviations each.
+    // Limits of five standard deviations.
     assert!((sum / n - 0.5).abs() < 5.0 * (1.0 / 12.0 / n).sqrt());
     assert!((squares / n - 1.0 / 3.0).abs() < 5.0 * (4.0 / 45.0 / n).sqrt());
     assert!((chi2 - 255.0).abs() < 5.0 * (2.0 * 255.0f64).sqrt());
@@ -137,12 +137,12 @@ fn a_number_is_a_function_of_its_counters() {
         uniform(1, Purpose::Image, 2, 3),
         (uniform_u32(1, Purpose::Image, 2, 3) >> 8) as f32 / 16_777_216.0
     );
-    // No counter is dropped at its upper end.
+    // The largest value of a counter and 0 give different numbers.
     assert_ne!(uniform_u32(0, Purpose::Cell, u64::MAX, 0), uniform_u32(0, Purpose::Cell, 0, 0));
     assert_ne!(uniform_u32(u64::MAX, Purpose::Cell, 0, u64::MAX), uniform_u32(0, Purpose::Cell, 0, 0));
 }
 
-/// The cell of `p`, in f64, or `None` outside the closed box.
+/// Reference in f64: cell of `p`, and distance to the nearest cell face in cells. `None` outside the closed box.
 fn cell_of(bounds: &SceneBox, resolution: [u16; 3], p: Vec3) -> Option<([usize; 3], f64)> {
     let mut cell = [0; 3];
     let mut to_face = f64::INFINITY;
@@ -179,7 +179,7 @@ fn occupied_is_the_bit_of_the_cell_of_the_point() {
                 let p = min + (max - min) * Vec3::new(u(0), u(1), u(2));
                 match cell_of(&bounds, resolution, p) {
                     None => assert!(!occupancy.occupied(p), "{p}"),
-                    // Within rounding of a cell's face either side will do.
+                    // Next to a face, rounding may put the point into either cell.
                     Some((_, to_face)) if to_face < 1e-4 => {}
                     Some(([x, y, z], _)) => {
                         tested += 1;
@@ -243,7 +243,7 @@ fn occupancies_without_cells_or_bits_are_empty() {
 #[test]
 fn a_march_through_a_corner_meets_both_diagonal_cells() {
     let bounds = SceneBox { min: Vec3::splat(-1e6), max: Vec3::splat(1e6) };
-    // Cells (0,0,0) and (1,1,1) of 2×2×2.
+    // Only the cells (0, 0, 0) and (1, 1, 1) of 2 × 2 × 2 are occupied.
     let occupancy = OccupancyGrid::new(bounds, [2, 2, 2], &[0b1000_0001]);
     assert!(
         occupancy.occupied(Vec3::splat(-1.0))
@@ -254,7 +254,8 @@ fn a_march_through_a_corner_meets_both_diagonal_cells() {
     assert_eq!(occupancy.occupied_share(), 0.25);
 }
 
-/// Rays that are random, parallel to axes, in a plane of cell faces, or start on one.
+/// Rays in random directions, perpendicular to an axis, and along an axis. Every second ray begins at a corner of
+/// cells.
 fn marched_rays(bounds: &SceneBox, resolution: [u16; 3]) -> vec::Vec<Ray> {
     let noise = crate::testing::noise(6 * 400, 77);
     let size = (bounds.max - bounds.min) / Vec3::from(resolution.map(f32::from));
@@ -271,7 +272,6 @@ fn marched_rays(bounds: &SceneBox, resolution: [u16; 3]) -> vec::Vec<Ray> {
             dir[i / 3 % 3] = if i / 9 % 2 == 0 { 1.0 } else { -1.0 };
         }
         if i % 2 == 0 {
-            // On a corner of cells.
             origin = bounds.min + ((origin - bounds.min) / size).round() * size;
         }
         rays.push(Ray { origin, dir: dir.normalize() });

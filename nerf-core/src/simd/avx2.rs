@@ -8,7 +8,7 @@ use super::{Lanes, MAX_LANES, Op};
 use core::arch::x86_64::*;
 use core::mem::transmute;
 
-/// Eight f32 in a `ymm` register. Constructed only in [`run`], whose caller guarantees the CPU's instructions.
+/// Eight f32 in a `ymm` register. Used only inside [`run`], whose caller guarantees that the CPU has the instructions.
 #[derive(Clone, Copy)]
 pub struct F32x8(__m256);
 
@@ -21,11 +21,11 @@ pub unsafe fn run<O: Op>(op: O) -> O::Output {
     op.run::<F32x8>()
 }
 
-/// Runs `op` with portable lanes in `ymm` registers. Products and sums are not fused, so that results equal those of
+/// Runs `op` with portable lanes in `ymm` registers. Multiply-adds are not fused, so that results equal those of
 /// `Portable` bit for bit.
 ///
 /// # Safety
-/// As for [`run`].
+/// The CPU has AVX2, and the OS saves its registers.
 #[target_feature(enable = "avx2")]
 pub unsafe fn run_portable<O: Op>(op: O) -> O::Output {
     op.run::<Portable>()
@@ -78,11 +78,12 @@ impl Lanes for F32x8 {
         let Some(last) = last_word(bytes) else {
             return bits_by_lane::<Self>(bytes, at);
         };
-        // SAFETY: `last_word` keeps the four bytes of each lane inside `bytes`; unaligned reads. Features as above.
+        // SAFETY: `last_word` keeps the four bytes of each lane inside `bytes`. Reads may be unaligned. The CPU has
+        // AVX2, as [`run`] requires.
         unsafe {
             let from = _mm256_min_epu32(_mm256_srli_epi32::<3>(at.0), _mm256_set1_epi32(last as i32));
             let words = _mm256_i32gather_epi32::<1>(bytes.as_ptr().cast(), from);
-            // For a bit beyond the last byte the shift is at least a word, and gives 0.
+            // For a bit beyond the last byte the shift is at least 32, which gives 0.
             let shift = _mm256_sub_epi32(at.0, _mm256_slli_epi32::<3>(from));
             let bit = _mm256_slli_epi32::<31>(_mm256_srlv_epi32(words, shift));
             _mm256_movemask_ps(_mm256_castsi256_ps(bit)) as u32
@@ -102,7 +103,8 @@ impl Quads for F32x8 {
         plus: usize,
     ) -> Self {
         let [low, high] = [LANE, 4 + LANE].map(|lane| address(table, at[lane], plus));
-        // SAFETY: the caller vouches for four values at each address; unaligned reads. Features as above.
+        // SAFETY: the caller guarantees four values at each address. Reads may be unaligned. The CPU has AVX2 and F16C,
+        // as [`run`] requires.
         Self(unsafe {
             match T::FORMAT {
                 Format::F16 => {
@@ -133,7 +135,7 @@ impl Quads for F32x8 {
     }
 }
 
-/// Eight u32 in a `ymm` register. Constructed only where `F32x8` is.
+/// Eight u32 in a `ymm` register. Used only inside [`run`], whose caller guarantees that the CPU has the instructions.
 #[derive(Clone, Copy)]
 pub struct U32x8(__m256i);
 
@@ -146,7 +148,7 @@ impl Indices for U32x8 {
         fn and(self, b: Self) -> Self = Self(_mm256_and_si256(self.0, b.0));
         fn min(self, b: Self) -> Self = Self(_mm256_min_epu32(self.0, b.0));
         fn shift_right_15(self) -> Self = Self(_mm256_srli_epi32::<15>(self.0));
-        // SAFETY: sixteen values are in bounds, of which eight are written; unaligned stores are allowed.
+        // SAFETY: `to` has room for sixteen values, of which eight are written. Unaligned stores are allowed.
         fn store(self, to: &mut [u32; MAX_LANES]) = _mm256_storeu_si256(to.as_mut_ptr().cast(), self.0);
     }
 }

@@ -7,7 +7,8 @@ use super::{Lanes, MAX_LANES, Op};
 use core::arch::x86_64::*;
 use core::mem::transmute;
 
-/// Sixteen f32 in a `zmm` register. Constructed only in [`run`], whose caller guarantees the CPU's instructions.
+/// Sixteen f32 in a `zmm` register. Used only inside [`run`], whose caller guarantees that the CPU has the
+/// instructions.
 #[derive(Clone, Copy)]
 pub struct F32x16(__m512);
 
@@ -68,11 +69,12 @@ impl Lanes for F32x16 {
         let Some(last) = last_word(bytes) else {
             return bits_by_lane::<Self>(bytes, at);
         };
-        // SAFETY: `last_word` keeps the four bytes of each lane inside `bytes`; unaligned reads. Features as above.
+        // SAFETY: `last_word` keeps the four bytes of each lane inside `bytes`. Reads may be unaligned. The CPU has
+        // AVX-512 F, as [`run`] requires.
         unsafe {
             let from = _mm512_min_epu32(_mm512_srli_epi32::<3>(at.0), _mm512_set1_epi32(last as i32));
             let words = _mm512_i32gather_epi32::<1>(from, bytes.as_ptr().cast());
-            // For a bit beyond the last byte the shift is at least a word, and gives 0.
+            // For a bit beyond the last byte the shift is at least 32, which gives 0.
             let shift = _mm512_sub_epi32(at.0, _mm512_slli_epi32::<3>(from));
             u32::from(_mm512_test_epi32_mask(_mm512_srlv_epi32(words, shift), _mm512_set1_epi32(1)))
         }
@@ -91,7 +93,8 @@ impl Quads for F32x16 {
         plus: usize,
     ) -> Self {
         let [a, b, c, d] = [0, 4, 8, 12].map(|group| address(table, at[group + LANE], plus));
-        // SAFETY: the caller vouches for four values at each address; unaligned reads. Features as above.
+        // SAFETY: the caller guarantees four values at each address. Reads may be unaligned. The CPU has AVX-512 F, as
+        // [`run`] requires.
         Self(unsafe {
             match T::FORMAT {
                 Format::F16 => {
@@ -128,7 +131,8 @@ impl Quads for F32x16 {
     }
 }
 
-/// Sixteen u32 in a `zmm` register. Constructed only where `F32x16` is.
+/// Sixteen u32 in a `zmm` register. Used only inside [`run`], whose caller guarantees that the CPU has the
+/// instructions.
 #[derive(Clone, Copy)]
 pub struct U32x16(__m512i);
 
@@ -141,7 +145,7 @@ impl Indices for U32x16 {
         fn and(self, b: Self) -> Self = Self(_mm512_and_si512(self.0, b.0));
         fn min(self, b: Self) -> Self = Self(_mm512_min_epu32(self.0, b.0));
         fn shift_right_15(self) -> Self = Self(_mm512_srli_epi32::<15>(self.0));
-        // SAFETY: sixteen values are in bounds; unaligned stores are allowed.
+        // SAFETY: `to` has room for sixteen values. Unaligned stores are allowed.
         fn store(self, to: &mut [u32; MAX_LANES]) = _mm512_storeu_si512(to.as_mut_ptr().cast(), self.0);
     }
 }

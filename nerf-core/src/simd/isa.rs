@@ -9,16 +9,17 @@ names! {
     #[derive(PartialOrd, Ord)]
     #[non_exhaustive]
     pub enum Isa {
-        /// Plain, unfused f32: bit-identical results on every target, and the reference for all other instruction sets.
+        /// Plain f32 without fused multiply-adds: bit-identical results on every target, and the reference for all
+        /// others.
         Portable = "portable",
         /// AVX2, FMA and F16C, eight lanes.
         Avx2 = "avx2",
         /// AVX-512 F, sixteen lanes.
         Avx512 = "avx512",
-        /// WebAssembly SIMD, four lanes, unfused: results are bit-identical to `Portable`. Available if the build has
-        /// the target feature `simd128`, since a module cannot detect it.
+        /// WebAssembly SIMD, four lanes, without fused multiply-adds: results are bit-identical to `Portable`.
+        /// Available if the build has the target feature `simd128`, since a module cannot detect it.
         Simd128 = "simd128",
-        /// NEON, four lanes, fused; every 64-bit ARM processor has NEON.
+        /// NEON, four lanes, fused multiply-adds; every 64-bit ARM processor has NEON.
         Neon = "neon",
     }
 }
@@ -30,7 +31,7 @@ names! {
 pub const VECTORS: bool = if cfg!(target_arch = "wasm32") {
     cfg!(target_feature = "simd128")
 } else {
-    // Machines with an operating system are included, since trainers keep their weights in f32.
+    // Targets with an operating system are included, since trainers need weights in f32, which need [`VECTORS`].
     !cfg!(target_os = "none") || cfg!(any(target_arch = "x86_64", target_arch = "aarch64"))
 };
 
@@ -64,16 +65,17 @@ impl Isa {
         }
     }
 
-    /// Whether f16 tables are read directly from the blob's bytes; if not, a new renderer converts these to f32 once.
+    /// Whether f16 tables are read directly from the blob's bytes. If not, a new renderer converts these tables to f32
+    /// once.
     ///
-    /// WebAssembly converts, since it has no instruction for f16. Portable code has none either, but conversion would
-    /// double the tables' memory for 2 % of a frame's time (`docs/kernels.md`).
+    /// WebAssembly converts, since it has no instruction for f16. Portable code has none either, but reads f16:
+    /// conversion would double the tables' memory to save 2 % of a frame's time (`docs/kernels.md`).
     pub const fn reads_f16_tables(self) -> bool {
         !matches!(self, Self::Simd128)
     }
 
-    /// Least number of samples, 8 or 16, that [`Isa::run_columns`] runs in vectors: one or two vectors. Larger numbers
-    /// run in vectors only if they are multiples of this.
+    /// Unit of [`Isa::run_columns`]: 8 or 16 samples, which are one or two vectors. Only multiples of this number run
+    /// in vectors.
     #[inline]
     pub fn columns(self) -> usize {
         match self {
@@ -95,7 +97,7 @@ impl Isa {
     #[inline]
     pub(crate) fn run_portable<O: Op>(self, columns: usize, op: O) -> O::Output {
         match self {
-            // SAFETY: the CPU and the OS support the leaf's instructions; `available` checked it.
+            // SAFETY: `available` checked that the CPU and the OS support AVX2.
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 | Self::Avx512 if columns.is_multiple_of(16) && Self::Avx2.available() => unsafe {
                 super::avx2::run_portable(op)
@@ -108,17 +110,18 @@ impl Isa {
     #[inline]
     pub fn run<O: Op>(self, op: O) -> O::Output {
         match self {
-            // SAFETY: the CPU and the OS support the leaf's instructions; `available` checked it.
+            // SAFETY: `available` checked that the CPU and the OS support AVX2, FMA and F16C.
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 if self.available() => unsafe { super::avx2::run(op) },
-            // SAFETY: as above.
+            // SAFETY: `available` checked that the CPU and the OS support AVX-512 F.
             #[cfg(target_arch = "x86_64")]
             Self::Avx512 if self.available() => unsafe { super::avx512::run(op) },
             #[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
             Self::Simd128 => super::simd128::run(op),
             #[cfg(all(target_arch = "aarch64", target_feature = "neon"))]
             Self::Neon => super::neon::run(op),
-            // One lane gives the bits of `Portable`, whose sixteen lanes are much code without vector instructions.
+            // Without vector instructions, the sixteen lanes of `Portable` would be much code. One lane gives the same
+            // bits.
             _ if !VECTORS => op.run::<f32>(),
             _ => op.run::<Portable>(),
         }
@@ -161,26 +164,26 @@ mod cpu {
         }
         let (one, seven) = (leaf(1, 0), leaf(7, 0));
         let has = |word: u32, bit: u32| word >> bit & 1 == 1;
-        // OSXSAVE: without it the next instruction is invalid.
+        // Bit 27 is OSXSAVE. Without OSXSAVE, the instruction `xgetbv` in `xcr0` is invalid.
         if !has(one.ecx, 27) {
             return 0;
         }
-        // SAFETY: OSXSAVE is set.
+        // SAFETY: OSXSAVE is set, as `xcr0` requires.
         let saved = unsafe { xcr0() };
         let ymm = saved & 0b110 == 0b110;
         let zmm = saved & 0b1110_0110 == 0b1110_0110;
-        // FMA, AVX and F16C.
+        // Bits 12, 28 and 29 are FMA, AVX and F16C.
         let fma = has(one.ecx, 12) && has(one.ecx, 28) && has(one.ecx, 29);
         let avx2 = ymm && fma && has(seven.ebx, 5);
         let avx512 = zmm && fma && has(seven.ebx, 16);
-        // Register `eax` of subleaf 0 is the index of the last subleaf.
+        // `seven.eax` is the index of the last subleaf of leaf 7; bit 5 of subleaf 1 is AVX-512 BF16.
         let bf16 = avx512 && seven.eax >= 1 && has(leaf(7, 1).eax, 5);
         (u8::from(avx2) * AVX2) | (u8::from(avx512) * AVX512) | (u8::from(bf16) * AVX512_BF16)
     }
 
     #[target_feature(enable = "xsave")]
     unsafe fn xcr0() -> u64 {
-        // SAFETY: the caller checked OSXSAVE.
+        // SAFETY: the caller checked OSXSAVE, which makes `xgetbv` valid.
         unsafe { _xgetbv(0) }
     }
 }

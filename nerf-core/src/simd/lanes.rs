@@ -7,17 +7,17 @@ use super::{MAX_LANES, sealed};
 pub trait Indices: Copy {
     /// `x` in every lane.
     fn splat(x: u32) -> Self;
-    /// `self + b`.
+    /// Sum of each lane, modulo 2^32.
     fn add(self, b: Self) -> Self;
-    /// `self · b`.
+    /// Product of each lane, modulo 2^32.
     fn mul(self, b: Self) -> Self;
-    /// `self ^ b`.
+    /// Bitwise exclusive or.
     fn xor(self, b: Self) -> Self;
-    /// `self & b`.
+    /// Bitwise and.
     fn and(self, b: Self) -> Self;
-    /// The smaller of `self` and `b`.
+    /// The smaller of `self` and `b`, for each lane.
     fn min(self, b: Self) -> Self;
-    /// `self >> 15`.
+    /// Shifts each lane right by 15 bits.
     fn shift_right_15(self) -> Self;
     /// Writes the lanes to the beginning of `to`.
     fn store(self, to: &mut [u32; MAX_LANES]);
@@ -66,13 +66,13 @@ pub trait Lanes: Copy + sealed::Sealed {
     /// If `to` has fewer than `COUNT` values. The vector `f32` panics only with debug assertions; without them it
     /// writes nothing.
     fn store(self, to: &mut [f32]);
-    /// `self + b`.
+    /// `self + b` for each lane.
     fn add(self, b: Self) -> Self;
-    /// `self - b`.
+    /// `self - b` for each lane.
     fn sub(self, b: Self) -> Self;
-    /// `self * b`.
+    /// `self * b` for each lane.
     fn mul(self, b: Self) -> Self;
-    /// `self / b`.
+    /// `self / b` for each lane.
     fn div(self, b: Self) -> Self;
     /// `self * b + c`: fused with AVX2, AVX-512 and NEON, two roundings with other instruction sets.
     fn mul_add(self, b: Self, c: Self) -> Self;
@@ -82,7 +82,7 @@ pub trait Lanes: Copy + sealed::Sealed {
     fn min_of(self, b: Self) -> Self;
     /// The square root, correctly rounded.
     fn sqrt(self) -> Self;
-    /// `|self|`.
+    /// Absolute value of each lane.
     fn abs(self) -> Self;
     /// The nearest integer, ties to even, for every finite value.
     fn round_even(self) -> Self;
@@ -114,15 +114,16 @@ pub trait Lanes: Copy + sealed::Sealed {
         values.map(|value| half::f16::from_f32(value).to_bits())
     }
 
-    /// Bit `i` of the result is bit `at[i]` of `bytes`, LSB first, for each lane `i`; 0 beyond the end of `bytes`.
+    /// Reads one bit of `bytes` for each lane. Bit `i` of the result is bit `at[i]` of `bytes`, counted from the least
+    /// significant bit of each byte; 0 beyond the end of `bytes`.
     #[inline(always)]
     fn bits(bytes: &[u8], at: Self::Indices) -> u32 {
         bits_by_lane::<Self>(bytes, at)
     }
 
-    /// Weighted sum of table rows: returns `Σ_r weights[r] · row r` for each lane, summed from 0 in ascending `r`. A
-    /// row is two neighbouring entries of the table; an entry has `features` values: 1, 2 or 4. Vector `i` of the result
-    /// is the sum of the rows' value `i`; only the first `2 · features` vectors are valid.
+    /// Weighted sum of table rows for each lane: `Σ_r weights[r] · row r`, summed from 0 in ascending `r`. A row is two
+    /// neighbouring entries of the table. An entry has `features` values: 1, 2 or 4. Vector `i` of the result is the
+    /// sum of the rows' value `i`; only the first `2 · features` vectors are valid.
     ///
     /// `rows`: index of each row's first entry. If the index is beyond the table, any entry or 0 is read.
     #[inline(always)]
@@ -135,7 +136,7 @@ pub trait Lanes: Copy + sealed::Sealed {
         weighted_rows_by_lane(table, rows, weights, features)
     }
 
-    /// `-self`.
+    /// Negation of each lane; 0 becomes −0.
     #[inline(always)]
     fn neg(self) -> Self {
         Self::splat(-0.0).sub(self)
@@ -153,7 +154,7 @@ pub trait Lanes: Copy + sealed::Sealed {
     }
 }
 
-/// Reads one bit for each lane, one lane after the other: bit `i` of the result is bit `at[i]` of `bytes`, LSB first.
+/// Reads bits as [`Lanes::bits`] does, one lane after the other.
 #[inline(always)]
 pub fn bits_by_lane<V: Lanes>(bytes: &[u8], at: V::Indices) -> u32 {
     let mut bits = [0; MAX_LANES];
@@ -186,7 +187,7 @@ pub fn weighted_rows_by_lane<V: Lanes, T: Value, const ROWS: usize>(
     sums
 }
 
-/// Index of each lane.
+/// Indices of the lanes, 0 to 15, as f32.
 pub(crate) const LANES: [f32; MAX_LANES] =
     [0., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10., 11., 12., 13., 14., 15.];
 
@@ -231,7 +232,7 @@ impl Lanes for f32 {
     }
     #[inline(always)]
     fn round_even(self) -> Self {
-        // Adding 2^23 leaves no room for a fraction; larger numbers have none.
+        // At 2^23 and above, f32 has no fraction bits, so that adding 2^23 to a smaller number rounds to an integer.
         const MAGIC: f32 = 8_388_608.0;
         let magic = if self < 0.0 { -MAGIC } else { MAGIC };
         let rounded = (self + magic) - magic;

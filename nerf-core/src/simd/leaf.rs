@@ -5,21 +5,21 @@ use super::lanes::weighted_rows_by_lane;
 use super::table::{Table, Value};
 use super::{Indices, Lanes};
 
-/// Declares methods of a vector type, each by one expression of intrinsics. An expression that needs instructions
-/// beyond the type's instruction set has its own SAFETY line.
+/// Declares methods of a vector type, each by one expression of intrinsics. An expression that is unsafe for a reason
+/// besides its instruction set has its own SAFETY line.
 macro_rules! instructions {
     ($(fn $name:ident $(<const $lane:ident: usize>)? ($($arguments:tt)*) $(-> $type:ty)? = $value:expr;)+) => {$(
         #[inline(always)]
         #[allow(unused_unsafe, reason = "WebAssembly's are safe")]
         fn $name $(<const $lane: usize>)? ($($arguments)*) $(-> $type)? {
-            // SAFETY: a leaf's vectors exist only where its instructions do.
+            // SAFETY: vectors of this type are used only where the CPU has their instructions.
             unsafe { $value }
         }
     )+};
 }
 
-/// Defines the methods of [`Lanes`] that access memory, for vectors of `$count` f32: loads and stores by two intrinsics
-/// for any alignment, and interpolation by [`Quads`].
+/// Defines the methods of [`Lanes`] that access memory, for vectors of `$count` f32. The intrinsics `$load` and
+/// `$store` accept any alignment. Tables are interpolated by [`Quads`].
 macro_rules! lanes_in_memory {
     ($count:literal, $load:ident, $store:ident) => {
         const COUNT: usize = {
@@ -30,13 +30,15 @@ macro_rules! lanes_in_memory {
         #[inline(always)]
         fn load(from: &[f32]) -> Self {
             let from = &from[..$count];
-            // SAFETY: as many values are in bounds. A leaf's vectors exist only where its instructions do.
+            // SAFETY: `from` has `$count` values. Vectors of this type are used only where the CPU has their
+            // instructions.
             Self(unsafe { $load(from.as_ptr().cast()) })
         }
         #[inline(always)]
         fn store(self, to: &mut [f32]) {
             let to = &mut to[..$count];
-            // SAFETY: as above.
+            // SAFETY: `to` has `$count` values. Vectors of this type are used only where the CPU has their
+            // instructions.
             unsafe { $store(to.as_mut_ptr().cast(), self.0) }
         }
         #[inline(always)]
@@ -52,15 +54,15 @@ macro_rules! lanes_in_memory {
 }
 pub(super) use {instructions, lanes_in_memory};
 
-/// The primitives of table interpolation by [`weighted_rows`]. A vector consists of groups of four lanes. Rows are
-/// summed for one lane of each group at a time, lane `LANE`: the group's four lanes then hold four neighbouring table
-/// values of this lane.
+/// The primitives of table interpolation by [`weighted_rows`]. A vector consists of groups of four lanes. Each step
+/// sums rows for one lane of each group, lane `LANE`. During a step, the group's four lanes hold four neighbouring
+/// table values for that lane.
 pub trait Quads: Lanes {
     /// Whether offsets are moved from vectors to scalar registers through memory.
     const OFFSETS_IN_MEMORY: bool = false;
     /// Whether sums are stored to memory, so that the compiler does not hoist the loads of the next lane above a sum.
     const SUMS_IN_MEMORY: bool = false;
-    /// For each lane, the offset of a value in a table.
+    /// Offset of a table value, for each lane.
     type Offsets: Copy;
 
     fn offsets(indices: Self::Indices) -> Self::Offsets;
@@ -94,7 +96,7 @@ pub fn weighted_rows<V: Quads, T: Value, const ROWS: usize>(
         return weighted_rows_by_lane(table, rows, weights, features);
     };
     let (last, features_of_each) = (V::Indices::splat(last), V::Indices::splat(features as u32));
-    // A closure would not be compiled for the leaf's instruction set.
+    // A loop, since a closure would not be compiled for the vector's instruction set.
     let mut offsets = [V::offsets(V::Indices::splat(0)); ROWS];
     for (offsets, row) in offsets.iter_mut().zip(rows) {
         *offsets = V::offsets(row.min(last).mul(features_of_each));
@@ -109,8 +111,8 @@ pub fn weighted_rows<V: Quads, T: Value, const ROWS: usize>(
     [a, b, c, d, e, f, g, h]
 }
 
-/// Four weighted sums for each lane. Sum `i` adds up the values at `offset + plus + i` for all `offsets`, each with its
-/// weight.
+/// Four weighted sums for each lane. Sum `i` adds up the values at `offset + plus + i` for all `offsets`, each times
+/// its weight.
 #[inline(always)]
 fn four<V: Quads, T: Value, const ROWS: usize>(
     table: Table<'_, T>,
@@ -118,7 +120,7 @@ fn four<V: Quads, T: Value, const ROWS: usize>(
     weights: &[V; ROWS],
     plus: usize,
 ) -> [V; 4] {
-    // Vector `i` of the transpose has value `i` of each lane.
+    // `s0` to `s3` hold four sums for one lane of each group. Their transpose holds one sum for each lane.
     let s0 = sum_of_lane::<V, T, ROWS, 0>(table, offsets, weights, plus);
     let s1 = sum_of_lane::<V, T, ROWS, 1>(table, offsets, weights, plus);
     let s2 = sum_of_lane::<V, T, ROWS, 2>(table, offsets, weights, plus);

@@ -1,6 +1,6 @@
-//! SIMD kernels: an [`Op`] is written once, generic over [`Lanes`]. Each instruction set has a module, called its leaf,
-//! with the vector types for which the [`Op`] is compiled; [`Isa::run`] picks the leaf. Activations are laid out
-//! `[channel][BLOCK]`: a vector holds one channel of neighbouring samples.
+//! SIMD kernels: an [`Op`] is written once, generic over [`Lanes`]. Each instruction set has a module with the vector
+//! types for which the [`Op`] is compiled; [`Isa::run`] picks the module. Activations are laid out `[channel][BLOCK]`:
+//! a vector holds one channel of neighbouring samples.
 #![allow(unsafe_code, reason = "instructions that the compiler does not choose by itself")]
 
 /// Declares inlined methods, each by one expression.
@@ -74,7 +74,7 @@ pub fn prefetch(values: &[f32], index: usize) {
     #[cfg(target_arch = "x86_64")]
     if let Some(value) = values.get(index) {
         use core::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        // SAFETY: every x86_64 has SSE; the address is a value's own, and nothing is read from it.
+        // SAFETY: every x86_64 has SSE; the address is that of `value`, and nothing is read from it.
         unsafe { _mm_prefetch::<_MM_HINT_T0>(core::ptr::from_ref(value).cast()) }
     }
     #[cfg(not(target_arch = "x86_64"))]

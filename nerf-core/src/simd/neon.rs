@@ -1,4 +1,5 @@
-//! NEON implementation of the vectors: four lanes, fused. Not detected, since every 64-bit ARM processor has NEON.
+//! NEON implementation of the vectors: four lanes, with fused multiply-adds. There is no run-time detection, since
+//! every 64-bit ARM processor has NEON.
 
 use super::lanes::{Indices, SQRT_HALF_BITS};
 use super::leaf::{Quads, address, instructions, lanes_in_memory};
@@ -7,7 +8,6 @@ use super::{Lanes, MAX_LANES, Op};
 use core::arch::aarch64::*;
 use core::arch::asm;
 
-/// Four f32 in a vector register.
 #[derive(Clone, Copy)]
 pub struct F32x4(float32x4_t);
 
@@ -58,8 +58,8 @@ impl Lanes for F32x4 {
     fn to_f16(self) -> [u16; MAX_LANES] {
         let mut bits = [0; MAX_LANES];
         let halves: uint16x4_t;
-        // SAFETY: every processor with NEON has the instruction, which reads and writes registers alone; there is room
-        // for sixteen values, of which four are written.
+        // SAFETY: every processor with NEON has the instruction, which accesses only registers. `bits` has room for
+        // sixteen values, of which four are written.
         unsafe {
             asm!("fcvtn {halves:v}.4h, {x:v}.4s", halves = lateout(vreg) halves, x = in(vreg) self.0,
                 options(pure, nomem, nostack, preserves_flags));
@@ -74,7 +74,7 @@ impl Quads for F32x4 {
 
     #[inline(always)]
     unsafe fn read_four<T: Value, const LANE: usize>(table: Table<'_, T>, at: &U32x4, plus: usize) -> Self {
-        // SAFETY: the caller vouches for four values at the address. Instructions as above.
+        // SAFETY: the caller guarantees four values at the address. Every processor with NEON has the instructions.
         Self(unsafe {
             let offset = match LANE {
                 0 => vgetq_lane_u32::<0>(at.0),
@@ -113,7 +113,7 @@ impl Quads for F32x4 {
 #[inline(always)]
 fn widen(bits: uint16x4_t) -> float32x4_t {
     let values: float32x4_t;
-    // SAFETY: every processor with NEON has the instruction, which reads and writes registers alone.
+    // SAFETY: every processor with NEON has the instruction, which accesses only registers.
     unsafe {
         asm!("fcvtl {values:v}.4s, {bits:v}.4h", values = lateout(vreg) values, bits = in(vreg) bits,
             options(pure, nomem, nostack, preserves_flags));
@@ -121,7 +121,6 @@ fn widen(bits: uint16x4_t) -> float32x4_t {
     values
 }
 
-/// Four u32 in a vector register.
 #[derive(Clone, Copy)]
 pub struct U32x4(uint32x4_t);
 
@@ -134,7 +133,7 @@ impl Indices for U32x4 {
         fn and(self, b: Self) -> Self = Self(vandq_u32(self.0, b.0));
         fn min(self, b: Self) -> Self = Self(vminq_u32(self.0, b.0));
         fn shift_right_15(self) -> Self = Self(vshrq_n_u32::<15>(self.0));
-        // SAFETY: sixteen values are in bounds, of which four are written.
+        // SAFETY: `to` has room for sixteen values, of which four are written.
         fn store(self, to: &mut [u32; MAX_LANES]) = vst1q_u32(to.as_mut_ptr(), self.0);
     }
 }

@@ -1,11 +1,10 @@
-//! Portable implementation of the vectors: sixteen lanes of plain, unfused f32.
+//! Portable implementation of the vectors: sixteen lanes of plain f32, without fused multiply-adds.
 //!
 //! Results equal those of one lane at a time bit for bit; the compiler vectorises the loops over lanes.
 
 use super::{Indices, Lanes};
 use core::array::from_fn;
 
-/// Sixteen f32 in an array.
 #[derive(Clone, Copy)]
 pub struct Portable([f32; 16]);
 
@@ -50,7 +49,6 @@ impl Lanes for Portable {
     }
 }
 
-/// Sixteen u32 in an array.
 #[derive(Clone, Copy)]
 pub struct PortableIndices([u32; 16]);
 

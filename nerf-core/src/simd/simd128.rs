@@ -1,8 +1,8 @@
-//! WebAssembly SIMD implementation of the vectors: four lanes, unfused, with the results of `Portable` bit for bit.
+//! WebAssembly SIMD implementation of the vectors: four lanes, without fused multiply-adds. Results equal those of
+//! `Portable` bit for bit.
 //!
-//! There is no run-time detection: a module with these instructions loads only if the engine supports them, so that
-//! they are available if the build has the target feature. Relaxed SIMD could fuse, but its results depend on the
-//! engine.
+//! There is no run-time detection: an engine without these instructions refuses to load the module. Relaxed SIMD could
+//! fuse multiply-adds, but its results depend on the engine.
 
 use super::lanes::{Indices, SQRT_HALF_BITS};
 use super::leaf::{Quads, address, instructions, lanes_in_memory};
@@ -10,7 +10,6 @@ use super::table::{Format, Table, Value};
 use super::{Lanes, MAX_LANES, Op};
 use core::arch::wasm32::*;
 
-/// Four f32 in a `v128`.
 #[derive(Clone, Copy)]
 pub struct F32x4(v128);
 
@@ -39,7 +38,7 @@ impl Lanes for F32x4 {
         fn min_of(self, b: Self) -> Self = Self(f32x4_pmin(b.0, self.0));
         fn sqrt(self) -> Self = Self(f32x4_sqrt(self.0));
         fn abs(self) -> Self = Self(f32x4_abs(self.0));
-        // Adding 0 removes the negative zero, as in the portable leaf.
+        // Adding 0 turns −0 into 0, as in `Portable`.
         fn round_even(self) -> Self = Self(f32x4_add(f32x4_nearest(self.0), f32x4_splat(0.0)));
         fn floor(self) -> Self = Self(f32x4_floor(self.0));
         fn exp2_integer(self) -> Self =
@@ -53,7 +52,8 @@ impl Lanes for F32x4 {
         fn equals(self, b: Self) -> v128 = f32x4_eq(self.0, b.0);
         fn less(self, b: Self) -> v128 = f32x4_lt(self.0, b.0);
         fn select(mask: v128, a: Self, b: Self) -> Self = Self(v128_bitselect(a.0, b.0, mask));
-        // WebAssembly's own conversion saturates, which takes five instructions on x86.
+        // After adding 2^23, the lowest bits are the integer. WebAssembly's own conversion saturates, which takes five
+        // instructions on x86.
         fn to_indices(self) -> U32x4 = {
             let whole = f32x4_splat(8_388_608.0);
             U32x4(i32x4_sub(f32x4_add(self.0, whole), whole))
@@ -66,7 +66,7 @@ impl Lanes for F32x4 {
         let inside = u32x4_le(byte, u32x4_splat(last as u32));
         let byte = u32x4_min(byte, u32x4_splat(last as u32));
         let start = bytes.as_ptr();
-        // SAFETY: no index is beyond that of the last byte.
+        // SAFETY: every index in `byte` is at most that of the last byte.
         let found = unsafe {
             let found =
                 v128_load8_lane::<0>(u32x4_splat(0), start.add(u32x4_extract_lane::<0>(byte) as usize));
@@ -92,7 +92,7 @@ impl Quads for F32x4 {
     #[inline(always)]
     unsafe fn read_four<T: Value, const LANE: usize>(table: Table<'_, T>, at: &U32x4, plus: usize) -> Self {
         let from = address(table, u32x4_extract_lane::<LANE>(at.0), plus);
-        // SAFETY: the caller vouches for four values at the address; unaligned reads.
+        // SAFETY: the caller guarantees four values at the address. Reads may be unaligned.
         Self(unsafe {
             match T::FORMAT {
                 Format::F16 => widen_finite(i32x4_load_extend_i16x4(from.cast())),
@@ -117,7 +117,7 @@ impl Quads for F32x4 {
     }
 }
 
-/// Converts four finite f16, each with its sign extended, to f32.
+/// Converts four finite f16, each sign-extended to 32 bits, to f32.
 ///
 /// The magnitude `v` is computed as `2 v − v`; for a subnormal f16, which has no leading 1, as `(2^-14 + v) − 2^-14`.
 /// The sum and the differences are exact. No intermediate f32 is subnormal: many Intel cores stall on multiplications
@@ -134,7 +134,6 @@ fn widen_finite(bits: v128) -> v128 {
     v128_or(f32x4_sub(more, less), v128_and(bits, u32x4_splat(0x8000_0000)))
 }
 
-/// Four u32 in a `v128`. Constructed only where `F32x4` is.
 #[derive(Clone, Copy)]
 pub struct U32x4(v128);
 
@@ -147,7 +146,7 @@ impl Indices for U32x4 {
         fn and(self, b: Self) -> Self = Self(v128_and(self.0, b.0));
         fn min(self, b: Self) -> Self = Self(u32x4_min(self.0, b.0));
         fn shift_right_15(self) -> Self = Self(u32x4_shr(self.0, 15));
-        // SAFETY: sixteen values are in bounds, of which four are written; unaligned stores are allowed.
+        // SAFETY: `to` has room for sixteen values, of which four are written. Unaligned stores are allowed.
         fn store(self, to: &mut [u32; MAX_LANES]) = v128_store(to.as_mut_ptr().cast(), self.0);
     }
 }

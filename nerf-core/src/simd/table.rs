@@ -15,7 +15,7 @@ pub enum Format {
 
 /// A value of a table, as stored in memory. Sealed, since kernels read as many bytes as the format says.
 pub trait Value: Copy + Default + super::sealed::Sealed {
-    /// Format of the value.
+    /// Format of the value in memory.
     const FORMAT: Format;
     /// The value in f32.
     fn widen(self) -> f32;
@@ -31,7 +31,7 @@ impl Value for [u8; 2] {
         let (sign, magnitude) = (u32::from(bits & 0x8000) << 16, u32::from(bits & 0x7fff));
         // Adds the difference of the exponent biases, shifted to the exponent's position.
         let normal = (magnitude << 13) + ((127 - 15) << 23);
-        // A subnormal number has no leading 1: a multiple of 2^-24.
+        // A subnormal f16 has no leading 1: its value is `magnitude` times 2^-24.
         let subnormal = (magnitude as f32 * (1.0 / 16_777_216.0)).to_bits();
         f32::from_bits(sign | if magnitude < 0x0400 { subnormal } else { normal })
     }
@@ -56,7 +56,7 @@ impl Value for u8 {
     }
 }
 
-/// Table of values that are read by index; a table of integers has a scale for each level of a grid.
+/// Table of values that are read by index. A table of integers also has a scale for each level of a grid.
 #[derive(Clone, Copy, Debug)]
 pub struct Table<'a, T> {
     pub(super) values: &'a [T],

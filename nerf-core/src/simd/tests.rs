@@ -1,11 +1,11 @@
-//! Every instruction set against plain loops.
+//! Tests of reading bits: every instruction set against plain loops.
 
 extern crate std;
 
 use super::*;
 use std::vec::Vec;
 
-/// Bits `first + i · step` of `bytes`, for `i` in `0..16`.
+/// Reads the bits `first + i · step` of `bytes`, for `i` in `0..16`. Fields: `bytes`, `first`, `step`.
 struct Bits<'a>(&'a [u8], u32, u32);
 
 impl Op for Bits<'_> {

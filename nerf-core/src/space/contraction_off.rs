@@ -6,7 +6,7 @@ use crate::camera::Ray;
 use crate::simd::Lanes;
 use glam::Vec3;
 
-/// A type without values: this build has no contraction. Opening a file with a contraction is
+/// A type without values: this build has no contraction. Opening a file with a contraction fails with
 /// [`BlobError::NotBuilt`](crate::blob::BlobError::NotBuilt).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Contraction {}

@@ -1,4 +1,4 @@
-//! The placement of a field in a host's world.
+//! The placement of a field in the world of the host application.
 
 use crate::camera::{Camera, Pose, Ray};
 use crate::errors::errors;
@@ -11,7 +11,7 @@ const TOLERANCE: f32 = 1e-3;
 /// f32.
 const MAX_SCALE: f32 = 1e9;
 
-/// The placement of a field in a host's world: rotation, uniform scale and translation.
+/// Placement of a field in the host's world: rotation, uniform scale and translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
     rotation: Mat3,
@@ -20,7 +20,7 @@ pub struct Placement {
 }
 
 errors! {
-    /// A transform that is no valid placement.
+    /// Reason why a matrix is no valid placement.
     #[derive(Eq)]
     PlacementError:
     NotFinite => "expected a rotation, one scale and a translation, found a number that is not finite";

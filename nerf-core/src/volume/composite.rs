@@ -4,14 +4,14 @@ use super::{Accumulator, Pixel};
 use crate::errors::errors;
 use crate::math::{MathBackend, with_math};
 
-/// Composites samples along one ray into colour, opacity and distance, as a frame rendered with the backend `math`.
+/// Composites samples along one ray into colour, opacity and distance, as in a frame with the maths backend `math`.
 ///
 /// `sigma`: `[n]`, 1/world unit, >= 0. `rgb`: `[n]`. `t_edges`: `[n + 1]`, world units, ascending. The distance of a
 /// sample is the middle of its bin. A sample whose density is NaN or whose colour is not finite counts as empty.
 /// `z_depth` equals `ray_distance`, since a single ray has no view axis. Median distance and normal stay 0.
 ///
 /// # Errors
-/// [`VolumeError`] on lengths that do not fit and on edges that are not finite and ascending.
+/// [`VolumeError`] if the lengths do not fit, or if the edges are not finite and ascending.
 /// # Examples
 /// ```
 /// use nerf_core::{MathBackend, volume::composite};

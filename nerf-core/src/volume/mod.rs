@@ -18,7 +18,7 @@ pub use composite::{VolumeError, composite};
 #[cfg(feature = "normals")]
 pub(crate) use normal::NormalSum;
 
-/// At or below this opacity a pixel has no surface: its distances are `far`.
+/// Largest opacity of a pixel without a surface, whose distances are the frame's far distance.
 pub const OPACITY_EPSILON: f32 = 1e-4;
 
 /// Maximum optical thickness of a sample, which is then opaque: `e^-100` is 0 in any image.
@@ -41,7 +41,7 @@ pub(crate) fn alpha<M: Math, V: Lanes>(tau: V) -> V {
 /// result is clamped to the bin, and is the front edge if `sigma` is +inf.
 #[inline]
 pub(crate) fn thickness_in_bin(left: f32, sigma: f32, t: f32, delta: f32) -> f32 {
-    // Neither operand of the clamp is NaN: sigma is not 0, and the difference is finite.
+    // Neither operand of the clamp is NaN, since `left` is finite and `sigma` is not 0.
     let inside = (left / sigma).clamp(0.0, delta.max(0.0));
     (t - 0.5 * delta) + inside
 }
@@ -73,14 +73,15 @@ pub struct Pixel {
     /// Colour over the background, display-encoded unless the frame's [`Tone`](crate::plan::Tone) is linear; 0 if not
     /// requested.
     pub rgb: [f32; 3],
-    /// Σ weights, in `[0, 1]`.
+    /// Opacity: the sum of the compositing weights, in `[0, 1]`.
     pub opacity: f32,
-    /// Mean distance along the ray, world units; `far` if opacity is at most [`OPACITY_EPSILON`].
+    /// Mean distance along the ray, world units; the frame's far distance if opacity is at most [`OPACITY_EPSILON`].
     pub ray_distance: f32,
-    /// Mean distance along the view axis, world units; `far` if opacity is at most [`OPACITY_EPSILON`].
+    /// Mean distance along the view axis, world units; the frame's far distance if opacity is at most
+    /// [`OPACITY_EPSILON`].
     pub z_depth: f32,
-    /// First distance along the ray at which the transmittance is below one half, world units; `far` if there is
-    /// none, 0 if not requested.
+    /// First distance along the ray at which the transmittance is below one half, world units; the frame's far distance
+    /// if there is none, 0 if not requested.
     pub median_distance: f32,
     /// Weighted mean of −∇sigma/|∇sigma|, scaled to unit length, world space; 0 if opacity is at most
     /// [`OPACITY_EPSILON`], if the directions cancel, or if not requested.
@@ -101,8 +102,8 @@ impl Pixel {
 
 /// Sums of optical thickness, colour, opacity and distance over a ray's composited samples, front to back.
 ///
-/// `alpha = −expm1(−sigma delta)`, `transmittance = exp(−Σ sigma delta)` summed in log space with
-/// compensation, `weight = transmittance · alpha`.
+/// Of a sample: `alpha = −expm1(−sigma delta)`, `transmittance = exp(−Σ sigma delta)` over the samples in front of it,
+/// `weight = transmittance · alpha`. Sums are compensated (Kahan).
 ///
 /// # Source
 /// Mildenhall et al. 2020, eq. 3; deviation: the last bin is finite.
@@ -151,8 +152,8 @@ impl Accumulator {
     /// and including this sample.
     #[inline]
     pub(crate) fn add_thickness(&mut self, tau: f32) -> f32 {
-        // A sample of thickness 0 must change no bit, but after a term larger than all before it Kahan's sum may
-        // change by an ulp when 0 is added.
+        // A sample of thickness 0 must leave the sum bit-identical. Adding 0 to a Kahan sum may change it by an ulp, if
+        // the last term was larger than the sum before it.
         if tau > 0.0 {
             self.tau.add(tau);
         }
@@ -174,15 +175,15 @@ impl Accumulator {
         weight
     }
 
-    /// State of a ray whose photon collides with the medium at optical thickness `total`. The sum `Σ sigma delta`
-    /// starts at `-total`; the photon collides where this sum reaches 0.
+    /// State of a ray with one photon, which collides with the medium where the optical thickness reaches `total`. The
+    /// sum `Σ sigma delta` starts at `-total`, and is 0 at the collision.
     pub(crate) fn until(total: f32) -> Self {
         let mut ray = Self::NONE;
         ray.tau.add(-total);
         ray
     }
 
-    /// Whether the photon of a ray made by [`Accumulator::until`] collides in a bin; if so, adds opacity 1 at its
+    /// Whether the photon of a ray made by [`Accumulator::until`] collides in a bin. A collision adds opacity 1 at its
     /// distance. `before`: the ray's sum in front of the bin; `sigma` (not 0), `t`, `delta`: the bin's density, middle
     /// and width.
     #[inline]
@@ -229,7 +230,7 @@ impl Accumulator {
     /// mean colour; else they stay black. Median distance and normal stay 0.
     ///
     /// # Source
-    /// Müller et al. 2022, the authors' renderer.
+    /// Müller et al. 2022, the authors' renderer: opaque pixels of terminated rays.
     pub(crate) fn finish_from(
         &self,
         start: f32,

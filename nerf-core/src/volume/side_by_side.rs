@@ -8,8 +8,8 @@ use crate::simd::{BLOCK, Lanes};
 pub(crate) const ROWS: usize = 8;
 /// The compositing state of a block of rays, `[row][ray]`.
 pub(crate) type Rows = [[f32; BLOCK]; ROWS];
-/// Row of the sum of optical thickness. The rows after `TAU`, `OPACITY` and `DISTANCE` hold the rounding errors of
-/// their sums.
+/// Row of the sum of optical thickness. The row after each of `TAU`, `OPACITY` and `DISTANCE` holds that sum's rounding
+/// error.
 const TAU: usize = 0;
 const OPACITY: usize = 2;
 const DISTANCE: usize = 4;
@@ -31,7 +31,7 @@ pub(crate) fn add_samples<M: Math, V: Lanes>(
     cut: f32,
 ) -> V {
     let (zero, most) = (V::splat(0.0), V::splat(f32::MAX));
-    // A sample without density must change no bit.
+    // A sample without density must leave the ray's state bit-identical.
     let dense = zero.less(sigma);
     let sigma = V::select(dense, sigma, zero).min_of(most);
     let tau = sigma.mul(delta.max_of(zero).min_of(most)).min_of(V::splat(MAX_TAU));

@@ -19,7 +19,7 @@ fn edges(n: usize, near: f32, far: f32) -> Vec<f32> {
     (0..=n).map(|i| near + (far - near) * i as f32 / n as f32).collect()
 }
 
-/// [`super::composite`] with the polynomials.
+/// [`super::composite`] with [`MathBackend::Polynomial`].
 fn composite(
     sigma: &[f32],
     rgb: &[[f32; 3]],
@@ -29,7 +29,7 @@ fn composite(
     super::composite(MathBackend::Polynomial, sigma, rgb, t_edges, background)
 }
 
-/// `(rgb over black, opacity, mean distance)` in f64.
+/// Composites a ray in f64; returns colour over black, opacity and mean distance.
 fn oracle(sigma: &[f32], rgb: &[[f32; 3]], t: &[f32]) -> ([f64; 3], f64, f64) {
     let (mut tau, mut colour, mut opacity, mut distance) = (0.0f64, [0.0f64; 3], 0.0, 0.0);
     for i in 0..sigma.len() {
@@ -268,7 +268,7 @@ fn distances_are_far_exactly_up_to_the_epsilon() {
     }
 }
 
-/// Worst `|Σw + T − 1|` and largest `Σw` of a backend.
+/// Largest `|Σw + T − 1|` and largest `Σw` with the maths backend `M`. `w`: weights, `T`: final transmittance.
 fn conservation<M: Math>() -> (f32, f32) {
     let (mut worst, mut most) = (0.0f32, 0.0f32);
     for n in [1, 64, 4096] {

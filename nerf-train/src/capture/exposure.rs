@@ -14,7 +14,7 @@ const ROUNDS: usize = 30;
 const SMALLEST_RESIDUAL: f64 = 0.02;
 /// Range of mean colours that are used, 0 to 255: smaller values are too dark, larger ones clipped.
 const USABLE: (f64, f64) = (15.0, 245.0);
-/// Half the side of the square over which a colour is averaged, pixels.
+/// A colour is averaged over a square of 5 × 5 pixels: this number of pixels on each side of the middle one.
 const HALF_SIDE: i64 = 2;
 /// Number of lines of sight needed to measure a photograph's gain well. Gains are only measured if at least half of the
 /// photographs have this number.

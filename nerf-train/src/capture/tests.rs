@@ -4,7 +4,8 @@ use crate::data::demo::{DemoSpec, dataset};
 use crate::data::{Dataset, KeyPoint, SparsePoint};
 use glam::Vec3;
 
-/// The demo's scene with key points wherever a view shows one of some points around its middle.
+/// Demo scene with 1000 points on a lattice around its centre. A view has key points where these points project to,
+/// hidden or not.
 pub(crate) fn tracked() -> Dataset {
     let mut data = dataset(&DemoSpec { train: 8, val: 2, size: 48, ..Default::default() }).expect("a scene");
     let at = |i: i32| (i as f32 - 4.5) * 0.1;
@@ -35,7 +36,8 @@ fn key_points_that_contradict_their_point_are_left_out() {
         - view.camera.pose().position)
         .length();
     assert!((all.of_views[0][0].distance - expected).abs() < 1e-5);
-    // Four pixels off, of a point behind the camera, of no point, of a point at infinity, of a doubtful one.
+    // Makes seven key points invalid: one is moved by 4 pixels; the points of the others are behind the camera,
+    // extremely far away, seen by two photographs, of large error, of error NaN, and missing.
     view.key_points[0].x += 4.0;
     let behind = view.camera.pose().position - view.camera.pose().forward();
     let bad = [behind.to_array(), [1e30; 3], [0.0; 3], [0.0; 3], [0.0; 3]];
@@ -57,7 +59,7 @@ fn key_points_that_contradict_their_point_are_left_out() {
 fn gains_are_measured_where_photographs_show_the_same_points() {
     let mut data = tracked();
     for view in data.train.iter_mut() {
-        // Grey everywhere, so that what a point shows does not depend on the direction.
+        // Uniform pictures: the colour of a point does not depend on the viewing direction.
         view.pixels.fill([100, 100, 100, 255]);
     }
     let factors = [0.6f32, 0.8, 0.9, 1.0, 1.0, 1.2, 1.5, 1.9];
@@ -82,14 +84,14 @@ fn gains_are_measured_where_photographs_show_the_same_points() {
     for channel in 0..3 {
         assert!(gains.0.iter().map(|g| f64::from(g[channel])).sum::<f64>().abs() < 1e-5);
     }
-    // One photograph that is four stops too dark among bright ones calls for gains by itself.
+    // A single photograph four stops darker than the 199 others is an outlier, although the spread is small.
     let mut log = LogGains::none(200);
     log.0[7] = [-1.25; 3];
     log.centre();
     assert!(log.spread() < super::exposure::CALLED_FOR, "{}", log.spread());
     assert_eq!(log.outlier().map(|(view, _)| view), Some(7));
     assert_eq!(LogGains(vec![[0.6; 3], [-0.6; 3]]).outlier(), None);
-    // Photographs that are black say nothing, and break nothing.
+    // Black photographs give no measurements: all log gains are 0.
     data.train.iter_mut().for_each(|view| view.pixels.fill([0, 0, 0, 255]));
     let black = LogGains::measured(&data.train, &sights).expect("tracks");
     assert_eq!(black, LogGains::none(8));

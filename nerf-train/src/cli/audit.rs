@@ -17,16 +17,17 @@ use std::process::ExitCode;
 
 /// Ablation: quality and cost of each component of a scene, such as view dependence.
 ///
-/// The components are view dependence, occupancy grid and background. Time and multiply-adds are relative to the
+/// View dependence, occupancy grid and background are left out in turn. Time and multiply-adds are relative to the
 /// rendering without the component: 1.2 means that the component costs 20 % more.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: nerf-train audit lego.nerf lego_200x200.npz --effect-threshold 0.1")]
 pub struct Audit {
     /// Scene file (.nerf).
     file: PathBuf,
-    /// Data set.
+    /// Data set: a .npz file or a folder, as for `fit`.
     data: PathBuf,
-    /// Keep a component that gains this much PSNR, dB, or that loses less and saves 10 % of multiply-adds.
+    /// PSNR gain, dB, from which a component is kept; one that saves 10 % of multiply-adds is kept unless it loses this
+    /// much.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
     effect_threshold: f64,
     /// Split to evaluate.
@@ -38,7 +39,7 @@ pub struct Audit {
     /// Number of timing rounds; the median time is reported.
     #[arg(long, value_name = "N", default_value_t = 3)]
     repeats: usize,
-    /// Clock: wall, or cpu (steadier on a shared machine).
+    /// Clock for times: wall, or cpu (steadier on a shared machine).
     #[arg(long, value_enum, default_value = "wall")]
     clock: Clock,
     /// Report folder: audit.csv, summary.json.

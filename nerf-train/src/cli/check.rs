@@ -32,7 +32,7 @@ const DECODED_PER_SECOND: u64 = 15_000_000;
   nerf-train check holiday_poses
   nerf-train check holiday_poses -o out/check --json")]
 pub struct Check {
-    /// Data set.
+    /// Data set: a .npz file or a folder, as for `fit`.
     data: PathBuf,
     /// Output folder: check.html (cameras in 3D, coloured by findings), summary.json.
     #[arg(long, short, value_name = "DIR")]

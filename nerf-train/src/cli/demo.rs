@@ -43,7 +43,7 @@ pub struct Demo {
     /// Output folder.
     #[arg(long, value_name = "DIR", default_value = "out/demo")]
     out: PathBuf,
-    /// TOML file of settings that override the preset `grid`.
+    /// TOML file of settings that override the grid preset (see `config`).
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// Training steps.

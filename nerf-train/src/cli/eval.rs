@@ -79,7 +79,7 @@ impl Split {
 pub struct Eval {
     /// Scene file (.nerf).
     file: PathBuf,
-    /// Data set.
+    /// Data set: a .npz file or a folder, as for `fit`.
     data: PathBuf,
     /// Split to evaluate [default: val, or test if there is no val].
     #[arg(long, value_enum)]

@@ -20,7 +20,7 @@ use std::process::ExitCode;
 /// Image rendered without `--data`: width and height, pixels; horizontal field of view, degrees.
 const ORBIT: (u32, u32, f32) = (200, 200, 40.0);
 
-/// Show a frame's render stages, why each runs, and its cost.
+/// Show which render stages a frame runs, why, and what each costs.
 ///
 /// Renders one view to count its work: a view of --data, or by default a view from an orbit around the scene.
 #[derive(Debug, Args)]
@@ -30,10 +30,10 @@ const ORBIT: (u32, u32, f32) = (200, 200, 40.0);
 pub struct Explain {
     /// Scene file (.nerf).
     file: PathBuf,
-    /// Data set from which --view selects a camera.
+    /// Data set from which --view selects a camera [default: a camera on an orbit around the scene].
     #[arg(long, value_name = "DATA")]
     data: Option<PathBuf>,
-    /// Split that --view indexes.
+    /// Split of --data from which --view selects.
     #[arg(long, value_enum, default_value = "val", requires = "data")]
     split: Split,
     /// View index in the split, from 0.
@@ -48,7 +48,7 @@ pub struct Explain {
     /// Also render normals.
     #[arg(long)]
     normals: bool,
-    /// Smooth the density over this many sample spacings before normals are taken from it.
+    /// Width of the blur of the density from which normals are computed, in sample spacings; 0: no blur.
     #[arg(long, value_name = "BINS", default_value_t = Plan::NORMAL_BLUR)]
     normal_blur: f32,
     #[command(flatten)]

@@ -39,10 +39,10 @@ pub struct Export {
     /// Kind of export [default: by the file extension; a .ply is a mesh].
     #[arg(long = "as", value_enum, value_name = "WHAT")]
     kind: Option<Kind>,
-    /// Grid resolution along the longest side of the box [default: 256].
+    /// Number of cells along the longest side of the exported box [default: 256].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=8192))]
     resolution: Option<u32>,
-    /// Region to export, in the data's coordinates [default: the scene box].
+    /// Box to export, in the coordinates of the data [default: the scene box; required for an unbounded scene].
     #[arg(
         long = "box",
         value_name = "X0,Y0,Z0,X1,Y1,Z1",
@@ -50,13 +50,13 @@ pub struct Export {
         allow_hyphen_values = true
     )]
     bounds: Option<[f64; 6]>,
-    /// Density of the isosurface, per world unit [default: where the opacity of rays from free space reaches 1/2].
+    /// Density of the isosurface, per world unit [default: the surface where rays from free space reach opacity 1/2].
     #[arg(long, value_name = "SIGMA")]
     threshold: Option<f32>,
     /// Approximate number of points [default: 200000].
     #[arg(long, value_name = "N")]
     points: Option<usize>,
-    /// Points from median distances rendered at this data set's views [default: uniform samples of the surface].
+    /// Data set at whose views points are found by median distance [default: points sampled on the surface].
     #[arg(long, value_name = "DATA")]
     data: Option<PathBuf>,
     /// Split of --data whose views are rendered.
@@ -259,7 +259,7 @@ impl Export {
 }
 
 impl Kind {
-    /// Returns what messages call this kind of output, and the extensions of its files.
+    /// Returns the name of this kind of output for messages, and the extensions of its files.
     fn words(self) -> (&'static str, &'static str) {
         match self {
             Self::Mesh => ("mesh", ".ply, .obj or .glb"),

@@ -30,14 +30,15 @@ use std::process::ExitCode;
 
 /// Train a radiance field on posed photographs.
 ///
-/// DATA is a CS180-layout or tiny_nerf .npz, or a folder with Blender transforms_{train,val,test}.json, a
-/// nerfstudio / instant-ngp transforms.json, a COLMAP reconstruction or LLFF poses_bounds.npy.
+/// DATA is a .npz in the layout of tiny_nerf or of the CS180 course, or a folder with Blender
+/// transforms_{train,val,test}.json, a nerfstudio / instant-ngp transforms.json, a COLMAP reconstruction or LLFF
+/// poses_bounds.npy.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: nerf-train fit lego_200x200.npz -o lego.nerf --report out/lego --max-seconds 60"
 )]
 pub struct Fit {
-    /// Data set: a .npz, or a folder of transforms.json, COLMAP, LLFF or Blender.
+    /// Data set: a .npz file, or a folder in the layout of Blender, nerfstudio, instant-ngp, COLMAP or LLFF.
     data: PathBuf,
     #[command(flatten)]
     conduct: Conduct,
@@ -52,22 +53,22 @@ pub struct Fit {
     config: Option<PathBuf>,
     #[command(flatten)]
     set: SetOption,
-    /// Steps between validations [default: eight validations a run, fewer if they take over 5 % of its time].
+    /// Steps between validations [default: an eighth of the run, or more if validations take over 5 % of its time].
     #[arg(long, value_name = "N")]
     validate_every: Option<u32>,
     /// Drop view dependence if it raises the PSNR of training views by less than this, dB.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
     effect_threshold: f64,
-    /// Folder for the newest scene, written about every second: live.nerf, which examples/web shows.
+    /// Folder in which live.nerf, the newest scene, is replaced about every second; examples/web shows it.
     #[arg(long, value_name = "DIR")]
     live: Option<PathBuf>,
-    /// Steps at which validation views are rendered for the report [default: eight steps].
+    /// Steps at which validation views are rendered for the report [default: every eighth of the run].
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', requires = "report")]
     snapshots: Vec<u32>,
-    /// Indices, from 0, of the validation views that --snapshots renders [default: two of them].
+    /// Validation views that --snapshots renders, by index from 0 [default: two views].
     #[arg(long, value_name = "I,J,…", value_delimiter = ',', requires = "report")]
     snapshot_views: Vec<usize>,
-    /// Train only on group N, from 1, where `check` finds groups of photographs that contradict each other.
+    /// Train only on group N, from 1, of the groups that `check` finds if photographs contradict each other.
     #[arg(long, value_name = "N")]
     group: Option<usize>,
     #[command(flatten)]
@@ -76,10 +77,10 @@ pub struct Fit {
     settings: Settings,
     #[command(flatten)]
     table: TableSettings,
-    /// Ray-march steps across the scene box (unbounded scene: across the uncontracted ball).
+    /// Ray-march steps across the longest side of the scene box (unbounded scene: across the uncontracted ball).
     #[arg(long, value_name = "N", help_heading = super::options::grid::HEADING)]
     steps_across: Option<u16>,
-    /// Maximum file size (256k, 1m); chooses table size, levels, storage and occupancy grid.
+    /// Maximum file size, such as 256k or 1m; table size, levels, storage and occupancy grid are chosen to fit.
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes, help_heading = super::options::grid::HEADING)]
     max_bytes: Option<u64>,
 }
@@ -94,7 +95,7 @@ struct Settings {
     /// Gradient engine: fused (explicit backward passes) or dfdx (slow reference).
     #[arg(long, value_enum)]
     engine: Option<EngineKind>,
-    /// Hidden layers of the density network; 0: density is read from the grid.
+    /// Number of hidden layers of the density network; 0: density is read directly from the grid features.
     #[arg(long, value_name = "N")]
     depth: Option<usize>,
     /// Width of the hidden layers of the density network.
@@ -103,7 +104,7 @@ struct Settings {
     /// Width of the colour network's one hidden layer; 0: no hidden layer.
     #[arg(long, value_name = "N")]
     colour_width: Option<usize>,
-    /// Initial rays per batch; rays × samples at most 2^27.
+    /// Rays per batch at the start of training; rays × samples per ray at most 2^27.
     #[arg(long, value_name = "N")]
     rays: Option<usize>,
     /// Initial learning rate.
@@ -112,10 +113,11 @@ struct Settings {
     /// Start from a full occupancy grid instead of a visual hull.
     #[arg(long)]
     no_hull: bool,
-    /// Scene extent: box, contracted (unbounded), or auto.
+    /// Scene extent: box, contracted (unbounded) or auto (box if the photographs show what is background, else
+    /// contracted).
     #[arg(long, value_enum, default_value_t)]
     space: Space,
-    /// Scene box, world units.
+    /// Scene box, world units [default: found from the data].
     #[arg(
         long = "box",
         value_name = "X0,Y0,Z0,X1,Y1,Z1",
@@ -177,8 +179,8 @@ impl Fit {
     }
 
     /// Returns settings adapted to the photographs' resolution and to the length of the run: grid and ray-march steps
-    /// follow from the number of pixels across the scene, and a long run has more entries. Then limits the file size to
-    /// `--max-bytes`. Reports the chosen settings.
+    /// follow from the number of pixels across the scene, and a long run has larger tables. Then limits the file size
+    /// to `--max-bytes`. Reports the chosen settings.
     fn sized(
         &self,
         config: Config,
@@ -232,7 +234,7 @@ impl Fit {
         Ok(fitted)
     }
 
-    /// Returns the settings of a long run if the run is long or resumes one, whatever the limit now; else `config`.
+    /// Returns `config` adapted to a long run, if this run is long or resumes a long one; else `config` unchanged.
     fn for_length(config: Config, chosen: Chosen, options: &RunOptions) -> anyhow::Result<Config> {
         let long = detail::for_long_run(config.clone(), chosen);
         let is_long = match options.resumed_grid()? {

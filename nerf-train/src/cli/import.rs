@@ -23,8 +23,8 @@ const RAY_VIEWS: usize = 50;
 
 /// Convert a nerf-pytorch checkpoint to a scene file.
 ///
-/// CKPT is a .npz or .safetensors file with the tensors pts_linears.0.weight, … of one network. If the file holds a
-/// coarse and a fine network, the fine network is read.
+/// CKPT is a .npz or .safetensors file with the tensors pts_linears.0.weight, …. If it holds a coarse and a fine
+/// network, the fine one is read.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     nerf-train import lego_200k_fine.npz -o lego.nerf --background white --check lego_200\n  \
@@ -37,37 +37,37 @@ pub struct Import {
     /// Output scene file (.nerf).
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
-    /// Prefix of the tensors' names, such as network_fine. [default: detected].
+    /// Prefix of the tensors' names, such as 'network_fine.' [default: detected].
     #[arg(long, value_name = "PREFIX")]
     prefix: Option<String>,
-    /// Coarse network, for importance sampling; if CKPT holds both networks, give the same file here.
+    /// Checkpoint of the coarse network, for importance sampling; the same file as CKPT if that holds both networks.
     #[arg(long, value_name = "CKPT")]
     coarse: Option<PathBuf>,
     /// Prefix of the coarse network's tensors [default: detected].
     #[arg(long, value_name = "PREFIX", requires = "coarse")]
     coarse_prefix: Option<String>,
-    /// Evaluate on a data set: PSNR, PSNR lost by f16 weights, whether rendering requires the occupancy grid.
+    /// Data set on which to measure PSNR, the loss by f16 weights, and whether rendering requires the occupancy grid.
     #[arg(long, value_name = "DATA")]
     check: Option<PathBuf>,
-    /// Indices, from 0, of the validation views to evaluate [default: up to ten views].
+    /// Validation views of --check to evaluate, by index from 0 [default: up to ten views].
     #[arg(long = "view", value_name = "I,J,…", value_delimiter = ',', requires = "check")]
     views: Vec<usize>,
-    /// Allow `file_path` entries that lead out of the folder of --check.
+    /// Allow file_path entries of transforms files that lead out of the folder of --check.
     #[arg(long, requires = "check")]
     outside_files: bool,
     /// Drop view dependence if it raises the PSNR of the views of --check by less than this, dB.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true, requires = "check")]
     effect_threshold: f64,
-    /// Occupancy grid the network was trained with (.npy, bool [x, y, z] over the box).
+    /// Occupancy grid with which the network was trained (.npy, bool [x, y, z] over the box).
     #[arg(long, value_name = "FILE", conflicts_with = "no_occupancy")]
     occupancy: Option<PathBuf>,
-    /// Treat the grid of --occupancy as an acceleration only: rendering without it is valid.
+    /// Use the grid of --occupancy only to save time: rendering without it is valid, too.
     #[arg(long, requires = "occupancy")]
     occupancy_optional: bool,
     /// Build no occupancy grid.
     #[arg(long)]
     no_occupancy: bool,
-    /// Pose convention of --check: opengl or opencv [default: the layout's].
+    /// Camera axes in --check: opengl (looks along −Z) or opencv (looks along +Z) [default: the layout's].
     #[arg(long, value_name = "CONVENTION")]
     axes: Option<Axes>,
     #[command(flatten)]

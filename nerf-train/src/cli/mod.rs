@@ -29,7 +29,7 @@ use clap::{ArgAction, CommandFactory, Parser, Subcommand};
 use std::collections::BTreeMap;
 use std::process::ExitCode;
 
-/// Trains a radiance field on two CPU cores and stores it as one small file that renders anywhere.
+/// The command line: one command, and the options of every command.
 #[derive(Debug, Parser)]
 #[command(
     name = "nerf-train",

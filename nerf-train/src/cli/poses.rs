@@ -14,9 +14,9 @@ use std::time::{Duration, Instant};
 /// Find camera poses with an installed COLMAP.
 ///
 /// The output folder gets a COLMAP reconstruction in `sparse/0`, and copies of the photographs in `images`. Photographs
-/// of one device and size share intrinsics. If photographs are missing from the reconstruction, COLMAP tries again:
-/// with matches between neighbours only, another initial pair, or stricter matches. COLMAP works on the CPU; 77
-/// photographs of 800x600 take about six minutes on two cores.
+/// of one device and size share intrinsics. If photographs are missing from the reconstruction, COLMAP is run again:
+/// with matches between neighbours only, with another initial pair, or with stricter matching. COLMAP works on the CPU;
+/// 77 photographs of 800x600 take about six minutes on two cores.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train poses holiday
@@ -66,7 +66,7 @@ impl Poses {
 }
 
 fn beside(photographs: &Path) -> PathBuf {
-    // `.` and `a/..` have no name of their own.
+    // The paths `.` and `a/..` have no file name: their canonical path is used.
     let real = std::fs::canonicalize(photographs).unwrap_or_else(|_| photographs.to_owned());
     let path = if photographs.file_name().is_some() { photographs } else { &real };
     let mut name = path.file_name().unwrap_or_default().to_owned();

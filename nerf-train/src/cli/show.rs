@@ -26,7 +26,7 @@ use std::process::ExitCode;
   nerf-train show lego_200x200.npz -o out/camera3 --camera 3 --rays 40
   nerf-train show lego_200 --split val --step 500 --preset seed --up z")]
 pub struct Show {
-    /// Data set.
+    /// Data set: a .npz file or a folder, as for `fit`.
     data: PathBuf,
     /// Output folder.
     #[arg(long, short, value_name = "DIR", default_value = "out/show")]
@@ -49,11 +49,11 @@ pub struct Show {
     /// Preset: grid (learned hash grid), small (small sinusoidal network), seed (classic NeRF, 8 layers of 256).
     #[arg(long, value_enum, default_value = "grid", hide_possible_values = true)]
     preset: Preset,
-    /// Random seed.
+    /// Random seed [default: the preset's].
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Depth of the frusta, world units [default: from the camera spacing].
-    #[arg(long, value_name = "SCALE", value_parser = parse_length)]
+    /// Depth of the drawn camera frusta, world units [default: from the camera spacing].
+    #[arg(long, value_name = "LENGTH", value_parser = parse_length)]
     frustum: Option<f32>,
     /// Up axis [default: the axis nearest to the cameras' mean up].
     #[arg(long, value_enum, value_name = "AXIS", allow_hyphen_values = true)]
@@ -66,7 +66,8 @@ pub struct Show {
         allow_hyphen_values = true
     )]
     scene_box: Option<[f32; 6]>,
-    /// Scene extent: box, contracted (unbounded), or auto.
+    /// Scene extent: box, contracted (unbounded) or auto (box if the photographs show what is background, else
+    /// contracted).
     #[arg(long, value_enum, default_value_t)]
     space: Space,
     #[command(flatten)]

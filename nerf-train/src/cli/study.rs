@@ -20,10 +20,10 @@ use std::time::{Duration, Instant};
 /// Occupancy grids to build: cells along the longest side, and density × bin width above which a cell is occupied.
 const OCCUPANCIES: [(u16, f32); 5] = [(32, 0.01), (64, 0.01), (96, 0.01), (96, 0.1), (128, 0.01)];
 
-/// Measure time and accuracy of approximate rendering (fewer samples, early ends, …); find the Pareto front.
+/// Measure time and accuracy of approximate rendering, such as fewer samples, and find the Pareto front.
 ///
-/// Errors are measured against the images of DATA, and against the exact rendering: every sample inside the scene box,
-/// no early ray termination, f32. A Pareto front in the scene file lets a renderer choose settings by PSNR.
+/// Errors are measured against the images of DATA, and against the exact rendering: every sample that the scene needs,
+/// no early ray termination, f32 arithmetic. A Pareto front in the scene file lets a renderer choose settings by PSNR.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: nerf-train study lego.nerf lego_200x200.npz --report out/study -o lego_front.nerf"
@@ -31,7 +31,7 @@ const OCCUPANCIES: [(u16, f32); 5] = [(32, 0.01), (64, 0.01), (96, 0.01), (96, 0
 pub struct Study {
     /// Scene file (.nerf).
     file: PathBuf,
-    /// Data set.
+    /// Data set: a .npz file or a folder, as for `fit`.
     data: PathBuf,
     /// Report folder: points.csv, report.md, plot, images, summary.json.
     #[arg(long, value_name = "DIR")]
@@ -39,7 +39,7 @@ pub struct Study {
     /// points.csv of another study, to plot its Pareto front too.
     #[arg(long, value_name = "CSV", requires = "report")]
     beside: Vec<PathBuf>,
-    /// Output scene file: a copy of the input that stores the Pareto front, by which renderers choose their settings.
+    /// Output scene file: a copy of the input with the Pareto front, from which renderers choose their settings.
     #[arg(long, short, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Write the Pareto front into the input file itself.
@@ -66,7 +66,7 @@ pub struct Study {
     /// Checkpoint from which the scene file was imported, to measure its f32 weights too.
     #[arg(long, value_name = "CKPT")]
     source: Option<PathBuf>,
-    /// Do not test occupancy grids of other resolutions and thresholds.
+    /// Measure only with the occupancy grid of the file, not with other resolutions and thresholds.
     #[arg(long)]
     no_other_occupancy: bool,
     #[command(flatten)]

@@ -49,25 +49,25 @@ struct Lists {
     /// Folder of the sweep; finished runs in it are not repeated.
     #[arg(long, short, value_name = "DIR")]
     output: PathBuf,
-    /// Levels (frequencies) of the position encoding (networks without a grid).
+    /// Number of frequencies of the position encoding (networks without a grid).
     #[arg(long, value_name = "L,L,…", value_delimiter = ',', num_args = 1)]
     levels: Vec<u8>,
-    /// Hidden layers.
+    /// Number of hidden layers.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     layers: Vec<u16>,
     /// Width of the hidden layers.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     width: Vec<u16>,
-    /// log2 of the hash table size (grids).
+    /// Size of a hash table, as the exponent of a power of 2: at most 2^N entries per level (grids).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     table: Vec<u8>,
-    /// Grid levels.
+    /// Number of grid levels.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     grid_levels: Vec<u8>,
     /// Features per level: 1, 2 or 4 (grids).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     features: Vec<u8>,
-    /// Resolution of the finest level (grids) [default: the preset's; for images, the image size].
+    /// Cells along the longest side at the finest level (grids) [default: the preset's; for images, the image size].
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     finest: Vec<u16>,
     /// Initial learning rates.
@@ -87,7 +87,7 @@ impl Lists {
         Ok(inputs.writes_folder("-o", &self.output).check()?)
     }
 
-    /// Whether `--levels`, `--layers` or `--width` is given, so that the default preset has a sinusoidal network.
+    /// Whether `--levels`, `--layers` or `--width` is given; the default preset is then one with a sinusoidal network.
     fn of_sinusoidal(&self) -> bool {
         !(self.levels.is_empty() && self.layers.is_empty() && self.width.is_empty())
     }
@@ -158,7 +158,8 @@ pub struct ImageSweep {
     photo: PathBuf,
     #[command(flatten)]
     lists: Lists,
-    /// Preset: grid (learned hash grid), classic (sinusoidal network), sharp (a layer more, trained longer) [default: grid; classic with --levels, --layers or --width].
+    /// Preset: grid (learned hash grid), classic (sinusoidal network), sharp (classic with one layer more, trained
+    /// longer) [default: grid; classic with --levels, --layers or --width].
     #[arg(long, value_enum, hide_possible_values = true)]
     preset: Option<FieldPreset>,
     #[command(flatten)]
@@ -185,7 +186,7 @@ impl ImageSweep {
     after_help = "Example: nerf-train sweep scene lego_200x200.npz -o out/sweep --levels 6,10 --width 64,128 --max-seconds 30"
 )]
 pub struct SceneSweep {
-    /// Data set.
+    /// Data set: a .npz file or a folder, as for `fit`.
     data: PathBuf,
     #[command(flatten)]
     lists: Lists,
@@ -206,13 +207,14 @@ pub struct SceneSweep {
     /// Samples per ray (networks without a grid).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     samples: Vec<u16>,
-    /// Update each hashed level every N steps, by the gradients summed since (grids).
+    /// Steps between two updates of a hashed level, by the gradients summed in between (grids).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     turns: Vec<u32>,
-    /// Random seed.
+    /// Random seed [default: the preset's].
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Scene extent: box, contracted (unbounded), or auto.
+    /// Scene extent: box, contracted (unbounded) or auto (box if the photographs show what is background, else
+    /// contracted).
     #[arg(long, value_enum, default_value_t)]
     space: Space,
     #[command(flatten)]

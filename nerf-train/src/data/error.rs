@@ -52,7 +52,7 @@ impl DatasetError {
 
     pub(super) fn json(file: &Path, error: &serde_json::Error) -> Self {
         let text = error.to_string();
-        // serde_json ends its message with line and column; here they come first.
+        // serde_json ends its message with line and column; this error begins with them.
         let found = text.rsplit_once(" at line ").map_or(text.as_str(), |(what, _)| what);
         Self::fault(file, format!("line {}, column {}: {found}", error.line(), error.column()))
     }

@@ -225,7 +225,7 @@ impl std::str::FromStr for Axes {
 /// (`--cameras`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Cameras {
-    /// One camera for each device. A reconstruction with one camera for each photograph is adjusted again to have this.
+    /// One camera for each device. A reconstruction with one camera for each photograph is adjusted again.
     #[default]
     Shared,
     /// The cameras of the reconstruction, unchanged.

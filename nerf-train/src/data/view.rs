@@ -139,7 +139,7 @@ pub fn mean_colour(views: &[View]) -> [f32; 3] {
     sum.map(|sum| (sum as f64 / (255 * count.max(1)) as f64) as f32)
 }
 
-/// Whether every pixel of every view is the same, so that there is nothing to learn.
+/// Whether all pixels of all views have the same value, so that there is nothing to learn.
 pub fn is_blank(views: &[View]) -> bool {
     let mut pixels = views.iter().flat_map(|view| &view.pixels);
     pixels.next().is_none_or(|first| pixels.all(|pixel| pixel == first))

@@ -31,16 +31,17 @@ use crate::model::quantise::TableStorage;
 use crate::train::schedule::Budget;
 use nerf_core::space::SceneBox;
 
-/// Number of pixels that the longest side of lego's box spans in photographs of 200², for which the preset was chosen.
+/// Number of pixels that the longest side of lego's box spans in photographs of 200 × 200 pixels, for which the preset
+/// was chosen.
 const PRESET_PIXELS: f32 = 175.0;
-/// Largest binary logarithm of a level's number of entries: a table of 2^19 entries no longer fits a core's cache.
+/// Largest binary logarithm of a level's number of entries. Already a table of 2^19 entries exceeds a core's cache.
 const MOST_LOG2_ENTRIES: u8 = 19;
 /// Ratio of a scene's pixels to [`PRESET_PIXELS`] above which settings grow no further. A camera near the middle of the
 /// box would give a larger ratio.
 const MOST_PIXELS: f32 = 8.0;
-/// Multiple to which the number of cells of the finest level is rounded, so that one pixel more does not change it;
-/// `ROUNDED_STEPS`: the same for the steps of a ray.
+/// Multiple to which the number of cells of the finest level is rounded, so that one pixel more does not change it.
 const ROUNDED_CELLS: f32 = 32.0;
+/// Multiple to which the number of march steps across the scene box is rounded.
 const ROUNDED_STEPS: f32 = 10.0;
 
 /// Number of pixels that the longest side of the scene box spans in a photograph, at the distance from the camera to
@@ -56,8 +57,9 @@ pub fn pixels_across(dataset: &Dataset, scene_box: &SceneBox) -> Option<f32> {
 }
 
 /// Adapts the preset's settings to a scene that spans `pixels` pixels. Each doubling of `pixels` doubles the entries of
-/// a level, and multiplies the cells of the finest level and the steps of a ray by √2. Settings that differ from the
-/// preset's or that are set in `chosen` do not change. With fewer pixels than `PRESET_PIXELS` nothing changes.
+/// a level, and multiplies the cells of the finest level and the march steps across the scene box by √2. Settings that
+/// differ from the preset's or that are set in `chosen` do not change. With fewer pixels than `PRESET_PIXELS` nothing
+/// changes.
 pub fn for_pixels(mut config: Config, chosen: Chosen, pixels: f32) -> Config {
     let preset = config.preset.config();
     let (Some(grid), Some(own)) = (&mut config.network.grid, &preset.network.grid) else { return config };
@@ -78,18 +80,21 @@ pub fn for_pixels(mut config: Config, chosen: Chosen, pixels: f32) -> Config {
     config
 }
 
-/// Least seconds, and least number of steps, of a long run, for which twice the entries pay.
+/// Least limit in seconds of a long run. From this time on, twice the table entries clearly raise PSNR (see the last
+/// table of this module's documentation).
 const LONG_SECONDS: f64 = 45.0;
+/// Least limit in steps of a long run.
 const LONG_STEPS: u32 = 15_000;
 
-/// Whether a run is long: each limit that it has, in seconds or steps, is at least that of a long run.
+/// Whether a run is long: its limit in seconds and its limit in steps, where set, are at least those of a long run.
 pub fn is_long(budget: &Budget) -> bool {
     budget.seconds.is_none_or(|seconds| seconds >= LONG_SECONDS)
         && budget.steps.is_none_or(|steps| steps >= LONG_STEPS)
 }
 
-/// Doubles the preset's entries of a level for a long run, which learns more detail than they hold, and stores them in
-/// int8, so that the file is no larger. Settings that differ from the preset's or that are set in `chosen` do not change.
+/// Adapts the settings to a long run, which learns more detail than the preset's table entries hold. Doubles the
+/// entries of a level, and stores them in int8, so that the file is no larger. Settings that differ from the preset's
+/// or that are set in `chosen` do not change.
 pub fn for_long_run(mut config: Config, chosen: Chosen) -> Config {
     let preset = config.preset.config();
     if let (Some(grid), Some(own)) = (&mut config.network.grid, &preset.network.grid)
@@ -136,7 +141,7 @@ mod tests {
         assert_eq!(grid(none), (17, TableStorage::Int8));
         assert_eq!(grid(Chosen { storage: true, ..none }), (17, TableStorage::F16));
         assert_eq!(grid(Chosen { entries: true, ..none }), (16, TableStorage::F16));
-        // Tables that pixels have made larger stay.
+        // Tables that `for_pixels` has enlarged do not change.
         let pixels = for_pixels(Preset::Grid.config(), Chosen::default(), 700.0);
         assert_eq!(for_long_run(pixels.clone(), Chosen::default()), pixels);
         let small = Preset::Small.config();

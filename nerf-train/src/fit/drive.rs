@@ -6,9 +6,10 @@ use crate::system::stop::{Claim, Cover};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Number of steps between two points of the training curve that have no validation.
+/// Number of steps between two points of the training curve, apart from the points at validations.
 pub(super) const POINT_EVERY: u32 = 20;
-/// Seconds. If steps take longer than this, files are prepared before each step and written if a signal interrupts it.
+/// Duration of a step, seconds, above which the state is serialised before the next step. A signal during that step
+/// saves this state.
 const LONG_STEP: f64 = 0.3;
 
 pub(super) type File = (PathBuf, Vec<u8>);
@@ -18,14 +19,15 @@ pub(super) trait Task {
     type Due;
 
     fn steps(&self) -> u32;
-    /// Used fraction of the budget. `last_step`: seconds of the last step, which are added to the elapsed time.
+    /// Used fraction of the budget at the end of one more step that takes as long as the last, `last_step` seconds.
     fn share(&mut self, last_step: f64) -> anyhow::Result<f64>;
     /// Returns an error if the limit in seconds ended the run after too few steps.
     fn check_steps(&self) -> anyhow::Result<()>;
     /// Returns the validation due after the fraction `share` of the budget, if any. `ended`: whether no step follows.
     fn due(&self, share: f64, ended: bool) -> Option<Self::Due>;
     fn validate(&mut self, due: Self::Due) -> anyhow::Result<()>;
-    /// Adds a point without validation to the training curve, if one is due and the curve has none at this step.
+    /// Adds a point without validation to the training curve at its regular steps, unless the curve has one at this
+    /// step. `ended`: whether no step follows.
     fn note(&mut self, ended: bool);
     fn step(&mut self, share: f64, progress: &Progress) -> anyhow::Result<()>;
     fn message(&self) -> Message;
@@ -34,7 +36,8 @@ pub(super) trait Task {
     fn is_worth_keeping(&self) -> bool;
     /// Path and bytes of a checkpoint of the present state; `None` if the run writes no checkpoints.
     fn checkpoint(&self) -> Option<File>;
-    /// Path and bytes of a 2D field's blob, written besides the checkpoint on an interruption; `None` without one.
+    /// Path and bytes of a 2D field's blob, written beside the checkpoint on an interruption. `None` for a scene, or
+    /// without an output file.
     fn as_it_stands(&self) -> anyhow::Result<Option<File>>;
     fn interrupted(&self) -> String;
 
@@ -123,7 +126,7 @@ impl Keeper {
         }
     }
 
-    /// Does `work`, which may take long. A signal meanwhile writes the files of the state before `work`.
+    /// Does `work`, which may take long. If a signal arrives meanwhile, the state before `work` is saved.
     fn covered<T: Task, R>(
         &self,
         task: &mut T,

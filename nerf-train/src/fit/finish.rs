@@ -21,8 +21,9 @@ use nerf_core::plan::Quality;
 use std::time::Instant;
 
 const SHOWN_VIEWS: usize = 4;
-/// Number of pixels that score each training photograph; `MAX_TRAINING_PIXELS`: largest number in all photographs.
+/// Intended number of pixels from which each training photograph is scored.
 const TRAINING_PIXELS: usize = 1000;
+/// Largest number of pixels from which all training photographs together are scored.
 const MAX_TRAINING_PIXELS: usize = 120_000;
 
 #[derive(Clone, Debug)]
@@ -35,7 +36,7 @@ pub struct Outcome {
     pub trained: Vec<ViewScore>,
     /// Spacing of the pixels from which `scores` are computed, in rows and columns; 1 is every pixel.
     pub lattice: u32,
-    /// How far the blob's surfaces lie from the sparse points that the validation views show.
+    /// Distances of the blob's surfaces from the sparse points that the validation views show.
     pub surfaces: Surfaces,
     /// Scores of the validation views from refined poses, at the pixels of `scores`; `None` if poses are not refined.
     pub refined_scores: Option<Scores>,
@@ -68,7 +69,7 @@ pub struct Outcome {
     /// Names of the views that were validated during training.
     pub watched: Vec<String>,
     pub snapshots: Vec<Snapshot>,
-    /// Requested steps of snapshots at which none was taken, as the run ended before.
+    /// Requested steps of snapshots at which none was taken: the run ended earlier, or was resumed from a later step.
     pub missed_snapshots: Vec<u32>,
     pub steps: u32,
     /// Number of restarts with another seed after every density had become 0.
@@ -181,8 +182,8 @@ fn scores_of<'v>(
     measure(blob, parameters, kernel, quality, background, views, |_, _, _, _| {})
 }
 
-/// Scores of each of the `renderings` on the same pixels of `views`; the number of pixels depends on the time left. A
-/// rendering is a blob and its quality.
+/// Scores of each of the `renderings`, which are pairs of a blob and quality settings. All are scored on the same
+/// pixels of `views`, as many as the time limit allows.
 pub(super) fn compare(
     session: &Session<'_, '_>,
     views: &[&View],
@@ -196,7 +197,8 @@ pub(super) fn compare(
         };
         renderings.iter().map(measured).collect()
     };
-    // The cost is measured on these renderings: without an occupancy grid, many more samples are evaluated.
+    // The time per pixel is measured on these renderings, not taken from validation: without an occupancy grid it is
+    // far longer.
     let mut pace = Pace::new(session.options.budget.seconds, false, false);
     let everything = pace.lattice_on_the_way(pixels, largest, f64::INFINITY);
     if !pace.is_limited() {
@@ -226,7 +228,8 @@ fn ask_occupancy(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Opt
     Ok((Some(loss_db), scores.swap_remove(0)))
 }
 
-/// Returns the scores of the blob `draft` on all validation views, their pixels' spacing, and the report's views.
+/// Renders the validation views from the blob `draft`. Returns their scores, the spacing of the scored pixels in rows
+/// and columns, and the renderings for the report.
 fn evaluate(session: &mut Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Scores, u32, Vec<Shown>)> {
     let views: Vec<&View> = session.dataset.val.iter().collect();
     let (pixels, largest) = pixels_of(views.iter().copied());
@@ -251,7 +254,8 @@ fn evaluate(session: &mut Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Scor
     Ok((scores, lattice, shown))
 }
 
-/// Scores of the training photographs without masked pixels, within the fraction [`QUESTION_SHARE`] of the time limit.
+/// Scores of the training photographs, except at masked pixels, within the fraction [`QUESTION_SHARE`] of the time
+/// limit.
 fn score_training(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<Vec<ViewScore>> {
     let train = &session.dataset.train;
     let (pixels, largest) = pixels_of(train);
@@ -313,7 +317,7 @@ fn ask_rounding(
     Ok(unrounded.psnr_db().zip(rounded.psnr_db()).map(|(unrounded, rounded)| gain_db(unrounded, rounded)))
 }
 
-/// The mean direction is computed from the rays of this many training views.
+/// Number of training views whose rays are averaged to one mean direction.
 const RAY_VIEWS: usize = 50;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -353,7 +357,7 @@ pub(super) fn ask_direction(
         db.unwrap_or(f64::NAN)
     };
     let gain_db = gain_db(db(&scores[0]), db(&scores[1]));
-    // The ratio of work is 1: leaving out a direction is judged by PSNR alone.
+    // With a ratio of 1 for the multiply-adds, PSNR alone decides whether the direction is left out.
     let left_out = Verdict::of(gain_db, 1.0, threshold_db) == Verdict::Drops;
     if left_out {
         *candidate = flat;

@@ -83,7 +83,7 @@ impl Camera {
 }
 
 impl Live {
-    /// Writes `views.json`, with photographs composited over `background`, into the folder, and returns its writer.
+    /// Creates the writer of `folder`, and writes `views.json` there, with photographs composited over `background`.
     pub fn begin(folder: PathBuf, dataset: &Dataset, background: [f32; 3]) -> anyhow::Result<Self> {
         let views = if dataset.val.is_empty() { &dataset.train } else { &dataset.val };
         let photograph = |i: usize| {

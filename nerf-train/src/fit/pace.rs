@@ -1,7 +1,7 @@
 //! Division of a run's time limit between training, validation, and the work after the last step.
 //!
 //! Views are measured at every N-th row and column, with N as small as the time allows. The seconds per pixel are known
-//! from earlier measurements, or measured on very few pixels first. The caller passes all measured times.
+//! from earlier measurements, or measured on very few pixels first. The caller passes in all measured times.
 
 /// Fraction of the run's time that validation during training may take.
 pub const VALIDATION_SHARE: f64 = 0.05;
@@ -13,7 +13,7 @@ pub const QUESTION_SHARE: f64 = 0.015;
 const QUESTIONS: usize = 6;
 /// Seconds reserved for writing files: without a report, and with one.
 const WRITING: [f64; 2] = [0.1, 0.5];
-/// Largest number of pixels per view measured in validation during training, however much time is left.
+/// Largest number of pixels per view that validation during training measures, even if time is left.
 const PIXELS_A_VIEW: u64 = 40_000;
 /// Number of pixels of a view on which the seconds per pixel are first measured.
 const PROBED_PIXELS: u64 = 100;
@@ -26,7 +26,7 @@ pub struct Pace {
     /// Limit of the run in seconds; `None` if only the number of steps limits the run.
     seconds: Option<f64>,
     validated: f64,
-    /// Seconds of exporting the present state, before any pixel is rendered; `None` until measured.
+    /// Seconds of exporting the present state, without any rendering; `None` until measured.
     overhead: Option<f64>,
     per_pixel: Option<f64>,
     report: bool,
@@ -36,7 +36,7 @@ pub struct Pace {
 
 /// Smallest odd spacing, in rows and columns, at which at most about `count` of `pixels` pixels are measured.
 ///
-/// With an odd spacing, the middle of each measured block is the centre of a pixel: this pixel is measured.
+/// Of each block of spacing × spacing pixels, the middle pixel is measured. Only an odd spacing has a middle pixel.
 pub fn lattice_of(pixels: u64, count: f64) -> u32 {
     let step = (pixels as f64 / count.max(1.0)).sqrt().ceil().max(1.0) as u32;
     step | 1
@@ -125,11 +125,11 @@ impl Pace {
             Some(price) => (MARGIN * price * pixels as f64).min(share * seconds),
             None => share * seconds,
         };
-        // Without its occupancy grid a scene needs many more samples: that measurement takes all its allotted time.
+        // A rendering without the occupancy grid is slow: it takes all the time that it may.
         let dense = if self.dense { QUESTION_SHARE * seconds } else { 0.0 };
         let rounding = price(validation, QUESTION_SHARE);
         let questions = (QUESTIONS - 2) as f64 * price(asked, QUESTION_SHARE) + rounding + dense;
-        // The last validation, and the export.
+        // Exports for the last validation and for the final blob.
         let files = 2.0 * self.overhead.unwrap_or(0.01 * seconds);
         let last = (VALIDATION_SHARE * seconds - self.validated).clamp(0.0, 0.02 * seconds);
         let known = last + files + questions + price(validation, FINAL_SHARE);
@@ -152,8 +152,9 @@ mod tests {
         dense: f64,
     }
 
-    /// Number of pixels of a small view, 200 × 200; `LARGE`: number of pixels of a phone's photograph.
+    /// Number of pixels of a small view, 200 × 200.
     const SMALL: u64 = 40_000;
+    /// Number of pixels of a phone's photograph.
     const LARGE: u64 = 1080 * 1920;
 
     /// Simulates a fit with `views` validation views of `view` pixels. Returns the seconds of the whole fit, the
@@ -200,7 +201,7 @@ mod tests {
             (views * view, FINAL_SHARE, 1.0),
             (views * view, QUESTION_SHARE, 1.0),
         ] {
-            // What a question without the occupancy grid costs is asked first.
+            // For a rendering without the occupancy grid, the time per pixel is measured first.
             let mut asked =
                 if dense == 1.0 && pace.knows() { pace } else { Pace::new(Some(seconds), true, true) };
             if !asked.knows() {
@@ -233,7 +234,7 @@ mod tests {
                             );
                             assert!(total <= seconds + (0.05 * seconds).max(2.0), "{case}");
                             assert!(way <= 1.02 * VALIDATION_SHARE * seconds + 0.01, "{case}");
-                            // And time is used, not given away.
+                            // Most of the time limit is used.
                             assert!(total >= 0.7 * seconds, "{case}");
                         }
                     }

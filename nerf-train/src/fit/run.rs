@@ -28,7 +28,7 @@ pub struct RunOptions {
     pub budget: Budget,
     /// If the limit in seconds ends the run before this many steps, the run fails.
     pub min_steps: u32,
-    /// Path of the checkpoint file; `None` writes no checkpoints.
+    /// Path of the checkpoint file; `None`: no checkpoints are written.
     pub checkpoint: Option<PathBuf>,
     pub checkpoint_every: f64,
     pub resume: bool,
@@ -39,7 +39,7 @@ pub struct RunOptions {
     pub validate_every: Option<u32>,
     /// PSNR that view-dependent colour must gain to be exported, dB; `None` always exports it.
     pub effect_threshold_db: Option<f64>,
-    /// Folder in which the newest blob is kept for a web page; `None` for none.
+    /// Folder in which the newest blob is kept for a web page; `None`: no such folder.
     pub live: Option<PathBuf>,
     pub kernel: Kernel,
     pub style: ProgressStyle,
@@ -64,7 +64,8 @@ impl RunOptions {
         }
     }
 
-    /// Settings of the learned grid in the run that is resumed, `null` if it has none; `None` if the run does not resume.
+    /// Settings of the learned grid in the checkpoint from which this run resumes, `null` if it has no grid; `None` if
+    /// the run does not resume.
     pub fn resumed_grid(&self) -> anyhow::Result<Option<Value>> {
         let Some(path) = self.checkpoint.as_deref().filter(|_| self.resume) else { return Ok(None) };
         // Text that is not JSON is refused later, as settings of another run.
@@ -94,15 +95,15 @@ pub(super) struct Session<'a, 'd> {
     pub(super) trainer: Trainer<'d>,
     pub(super) dataset: &'d Dataset,
     pub(super) options: &'a RunOptions,
-    /// Limits of the run; the limit in seconds includes those of earlier commands.
+    /// Limits of the run. The limit in seconds is that of this command plus the time of earlier commands of the run.
     pub(super) budget: Budget,
     /// Indices of the validation views that are measured during training.
     pub(super) watched: Vec<usize>,
     pub(super) pictured: Vec<usize>,
     pub(super) clock: Clock,
     pub(super) pace: Pace,
-    /// Number of pixels of all validation views; number of pixels of the training views that compare alternatives for
-    /// the export.
+    /// Number of pixels of all validation views, and number of pixels at which the training views compare alternatives
+    /// for the export.
     pub(super) pixels: [u64; 2],
     /// Counters when this command's first step began; above 0 if the run was resumed.
     pub(super) started: Progressed,
@@ -147,7 +148,7 @@ pub fn run(
     run_since(Clock::start(), dataset, config, options, stop)
 }
 
-/// [`run`] with its time counted from the start of `clock`.
+/// As [`run`], with the time counted from the start of `clock`.
 pub fn run_since(
     clock: Clock,
     dataset: &Dataset,
@@ -237,7 +238,7 @@ impl Task for Session<'_, '_> {
         let found = &self.trainer.state.photographs;
         let (exposure, poses, withheld) = (found.exposure, found.poses_found, found.withheld_found);
         let moved = found.has_moved();
-        // On a thread of the pool, so that the parts of a step need not wake the pool one by one.
+        // Runs the step on a thread of the pool. Otherwise each parallel part of the step would have to wake the pool.
         rayon::scope(|_| self.trainer.step(share))?;
         let found = &self.trainer.state.photographs;
         if let Some(found) = found.exposure.filter(|found| Some(*found) != exposure) {

@@ -29,8 +29,8 @@ const NEIGHBOURS: usize = 3;
 const LEAST_LOG2_ENTRIES: u8 = 4;
 /// Largest number of levels that may be removed from a learned grid.
 const FEWER_LEVELS: usize = 2;
-/// How often the configured number of entries may be doubled: only for entropy-coded tables, and if the file has room.
-/// Measured on lego, 4,000 steps, 1 MiB: 32.66 dB with 2^17 entries, 32.40 dB with 2^16.
+/// Number of times that the configured number of entries may be doubled: only for entropy-coded tables, and if the file
+/// has room. Measured on lego, 4,000 steps, 1 MiB: 32.66 dB with 2^17 entries, 32.40 dB with 2^16.
 const MORE_LOG2_ENTRIES: u8 = 1;
 /// Least number of bits per entropy-coded value for which a table must have room to be chosen. The second number
 /// applies if no table fits with the first. Quantisation steps are then made as fine as the file's limit allows.
@@ -61,9 +61,9 @@ pub struct Chosen {
 /// at most `max_bytes` bytes, whatever the run learns. `extent`: sides of the scene box, world units. `None` without a
 /// learned grid.
 ///
-/// If the file of `config` is too large, tables are entropy-coded, unless the user chose their format: with as many
-/// values as fit, at most twice as many as configured, in the finest quantisation steps that fit. No other setting
-/// grows. Returns an error if even the smallest file is larger.
+/// If the file of `config` is too large and the user did not choose the format of the tables, they are entropy-coded.
+/// Entropy-coded tables have as many values as fit, at most twice as many as configured, and the finest quantisation
+/// steps that fit. No other setting grows. Returns an error if even the smallest file is larger.
 pub fn within(
     config: &Config,
     chosen: Chosen,
@@ -174,7 +174,7 @@ fn least_bytes(grid: &GridEncoding, storage: TableStorage, bits: f64) -> u64 {
     match storage {
         TableStorage::F16 => 2 * values as u64,
         TableStorage::Int8 => values as u64,
-        // Cost of the adaptive models, for each level.
+        // 64 bytes for each level are the cost of the adaptive entropy models.
         TableStorage::Coded => (values as f64 * bits / 8.0) as u64 + 64 * grid.resolutions.len() as u64,
     }
 }
@@ -245,8 +245,8 @@ fn most_sides(extent: Vec3, resolution: u16) -> [u16; 3] {
     std::array::from_fn(|axis| whole[axis].max(2 * half[axis]))
 }
 
-/// Size of the largest file that a run can export, bytes: full Pareto front, longest numbers. `extent`: sides of the
-/// box.
+/// Size of the largest file that a run can export, bytes, with a full Pareto front and the longest numbers. `extent`:
+/// sides of the scene box.
 pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u64, BlobError> {
     let resolution = most_sides(extent, config.occupancy_resolution(extent));
     let bits = vec![0; StoredOccupancy::bytes(resolution)];
@@ -254,7 +254,8 @@ pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u6
     let (across, power) = (f32::from(config.sampling.steps_across), config.sampling.contraction);
     let content = Content::Scene(SceneFacts {
         min: [0.0; 3],
-        // The box is a cube; its corners, if far from the origin, are rounded.
+        // The box of an unbounded scene is a cube. Its sides are exactly equal here; corners far from the origin would
+        // be rounded.
         max: if power.is_some() { [longest; 3] } else { extent.into() },
         near: 0.0,
         far: 1.0,
@@ -342,7 +343,8 @@ fn length(body: Body<'_>, table: Option<&TableConfig>) -> Result<u64, BlobError>
         TableStorage::Int8 => of(StoredTables::Int8 { scales: &scales, bytes: &vec![0; values] }),
         TableStorage::Coded => {
             let int8 = of(StoredTables::Int8 { scales: &scales, bytes: &vec![0; values] })?;
-            // A symbol has at most 15 bits whatever the values, and a longer length field takes at most two bytes more.
+            // Each symbol takes at most 15 bits, whatever the values. A longer length field takes at most two bytes
+            // more.
             let most = table.most_bytes.unwrap_or(4 * values as u64 + 4);
             Ok(int8 - values as u64 + 2 + most)
         }

@@ -6,7 +6,7 @@ use anyhow::bail;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-/// Which snapshots to take during training.
+/// Folder, steps and views of the snapshots that a run takes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SnapshotOptions {
     /// Folder of the report; images are written to its folder `snapshots`.

@@ -19,9 +19,9 @@ use std::path::Path;
 /// Contents of the file `summary.json` of a fit; a missing value is null or left out.
 #[derive(Debug, Serialize)]
 pub struct Summary {
-    // Split of the validated views: "test" if the data set has no others.
+    // Split of the validated views: "test" if the data set has no validation split.
     pub val_split: &'static str,
-    // Null without validation views: scripts rely on the names.
+    // Null, not left out, without validation views: scripts rely on these fields.
     pub val_psnr_db: f64,
     pub val_worst_psnr_db: f64,
     pub val_aligned_psnr_db: f64,

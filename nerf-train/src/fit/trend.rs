@@ -3,16 +3,16 @@
 use crate::train::CurvePoint;
 use std::fmt;
 
-/// The validation PSNR still rises if a later validation is better by more than this, dB. Small gains are noise, since
-/// only two views are validated.
+/// Least rise of the validation PSNR, dB, with which a later validation counts as better. Smaller gains are noise,
+/// since only two views are validated.
 const VAL_RISE_DB: f64 = 0.05;
-/// The training PSNR still rises if its smoothed value gains more than this, dB: three times the noise of the curve.
+/// Least gain of the smoothed training PSNR, dB, that counts as a rise: three times the noise of the curve.
 const TRAIN_RISE_DB: f64 = 0.3;
-/// Least number of validations without a rise that must follow: a single one is no trend.
+/// Least number of validations without a rise after the best one, so that one bad validation is not taken for a trend.
 const VALIDATIONS_AFTER: usize = 2;
 
-/// The validation after which the validation PSNR rose no more. `val_psnr_db`: mean over the validated views;
-/// `train_psnr_db`: smoothed, of the training rays. Fields with `last`: the same at the last validation.
+/// The validation after which the validation PSNR stopped rising. `val_psnr_db`: mean over the validated views;
+/// `train_psnr_db`: smoothed PSNR of the training rays. `last_…`: the same values at the last validation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stop {
     pub step: u32,
@@ -88,7 +88,8 @@ impl fmt::Display for Stop {
 mod tests {
     use super::*;
 
-    /// Curve of validations, 100 steps apart, with these training and validation PSNRs, and of points between them.
+    /// Training curve with validations every 100 steps, of these pairs of training and validation PSNR, and a point
+    /// without validation before each.
     fn curve(validations: &[(f64, f64)]) -> Vec<CurvePoint> {
         let points = validations.iter().zip(1u32..).flat_map(|(&(train_psnr_db, val), i)| {
             let validated = CurvePoint {
@@ -109,7 +110,7 @@ mod tests {
         let stop = Stop::of(&falling).expect("overfitting");
         assert_eq!((stop.step, stop.val_psnr_db, stop.last_val_psnr_db), (200, 22.0, 20.0));
         assert_eq!((stop.train_psnr_db, stop.last_train_psnr_db), (22.0, 28.0));
-        // A flat end is a stop too, if training rises.
+        // Validation PSNR that stays flat counts as stopped if training PSNR rises.
         let flat = curve(&[(20.0, 20.0), (22.0, 22.0), (23.0, 22.04), (24.0, 22.03)]);
         assert_eq!(Stop::of(&flat).map(|stop| stop.step), Some(200));
         let settled = curve(&[(20.0, 20.0), (22.0, 22.0), (22.1, 22.0), (22.2, 21.9)]);
@@ -119,9 +120,9 @@ mod tests {
     #[test]
     fn a_rise_to_the_end_is_no_overfitting() {
         let rising = curve(&[(20.0, 20.0), (22.0, 21.0), (25.0, 21.5), (28.0, 21.6)]);
-        // A dip on the way is overcome.
+        // A dip of the validation PSNR is no stop if the PSNR rises again.
         let dip = curve(&[(20.0, 20.0), (22.0, 18.0), (25.0, 18.0), (28.0, 21.6)]);
-        // One validation without a rise is no trend.
+        // A single validation without a rise, the last, is no stop.
         let one = curve(&[(20.0, 20.0), (22.0, 21.0), (25.0, 22.0), (28.0, 21.0)]);
         assert_eq!([rising, dip, one].map(|curve| Stop::of(&curve)), [None; 3]);
     }

@@ -16,7 +16,7 @@ pub const FINAL_VIEWS: usize = 10;
 const WATCHED_VIEWS: usize = 2;
 /// Number of training views on which alternatives for the export are compared.
 pub(super) const ASKED_VIEWS: usize = 3;
-/// Number of equal parts of the budget. If no interval is given, a validation is done after each part.
+/// Number of equal parts of the budget, after each of which a validation is done, if no interval is given.
 const PARTS: f64 = 8.0;
 
 /// Indices of at most `count` of `len` elements, spread over all of them.
@@ -158,7 +158,7 @@ pub(super) fn measure_priced(
     let scores =
         measure(bytes, None, kernel, &Quality::default(), background, views(), |view, frame, _, _| {
             each(frame::picture(frame));
-            // The first view's time includes opening the blob: the view is left out if there are further views.
+            // The first view's time includes opening the blob: with more than one view, the first is not counted.
             if counted == 0 && thinned.len() > 1 {
                 (begun, counted) = (Instant::now(), view.pixel_count());
             }

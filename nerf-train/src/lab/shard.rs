@@ -119,7 +119,7 @@ mod tests {
                 ("SLURM_ARRAY_TASK_STEP", step),
             ]
         };
-        // --array=1,3,7 and --array=0,2,3.
+        // Unevenly spaced indices: --array=1,3,7 and --array=0,2,3.
         let (odd, even) = (gaps("3", "1", "7", "1"), gaps("2", "0", "3", "2"));
         for (variables, words) in [
             (&pod[..1], ["JOB_COMPLETIONS", "whole number", "JOB_COMPLETION_INDEX", "none"]),

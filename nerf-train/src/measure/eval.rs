@@ -16,8 +16,8 @@ use nerf_core::render::{Counters, Renderer};
 use serde::Serialize;
 use std::time::Instant;
 
-/// If leaving out the occupancy grid changes PSNR by more than this, dB, the grid is part of the model: rendering
-/// without the grid is then refused. A little less than the 0.1 dB that the quality preset `Balanced` may lose.
+/// Change of PSNR when the occupancy grid is left out, dB, above which the grid is part of the model. Rendering without
+/// the grid is then refused. A little less than the 0.1 dB that the quality preset `Balanced` may lose.
 pub const OCCUPANCY_LOSS_DB: f64 = 0.08;
 
 #[derive(Clone, Debug, Serialize)]
@@ -63,8 +63,8 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> Option<f64> {
     (n > 0).then(|| values.sum::<f64>() / n as f64)
 }
 
-/// Renders every view over `background`, and compares it with its photograph over the same colour. Masked pixels are
-/// left out.
+/// Renders every view over `background`, and compares it with its photograph over the same background. Masked pixels
+/// are left out.
 ///
 /// Rays begin at the camera, as in host programs, unless the plan limits the range of distances.
 ///

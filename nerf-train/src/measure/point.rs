@@ -10,7 +10,7 @@ use nerf_core::math::MathBackend;
 use nerf_core::plan::Quality;
 use nerf_core::render::Counters;
 
-/// A pixel is solid if its opacity in the exact rendering is above this. Distances are compared at solid pixels only.
+/// Opacity in the exact rendering above which a pixel is solid. Distances are compared at solid pixels only.
 const SOLID: f32 = 0.5;
 
 /// Errors of one view against ground truth and against the exact rendering.
@@ -140,7 +140,7 @@ impl Point {
             distance_mean: sum(&|v| v.distance_sum) / sum(&|v| v.solid as f64),
             distance_max: largest(&|v| v.distance_max),
             counters,
-            // In an empty scene all renderings have 0 multiply-adds.
+            // In an empty scene all renderings have 0 multiply-adds, and the ratio would be NaN.
             relative_macs: if counters.macs == dense.macs {
                 1.0
             } else {
@@ -160,7 +160,7 @@ impl Point {
         })
     }
 
-    /// Median over the rounds of this point's time divided by the time of `exact`. `None` if no round timed both.
+    /// Median over the rounds of the ratio of this point's time to that of `exact`. `None` if no round timed both.
     pub fn relative_time(&self, exact: &Self, clock: Clock) -> Option<f64> {
         let both = self.rounds.iter().zip(&exact.rounds);
         let ratios: Vec<f64> =
@@ -216,14 +216,16 @@ pub struct Settings {
     /// Index of the rendered variant of the blob in `Variants`; 0: the unchanged blob.
     pub variant: usize,
     pub precision: Precision,
-    /// Sides of the rendered picture, in quarters of the view's sides. Below 4, the picture is then enlarged.
+    /// Sides of the rendered picture, in quarters of the view's sides. Below 4, the picture is enlarged after
+    /// rendering.
     pub quarters: u32,
     pub rays: u16,
 }
 
 impl Settings {
     /// Exact rendering: every sample inside the scene box, with the occupancy grid only if it is part of the model,
-    /// without transmittance or colour cut, with polynomial sines, in f32 with the fastest instruction set.
+    /// without early ray termination, with the colour of every sample, with polynomial sines, in f32 with the fastest
+    /// instruction set.
     pub fn exact(blob: &Blob<'_>) -> Self {
         Self { quality: Quality::exact(blob), ..Self::base() }
     }
@@ -247,7 +249,7 @@ impl Settings {
     }
 }
 
-/// Maths backends by their names on the command line and in tables.
+/// Names of the maths backends on the command line and in tables.
 pub const MATHS: [(&str, MathBackend); 4] = [
     ("polynomial", MathBackend::Polynomial),
     ("libm", MathBackend::Libm),

@@ -12,7 +12,7 @@ use nerf_core::{Kernel, host};
 
 /// Approximate number of pixels per view, on a regular grid, at which depth is measured.
 const ASKED_PIXELS: u64 = 10_000;
-/// A surface is too near if its distance is below this fraction of the distance of the view's nearest sparse point.
+/// Fraction of the distance of a view's nearest sparse point below which a surface is too near.
 const TOO_NEAR: f32 = 0.9;
 
 /// Errors of a field's surfaces, which lie at the median distances of rays.

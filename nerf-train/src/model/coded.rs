@@ -4,23 +4,26 @@ use crate::model::quantise::{levels, scale_of, steps};
 use nerf_core::blob::encode_tables;
 use nerf_core::encoding::GridEncoding;
 
-/// Number of candidate quantisation steps between a step and its double.
+/// Number of candidate quantisation steps per octave: neighbours differ by a factor of 2^(1/16).
 const TO_AN_OCTAVE: i32 = 16;
-/// Default step of the level with the most values, if the tables' bytes have no limit: 2^(`OWN` / 16) = 2^−2.75 times
-/// the root mean square of all values. A value then takes 4.6 bits.
+/// Exponent of the default quantisation step, which is used if the size of the coded tables has no limit. The level
+/// with the most values gets the step 2^(`OWN` / 16) = 2^−2.75 times the root mean square of all values. A value then
+/// takes 4.6 bits.
 const OWN: i32 = -11 * TO_AN_OCTAVE / 4;
-/// Smallest and largest exponent `i` of a candidate step, which is 2^(`i` / 16) times the root mean square of all
-/// values. With [`COARSEST`] every value becomes 0.
+/// Exponent `i` of the finest candidate step. A candidate step is 2^(`i` / 16) times the root mean square of all
+/// values. The exponents end at [`COARSEST`], with which every value becomes 0.
 const FINEST: i32 = -8 * TO_AN_OCTAVE;
 const COARSEST: i32 = 24 * TO_AN_OCTAVE;
-/// A level's step is proportional to (number of its values)^`POWER`. The least squared error at a given size suggests
-/// 1/2; the scene lego in 95 KB has a PSNR of 30.20 dB with 0, 30.22 dB with 1/4, 30.19 dB with 1/2.
+/// Exponent by which a level's step depends on its size: the step is proportional to (number of the level's
+/// values)^`POWER`. Least squared error at a given size suggests 1/2. The scene lego in 95 KB has a PSNR of 30.20 dB
+/// with 0, 30.22 dB with 1/4, and 30.19 dB with 1/2.
 const POWER: f32 = 0.25;
-/// Levels with more grid vertices than this per table entry are not searched for unread entries: few are unread.
+/// Largest number of grid vertices per table entry at which a level is searched for unread entries. With more vertices
+/// per entry, almost every entry is read.
 const SHARED: usize = 8;
 
-/// Returns the quantisation step of each level, none finer than int8's. The steps are the finest with which the coded
-/// tables take at most `most_bytes`; `None` gives default steps.
+/// Returns the quantisation step of each level. The steps are the finest with which the coded tables take at most
+/// `most_bytes`, but none is finer than in int8 storage. `None` gives default steps.
 pub(super) fn scales(grid: &GridEncoding, values: &[f32], most_bytes: Option<usize>) -> Vec<f32> {
     let finest: Vec<f32> = levels(grid, values).map(scale_of).collect();
     let squares: f64 = values.iter().map(|&value| f64::from(value).powi(2)).sum();
@@ -80,7 +83,7 @@ pub(super) fn coded(
     (bytes(&scales), scales)
 }
 
-/// Entropy-codes the tables of a grid, one signed byte per value.
+/// Entropy-codes the rounded values of a grid's tables, given as one signed byte per value.
 fn encoded(grid: &GridEncoding, values: &[u8]) -> Vec<u8> {
     let mut symbols = vec![[0; 2]; 2 * values.len()];
     // Two symbols a value, of at most 15 bits each.
@@ -88,7 +91,8 @@ fn encoded(grid: &GridEncoding, values: &[u8]) -> Vec<u8> {
     encode_tables(grid, values, &mut symbols, &mut out).expect("room for all values of the grid").to_vec()
 }
 
-/// Returns `values` with 0 in all table entries that no sample in an occupied cell reads. `bits`: occupancy grid.
+/// Returns `values` with 0 in all table entries that no sample in an occupied cell reads. `bits`: occupancy grid of
+/// `resolution`, one bit per cell.
 pub(super) fn without_unread(
     grid: &GridEncoding,
     values: &[f32],
@@ -103,7 +107,8 @@ pub(super) fn without_unread(
         if vertices > SHARED * level.entries {
             continue;
         }
-        // Vertices around the samples of an occupied cell on each axis, with a margin for rounded positions.
+        // For each axis and index of an occupancy cell: first and last vertex that samples in the cell may read. The
+        // margin of 1e-3 is for rounded positions.
         let around: [Vec<(u32, u32)>; 3] = std::array::from_fn(|axis| {
             let (sides, cells) = (f64::from(resolution[axis]), cells[axis] as f64);
             let of = |cell: u16| {
@@ -170,7 +175,7 @@ mod tests {
             errors.push(error(&grid, &values, coded.stored()));
         }
         assert!(errors.is_sorted_by(|a, b| a > b), "{errors:?}");
-        // With room enough the steps are int8's, and no finer.
+        // If the limit is large enough, the steps are those of int8 storage.
         let roomy = stored(&grid, &values, Some(1 << 20), &[]);
         let int8 = Quantised::new(&grid, &values, TableStorage::Int8, &[]).expect("finite");
         assert_eq!(roomy.stored().scales(), int8.stored().scales());
@@ -215,7 +220,7 @@ mod tests {
     fn values_around_an_occupied_cell_are_kept_and_those_that_no_sample_reads_are_0() {
         let grid = grid();
         let values = vec![1.0; grid.values()];
-        // Of 8³ cells that at (2, 5, 0): 0.25 to 0.375, 0.625 to 0.75, 0 to 0.125 of the box.
+        // Only cell (2, 5, 0) of 8³ is occupied. It spans 0.25 to 0.375, 0.625 to 0.75 and 0 to 0.125 of the box.
         let mut bits = vec![0; 64];
         let cell: usize = (2 * 8 + 5) * 8;
         bits[cell / 8] |= 1 << (cell % 8);
@@ -224,7 +229,8 @@ mod tests {
         for z in 0..5u32 {
             for y in 0..5u32 {
                 for x in 0..5u32 {
-                    // Four cells: the sample's are 1 to 1.5, 2.5 to 3, 0 to 0.5; rounding may read the next at 1 and 3.
+                    // The first level has 4 cells per axis. In their units, the occupied cell spans 1 to 1.5, 2.5 to 3
+                    // and 0 to 0.5. The margin for rounding adds the vertices x = 0 and y = 4.
                     let inside = (0..=2).contains(&x) && (2..=4).contains(&y) && z <= 1;
                     let entry = (first.row(y, z) + x) as usize;
                     assert_eq!(
@@ -235,7 +241,8 @@ mod tests {
                 }
             }
         }
-        // Nothing is lost where all is occupied; all is where nothing is.
+        // If all cells are occupied, the first two levels, which are dense, keep every entry. If none is, every entry
+        // becomes 0.
         let shared = grid.levels().nth(2).expect("three levels").first * 2;
         assert_eq!(without_unread(&grid, &values, [8; 3], &[0xff; 64])[..shared], values[..shared]);
         assert!(without_unread(&grid, &values, [8; 3], &[0; 64]).iter().all(|&value| value == 0.0));

@@ -8,7 +8,7 @@ use nerf_core::blob::{self, BlobError, Body, Content, Proposal, Provenance, Stor
 use nerf_core::network::{Architecture, DensityActivation, Layer, Role};
 use std::borrow::Cow;
 
-/// Everything that a blob is written from.
+/// Data from which a blob is written.
 #[derive(Clone, Debug)]
 pub struct Contents<'a> {
     pub architecture: &'a Architecture,
@@ -76,7 +76,7 @@ pub enum ExportError {
 /// Rounds the parameters to f16 and the tables to their storage, and writes the blob.
 ///
 /// # Errors
-/// [`ExportError`] on a weight beyond f16, and on all that the format refuses.
+/// [`ExportError`] for a weight beyond f16's range, and for contents that the format refuses.
 pub fn export(contents: &Contents<'_>) -> Result<Exported, ExportError> {
     export_with(contents, None)
 }
@@ -147,7 +147,7 @@ impl Rounded {
         for layer in layers {
             let values = &parameters[layer.weights..layer.bias + layer.outputs];
             for (index, &found) in values.iter().enumerate() {
-                // A value just beyond f16's range would round to its largest value; NaN compares false.
+                // A value just beyond f16's range would be rounded to f16's largest. The comparison is false for NaN.
                 let fits = found.abs() <= f16::MAX.to_f32();
                 if !fits {
                     return Err((layer.role, index, found));

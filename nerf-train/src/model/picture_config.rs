@@ -115,7 +115,7 @@ impl FieldConfig {
         self.check()?;
         let Some(grid) = &self.grid else { return Ok(()) };
         let (finest, most) = (u32::from(grid.finest), longest(size));
-        // A finer level shows in no pixel and is noise between them.
+        // Cells finer than a pixel are not constrained by the photograph: they would be noise between the pixels.
         let pixels = format!("at most the picture's {most} pixels along its longest side");
         rule("network.grid.finest", finest <= most, pixels, finest)?;
         check_table_values(&grid.picture_encoding(size), "the picture")

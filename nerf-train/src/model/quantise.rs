@@ -23,7 +23,7 @@ pub enum TableStorage {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rounding {
     pub storage: TableStorage,
-    /// Largest number of bytes of coded tables, for which the quantisation steps are chosen. `None`: no limit.
+    /// Largest size of coded tables, bytes; the quantisation steps are chosen to fit. `None`: no limit.
     pub most_bytes: Option<usize>,
 }
 
@@ -36,7 +36,7 @@ impl From<TableStorage> for Rounding {
 /// Fraction of a run after which training, too, rounds tables that are exported as int8 or coded. The remaining steps
 /// compensate for the rounding.
 pub(crate) const ROUNDED_FROM: f64 = 0.85;
-/// Each candidate step leaves one of these fractions of a level's values unclipped; the largest magnitudes are clipped.
+/// Fractions of a level's values that the candidate steps leave unclipped; the largest magnitudes are clipped.
 const KEPT: [f64; 3] = [1.0, 0.9999, 0.9995];
 /// Largest magnitude of an int8 value, in quantisation steps.
 pub(crate) const STEPS: f32 = 127.0;
@@ -149,7 +149,7 @@ pub(super) fn scale_of(values: &[f32]) -> f32 {
     let candidates = KEPT.map(|share| {
         let last = (share * values.len() as f64).ceil() as usize;
         let largest = magnitudes.get(last.saturating_sub(1)).copied().unwrap_or_default();
-        // Any scale does for a level of zeros.
+        // A level of zeros takes any step above 0.
         (largest / STEPS).max(f32::MIN_POSITIVE)
     });
     let error = |scale: f32| -> f64 {
@@ -180,7 +180,7 @@ mod tests {
     fn each_level_has_its_own_scale_and_is_half_a_step_off_at_most() {
         let grid = grid(&[[4, 4, 4], [9, 9, 9]]);
         let first = 2 * grid.levels().nth(1).expect("two levels").first;
-        // Even over ±1e-3 and ±100: nothing is worth clipping.
+        // The values are spread evenly over ±1e-3 and ±100, so that clipping would not lower the error.
         let values: Vec<f32> = (0..grid.values())
             .map(|i| ((i * 7919 % 1009) as f32 / 504.0 - 1.0) * if i < first { 1e-3 } else { 100.0 })
             .collect();
@@ -194,7 +194,8 @@ mod tests {
     #[test]
     fn a_large_value_is_clipped_where_that_loses_less_than_it_costs_the_others() {
         let mut values: Vec<f32> = (0..100_000).map(|i| (i * 7919 % 1009) as f32 / 504.0 - 1.0).collect();
-        // Steps of 3/127 in place of 1/127 cost the others (3² - 1²) / 127² / 12 each, 4.1 in all; clipping it, 4.
+        // For `large` = 3: steps of 3/127 instead of 1/127 add (3² - 1²) / 127² / 12 to the squared error of each of
+        // 100,000 values, 4.1 in all. Clipping the large value adds 4.
         for (large, scale) in [(1.0, 1.0), (3.0, 1.0), (30.0, 30.0)] {
             values[17] = large;
             assert!((scale_of(&values) * 127.0 / scale - 1.0).abs() < 0.01, "{large}: {}", scale_of(&values));

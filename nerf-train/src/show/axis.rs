@@ -2,7 +2,8 @@
 
 /// At most `most` (≥ 1) ticks in [`low`, `high`]: multiples of 1, 2 or 5 times a power of ten.
 ///
-/// Empty if the range is empty or not finite. Between 2 and `most` ticks for `most` ≥ 4.
+/// A range of one number has one tick. A range that is reversed or not finite has none. Any other range has at least
+/// two ticks if `most` ≥ 4.
 pub fn nice_ticks(low: f64, high: f64, most: usize) -> Vec<f64> {
     let span = high - low;
     if !span.is_finite() || span <= 0.0 {
@@ -12,7 +13,7 @@ pub fn nice_ticks(low: f64, high: f64, most: usize) -> Vec<f64> {
     let magnitude = 10_f64.powf((span / most as f64).log10().floor());
     for factor in [1.0, 2.0, 5.0, 10.0, 20.0] {
         let step = factor * magnitude;
-        // With a tolerance of 1e-9 steps, as the ends of a range are often ticks themselves.
+        // The tolerance of 1e-9 steps keeps a tick that lies exactly at an end of the range.
         let first = (low / step - 1e-9).ceil();
         let last = (high / step + 1e-9).floor();
         if !(first.is_finite() && last.is_finite() && step > 0.0) {
@@ -36,7 +37,7 @@ pub fn labels(ticks: &[f64]) -> Vec<String> {
     if largest == 0.0 {
         return vec!["0".to_owned(); ticks.len()];
     }
-    // Decimals down to the first digit of the step; a lone tick has three significant digits.
+    // Decimals down to the first digit of the step. A lone tick gets two more, for three significant digits.
     let lone = if ticks.len() < 2 { 2 } else { 0 };
     let decimals = (-(step.log10() + 1e-9).floor()) as i64 + lone;
     if largest >= 1e6 || decimals > 5 {
@@ -46,7 +47,7 @@ pub fn labels(ticks: &[f64]) -> Vec<String> {
     let decimals = decimals.clamp(0, 12) as usize;
     let write = |&tick: &f64| {
         let text = format!("{tick:.decimals$}");
-        // "-0.0" says nothing that "0.0" does not.
+        // Zero has no minus sign: "0.0", not "-0.0".
         if text.trim_start_matches('-').chars().all(|c| c == '0' || c == '.') {
             text.trim_start_matches('-').to_owned()
         } else {

@@ -3,7 +3,8 @@
 use super::text::{self, Direction};
 use crate::data::pictures::rgb::Picture;
 
-/// Longer side to which small pictures are enlarged by a whole factor (nearest neighbour), pixels.
+/// Smallest length of a picture's longer side, pixels: small pictures are enlarged by a whole factor (nearest
+/// neighbour).
 const CELL: usize = 192;
 const GAP: usize = 12;
 const CAPTION: f32 = 18.0;
@@ -95,7 +96,7 @@ mod tests {
         let sheet = contact_sheet("a title", &cells, 3);
         assert_eq!(sheet.rgb.iter().filter(|rgb| **rgb == [0.0, 1.0, 0.0]).count(), 5 * 40_000);
         assert_eq!(sheet.rgb.len(), sheet.width * sheet.height);
-        // The frame of the sheet stays white: nothing is cut off.
+        // The outermost pixels of the sheet stay white, so no caption is cut off.
         let inked = |x: usize, y: usize| sheet.rgb[y * sheet.width + x][0] < 0.9;
         assert!((0..sheet.height).all(|y| !inked(0, y) && !inked(sheet.width - 1, y)));
         assert!((0..sheet.width).all(|x| !inked(x, 0) && !inked(x, sheet.height - 1)));

@@ -12,9 +12,9 @@ pub struct Keyframe {
     pub fov_degrees: f32,
 }
 
-/// `frames` keyframes from the first of `keys` to the last, evenly spaced by arc length along a Catmull-Rom spline
-/// through positions and rotations. A rotation by 90° adds as much arc length as the mean distance between neighbouring
-/// `keys`. The logarithm of the focal length is interpolated linearly, without overshoot.
+/// Path of `frames` keyframes from the first of `keys` to the last, evenly spaced by arc length. The path is a
+/// Catmull-Rom spline through positions and rotations. A rotation by 90° adds as much arc length as the mean distance
+/// between neighbouring `keys`. The logarithm of the focal length is interpolated linearly, without overshoot.
 ///
 /// If `keys` has one keyframe, the result is this keyframe; if `keys` is empty, the result is empty.
 pub fn flight(keys: &[Keyframe], frames: usize) -> Vec<Keyframe> {
@@ -59,12 +59,12 @@ fn aligned(keys: &[Keyframe]) -> Vec<Quat> {
     turns
 }
 
-/// Position, rotation and field of view (degrees) on the path. `at`: number of keyframes after the first, with a
-/// fraction; `turns`: rotations from [`aligned`].
+/// Position, rotation and field of view (degrees) on the path. `at`: index of a keyframe, with a fraction; `turns`:
+/// rotations from [`aligned`].
 fn place_at(keys: &[Keyframe], turns: &[Quat], at: f32) -> (Vec3, Quat, f32) {
     let first = (at as usize).min(keys.len() - 2);
     let t = at - first as f32;
-    // The spline's weights of the keyframe before, both ends of the segment, and the keyframe after.
+    // Catmull-Rom weights of the keyframe before the segment, its two ends, and the keyframe after it.
     let weights = [
         0.5 * t * (t * (2.0 - t) - 1.0),
         0.5 * (t * t * (3.0 * t - 5.0) + 2.0),
@@ -141,7 +141,7 @@ mod tests {
         assert!(flight(&[], 5).is_empty());
         assert_eq!(flight(&[key(1.0, 2.0, 0.5)], 5), [key(1.0, 2.0, 0.5)]);
         assert_eq!(flight(&[key(0.0, 0.0, 0.0), key(1.0, 0.0, 0.0)], 1).len(), 1);
-        // Keyframes at one position: the camera only turns, evenly.
+        // With all keyframes at one position, the camera only turns, at constant speed.
         let turned = flight(&[key(0.0, 0.0, 0.0), key(0.0, 0.0, 1.0)], 3);
         let middle = Quat::from_mat3(&turned[1].pose.rotation).angle_between(Quat::IDENTITY);
         assert!((middle - 0.5).abs() < 1e-2, "{middle}");

@@ -1,4 +1,4 @@
-//! Pictures, plots, films, pages and tables.
+//! Results for people and other programs: pictures, plots, videos, 3D pages, tables and exports.
 
 pub mod animation;
 pub mod axis;

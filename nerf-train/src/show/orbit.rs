@@ -25,7 +25,7 @@ pub struct Orbit {
 
 impl Orbit {
     /// Orbit through the viewpoint of the photographs, if the blob has one. Otherwise an orbit around the middle of the
-    /// scene box, with a radius half way between near and far. `up`: replaces the viewpoint's up direction, or z.
+    /// scene box, whose radius is the mean of near and far. `up`: up direction; `None`: the viewpoint's, or +z.
     pub fn of(scene: &SceneFacts, up: Option<Vec3>) -> Self {
         match &scene.viewpoint {
             Some(viewpoint) => {

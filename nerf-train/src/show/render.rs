@@ -16,7 +16,8 @@ use std::path::PathBuf;
 /// Colour range of each distance output, world units.
 pub type Ranges = Vec<(Output, (f32, f32))>;
 
-/// The coarse pass reduces each side of a view to a quarter, but not below this number of pixels.
+/// Lower limit of a view's sides in the coarse pass, pixels. The pass reduces each side to a quarter, down to this
+/// limit.
 const COARSE: u32 = 64;
 
 /// Renders every camera's view and passes it to all writers. `each` is called before each view, and at the end, with
@@ -43,8 +44,8 @@ pub fn render(
 
 /// Colour range of each distance output over all frames of a video, world units.
 ///
-/// A coarse pass, a sixteenth of the work, finds the ranges, so that no frame is kept until the last one is rendered.
-/// `each` is called with the number of frames done.
+/// The ranges are needed before the first frame is written. A coarse pass finds them with a sixteenth of the work, so
+/// that no frame is kept in memory. `each` is called with the number of frames done.
 pub fn ranges(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,
@@ -62,7 +63,7 @@ pub fn ranges(
         }
         each(i + 1);
     }
-    // Without solid pixels no colour is shown, but all frames need the same legend.
+    // Without pixels of opacity above 1/2 no colour is shown, but all frames need the same legend.
     let range = |values: &Vec<f32>| robust_range(values, &opacity).unwrap_or((0.0, 1.0));
     Ok(distances.iter().copied().zip(values.iter().map(range)).collect())
 }

@@ -61,14 +61,14 @@ impl Table {
             cell.lines().map(str::trim).collect::<Vec<_>>().join("<br>")
         };
         self.lines(tidy, "| ", " | ", " |", |right, width| {
-            // GitHub needs three characters at least; `lines` makes no column narrower.
+            // GitHub needs at least three characters, the smallest width that `lines` gives a column.
             let dashes = "-".repeat(width.saturating_sub(1));
             if right { format!("{dashes}:") } else { format!(":{dashes}") }
         })
     }
 
-    /// Lines of the table, with padded cells. `rule` makes the line below a column's name, given whether the column is
-    /// right-aligned, and its width.
+    /// Lines of the table, with cells changed by `tidy` and padded. `rule` returns the line below a column's name,
+    /// given whether the column is right-aligned, and its width.
     fn lines(
         &self,
         tidy: impl Fn(&String) -> String,

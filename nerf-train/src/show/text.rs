@@ -71,7 +71,7 @@ fn rasterise(text: &str, size: f32) -> (usize, Vec<f32>) {
     let (placed, advance) = layout(text, size);
     let (width, height) = (advance.ceil() as usize, line_height(size));
     let mut coverage = vec![0.0; width * height];
-    // All fonts have one baseline, on a whole pixel so that the lower edges of letters are sharp.
+    // Characters of all fonts share one baseline, on a whole pixel so that the lower edges of letters are sharp.
     let baseline = FONTS.first().map_or(0.0, |f| f.as_scaled(size).ascent().round());
     for Placed { font, glyph, x } in placed {
         let glyph = glyph.with_scale_and_position(PxScale::from(size), point(x, baseline));
@@ -81,7 +81,7 @@ fn rasterise(text: &str, size: f32) -> (usize, Vec<f32>) {
             let (x, y) = (corner.x as i64 + i64::from(dx), corner.y as i64 + i64::from(dy));
             if (0..width as i64).contains(&x) && (0..height as i64).contains(&y) {
                 let old: &mut f32 = &mut coverage[y as usize * width + x as usize];
-                // A light font at small sizes is grey on white: partial coverage is raised.
+                // Partial coverage is raised, because a light font at small sizes looks grey on white.
                 let share = 1.0 - (1.0 - share.clamp(0.0, 1.0)).powf(1.6);
                 *old = old.max(share);
             }

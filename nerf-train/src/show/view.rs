@@ -38,7 +38,7 @@ impl Output {
         matches!(self, Self::RayDistance | Self::ZDepth | Self::MedianDistance)
     }
 
-    /// Suffix of the output's file name. The file of the first requested output is written without a suffix.
+    /// Suffix of the output's file name; not used for the first requested output.
     pub fn suffix(self) -> &'static str {
         match self {
             Self::Rgb | Self::All => "rgb",
@@ -67,7 +67,8 @@ pub fn is_exr(path: &Path) -> bool {
 
 /// Writes an output of a frame as PNG, or as EXR if `path` ends in `.exr`.
 ///
-/// `range`: colour range of a distance, world units; `None`: chosen for the frame. `transparent`: colour with alpha.
+/// `range`: colour range of a distance, world units; `None`: chosen for the frame. `transparent`: whether colour has
+/// alpha.
 pub fn write_still(
     path: &Path,
     frame: &Frame,
@@ -134,7 +135,8 @@ pub fn picture_of(frame: &Frame, output: Output, range: Option<(f32, f32)>) -> a
 
 /// Writes an OpenEXR file of 32-bit floats.
 ///
-/// `channels`: names, such as `R` (linear light, by the format's custom) or `Z`, and `[height * width]` values each.
+/// `channels`: names, such as `R` (linear light, by the format's convention) or `Z`, and `[height * width]` values
+/// each.
 pub fn write_exr(
     path: impl AsRef<Path>,
     width: usize,

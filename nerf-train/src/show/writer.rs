@@ -28,7 +28,7 @@ pub enum Sink {
 #[derive(Debug)]
 pub struct Written {
     pub path: PathBuf,
-    /// Number of the next frame, if the folder still has a file of this number from an earlier run; else `None`. Always
+    /// Number of the next frame, if the folder has a file of this number from an earlier run; else `None`. Always
     /// `None` if several shards write into the folder.
     pub older_from: Option<usize>,
 }
@@ -64,7 +64,7 @@ fn numbered(folder: &Path, index: usize) -> PathBuf {
     folder.join(format!("frame_{index:04}.png"))
 }
 
-/// Video that is written frame by frame; without [`finish`](Self::finish) no file is left.
+/// Writer of a video, frame by frame. The file appears only when [`finish`](Self::finish) succeeds.
 pub struct Film {
     path: PathBuf,
     /// Encoder for an MP4; `None`: the video is a GIF.

@@ -22,7 +22,8 @@ static RUNNING: Mutex<Vec<Arc<Mutex<Process>>>> = Mutex::new(Vec::new());
 #[derive(Debug)]
 struct Process {
     child: Child,
-    /// Exit status; `None` until the child has been waited for: until then its process number is not reused.
+    /// Exit status; `None` until the child has been waited for. Until then, the system does not reuse its process
+    /// number.
     status: Option<ExitStatus>,
 }
 
@@ -54,7 +55,7 @@ impl Helper {
     pub fn spawn(command: &mut Command) -> io::Result<Self> {
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(command, 0);
-        // The lock is held while the child starts, so that a signal finds the child.
+        // The lock is held while the child starts, so that the signal thread finds every child.
         let mut running = lock(&RUNNING);
         let process = Arc::new(Mutex::new(Process { child: command.spawn()?, status: None }));
         running.push(Arc::clone(&process));
@@ -135,7 +136,7 @@ pub fn end_all() {
     while running.iter().any(|process| lock(process).ended().is_none()) && begun.elapsed() < KILLED {
         std::thread::sleep(ASK_EVERY);
     }
-    // The lock is kept: a thread that wants to start another child waits for the end.
+    // The lock is never released: a thread that wants to start another child waits until the process ends.
     std::mem::forget(running);
 }
 
@@ -229,7 +230,7 @@ mod tests {
         let bytes = vec![0; 1 << 20];
         let error = helper.feed(&mut stdin.unwrap(), &bytes, Duration::from_millis(200)).unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::TimedOut);
-        // Closed by both, the shell and what it waited for.
+        // The pipe closes only after the shell and its `sleep` have ended.
         Heard::of(stdout, 1).text();
         assert!(begun.elapsed() < Duration::from_secs(10), "{:?}", begun.elapsed());
     }

@@ -12,7 +12,8 @@ use std::str::FromStr;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
-/// Size limit of a scene file, bytes: six times the largest possible (22 layers of 512, occupancy grid of 512³ bits).
+/// Size limit of a scene file, bytes. Files without grid tables stay far below; the largest possible tables in f16
+/// (2^27 values) would exceed it.
 pub const MAX_BLOB_BYTES: u64 = 256 << 20;
 /// Size limit of a JSON file, bytes: some 400,000 frames of a `transforms.json`.
 pub const MAX_JSON_BYTES: u64 = 256 << 20;
@@ -22,7 +23,7 @@ pub const MAX_PICTURE_BYTES: u64 = 1 << 30;
 /// Size limit of a checkpoint, bytes: more than the largest settings need.
 pub const MAX_CHECKPOINT_BYTES: u64 = 3 << 30;
 
-/// Reading a pipe or device fails if no byte arrives for this time, also before the first byte.
+/// Time without a byte after which reading a pipe or device fails, also before the first byte.
 const MAX_SILENCE: Duration = Duration::from_secs(60);
 const PIECE_BYTES: usize = 1 << 16;
 
@@ -98,7 +99,7 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
 pub fn toml_message(text: &str, error: &toml::de::Error) -> String {
     let said = error.message().lines().map(str::trim).collect::<Vec<_>>().join("; ");
     let Some(before) = error.span().and_then(|span| text.get(..span.start)) else {
-        // An error without a position, in a value that was merged from several: the error's text names the tables.
+        // The error has no position if its value was merged from several texts. Its own text then names the tables.
         return error.to_string().lines().map(str::trim).collect::<Vec<_>>().join(" ").trim().to_owned();
     };
     let start = before.rfind('\n').map_or(0, |end| end + 1);
@@ -125,7 +126,7 @@ fn read_stream(path: &Path, limit: u64, silence: Duration) -> io::Result<Vec<u8>
                 Err(error) => Err(error),
             };
             let failed = read.is_err();
-            // Fails if the receiver has reached the limit.
+            // Fails if the receiver has given up: at the limit, or after a timeout.
             if sender.send(read).is_err() || failed {
                 return;
             }
@@ -187,7 +188,7 @@ mod tests {
         );
         std::fs::write(&path, b"a\xff").expect("written");
         assert!(read_text(&path, 8).expect_err("no UTF-8").to_string().contains("another byte at 1"));
-        // A terabyte of nothing.
+        // A sparse file of a terabyte, which uses no disk space.
         File::create(&path).and_then(|file| file.set_len(1 << 40)).expect("a sparse file");
         let error = read_limited(&path, MAX_JSON_BYTES).expect_err("too long").to_string();
         assert_eq!(error, "expected at most 256 MiB, found 1099511627776 bytes");

@@ -2,7 +2,7 @@
 //!
 //! Names of views and arrays, provenance, messages of decoders and of child processes are untrusted. A terminal obeys
 //! the control characters in them, which can move the cursor, retitle the window or type for the user. Bidirectional
-//! overrides make a name read as another. Each output of this program escapes all these once, where text is written:
+//! overrides make a name read as another. Each output of this program escapes such text once, where it is written:
 //!
 //! | output | where | with |
 //! | --- | --- | --- |
@@ -73,7 +73,7 @@ fn replaced(
 /// assert_eq!(line("照片/Ågq 👩‍🚀"), "照片/Ågq 👩‍🚀");
 /// ```
 pub fn line(text: &str) -> Cow<'_, str> {
-    // `escape_unicode`, as `escape_debug` leaves a few of these characters unchanged.
+    // `escape_debug` would leave a few of these characters unchanged; `escape_unicode` leaves none.
     replaced(text, acts, |safe, c| match c {
         '\n' | '\r' | '\t' => write!(safe, "{}", c.escape_default()),
         _ => write!(safe, "{}", c.escape_unicode()),

@@ -13,9 +13,9 @@ use std::time::{Duration, Instant};
 
 /// Time between two lines of progress, plain or JSON, where no bar is shown.
 const LINE_EVERY: Duration = Duration::from_secs(5);
-/// Number of positions of the bar, which shows a fraction of the work: with a time budget there are no steps.
+/// Number of positions of the bar. The bar shows a fraction of the work, as a time budget has no number of steps.
 const BAR_LENGTH: u64 = 10_000;
-/// The remaining time is not estimated before this time has elapsed.
+/// Time that must elapse before the remaining time is estimated.
 const EARLIEST_ESTIMATE: Duration = Duration::from_secs(1);
 
 /// End of the work: at a number of steps, after some time, or at whichever comes first.
@@ -125,7 +125,7 @@ impl Progress {
         Self { what: what.into(), total, started: Instant::now(), first: 0, display }
     }
 
-    /// [`Self::new`] for work of `total` steps.
+    /// Starts the clock for work of `total` steps, as [`Self::new`] does.
     pub fn steps(what: impl Into<String>, total: usize, style: ProgressStyle) -> Self {
         Self::new(what, Total::Steps(total as u64), style)
     }
@@ -219,7 +219,7 @@ impl Progress {
         Some(share.clamp(0.0, 1.0))
     }
 
-    /// Remaining time: to the last step at this run's speed, or to an earlier time limit; `None` if unknown.
+    /// Remaining time, estimated from this run's speed and limited by the time budget; `None` if unknown.
     fn remaining(&self, position: u64, elapsed: Duration) -> Option<Duration> {
         let done = position.saturating_sub(self.first);
         let steps = |total: u64| {
@@ -309,7 +309,7 @@ pub fn abandon() {
 
 impl Drop for Progress {
     fn drop(&mut self) {
-        // Also after an error: the bar's last state stays, and the cursor is on a new line.
+        // The bar's last state stays, also after an error, and the cursor is on a new line.
         if let Display::Bar(bar) = &self.display
             && !bar.is_finished()
         {
@@ -320,8 +320,8 @@ impl Drop for Progress {
 
 fn new_bar() -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(BAR_LENGTH), ProgressDrawTarget::stderr());
-    // Two lines: 80 columns cannot hold times and figures on one.
-    // If the template does not parse, the default bar shows the same, less well.
+    // Two lines, as 80 columns cannot hold times and figures on one.
+    // If the template does not parse, the library's default bar is shown.
     match indicatif::ProgressStyle::with_template("{bar:24.cyan/white} {percent:>3} % {prefix}\n{wide_msg}") {
         Ok(style) => bar.with_style(style.progress_chars("━╸─")),
         Err(_) => bar,
@@ -336,7 +336,8 @@ pub fn say(style: ProgressStyle, line: &str) {
     }
 }
 
-/// As [`say`], for text that this program broke into lines. [`printable::line`] must have escaped the names in it.
+/// Prints lines that belong to no task, in the format of `style`. Names in them must be escaped with
+/// [`printable::line`].
 pub fn say_lines(style: ProgressStyle, lines: &str) {
     match style {
         ProgressStyle::Quiet => {}

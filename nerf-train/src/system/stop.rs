@@ -29,7 +29,7 @@ use std::time::Duration;
 pub const LAST_WORD: Duration = Duration::from_millis(800);
 /// Time limit for the work of a [`Note`].
 const NOTE_WORK: Duration = Duration::from_millis(1000);
-/// Time limit for ending child processes, and again for printing the message, which a full pipe may block.
+/// Time limit for ending child processes. Also the limit for printing the message, which a full pipe may block.
 const TIDYING: Duration = Duration::from_millis(200);
 /// Time limit for removing temporary files and folders; a folder may hold many files.
 const REMOVING: Duration = Duration::from_millis(600);
@@ -43,15 +43,16 @@ static NOTE: Mutex<Option<Words>> = Mutex::new(None);
 /// Work that would be lost if the process ended now.
 enum State {
     Nothing,
-    /// The owner of a [`Claim`] will save the work: a loop that polls [`requested`].
+    /// The owner of a [`Claim`], a loop that polls [`requested`], will save the work.
     Claimed,
-    /// The signal thread will save the work, by writing the files of the cover.
+    /// The signal thread will save the work, by writing the files of the [`Cover`].
     Covered(Cover),
     /// The owner has saved its work after a signal, and will end the process.
     Answered,
 }
 
-/// Files and message for a signal while the owner of a [`Claim`] is busy: the signal thread writes and prints them.
+/// Files that the signal thread writes, and message that it prints, if a signal comes while the owner of a [`Claim`] is
+/// busy.
 #[derive(Clone, Debug, Default)]
 pub struct Cover {
     /// Paths and bytes of files that are not on the disk yet.
@@ -100,7 +101,7 @@ impl Claim {
 
 impl Drop for Claim {
     fn drop(&mut self) {
-        // Checked under the lock: a signal's thread that finds nothing claimed ends the process at once.
+        // The lock keeps the signal thread waiting. At `Nothing` it ends the process at once, at `Answered` it waits.
         let mut now = lock(&STATE);
         *now = if requested() { State::Answered } else { State::Nothing };
         drop(now);
@@ -111,7 +112,7 @@ impl Drop for Claim {
 /// Contents of a [`Note`]: message to print on a signal if no work is claimed, and work to do before.
 struct Words {
     message: String,
-    /// Name of the work, for the message, and the work.
+    /// Work to do before the message, with its name in the message.
     last: Option<(&'static str, LastWork)>,
 }
 
@@ -123,7 +124,7 @@ type LastWork = Box<dyn FnOnce() -> Result<(), String> + Send>;
 pub struct Note(());
 
 impl Note {
-    /// Makes a signal print this message.
+    /// Creates the guard. `message`: text that a signal prints.
     pub fn new(message: impl Into<String>) -> Self {
         let note = Self(());
         note.say(message);
@@ -136,7 +137,8 @@ impl Note {
         *words = Some(Words { message: message.into(), last });
     }
 
-    /// Registers work that a signal does before its message, in less than a second. `what`: name in the message.
+    /// Registers work to do on a signal, before the message is printed; it must take less than a second. `what`: name
+    /// of the work in the message.
     pub fn before(&self, what: &'static str, work: impl FnOnce() -> Result<(), String> + Send + 'static) {
         if let Some(words) = lock(&NOTE).as_mut() {
             words.last = Some((what, Box::new(work)));
@@ -179,15 +181,16 @@ fn saved(cover: &Cover) -> String {
     }
 }
 
-/// Waits for claimed work, or saves a cover's work. Then prints the message and exits with status `128 + signal`.
+/// Handles a signal: waits for claimed work, or saves a cover's work. Then prints the message and exits with status
+/// `128 + signal`.
 ///
-/// Holds the lock on the state meanwhile, so that the owner does not write the same files.
+/// Holds the lock on the state, so that the owner does not write the same files meanwhile.
 fn end(signal: i32, say: fn(&str)) -> ! {
     SIGNAL.store(signal, Ordering::Relaxed);
     let claimed = |state: &mut State| matches!(state, State::Claimed);
     let answered = |state: &mut State| matches!(state, State::Answered);
     let now = CHANGED.wait_while(lock(&STATE), claimed).unwrap_or_else(PoisonError::into_inner);
-    // If the owner has saved its work, the owner ends the process; it is ended here only after `LAST_WORD`.
+    // An owner that has saved its work ends the process itself. After `LAST_WORD`, the process is ended here.
     let waited = CHANGED.wait_timeout_while(now, LAST_WORD, answered);
     let (now, _) = waited.unwrap_or_else(PoisonError::into_inner);
     let said = match &*now {
@@ -213,7 +216,8 @@ pub fn leave_to_signal() {
 #[cfg(unix)]
 pub fn answered() -> Vec<nix::sys::signal::Signal> {
     use nix::sys::signal::Signal;
-    // Linux queues a blocked signal even if it is ignored, and would hand it out. Others drop it, and lack this file.
+    // Linux queues a blocked signal even if it is ignored, so an ignored signal must not be waited for. Other systems
+    // drop such signals, and have no `/proc/self/status`.
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
     let ignored = ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0);

@@ -8,7 +8,7 @@ use crate::system::printable;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// JSON of a result, with a line end at its end.
+/// JSON of a result, followed by a line end.
 ///
 /// # Examples
 /// ```

@@ -4,8 +4,8 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-/// Limit of the average's horizon, as a fraction of the updates so far. Early parameters, from a field that is still
-/// far off, are thereby forgotten soon.
+/// Largest horizon of the average, as a fraction of the updates so far. The parameters of the first steps, which
+/// describe no scene yet, are thereby soon forgotten.
 const REACH: f64 = 1.0 / 9.0;
 /// Number of parameters that one task averages.
 const PART: usize = 1 << 14;
@@ -32,7 +32,7 @@ impl Average {
     pub(super) fn is_like(&self, other: &Self, steps: u32) -> bool {
         let finite = self.values.iter().all(|value| value.is_finite());
         let shape = |average: &Self| (average.decay, average.every, average.values.len());
-        // No run has an interval of 0 steps.
+        // No division by 0: both intervals are equal here, and no run has an interval of 0 steps.
         let counted = || self.values.is_empty() || self.updates == steps / self.every;
         finite && shape(self) == shape(other) && counted()
     }

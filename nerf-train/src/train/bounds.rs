@@ -48,11 +48,12 @@ impl Bounds {
 
 /// Cells along the longest side of a first, coarse visual hull, from which only the scene box is found.
 const COARSE_HULL: u16 = 64;
-/// Distance from each camera, in radii of the uncontracted ball, within which space is taken as empty; `FAR_RADII`:
-/// distance at which rays end. For unbounded scenes without sparse points.
+/// Distance from each camera within which an unbounded scene without sparse points is taken as empty, in radii of the
+/// uncontracted ball.
 const NEAR_RADII: f32 = 0.1;
+/// Distance at which rays of an unbounded scene without sparse points end, in radii of the uncontracted ball.
 const FAR_RADII: f32 = 100.0;
-/// An occupied cell is seen by two cameras at least this far apart, in radii of the uncontracted ball.
+/// Least distance between two cameras that must see a cell for it to be occupied, in radii of the uncontracted ball.
 const APART_RADII: f32 = 0.05;
 /// Quantile of the distances from cameras to points they see, and a factor. Space nearer than their product is empty.
 const ALL_VIEWS: (f32, f32) = (0.001, 0.6);
@@ -135,7 +136,7 @@ fn hull(dataset: &Dataset, config: &Config, bounds: SceneBox, resolution: u16) -
     (g.skip && g.hull).then(|| Occupancy::carve(bounds, resolution, &dataset.train, dataset.background))?
 }
 
-/// [`find_box`] with the first occupancy grid; no grid if occupancy is off in the settings.
+/// Returns the bounds of [`find_box`], and the first occupancy grid; no grid if the settings turn occupancy off.
 pub(crate) fn find_bounds(
     dataset: &Dataset,
     config: &Config,

@@ -1,7 +1,7 @@
 //! Checkpoint: the state from which a run resumes exactly where it stopped.
 //!
-//! Runs with the same output share a checkpoint file; [`Checkpoint::check_belongs`] keeps a run from resuming
-//! another's.
+//! Runs with the same output share a checkpoint file; [`Checkpoint::check_belongs`] refuses the checkpoint of another
+//! run.
 
 use super::average::Average;
 use super::photographs::Photographs;
@@ -22,13 +22,13 @@ use std::path::Path;
 /// First bytes of a checkpoint file; the last byte is the format's version.
 const MAGIC: [u8; 8] = *b"NERFCKP\x0e";
 
-/// Bytes of the largest state: five f32 per table value (parameter, moments, accumulated gradient, average), and at most
-/// nine bytes per occupancy cell (index, density, bits). Beside these, a run has little.
+/// Size of the largest state, bytes: five f32 per table value (parameter, moments, accumulated gradient, average), and
+/// at most nine bytes per occupancy cell (index, density, bits). The rest is small.
 const MOST_BYTES: u64 = 20 * MAX_TABLE_VALUES as u64 + 9 * (MAX_OCCUPANCY_RESOLUTION as u64).pow(3);
-// Every checkpoint that is written can be read.
+// The limit for reading is above the size of any checkpoint that is written.
 const _: () = assert!(MOST_BYTES + (64 << 20) <= MAX_CHECKPOINT_BYTES);
 
-/// State of a run between two steps; of a fit of a scene or of a 2D field.
+/// State, between two steps, of a fit of a scene or of a 2D field.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Checkpoint {
     /// Settings of the run, as `settings` writes them.
@@ -157,8 +157,8 @@ pub(crate) fn damaged(path: &Path, found: impl Display) -> anyhow::Error {
     )
 }
 
-/// Settings that a resumed run must share, as JSON, since TOML has no u64 for the seed. Left out are the number of
-/// steps and, with a learned grid, the number of samples, which follows from the steps across the box.
+/// Settings that a resumed run must share, as JSON, since TOML has no u64 for the seed. The number of steps is left
+/// out. With a learned grid the number of samples is left out, too: it follows from the march steps across the box.
 pub(crate) fn settings(config: &impl Serialize) -> String {
     let mut tree = serde_json::to_value(config).expect("plain data");
     tree["optimiser"]["steps"] = 1.into();

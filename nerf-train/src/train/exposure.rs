@@ -7,13 +7,13 @@ use crate::model::config::Exposure;
 use crate::train::photographs::SmallAdam;
 use serde::{Deserialize, Serialize};
 
-/// Number of first steps in which gains are on trial. Afterwards they are kept if they differ enough between
-/// photographs.
+/// Number of steps at the start of a run in which gains are on trial. Afterwards they are kept if they differ enough
+/// between photographs.
 const TRIAL: u32 = 1_000;
 /// Learning rates of the log gains: in the first [`TRIAL`] steps, and afterwards.
 const RATES: [f32; 2] = [5e-3, 1e-3];
 
-/// Exposure gains of the training photographs, relative to the field, which has their mean exposure.
+/// Exposure gains of the training photographs. A gain of 1 is the mean exposure, which the field has.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Gains {
     log: LogGains,
@@ -65,7 +65,7 @@ impl ExposureFound {
 }
 
 impl Gains {
-    /// Returns the gains to learn, `None` without any, and the exposures measured at key points, `None` without these.
+    /// Returns the gains to learn, if any, and the exposures measured at key points, if there are key points.
     pub fn of(
         views: &[View],
         sights: Option<&Sights>,

@@ -1,7 +1,7 @@
 //! Objects that moved while the photographs were taken: found by the field's colour errors, and left out of the loss.
 //!
 //! Photographs are cut into square patches. A patch's error is the mean of its rays' signed errors: fine texture that
-//! is hard to fit is too bright in one place and too dark in another, which cancels out, while an object that only one
+//! is hard to fit is too bright in one place and too dark in another, and cancels out. An object that only one
 //! photograph shows has another colour as a whole. Large connected regions of patches with large errors are masked:
 //! their rays have weight 0 in the loss, but are still cast, so that a wrong mask is undone. If the photograph of one
 //! of the two nearest cameras has large errors at the same patches, the field is wrong, and the region is not masked.
@@ -33,13 +33,14 @@ const KNOWN: f32 = 8.0;
 /// Limits of the error above which a patch belongs to a region: a multiple of the median error of all patches, and an
 /// error for colours of 0 to 1. The larger limit applies. Errors are root mean squares over the channels.
 const OFF: (f32, f32) = (3.0, 0.03);
-/// A region is masked only if its mean error is at least the first number, and this mean times the region's fraction of
-/// the photograph at least the second. Measured regions of static scenes: means up to 0.116, products up to 0.0084.
-/// Figures of one colour in front of these scenes: means of 0.13 to 0.3, products from 0.015 on.
+/// Limits of a masked region: its mean error is at least the first number, and this mean times the region's fraction of
+/// the photograph is at least the second. Measured regions of static scenes have means up to 0.116 and products up to
+/// 0.0084. Figures of one colour in front of these scenes have means of 0.13 to 0.3 and products of at least 0.015.
 const FAR_OFF: (f32, f32) = (0.125, 0.01);
-/// Number of nearest cameras with whose photographs a region is compared. If the fraction `SHARED` of the region's
-/// patches has large errors in one of these photographs, too, the field is wrong there, and the region is not masked.
+/// Number of nearest cameras with whose photographs a region is compared.
 const NEIGHBOURS: usize = 2;
+/// Fraction of a region's patches. If this fraction also has large errors in the photograph of one of the nearest
+/// cameras, the field is wrong there, and the region is not masked.
 const SHARED: f32 = 0.5;
 /// Fraction of all patches above which nothing is masked: the capture as a whole is then wrong, not one object.
 const MOST: f32 = 0.3;
@@ -83,7 +84,7 @@ impl Tiles {
     }
 }
 
-/// Patches of the training photographs, their errors since the last update of the masks, and which are masked.
+/// Errors of the patches of the training photographs since the last update of the masks, and which patches are masked.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Moving {
     tiles: Vec<Tiles>,
@@ -358,7 +359,7 @@ mod tests {
             let (x, y) = (pixel as u32 % SIDE, pixel as u32 / SIDE);
             if is_figure(4, x, y) { hit += 1 } else { beside += 1 }
         }
-        // Two patches of four pixels around it.
+        // Around the figure, at most two patches, of four pixels each, are masked in every direction.
         assert!(hit == 24 * 40 && beside <= 40 * 56 - 24 * 40, "{hit}, {beside}");
 
         let mut batch = Batch {
@@ -386,7 +387,7 @@ mod tests {
         let halves =
             |view: usize, x: u32, y: u32| grain(x, y, 0.1) + if x < 36 { [-0.3, 0.3][view % 2] } else { 0.0 };
         assert_eq!(found(&halves), 0);
-        // The nearest cameras' photographs err there, too.
+        // All photographs, also those of the nearest cameras, have the error in this region.
         assert_eq!(found(&|_, x, y| grain(x, y, 0.1) + if is_figure(4, x, y) { 0.25 } else { 0.0 }), 0);
         assert!(Moving::of(&views, MovingObjects::Off).is_none());
         assert!(Moving::of(&views[..7], MovingObjects::Auto).is_none());

@@ -12,7 +12,7 @@ use nerf_core::camera::Camera;
 use nerf_core::space::Contraction;
 use serde::{Deserialize, Serialize};
 
-/// Learned gains, poses and masks of the photographs, and the findings of a run's first steps about exposures, poses
+/// Learned gains, poses and masks of the photographs. Also the findings of a run's first steps about exposures, poses
 /// and withheld photographs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Photographs {
@@ -30,8 +30,8 @@ impl Photographs {
         let (views, capture) = (&dataset.train, &config.capture);
         let unbounded = config.sampling.contraction.is_some();
         let mut found = Self::default();
-        // A scene that ends at a box has no gains before its photographs contradict each other, unless the settings
-        // ask for them.
+        // In a scene box, gains begin only if photographs are found to contradict each other, unless the settings ask
+        // for gains.
         if unbounded || capture.exposure != Exposure::Auto {
             (found.gains, found.exposure) = Gains::of(views, sights, capture.exposure);
         }
@@ -39,7 +39,8 @@ impl Photographs {
             (found.poses, found.poses_found) = Poses::of(dataset, sights.is_some(), capture.poses);
             found.moving = Moving::of(views, capture.moving);
         }
-        // Refined poses of the other photographs would move away from those of the withheld photographs.
+        // With refined poses no photograph is withheld: the poses of the others would drift away from those of the
+        // withheld ones.
         if found.poses.is_none() {
             found.withheld = Withheld::of(views, config);
         }
@@ -113,7 +114,7 @@ impl Photographs {
                 self.poses.take_if(|_| given);
             }
         }
-        // A photograph can contradict the field only after long enough training on all photographs.
+        // Moving objects are found by errors of a field that has been trained on all photographs for long enough.
         let all_are_shown =
             self.withheld.is_none() && (self.withheld_found.is_none() || step >= LEARNED_FROM);
         if let Some(moving) = self.moving.as_mut().filter(|_| all_are_shown) {
@@ -125,7 +126,8 @@ impl Photographs {
             withheld.add(batch, step, engine.errors());
             if let Some(found) = withheld.verdict(step, &config.optimiser) {
                 (self.withheld, self.withheld_found) = (None, Some(found));
-                // Key points tell more about exposure than contradictions do.
+                // Exposures measured at key points take precedence: they are more reliable than the contradiction found
+                // here.
                 let unknown = self.exposure.is_none() && self.gains.is_none();
                 if found.contradict() && unknown && config.capture.exposure == Exposure::Auto {
                     self.gains = Some(Gains::of_contradicting(views));
@@ -153,7 +155,7 @@ impl Photographs {
 const BETAS: [f32; 2] = [0.9, 0.99];
 const EPSILON: f32 = 1e-12;
 
-/// Adam for the few parameters of photographs.
+/// Adam optimiser for gains and poses, which are few parameters per photograph.
 pub(super) struct SmallAdam {
     unbiased: [f32; 2],
 }

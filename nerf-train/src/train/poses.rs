@@ -18,28 +18,30 @@ use nerf_core::camera::{Camera, Pose, Ray};
 use nerf_core::space::Contraction;
 use serde::{Deserialize, Serialize};
 
-/// Number of first steps in which poses are refined on trial. Afterwards refinement goes on only if the image moved by
-/// at least [`CALLED_FOR`].
+/// Number of steps at the start of a run in which poses are refined on trial. Afterwards refinement goes on only if the
+/// image moved by at least [`CALLED_FOR`].
 const TRIAL: u32 = 1_000;
 /// Steps between two moves of the cameras.
 const EVERY: u32 = 8;
-/// Largest distance by which one step of a camera moves the image, pixels: at the beginning and at the end of the run.
+/// Learning rates of the poses, pixels of image motion per move of a camera: at the beginning and at the end of the
+/// run.
 const RATES: [f32; 2] = [0.3, 0.01];
-/// Blur of the field's gradient with respect to position, radii of the uncontracted ball: at the beginning, and after
-/// the fraction `SHARP_FROM` of the run.
+/// Blur of the field's gradient with respect to position, radii of the uncontracted ball: at the beginning of the run,
+/// and from the fraction `SHARP_FROM` of the run on.
 const BLURS: [f32; 2] = [0.02, 0.001];
 const SHARP_FROM: f64 = 0.5;
-/// Median motion of the image in the first [`TRIAL`] steps, in focal lengths. If the motion is smaller, the given poses
-/// are kept: correct poses move by 0.002 to 0.006, and refining them costs 0.1 to 0.4 dB of PSNR. Poses that are wrong
-/// by half a degree to one degree move by 0.013.
+/// Least median motion of the image in the first [`TRIAL`] steps, in focal lengths, with which poses stay refined.
+/// Correct poses move by 0.002 to 0.006, and refining them costs 0.1 to 0.4 dB of PSNR. Poses that are wrong by half a
+/// degree to one degree move by 0.013.
 const CALLED_FOR: f64 = 8e-3;
 /// Median reprojection error of the sparse points, pixels, up to which the given poses are trusted and not refined.
 const BELIEVED: f64 = 2.0;
 
-/// Lever of a camera's place in the common rotation, in distances from the scene's centre. Simulated on the fox's cameras,
-/// disturbed at random by half a degree to one degree and 1 %: the common motion that stays in the poses moves the image
-/// by 0.82 pixels without places, 0.74 with a lever of 1, 0.66 with 0.5. A lever of the cameras' distance from their own
-/// centre makes cameras side by side unstable.
+/// Length by which camera translations are divided to weigh as much as rotations in [`hold`], as a fraction of the
+/// cameras' mean distance from the scene's centre. Simulated on the cameras of fox, with random errors of half a degree
+/// to one degree and 1 %: the common motion that `hold` leaves moves the image by 0.66 pixels with this lever, 0.74
+/// with a lever of 1, and 0.82 if only rotations count. A lever proportional to the cameras' distance from their own
+/// centre is unstable if cameras are close together.
 const LEVER: f32 = 0.5;
 
 /// Rotation of a camera about x, y, z of the world, radians, and translation along x, y, z, world units.
@@ -104,7 +106,7 @@ impl Poses {
         }
     }
 
-    /// Poses of `views` photographs before any correction. `on_trial`: whether the first steps decide about refinement.
+    /// State of `views` photographs before any correction. `on_trial`: whether the first steps decide about refinement.
     pub fn given(views: usize, on_trial: bool) -> Self {
         let zeros = vec![[0.0; 6]; views];
         Self {
@@ -147,7 +149,8 @@ impl Poses {
         moved
     }
 
-    /// Request for the gradient of the loss with respect to the rays; `share`: used fraction of the budget.
+    /// Returns the request to compute the gradient of the loss with respect to the rays. `share`: used fraction of the
+    /// budget.
     pub fn question(share: f64, contraction: &Contraction) -> RayQuestion {
         let sharp = (share / SHARP_FROM).min(1.0) as f32;
         let blur = contraction.radius() * BLURS[0].powf(1.0 - sharp) * BLURS[1].powf(sharp);
@@ -213,8 +216,8 @@ impl Poses {
         }
     }
 
-    /// How far the image moves from the given to the refined pose, root mean square over its points; median over the
-    /// views. In pixels, and in focal lengths.
+    /// Image motion from the given to the refined pose, in pixels and in focal lengths: root mean square over the
+    /// points of a view, median over the views.
     fn median_motion(&self, given: &[View], contraction: &Contraction) -> (f64, f64) {
         let of = |(view, moved): (&View, &Twist)| {
             let m = motion(&view.camera, contraction);
@@ -244,8 +247,8 @@ fn cameras(given: &[View], moved: &[Twist]) -> Vec<Camera> {
     given.iter().zip(moved).map(of).collect()
 }
 
-/// Matrix `M` with which `vᵀ M v` is the mean squared motion of the image, pixels², by a small motion `v` of the
-/// camera. The mean is over points at three depths.
+/// Matrix `M` of the quadratic form `vᵀ M v`: the mean squared motion of the image, pixels², if the camera moves by the
+/// small twist `v`. The mean is over points at three depths.
 fn motion(camera: &Camera, contraction: &Contraction) -> [[f32; 6]; 6] {
     const SIDE: u8 = 5;
     let i = camera.intrinsics();
@@ -256,9 +259,9 @@ fn motion(camera: &Camera, contraction: &Contraction) -> [[f32; 6]; 6] {
         let Ray { dir, .. } = camera.ray(at(x, i.width), at(y, i.height));
         let cosine = dir.dot(camera.pose().forward()).max(0.1);
         for distance in [0.5 * away, away, 2.0 * away] {
-            // Two directions across the ray.
+            // Two unit vectors across the ray and each other.
             for across in [dir.any_orthonormal_vector(), dir.cross(dir.any_orthonormal_vector())] {
-                // across · (turn × dir) = turn · (dir × across).
+                // Uses across · (turn × dir) = turn · (dir × across).
                 let (turn, shift) = (dir.cross(across) * i.fx / cosine, across * i.fx / cosine / distance);
                 let row = [turn.to_array(), shift.to_array()];
                 let row = row.as_flattened();
@@ -308,9 +311,10 @@ fn backward(l: &[[f64; 6]; 6], x: Twist) -> Twist {
     y.map(|y| y as f32)
 }
 
-/// Removes the motion common to all cameras, which the photographs cannot determine: rotation about their centre,
-/// translation, and scaling. Least squares over the cameras' rotations and, divided by [`LEVER`] times their distance
-/// from the scene's centre, over their translations. Random errors of the given poses thus cancel as far as they can.
+/// Removes the motion common to all cameras, which the photographs cannot determine: rotation about the cameras'
+/// centre, translation, and scaling. The common rotation is the least-squares fit to the cameras' rotations, and to
+/// their translations divided by [`LEVER`] times their mean distance from the scene's centre. Random errors of the
+/// given poses then cancel as far as possible.
 fn hold(moved: &mut [Twist], given: &[View], contraction: &Contraction) {
     let count = moved.len().max(1) as f32;
     let places = || given.iter().map(|view| view.camera.pose().position);
@@ -329,7 +333,7 @@ fn hold(moved: &mut [Twist], given: &[View], contraction: &Contraction) {
         arms += Mat3::from_cols(arm.x * arm, arm.y * arm, arm.z * arm);
     }
     let growth = if square > 0.0 { along / square } else { 0.0 };
-    // A camera's place says nothing about a rotation around its arm.
+    // A camera's translation determines no rotation about its arm, the vector from the cameras' centre to the camera.
     let known = (Mat3::from_diagonal(Vec3::splat(square)) - arms) * (1.0 / lever.powi(2));
     turn = (Mat3::from_diagonal(Vec3::splat(count)) + known).inverse() * turn;
     for (twist, place) in moved.iter_mut().zip(places()) {
@@ -382,7 +386,7 @@ mod tests {
     #[test]
     fn the_trial_ends_with_its_verdict() {
         let (views, contraction) = views();
-        // A turn by a hundredth moves the image by about that many focal lengths.
+        // A rotation by 0.01 radians moves the image by about 0.01 focal lengths.
         for (turn, refined) in [(0.0, false), (0.002, false), (0.02, true)] {
             let mut poses = Poses::given(views.len(), true);
             poses.moved.iter_mut().for_each(|moved| moved[0] = turn);
@@ -417,7 +421,7 @@ mod tests {
         hold(&mut again, &views, &contraction);
         let mut pairs = moved.as_flattened().iter().zip(again.as_flattened());
         assert!(pairs.all(|(a, b)| (a - b).abs() < 1e-6), "{moved:?} {again:?}");
-        // Any other rotation common to all of them leaves larger errors.
+        // The rotation that was removed is the best fit: an additional common rotation leaves larger errors.
         let places: Vec<Vec3> = views.iter().map(|view| view.camera.pose().position).collect();
         let (count, centre) = (places.len() as f32, contraction.centre());
         let middle = places.iter().sum::<Vec3>() / count;

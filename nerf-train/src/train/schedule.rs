@@ -80,8 +80,8 @@ impl Budget {
         }
     }
 
-    /// This budget for a run that resumes after `seconds` of earlier commands. The limit in seconds was set for this
-    /// command alone. The result's limit includes `seconds`, so that the used fraction counts the time of all commands.
+    /// Budget of a run that resumes after `seconds` of earlier commands. The limit in seconds was set for this command
+    /// alone. The result's limit includes `seconds`, so that the used fraction counts the time of all commands.
     #[must_use]
     pub fn after(self, seconds: f64) -> Self {
         Self { seconds: self.seconds.map(|limit| limit + seconds), ..self }
@@ -98,10 +98,10 @@ impl Budget {
         if found >= expected {
             return Ok(());
         }
-        // If no step was measured, training gets as long as everything before it.
+        // If no step was measured, training is given as long as the preparation took.
         let step = (found > 0).then(|| (done.seconds - done.prepared) / f64::from(found));
         let training = step.map_or(done.prepared, |step| 1.5 * step * f64::from(expected)).max(1.0);
-        // The reserve grows with the limit.
+        // The reserve is assumed to be the same fraction of a larger limit.
         let kept = (done.reserve / limit).clamp(0.0, 0.5);
         let enough = ((done.prepared + training) / (1.0 - kept)).max(limit).ceil() + 1.0;
         let Done { prepared, reserve, .. } = done;
@@ -135,7 +135,7 @@ mod tests {
     #[test]
     fn a_limit_in_seconds_is_the_commands_own_and_shares_go_on() {
         let budget = Budget { steps: None, seconds: Some(4.0) };
-        // Stopped after 4 of 8 seconds and taken up for 4: as in one run.
+        // A run with 4 seconds used and a new limit of 4 is as far as a run with 4 of 8 seconds used.
         let taken_up = budget.after(4.0);
         assert_eq!(taken_up.share(0, 4.0, 0.0), Budget { seconds: Some(8.0), ..budget }.share(0, 4.0, 0.0));
         assert_eq!((taken_up.share(0, 7.0, 1.0), taken_up.share(0, 8.0, 0.0)), (1.0, 1.0));
@@ -154,20 +154,21 @@ mod tests {
         {
             assert!(text.contains(part), "{part}: {text}");
         }
-        // As long for training as for reading, and a fifth for the end.
+        // Suggested limit: 6 s of reading, as many for training, and a fifth of the limit reserved for the end.
         assert!(text.contains("--max-seconds 16 or"), "{text}");
-        // 18 more steps of a second each, with half as much again.
+        // Suggested limit: 20 steps of a second each, times 1.5, with 6 s of reading and a fifth reserved.
         let slow = refused(Done { steps: 2, seconds: 8.0, ..done });
         assert!(slow.contains("--max-seconds 46 or"), "{slow}");
         for fine in [
             Done { steps: MIN_STEPS, ..done },
-            // Three more, of a run that has many.
+            // A resumed run that has enough steps, and did three more.
             Done { before: 30, steps: 33, ..done },
         ] {
             budget.check_steps(fine, MIN_STEPS).expect("enough");
         }
         assert!(refused(Done { before: 30, steps: 30, ..done }).contains("at least 1 steps"));
-        // Steps that were asked for, however few; and no limit.
+        // A run that reached its limit in steps is accepted however small the limit, and so is a run without a limit in
+        // seconds.
         let all = Budget { steps: Some(3), ..budget };
         all.check_steps(Done { steps: 3, ..done }, MIN_STEPS).expect("what was asked for");
         Budget { seconds: None, ..budget }.check_steps(done, MIN_STEPS).expect("no limit");

@@ -6,8 +6,9 @@ use crate::model::config::{Config, OptimiserConfig, Withholding};
 use crate::model::engine::Batch;
 use serde::{Deserialize, Serialize};
 
-/// Number of a run's first steps in which photographs are withheld; `SUMMED_FROM`: first step whose errors are summed.
+/// Number of steps at the start of a run in which photographs are withheld.
 const TRIAL: u32 = 1_500;
+/// First step whose errors are summed.
 const SUMMED_FROM: u32 = 1_000;
 /// Step from which a run that withheld photographs looks for moving objects: by then the field has also learned the
 /// photographs that were withheld at first.
@@ -16,8 +17,9 @@ pub const LEARNED_FROM: u32 = 2_000;
 const FEWEST_STEPS: u32 = 2 * TRIAL;
 /// Fraction of the run after which withholding ends even without a finding.
 const GIVEN_UP_AT: f64 = 0.5;
-/// Number of withheld photographs; `FEWEST`: least number of training photographs with which some are withheld.
+/// Number of withheld photographs.
 const COUNT: usize = 6;
+/// Least number of training photographs with which some are withheld.
 const FEWEST: usize = 24;
 /// PSNR gaps between withheld and other photographs, dB. Up to the first gap, the weight decay stays as configured;
 /// from the second on, it is multiplied by [`MOST`]. Captures whose PSNR falls with more decay have gaps of 0.8 to 2.9.
@@ -68,7 +70,7 @@ impl std::fmt::Display for WithheldFound {
 }
 
 impl Withheld {
-    /// State before the first step; `None` if the settings, or too few photographs, rule withholding out.
+    /// State before the first step; `None` if nothing is withheld, because of the settings or of too few photographs.
     pub fn of(views: &[View], config: &Config) -> Option<Self> {
         let fits = config.capture.withhold == Withholding::Auto
             && config.network.grid.is_some()
@@ -155,7 +157,8 @@ mod tests {
         let mut state = Withheld::of(&views, &config).expect("enough photographs");
         for view in 0..views.len() {
             let error = if state.has(view) { withheld } else { trained };
-            // Exposure, which is no matter of this, and an error of either sign around it.
+            // An offset of 0.1, as by another exposure, which must not count, and an error of alternating sign around
+            // it.
             let errors: Vec<(u32, [f32; 3])> =
                 (0..100).map(|ray| (ray, [0.1 + if ray % 2 == 0 { error } else { -error }; 3])).collect();
             let batch = Batch { views: vec![view as u32; 100], ..Batch::default() };
@@ -175,7 +178,7 @@ mod tests {
         assert!((apart.gap_db - 6.02).abs() < 0.01 && apart.weight_decay == 30.0 * given, "{apart:?}");
         let between = verdict(0.05, 0.0785);
         assert!(between.weight_decay > 2.0 * given && between.weight_decay < 20.0 * given, "{between:?}");
-        // Without an error in those trained on the gap is not known.
+        // The gap is unknown if the photographs trained on have no error.
         assert_eq!(verdict(0.0, 0.1).weight_decay, given);
     }
 

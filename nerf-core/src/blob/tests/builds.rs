@@ -1,4 +1,4 @@
-//! Blobs that need a feature which the build does not have.
+//! Tests of blobs that need a feature which the build lacks.
 
 use super::*;
 

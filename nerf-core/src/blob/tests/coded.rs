@@ -1,4 +1,4 @@
-//! Coded tables: contents and refusals.
+//! Tests of entropy-coded tables: values are read back as written, and invalid bytes are refused.
 
 use super::grid::{contents, learned, shape};
 use super::*;
@@ -46,13 +46,13 @@ fn small_values_take_fewer_bytes_and_zeros_next_to_none() {
     let grid = GridEncoding { log2_entries: 16, resolutions, ..learned() };
     let count = grid.values();
     assert_eq!(count, 1 << 16);
-    // Uniform over 16 values: four bits each, and what models cost that learn so.
+    // Values uniform over 16 numbers take four bits each, and at most 3 % more while the models adapt.
     let even: Vec<u8> = noise(count, 3).iter().map(|x| (8.0 * x).floor() as i8 as u8).collect();
     let bytes = encoded(&grid, &even).len();
     assert!((count / 2..count / 2 * 103 / 100).contains(&bytes), "{bytes}");
     let bytes = encoded(&grid, &vec![0; count]).len();
     assert!(bytes < count / 300, "{bytes}");
-    // The most that the documentation says a byte holds.
+    // One byte holds at most 6,100 values, as documented.
     assert!(count < 6100 * bytes);
 }
 
@@ -112,7 +112,7 @@ fn whatever_decodes_is_what_an_encoder_writes() {
         flipped[bit / 8] ^= 1 << (bit % 8);
         open(&flipped);
     }
-    // Any bytes, too: of six, one in 2^16 ends in the first state with none left.
+    // Pseudo-random streams of six bytes: about one in 2^16 decodes without an error.
     for seed in 0..1 << 20 {
         let any = u64::wrapping_mul(seed + 1, 0x9e37_79b9_7f4a_7c15);
         open(&any.to_be_bytes()[..6]);
@@ -141,7 +141,7 @@ fn coded_tables_are_opened_as_they_were_written_and_decoded_as_int8_has_them() {
     let int8 = Some(StoredTables::Int8 { scales: &scales, bytes: &values });
     let in_place = bytes(&Body { tables: int8, ..body(a.clone(), None, &weights) });
     assert_eq!(Blob::open(&in_place).unwrap().decoded_len(), 0);
-    // Scales are int8's, and a body with other bytes is not written.
+    // Errors of writing: scales for one of two levels, then coded bytes that end early.
     let tables = Some(StoredTables::Coded { scales: &scales[..4], bytes: &coded });
     let length = BlobError::Length { section: Section::TableScales, expected: 8, found: 4 };
     assert_eq!(refused(&Body { tables, ..body(a.clone(), None, &weights) }), length);
@@ -149,7 +149,7 @@ fn coded_tables_are_opened_as_they_were_written_and_decoded_as_int8_has_them() {
     assert!(matches!(refused(&Body { tables, ..body(a, None, &weights) }), BlobError::CodedEnd { .. }));
 }
 
-/// A stream of small values, and a file with it as its tables.
+/// Returns entropy-coded bytes of small values, and a file whose tables are these bytes.
 fn coded_file() -> (Vec<u8>, Vec<u8>) {
     let a = shape(learned());
     let (weights, _) = contents(&a);
@@ -179,7 +179,7 @@ fn a_damaged_stream_is_refused_by_whoever_decodes_it_and_few_bytes_ask_for_no_me
     }
     #[cfg(feature = "std")]
     assert_eq!(crate::Scene::from_bytes(file).unwrap_err(), expected);
-    // A few bytes for a grid of 2^24 values: refused before memory is allocated.
+    // A grid of 2^24 values with few coded bytes is refused before memory is allocated.
     let scales = 1f32.to_le_bytes();
     let resolutions = [[511, 511, 127]].into_iter().collect();
     let a = shape(GridEncoding { log2_entries: 24, features: 1, resolutions, ..learned() });

@@ -4,7 +4,7 @@ use super::*;
 use crate::math::MathBackend;
 use std::vec::Vec;
 
-/// A point of the tests' scene.
+/// A valid point for a Pareto front of the tests' scene.
 const POINT: FrontPoint = FrontPoint {
     samples: 32,
     transmittance_cut: 0.0,
@@ -30,14 +30,15 @@ fn longest() -> Vec<FrontPoint> {
     (0..MAX_FRONT as u16).map(point).collect()
 }
 
-/// The error of the tests' scene with these points as its Pareto front.
+/// Returns the error of writing the tests' scene with `points` as its Pareto front.
 fn refused_with(points: &[FrontPoint]) -> BlobError {
     let (weights, _) = halve(&parameters(&every_kind(), 1));
     let front = points.iter().copied().collect();
     refused(&Body { front, ..body(every_kind(), None, &weights) })
 }
 
-/// The fault of a Pareto front of one valid point and this one.
+/// Returns the fault of the second point of a Pareto front. The first point is valid; the second is valid until altered
+/// by `change`.
 fn fault(change: impl FnOnce(&mut FrontPoint)) -> FrontFault {
     let mut point = FrontPoint { loss_db: 0.1, cost: 0.5, ..POINT };
     change(&mut point);
@@ -59,7 +60,7 @@ fn a_front_round_trips_in_order() {
 
 #[test]
 fn a_seventeenth_point_is_no_body_of_this_format() {
-    // A point of one-byte numbers but for its four floats: 20 bytes, behind the absent occupancy grid.
+    // Each point takes 20 bytes: four f32, and four other fields of one byte.
     let (weights, _) = halve(&parameters(&every_kind(), 1));
     let points = longest();
     let with = |n: usize| {

@@ -1,4 +1,4 @@
-//! Blobs with a grid encoding: contents and refusals.
+//! Tests of blobs with a grid encoding: contents are read back as written, and invalid blobs are refused.
 
 use super::*;
 use crate::encoding::{
@@ -22,7 +22,7 @@ pub(super) fn shape(grid: GridEncoding) -> Architecture {
     }
 }
 
-/// Weights and tables of a shape whose grid is within the caps.
+/// Makes f16 weights and tables for an architecture with a valid grid encoding.
 pub(super) fn contents(a: &Architecture) -> (Vec<u8>, Vec<u8>) {
     let values = a.position.grid().unwrap().values();
     (halve(&parameters(a, 1)).0, halve(&noise(values, 2)).0)
@@ -32,7 +32,8 @@ fn f16(bytes: &[u8]) -> Option<StoredTables<'_>> {
     Some(StoredTables::F16(bytes))
 }
 
-/// The error of the scene after `change` of its grid. The shape is refused before the contents are checked.
+/// Returns the error of the scene with its grid altered by `change`. Weights and tables are empty, since the
+/// architecture is checked before them.
 fn grid_refused(change: impl FnOnce(&mut GridEncoding)) -> ArchitectureError {
     let mut grid = learned();
     change(&mut grid);
@@ -53,7 +54,7 @@ fn tables_are_opened_as_they_were_written_at_any_alignment() {
         let blob = Blob::open(&moved[shift..]).unwrap();
         assert_eq!((blob.architecture(), blob.tables(), blob.weights()), (&a, f16(&tables), &weights[..]));
     }
-    // Position: tag 1, 3 inputs, 2 features, 2^6 entries, two levels; direction: there, tag 1, degree 3.
+    // Position: tag 1, 3 inputs, 2 features, 2^6 entries, two levels. Direction: present, tag 1, degree 3.
     let expected = [1, 3, 2, 6, 2, 2, 3, 4, 9, 9, 9, 1, 1, 3];
     assert_eq!(written[HEADER_LEN..][..expected.len()], expected);
 }
@@ -109,7 +110,7 @@ fn a_grid_shaded_once_a_ray_may_do_without_a_trunk_and_nothing_else_may() {
     let (weights, tables) = contents(&a);
     let written = bytes(&Body { tables: f16(&tables), ..body(a.clone(), None, &weights) });
     assert_eq!(Blob::open(&written).unwrap().architecture(), &a);
-    // Density head and colour branch take the grid's four values.
+    // The density head and the colour branch take the grid's four values as inputs.
     assert_eq!((a.h_rows(), a.density_parameters()), (4, 5));
     let error = refused(&Body { tables: f16(&[]), ..body(bare(Shading::PerSample), None, &[]) });
     assert_eq!(error, BlobError::Architecture(E::NoTrunk));
@@ -138,7 +139,7 @@ fn tables_are_there_exactly_with_a_grid_and_of_its_length() {
             error
         );
     }
-    // int8 tables take half as many bytes.
+    // int8 tables take half as many bytes as f16 tables.
     let scales = [0, 0, 128, 63].repeat(2);
     for found in [0, tables.len() / 2 - 1, tables.len() / 2 + 1, tables.len()] {
         let int8 = Some(StoredTables::Int8 { scales: &scales, bytes: &tables[..found] });
@@ -152,7 +153,7 @@ fn tables_are_there_exactly_with_a_grid_and_of_its_length() {
 fn int8_tables_are_opened_as_they_were_written_at_any_alignment() {
     let a = shape(learned());
     let (weights, tables) = contents(&a);
-    // Any byte is a value; scales from the smallest that f32 has to the largest of which 128 are finite.
+    // The smallest and the largest valid scale: the smallest positive f32, and the largest f32 divided by 128.
     let scales: Vec<u8> =
         [1e-45, f32::MAX / 128.0].iter().flat_map(|scale: &f32| scale.to_le_bytes()).collect();
     let int8 = Some(StoredTables::Int8 { scales: &scales, bytes: &tables[..tables.len() / 2] });
@@ -162,7 +163,7 @@ fn int8_tables_are_opened_as_they_were_written_at_any_alignment() {
         moved.extend(&written);
         assert_eq!(Blob::open(&moved[shift..]).unwrap().tables(), int8);
     }
-    // Tables: there, int8, 8 bytes of scales; then as many bytes as there are values.
+    // Tables: present, tag 1 (int8), 8 bytes of scales; then the varint of 266, and 266 values of one byte.
     let end = &written[written.len() - 266 - 2 - 8 - 3..];
     assert_eq!((&end[..3], &end[3..11], &end[11..13]), (&[1, 1, 8][..], &scales[..], &[0x8a, 0x02][..]));
 }
@@ -193,7 +194,7 @@ fn scales_are_one_a_level_above_0_and_of_finite_values() {
 fn a_value_that_is_not_finite_is_named_by_level_and_index() {
     let a = shape(learned());
     let (weights, mut tables) = contents(&a);
-    // 60 dense entries, then 2^6 + 9 hashed ones.
+    // Level 0 has 60 dense entries of two values, level 1 has 2^6 + 9 hashed entries.
     for (at, level, index) in [(0, 0, 0), (119, 0, 119), (120, 1, 0), (265, 1, 145)] {
         let kept = [tables[2 * at], tables[2 * at + 1]];
         for bad in [[0x00, 0x7c], [0x00, 0xfc], [0x01, 0x7e]] {
@@ -211,7 +212,7 @@ fn a_list_of_33_levels_is_refused_by_its_section() {
     let a = shape(learned());
     let (weights, tables) = contents(&a);
     let mut file = bytes(&Body { tables: f16(&tables), ..body(a, None, &weights) });
-    // The list's length, followed by as many levels.
+    // Sets the length of the list of levels to 33, and adds 31 levels to the two present.
     file[HEADER_LEN + 4] = 33;
     file.splice(HEADER_LEN + 5..HEADER_LEN + 5, [1; 31 * 3]);
     let rest = file.split_off(HEADER_LEN);
@@ -232,7 +233,7 @@ fn an_older_file_is_told_how_to_be_made_anew() {
     assert!(error.to_string().contains("fit or import the scene again"), "{error}");
 }
 
-/// The second example of `docs/blob-format.md`; made there by another program.
+/// Bytes of the second example in `docs/blob-format.md`, a 2D field with f16 tables. Another program made these bytes.
 const RAMP: &str = "
     89 4e 45 52 46 0d 0a 1a 07 00 ff fe 00 00 00 00
     4b 00 00 00 00 00 00 00 eb ac e2 d6 00 00 00 00
@@ -243,7 +244,7 @@ const RAMP: &str = "
     01 00 08 00 00 00 3c 00 00 00 3c
 ";
 
-/// The third: the same picture, its vertices in int8.
+/// Bytes of the third example in `docs/blob-format.md`: the 2D field of [`RAMP`] with int8 tables.
 const RAMP_IN_INT8: &str = "
     89 4e 45 52 46 0d 0a 1a 07 00 ff fe 00 00 00 00
     4c 00 00 00 00 00 00 00 ca fd cc b0 00 00 00 00
@@ -254,7 +255,7 @@ const RAMP_IN_INT8: &str = "
     01 01 04 00 00 80 3f 04 00 01 00 01
 ";
 
-/// The fourth: the same values, coded.
+/// Bytes of the fourth example in `docs/blob-format.md`: the 2D field of [`RAMP`] with entropy-coded tables.
 #[cfg(feature = "coded")]
 const RAMP_CODED: &str = "
     89 4e 45 52 46 0d 0a 1a 07 00 ff fe 00 00 00 00

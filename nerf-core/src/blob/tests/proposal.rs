@@ -15,7 +15,7 @@ fn coarse(weights: &[u8]) -> Proposal<'_> {
     }
 }
 
-/// Weights of its trunk and density head, little-endian f16.
+/// Weights of the trunk and density head of the proposal network, little-endian f16.
 fn coarse_weights() -> Vec<u8> {
     let a = coarse(&[]).architecture();
     let (mut weights, _) = halve(&parameters(&a, 3));
@@ -32,7 +32,7 @@ fn refused_with(proposal: Proposal<'_>) -> BlobError {
 fn a_proposal_round_trips_without_colours() {
     let (weights, _) = halve(&parameters(&every_kind(), 1));
     let coarse_weights = coarse_weights();
-    // 36 encoded inputs: 36 x 8 + 8, then (8 + 36) x 12 + 12, then 12 + 1.
+    // Parameters with 36 encoded inputs: first layer 36 x 8 + 8, second (8 + 36) x 12 + 12, density head 12 + 1.
     assert_eq!(coarse_weights.len(), 2 * (296 + 540 + 13));
     let proposal = coarse(&coarse_weights);
     let bytes = bytes(&Body { proposal: Some(proposal.clone()), ..body(every_kind(), None, &weights) });
@@ -91,7 +91,7 @@ fn the_scene_box_is_in_the_domain_of_both_encodings() {
         let content = Content::Scene(SceneFacts { max: [reach; 3], ..SCENE });
         encoded_len(&Body { content, proposal: proposal.clone(), ..body(every_kind(), None, &weights) })
     };
-    // s = 1 at 6 levels: 2^5 x stays below 1e5. The scene's own encoding has no such limit.
+    // The proposal's encoding (scale 1, 6 levels) requires 2^5 x <= 1e5. The scene's own encoding has no such limit.
     assert!(reaching(3125.0).is_ok());
     let error = BlobError::EncodingDomain { found: 3126.0 * 32.0, limit: 1e5 };
     assert_eq!(reaching(3126.0), Err(error));

@@ -6,7 +6,7 @@ use crate::math::polynomial::{angle, sin_cos};
 use core::f32::consts::PI;
 use glam::{Vec2, Vec3};
 
-/// Number of equal intervals between 0 and π that are tried as brackets of an angle.
+/// Number of equal intervals into which 0 to π is divided to bracket an angle.
 const STEPS: u8 = 32;
 
 impl Lens {
@@ -32,9 +32,9 @@ impl Lens {
 
     /// The unit direction (right, down, forward) that is seen at the normalised image point `(xd, yd)`.
     ///
-    /// Newton's method inside a bracket finds the smallest angle to the axis that is seen as far from the principal
-    /// point as `(xd, yd)`. `None` if the lens folds at a smaller angle: the seen distance stops growing with the
-    /// angle. `None` also if all angles up to π are seen closer to the principal point.
+    /// Finds the smallest angle to the axis that is seen as far from the principal point as `(xd, yd)`, by Newton's
+    /// method inside a bracket. `None` if all angles up to π are seen closer to the principal point. `None` also if the
+    /// lens folds at a smaller angle: beyond a fold, the seen distance no longer grows with the angle.
     pub(super) fn fisheye_direction(&self, xd: f32, yd: f32) -> Option<Vec3> {
         let seen = Vec2::new(xd, yd).length();
         if seen == 0.0 {
@@ -68,7 +68,7 @@ impl Lens {
             }
             theta = next;
         }
-        // The lens may be so steep that no angle in f32 is seen at this distance.
+        // If the lens is very steep, no f32 angle is seen close enough to this distance.
         let off = (self.angle_seen(theta).0 - seen).abs();
         (off <= 1e-6 * seen.max(1.0)).then_some(theta)
     }

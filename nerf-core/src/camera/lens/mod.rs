@@ -43,10 +43,10 @@ pub struct Lens {
 /// Projection of a lens without distortion: how far from the principal point, in focal lengths, a direction is seen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Projection {
-    /// The distance is the tangent of the direction's angle to the axis, so that straight lines stay straight.
+    /// Distance from the principal point: tangent of the direction's angle to the axis. Straight lines stay straight.
     #[default]
     Perspective,
-    /// The distance is the direction's angle to the axis, radians, up to π.
+    /// Distance from the principal point: the direction's angle to the axis, radians, up to π.
     Fisheye,
 }
 

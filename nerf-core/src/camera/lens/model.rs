@@ -3,11 +3,11 @@
 use super::{Lens, Projection};
 use glam::{Vec2, Vec3};
 
-/// Largest slope of the distortion, and largest determinant of its Jacobian, at which the lens is taken to fold. Past a
-/// fold, one image point shows two directions.
+/// Limit at which the lens is taken to fold: the slope of the distortion, or the determinant of its Jacobian, is at
+/// most this. Past a fold, one image point shows two directions.
 pub(super) const FOLD: f32 = 1e-3;
-/// Largest minimum of the slope at which the lens is also taken to fold, since Newton's method may jump over such a
-/// minimum (measured: at slopes up to 0.01).
+/// Limit for a minimum of the slope: the lens is also taken to fold if the minimum is at most this. Newton's method may
+/// jump over such a minimum (measured: over minima up to 0.01).
 const TURN: f32 = 2e-2;
 
 impl Lens {
@@ -45,14 +45,14 @@ impl Lens {
     /// twice.
     ///
     /// # Domain
-    /// The finite points around the axis up to the fold. With only `k1 < 0` these points fill the circle of radius
-    /// `2/3 / √(−3 k1)`, to within a hundredth. With `k1, k2 >= 0` and no tangential part there is no fold, and 20
-    /// steps reach every ideal point that the lens shows at up to 10 times its distance from the axis. For other lenses
+    /// The finite points around the axis up to the fold. With only `k1 < 0`, these points fill, to within a hundredth,
+    /// a circle of radius `2/3 / √(−3 k1)`. With `k1, k2 >= 0` and no tangential part there is no fold: 20 steps
+    /// suffice if the lens moves the ideal point to at most 10 times its distance from the axis. For other lenses
     /// success cannot be predicted; [`Camera::new`](crate::camera::Camera::new) tries a grid of image points, unless
     /// the distortion is too weak to fail.
     ///
-    /// If one of `k3 k4 k5 k6` is not 0, a step that does not reduce the residual, or that passes the fold, is halved,
-    /// and 40 steps are tried. For a fisheye, the result is the direction of [`Lens::direction`] scaled to 1 forward;
+    /// If one of `k3 k4 k5 k6` is not 0, up to 40 steps are tried. A step is halved if it does not reduce the residual
+    /// or if it passes the fold. For a fisheye, the result is the direction of [`Lens::direction`] scaled to 1 forward;
     /// `None` if that direction does not point forward.
     #[inline(never)]
     pub fn undistort(&self, xd: f32, yd: f32) -> Option<(f32, f32)> {
@@ -75,7 +75,7 @@ impl Lens {
             if det.is_nan() || det <= FOLD {
                 return None;
             }
-            // Beyond the unit circle 1e-6 is finer than f32 resolves.
+            // Residuals are relative to the largest coordinate if it exceeds 1, where f32 does not resolve 1e-6.
             let scale = 1.0f32.max(x.abs()).max(y.abs()).max(xd.abs()).max(yd.abs());
             if ex.abs().max(ey.abs()) <= 1e-6 * scale {
                 return Some((x, y));
@@ -100,9 +100,9 @@ impl Lens {
         [self.k3, self.k4, self.k5, self.k6] != [0.0; 4]
     }
 
-    /// The ideal (undistorted) point that is seen at `(xd, yd)`, by Newton's method. A step is halved if it does not
-    /// reduce the residual or if it passes a fold: for lenses with `k3 k4 k5 k6`, with which full steps may diverge.
-    /// `None` if 40 steps do not find the point.
+    /// The ideal (undistorted) point that is seen at `(xd, yd)`, by damped Newton steps: a step is halved if it does
+    /// not reduce the residual or if it passes a fold. Lenses with `k3 k4 k5 k6` need this, since full steps may
+    /// diverge. `None` if 40 steps do not find the point.
     fn undistort_damped(&self, xd: f32, yd: f32) -> Option<(f32, f32)> {
         let seen = Vec2::new(xd, yd);
         let residual = |p: Vec2| Vec2::from(self.distort(p.x, p.y)) - seen;
@@ -112,7 +112,8 @@ impl Lens {
             self.denominator(p.length_squared()).0 > FOLD && a * d - b * c > FOLD
         };
         let mut p = seen;
-        // A point may be seen beyond the radius of the fold, and still have an ideal point before the fold.
+        // Moves the start towards the axis until it is before the fold. `seen` may be beyond the radius of the fold
+        // while its ideal point is before the fold.
         for _ in 0..12 {
             if sound(p) {
                 break;
@@ -208,23 +209,22 @@ impl Lens {
 
     /// Whether the distortion folds between the axis and the ideal point `(x, y)`.
     ///
-    /// If Newton's method starts beyond a fold, the solution also lies beyond the fold. A real lens shows another
-    /// direction there.
+    /// Newton's method that starts beyond a fold ends beyond the fold. A real lens shows another direction there.
     fn folds_before(&self, x: f32, y: f32) -> bool {
         let r2 = x * x + y * y;
         if self.is_rational() {
             return self.folds_on_the_way(x, y);
         }
-        // Then all slopes are at least 0.1, and all determinants at least 0.01.
+        // With a bend of at most 0.9, all slopes are at least 0.1 and all determinants at least 0.01: no fold.
         if self.bend(Vec2::new(x, y).length()) <= 0.9 {
             return false;
         }
-        // `distort(s x, s y)` is s + tilt/2 s² + second/3 s³ + fourth/5 s⁵, along (x, y) and in units of its length.
+        // Along (x, y), in units of its length, `distort(s x, s y)` is s + tilt/2 s² + second/3 s³ + fourth/5 s⁵.
         let (second, fourth) = (3.0 * self.k1 * r2, 5.0 * self.k2 * r2 * r2);
         let tilt = 6.0 * (self.p2 * x + self.p1 * y);
         let slope = |s: f32| 1.0 + s * (tilt + s * (second + s * s * fourth));
-        // Without the tilt the slope is least at s² = `turn`, which the steps below could miss, or at an end. A
-        // negative tilt lowers the slope, a positive tilt may raise it.
+        // Without the tilt, the slope is least at s² = `turn` or at an end of 0..1. The steps below could miss `turn`.
+        // A negative tilt lowers the slope; a positive tilt may raise it.
         let turn = -second / (2.0 * fourth);
         if tilt <= 0.0 && fourth > 0.0 && turn > 0.0 && turn < 1.0 && 1.0 + 0.5 * second * turn <= TURN {
             return true;

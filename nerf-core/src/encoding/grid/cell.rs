@@ -1,11 +1,11 @@
-//! The cell of a level that contains a sample: the table entries of its corners, and their weights.
+//! The grid cell that contains a sample, with the table entries and interpolation weights of its corners.
 
 use super::level::{HASH_Y, HASH_Z};
 use super::{GridLevel, GridTables};
 use crate::memory::tail;
 use crate::simd::{Indices, Lanes};
 
-/// Maps a vector of positions to 0..1 on each axis of the box.
+/// Maps positions, one per SIMD lane, to 0..1 on each axis of the box of `tables`.
 ///
 /// A coordinate outside of the box is moved to the nearest face. A NaN becomes 0.
 #[inline(always)]
@@ -27,11 +27,11 @@ pub(super) fn unit_positions<V: Lanes>(
 
 /// The cells of one level that contain a vector of samples, one sample per SIMD lane.
 pub(super) struct Cells<V: Lanes> {
-    /// Indices of the cell's smallest corner among the level's vertices along x, y and z.
+    /// Index of the cell along x: 0 at the smallest x of the box. `y` and `z` are the indices along y and z.
     x: V::Indices,
     y: V::Indices,
     z: V::Indices,
-    /// Position of the sample inside the cell, 0 to 1 on each axis: the weight of the cell's face at the larger
+    /// Position of the sample inside the cell, 0 to 1 on each axis: interpolation weight of the face at the larger
     /// coordinate.
     pub weights: [V; 3],
 }
@@ -48,9 +48,9 @@ impl<V: Lanes> Cells<V> {
         Self { x, y, z, weights: [wx, wy, wz] }
     }
 
-    /// Returns the table entry of each row of the cell's corners, where a row is two corners that differ only in x:
-    /// index of the entry of the corner at the smaller x, counted from [`GridLevel::first`]. The next entry belongs to
-    /// the corner at the larger x. Rows are at (y, z), (y + 1, z), and in 3D also at (y, z + 1), (y + 1, z + 1).
+    /// Returns the table entry of each row of corners, counted from [`GridLevel::first`]. A row is two corners that
+    /// differ only in x: the returned entry is at the smaller x, the next entry at the larger. Rows are at (y, z),
+    /// (y+1, z), and in 3D also at (y, z+1), (y+1, z+1).
     #[inline(always)]
     pub fn rows<const ROWS: usize>(&self, level: &GridLevel) -> [V::Indices; ROWS] {
         let number = V::Indices::splat;
@@ -79,8 +79,8 @@ impl<V: Lanes> Cells<V> {
         rows
     }
 
-    /// Returns the interpolation weight of each row (two corners that differ only in x): the factor of y, in 3D times
-    /// the factor of z. The factor of x is left out.
+    /// Returns the interpolation weight of each row (two corners that differ only in x). In 2D it is the weight along
+    /// y, in 3D the product of the weights along y and z. The weight along x is left out.
     #[inline(always)]
     pub fn row_weights<const ROWS: usize>(&self) -> [V; ROWS] {
         let [_, wy, wz] = self.weights;
@@ -94,7 +94,7 @@ impl<V: Lanes> Cells<V> {
         weights
     }
 
-    /// Derivative of each row's interpolation weight with respect to y, measured in cells.
+    /// Derivative of each row's interpolation weight with respect to y, per cell width.
     #[cfg(feature = "normals")]
     #[inline(always)]
     pub fn row_weights_by_y<const ROWS: usize>(&self) -> [V; ROWS] {
@@ -109,7 +109,7 @@ impl<V: Lanes> Cells<V> {
         weights
     }
 
-    /// Derivative of each row's interpolation weight with respect to z, measured in cells; only in three dimensions.
+    /// Derivative of each row's interpolation weight with respect to z, per cell width; valid only in three dimensions.
     #[cfg(feature = "normals")]
     #[inline(always)]
     pub fn row_weights_by_z<const ROWS: usize>(&self) -> [V; ROWS] {
@@ -124,7 +124,8 @@ impl<V: Lanes> Cells<V> {
     }
 }
 
-/// On one axis: index of the cell that contains `unit`, 0 to 1, and weight of the cell's face at the larger coordinate.
+/// For one axis, returns the index of the cell that contains `unit` (0 to 1), and the weight of the cell's face at the
+/// larger coordinate.
 #[inline(always)]
 fn locate<V: Lanes>(unit: V, cells: u32) -> (V::Indices, V) {
     let g = unit.mul(V::splat(cells as f32));

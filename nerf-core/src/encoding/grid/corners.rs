@@ -1,5 +1,5 @@
-//! The table entries that the encoding reads for a block of samples, and their weights: a trainer adds gradients to
-//! these entries.
+//! Table entries and interpolation weights that the grid encoding uses for a block of samples. A trainer adds gradients
+//! to these entries.
 
 use super::cell::{Cells, unit_positions};
 use super::{GridEncoding, GridLevel, GridTables};
@@ -15,7 +15,7 @@ use crate::simd::{Indices, Isa, Lanes, MAX_LANES, Op};
 /// gradients are added to that entry.
 #[derive(Debug)]
 pub struct GridCorners<'w> {
-    /// `[rows][stride]`: index of the row's table entry at the smaller x, among the entries of all levels.
+    /// `[rows][stride]`: index, counted over all levels, of the table entry at the row's smaller x.
     pub entry: &'w mut [u32],
     /// `[rows][stride]`: interpolation weight of the row, 0 to 1.
     pub weight: &'w mut [f32],

@@ -11,12 +11,11 @@ use crate::simd::{Isa, Lanes, Op, Table, VECTORS, Value};
 /// [`Isa::columns`], or any number with portable instructions. A position outside of the box is moved onto the box's
 /// surface. A NaN coordinate is replaced by the box's smallest coordinate on that axis.
 ///
-/// A sample's values do not depend on the other samples of its block. If tables hold the same values as f16, f32 or
-/// int8 with scales that are powers of two, the results are bit-identical. All instruction sets find the same cell for
-/// a sample.
+/// A sample's values do not depend on the other samples of its block. The same table values as f16, f32, or int8 with
+/// scales that are powers of two give bit-identical results. All instruction sets find the same cell for a sample.
 ///
 /// # Accuracy
-/// The difference from the same sum in f64 is at most `2^-24 (n (6 cells + 6) + 12)` times the largest entry of the
+/// The difference from the same sum in f64 is at most `2^-24 (n (6 cells + 6) + 12)` times the largest |entry| of the
 /// sample's cell, with n axes and `cells` cells along an axis. The bound covers rounding of the position and of the
 /// sum.
 ///
@@ -40,9 +39,9 @@ pub fn encode_grid_block(
     });
 }
 
-/// Encodes a block of samples as [`encode_grid_block`] does, in builds without vectors: one sample and one level at a
-/// time, since code size matters there more than speed. The number of features is a run-time value. A 2D sample also
-/// reads two rows of corners with weight 0, which leaves the result bit-identical.
+/// Encodes a block of samples as [`encode_grid_block`] does, in builds without vectors, where code size matters more
+/// than speed. Computes one sample and one level at a time, with a run-time number of features. A 2D sample also reads
+/// two rows of corners with weight 0, which leaves the result bit-identical.
 pub(super) fn encode_one_by_one(
     grid: &GridEncoding,
     tables: &GridTables<'_>,
@@ -113,7 +112,7 @@ impl<T: Value> Encode<'_, T> {
 
 /// Encodes the positions `units` at one level and writes the encoded values to `out` from column `first` on.
 ///
-/// In WebAssembly not inlined: in a larger function V8 recomputes the level's constants for each vector.
+/// Not inlined in WebAssembly: in a larger function V8 recomputes the level's constants for each vector.
 #[cfg_attr(target_arch = "wasm32", inline(never))]
 #[cfg_attr(not(target_arch = "wasm32"), inline(always))]
 fn encode_level<V: Lanes, T: Value, const ROWS: usize, const FEATURES: usize>(
@@ -123,7 +122,7 @@ fn encode_level<V: Lanes, T: Value, const ROWS: usize, const FEATURES: usize>(
     reads: &mut heapless::Vec<Read<V, ROWS>, AT_ONCE>,
     (first, stride, out): (usize, usize, &mut [f32]),
 ) {
-    // Two loops, since the values of each loop alone fit into the registers.
+    // Two loops, since the values of one loop fit into the registers, but those of a combined loop do not.
     reads.clear();
     for &unit in units {
         let _ = reads.push(Read::of(level, unit));
@@ -157,7 +156,7 @@ impl<V: Lanes, const ROWS: usize> Read<V, ROWS> {
         Self { rows: cells.rows(level), weights: cells.row_weights(), far: cells.weights[0] }
     }
 
-    /// Returns the level's encoded values, one vector for each of `features` features. The vectors after these are 0.
+    /// Returns the level's encoded values, one vector for each of `features` features. The remaining vectors are 0.
     #[inline(always)]
     fn interpolate<T: Value>(&self, table: Table<'_, T>, level: &GridLevel, features: usize) -> [V; 4] {
         let part = table.part(level.first * features, level.entries * features);

@@ -6,7 +6,7 @@ use crate::math::polynomial::exp;
 use crate::memory::{tail, tail_mut};
 use crate::simd::{Lanes, Op, Table, VECTORS, Value};
 
-/// The arguments of [`GridEncoding::gradient`], with slices of their exact lengths.
+/// Arguments of [`GridEncoding::gradient`], with each slice cut to its exact length.
 pub(super) struct Gradient<'a, T> {
     pub grid: &'a GridEncoding,
     pub tables: &'a GridTables<'a>,
@@ -24,8 +24,8 @@ impl<T: Value> Op for Gradient<'_, T> {
     #[inline(always)]
     fn run<V: Lanes>(self) {
         match (self.grid.inputs, self.grid.features) {
-            // Without vectors code size counts more than speed: the number of features is a run-time value, and two
-            // dimensions have two more rows of weight 0, which change no bit.
+            // Builds without vectors favour code size: the number of features is a run-time value, and a 2D sample also
+            // reads two rows of weight 0, which leaves the result bit-identical.
             _ if !VECTORS => self.gradient::<V, 4, 0>(),
             (2, 1) => self.gradient::<V, 2, 1>(),
             (2, 2) => self.gradient::<V, 2, 2>(),
@@ -80,8 +80,8 @@ impl<T: Value> Gradient<'_, T> {
     }
 }
 
-/// Weight of a level in a blurred gradient: `erf(c / (√8 blur))`, where `c` is the level's smallest cell width. 1
-/// without blur.
+/// Weight of a level in a gradient averaged over a Gaussian of deviation `blur`: `erf(c / (√8 blur))`, with the level's
+/// smallest cell width `c`. 1 without blur.
 #[inline]
 fn damping(level: &GridLevel, tables: &GridTables<'_>, inputs: usize, blur: f32) -> f32 {
     if blur <= 0.0 {

@@ -26,8 +26,8 @@ impl GridLevel {
     /// Index of the entry of vertex `(0, y, z)`, counted from [`GridLevel::first`]. The entry of `(x, y, z)` is `x`
     /// entries further.
     ///
-    /// Dense: `(z (ny + 1) + y) (nx + 1)`. Hashed: with `h = y · 2654435761 ⊕ z · 805459861` modulo 2^32,
-    /// `(h ⊕ h >> 15) & mask`.
+    /// Dense level of nx · ny · nz cells: `(z (ny + 1) + y) (nx + 1)`. Hashed level: `(h ⊕ h >> 15) & mask` with
+    /// `h = y · 2654435761 ⊕ z · 805459861` modulo 2^32.
     #[inline(always)]
     pub fn row(&self, y: u32, z: u32) -> u32 {
         match self.mask {
@@ -47,7 +47,7 @@ impl GridLevel {
 pub(super) fn entries(resolution: [u16; 3], log2_entries: u8) -> (u64, bool) {
     let vertices: u64 = resolution.iter().map(|&cells| u64::from(cells) + 1).product();
     let most = 1 << log2_entries.min(MAX_LOG2_ENTRIES);
-    // A row may begin at the last hashed entry, and then extends beyond that entry.
+    // A row of vertices may begin at the last hashed entry, and then extends beyond that entry.
     if vertices > most { (most + u64::from(resolution[0]), true) } else { (vertices, false) }
 }
 
@@ -72,7 +72,7 @@ impl Iterator for GridLevels<'_> {
     fn next(&mut self) -> Option<GridLevel> {
         let &resolution = self.grid.resolutions.get(self.index)?;
         let (entries, hashed) = entries(resolution, self.grid.log2_entries);
-        // Lossless for a grid that passes `check_grid`.
+        // The cast is lossless for a grid that passes `check_grid`.
         let entries = entries as usize;
         let mask = hashed.then(|| (1 << self.grid.log2_entries.min(MAX_LOG2_ENTRIES)) - 1);
         let level = GridLevel {

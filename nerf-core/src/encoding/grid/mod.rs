@@ -1,10 +1,11 @@
 //! Multiresolution grid: at each level, features at the vertices of a regular grid, interpolated linearly.
 //!
 //! ```text
-//! u = (x − min) / (max − min)      the box, to 0..1 on each axis
+//! u = (x − min) / (max − min)      maps the box to 0..1 on each axis
 //! per level: g = u · cells;  cell = min(⌊g⌋, cells − 1);  w = g − cell
-//!            rows of the cell's corners: (y, z), (y+1, z), (y, z+1), (y+1, z+1), each x and x + 1
-//!            a_0, a_1 = Σ_rows w_yz · entry(x, row), Σ_rows w_yz · entry(x + 1, row)
+//!            rows of corners: (y, z), (y+1, z), (y, z+1), (y+1, z+1), each at x and x + 1
+//!            w_yz: a row's weight along y times its weight along z
+//!            a_0 = Σ_rows w_yz · entry(x, row);  a_1 = Σ_rows w_yz · entry(x + 1, row)
 //!            out = a_0 + w_x (a_1 − a_0)
 //! ```
 
@@ -37,12 +38,13 @@ use serde::{Deserialize, Serialize};
 pub const MAX_GRID_LEVELS: usize = 32;
 /// Maximum number of cells of a level along one axis. Up to this number, interpolation weights have at least ten bits.
 pub const MAX_GRID_RESOLUTION: u16 = 16_384;
-/// Maximum binary logarithm of the number of entries of a hashed level.
+/// Maximum of [`GridEncoding::log2_entries`], the binary logarithm of the size of a hash table.
 pub const MAX_LOG2_ENTRIES: u8 = 24;
 /// Maximum number of values of all levels together. As f32 they take half a gibibyte, which a 32-bit host can address.
 pub const MAX_GRID_VALUES: u64 = 1 << 27;
 
-/// Evaluates `$body` with `$table`, a [`Table`](crate::simd::Table) of `$values`; compiled for each format of values.
+/// Evaluates `$body`, in which `$table` is a [`Table`](crate::simd::Table) of `$values`; compiled for each format of
+/// values.
 macro_rules! with_table {
     ($values:expr, $table:ident => $body:expr) => {
         match $values {
@@ -66,8 +68,8 @@ use with_table;
 /// A multiresolution grid of features. A level is dense if all its vertices fit into `2^log2_entries` entries; finer
 /// levels are hashed.
 ///
-/// Encoded values: level by level, `features` each. Values of the tables (`TableValues`): level by level, entry by
-/// entry, `features` each; [`GridEncoding::levels`] gives the range of entries of each level.
+/// Encoded values are ordered by level, then by feature; table values (`TableValues`) by level, by entry, then by
+/// feature. [`GridEncoding::levels`] gives the range of entries of each level.
 ///
 /// # Source
 /// Müller et al. 2022, "Instant Neural Graphics Primitives", section 3; levels that fit are dense, as in tiny-cuda-nn.
@@ -165,8 +167,8 @@ impl GridEncoding {
     /// The interpolation is differentiated inside the sample's cell. A face between two cells belongs to the cell with
     /// the larger index.
     ///
-    /// `blur`: standard deviation, world units, of a Gaussian around each sample over which the gradient is averaged: a
-    /// level with cells of width `c` is weighted by `erf(c / (√8 blur))`. With 0 nothing is averaged.
+    /// `blur`: standard deviation, world units, of a Gaussian around each sample. The gradient is averaged over this
+    /// Gaussian: a level with cells of width `c` is weighted by `erf(c / (√8 blur))`. With 0 nothing is averaged.
     ///
     /// # Source
     /// Barron et al. 2023 (Zip-NeRF), section 2: down-weighting of levels finer than the sample.
@@ -204,7 +206,7 @@ impl<'a> GridTables<'a> {
     /// The tables of a network without a grid.
     pub const NONE: Self = Self { values: TableValues::F32(&[]), min: [0.0; 3], sides: [1.0; 3] };
 
-    /// Tables of a grid that spans the scene box `bounds`, or 0..1 on each axis if `None`, as in a 2D field.
+    /// Tables of a grid that spans the scene box `bounds`; without `bounds`, as in a 2D field, 0..1 on each axis.
     pub fn new(values: TableValues<'a>, bounds: Option<&SceneBox>) -> Self {
         match bounds {
             Some(b) => Self { values, min: b.min.to_array(), sides: (b.max - b.min).to_array() },

@@ -17,7 +17,7 @@ fn grid(features: u8, log2_entries: u8, resolutions: &[[u16; 3]]) -> GridEncodin
     GridEncoding { inputs, features, log2_entries, resolutions: resolutions.iter().copied().collect() }
 }
 
-/// Dense, hashed and tiny levels, in both dimensions, of every number of features.
+/// Grids with dense, hashed and tiny levels, in 2D and 3D, with 1, 2 and 4 features.
 fn grids() -> Vec<GridEncoding> {
     let mut all = vec![
         grid(2, 0, &[[1, 1, 1]]),
@@ -35,7 +35,8 @@ fn grids() -> Vec<GridEncoding> {
     all
 }
 
-/// `values` in int8, `scale` of each level's number: bytes, scales, and what they are.
+/// Quantises `values`, in [−1, 1], to int8. `scale`: scale of the level with a given index. Returns the values' bytes,
+/// the scales' bytes, and the values that they encode.
 fn quantise(
     grid: &GridEncoding,
     values: &[f32],
@@ -60,7 +61,7 @@ fn bounds_of(grid: &GridEncoding, bounds: &SceneBox) -> Option<SceneBox> {
     (grid.inputs == 3).then_some(*bounds)
 }
 
-/// An encoded block, `[outputs][stride]`.
+/// Encodes the block of positions `x`: returns `[outputs][stride]`.
 fn encode(isa: Isa, grid: &GridEncoding, values: TableValues<'_>, bounds: &SceneBox, x: &[f32]) -> Vec<f32> {
     let stride = x.len() / usize::from(grid.inputs);
     let mut out = vec![f32::NAN; grid.outputs() * stride];
@@ -69,15 +70,15 @@ fn encode(isa: Isa, grid: &GridEncoding, values: TableValues<'_>, bounds: &Scene
     out
 }
 
-/// Position of a point along one axis, in cells.
+/// Position of a point along one axis of the box, 0 to `cells`.
 fn cells_along(bounds: &SceneBox, axis: usize, cells: u32, x: f32) -> f64 {
     let (min, max) = (bounds.min[axis], bounds.max[axis]);
-    // The sides are f32, as the kernels have them.
+    // The box's side is rounded to f32, as in the kernels.
     let u = (f64::from(x) - f64::from(min)) / f64::from(max - min);
     u.clamp(0.0, 1.0) * f64::from(cells)
 }
 
-/// The vertices around a point, index and weight in f64, from the specification.
+/// Index and f64 weight of each vertex of the cell around `x`, from the grid's definition.
 fn vertices(grid: &GridEncoding, level: usize, bounds: &SceneBox, x: &[f32]) -> Vec<(usize, f64)> {
     let cells = grid.resolutions[level].map(u32::from);
     let most = 1u64 << grid.log2_entries;
@@ -114,7 +115,7 @@ fn first_entry(grid: &GridEncoding, level: usize) -> usize {
     grid.resolutions[..level].iter().map(entries).sum()
 }
 
-/// The encoding in f64, and the error bounds of f32 from rounding the position and from rounding the sum.
+/// Encodes `x` in f64; each value with a bound of the f32 error from rounding the position and the sum.
 fn oracle(grid: &GridEncoding, values: &[f32], bounds: &SceneBox, x: &[f32]) -> Vec<(f64, f64)> {
     let (features, ulp) = (usize::from(grid.features), 2f64.powi(-24));
     let mut out = vec![];
@@ -132,7 +133,7 @@ fn oracle(grid: &GridEncoding, values: &[f32], bounds: &SceneBox, x: &[f32]) -> 
                 })
                 .sum();
             let size = least.abs().max(most.abs());
-            // Beyond the next face the differences are those of another cell.
+            // Rounding may move the position into the next cell, of another slope. Hence 2 · size, not most − least.
             let error = moved * 2.0 * size + 12.0 * ulp * size;
             out.push((around.iter().map(|&(e, w)| w * value(e)).sum(), error));
         }
@@ -140,7 +141,8 @@ fn oracle(grid: &GridEncoding, values: &[f32], bounds: &SceneBox, x: &[f32]) -> 
     out
 }
 
-/// Points on, next to and away from faces, edges and corners of every level; `[inputs][n]`, whole blocks.
+/// Points on, next to and away from faces, edges and corners of cells of the first four levels: `[inputs][n]`, `n` a
+/// multiple of 64.
 fn hard_points(grid: &GridEncoding, bounds: &SceneBox) -> Vec<f32> {
     let inputs = usize::from(grid.inputs);
     let mut points: Vec<Vec<f32>> = vec![];
@@ -207,7 +209,7 @@ fn every_isa_and_storage_is_the_oracle() {
         let noise = noise(grid.values(), 3);
         let (bytes, values) = halve(&noise);
         every_isa_is_the_oracle(&grid, TableValues::F16(&bytes), &values, true);
-        // Products with a power of two are exact, so that the bits are those of f32.
+        // Products with a power of two are exact: the result is bit-identical to f32 tables.
         let (bytes, scales, values) = quantise(&grid, &noise, |level| 2f32.powi(-4 - level as i32 % 5));
         every_isa_is_the_oracle(&grid, TableValues::Int8 { values: &bytes, scales: &scales }, &values, true);
         let (bytes, scales, values) = quantise(&grid, &noise, |level| 0.37 / (1 + level) as f32);
@@ -215,7 +217,8 @@ fn every_isa_and_storage_is_the_oracle() {
     }
 }
 
-/// Compares `stored` with the f64 oracle of `values` and, if `exact`, bit for bit with f32 tables.
+/// Compares the encoding by `stored`, on every instruction set, with the f64 oracle of `values`. If `exact`, compares
+/// also bit for bit with f32 tables.
 fn every_isa_is_the_oracle(grid: &GridEncoding, stored: TableValues<'_>, values: &[f32], exact: bool) {
     for bounds in boxes_of(grid) {
         let x = hard_points(grid, bounds);
@@ -242,7 +245,7 @@ fn every_isa_is_the_oracle(grid: &GridEncoding, stored: TableValues<'_>, values:
     }
 }
 
-/// Entries, weights and x's weights of a block at one level.
+/// `entry`, `weight` and `x` of the [`GridCorners`] of a block at one level; the weights as bit patterns.
 type Read = (Vec<u32>, Vec<u32>, Vec<u32>);
 
 fn corners(isa: Isa, grid: &GridEncoding, level: &GridLevel, bounds: &SceneBox, x: &[f32]) -> Read {
@@ -284,7 +287,7 @@ fn corners_are_the_same_with_every_kernel_in_range_and_those_of_the_oracle() {
                     if lane < 5 {
                         continue;
                     }
-                    // Next to a face rounding may choose the other cell.
+                    // Rounding may put a point next to a face into the neighbouring cell.
                     let point: Vec<f32> = x.iter().skip(lane).step_by(n).copied().collect();
                     let near_face = (0..point.len()).any(|axis| {
                         let g = cells_along(bounds, axis, level.cells[axis], point[axis]);
@@ -358,7 +361,7 @@ fn a_face_is_crossed_without_a_step() {
                     let found = encode(isa, &grid, TableValues::F16(&bytes), &UNIT, &x);
                     for channel in 2 * level..2 * level + 2 {
                         let [a, b, c, ..] = found[channel * 16..][..16] else { unreachable!() };
-                        // Two ulps of a position times the steepest slope, and rounding.
+                        // Bound: two ulps of the position times the steepest slope, plus the rounding of the sum.
                         let most = f32::from(n) * 2.0 * 3e-7 + 1e-6;
                         assert!((a - b).abs() <= most && (c - b).abs() <= most, "{isa:?}: {a} {b} {c}");
                     }
@@ -429,7 +432,7 @@ fn a_level_that_just_fits_is_dense_and_one_more_vertex_is_hashed() {
     assert_eq!((levels[1].mask, levels[1].entries, levels[1].first), (Some(63), 68, 64));
     assert_eq!((levels[2].mask, levels[2].entries, levels[2].first), (None, 64, 132));
     assert_eq!((grid.entries(), grid.values()), (196, 196));
-    // Written out by hand from the specification.
+    // The hash of a row, written a second time from its definition.
     let row = |y: u64, z: u64| {
         let h = ((y * 2_654_435_761) & 0xffff_ffff) ^ ((z * 805_459_861) & 0xffff_ffff);
         ((h ^ h >> 15) & 63) as u32
@@ -450,7 +453,7 @@ fn tables_that_are_too_short_are_read_within_what_is_there() {
             for isa in isas() {
                 let half = encode(isa, &grid, TableValues::F16(&bytes), &UNIT, &x);
                 let full = encode(isa, &grid, TableValues::F32(&values), &UNIT, &x);
-                // Scales of 1 for some levels.
+                // Scales of 1 as bytes. If `count` is odd, one scale is missing.
                 let scales = &[0, 0, 128, 63].repeat(grid.resolutions.len())[4 * (count % 2)..];
                 let ones = vec![1; values.len()];
                 let int8 = TableValues::Int8 { values: &ones, scales };
@@ -484,7 +487,7 @@ fn what_a_machine_without_vectors_runs_has_the_same_bits() {
 mod derivative {
     use super::*;
 
-    /// ∂(Σ of_encoded · encoded)/∂x of a block.
+    /// Gradient of `Σ of · encoded` with respect to the positions: `[inputs][stride]`.
     fn gradient(
         isa: Isa,
         grid: &GridEncoding,
@@ -530,8 +533,8 @@ mod derivative {
         }
     }
 
-    /// Derivative of one cell's interpolation in f64; `far` says for each axis whether a point on a face belongs to
-    /// the cell with the larger index.
+    /// Derivative of `Σ of · encoded` at `x` with respect to coordinate `axis`, in f64, inside the cell that contains
+    /// `x`.
     fn truth(
         grid: &GridEncoding,
         values: &[f32],
@@ -546,7 +549,7 @@ mod derivative {
             let first = first_entry(grid, level);
             let cells = u32::from(grid.resolutions[level][axis]);
             let scale = f64::from(cells) / f64::from(bounds.max[axis] - bounds.min[axis]);
-            // Corners come in pairs along the axis: their other weights are the same.
+            // Corners that differ only along `axis` have the same weights along the other axes.
             let g = cells_along(bounds, axis, cells, x[axis]);
             let w = g - g.floor().min(f64::from(cells - 1));
             for (corner, (entry, weight)) in vertices(grid, level, bounds, x).into_iter().enumerate() {
@@ -567,7 +570,7 @@ mod derivative {
         sum
     }
 
-    /// The product of a corner's weights along the axes but one.
+    /// Product of a corner's interpolation weights along all axes except `axis`.
     fn continue_weight(
         grid: &GridEncoding,
         level: usize,
@@ -595,7 +598,7 @@ mod derivative {
             let inputs = usize::from(grid.inputs);
             for bounds in boxes_of(&grid) {
                 let mut points: Vec<f32> = noise(inputs * 64, 12).iter().map(|x| 0.5 + 0.5 * x).collect();
-                // Corners of the box: the last cell's and the first one's derivative.
+                // Two opposite corners of the box, in the first and the last cell of each axis.
                 for axis in 0..inputs {
                     points[axis * 64] = 0.0;
                     points[axis * 64 + 1] = 1.0;
@@ -647,7 +650,7 @@ mod derivative {
                 for isa in isas() {
                     let [found, expected] = [stored, TableValues::F32(&values)]
                         .map(|values| gradient_of(isa, &grid, values, &BOXES[1], &x, &of, blur));
-                    // Sums of up to 32 levels in another order of rounding.
+                    // The sums over up to 32 levels are rounded in different orders.
                     let largest = expected.iter().fold(0.0f32, |most, g| most.max(g.abs()));
                     let worst =
                         found.iter().zip(&expected).fold(0.0f32, |most, (a, b)| most.worse((a - b).abs()));
@@ -692,7 +695,7 @@ mod derivative {
 
     #[test]
     fn on_a_face_the_gradient_is_that_of_the_cell_further_on() {
-        // Along x the field is 0, 1, 0, 1, 0: slopes of 4 and -4 times 4 cells.
+        // Along x the vertices hold 0, 1, 0, 1, 0. Cells have width ¼, so that the slopes are 4 and −4.
         let grid = grid(1, 12, &[[4, 1, 1]]);
         let values: Vec<f32> = (0..grid.values()).map(|i| if i % 5 % 2 == 1 { 1.0 } else { 0.0 }).collect();
         let (bytes, _) = halve(&values);
@@ -719,7 +722,7 @@ mod derivative {
         let of = |coarse: f32, fine: f32| [[coarse; 16], [fine; 16]].concat();
         for isa in isas() {
             let by = |of: &[f32], blur| gradient(isa, &grid, &bytes, &UNIT, &x, of, blur);
-            // A cell of 1/12 and a deviation as wide: erf(1/√8) = 0.38292; one of 1: erf(12/√8) = 1.
+            // Blur of 1/12. Fine cells are as wide: erf(1/√8) = 0.38292. Coarse cells have width 1: erf(12/√8) = 1.
             for (of, factor) in [(of(0.0, 1.0), 0.382_925), (of(1.0, 0.0), 1.0)] {
                 let (sharp, blurred) = (by(&of, 0.0), by(&of, 1.0 / 12.0));
                 for (a, b) in sharp.iter().zip(&blurred) {

@@ -14,9 +14,9 @@ use core::f32::consts::PI;
 /// `d sin(2^k s x)/dx = 2^k s cos(2^k s x)` and `d cos(2^k s x)/dx = −2^k s sin(2^k s x)`: sines and cosines are
 /// among the encoded values, so that no angle is computed again.
 ///
-/// `blur`: standard deviation, world units, of a Gaussian around each sample over which the gradient is averaged. With
-/// f taken as linear in the encoded values, averaging multiplies level `k` by `exp(−½ (2^k s blur)²)`. With 0 nothing
-/// is averaged.
+/// `blur`: standard deviation, world units, of a Gaussian around each sample. The gradient is averaged over this
+/// Gaussian, as if `f` were linear in the encoded values: level `k` is multiplied by `exp(−½ (2^k s blur)²)`. With 0
+/// nothing is averaged.
 ///
 /// # Source
 /// Barron et al. 2021 (mip-NeRF), eq. 13: the encoding's mean over a Gaussian.

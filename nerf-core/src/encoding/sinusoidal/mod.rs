@@ -38,11 +38,11 @@ pub enum AngleScale {
 pub struct SinusoidalEncoding {
     /// Number of inputs: 3 for a position or a direction, 2 for a point of an image.
     pub inputs: u8,
-    /// Number of levels, `k` in `0..levels`, at most [`MAX_LEVELS`].
+    /// Number of levels, at most [`MAX_LEVELS`]; level `k` has the frequency `2^k`.
     pub levels: u8,
-    /// The factor `s`.
+    /// The factor `s` in `sin(2^k s x)`.
     pub scale: AngleScale,
-    /// Whether the inputs themselves come first among the outputs.
+    /// Whether the outputs begin with the inputs themselves, in front of the sines and cosines.
     pub identity: bool,
 }
 
@@ -61,8 +61,8 @@ impl SinusoidalEncoding {
 
 /// Encodes a block of samples.
 ///
-/// `x`: `[inputs][stride]`, `out`: `[outputs][stride]`, with `stride` samples in each channel, a multiple of
-/// [`Isa::columns`] or any number with portable instructions.
+/// `x`: `[inputs][stride]`; `out`: `[outputs][stride]`. `stride`, the number of samples, is a multiple of
+/// [`Isa::columns`], or any number with portable instructions.
 ///
 /// # Accuracy
 /// Absolute error of at most 1.2e-7 at every level with [`MathBackend::Polynomial`]: `2^k x` is exact and is reduced

@@ -33,7 +33,7 @@ fn hard(limit: f32) -> Vec<f32> {
     all
 }
 
-/// `(sin, cos)` of `2^k s x` in f64, reduced exactly for `s = π`.
+/// Sine and cosine of `2^level s x` in f64. With `s = π`, the angle is reduced exactly.
 fn truth(scale: AngleScale, level: i32, x: f32) -> (f64, f64) {
     let u = f64::from(x) * 2f64.powi(level);
     let angle = match scale {
@@ -43,7 +43,7 @@ fn truth(scale: AngleScale, level: i32, x: f32) -> (f64, f64) {
     (angle.sin(), angle.cos())
 }
 
-/// Worst error over `points`; also checks the order of outputs and the identity.
+/// Largest error of the encoding over `points`. Also checks the order of the outputs, and that the identity is a copy.
 fn worst(isa: Isa, math: MathBackend, encoding: SinusoidalEncoding, points: &[f32]) -> f64 {
     let (inputs, stride) = (usize::from(encoding.inputs), 64);
     let mut worst = 0.0f64;
@@ -121,7 +121,7 @@ fn other_backends_err_by_their_rows() {
 #[test]
 fn exact_multiples_give_exact_values() {
     let encoding = SinusoidalEncoding { inputs: 3, levels: 4, scale: AngleScale::Pi, identity: false };
-    // x = 0, ½, 1 at level 0: quarter turns.
+    // At level 0, x = 0, ½ and 1 give the angles 0, π/2 and π.
     let (x, mut out) = ([-0.0, 0.5, 1.0], [f32::NAN; 24]);
     encode_block(Isa::Portable, MathBackend::Polynomial, &encoding, 1, &x, &mut out);
     assert_eq!(out[..6], [0.0, 1.0, 0.0, 1.0, 0.0, -1.0]);

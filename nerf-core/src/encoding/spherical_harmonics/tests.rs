@@ -9,7 +9,7 @@ fn isas() -> impl Iterator<Item = Isa> {
     Isa::ALL.into_iter().filter(|isa| isa.available())
 }
 
-/// `[3][n]` directions: axes, diagonals, noise.
+/// `n` unit directions, `[3][n]`: the axes, the diagonals, then random directions.
 fn dirs(n: usize) -> Vec<f32> {
     let mut rows = noise(3 * n, 9);
     for i in 0..n {
@@ -27,7 +27,7 @@ fn dirs(n: usize) -> Vec<f32> {
 /// `Y_l^m` by associated Legendre functions and angles, in f64: an independent computation.
 fn truth(l: i32, m: i32, [x, y, z]: [f64; 3]) -> f64 {
     let (order, radius) = (m.abs(), (x * x + y * y).sqrt());
-    // P_m^m with the Condon–Shortley phase, then up in l.
+    // Recurrence over l. It starts at P_m^m, with the Condon–Shortley phase.
     let mut p = vec![0.0; l as usize + 1];
     for l in order..=l {
         p[l as usize] = if l == order {
@@ -75,7 +75,7 @@ fn every_band_is_its_legendre_function_with_every_kernel() {
 
 #[test]
 fn harmonics_are_orthonormal_over_the_sphere() {
-    // Midpoints in z and angle: exact enough for polynomials of degree 6.
+    // Midpoint rule in z and angle, accurate enough for products of harmonics (degree 6).
     let (rows, columns) = (128, 32);
     let n = rows * columns;
     let mut x = vec![0.0; 3 * n];

@@ -1,4 +1,4 @@
-//! The gradient against an f64 oracle that bounds the error of f32, and the oracle against differences.
+//! Compares the gradient with an f64 oracle that bounds the error of f32, and the oracle with finite differences.
 
 extern crate std;
 
@@ -13,8 +13,8 @@ use std::vec::Vec;
 
 const STRIDE: usize = 64;
 
-/// Rounding of one kernel: units in the last place of sums, of weights and of activations, and the largest
-/// error of a sine.
+/// Rounding of one kernel: relative errors of an operation in a sum, a weight and an activation, and absolute error of
+/// a sine.
 #[derive(Clone, Copy)]
 struct Rounding {
     sums: f64,
@@ -30,11 +30,11 @@ impl Rounding {
         if kernel.rounds() { Self { weights: bf16, activations: bf16, ..f32s } } else { f32s }
     }
 
-    /// Error of f64 itself.
+    /// Rounding of the oracle's own f64 arithmetic.
     const F64: Self = Self { sums: 1.2e-16, weights: 0.0, activations: 0.0, trigonometry: 2.5e-16 };
 }
 
-/// A value with an error bound of the rounded computation.
+/// An exact value, and a bound of its error in the kernel's rounded arithmetic.
 #[derive(Clone, Copy, Default)]
 struct Bounded {
     value: f64,
@@ -42,7 +42,7 @@ struct Bounded {
 }
 
 impl Bounded {
-    /// Largest magnitude of the rounded value.
+    /// Largest magnitude that the rounded value can have.
     fn reach(self) -> f64 {
         self.value.abs() + self.error
     }
@@ -52,11 +52,11 @@ impl Bounded {
 struct Oracle {
     raw: Bounded,
     gradient: [Bounded; 3],
-    /// Largest size of ∂³raw/∂x³ while no unit switches.
+    /// Bound of |∂³raw/∂x³| along each axis while no ReLU switches.
     third: [f64; 3],
-    /// Which units are on.
+    /// Whether each ReLU of the trunk is on, layer by layer.
     on: Vec<bool>,
-    /// Whether rounding may switch a unit.
+    /// Whether rounding may switch a ReLU on or off.
     ambiguous: bool,
 }
 
@@ -64,7 +64,7 @@ fn scale_of(e: &SinusoidalEncoding) -> f64 {
     if e.scale == AngleScale::Pi { core::f64::consts::PI } else { 1.0 }
 }
 
-/// `(sin, cos)` of `2^k s x`; the angle is reduced before π enters.
+/// Sine and cosine of `2^level s x`. With `s = π`, `2^level x` is reduced modulo 2 before it is multiplied by π.
 fn sin_cos(e: &SinusoidalEncoding, level: usize, x: f64) -> (f64, f64) {
     let u = 2f64.powi(level as i32) * x;
     match e.scale {
@@ -74,10 +74,10 @@ fn sin_cos(e: &SinusoidalEncoding, level: usize, x: f64) -> (f64, f64) {
 }
 
 fn oracle(a: &Architecture, p: &[f32], x: [f64; 3], r: Rounding) -> Oracle {
-    // γ of a sum of `n` products and its start.
+    // Higham's γ, the relative error bound of a sum of `n` products and an initial value.
     let gamma = |n: usize| (n + 2) as f64 * r.sums / (1.0 - (n + 2) as f64 * r.sums);
     let weight = |i: usize| Bounded { value: f64::from(p[i]), error: r.weights * f64::from(p[i]).abs() };
-    // Σ w x, in any order.
+    // `bias + Σ w x`, with an error bound that holds for any order of summation.
     let dot = |terms: &mut dyn Iterator<Item = (Bounded, Bounded)>, bias: f64| {
         let (mut sum, mut size, mut n) = (Bounded { value: bias, error: 0.0 }, bias.abs(), 0);
         for (w, x) in terms {
@@ -137,7 +137,7 @@ fn oracle(a: &Architecture, p: &[f32], x: [f64; 3], r: Rounding) -> Oracle {
         let encoded_from = if index == 0 { 0 } else { layer.main };
         for (i, sum) in of_encoded.iter_mut().enumerate().take(layer.inputs() - encoded_from) {
             let part = of_input(encoded_from + i);
-            // As if the parts were one sum.
+            // Bounds the error as if the two parts were one sum.
             let error = sum.error + part.error + gamma(layer.outputs) * (sum.reach() + part.reach());
             *sum = Bounded { value: sum.value + part.value, error };
         }
@@ -166,7 +166,7 @@ fn oracle(a: &Architecture, p: &[f32], x: [f64; 3], r: Rounding) -> Oracle {
     Oracle { raw, gradient, third, on, ambiguous }
 }
 
-/// Skips, softplus, both scales, with and without identity, few and many levels.
+/// Architectures with skips, softplus, `s = 1` and `s = π`, with and without identity, few and many levels.
 fn architectures() -> Vec<(&'static str, Architecture)> {
     let softplus = Architecture { density: Some(DensityActivation::ShiftedSoftplus), ..every_kind() };
     let bare = |scale, levels| SinusoidalEncoding { inputs: 3, levels, scale, identity: false };
@@ -183,7 +183,7 @@ fn architectures() -> Vec<(&'static str, Architecture)> {
             architecture(named(AngleScale::One, 10), None, &[(40, false), (24, true)], &[]),
         ),
         ("s = π, ten levels, no identity", architecture(bare(AngleScale::Pi, 10), None, &skips, &[])),
-        // In deeper or wider networks the worst case of rounding might switch every unit.
+        // Smaller, since the bound might let every ReLU of a deeper or wider network switch.
         ("the seed's shape, smaller", {
             let trunk: Vec<_> = (0..5).map(|i| (24, i == 3)).collect();
             architecture(pi(3, 10), Some(pi(3, 4)), &trunk, &[32])
@@ -191,12 +191,12 @@ fn architectures() -> Vec<(&'static str, Architecture)> {
     ]
 }
 
-/// The gradients of a block: `[3][stride]`.
+/// Computes the gradients of a block, without blur: `[3][stride]`.
 fn gradients(network: &Network<'_>, math: MathBackend, stride: usize, positions: &[f32]) -> Vec<f32> {
     blurred(network, math, stride, positions, 0.0)
 }
 
-/// The gradients of a block with a blur: `[3][stride]`.
+/// Computes the gradients of a block, averaged over a Gaussian of deviation `blur`: `[3][stride]`.
 fn blurred(
     network: &Network<'_>,
     math: MathBackend,
@@ -216,7 +216,7 @@ fn blurred(
     gradient
 }
 
-/// Gradients by a kernel.
+/// Computes the gradients of a block of `STRIDE` samples with `kernel`: `[3][STRIDE]`.
 fn gradients_of(kernel: Kernel, a: &Architecture, bytes: &[u8], positions: &[f32]) -> Vec<f32> {
     let mut memory = vec![0.0; a.parameters()];
     let weights = Weights::prepare(a, kernel.storage, bytes, &mut memory);
@@ -238,7 +238,7 @@ fn gradients_are_the_oracle_s_with_every_kernel() {
             let (mut checked, mut worst, mut size) = (0, 0.0f64, 0.0f64);
             for i in 0..STRIDE {
                 let o = oracle(&a, &parameters, point(&positions, i), Rounding::of(kernel));
-                // Rounding may switch a unit there: the gradient jumps, and either side is right.
+                // Rounding may switch a ReLU at this point: the gradient jumps there, and either side is right.
                 if o.ambiguous {
                     continue;
                 }
@@ -256,13 +256,13 @@ fn gradients_are_the_oracle_s_with_every_kernel() {
             }
         }
     }
-    // With 8 bits rounding may switch nearly all units of a deep network: only shallow ones are compared.
+    // Rounding to bf16 may switch nearly all ReLUs of a deep network: only shallow ones are compared.
     assert!(of_rounding > STRIDE || Kernel::all().all(|kernel| !kernel.rounds()), "{of_rounding}");
 }
 
 #[test]
 fn the_oracle_s_gradient_is_the_limit_of_differences() {
-    // A power of two, so that points next to an f32 are exact.
+    // A power of two, so that `x ± h` is exact in f64.
     let h = 2f64.powi(-26);
     for (name, a) in architectures() {
         let (_, parameters) = halve(&parameters(&a, 3));
@@ -284,7 +284,7 @@ fn the_oracle_s_gradient_is_the_limit_of_differences() {
                 checked += 1;
                 let difference = (after.raw.value - before.raw.value) / (2.0 * h);
                 let rounding = (after.raw.error + before.raw.error) / (2.0 * h);
-                // Taylor's remainder of the central difference.
+                // The term in h² is the remainder of the central difference.
                 let bound = rounding + h * h / 6.0 * middle.third[axis] + middle.gradient[axis].error;
                 let off = (difference - middle.gradient[axis].value).abs();
                 assert!(off <= bound, "{name}: {off:e} > {bound:e}");
@@ -333,7 +333,7 @@ fn every_backend_s_gradient_is_about_the_same() {
     let positions = noise(3 * STRIDE, 19);
     let exact = gradients(&network, MathBackend::Polynomial, STRIDE, &positions);
     let size = exact.iter().fold(0.0f32, |size, x| size.max(x.abs()));
-    // A sine's error in its own size, micromath's of some parts in a thousand.
+    // Limits relative to the largest gradient; sines of micromath err by some parts in a thousand.
     let rows = [
         #[cfg(feature = "libm")]
         (MathBackend::Libm, 1e-5),
@@ -343,20 +343,20 @@ fn every_backend_s_gradient_is_about_the_same() {
     ];
     for (math, limit) in rows {
         let found = gradients(&network, math, STRIDE, &positions);
-        // Units that are nearly off may switch: all but a few are compared.
+        // A ReLU close to 0 may switch, so that a few gradients may exceed the limit.
         let off = found.iter().zip(&exact).filter(|(a, b)| (*a - *b).abs() > limit * size).count();
         assert!(off <= 6, "{math:?}: {off}");
     }
 }
 
-/// Density `raw = relu(slope · x + 8)`: linear in the box, exact in f16 and in bf16.
+/// A network with raw density `relu(slope · x + 8)`: linear in the box, exact in f16 and in bf16.
 fn linear(slope: [f32; 3]) -> (Architecture, Vec<f32>) {
     let a = architecture(pi(3, 0), None, &[(2, false), (1, false)], &[]);
     let mut all = vec![0.0; a.parameters()];
     let layers = a.layers();
     all[layers[0].weights..][..3].copy_from_slice(&slope);
     all[layers[0].bias] = 8.0;
-    // The second unit is off everywhere, and would add a slope of its own.
+    // The second unit is off everywhere; without the ReLU's mask it would add a slope.
     all[layers[0].weights + 3..][..3].copy_from_slice(&[1.0, 1.0, 1.0]);
     all[layers[0].bias + 1] = -4.0;
     all[layers[1].weights..][..2].copy_from_slice(&[1.0, 1.0]);
@@ -377,13 +377,13 @@ fn the_gradient_of_a_linear_density_is_exact() {
     }
 }
 
-/// raw = Σ_c w_c PE_c(x), all units on: linear in the encoding.
+/// A network whose raw density is linear in the encoding, `bias + Σ_c w_c PE_c(x)`: all ReLUs are on.
 fn linear_in_the_encoding(encoding: SinusoidalEncoding) -> (Architecture, Vec<f32>) {
     let a = architecture(encoding, None, &[(1, false)], &[]);
     let mut all = vec![0.0; a.parameters()];
     let layers = a.layers();
     all[..encoding.outputs()].copy_from_slice(&noise(encoding.outputs(), 37));
-    // More than the encoded values can take away.
+    // Larger than the weighted sum can be, so that the ReLU is always on.
     all[layers[0].bias] = encoding.outputs() as f32 + 8.0;
     all[layers[1].weights] = 1.0;
     (a, all)
@@ -404,7 +404,7 @@ fn a_blurred_gradient_is_the_gradient_s_mean_over_a_gaussian() {
             }
             for i in (0..STRIDE).step_by(7) {
                 for axis in 0..3 {
-                    // 40,001 points over ±8 deviations: far finer than the finest ripple.
+                    // Mean over 40,001 points within ±8 deviations, much denser than the shortest wavelength.
                     let (mut mean, mut mass, mut size) = (0.0, 0.0, 0.0f64);
                     for step in -20_000i32..=20_000 {
                         let off = 8.0 * f64::from(step) / 20_000.0;
@@ -424,7 +424,7 @@ fn a_blurred_gradient_is_the_gradient_s_mean_over_a_gaussian() {
                         mass += weight;
                     }
                     let off = (f64::from(found[axis * STRIDE + i]) - mean / mass).abs();
-                    // Sines to 1.2e-7, damping to 4e-7 and a dozen roundings, of the finest level's size.
+                    // Sines err by 1.2e-7, damping by 4e-7, plus a dozen roundings, relative to the finest level.
                     assert!(off <= 2e-6 * size, "{blur}: {off:e} of {size:e}");
                 }
             }
@@ -443,11 +443,11 @@ fn a_2d_field_has_no_gradient_of_a_density() {
 
 #[test]
 fn the_work_is_the_trunk_twice() {
-    // The seed's network: its trunk without the density head's 256.
+    // The original NeRF's network. The gradient excludes the 256 multiply-adds of the density head.
     let trunk: Vec<_> = (0..8).map(|i| (256, i == 4)).collect();
     let seed = architecture(pi(3, 10), Some(pi(3, 4)), &trunk, &[128]);
     assert_eq!(seed.gradient_macs(), 2 * (seed.density_macs() - 256));
-    // A bit for each of its 2,048 units.
+    // One sign bit for each of the trunk's 2,048 ReLUs.
     let bytes = vec![0; 2 * seed.parameters()];
     let network = Network::new(&seed, Weights::InPlace(&bytes), Isa::Portable).unwrap();
     assert_eq!(network.sign_words(1) * size_of::<u16>(), 256);

@@ -18,12 +18,12 @@ mod tests;
 use crate::errors::errors;
 use crate::names::names;
 
-/// The effects of a frame.
+/// Optional effects of a frame; [`Effects::NONE`] has none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Effects {
     /// Random positions of samples in their bins; `None` places each sample in the middle of its bin.
     pub jitter: Option<Jitter>,
-    /// Rays a pixel, 1 to [`Effects::MAX_RAYS`]; 1 is one ray through its centre.
+    /// Number of rays a pixel, 1 to [`Effects::MAX_RAYS`]. With 1, the ray passes through the pixel's centre.
     pub anti_aliasing: u16,
     /// A lens with an aperture; `None` for a pinhole.
     pub depth_of_field: Option<ThinLens>,

@@ -3,7 +3,7 @@ extern crate std;
 use super::*;
 use std::string::ToString;
 
-/// One request for each effect, with the feature that brings it and whether this build has it.
+/// For each effect: its feature, whether this build has the feature, and effects that need it.
 fn each() -> [(&'static str, bool, Effects); 6] {
     let lens = ThinLens { aperture_radius: 0.1, focus_distance: 4.0 };
     let tone = |tone| Effects { tone, ..Effects::NONE };
@@ -62,7 +62,7 @@ fn settings_out_of_range_are_refused_by_name() {
 
 #[test]
 fn a_lens_without_aperture_is_a_pinhole_in_every_build() {
-    // Its focus does not matter, not even as a number.
+    // Without an aperture any focus distance is valid, even NaN.
     for focus_distance in [1.0, 0.0, f32::NAN] {
         let pinhole = Some(ThinLens { aperture_radius: 0.0, focus_distance });
         let effects = Effects { depth_of_field: pinhole, ..Effects::NONE };

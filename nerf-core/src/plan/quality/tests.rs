@@ -6,7 +6,7 @@ use crate::plan::{Batch, Outputs, Plan};
 use crate::testing::{SCENE, body, bytes, every_kind, halve, parameters};
 use std::vec::Vec;
 
-/// A scene whose front has these losses and costs; the samples say which point it is.
+/// A blob whose Pareto front has these points (loss, cost). The samples, 40 − `i`, identify point `i`.
 fn scene(points: &[(f32, f32)]) -> Vec<u8> {
     let (weights, _) = halve(&parameters(&every_kind(), 1));
     let point = |(i, &(loss_db, cost))| FrontPoint {
@@ -23,7 +23,7 @@ fn scene(points: &[(f32, f32)]) -> Vec<u8> {
     bytes(&Body { front, ..body(every_kind(), None, &weights) })
 }
 
-/// Which point it is, and whether it is within.
+/// Index of the chosen point on the front, and [`Choice::within`].
 fn which(choice: Option<Choice>) -> Option<(u16, bool)> {
     choice.map(|choice| (40 - choice.quality.samples, choice.within))
 }
@@ -60,7 +60,7 @@ fn a_limit_of_cost_gives_the_best_point_within_it() {
     for (ratio, expected) in [
         (f32::INFINITY, (0, true)),
         (1.2, (0, true)),
-        // Two that lose the same: the cheaper.
+        // Two points have the same loss; the cheaper is chosen.
         (1.0, (2, true)),
         (0.55, (2, true)),
         (0.3, (3, true)),
@@ -79,7 +79,7 @@ fn presets_lose_no_more_than_they_say() {
     let blob = Blob::open(&bytes).unwrap();
     let samples = Preset::ALL.map(|preset| Quality::preset(&blob, preset).samples);
     assert_eq!(samples, [40, 38, 38, 37, 37]);
-    // A front that begins at 0.05 dB has nothing for the two best: they are the exact rendering.
+    // No point meets the limits of `Exact` and `High`: these presets become the exact rendering.
     let bytes = scene(&[(0.05, 0.8), (0.5, 0.2)]);
     let blob = Blob::open(&bytes).unwrap();
     for preset in [Preset::Exact, Preset::High] {
@@ -103,7 +103,7 @@ fn without_a_front_there_is_no_choice_and_presets_are_rules_of_thumb() {
         [Preset::Balanced, Preset::Fast, Preset::Preview].map(|preset| Quality::preset(&blob, preset));
     let cuts = |quality: &Quality| (quality.transmittance_cut, quality.colour_cut, quality.samples);
     assert_eq!([&balanced, &fast].map(cuts), [(0.03, 0.03, 0), (0.1, 0.03, 0)]);
-    // Four fifths of the scene's 32, rounded up; a plan takes them all.
+    // Four fifths of the scene's 32 samples, rounded up.
     assert_eq!(cuts(&preview), (0.1, 0.1, 26));
     for quality in [balanced, fast, preview] {
         assert!(quality.occupancy && Plan::new(&blob, &quality, Outputs::ALL, Batch::SMALLEST).is_ok());
@@ -128,7 +128,7 @@ fn a_front_point_says_what_settings_mean_in_the_scene_and_can_be_written() {
     let blob = Blob::open(&plain).unwrap();
     let quality = Quality::default();
     let point = quality.front_point(&blob, 0.1, 0.5);
-    // No occupancy grid, no proposal, and the scene's own number of samples.
+    // The scene has no occupancy grid, no proposal network and 32 samples.
     assert_eq!((point.samples, point.occupancy, point.proposal), (32, false, false));
     assert_eq!((point.loss_db, point.cost), (0.1, 0.5));
     let (weights, _) = halve(&parameters(&every_kind(), 1));

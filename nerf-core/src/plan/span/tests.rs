@@ -8,7 +8,8 @@ use crate::testing::{SCENE, body, bytes, every_kind, halve, noise, parameters};
 use glam::Vec3;
 use std::vec::Vec;
 
-/// Rays through the box, past it, from inside, along its axes, with ranges and without, for every lattice with an end.
+/// Compares [`SpanAll`] with [`Span::new`]: rays through the box, past it, from inside and along its axes, with and
+/// without limits of distance, in every lattice of a bounded scene.
 #[test]
 fn spans_of_many_rays_are_those_of_each() {
     let (weights, _) = halve(&parameters(&every_kind(), 1));

@@ -8,7 +8,7 @@ use crate::render::Renderer;
 use crate::render::tests::{camera, render};
 use crate::testing::{body, bytes, every_kind, halve, parameters};
 
-/// Text in fixed memory: an explanation needs no heap.
+/// Text buffer of fixed size, since writing an explanation must not allocate.
 struct Page {
     bytes: [u8; 4096],
     used: usize,

@@ -80,7 +80,8 @@ impl<'w> Deferred<'w> {
         self.parts.get_mut(range).unwrap_or_default()
     }
 
-    /// Adds `weight` times the `h` of [`Deferred::h_mut`], and `weight`, to the sums of field `member` on ray `ray`.
+    /// Adds a sample to the sums of field `member` on ray `ray`: `weight` times the `h` in [`Deferred::h_mut`], and
+    /// `weight` itself.
     pub fn add(&mut self, member: usize, ray: usize, weight: f32) {
         let h = self.parts.get(self.h(member, ray)).unwrap_or_default();
         let sums = self.sums(member, ray, 1);
@@ -90,7 +91,7 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Returns `networks`, and the weighted sums of `h` of field `member` for the first `count` rays.
+    /// Returns the buffers that shade rays, and the weighted sums of `h` of field `member` for the first `count` rays.
     pub fn sums_of(&mut self, member: usize, count: usize) -> (&mut RayNetworks<'w>, &[f32]) {
         let sums = self.sums.get(self.sums(member, 0, count)).unwrap_or_default();
         (&mut self.networks, sums)

@@ -297,7 +297,7 @@ impl<'f, 'w> Merge<'f, 'w> {
             part.known = Known::Sample;
             part.sigma = if sigma > 0.0 { sigma.min(WALL) } else { 0.0 };
             state.kept += 1;
-            // `most`: upper bound of the sample's weight, since other fields in the same bin only reduce the weight.
+            // `most`: upper bound of the sample's weight. Other fields at the same place can only reduce the weight.
             let light = world.pixel.gathered.transmittance();
             let most = light * thickness(part.sigma, part.to - part.from).min(1.0);
             if part.sigma > 0.0 && field.plan.outputs.picks() && (COLLIDE || most > field.plan.colour_cut) {
@@ -362,7 +362,8 @@ impl<'f, 'w> Merge<'f, 'w> {
                     Known::Place => end = end.min(part.from),
                     Known::Sample => {
                         end = end.min(part.to);
-                        // `whole`: the segment's only bin with density, if the segment begins with this bin.
+                        // `whole`: `counts_at` and end of the segment's only bin with density, if this bin begins with
+                        // the segment.
                         let alone = sigma == 0.0 && part.from == ray.at;
                         whole = alone.then_some((part.counts_at, part.to));
                         sigma += part.sigma;
@@ -437,7 +438,8 @@ impl<'f, 'w> Merge<'f, 'w> {
                 sum.add(weight * share, part.gradient);
             }
         }
-        // Samples whose weight is too small for a colour get the colour of other samples in the segment or behind.
+        // A sample of too small weight has no colour. Its weight goes to the coloured samples of the segment, or if
+        // there are none, to the next coloured segment.
         if coloured > 0.0
             && let Some(weight) = if COLLIDE { Some(weight) } else { gathered.take_uncoloured(0.0) }
         {

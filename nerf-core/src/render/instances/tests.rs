@@ -1,4 +1,4 @@
-//! Several fields against one: each alone, both as one field of both densities, one behind the other.
+//! Tests of several fields in one frame: one field alone, two fields in one place, and one field behind another.
 
 extern crate std;
 
@@ -22,10 +22,10 @@ use std::vec::Vec;
 const SIZE: u32 = 18;
 const OUTPUTS: Outputs = Outputs { median_distance: true, normals: true, ..Outputs::ALL };
 const UNCUT: Quality = Quality { occupancy: true, ..Quality::EXACT };
-/// A grid of eight cells, of which some are live.
+/// Occupancy bits of a grid of 2 × 2 × 2 cells, six of them occupied.
 const CELLS: u8 = 0b1110_1101;
 
-/// A field of noise, its densities times `thick`.
+/// Blob of a field with random parameters. `thick`: factor of the density layer's parameters.
 fn noise_of(sampling: SceneSampling, seed: u32, thick: f32) -> Vec<u8> {
     let a = every_kind();
     let mut all = parameters(&a, seed);
@@ -38,7 +38,7 @@ fn noise_of(sampling: SceneSampling, seed: u32, thick: f32) -> Vec<u8> {
     bytes(&Body { content, ..body(a, occupancy, &weights) })
 }
 
-/// The same everywhere in its box.
+/// Blob of a field with density `sigma` and colour `sigmoid(raw)` everywhere in its box.
 fn fog(sigma: f32, raw: [f32; 3]) -> Vec<u8> {
     let a = every_kind();
     let (weights, _) = halve(&constant(&a, sigma, raw));
@@ -56,7 +56,7 @@ fn samplings() -> Vec<SceneSampling> {
     .into()
 }
 
-/// Rows of a placement: a rotation about a skew axis, a scale, a place.
+/// Placement that rotates by `angle` about a fixed axis, scales by `scale` and translates by `at`.
 fn placed(angle: f32, scale: f32, at: [f32; 3]) -> Placement {
     let turn = Mat3::from_axis_angle(Vec3::new(1.0, 2.0, -0.5).normalize(), angle);
     let row = |r: usize| [scale * turn.x_axis[r], scale * turn.y_axis[r], scale * turn.z_axis[r], at[r]];
@@ -68,7 +68,7 @@ struct Seen {
     counters: Counters,
 }
 
-/// What `use_it` asks of a worker of these fields.
+/// Passes a worker of the placed `fields`, or the error of making it, to `use_it`.
 fn with_worker<T>(
     fields: &[(&[u8], Placement)],
     kernel: Kernel,
@@ -103,7 +103,7 @@ fn seen(fields: &[(&[u8], Placement)], kernel: Kernel, camera: &Camera) -> Seen 
     with_worker(fields, kernel, &UNCUT, |worker| view_of(&mut worker.unwrap(), camera))
 }
 
-/// One field by the worker that is made for one.
+/// Renders one field, without a placement, by [`Renderer::worker`].
 fn alone(file: &[u8], kernel: Kernel, camera: &Camera) -> Seen {
     let blob = Blob::open(file).unwrap();
     let plan = Plan::new(&blob, &UNCUT, OUTPUTS, Batch::FULL).unwrap();
@@ -113,7 +113,8 @@ fn alone(file: &[u8], kernel: Kernel, camera: &Camera) -> Seen {
     view_of(&mut renderer.worker(&plan, &mut workspace).unwrap(), camera)
 }
 
-/// Largest differences of colour and opacity, of distances as a part of them, and of normals where there is a surface.
+/// Largest differences of two images: of colour and opacity, of distances, and of normals. Distances (relative to
+/// `ray_distance`) and normals are compared at pixels of opacity above 0.1.
 fn differences(a: &[Pixel], b: &[Pixel]) -> [f32; 3] {
     let mut worst = [0.0f32; 3];
     for (a, b) in a.iter().zip(b) {
@@ -146,7 +147,8 @@ fn one_field_where_it_was_is_that_field() {
     }
 }
 
-/// In either order; both of the files have the same bins.
+/// Two instances of a field in one place equal the field of twice the density. Overlapping fogs mix their colours by
+/// density, in either order of the instances.
 #[test]
 fn two_in_one_place_are_one_of_both_densities() {
     let kernel = Kernel::new(Isa::Portable, Storage::F32);
@@ -158,7 +160,7 @@ fn two_in_one_place_are_one_of_both_densities() {
         let worst = differences(&found.pixels, &expected.pixels);
         assert!(worst.iter().all(|&worst| worst < 1e-3), "{sampling:?}: {worst:?}");
     }
-    // Of two colours and densities: 3 of red and 1 of blue.
+    // A red fog of density 3 and a blue fog of density 1.
     let (red, blue) = (fog(3.0, [9.0, -9.0, -9.0]), fog(1.0, [-9.0, -9.0, 9.0]));
     let one = placed(0.0, 1.0, [0.0; 3]);
     for fields in [[(&red[..], one), (&blue[..], one)], [(&blue[..], one), (&red[..], one)]] {
@@ -184,7 +186,7 @@ fn a_field_is_the_same_wherever_it_stands_and_however_large_it_is() {
         let placement = placed(angle, scale, at);
         let home = camera(SIZE, SIZE);
         let pose = home.pose();
-        // The camera goes with it.
+        // The camera moves with the field, so that the image must not change.
         let turned = |v: Vec3| placement.dir_in_world(v);
         let rotation = Mat3::from_cols(
             turned(pose.rotation.x_axis),
@@ -211,7 +213,7 @@ fn a_field_is_the_same_wherever_it_stands_and_however_large_it_is() {
     }
 }
 
-/// Two boxes one behind the other: the nearer hides the farther, seen from either side, whatever their order.
+/// Of two boxes, the nearer hides the farther, from either side and in either order of the instances.
 #[test]
 fn what_stands_in_front_hides_what_is_behind() {
     let (red, blue) = (fog(0.8, [9.0, -9.0, -9.0]), fog(0.6, [-9.0, -9.0, 9.0]));
@@ -241,7 +243,7 @@ fn what_stands_in_front_hides_what_is_behind() {
                 let off = (found.0 - expected.0).abs().max((found.1 - expected.1).abs());
                 assert!(off < 1e-3, "ray {i}: expected {expected:?}, found {found:?}");
             }
-            // A limit between the two leaves the nearer alone, one within it a part of it.
+            // Limits in front of the red box, in its middle, and between the two boxes.
             let mut cut = vec![];
             let segments = [4.0, 5.0, 6.5].map(|t_max| RaySegment { t_max, ..rays[0] });
             worker.render_rays(&segments, None, &mut |_, pixel| cut.push(pixel.opacity)).unwrap();
@@ -282,13 +284,13 @@ fn rays_limits_and_points_are_the_world_s() {
             let axis = Some(view.pose().forward());
             let put = &mut |i: usize, pixel: &Pixel| assert_eq!(*pixel, frame[i], "{kernel}, ray {i}");
             worker.render_rays(&rays, axis, put).unwrap();
-            // Ray by ray, too.
+            // A call with a single ray gives the same pixel.
             for (i, ray) in rays.iter().enumerate().step_by(41) {
                 let put =
                     &mut |_: usize, pixel: &Pixel| assert_eq!(*pixel, frame[i], "{kernel}, ray {i} alone");
                 worker.render_rays(&[*ray], axis, put).unwrap();
             }
-            // A camera's limit is a ray's.
+            // A camera's limit has the effect of a ray's `t_max`.
             let mut limited = vec![Pixel::BLANK; rays.len()];
             let limit = |x: u32, y: u32| Limit::RayDistance(2.5 + 0.05 * (x + y) as f32);
             let mut put = |x: u32, y: u32, pixel: &Pixel| limited[(y * SIZE + x) as usize] = *pixel;
@@ -297,7 +299,7 @@ fn rays_limits_and_points_are_the_world_s() {
                 .map(|i| RaySegment { t_max: 2.5 + 0.05 * (i % SIZE + i / SIZE) as f32, ..rays[i as usize] })
                 .collect();
             worker.render_rays(&cut, axis, &mut |i, pixel| assert_eq!(*pixel, limited[i])).unwrap();
-            // Densities of points add up.
+            // Densities at points add up, and colours are averaged by density.
             let points: Vec<[f32; 3]> =
                 (0..40).map(|i| [-0.8 + 0.04 * i as f32, 0.1, 0.02 * i as f32]).collect();
             let dirs = vec![[0.0, 0.0, -1.0]; 40];
@@ -346,7 +348,7 @@ fn the_mean_of_collisions_in_both_is_what_both_composite() {
             worker.sample_rays(&rays, &random, None, put).unwrap();
         }
         let mut scores = vec![];
-        // Of what is rarer than once in a hundred draws 1,024 do not say how it is spread.
+        // Only rays of opacity 0.01 to 0.99: 1,024 draws are too few to estimate the variance of rarer events.
         for (i, exact) in exact.iter().enumerate().filter(|(_, exact)| (0.01..0.99).contains(&exact.opacity))
         {
             for c in 0..3 {

@@ -14,7 +14,7 @@ mod tests;
 const BYTES: usize = if VECTORS { 4096 } else { 0 };
 /// Least number of cells along each side of a block. Blocks are larger if their bits would not fit in [`BYTES`].
 const SIDE: u16 = 4;
-/// Upper bound of the rounding error of the position of a looked-up point, in cells of the occupancy grid.
+/// Upper bound of the distance by which rounding moves a looked-up point, in cells of the occupancy grid.
 const SLACK: f32 = 0.5;
 
 /// Coarse copy of an occupancy grid: a box around all occupied cells, and one bit for each block of cells.
@@ -41,15 +41,15 @@ impl CoarseOccupancy {
         coarse
     }
 
-    /// Returns the test that finds empty space along packets of rays, for frames of `plan`. `None` if the plan has a
-    /// contraction, a proposal network or no occupancy grid, and if no cell is occupied or there are no blocks.
+    /// Returns the packet test for frames of `plan`. Returns `None` if the plan has a contraction, a proposal network
+    /// or no occupancy grid, if no cell is occupied, or if `self` has no blocks.
     pub(in crate::render) fn packets<'c>(&'c self, plan: &Plan<'c>) -> Option<Packets<'c>> {
         let straight = plan.lattice != Lattice::Contracted && plan.proposal.is_none();
         if straight { self.packets_of(plan.occupancy.as_ref()?) } else { None }
     }
 
-    /// Returns the test of whether a packet of rays can meet an occupied cell. `occupancy`: the grid `self` was made
-    /// from. `None` if no cell is occupied or `self` has no blocks.
+    /// Returns the packet test of `occupancy`, the grid that `self` was made from. Returns `None` if no cell is
+    /// occupied or `self` has no blocks.
     fn packets_of<'c>(&'c self, occupancy: &OccupancyGrid<'c>) -> Option<Packets<'c>> {
         let around = self.around.filter(|_| VECTORS && self.side > 0)?;
         let reach = (f32::from(self.side) - SLACK) / occupancy.cells_per_unit.max_element();
@@ -98,7 +98,8 @@ pub(in crate::render) struct Packets<'c> {
     blocks: OccupancyGrid<'c>,
     /// A box around all occupied cells, enlarged by `reach` on every side.
     around: SceneBox,
-    /// Distance, world units: if the bit of a point's block is 0, all cells up to this far along each axis are empty.
+    /// Range of a lookup, world units. If the bit of a point's block is 0, all cells within this distance of the point
+    /// along each axis are empty.
     reach: f32,
 }
 
@@ -120,8 +121,8 @@ impl Packets<'_> {
             apart = apart.max((ray.origin - mean.origin).abs().max_element());
             turned = turned.max((ray.dir - mean.dir).abs().max_element());
         }
-        // `farthest`: upper bound of the distance at which a ray leaves the box. `aside`: upper bound of a ray's
-        // distance from the mean ray up to there.
+        // `farthest`: upper bound of the distance at which a ray leaves the box. `aside`: upper bound, along each axis,
+        // of the distance between a ray and the mean ray inside the box.
         let SceneBox { min, max } = self.around;
         let farthest = (0.5 * (min + max) - mean.origin).length() + 0.5 * (max - min).length();
         let aside = apart + turned * farthest * LENGTH;
@@ -162,7 +163,7 @@ pub(in crate::render) struct CandidateBins {
     found: u64,
     /// Distance from the start of the first interval to the middle of bin 0, in interval widths.
     first: f32,
-    /// Width of a bin of the ray, divided by the width of an interval of the coarse pass.
+    /// Bin width divided by interval width; 0 if all bins are candidates.
     per_bin: f32,
     /// Interval width divided by bin width.
     bins: f32,
@@ -177,7 +178,8 @@ impl CandidateBins {
     pub fn new(intervals: &Intervals, bins: &Bins, start: f32) -> Self {
         let Intervals { found, near, step } = *intervals;
         let per_bin = bins.delta() / step;
-        // A sample lies at most half a bin from its bin's middle, and thus in the middle's interval or one next to it.
+        // A sample is at most half a bin from the middle of its bin. If the bin is short enough, the sample is in the
+        // interval of that middle or in a neighbouring interval.
         if !(per_bin > 0.0 && 0.5 * per_bin + MOST_ROUNDING <= 1.0) {
             return Self::ALL;
         }
@@ -197,7 +199,7 @@ impl CandidateBins {
         }
     }
 
-    /// Returns an index above the indices of all candidate bins, not necessarily the smallest such index.
+    /// Upper bound of the indices of candidate bins: all of them are smaller.
     pub fn end(&self) -> u32 {
         let intervals = 64 - self.found.leading_zeros();
         if self.per_bin == 0.0 || intervals == INTERVALS {

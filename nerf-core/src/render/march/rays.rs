@@ -167,7 +167,7 @@ impl<'f, 'w> Rays<'f, 'w> {
         let Some(intervals) = intervals else { return pixels.miss::<M>(pixel, range[1], source, target) };
         let Some(state) = self.states.get_mut(self.hits) else { return };
         let around = if plan.occupancy.is_some() { self.occupied } else { Some(plan.bounds) };
-        // No cell outside of `around` is occupied, so that most rays of most images have no span.
+        // Cells outside of `around` are empty. Most rays of most images miss `around` and have no span.
         let span = around.and_then(|around| Span::new(plan, &around, &ray, range));
         begin::<COLLIDE>(plan, pixel, (ray, range, span), &intervals, source, state);
         let (drawn, meets_box) = (self.samples.is_on(), state.next < state.end);

@@ -91,7 +91,7 @@ impl LookUp<'_> {
                 };
                 live |= lanes.occupied(points) << from;
             }
-            // The contraction maps all of space into the box.
+            // No point is outside: the contraction maps all of space into the box.
             return live;
         }
         for from in (0..WIDTH).step_by(V::COUNT) {

@@ -10,7 +10,7 @@ use glam::Vec3;
 use std::vec;
 use std::vec::Vec;
 
-/// Three points: samples, dB lost, cost.
+/// Three points of a Pareto front: number of samples, PSNR loss in dB, relative cost.
 const POINTS: [(u16, f32, f32); 3] = [(32, 0.0, 1.0), (16, 0.1, 0.5), (4, 0.9, 0.1)];
 
 fn scene(points: &[(u16, f32, f32)]) -> Vec<u8> {
@@ -35,7 +35,7 @@ fn camera(width: u32, height: u32) -> Camera {
     Camera::new(Intrinsics::centred(width, height, width as f32), Lens::NONE, pose).unwrap()
 }
 
-/// A pace with these times first.
+/// Measured times: `times` at the first points, infinity at all others.
 fn pace_of(times: &[f32]) -> Pace {
     let mut pace = Pace::UNKNOWN;
     pace.milliseconds[..times.len()].copy_from_slice(times);
@@ -54,7 +54,7 @@ fn a_time_buys_the_least_loss_it_can() {
         assert_eq!((choice.quality.samples, choice.within), (samples, within), "{wish} ms");
         assert_eq!(time <= wish, within);
     }
-    // Time is the host's: a point of fewer multiply-adds may take longer.
+    // A point with fewer multiply-adds may take longer on this host.
     let odd = pace_of(&[20.0, 40.0, 10.0]);
     assert_eq!(odd.within(&blob, 30.0).unwrap().0.quality.samples, 32);
     assert_eq!(Pace::UNKNOWN.within(&blob, 1e9), None);
@@ -71,7 +71,7 @@ fn a_pace_is_read_from_the_caller_s_clock_cheapest_point_first() {
     let mut workspace = vec![Line::UNINIT; Pace::lines(&renderer, &plan)];
     assert!(workspace.len() >= renderer.workspace_lines(&plan));
     let camera = camera(200, 100);
-    // Renders take 7 ms for warming up; then 4, 3; 30, 20; 100, 200 for the points in turn.
+    // Simulated time of each render, ms: 7 for the warm-up, then 4 and 3, 30 and 20, 100 and 200 for the three points.
     let go = |limit: f32, workspace: &mut [Line]| {
         let takes = [7_000u64, 4_000, 3_000, 30_000, 20_000, 100_000, 200_000];
         let (mut now, mut calls) = (1_000_000, 0usize);
@@ -83,7 +83,7 @@ fn a_pace_is_read_from_the_caller_s_clock_cheapest_point_first() {
         let pace = Pace::measure(&renderer, &plan, &camera, limit, workspace, &mut clock);
         (pace, calls)
     };
-    // Every 4th pixel of every 4th row: 50 × 25 of 20,000.
+    // Every 4th pixel of every 4th row is timed: 50 × 25 of the 20,000 pixels, 1/16 of the frame.
     let frame = |sample: f32| sample * 16.0;
     let (pace, calls) = go(1e9, &mut workspace);
     assert_eq!((pace.unwrap(), calls), (pace_of(&[frame(100.0), frame(20.0), frame(3.0)]), 14));

@@ -24,7 +24,7 @@ fn kernels() -> impl Iterator<Item = Kernel> {
     Kernel::all()
 }
 
-/// Every batch that changes how pixels fall into blocks, if the weights are read in place.
+/// Batches with different block sizes. Kernels other than [`Kernel::IN_PLACE`] ignore the block size.
 fn batches() -> impl Iterator<Item = Batch> {
     [1, 3, 16, 63, BLOCK].into_iter().map(|samples| Batch { rays: 1, samples })
 }
@@ -33,7 +33,7 @@ fn full([width, height]: [u32; 2]) -> Rect {
     Rect { x: 0, y: 0, width, height }
 }
 
-/// Renders into a workspace of exactly the size that is asked for.
+/// Renders with a workspace of exactly `picture_workspace_lines`. Checks that pixels arrive row by row.
 fn draw(
     renderer: &Renderer<'_>,
     math: MathBackend,
@@ -57,7 +57,7 @@ fn whole(renderer: &Renderer<'_>, size: [u32; 2]) -> Vec<[f32; 3]> {
     draw(renderer, POLYNOMIAL, Batch::FULL, size, full(size)).0
 }
 
-/// A field with a skip layer and a hidden colour layer.
+/// 2D field with a skip layer and a hidden colour layer.
 fn layered() -> (Architecture, Vec<u8>) {
     let a = architecture(pi(2, 6), None, &[(40, false), (33, true)], &[17]);
     let (weights, _) = halve(&parameters(&a, 61));
@@ -65,7 +65,7 @@ fn layered() -> (Architecture, Vec<u8>) {
     (a, bytes)
 }
 
-/// A field by a learned grid, dense and hashed, with a hidden colour layer.
+/// 2D field with a learned grid, which has dense and hashed levels, and with a hidden colour layer.
 #[cfg(feature = "grid")]
 fn learned() -> (Architecture, Vec<u8>) {
     let resolutions = [[5, 3, 0], [17, 12, 0], [64, 43, 0]].into_iter().collect();
@@ -78,7 +78,7 @@ fn learned() -> (Architecture, Vec<u8>) {
     (a, bytes)
 }
 
-/// Fields of every encoding that is built.
+/// 2D fields, one for each position encoding of this build.
 fn fields() -> Vec<(Architecture, Vec<u8>)> {
     vec![
         layered(),
@@ -87,14 +87,14 @@ fn fields() -> Vec<(Architecture, Vec<u8>)> {
     ]
 }
 
-/// The blob, opened for `kernel`, passed on.
+/// Makes a renderer of the blob for `kernel` and passes it to `then`.
 fn on<T>(bytes: &[u8], kernel: Kernel, then: impl FnOnce(&Renderer<'_>) -> T) -> T {
     let blob = Blob::open(bytes).unwrap();
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
     then(&Renderer::new(blob, kernel, &mut memory).unwrap())
 }
 
-/// No levels, one trunk layer that copies x and y, and raw colours 4x − 2, 4y − 2 and x − y.
+/// Blob of a 2D field with the raw colours 4x − 2, 4y − 2 and x − y. Its only trunk layer copies x and y.
 fn gradient() -> Vec<u8> {
     let a = architecture(pi(2, 0), None, &[(2, false)], &[]);
     let trunk = [1.0, 0.0, 0.0, 1.0, 0.0, 0.0];
@@ -111,7 +111,7 @@ fn a_pixel_is_the_field_at_its_centre() {
         ([30, 20], full([30, 20])),
         ([7, 211], full([7, 211])),
         ([1, 1], full([1, 1])),
-        // A detail of a picture of 70 million million pixels.
+        // A few pixels of the largest image, which has 7e13 pixels.
         ([MAX_RENDER_SIDE; 2], Rect { x: last, y: 0, width: 2, height: 3 }),
     ];
     for (kernel, (size, rect)) in kernels().flat_map(|kernel| cases.map(|case| (kernel, case))) {
@@ -133,7 +133,7 @@ fn a_pixel_is_the_field_at_its_centre() {
 
 #[test]
 fn pixels_depend_on_neither_rectangle_nor_batch() {
-    // Wider than a block, so that rows end inside one.
+    // Rows are longer than a block, so that a row may end inside a block.
     let size = [71, 13];
     let rects = [
         full(size),
@@ -217,7 +217,7 @@ fn what_is_no_number_is_black_and_counted() {
     }
 }
 
-/// What `render_picture` refuses, with `workspace` of `lines`.
+/// Error of `render_picture` with a workspace of `lines` lines. Panics if a pixel is written.
 fn refused(renderer: &Renderer<'_>, batch: Batch, size: [u32; 2], rect: Rect, lines: usize) -> RenderError {
     let mut workspace = vec![Line::UNINIT; lines];
     let mut put = |_: u32, _: u32, _: [f32; 3]| panic!("nothing is written");
@@ -265,7 +265,7 @@ fn sizes_rectangles_and_batches_of_no_picture_are_refused() {
         for (rays, samples) in [(0, 1), (1, 0), (1, BLOCK + 1), (Batch::MAX_RAYS + 1, 1), (1, usize::MAX)] {
             let found = Batch { rays, samples };
             assert_eq!(refused(renderer, found, [8, 6], full, 64), RenderError::Batch { found });
-            // And asking for its workspace is harmless.
+            // The workspace's size is computed for an invalid batch, too, without a panic.
             renderer.picture_workspace_lines(found);
         }
         let empty = Rect { x: 8, y: 6, width: 0, height: 0 };

@@ -31,7 +31,8 @@ pub(in crate::render) trait RaySource {
     }
     /// Nearest and farthest visible distance along the ray of pixel `(x, y)`, world units.
     fn range(&self, x: u32, y: u32, ray: &Ray) -> [f32; 2];
-    /// Distance of a pixel in column `x` without a surface, world units. Callers limit the distance to the ray's range.
+    /// Output distance of a pixel in column `x` that shows no surface, world units. Callers clamp it to the ray's
+    /// range.
     fn far(&self, x: u32) -> f32;
     /// Optical thickness at which the ray of column `x` collides with a field; infinite if rays do not collide.
     fn until(&self, _x: u32) -> f32 {

@@ -50,7 +50,8 @@ impl<'w> Colour<'w> {
         (DirectionShares { values: self.shares, block: field.block_samples() }, self.rgb)
     }
 
-    /// Adds the colours of the samples picked from a block to their rays. Queues the samples instead if they are few.
+    /// Adds the colours of the samples picked from a block to their rays. If only a few samples are picked, queues
+    /// them.
     pub fn run(&mut self, tile: &mut TileState<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
         if picks.count * QUEUED_BELOW.1 < tile.density.owner.len() * QUEUED_BELOW.0 {
             return self.queue(tile, picks, counters);

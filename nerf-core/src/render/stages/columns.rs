@@ -200,7 +200,7 @@ impl<'a> Columns<'a> {
             waits += 1;
         }
         rays.march_all(head(&marching, marches));
-        // In descending order, so that a column that is copied into a gap already has its next sample.
+        // In descending order: a gap is filled with a copy of the last column, which must already have its next sample.
         for &column in head(&waiting, waits).iter().rev() {
             let Some(ray) = rays.states.get_mut(at(&self.owner, column) as usize) else { return 0 };
             if !ray.pixel.done && ray.next < ray.end {
@@ -276,7 +276,7 @@ impl<M: Math> Op for Absorb<'_, '_, M> {
             let (zero, mut h) = (V::splat(0.0), self.h.chunks_exact(self.stride));
             let takes = zero.less(weight);
             for sums in &mut **sums {
-                // The last of the `sums` is the sum of the weights, without a row of `h`.
+                // The last row of `sums` is the sum of weights and has no row of `h`.
                 let more = h.next().map_or(weight, |row| V::load(tail(row, from)).mul(weight));
                 V::load(&sums[from..]).add(V::select(takes, more, zero)).store(&mut sums[from..]);
             }

@@ -54,7 +54,7 @@ impl<'w> Compositing<'w> {
         tile: &mut TileState<'_, '_>,
         counters: &mut Counters,
     ) {
-        // Without vectors, a separate pass would be the same work in more code.
+        // In builds without vectors, a separate pass would need more code and save no time.
         if VECTORS && !COLLIDE {
             self.absorb::<M>(tile);
         }
@@ -147,7 +147,7 @@ impl<'w> Compositing<'w> {
             let total = state.pixel.gathered.add_thickness(tau);
             put_column(self.rows, room, column, [before, t, tau, total]);
         }
-        // The number of portable lanes is the same with every instruction set.
+        // A multiple of the portable vector's number of lanes, which is the same with every instruction set.
         let columns = field.columns(n).next_multiple_of(MAX_LANES).min(room);
         if let Some((alpha, light)) = tail_mut(self.rows, 2 * room).split_at_mut_checked(room) {
             let [alpha, light] = [alpha, light].map(|row| &mut row[..columns]);

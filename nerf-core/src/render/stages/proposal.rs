@@ -106,7 +106,7 @@ pub(in crate::render) fn propose<M: Math>(
             break;
         }
         density.place(field, n, rays.states);
-        // The same number of columns as in a block of the scene's own network.
+        // Uses as many columns as a block of the scene's own network.
         density.scratch.stride = field.columns(n);
         network.trunk(plan.math, &mut density.scratch, density.positions);
         network.density(plan.math, &density.scratch, density.sigma);

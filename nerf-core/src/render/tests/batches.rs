@@ -1,4 +1,4 @@
-//! Whatever the batch: the pixels and the work of one sample at a time.
+//! Every batch gives the pixels and the work of a reference that evaluates one sample at a time.
 
 use super::*;
 use crate::math::polynomial::Polynomial;
@@ -6,7 +6,7 @@ use crate::sampling::Bins;
 use crate::simd::BLOCK;
 use crate::volume::Accumulator;
 
-/// A frame without blocks, rays in flight or queues: sample by sample, from what a query gives.
+/// Reference: pixels, density evaluations and colour evaluations of a frame, with one query per sample.
 fn sample_by_sample(
     renderer: &Renderer<'_>,
     quality: &Quality,

@@ -1,11 +1,11 @@
-//! Collisions drawn along rays: their mean is what compositing gives.
+//! Collisions drawn along rays: their mean colour is the composited colour.
 
 use super::segments::{of_rays, pixels, scenes, segments};
 use super::*;
 use crate::render::RaySegment;
 use crate::sampling::random::{Purpose, uniform};
 
-/// Collisions a ray.
+/// Number of collisions drawn on each ray.
 const DRAWS: usize = 1024;
 const RAYS: usize = 300;
 
@@ -20,7 +20,7 @@ fn some_rays() -> Vec<RaySegment> {
     segments(0.3, 4.5).into_iter().skip(60).take(RAYS).collect()
 }
 
-/// Of every colour of every ray: how many standard errors its mean lies beside the composited one.
+/// For each channel of each ray, the mean of the collisions is within a few standard errors of the composited value.
 #[test]
 fn the_mean_of_collisions_is_the_composited_colour() {
     for (scene, file) in scenes().iter().enumerate() {
@@ -63,8 +63,8 @@ fn the_mean_of_collisions_is_the_composited_colour() {
     }
 }
 
-/// A number below the opacity collides, one above does not, and larger numbers collide farther away; nothing depends on
-/// the call a ray is in.
+/// A ray collides if its random number is below its opacity. A larger number collides farther away. Other rays of the
+/// call have no effect.
 #[test]
 fn a_ray_collides_where_its_opacity_reaches_the_number() {
     for file in &scenes() {
@@ -80,7 +80,7 @@ fn a_ray_collides_where_its_opacity_reaches_the_number() {
                 assert_eq!((near[i].opacity, far[i].opacity, missed[i].opacity), (1.0, 1.0, 0.0));
                 assert!(near[i].ray_distance <= far[i].ray_distance && far[i].ray_distance < 4.5 + 1e-3);
                 assert!(missed[i].ray_distance == f32::INFINITY && missed[i].z_depth == f32::INFINITY);
-                // The range of a ray ends where it collides: so much of it is opaque.
+                // Up to the collision, the ray's opacity is its random number.
                 let cut = RaySegment { t_max: far[i].ray_distance, ..rays[i] };
                 let seen = of_rays(file, kernel, &[cut])[0].opacity;
                 assert!((seen - 0.9 * opacity[i]).abs() < 2e-3, "{kernel}: {seen}, {}", 0.9 * opacity[i]);
@@ -111,7 +111,7 @@ fn what_is_no_random_number_is_refused_with_its_index() {
         random[17] = wrong;
         assert_eq!(refused(&random), Some(RenderError::Random { index: 17 }));
     }
-    // A number just below 1, rounded to f32, is 1.
+    // The number 1 is replaced by the largest f32 below 1.
     let (mut rounded, mut below) = (half, half);
     (rounded[17], below[17]) = (1.0, 1.0f32.next_down());
     assert_eq!(

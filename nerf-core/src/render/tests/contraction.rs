@@ -1,4 +1,4 @@
-//! Frames of unbounded scenes, against their definition in f64.
+//! Frames of unbounded scenes, compared with a reference in f64.
 
 use super::*;
 use crate::blob::{Body, Content, SceneFacts, SceneSampling};
@@ -20,14 +20,14 @@ fn facts(sampling: SceneSampling) -> SceneFacts {
     SceneFacts { min: cube.min.into(), max: cube.max.into(), near, far, sampling, ..SCENE }
 }
 
-/// A fog of this density, in these cells.
+/// Blob of an unbounded scene with density `sigma` everywhere, or in the occupied cells of `occupancy`.
 fn fog(sigma: f32, facts: &SceneFacts, occupancy: Option<StoredOccupancy<'_>>) -> Vec<u8> {
     let a = architecture(pi(3, 0), None, &[(4, false)], &[]);
     let (weights, _) = halve(&constant(&a, sigma, [0.0, 2.0, -1.0]));
     bytes(&Body { content: Content::Scene(facts.clone()), ..body(a, occupancy, &weights) })
 }
 
-/// A picture of all that is asked for, in the quality that evaluates every sample.
+/// Renders all outputs. Evaluates every sample in an occupied cell. `change`: adapts the plan.
 fn draw(file: &[u8], kernel: Kernel, camera: &Camera, change: impl Fn(Plan<'_>) -> Plan<'_>) -> Picture {
     let blob = Blob::open(file).unwrap();
     let quality = Quality { occupancy: true, ..Quality::EXACT };
@@ -46,7 +46,8 @@ fn camera_at(eye: Vec3, target: Vec3) -> Camera {
     Camera::new(Intrinsics::centred(SIDE, SIDE, SIDE as f32), Lens::NONE, pose).unwrap()
 }
 
-/// At the centre, near it, looking past it, from 100 radii towards it and away from it.
+/// Cameras at the centre, at 0.7 radii facing it, at 1.5 radii looking past it, and at 100 radii facing it and facing
+/// away.
 fn cameras() -> [Camera; 5] {
     let dir = Vec3::new(0.3, 0.5, 0.8).normalize();
     [
@@ -62,22 +63,22 @@ fn rays(camera: &Camera) -> impl Iterator<Item = Ray> {
     (0..SIDE * SIDE).map(|i| camera.ray((i % SIDE) as f32 + 0.5, (i / SIDE) as f32 + 0.5))
 }
 
-/// The steps of a ray, in f64.
+/// Reference in f64 for the bins of a ray. Positions are in steps of the contraction.
 struct Steps {
     power: f64,
     step: f64,
     origin: [f64; 3],
     dir: [f64; 3],
-    /// How far the point nearest to the centre is.
+    /// Distance from the ray's origin to its point nearest to the centre, or 0 if that point is behind the origin.
     start: f64,
     enter: f64,
     end: f64,
-    /// Where the last bin is cut, and its sample moved.
+    /// Position at which the last bin is cut. Its sample is in the middle of the part in front.
     far: f64,
 }
 
 impl Steps {
-    /// Of what lies between `t_min` and `t_max` on it.
+    /// Reference for the part of `ray` between the distances `t_min` and `t_max`.
     fn of(ray: &Ray, facts: &SceneFacts, t_min: f64, t_max: f64) -> Self {
         let SceneSampling::Contracted { step, power } = facts.sampling else { panic!("{facts:?}") };
         let (origin, dir) = (ray.origin.to_array().map(f64::from), ray.dir.to_array().map(f64::from));
@@ -110,7 +111,7 @@ impl Steps {
         (if size <= 1.0 { size } else { steps }).copysign(distance)
     }
 
-    /// Where each bin begins and ends, and its sample, in steps.
+    /// Start, end and sample of each bin, in steps.
     fn bins(&self) -> impl Iterator<Item = [f64; 3]> {
         let edge = |i: f64| -1.0 - self.power + i * self.step;
         let first = ((self.enter + 1.0 + self.power) / self.step).floor();
@@ -120,12 +121,12 @@ impl Steps {
         })
     }
 
-    /// How far the ray goes.
+    /// Length of the used part of the ray, world units.
     fn way(&self) -> f64 {
         (self.distance(self.end) - self.distance(self.enter)).max(0.0)
     }
 
-    /// Mean distance in a fog.
+    /// Mean `ray_distance` in a fog of density `sigma`.
     fn mean(&self, sigma: f64) -> f64 {
         let (mut tau, mut sum, mut total) = (0.0f64, 0.0, 0.0);
         for [from, to, at] in self.bins() {
@@ -138,7 +139,7 @@ impl Steps {
         self.start + sum / total
     }
 
-    /// The point at `s`, contracted.
+    /// The contracted point of the ray at position `s`.
     fn point(&self, s: f64) -> [f64; 3] {
         let t = self.start + self.distance(s);
         let centre = CENTRE.to_array().map(f64::from);
@@ -154,7 +155,7 @@ fn contracted(step: f32, power: u8) -> SceneSampling {
     SceneSampling::Contracted { step, power }
 }
 
-/// Of the same density everywhere, whatever way the ray goes there; and cut at any distance, continuously.
+/// In a fog, the optical thickness of a ray is density times length, for any direction and range of the ray.
 #[test]
 fn a_fog_everywhere_is_as_thick_as_the_way_through_it() {
     let sigma = 0.0078125;
@@ -171,14 +172,15 @@ fn a_fog_everywhere_is_as_thick_as_the_way_through_it() {
                 let found = draw(&file, kernel, camera, |plan| plan.with_range(t_min, t_max).unwrap());
                 for (pixel, ray) in found.pixels.iter().zip(rays(camera)) {
                     let steps = Steps::of(&ray, &facts, t_min.into(), t_max.into());
-                    // A digit of the steps, and of the point that they are counted from.
+                    // Bound on rounding: of positions in steps, and of the point from which they are counted.
                     let far = steps.distance(steps.end).abs().max(steps.distance(steps.enter).abs());
                     let digits = 20.0
                         * f64::from(f32::EPSILON)
                         * (far * far / f64::from(RADIUS)).max(far + steps.start);
                     let thickness = -f64::from(1.0 - pixel.opacity).ln();
                     let error = (thickness - f64::from(sigma) * steps.way()).abs();
-                    // The opacity's own digit, which is more of the light the less is left.
+                    // Bound on the rounding of opacity, as an optical thickness; the bound grows as the transmittance
+                    // falls.
                     let opacity = 2e-7 * thickness.exp();
                     assert!(
                         error <= f64::from(sigma) * digits + opacity,
@@ -219,7 +221,8 @@ fn no_occupied_cell_is_missed_and_no_other_asked() {
                 for [from, to, at] in steps.bins() {
                     let p = steps.point(at);
                     let mut cell = [0; 3];
-                    // Beside a cell's face, or where the ray is cut, f32 may see it otherwise.
+                    // `clear`: whether f32 must find the same cell. Next to a cell's face, or in a bin cut very short,
+                    // it may find another.
                     let mut clear = to - from > 1e-4;
                     for axis in 0..3 {
                         let low = f64::from(facts.min[axis]);
@@ -241,8 +244,8 @@ fn no_occupied_cell_is_missed_and_no_other_asked() {
     assert!(kept > 10_000 && unclear < kept / 20, "{kept} clear, {unclear} not");
 }
 
-/// The same field in the same box, of which only what lies inside the ball is occupied: the ways through it differ by
-/// the phase of their steps alone. Marches begin at the camera: both are asked for what is beyond near.
+/// A field that is occupied only inside the ball looks the same in an unbounded and in a bounded scene, except for the
+/// phase of the samples. The range of both plans begins at `near`, since a bounded march would begin at the camera.
 #[test]
 fn what_lies_in_the_ball_is_seen_as_in_a_bounded_scene() {
     let a = architecture(pi(3, 0), Some(pi(3, 2)), &[(24, false), (20, false)], &[12]);
@@ -252,7 +255,7 @@ fn what_lies_in_the_ball_is_seen_as_in_a_bounded_scene() {
     for cell in 0..side * side * side {
         let at = |i: usize| (i as f32 + 0.5) / 4.0 - 2.0;
         let p = Vec3::new(at(cell / side / side), at(cell / side % side), at(cell % side));
-        // A cell's corner is 0.22 from its middle.
+        // Corners of a cell are 0.22 from its middle: these cells are inside the ball.
         if p.length() < 0.75 {
             bits[cell / 8] |= 1 << (cell % 8);
         }
@@ -288,10 +291,11 @@ fn what_lies_in_the_ball_is_seen_as_in_a_bounded_scene() {
     }
 }
 
-/// A plane across the view at `radii` from the middle, opaque behind: `z`, contracted, is `rim` of the radii there.
+/// Blob, parameters and facts of a scene that is opaque behind a plane. The plane crosses the view axis `radii` ball
+/// radii from the centre. `rim`: contracted distance of the plane, in radii.
 fn plane(radii: f64, tilt: [f32; 2], power: u8) -> (Vec<u8>, Vec<f32>, SceneFacts) {
     let rim = if radii <= 1.0 { radii } else { 2.0 - 1.0 / radii };
-    // At 1,000 radii a step of the first power is all the way there is left.
+    // With power 1, the ray behind 1,000 radii is only 1/1,000 long in steps, so that bins must be shorter.
     let step = if power == 1 { 1.0 / 1024.0 } else { 1.0 / 400.0 };
     let facts = SceneFacts { near: 0.01, far: 2e4 * RADIUS, ..facts(contracted(step, power)) };
     let a = architecture(pi(3, 0), None, &[(4, false)], &[]);
@@ -299,7 +303,7 @@ fn plane(radii: f64, tilt: [f32; 2], power: u8) -> (Vec<u8>, Vec<f32>, SceneFact
     for layer in &a.layers() {
         let steep = 1e6;
         match layer.role {
-            // Along −z of the view, with a tilt.
+            // Density rises along the view direction −z, tilted.
             Role::Trunk(0) => {
                 let centre = CENTRE;
                 let normal = Vec3::new(tilt[0], tilt[1], -1.0);
@@ -316,8 +320,8 @@ fn plane(radii: f64, tilt: [f32; 2], power: u8) -> (Vec<u8>, Vec<f32>, SceneFact
     (bytes(&Body { content: Content::Scene(facts.clone()), ..body(a, None, &weights) }), all, facts)
 }
 
-/// In world units, from a camera in the middle: a surface lies in the bin that it lies in, and what is seen of it has
-/// the direction of the gradient there.
+/// Seen from the centre, a plane's output distances lie in the bin that contains the plane. Its normal has the
+/// direction of the density gradient there. Distances and normal are in world space.
 #[test]
 fn distances_and_normals_of_a_plane_are_the_world_s() {
     for (power, radii) in Contraction::POWERS.into_iter().flat_map(|p| [0.1, 1.0, 10.0, 1e3].map(|r| (p, r)))
@@ -341,7 +345,7 @@ fn distances_and_normals_of_a_plane_are_the_world_s() {
                 let steps = Steps::of(&ray, &facts, 0.0, f64::INFINITY);
                 let exact = radii * f64::from(RADIUS);
                 let s = steps.step_at(exact);
-                // The bin that it lies in, or one beside it where rounding says so.
+                // The bin that contains the plane, or because of rounding a neighbouring bin.
                 let [low, high] =
                     [-1.5, 1.5].map(|bins| steps.distance((s + bins * steps.step).min(steps.end)));
                 for (name, found) in [
@@ -361,7 +365,8 @@ fn distances_and_normals_of_a_plane_are_the_world_s() {
                 if !cfg!(feature = "normals") {
                     continue;
                 }
-                // Along the view by 1/r², across it by (2 − 1/r)/r, at the sample that was hit.
+                // The contraction scales the gradient at the sample by 1/r² along the view axis and by (2 − 1/r)/r
+                // across it.
                 let r = f64::from(pixel.ray_distance) / f64::from(RADIUS);
                 let [across, along] = if r <= 1.0 { [1.0; 2] } else { [(2.0 - 1.0 / r) / r, 1.0 / (r * r)] };
                 let expected = [-f64::from(tilt[0]) * across, -f64::from(tilt[1]) * across, along];
@@ -384,9 +389,9 @@ fn from_inside_something_opaque_it_is_all_there_is() {
             let found = draw(&file, Kernel::detect(), &camera, |plan| plan);
             for (pixel, ray) in found.pixels.iter().zip(rays(&camera)) {
                 let steps = Steps::of(&ray, &facts, 0.0, f64::INFINITY);
-                // Of the first, little may be left.
+                // End of the second bin, since the first may be cut very short.
                 let [_, to, _] = steps.bins().nth(1).unwrap();
-                // Digits of where the camera is, in steps from the middle.
+                // Bound on the rounding of the camera's position, in steps from the centre.
                 let digits = 20.0 * f64::from(f32::EPSILON) * (1.0 + steps.start.powi(2) / f64::from(RADIUS));
                 let first = f64::from(facts.near) - digits..=steps.start + steps.distance(to) + digits;
                 assert_eq!(pixel.opacity, 1.0);
@@ -414,14 +419,15 @@ fn points_are_asked_for_anywhere_but_nowhere() {
             assert_eq!(sigma, [expected], "{p:?}");
         }
     }
-    // From as far away as f32 goes, and from nowhere: the background, not the middle.
+    // A ray from the largest f32 coordinates, or from a point that is not finite, has no samples.
     for origin in [[f32::MAX; 3], [f32::NAN, 0.0, 0.0], [f32::INFINITY, 0.0, 0.0]] {
         let ray = Ray { origin: origin.into(), dir: -Vec3::ONE.normalize() };
         assert!(Span::new(&plan, &plan.bounds, &ray, plan.range.into()).is_none(), "{ray:?}");
     }
 }
 
-/// A thousand radii away the number of a step is rounded to a ten-thousandth of the way: no distance is in front of near.
+/// No output distance is below `near`, even if rounding of positions in steps changes distances by a ten-thousandth, as
+/// it does a thousand radii away.
 #[test]
 fn no_distance_from_far_away_is_in_front_of_near() {
     for power in Contraction::POWERS {
@@ -440,7 +446,7 @@ fn no_distance_from_far_away_is_in_front_of_near() {
                 let [_, from, _] = bins.edges_around(bins.ends.parts(), bins.at(first, 0.5));
                 rounded |= span.start + contraction.distance(from) < facts.near;
             }
-            // The way to the middle and back, rounded.
+            // Tolerance: rounding of the distance from the camera to the centre and back.
             let least = facts.near - f32::EPSILON * radii * RADIUS;
             for pixel in &draw(&file, Kernel::IN_PLACE, &camera, |plan| plan).pixels {
                 let Pixel { opacity, ray_distance, median_distance, .. } = *pixel;
@@ -452,7 +458,7 @@ fn no_distance_from_far_away_is_in_front_of_near() {
     }
 }
 
-/// Samples of a ray tile it, from near to far, in world units.
+/// The intervals of a ray's samples tile the range from near to far, in world units.
 #[test]
 fn bins_tile_the_ray() {
     for power in Contraction::POWERS {
@@ -475,7 +481,7 @@ fn bins_tile_the_ray() {
                 } else {
                     assert_eq!(from, before, "{power} {bin}");
                 }
-                // Rounding alone puts a bin in front of near.
+                // Rounding may put a bin's edge in front of `near`; intervals are clamped to `near`.
                 let [at, from, to] = [at, from, to].map(|t| t.max(plan.near - span.start));
                 let interval = plan.interval(&span.ends, span.start, plan.range.0, t);
                 let delta = to - from;
@@ -483,7 +489,7 @@ fn bins_tile_the_ray() {
                 before = to;
             }
             let start = f64::from(span.start);
-            // Digits of steps near their end, and of the way to where they are counted from.
+            // Bound on rounding: of the first position in steps, and of the point from which positions are counted.
             let near = 20.0 * f64::from(f32::EPSILON) * (start + start * start / f64::from(RADIUS)) + 1e-9;
             assert!((start + f64::from(first) - 1e-4).abs() <= near, "{power}: {first} from {start}");
             assert!((f64::from(before) / 1e6 - 1.0).abs() < 0.2, "{power}: {before}");
@@ -491,7 +497,7 @@ fn bins_tile_the_ray() {
     }
 }
 
-/// In other units the same picture, and distances in those.
+/// A scene in other units has the same image, with distances in these units.
 #[cfg(feature = "grid")]
 #[test]
 fn the_scene_in_other_units_gives_the_same_picture() {

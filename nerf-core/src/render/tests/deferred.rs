@@ -1,4 +1,4 @@
-//! Deferred shading against a slow renderer in f64: `h` composited, one network a ray.
+//! Deferred shading, compared with a reference renderer in f64. `h` is composited, and each ray is shaded once.
 
 use super::*;
 use crate::blob::{Body, StoredTables};
@@ -13,7 +13,8 @@ mod several;
 
 use oracle::Oracle;
 
-/// A grid without a trunk, or with one layer: what is composited is the encoding, or that layer.
+/// Architecture with a grid encoding and at most one trunk layer, `hidden`. The composited `h` is the layer's output,
+/// or without a layer the encoding.
 fn shape(hidden: &[(u16, bool)], density: DensityActivation) -> Architecture {
     let resolutions = [[4; 3], [7, 8, 9], [17; 3]].into_iter().collect();
     Architecture {
@@ -38,13 +39,13 @@ fn d00() -> Architecture {
     shape(&[(20, false)], DensityActivation::ShiftedSoftplus)
 }
 
-/// A field of noise, and what a slow renderer makes of it.
+/// A field with random parameters: its blob and its reference renderer.
 struct Field {
     file: Vec<u8>,
     oracle: Oracle,
 }
 
-/// Densities are times `thick` where their activation is linear.
+/// Makes a random field. The density layer's parameters are multiplied by 2 `thick`.
 fn field(a: &Architecture, seed: u32, thick: f32, occupancy: Option<StoredOccupancy<'_>>) -> Field {
     let mut all = parameters(a, seed);
     for layer in a.layers().iter().filter(|layer| layer.role == Role::Density) {
@@ -73,7 +74,7 @@ fn draw(file: &[u8], kernel: Kernel, quality: &Quality, outputs: Outputs, batch:
 const ALL: Outputs =
     Outputs { median_distance: cfg!(feature = "median"), normals: cfg!(feature = "normals"), ..Outputs::ALL };
 
-/// The largest difference of two sets of colours and opacities.
+/// Largest difference of colour or opacity between two images.
 fn worst<'p>(found: &[Pixel], expected: impl Iterator<Item = &'p ([f64; 3], f64)>) -> f64 {
     let of = |(p, (rgb, opacity)): (&Pixel, &([f64; 3], f64))| {
         let colours = p.rgb.iter().zip(rgb).map(|(a, b)| (f64::from(*a) - b).abs());
@@ -97,7 +98,7 @@ fn a_frame_is_that_of_the_slow_renderer_with_every_kernel() {
             let seen = expected.iter().filter(|(_, opacity)| *opacity > 0.2).count();
             let spread = expected.iter().map(|(rgb, _)| rgb[0]).fold(0.0, f64::max);
             assert!(seen > 50 && spread > 0.3, "something to see: {seen}, {spread}");
-            // Rounded densities are on the other side of a cut now and then.
+            // With cuts, kernels that round weights are left out: a rounded density may end a ray at another sample.
             for kernel in kernels().filter(|kernel| quality == Quality::EXACT || !kernel.rounds()) {
                 let found = draw(&file, kernel, &quality, Outputs::ALL, Batch::FULL);
                 let off = worst(&found.pixels, expected.iter());
@@ -157,7 +158,7 @@ fn the_work_is_a_density_a_sample_and_a_network_a_ray() {
             assert_eq!(colour.colour_evaluations, lit);
             let macs = [a.density_macs(), a.colour_macs()].map(|macs| macs as u64);
             assert_eq!(colour.macs, colour.density_evaluations * macs[0] + lit * macs[1]);
-            // Opacity and distances ask no network beyond the density.
+            // Without colour, only the density is evaluated.
             assert_eq!(depth.colour_evaluations, 0);
             assert_eq!(depth.macs, colour.density_evaluations * macs[0]);
         }
@@ -169,7 +170,7 @@ fn the_work_is_a_density_a_sample_and_a_network_a_ray() {
 fn a_colour_that_is_no_number_is_black_and_counted_once_a_ray() {
     let a = d11();
     let mut all = parameters(&a, 5);
-    // Infinity less infinity, in either sum.
+    // Very large biases in the first colour layer, with which colours are still finite.
     let layers = a.layers();
     let hidden = layers.iter().find(|layer| matches!(layer.role, Role::Colour(0))).unwrap();
     all[hidden.bias..hidden.bias + 2].fill(65_504.0);

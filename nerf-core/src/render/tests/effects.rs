@@ -1,11 +1,11 @@
-//! Laws of the effects, on whole frames.
+//! Properties of effects, tested on whole frames.
 
 use super::*;
 use crate::plan::{Effects, Jitter, ThinLens, Tone, ToneMap};
 
 const LENS: ThinLens = ThinLens { aperture_radius: 0.2, focus_distance: 3.5 };
 
-/// Each effect of this build alone, and all at once.
+/// No effect, each effect of this build alone, and all effects together.
 fn each() -> Vec<Effects> {
     let none = Effects::NONE;
     let (jitter, depth_of_field) = (Some(Jitter { seed: 3 }), Some(LENS));
@@ -32,7 +32,7 @@ fn each() -> Vec<Effects> {
     all
 }
 
-/// A scene with everything, in a half-empty occupancy grid.
+/// Blob of a scene with every kind of layer and an occupancy grid.
 fn scene() -> Vec<u8> {
     let a = every_kind();
     let (weights, _) = halve(&parameters(&a, 31));
@@ -94,7 +94,7 @@ fn what_is_off_costs_nothing_and_what_asks_for_nothing_is_off() {
         let found = render(&renderer, &plan, &camera);
         assert_eq!((found.pixels, found.counters), (picture.pixels.clone(), picture.counters));
     }
-    // Only several rays a pixel take memory, and only they are more rays.
+    // Only anti-aliasing needs more memory and more rays.
     for effects in each() {
         let plan = plan(&blob, effects);
         let found = render(&renderer, &plan, &camera).counters;
@@ -126,7 +126,7 @@ fn decode(c: f64) -> f64 {
     if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
 }
 
-/// A fog of one colour: what is in front of the background is as much light as it is opaque.
+/// With linear output, fog and background are mixed in linear light, and one stop of exposure doubles the pixel.
 #[cfg(feature = "tone-map")]
 #[test]
 fn linear_output_is_composited_as_light_and_a_stop_doubles_it() {
@@ -160,7 +160,7 @@ fn linear_output_is_composited_as_light_and_a_stop_doubles_it() {
     assert!(mapped.iter().flat_map(|pixel| pixel.rgb).all(|c| (0.0..=1.0).contains(&c)));
 }
 
-/// Samples are decoded with every kernel alike, each by itself.
+/// With linear output, every kernel decodes the colour of each point to linear light.
 #[cfg(feature = "tone-map")]
 #[test]
 fn samples_of_linear_output_are_those_of_display_output_decoded() {
@@ -191,7 +191,7 @@ fn samples_of_linear_output_are_those_of_display_output_decoded() {
 #[test]
 fn the_mean_of_a_constant_field_is_that_field() {
     let a = architecture(pi(3, 4), None, &[(16, false)], &[]);
-    // Density that no two rays see the same much of, in the background's own colour.
+    // Empty space, and a fog in the colour of its background: each pixel has the background's colour.
     for (sigma, grey) in [(-1.0, [0.25, 0.5, 1.0]), (0.8, [0.5; 3])] {
         let (weights, _) = halve(&constant(&a, sigma, [0.0; 3]));
         let bytes = bytes(&body(a.clone(), None, &weights));
@@ -201,7 +201,7 @@ fn the_mean_of_a_constant_field_is_that_field() {
             let plan = plan(&blob, effects).with_background(grey).unwrap();
             for pixel in render(&in_place(&blob), &plan, &camera(3, 3)).pixels {
                 for (seen, grey) in pixel.rgb.into_iter().zip(grey) {
-                    // A ray of 32 samples errs by a few ulp, the compensated mean by half of one.
+                    // Tolerance: a few ulp for a ray of 32 samples, half an ulp for the compensated mean.
                     assert!((seen - grey).abs() <= 4e-7 * grey, "{rays} rays: {seen}");
                 }
             }
@@ -248,7 +248,7 @@ fn many_rays_a_pixel_converge_to_the_picture_of_many_pixels() {
     };
     let errors = [1, 4, 16, 64, 256].map(error);
     std::println!("rms error of 1, 4, 16, 64, 256 rays: {errors:?}");
-    // At least as fast as random rays, whose error falls with the root of their number.
+    // The error falls at least as fast as with random rays: by the square root of the number of rays.
     for (step, found) in (0..).zip(errors) {
         assert!(found <= errors[0] / f64::from(1 << step), "{errors:?}");
     }
@@ -282,7 +282,7 @@ fn jittered_rays_are_those_of_a_row_of_pixels_in_every_batch() {
 #[cfg(feature = "jitter")]
 #[test]
 fn the_expectation_of_jitter_is_the_integral() {
-    // Fog of density ¾ in a box: without jitter a chord is a whole number of bins.
+    // A fog of density ¾ in a box. Without jitter, the fog's length along a ray is rounded to whole bins.
     let a = architecture(pi(3, 4), None, &[(16, false)], &[]);
     let sigma = 0.75;
     let (weights, _) = halve(&constant(&a, sigma, [0.0; 3]));
@@ -301,9 +301,10 @@ fn the_expectation_of_jitter_is_the_integral() {
             *sum += f64::from(pixel.opacity);
         }
     }
-    // A bin that a face cuts at fraction p is in with probability p: variance p (1 − p), at most ¼. Two such
-    // bins move the optical thickness by at most δ = 0.125 sigma each, so that the opacity deviates by less
-    // than δ/√2, and its mean over the seeds by 5 of those over √400. Curvature: at most δ²/2 times ½.
+    // A bin that a face cuts at fraction p has its sample inside with probability p: the variance is p (1 − p), at most
+    // ¼. Two such bins change the optical thickness by at most δ = 0.125 sigma each. The opacity's standard deviation
+    // is thus below δ/√2, and five standard deviations of the mean of 400 seeds are 5 δ/√(2 · 400). Curvature adds at
+    // most δ²/4.
     let delta = 0.125 * f64::from(sigma);
     let limit = 5.0 * delta / (2.0 * SEEDS as f64).sqrt() + delta * delta / 4.0;
     let plain = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::FULL).unwrap();
@@ -338,7 +339,7 @@ fn a_wide_aperture_blurs_what_is_out_of_focus_and_less_what_is_near_it() {
         let square = |(a, b): (&Pixel, &Pixel)| f64::from(a.opacity - b.opacity).powi(2);
         seen.iter().zip(&sharp.pixels).map(square).sum::<f64>()
     };
-    // The scene's middle is 4.0 away.
+    // The distance from the camera to the scene's middle is 4.0.
     let (focused, near) = (off(4.0), off(0.7));
     std::println!("off by {focused:e} in focus, {near:e} out of it");
     assert!(focused > 0.0 && near > 4.0 * focused);

@@ -12,7 +12,7 @@ fn grid(inputs: u8, features: u8, log2_entries: u8, sides: &[u16]) -> GridEncodi
     GridEncoding { inputs, features, log2_entries, resolutions }
 }
 
-/// A scene of the default kind: a grid, spherical harmonics, an exponential density.
+/// Architecture with a grid, spherical harmonics and an exponential density, the defaults of scenes.
 fn shape(grid: GridEncoding) -> Architecture {
     Architecture {
         position: PositionEncoding::Grid(grid),
@@ -50,7 +50,8 @@ fn draw(file: &[u8], kernel: Kernel, outputs: Outputs, batch: Batch) -> Picture 
     render(&renderer, &plan, &camera(20, 13))
 }
 
-/// The scene with its tables in int8, a scale of an eighth at each level, and the same values back in f32.
+/// Scene whose tables are rounded to int8, with a scale of 1/8 at each level. Its `tables` hold the rounded values in
+/// f32.
 fn scene_in_int8(a: &Architecture, tables: &[f32]) -> Scene {
     let (weights, parameters) = halve(&parameters(a, 7));
     let steps: Vec<i8> = tables.iter().map(|&value| (value * 8.0).round() as i8).collect();
@@ -100,7 +101,7 @@ fn every_kernel_draws_the_same_scene_whatever_the_batch() {
     }
 }
 
-/// The file with its int8 tables coded.
+/// Copy of the blob with entropy-coded int8 tables.
 #[cfg(feature = "coded")]
 fn coded(file: &[u8]) -> Vec<u8> {
     let blob = Blob::open(file).unwrap();
@@ -188,7 +189,7 @@ fn tables_of_f16_are_unpacked_in_webassembly_alone() {
 
 #[test]
 fn entries_that_no_occupied_cell_reads_change_nothing() {
-    // Occupied: the eighth of the box with x, y, z below 0, and nothing beside it.
+    // Only the octant of the box with x, y and z below 0 is occupied.
     let a = shape(grid(3, 2, 16, &[4, 8]));
     let learned = a.position.grid().unwrap();
     let clean = noise(learned.values(), 5);

@@ -1,4 +1,4 @@
-//! Which part of a ray is seen: ranges of the caller's rays, and limits of a camera's, against those of a plan.
+//! The visible range of a ray: set by the caller's ray, by a camera's limit or by the plan, with the same pixels.
 
 use super::*;
 use crate::blob::{Body, Content, SceneFacts, SceneSampling};
@@ -12,7 +12,7 @@ pub(super) fn scenes() -> Vec<Vec<u8>> {
     scenes_of(&a, &parameters(&a, 7), 0b1110_1101)
 }
 
-/// Sampled in each way.
+/// Blobs of one field, one for each kind of sampling.
 fn scenes_of(a: &Architecture, all: &[f32], bits: u8) -> Vec<Vec<u8>> {
     let (weights, _) = halve(all);
     let bits = [bits];
@@ -36,7 +36,7 @@ pub(super) fn segments(t_min: f32, t_max: f32) -> Vec<RaySegment> {
     (0..SIZE * SIZE).map(|i| RaySegment { ray: ray(i), t_min, t_max }).collect()
 }
 
-/// The pixels of what `render` asks of a worker of `file`, whose plan has a range.
+/// Pixels that `render` draws with a worker of `file`. `t_min` and `t_max`: range of the worker's plan.
 pub(super) fn pixels(
     file: &[u8],
     kernel: Kernel,
@@ -122,7 +122,7 @@ fn a_limit_of_each_pixel_is_the_end_of_its_ray() {
         let all = (0.0, f32::INFINITY);
         let found = of_camera(file, kernel, all, |x, y| Limit::ZDepth(depth(x, y)));
         assert_eq!(found, of_rays(file, kernel, &rays), "{kernel}");
-        // What limits nothing, and what leaves nothing.
+        // Limits that cut nothing, and limits that leave nothing.
         let whole = of_camera(file, kernel, all, |_, _| Limit::NONE);
         for none in [Limit::ZDepth(f32::INFINITY), Limit::ZDepth(f32::NAN), Limit::RayDistance(f32::NAN)] {
             assert_eq!(of_camera(file, kernel, all, |_, _| none), whole, "{kernel} {none:?}");
@@ -134,8 +134,8 @@ fn a_limit_of_each_pixel_is_the_end_of_its_ray() {
     }
 }
 
-/// In a fog, what is in front of a distance and what is behind it are all of a ray, however it cuts a bin; and opacity
-/// goes continuously with it.
+/// In a fog, the transmittances in front of and behind a distance multiply to that of the whole ray, wherever the
+/// distance cuts a bin. Opacity is continuous in the distance.
 #[test]
 fn both_parts_of_a_ray_let_through_what_the_whole_does() {
     let a = architecture(pi(3, 4), None, &[(4, false)], &[]);
@@ -150,7 +150,7 @@ fn both_parts_of_a_ray_let_through_what_the_whole_does() {
             for ((front, behind), whole) in front.iter().zip(&behind).zip(&whole) {
                 let through = (1.0 - front.opacity) * (1.0 - behind.opacity);
                 assert!((through - (1.0 - whole.opacity)).abs() < 3e-6, "{t}: {through} {}", whole.opacity);
-                // The sample of a bin between near and far stays in its middle, also where that is cut.
+                // A bin that is cut keeps its sample, which may lie up to half a bin outside the cut.
                 let slack = 0.5 * 4.0 / 32.0 + 1e-4;
                 let inside = |from: f32, to: f32, pixel: &Pixel| {
                     pixel.opacity == 0.0 || (from - slack..=to + slack).contains(&pixel.ray_distance)

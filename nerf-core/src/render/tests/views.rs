@@ -1,4 +1,4 @@
-//! A scene seen from anywhere: what is sampled is where a ray is in its box, whatever the way there.
+//! A scene seen from any position: samples cover the part of a ray inside the box, whatever the camera's distance.
 
 extern crate std;
 
@@ -17,11 +17,11 @@ use std::vec::Vec;
 const SIDE: u32 = 24;
 const SIGMA: f64 = 0.75;
 const STEP: f32 = 0.11;
-/// Where the tests' scene was made to be seen from: half way between near and far.
+/// Distance of the training cameras from the scene's middle: half way between near and far.
 const TRAINED: f32 = 4.0;
 const WAYS: [SceneSampling; 2] = [SceneSampling::March(STEP), SceneSampling::Bins(32)];
 
-/// A fog that fills the box, or what of it is in a ball of 8³ cells.
+/// Blob of a fog that fills the box. `ball`: only the cells of a ball are occupied, in a grid of 8³ cells.
 fn scene(sampling: SceneSampling, ball: bool) -> Vec<u8> {
     let a = architecture(pi(3, 4), None, &[(4, false)], &[]);
     let (weights, _) = halve(&constant(&a, SIGMA as f32, [0.0, 2.0, -1.0]));
@@ -39,7 +39,7 @@ fn in_ball(cell: usize) -> bool {
     side(cell / 64).powi(2) + side(cell / 8 % 8).powi(2) + side(cell % 8).powi(2) < 0.7
 }
 
-/// A camera at `times` the training distance, looking at the scene's middle, which fills the picture.
+/// A camera at `times` the training distance in direction `towards`. The scene fills its image.
 fn from(times: f32, towards: Vec3) -> Camera {
     let distance = times * TRAINED;
     let eye = towards.normalize() * distance;
@@ -52,7 +52,7 @@ fn rays(camera: &Camera) -> impl Iterator<Item = Ray> {
     (0..SIDE * SIDE).map(|i| camera.ray((i % SIDE) as f32 + 0.5, (i / SIDE) as f32 + 0.5))
 }
 
-/// Where the ray is in the box, in f64.
+/// Distances at which the ray enters and leaves the box, in f64.
 fn chord(ray: &Ray) -> Option<(f64, f64)> {
     let (mut enter, mut exit) = (0.0f64, f64::INFINITY);
     for axis in 0..3 {
@@ -69,7 +69,7 @@ fn chord(ray: &Ray) -> Option<(f64, f64)> {
     (enter < exit).then_some((enter, exit))
 }
 
-/// How much of the ray lies in the ball's cells, by 4,000 points.
+/// Length of the ray in the ball's cells, estimated by 4,000 points.
 fn way_in_ball(ray: &Ray, (enter, exit): (f64, f64)) -> f64 {
     let points = 4000;
     let width = (exit - enter) / f64::from(points);
@@ -101,7 +101,7 @@ fn outputs() -> Outputs {
     Outputs { median_distance: cfg!(feature = "median"), ..Outputs::ALL }
 }
 
-/// Mean distance of a fog of this length, entered at 0, in closed form.
+/// Mean distance in a fog from 0 to `length`, in closed form.
 fn mean_in_fog(length: f64) -> f64 {
     let left = (-SIGMA * length).exp();
     (1.0 / SIGMA) - length * left / (1.0 - left)
@@ -115,13 +115,13 @@ fn a_fog_is_as_dense_from_anywhere() {
     for sampling in WAYS {
         let bytes = scene(sampling, false);
         let delta = f64::from(SceneFacts { sampling, ..SCENE }.step());
-        // A march ends at the box. Bins may miss up to half of one at each end, or have it too much.
+        // A march ends at the faces of the box. Bins may end up to half a bin in front of a face or behind it.
         let march = matches!(sampling, SceneSampling::March(_));
         let ends = if march { 0.0 } else { delta };
         for times in [0.01, 0.1, 0.3, 0.6, 1.0, 1.5, 4.0, 100.0] {
             for towards in SIDES {
                 let camera = from(times, towards);
-                // Rounding of where the camera is, in f32.
+                // Bound on the rounding of the camera's position in f32.
                 let off = 4.0 * f64::from(times * TRAINED * f32::EPSILON) + 2e-6;
                 let found = pixels(&bytes, Kernel::IN_PLACE, &camera, |plan| plan);
                 let mut hits = 0;
@@ -137,7 +137,7 @@ fn a_fog_is_as_dense_from_anywhere() {
                         error <= SIGMA * (ends + 30.0 * off) * 1.001 + 1e-5,
                         "{sampling:?} from {times}: {way}, {thickness} off {error}"
                     );
-                    // Midpoints instead of the integral, and the bins' ends.
+                    // Tolerance: bins replace the integral by samples in their middles, and need not end at the faces.
                     let mean = enter + mean_in_fog(way);
                     let error = (f64::from(pixel.ray_distance) - mean).abs();
                     let expected = ends + delta * delta / 4.0 + 40.0 * off;
@@ -177,7 +177,7 @@ fn a_ball_is_lost_from_nowhere() {
     }
 }
 
-/// Where a camera is 10^6 units away, f32 knows its rays to 0.06 units; what is seen along them is a scene all the same.
+/// From 10^6 units away, rounding in f32 moves rays by 0.06 units. The scene must still be visible.
 #[test]
 fn a_million_units_away_it_is_still_there() {
     for sampling in WAYS {
@@ -256,7 +256,7 @@ fn a_range_cuts_bins_and_never_drops_them() {
                 }
                 before = Some(found);
             }
-            // Light is cut into what is in front of a distance and what is behind it.
+            // The transmittances in front of and behind a distance multiply to that of the whole ray.
             for at in [3.0, 3.4567, 4.1] {
                 let (front, back) = (of(0.0, at), of(at, f32::MAX));
                 let mut worst: f32 = 0.0;
@@ -287,7 +287,7 @@ fn of_far(pixels: &[Pixel]) -> f32 {
 
 #[test]
 fn rays_along_and_in_faces_are_marched() {
-    // Parallel to two faces, one of them: in a face, in an edge, through the middle; from inside and from outside.
+    // Rays along z through the middle, in a face and in an edge of the box, from outside and from inside.
     let bytes = scene(WAYS[0], false);
     for (x, y) in [(0.0, 0.0), (1.0, 0.0), (-1.0, 0.5), (1.0, 1.0)] {
         for z in [-3.0f32, -0.5] {
@@ -309,7 +309,7 @@ fn what_training_cameras_saw_is_the_same_with_the_scene_s_own_bins() {
         let bytes = scene(SceneSampling::Bins(32), true);
         let own = pixels(&bytes, kernel, &camera, |plan| plan.with_own_bins());
         assert_eq!(own, pixels(&bytes, kernel, &camera, |plan| plan));
-        // What is in front of near is not there.
+        // The scene's own bins begin at `near`. From this camera, the ball is in front of `near`.
         let close = from(0.3, Vec3::Z);
         assert!(pixels(&bytes, kernel, &close, |plan| plan.with_own_bins()).iter().all(|p| p.opacity == 0.0));
         assert!(pixels(&bytes, kernel, &close, |plan| plan).iter().any(|p| p.opacity > 0.5));

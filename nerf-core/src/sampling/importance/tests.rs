@@ -12,7 +12,7 @@ fn bins(count: usize) -> Bins {
     Bins::new(NEAR, FAR, count as u32).unwrap()
 }
 
-/// The row that `sample_pdf` makes of these weights; its first `drawn` values are NaN before.
+/// Result of [`sample_pdf`] for `weights`. Before the call, the first `drawn` values of the row are NaN.
 fn row(weights: &[f32], drawn: usize) -> Vec<f32> {
     let mut row = vec![f32::NAN; drawn];
     row.extend(weights);
@@ -20,7 +20,7 @@ fn row(weights: &[f32], drawn: usize) -> Vec<f32> {
     row
 }
 
-/// Samples of a row that were drawn from the proposal: all but the middles of bins.
+/// The drawn samples of a row: all its values without the middles of bins.
 fn drawn_of(row: &[f32], count: usize) -> Vec<f32> {
     let bins = bins(count);
     let mut middles: Vec<f32> = (0..count as u32).map(|i| bins.at(i, 0.5)).collect();
@@ -36,7 +36,7 @@ fn drawn_of(row: &[f32], count: usize) -> Vec<f32> {
     drawn
 }
 
-/// Weights of every kind a coarse network may give, by name.
+/// Named cases of weights that a coarse network may give.
 fn cases() -> Vec<(&'static str, Vec<f32>)> {
     let random =
         |n: usize, seed| -> Vec<f32> { noise(n, seed).iter().map(|w| (0.5 + 0.5 * w).powi(8)).collect() };
@@ -69,7 +69,7 @@ fn a_row_is_ascending_and_holds_every_middle_and_as_many_more() {
             let row = row(&weights, drawn);
             assert!(row.windows(2).all(|pair| pair[0] <= pair[1]), "{name}, {drawn}");
             assert!(row.iter().all(|t| (NEAR..=FAR).contains(t)), "{name}, {drawn}");
-            // A drawn sample may coincide with a middle: one of the two is left then.
+            // A drawn sample may equal a middle. `drawn_of` then keeps one of the two.
             assert_eq!(drawn_of(&row, weights.len()).len(), drawn, "{name}");
         }
     }
@@ -89,7 +89,7 @@ fn the_distribution_function_at_the_samples_is_the_middle_of_the_strata() {
         for drawn in [1, 3, 128, 500] {
             for (k, &t) in drawn_of(&row(&weights, drawn), n).iter().enumerate() {
                 let u = (k as f64 + 0.5) / drawn as f64;
-                // Resolution of `t`, in bins: half an ulp of the product with the bins' width, of the sum with near,
+                // Rounding of `t`, world units: half an ulp of the product with the bin width, of the sum with near,
                 // and of bin plus fraction.
                 let ulp = f64::from(f32::EPSILON);
                 let rounding = 2.0 * f64::from(FAR) * ulp + n as f64 * ulp * f64::from(FAR - NEAR) / n as f64;
@@ -124,7 +124,7 @@ fn what_is_no_weight_counts_as_none_and_no_more_than_all() {
 
 #[test]
 fn a_wall_gets_nearly_every_sample() {
-    // 63 floors and a weight of 1: of 128 samples less than a tenth of one falls into the other bins.
+    // The other 63 bins have weight 0 and get only the floor: less than a tenth of one sample in 128.
     let (name, weights) = &cases()[7];
     assert_eq!((*name, weights[40]), ("a wall", 1.0));
     let bins = bins(64);
@@ -146,7 +146,7 @@ fn stretches_tile_the_range() {
         let widths: Vec<f32> = (0..row.len()).map(|k| sample_interval(NEAR, FAR, &row, k).1).collect();
         assert!(widths.iter().all(|&width| width >= 0.0), "{name}");
         let sum: f64 = widths.iter().map(|&width| f64::from(width)).sum();
-        // The edges are the same from both sides, so that only the subtractions round.
+        // Neighbouring intervals share their edges exactly, so that only the subtractions round.
         let bound = row.len() as f64 * f64::from(f32::EPSILON) / 2.0
             * widths.iter().fold(0.0f64, |a, &w| a.max(w.into()));
         assert!((sum - 4.0).abs() <= bound, "{name}: {sum}");

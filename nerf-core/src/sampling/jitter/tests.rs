@@ -1,4 +1,4 @@
-//! Positions of samples inside their bins.
+//! Tests of the samples' positions inside their bins.
 
 extern crate std;
 
@@ -31,7 +31,7 @@ fn samples_lie_in_their_bins_in_order_and_evenly() {
                 n += 1;
             }
         }
-        // The mean of n uniform numbers is within 5 deviations of ½; t itself rounds.
+        // Limit: five standard deviations of the mean of n uniform numbers, plus the rounding of t.
         let off = (sum / f64::from(n) - 0.5).abs();
         assert!(off < 5.0 / (12.0 * f64::from(n)).sqrt() + 1e-3, "{count} bins: {off}");
     }
@@ -39,7 +39,7 @@ fn samples_lie_in_their_bins_in_order_and_evenly() {
 
 #[test]
 fn a_fraction_of_nearly_one_stays_in_its_bin() {
-    // (bin + u) rounds to bin + 1 from some 64 bins on, and what lies on an edge is of the next bin.
+    // From about bin 64 on, bin + u may round to bin + 1, an edge that belongs to the next bin.
     for (near, far, count) in
         [(2.0, 6.0, 4096), (2.0, 6.1, 4096), (0.0, 217.78308, 473), (6.5900173, 109.108185, 399)]
     {
@@ -56,7 +56,7 @@ fn a_fraction_of_nearly_one_stays_in_its_bin() {
 
 #[test]
 fn every_pixel_ray_bin_and_seed_has_a_number_of_its_own() {
-    // A bin is 1 long: the fraction is what is left of t.
+    // A bin has width 1: the position in the bin is the fractional part of t.
     let bins = Bins::new(0.0, 64.0, 64).unwrap();
     let mut seen: Vec<u32> = Vec::new();
     for seed in [0, 1, u64::MAX] {
@@ -68,7 +68,7 @@ fn every_pixel_ray_bin_and_seed_has_a_number_of_its_own() {
     let count = seen.len();
     seen.sort_unstable();
     seen.dedup();
-    // In bin 32 a fraction has 2^18 possible values: 960 fractions coincide once or twice by chance.
+    // In bin 32, a position has 2^18 possible values: one or two of the 960 positions coincide by chance.
     assert!(100 * seen.len() >= 99 * count, "{} of {count}", seen.len());
 }
 

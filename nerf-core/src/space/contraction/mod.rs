@@ -78,7 +78,7 @@ impl Contraction {
         let one = V::splat(1.0);
         let q = self.in_radii(p);
         let square = q[0].mul(q[0]).add(q[1].mul(q[1])).add(q[2].mul(q[2]));
-        // (2 − 1/r) / r.
+        // 1/r; a point outside of the inner ball is scaled by (2 − 1/r) / r.
         let inverse = one.div(square.max_of(one).sqrt());
         self.shrunk(q, V::splat(2.0).sub(inverse).mul(inverse).mul(V::splat(self.radius)))
     }
@@ -102,7 +102,7 @@ impl Contraction {
         self.shrunk(self.in_radii(p), V::splat(self.radius))
     }
 
-    /// Points relative to the centre, in radii; clamped so that their squares are finite.
+    /// Converts points to offsets from the centre, in radii, clamped so that their squares are finite.
     #[inline(always)]
     fn in_radii<V: Lanes>(&self, p: [V; 3]) -> [V; 3] {
         let centre = self.centre.to_array();
@@ -122,7 +122,7 @@ impl Contraction {
     #[inline(always)]
     fn shrunk<V: Lanes>(&self, mut q: [V; 3], shrink: V) -> [V; 3] {
         let centre = self.centre.to_array();
-        // A closure would not be compiled for the leaf's instruction set.
+        // A loop, since a closure would not be compiled for the instruction set of the caller.
         for axis in 0..3 {
             let (low, high) = (V::splat(self.cube.min[axis]), V::splat(self.cube.max[axis]));
             q[axis] = V::splat(centre[axis]).add(q[axis].mul(shrink)).max_of(low).min_of(high);
@@ -140,7 +140,7 @@ impl Contraction {
             return gradient;
         }
         let out = q / contracted;
-        // The contracted radius is 2 − 1/r; `FARTHEST` limits r at the rim.
+        // 1/r, since the contracted radius is 2 − 1/r. `FARTHEST` limits r at the surface of the outer ball.
         let inverse = (2.0 - contracted).max(1.0 / FARTHEST);
         let along = out * out.dot(gradient);
         (gradient - along) * (contracted * inverse) + along * (inverse * inverse)
@@ -153,13 +153,13 @@ impl Contraction {
         (Ray { origin: ray.at(start), ..*ray }, start)
     }
 
-    /// Distance along a ray from its point nearest to the centre, world units, at position `s`, counted in steps. With
-    /// power `p`: `s` radii if `|s| <= 1`, else `(1 − (|s| − 1)/p)^−p` radii with the sign of `s`. With power 1, steps
-    /// are uniform in disparity, and on a line through the centre uniform in contracted space. With larger powers they
-    /// are nearly uniform in the logarithm of distance.
+    /// Distance along a ray, world units, at position `s`, in steps. Both are 0 at the ray's point nearest to the
+    /// centre. With power `p` the distance is `s` radii if `|s| <= 1`, else `(1 − (|s| − 1)/p)^−p` radii with the sign
+    /// of `s`. Steps of power 1 are uniform in disparity, and on a line through the centre uniform in contracted space.
+    /// Steps of larger powers are nearly uniform in the logarithm of distance.
     ///
     /// # Source
-    /// Barron et al. 2025, power ladder; deviation: linear up to 1, and symmetric, since rays come from anywhere.
+    /// Barron et al. 2025, power ladder; deviation: linear up to 1, and extended to negative `s`.
     #[inline]
     pub fn distance(&self, s: f32) -> f32 {
         self.distance_lanes(s)
@@ -181,13 +181,13 @@ impl Contraction {
         V::select(s.less(V::splat(0.0)), size.neg(), size)
     }
 
-    /// How many times longer a step is in the world at the contracted point `p` than in the inner ball, on a ray
+    /// Length of a step in the world at the contracted point `p`, relative to a step in the inner ball, on a ray
     /// through the centre.
     #[cfg(feature = "train")]
     pub fn step_growth(&self, p: Vec3) -> f32 {
         let contracted = (p - self.centre).length() / self.radius;
         let radii = 1.0 / (2.0 - contracted.max(1.0)).max(1.0 / FARTHEST);
-        // d(b^−p)/ds of b = 1 − (s − 1)/p is b^−(p + 1): radii^((p + 1) / p).
+        // With b = 1 − (s − 1)/p: radii = b^−p and d(radii)/ds = b^−(p + 1) = radii^((p + 1)/p).
         radii * self.root(radii)
     }
 
@@ -203,8 +203,8 @@ impl Contraction {
         self.centre + q * (radii / contracted * self.radius)
     }
 
-    /// Position in steps, along a ray, of the point at `distance`, world units, from the ray's point nearest to
-    /// the centre: the inverse of [`Contraction::distance`]; finite for every number.
+    /// Position, in steps, of the point at `distance`, world units, from the ray's point nearest to the centre. Inverse
+    /// of [`Contraction::distance`]; finite even for a NaN.
     pub fn step_at(&self, distance: f32) -> f32 {
         let size = (distance.abs() / self.radius).min(FARTHEST);
         if size <= 1.0 {

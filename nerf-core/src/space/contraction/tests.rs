@@ -9,7 +9,7 @@ use std::vec::Vec;
 
 const EPS: f64 = f32::EPSILON as f64;
 
-/// Balls near and far from the origin, small and large.
+/// Centres and radii of inner balls: near and far from the origin, small and large.
 fn balls() -> [(Vec3, f32); 5] {
     [
         (Vec3::ZERO, 1.0),
@@ -38,7 +38,7 @@ fn length(p: Point) -> f64 {
     p.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// `a + b·dir`.
+/// Returns the point `a + b · dir`.
 fn along(a: Point, b: f64, dir: Point) -> Point {
     core::array::from_fn(|axis| a[axis] + b * dir[axis])
 }
@@ -55,7 +55,7 @@ fn dirs() -> impl Iterator<Item = Point> {
     })
 }
 
-/// The definition of the contraction, in f64, with the ball that `Contraction::new` found.
+/// Contracts `p` in f64 by the definition, with the centre and radius of `c`.
 fn contract(c: &Contraction, p: Point) -> Point {
     let q = along(p, -1.0, wide(c.centre())).map(|x| x / f64::from(c.radius()));
     let r = length(q);
@@ -69,7 +69,7 @@ fn distance(c: &Contraction, s: f64) -> f64 {
     size.copysign(s) * f64::from(c.radius())
 }
 
-/// Bound of rounding errors, relative to the largest number involved: the centre, or the box's side.
+/// Rounding error of f32 at the largest numbers involved: the centre's coordinates and the box's sides.
 fn rounding(c: &Contraction) -> f64 {
     EPS * f64::from(c.centre().abs().max_element() + 4.0 * c.radius())
 }
@@ -85,7 +85,7 @@ fn points_are_where_the_definition_has_them_and_back() {
             let found = c.contract(p);
             let error = from(wide(found), contract(&c, wide(p)));
             assert!(error <= 2.0 * rounding(&c), "{centre} {radius}: {p} to {found}, off {error:e}");
-            // A digit of the contracted radius is (2 − contracted)^−2 of them in the world.
+            // An error of the contracted radius is (2 − contracted)^−2 = r² times as large in the world.
             let error = from(wide(c.in_world(found)), wide(p));
             let bound = 4.0 * rounding(&c) * (r * r).max(1.0);
             let tells = bound < 0.1 * r.max(1.0) * f64::from(c.radius());
@@ -138,11 +138,11 @@ fn what_is_no_cube_or_power_is_no_contraction() {
             assert_eq!(Contraction::new(&flat, 1), None, "{off} along axis {axis}");
         }
     }
-    // No more than a few digits are left of this one.
+    // f32 has too few digits for this radius at this distance from the origin.
     assert_eq!(Contraction::new(&Contraction::cube(Vec3::splat(1e6), 0.1), 1), None);
 }
 
-/// The bound of both is that of rounding the steps, which end at 1 + p, while distances are unbounded.
+/// The error bounds of steps and distances come from the rounding of steps, which are at most 1 + p.
 #[test]
 fn steps_and_distances_are_inverse_within_rounding() {
     for (centre, radius) in balls() {
@@ -154,7 +154,7 @@ fn steps_and_distances_are_inverse_within_rounding() {
                 let s = i as f32 / 1000.0 * (1.0 + 0.98 * f32::from(power));
                 let found = c.distance(s);
                 let exact = distance(&c, s.into());
-                // Rounding of the base, (p + 1 − |s|) / p, which is raised to −p.
+                // Bound from the rounding of the base (p + 1 − |s|) / p, whose power −p is the distance.
                 let base = ((p + 1.0 - f64::from(s.abs())) / p).min(1.0);
                 let bound = 2.0 * EPS * (1.0 + p / base);
                 assert!(
@@ -184,7 +184,7 @@ fn steps_and_distances_are_inverse_within_rounding() {
     }
 }
 
-/// Points and steps of a ray, contracted.
+/// Contracts 16 points (rows x, y, z), and converts 16 positions in steps (row s) to distances.
 struct All<'a>(&'a Contraction, &'a [[f32; 16]; 4]);
 
 impl Op for All<'_> {
@@ -263,9 +263,9 @@ fn gradients_in_the_world_are_those_of_what_is_contracted() {
                     (value(along(p, step, axis)) - value(along(p, -step, axis))) / (2.0 * step)
                 });
                 let found = wide(c.gradient_in_world(c.contract(narrow(p)), gradient));
-                // Digits of the contracted point, which f32 rounds, count r² times.
+                // The contracted point is rounded to f32. This error, relative to the gradient, grows with r.
                 let digits = 8.0 * rounding(&c) / of * r.max(1.0);
-                // The oracle loses digits far from the origin.
+                // The oracle's finite differences lose digits far from the origin.
                 let oracle = 1e-9 + 1e-15 * length(p) / step;
                 let error = from(found, expected) / length(expected);
                 worst = f64::worse(worst, error / (digits + oracle + 1e-6));
@@ -280,7 +280,7 @@ fn gradients_in_the_world_are_those_of_what_is_contracted() {
 fn rays_are_counted_from_their_point_nearest_to_the_middle() {
     let c = contraction(Vec3::new(1.0, 2.0, 3.0), 2.0, 1);
     let ray = |origin: [f32; 3], dir: Vec3| Ray { origin: origin.into(), dir };
-    // Through the middle, tangent to the ball, from inside it, from the middle, and leading away.
+    // Rays through the centre, tangent to the ball, from inside it, from the centre, and away from the ball.
     for (ray, nearest, start) in [
         (ray([-9.0, 2.0, 3.0], Vec3::X), [1.0, 2.0, 3.0], 10.0),
         (ray([1.0, 4.0, 103.0], Vec3::NEG_Z), [1.0, 4.0, 3.0], 100.0),
@@ -293,7 +293,7 @@ fn rays_are_counted_from_their_point_nearest_to_the_middle() {
     }
 }
 
-/// How long steps of a ray through the middle are, by the steps themselves.
+/// Compares [`Contraction::step_growth`] with finite differences, on a ray through the centre.
 #[test]
 fn steps_stretch_as_distances_grow() {
     for power in Contraction::POWERS {

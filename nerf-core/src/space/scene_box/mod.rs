@@ -39,27 +39,27 @@ impl SceneBox {
     /// Clips the ray: returns the part of `[near, far]` inside the box, or `None` if the ray misses it.
     ///
     /// A ray parallel to a slab is tested separately, without a division by 0: its points are inside for all `t` or for
-    /// none. A ray on a face counts as inside. `None`, too, if the ray contains a NaN or an infinity, or the range is
-    /// empty or NaN.
+    /// none. A ray on a face counts as inside. Also returns `None` if the ray contains a NaN or an infinity, or if the
+    /// range is empty or NaN.
     ///
     /// # Source
     /// Kay and Kajiya 1986; deviation: parallel slabs are tested separately.
     pub fn clip(&self, ray: &Ray, near: f32, far: f32) -> Option<(f32, f32)> {
-        // The comparisons below would ignore a NaN, and the other axes would decide.
+        // The comparisons below would ignore a NaN on one axis and clip the ray by the other axes.
         let ordered = near <= far;
         if !(ordered && ray.origin.is_finite() && ray.dir.is_finite()) {
             return None;
         }
-        // A call for each axis: a loop over the axes takes half as long again.
+        // One call for each axis, since a loop over the axes takes half as long again.
         let slab = |axis: usize, (enter, exit): (f32, f32)| {
             let (origin, dir) = (ray.origin.to_array()[axis], ray.dir.to_array()[axis]);
             let (low, high) = (self.min.to_array()[axis], self.max.to_array()[axis]);
-            // A component this small moves less than the spacing of f32 over any finite scene.
+            // Along this axis the ray moves less than the spacing of f32 in any finite scene.
             if dir.abs() < f32::MIN_POSITIVE {
                 return (origin >= low && origin <= high).then_some((enter, exit));
             }
             let (a, b) = ((low - origin) / dir, (high - origin) / dir);
-            // Neither `a` nor `b` is NaN, so that plain comparisons suffice; `min` is a call in WebAssembly.
+            // Neither `a` nor `b` is NaN, so that comparisons suffice. `f32::min` is a function call in WebAssembly.
             let (first, last) = if b < a { (b, a) } else { (a, b) };
             Some((if first > enter { first } else { enter }, if last < exit { last } else { exit }))
         };

@@ -57,7 +57,7 @@ fn subnormal_and_huge_directions_decide_nothing_by_accident() {
         assert_eq!(clip([1.0, -1.0, 4.0], [tiny, -tiny, -1.0]), Some((3.0, 5.0)), "{tiny}");
         assert_eq!(clip([1.5, 0.0, 4.0], [tiny, 0.0, -1.0]), None, "{tiny}");
     }
-    // Not unit, but t still counts multiples of dir.
+    // `dir` is not of unit length: t counts multiples of `dir`.
     let (enter, exit) = clip([0.0, 0.0, 4.0], [0.0, 0.0, -1e30]).unwrap();
     assert!(enter > 2.9e-30 && exit < 5.1e-30);
     assert_eq!(clip([0.0; 3], [0.0; 3]), Some((0.0, 100.0)), "standing still inside");
@@ -88,7 +88,7 @@ fn clipping_agrees_with_marching() {
             let t = i as f32 * 0.01;
             let inside = span.is_some_and(|(enter, exit)| (enter..=exit).contains(&t));
             let border = span.is_some_and(|(a, b)| (t - a).abs() < 1e-5 || (t - b).abs() < 1e-5);
-            // A ray that grazes an edge may differ within rounding.
+            // Rounding decides whether a ray that grazes an edge is inside.
             let p = ray.at(t).abs().max_element();
             assert!(inside == UNIT.contains(ray.at(t)) || border || (p - 1.0).abs() < 1e-5, "{ray:?} {t}");
         }

@@ -6,8 +6,8 @@ use crate::data::cameras::bundle::median;
 use crate::system::summary::Short;
 use serde::Serialize;
 
-/// Limits beyond which a photograph's PSNR is far below the median: dB, and median absolute deviations. The larger of
-/// the two applies.
+/// A photograph's PSNR is far below the median if it is lower by more than both limits: the first in dB, the second in
+/// median absolute deviations.
 const FAR_WORSE: (f64, f64) = (5.0, 6.0);
 /// The worst group's poses are reported as doubtful if its PSNR is at least this far below the best group's, dB.
 const DIFFERENT_DB: f64 = 3.0;

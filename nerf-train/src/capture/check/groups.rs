@@ -154,7 +154,7 @@ impl Groups {
         }
         large.sort_by_key(|group| std::cmp::Reverse(group.len()));
         if many {
-            // The contradicting photographs become the last group, however large: they contradict each other, too.
+            // The contradicting photographs form the last group, whatever its size. They contradict each other, too.
             large.push(members(groups));
         } else {
             let (out, back): (Vec<_>, Vec<_>) = contradict.into_iter().partition(certain);

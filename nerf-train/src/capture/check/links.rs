@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 /// Two photographs are linked if they share at least this number of points.
 const LINKED: u32 = 15;
-/// Maximum number of photographs of one point that are linked to each other by it; further photographs are ignored.
+/// Maximum number of photographs that one point links to each other; its further photographs are ignored.
 const MAX_TRACK: usize = 200;
 
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -31,7 +31,8 @@ pub struct Diagnosis {
     pub photographs: usize,
     /// Whether the reconstruction superimposes two sides of the scene that look alike; `None` if unknown.
     pub folded: Option<bool>,
-    /// Groups of photographs whose poses can all be right, the largest first; empty if all photographs are one group.
+    /// Groups of photographs with consistent poses, the largest first; photographs with wrong poses may form a last
+    /// group. Empty if all photographs are one group.
     pub groups: Vec<Vec<String>>,
     /// The few photographs that contradict the other photographs and are left out of training.
     pub contradicting: Vec<String>,

@@ -10,7 +10,7 @@ use glam::{Quat, Vec3};
 use nerf_core::camera::{Camera, Pose};
 use std::sync::OnceLock;
 
-/// Made once: it takes seconds.
+/// Demo capture of two rounds. Rendering takes seconds, so it is done once for all tests.
 fn two_rounds(folded: bool) -> Dataset {
     static MADE: [OnceLock<Dataset>; 2] = [const { OnceLock::new() }; 2];
     MADE[usize::from(folded)].get_or_init(|| rounds(folded).expect("a scene")).clone()
@@ -20,7 +20,7 @@ fn names(range: std::ops::Range<usize>) -> Vec<String> {
     range.map(|i| format!("{i:03}.jpg")).collect()
 }
 
-/// A pose that has nothing to do with the view's own.
+/// Camera of `view` at a wrong pose, which depends on `by`.
 fn displaced(view: &View, by: u32) -> Camera {
     let camera = view.camera;
     let at = Quat::from_rotation_z(1.3 + by as f32) * camera.pose().position + Vec3::Z;
@@ -67,7 +67,7 @@ fn an_orbit_that_is_not_folded_is_left_alone() {
     assert!(none.contains("no groups in demo"), "{none}");
     found.select(&mut data, None).expect("all");
     assert_eq!(data.train.len(), 28);
-    // The cameras stand within 81 degrees; their mean up leans towards what they look at.
+    // The azimuths span 81°, which leaves 279°. The tilt of the cameras' mean up direction changes this a little.
     let gap = found.unseen_sector_degrees.expect("an orbit").0;
     assert!((gap - 279.0).abs() < 8.0, "{gap}");
     assert!(found.findings.iter().any(|finding| finding.contains("a sector of 2")), "{:?}", found.findings);
@@ -76,7 +76,7 @@ fn an_orbit_that_is_not_folded_is_left_alone() {
 #[test]
 fn few_photographs_that_contradict_the_rest_are_left_out_by_name() {
     let mut data = two_rounds(false);
-    // The picture of another place; a pose of another place.
+    // Photograph 5 gets the picture of another place, photograph 20 a wrong pose.
     data.train[5].pixels =
         render_truth(&DemoSpec { size: 160, ..Default::default() }.camera(2.094, 0.4).expect("a camera"))
             .rgba;
@@ -165,7 +165,7 @@ fn blurred_photographs_and_duplicates_are_named() {
 
 #[test]
 fn bridges_and_pieces_are_those_of_the_graph() {
-    // Two triangles that one link joins, and one photograph alone.
+    // Two triangles joined by one link, and a photograph without links.
     let links = [[0, 1], [1, 2], [0, 2], [2, 3], [3, 4], [4, 5], [3, 5]];
     let mut sights = Sights::default();
     sights.of_views = vec![Vec::new(); 7];
@@ -194,7 +194,7 @@ fn training_photographs_far_below_the_rest_are_named() {
     };
     let fitted = scores(&db);
     assert_eq!(fitted.train_far_worse, ["004.jpg"]);
-    // The camera jumps back when its second round begins.
+    // The viewing direction jumps from photograph 13 to 14, where the second round begins.
     let groups: Vec<_> = fitted.train_groups.iter().map(|g| (g.first.as_str(), g.photographs)).collect();
     assert_eq!(groups, [("000.jpg", 14), ("014.jpg", 14)]);
     let said = |fitted: &Fitted| fitted.lines().collect::<Vec<_>>().join("\n");

@@ -44,8 +44,8 @@ impl Image {
 /// Options for reading a photograph: its scale, and the background of transparent pixels.
 #[derive(Debug, Args)]
 pub struct PhotoOptions {
-    /// Scale factor of the image before training.
-    #[arg(long, value_name = "SHARE", default_value_t = 1.0)]
+    /// Factor by which the image is scaled before training, at most 1.
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     pub scale: f64,
     /// Background of transparent pixels: a name (black, white, red), #RRGGBB or R,G,B (0 to 255).
     #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = parse_background)]
@@ -66,7 +66,7 @@ impl PhotoOptions {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Settings (replace the preset's)")]
 pub struct Settings {
-    /// Pixels per batch, by stratified sampling if the field has a grid.
+    /// Random pixels per batch; stratified if the field has a grid.
     #[arg(long, value_name = "N")]
     pixels: Option<usize>,
     /// Training steps [default: the preset's].
@@ -104,16 +104,17 @@ pub struct Fit {
     photo: PathBuf,
     #[command(flatten)]
     conduct: Conduct,
-    /// Steps at which the image is rendered for the report.
+    /// Steps at which the image is rendered for the report [default: none].
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', requires = "report")]
     snapshots: Vec<u32>,
     /// Steps between evaluations [default: a tenth of the run].
     #[arg(long, value_name = "N")]
     evaluate_every: Option<u32>,
-    /// Preset: grid (learned hash grid), classic (sinusoidal network), sharp (a layer more, trained longer).
+    /// Preset: grid (learned hash grid), classic (sinusoidal network), sharp (classic with one layer more, trained
+    /// longer).
     #[arg(long, value_enum, default_value = "grid", hide_possible_values = true)]
     preset: FieldPreset,
-    /// Hidden layers.
+    /// Number of hidden layers.
     #[arg(long, value_name = "N")]
     layers: Option<usize>,
     /// Width of the hidden layers.
@@ -128,7 +129,7 @@ pub struct Fit {
     settings: Settings,
     #[command(flatten)]
     table: TableSettings,
-    /// Maximum file size (256k, 1m); chooses table size, levels and storage.
+    /// Maximum file size, such as 256k or 1m; table size, levels and storage are chosen to fit.
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes, help_heading = grid::HEADING)]
     max_bytes: Option<u64>,
 }

@@ -33,7 +33,7 @@ pub struct Render {
     /// Height, pixels [default: the trained image's, or in proportion to --width].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_535))]
     height: Option<u32>,
-    /// Implementation of elementary functions: polynomial, libm, micromath, recurrence.
+    /// Implementation of exp, sin and other functions: polynomial, libm, micromath, recurrence.
     #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
     math: MathBackend,
 }
@@ -78,7 +78,7 @@ impl Render {
     /// other side keeps the aspect ratio.
     fn size(&self, facts: PictureFacts) -> [u32; 2] {
         let along = |side: u32, of: u32, to: u32| {
-            // Rounded, at least 1; of u16 range as the sides are.
+            // Rounded, at least 1. The result fits u32, since `side` and `to` are below 2^16.
             ((u64::from(side) * u64::from(to) + u64::from(of) / 2) / u64::from(of)).max(1) as u32
         };
         match (self.width, self.height) {

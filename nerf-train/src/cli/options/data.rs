@@ -19,25 +19,28 @@ use std::time::Duration;
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Data set")]
 pub struct DataOptions {
-    /// Camera convention: looks along −Z (opengl) or +Z (opencv) [default: the layout's].
+    /// Camera axes: opengl (looks along −Z) or opencv (looks along +Z) [default: the layout's].
     #[arg(long, value_name = "CONVENTION")]
     pub axes: Option<Axes>,
     /// Near plane, world units along the ray.
     #[arg(long, value_name = "T")]
     pub near: Option<f32>,
-    /// Far plane, world units along the ray; in an unbounded scene, distance from its centre.
+    /// Far plane, world units along the ray; in an unbounded scene, measured from its centre.
     #[arg(long, value_name = "T")]
     pub far: Option<f32>,
-    /// Layout of a folder: transforms (Blender, nerfstudio), colmap or llff [default: the first that fits].
+    /// Layout of a folder: transforms (Blender, nerfstudio, instant-ngp), colmap or llff [default: the first that
+    /// fits].
     #[arg(long, value_name = "LAYOUT")]
     pub layout: Option<Layout>,
-    /// Downscale factor; auto: long side to about 800 pixels [default: auto; 1 for Blender].
+    /// Whole factor by which photographs are downscaled, or auto: long side to about 800 pixels [default: auto; 1 for
+    /// Blender].
     #[arg(long, value_name = "N", default_value = "auto", hide_default_value = true)]
     pub downscale: Downscale,
-    /// Intrinsics: shared (one focal length and lens per device) or own (as COLMAP has them for each photograph) [default: shared; with a scene file: as trained].
+    /// Intrinsics: shared (one set for all photographs of a device) or own (each photograph's, as in COLMAP) [default:
+    /// shared; with a scene file: as trained].
     #[arg(long, value_name = "WHICH")]
     pub cameras: Option<Cameras>,
-    /// Allow `file_path` entries that lead out of the data set's folder.
+    /// Allow file_path entries of transforms files that lead out of the data set's folder.
     #[arg(long)]
     pub outside_files: bool,
 }
@@ -45,8 +48,8 @@ pub struct DataOptions {
 /// Extent of a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Space {
-    /// A box if the photographs' background is known or a box is given; else unbounded. A preset without a learned
-    /// grid, or without empty-space skipping, always has a box.
+    /// A box if the background of the photographs is known, or if a box is given; else unbounded. Without a learned
+    /// grid, or without empty-space skipping, always a box.
     #[default]
     Auto,
     /// The scene ends at a box.

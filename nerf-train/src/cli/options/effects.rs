@@ -8,7 +8,7 @@ use nerf_core::plan::{EffectError, Effects, Jitter, Plan, PlanError, ThinLens, T
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Effects")]
 pub struct EffectOptions {
-    /// Anti-aliasing: rays per pixel, 1 to 256.
+    /// Anti-aliasing: rays per pixel, 1 to 256 [default: 1].
     #[arg(
         long,
         value_name = "N",
@@ -20,13 +20,13 @@ pub struct EffectOptions {
     /// Seed of random sample offsets: noise instead of banding [default: no offsets].
     #[arg(long, value_name = "SEED")]
     jitter: Option<u64>,
-    /// Depth of field: aperture radius, world units; use --antialias 16 or more.
+    /// Depth of field: radius of the aperture, world units; needs --focus, and --antialias of about 16 or more.
     #[arg(long, value_name = "R", requires = "focus")]
     aperture: Option<f32>,
-    /// Focus distance, world units.
+    /// Distance in focus, world units; needs --aperture.
     #[arg(long, value_name = "T", requires = "aperture")]
     focus: Option<f32>,
-    /// Exposure, stops: multiplies linear light by 2^STOPS.
+    /// Exposure, stops: multiplies linear light by 2^STOPS [default: 0].
     #[arg(
         long,
         value_name = "STOPS",

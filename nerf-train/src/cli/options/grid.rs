@@ -14,22 +14,22 @@ pub const HEADING: &str = "Learned grid (--preset grid)";
 #[derive(Debug, Args)]
 #[command(next_help_heading = HEADING)]
 pub struct TableSettings {
-    /// log2 of the hash table size.
+    /// Size of a hash table: at most 2^K entries per level.
     #[arg(long, value_name = "K")]
     pub table: Option<u8>,
-    /// Grid levels.
+    /// Number of grid levels.
     #[arg(long, value_name = "N")]
     pub grid_levels: Option<usize>,
     /// Features per level: 1, 2 or 4.
     #[arg(long, value_name = "F")]
     pub features: Option<u8>,
-    /// Resolution of the coarsest level.
+    /// Cells along the longest side at the coarsest level.
     #[arg(long, value_name = "N")]
     pub coarsest: Option<u16>,
-    /// Resolution of the finest level.
+    /// Cells along the longest side at the finest level.
     #[arg(long, value_name = "N")]
     pub finest: Option<u16>,
-    /// Storage of the tables in the file; coded: quantised more coarsely than int8, and entropy-coded.
+    /// Storage of the tables in the file; coded: entropy-coded, quantised at least as coarsely as int8.
     #[arg(long, value_enum, value_name = "STORAGE")]
     pub export: Option<TableStorage>,
 }

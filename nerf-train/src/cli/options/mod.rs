@@ -47,7 +47,7 @@ impl UpAxis {
 /// Option that selects the part of the work that this process does.
 #[derive(Debug, Args)]
 pub struct ShardOption {
-    /// Do part I of N of the work, I from 1 [default: by the Slurm or Kubernetes array index, else all].
+    /// Do part I of N of the work, 1/N to N/N [default: by the index of a Slurm or Kubernetes array job, else all].
     #[arg(long, value_name = "I/N")]
     pub shard: Option<Shard>,
 }

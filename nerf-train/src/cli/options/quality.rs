@@ -13,16 +13,16 @@ use std::path::Path;
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Quality and speed")]
 pub struct QualityOptions {
-    /// Samples per ray [default: the scene file's].
+    /// Samples per ray; with a learned grid, march steps on the diagonal of the scene box [default: the scene file's].
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     pub samples: u16,
     /// Early ray termination: transmittance below which a ray ends; 0: never.
     #[arg(long, value_name = "T", default_value_t = Quality::default().transmittance_cut)]
     pub transmittance_cut: f32,
-    /// Evaluate colour once for this much accumulated weight; 0: at every sample.
+    /// Weight that samples accumulate between two colour evaluations; 0: colour is evaluated at every sample.
     #[arg(long, value_name = "W", default_value_t = Quality::default().colour_cut)]
     pub colour_cut: f32,
-    /// Do not skip empty space.
+    /// Do not skip empty space: ignore the occupancy grid.
     #[arg(long)]
     pub no_occupancy: bool,
     /// Place samples uniformly, without the file's proposal (coarse) network.
@@ -31,10 +31,11 @@ pub struct QualityOptions {
     /// Exact rendering: --no-occupancy --transmittance-cut 0 --colour-cut 0.
     #[arg(long, conflicts_with_all = ["no_occupancy", "transmittance_cut", "colour_cut"])]
     pub exact: bool,
-    /// Implementation of elementary functions: polynomial, libm, micromath, recurrence.
+    /// Implementation of exp, sin and other functions: polynomial, libm, micromath, recurrence.
     #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
     pub math: MathBackend,
-    /// Sample range: own (near to far, as trained) or whole (scene box) [default: whole; own in eval].
+    /// Range of samples without a learned grid: own (near to far, as trained) or whole (scene box) [default: whole; own
+    /// in eval].
     #[arg(long, value_enum, value_name = "WHICH")]
     pub bins: Option<WhichBins>,
 }

@@ -11,7 +11,8 @@ use std::path::Path;
 /// Settings of `--set`; each overrides the setting of the same path in the TOML file.
 #[derive(Debug, Default, Args)]
 pub struct SetOption {
-    /// Override a setting that `config` prints, such as network.depth=2; may be repeated.
+    /// Override one setting by its path, such as optimiser.beta2=0.99; may be repeated (`config` prints the paths for
+    /// scenes).
     #[arg(long = "set", value_name = "PATH=VALUE", value_parser = parse_set)]
     pub tables: Vec<toml::Table>,
 }
@@ -144,7 +145,8 @@ mod tests {
         let mut own = gentle.clone();
         (own.occupancy.from, own.optimiser.rate) = (77, 2e-3);
         assert_eq!(read("[occupancy]\nhull = false\nfrom = 77\n[optimiser]\nrate = 2e-3"), own);
-        // Missing values of a grid over a preset without one are filled in; an incompatible setting is refused.
+        // A grid in a file over a preset without one gets missing values from the preset `grid`; settings that
+        // contradict it are refused.
         let mixed = read("[network.grid]\nlevels = 4");
         let grid = Preset::Grid.config().network.grid.expect("a grid");
         assert_eq!(mixed.network.grid, Some(crate::model::config::TableConfig { levels: 4, ..grid }));
@@ -152,7 +154,7 @@ mod tests {
         let whole = "[network]\nposition_levels = 0\ndensity = \"exponential\"\ndensity_scale = 1.0\n[network.grid]\n\
                      features = 4\n[occupancy]\nempty_share = 0.0";
         read(whole).check().expect("a grid with the network that goes with it");
-        // A file without a grid names a preset without one, as TOML cannot unset a value.
+        // To have no grid, a file names a preset without one: TOML cannot unset a value.
         let back = read("preset = \"seed\"\n[network]\nwidth = 8");
         assert_eq!(back.network.grid, None);
         // A preset written as TOML reads back unchanged.

@@ -28,9 +28,10 @@ use std::time::Instant;
 
 /// Render a view or a video of a scene.
 ///
-/// A view is written as PNG, or as EXR if its name ends in .exr. An EXR holds floats: linear colour, and z-depth in
-/// channel Z. With --transparent, its colour is premultiplied, and alpha is in channel A. A video is written as GIF
-/// (`orbit.gif`), as MP4 by an installed ffmpeg (`orbit.mp4`), or as numbered PNGs in a folder (`frames/`).
+/// Without --pose, --data, --path or --orbit, the view is the first of the orbit. A view is written as PNG, or as EXR
+/// if its name ends in .exr. An EXR holds floats: linear colour, and z-depth in channel Z. With --transparent, its
+/// colour is premultiplied, and alpha is in channel A. A video is written as GIF (`orbit.gif`), as MP4 by an installed
+/// ffmpeg (`orbit.mp4`), or as numbered PNGs in a folder (`frames/`).
 ///
 /// The first of several --outputs gets the name that -o gives. The names of the others get a suffix: with -o view.png,
 /// z-depth goes to view_z_depth.png. The file that -o names is replaced. Other files (further outputs, frames in a
@@ -49,7 +50,7 @@ pub struct Render {
     /// Output: image (.png, .exr), video (.gif, .mp4) or folder of frames.
     #[arg(long, short, value_name = "PATH")]
     output: PathBuf,
-    /// Camera-to-world matrix, 3×4 (OpenGL: looks down −Z, +Y up), in the data's coordinates.
+    /// Camera-to-world matrix, 3×4, row by row (OpenGL: looks down −Z, +Y up), in the coordinates of the data.
     #[arg(
         long,
         value_name = "M,M,…",
@@ -70,22 +71,22 @@ pub struct Render {
     /// View index in the split, from 0.
     #[arg(long, value_name = "I", default_value_t = 0, requires = "data")]
     view: usize,
-    /// Video interpolated through these views of --data.
+    /// Video along a smooth path through these views of --data, by index from 0.
     #[arg(long, value_name = "I,J,…", value_delimiter = ',', requires = "data", conflicts_with = "view")]
     keyframes: Vec<usize>,
-    /// Frames of a video along --keyframes [default: 120] or --path FILE.json [default: the file's].
+    /// Number of frames with --keyframes [default: 120] or --path FILE.json [default: the file's].
     #[arg(long, value_name = "N")]
     frames: Option<usize>,
     /// Orbit video with this many frames; swings back and forth if the photographs show only one side.
     #[arg(long, value_name = "FRAMES", group = "what")]
     orbit: Option<usize>,
-    /// Elevation of the orbit, degrees [default: the photographs', or 25].
+    /// Elevation of the orbit, degrees [default: from the photographs, else 25].
     #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
     elevation: Option<f32>,
-    /// Radius of the orbit, world units [default: the photographs', or midway between near and far].
+    /// Radius of the orbit, world units [default: from the photographs, else midway between near and far].
     #[arg(long, value_name = "R")]
     radius: Option<f32>,
-    /// Up axis of the orbit [default: the photographs', or z].
+    /// Up axis of the orbit [default: from the photographs, else z].
     #[arg(long, value_enum, value_name = "AXIS", allow_hyphen_values = true)]
     up: Option<UpAxis>,
     /// Frame rate [default: the camera path's, or 20].
@@ -100,16 +101,16 @@ pub struct Render {
     /// Focal length, pixels [default: from the view or path, or a field of view of 40°].
     #[arg(long, value_name = "F")]
     focal: Option<f32>,
-    /// Outputs to render.
+    /// Outputs to render, separated by commas.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "rgb")]
     outputs: Vec<Output>,
     /// Background: a name (black, white, red), #RRGGBB or R,G,B [default: the scene file's].
     #[arg(long, value_name = "COLOUR", value_parser = parse_background)]
     background: Option<[f32; 3]>,
-    /// Write alpha, straight in PNG, premultiplied in EXR; for a view or a folder of frames.
+    /// Write alpha: straight in PNG, premultiplied in EXR. For a view or a folder of frames.
     #[arg(long, conflicts_with_all = ["background", "exposure", "tone_map", "linear"])]
     transparent: bool,
-    /// Smooth the density over this many sample spacings before normals are taken from it.
+    /// Width of the blur of the density from which normals are computed, in sample spacings; 0: no blur.
     #[arg(long, value_name = "BINS", default_value_t = Plan::NORMAL_BLUR)]
     normal_blur: f32,
     #[command(flatten)]

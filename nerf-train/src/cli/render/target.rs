@@ -21,7 +21,7 @@ pub(super) enum Target {
 }
 
 impl Target {
-    /// Returns the part of the message after a signal that says which images are kept. `output`: path of `-o`.
+    /// Returns the end of the interruption message, which says which images are kept. `output`: path of `-o`.
     pub(super) fn left(&self, output: &Path) -> String {
         match self {
             Self::Still => "no picture is written".to_owned(),

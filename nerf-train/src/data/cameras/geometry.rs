@@ -7,9 +7,9 @@ use nerf_core::space::SceneBox;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// Optical axes are taken as parallel if [`LookAt::spread`] is at most this: angles of about half a degree.
+/// Optical axes are taken as parallel if [`LookAt::spread`] is at most this, which corresponds to half a degree.
 const PARALLEL: f64 = 1e-4;
-/// A scene is taken as forward-facing if [`LookAt::spread`] is less than this: angles of about eight degrees.
+/// A scene is forward-facing if [`LookAt::spread`] is less than this, which corresponds to eight degrees.
 const FORWARD_FACING: f64 = 0.02;
 /// Number of reweighted least-squares iterations that minimise the sum of distances from the look-at point to the axes.
 const ROUNDS: usize = 20;
@@ -96,7 +96,8 @@ impl LookAt {
         look_at.point.iter().all(|v| v.is_finite()).then_some(look_at)
     }
 
-    /// Whether the optical axes pass near [`Self::point`]: on average within 0.3 of the cameras' mean distance from it.
+    /// Whether the axes pass near [`Self::point`]: their mean distance from it is at most 0.3 of the mean camera
+    /// distance.
     pub fn axes_meet(&self) -> bool {
         self.mean_residual <= 0.3 * self.mean_distance
     }
@@ -151,11 +152,12 @@ pub struct SceneBounds {
 /// Near and far distance, world units, and scene box of a data set. `None` if neither data nor cameras give them, or if
 /// `near` is not less than `far`.
 ///
-/// `near` and `far` are the data set's own, if stated. Otherwise, if the cameras of a NeRF-synthetic, CS180 or
-/// tiny_nerf data set are about 4 world units from their look-at point, 2 and 6 are used, as is usual there. Otherwise,
-/// `near` is half the smallest distance of a camera from the look-at point, and `far` is as far behind that point as
-/// `near` is in front of it. The box is a cube around the look-at point; its half side is the mean camera distance
-/// minus `near`. Without a reliable look-at point, the box encloses all view frusta from `near` to `far`.
+/// `near` and `far` are the data set's own, if stated. Otherwise they are 2 and 6, as usual, if the cameras of a
+/// NeRF-synthetic, CS180 or tiny_nerf data set are about 4 world units from their look-at point. Otherwise `near` is
+/// half the smallest camera distance from that point, and `far` = largest + mean camera distance − `near`.
+///
+/// The box is a cube around the look-at point; its half side is the mean camera distance minus `near`. If the look-at
+/// point is unreliable, or nearer than `near`, the box encloses all view frusta from `near` to `far`.
 pub fn scene_bounds(dataset: &Dataset) -> Option<SceneBounds> {
     let cameras: Vec<Camera> = dataset.cameras().copied().collect();
     bounds(&cameras, LookAt::of(&cameras).as_ref(), dataset)
@@ -166,7 +168,7 @@ pub(crate) fn bounds(cameras: &[Camera], look_at: Option<&LookAt>, dataset: &Dat
     let proposed = look_at.map(|look_at| proposed_range(look_at, dataset.format));
     let near = dataset.near.or(proposed.map(|range| range.0))?;
     let far = dataset.far.or(proposed.map(|range| range.1))?;
-    // A bound that the caller gave may not fit the proposed one.
+    // A given bound may contradict a proposed one.
     if near >= far {
         return None;
     }

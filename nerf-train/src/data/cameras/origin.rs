@@ -6,7 +6,7 @@ use glam::DVec3;
 /// At that distance f32 rounds positions to 4e-6 of the half extent, about a hundredth of a pixel.
 const FAR_AWAY: f64 = 64.0;
 
-/// If the origin was moved, a data set's name ends with this text and the coordinates of the origin.
+/// Text that precedes the coordinates of a moved origin at the end of a data set's name.
 pub(crate) const STATED: &str = ", origin at (";
 
 /// New origin, in the file's world. If the cameras are far from the file's origin, the new origin is a point near their
@@ -21,7 +21,7 @@ pub(crate) fn origin(cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
     if !(reach > 0.0 && middle.length() > FAR_AWAY * reach) {
         return DVec3::ZERO;
     }
-    // Powers of ten from 1 on are exact; for smaller ones, which are not, the inverse is used.
+    // Only powers of ten from 1 on are exact in f64. For a smaller unit, its inverse is used.
     let exponent = reach.log10().ceil();
     let rounded = match 10f64.powf(exponent.abs()) {
         unit if exponent >= 0.0 => (middle / unit).round() * unit,

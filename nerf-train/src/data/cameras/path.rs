@@ -45,7 +45,7 @@ struct Frame {
     fov: Option<f64>,
 }
 
-/// A camera-to-world matrix as files write it.
+/// A camera-to-world matrix in a file: 12 or 16 numbers in row-major order, or a list of rows.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum Matrix {

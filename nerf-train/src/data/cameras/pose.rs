@@ -4,7 +4,7 @@ use glam::DVec3;
 use nerf_core::camera::Pose;
 use std::f64::consts::PI;
 
-/// Pose of the upper rows of a camera-to-world matrix, with its position relative to `origin`.
+/// Pose from the upper three rows of a camera-to-world matrix, with its position relative to `origin`.
 pub(crate) fn pose_of(mut rows: [[f64; 4]; 3], origin: DVec3) -> Pose {
     rows.iter_mut().zip(origin.to_array()).for_each(|(row, origin)| row[3] -= origin);
     Pose::from_rows(rows.map(|row| row.map(|v| v as f32)))

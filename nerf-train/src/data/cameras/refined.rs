@@ -42,7 +42,7 @@ impl RefinedPoses {
     }
 
     pub fn to_json(&self) -> String {
-        // Serialising plain data to memory has no way to fail.
+        // Serialising plain data to memory cannot fail.
         serde_json::to_string_pretty(self).expect("plain data") + "\n"
     }
 
@@ -125,7 +125,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let blob = folder.path().join("a.nerf");
         assert!(RefinedPoses::beside(&blob).expect("no file").is_none());
-        // All but the last.
+        // Leaves out the last view.
         let refined = RefinedPoses::of(views[..2].iter().map(|view| (view, moved(view))), origin);
         std::fs::write(beside(&blob), refined.to_json()).expect("a file");
         let read = RefinedPoses::beside(&blob).expect("a file").expect("refined poses");
@@ -136,7 +136,7 @@ mod tests {
             assert!((found.pose().position - expected.pose().position).length() < 1e-6);
         }
         assert!(cameras[2].is_none());
-        // A matrix that is no pose is refused by its view's name.
+        // A matrix row of five numbers is an error that names the file.
         let broken = refined.to_json().replacen(
             "\"transform_matrix\": [\n        [",
             "\"transform_matrix\": [\n        [9, ",

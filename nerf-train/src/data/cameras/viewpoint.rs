@@ -8,12 +8,12 @@ use nerf_core::blob::Viewpoint;
 use nerf_core::camera::{Camera, Pose};
 use std::f32::consts::TAU;
 
-/// The viewpoint's arc is derived from the shortest arc that contains this fraction of the cameras' azimuths.
+/// The arc that a viewer may orbit is based on the shortest arc that contains this fraction of the cameras' azimuths.
 const MOST: f32 = 0.95;
 /// Two thirds of a circle, radians. If the cameras' azimuths span at least this, a viewer may orbit the full circle.
 const ROUND: f32 = 2.0 / 3.0 * TAU;
-/// Limits on the eigenvalues of the scatter matrix of the cameras' x axes: largest ratio of the smallest eigenvalue to
-/// the middle one, and smallest middle one. Beyond these limits, the x axes do not determine the up direction.
+/// Limits on the eigenvalues e1 ≤ e2 ≤ e3 of the scatter matrix of the cameras' x axes: largest e1 / e2, smallest e2.
+/// Beyond these limits, the x axes do not determine the up direction.
 const LEVEL: (f64, f64) = (0.15, 0.02);
 /// Minimum number of sparse points in a view from which the scene's depth is estimated.
 const ENOUGH_POINTS: usize = 8;
@@ -129,7 +129,8 @@ fn level(horizons: &[DVec3]) -> Option<DVec3> {
     let least = smallest_eigenvalue(m);
     let rest = m - DMat3::from_diagonal(DVec3::splat(least));
     let (x, y, z) = (rest.x_axis, rest.y_axis, rest.z_axis);
-    // Columns of the adjugate: the normal, times one of its components, times the product of the other eigenvalues.
+    // Columns of the adjugate of `rest`: each is the normal, times one of its components, times the product of the
+    // other two eigenvalues.
     let normals = [y.cross(z), z.cross(x), x.cross(y)];
     let product = normals[0].x + normals[1].y + normals[2].z;
     let half = 0.5 * (x.x + y.y + z.z);

@@ -72,7 +72,7 @@ pub fn dataset(spec: &DemoSpec) -> Result<Dataset, CameraError> {
         views.map(view).collect()
     };
     let (train, val) = (spec.spiral(spec.train, 0.0)?, spec.spiral(spec.val, 1.1)?);
-    // Distance of the box's corners from its centre, at which every camera looks.
+    // Distance of the scene box's corners from the origin, which every camera looks at.
     let reach = 3.0f32.sqrt();
     Ok(Dataset {
         train: shoot("train", train),

@@ -1,5 +1,5 @@
-//! Demo data sets with sparse points, as reconstructions have. On request, the reconstruction is folded: photographs of
-//! two sides of the scene have poses on the same side.
+//! Demo data sets with sparse points, like those of a reconstruction. On request, the reconstruction is folded:
+//! photographs of two sides of the scene have poses on the same side.
 
 use super::{DemoSpec, Hit, render, trace};
 use crate::data::{Axes, Background, Dataset, Format, KeyPoint, SparsePoint, View};
@@ -14,7 +14,7 @@ const ROUND: usize = 14;
 const STEP: f32 = 6.0;
 /// Side of the photographs, pixels.
 const SIZE: u32 = 160;
-/// Spacing of the pixels from which sparse points are made, pixels, along both axes.
+/// Spacing, in columns and in rows, of the pixels from which sparse points are made.
 const POINT_EVERY: usize = 9;
 /// One photograph in this many gives sparse points.
 const VIEW_EVERY: usize = 3;

@@ -58,7 +58,7 @@ fn surface(look: Look, p: Vec3, world: Vec3, n: Vec3) -> Surface {
             if n.z < 0.5 || world.z < FLOOR as f32 - 0.02 {
                 return plain(rgb(196, 178, 150));
             }
-            // A border around a chequerboard with squares of 0.2.
+            // A border around a chequerboard whose squares have the side 0.2.
             let inside = world.truncate().length() < 0.86;
             let even = ((world.x / 0.2).floor() + (world.y / 0.2).floor()).rem_euclid(2.0) < 0.5;
             plain(if inside && even { slate } else { cream })

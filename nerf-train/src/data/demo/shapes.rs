@@ -151,8 +151,8 @@ impl Shape {
                 return Some(t);
             }
             t += if convex {
-                // Along a ray the distance to a convex shape is a convex function: Newton's method reaches its first
-                // root from the left, and a rising slope means that there is no root.
+                // Along a ray, the distance to a convex shape is a convex function. Newton's method therefore reaches
+                // its first root from the left, and a slope of 0 or more means that there is no root.
                 let slope = (at(t + SLOPE_STEP) - distance) / SLOPE_STEP;
                 if slope >= 0.0 {
                     return None;
@@ -194,7 +194,7 @@ pub(super) fn first(origin: DVec3, dir: DVec3) -> Option<Found> {
 /// Fraction, 0..=1, of a small round light in direction `dir` that is visible from `point`.
 ///
 /// # Source
-/// Quilez, "Soft shadows in raymarched SDFs": the penumbra from the narrowest miss.
+/// Quilez, "Soft shadows in raymarched SDFs": the closest miss of a shape gives the penumbra.
 pub(super) fn lit(point: DVec3, dir: DVec3) -> f64 {
     const SHARPNESS: f64 = 9.0;
     const STEPS: usize = 40;
@@ -202,7 +202,7 @@ pub(super) fn lit(point: DVec3, dir: DVec3) -> f64 {
     const MARGIN: f64 = 0.2;
     let mut light: f64 = 1.0;
     for shape in &SCENE {
-        // The light is above: points level with the plinth's top are not in the plinth's shadow.
+        // The light is above the plinth, so that the plinth shades no point at or above its own top.
         if shape.look == Look::Plinth && point.z >= FLOOR {
             continue;
         }

@@ -82,7 +82,7 @@ fn some_surface_point_changes_colour_with_the_direction() {
         let (x, y) = ((i % 128) as f32 + 0.5, (i / 128) as f32 + 0.5);
         let Some(hit) = trace(&a, x, y) else { continue };
         let point = a.ray(x, y).at(hit.ray_distance);
-        // The same point in the other camera, if it sees it.
+        // Projects the point into the other camera's picture.
         let local = b.pose().rotation.transpose() * (point - b.pose().position);
         let k = b.intrinsics();
         let (u, v) = (k.cx - k.fx * local.x / local.z, k.cy + k.fy * local.y / local.z);

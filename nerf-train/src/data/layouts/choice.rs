@@ -80,7 +80,7 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
         Layout::Transforms if folder.join(nerfstudio::FILE).is_file() => {
             nerfstudio::read(&folder.join(nerfstudio::FILE), options, watch)?
         }
-        // Without the list of training views this is an error that names the file, unless nothing is fitted.
+        // Fails if the file of training views is missing and no existing field is evaluated; the error names the file.
         Layout::Transforms => blender::read(folder, options, watch)?,
         Layout::Colmap => colmap::read(folder, options, watch)?,
         Layout::Llff => llff::read(folder, options, watch)?,

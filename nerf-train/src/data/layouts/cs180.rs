@@ -154,7 +154,7 @@ fn mixed_alpha(splits: [(&str, &Vec<View>); 3]) -> Vec<String> {
 const NOTEBOOK_VIEWS: usize = 106;
 /// Index of the first validation view of the notebook's file: the view that all its figures show.
 const NOTEBOOK_VALIDATION: usize = 101;
-/// In any other file of this layout, this many views at the end are for validation.
+/// Number of validation views in any other file of this layout; they are the last views.
 const LAST: usize = 6;
 
 /// Reads `tiny_nerf_data.npz` of the original NeRF notebook: `images` in floats, OpenGL `poses`, and `focal`.

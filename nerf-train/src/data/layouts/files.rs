@@ -25,7 +25,7 @@ struct Frame {
     depth_file_path: Option<String>,
 }
 
-/// Adds the files of the data set at `path`, if given, to `claims`, as files that are read and must not be overwritten.
+/// Returns `claims` with the files of the data set at `path`, if given, added as inputs that must not be overwritten.
 pub fn reads_data<'p, P: AsRef<Path> + ?Sized + 'p>(
     claims: Claims,
     path: impl Into<Option<&'p P>>,

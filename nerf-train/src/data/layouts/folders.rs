@@ -10,7 +10,7 @@ pub(crate) const IMAGES: &str = "images";
 /// Usual folder of masks; COLMAP's convention is `masks/NAME.png` for `images/NAME`.
 const MASKS: &str = "masks";
 
-/// Path of a photograph's file, and the reduction still to be applied to the photograph.
+/// Path of a photograph's file, and the reduction that remains to be applied to the picture.
 pub(crate) struct Located {
     pub(crate) path: PathBuf,
     /// Factor by which the photograph is still reduced, relative to the size that the data set states. `None`: the
@@ -19,7 +19,7 @@ pub(crate) struct Located {
     pub(crate) reduced: bool,
 }
 
-/// Folders of a data set's photographs. Key: how many times smaller the pictures in the folder are than the originals.
+/// Folders of a data set's photographs. Key: factor by which the folder's pictures are smaller than the originals.
 pub(crate) struct Folders {
     root: PathBuf,
     by_factor: BTreeMap<u32, PathBuf>,
@@ -77,7 +77,8 @@ impl Folders {
         })
     }
 
-    /// Pictures of the best folder, sorted by the bytes of their names. `size`: size that the data set states, pixels.
+    /// Pictures of the first of the `candidates`, sorted by the bytes of their names. `size`: size that the data set
+    /// states, pixels.
     pub(crate) fn list(
         &self,
         downscale: Downscale,
@@ -114,7 +115,7 @@ impl Folders {
 }
 
 /// Path of the copy of a picture that is `factor` times smaller; `None` if there is no copy. For `images/a.jpg` and 4,
-/// the copy is the file of that name in `images_4`.
+/// the copy is `images_4/a.jpg`, or has the same path with another extension.
 pub(crate) fn smaller_copy(root: &Path, file_path: &str, factor: u32) -> Option<PathBuf> {
     let path = file_path.replace('\\', "/");
     let (folder, rest) = path.trim_start_matches("./").split_once('/')?;

@@ -34,7 +34,7 @@ struct Dtype {
 
 /// Default size limit of an unpacked array, bytes.
 const MAX_ARRAY: u64 = 4 << 30;
-/// Longest array header that is read, bytes; numpy's are 128.
+/// Longest array header that is read, bytes; numpy usually writes 128.
 const MAX_HEADER: usize = 1 << 16;
 /// Maximum number of dimensions of an array: numpy's own limit.
 const MAX_DIMENSIONS: usize = 32;

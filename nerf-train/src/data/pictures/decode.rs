@@ -72,7 +72,7 @@ pub fn decode_of(
     let mut reader = reader(Cursor::new(&bytes));
     reader.set_format(format);
     let mut decoder = reader.into_decoder().map_err(text)?;
-    // The decoder allocates whatever size the header states.
+    // Checked before decoding, because the decoder allocates whatever size the header states.
     let (width, height) = decoder.dimensions();
     if width.max(height) > MAX_SIDE || u64::from(width) * u64::from(height) > MAX_PIXELS {
         let most = format!("at most {MAX_SIDE} a side and {MAX_PIXELS} in all are read");
@@ -123,7 +123,7 @@ fn check_jpeg(bytes: &[u8]) -> Result<(), String> {
         .set_max_height(usize::from(u16::MAX));
     match zune_jpeg::JpegDecoder::new_with_options(ZCursor::new(bytes), options).decode() {
         Ok(_) => Ok(()),
-        // Violates the standard, but loses no data.
+        // Extra bytes between headers violate the standard, but lose no data.
         Err(DecodeErrors::FormatStatic(text)) if text.contains("Extra bytes between headers") => Ok(()),
         Err(error) => Err(format!("{error:?}")),
     }
@@ -133,7 +133,7 @@ fn check_jpeg(bytes: &[u8]) -> Result<(), String> {
 mod tests {
     use super::*;
 
-    /// The header of a BMP of 24 bits a pixel, and nothing behind it.
+    /// Header of a BMP with 24 bits a pixel, without pixel data.
     fn bmp(width: i32, height: i32) -> Vec<u8> {
         let sizes = [54i32, 40, width, height].map(i32::to_le_bytes).concat();
         [&b"BM\x36\0\0\0\0\0\0\0"[..], &sizes, &[1, 0, 24, 0], &[0; 24]].concat()
@@ -162,7 +162,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("wide.png");
         image::GrayImage::new(MAX_SIDE + 1, 1).save(&file).expect("saved");
-        // The header and the beginning of the pixels.
+        // Keeps the header and the beginning of the pixel data.
         let whole = std::fs::read(&file).expect("read");
         std::fs::write(&file, &whole[..60]).expect("room");
         let error = decode(&file).expect_err("too wide").to_string();

@@ -79,7 +79,8 @@ impl Tiff<'_> {
 mod tests {
     use super::device_in;
 
-    /// EXIF tags with a maker of five letters, a model of three, and a focal length of 63/10 mm.
+    /// EXIF tags with a maker of five letters, a model of three, and a focal length of 63/10 mm. `little`:
+    /// little-endian.
     fn tags(little: bool) -> Vec<u8> {
         let short = |v: u16| if little { v.to_le_bytes() } else { v.to_be_bytes() };
         let long = |v: u32| if little { v.to_le_bytes() } else { v.to_be_bytes() };

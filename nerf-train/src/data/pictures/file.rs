@@ -115,7 +115,7 @@ pub(crate) fn locate(folder: &Path, file_path: &str) -> Option<PathBuf> {
     }
     let endings = || ENDINGS.into_iter().chain(REFUSED_ENDINGS);
     endings().map(str::to_owned).chain(endings().map(str::to_uppercase)).find_map(|extension| {
-        // The extension is appended, not replaced: `r_0.5` has none.
+        // Appends the extension and replaces none: the `.5` of `r_0.5` is no extension.
         let mut name = written.clone().into_os_string();
         name.push(".");
         name.push(extension);

@@ -1,4 +1,4 @@
-//! Photographs with their cameras: decoded one at a time, turned, reduced, masked.
+//! Photographs with their cameras: decoded in parallel, turned, reduced, masked.
 
 use crate::data::pictures::file::{self, Picture, StatedSize};
 use crate::data::pictures::found::Found;
@@ -93,7 +93,8 @@ impl Source<'_> {
             let side = |side: f64| (side / factor).round().clamp(1.0, 65_535.0) as u32;
             (side(w), side(h))
         });
-        // Pictures are never enlarged, nor resampled for one pixel: makers of smaller copies round differently.
+        // Pictures are never enlarged. Pictures one pixel too large are kept, because programs that write smaller
+        // copies round sizes differently.
         let larger = found.0 > width + 1 || found.1 > height + 1;
         let (width, height) = if larger { (width.min(found.0), height.min(found.1)) } else { found };
         if (w, h) != own && !photo.reduced {
@@ -157,7 +158,7 @@ fn read_mask(file: &Path, size: (u32, u32), to: (u32, u32)) -> Result<Vec<bool>,
 
 /// The folder that photographs must lie in.
 pub(crate) struct Fence {
-    /// Path of the folder without links; `None` if pictures may be anywhere.
+    /// Path of the folder, links resolved; `None` if pictures may be anywhere.
     bounds: Option<PathBuf>,
 }
 

@@ -39,7 +39,7 @@ impl Photo {
         let mut image = composited(image, background, &mut notes);
         if scale < 1.0 {
             let side = |side: u32| ((f64::from(side) * scale).round() as u32).max(1);
-            // Triangle filter as wide as the new pixel: every source pixel has weight, and nothing rings.
+            // The triangle filter widens with the reduction: every source pixel contributes, and edges do not ring.
             image = image.resize_exact(side(width), side(height), FilterType::Triangle);
             notes.push(format!("reduced from {width}x{height} pixels"));
         }

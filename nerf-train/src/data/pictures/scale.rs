@@ -26,7 +26,7 @@ impl Downscale {
         }
         let ratio = (width.max(height) / AUTO_SIDE).clamp(1.0, f64::from(MAX_FACTOR));
         let (low, high) = (ratio.floor(), ratio.ceil());
-        // The factor nearest by ratio, not by difference.
+        // Chooses the factor nearest to `ratio` on a logarithmic scale.
         (if ratio / low <= high / ratio { low } else { high }) as u32
     }
 }
@@ -156,7 +156,7 @@ mod tests {
     fn a_pixel_is_the_mean_over_its_area() {
         let image = RgbImage::from_fn(5, 4, |x, y| Rgb([(10 * x) as u8, (40 * y) as u8, 7]));
         let small = shrunk(image.clone().into(), 2, 2);
-        // 2.5 columns each: (0 + 10 + 0.5 20) / 2.5 = 8, (0.5 20 + 30 + 40) / 2.5 = 32.
+        // Each new pixel covers 2.5 columns: (0 + 10 + 0.5 · 20) / 2.5 = 8, (0.5 · 20 + 30 + 40) / 2.5 = 32.
         let expected = [[8, 20, 7, 255], [32, 20, 7, 255], [8, 100, 7, 255], [32, 100, 7, 255]];
         assert_eq!((small.width, small.height, small.pixels), (2, 2, expected.to_vec()));
         let same = shrunk(image.into(), 9, 9);

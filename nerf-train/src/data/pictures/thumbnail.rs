@@ -65,7 +65,7 @@ mod tests {
             );
         }
         assert_eq!(side_for(usize::MAX), SMALLEST);
-        // Noise is the worst that JPEG can meet: 200 such pictures stay below 3 MB.
+        // Noise is the worst case for JPEG; 200 thumbnails of noise stay below 3 MB.
         let side = side_for(200);
         let noise = (0..side * side).map(|i| {
             [(i * 7919 % 256) as f32 / 255.0, (i * 104_729 % 251) as f32 / 250.0, (i * 31 % 7) as f32 / 6.0]

@@ -16,8 +16,8 @@ const OTHERS: usize = 3;
 pub enum Fault {
     /// The reconstruction lacks photographs: they have no pose, or have one in a smaller reconstruction only.
     Torn {
-        /// Names of photographs that the largest reconstruction lacks, for each smaller one with at least three of
-        /// them.
+        /// Names of photographs that the largest reconstruction lacks, one list for each smaller reconstruction. Lists
+        /// of fewer than three names are left out.
         others: Vec<Vec<String>>,
     },
     /// Two sides of the scene look alike, and photographs of both have poses on the same side.

@@ -198,7 +198,7 @@ fn copy(bare: &Bare, images: &Path) -> io::Result<()> {
 /// Moves the reconstruction to `place` and removes the folder `work`.
 fn keep(model: &Facts, place: &Path, work: &Path) -> io::Result<()> {
     fs::rename(&model.folder, place)?;
-    // `project.ini` names the hidden folder.
+    // `project.ini` contains paths in the hidden folder, which is renamed at the end.
     let _ = fs::remove_file(place.join("project.ini"));
     fs::remove_dir_all(work)
 }

@@ -41,7 +41,7 @@ fn the_other_convention_is_told_in_both_directions() {
         let report = Report::of(&dataset_of(&poses, axes));
         let warnings = report.warnings.join("\n");
         assert_names(&warnings, &["100% of the cameras look away", &format!("--axes {}", axes.other())]);
-        // Bounds in front of cameras that look away would be nonsense.
+        // Cameras that look away from their common point give no scene box.
         assert_eq!(report.scene_box, None);
     }
 }
@@ -93,7 +93,7 @@ fn forward_facing_cameras_are_no_false_alarm() {
         }
     }
     assert_eq!(Report::of(&dataset_of(&lattice(0.0), Axes::Opengl)).look_at, None);
-    // With a range, the box is around what the cameras see.
+    // With a given near and far, the box encloses the view frusta.
     let mut dataset = dataset_of(&lattice(0.0), Axes::Opengl);
     (dataset.near, dataset.far) = (Some(1.0), Some(2.0));
     let bounds = scene_bounds(&dataset).expect("a range");
@@ -108,14 +108,14 @@ fn one_camera_and_duplicate_poses_make_a_report() {
     for poses in [vec![poses[0]], vec![poses[0]; 5]] {
         let report = Report::of(&dataset_of(&poses, Axes::Opengl));
         assert_eq!((report.look_at, report.scene_box), (None, None));
-        // That there are few, that some are twins, and that nobody says where the scene is.
+        // Warnings: too few photographs, unknown position of the scene, and equal poses if there are several.
         assert_eq!(report.warnings.len(), 2 + usize::from(poses.len() > 1), "{:?}", report.warnings);
         assert_names(&report.warnings.join("\n"), &[&format!("photographs to fit: {}; so few", poses.len())]);
     }
     let twice: Vec<Pose> = poses.iter().chain(&poses).copied().collect();
     let look_at = LookAt::of_poses(&twice);
     assert!(Vec3::from(look_at.point).length() < 1e-4 && look_at.agrees());
-    // All at one place, looking around: the point is the place, and no distance is above 0.
+    // All cameras are at one point and look in different directions: all distances from the look-at point are 0.
     let around: Vec<Pose> = poses.iter().map(|p| Pose { position: Vec3::ONE, ..*p }).collect();
     let _ = Report::of(&dataset_of(&around, Axes::Opengl)).to_string();
 }
@@ -130,7 +130,7 @@ fn the_callers_range_wins_over_the_recipe() {
     dataset.near = Some(3.0);
     let bounds = scene_bounds(&dataset).expect("an orbit");
     assert_eq!((bounds.near, bounds.far), (3.0, 6.0));
-    // Inside the scene: no cube, but the frusta.
+    // `near` exceeds the cameras' distance of 4: the box encloses the view frusta instead of being a cube.
     dataset.near = Some(5.0);
     assert!(scene_bounds(&dataset).is_some());
     dataset.near = Some(7.0);

@@ -1,4 +1,4 @@
-//! LLFF's poses, folders of smaller copies, and folders that are of several layouts.
+//! Tests of LLFF's poses, of folders with reduced copies, and of folders that fit several layouts.
 
 use super::photographs::Made;
 use super::*;
@@ -6,13 +6,13 @@ use crate::data::{Downscale, Layout};
 use std::path::PathBuf;
 use tempfile::TempDir;
 
-/// `poses_bounds.npy` of the orbit of `count` cameras, for pictures of this size.
+/// Bytes of a `poses_bounds.npy` for `count` cameras on an orbit; picture size and `focal` in pixels.
 fn poses_bounds(count: usize, (width, height): (f64, f64), focal: f64) -> Vec<u8> {
     let mut numbers = Vec::new();
     for pose in orbit(count, 4.0, Vec3::ZERO) {
         let rows = pose.to_rows().map(|row| row.map(f64::from));
         for (row, size) in rows.iter().zip([height, width, focal]) {
-            // Down, right, backward, centre.
+            // LLFF's columns: down, right, backward, centre, size.
             numbers.extend([-row[1], row[0], row[2], row[3], size]);
         }
         numbers.extend([2.0, 9.0]);
@@ -26,7 +26,8 @@ fn npy(descr: &str, shape: &str, data: &[u8]) -> Vec<u8> {
     [&b"\x93NUMPY\x01\0"[..], &(text.len() as u16).to_le_bytes(), text.as_bytes(), data].concat()
 }
 
-/// A folder of ten poses for 64×48 pixels, and these folders of pictures of 64/N×48/N.
+/// A folder with ten poses for pictures of 64×48 pixels. For each factor N, `images_N` (`images` for 1) holds pictures
+/// of 64/N×48/N pixels.
 fn folder(factors: &[u32]) -> TempDir {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("poses_bounds.npy"), poses_bounds(10, (64.0, 48.0), 80.0))
@@ -66,7 +67,7 @@ fn copies_that_are_smaller_are_read_as_they_are() {
     assert_eq!(sizes(&[1, 4, 8], Downscale::By(2)).expect("photographs"), (32, true));
     assert_eq!(sizes(&[4, 8], Downscale::By(8)).expect("a copy"), (8, false));
     assert_eq!(sizes(&[4], Downscale::By(8)).expect("a copy"), (8, true));
-    // 64 pixels are fewer than 800: auto takes the largest there are.
+    // `Auto` aims at 800 pixels, so it takes the largest pictures.
     assert_eq!(sizes(&[1, 4], Downscale::Auto).expect("photographs"), (64, false));
     assert_eq!(sizes(&[4, 8], Downscale::Auto).expect("a copy"), (16, false));
     let error = sizes(&[4, 8], Downscale::By(2)).expect_err("no such copy").to_string();
@@ -106,7 +107,7 @@ fn what_is_wrong_with_llff_is_named() {
     assert_names(&error_with(&npy("<f8", "(0, 17)", &[])), &["number of poses"]);
 }
 
-/// A folder that is of all three layouts.
+/// A folder that fits all three layouts.
 fn of_all() -> TempDir {
     let folder = folder(&[1]);
     let mut made = Made::plain(10);
@@ -138,7 +139,7 @@ fn of_several_layouts_the_first_is_read_and_the_others_said() {
         let data = read_as(Some(layout)).expect("a data set");
         assert!(data.format == format && !data.notes.join(" ").contains("is there, too"));
         poses.push(data.train.iter().map(|view| *view.camera.pose()).collect::<Vec<_>>());
-        // The points of the model are in the world of LLFF's poses.
+        // The COLMAP model's points are also read with LLFF's poses, which are in the same world.
         assert_eq!(data.points.len(), if layout == Layout::Transforms { 0 } else { 2 });
     }
     for (a, b) in poses[1].iter().zip(&poses[2]) {

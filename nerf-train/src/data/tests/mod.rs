@@ -1,4 +1,4 @@
-//! Every layout and every error, on small data sets made here; and the real data where present.
+//! Tests of every layout and every error on small generated data sets, and on real data if present.
 
 mod geometry;
 mod llff;
@@ -18,7 +18,7 @@ use glam::Vec3;
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use std::path::Path;
 
-/// `count` poses on a golden spiral of the upper hemisphere of `radius`, looking at `target`.
+/// `count` poses on a golden spiral of the upper hemisphere of `radius` around `target`, looking at `target`.
 fn orbit(count: usize, radius: f32, target: Vec3) -> Vec<Pose> {
     (0..count)
         .map(|i| {
@@ -51,7 +51,7 @@ fn dataset_of(poses: &[Pose], axes: Axes) -> Dataset {
     }
 }
 
-/// Row-major 4×4, as files hold it.
+/// Camera-to-world matrix of `pose`, 4×4, row-major.
 fn matrix(pose: &Pose) -> [[f32; 4]; 4] {
     let [a, b, c] = pose.to_rows();
     [a, b, c, [0.0, 0.0, 0.0, 1.0]]
@@ -61,7 +61,7 @@ fn read_plain(path: &Path) -> Result<Dataset, DatasetError> {
     read(path, &ReadOptions::default())
 }
 
-/// The error's text, which must be there.
+/// Text of the error from reading `path`; panics if reading succeeds.
 fn error_of(path: &Path) -> String {
     match read_plain(path) {
         Ok(dataset) => panic!("{} was read: {:?}", path.display(), dataset.warnings),

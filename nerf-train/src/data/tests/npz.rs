@@ -43,7 +43,7 @@ fn poses(count: usize, axes: Axes) -> impl Iterator<Item = f64> {
     poses.flat_map(|m| m.into_iter().flatten().map(f64::from))
 }
 
-/// Three training and two validation pictures of 4×2, and three poses without pictures.
+/// Arrays of a CS180 file: three training and two validation pictures of 4×2 pixels, and three poses without pictures.
 fn cs180() -> Vec<(&'static str, Vec<u8>)> {
     vec![
         ("images_train", whole(Made("|u1", "(3, 2, 4, 3)", (0..72).collect()))),
@@ -59,7 +59,7 @@ fn with(key: &'static str, bytes: Vec<u8>) -> Vec<(&'static str, Vec<u8>)> {
     cs180().into_iter().map(|(k, b)| if k == key { (k, bytes.clone()) } else { (k, b) }).collect()
 }
 
-/// The error that CS180 data give with one array replaced.
+/// Text of the error from reading the CS180 file with the array `key` replaced by `bytes`.
 fn error_with(key: &'static str, bytes: Vec<u8>) -> String {
     let folder = tempfile::tempdir().expect("tempdir");
     error_of(&npz(folder.path(), &with(key, bytes)))
@@ -72,7 +72,7 @@ fn arrays_of_training_may_be_missing_where_nothing_is_fitted() {
     let path = npz(folder.path(), &of_validation);
     let measure = ReadOptions { to_measure: true, ..ReadOptions::default() };
     let data = read(&path, &measure).expect("validation alone");
-    // The path to render has the size of the pictures that are there.
+    // Without training pictures, `c2ws_test` gets the picture size of the validation pictures.
     assert_eq!((data.train.len(), data.val.len(), data.test_path.len()), (0, 2, 3));
     assert_names(&error_of(&path), &["c2ws_train"]);
     let neither: Vec<_> = of_validation.into_iter().filter(|(key, _)| !key.ends_with("_val")).collect();
@@ -184,7 +184,7 @@ fn huge_shapes_allocate_nothing() {
         let text = error_with("images_train", whole(Made("|u1", shape, vec![0; 10])));
         assert_names(&text, &["`images_train`"]);
     }
-    // Within the limit, but not there.
+    // The shape is within the size limit, but the file has only ten bytes.
     let text = error_with("images_train", whole(Made("|u1", "(1000, 1000, 1000, 3)", vec![0; 10])));
     assert_names(&text, &["3000000000 bytes", "found 10"]);
     let mut long = b"\x93NUMPY\x02\x00".to_vec();
@@ -223,7 +223,7 @@ fn no_truncation_and_no_bit_flip_panics() {
 
 #[test]
 fn no_bit_flip_in_an_array_header_panics() {
-    // The zip's checksum is right here, so that the flips reach the header's parser.
+    // The zip is written after the flip, so that its checksum is right and the array header is parsed.
     let folder = tempfile::tempdir().expect("tempdir");
     let good = whole(Made("|u1", "(3, 2, 4, 3)", (0..72).collect()));
     for bit in 0..8 * (good.len() - 72) {
@@ -250,7 +250,7 @@ fn matrices_must_end_with_0_0_0_1() {
         ("focal", whole(Made("<f8", "()", f8([5.5])))),
     ];
     assert_names(&error_of(&npz(folder.path(), &arrays)), &["view `poses[2]`", "bottom row"]);
-    // Without that row there is none to be wrong.
+    // Matrices without a bottom row are accepted.
     let rows = numbers.chunks_exact(16).flat_map(|m| m[..12].to_vec());
     let path = npz(folder.path(), &with("c2ws_train", whole(Made("<f8", "(3, 3, 4)", f8(rows)))));
     read_plain(&path).expect("3 x 4");

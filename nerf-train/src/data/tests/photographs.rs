@@ -1,4 +1,4 @@
-//! Folders of photographs: COLMAP models and LLFF's poses, made here, and what is wrong with them.
+//! Tests of COLMAP models with their photographs: valid, damaged and odd ones.
 
 use super::*;
 use glam::{DQuat, DVec3, Quat};
@@ -6,21 +6,21 @@ use image::{Rgb, RgbImage};
 use nerf_core::camera::Projection;
 use tempfile::TempDir;
 
-/// Pixels of the photographs here.
+/// Width and height of the photographs in these tests, pixels.
 const SIZE: (u32, u32) = (8, 6);
 
-/// A model to be written: cameras (number, model, parameters), photographs (name, camera), points with the number of
-/// photographs that see them.
+/// COLMAP model that a test writes to files. `cameras`: number, camera model, parameters. `images`: name, number of the
+/// camera. `points`: position, number of photographs that see the point.
 pub(super) struct Made {
     pub(super) cameras: Vec<(u32, i32, Vec<f64>)>,
     pub(super) images: Vec<(String, u32)>,
     pub(super) points: Vec<([f64; 3], u64)>,
-    /// How far all of it is moved.
+    /// Shift of all cameras and points, world units.
     pub(super) moved: DVec3,
 }
 
 impl Made {
-    /// `count` photographs of one PINHOLE camera.
+    /// Model of `count` photographs of one PINHOLE camera.
     pub(super) fn plain(count: usize) -> Self {
         Self {
             cameras: vec![(1, 1, vec![10.0, 11.0, 4.5, 2.5])],
@@ -30,14 +30,14 @@ impl Made {
         }
     }
 
-    /// World to camera in COLMAP's axes, of photograph `i`.
+    /// Rotation and translation, world to camera, of photograph `i` in COLMAP's axes.
     fn world_to_camera(&self, i: usize) -> (DQuat, DVec3) {
         let pose = Axes::Opencv.to_opengl(orbit(self.images.len(), 4.0, Vec3::ZERO)[i]);
         let rotation = Quat::from_mat3(&pose.rotation.transpose()).as_dquat().normalize();
         (rotation, -(rotation * (pose.position.as_dvec3() + self.moved)))
     }
 
-    /// Where its points are.
+    /// For each point: index, shifted position, and number of photographs that see it.
     fn positions(&self) -> impl Iterator<Item = (usize, [f64; 3], u64)> {
         let moved = |position: [f64; 3]| (DVec3::from(position) + self.moved).to_array();
         self.points.iter().enumerate().map(move |(i, &(position, track))| (i, moved(position), track))
@@ -102,7 +102,7 @@ impl Made {
         }
     }
 
-    /// The photographs, each of a grey of its own.
+    /// Writes the photographs to `folder`, each in a grey level of its own.
     pub(super) fn photographs(&self, folder: &Path, (width, height): (u32, u32)) {
         for (i, (name, _)) in self.images.iter().enumerate() {
             grey(&folder.join(name), (width, height), i as u8);
@@ -121,7 +121,7 @@ fn grey(path: &Path, (width, height): (u32, u32), value: u8) {
     picture.save_with_format(path, image::ImageFormat::Png).expect("saved");
 }
 
-/// A folder with this model in `sparse/0`, binary, and its photographs in `images`.
+/// Folder with the binary model `made` in `sparse/0`, and its photographs in `images`.
 fn folder_of(made: &Made) -> TempDir {
     let folder = tempfile::tempdir().expect("a folder");
     made.binary(&folder.path().join("sparse/0"));
@@ -157,7 +157,7 @@ fn colmap_models_are_read_binary_and_text_wherever_they_are() {
             } else {
                 made.text(&model)
             }
-            // Newer versions write these, too.
+            // Newer versions of COLMAP also write these two files.
             put(&model, "rigs.bin", vec![1]);
             put(&model, "frames.bin", vec![1]);
             let photographs =
@@ -271,7 +271,7 @@ fn names_hold_folders_and_spaces_and_missing_photographs_are_not_counted() {
         made.photographs(&folder.path().join("images"), SIZE);
         std::fs::remove_file(folder.path().join("images").join(&made.images[0].0)).expect("removed");
         let data = read_plain(folder.path()).expect("a model");
-        // The first that is there is held out.
+        // The first photograph that exists is held out.
         assert_eq!((data.train.len(), data.val[0].name.as_str()), (7, "left cam/deep er/1.JPG"));
         assert_names(&said(&data), &["skipped 1 of 9 registered", "left cam/deep er/0.JPG"]);
         let options = ReadOptions { hold_offset: 4, ..ReadOptions::default() };
@@ -324,7 +324,8 @@ fn a_model_cut_at_any_byte_is_refused_with_its_file() {
             }
             std::fs::write(&path, &whole).expect("written");
         }
-        // Text of which whole lines are gone tells nothing, but where a comment counts them.
+        // A shortened points3D.txt may be read if it ends with a whole line. In the other text files, a comment states
+        // the number of items.
         assert!(
             accepted.iter().all(|(name, length, line)| *name == "points3D.txt" && (*line || *length == 0)),
             "{accepted:?}"
@@ -338,7 +339,7 @@ fn counts_near_the_end_of_u64_take_no_memory() {
     let made = Made::plain(3);
     let folder = folder_of(&made);
     let model = folder.path().join("sparse/0");
-    // The counts at the start, of a photograph's points, and of a point's track.
+    // Tests the counts at the start of the files, of a photograph's key points, and of a point's track.
     let images = std::fs::read(model.join("images.bin")).expect("read");
     let points_of_first = 8 + 4 + 56 + 4 + "0.jpg".len() + 1;
     for (name, at) in [
@@ -384,7 +385,7 @@ fn numbers_that_are_none_are_named() {
 
 #[test]
 fn odd_sets_of_cameras_are_named() {
-    // One photograph twice; two poses that are one; three photographs; cameras that look away from each other.
+    // Tests a name that occurs twice, a valid model, two equal poses, and cameras that look away from each other.
     let mut made = Made::plain(3);
     made.images[2].0 = "0.jpg".into();
     assert_names(&error_of(folder_of(&made).path()), &["images.bin", "photograph `0.jpg`", "one pose"]);
@@ -395,7 +396,7 @@ fn odd_sets_of_cameras_are_named() {
     let path = folder.path().join("sparse/0/images.bin");
     let mut bytes = std::fs::read(&path).expect("read");
     let record = (bytes.len() - 8) / 3;
-    // Quaternion and translation, behind count and number.
+    // Copies the first pose (7 × 8 bytes) over the second; a pose follows the photograph's number (4 bytes).
     bytes.copy_within(8 + 4..8 + 4 + 56, 8 + record + 4);
     std::fs::write(&path, bytes).expect("written");
     let twins = Report::of(&read_plain(folder.path()).expect("a model"));

@@ -1,4 +1,4 @@
-//! Pictures of every kind, made smaller, masked, and refused.
+//! Tests of reading pictures: reduction, masks, bit depths, and files that are refused.
 
 use super::*;
 use crate::data::Downscale;
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use std::path::PathBuf;
 use tempfile::TempDir;
 
-/// `transforms.json` over these frames of 8×4 pixels, with these fields besides.
+/// Writes a `transforms.json` with the pictures `names`, of 8×4 pixels, and the additional fields `extra`.
 fn write(folder: &TempDir, names: &[&str], extra: &Value) -> PathBuf {
     let poses = orbit(names.len(), 4.0, Vec3::ZERO);
     let frame = |(name, pose): (&&str, &Pose)| json!({ "file_path": name, "transform_matrix": matrix(pose) });
@@ -27,7 +27,7 @@ fn save(folder: &TempDir, name: &str, image: impl Into<DynamicImage>) {
     image.into().save_with_format(path, ImageFormat::Png).expect("saved");
 }
 
-/// Columns of 0, 10, 20…
+/// Picture whose columns have the values 0, 10, 20…
 fn ramp(width: u32, height: u32) -> RgbImage {
     RgbImage::from_fn(width, height, |x, _| Rgb([(10 * x) as u8; 3]))
 }
@@ -49,14 +49,14 @@ fn photographs_are_made_smaller_with_their_intrinsics() {
     assert_eq!((i.width, i.height, i.fx, i.cx, i.cy), (4, 2, 5.0, 2.25, 1.0));
     assert_eq!(view.pixels[..4].iter().map(|p| p[0]).collect::<Vec<_>>(), [5, 25, 45, 65]);
     assert_names(&data.notes.join("\n"), &["2 pictures of 8x4 made smaller by area, to 4x2"]);
-    // Counted from the size that the poses name: half of that is there already.
+    // The factor applies to the size in the json, 16×8; the files already have half of that.
     let path = write(&folder, &["images/a", "images/b"], &json!({ "w": 16, "h": 8, "cx": 9.0 }));
     for (factor, width) in [(1, 8), (2, 8), (4, 4)] {
         let data = read_at(&path, Downscale::By(factor));
         let i = data.train[0].camera.intrinsics();
         assert_eq!((i.width, i.fx * 16.0, i.cx * 16.0), (width, 10.0 * width as f32, 9.0 * width as f32));
     }
-    // A folder of smaller copies is read as it is.
+    // Pictures in a folder of reduced copies are not reduced further.
     save(&folder, "images_4/a.png", RgbImage::from_pixel(4, 2, Rgb([1; 3])));
     save(&folder, "images_4/b.jpg", RgbImage::from_pixel(4, 2, Rgb([2; 3])));
     let data = read_at(&path, Downscale::By(4));
@@ -83,7 +83,7 @@ fn what_a_mask_is_black_at_does_not_count() {
     for name in names {
         save(&folder, &format!("{name}.png"), ramp(8, 4));
     }
-    // The left two columns of a; nothing of b; all of c.
+    // The masks hide the left two columns of a, nothing of b, and all of c.
     save(&folder, "masks/a.png", image::GrayImage::from_fn(8, 4, |x, _| Luma([if x < 2 { 0 } else { 255 }])));
     save(&folder, "masks/b.png", RgbImage::from_pixel(4, 2, Rgb([0, 0, 9])));
     save(&folder, "masks/c.png", image::GrayImage::new(8, 4));
@@ -101,7 +101,7 @@ fn what_a_mask_is_black_at_does_not_count() {
         let columns: Vec<bool> = (0..width as usize).map(|i| a.counts(i)).collect();
         assert_eq!(columns.iter().filter(|counts| !**counts).count(), width as usize / 4, "{columns:?}");
         assert!(!columns[0] && columns[width as usize - 1] && b.mask.is_none());
-        // Counted: what is left of it, in order.
+        // `counted` leaves out the hidden quarter of the pixels.
         let rgb = a.composite_over([0.0; 3]);
         assert_eq!(a.counted(&rgb).len(), 3 * rgb.len() / 4);
         assert_eq!((data.train.len(), data.val.len()), (2, 1));
@@ -156,7 +156,7 @@ fn applied_transform_and_aabb_scale_are_said() {
     let turned = json!([[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, -1, 0]]);
     let path = write(&folder, &["a", "a"], &json!({ "applied_transform": turned, "aabb_scale": 16 }));
     let data = read_plain(&path).expect("a data set");
-    // The user's coordinates are the file's: what was done before is not undone.
+    // Poses stay in the file's coordinates: `applied_transform` is not inverted.
     assert_eq!(*data.val[0].camera.pose(), orbit(2, 4.0, Vec3::ZERO)[0]);
     assert_names(&data.notes.join("\n"), &["applied_transform is not undone", "aabb_scale 16"]);
     let plain = json!([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]);
@@ -219,13 +219,13 @@ fn a_photograph_of_another_size_among_good_ones_is_named() {
     let warnings =
         |extra: &Value| read_plain(&write(&folder, &names, extra)).expect("three").warnings.join("\n");
     assert_names(&warnings(&focal), &["transforms.json", "pictures of 2 sizes", "fl_x"]);
-    // An angle is that of any size; and of one size a length is, too.
+    // No warning for an angle of view, nor for a focal length if all pictures have one size.
     assert!(!warnings(&angle).contains("sizes"), "{}", warnings(&angle));
     save(&folder, "b.png", ramp(8, 4));
     assert!(!warnings(&focal).contains("sizes"), "{}", warnings(&focal));
 }
 
-/// The header of a BMP of 24 bits a pixel, without its pixels.
+/// Header of a BMP with 24 bits a pixel, without pixel data.
 fn header_alone(width: i32, height: i32) -> Vec<u8> {
     let sizes = [54i32, 40, width, height].map(i32::to_le_bytes).concat();
     [&b"BM\x36\0\0\0\0\0\0\0"[..], &sizes, &[1, 0, 24, 0], &[0; 24]].concat()
@@ -239,12 +239,12 @@ fn of_a_picture_of_another_size_only_the_header_is_read() {
     std::fs::write(&large, header_alone(16_000, 16_000)).expect("written");
     let path = write(&folder, &["large.png"], &json!({}));
     assert_names(&error_of(&path), &["large.png", "8x4 pixels", "found 16000x16000"]);
-    // A mask's size is its picture's.
+    // A mask must have the size of its picture.
     let mut value: Value = serde_json::from_slice(&std::fs::read(&path).expect("read")).expect("JSON");
     (value["frames"][0]["file_path"], value["frames"][0]["mask_path"]) = (json!("a.png"), json!("large.png"));
     std::fs::write(&path, value.to_string()).expect("written");
     assert_names(&error_of(&path), &["large.png", "8x4 pixels", "found 16000x16000"]);
-    // One that lies on its side may be turned, for which it is decoded.
+    // A picture of 4×8 pixels is decoded, because its EXIF orientation may turn it to 8×4.
     std::fs::write(&large, header_alone(4, 8)).expect("written");
     let path = write(&folder, &["large.png"], &json!({}));
     let error = error_of(&path);

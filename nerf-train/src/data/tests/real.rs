@@ -1,4 +1,4 @@
-//! On real scenes (`crate::tools::data`).
+//! Tests on real scenes, as far as `crate::tools::data` finds them.
 
 use super::*;
 use crate::tools::data;
@@ -25,11 +25,11 @@ fn lego_npz_and_lego_folder_are_the_same_scene() {
         assert!((a.fx - b.fx).abs() < 1e-3 && (a.fy - b.fy).abs() < 1e-3);
         assert_eq!((a.cx, a.cy, a.width), (b.cx, b.cy, b.width));
     }
-    // The seed validation set is every tenth view.
+    // The .npz holds every tenth validation view of the folder.
     for (a, b) in npz.val.iter().zip(folder.val.iter().step_by(10)) {
         assert!(pose_gap(&a.camera, &b.camera) < 1e-5, "{} and {}", a.name, b.name);
     }
-    // The pictures too: one is the other on black.
+    // The pictures are the same, too; those in the .npz are composited over black.
     let black = folder.train[7].composite_over([0.0; 3]);
     let other = npz.train[7].composite_over([0.0; 3]);
     let mse: f32 = black.iter().zip(&other).map(|(a, b)| (a[1] - b[1]).powi(2)).sum::<f32>() / 40_000.0;

@@ -1,4 +1,4 @@
-//! One camera for one device, in models that have one for each photograph.
+//! Tests of shared cameras (one camera for each device) on models with one camera for each photograph.
 
 use super::*;
 use crate::data::{Cameras, Downscale, Layout, cameras_in_name};
@@ -8,11 +8,12 @@ use std::fmt::Write;
 
 /// Width and height of the photographs that are not turned.
 const SIZE: (u32, u32) = (80, 60);
-/// Focal length in truth, pixels.
+/// True focal length, pixels.
 const FOCAL: f64 = 100.0;
 
-/// Writes a model of 12 photographs, every third of which is turned by a quarter: each has a focal length of its own, and
-/// stands as much further from 60 points. `second`: what the focal length of the second half is a multiple of in truth.
+/// Writes a model of 12 photographs and 60 points. Each photograph has a focal length with an error of its own, and a
+/// distance from the points with the same error. Every third photograph is turned by 90°. `second`: true focal length
+/// of the last six photographs, divided by [`FOCAL`].
 fn write_model(folder: &Path, second: f64, moved: DVec3) {
     std::fs::create_dir_all(folder.join("sparse/0")).expect("a folder");
     std::fs::create_dir_all(folder.join("images")).expect("a folder");
@@ -67,7 +68,7 @@ fn views(dataset: &Dataset) -> Vec<&View> {
     dataset.train.iter().chain(&dataset.val).collect()
 }
 
-/// Mean distance between key points and where their points are projected to, pixels of the views.
+/// Mean distance between key points and the projections of their 3D points, pixels of the views.
 fn mean_error(dataset: &Dataset) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for view in views(dataset) {
@@ -134,13 +135,13 @@ fn shared_cameras_are_kept_once_and_read_from_there() {
     assert_names(&again.notes.join("\n"), &["read from", "a.cameras.json"]);
     assert!(same_cameras(&first, &again) && same_cameras(&first, &evaluated));
     assert_eq!(written, std::fs::read(&kept).expect("kept"));
-    // Of another model they are found anew.
+    // For another model, the cameras are adjusted and stored again.
     write_model(&scene, 1.0, DVec3::new(1.0, 0.0, 0.0));
     read(&scene, &ReadOptions { to_measure: true, ..options.clone() }).expect("a model");
     assert_eq!(written, std::fs::read(&kept).expect("kept"));
     read(&scene, &options).expect("a model");
     assert_ne!(written, std::fs::read(&kept).expect("kept"));
-    // What is no such file is not replaced.
+    // A file with other contents is not overwritten.
     std::fs::write(&kept, "mine").expect("written");
     let refused = read(&scene, &options).expect_err("another file").to_string();
     assert_names(&refused, &["a.cameras.json", "shared cameras"]);

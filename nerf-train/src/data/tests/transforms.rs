@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use std::path::PathBuf;
 use tempfile::TempDir;
 
-/// A folder with `count` grey pictures `images/000.png`… of 8×4.
+/// Folder with `count` grey pictures of 8×4 pixels: `images/000.png`, `images/001.png`…
 fn folder(count: usize) -> TempDir {
     let folder = tempfile::tempdir().expect("tempdir");
     std::fs::create_dir(folder.path().join("images")).expect("mkdir");
@@ -32,7 +32,7 @@ fn write(folder: &TempDir, name: &str, value: &Value) -> PathBuf {
     path
 }
 
-/// A nerfstudio file of ten views with these fields besides its frames.
+/// Writes a nerfstudio file of ten views with the additional fields `extra`.
 fn single(extra: &Value) -> (TempDir, PathBuf) {
     let folder = folder(10);
     let mut value = json!({ "fl_x": 10.0, "frames": frames(10) });
@@ -169,7 +169,7 @@ fn missing_pictures_are_skipped_and_named() {
     let data = read_plain(&path).expect("the others");
     assert_eq!(data.train.len() + data.val.len(), 9);
     assert_names(&data.warnings.join("\n"), &["skipped 1 of 10", "images/004.png"]);
-    // Sizes may differ where the json names none.
+    // Picture sizes may differ if the json states none.
     let sizes = Report::of(&data).sizes;
     assert_eq!(sizes.iter().map(|s| (s.width, s.count)).collect::<Vec<_>>(), [(4, 1), (8, 8)]);
     std::fs::remove_dir_all(folder.path().join("images")).expect("remove");
@@ -279,7 +279,7 @@ fn json_errors_have_a_line() {
             "{ \"frames\": [\n { \"file_path\": 3, \"transform_matrix\": [] }\n] }",
             &["line 2", "expected a string"],
         ),
-        // What may be absent is no number that is none.
+        // A null in an optional field is not reported as NaN.
         (
             "{ \"frames\": [\n { \"file_path\": \"a\", \"mask_path\": null }\n] }",
             &["line 2", "missing field `transform_matrix`"],
@@ -291,7 +291,7 @@ fn json_errors_have_a_line() {
         std::fs::write(&path, text).expect("write");
         assert_names(&error_of(&path), parts);
     }
-    // What Python's json writes of a pose that is none.
+    // NaN and Infinity as Python's json module writes them.
     for (word, name) in [("NaN", "a.jpg"), ("-Infinity", "b, NaN.jpg"), ("Infinity", "c.jpg")] {
         let frame = |name: &str, value: &str| {
             format!(

@@ -1,14 +1,14 @@
-//! Poses, angles, pictures and paths that are not what a reader may take them for.
+//! Tests of inputs that are easily misread: EXIF orientations, bottom rows, angles in degrees, alpha, paths.
 
 use super::*;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use tempfile::TempDir;
 
-/// Stored pixels of the pictures here: wide.
+/// Width and height of the pictures as stored, pixels.
 const STORED: (u32, u32) = (16, 8);
 
-/// A JPEG, white in its lower left quarter and black elsewhere, with this EXIF orientation.
+/// JPEG that is white in its lower left quarter and black elsewhere. `orientation`: value of its EXIF tag.
 fn jpeg(orientation: u8) -> Vec<u8> {
     let (width, height) = STORED;
     let white = |x: u32, y: u32| image::Luma([if x < width / 2 && y >= height / 2 { 255 } else { 0 }]);
@@ -16,14 +16,14 @@ fn jpeg(orientation: u8) -> Vec<u8> {
     let mut plain = Vec::new();
     let encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(&mut plain, 100);
     picture.write_with_encoder(encoder).expect("a JPEG");
-    // TIFF, little-endian: one entry, tag 0x112, a u16.
+    // Little-endian TIFF with one entry: tag 0x112 (orientation), a u16.
     let mut exif = b"Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0".to_vec();
     exif.extend([orientation, 0, 0, 0, 0, 0, 0, 0]);
     let length = (exif.len() as u16 + 2).to_be_bytes();
     [&plain[..2], &[0xff, 0xe1], &length, &exif, &plain[2..]].concat()
 }
 
-/// `count` frames of pictures `a<i>.jpg`, and these fields besides.
+/// Writes a `transforms.json` of `count` pictures, `a0.jpg`, `a1.jpg`…, with the additional fields `extra`.
 fn write(folder: &TempDir, count: usize, extra: &Value) -> PathBuf {
     let frame = |(i, pose): (usize, &Pose)| json!({ "file_path": format!("a{i}.jpg"), "transform_matrix": matrix(pose) });
     let frames: Vec<Value> = orbit(count, 4.0, Vec3::ZERO).iter().enumerate().map(frame).collect();
@@ -44,7 +44,8 @@ fn pictures(count: usize, bytes: &[u8]) -> TempDir {
     folder
 }
 
-/// Size, the corner that is white, and what is said, of pictures with this orientation and these fields.
+/// Size and white corner of a picture after reading, and the warnings. `orientation`: EXIF tag. `extra`: fields of the
+/// json.
 fn oriented(orientation: u8, extra: &Value) -> ((u32, u32), &'static str, String) {
     let folder = pictures(3, &jpeg(orientation));
     let data = read_plain(&write(&folder, 3, extra)).expect("a data set");
@@ -90,13 +91,13 @@ fn exif_orientation_that_is_not_applied_is_said() {
         assert_eq!((size, corner), (STORED, "bottom left"), "{extra}");
         assert_names(&said, &["3 views: their EXIF orientation is not applied", why]);
     }
-    // Upside down: no size can tell.
+    // Turned by 180°, a picture keeps its size, which therefore does not tell whether to turn it.
     let (size, corner, said) = oriented(3, &json!({ "w": 16, "h": 8 }));
     assert_eq!((size, corner), (STORED, "bottom left"));
     assert_names(&said, &["not applied: no size in the json tells"]);
     let (.., said) = oriented(1, &json!({}));
     assert!(!said.contains("EXIF"), "{said}");
-    // Neither way it fits.
+    // The size in the json fits neither the stored nor the turned picture.
     let folder = pictures(3, &jpeg(6));
     let error = error_of(&write(&folder, 3, &json!({ "w": 10, "h": 10 })));
     assert_names(&error, &["a0.jpg", "10x10", "16x8"]);
@@ -129,7 +130,7 @@ fn a_bottom_row_that_is_no_0_0_0_1_is_refused_naming_the_frame() {
     }
     std::fs::write(&path, value.to_string()).expect("written");
     assert_names(&error_of(&path), &["view `a1.jpg`", "looks transposed"]);
-    // Three rows, and rounding, are accepted.
+    // Matrices of three rows, and rounding errors in the bottom row, are accepted.
     let mut value = whole.clone();
     value["frames"][1]["transform_matrix"].as_array_mut().expect("rows").truncate(3);
     value["frames"][0]["transform_matrix"][3] = json!([0.0, -1e-9, 0.0, 0.9999999]);
@@ -155,7 +156,7 @@ fn angles_in_degrees_are_refused_as_such() {
     {
         assert_names(&error(json!({ "fl_x": null, "camera_angle_x": angle })), &["camera_angle_x", word]);
     }
-    // A focal length goes first, as everywhere.
+    // A focal length takes precedence over an angle of view.
     read_plain(&write(&folder, 3, &json!({ "camera_angle_x": 50 }))).expect("a data set");
     read_plain(&write(&folder, 3, &json!({ "fl_x": null, "camera_angle_x": 3.1 }))).expect("a data set");
 }
@@ -190,7 +191,7 @@ fn alpha_in_only_some_photographs_is_said() {
     assert!(!said().contains("alpha"), "an object may fill its picture: {}", said());
 }
 
-/// The data set in `<folder>/data` with one frame that is to be read from `file_path`.
+/// Writes a data set of two frames to `<folder>/data`. `file_path`: picture of the second frame.
 fn naming(folder: &TempDir, file_path: &str) -> PathBuf {
     let data = folder.path().join("data");
     std::fs::create_dir_all(&data).expect("a folder");
@@ -230,7 +231,7 @@ fn pictures_outside_of_the_data_folder_need_the_flag() {
         let data = read(&path, &options).expect(file_path);
         assert_eq!(data.train.len() + data.val.len(), 2);
     }
-    // Whatever leads back inside is inside; what is not there is skipped as ever.
+    // Paths that lead back into the folder are accepted. A missing picture is skipped even if it is outside.
     let inside = folder.path().join("data/inside.jpg").to_str().expect("UTF-8").to_owned();
     for file_path in ["../data/inside.jpg", "././inside", inside.as_str()] {
         read_plain(&naming(&folder, file_path)).expect(file_path);

@@ -76,7 +76,7 @@ impl EvaluationTime {
     }
 }
 
-/// Message for a run that a signal ended after `steps` steps. `output`: file of the blob.
+/// Message for the user if a signal ended the run after `steps` steps. `output`: file of the blob.
 pub fn kept(steps: u32, output: &Path, checkpoint: Option<&Path>) -> String {
     format!(
         "interrupted: {} holds the field after step {steps}; its PSNR over the whole picture was not measured{}",

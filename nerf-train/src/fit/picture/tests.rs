@@ -28,7 +28,7 @@ fn read(file: &Path) -> anyhow::Result<Photo> {
 fn grey_and_16_bit_pictures_keep_their_values() {
     let (_folder, file) = saved(ImageBuffer::from_pixel(3, 2, Luma([128u8])), "grey.png");
     assert_eq!(read(&file).unwrap().picture, Picture::filled(3, 2, [128.0 / 255.0; 3]));
-    // 300 of 65,535 would be lost in 8 bits.
+    // The value 300 of 65,535 cannot be represented in 8 bits.
     let (_folder, file) = saved(ImageBuffer::from_pixel(2, 2, Rgb([300u16, 0, 65_535])), "deep.png");
     assert_eq!(read(&file).unwrap().picture.rgb[0], [300.0 / 65_535.0, 0.0, 1.0]);
 }
@@ -110,7 +110,7 @@ fn a_wrong_file_is_named_with_what_was_found() {
         assert!(matches!(error(&at("text.jpg", bytes)), DecodeError::Format { .. }));
     }
     assert!(matches!(error(&at("half.png", &png[..png.len() / 2])), DecodeError::Damaged { .. }));
-    // A JPEG cut short decodes to grey with most decoders, and says nothing.
+    // Most decoders fill the missing part of a truncated JPEG with grey, without an error.
     let noise = |x: u32, y: u32| Rgb([((x * 37) ^ (y * 91)) as u8, (x * y) as u8, (x ^ y) as u8]);
     let mut jpeg = std::io::Cursor::new(Vec::new());
     let picture = DynamicImage::from(ImageBuffer::from_fn(64, 64, noise));
@@ -142,7 +142,7 @@ fn grid_config(size: [u32; 2]) -> FieldConfig {
     config
 }
 
-/// A sinusoidal network and a grid.
+/// Settings of a small sinusoidal network and of a small grid.
 fn configs(photo: &Photo) -> [FieldConfig; 2] {
     [small_config(), grid_config(photo.size())]
 }
@@ -155,7 +155,7 @@ fn options(steps: u32) -> RunOptions {
     }
 }
 
-/// Smooth in one channel, sharp in another, constant in the third.
+/// Photograph with a smooth red, a green with a sharp edge, and a constant blue channel.
 fn test_photo(width: usize, height: usize) -> Photo {
     let pixel = |i: usize| {
         let (x, y) = ((i % width) as f32 / width as f32, (i / width) as f32 / height as f32);
@@ -182,7 +182,7 @@ fn a_field_learns_its_picture_and_says_how_well() {
         assert!(evaluations[0].0 == 0 && evaluations[0].1 < 15.0, "{evaluations:?}");
         assert!(outcome.psnr_db > least_db, "{}", outcome.psnr_db);
         assert_eq!(evaluations.last(), Some(&(400, outcome.psnr_db)));
-        // The noted figure is that of the very blob, at the size it names.
+        // The PSNR in the blob's provenance is that of this blob, rendered at the size that it states.
         let blob = Blob::open(&outcome.bytes).unwrap();
         let facts = blob.picture().unwrap();
         assert_eq!((facts.width, facts.height), (48, 32));
@@ -192,7 +192,7 @@ fn a_field_learns_its_picture_and_says_how_well() {
     }
 }
 
-/// Waves of some eight pixels, as a field of any size shows them.
+/// Photograph of waves; at 64 × 48 pixels, a wavelength is about ten pixels. Any size shows the same waves.
 fn waves(width: usize, height: usize) -> Photo {
     let pixel = |i: usize| {
         let (x, y) = (((i % width) as f32 + 0.5) / width as f32, ((i / width) as f32 + 0.5) / height as f32);
@@ -271,7 +271,7 @@ fn no_level_is_finer_than_the_picture() {
 fn the_same_seed_gives_the_same_bytes_and_another_gives_others() {
     let photo = test_photo(20, 20);
     for config in configs(&photo) {
-        // More than sixteen chunks.
+        // 9,000 pixels are drawn in several parallel tasks of sixteen chunks each.
         let config = FieldConfig { pixels: 9_000, ..config };
         let (a, _) = fit(&photo, config.clone(), &options(30));
         for threads in 1..=3 {
@@ -319,7 +319,8 @@ fn settings_out_of_range_are_named() {
     assert_eq!(error, "layers: expected 1 to 16, found 17");
 }
 
-/// Interrupted and taken up again, a fit ends with the bytes of one that was not; another's checkpoint is refused.
+/// A fit that is interrupted and resumed ends with the same bytes as one without interruption. A checkpoint of a run
+/// with other settings or data is refused.
 #[test]
 fn a_run_that_is_taken_up_again_ends_as_if_it_had_not_stopped() {
     let (photo, folder) = (test_photo(16, 12), tempfile::tempdir().unwrap());

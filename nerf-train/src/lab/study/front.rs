@@ -120,7 +120,7 @@ mod tests {
 
     #[test]
     fn thinning_keeps_the_ends_the_order_and_the_corner() {
-        // A staircase of small steps with one corner.
+        // Small steps along the front, and one corner.
         let mut points: Vec<Price> =
             (0..40).map(|i| Price { cost: 100.0 - f64::from(i), loss_db: 1e-4 * f64::from(i) }).collect();
         points.push(Price { cost: 10.0, loss_db: 0.1 });

@@ -12,7 +12,7 @@ pub struct Knob {
     pub in_blob: bool,
     /// Whether values of this knob are also tried in combination with values of other knobs.
     pub combines: bool,
-    /// Copies this setting from the first settings to the second.
+    /// Copies this setting from the first argument to the second.
     pub copy: fn(&Settings, &mut Settings),
     pub read: fn(&Variants<'_>, &Settings) -> String,
     /// Copies of the base settings, each with another value of this knob.
@@ -136,7 +136,8 @@ pub const KNOBS: &[Knob] = &[
         copy: |from, to| to.kernel = from.kernel,
         read: |_, s| s.kernel.to_string(),
         values: |_, base| {
-            // Kernels that read the blob's bytes render as f32 kernels do: only the portable oracle is measured.
+            // Kernels that read the blob's bytes render as f32 kernels do. Only the portable one, the oracle, is
+            // measured.
             let differs = |it: &Kernel| {
                 *it == Kernel::IN_PLACE || it.isa != Isa::Portable && it.storage != Storage::F16
             };

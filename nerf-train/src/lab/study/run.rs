@@ -29,8 +29,8 @@ use std::time::{Duration, Instant};
 const COMBINATION_LOSS_DB: f64 = 2.5;
 /// Largest loss of PSNR, against the exact rendering, of a point on a blob's Pareto front, dB.
 pub const BLOB_LOSS_DB: f64 = 3.0;
-/// If a point of a blob's Pareto front loses at most this PSNR, dB, against the exact rendering, its march step is at
-/// most the step in training. What longer steps lose differs from view to view.
+/// Loss of PSNR against the exact rendering, dB, up to which a point of a blob's Pareto front has at most the march
+/// step of training. The loss from longer steps differs from view to view.
 pub const TRAINED_STEP_LOSS_DB: f32 = Preset::Balanced.loss_db();
 /// Largest number of combinations that are chosen from all knobs. Up to the same number is chosen from only the knobs
 /// that a blob's Pareto front stores.
@@ -45,7 +45,7 @@ pub struct Effort {
     pub repeats: usize,
     /// Time limit of the study. A further round of timing begins only if it is expected to end within this time.
     pub limit: Duration,
-    /// Clock that gives the costs on the Pareto front over time.
+    /// Clock whose times are the costs on the Pareto front.
     pub clock: Clock,
 }
 
@@ -197,7 +197,7 @@ impl<'a, 'b> Study<'a, 'b> {
     }
 
     fn is_slow(&self, settings: &Settings) -> bool {
-        // If all views are timing views, there are no others to leave out.
+        // Slow settings are rendered on the timing views only. If these are all views, nothing is left out.
         self.timing.len() < self.views.len() && settings.is_slow(self.lab.has_occupancy(settings.variant))
     }
 
@@ -260,7 +260,7 @@ impl<'a, 'b> Study<'a, 'b> {
         let i = *camera.intrinsics();
         let (width, height) = (i.width.min(ORACLE_SIDE), i.height.min(ORACLE_SIDE));
         let (left, top) = ((i.width - width) / 2, (i.height - height) / 2);
-        // Rays are those of the whole view, as the lens is relative to (cx, cy).
+        // With (cx, cy) shifted, the rays are those of the whole view, as the lens is relative to (cx, cy).
         let (cx, cy) = (i.cx - left as f32, i.cy - top as f32);
         let cut = Camera::new(Intrinsics { width, height, cx, cy, ..i }, *camera.lens(), *camera.pose())?;
         let exact = Settings::exact(&self.lab.blob);
@@ -289,7 +289,7 @@ impl<'a, 'b> Study<'a, 'b> {
         self.points.iter().map(price).collect()
     }
 
-    /// Indices of the points on the Pareto front over time, most expensive first.
+    /// Indices of the points on the Pareto front over render time, most expensive first.
     pub fn front(&self) -> Vec<usize> {
         pareto(&self.times())
     }

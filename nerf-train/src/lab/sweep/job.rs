@@ -32,8 +32,8 @@ pub enum Job<'a> {
     Scene {
         dataset: &'a Dataset,
         base: Box<Config>,
-        /// Time limit of each run, seconds, for points that do not have their own. A run with a time limit has no limit
-        /// of steps. `None`: runs end after the configured number of steps.
+        /// Time limit, seconds, of each run whose point does not set [`Knob::Seconds`]. A run with a time limit has no
+        /// limit of steps. `None`: runs end after the configured number of steps.
         seconds: Option<f64>,
     },
 }

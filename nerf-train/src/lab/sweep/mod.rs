@@ -27,7 +27,7 @@ pub enum Kind {
     Scene,
 }
 
-/// Data and settings that all runs of a folder share; `sweep.json`.
+/// Data and settings that all runs of a folder share, stored as `sweep.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Header {
     pub kind: Kind,
@@ -48,7 +48,7 @@ pub enum Status {
     Flat,
 }
 
-/// Result of one run; `runs/NAME.json`.
+/// Result of one run, stored as `runs/NAME.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
     pub point: Point,

@@ -38,7 +38,7 @@ fn full_combines_every_value_with_every_other() {
 #[test]
 fn one_at_a_time_leaves_the_others_at_the_base() {
     let points = combinations(Mode::OneAtATime).points().unwrap();
-    // The base with its one-value list, two levels, three layers.
+    // The base with a rate of 1e-3, two points with other levels, and three with other layers.
     assert_eq!(points.len(), 6);
     let base = point(10.0, 3.0, 256.0, 1e-3);
     let changes = |point: &Point| {
@@ -129,7 +129,7 @@ fn shards_merge_to_what_one_process_finds() {
     let merged = Folder::open(&at("merged"), parts[0].header.clone()).unwrap();
     assert_eq!(parts.each_ref().map(|part| merged.take_in(part).unwrap()), [2, 1]);
     assert_eq!(parts.each_ref().map(|part| merged.take_in(part).unwrap()), [0, 0]);
-    // Time differs from run to run, nothing else does.
+    // Records without the time of the run, which alone differs from run to run.
     let timeless = |folder: &Folder| -> Vec<Record> {
         let records = records(folder).unwrap().into_iter();
         records.map(|record| Record { train_seconds: 0.0, ..record }).collect()
@@ -154,7 +154,7 @@ fn a_run_at_too_fast_a_rate_is_a_row_that_says_so() {
     let folder = sweep(&job(&photo, 60), root.path(), &points(&[1e-2, 10.0]), Shard::WHOLE);
     let records = write_report(&folder).unwrap();
     assert_eq!(records.iter().map(|r| r.status).collect::<Vec<_>>(), [Status::Ok, Status::Flat]);
-    // The sigmoid keeps it finite: it collapses to one colour.
+    // The sigmoid keeps the loss finite: the network collapses to one colour.
     assert!(records[1].note.contains("no better than one flat colour"), "{}", records[1].note);
     let rows = table(&records).to_csv().unwrap();
     let rows = String::from_utf8(rows).unwrap();
@@ -169,7 +169,7 @@ fn another_sweep_is_refused_and_nothing_is_changed() {
     let error = Folder::open(root.path(), job(&photo, 4).header(Mode::Full)).unwrap_err().to_string();
     assert!(error.contains("optimiser.steps") && error.contains("in the folder: 3; now: 4"), "{error}");
     assert_eq!(std::fs::read(root.path().join("sweep.json")).unwrap(), before);
-    // The same sweep goes on, also with more values in its lists.
+    // The same sweep can be resumed, also with more values in its lists.
     let folder = sweep(&job(&photo, 3), root.path(), &points(&[1e-2, 1e-3]), Shard::WHOLE);
     assert_eq!(records(&folder).unwrap().len(), 2);
 }
@@ -180,7 +180,7 @@ fn of_two_sweeps_that_begin_at_once_one_wins_whole() {
     for round in 0..20 {
         let path = root.path().join(round.to_string());
         let barrier = std::sync::Barrier::new(4);
-        // Two threads each of two sweeps.
+        // Two threads for each of two sweeps.
         let opened = std::thread::scope(|scope| {
             let open = |steps: u32| {
                 let (photo, path, barrier) = (&photo, &path, &barrier);

@@ -51,9 +51,9 @@ pub fn mean_encoding(encoding: &DirectionEncoding, views: &[&View]) -> Option<Ve
 
 /// Returns architecture and parameters without view dependence; `None` if colour does not depend on the direction.
 ///
-/// The encoded direction PE(d) is replaced by `mean`: the product of its weights and `mean` is added to the biases, in
-/// f64. Parameters are in the order of a blob's weights. A network whose weights for PE(d) are 0 keeps exactly its
-/// colours.
+/// The encoded direction PE(d) is replaced by `mean`: the product of PE(d)'s weights and `mean` is added to the biases,
+/// in f64. Parameters are in the order of a blob's weights. If all weights of PE(d) are 0, colours stay exactly the
+/// same.
 pub fn without_direction(
     architecture: &Architecture,
     parameters: &[f32],
@@ -142,8 +142,8 @@ mod tests {
         }
     }
 
-    /// The layer before its activation is linear in PE(d), so its mean over directions equals the output of the folded
-    /// layer for any `h`.
+    /// A layer without its activation is linear in PE(d): for any `h`, its mean over directions is the output of the
+    /// folded layer.
     #[test]
     fn the_folded_bias_is_the_mean_over_directions_in_f64() {
         let dataset = demo::small(3, 1, 12);
@@ -172,7 +172,7 @@ mod tests {
             }
             let expected = sum / count + f64::from(parameters[old.bias + row]);
             let bias = f64::from(found[new.bias + row]);
-            // Rounding of the encoding (15 values of 1.2e-7, weights below 1) and of the bias itself.
+            // Tolerance for rounding of the encoding (15 values of 1.2e-7, weights below 1) and of the bias.
             assert!(
                 (bias - expected).abs() < 15.0 * 1.2e-7 + 2.0 * f64::from(f32::EPSILON),
                 "{bias} {expected}"

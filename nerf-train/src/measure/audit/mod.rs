@@ -1,4 +1,4 @@
-//! Ablation of a scene's effects: renderings with and without each effect.
+//! Ablation of a scene's effects, such as view dependence: renderings with and without each effect.
 
 mod average;
 
@@ -15,8 +15,8 @@ use serde::Serialize;
 
 /// Default of the smallest gain of PSNR at which an effect, such as view dependence, is kept, dB.
 pub const THRESHOLD_DB: f64 = 0.05;
-/// An effect saves work if it multiplies the number of multiply-adds by less than this. An effect that saves work is
-/// kept unless it lowers PSNR by the threshold or more.
+/// Factor on the number of multiply-adds below which an effect saves work. An effect that saves work is kept unless it
+/// lowers PSNR by the threshold or more.
 const SPARED: f64 = 0.9;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,8 +32,8 @@ pub type Asked = anyhow::Result<Result<Without, &'static str>>;
 pub struct Effect {
     pub name: &'static str,
     pub instead: &'static str,
-    /// Returns the settings without the effect, given the settings with it; may add a variant of the blob. View
-    /// dependence is replaced by the mean of the encoded direction over the rays of the given views.
+    /// Returns the settings without the effect, given the settings with it; may add a variant of the blob. The views
+    /// are for view dependence, which is replaced by the mean of the encoded direction over their rays.
     pub without: fn(&mut Variants<'_>, Without, &[&View]) -> Asked,
 }
 
@@ -88,7 +88,7 @@ impl Verdict {
     /// Verdict on an effect that adds `gain_db` to PSNR and scales the number of multiply-adds by `relative_macs`.
     pub fn of(gain_db: f64, relative_macs: f64, threshold_db: f64) -> Self {
         let spares = relative_macs < SPARED && gain_db > -threshold_db;
-        // A gain of NaN, which was not measured, keeps the effect.
+        // With a gain of NaN (not measured), the effect is kept.
         if gain_db < threshold_db && !spares { Self::Drops } else { Self::Keeps }
     }
 
@@ -165,8 +165,8 @@ pub fn audit(
     Ok(found.into_iter().map(|(effect, place)| (effect, place.map(worth))).collect())
 }
 
-/// Renders each view with each of `ways`, `repeats` times. The frames of the first of `ways` take the place of the
-/// exact rendering in the errors.
+/// Renders each view with each of `ways`, `repeats` times. The first of `ways` is the reference for errors, in place of
+/// the exact rendering.
 fn measure(
     lab: &Variants<'_>,
     ways: &[Without],

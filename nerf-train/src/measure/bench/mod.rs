@@ -100,10 +100,10 @@ impl<'b> Variants<'b> {
     /// Adds a variant with an occupancy grid built from the network, and returns the variant's index. Adds nothing and
     /// returns `None` if no cell is occupied, or if the same variant exists.
     ///
-    /// `resolution`: number of cells along the longest side of the scene box; ignored if the blob's grid is part of the
-    /// model. `threshold`: a cell is occupied if density times the distance between samples is above this.
+    /// `resolution`: number of cells along the longest side of the scene box. A grid that is part of the model keeps
+    /// its own resolution. `threshold`: a cell is occupied if density times the distance between samples is above this.
     pub fn add_occupancy(&mut self, resolution: u16, threshold: f32) -> anyhow::Result<Option<usize>> {
-        // If the occupancy grid is part of the model, the field was never trained outside of it.
+        // If the occupancy grid is part of the model, the field was trained only in the grid's occupied cells.
         let own = self.cells.as_ref().filter(|_| self.scene.occupancy_required);
         let resolution = own.map_or(resolution, |own| own.resolution().into_iter().fold(0, u16::max));
         let name = format!("with occupancy of {resolution} cells, density above {threshold}");
@@ -308,14 +308,14 @@ pub fn written(body: &Body<'_>) -> Result<Vec<u8>, BlobError> {
     Ok(bytes)
 }
 
-/// CPU seconds of this process's living threads, all cores together; NaN if the system does not report them.
+/// CPU seconds used by this process's running threads, all cores together; NaN if the system does not report them.
 ///
-/// Linux reports them to the nanosecond in `/proc/self/task/*/schedstat`.
+/// Linux reports nanoseconds in `/proc/self/task/*/schedstat`.
 fn cpu_seconds() -> f64 {
     let seconds = || -> Option<f64> {
         let mut nanoseconds = 0u64;
         for task in std::fs::read_dir("/proc/self/task").ok()? {
-            // A thread that ended in between counts as 0.
+            // A thread that has ended since the folder was listed counts as 0.
             let text = std::fs::read_to_string(task.ok()?.path().join("schedstat")).unwrap_or_default();
             nanoseconds +=
                 text.split_whitespace().next().and_then(|first| first.parse().ok()).unwrap_or(0u64);

@@ -58,7 +58,7 @@ pub const STRIDE: u32 = 3;
 /// PSNR below which some setting of the import is probably wrong, dB.
 pub const SUSPICIOUS_DB: f64 = 15.0;
 
-/// Error about a file or setting `place` that an import cannot use.
+/// Error about `place`, a file or setting that an import cannot use.
 fn refused(place: impl Display, expected: impl Display, found: impl Display) -> anyhow::Error {
     anyhow::anyhow!("{place}: expected {expected}, found {found}")
 }
@@ -79,8 +79,8 @@ pub struct Request<'a> {
 pub struct Views {
     pub name: String,
     pub views: Vec<View>,
-    /// Views for removing view dependence: the encoded direction is replaced by its mean over the rays of these views.
-    /// Training views, if there are any.
+    /// Views whose rays give the mean encoded direction, which replaces view dependence: training views, if there are
+    /// any.
     pub rays: Vec<View>,
 }
 
@@ -161,12 +161,13 @@ impl<'a> Import<'a> {
             direction: None,
             check: None,
         };
-        // This export, whose result is dropped, fails on what the format refuses before any long work.
+        // This export is a trial: what the format refuses fails here, before any long work.
         import.export(None)?;
         Ok(import)
     }
 
-    /// Sets or builds the occupancy grid, checks the network on `views`, decides what to keep, and exports the blob.
+    /// Sets or builds the occupancy grid, checks the network on `views`, and exports the blob. The check decides
+    /// whether view dependence is kept and whether the grid is required.
     pub fn finish(&mut self, occupancy: Occupancy, views: Option<&Views>) -> anyhow::Result<Exported> {
         let (given, optional) = match occupancy {
             Occupancy::Given { cells, optional } => {

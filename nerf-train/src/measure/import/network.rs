@@ -21,7 +21,7 @@ pub struct Imported {
     pub model: Model,
     /// Parameters in the order of `model`'s layers.
     pub parameters: Vec<f32>,
-    /// Tensors that the network has but does not use, by name.
+    /// Names of tensors that belong to the network but are not used.
     pub unused: Vec<String>,
 }
 
@@ -67,7 +67,7 @@ impl<'t> Reader<'t> {
         let has = |layer| self.tensors.tensors.contains_key(layer);
         let directed = !has("output_linear.weight");
         let (direction, colour) = if directed { self.colour_branch(width)? } else { self.output(width)? };
-        // nerf-pytorch makes this layer even without view directions.
+        // nerf-pytorch creates this layer even without view directions.
         let idle = |name: &&&str| !directed && name.starts_with("views_linears.0.");
         let unused: Vec<&str> = self.left.iter().filter(idle).copied().collect();
         unused.iter().for_each(|name| {
@@ -145,7 +145,7 @@ impl<'t> Reader<'t> {
                     n == inputs
                 })?;
             self.put(layer, layer.rows(), &straight[..inputs]);
-            // Cannot overflow: `count` limits their number to the capacity.
+            // Cannot overflow: `count` limits the number of layers to the capacity.
             let _ = colour.push(layer.outputs as u16);
             inputs = layer.outputs;
         }
@@ -183,7 +183,8 @@ impl<'t> Reader<'t> {
         self.linear(layer, &expected, |rows, found| outputs.contains(&rows) && found == inputs)
     }
 
-    /// Reads the layer named `layer`; `fits` accepts its numbers of rows and of columns.
+    /// Reads the layer named `layer`. `fits`: whether numbers of rows and columns are right; `expected`: shape for the
+    /// error.
     fn linear(
         &mut self,
         layer: &str,
@@ -219,7 +220,7 @@ impl<'t> Reader<'t> {
         }
     }
 
-    /// Returns the encoding with `found` channels, and the file's column of each channel in this project's order.
+    /// Returns the encoding with `found` channels, and for each channel in this project's order its column in the file.
     fn encoding(
         &self,
         field: &'static str,

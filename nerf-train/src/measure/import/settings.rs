@@ -55,13 +55,13 @@ pub struct Settings {
     /// Position of the raw inputs in the encoding [default: first, if present].
     #[arg(long, value_enum)]
     pub identity: Option<Identity>,
-    /// Levels of the position encoding [default: by the tensors' shapes; an error if they disagree].
+    /// Levels of the position encoding; must agree with the tensors' shapes [default: from the shapes].
     #[arg(long, value_name = "L")]
     pub position_levels: Option<u8>,
-    /// Levels of the direction encoding [default: by the tensors' shapes; an error if they disagree].
+    /// Levels of the direction encoding; must agree with the tensors' shapes [default: from the shapes].
     #[arg(long, value_name = "L")]
     pub direction_levels: Option<u8>,
-    /// Density activation.
+    /// Activation that turns the density head's output into sigma.
     #[arg(long, value_enum, default_value = "relu")]
     pub density: RawDensity,
     /// Background: a name (black, white, red), #RRGGBB or R,G,B (0 to 255).

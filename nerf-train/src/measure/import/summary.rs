@@ -1,4 +1,4 @@
-//! Summary of an import: the result of the command.
+//! Summary of an import, the result of the command `import`.
 
 use super::{Check, Import};
 use crate::data::pictures::colour;

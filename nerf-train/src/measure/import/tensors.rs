@@ -14,8 +14,8 @@ use std::path::{Path, PathBuf};
 /// Beginnings of the layers' names within tensor names. The text before a layer's name is the network's prefix.
 const LAYERS: [&str; 6] =
     ["pts_linears.", "views_linears.", "feature_linear.", "alpha_linear.", "rgb_linear.", "output_linear."];
-/// Largest number of tensors of a network; more are an error. A little above the number in the largest network, so that
-/// a later error can name a surplus tensor.
+/// Largest number of tensors of a network; more are an error. A few more than in the largest network, so that a later
+/// error can name a surplus tensor.
 const MAX_TENSORS: usize = 2 * (MAX_TRUNK + MAX_COLOUR + 4) + 16;
 /// Largest size of an unpacked array, bytes: 30 times the largest layer in f64.
 const MAX_ARRAY_BYTES: u64 = 1 << 26;

@@ -1,4 +1,4 @@
-//! Contents of a blob.
+//! Contents of a blob, for the command `inspect`.
 
 use crate::data::pictures::colour;
 use crate::system::summary::Short;
@@ -84,7 +84,7 @@ pub struct ProposalSummary {
 }
 
 impl<'b> Inspection<'b> {
-    /// Contents of `blob`, which was opened from `bytes`, the contents of `file`.
+    /// Contents of `blob`. `bytes`: the blob's bytes; `file`: the file that holds them.
     pub fn of(file: &Path, bytes: &[u8], blob: &'b Blob<'_>) -> Self {
         let (a, p) = (blob.architecture(), blob.provenance());
         let harmonics_degree = match a.direction {

@@ -40,8 +40,8 @@ pub fn psnr_db(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
     psnr_db_of_mse(mse(a, b))
 }
 
-/// PSNR in dB without the error by the photograph's exposure: each channel of `shown` is first multiplied by the gain
-/// that brings it nearest to `truth` (least squares), and clamped to 1.
+/// PSNR in dB with aligned exposure: each channel of `shown` is first multiplied by the gain that brings it nearest to
+/// `truth` (least squares), and clamped to 1.
 pub fn aligned_psnr_db(shown: &[[f32; 3]], truth: &[[f32; 3]]) -> f64 {
     let gain: [f32; 3] = std::array::from_fn(|c| {
         let products = |other: &[[f32; 3]]| -> f64 {
@@ -60,7 +60,8 @@ pub fn gain_db(psnr_db: f64, over: f64) -> f64 {
     if psnr_db == over { 0.0 } else { psnr_db - over }
 }
 
-/// PSNR of one flat colour, the mean of `rgb`, against `rgb`, dB; +inf if all pixels of `rgb` have the same colour.
+/// PSNR of a flat picture in the mean colour of `rgb`, against `rgb`, dB; +inf if all pixels of `rgb` have the same
+/// colour.
 ///
 /// A network that has learned nothing scores no better.
 pub fn flat_psnr_db(rgb: &[[f32; 3]]) -> f64 {
@@ -122,7 +123,7 @@ pub fn ssim_of(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize, coun
     (channel(0) + channel(1) + channel(2)) / 3.0
 }
 
-/// SSIM of one channel; the sizes have been checked.
+/// SSIM of one channel; the caller has checked the sizes.
 fn ssim_of_plane(a: &[f64], b: &[f64], width: usize, height: usize, counts: Option<&[bool]>) -> f64 {
     let (across, down) = (gaussian(width), gaussian(height));
     let blur = |plane: &[f64]| blur_valid(plane, width, height, &across, &down);

@@ -7,7 +7,7 @@ fn noise(pixels: usize, seed: u32) -> Vec<[f32; 3]> {
     (0..pixels).map(|pixel| [0, 1, 2].map(|channel| value(pixel, channel))).collect()
 }
 
-/// SSIM by its definition: every window's weighted mean, variance and covariance, two passes.
+/// SSIM by its definition: every window's weighted mean, variance and covariance, in two passes.
 fn ssim_brute_force(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize) -> f64 {
     let (across, down) = (gaussian(width), gaussian(height));
     let mut sum = 0.0;
@@ -68,7 +68,7 @@ fn no_better_than_the_mean_colour_is_flat() {
     assert!((flat - psnr_db_of_mse(0.25)).abs() < 1e-12);
     let of_one = |psnr, flat| is_flat([(psnr, flat)]);
     assert!(of_one(flat, flat) && of_one(3.0, flat) && of_one(f64::NAN, flat) && !of_one(7.0, flat));
-    // One colour has nothing more to show; nothing has nothing to show.
+    // A picture of one colour, or an empty one, cannot show whether a network has learned anything.
     assert_eq!(flat_psnr_db(&[[0.5; 3]; 4]), f64::INFINITY);
     assert!(!of_one(30.0, f64::INFINITY) && !of_one(30.0, flat_psnr_db(&[])) && !is_flat([]));
 }
@@ -76,14 +76,14 @@ fn no_better_than_the_mean_colour_is_flat() {
 #[test]
 fn one_view_above_its_own_mean_colour_proves_learning() {
     let inf = f64::INFINITY;
-    // 25.5 dB on average, where flat colours have 26: the second has gained 4 dB.
+    // The mean, 25.5 dB, is below the 26 dB of flat colours, but the second view gains 4 dB.
     assert!(!is_flat([(35.0, 40.0), (16.0, 12.0)]));
     assert!(!is_flat([(16.0, 12.0), (35.0, 40.0)]) && !is_flat([(f64::NAN, 5.0), (9.0, 6.0)]));
     assert!(is_flat([(35.0, 40.0), (12.0, 12.0)]) && is_flat([(f64::NAN, 5.0), (5.0, 6.0)]));
-    // A view of one colour neither proves it nor hides that the others are flat.
+    // A view of one colour proves no learning, and does not hide that the other views are flat.
     assert!(is_flat([(30.0, inf), (4.0, 5.0), (inf, inf), (5.0, 6.0)]));
     assert!(!is_flat([(30.0, inf), (inf, inf)]));
-    // What is shown for comparison leaves it out too.
+    // The mean for comparison leaves out views of one colour, too.
     assert_eq!(mean_flat_psnr_db([inf, 5.0, inf, 6.0]), 5.5);
     assert_eq!((mean_flat_psnr_db([inf]), mean_flat_psnr_db([])), (inf, inf));
 }
@@ -162,7 +162,7 @@ fn pixels_that_do_not_count_change_nothing() {
     let (a, b) = (noise(0), noise(5));
     let all = vec![true; width * height];
     assert_eq!(ssim_of(&a, &b, width, height, Some(&all)), ssim(&a, &b, width, height));
-    // The right third does not count: whatever is there.
+    // The right third is not marked: even NaN there changes nothing.
     let mask: Vec<bool> = (0..width * height).map(|i| i % width < 16).collect();
     let mut other = a.clone();
     other.iter_mut().zip(&mask).filter(|(_, counts)| !**counts).for_each(|(pixel, _)| *pixel = [f32::NAN; 3]);

@@ -77,7 +77,7 @@ fn check_beside_grid(n: &NetworkConfig, grid: &TableConfig, g: &OccupancyConfig)
     let density = n.density == Density::Exponential;
     rule("network.density", density, "exponential beside a grid", format!("{:?}", n.density))?;
     rule("network.density_scale", n.density_scale == 1.0, "1 beside a grid", n.density_scale)?;
-    // A grid is trained only where light reaches its samples, which excludes culled space.
+    // The loss of a learned grid has no term for points in empty cells.
     rule("occupancy.empty_share", g.empty_share == 0.0, "0 beside a grid", g.empty_share)
 }
 
@@ -92,7 +92,7 @@ fn check_contraction(
     rule(field, n.grid.is_some(), "none without a learned grid", power)?;
     rule(field, s.scene_box.is_none(), "none beside a scene box", power)?;
     rule(field, g.skip, "none where occupancy.skip is false", power)?;
-    // A file must be able to store the number of steps of the whole scene.
+    // The number of steps across the whole contracted scene is limited by the file format.
     let steps = (1.0 + f32::from(power)) * f32::from(s.steps_across);
     let most = format!("2 to {} beside a contraction of power {power}", MAX_SAMPLES / (1 + u16::from(power)));
     let fits = s.steps_across > 1 && steps <= f32::from(MAX_SAMPLES);

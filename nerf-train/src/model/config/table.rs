@@ -29,7 +29,7 @@ pub struct TableConfig {
 }
 
 impl TableConfig {
-    /// Returns the settings in words, `8 levels of 16 to 320 cells, at most 2^16 entries a level as f16`.
+    /// Returns the settings as text, for example `8 levels of 16 to 320 cells, at most 2^16 entries a level as f16`.
     pub fn in_words(&self) -> String {
         let Self { levels, log2_entries, coarsest, finest, storage, .. } = self;
         let storage = value_name(storage);
@@ -65,7 +65,7 @@ impl TableConfig {
         GridEncoding { inputs, features: self.features, log2_entries: self.log2_entries, resolutions }
     }
 
-    /// Whether training rounds the tables as export does, once the fraction `share` of the run is over.
+    /// Returns whether training, after the fraction `share` of the run, rounds the tables as export does.
     pub(crate) fn is_rounded(&self, share: f64) -> bool {
         self.storage != TableStorage::F16 && share >= ROUNDED_FROM
     }

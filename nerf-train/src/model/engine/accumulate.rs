@@ -5,8 +5,8 @@ use nerf_core::matrix::{Gemm, Init, gemm};
 use nerf_core::simd::{BLOCK, Isa};
 use rayon::prelude::*;
 
-/// Layers with at most this many outputs get their weight gradient by dot products. With more outputs a matrix product
-/// is faster, although it needs a transposition.
+/// Largest number of outputs of a layer whose weight gradient is computed by dot products. With more outputs a matrix
+/// product is faster, although it needs a transposition.
 const FEW_OUTPUTS: usize = 4;
 const ROWS: usize = 32;
 
@@ -143,7 +143,7 @@ fn transpose(x: &[f32], channels: usize, lanes: usize, out: &mut Vec<f32>) {
         let row = |i: usize| if first + i < channels { &x[(first + i) * BLOCK..][..BLOCK] } else { &zeros };
         let rows = [row(0), row(1), row(2), row(3)];
         for first_lane in (0..lanes).step_by(4) {
-            // Four rows at a time: the loop is bound by its loads, and few rows mean few streams of loads.
+            // Four rows at a time: the loop is bound by memory loads, which are faster from few streams.
             let [a, b, c, d] = rows.map(|row| four(row, first_lane));
             for lane in 0..4 {
                 let out = &mut out[(first_lane + lane) * columns + first..][..4];

@@ -4,9 +4,9 @@ use glam::Vec3;
 use nerf_core::space::Contraction;
 use std::ops::Range;
 
-/// A chunk with this many samples gets no further ray, so that its activations fit the caches.
+/// Number of samples with which a chunk is full and gets no further ray: its activations then fit the caches.
 pub(super) const SAMPLES: usize = 512;
-/// A chunk with this many rays gets no further ray, even if it has few samples: rays without samples cost time, too.
+/// Number of rays with which a chunk is full, even if it has few samples: rays without samples cost time, too.
 const RAYS: usize = 2048;
 
 /// Entry of a ray in a batch: direction, target colour, background and number of samples.
@@ -22,7 +22,8 @@ pub struct BatchRay {
 
 /// Known surface of a ray, for depth supervision.
 ///
-/// Adds `weight · (Σ_i w_i min(|along_i − at|, CLIP) + T_end · CLIP)` to the ray's term of the loss, a mean over rays.
+/// Adds `weight · (Σ_i w_i min(|along_i − at|, CLIP) + T_end · CLIP)` to the ray's loss. `w_i`: compositing weight of
+/// sample `i`; `along_i`: its entry of [`Batch::along`]; `T_end`: transmittance after the last sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
     /// Position of the surface along the ray: 0 at the ray's beginning, 1 at its end.
@@ -73,8 +74,8 @@ pub struct Batch {
     pub empty: Vec<[f32; 3]>,
     /// Weight in the loss of the densities at the `empty` points.
     pub empty_weight: f32,
-    /// Seed and step for the random numbers of Russian roulette, which keeps some samples of small weight: fog consists
-    /// of these, and must be trained. `None`: no sample of small weight is kept. With a grid only.
+    /// Seed and step for the random numbers of Russian roulette, which keeps some samples of small weight. Fog consists
+    /// of such samples, and is trained by those kept. `None`: no sample of small weight is kept. With a grid only.
     pub roulette: Option<(u64, u64)>,
     /// Known surface of each of the first rays of the batch; later rays have none. May be empty. With a grid only.
     pub surfaces: Vec<Surface>,

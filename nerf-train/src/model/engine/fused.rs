@@ -19,8 +19,8 @@ const ACCUMULATORS: usize = 16;
 
 /// Trains a network with sinusoidal encodings by explicit forward and backward passes.
 ///
-/// Memory: five times the parameters, and per accumulator one gradient and the activations of one chunk (about 512
-/// samples, or one longer ray): some 150 MiB for the 8×256 network, whatever the batch.
+/// Memory: five times the parameters. In addition, each accumulator holds one gradient and the activations of one chunk
+/// (about 512 samples, or one longer ray). The 8×256 network takes some 150 MiB, whatever the batch.
 pub struct FusedEngine {
     graph: Graph,
     isa: Isa,

@@ -63,7 +63,8 @@ impl Graph {
     }
 }
 
-/// Returns the index of each block of `samples` samples, and the number of its lanes to compute: whole vectors.
+/// Returns, for each block of [`BLOCK`] samples, its index and the number of its lanes to compute, a multiple of
+/// [`VECTOR`].
 pub(super) fn blocks(samples: usize) -> impl Iterator<Item = (usize, usize)> {
     let lanes = move |block: usize| padded((samples - block * BLOCK).min(BLOCK));
     (0..samples.div_ceil(BLOCK)).map(move |block| (block, lanes(block)))

@@ -2,15 +2,16 @@
 //!
 //! `Batch` → encode → network → volume rendering → loss → gradients → Adam → parameters
 //!
-//! [`ReferenceEngine`] and, for grids, [`GridReferenceEngine`] leave the derivatives to dfdx's tape: slow and
-//! obvious, they are the oracles (`fit --engine dfdx`). [`FusedEngine`] and [`GridEngine`] compute them with explicit
-//! backward passes on `nerf_core::matrix::gemm`. [`FusedEngine`] takes parameters, gradients and Adam from dfdx. All
-//! engines use the same [`Batch`] and minimise
+//! [`ReferenceEngine`] and, for grids, [`GridReferenceEngine`] differentiate by dfdx's tape. They are slow but simple,
+//! and serve as oracles (`fit --engine dfdx`). [`FusedEngine`] and [`GridEngine`] have explicit backward passes on
+//! `nerf_core::matrix::gemm`. [`FusedEngine`] takes parameters, gradients and Adam from dfdx. All engines use the same
+//! [`Batch`] and minimise
 //!
 //! `loss = mean over rays and channels of (C − rgb)² + empty_weight · mean over empty points of ln(1 + sigma)`
 //!
 //! `C = Σ_i w_i c_i + T_end · background`, `w_i = T_i · alpha_i`, `alpha_i = −expm1(−sigma_i · delta_i)`,
-//! `T_i = exp(−Σ_{j<i} sigma_j · delta_j)`; with a grid, the loss has no term of empty points.
+//! `T_i = exp(−Σ_{j<i} sigma_j · delta_j)`. With a grid, the loss has no term of empty points, but may have the
+//! distortion loss and the depth loss of a [`Surface`].
 //!
 //! # One step, by the tape
 //!
@@ -103,7 +104,8 @@ use std::borrow::Cow;
 /// not to overflow.
 pub const SIGMA_LIMIT: f32 = 1e6;
 
-/// Training has diverged if a gradient's absolute value reaches this: its square, Adam's second moment, could overflow.
+/// Absolute value of a gradient from which training counts as diverged: its square, in Adam's second moment, could
+/// overflow.
 const GRADIENT_LIMIT: f32 = 1e18;
 
 /// Engine that computes the gradients of a run.
@@ -225,8 +227,8 @@ pub trait Engine: Send {
     /// Resumes from the state of a checkpoint.
     ///
     /// # Errors
-    /// [`EngineError::Parameters`] if the state is of a model of another size, [`EngineError::NonFinite`] if a value of
-    /// the state is not finite; the engine is then unchanged.
+    /// [`EngineError::Parameters`] if the state is of a model of another size, [`EngineError::NonFinite`] if a value is
+    /// not finite or has the wrong sign, [`EngineError::Steps`] for too many steps. The engine is then unchanged.
     fn restore(&mut self, state: &OptimiserState) -> Result<(), EngineError>;
 }
 
@@ -246,7 +248,8 @@ pub struct Adam {
 }
 
 impl Default for Adam {
-    /// Returns the best constants for limited time on a CPU: a second moment of few steps, and a negligible epsilon.
+    /// Returns the best constants for short training on a CPU: a second moment over few steps, and a negligible
+    /// epsilon.
     fn default() -> Self {
         Self { betas: [0.9, 0.99], epsilon: 1e-15, weight_decay: 0.0, hashed_every: 1 }
     }

@@ -23,7 +23,7 @@ pub enum Part {
     Trunk(u8),
     /// Density head: from the trunk's output to raw density.
     Density,
-    /// Linear layer before the colour branch, folded away at export.
+    /// Linear layer before the colour branch; export merges it with the layer after it.
     Feature,
     /// Hidden layer of the colour branch with this index.
     Colour(u8),
@@ -181,8 +181,8 @@ impl Model {
         parameters
     }
 
-    /// Returns the parameters with which the network [`Model::architecture`] has the same outputs as this one, in that
-    /// network's order. The values of the tables follow unchanged.
+    /// Returns the parameters of the exported network [`Model::architecture`] that has the same outputs as this model,
+    /// in the exported network's order. The values of the tables follow unchanged.
     ///
     /// The feature layer is multiplied into the layer after it, and `density_scale` into the density head, in f64.
     ///
@@ -211,7 +211,7 @@ impl Model {
     }
 }
 
-/// Appends one layer that does what `inner` followed by `outer` does:
+/// Appends the parameters of one layer that replaces `inner` (weights `F`, bias `f`) followed by `outer` (`W`, `b`):
 /// `W [F h + f, e] + b = [W_main F, W_extra] [h, e] + (W_main f + b)`.
 fn fold_into(out: &mut Vec<f32>, outer: &Dense, values: &[f32], inner: &Dense, inner_values: &[f32]) {
     let (weights, bias) = values.split_at(outer.inputs() * outer.outputs);

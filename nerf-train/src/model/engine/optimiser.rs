@@ -1,7 +1,7 @@
 //! Parameters as dfdx tensors, one per layer, and Adam with moments that can be saved.
 //!
-//! dfdx's own `Adam` keeps step and moments private. Its kernel is public as `AdamConfig::try_update`, with a step
-//! count that starts at 1.
+//! dfdx's own `Adam` keeps step and moments private. This module therefore calls Adam's kernel, which is public as
+//! `AdamConfig::try_update`, with a step count that starts at 1.
 
 use super::{Adam, Dense, EngineError, GRADIENT_LIMIT, OptimiserState};
 use dfdx::tensor::{Cpu, CpuError, Gradients, Storage, Tensor, TensorFromVec};
@@ -12,7 +12,7 @@ type Values = <Cpu as Storage<f32>>::Vec;
 
 impl From<CpuError> for EngineError {
     fn from(_: CpuError) -> Self {
-        // The other cause, a vector of the wrong length, is excluded before dfdx is called.
+        // The only other cause of a `CpuError`, a vector of the wrong length, is excluded before dfdx is called.
         Self::OutOfMemory
     }
 }

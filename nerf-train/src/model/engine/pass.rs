@@ -34,8 +34,8 @@ pub(super) struct Pass {
     slots: Vec<Vec<f32>>,
     /// Gradient of the loss with respect to the current layer's output, `[blocks][outputs][BLOCK]`.
     upper: Vec<f32>,
-    /// Gradient of the loss with respect to the current layer's input from the layer before, without a skip
-    /// connection's: `[blocks][main][BLOCK]`.
+    /// Gradient of the loss with respect to the current layer's main inputs, without those of a skip connection:
+    /// `[blocks][main][BLOCK]`.
     lower: Vec<f32>,
     /// Sigma of each sample, padded to whole blocks.
     sigma: Vec<f32>,
@@ -174,8 +174,8 @@ impl Pass {
         }
     }
 
-    /// Does the backward pass of the colour branch. `upper`: dL/d (raw colour) before, dL/d (trunk's outputs) after
-    /// that.
+    /// Does the backward pass of the colour branch. `upper`: dL/d (raw colour) before the call, dL/d (trunk's outputs)
+    /// after it.
     fn backward_colour(&mut self, job: Job<'_>, samples: usize) {
         let Graph { nodes, colour, .. } = job.graph;
         for l in colour.clone().rev() {
@@ -190,8 +190,8 @@ impl Pass {
         }
     }
 
-    /// Does the backward pass of density and trunk from dL/d sigma. If `colour`, `upper` already holds dL/d (trunk's
-    /// outputs) through the colour, and the density's part is added.
+    /// Does the backward pass of density and trunk from dL/d sigma. If `colour`, the density's part is added to
+    /// `upper`, which holds dL/d (trunk's outputs) through the colour.
     fn backward_trunk(&mut self, job: Job<'_>, samples: usize, colour: bool) {
         let Graph { nodes, trunk, density, .. } = job.graph;
         if let Some(l) = *density {

@@ -11,8 +11,8 @@ pub(super) type Vector<T = NoneTape> = Tensor<(usize,), f32, Cpu, T>;
 pub(super) type Scalar = Tensor<Rank0, f32, Cpu, Taped>;
 pub(super) type Taped = OwnedTape<f32, Cpu>;
 
-/// A tape with this many samples gets no further ray. With all activations and gradients, a tape takes some 300 MiB for
-/// the 8×256 network. A batch's gradient is the sum over its tapes.
+/// Number of samples with which a tape is full and gets no further ray. With all activations and gradients, a tape
+/// takes some 300 MiB for the 8×256 network. A batch's gradient is the sum over its tapes.
 pub(super) const TAPE_SAMPLES: usize = 4096;
 
 /// Parameters of one layer; main and extra inputs have separate matrices, as dfdx has no concatenation.
@@ -54,8 +54,8 @@ impl Weights {
         Ok(y.try_add(self.bias.retaped::<T>().try_broadcast_like::<_, Axis<0>>(&shape)?)?)
     }
 
-    /// Adds the gradients of layer `d`, `found` on a tape, to the layer's places in `out`, which holds those of all
-    /// layers.
+    /// Adds the gradient of layer `d`, taken from `found`, to the layer's range of `out`, which holds the gradients of
+    /// all layers.
     pub(super) fn collect(
         &self,
         d: &Dense,
@@ -89,7 +89,7 @@ pub(super) struct Rows {
 }
 
 impl Rows {
-    /// Arranges rays with these numbers of samples, at least one of which is not 0.
+    /// Arranges rays as rows. `samples`: number of samples of each ray, at least one of which is not 0.
     pub(super) fn new(device: &Cpu, samples: &[usize]) -> Result<Self, EngineError> {
         let longest = samples.iter().copied().max().unwrap_or(0);
         let mut places = Vec::with_capacity(samples.len() * longest);
@@ -103,7 +103,8 @@ impl Rows {
         Ok(Self { device: device.clone(), shape: (samples.len(), longest), places, index })
     }
 
-    /// Returns constants, `[rays][longest]`: what `values` gives for each sample's index, 0 after a ray's last sample.
+    /// Returns `values(i)` for the index `i` of each sample as constants, `[rays][longest]`; 0 after a ray's last
+    /// sample.
     pub(super) fn constants(&self, values: impl Fn(usize) -> f32) -> Result<Matrix, EngineError> {
         let values = self.places.iter().map(|place| place.map_or(0.0, &values)).collect();
         Ok(self.device.try_tensor_from_vec(values, self.shape)?)

@@ -1,10 +1,10 @@
 //! Animated GIFs.
 //!
-//! Each frame has its own palette of up to 256 colours: exact if the frame has no more colours, else found by
-//! variance-based cutting and k-means. Palettes of single frames suit a turntable, which shows other colours from each
-//! side, and let all cores encode frames without holding the whole animation in memory. There is no dithering, as its
-//! grain flickers from frame to frame and doubles the file's size. The price is slight banding in smooth gradients (1
-//! to 2 of 255 levels rms): judge quality by PNG frames.
+//! Each frame has its own palette of up to 256 colours. The palette is exact if the frame has at most 256 colours;
+//! otherwise variance-based cutting and k-means find it. Palettes of single frames suit a turntable, which shows other
+//! colours from each side. They also let all cores encode frames, without the whole animation in memory. Frames are not
+//! dithered: the grain would flicker from frame to frame and double the file's size. Smooth gradients therefore show
+//! slight banding (1 to 2 of 255 levels rms), so judge quality by PNG frames.
 
 mod palette;
 
@@ -22,9 +22,9 @@ pub(crate) const NO_FRAMES: &str = "cannot make the animation: it has no frames"
 /// The longest delay of a frame in a GIF, hundredths of a second.
 const LONGEST_DELAY: f64 = 65_535.0;
 
-/// An endlessly looping GIF that is written frame by frame, whole or not at all.
+/// Writer of an endlessly looping GIF, frame by frame. The file appears only when [`finish`](Self::finish) succeeds.
 ///
-/// Buffers at most two frames per thread. Without [`finish`](Self::finish) no file is left.
+/// Buffers at most two frames per thread.
 pub struct GifWriter {
     encoder: Encoder<AtomicFile>,
     width: u16,
@@ -39,7 +39,8 @@ impl GifWriter {
     /// Opens the file at `path`, for frames of `width` × `height` pixels.
     ///
     /// `fps`: frames per second. GIF counts delays in hundredths of a second: if `fps` does not divide 100, delays
-    /// alternate and their mean is exact. Above 50 the file plays at 50, as viewers slow down faster files.
+    /// alternate so that their mean is exact. A file of more than 50 `fps` plays at 50, because viewers slow down
+    /// faster files.
     pub fn create(path: impl AsRef<Path>, width: usize, height: usize, fps: f64) -> anyhow::Result<Self> {
         check_rate(fps)?;
         let side = |pixels| u16::try_from(pixels).ok().filter(|&side| side > 0);
@@ -101,7 +102,7 @@ pub(crate) fn check_rate(fps: f64) -> anyhow::Result<()> {
     bail!("cannot make the animation: {fps} frames per second is not a rate")
 }
 
-/// Fails if a frame's size differs from `expected`, or its number of pixels from width × height.
+/// Fails if the frame's size differs from `expected`, or if its number of pixels is not width × height.
 pub(crate) fn check_size(index: usize, frame: &Picture, expected: (usize, usize)) -> anyhow::Result<()> {
     if (frame.width, frame.height) != expected {
         let (width, height) = expected;

@@ -1,7 +1,7 @@
 //! Palettes of up to 256 colours for a frame.
 //!
-//! The `gif` crate's NeuQuant assigns colours by area: a small object in front of a wide background got only a dozen.
-//! Here colours are assigned where the squared error is largest.
+//! Colours are assigned where the squared error is largest. NeuQuant of the `gif` crate assigns colours by area
+//! instead: a small object in front of a wide background got only a dozen.
 
 const MAX_COLOURS: usize = 256;
 /// Number of iterations of k-means.
@@ -19,8 +19,8 @@ pub struct Quantised {
 
 /// Finds a palette for the pixels of `rgb` (`[n * 3]`) and the nearest entry for each pixel.
 ///
-/// Exact up to 256 colours. Otherwise the set of colours with the largest squared error is split at its mean along its
-/// widest axis, until there are 256 sets; two iterations of k-means follow.
+/// The palette is exact if there are at most 256 colours. Otherwise the set of colours with the largest squared error
+/// is split at its mean along its widest axis, until there are 256 sets. Two iterations of k-means follow.
 ///
 /// # Source
 /// Variance-based cutting after Wan, Wong, Prusinkiewicz 1988, "An algorithm for multidimensional data
@@ -55,7 +55,8 @@ fn count(rgb: &[u8]) -> Vec<Counted> {
     pixels.chunk_by(|a, b| a == b).map(|same| (same[0], same.len() as u32)).collect()
 }
 
-/// Set of colours. `axis`: channel of largest spread; `mean`, `error`: its mean and sum of squared deviations.
+/// Set of colours. `axis`: channel of largest spread; `mean`, `error`: mean and sum of squared deviations in this
+/// channel.
 struct Set {
     colours: Vec<Counted>,
     error: f64,
@@ -78,7 +79,7 @@ impl Set {
     }
 }
 
-/// Splits the colours, at least one, into at most 256 sets that are not empty.
+/// Splits `colours`, at least one, into at most 256 sets, none of them empty.
 fn cut(colours: &[Counted]) -> Vec<Vec<Counted>> {
     let mut sets = vec![Set::new(colours.to_vec())];
     while sets.len() < MAX_COLOURS {
@@ -87,7 +88,7 @@ fn cut(colours: &[Counted]) -> Vec<Vec<Counted>> {
         let set = sets.swap_remove(worst);
         let below = |c: &Counted| f64::from(c.0[set.axis]) <= set.mean;
         let (low, high): (Vec<Counted>, Vec<Counted>) = set.colours.into_iter().partition(below);
-        // Colours differ along the widest axis, so neither part is empty. If rounding empties one, splitting ends.
+        // Colours differ along the widest axis, so only rounding can leave a part empty. Splitting then ends.
         let whole = low.is_empty() || high.is_empty();
         sets.extend([low, high].into_iter().filter(|part| !part.is_empty()).map(Set::new));
         if whole {
@@ -97,7 +98,8 @@ fn cut(colours: &[Counted]) -> Vec<Vec<Counted>> {
     sets.into_iter().map(|set| set.colours).collect()
 }
 
-/// Palette entry of a set: the colour of more than half of its pixels (flat backgrounds stay exact), else the mean.
+/// Palette entry of a set: a colour that more than half of the set's pixels have, so that flat backgrounds stay exact;
+/// else the mean.
 fn representative(set: &[Counted]) -> [u8; 3] {
     let total: u64 = set.iter().map(|c| u64::from(c.1)).sum();
     if let Some(main) = set.iter().find(|c| 2 * u64::from(c.1) > total) {
@@ -148,7 +150,7 @@ mod tests {
         assert_eq!(colour_of(&quantised, 399_999), [255; 3]);
         for i in 0..4_096 {
             let error = (0..3).map(|c| rgb[3 * i + c].abs_diff(colour_of(&quantised, i)[c])).max().unwrap();
-            // 255 entries for 64 × 64 levels: cells of 4 × 4.
+            // 255 entries share 64 × 64 colours: each entry takes about 4 × 4 of them.
             assert!(error <= 4, "pixel {i} is {error} levels off");
         }
     }

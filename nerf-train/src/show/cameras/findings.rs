@@ -6,10 +6,11 @@ use crate::data::pictures::thumbnail::Thumbnail;
 use crate::data::{Background, Dataset, View};
 use crate::model::config::{Preset, Surroundings};
 
-/// Camera colours, one for each group of photographs whose poses can all be right. Further groups repeat the colours.
+/// Camera colours, one for each group of photographs whose poses are consistent with each other. Further groups repeat
+/// the colours.
 const GROUPS: [[f32; 3]; 4] =
     [[0.13, 0.39, 0.85], [0.90, 0.47, 0.06], [0.15, 0.58, 0.24], [0.55, 0.25, 0.68]];
-/// Colour of the cameras whose photographs contradict the other photographs.
+/// Colour of the cameras whose poses contradict the other photographs.
 const CONTRADICTING: [f32; 3] = [0.85, 0.08, 0.12];
 /// Colour of the cameras whose photographs are blurred.
 const BLURRED: [f32; 3] = [0.62, 0.50, 0.10];
@@ -24,8 +25,9 @@ pub struct Findings {
     pub(super) pair: Vec<(String, Thumbnail)>,
 }
 
-/// Scene of all photographs of a data set, with cameras coloured by the diagnosis. Held-out photographs become training
-/// views, and all are ordered by name. `range`: near and far planes, world units; `None`: derived from the data.
+/// Scene of all photographs of a data set, with cameras coloured by the diagnosis. The held-out views of `dataset` are
+/// moved to its training views, which are then sorted by name. `range`: near and far planes, world units; `None`:
+/// derived from the data.
 pub fn checked(
     dataset: &mut Dataset,
     diagnosis: &Diagnosis,

@@ -1,6 +1,7 @@
 //! 3D view of one training step: cameras with frusta and pictures, rays and their samples.
 //!
-//! A [`Scene`] is drawn with the code that draws training batches; an interactive [`page`] shows it.
+//! The code that fills training batches also chooses the rays and samples of a [`Scene`]. An interactive [`page`] shows
+//! the scene.
 
 mod findings;
 pub mod page;

@@ -1,4 +1,4 @@
-//! Rays and samples of one training step, drawn with the code of training.
+//! Rays and samples of one training step, made by the code that fills training batches.
 
 use crate::data::{Background, View};
 use crate::model::config::Config;
@@ -40,8 +40,8 @@ impl ShownRay {
 pub struct StepFacts {
     pub step: u32,
     pub seed: u64,
-    /// Number of bins between near and far, one sample in each; for marched rays, the largest number of samples of a
-    /// ray.
+    /// Number of bins between near and far, with one sample in each. For marched rays: the largest number of samples of
+    /// a ray.
     pub bins: u16,
     pub marched: bool,
     /// Number of rays of the training step; the first of these rays are shown.
@@ -50,7 +50,7 @@ pub struct StepFacts {
     pub occupancy: bool,
 }
 
-/// Draws rays and samples for display, with the code of training.
+/// Source of rays and samples for display. Runs the code that fills training batches.
 pub(super) struct Drawer<'a> {
     pub(super) config: &'a Config,
     pub(super) bounds: Bounds,
@@ -60,9 +60,10 @@ pub(super) struct Drawer<'a> {
 }
 
 impl Drawer<'_> {
-    /// Draws the first `count` rays of the training step over `views`. `first`: index of the camera of the first view.
+    /// Returns the first `count` rays that the training step samples from `views`, with facts about the step. `first`:
+    /// index of the first view's camera in the scene.
     ///
-    /// `whole`: whether the step has as many rays as in training; otherwise it has `count` rays.
+    /// `whole`: whether the step samples as many rays as in training; if not, it samples `count` rays.
     pub(super) fn draw(
         &self,
         views: &[View],
@@ -115,8 +116,8 @@ impl Drawer<'_> {
         Ok((shown.collect(), facts))
     }
 
-    /// Rays of the step with their samples in the occupied `cells`; `None`: with all samples in the scene box. If rays
-    /// are not marched, the batch ends at `most` samples (0: no limit).
+    /// Rays of the step, with their samples in occupied cells of `cells`; `None`: with all samples in the scene box.
+    /// `most`: number of samples at which the batch ends, 0: no limit; ignored for marched rays.
     fn batch(&self, bank: &RayBank<'_>, rays: usize, most: usize, cells: Option<&Occupancy>) -> Batch {
         let (mut batch, step) = (Batch::default(), u64::from(self.step));
         if !self.is_marched() {

@@ -45,7 +45,7 @@ fn the_range_comes_from_solid_pixels_and_ignores_strays() {
     assert!((low - 2.01).abs() < 0.01 && (high - 2.99).abs() < 0.01, "{low} {high}");
     assert_eq!(robust_range(&values, &[0.0; 1_000]), None);
     assert_eq!(robust_range(&[], &[]), None);
-    // Of three values none is left out.
+    // With only three values, the range covers all of them.
     assert_eq!(robust_range(&[3.0, 1.0, 2.0], &[1.0; 3]), Some((1.0, 3.0)));
 }
 

@@ -22,7 +22,7 @@ impl<'a, 'b> Field<'a, 'b> {
         Self { renderer, plan }
     }
 
-    /// Whether the scene is unbounded, with contracted space: no ray can begin outside of it.
+    /// Whether the scene is unbounded. Contracted space has no outside in which a ray could begin.
     pub fn is_unbounded(&self) -> bool {
         self.renderer.blob().scene().is_some_and(|scene| scene.contraction().is_some())
     }
@@ -55,8 +55,8 @@ impl<'a, 'b> Field<'a, 'b> {
         Ok((sigma, rgb))
     }
 
-    /// Distance along each ray at which the ray's opacity crosses 1/2, world units; `None` if the opacity stays below.
-    /// Rays are `length` world units long and have one sample in the middle of each of `steps` equal bins.
+    /// Distance along each ray at which the ray's opacity crosses 1/2, world units; `None` if it stays below 1/2. Rays
+    /// are `length` world units long and have one sample in the middle of each of `steps` equal bins.
     pub fn half_way(&self, rays: &[Ray], length: f32, steps: usize) -> anyhow::Result<Vec<Option<f32>>> {
         let delta = length / steps as f32;
         let points = |ray: &Ray| {

@@ -50,7 +50,8 @@ pub fn write_ply(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
     })
 }
 
-/// Writes a mesh as OBJ: `v x y z r g b`, as MeshLab and Blender read colours, `vn`, and `f v//n`.
+/// Writes a mesh as OBJ: vertices `v x y z r g b`, normals `vn`, faces `f v//n`. MeshLab and Blender read colours after
+/// the coordinates.
 pub fn write_obj(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
     written(path, |out| {
         writeln!(out, "# made by nerf-train")?;
@@ -69,8 +70,8 @@ pub fn write_obj(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
     })
 }
 
-/// Writes a mesh as GLB: positions, normals, colours (linear, unlit), in the data's coordinates and units. glTF
-/// defines +Y as up, but the axes are not changed. An origin that is far away becomes the node's translation.
+/// Writes a mesh as GLB: positions, normals and unlit colours in linear light, in the data's coordinates and units. The
+/// axes are not changed, although glTF defines +Y as up. The mesh's origin becomes the node's translation.
 pub fn write_glb(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
     let size = 36 * mesh.vertices.len() as u64 + 12 * mesh.triangles.len() as u64;
     // Leaves 64 KiB of the format's 4 GiB for the JSON document.
@@ -150,7 +151,7 @@ fn document(mesh: &Mesh, bytes: usize) -> Value {
     })
 }
 
-/// Converts an sRGB value to linear light, as in glTF.
+/// Converts an sRGB value to linear light, in which glTF stores colours.
 fn linear(value: f32) -> f32 {
     let value = value.clamp(0.0, 1.0);
     if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }

@@ -6,7 +6,8 @@ use glam::Vec3;
 use half::f16;
 use nerf_core::space::SceneBox;
 
-/// Cubes over a box, and one layer of cubes around the box: a surface that reaches a side of the box is closed there.
+/// Cubes over a box, with one more layer of cubes around it. In this layer, a surface that reaches a side of the box is
+/// closed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lattice {
     /// Position of the lattice's lower corner, world units.
@@ -29,15 +30,15 @@ impl Lattice {
         self.min + self.cell * Vec3::new(x as f32, y as f32, z as f32)
     }
 
-    /// Positions, world units, of the corners whose index along z is `z`, x fastest.
+    /// Positions of the corners whose index along z is `z`, world units; x varies fastest, then y.
     pub fn slice(&self, z: usize) -> Vec<[f32; 3]> {
         let [width, height] = self.corners();
         let corner = |i: usize| self.corner([i % width, i / width, z]).into();
         (0..width * height).map(corner).collect()
     }
 
-    /// Density times the side of a cube at each corner of slice `z`: the optical depth of one cube. 0 at the sides of
-    /// the lattice, which are outside of the box.
+    /// Optical depth of one cube at each corner of slice `z`: density times the side of a cube. 0 at the sides of the
+    /// lattice, which are outside of the box.
     pub fn cell_depths(&self, field: &Field<'_, '_>, z: usize) -> anyhow::Result<Vec<f16>> {
         let [width, height] = self.corners();
         let side = |i: usize| {
@@ -79,6 +80,6 @@ pub(super) fn cubes(bounds: &SceneBox, resolution: u32) -> anyhow::Result<(f32, 
             extent.to_array()
         );
     }
-    // The tolerance keeps rounding from adding a cube to a side of a whole number of cubes.
+    // The tolerance keeps rounding from adding a cube to a side that is a whole number of cubes long.
     Ok((cell, extent.to_array().map(|side| (side / cell - 1e-3).ceil().max(1.0) as usize)))
 }

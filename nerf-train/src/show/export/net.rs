@@ -12,7 +12,8 @@ const EDGES: [(usize, usize); 12] =
     [(0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7)];
 
 /// Surface net, built slice by slice. Each cube that the surface crosses has a vertex: the mean of the points where the
-/// surface crosses the cube's edges. Each crossed edge of the lattice has two triangles.
+/// surface crosses the cube's edges. At each crossed edge of the lattice, two triangles join the vertices of the four
+/// cubes around it.
 ///
 /// # Source
 /// Gibson 1998, "Constrained elastic surface nets".
@@ -41,8 +42,8 @@ impl<'l> Net<'l> {
         }
     }
 
-    /// Adds slice `z`, with levels `above`. Makes the vertices in the cubes between the last slice and this one, and
-    /// the faces for crossed edges whose four cubes are complete.
+    /// Adds slice `z`, whose corners have the levels `above`. Makes the vertices in the cubes between the previous
+    /// slice and this one, and the faces of crossed edges whose four cubes are complete.
     pub(super) fn slice(&mut self, z: usize, above: Vec<f16>) -> anyhow::Result<()> {
         if z > 0 {
             self.layers.swap(0, 1);
@@ -76,7 +77,7 @@ impl<'l> Net<'l> {
         Ok(())
     }
 
-    /// Adds a face for each crossed edge of the lattice in the lower slice or between the two slices.
+    /// Adds a face (two triangles) for each crossed lattice edge within slice `z`, and from slice `z` to `z + 1`.
     fn faces(&mut self, z: usize, above: &[f16]) {
         let [width, height, _] = self.lattice.cells;
         let row = width + 1;
@@ -95,7 +96,7 @@ impl<'l> Net<'l> {
                 faces[2] = Some([cube(1, 1, 1), cube(1, 0, 1), cube(1, 0, 0), cube(1, 1, 0)]);
             }
             for [a, b, c, d] in faces.into_iter().flatten() {
-                // Counter-clockwise seen from the far end of the edge, so outward if the near end is inside.
+                // The face is counter-clockwise seen from the edge's far end, so outward if the near end is inside.
                 let turned = if here { [a, b, c, d] } else { [d, c, b, a] };
                 let [a, b, c, d] = turned;
                 self.triangles.extend([[a, b, c], [a, c, d]]);
@@ -115,7 +116,7 @@ fn crossing(values: &[f32; 8]) -> Vec3 {
     sum / count
 }
 
-/// Direction of the gradient of the levels in a cube, from those at its corners; not normalised.
+/// Gradient of the levels in a cube, from those at its corners; only its direction is meaningful.
 fn slope(v: &[f32; 8]) -> Vec3 {
     let rise = |bit: usize| (0..8).map(|i| if i & bit == 0 { -v[i] } else { v[i] }).sum();
     Vec3::new(rise(1), rise(2), rise(4))

@@ -8,11 +8,11 @@ use half::f16;
 use rayon::prelude::*;
 use std::f32::consts::LN_2;
 
-/// The level is 0.5 at the surface. A density, or optical depth, this many times larger than at the surface has level
-/// 1; one this many times smaller has level 0.
+/// Largest ratio that levels distinguish, of a density or optical depth to its value at the surface. The level is 1 at
+/// this ratio, 0.5 at the surface, and 0 at the inverse ratio.
 const RANGE: f32 = 1000.0;
-/// A sum of optical depths is limited to this (opacity 15/16) before it is passed on to the next corner. With decay,
-/// the sum thus soon becomes small again behind opaque matter.
+/// Limit of a sum of optical depths (opacity 15/16) before it is passed on to the next corner. With decay, the sum thus
+/// soon becomes small again behind opaque matter.
 const DARK: f32 = 4.0 * LN_2;
 /// The nine directions from a corner to the next slice, as steps in x and y: straight, and to the eight neighbours.
 const ACROSS: [[isize; 2]; 9] =
@@ -110,7 +110,8 @@ fn step(direction: [isize; 3]) -> (f32, f32) {
     (cells, 0.5 * cells)
 }
 
-/// Indices of the corners inside the box, without the first and the last; descending if `direction` is negative.
+/// Indices of the corners along an axis, without the first and the last, which are outside of the box; descending if
+/// `direction` is negative.
 fn inner(corners: usize, direction: isize) -> impl Iterator<Item = usize> {
     (1..corners - 1).map(move |i| if direction < 0 { corners - 1 - i } else { i })
 }

@@ -1,4 +1,4 @@
-//! Point clouds.
+//! Point clouds: of the surfaces that views see, or of a mesh.
 
 use super::{Mesh, Vertex};
 use crate::data::View;
@@ -73,7 +73,7 @@ pub fn points_of_views(
     }
 }
 
-/// `count` random points, uniformly distributed over the area of a mesh; the same for the same seed.
+/// Samples `count` random points, uniformly distributed over the area of a mesh. The same `seed` gives the same points.
 pub fn points_of_surface(mesh: &Mesh, count: usize, seed: u64) -> Mesh {
     let corners = |triangle: &[u32; 3]| triangle.map(|i| mesh.vertices[i as usize]);
     let mut areas = Vec::with_capacity(mesh.triangles.len());

@@ -11,14 +11,14 @@ use glam::Vec3;
 use half::f16;
 use nerf_core::camera::Ray;
 
-/// Each vertex's inward ray begins this far outside of the vertex, cells.
+/// Distance outside of a vertex at which its inward ray begins, cells.
 const BEFORE: f32 = 2.0;
 /// Number of samples per cell along a vertex's inward ray.
 const SAMPLES: f32 = 4.0;
-/// Each vertex's inward ray ends this far behind the vertex, cells. A vertex whose ray meets no surface is left out.
+/// Distance behind a vertex at which its inward ray ends, cells. A vertex whose ray meets no surface is left out.
 const BEHIND: f32 = 8.0;
-/// If a ray meets the surface at most this far behind its vertex, cells, the vertex stays in place. Otherwise the
-/// vertex moves along the ray by the excess, rounded up to a quarter of a cell.
+/// Largest distance from a vertex to the surface along its ray, cells, at which the vertex stays in place. A vertex
+/// that is further away moves along the ray by the excess, rounded up to a quarter of a cell.
 const NEAR: f32 = 1.75;
 /// Length over which sums of optical depth fall by a factor of e, cells. For a scene that is seen from inside.
 const DECAY: f32 = 8.0;
@@ -39,13 +39,13 @@ pub enum Surface {
     Density(f32),
 }
 
-/// Extracts the surface of a field as a mesh, with colours as seen against the normals.
+/// Extracts the surface of a field as a mesh. Each vertex has the colour seen from outside, along its inward normal.
 ///
 /// The mesh is a surface net of the lattice's optical depths, or densities, with smoothed normals. For a visible
-/// surface, the opacity is then measured along an inward ray against the normal of each vertex. A vertex whose ray's
+/// surface, the opacity is then measured along an inward ray from each vertex, against its normal. A vertex whose ray's
 /// opacity stays below 1/2 is left out. If the opacity crosses 1/2 far behind the vertex, the vertex moves along the
-/// ray, but stays about two cells outside of the crossing: triangles then rarely tangle. `each` is called with the
-/// number of slices done in three passes over the lattice.
+/// ray, but stays about two cells outside of the crossing, so that triangles rarely intersect. `each` is called with
+/// the number of finished slices, counted over three passes of the lattice.
 pub fn mesh(
     field: &Field<'_, '_>,
     lattice: &Lattice,
@@ -121,7 +121,8 @@ fn net<'l>(
     Ok(net)
 }
 
-/// Averages each vertex's normal with the normals of its neighbours. An edge between two triangles is used twice.
+/// Averages each vertex's normal with the normals of its neighbours. A neighbour across an edge of two triangles counts
+/// twice.
 fn smooth(normals: &mut [Vec3], triangles: &[[u32; 3]]) {
     for _ in 0..NORMAL_PASSES {
         let mut sums = normals.to_vec();
@@ -142,8 +143,8 @@ struct Place {
     surface: Vec3,
 }
 
-/// Moves vertices along their rays. If the opacity crosses 1/2 far behind a vertex, the vertex moves to within two
-/// cells of this crossing. `None` for a vertex whose ray's opacity stays below 1/2.
+/// Moves each vertex whose ray's opacity crosses 1/2 far behind the vertex to within two cells of this crossing. `None`
+/// for a vertex whose ray's opacity stays below 1/2.
 fn settled(
     field: &Field<'_, '_>,
     cell: f32,
@@ -163,7 +164,7 @@ fn settled(
     Ok(rays.iter().zip(points).zip(crossings).map(place).collect())
 }
 
-/// Vertices with colours as seen against their normals; `None` for a vertex that is left out.
+/// Vertices with colours as seen along their inward normals; `None` for a vertex that is left out.
 fn coloured(
     field: &Field<'_, '_>,
     places: &[Option<Place>],
@@ -179,7 +180,7 @@ fn coloured(
     Ok(places.iter().zip(normals).zip(rgb).map(vertex).collect())
 }
 
-/// Mesh of the triangles whose three vertices all exist, at different positions.
+/// Mesh of the triangles whose three vertices exist and have different positions.
 fn kept(vertices: &[Option<Vertex>], triangles: &[[u32; 3]]) -> Mesh {
     let mut mesh = Mesh::default();
     let mut places = vec![NONE; vertices.len()];

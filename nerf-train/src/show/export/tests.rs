@@ -14,7 +14,8 @@ use std::collections::HashMap;
 
 const BOX: SceneBox = SceneBox { min: Vec3::splat(-1.0), max: Vec3::ONE };
 
-/// The net of a solid whose signed distance is given, 24 cells across.
+/// Surface net of a solid in a lattice 24 cells across, and the side of a cell. `distance`: signed distance to the
+/// solid.
 fn net(distance: impl Fn(Vec3) -> f32) -> (Vec<Vec3>, Vec<[u32; 3]>, f32) {
     let lattice = Lattice::new(&BOX, 24).expect("a lattice");
     let mut net = Net::new(&lattice);
@@ -26,7 +27,8 @@ fn net(distance: impl Fn(Vec3) -> f32) -> (Vec<Vec3>, Vec<[u32; 3]>, f32) {
     (net.positions, net.triangles, lattice.cell)
 }
 
-/// Every edge is passed once each way, so the surface is closed and turned one way; its volume, above 0 where outward.
+/// Volume of a mesh, above 0 if its triangles face outward. Fails unless each edge is used once in each direction, as
+/// in a closed surface of consistent orientation.
 fn closed_volume(positions: &[Vec3], triangles: &[[u32; 3]]) -> f32 {
     let mut edges: HashMap<(u32, u32), i32> = HashMap::new();
     let mut volume = 0.0;
@@ -48,7 +50,7 @@ fn a_ball_becomes_a_closed_surface_turned_outward() {
     let volume = closed_volume(&positions, &triangles);
     assert!((volume / expected - 1.0).abs() < 0.02, "{volume} {expected}");
     assert!(positions.iter().all(|p| (p.length() - 0.7).abs() < 0.11 * cell));
-    // A sphere: vertices - edges + faces = 2, and a triangle has one and a half edges.
+    // Euler characteristic of a sphere: vertices − edges + faces = 2, with 3/2 edges per triangle.
     assert_eq!(positions.len() - triangles.len() / 2, 2);
 }
 
@@ -57,14 +59,14 @@ fn a_ring_has_a_hole_and_what_reaches_the_box_is_closed_there() {
     let (positions, triangles, _) = net(|p| Vec3::new(p.truncate().length() - 0.6, p.z, 0.0).length() - 0.25);
     assert!(closed_volume(&positions, &triangles) > 0.0);
     assert_eq!(positions.len() as i64 - triangles.len() as i64 / 2, 0);
-    // Everything is inside: the box itself.
+    // A solid that fills the box: its surface is that of the box.
     let solid = |p: Vec3| if p.abs().max_element() < 1.001 { -1.0 } else { 1.0 };
     let (positions, triangles, cell) = net(solid);
     let volume = closed_volume(&positions, &triangles);
     assert!((volume - (2.0 + cell).powi(3)).abs() < 0.5, "{volume}");
 }
 
-/// Vertices of the surface that is seen of densities by position, 40 cells across.
+/// Vertices of the visible surface of `density`, a function of the position, in a lattice 40 cells across.
 fn seen(density: impl Fn(Vec3) -> f32, decay: f32) -> Vec<Vec3> {
     let lattice = Lattice::new(&BOX, 40).expect("a lattice");
     let within = |p: Vec3| if p.abs().max_element() > 1.001 { 0.0 } else { density(p) };
@@ -93,18 +95,18 @@ fn of_a_hollow_ball_only_the_outside_is_visible_unless_seen_from_inside_too() {
 
 #[test]
 fn soft_matter_has_its_surface_where_opacity_crosses_a_half() {
-    // Uniform, so the depth from a face along its normal is density times distance; two more directions count.
+    // With uniform density, the optical depth from a face along its normal is density times distance.
     let density = 4.0;
     let half = std::f32::consts::LN_2 / density;
     let points = seen(|_| density, f32::INFINITY);
     let of_middle = |p: &&Vec3| p.truncate().abs().max_element() < 0.3 && p.z > 0.0;
     let depths: Vec<f32> = points.iter().filter(of_middle).map(|p| 1.0 - p.z).collect();
     assert!(!depths.is_empty());
-    // The third of the directions is at 45 degrees or, along the diagonals, 54.7.
+    // The third smallest of the 26 sums is that of a direction at 45 degrees to the normal or, along a diagonal, 54.7.
     for depth in depths {
         assert!((0.5..1.1).contains(&(depth / half)), "{depth} {half}");
     }
-    // Opacity stays below a half: nothing.
+    // Opacity stays below 1/2, so there is no surface.
     assert!(seen(|_| 0.2, f32::INFINITY).is_empty());
 }
 
@@ -123,7 +125,7 @@ fn no_vertex_is_further_than_two_cells_from_where_opacity_crosses_a_half() {
     let mesh = mesh(&field, &lattice, Surface::Visible, |_| {}).expect("a mesh");
     assert!(mesh.vertices.len() > 1000, "{}", mesh.vertices.len());
     let mut off = vec![f32::INFINITY; mesh.vertices.len()];
-    // A vertex that was moved was so far behind the first point of its ray.
+    // A vertex may have moved, so the start of its ray is unknown: 2 to 10 cells outside are tried.
     for before in (8..=40).map(|quarters| 0.25 * quarters as f32) {
         let ray = |vertex: &Vertex| {
             let (point, normal) = (Vec3::from(vertex.position), Vec3::from(vertex.normal));
@@ -139,7 +141,7 @@ fn no_vertex_is_further_than_two_cells_from_where_opacity_crosses_a_half() {
     }
     let worst = off.iter().fold(0.0, |worst: f32, &off| worst.max(off));
     assert!(worst <= 2.0, "{worst}");
-    // Triangles are turned as their normals are, but where the field is rough.
+    // Except where the field is rough, triangles face the way their vertex normals point.
     let turned = mesh.triangles.iter().filter(|triangle| {
         let [a, b, c] = triangle.map(|i| mesh.vertices[i as usize]);
         let [p, q, r] = [a, b, c].map(|vertex| Vec3::from(vertex.position));

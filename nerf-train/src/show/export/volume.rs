@@ -76,8 +76,8 @@ fn mean_colours(
     Ok(sums.into_iter().map(Vec3::into).collect())
 }
 
-/// Writes `density` (float32 `[x, y, z]`), `rgb` (uint8 `[x, y, z, 3]`), `min` (float64 `[3]`) and `cell` (float64). In
-/// numpy, `np.load` reads the file.
+/// Writes an archive for numpy's `np.load`: `density` (float32 `[x, y, z]`), `rgb` (uint8 `[x, y, z, 3]`), `min`
+/// (float64 `[3]`) and `cell` (float64).
 pub fn write_npz(volume: &Volume, path: &Path) -> anyhow::Result<()> {
     // The archive is built in memory: on a full disk its writer would print to stderr.
     let mut archive = ZipWriter::new(Cursor::new(Vec::new()));

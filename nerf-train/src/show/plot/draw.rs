@@ -1,4 +1,4 @@
-//! Parts of a plot.
+//! Drawing of a plot's series, dashed lines and point labels.
 
 use super::{COLOURS, Drawn, FONT, GREY, INK, Marker, NOTE_SIZE};
 use crate::show::text;
@@ -48,17 +48,17 @@ pub(super) fn style(size: f32, colour: RGBColor) -> TextStyle<'static> {
     (FONT, size).into_font().color(&colour)
 }
 
-/// Replaces control characters, which make an SVG unreadable for any viewer.
+/// Replaces control characters by spaces: viewers refuse an SVG that contains them.
 pub(super) fn clean(label: &str) -> String {
     label.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 
-/// Registers the compiled-in font under its name: the plotting library measures text with it, even for SVG.
+/// Registers the compiled-in font as [`FONT`]. The plotting library measures text with it, also for SVG.
 pub(super) fn register_font() {
     static DONE: Once = Once::new();
     DONE.call_once(|| {
         let font = epaint_default_fonts::UBUNTU_LIGHT;
-        // A font that does not parse shows up as an error when text is first measured.
+        // If the font did not parse, the first measurement of a text would return the error.
         let _ = plotters::style::register_font(FONT, FontStyle::Normal, font);
     });
 }
@@ -79,8 +79,9 @@ pub struct Label {
 /// Rectangle that a point or a label covers: left, top, right, bottom, pixels.
 type Taken = [i32; 4];
 
-/// Draws labels at points (pixels of `root`), inside of `area`: on the side with room, moved up or down to avoid
-/// points and earlier labels, with a thin line to a point that is far from its label.
+/// Draws labels beside points, inside of `area`; positions are pixels of `root`. A label is on the side with room,
+/// moved up or down to avoid points and earlier labels. A thin line joins a label to a distant point. A label without
+/// room is left out.
 pub(super) fn draw_labels<DB: DrawingBackend>(
     root: &DrawingArea<DB, Shift>,
     area: &(Range<i32>, Range<i32>),

@@ -28,8 +28,8 @@ const NOTE_SIZE: f32 = 17.0;
 const KEY: i32 = 34;
 /// Approximate number of ticks of an axis.
 const TICKS: usize = 9;
-/// Values of a larger magnitude are treated as not finite, as the plotting library computes ticks in f64. On a
-/// logarithmic axis, values below the inverse are treated in the same way.
+/// Largest magnitude of a plotted value, as the plotting library computes ticks in f64. Points beyond are left out, as
+/// if not finite. On a logarithmic axis, so are points below the inverse.
 const LARGEST: f64 = 1e15;
 /// Font family that every SVG viewer has; in PNGs this name refers to the compiled-in font.
 const FONT: &str = "sans-serif";
@@ -96,7 +96,7 @@ impl LinePlot {
     pub fn new(title: impl Into<String>, x_label: impl Into<String>, y_label: impl Into<String>) -> Self {
         let (title, x_label, y_label): (String, String, String) =
             (title.into(), x_label.into(), y_label.into());
-        // Titles contain names of data sets, whose line ends are escaped.
+        // Escapes line ends, which names of data sets in a title may contain.
         let title = printable::line(&title).into_owned();
         Self { title, x_label, y_label, ..Self::default() }
     }
@@ -113,14 +113,14 @@ impl LinePlot {
     pub fn to_svg(&self) -> anyhow::Result<String> {
         let mut svg = String::new();
         self.draw(SVGBackend::with_string(&mut svg, SIZE).into_drawing_area())?;
-        // Control characters occur only in texts, whose markup the library has escaped.
+        // The library escapes markup in texts, but leaves control characters.
         Ok(printable::lines(&svg).into_owned())
     }
 
     /// Writes `<stem>.png` and `<stem>.svg`, for example `out/psnr` → `out/psnr.png`, and returns both.
     pub fn write(&self, stem: impl AsRef<Path>) -> anyhow::Result<[PathBuf; 2]> {
         let with = |ending: &str| {
-            // Not `with_extension`: a stem such as "psnr_0.1" has a dot of its own.
+            // `with_extension` would cut off the ".1" of a stem such as "psnr_0.1".
             let mut name = stem.as_ref().as_os_str().to_owned();
             name.push(ending);
             PathBuf::from(name)
@@ -298,7 +298,7 @@ impl LinePlot {
         let mut y = top;
         for (shown, (index, lines)) in entries.iter().enumerate() {
             let rest = entries.len() - shown;
-            // If more entries follow, one further row is needed for the number of those without room.
+            // While more entries follow, a row is kept free for the number of entries without room.
             let needed = lines.len() as i32 * step + if rest > 1 { step } else { 0 };
             if y + needed > bottom && shown > 0 {
                 let more = format!("… and {rest} more");
@@ -352,7 +352,7 @@ fn extent(values: impl Iterator<Item = f64>) -> Range<f64> {
 fn decades(values: impl Iterator<Item = f64>) -> (Range<f64>, Vec<f64>) {
     let (low, high) = ends(values).unwrap_or((1.0, 10.0));
     let exponents = low.log10().floor() as i32..=high.log10().floor() as i32 + 1;
-    // Parsed from text: a power of ten computed by multiplication is not the nearest f64.
+    // A tick is parsed from text, as a power of ten computed by multiplication is not the nearest f64.
     let tick = |exponent: i32, digit: u8| format!("{digit}e{exponent}").parse::<f64>().ok();
     let mut ticks: Vec<f64> = exponents
         .clone()
@@ -368,7 +368,7 @@ fn decades(values: impl Iterator<Item = f64>) -> (Range<f64>, Vec<f64>) {
     (range, ticks)
 }
 
-/// A tick's value to ten digits, which hides the rounding errors of sums.
+/// Text of a tick's value, to ten digits: rounding errors of sums do not show.
 fn tick_label(value: &f64) -> String {
     format!("{value:.9e}").parse().unwrap_or(*value).to_string()
 }

@@ -123,7 +123,7 @@ fn sheet(
             let taken = snapshots.iter().find(|taken| (taken.step, taken.view) == (step, index));
             let stored = taken.and_then(|taken| {
                 let picture = Picture::read(taken.path(folder, dataset))?;
-                // A picture of every N-th pixel is enlarged to the size of the others.
+                // A snapshot of every N-th pixel is enlarged to the size of the ground truth.
                 let fits = picture.width <= width && picture.height <= height;
                 fits.then(|| (picture.enlarged(width / picture.width.max(1)), taken.psnr_db))
             });
@@ -195,7 +195,7 @@ mod tests {
         }
         let sheet = sheet("a title", folder.path(), &dataset, &snapshots, [0.0; 3]).expect("a sheet");
         let count = |colour: [f32; 3]| sheet.rgb.iter().filter(|rgb| **rgb == colour).count();
-        // Pictures are enlarged eight times: two exist, two are missing, two are ground truth.
+        // Of six pictures, each enlarged eight times, two exist, two are missing, and two are ground truth.
         assert_eq!((count([1.0, 0.0, 0.0]), count(NOTHING)), (2 * 192 * 192, 2 * 192 * 192));
         assert!(sheet.width >= 3 * 192 && sheet.height >= 2 * 192);
     }

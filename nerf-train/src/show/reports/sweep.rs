@@ -143,7 +143,7 @@ fn markdown(folder: &Folder, records: &[Record]) -> String {
     text
 }
 
-/// Runs to plot, with their PSNR, dB: neither diverged nor flat.
+/// Runs to plot, each with its PSNR, dB. Left out are runs that diverged or score no better than one flat colour.
 fn drawn(records: &[Record]) -> impl Iterator<Item = (&Record, f64)> + Clone {
     let fine = |record: &&Record| record.status == Status::Ok;
     records.iter().filter(fine).filter_map(|record| Some((record, record.psnr_db?)))
@@ -245,7 +245,7 @@ fn notes(records: &[Record]) -> Vec<String> {
     if others.is_empty() { Vec::new() } else { vec![format!("Not drawn: {}.", others.join("; "))] }
 }
 
-/// Contact sheet of the runs' pictures in the order of their settings; `None` if there is none.
+/// Contact sheet of the runs' pictures in the order of their settings; `None` without runs.
 fn sheet(folder: &Folder, records: &[Record]) -> Option<Picture> {
     let mut cells = Vec::new();
     for record in records {

@@ -1,9 +1,9 @@
 //! MP4 videos, encoded by an installed `ffmpeg`.
 //!
 //! Frames go to ffmpeg's standard input as raw RGB. The file gets its final name only after ffmpeg has succeeded. The
-//! encoder is H.264 at CRF 16, or mpeg4 if ffmpeg has no libx264. Chroma is 4:2:0, as players show nothing else. The
-//! file names its BT.709 matrix, which players otherwise guess from the picture's size. An ffmpeg that hangs is killed
-//! after [`PATIENCE`].
+//! encoder is H.264 at CRF 16, or mpeg4 if ffmpeg has no libx264. Chroma is 4:2:0, the only format that all players
+//! show. The file names its BT.709 matrix, which players otherwise guess from the picture's size. An ffmpeg that hangs
+//! is killed after [`PATIENCE`].
 
 use super::animation::{NO_FRAMES, check_rate, check_size};
 use crate::data::pictures::rgb::{Picture, wrong_size};
@@ -17,8 +17,8 @@ use std::process::{ChildStdin, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 use std::{fs, io};
 
-/// If ffmpeg reads nothing of a frame for this time, or writes nothing for this time after the last frame, it is
-/// killed.
+/// Time after which an ffmpeg without progress is killed: it reads nothing of a frame or, after the last frame, writes
+/// nothing.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 /// Time in which ffmpeg must list its encoders.
 const LISTING_PATIENCE: Duration = Duration::from_secs(10);
@@ -74,7 +74,7 @@ impl Ffmpeg {
         }
         let listed = listed.text();
         let text = String::from_utf8_lossy(&listed);
-        // " V....D libx264    libx264 H.264 / AVC …"
+        // A line of the list: " V....D libx264    libx264 H.264 / AVC …".
         let has = |name| text.lines().any(|line| line.split_whitespace().nth(1) == Some(name));
         let encoder = match (has("libx264"), has("mpeg4")) {
             (true, _) => X264,
@@ -87,9 +87,9 @@ impl Ffmpeg {
     }
 }
 
-/// An MP4 that is written frame by frame, whole or not at all.
+/// Writer of an MP4, frame by frame. The file appears only when [`finish`](Self::finish) succeeds.
 ///
-/// Without [`finish`](Self::finish) ffmpeg is killed and no file is left.
+/// A drop without `finish` kills ffmpeg and leaves no file.
 #[derive(Debug)]
 pub struct Mp4Writer {
     ffmpeg: Ffmpeg,
@@ -130,7 +130,7 @@ impl Mp4Writer {
         command.args(ffmpeg.encoder);
         command.arg("-metadata").arg(format!("comment={MARK}"));
         command.args(["-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4"]);
-        // With `file:` ffmpeg takes a name with a colon or a leading dash as a name.
+        // `file:` keeps ffmpeg from reading a colon in the name as a protocol, or a leading dash as an option.
         let mut place = OsString::from("file:");
         place.push(file.place());
         command.arg(place).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
@@ -178,7 +178,8 @@ impl Mp4Writer {
         }
     }
 
-    /// Waits for ffmpeg while its output file changes: moving a long video's index to the file's beginning takes time.
+    /// Waits for ffmpeg as long as its output file changes; `None` if ffmpeg hangs. Moving a long video's index to the
+    /// file's beginning takes time.
     fn wait(&self) -> Option<ExitStatus> {
         /// Time between two checks whether ffmpeg has changed its output file, and so still works.
         const LOOK_EVERY: Duration = Duration::from_millis(100);

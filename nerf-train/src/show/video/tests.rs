@@ -96,7 +96,7 @@ fn an_ffmpeg_that_fails_is_quoted_and_leaves_nothing() {
     let path = folder.path().join("a.mp4");
     let frame = ball(400, 400, 0);
     let cases = [
-        // Fails at once, after more messages than a pipe holds, after all frames, and by writing nothing.
+        // Four scripts fail: at once, after more messages than a pipe holds, after all frames, and by writing nothing.
         ("echo 'the sky is falling' >&2; exit 3", "the sky is falling"),
         (
             "i=0; while [ $i -lt 3000 ]; do echo 'a line that nobody reads, but all the same' >&2; i=$((i+1)); \
@@ -127,8 +127,8 @@ fn the_last_messages_are_shown() {
 fn an_ffmpeg_that_hangs_is_ended_after_a_stated_time() {
     let folder = tempfile::tempdir().unwrap();
     let (path, frame) = (folder.path().join("a.mp4"), ball(400, 400, 0));
-    // Takes nothing, by itself or by what it starts; takes all and writes nothing; writes some. The
-    // last two are given the time a shell takes to start on a busy machine, and speak before they take.
+    // Four scripts: ffmpeg reads nothing; a program that it started reads nothing; ffmpeg reads all and writes nothing;
+    // it writes some. The last two get the time that a shell takes to start on a busy machine.
     let place = "for place; do :; done; place=${place#file:}";
     let cases = [
         ("exec sleep 1000", 300, "took nothing of a frame for 0.3 s"),

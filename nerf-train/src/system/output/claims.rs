@@ -74,7 +74,7 @@ enum Identity {
 }
 
 impl Identity {
-    /// Returns the identity of a file or folder. Returns `None` if nothing exists at `path`, or for a device or pipe,
+    /// Returns the identity of a file or folder; `None` if nothing exists at `path`, or if it is a device or pipe,
     /// which writing does not destroy.
     fn of(path: &Path) -> Option<Self> {
         let metadata = fs::metadata(path).ok().filter(|found| found.is_file() || found.is_dir())?;
@@ -196,7 +196,7 @@ impl Claims {
         };
         for folder in folders.iter().map(|below| path.join(below)) {
             self.check_place(&folder)?;
-            // A missing folder holds no files; a folder that cannot be read is reported when it is probed.
+            // A missing folder holds no files. A folder that cannot be read is reported when a trial file is written.
             for file in fs::read_dir(&folder).into_iter().flatten().flatten().map(|entry| entry.path()) {
                 let is_like = |found: &OsStr| extensions.iter().any(|e| found.eq_ignore_ascii_case(e));
                 if !file.extension().is_some_and(is_like) {
@@ -238,7 +238,7 @@ impl Claims {
     }
 }
 
-/// Refuses the path of a folder, and names that are too long.
+/// Refuses a path that names a folder, and file names that are too long.
 fn check_name(path: &Path) -> Result<(), String> {
     let shown = path.display();
     let ends_in_slash =

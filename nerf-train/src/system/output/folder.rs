@@ -46,7 +46,7 @@ impl AtomicFolder {
     pub fn commit(self) -> Result<(), OutputError> {
         let fail = |source| OutputError::new(Attempt::Rename, &self.target, source);
         check_free(&self.target).map_err(fail)?;
-        // Removes only an empty folder; systems other than Unix cannot rename over a folder.
+        // Systems other than Unix cannot rename over a folder. This call removes only an empty folder.
         let _ = fs::remove_dir(&self.target);
         fs::rename(self.temporary.path(), &self.target).map_err(fail)?;
         sync_folder(folder_of(&self.target)).map_err(fail)

@@ -130,9 +130,9 @@ impl AtomicFile {
     /// Flushes, syncs to the disk and renames over the final name.
     ///
     /// # Errors
-    /// [`Attempt::Write`] if the bytes did not reach the disk, also for any earlier write whose error the caller
-    /// passed over; [`Attempt::Rename`] if the name could not be replaced. In both cases the earlier file is intact
-    /// and the temporary gone.
+    /// [`Attempt::Write`] if bytes did not reach the disk, now or in an earlier write whose error the caller ignored.
+    /// [`Attempt::Rename`] if the name could not be replaced, or if the disk is too full to sync the rename. An error
+    /// before the rename leaves the earlier file intact and removes the temporary file.
     pub fn commit(self) -> Result<(), OutputError> {
         let Self { sink, path, target, failed } = self;
         let cannot_write = |source| OutputError::new(Attempt::Write, &path, source);
@@ -278,12 +278,12 @@ impl Drop for Listed {
 pub fn remove_temporaries() {
     let listed = lock(&TEMPORARIES);
     for path in &*listed {
-        // Fails for a folder, and for a file that was renamed to its final name.
+        // Fails for a folder, and for a file that already has its final name.
         if fs::remove_file(path).is_err() {
             remove_folder(path);
         }
     }
-    // The lock is kept: a thread that wants to make another temporary waits for the end.
+    // The lock is never released: a thread that wants to make another temporary waits until the process ends.
     std::mem::forget(listed);
 }
 
@@ -309,7 +309,7 @@ fn hidden(#[cfg_attr(not(unix), expect(unused))] mode: u32) -> tempfile::Builder
 }
 
 fn new_temporary(folder: &Path) -> io::Result<(NamedTempFile, Listed)> {
-    // tempfile's error ends with the path of its temporary, which is cut off: the caller adds the final name.
+    // tempfile's error ends with the path of the temporary. The path is cut off, as the caller adds the final name.
     let mut listed = lock(&TEMPORARIES);
     let temporary = hidden(0o666).tempfile_in(folder).map_err(|error| {
         let message = error.to_string();

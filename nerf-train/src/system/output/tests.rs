@@ -6,7 +6,7 @@ use std::sync::Barrier;
 type Look = Box<dyn Fn(&File)>;
 
 thread_local! {
-    /// Looks at what is about to be synced on this thread.
+    /// Function called with each file or folder that this thread is about to sync.
     static AT_SYNC: RefCell<Option<Look>> = const { RefCell::new(None) };
 }
 
@@ -62,7 +62,7 @@ fn seeking_back_overwrites() {
 #[cfg(target_os = "linux")]
 #[test]
 fn a_full_disk_is_a_write_error_that_names_the_path() {
-    // Both a buffered remainder at commit and a large write that bypasses the buffer.
+    // The short write fails when the buffer is flushed at commit; the long one bypasses the buffer.
     for size in [10, 10 * BUFFER_BYTES] {
         let error = write_atomic("/dev/full", &vec![7; size]).unwrap_err();
         assert_eq!(error.attempt, Attempt::Write);
@@ -193,7 +193,7 @@ fn all_bytes_are_synced_before_the_rename_and_the_folder_after_it() {
     let cases: [(&Path, Way<'_>, Option<&[u8]>); 3] =
         [(&replaced, &atomic, Some(b"old")), (&new, &once, None), (&folder.path().join("c"), &atomic, None)];
     for (path, write, before) in cases {
-        // Of every sync: whether it is the folder's, how many bytes the file holds, and what the name shows then.
+        // For each sync: whether it is the folder's, the length of a file, and the contents under the final name.
         let seen = Rc::new(RefCell::new(Vec::new()));
         let look = {
             let (seen, path, inode) =

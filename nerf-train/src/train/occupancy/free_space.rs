@@ -5,16 +5,16 @@ use crate::data::View;
 use nerf_core::space::{Contraction, SceneBox};
 use rayon::prelude::*;
 
-/// Fraction of a line of sight, from the camera on, along which space is taken as free. Less than 1, since points are
+/// Fraction of a line of sight, from the camera on, along which space is taken as free. It is below 1, since points are
 /// inexact and surfaces slanted.
 const FREE_SHARE: f32 = 0.85;
 /// Least number of times that lines of sight must cross a cell, or the cells of a block together, to prove it free.
 const MIN_CROSSINGS: u32 = 3;
-/// Ratio of the lines of sight that cross a cell to the lines that end in it. A free cell has a ratio above this.
+/// Ratio above which a cell is free: lines of sight that cross the cell, to lines that end in it.
 const ENDS: u32 = 4;
 /// Side of a block of cells, in cells.
 const BLOCK: usize = 4;
-/// Confidence below which a line of sight is ignored.
+/// Least confidence of a line of sight that is used.
 const MIN_CONFIDENCE: f32 = 0.15;
 /// Steps per cell along a line of sight, in the uncontracted ball.
 const STEPS_A_CELL: f32 = 2.0;
@@ -41,7 +41,7 @@ pub(crate) fn free_cells(
         let cell = |axis: usize| (at[axis] * sides[axis]).clamp(0.0, sides[axis] - 1.0) as usize;
         (cell(0) * usize::from(resolution[1]) + cell(1)) * usize::from(resolution[2]) + cell(2)
     };
-    // Cells that each view's lines cross, and cells that they end in.
+    // Returns the cells that a view's lines of sight cross, and the cells in which they end.
     let of_view = |(view, sights): (&View, &Vec<Sight>)| {
         let (mut crossed, mut ended) = (Vec::new(), Vec::new());
         for sight in sights.iter().filter(|sight| sight.confidence >= MIN_CONFIDENCE) {
@@ -70,7 +70,8 @@ pub(crate) fn free_cells(
             ended.into_iter().for_each(|cell| ends[cell as usize] += 1);
         }
     }
-    // A block that lines cross and none ends in is free as a whole: there are too few lines for each of its cells.
+    // A block is free as a whole if lines of sight cross it and none ends in it. Single cells are crossed by too few
+    // lines.
     let blocks = sides.map(|side| (side as usize).div_ceil(BLOCK));
     let block_of = |cell: usize| {
         let [ny, nz] = [resolution[1], resolution[2]].map(usize::from);

@@ -17,18 +17,18 @@ use serde::{Deserialize, Serialize};
 use silhouette::Silhouette;
 pub use silhouette::is_foreground;
 
-/// Least fraction of the candidate cells that stays occupied in an update. Otherwise the update is not applied, since a
-/// network without density must not empty the grid.
+/// Least fraction of the candidate cells that an update may leave occupied. An update that leaves fewer is not applied,
+/// since a network without density must not empty the grid.
 const SMALLEST_SHARE: f64 = 0.02;
-/// A cell of the hull must be seen by enough views: at least 1/`SEEN_SHARE` of the largest number of views that see one
-/// cell. This excludes space behind the scene, which is not carved because only a few cameras see it.
+/// Divisor of the largest number of views that see one cell: each cell of the hull is seen by at least the quotient.
+/// This excludes space behind the scene, which is not carved because only a few cameras see it.
 const SEEN_SHARE: u32 = 4;
 /// Largest number of multiply-adds, a few seconds of work, for which the final update evaluates eight points per cell.
 /// Above this, one point per cell is evaluated.
 const SETTLE_MACS: usize = 300_000_000_000;
-/// A training sample marks its cell as visible if its compositing weight is at least this.
+/// Least compositing weight with which a training sample marks its cell as visible.
 const MARKED_WEIGHT: f32 = 3e-3;
-/// Number of training rays that must have marked cells before cells without a mark are emptied as invisible.
+/// Number of training rays that must have marked cells before unmarked cells are emptied as invisible.
 const MARKED_RAYS: u64 = 250_000;
 /// Density stored for a cell that was not evaluated yet; the cell stays occupied.
 const UNKNOWN: f32 = -1.0;
@@ -88,7 +88,8 @@ impl LiveCells {
         Vec3::from(self.min) + at * self.cell_size()
     }
 
-    /// Creates an occupancy grid of `resolution` over `bounds`. `live`: occupied cells, indices in the blob's order.
+    /// Creates an occupancy grid of `resolution` cells along x, y, z over `bounds`. `live`: occupied cells, indices in
+    /// the blob's order.
     ///
     /// # Panics
     /// If a cell is outside of the occupancy grid.
@@ -152,7 +153,7 @@ impl Occupancy {
             for (view, &near) in views.iter().zip(nears) {
                 let (camera, (width, height)) = (&view.camera, view.size());
                 let eye = camera.pose().position;
-                // Also behind the camera: the photographer stood there.
+                // Space near the camera is empty on all sides, also behind it, where the photographer stood.
                 if (p - eye).length() < near {
                     return false;
                 }
@@ -206,7 +207,7 @@ impl Occupancy {
         let silhouettes = silhouettes?;
         let full = Self::full(bounds, resolution);
         let radius = 0.5 * full.live.cell_size().length();
-        // Number of views that see a cell; 0 if one sees it empty.
+        // Number of views that see a cell; 0 if one of them sees only background there.
         let seen = |&cell: &u32| {
             let centre = full.live.point(cell, [0.5; 3]);
             let mut seen = 0u32;
@@ -304,9 +305,9 @@ impl Occupancy {
         }
     }
 
-    /// Final update before export: evaluates every candidate not known to be occupied at `2 × 2 × 2` points.
+    /// Final update before export: evaluates, at 2 × 2 × 2 points, every candidate that is not known to be occupied.
     ///
-    /// A cell is occupied at its first density above `threshold`, 1/world unit, and not evaluated further. If
+    /// The first density above `threshold`, 1/world unit, makes a cell occupied; its other points are not evaluated. If
     /// evaluating all points would take too long (a large occupancy grid and a large network), each cell is evaluated
     /// at its centre only, and the neighbours of occupied cells stay occupied, too.
     pub fn settle(&mut self, ask: &DensityQuery<'_>, threshold: f32) {
@@ -373,7 +374,8 @@ impl Occupancy {
         };
         let points: Vec<[f32; 3]> = which.par_iter().map(point).collect();
         let mut sigma = densities(ask.isa, ask.architecture, ask.parameters, &self.live.bounds(), &points);
-        // In longer steps, less density absorbs as much light.
+        // Far out, steps are longer, and less density absorbs as much light: densities are multiplied by the growth of
+        // the step.
         if let Some(contraction) = &ask.contraction {
             sigma.iter_mut().zip(points).for_each(|(sigma, p)| *sigma *= contraction.step_growth(p.into()));
         }

@@ -8,7 +8,7 @@ use nerf_core::space::{Contraction, SceneBox};
 
 /// Number of samples whose cells are tested together.
 const GROUP: usize = 16;
-/// Constant that, added to a number from 0 to 2^22, leaves the nearest integer in the lowest bits of the sum.
+/// Constant 2^23: added to a number from 0 to 2^22, it leaves the nearest integer in the lowest bits of the sum.
 const MAGIC: f32 = 8_388_608.0;
 
 /// Cells along each side of a block.
@@ -42,7 +42,7 @@ impl MarchCells {
                 *live |= (byte(0) | byte(1) << 8) >> (first % 8) & ((1 << count) - 1) != 0;
             }
         }
-        // One axis after another: 3 blocks in a row become 3 × 3 × 3.
+        // Extends occupied blocks by their neighbours, axis by axis: one block grows to 3 × 3 × 3.
         for (stride, side) in [(by * bz, bx), (bz, by), (1, bz)] {
             let before = live.clone();
             for (i, live) in live.iter_mut().enumerate() {
@@ -74,13 +74,14 @@ struct Lookup<'a> {
     bits: &'a [u8],
     resolution: [u32; 3],
     last: [f32; 3],
-    /// Origin of the ray in units of cells, minus half a cell, so that rounding gives the cell's index.
+    /// Origin of the ray in units of cells, minus half a cell: rounding a point of the ray then gives the index of its
+    /// cell.
     from: [f32; 3],
     along: [f32; 3],
 }
 
 impl<'a> Lookup<'a> {
-    /// `sides`: side lengths of the box in cells.
+    /// Lookup in the occupancy bits `bits` along `ray`. `sides`: side lengths of the box in cells.
     fn new(bits: &'a [u8], resolution: [u16; 3], sides: [f32; 3], bounds: &SceneBox, ray: &Ray) -> Self {
         let scale = Vec3::from(sides) / (bounds.max - bounds.min);
         Self {
@@ -98,7 +99,7 @@ impl<'a> Lookup<'a> {
     fn live(&self, first: f32, step: f32, base: u32) -> u32 {
         let [_, ny, nz] = self.resolution;
         let mut index = [0u32; GROUP];
-        // Written so that the compiler vectorises it with the instruction set.
+        // A loop without branches, which the compiler vectorises for the instruction set.
         for (i, index) in index.iter_mut().enumerate() {
             let t = first + (base + i as u32) as f32 * step;
             let cell = |axis: usize| {
@@ -116,7 +117,7 @@ impl<'a> Lookup<'a> {
     }
 }
 
-/// Mask of the lowest `count` bits of the sixteen of a group.
+/// Bit mask of the first `count` samples of a group; of all sixteen if `count` is larger.
 #[inline(always)]
 fn first_bits(count: u32) -> u32 {
     u32::MAX >> (32 - count.min(GROUP as u32))
@@ -143,7 +144,8 @@ impl Op for March<'_> {
         let Self { cells, ray, first, step, count, positions } = self;
         let (origin, dir) = (ray.origin.to_array(), ray.dir.to_array());
         let (lookup, blocks) = (cells.lookup(ray), cells.block_lookup(ray));
-        // Distance from the middle of a group to its ends, cells; with the rounding, less than a block.
+        // Distance from the middle of a group to its ends, in cells. If it is less than a block, rounding included, the
+        // block at the middle and its neighbours contain the whole group.
         let half = 0.5 * (GROUP - 1) as f32;
         let reach = lookup.along.iter().fold(0.0f32, |most, along| most.max(along.abs())) * half * step;
         let by_blocks = reach < BLOCK_SIDE as f32 - 0.5;
@@ -167,11 +169,13 @@ impl Op for March<'_> {
     }
 }
 
-/// Ray march as [`March`] in an unbounded scene. `first` and `step` count steps of the contraction
-/// ([`Contraction::distance`]). For each sample in an occupied cell, appends to `samples` the contracted point, the
-/// length of the step in world units, and a factor for the sample's gradient. The factor is the squared distance from
-/// the camera, in radii of the uncontracted ball, and at most 1. Without this factor the many rays through cells near a
-/// camera would fill these cells with fog. `start`: distance from the camera to the ray's origin, world units.
+/// Ray march as [`March`], in an unbounded scene. `first` and `step` count steps of the contraction
+/// ([`Contraction::distance`]). `start`: distance from the camera to the ray's origin, world units.
+///
+/// For each sample in an occupied cell, appends to `samples` the contracted point, the length of the step in world
+/// units, and a factor for the sample's gradient. The factor is the squared distance from the camera, in radii of the
+/// uncontracted ball, and at most 1. Without it, the many rays through cells near a camera would fill these cells with
+/// fog.
 ///
 /// # Source
 /// Philip and Deschaintre 2023, "Floaters No More".
@@ -285,7 +289,7 @@ mod tests {
     fn the_samples_of_a_march_are_those_in_occupied_cells() {
         let bounds = SceneBox::new(Vec3::new(-1.0, -0.5, 0.25), Vec3::new(1.0, 2.0, 1.0)).expect("a box");
         let draw = |i: u64| uniform(7, Purpose::Cell, 1, i);
-        // Blocks of cells with nothing in them, and steps that are too long for those.
+        // The second case has empty blocks to skip. In the third, steps are too long to test blocks.
         for (resolution, side, share, step) in
             [([9u16, 17, 5], 1, 0.5, 0.013), ([70, 83, 25], 5, 0.02, 0.025), ([70, 83, 25], 5, 0.02, 0.06)]
         {
@@ -316,7 +320,7 @@ mod tests {
                 expected += oracle.len();
                 apart += positions.len().abs_diff(oracle.len());
             }
-            // Points on a face belong to either cell.
+            // The march and the lookup may count a point on a face to different cells.
             let few = expected > 100 && apart <= 3;
             assert!(few, "{resolution:?}: {found} found, {expected} expected, {apart} apart");
         }
@@ -338,7 +342,7 @@ mod tests {
             let Some(dir) = (v(1) - Vec3::splat(0.5)).try_normalize() else { continue };
             let eye = Ray { origin, dir };
             let (ray, start) = contraction.centred(&eye);
-            // No whole number of groups.
+            // The count is not a multiple of the group size.
             let (first, step, count) = (-1.3, 0.03, 130);
             let mut samples = Samples::default();
             Isa::detect().run(MarchContracted {
@@ -372,7 +376,7 @@ mod tests {
                 }
             }
         }
-        // Points on a face belong to either cell.
+        // The march and the lookup may count a point on a face to different cells.
         assert!(expected > 4_000 && apart <= 3, "{expected} expected, {apart} apart");
     }
 }

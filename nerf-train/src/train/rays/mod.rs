@@ -24,18 +24,18 @@ const CHUNK: usize = 128;
 /// Number of rays that one task marches together in an unbounded scene, whose rays are fewer and longer.
 const CONTRACTED_CHUNK: usize = 16;
 
-/// One in this many rays of an unbounded scene is cast along a line of sight.
+/// Number of rays of an unbounded scene among which one is cast along a line of sight.
 const SIGHT_SHARE: usize = 8;
 
 /// All pixels from which a run draws its batches, and the sampling of their rays.
 pub struct RayBank<'d> {
     views: &'d [View],
     cameras: Vec<Camera>,
-    /// For each view, the number of its first pixel, with the pixels of all views numbered in order. The last entry is
-    /// the number of all pixels.
+    /// For each view, the index of its first pixel among the pixels of all views. The last entry is the number of all
+    /// pixels.
     starts: Vec<u64>,
-    /// Numbers of the pixels that batches are drawn from: unmasked and, if photographs show what is foreground, near
-    /// the foreground. `None`: all pixels.
+    /// Indices, over all views, of the pixels that batches are drawn from: unmasked and, if photographs show what is
+    /// foreground, near the foreground. `None`: all pixels.
     drawn: Option<Vec<u32>>,
     /// For each view, the indices of its unmasked pixels, `None` without a mask. Empty unless a batch draws views first
     /// and then their pixels.
@@ -60,9 +60,11 @@ struct Marched {
     surfaces: Vec<Surface>,
     /// For rays along lines of sight: position of each sample between the ray's ends, 0 to 1.
     along: Vec<f32>,
-    /// View of each ray; `pixels`: index of the ray's pixel in the view; `origins`: origin of the ray, world units.
+    /// Index of the view of each ray.
     views: Vec<u32>,
+    /// Index, in its view, of the pixel of each ray.
     pixels: Vec<u32>,
+    /// Origin of each ray, world units.
     origins: Vec<[f32; 3]>,
     time: Duration,
 }
@@ -111,7 +113,7 @@ impl<'d> RayBank<'d> {
     #[must_use]
     pub fn with_sights(mut self, sights: &Sights) -> Self {
         let of_view = |(view, sights): (usize, &Vec<Sight>)| {
-            // Only a point inside of the picture has a pixel that shows it.
+            // A point outside of the photograph has no pixel that shows it.
             let (width, height) = self.views[view].size();
             let inside = move |sight: &Sight| {
                 let [x, y] = sight.at;
@@ -128,8 +130,8 @@ impl<'d> RayBank<'d> {
         self.cameras = cameras;
     }
 
-    /// The line of sight of ray `index` of a batch of `rays` rays, and the index of its view. `None` after the first
-    /// eighth of the rays: only these follow lines of sight.
+    /// The line of sight of ray `index` of a batch of `rays` rays, and the index of its view. `None` for rays after the
+    /// first eighth, which follow no line of sight.
     fn sight(&self, step: u64, index: u64, rays: usize) -> Option<&(usize, Sight)> {
         if self.sights.is_empty() || index >= (rays / SIGHT_SHARE) as u64 {
             return None;
@@ -253,7 +255,7 @@ impl<'d> RayBank<'d> {
                     let of_ray = |s: f32| (s - first) / (far - first);
                     found.along.extend(found.samples.steps[before..].iter().map(|&s| of_ray(s)));
                     let at = of_ray(contraction.step_at(sight.distance - start));
-                    // The squared error is the mean over three channels.
+                    // Divided by 3, since the colour loss is a mean over three channels.
                     found.surfaces.push(Surface { at, weight: self.depth * sight.confidence / 3.0 });
                 }
             }
@@ -291,7 +293,8 @@ impl<'d> RayBank<'d> {
     }
 
     fn locate(&self, pixel: u64) -> (usize, usize) {
-        // Views are mostly of one size, so that the first guess is right; a search would be mispredicted.
+        // Most views have one size, so that the first guess is right. Branches of a binary search would be
+        // mispredicted.
         let views = self.views.len();
         let share = pixel as f64 / self.starts[views] as f64;
         let mut view = ((share * views as f64) as usize).min(views - 1);
@@ -333,7 +336,7 @@ impl<'d> RayBank<'d> {
         range: Range<usize>,
         rays: usize,
     ) -> impl Iterator<Item = (u64, (usize, usize), Ray, BatchRay)> {
-        // First all sources, then all pixels, so that many loads from memory overlap.
+        // All sources are found before the first pixel is read, so that many loads from memory overlap.
         let sources: Vec<_> = range.clone().map(|index| self.source(step, index as u64, rays)).collect();
         let pixels: Vec<_> = sources.iter().map(|&(view, pixel)| self.views[view].pixels[pixel]).collect();
         let all = range.zip(sources).zip(pixels);
@@ -347,15 +350,16 @@ impl<'d> RayBank<'d> {
     fn target(&self, step: u64, index: u64, (view, pixel): (usize, usize), rgba: [u8; 4]) -> (Ray, BatchRay) {
         let ray = ray_of(&self.cameras[view], pixel);
         let background = match self.background {
-            // Corners of the colour cube, where errors of opacity weigh most; white one time in three, since errors at
-            // the edges of most things weigh most against white.
+            // Random corners of the colour cube, where errors of opacity change the colour most. White is drawn one
+            // time in three: against it, errors at the edges of most objects change the colour most.
             Background::Alpha if self.sampling.random_background => {
                 let bits = uniform_u32(self.seed, Purpose::Background, step, index);
                 let white = bits >> 30 == 0;
                 std::array::from_fn(|c| if white { 1.0 } else { (bits >> c & 1) as f32 })
             }
             Background::Constant(colour) => colour.map(|c| f32::from(c) / 255.0),
-            // Nothing is behind an unbounded scene: against a random colour, transmitted light is an error.
+            // An unbounded scene has no background. With a random colour in its place, any light that passes through
+            // the scene is an error.
             Background::Unknown if self.bounds.contraction.is_some() => {
                 let bits = uniform_u32(self.seed, Purpose::Background, step, index);
                 std::array::from_fn(|c| (bits >> (8 * c) & 255) as f32 / 255.0)
@@ -395,7 +399,8 @@ impl<'d> RayBank<'d> {
             Jitter::None => self.bins.at(bin, 0.5),
             Jitter::Bin => self.bins.within(bin, draw()),
             Jitter::Width(width) => {
-                // A width beyond the bin's is limited to it: uniform over the bin, without a peak at the end.
+                // A width above the bin's length is limited to it, so that samples are uniform over the bin, without a
+                // peak at its end.
                 let delta = self.bins.delta();
                 let u = draw() * width.min(delta) / delta;
                 self.bins.within(bin, u.min(1f32.next_down()))
@@ -448,7 +453,7 @@ fn ray_of(camera: &Camera, pixel: usize) -> Ray {
 /// Distance from the foreground within which rays are drawn, pixels.
 const FOREGROUND_MARGIN: usize = 4;
 
-/// Numbers, over all views, of the pixels within [`FOREGROUND_MARGIN`] of the foreground; `None` if that is unknown.
+/// Indices, over all views, of the pixels within [`FOREGROUND_MARGIN`] of the foreground; `None` if that is unknown.
 pub(super) fn near_foreground(views: &[View], starts: &[u64], background: Background) -> Option<Vec<u32>> {
     let of_view = |(view, &start): (&View, &u64)| -> Option<Vec<u32>> {
         let (width, height) = view.size();
@@ -474,7 +479,7 @@ pub(super) fn near_foreground(views: &[View], starts: &[u64], background: Backgr
     Some(parts?.concat())
 }
 
-/// Numbers, over all views, of the unmasked pixels; `None` if no view has a mask. The data set guarantees that each
+/// Indices, over all views, of the unmasked pixels; `None` if no view has a mask. The data set guarantees that each
 /// view has an unmasked pixel and that, with masks, there are at most 2^32 pixels in all.
 pub(super) fn counting(views: &[View], starts: &[u64]) -> Option<Vec<u32>> {
     views.iter().any(|view| view.mask.is_some()).then_some(())?;

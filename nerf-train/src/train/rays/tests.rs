@@ -2,7 +2,7 @@ use super::*;
 use crate::model::config::Preset;
 use nerf_core::space::SceneBox;
 
-/// A bank of no pixels whose rays are cut into `samples` bins.
+/// Ray bank without pixels, whose rays are divided into `samples` bins.
 fn bank((near, far): (f32, f32), samples: u16, jitter: Jitter) -> RayBank<'static> {
     let mut config = Preset::Small.config();
     (config.sampling.samples, config.sampling.jitter) = (samples, jitter);
@@ -11,7 +11,8 @@ fn bank((near, far): (f32, f32), samples: u16, jitter: Jitter) -> RayBank<'stati
     RayBank::new(&[], Background::Constant([0; 3]), bounds, &config).unwrap()
 }
 
-/// Ranges and numbers of bins, some of which once put a fraction of nearly 1 on the next bin.
+/// Pairs of a near-far range and a number of bins. Some of them once put samples near the end of a bin into the next
+/// bin.
 const CUTS: [((f32, f32), u16); 8] = [
     ((2.0, 6.0), 1),
     ((2.0, 6.0), 2),
@@ -46,7 +47,8 @@ fn samples_of_training_lie_in_their_bins_and_evenly_over_the_jitter_s_width() {
                     n += 1;
                 }
             }
-            // The mean of n numbers that are uniform up to `width` is within 5 deviations of half of it; t rounds.
+            // The mean of n numbers, uniform from 0 to `width`, is within 5 standard deviations of `width / 2`, up to
+            // the rounding of t.
             let width = match jitter {
                 Jitter::Width(width) => f64::from(width / delta).min(1.0),
                 _ => 1.0,
@@ -80,7 +82,7 @@ fn a_sample_lies_where_its_fraction_says_and_without_jitter_in_the_middle() {
 
 #[test]
 fn every_step_ray_and_bin_of_training_has_a_fraction_of_its_own() {
-    // A bin is 1 long: the fraction is what is left of t.
+    // Bins have length 1, so that t minus the bin's index is the fraction.
     for jitter in [Jitter::Bin, Jitter::Width(0.5), Jitter::Width(10.0)] {
         let bank = bank((0.0, 64.0), 64, jitter);
         let mut seen: Vec<u32> = Vec::new();
@@ -90,7 +92,8 @@ fn every_step_ray_and_bin_of_training_has_a_fraction_of_its_own() {
         let count = seen.len();
         seen.sort_unstable();
         seen.dedup();
-        // Of 2^18 numbers that a fraction behind 32 can be, 2,048 meet a few times by chance.
+        // Beyond t = 32 a fraction takes only 2^18 values in f32, so that a few of the 2,048 fractions are equal by
+        // chance.
         assert!(100 * seen.len() >= 99 * count, "{jitter:?}: {} of {count}", seen.len());
     }
 }

@@ -10,8 +10,8 @@ use std::borrow::Cow;
 
 pub(crate) const MADE_BY: &str = concat!("nerf-train ", env!("CARGO_PKG_VERSION"));
 
-/// Optical thickness of one march step. In the exported grid a cell stays occupied only if its optical thickness is
-/// above this; the threshold in training may be lower.
+/// Least optical thickness, in one march step, of an occupied cell of the exported grid. The threshold in training may
+/// be lower.
 const EXPORTED: f32 = 0.03;
 
 /// The field and occupancy grid of a run at one step, as they would be exported.
@@ -26,8 +26,8 @@ pub struct Candidate {
     pub architecture: Option<Architecture>,
 }
 
-/// Facts for an exported blob that come from elsewhere than the trainer: measurements, and whether rendering requires
-/// the occupancy grid.
+/// Facts about an exported blob that the trainer does not know: measurements, and whether rendering requires the
+/// occupancy grid.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct About<'a> {
     /// Whether the field must be rendered with its occupancy grid.
@@ -38,7 +38,7 @@ pub struct About<'a> {
 }
 
 impl Candidate {
-    /// Copies the present state of the run, which does not change.
+    /// Copies the present state of the run.
     ///
     /// `settle`: whether the occupancy grid gets a last update, which evaluates all its cells. A learned grid needs
     /// this update only at the end of its run, because training evaluates its cells all the time.

@@ -19,14 +19,16 @@ use nerf_core::blob::MAX_SAMPLES;
 use nerf_core::camera::Camera;
 use std::time::{Duration, Instant};
 
-/// A run restarts with another seed after this many consecutive steps without gradients, as when every density is 0.
+/// Number of consecutive steps without gradients, as when every density is 0, after which a run restarts with another
+/// seed.
 const DEAD_STEPS: u32 = 100;
-/// With a learned grid: at most this many updates of the occupancy grid evaluate every candidate cell once.
+/// Number of updates of the occupancy grid within which every candidate cell is evaluated once, with a learned grid.
 const REFRESHES: usize = 24;
-/// How the march's steps shorten in an unbounded scene: the first number is the ratio of the first steps to the final
-/// ones, since at first most of the scene is still fog. The second number is the fraction of the run after which steps
-/// have their final length. `BOUNDED_GROWTH`: the same for a bounded scene.
+/// First number: length of the march's steps at the start of training in an unbounded scene, as a multiple of their
+/// final length. Second number: fraction of the run after which steps have their final length. Steps start long, since
+/// at first most of the scene is fog.
 const UNBOUNDED_GROWTH: (f64, f64) = (4.0, 0.15);
+/// Numbers as in [`UNBOUNDED_GROWTH`], for a bounded scene.
 const BOUNDED_GROWTH: (f64, f64) = (2.0, 0.4);
 /// Number of stages in which the march's steps are shortened to their final length.
 const STAGES: f64 = 8.0;
@@ -59,8 +61,8 @@ pub struct Trainer<'d> {
     /// Lines of sight from the training cameras to key points, in an unbounded scene.
     pub(crate) sights: Option<Sights>,
     cells: Option<MarchCells>,
-    /// Batch of the next step, with the parameters of its ray march. The batch may be filled while the present step is
-    /// computed; the parameters are `None` if it was not.
+    /// Batch of the next step, filled while the present step is computed, and the parameters of its ray march. The
+    /// parameters are `None` if the batch was not filled.
     prefetched: (Option<March>, Batch),
     phases: Phases,
     pub(crate) fingerprint: u64,
@@ -134,7 +136,8 @@ impl<'d> Trainer<'d> {
         Ok(())
     }
 
-    /// Checks that the parts of a checkpoint fit this run, since a valid checksum does not prove who wrote the file.
+    /// Checks that the parts of a checkpoint fit this run: a valid checksum does not prove that this program wrote the
+    /// file.
     fn check_parts(&self, checkpoint: &Checkpoint) -> Result<(), TrainError> {
         let State { progressed: p, occupancy, photographs, .. } = &checkpoint.state;
         let counted = p.rays.max(p.samples).max(p.evaluated) <= u64::MAX / 2;
@@ -189,8 +192,8 @@ impl<'d> Trainer<'d> {
         if self.state.photographs.refined().is_some() { u64::from(HELD_OUT_STEPS) * rays as u64 } else { 0 }
     }
 
-    /// Refined cameras of the training views, and of the validation views, which are refined here with the field fixed;
-    /// `None` if poses are not refined.
+    /// Returns the refined cameras of training and validation views; `None` if poses are not refined. The validation
+    /// views are refined here, with the field fixed.
     ///
     /// # Errors
     /// [`TrainError::Engine`] if the field has no finite loss on the validation views.
@@ -256,7 +259,7 @@ impl<'d> Trainer<'d> {
             if grid {
                 live_per_ray = smoothed(live_per_ray, loss.kept, batch.rays.len());
             }
-            // Before an update of the occupancy grid, the cells of the next step are not known yet.
+            // If this step ends with an update of the occupancy grid, the cells of the next step are not known yet.
             if let (Some(width), Some(cells), false) = (width, &cells, refreshed) {
                 let (step, rays) = (u64::from(step) + 1, rays_of(s, 1.0, live_per_ray));
                 let march = March { step, rays, width };
@@ -291,8 +294,8 @@ impl<'d> Trainer<'d> {
         Ok(())
     }
 
-    /// In an unbounded scene, after the fraction [`MARKED_FROM`] of the run, marks the cells in which the last step had
-    /// samples of enough weight.
+    /// Marks the cells in which the last step had samples of enough weight, in an unbounded scene after the fraction
+    /// [`MARKED_FROM`] of the run.
     fn mark_weighted(&mut self, share: f64) {
         if self.bounds.contraction.is_none() || share < MARKED_FROM {
             return;
@@ -313,7 +316,8 @@ impl<'d> Trainer<'d> {
         let occupancy =
             self.state.occupancy.as_ref().filter(|_| self.config.occupancy.skip).map(Occupancy::lookup);
         let live_per_ray = self.state.progressed.live_per_ray;
-        // With a grid, the number of rays follows from the samples that are kept, which are known only after the step.
+        // With a grid, the number of rays follows from the samples that have a large enough weight. These are known
+        // only after the step.
         let counted_after = self.config.network.grid.is_some();
         if let (Some(width), Some(occupancy)) = (self.step_width(share), &self.state.occupancy) {
             let march = March { step, rays: rays_of(s, 1.0, live_per_ray), width };
@@ -358,7 +362,7 @@ impl<'d> Trainer<'d> {
                 seed: self.config.seed,
                 contraction: self.bounds.contraction,
             };
-            // Without a hull there are many cells to prune, and a grid's density is cheap to evaluate.
+            // Without a hull many cells must be emptied, and the density of a learned grid is cheap to evaluate.
             let turn = occupancy.candidates().div_ceil(REFRESHES);
             let cells = if self.config.network.grid.is_some() { g.cells.max(turn) } else { g.cells };
             occupancy.refresh(&ask, cells, threshold, g.decay, self.state.progressed.step >= g.from);
@@ -373,7 +377,7 @@ impl<'d> Trainer<'d> {
         self.config.occupancy.threshold / width
     }
 
-    /// Restarts with another seed, the remedy when ReLU makes all densities 0.
+    /// Restarts with another seed, after all densities became 0, as they can with ReLU.
     fn reseed(&mut self) -> Result<(), TrainError> {
         let restarts = self.state.progressed.reseeds + 1;
         if restarts > RESEEDS {

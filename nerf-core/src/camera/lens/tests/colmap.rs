@@ -3,7 +3,7 @@
 use crate::camera::{Camera, Intrinsics, Lens, Pose, Projection};
 use glam::{Mat3, Vec3};
 
-/// Directions, right, down, forward.
+/// Test directions in camera coordinates: right, down, forward.
 const DIRS: [[f32; 3]; 6] = [
     [0.0, 0.0, 1.0],
     [0.25, -0.125, 1.0],
@@ -15,7 +15,7 @@ const DIRS: [[f32; 3]; 6] = [
 
 const FISHEYE: Lens = Lens { projection: Projection::Fisheye, ..Lens::NONE };
 
-/// Model, `fx fy cx cy`, lens, and the image points of [`DIRS`].
+/// A test case: name of the COLMAP model, `fx fy cx cy`, lens, and the image points at which [`DIRS`] are seen.
 type Case = (&'static str, [f32; 4], Lens, [[f64; 2]; 6]);
 
 const CASES: [Case; 6] = [
@@ -109,7 +109,7 @@ const CASES: [Case; 6] = [
     ),
 ];
 
-/// A camera at the origin, so that in the world +x is right, −y down, −z forward.
+/// Makes a camera at the origin whose right, down and forward axes are +x, −y and −z of the world.
 fn camera((width, height): (u32, u32), [fx, fy, cx, cy]: [f32; 4], lens: Lens) -> Camera {
     let pose = Pose { rotation: Mat3::IDENTITY, position: Vec3::ZERO };
     Camera::new(Intrinsics { width, height, fx, fy, cx, cy }, lens, pose).expect("a camera")
@@ -148,7 +148,7 @@ fn every_pixels_ray_is_seen_at_the_pixel() {
                 let (x, y) = (40.0 * f32::from(step), 40.0 * f32::from(other));
                 let (u, v) = camera.project(camera.ray(x, y).dir).expect("in front");
                 let off = (u - x).abs().max((v - y).abs());
-                // 1e-6 of the coordinates is where Newton's method ends.
+                // Newton's method ends at a residual of 1e-6 focal lengths.
                 let limit = 1e-4 + 1.2e-6 * intrinsics[0];
                 assert!(off <= limit, "{name}: the ray of ({x}, {y}) is seen at ({u}, {v})");
             }
@@ -158,7 +158,7 @@ fn every_pixels_ray_is_seen_at_the_pixel() {
 
 #[test]
 fn a_fisheye_sees_behind_itself() {
-    // 320 pixels a radian: 200 degrees from edge to edge.
+    // A width of 1116 pixels at 320 pixels per radian is a view of 200 degrees.
     let focal = 320.0;
     let camera = camera((1116, 4), [focal, focal, 558.0, 2.0], FISHEYE);
     for x in [0.0f32, 558.0, 558.0 + focal * 1.570_796_4, 1116.0] {
@@ -168,7 +168,7 @@ fn a_fisheye_sees_behind_itself() {
         assert!((camera.project(ray.dir * 3.0).expect("seen").0 - x).abs() < 1e-3);
     }
     assert_eq!(camera.project(Vec3::ZERO), None);
-    // The lens itself: an ideal point in front of the camera only.
+    // `undistort` finds only directions in front of the camera; `direction` also finds directions behind it.
     assert!(FISHEYE.undistort(1.5, 0.0).is_some() && FISHEYE.undistort(1.6, 0.0).is_none());
     assert!(FISHEYE.direction(1.6, 0.0).is_some_and(|dir| dir.z < 0.0));
     let (u, _) = Lens::NONE.project(Vec3::new(1.0, 0.0, 2.0)).expect("in front");
@@ -183,12 +183,12 @@ fn lenses_that_fold_within_the_picture_are_refused() {
         Camera::new(Intrinsics::centred(side, side, 100.0), lens, pose)
     };
     let refused = |lens, side| matches!(made(lens, side), Err(CameraError::LensNotInvertible { .. }));
-    // θ − 0.2 θ³ is seen up to 0.86 and turns back at θ = 1.29.
+    // θ − 0.2 θ³ grows up to 0.86 at θ = 1.29, where the lens folds.
     let fold = Lens { k1: -0.2, ..FISHEYE };
     assert!(made(fold, 120).is_ok() && refused(fold, 124));
-    // Half a turn is all there is.
+    // A fisheye without distortion sees angles up to π, 314 pixels from the centre.
     assert!(made(FISHEYE, 440).is_ok() && refused(FISHEYE, 448));
-    // A pole of the radial part, at r² = 2, and a fold of the sixth order.
+    // Two more lenses: a radial part with a pole at r² = 2, and a fold by the term k3 r⁶.
     let pole = Lens { k4: -0.5, ..Lens::NONE };
     assert!(made(pole, 100).is_ok());
     assert_eq!(pole.direction(f32::NAN, 0.0), None);

@@ -4,8 +4,8 @@ use super::*;
 use crate::testing::noise;
 use std::vec;
 
-/// Packets near and far, narrow and wide, of rays that begin outside of the box and in it: whatever a ray has in occupied
-/// cells is in the packet's intervals, with each instruction set.
+/// Every bin with a sample in an occupied cell is a candidate bin of the ray's packet. Tested with each instruction
+/// set, and with packets near and far, narrow and wide, that begin inside or outside the box.
 #[test]
 fn no_occupied_cell_is_outside_of_a_packets_stretches() {
     let boxes = [

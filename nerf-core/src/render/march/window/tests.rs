@@ -13,7 +13,7 @@ fn isas() -> impl Iterator<Item = Isa> {
     Isa::ALL.into_iter().filter(|isa| isa.available())
 }
 
-/// [`LookUp::first_occupied`] of all its candidates, with an instruction set.
+/// Index of the first occupied bin in `next..end`, by [`LookUp::first_occupied`] with all bins as candidates.
 fn first_occupied(
     isa: Isa,
     window: &mut Window,
@@ -37,7 +37,7 @@ fn first_occupied(
     state.next
 }
 
-/// Clears the cells at the faces of a grid.
+/// Clears the bits of the cells at the faces of the scene box.
 fn empty_faces(bits: &mut [u8], resolution: [u16; 3]) {
     let [nx, ny, nz] = resolution.map(usize::from);
     for i in 0..nx * ny * nz {
@@ -48,8 +48,10 @@ fn empty_faces(bits: &mut [u8], resolution: [u16; 3]) {
     }
 }
 
-/// Every bin of every ray, asked one by one, with each instruction set: near and far boxes, rays along axes and faces, bins that
-/// are cut, cells at the faces of the box that are all empty, windows that end beyond the bins, more cells than f32 counts for certain.
+/// [`LookUp::first_occupied`] finds the same bins as a test of every bin, with each instruction set.
+///
+/// Cases: near and far boxes, rays along axes and faces, cut bins, grids whose cells at the faces are all empty,
+/// windows that end behind the last bin, and grids of more than 2^23 cells.
 #[test]
 fn windows_find_the_bins_that_asking_at_each_finds() {
     let boxes = [
@@ -78,7 +80,7 @@ fn windows_find_the_bins_that_asking_at_each_finds() {
                     dir[i as usize / 3 % 3] = [0.0, -0.0, 1e-30][i as usize / 9 % 3];
                 }
                 let dir = dir.normalize();
-                // Through the box, or along one of its faces.
+                // The ray aims at a point in or near the box. Every fifth ray aims at the plane of a face.
                 let mut target = bounds.min + sides * (0.5 + 0.6 * Vec3::new(r[3], r[4], r[5]));
                 if i % 5 == 0 {
                     target[i as usize % 3] = bounds.max[i as usize % 3];
@@ -124,7 +126,8 @@ fn windows_find_the_bins_that_asking_at_each_finds() {
     assert!(live > 2_500 * isas && live < asked / 4, "{live} of {asked}");
 }
 
-/// The same of unbounded space, where rays are curves: through the ball, past it and from far away.
+/// [`LookUp::first_occupied`] finds the same bins as a test of every bin in unbounded scenes, where contracted rays are
+/// curves. Rays begin at the centre, near it and far away.
 #[cfg(feature = "contraction")]
 #[test]
 fn windows_find_the_bins_of_a_contraction() {

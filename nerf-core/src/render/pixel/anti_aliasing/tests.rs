@@ -1,4 +1,4 @@
-//! Several rays a pixel.
+//! Tests of anti-aliasing by several rays per pixel.
 
 extern crate std;
 
@@ -14,13 +14,14 @@ fn one_ray_is_the_centre_s_and_several_spread_evenly_around_it() {
         let effects = Effects { anti_aliasing: n, ..Effects::NONE };
         let points: Vec<(f32, f32)> = (0..n.into()).map(|ray| offset(&effects, ray)).collect();
         assert!(n > 1 || points == [(0.5, 0.5)]);
-        // Every row and every column has one.
+        // Each of the `n` rows and each of the `n` columns of the pixel has one point.
         for (right, axis) in [|p: &(f32, f32)| p.0, |p: &(f32, f32)| p.1].into_iter().enumerate() {
             let mut cells: Vec<u16> = points.iter().map(|p| (axis(p) * f32::from(n)) as u16).collect();
             cells.sort_unstable();
             assert!(cells.into_iter().eq(0..n), "{n} rays, axis {right}");
         }
-        // Any rectangle from the corner holds its share, but for log n / n: random points have 1/√n.
+        // Discrepancy: the fraction of points in a rectangle at the corner differs from its area by at most (ln n + 1)
+        // / n. For random points, the difference is about 1/√n.
         let mut worst = 0.0f32;
         for (a, b) in (1..=8).flat_map(|a| (1..=8).map(move |b| (a as f32 / 8.0, b as f32 / 8.0))) {
             let inside = points.iter().filter(|(x, y)| *x < a && *y < b).count();
@@ -49,7 +50,7 @@ fn a_mean_weights_distances_by_opacity_and_leaves_out_what_has_no_surface() {
         z_depth: 0.5 * ray_distance,
         ..Pixel::BLANK
     };
-    // Two tiles: what the first has left behind does not matter.
+    // The sums serve two tiles in turn: results of the first must not change the second.
     for _ in 0..2 {
         let rays = [pixel(1.0, 1.0, 2.0), pixel(0.5, 0.25, 4.0), pixel(0.0, 0.0, 9.0), pixel(0.5, 5e-5, 9.0)];
         for (ray, seen) in rays.into_iter().enumerate() {

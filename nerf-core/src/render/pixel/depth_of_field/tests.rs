@@ -1,4 +1,4 @@
-//! Rays through the aperture.
+//! Tests of the rays through the aperture.
 
 use super::*;
 use crate::camera::{Camera, Intrinsics, Lens, Pose};
@@ -34,7 +34,8 @@ fn all_rays_of_an_image_point_meet_in_the_plane_of_focus() {
                 let offset = seen.origin - eye;
                 assert!(offset.length() <= aperture_radius * (1.0 + 1e-6) + 2e-7 * size);
                 assert!(offset.dot(forward).abs() <= 5e-7 * size, "the aperture is flat");
-                // z_depth is t times the cosine: in the plane of focus it is the focus' distance.
+                // A point's z_depth is t times the cosine to the view axis. In the plane of focus, z_depth is
+                // `focus_distance`.
                 let t = focus_distance / camera.z_per_distance(&seen);
                 assert!((seen.at(t) - meeting).length() <= 2e-6 * size, "{lens:?} ({x}, {y})");
             }
@@ -56,7 +57,8 @@ fn the_aperture_is_covered_evenly_whatever_the_number_of_rays() {
                 n += 1.0;
             }
         }
-        // Uniform over the unit disc: mean 0, mean square ½; five deviations of independent pixels.
+        // Points that are uniform over the unit disc have mean 0 and mean squared radius ½. Limit: five standard
+        // deviations of a coordinate's mean (variance ¼) over 1,200 independent pixels.
         let limit = 5.0 / (4.0 * 1200.0f64).sqrt();
         assert!(f64::from(sum.length()) / n <= limit * 1.5 && (square / n - 0.5).abs() <= limit);
     }

@@ -40,14 +40,14 @@ fn half_of_a_constant_medium_s_light_is_gone_after_ln_2_over_sigma() {
                     missed += 1;
                     continue;
                 }
-                // The medium begins with the first live bin.
+                // The medium begins at the near edge of the first occupied bin.
                 let expected = 2.0 + delta * f64::from(live[0]) + f64::from(LN_2) / f64::from(sigma);
                 worst = worst.worse((f64::from(pixel.median_distance) - expected).abs());
                 reached += 1;
             }
             std::println!("{sigma} {kernel:?}: {reached} reached, {missed} not, {worst:e}");
-            // Half an ulp of t (2.4e-7) for the middle, for the edge and for the sum; thickness in f32 is off
-            // by an ulp of ln 2, 6e-8, and that divided by sigma.
+            // Error of t: half an ulp (2.4e-7) each for the bin's middle, the bin's edge and their sum. Error of the
+            // optical thickness: two ulp of ln 2 (1.2e-7), divided by `sigma`.
             assert!(worst <= 3.0 * 2.4e-7 + 1.2e-7 / f64::from(sigma), "{worst:e}");
             assert!(reached > 50 || !most, "{reached}");
             assert!(missed > 20);
@@ -86,7 +86,7 @@ fn a_cut_of_up_to_one_half_changes_no_median_and_more_is_refused() {
 
 #[test]
 fn the_median_stays_in_its_bin() {
-    // (thickness in front, sigma): walls, and a thickness that rounding took past ln 2.
+    // Optical thickness in front, and `sigma`: opaque bins, and a thickness that was rounded to above ln 2.
     for (thickness, sigma) in [(0.0, f32::INFINITY), (0.5, f32::MAX), (0.7, 1.0), (0.0, 1.0), (0.69, 1e-30)] {
         let t = median_in_bin(thickness, sigma, 3.0, 0.25);
         assert!((2.875..=3.125).contains(&t), "{thickness} {sigma}: {t}");
@@ -97,7 +97,7 @@ fn the_median_stays_in_its_bin() {
 
 #[test]
 fn half_of_the_light_is_left_ln_2_behind_the_edge_of_a_medium_of_density_1() {
-    // Bins begin at 2 and are 0.5 wide.
+    // A medium of density 1 begins at 2. In front of this bin (2.5 to 3), its optical thickness is 0.5.
     let t = median_in_bin(0.5, 1.0, 2.75, 0.5);
     assert!((t - (2.0 + LN_2)).abs() < 1e-6);
 }

@@ -1,4 +1,5 @@
-//! What is off costs nothing: no work, no memory, no bit of the picture. And what a build lacks is refused.
+//! Outputs that are off cost no work and no memory, and change no bit of the others. Outputs that a build lacks are
+//! refused.
 
 extern crate std;
 
@@ -13,7 +14,7 @@ use std::string::ToString;
 use std::vec;
 use std::vec::Vec;
 
-/// Every set of outputs that any build has.
+/// All combinations of the outputs that every build has.
 fn sets() -> impl Iterator<Item = Outputs> {
     (0..16).map(|bits| Outputs {
         rgb: bits & 1 != 0,
@@ -24,12 +25,12 @@ fn sets() -> impl Iterator<Item = Outputs> {
     })
 }
 
-/// The same with what this build adds.
+/// Adds median distance and normals to `outputs`, if this build has them.
 fn with_surface(outputs: Outputs) -> Outputs {
     Outputs { median_distance: cfg!(feature = "median"), normals: cfg!(feature = "normals"), ..outputs }
 }
 
-/// A pixel without median distance and normal.
+/// The pixel with its median distance and normal set to 0.
 fn plain(pixel: &Pixel) -> Pixel {
     Pixel { median_distance: 0.0, normal: [0.0; 3], ..*pixel }
 }
@@ -52,18 +53,19 @@ fn off_costs_nothing_and_on_changes_nothing_else() {
             let plan = |outputs| Plan::new(&blob, &quality, outputs, batch).unwrap();
             let (off, on) = (plan(outputs), plan(with_surface(outputs)));
             let (without, with) = (render(&renderer, &off, &camera), render(&renderer, &on, &camera));
-            // Work: the gradients, and nothing else.
+            // Work differs by the density gradients alone.
             let normals = with.counters.normal_evaluations;
             let macs = with.counters.macs - normals * a.gradient_macs() as u64;
             assert_eq!(without.counters, Counters { normal_evaluations: 0, macs, ..with.counters });
             assert_eq!(normals > 0, cfg!(feature = "normals"));
-            // Pixels: the same but for what was asked for.
+            // Pixels differ in median distance and normal alone.
             assert!(without.pixels.iter().all(|pixel| *pixel == plain(pixel)));
             assert_eq!(without.pixels, with.pixels.iter().map(plain).collect::<Vec<_>>());
-            // Memory: what is documented, slice by slice.
+            // Memory differs by the following buffers.
             let picks = if outputs.rgb { 0 } else { 2 * lines_for::<f32>(64) };
             let median = lines_for::<f32>(40);
-            // Sums, queue, signs of 61 units, ∂/∂PE(x) of 27 rows, gradient.
+            // Buffers for normals: sums, queue, signs of 61 units, gradient with respect to 27 encoded inputs and to
+            // position.
             let normals = lines_for::<[f32; 6]>(40)
                 + 3 * lines_for::<f32>(64)
                 + lines_for::<u16>((24 + 20 + 17) * 4)
@@ -107,7 +109,7 @@ fn depth_alone_is_trunk_and_density_and_exactly_those_of_the_colour_frame() {
                 assert_eq!((alone.colour_evaluations, shares.colour, shares.direction), (0, 0, 0));
                 assert_eq!(shares.density, renderer.shares(&colour).density);
                 assert_eq!(shares.normals, alone.normal_evaluations * a.gradient_macs() as u64);
-                // Asked of the samples whose colour is.
+                // Normals are evaluated at the samples at which colour is evaluated.
                 assert_eq!(alone.normal_evaluations, colour.colour_evaluations);
             }
         }
@@ -138,7 +140,7 @@ fn what_this_build_lacks_is_refused_by_name() {
 #[cfg(all(feature = "median", feature = "jitter"))]
 fn a_median_stays_in_the_bin_of_a_jittered_sample() {
     use crate::plan::{Effects, Jitter};
-    // Opaque from the first bin on: half of the light is gone at its very beginning, wherever the sample lies.
+    // The first bin is opaque: the median is at the bin's near edge, wherever the bin's sample lies.
     let a = every_kind();
     let mut all = vec![0.0; a.parameters()];
     let layers = a.layers();

@@ -20,7 +20,7 @@ use std::vec::Vec;
 
 const NORMALS: Outputs = Outputs { normals: true, opacity: true, ..Outputs::NONE };
 
-/// raw = start + Σ_i head · relu(slope_i · x + bias), without an encoding.
+/// Network with the raw density start + Σ_i head · relu(slope_i · x + bias), without an encoding.
 fn one_layer(slopes: &[Vec3], bias: f32, head: f32, start: f32) -> (Architecture, Vec<f32>) {
     let a = architecture(pi(3, 0), None, &[(slopes.len() as u16, false)], &[]);
     let mut all = vec![0.0; a.parameters()];
@@ -34,7 +34,7 @@ fn one_layer(slopes: &[Vec3], bias: f32, head: f32, start: f32) -> (Architecture
     (a, all)
 }
 
-/// Evenly spread directions (Fibonacci's lattice).
+/// `n` evenly spread directions: points of a Fibonacci lattice on the sphere.
 fn directions(n: usize) -> Vec<Vec3> {
     let turn = core::f32::consts::PI * (5f32.sqrt() - 1.0);
     let direction = |i: usize| {
@@ -47,7 +47,7 @@ fn directions(n: usize) -> Vec<Vec3> {
 
 #[test]
 fn a_plane_s_normal_is_the_plane_s() {
-    // Density 64 (slope · x), zero behind the plane through the origin.
+    // Density 64 (slope · x) where slope · x is above 0; elsewhere 0.
     let slope = Vec3::new(0.75, -1.5, 1.0);
     let (a, all) = one_layer(&[slope], 2.0, 64.0, -128.0);
     let (weights, _) = halve(&all);
@@ -59,13 +59,13 @@ fn a_plane_s_normal_is_the_plane_s() {
         let renderer = Renderer::new(blob.clone(), kernel, &mut memory).unwrap();
         let plan = Plan::new(&blob, &Quality::default(), NORMALS, Batch::FULL).unwrap();
         let picture = render(&renderer, &plan, &camera(24, 17));
-        // What is fainter than the colour cut may have been asked for none.
+        // At a lower opacity, the colour cut may have skipped all samples of the ray.
         let solid = picture.pixels.iter().filter(|pixel| pixel.opacity > Quality::COLOUR_CUT);
         let empty = picture.pixels.iter().filter(|pixel| pixel.opacity <= 1e-4);
         let (solid, empty): (Vec<&Pixel>, Vec<&Pixel>) = (solid.collect(), empty.collect());
         assert!(solid.len() > 50 && empty.len() > 50, "{} {}", solid.len(), empty.len());
         for pixel in solid {
-            // Unit vectors whose parts are rounded to 6e-8 a few times over.
+            // Tolerance: a few roundings of 6e-8 in each component of the unit vector.
             assert!((Vec3::from(pixel.normal) - expected).abs().max_element() <= 3e-7, "{:?}", pixel.normal);
         }
         assert!(empty.iter().all(|pixel| pixel.normal == [0.0; 3]));
@@ -74,7 +74,8 @@ fn a_plane_s_normal_is_the_plane_s() {
 
 #[test]
 fn a_ball_s_normals_point_outward() {
-    // Σ relu(d · x) over n directions is about n |x| / 4: density 100 (0.6 − |x|), a ball of many facets.
+    // Σ relu(d · x) over n directions d is about n |x| / 4. The density is thus about 100 (0.6 − |x|): a ball of many
+    // facets.
     let n = 200;
     let (a, all) = one_layer(&directions(n), 0.0, -400.0 / n as f32, 60.0);
     let (weights, _) = halve(&all);
@@ -98,12 +99,13 @@ fn a_ball_s_normals_point_outward() {
             seen += 1;
         }
         std::println!("{kernel:?}: {seen} pixels, at most {:.2} degrees off", worst.acos().to_degrees());
-        // Directions are about √(4π / n) apart, 14 degrees, and a normal is the mean of half a sphere of them.
+        // Neighbouring directions are about √(4π / n) apart, 14 degrees. A normal is the mean of the directions in a
+        // hemisphere.
         assert!(seen > 50 && worst > 5f32.to_radians().cos(), "{seen} {worst}");
     }
 }
 
-/// Normals and their number, sample by sample: no block, no queue, no ray in flight beside another.
+/// Reference: the pixels' normals and the number of gradients, computed one sample at a time.
 fn sample_by_sample(
     renderer: &Renderer<'_>,
     quality: &Quality,
@@ -115,7 +117,7 @@ fn sample_by_sample(
     let batch = Batch { rays: 1, samples: BLOCK };
     let plan = Plan::new(renderer.blob(), quality, Outputs::NONE, batch).unwrap();
     let mut memory = vec![Line::UNINIT; renderer.workspace_lines(&plan)];
-    // One bin of 1/8, spread evenly.
+    // Standard deviation of a point that is uniform in a bin of width 1/8: 1/8 divided by √12.
     let blur = 0.125 * 0.288_675_13;
     let (mut normals, mut evaluations) = (vec![], 0);
     for i in 0..width * height {
@@ -139,7 +141,7 @@ fn sample_by_sample(
     (normals, evaluations)
 }
 
-/// The gradient at one point, in a block that it fills.
+/// Density gradient at `p`, computed in a block whose columns all hold `p`.
 fn gradient(network: &Network<'_>, p: Vec3, blur: f32) -> Vec3 {
     let stride = if network.whole_blocks() { 16 } else { 1 };
     let mut encoded = vec![0.0; network.encoded_rows() * stride];
@@ -184,7 +186,7 @@ fn every_batch_gives_the_normals_and_the_work_of_one_sample_at_a_time() {
                     assert_eq!(of_pixels, normals, "{what}");
                     let c = found.counters;
                     assert_eq!(c.normal_evaluations, evaluations, "{what}");
-                    // The picks are the colour's, if there is one.
+                    // If colour is requested, it is evaluated at the samples of the normals.
                     let colours = if outputs.rgb { evaluations } else { 0 };
                     assert_eq!(c.colour_evaluations, colours, "{what}");
                     let shares = renderer.shares(&c);
@@ -210,8 +212,8 @@ fn kernels_agree_about_normals() {
     };
     let oracle = go(Kernel::IN_PLACE);
     for kernel in kernels() {
-        // Units that are nearly off may switch where kernels round differently, and where they have 8 bits in
-        // many a sample: the median pixel is held to the bound.
+        // Rounding may switch a unit whose input is near 0, with 8 significant bits at many samples. Therefore only the
+        // median error of all pixels is bounded.
         let mut off: Vec<f32> = go(kernel)
             .iter()
             .zip(&oracle)
@@ -230,7 +232,7 @@ fn kernels_agree_about_normals() {
 
 #[test]
 fn a_blur_takes_ripples_away_and_none_gives_the_gradient_itself() {
-    // A plane with a ripple on it that no sample sees: 64 x + 0.5 sin(2^9 π z).
+    // A plane with a ripple that is too fine for the samples: 64 x + 0.5 sin(2^9 π z).
     let a = architecture(pi(3, 10), None, &[(1, false)], &[]);
     let mut all = vec![0.0; a.parameters()];
     let layers = a.layers();
@@ -284,7 +286,7 @@ fn gradients_beyond_the_numbers_are_counted_and_have_no_direction() {
     assert!(picture.counters.normal_evaluations > 0);
     assert_eq!(picture.counters.invalid_samples, picture.counters.normal_evaluations);
     assert!(picture.pixels.iter().all(|pixel| pixel.normal == [0.0; 3]));
-    // The same network as f32 weights of its own.
+    // The same parameters make a valid network of prepared f32 weights.
     assert!(Network::new(&a, Weights::Prepared(&all), crate::Isa::Portable).is_some());
 }
 

@@ -22,11 +22,11 @@ const COARSE: u32 = 20;
 const DRAWN: u32 = 32;
 const ROW: u64 = (COARSE + DRAWN) as u64;
 
-/// The proposal's encoding.
+/// Position encoding of the proposal network.
 const POSITION: SinusoidalEncoding =
     SinusoidalEncoding { inputs: 3, levels: 3, scale: AngleScale::One, identity: true };
 
-/// A proposal of another shape than the scene's network, and wider than that.
+/// Architecture of a proposal network that is wider than the scene's network.
 fn coarse_architecture() -> Architecture {
     Architecture {
         position: POSITION.into(),
@@ -41,7 +41,7 @@ fn coarse_architecture() -> Architecture {
     }
 }
 
-/// The proposal's parameters, with densities that are steep.
+/// Parameters of the proposal network. Those of the density layer are multiplied by 6, for steep densities.
 fn coarse_parameters(seed: u32) -> Vec<f32> {
     let a = coarse_architecture();
     let mut all = parameters(&a, seed);
@@ -49,7 +49,7 @@ fn coarse_parameters(seed: u32) -> Vec<f32> {
     all
 }
 
-/// The tests' scene, with or without an occupancy grid and a proposal of these parameters.
+/// Blob of the tests' scene. `coarse`: parameters of its proposal network, if any.
 fn scene(occupancy: Option<StoredOccupancy<'_>>, coarse: Option<&[f32]>) -> Vec<u8> {
     let shape = coarse_architecture();
     scene_of(occupancy, coarse.map(|coarse| (&shape, coarse)))
@@ -78,7 +78,7 @@ fn kernels() -> impl Iterator<Item = Kernel> {
     Kernel::all()
 }
 
-/// The picture of a blob, its counters and the lines of workspace it took.
+/// Renders the blob. Returns pixels, counters and the number of workspace lines.
 fn render(bytes: &[u8], kernel: Kernel, quality: Quality, batch: Batch) -> (Vec<Pixel>, Counters, usize) {
     let blob = Blob::open(bytes).unwrap();
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
@@ -93,7 +93,7 @@ fn render(bytes: &[u8], kernel: Kernel, quality: Quality, batch: Batch) -> (Vec<
     (pixels, counters, workspace.len())
 }
 
-/// Densities and colours at points of a ray, by `Renderer::query`, one at a time.
+/// Density and colour at the point `p` seen along `dir`, by `Renderer::query`.
 fn ask(renderer: &Renderer<'_>, plan: &Plan<'_>, p: Vec3, dir: Vec3) -> (f32, [f32; 3]) {
     let mut workspace = vec![Line::UNINIT; renderer.workspace_lines(plan)];
     let (mut sigma, mut rgb) = ([0.0], [[0.0; 3]]);
@@ -106,7 +106,7 @@ fn ask(renderer: &Renderer<'_>, plan: &Plan<'_>, p: Vec3, dir: Vec3) -> (f32, [f
 fn a_picture_is_the_composite_of_the_drawn_samples_bit_for_bit() {
     let occupancy = [0b0111_1011];
     let coarse = coarse_parameters(11);
-    // The proposal as a scene of its own: its densities, by another way.
+    // The proposal network as the network of a scene, so that a query gives its densities.
     let (coarse_weights, _) = halve(&coarse);
     for occupancy in [None, Some(StoredOccupancy { resolution: [2; 3], bits: &occupancy })] {
         let (bytes, alone) = (
@@ -193,7 +193,8 @@ fn effects_and_medians_of_drawn_samples_do_not_depend_on_the_batch() {
     let halved = plain.iter().filter(|pixel| pixel.median_distance < 6.0).count();
     assert!(halved > 20 && halved < 400, "{halved}");
     for pixel in &plain {
-        // What keeps half of the light lies somewhere; 1e-5 is beyond the rounding of either sum.
+        // A ray has a median distance if its opacity is above one half. Opacities within rounding error of one half are
+        // exempt.
         let margin = (pixel.opacity - 0.5).abs() > 1e-5;
         assert!(!margin || (pixel.opacity > 0.5) == (pixel.median_distance < 6.0), "{pixel:?}");
     }
@@ -270,7 +271,7 @@ fn a_proposal_that_sees_nothing_gives_even_samples() {
     let batch = Batch { rays: 30, samples: 16 };
     let (found, counters, _) = render(&bytes, Kernel::IN_PLACE, Quality::EXACT, batch);
     assert!(counters.proposal_evaluations > 0 && counters.samples_kept > 0);
-    // Dense even samples are what it comes to.
+    // Reference: 4,096 evenly spaced samples.
     let dense = Quality { samples: 4096, proposal: false, ..Quality::EXACT };
     let (expected, ..) = render(&bytes, Kernel::IN_PLACE, dense, batch);
     let even = Quality { samples: ROW as u16, proposal: false, ..Quality::EXACT };
@@ -281,13 +282,13 @@ fn a_proposal_that_sees_nothing_gives_even_samples() {
     };
     let (drawn, even) = (error(&found), error(&even));
     std::println!("squared error {drawn:e}, evenly {even:e}");
-    // Two even combs, one over the other, are as good as one to a factor.
+    // The samples merge two evenly spaced sequences. Their error may exceed that of one such sequence by a factor.
     assert!(drawn < 16.0 * even, "{drawn} {even}");
 }
 
 #[test]
 fn densities_that_are_no_numbers_are_counted_and_never_seen() {
-    // Ten layers of such weights go beyond f32, and what adds infinities of both signs is NaN.
+    // In ten layers of such weights, values overflow f32, and a sum of infinities of both signs is NaN.
     let layer = TrunkLayer { width: 8, skip: false };
     let deep = Architecture { trunk: [layer; 10].into_iter().collect(), ..coarse_architecture() };
     let wild: Vec<f32> = noise(deep.parameters(), 5).iter().map(|w| w * 60_000.0).collect();
@@ -335,7 +336,7 @@ fn what_drawing_needs_in_memory_is_a_row_a_ray() {
     };
     let off = Quality { proposal: false, ..Quality::EXACT };
     let extra = |rays| lines(Quality::EXACT, rays) - lines(off, rays);
-    // 208 bytes a ray; 1,600 rays more make whole lines.
+    // A ray needs 208 bytes: 1,600 more rays need a whole number of lines.
     assert_eq!(extra(1616) - extra(16), 1600 * 4 * ROW as usize / 64);
 }
 

@@ -1,17 +1,16 @@
-//! The slow renderer: straight lines in f64, a sample and a ray at a time.
+//! Reference renderer in f64, one ray and one sample at a time.
 
 use super::*;
 use crate::camera::Ray;
 
-/// A field in f64.
+/// A field that is evaluated in f64.
 pub struct Oracle {
     pub shape: Architecture,
-    /// Parameters of the file.
+    /// Parameters in the blob's order.
     pub parameters: Vec<f32>,
     pub tables: Vec<f32>,
 }
 
-/// One sample of a ray.
 pub struct Sample {
     pub t: f64,
     pub sigma: f64,
@@ -29,7 +28,7 @@ impl Oracle {
         (0..layer.outputs).map(row).collect()
     }
 
-    /// Trilinear interpolation over the box of [`SCENE`], level by level.
+    /// Encoding of `p`: trilinear interpolation in the box of [`SCENE`], one level after another.
     fn encode(&self, p: [f64; 3]) -> Vec<f64> {
         let grid = self.shape.position.grid().unwrap();
         let mut out = vec![];
@@ -62,7 +61,7 @@ impl Oracle {
         out
     }
 
-    /// `h` and the raw density at a point.
+    /// `h` and raw density at the point `p`.
     pub fn at(&self, p: [f64; 3]) -> (Vec<f64>, f64) {
         let layers = self.shape.layers();
         let mut h = self.encode(p);
@@ -82,11 +81,11 @@ impl Oracle {
         }
     }
 
-    /// The colour branch of `P` and a direction.
+    /// Colour for the hidden features `p`, seen along `dir`.
     pub fn network(&self, p: &[f64], dir: Vec3) -> [f64; 3] {
         let [x, y, z] = dir.to_array().map(f64::from);
         let mut inputs = p.to_vec();
-        // Real spherical harmonics of degree 3.
+        // Real spherical harmonics of degree 3, 9 values.
         inputs.extend([
             0.282_094_791_773_878_14,
             -0.488_602_511_902_919_9 * y,
@@ -106,7 +105,7 @@ impl Oracle {
         [0, 1, 2].map(|c| 1.0 / (1.0 + (-rgb[c]).exp()))
     }
 
-    /// The samples of a ray of the tests' scene, front to back.
+    /// Samples of a ray inside the box, front to back.
     pub fn samples(&self, ray: &Ray) -> Vec<Sample> {
         let bins = Bins::new(2.0, 6.0, 32).unwrap();
         let bounds = SceneBox { min: Vec3::NEG_ONE, max: Vec3::ONE };
@@ -119,14 +118,14 @@ impl Oracle {
             .collect()
     }
 
-    /// Colour over the scene's background, and opacity.
+    /// Colour over the scene's background, and opacity of a ray.
     pub fn pixel(&self, ray: &Ray, quality: &Quality) -> ([f64; 3], f64) {
         pixel_of(&[self], ray, quality)
     }
 }
 
-/// The same of fields in the same box, all of it: densities add, each has its share of a sample's weight and a network
-/// of its own.
+/// Colour over the background, and opacity, of several fields in one box. Densities add. A field's share of a sample's
+/// weight is proportional to its density. Each field's colour branch is evaluated once.
 pub fn pixel_of(fields: &[&Oracle], ray: &Ray, quality: &Quality) -> ([f64; 3], f64) {
     let samples: Vec<_> = fields.iter().map(|field| field.samples(ray)).collect();
     let (mut left, mut opacity, mut waiting) = (1.0, 0.0, 0.0);

@@ -1,9 +1,9 @@
-//! Whatever else is asked of a field that is shaded once a ray.
+//! Other outputs of a field with deferred shading: points, normals, linear output and collisions.
 
 use super::*;
 use crate::render::RaySegment;
 
-/// Points of the box, and directions.
+/// Random points in the box, each with a random direction.
 fn points(count: usize) -> Vec<([f32; 3], [f32; 3])> {
     let of = |seed| noise(3 * count, seed).chunks_exact(3).map(Vec3::from_slice).collect::<Vec<_>>();
     of(70).into_iter().zip(of(71)).map(|(p, dir)| (p.to_array(), dir.normalize().to_array())).collect()
@@ -126,8 +126,9 @@ fn linear_output_decodes_the_network_s_colour_and_the_background() {
     });
 }
 
-/// What a collision promises: the colour is the ray network's of one sample's `h`, and its probability that sample's
-/// weight. So the mean is that of the samples' colours, which is not the frame's: a network is not linear.
+/// The colour of a collision is the colour of its sample's `h`, and its probability is the sample's weight. The mean
+/// colour of collisions is thus the mean of samples' colours. The frame's colour differs: the colour branch is not
+/// linear.
 #[test]
 fn a_collision_has_the_colour_of_its_one_sample() {
     const DRAWS: usize = 2000;
@@ -168,7 +169,7 @@ fn a_collision_has_the_colour_of_its_one_sample() {
             expected = [0, 1, 2].map(|c| expected[c] + left * f64::from(SCENE.background[c]));
             let drawn = oracle.pixel(&ray, &Quality::EXACT).0;
             for c in 0..3 {
-                // Each sample is drawn as often as its weight says, up to one draw.
+                // The number of draws of a sample is proportional to the sample's weight, up to one draw.
                 let bound = (samples.len() + 1) as f64 / DRAWS as f64;
                 let off = (mean[c] - expected[c]).abs();
                 assert!(off <= bound, "{off} of {bound}");

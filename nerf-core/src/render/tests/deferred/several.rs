@@ -1,4 +1,4 @@
-//! Several fields of which some are shaded once a ray.
+//! Several fields in one frame, some of them with deferred shading.
 
 use super::oracle::pixel_of;
 use super::*;
@@ -79,7 +79,7 @@ fn two_instances_of_a_field_in_one_place_are_that_field_of_twice_the_density() {
     }
 }
 
-/// Fog of one colour is the same whether it is shaded at samples or once a ray.
+/// A frame may have fields with and without deferred shading. Fog of one colour looks the same with either.
 #[test]
 fn fields_shaded_at_samples_mix_with_those_shaded_once_a_ray() {
     let fog = |shading| {
@@ -125,7 +125,8 @@ fn points_of_several_fields_have_the_mean_of_their_networks_by_density() {
     }
 }
 
-/// Of both fields in one place a collision has the colours of both samples, mixed by density; nothing depends on the batch.
+/// Where two fields overlap, the colour of a collision is the mean of the fields' colours at the sample, weighted by
+/// density.
 #[test]
 fn collisions_of_several_fields_mix_their_samples_networks() {
     let (a, b) = (field(&d11(), 3, 0.3, None), field(&d00(), 8, 0.2, None));

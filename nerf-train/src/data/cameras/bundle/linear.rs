@@ -8,7 +8,8 @@ use glam::{DMat3, DQuat, DVec3};
 /// device, a column per coordinate of the point. A device has fewer parameters than a pose: its last rows are 0.
 type Block = [DVec3; POSE];
 
-/// Index of a pose's or device's first parameter; derivatives of the residual (x, y) with respect to its parameters.
+/// Index of the first parameter of a pose or device, and the derivatives of the residual's x and y with respect to its
+/// parameters.
 type Rows = (usize, [[f64; POSE]; 2]);
 
 /// Normal equations of all poses and devices, points eliminated; only the lower triangle of `matrix` is used.
@@ -30,7 +31,7 @@ struct Point {
 impl<'a> Reduced<'a> {
     /// Normal equations of a step with Levenberg-Marquardt `damping`; `None` if the equations of a point are singular.
     pub(super) fn of(bundle: &'a Bundle, damping: f64) -> Option<Self> {
-        // POSE rows for each camera and device; the last rows of a device are empty.
+        // POSE rows for each pose and each device; the last rows of a device are unused.
         let size = POSE * (bundle.photographs.len() + bundle.devices.len());
         let mut reduced =
             Self { bundle, matrix: vec![0.0; size * size], right: vec![0.0; size], damping, size };
@@ -136,7 +137,8 @@ impl<'a> Reduced<'a> {
     }
 }
 
-/// Solves `matrix` x = `right` by Cholesky's method, x in `right`; `None` if `matrix` is not positive definite.
+/// Solves `matrix` x = `right` by Cholesky factorisation; x replaces `right`. `None` if `matrix` is not positive
+/// definite.
 fn solve(matrix: &mut [f64], right: &mut [f64], size: usize) -> Option<()> {
     for i in 0..size {
         let (above, row) = matrix.split_at_mut(i * size);

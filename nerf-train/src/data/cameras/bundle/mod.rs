@@ -1,8 +1,10 @@
 //! Bundle adjustment: optimises cameras and points so that points project to where the photographs show them.
 //!
-//! Minimises Σ ρ(|π(R_i X_j + t_i) − x_ij|²) with ρ(e²) = 2 s² (√(1 + e²/s²) − 1), by Levenberg and Marquardt's method
-//! with the points eliminated (Schur complement). The variables are all poses, all points, and for each device the
-//! focal length and two coefficients of radial distortion. Sums have a fixed order, whatever the number of threads.
+//! Minimises Σ ρ(|π(R_i X_j + t_i) − x_ij|²) by Levenberg and Marquardt's method, with the points eliminated (Schur
+//! complement). R_i, t_i: pose of photograph i. X_j: point j. π: projection. x_ij: where photograph i shows point j,
+//! pixels. The robust loss is ρ(e²) = 2 s² (√(1 + e²/s²) − 1), s = 1 pixel. The variables are all poses, all points,
+//! and for each device the focal length and two coefficients of radial distortion. Sums have a fixed order, whatever
+//! the number of threads.
 //!
 //! # Source
 //! Triggs et al. 2000, "Bundle adjustment: a modern synthesis"; the loss is SciPy's `soft_l1`.
@@ -137,8 +139,8 @@ impl Bundle {
         self.errors().iter().map(|e| 2.0 * SOFT_PIXELS * (SOFT_PIXELS.hypot(*e) - SOFT_PIXELS)).sum()
     }
 
-    /// Compensates for the change of each camera's focal length from `own`, pixels, to the focal length of its device:
-    /// moves the camera along its optical axis so that points at its median depth keep their size in the picture.
+    /// Moves each camera along its optical axis to compensate for a changed focal length: from `own`, pixels, to its
+    /// device's. Points at the camera's median depth keep their size in the picture.
     pub(crate) fn dolly(&mut self, own: &[f64]) {
         let depths = self.depths();
         for ((photograph, own), depth) in self.photographs.iter_mut().zip(own).zip(depths) {

@@ -1,10 +1,10 @@
-//! Cameras around points, known exactly.
+//! Tests of bundle adjustment on synthetic cameras and points.
 
 use super::*;
 
 const FRAME: Frame = Frame { principal: DVec2::new(400.0, 300.0), aspect: 1.0, tangential: [1e-3, -2e-3] };
 
-/// Ten cameras of two devices, 6 away from 80 points about the origin, and where they see these.
+/// Ten cameras of two devices, at distance 6 from 80 points around the origin, with exact observations.
 fn truth() -> Bundle {
     let devices = [(600.0, [-0.05, 0.02]), (750.0, [0.03, 0.0])];
     let device = |(focal, radial): (f64, [f64; 2])| Device { focal, radial, second_order: radial[1] != 0.0 };
@@ -30,7 +30,7 @@ fn truth() -> Bundle {
     bundle
 }
 
-/// The same, with everything but the observations wrong.
+/// Copy of `truth` with errors in all cameras and points; the observations stay exact.
 fn disturbed(truth: &Bundle) -> Bundle {
     let mut bundle = truth.clone();
     for (i, photograph) in bundle.photographs.iter_mut().enumerate() {

@@ -24,7 +24,7 @@ pub(crate) struct Kind {
     lens: Option<fn(&[f64]) -> Lens>,
 }
 
-/// All camera models of COLMAP 4.2, each at its index in binary files.
+/// All camera models of COLMAP 4.2, indexed by the model's number in binary files.
 ///
 /// # Source
 /// `src/colmap/sensor/models.h`

@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
-/// Maximum length of a line, bytes. The line of a photograph with a million points has a third of this.
+/// Maximum length of a line, bytes. The line of a photograph with a million points is a third as long.
 const MAX_LINE: u64 = 256 << 20;
 
 struct Lines {

@@ -15,7 +15,8 @@ use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// A `transforms*.json` file. Its JSON is parsed once for each of three structs: errors then state the right line.
+/// A `transforms*.json` file. Its text is parsed three times, into separate structs, so that errors state the right
+/// line.
 pub(crate) struct Transforms {
     pub(crate) header: Header,
     /// Frames in the file's order, each with its own camera fields.
@@ -173,7 +174,7 @@ impl Transforms {
             }
             None => None,
         };
-        // Without a stated size, the picture must be read to learn to which size the factor applies.
+        // The factor applies to the stated size. Without one, no smaller copy is looked for.
         let factor = match (folder.downscale, stated) {
             (Some(downscale), (Some(w), Some(h))) => downscale.factor((w, h)),
             _ => 1,
@@ -208,7 +209,7 @@ fn number_fault(file: &Path, bytes: &[u8], error: &serde_json::Error) -> Option<
     for word in ["-Infinity", "Infinity", "NaN"] {
         let text = std::mem::take(&mut cleared);
         for (index, part) in text.split(word).enumerate() {
-            // Replaced only where it is a value, not within a name.
+            // Replaces the word only as a JSON value, not within a name.
             let value = cleared.trim_end().ends_with(['[', ',', ':'])
                 && part.trim_start().starts_with([']', ',', '}']);
             match (index, value) {
@@ -230,7 +231,7 @@ fn number_fault(file: &Path, bytes: &[u8], error: &serde_json::Error) -> Option<
     Some(DatasetError::value(file, place, "finite numbers", "NaN or Infinity"))
 }
 
-/// Placeholder for NaN and Infinity while they are searched for.
+/// Text that replaces NaN and Infinity, so that the JSON can be parsed.
 const NO_NUMBER: &str = "(no number)";
 
 fn lacks_number(value: &serde_json::Value) -> bool {

@@ -141,7 +141,7 @@ impl Picture {
 
 /// A value in [0, 1] as a byte: clamped, rounded half up; NaN gives 0.
 pub(crate) fn to_u8(value: f32) -> u8 {
-    // A cast saturates, so that infinities are safe too.
+    // NaN passes through `clamp`; the cast turns it into 0.
     (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
 }
 
@@ -198,7 +198,7 @@ pub fn write_grey16_png(
     Ok(write_atomic(path, &encode_png(&bytes, width, height, (ColorType::Grayscale, BitDepth::Sixteen))?)?)
 }
 
-/// Encodes a PNG. `bytes`: as many as the size and the kind of pixel call for; 16-bit samples are big-endian.
+/// Encodes a PNG. `bytes`: samples of the pixels, row-major, without padding; 16-bit samples are big-endian.
 fn encode_png(
     bytes: &[u8],
     width: usize,

@@ -62,7 +62,7 @@ fn straight_alpha_over_black_is_the_render_again() {
     for (pixel, rgb) in rgba.chunks_exact(4).zip(&over_black) {
         for c in 0..3 {
             let composed = f32::from(pixel[c]) / 255.0 * f32::from(pixel[3]) / 255.0;
-            // Half a step of alpha and half a step of colour.
+            // Rounding alpha costs half a step of 1/255, and rounding the colour another half.
             assert!((composed - rgb[c]).abs() <= 1.0 / 255.0, "{composed} {rgb:?}");
         }
     }

@@ -1,8 +1,9 @@
 //! Adam for entries that have a gradient, and the steps at which each level of the tables is updated.
 //!
-//! Adam costs as much for a small gradient as for a large one, and the hashed levels have most of a grid's entries. A
-//! hashed level is updated only at every `hashed_every`th step, by the sum of its gradients; Adam's step would be the
-//! same with their mean. Dense levels are updated at every step.
+//! Adam costs as much for a small gradient as for a large one, and the hashed levels have most of a grid's entries. To
+//! save time, a hashed level is updated only at every `hashed_every`th step, by the sum of its gradients since the last
+//! update. Adam is invariant to the gradients' scale: their mean would give the same step. Dense levels are updated at
+//! every step.
 //!
 //! Weight decay is decoupled (Loshchilov & Hutter 2019) and applies to the colour branch alone, which would otherwise
 //! overfit the directions of the photographs.

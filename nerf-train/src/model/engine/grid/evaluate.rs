@@ -1,4 +1,5 @@
-//! Densities of a chunk's samples, evaluated in waves: a wave is the next eight samples of every ray that goes on.
+//! Densities of a chunk's samples, evaluated in waves: a wave is the next eight samples of every ray that has not
+//! ended.
 
 use super::layers::Layer;
 use super::pass::{Job, T_MIN, grow};
@@ -120,7 +121,8 @@ impl Evaluated {
         }
     }
 
-    /// Begins the chunk `rays`; `first`: index in the batch of its first sample. Returns the index after its last.
+    /// Sets the rays of the chunk to their first samples. `first`: index in the batch of the chunk's first sample.
+    /// Returns the index after the chunk's last sample.
     fn begin(&mut self, batch: &Batch, rays: Range<usize>, first: usize) -> usize {
         self.rays.clear();
         self.index_of.clear();
@@ -188,7 +190,8 @@ impl Evaluated {
         let h = &self.hidden.last().unwrap_or(&self.encoded)[rows.start * across..];
         grow(&mut self.raw, stride * VECTOR);
         density.main.forward(job.isa, count, h, across, &mut self.raw, Init::Zero, false);
-        // Copies the first column of each row to the beginning of the same buffer: reads are ahead of writes.
+        // Moves the first column of all rows to the beginning of the buffer. In place: each value is read before it is
+        // overwritten.
         for i in 0..count {
             self.raw[i] = self.raw[i * VECTOR];
         }

@@ -56,8 +56,8 @@ impl KeptSamples {
         Self { samples, counts, inverse, front, unkept }
     }
 
-    /// Returns a distance for each kept sample: the length of the path to it from its ray's first kept sample, through
-    /// the kept samples between. `positions`: of the kept samples.
+    /// Returns, for each kept sample, its distance from its ray's first kept sample, along the polyline through the
+    /// kept samples. `positions`: positions of the kept samples.
     pub fn along(&self, positions: &[[f32; 3]]) -> Vec<f32> {
         let mut along = Vec::with_capacity(positions.len());
         for &count in &self.counts {

@@ -1,7 +1,7 @@
 //! The dense layers of a grid field, for rows of samples: `Y[s] = act(X[s] Wᵀ)`, `[samples][channels]`.
 //!
-//! The layers have no biases except the density's, which is not trained: the spherical harmonics include a constant,
-//! and a hidden layer on learned features needs no bias (as in tiny-cuda-nn).
+//! Only the density head has a bias, which is not trained. The colour branch needs none, as the spherical harmonics
+//! include a constant. A hidden layer on learned features needs none either (as in tiny-cuda-nn).
 
 use crate::model::engine::graph::padded;
 use crate::model::engine::{Dense, Model, Part};

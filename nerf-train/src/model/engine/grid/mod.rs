@@ -1,12 +1,12 @@
 //! The engine of grid fields: small layers on rows of samples, tables whose gradient is scattered level by level.
 //!
 //! ```text
-//! rays, 8 samples at a time:  encode ──► trunk ──► density ──► T; rays below T_MIN end
+//! rays, 8 samples at a time:  encode ──► trunk ──► density ──► transmittance; rays below T_MIN end
 //! samples with weight > gate: the mean of a ray's features ──► colour ──► pixel ──► loss
 //!                             d colour ──► d trunk ──► d encoded        layers' gradients: one sum per accumulator
-//! level by level:             d encoded ──► d table entries             in the samples' order; then, if the step
-//!                             updates the level, Adam of the entries with a gradient, and their f16 copies
-//! Adam:                       layers
+//! level by level:             d encoded ──► d table entries             summed in the samples' order
+//! levels that a step updates: Adam of the entries with a gradient ──► their f16 copies
+//! layers:                     Adam
 //! ```
 //!
 //! A 2D field has no density: only the first sample of a ray is seen.
@@ -54,12 +54,12 @@ use scatter::{Halve, Kept, LevelScratch, LevelState, LevelSum};
 use std::borrow::Cow;
 use std::sync::{Mutex, MutexGuard};
 
-/// Number of accumulators, and largest number of threads of forward and backward pass. One thread updates a level.
+/// Number of accumulators, and largest number of threads of the forward and backward passes.
 const ACCUMULATORS: usize = 16;
 /// Largest number of rays of a chunk: their samples with all activations fit the second-level cache.
 const CHUNK_RAYS: usize = 32;
-/// A batch is cut into at least this many chunks of rays, so that every thread has work. Chunks of fewer than
-/// `FEWEST_RAYS` rays are not made for this.
+/// Smallest number of chunks into which a batch is cut, so that every thread has work. A small batch is cut into fewer
+/// chunks, of at least `FEWEST_RAYS` rays.
 const FEWEST_CHUNKS: usize = 6;
 const FEWEST_RAYS: usize = 8;
 /// Number of rays of a chunk of a 2D field, whose rays have one sample.
@@ -77,8 +77,8 @@ pub struct GridEngine {
     layers: Layers,
     passes: Vec<Pass>,
     scratch: Vec<Mutex<Scratch>>,
-    /// Copy of the tables in f16, from which training reads them. This halves the memory traffic, and export rounds
-    /// nothing further.
+    /// Copy of the tables in f16, from which training reads them. This halves the memory traffic. An export to f16
+    /// stores exactly the values that training reads.
     halves: Vec<u8>,
     level_scratch: Vec<Mutex<LevelScratch>>,
     /// For each level: gradient summed since the level's last update, or `None` if every step updates the level.
@@ -247,7 +247,7 @@ impl Engine for GridEngine {
         let scratch = &self.level_scratch;
         // `tables` provides only the box.
         let tables = GridTables::new(TableValues::F16(&[]), Some(&self.bounds));
-        // In reverse order: the largest levels are the last.
+        // In reverse order, so that the largest levels, which are the last, begin first.
         let update = || {
             levels.into_par_iter().rev().with_max_len(1).for_each(|mut level| {
                 own(scratch).step(isa, grid, &tables, passes.iter().map(|pass| &pass.kept), &mut level);

@@ -24,7 +24,7 @@ pub(super) const GATE: f32 = 1e-3;
 /// weight / `ROULETTE_WEIGHT`. A kept sample's weight is then divided by that probability.
 pub(super) const ROULETTE_WEIGHT: f32 = 3e-3;
 
-/// A photograph's channel of at least this display-encoded value is treated as clipped at white: [`clipped_error`].
+/// Smallest display-encoded value of a photograph's channel that [`clipped_error`] treats as clipped at white.
 const CLIPPED: f32 = 250.0 / 255.0;
 
 #[derive(Clone, Copy)]
@@ -194,7 +194,7 @@ impl Scratch {
             return;
         }
         let position = |i: usize| batch.positions[evaluated.index_of[samples.row[i] as usize] as usize];
-        // The gap before a ray's first sample, from another ray's sample, is not used.
+        // A ray's first gap is measured from a sample of another ray, and is not used.
         let gap = |i: usize| {
             let (from, to) = (position(i.saturating_sub(1)), position(i));
             (0..3).map(|axis| (to[axis] - from[axis]).powi(2)).sum::<f32>().sqrt()
@@ -280,10 +280,10 @@ fn raw_densities(
             let row = samples.row[i] as usize;
             let of_depth = by_weight[i] * samples.after[i] - behind;
             behind += samples.counted[i] * by_weight[i];
-            // sigma' = sigma below the limit of the exponential, and 0 above.
+            // d sigma / d raw is sigma below the limit of the exponential, and 0 above.
             let sigma = evaluated.sigma[row];
             let slope = if sigma < EXPONENTIAL_LIMIT.exp() { sigma } else { 0.0 };
-            // In this order: a density times a wide bin may overflow when no transmittance is left.
+            // In this order of factors: sigma times the length of a wide bin alone may overflow.
             d_raw[i * VECTOR] =
                 samples.scale[i] * samples.inverse_probability[i] * slope * of_depth * evaluated.deltas[row];
         }

@@ -95,7 +95,7 @@ pub(super) fn distortion_gradient(weights: &[f32], gaps: &[f32], gradient: &mut 
         sum += w;
         *g = 2.0 * moment;
     }
-    // The same sums over the samples behind.
+    // Sums over the samples behind: of their weights, and of weights times distances.
     let (mut sum, mut moment) = (0.0, 0.0);
     for ((g, w), gap) in gradient.iter_mut().zip(weights).zip(gaps).rev() {
         *g += 2.0 * moment;

@@ -164,7 +164,7 @@ impl GridReferenceEngine {
 
         let towards = surfaces(&rows, batch, indices.clone(), kept, &weights, &transmittance)?;
         let dirs: Vec<_> = rays.iter().map(|ray| ray.dir).collect();
-        // The features of a ray without samples are divided by 1 in place of 0.
+        // The features of a ray without kept samples are divided by 1 instead of 0.
         let none = kept.counts.iter().map(|&count| f32::from(u8::from(count == 0))).collect();
         let opacity = weights.with_empty_tape().try_sum::<(usize,), Axis<1>>()?;
         let divisor = opacity.with_empty_tape().try_add(device.try_tensor_from_vec(none, (rays.len(),))?)?;
@@ -209,7 +209,7 @@ impl GridReferenceEngine {
         let mut of_rays = OfRays::default();
         cut(batch, TAPE_SAMPLES, &mut chunks);
         for chunk in chunks {
-            // With a grid, culled space is not trained.
+            // The loss of a grid field has no term for points in empty cells.
             let Chunk::Rays { rays, samples } = chunk else { continue };
             self.add_rays(&network, batch, (rays, samples), &mut loss, &mut gradients, &mut of_rays)?;
         }
@@ -225,8 +225,8 @@ impl GridReferenceEngine {
         Ok((loss, gradients))
     }
 
-    /// Does an Adam step for the layers, the dense levels, and the hashed levels that are due. Accumulates the
-    /// gradients of hashed levels that are not due.
+    /// Does an Adam step for the layers, the dense levels, and the hashed levels that this step updates. Accumulates
+    /// the gradients of all other hashed levels.
     fn update(&mut self, mut gradients: Vec<f32>, rate: f64) -> Result<(), EngineError> {
         let step = self.state.steps + 1;
         let (features, mut first) = (usize::from(self.grid.features), 0);

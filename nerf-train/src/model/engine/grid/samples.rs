@@ -36,7 +36,8 @@ impl Samples {
         self.row.len()
     }
 
-    /// Returns features for density and colour: the last trunk layer's outputs; without a trunk, the encoded positions.
+    /// Returns the features that density and colour read: the last trunk layer's outputs or, without a trunk, the
+    /// encoded positions.
     pub fn features(&self) -> &[f32] {
         self.hidden.last().unwrap_or(&self.encoded)
     }

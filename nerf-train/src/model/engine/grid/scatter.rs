@@ -11,9 +11,9 @@ use std::time::Instant;
 
 /// Number of values in a part of a level; Adam skips a part that no sample reads.
 const PART: usize = 64;
-/// Number of parts that Adam's update prefetches ahead.
+/// Distance of the prefetch in Adam's update, in parts of [`PART`] values.
 const AHEAD: usize = 4;
-/// Number of samples that the sum of gradients prefetches ahead.
+/// Distance of the prefetch in the sum of gradients, in samples.
 const SAMPLES_AHEAD: usize = 8;
 
 /// Kept samples of one accumulator's chunks, with the gradients by which the tables are updated.
@@ -52,7 +52,8 @@ impl Kept {
     }
 }
 
-/// Computes the bits of the largest absolute value: bits of absolute values have the values' order, with NaN largest.
+/// Computes the bits of the largest absolute value. As integers, the bits of absolute values are ordered as the values
+/// are; NaN is the largest.
 struct Largest<'a> {
     gradients: &'a [f32],
 }
@@ -185,7 +186,8 @@ impl LevelSum {
     }
 }
 
-/// Adds the gradients `rows`, `[samples][width]`, of a block of samples to those of the table entries that they read.
+/// Adds the gradients `rows`, `[samples][width]`, of a block of samples to the gradients of the table entries they
+/// read.
 struct Add<'a> {
     entry: &'a [u32],
     weight: &'a [f32],
@@ -255,7 +257,7 @@ impl Op for Update<'_, '_, '_> {
         let mut before = false;
         for (part, gradient) in gradient.chunks_exact_mut(PART).enumerate() {
             let here = std::mem::take(&mut touched[part]);
-            // A row that begins in one part may end in the next.
+            // A pair of entries that begins in one part may end in the next.
             if !std::mem::replace(&mut before, here) && !here {
                 continue;
             }

@@ -1,19 +1,20 @@
-//! Derivatives where numbers are extreme, against finite differences in f64; the worst errors are printed.
+//! Tests of derivatives at extreme values, against finite differences in f64; the worst errors are printed.
 
 use super::volume::error_of;
 use super::*;
 use crate::model::engine::pass::activate;
 use nerf_core::simd::{BLOCK, Isa};
 
-/// Rounding to f32, relative.
+/// Largest relative error of rounding to f32.
 const ROUND: f64 = 1.0 / (1 << 24) as f64;
 
-/// The slope of `f` at 0 over steps of `h`, of fourth order: −h⁴ f⁽⁵⁾ / 30.
+/// Returns the derivative of `f` at 0 by a central difference of step `h`, which has an error of −h⁴ f⁽⁵⁾ / 30.
 fn slope(h: f64, f: impl Fn(f64) -> f64) -> f64 {
     (8.0 * (f(h) - f(-h)) - (f(2.0 * h) - f(-2.0 * h))) / (12.0 * h)
 }
 
-/// The squared error of a ray as it is written down: no sum of depths, no sample left out.
+/// Returns the squared error of a ray by the plain formula: transmittance is a running product, and no sample is
+/// skipped.
 fn plain_error(ray: &BatchRay, tau: &[f64], colour: &dyn Fn(usize, usize) -> f64) -> f64 {
     let (mut shown, mut transmittance) = ([0.0; 3], 1.0);
     for (i, tau) in tau.iter().enumerate() {
@@ -27,7 +28,8 @@ fn plain_error(ray: &BatchRay, tau: &[f64], colour: &dyn Fn(usize, usize) -> f64
     (0..3).map(|k| of(k).powi(2)).sum()
 }
 
-/// A ray whose samples are drawn from these densities and lengths.
+/// Returns random densities, lengths and colours of a ray's samples; densities are from `sigmas`, lengths from
+/// `lengths`.
 fn drawn(samples: usize, seed: u64, sigmas: &[f32], lengths: &[f32]) -> (Vec<f32>, Vec<f32>, Vec<f32>) {
     let of = |from: &[f32], i: usize| from[(uniform(seed, i as u64) * from.len() as f64) as usize];
     let sigma = (0..samples).map(|i| of(sigmas, 2 * i)).collect();
@@ -36,7 +38,7 @@ fn drawn(samples: usize, seed: u64, sigmas: &[f32], lengths: &[f32]) -> (Vec<f32
     (sigma, deltas, colour.collect())
 }
 
-/// A name, samples a ray, rays, and what densities and lengths are drawn from.
+/// Name, samples per ray, number of rays, and the values from which densities and lengths are drawn.
 type Case<'a> = (&'a str, usize, u64, &'a [f32], &'a [f32]);
 
 #[test]
@@ -45,7 +47,8 @@ fn derivatives_of_walls_and_haze_and_4096_samples_are_finite_differences() {
     let haze = [0.0f32, 1e-30, 1e-10, 1e-3, 0.1, 0.5];
     let lengths = [0.0f32, 1e-30, 1e-10, 1e-3, 0.1, 1.0, 1e10, 1e30];
     let even = [1.0f32 / 4096.0];
-    // Sums of 4,096 terms round by as many halves of 2^-53, twice; the step divides them.
+    // Step of the differences. A sum over n samples has a rounding error of up to n · 2^-53. A difference divides this
+    // error by the step, which gives `noise`.
     let step = 1e-3;
     let cases: [Case<'_>; 6] = [
         ("walls", 3, 60, &walls, &lengths),
@@ -92,12 +95,12 @@ fn derivatives_of_walls_and_haze_and_4096_samples_are_finite_differences() {
     }
 }
 
-/// The activations of density in f64, without clamp.
+/// Returns sigma of a raw density in f64, without a clamp at `SIGMA_LIMIT`.
 fn sigma_of(activation: DensityActivation, raw: f64) -> f64 {
     match activation {
         DensityActivation::Relu => raw.max(0.0),
         DensityActivation::Exponential => raw.min(20.0).exp(),
-        // exp overflows where the sum is its argument.
+        // ln(1 + e^y) in two forms, so that `exp` does not overflow for large y.
         DensityActivation::ShiftedSoftplus => {
             let y = raw - 1.0;
             if y > 0.0 { y + (-y).exp().ln_1p() } else { y.exp().ln_1p() }
@@ -122,7 +125,7 @@ fn densities_are_clamped_forward_and_backward_and_their_slopes_are_finite_differ
                 assert_eq!((value, found), (SIGMA_LIMIT, 0.0), "{activation:?} {raw}");
                 continue;
             }
-            // exp(y) is off by |y| roundings of y and a few of its own, and by one subnormal.
+            // In f32, exp(y) has a relative error of |y| roundings plus a few, and an absolute error of one subnormal.
             let relative = ((x - 1.0).abs().min(110.0) + 4.0) * ROUND;
             let close = |found: f32, expected: f64| {
                 let error = (f64::from(found) - expected).abs();
@@ -130,7 +133,7 @@ fn densities_are_clamped_forward_and_backward_and_their_slopes_are_finite_differ
                 if expected > 1e-37 { error / expected } else { 0.0 }
             };
             worst_value = worst_value.max(close(value, expected));
-            // Relative to the slope itself, which a difference of values is where they are not rounded away.
+            // Slope by differences, whose own error is `rounding`.
             let difference = slope(1e-3, |h| sigma_of(activation, x + h));
             if !kink && x.abs() < 1e3 {
                 let rounding = 4.0 * f64::EPSILON * expected / 1e-3 + 1e-12 * difference;
@@ -142,10 +145,10 @@ fn densities_are_clamped_forward_and_backward_and_their_slopes_are_finite_differ
             }
         }
         println!("{activation:?}: relative error of sigma {worst_value:.1e}, of its slope {worst_slope:.1e}");
-        // NaN is not clamped away: the loss shows it, and the step is refused.
+        // NaN is not clamped, so that it shows in the loss and the step is refused.
         assert!(activate(activation, f32::NAN).0.is_nan());
     }
-    // Far below, ReLU and its slope are 0 and softplus is 0 without 0/0.
+    // For very negative raw densities, sigma and slope are exactly 0, and not NaN.
     for activation in [DensityActivation::Relu, DensityActivation::ShiftedSoftplus] {
         assert_eq!(activate(activation, -1e4), (0.0, 0.0));
         assert_eq!(activate(activation, f32::NEG_INFINITY), (0.0, 0.0));
@@ -153,7 +156,7 @@ fn densities_are_clamped_forward_and_backward_and_their_slopes_are_finite_differ
     assert_eq!(activate(DensityActivation::Relu, -0.0), (0.0, 0.0));
 }
 
-/// The instruction sets of this machine.
+/// Returns the instruction sets of this machine.
 fn isas() -> impl Iterator<Item = Isa> {
     Isa::ALL.into_iter().filter(|isa| isa.available())
 }
@@ -177,7 +180,7 @@ fn pre_activations_of_ten_thousand_give_finite_gradients_with_every_instruction_
                 let (loss, gradients) = engine.gradients(&batch).unwrap();
                 assert!(loss.mse.is_finite() && loss.mse <= 1.0 && loss.empty <= 13.9, "{name}: {loss:?}");
                 assert!(gradients.iter().all(|g| g.is_finite()), "{name}, {}: {density} {rgb}", isa.name());
-                // A saturated colour has no slope left.
+                // The sigmoid is saturated: its derivative is 0.
                 let colours = model.layers().into_iter().filter(|layer| layer.part == Part::Rgb);
                 for layer in colours {
                     let own = &gradients[layer.weights..layer.weights + layer.parameters()];
@@ -231,7 +234,7 @@ fn gradients_of_walls_and_haze_are_finite_differences_with_every_instruction_set
         }
         for (isa, worst) in worst {
             println!("{kind}, {}: worst error over a layer's largest gradient {worst:.1e}", isa.name());
-            // Sums of some hundred f32 products, five layers deep: 5 √700 halves of 2^-23.
+            // Typical rounding error of five layers with sums of 700 f32 products each: 5 √700 · 2^-24 = 8e-6.
             assert!(worst < 1e-5, "{kind}, {}: {worst}", isa.name());
         }
     }

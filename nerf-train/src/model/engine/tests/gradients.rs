@@ -1,9 +1,9 @@
-//! The fused gradients against dfdx's tape and against finite differences in f64.
+//! Tests of the fused engine's gradients against dfdx's tape, and against finite differences in f64.
 
 use super::oracle;
 use super::*;
 
-/// Largest difference within a layer, over the layer's largest gradient; the worst layer's.
+/// Returns the largest error of a gradient, relative to the largest gradient of its layer, over all layers.
 fn worst_layer(model: &Model, found: &[f32], expected: &[f32]) -> f64 {
     let of_layer = |d: Dense| {
         let range = d.weights..d.weights + d.parameters();
@@ -30,7 +30,7 @@ fn a_gradient_that_is_not_a_number_is_the_worst() {
 #[test]
 fn fused_gradients_are_those_of_autodiff() {
     for (name, model) in models() {
-        // 3: less than a block; 40: several blocks, the last ragged; 200: several chunks.
+        // 3 rays fill less than a block, 40 several blocks (the last one in part), 200 several chunks.
         for (rays, empty) in [(3, 0), (40, 70), (200, 600), (0, 130)] {
             let batch = batch_of(&model, rays, empty, 11);
             let (loss, found) = fused(&model, 2).gradients(&batch).unwrap();
@@ -58,7 +58,7 @@ fn fused_gradients_are_finite_differences() {
         for d in model.layers() {
             let range = d.weights..d.weights + d.parameters();
             let largest = largest(&found[range], 1e-9);
-            // The first and last weight, the biases' ends, and some in between.
+            // Evenly spaced parameters, from the first weight to the last bias, and the first bias.
             let some = (0..9).map(|i| d.weights + i * (d.parameters() - 1) / 8);
             for index in some.chain([d.bias]) {
                 let at = |h: f64| {
@@ -115,7 +115,7 @@ fn empty_points_alone_lower_their_density() {
 
 #[test]
 fn opaque_walls_and_huge_bins_stay_finite() {
-    // sigma at its clamp, and bins up to 1e30 long.
+    // Sigma reaches its limit, and bins are up to 1e30 long.
     for scale in [1.0, 1e6, 1e12] {
         let model = Model { density_scale: scale, density_bias: 2.0 * scale, ..classic() };
         let mut batch = batch_of(&model, 60, 40, 3);

@@ -1,4 +1,4 @@
-//! The laws both engines keep, on small networks.
+//! Tests of the fused and the reference engine, on small networks.
 
 mod extremes;
 mod gradients;
@@ -11,7 +11,7 @@ use super::*;
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::network::{Architecture, DensityActivation, Shading, TrunkLayer};
 
-/// SinusoidalEncoding of 3 inputs, identity first.
+/// Returns a sinusoidal encoding of 3 inputs, whose first outputs are the inputs.
 fn encoding(levels: u8, scale: AngleScale) -> SinusoidalEncoding {
     SinusoidalEncoding { inputs: 3, levels, scale, identity: true }
 }
@@ -20,7 +20,8 @@ fn trunk(depth: usize, width: u16, skip: Option<usize>) -> impl Iterator<Item = 
     (0..depth).map(move |i| TrunkLayer { width, skip: Some(i) == skip })
 }
 
-/// 4×32, neither skip nor feature layer; the bias keeps the start alive.
+/// Returns a model of 4 layers of 32 channels, without skip connection or feature layer. Its bias keeps initial
+/// densities above 0.
 fn plain() -> Model {
     let architecture = Architecture {
         position: encoding(6, AngleScale::Pi).into(),
@@ -33,7 +34,8 @@ fn plain() -> Model {
     Model { density_bias: 0.3, ..Model::plain(architecture) }
 }
 
-/// 3×24 with skip, feature layer, two colour layers and scaled density.
+/// Returns a model of 3 layers of 24 channels, with skip connection, feature layer, two colour layers and scaled
+/// density.
 fn classic() -> Model {
     let mut model = plain();
     model.architecture.position = encoding(5, AngleScale::One).into();
@@ -42,7 +44,7 @@ fn classic() -> Model {
     Model { feature: true, density_scale: 10.0, density_bias: 2.0, ..model }
 }
 
-/// No direction; the feature layer feeds the rgb head.
+/// Returns a model whose colour does not depend on the direction. Its feature layer feeds the output layer.
 fn without_direction() -> Model {
     let mut model = plain();
     model.architecture.direction = None;
@@ -50,7 +52,7 @@ fn without_direction() -> Model {
     Model { feature: true, density_bias: 0.5, ..model }
 }
 
-/// Softplus density, odd widths.
+/// Returns a model with softplus density, and with layer widths that are not whole vectors.
 fn softplus() -> Model {
     let mut model = plain();
     model.architecture.density = Some(DensityActivation::ShiftedSoftplus);
@@ -59,7 +61,7 @@ fn softplus() -> Model {
     Model { density_scale: 3.0, ..model }
 }
 
-/// An image: two inputs, no density.
+/// Returns a model of a 2D field: two inputs, no density.
 fn field() -> Model {
     let mut model = plain();
     model.architecture.position = SinusoidalEncoding { inputs: 2, ..encoding(4, AngleScale::Pi) }.into();
@@ -78,7 +80,7 @@ fn models() -> [(&'static str, Model); 5] {
     ]
 }
 
-/// Random rays with 0 to 20 samples each, and points of culled space.
+/// Returns random rays with 0 to 20 samples each (1 in a 2D field), and random points for `Batch::empty`.
 fn batch_of(model: &Model, rays: usize, empty: usize, seed: u64) -> Batch {
     let mut counter = 0;
     let mut next = || {
@@ -106,12 +108,12 @@ fn batch_of(model: &Model, rays: usize, empty: usize, seed: u64) -> Batch {
     batch
 }
 
-/// The larger of two errors; NaN is worse than any number, where `f64::max` would leave it out.
+/// Returns the larger of two errors. NaN counts as the largest, whereas `f64::max` ignores it.
 fn worse(a: f64, b: f64) -> f64 {
     if a.is_nan() || a > b { a } else { b }
 }
 
-/// The largest magnitude among `gradients`, at least `floor`; NaN if one of them is.
+/// Returns the largest absolute value among `gradients`, at least `floor`; NaN if one of them is NaN.
 fn largest(gradients: &[f32], floor: f64) -> f64 {
     gradients.iter().fold(floor, |m, g| worse(m, f64::from(g.abs())))
 }
@@ -126,7 +128,7 @@ fn reference(model: &Model, seed: u64) -> ReferenceEngine {
 
 type NewEngine = fn(&Model, &[f32]) -> Box<dyn Engine>;
 
-/// The fused engine and the tape's, on given parameters.
+/// Constructors of the fused and the reference engine from given parameters.
 const ENGINES: [NewEngine; 2] = [
     |model, p| Box::new(FusedEngine::with_parameters(model, Adam::default(), p).unwrap()),
     |model, p| Box::new(ReferenceEngine::with_parameters(model, Adam::default(), p).unwrap()),
@@ -189,7 +191,7 @@ fn both_engines_walk_the_same_way() {
             assert!((x.mse - y.mse).abs() < 1e-5 * y.mse, "{name}: {x:?} {y:?}");
             assert!((x.empty - y.empty).abs() < 1e-4 * (y.empty + 1e-3), "{name}: {x:?} {y:?}");
         }
-        // Where a gradient is nearly 0, Adam follows the sign of its rounding error.
+        // If a gradient is nearly 0, its rounding error decides the sign of Adam's step: few parameters may differ.
         let (a, b) = (a.parameters(), b.parameters());
         let far = a.iter().zip(&b[..]).filter(|(a, b)| (*a - *b).abs() > 2e-5).count();
         assert!(far * 200 <= a.len(), "{name}: {far} of {}", a.len());
@@ -244,7 +246,7 @@ fn a_step_that_diverges_changes_nothing() {
         let before = engine.state();
         assert_eq!(engine.step(&batch, 1e-3), Err(EngineError::Diverged { step: 1 }));
         assert_eq!(engine.state(), before);
-        // and its buffers hold nothing of it afterwards
+        // Buffers keep nothing of the failed step: the next step is that of a fresh engine.
         let mut sane = OptimiserState { parameters: model.initial_parameters(1), ..before };
         sane.steps = 4;
         engine.restore(&sane).unwrap();

@@ -1,4 +1,4 @@
-//! Start values, parameter order and folding.
+//! Tests of initial parameters, their order, and folding at export.
 
 use super::oracle;
 use super::*;
@@ -85,7 +85,7 @@ fn densities_for_a_grid_are_those_of_the_forward_pass() {
     for (name, model) in models().into_iter().filter(|(_, model)| model.architecture.density.is_some()) {
         let points = batch_of(&model, 0, 9000, 3).empty;
         let parameters = model.fold(model.initial_parameters(6).into());
-        // Sinusoidal encodings take positions as they are: of which box these are does not matter.
+        // Any box will do: sinusoidal encodings take positions as they are.
         let bounds = SceneBox::new(Vec3::ZERO, Vec3::ONE).expect("a box");
         let found =
             crate::model::field::densities(Isa::detect(), &model.architecture, &parameters, &bounds, &points);

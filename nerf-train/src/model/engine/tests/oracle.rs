@@ -1,8 +1,8 @@
-//! The loss once more, sample by sample in f64: for finite differences.
+//! Second implementation of the loss, sample by sample in f64, for finite differences.
 
 use super::*;
 
-/// `W [x, extra] + b`.
+/// Returns `W [x, extra] + b`, after a ReLU if `relu`.
 fn dense(d: &Dense, p: &[f64], x: &[f64], extra: &[f64], relu: bool) -> Vec<f64> {
     let input: Vec<f64> = x.iter().chain(extra).copied().collect();
     assert_eq!(input.len(), d.inputs());
@@ -27,7 +27,7 @@ fn encode(e: &SinusoidalEncoding, x: &[f32; 3]) -> Vec<f64> {
     out
 }
 
-/// sigma and, if a direction is given, colour.
+/// Returns sigma (infinite in a 2D field) and, if a direction is given, colour.
 pub(super) fn evaluate(m: &Model, p: &[f64], x: &[f32; 3], dir: Option<&[f32; 3]>) -> (f64, Vec<f64>) {
     let a = &m.architecture;
     let px = encode(a.position.sinusoidal().unwrap(), x);
@@ -60,7 +60,6 @@ pub(super) fn evaluate(m: &Model, p: &[f64], x: &[f32; 3], dir: Option<&[f32; 3]
     (sigma, colour)
 }
 
-/// The batch's loss.
 pub(super) fn loss(m: &Model, p: &[f64], batch: &Batch) -> f64 {
     let mut squared = 0.0;
     let mut first = 0;

@@ -1,4 +1,4 @@
-//! Compositing and its derivative by themselves, and the cutting into chunks.
+//! Tests of compositing, of its derivatives, and of the division of a batch into chunks.
 
 use super::*;
 use crate::model::engine::batch::{Chunk, SAMPLES, cut};
@@ -32,7 +32,7 @@ fn derivatives_of_a_ray_are_finite_differences() {
     }
     let (sigma, deltas) = ([1.5f32, 0.25, 4.0], [0.5f32, 0.25, 0.125]);
     let (_, d_sigma, d_colour) = error_of(&RAY, &sigma, &deltas, &colour);
-    // Steps that are exact in f32; the sum itself is f64, so that the difference is of order h².
+    // The step is exact in f32, and the sum is f64: the error of the difference is of order h².
     let h = 1.0 / 1024.0;
     for i in 0..3 {
         let at = |h: f32| {
@@ -77,7 +77,7 @@ fn a_wall_shows_its_colour_and_hides_what_is_behind() {
     let expected: f64 = RAY.rgb.iter().map(|&c| (0.25 - f64::from(c)).powi(2)).sum();
     assert!((sum - expected).abs() < 1e-12);
     assert_eq!((d_sigma[1], d_sigma[2], d_colour[0], d_colour[2]), (0.0, 0.0, 0.0, 0.0));
-    // Before the wall, density would tint; a colour equal to the wall's changes nothing.
+    // A denser sample in front of the wall would change nothing: its colour is equal to the wall's.
     assert_eq!(d_sigma[0], 0.0);
 }
 

@@ -1,6 +1,6 @@
 //! The interactive 3D page: one HTML file that loads nothing else.
 //!
-//! The template, style and scripts are files next to this one, which serialises the scene for them.
+//! The template, style and scripts are files in this folder. This module serialises the scene as JSON for the scripts.
 
 use super::sampling::ShownRay;
 use super::scene::{Scene, ShownCamera};
@@ -18,7 +18,8 @@ const SCRIPT: &str = include_str!("viewer.js");
 const VIEW: &str = include_str!("view.js");
 const SELF_TEST: &str = include_str!("selftest.js");
 
-/// Number of steps to which the page quantises distances from near to far: a step is finer than a pixel.
+/// Number of quantisation steps from near to far: each distance is stored as a multiple of a step. A step is finer than
+/// a pixel.
 const STEPS: f32 = 65_535.0;
 const COLOURS: usize = 64;
 const DISTANCE_MAP: ColourMap = ColourMap::Viridis;
@@ -111,7 +112,7 @@ fn shown((name, image): &(String, Thumbnail)) -> anyhow::Result<Shown<'_>> {
 
 impl RayData {
     fn of(ray: &ShownRay, bounds: &Bounds) -> Self {
-        // The cast saturates if rounding leaves the range.
+        // The cast clamps a value that rounding moves out of the range.
         let stored = |t: &f32| ((t - bounds.near) / (bounds.far - bounds.near) * STEPS).round() as u16;
         Self {
             camera: ray.camera,
@@ -180,7 +181,7 @@ fn filled(template: &str, parts: &[(&str, String)]) -> String {
     page
 }
 
-/// Escapes text for HTML, also within quotes.
+/// Escapes text for HTML, also for attribute values in quotes.
 fn escaped(text: &str) -> String {
     let mut safe = String::new();
     for character in text.chars() {
@@ -196,7 +197,8 @@ fn escaped(text: &str) -> String {
     safe
 }
 
-/// Escapes `<`, which JSON has in strings only, so that the JSON cannot close its script element.
+/// Escapes `<` in JSON, so that no string can close the script element that holds the JSON. Outside of strings, JSON
+/// has no `<`.
 fn in_script(json: &str) -> String {
     printable::json(json).replace('<', "\\u003c")
 }

@@ -160,7 +160,8 @@ impl Scene {
     /// Direction from the scene to a viewpoint that shows the cameras from the side, at `elevation` degrees.
     pub fn towards_viewer(&self, elevation: f32) -> Vec3 {
         let (side, ahead) = self.up.any_orthonormal_pair();
-        // The cameras of an unbounded scene may be in its middle and look outward.
+        // The cameras of an unbounded scene may look outward from its middle, so their directions tell what is behind
+        // them.
         let behind = |camera: &ShownCamera| match self.bounds.contraction {
             Some(_) => -camera.camera.pose().forward(),
             None => camera.camera.pose().position - self.centre(),
@@ -174,7 +175,7 @@ impl Scene {
     }
 
     /// Range of `t` that the colours cover, world units: from the smallest to the largest `t` of samples in occupied
-    /// cells. If no two of these samples differ, the range is near to far.
+    /// cells. Without two different values, the range is near to far.
     pub fn colour_range(&self) -> (f32, f32) {
         let live = self.rays.iter().flat_map(|ray| &ray.live);
         let (low, high) =
@@ -207,7 +208,7 @@ impl Scene {
             false if self.split == "train" => {
                 format!("{} of the {} rays of training step {}", self.rays.len(), s.rays, s.step)
             }
-            // Training draws no rays from views of other splits.
+            // Training uses no views of other splits, so this step is hypothetical.
             false => format!(
                 "{} of the {} rays that step {} would draw from these views",
                 self.rays.len(),
@@ -266,7 +267,7 @@ impl Axes {
     fn of(cameras: &[ShownCamera], bounds: &Bounds) -> Self {
         let b = bounds.scene_box;
         let centre = 0.5 * (b.min + b.max);
-        // The box of an unbounded scene has sides of four radii of the inner ball.
+        // The box of an unbounded scene is four radii of the inner ball wide, so a quarter of a side is one radius.
         let share = if bounds.contraction.is_some() { 0.25 } else { 1.0 };
         let size = share * (b.max - b.min);
         let reach = cameras.iter().map(|c| c.camera.pose().position.distance(centre));
@@ -313,7 +314,7 @@ fn frustum_length(cameras: &[ShownCamera], bounds: &Bounds) -> f32 {
 fn nearest_axis(views: &[View]) -> Vec3 {
     let mean: Vec3 = views.iter().map(|view| view.camera.pose().rotation.y_axis).sum();
     let axes = [Vec3::Z, Vec3::Y, Vec3::X, Vec3::NEG_Z, Vec3::NEG_Y, Vec3::NEG_X];
-    // The first of equally near axes: +Z if the mean is 0.
+    // Reversed, `max_by` returns the first of equally near axes: +Z if the mean is 0.
     axes.into_iter().rev().max_by(|a, b| a.dot(mean).total_cmp(&b.dot(mean))).unwrap_or(Vec3::Z)
 }
 

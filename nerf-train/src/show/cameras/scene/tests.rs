@@ -33,7 +33,7 @@ fn the_rays_are_those_of_the_training_step() {
         assert_eq!((shown.dir.to_array(), shown.live.len()), (ray.dir, ray.samples as usize));
         assert_eq!(shown.origin, scene.cameras[shown.camera].camera.pose().position);
         for (&t, &p) in shown.live.iter().zip(&mut positions) {
-            // The sample lies on the ray from that camera, which `source` alone tells.
+            // Only `source` tells which camera a ray belongs to: the sample must lie on the ray from that camera.
             assert!(shown.at(t).distance(Vec3::from(p)) < 1e-4);
         }
         for t in shown.live.iter().chain(&shown.culled) {
@@ -54,14 +54,14 @@ fn rays_of_an_unbounded_scene_begin_at_their_cameras_and_its_ball_is_drawn() {
     for ray in &scene.rays {
         assert_eq!((ray.near, scene.cameras[ray.camera].near), (0.0, 0.0));
         assert!(ray.samples().all(|t| t <= scene.bounds.far), "{ray:?}");
-        // Nothing stands where nothing can be.
+        // Space nearer to a camera than `empty_before` is taken as empty, so no sample lies there (10 % tolerance).
         assert!(ray.live.iter().all(|&t| t > 0.9 * bounds.empty_before), "{ray:?}");
     }
     let outline = scene.outline();
     let from_centre = |p: &Vec3| p.distance(contraction.centre()) / contraction.radius();
     assert_eq!(outline.len(), 3);
     assert!(outline.concat().iter().all(|p| (from_centre(p) - 1.0).abs() < 1e-5));
-    // Photographs are large enough to see, and the page says what is drawn.
+    // The frusta are large enough to show the photographs, and the facts name the ball.
     assert!(scene.frustum >= 0.1 * contraction.radius() && scene.facts().contains("ball of radius"));
     assert!(page::page(&scene).unwrap().contains(scene.ends()));
 }
@@ -74,7 +74,7 @@ fn a_grid_shows_the_marched_rays_of_its_training_in_a_box() {
     let (bounds, occupancy) = find_bounds(&data, &config, None).unwrap();
     let bank = RayBank::new(&data.train, data.background, bounds, &config).unwrap();
     let (mut batch, s) = (Batch::default(), &config.sampling);
-    // Twice as long at first.
+    // Early in training of a bounded scene, march steps are twice as long as at the end.
     let width = 2.0 * bounds.step(s.steps_across);
     let cells = MarchCells::new(occupancy.unwrap().live());
     bank.fill_marched(Isa::Portable, &mut batch, 3, s.rays, &cells, width);

@@ -14,8 +14,8 @@ pub use beside::front_of;
 use serde::Serialize;
 use std::path::Path;
 
-/// The span of a Pareto front is the speed-up of the fastest point that loses at most this PSNR, dB, against the exact
-/// rendering.
+/// Largest loss of PSNR against the exact rendering, dB, of a point that counts for the span of a Pareto front. The
+/// span is the speed-up of the fastest such point.
 pub const SPAN_LOSS_DB: f64 = 1.0;
 
 /// Data and machine of a study.
@@ -37,7 +37,7 @@ pub struct Findings<'s, 'a, 'b> {
     pub totals: Vec<Totals>,
     /// Indices of the points on the Pareto front over time.
     pub front: Vec<usize>,
-    /// Indices of the points on the Pareto front over multiply-adds, which the blob stores.
+    /// Indices of the points on the Pareto front over multiply-adds; the blob stores this front.
     pub blob_front: Vec<usize>,
     /// Render time of each point, divided by the render time of the exact rendering.
     pub times: Vec<f64>,
@@ -50,8 +50,8 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
         Self { study, totals, front, blob_front, times }
     }
 
-    /// Speed-up against the exact rendering, and index, of the fastest point that loses at most [`SPAN_LOSS_DB`]. Only
-    /// points that `keep` accepts are considered; `None` if there is none.
+    /// Speed-up against the exact rendering, and index, of the fastest point that `keep` accepts and that loses at most
+    /// [`SPAN_LOSS_DB`]; `None` if there is none.
     pub fn span(&self, keep: impl Fn(&Point) -> bool) -> Option<(f64, usize)> {
         let point = self.study.cheapest(SPAN_LOSS_DB, keep)?;
         Some((1.0 / self.times[point], point))
@@ -65,7 +65,7 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
         let title = format!("{}: what accuracy costs in time", setting.data);
         let mut plot = LinePlot::new(title, name, format!("PSNR, dB, on {}", setting.background));
         let exact = self.study.points[0].seconds(clock).map_or(1.0, |s| s.median);
-        // Times are ratios within a round, which do not depend on the machine's load.
+        // Relative times are measured within a round, so that the machine's load cancels out.
         let place = |i: usize| (self.times[i] * exact, self.totals[0].psnr_db - self.totals[i].loss_db);
         let series = |name: &str, which: Vec<usize>, marker| Series {
             name: name.into(),
@@ -76,7 +76,7 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
         let kib = |i: usize| (self.study.points[i].memory.file as f64 / 1024.0).round() as u64;
         let all = || 0..self.study.points.len();
         let mut sizes: Vec<u64> = all().map(kib).collect();
-        // Small files are drawn last, on top: a smaller file often takes the same time.
+        // Points of small files are drawn last, on top: a larger file often takes the same time.
         sizes.sort_unstable_by(|a, b| b.cmp(a));
         sizes.dedup();
         let of_size = |&size: &u64| {
@@ -86,12 +86,12 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
                 Marker::Points,
             )
         };
-        // The Pareto front is drawn below the points, whose colours say more.
+        // The Pareto front is drawn first, so that its line covers no point.
         plot.series = vec![series("front", self.front.clone(), Marker::Line)];
         plot.series.extend(setting.beside.iter().cloned());
         plot.series.extend(sizes.iter().map(of_size));
         plot.log_x = true;
-        // Names would cover the points: points on the Pareto front have the tables' numbers, which a note explains.
+        // Names would cover the points. Points on the Pareto front are labelled with numbers, which a note explains.
         let label = |text: String, i: usize| Label { text, at: place(i) };
         plot.labels = [0, 1].map(|i| label(self.study.points[i].label.clone(), i)).to_vec();
         let numbered = || self.front.iter().copied().filter(|&i| i > 1);
@@ -152,7 +152,7 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
         }
     }
 
-    /// Writes everything into `folder`, which exists.
+    /// Writes all files of the report into `folder`, which must exist.
     pub fn write(&self, setting: &Setting<'_>, folder: &Path) -> anyhow::Result<()> {
         tables::table(self).write_csv(folder.join("points.csv"))?;
         self.plot(setting).write(folder.join("front"))?;

@@ -7,10 +7,10 @@ use crate::show::colour_map::{ColourMap, with_legend};
 use crate::show::contact_sheet::{Cell, contact_sheet};
 use std::path::Path;
 
-/// Smallest colour difference that has the colour map's brightest colour.
+/// Colour difference at the bright end of the colour map; larger differences have the same colour.
 const BRIGHTEST: f32 = 0.25;
 
-/// Writes pictures of the first timing view: `ends.png`, and a file for each picture of a difference.
+/// Writes pictures of the first view that the study timed: `ends.png`, and a file for each picture of a difference.
 pub fn write(findings: &Findings<'_, '_, '_>, folder: &Path) -> anyhow::Result<()> {
     let study = findings.study;
     let (Some(&dearest), Some(&last)) = (findings.front.first(), findings.front.last()) else {

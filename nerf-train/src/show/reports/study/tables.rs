@@ -1,4 +1,4 @@
-//! Tables of points: all measurements, and a short form.
+//! Tables of a study's points: one with all measurements, and a short one.
 
 use super::Findings;
 use crate::lab::study::KNOBS;

@@ -16,7 +16,8 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::time::Instant;
 
-/// Maximum number of photographs that are adjusted. The time grows with the cube of the number, here to half a minute.
+/// Maximum number of photographs that are adjusted. The time grows with the cube of the number; at the maximum it is
+/// half a minute.
 const MAX_PHOTOGRAPHS: usize = 300;
 /// Shared cameras are rejected if the adjustment multiplies the mean reprojection error by more than this.
 const MAX_GROWTH: f64 = 1.25;
@@ -103,7 +104,8 @@ fn devices(model: &Model, folders: &Folders, options: &ReadOptions) -> Option<Ve
         *used[index].entry(image.camera).or_default() += 1;
         devices.push(index);
     }
-    // A few cameras with many photographs each are intentional, except one each for upright and turned photographs.
+    // A device's cameras are merged if they have fewer than two photographs each on average, or if their pictures
+    // differ in width (upright and turned). Other cameras are taken as intentional.
     let several = |used: &BTreeMap<u32, usize>| {
         let photographs: usize = used.values().sum();
         let sizes = used.keys().filter_map(|camera| Some(model.cameras.get(camera)?.size().0.to_bits()));
@@ -192,7 +194,8 @@ impl<'a> Task<'a> {
             moved: [median(moved), largest],
             ..self.posed(&bundle)
         };
-        // A round trip through JSON gives the same numbers as the file, where one may lose its last digit.
+        // Converts to JSON and back, because JSON may lose a number's last digit: the result then equals that of
+        // reading the file.
         let same = serde_json::to_vec(&shared).and_then(|bytes| serde_json::from_slice(&bytes));
         same.map_err(|error| DatasetError::io(Path::new("shared cameras"), error.into()))
     }

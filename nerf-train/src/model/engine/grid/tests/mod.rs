@@ -1,4 +1,4 @@
-//! The laws of the grid engine, on small grids.
+//! Tests of the grid engine, on small grids.
 
 mod oracle;
 mod rays;
@@ -14,12 +14,12 @@ use half::f16;
 use nerf_core::encoding::{AngleScale, DirectionEncoding, PositionEncoding, SinusoidalEncoding};
 use nerf_core::network::Shading;
 
-/// No cube, and not around 0.
+/// Returns a box with unequal sides that is not centred at 0.
 fn bounds() -> SceneBox {
     SceneBox::new(Vec3::new(-1.0, 0.5, -0.25), Vec3::new(1.5, 2.5, 0.75)).unwrap()
 }
 
-/// A field of `table`; the density starts at 1 per world unit.
+/// Returns a model with the grid `table`, whose density is about 1 per world unit at the start.
 fn model(table: TableConfig, depth: usize, degree: u8, colour: usize) -> Model {
     let mut config = Preset::Grid.config();
     let n = &mut config.network;
@@ -28,7 +28,8 @@ fn model(table: TableConfig, depth: usize, degree: u8, colour: usize) -> Model {
     Model { density_bias: 0.0, ..config.model_of(bounds.max - bounds.min) }
 }
 
-/// Levels of 3, 6 and 12 cells along the longest side: 80, 294 and 1,820 vertices and more.
+/// Returns a grid of 3, 6 and 12 cells along the longest side. In the box [`bounds`], its levels have 24, 126 and 858
+/// vertices.
 fn table(features: u8, log2_entries: u8) -> TableConfig {
     TableConfig {
         levels: 3,
@@ -54,7 +55,7 @@ fn models() -> [(&'static str, Model); 8] {
     ]
 }
 
-/// 2D fields, dense and hashed.
+/// Returns models of 2D fields with dense and with hashed levels.
 fn pictures() -> [(&'static str, Model); 3] {
     let field = |table, layers| {
         let config = FieldPreset::Grid.config();
@@ -67,10 +68,11 @@ fn pictures() -> [(&'static str, Model); 3] {
     ]
 }
 
-/// With this first decay, a first moment is the last gradient itself.
+/// Constants of Adam with which the first moment is the last gradient.
 const BARE: Adam = Adam { betas: [0.0, 0.99], epsilon: 1e-15, weight_decay: 0.0, hashed_every: 1 };
 
-/// An engine whose tables are large enough to matter: U(±0.5), as f16 has them: a step is computed from those.
+/// Returns an engine with table values U(±0.5), large enough to affect the loss. They are exact in f16, which the
+/// engine reads.
 fn engine(model: &Model, adam: Adam, seed: u64) -> GridEngine {
     engine_over(bounds(), model, adam, seed)
 }
@@ -85,8 +87,8 @@ fn engine_over(bounds: SceneBox, model: &Model, adam: Adam, seed: u64) -> GridEn
     engine
 }
 
-/// The loss and its gradient, in the order of the parameters: a step of rate 0 leaves it in the
-/// first moments.
+/// Returns the loss and its gradient, in the order of the parameters. With the constants [`BARE`], a step at rate 0
+/// leaves the gradient in the first moments.
 fn gradients(engine: &mut GridEngine, batch: &Batch) -> (StepLoss, Vec<f32>) {
     assert_eq!(engine.adam.betas[0], 0.0);
     let mut state = engine.state();
@@ -96,7 +98,7 @@ fn gradients(engine: &mut GridEngine, batch: &Batch) -> (StepLoss, Vec<f32>) {
     (loss, engine.state().moment1)
 }
 
-/// Rays of 0 to 5 samples so thin that none weighs less than the gate.
+/// Returns random rays of 0 to 5 samples, whose compositing weights are all above the gate.
 fn batch_of(rays: usize, seed: u64) -> Batch {
     let mut counter = 0;
     let mut next = || {
@@ -126,7 +128,7 @@ fn exposed_towards_surfaces(mut batch: Batch) -> Batch {
     batch.surfaces =
         (0..towards).map(|i| Surface { at: (i % 5) as f32 / 4.0, weight: 0.3 + (i % 3) as f32 }).collect();
     let samples: u32 = batch.rays[..towards].iter().map(|ray| ray.samples).sum();
-    // Some are further from the surface than what costs more.
+    // Some samples are further from the surface than `Surface::CLIP`.
     batch.along = (0..samples).map(|i| (i % 7) as f32 / 6.0).collect();
     batch.views = (0..batch.rays.len() as u32).map(|i| i % 3).collect();
     batch.gains = batch.views.iter().map(|&view| GAINS[view as usize]).collect();
@@ -158,7 +160,7 @@ fn gradients_of_log_gains_are_finite_differences() {
         let error = (expected - f64::from(found[view][channel])).abs();
         assert!(error < 1e-5, "{name}, photograph {view}, channel {channel}: {expected}, {found:?}");
     }
-    // A photograph that is white, and a background that is whiter, which has no gain.
+    // A ray shows only a background of 1.5, beyond white. On a photograph clipped at white, this is no error.
     let mut white = |rgb| {
         let mut batch = batch_of(1, 5);
         (batch.rays[0].rgb, batch.rays[0].background, batch.rays[0].samples) = ([rgb; 3], [1.5; 3], 0);
@@ -169,7 +171,7 @@ fn gradients_of_log_gains_are_finite_differences() {
     assert_eq!((white(1.0), white(0.5)), (0.0, 1.0));
 }
 
-/// Pixels of a 2D field: rays of 0 samples or 1.
+/// Returns random pixels of a 2D field: rays of 0 or 1 samples.
 fn pixels(rays: usize, seed: u64) -> Batch {
     let mut batch = batch_of(rays, seed);
     batch.rays.iter_mut().for_each(|ray| ray.samples = ray.samples.min(1));
@@ -187,13 +189,13 @@ fn wide(values: &[f32]) -> Vec<f64> {
     values.iter().map(|&v| f64::from(v)).collect()
 }
 
-/// The larger of two errors; NaN is worse than any number.
+/// Returns the larger of two errors; NaN counts as the largest.
 fn worse(a: f64, b: f64) -> f64 {
     if a.is_nan() || a > b { a } else { b }
 }
 
-/// dL/dp of one parameter by central differences of the oracle, and what they are off by at a ReLU's corner: half of how
-/// far the slopes of the two sides are apart.
+/// Returns dL/dp of one parameter by central differences of the oracle, and their error at a kink of a ReLU: half of
+/// the difference between the slopes on the two sides.
 fn difference(model: &Model, p: &[f64], batch: &Batch, index: usize) -> (f64, f64) {
     let at = |h: f64| {
         let mut p = p.to_vec();
@@ -205,7 +207,8 @@ fn difference(model: &Model, p: &[f64], batch: &Batch, index: usize) -> (f64, f6
     ((high - low) / 2e-5, (high + low - 2.0 * here).abs() / 2e-5)
 }
 
-/// The ranges of parameters that errors are taken relative to the largest gradient of: layers' weights and levels.
+/// Returns groups of parameters, as ranges: the weights of each layer, and each level of the tables. Errors are
+/// relative to the largest gradient of a group.
 fn groups(model: &Model) -> Vec<std::ops::Range<usize>> {
     let grid = model.architecture.position.grid().unwrap();
     let features = usize::from(grid.features);
@@ -217,8 +220,9 @@ fn groups(model: &Model) -> Vec<std::ops::Range<usize>> {
     weights.chain(levels).collect()
 }
 
-/// Largest error against finite differences over the group's largest gradient, of the worst group: in each, the
-/// largest gradients and parameters spread over all of it. Checks that nothing was left out by the gate.
+/// Returns the largest error against finite differences, relative to the largest gradient of the group ([`groups`]).
+/// Tests each group's largest gradients, and parameters spread over the group. Asserts that the gate leaves out no
+/// sample.
 fn worst_of_differences(name: &str, model: &Model, engine: &mut GridEngine, batch: &Batch) -> f64 {
     let (loss, found) = gradients(engine, batch);
     let p = wide(&engine.parameters());
@@ -251,7 +255,7 @@ fn gradients_of_tables_and_layers_are_finite_differences() {
             let worst = worst_of_differences(name, &model, &mut engine, &batch_of(rays, seed));
             println!("{name}, {rays} rays: {worst:.1e}");
             assert!(worst < 2e-4, "{name}, {rays} rays: {worst}");
-            // Other samples: of those above one is so near a ReLU's corner that differences are of both sides of it.
+            // Another seed: with the one above, a kink of a ReLU lies between the two points of a difference.
             let batch = Batch { distortion: 0.1, ..batch_of(rays, 30 + seed) };
             let worst = worst_of_differences(name, &model, &mut engine, &batch);
             println!("{name}, {rays} rays, distortion: {worst:.1e}");
@@ -282,7 +286,7 @@ fn gradients_are_scaled_sample_by_sample() {
         let (loss, whole) = found(Vec::new());
         let (half_loss, half) = found(vec![0.5; samples]);
         assert_eq!(loss, half_loss, "{name}");
-        // A branch that is asked once a ray is no sample's.
+        // The colour branch is evaluated once per ray: `gradient_scales` do not apply to its gradients.
         let branch = |i: usize| {
             let of_branch = |d: &&Dense| matches!(d.part, Part::Colour(_) | Part::Rgb);
             model.layers().iter().filter(of_branch).any(|d| (d.weights..d.bias).contains(&i))
@@ -290,7 +294,7 @@ fn gradients_are_scaled_sample_by_sample() {
         let halved = |(i, g): (usize, &f32)| if branch(i) { *g } else { 0.5 * g };
         let halved: Vec<f32> = whole.iter().enumerate().map(halved).collect();
         assert!(bits(&half) == bits(&halved), "{name}");
-        // Those of some samples and those of the others add up.
+        // The gradients of some samples and of all others add up to the whole gradient.
         let some: Vec<f32> = (0..samples).map(|i| (i % 2) as f32).collect();
         let others = some.iter().map(|s| 1.0 - s).collect();
         let ((_, some), (_, others)) = (found(some), found(others));
@@ -317,7 +321,7 @@ fn of_a_ray_through_a_2d_field_only_the_first_sample_is_seen() {
         at += ray.samples as usize;
         ray.samples = ray.samples.min(1);
     }
-    // A bin's width means nothing there.
+    // The lengths of bins have no effect in a 2D field.
     batch.deltas.fill(0.0);
     let (loss, found) = gradients(&mut engine(model, BARE, 4), &batch);
     assert_eq!((loss.evaluated, loss.kept), (10, 10));
@@ -335,7 +339,7 @@ fn every_instruction_set_has_the_same_gradients_within_rounding() {
     }
 }
 
-/// The tape's engine in the state of `engine`.
+/// Returns a reference engine with the state of `engine`.
 fn by_tape(engine: &GridEngine) -> GridReferenceEngine {
     let mut tape = GridReferenceEngine::new(&engine.model, bounds(), BARE, 0).unwrap();
     tape.restore(&engine.state()).unwrap();
@@ -348,7 +352,7 @@ fn gradients_of_tables_and_layers_are_those_of_the_tape() {
         let plain = batch_of(150, 22);
         let count = plain.positions.len();
         let scales = (0..count).map(|i| 0.1 + (i % 7) as f32).collect();
-        // Some weigh less than what is kept for certain, and some rays end early.
+        // Some samples weigh less than `ROULETTE_WEIGHT`, and some rays end early.
         let deltas =
             plain.deltas.iter().enumerate().map(|(i, d)| d * [1.0, 5e-3, 100.0][i % 23 % 3]).collect();
         let faint = Batch {
@@ -421,15 +425,16 @@ fn the_tape_refuses_what_it_does_not_train() {
     let state = tape.state();
     let short = OptimiserState { moment2: vec![0.0], ..state.clone() };
     assert!(matches!(tape.restore(&short), Err(EngineError::Parameters { field: "moment2", .. })));
-    // A picture as bright as f32 allows: the step fails, and nothing has changed.
+    // With a target as large as f32 allows, the step fails, and the state does not change.
     let mut batch = batch_of(12, 21);
     batch.rays[1].rgb = [f32::MAX; 3];
     assert_eq!(tape.step(&batch, 1e-3), Err(EngineError::Diverged { step: 1 }));
     assert_eq!(tape.state(), state);
 }
 
-/// A grid that encodes a position as itself, and a sinusoidal network that does, too: dfdx's tape has the gradients of
-/// the latter. A ray of one sample has that one's colour, as the sinusoidal network has a sample's. The spherical harmonics of degree 2 are a constant and the direction, scaled.
+/// Compares gradients with those of dfdx's tape for a sinusoidal network of the same outputs. Grid and sinusoidal
+/// encoding here both return the position itself. A ray has at most one sample, so that colour per ray and per sample
+/// are equal. Spherical harmonics of degree 2 are a constant and the scaled direction.
 #[test]
 fn gradients_of_the_layers_are_those_of_autodiff() {
     let unit = SceneBox::new(Vec3::ZERO, Vec3::ONE).unwrap();
@@ -458,7 +463,7 @@ fn gradients_of_the_layers_are_those_of_autodiff() {
         }
         engine.restore(&state).unwrap();
 
-        // Y_0^0 joins the bias; Y_1^{-1,0,1} = -k y, k z, -k x.
+        // The constant Y_0^0 is added to the bias; Y_1^{-1,0,1} = -k y, k z, -k x.
         let (constant, k) = (0.282_094_79f32, 0.488_602_51f32);
         let dir_of = [(1, 1, -k), (2, 2, k), (3, 0, -k)];
         let mut parameters = vec![0.0; plain.parameters()];
@@ -516,7 +521,7 @@ fn gradients_of_the_layers_are_those_of_autodiff() {
     }
 }
 
-/// All samples at one place: each level's eight entries are touched by every one of them.
+/// Returns rays whose samples all lie at `x`: every sample reads the same eight entries of a level.
 fn constant_position(rays: usize, x: [f32; 3]) -> Batch {
     let mut batch = batch_of(rays, 41);
     batch.positions.fill(x);
@@ -541,7 +546,7 @@ fn an_entry_that_every_sample_touches_has_one_sum_for_any_number_of_threads() {
 
 #[test]
 fn corners_of_a_cell_that_share_an_entry_add_up() {
-    // One row for all (y, z): the four rows of a cell share their two entries. Then two rows for the four.
+    // With one hash value, the four rows of a cell's corners share two entries. With two, they share two rows.
     for log2_entries in [0, 1] {
         let table = TableConfig {
             levels: 1,
@@ -611,7 +616,7 @@ fn samples_below_the_gate_or_behind_what_is_opaque_have_no_gradient() {
     let entries = |gradient: &[f32]| -> Vec<usize> {
         (tables..gradient.len()).filter(|&i| gradient[i] != 0.0).collect()
     };
-    // A weight of some 1e-4 is below the gate of 1e-3; one behind an optical depth of 30 is behind what is opaque.
+    // The second sample's weight of some 1e-4 is below the gate of 1e-3.
     let (loss, found) = touched([0.3, 1e-4, 30.0]);
     assert_eq!((loss.evaluated, loss.kept), (3, 2));
     let mut expected = [entries(&alone(places[0], 0.3)), entries(&alone(places[2], 0.3))].concat();
@@ -619,7 +624,7 @@ fn samples_below_the_gate_or_behind_what_is_opaque_have_no_gradient() {
     expected.dedup();
     assert_eq!(entries(&found), expected);
     let (loss, found) = touched([30.0, 0.3, 0.3]);
-    // All of a ray's first eight samples are evaluated before it is asked whether light is left.
+    // The first sample is opaque, but a ray's transmittance is tested only after eight samples are evaluated.
     assert_eq!((loss.evaluated, loss.kept), (3, 1));
     assert_eq!(entries(&found), entries(&alone(places[0], 30.0)));
 }
@@ -644,7 +649,7 @@ fn faint_samples_that_are_drawn_stand_for_those_that_are_not() {
     assert!((200..1800).contains(&kept), "{kept} of 2000");
     let largest = all.iter().fold(0.0f32, |most, g| most.max(g.abs()));
     let off = mean.iter().zip(&all).fold(0.0f32, |most, (mean, all)| most.max((mean - all).abs()));
-    // Five deviations of a share that is a third or more.
+    // Five standard deviations of the mean, if at least a third of the draws keep the sample.
     assert!(largest > 0.0 && off < 0.16 * largest, "{off} of {largest}");
 }
 
@@ -665,7 +670,7 @@ fn rays_without_samples_and_batches_of_nothing_move_nothing() {
     assert_eq!(OptimiserState { steps: 0, ..engine.state() }, before);
 }
 
-/// One ray of one sample at `x`.
+/// Returns one ray with one sample, at `x`.
 fn touch(x: [f32; 3]) -> Batch {
     let ray = BatchRay { dir: [0.6, 0.0, 0.8], rgb: [0.9, 0.1, 0.4], background: [0.2; 3], samples: 1 };
     Batch { rays: vec![ray], positions: vec![x], deltas: vec![0.5], ..Batch::default() }
@@ -673,7 +678,7 @@ fn touch(x: [f32; 3]) -> Batch {
 
 #[test]
 fn an_entry_keeps_value_and_moments_while_it_is_not_touched() {
-    // Far apart: the two samples share no entry of a level of 12 cells that are all dense.
+    // The level of 12 cells is dense, and the two samples are so far apart that they share no entry.
     let table = TableConfig {
         levels: 1,
         features: 2,
@@ -693,7 +698,7 @@ fn an_entry_keeps_value_and_moments_while_it_is_not_touched() {
     let once = engine.state();
     let touched: Vec<usize> = (first..model.parameters()).filter(|&i| once.moment2[i] != 0.0).collect();
     assert_eq!(touched.len(), 16, "eight corners of two features");
-    // A first step is the rate, whatever the gradient: m and v are corrected to g and g².
+    // Adam's first step has the length of the rate for any gradient g: the corrected moments are g and g².
     for &i in &touched {
         let moved = start.parameters[i] - once.parameters[i];
         assert!((moved.abs() - 1e-2).abs() < 1e-5 && moved.signum() == once.moment1[i].signum(), "{moved}");
@@ -714,7 +719,7 @@ fn an_entry_keeps_value_and_moments_while_it_is_not_touched() {
     let [beta1, beta2] = adam.betas;
     let corrected = |moment: f32, beta: f64| f64::from(moment) / (1.0 - beta.powi(10_002));
     for &i in &touched {
-        // The moments go on from where they were; their correction is that of all steps.
+        // The moments continue from their last values; their correction counts all steps.
         let g = (f64::from(again.moment1[i]) - beta1 * f64::from(idle.moment1[i])) / (1.0 - beta1);
         let v = beta2 * f64::from(idle.moment2[i]) + (1.0 - beta2) * g * g;
         assert!((f64::from(again.moment2[i]) - v).abs() < 1e-4 * v, "{} {v}", again.moment2[i]);
@@ -722,7 +727,7 @@ fn an_entry_keeps_value_and_moments_while_it_is_not_touched() {
         let moved = f64::from(idle.parameters[i]) - f64::from(again.parameters[i]);
         assert!((moved - step).abs() < 1e-6, "{moved} {step}");
     }
-    // Entries that nothing ever touched are as they began.
+    // Entries that no sample has read keep their initial values.
     let untouched = (first..model.parameters()).filter(|&i| again.moment2[i] == 0.0);
     let mut count = 0;
     for i in untouched {
@@ -735,7 +740,7 @@ fn an_entry_keeps_value_and_moments_while_it_is_not_touched() {
 #[test]
 fn threads_do_not_change_a_bit() {
     let of_scenes = [batch_of(1500, 1), batch_of(65, 2), batch_of(900, 3)];
-    // More than sixteen chunks.
+    // 9,000 pixels are more than sixteen chunks.
     let of_pictures = [pixels(9000, 1), pixels(65, 2), pixels(9000, 3)];
     let scenes = models().map(|(name, model)| (name, model, &of_scenes));
     let pictures = pictures().map(|(name, model)| (name, model, &of_pictures));
@@ -779,7 +784,7 @@ fn hashed_levels_move_in_turns_by_the_sum_of_their_gradients() {
         let expected = tape.state();
         assert!(apart(&expected.waiting, &after.waiting) < 1e-5, "{name}, step {step}");
         assert!(apart(&expected.moment1, &after.moment1) < 1e-5, "{name}, step {step}");
-        // A gradient next to 0 may be of either sign, and Adam's first moves are as long as the rate.
+        // Rounding decides the sign of a gradient near 0, and Adam's first steps have the length of the rate.
         let far =
             expected.parameters.iter().zip(&after.parameters).filter(|(a, b)| (*a - *b).abs() > 1e-5).count();
         assert!(far < after.parameters.len() / 100, "{name}, step {step}: {far}");
@@ -813,7 +818,8 @@ fn weight_decay_shrinks_the_colour_branch_alone() {
 fn resuming_gives_the_bits_of_not_stopping() {
     let (_, model) = &models()[1];
     let batches: Vec<_> = (0..6).map(|seed| batch_of(60, seed)).collect();
-    // Never rounded to int8, from before the checkpoint on, and from behind it on; all levels at every step, and in turns.
+    // Tables are rounded to int8 never (6), before the checkpoint (1) or after it (4). Hashed levels are updated at
+    // every step (1), or at every third or fourth.
     for (rounded_from, hashed_every) in [(6, 1), (1, 1), (4, 1), (6, 4), (4, 3)] {
         let adam = Adam { hashed_every, ..Adam::default() };
         let mut whole = engine(model, adam, 1);
@@ -841,7 +847,7 @@ fn resuming_gives_the_bits_of_not_stopping() {
     }
 }
 
-/// What the next step encodes with is what a blob of the parameters holds, in f16.
+/// Checks that the next step reads the values of an exported blob, in f16.
 #[test]
 fn rounded_tables_are_those_of_a_blob() {
     for (name, model) in models() {
@@ -867,7 +873,7 @@ fn rounded_tables_are_those_of_a_blob() {
 fn a_step_that_diverges_changes_nothing() {
     let (_, model) = &models()[1];
     let good = batch_of(40, 1);
-    // A target so far off that the gradient is beyond what Adam can square; and numbers that are none.
+    // Targets so far off that the gradient's square overflows, and parameters with which the loss is not finite.
     let mut far = good.clone();
     far.rays.iter_mut().for_each(|ray| ray.rgb = [1e30; 3]);
     let start = engine(model, Adam::default(), 1).state();
@@ -878,7 +884,7 @@ fn a_step_that_diverges_changes_nothing() {
         engine.restore(state).unwrap();
         assert_eq!(engine.step(batch, 1e-2), Err(EngineError::Diverged { step: 1 }), "{what}");
         assert_eq!(&engine.state(), state, "{what}");
-        // Its buffers hold nothing of it afterwards.
+        // The buffers keep nothing of the failed step.
         engine.restore(&start).unwrap();
         let mut fresh = GridEngine::new(model, bounds(), Adam::default(), 1).unwrap();
         fresh.restore(&start).unwrap();
@@ -903,7 +909,7 @@ fn extreme_densities_and_bins_have_finite_gradients() {
         let (loss, found) = gradients(&mut engine, &batch);
         assert!(loss.mse.is_finite() && loss.mse <= 1.0, "{raw}: {loss:?}");
         assert!(found.iter().all(|g| g.is_finite()), "{raw}");
-        // Nothing is seen where nothing is: reported, so that the run is started anew.
+        // If every density is almost 0, the loss reports it, so that the run can be started anew.
         assert_eq!(loss.dead, raw < -99.0, "{raw}: {loss:?}");
     }
 }

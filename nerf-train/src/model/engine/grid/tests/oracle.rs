@@ -1,12 +1,12 @@
-//! The loss of a grid field once more, sample by sample in f64: tables, hash, layers and volume rendering.
+//! Second implementation of a grid field's loss, sample by sample in f64: tables, hash, layers and volume rendering.
 //!
-//! It has no gate and ends no ray: where the engine leaves samples out, the two differ.
+//! No sample is left out, and no ray ends early. If the engine leaves samples out, the two losses differ.
 
 use crate::model::engine::{Batch, Dense, Model, Part, Surface};
 use nerf_core::encoding::{DirectionEncoding, GridEncoding};
 use nerf_core::space::SceneBox;
 
-/// Value `out[level · features + feature]` at `x`, from the tables in `p[first..]`.
+/// Returns the encoded position `x`, `[level · features + feature]`, from the table values `p`.
 fn encode(grid: &GridEncoding, bounds: &SceneBox, p: &[f64], x: &[f32; 3]) -> Vec<f64> {
     let (axes, features) = (usize::from(grid.inputs), usize::from(grid.features));
     let (min, max) = (bounds.min.to_array(), bounds.max.to_array());
@@ -53,7 +53,7 @@ fn encode(grid: &GridEncoding, bounds: &SceneBox, p: &[f64], x: &[f32; 3]) -> Ve
     out
 }
 
-/// `W [x, extra] + b`.
+/// Returns `W [x, extra] + b`, after a ReLU if `relu`.
 fn dense(d: &Dense, p: &[f64], x: &[f64], extra: &[f64], relu: bool) -> Vec<f64> {
     let input: Vec<f64> = x.iter().chain(extra).copied().collect();
     assert_eq!(input.len(), d.inputs());
@@ -62,7 +62,7 @@ fn dense(d: &Dense, p: &[f64], x: &[f64], extra: &[f64], relu: bool) -> Vec<f64>
     y.map(|y| if relu { y.max(0.0) } else { y }).collect()
 }
 
-/// Spherical harmonics of the bands below 3, from their definitions.
+/// Returns the spherical harmonics of the bands below `degree` (at most 3), from their definitions.
 fn harmonics(degree: u8, dir: &[f32; 3]) -> Vec<f64> {
     use std::f64::consts::PI;
     let [x, y, z] = dir.map(f64::from);
@@ -75,7 +75,7 @@ fn harmonics(degree: u8, dir: &[f32; 3]) -> Vec<f64> {
     out
 }
 
-/// sigma, infinite in a 2D field, and the features that the colour branch takes.
+/// Returns sigma (infinite in a 2D field) and the features that the colour branch reads.
 fn evaluate(m: &Model, bounds: &SceneBox, p: &[f64], x: &[f32; 3]) -> (f64, Vec<f64>) {
     let (layers, tables) = p.split_at(m.layer_parameters());
     let mut h = encode(m.architecture.position.grid().unwrap(), bounds, tables, x);
@@ -90,7 +90,7 @@ fn evaluate(m: &Model, bounds: &SceneBox, p: &[f64], x: &[f32; 3]) -> (f64, Vec<
     (sigma, h)
 }
 
-/// The colour branch.
+/// Returns the colour of the features `h`, seen along `dir`.
 fn branch(m: &Model, p: &[f64], h: &[f64], dir: &[f32; 3]) -> Vec<f64> {
     let mut h = h.to_vec();
     for d in m.layers().iter().filter(|d| matches!(d.part, Part::Colour(_) | Part::Rgb)) {
@@ -103,7 +103,7 @@ fn branch(m: &Model, p: &[f64], h: &[f64], dir: &[f32; 3]) -> Vec<f64> {
     h.into_iter().map(|raw| 1.0 / (1.0 + (-raw).exp())).collect()
 }
 
-/// `Σ_i weight_i x_i`.
+/// Returns `Σ_i weight_i x_i`; the first number of each pair in `weights` is the weight.
 fn sum(weights: &[(f64, f64)], values: &[Vec<f64>]) -> Vec<f64> {
     let mut sum = vec![0.0; values[0].len()];
     for ((weight, _), values) in weights.iter().zip(values) {
@@ -112,7 +112,7 @@ fn sum(weights: &[(f64, f64)], values: &[Vec<f64>]) -> Vec<f64> {
     sum
 }
 
-/// What samples of these weights and features show.
+/// Returns a ray's composited colour: opacity times the colour of the mean features.
 fn shown(m: &Model, p: &[f64], weights: &[(f64, f64)], features: &[Vec<f64>], dir: &[f32; 3]) -> Vec<f64> {
     if features.is_empty() {
         return vec![0.0; 3];
@@ -122,21 +122,20 @@ fn shown(m: &Model, p: &[f64], weights: &[(f64, f64)], features: &[Vec<f64>], di
     branch(m, p, &mean, dir).iter().map(|colour| opacity * colour).collect()
 }
 
-/// What a batch comes to.
+/// Terms of a batch's loss, and extremes of its samples.
 pub(super) struct Found {
     /// Mean over rays and channels of the squared error.
     pub loss: f64,
-    /// Mean over rays of the distortion, times its weight.
+    /// Mean over rays of the distortion loss, times its weight.
     pub distortion: f64,
-    /// Mean over rays of what known surfaces add.
+    /// Mean over rays of the depth loss of known surfaces.
     pub surfaces: f64,
-    /// The smallest weight of a sample.
+    /// Smallest compositing weight of a sample.
     pub least_weight: f64,
-    /// The smallest transmittance in front of a sample.
+    /// Smallest transmittance in front of a sample.
     pub least_transmittance: f64,
 }
 
-/// The batch's loss.
 pub(super) fn loss(m: &Model, bounds: &SceneBox, p: &[f64], batch: &Batch) -> Found {
     let mut found = Found {
         loss: 0.0,

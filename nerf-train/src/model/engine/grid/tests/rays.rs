@@ -1,10 +1,11 @@
-//! Gradients of the loss by the rays.
+//! Tests of the gradients of the loss with respect to rays.
 
 use super::*;
 use crate::model::engine::RayQuestion;
 use nerf_core::space::Contraction;
 
-/// Rays that begin outside of the box, with samples on them at these distances, beyond the ball that is not contracted, too.
+/// Returns rays from outside the box, with samples at `distances`. Some samples lie outside the ball that is not
+/// contracted.
 fn rays_through(question: &RayQuestion, origins: &[Vec3], dirs: &[Vec3], distances: &[f32]) -> Batch {
     let mut batch = batch_of(origins.len(), 77);
     (batch.positions, batch.deltas) = (Vec::new(), Vec::new());
@@ -48,7 +49,8 @@ fn check_against_differences(name: &str, model: &Model) {
     let found: Vec<RayGradient> = engine.ray_gradients().copied().collect();
     let rays: Vec<u32> = found.iter().map(|gradient| gradient.ray).collect();
     assert_eq!(rays, (0..8).collect::<Vec<_>>());
-    // Central differences, and how far those of the two sides are apart: far where a sample goes into another cell.
+    // Central differences, and the difference between the slopes on the two sides, which is large if a sample changes
+    // its cell.
     let differences = |gradient: &RayGradient, axis: usize, of_origin: bool| {
         let at = |h: f32| {
             let (mut origins, mut dirs) = (origins.clone(), dirs.clone());
